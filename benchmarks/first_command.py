@@ -1,0 +1,92 @@
+"""How long does the README's first command take, and how much memory: the whole process, scalar and LLVM.
+
+    python benchmarks/first_command.py [--runs 5] [--size 256] [--json]
+
+The variants take turns, so that a machine that slows down slows both; the first turn (cold caches, kernels compiled) is
+told apart from the median of the others. Peak memory is the kernel's ru_maxrss of the child.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parent.parent
+VARIANTS = ("scalar_spectral", "llvm_ad_spectral")
+
+
+def main() -> None:
+    """Parse the options, run, print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--runs", type=int, default=5, help="warm runs of each variant (default 5)")
+    parser.add_argument("--size", type=int, default=256, help="columns and rows of the picture (default 256)")
+    parser.add_argument("--json", action="store_true", help="only JSON")
+    options = parser.parse_args()
+    turns = [{name: once(name, options.size) for name in VARIANTS} for _ in range(options.runs + 1)]
+    results = {name: digest([turn[name] for turn in turns]) for name in VARIANTS}
+    if options.json:
+        print(json.dumps({"size": options.size, "runs": options.runs, "cpus": os.cpu_count(), "variants": results}))
+        return
+    print(f"{options.size} × {options.size}, {options.runs} runs, {os.cpu_count()} CPUs: wall s (median), peak MB")
+    for name, result in results.items():
+        if "error" in result:
+            print(f"{name:18} {result['error']}")
+        else:
+            print(
+                f"{name:18} first {result['first_s']:6.2f} s   warm {result['warm_s']:6.2f} s "
+                f"({result['warm_min_s']:.2f} … {result['warm_max_s']:.2f})   render {result['render_s']:6.2f} s   "
+                f"CPU {result['cpu_s']:6.2f} s   "
+                f"peak {result['peak_mb']:.0f} MB"
+            )
+
+
+def once(variant: str, size: int) -> dict[str, Any]:
+    """One whole process: seconds, peak memory, and the seconds of them that were rendering."""
+    with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryFile() as said:
+        words = ["render", str(ROOT / "scenes" / "cornell_box.xml"), "-o", folder, "--variant", variant]
+        words += ["-D", f"width={size}", "-D", f"height={size}"]
+        start = time.perf_counter()
+        child = subprocess.Popen([sys.executable, "-m", "mitsuba_sensor", *words], stdout=said, stderr=said)
+        _, status, usage = os.wait4(child.pid, 0)
+        seconds = time.perf_counter() - start
+        child.returncode = os.waitstatus_to_exitcode(status)
+        if child.returncode:
+            said.seek(0)
+            return {"error": said.read().decode().strip().splitlines()[-1]}
+        report = json.loads((Path(folder) / "frame.json").read_text(encoding="utf-8"))
+        cpu = usage.ru_utime + usage.ru_stime
+        return {
+            "seconds": seconds,
+            "cpu_s": cpu,
+            "peak_mb": usage.ru_maxrss / 1024,
+            "render_s": report["times_s"]["render"],
+        }
+
+
+def digest(runs: list[dict[str, Any]]) -> dict[str, Any]:
+    """The first run apart, the median of the others."""
+    for run in runs:
+        if "error" in run:
+            return run
+    warm = [run["seconds"] for run in runs[1:]] or [runs[0]["seconds"]]
+    return {
+        "first_s": runs[0]["seconds"],
+        "warm_s": statistics.median(warm),
+        "warm_min_s": min(warm),
+        "warm_max_s": max(warm),
+        "cpu_s": statistics.median(run["cpu_s"] for run in runs[1:] or runs),
+        "render_s": statistics.median(run["render_s"] for run in runs[1:] or runs),
+        "peak_mb": max(run["peak_mb"] for run in runs),
+    }
+
+
+if __name__ == "__main__":
+    main()

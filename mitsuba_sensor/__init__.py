@@ -1,0 +1,49 @@
+"""A Mitsuba 3 scene and a camera's datasheet in; the raw digital numbers that this camera would have delivered out.
+
+>>> import mitsuba_sensor as ms
+>>> camera = ms.load_camera("konnik_table1")
+>>> exposure = ms.Exposure(time_s=0.1)
+>>> frames = ms.expose(27_500.0, camera, exposure)          # mean photons per pixel, from anywhere
+>>> frames.digital.shape, frames.digital.dtype
+((1, 1300, 1900), dtype('uint16'))
+"""
+
+from typing import TYPE_CHECKING, Any
+
+from .engine.errors import InputError
+from .engine.frame import Exposure
+from .engine.quantities import Photons
+from .light.photons import collect
+from .sensor.camera import Camera, list_cameras, load_camera
+from .sensor.exposing import Frames, expose
+from .sensor.plan import Plan, plan
+
+if TYPE_CHECKING:
+    from .light.irradiance import Irradiance, render
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "Camera",
+    "Exposure",
+    "Frames",
+    "InputError",
+    "Irradiance",
+    "Photons",
+    "Plan",
+    "collect",
+    "expose",
+    "list_cameras",
+    "load_camera",
+    "plan",
+    "render",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """``render`` and ``Irradiance`` load Mitsuba on first use; everything else works without it."""
+    if name in ("render", "Irradiance"):
+        from .light import irradiance
+
+        return getattr(irradiance, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,0 +1,5 @@
+"""python -m mitsuba_sensor"""
+
+from .cli import app
+
+app(prog_name="mitsuba-sensor")

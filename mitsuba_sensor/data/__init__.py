@@ -1,0 +1,1 @@
+"""What is kept: images, spectra and reports on disk."""

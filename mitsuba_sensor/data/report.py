@@ -1,0 +1,110 @@
+"""frame.json: everything that must be known to judge a frame, or to make it again."""
+
+from __future__ import annotations
+
+import platform
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from importlib import metadata
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..sensor.chain import chain
+
+if TYPE_CHECKING:
+    from ..engine.frame import Exposure
+    from ..light.irradiance import Irradiance
+    from ..sensor.camera import Camera
+    from ..sensor.exposing import Frames
+
+PACKAGES = (
+    "mitsuba-sensor",
+    "mitsuba",
+    "drjit",
+    "numpy",
+    "scipy",
+    "colour-science",
+    "OpenEXR",
+    "pydantic",
+    "typer",
+    "rich",
+    "tifffile",
+    "pillow",
+)
+
+
+@dataclass
+class Clock:
+    """Seconds that each named step took."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def step(self, name: str) -> Iterator[None]:
+        """Time the block under ``name``."""
+        start = time.perf_counter()
+        yield
+        self.seconds[name] = round(time.perf_counter() - start, 4)
+
+
+@dataclass(frozen=True)
+class Shot:
+    """What was asked of the camera. seed : temporal noise; serial : fixed patterns; frames : how many."""
+
+    camera: Camera
+    exposure: Exposure
+    seed: int
+    serial: int
+    frames: int
+
+
+def frame_report(shot: Shot, light: Irradiance, frames: Frames, origin: dict[str, Any]) -> dict[str, Any]:
+    """The whole of frame.json but the times, as a dict.
+
+    origin : where the light comes from ("scene" or "irradiance", parameters given on the command line).
+    """
+    certificate = light.certificate.to_dict()
+    counts = dict(frames.report["counts"])
+    counts["negative"] = certificate["negative"]
+    counts["non_finite"] = certificate["non_finite"]
+    return {
+        "origin": {**origin, "scene_sha256": certificate["scene_sha256"]},
+        "camera": {**shot.camera.model_dump(), "sources": dict(shot.camera.sources)},
+        "exposure": asdict(shot.exposure),
+        "seeds": {"seed": shot.seed, "serial": shot.serial},
+        "image": {"frames": shot.frames, "rows": frames.digital.shape[1], "columns": frames.digital.shape[2]},
+        "bands": {"wavelengths_nm": light.wavelengths_nm, "bandwidths_nm": light.bandwidths_nm},
+        **frames.report,
+        "counts": counts,
+        "render": certificate,
+        "render_noise": render_noise(light, frames),
+        "versions": versions(),
+    }
+
+
+def render_noise(light: Irradiance, frames: Frames) -> dict[str, float]:
+    """Variance of the render over that of the shot noise, in electrons, for this exposure (model: ε²·N_e).
+
+    The certificate has the same for the exposure of the render; a longer exposure of the same light shows more of it.
+    """
+    electrons = chain(frames.camera)[0](frames.photons, frames.first).total
+    with np.errstate(invalid="ignore"):
+        ratio = light.relative_error.astype(np.float64) ** 2 * electrons
+    ratio = ratio[np.isfinite(ratio)]
+    median, p95, most = np.percentile(ratio, (50, 95, 100)) if ratio.size else (0.0, 0.0, 0.0)
+    return {"over_shot_median": float(median), "over_shot_p95": float(p95), "over_shot_max": float(most)}
+
+
+def versions() -> dict[str, str | None]:
+    """Version of Python, of this package and of everything it stands on; None for what is not installed."""
+    return {"python": platform.python_version(), **{name: _version(name) for name in PACKAGES}}
+
+
+def _version(name: str) -> str | None:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return None

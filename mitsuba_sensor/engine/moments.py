@@ -1,0 +1,94 @@
+"""What a signal must be on average: the theory that every stage writes below its sample."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy import special
+
+if TYPE_CHECKING:
+    from .frame import Frame
+
+
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """Mean, temporal and fixed variance of a signal, in the unit of the room it stands in.
+
+    mean : what enters the first stage (:class:`Photons`), then the mean signal, scalar or (H, W).
+    temporal : variance from frame to frame at one pixel, averaged over cameras.
+    fixed : variance from pixel to pixel (camera to camera) of the mean over frames.
+    frame : the conditions: exposure, window; a stage's theory reads them and draws nothing.
+    """
+
+    mean: Any
+    temporal: Any
+    fixed: Any
+    frame: Frame
+
+    def add(self, *, mean: Any = 0.0, temporal: Any = 0.0, fixed: Any = 0.0) -> Moments:
+        """An independent part is added: all three add."""
+        return replace(self, mean=self.mean + mean, temporal=self.temporal + temporal, fixed=self.fixed + fixed)
+
+    def scale(self, gain: Any) -> Moments:
+        """The signal is multiplied by a constant."""
+        return replace(self, mean=self.mean * gain, temporal=self.temporal * gain**2, fixed=self.fixed * gain**2)
+
+    def clip(self, low: float, high: float) -> Moments:
+        """The signal is cut to [low, high]; exact for a normal signal that reaches only one of the two edges."""
+        upper = _cut_above(self, high)
+        mirrored = _cut_above(replace(upper, mean=-upper.mean), -low)
+        return replace(mirrored, mean=-mirrored.mean)
+
+    @property
+    def sigma(self) -> float:
+        """Root of the total variance averaged over the window: what the residual of one frame must show."""
+        return math.sqrt(float(np.mean(self.temporal)) + float(np.mean(self.fixed)))
+
+
+def rectified_normal(sigma: float) -> tuple[float, float]:
+    """Mean and variance of max(0, 1 + σ·z)."""
+    if sigma < 0.1:  # nothing is cut within 10σ, and 1 + σ² − 1 would lose σ below 1e-8
+        return 1.0, sigma * sigma
+    density = math.exp(-0.5 / sigma**2) / math.sqrt(2 * math.pi)
+    above = float(special.ndtr(1 / sigma))
+    mean = above + sigma * density
+    return mean, (1 + sigma**2) * above + sigma * density - mean**2
+
+
+def _cut_above(m: Moments, edge: float) -> Moments:
+    """min(x, edge) for normal x; a fixed part stays fixed by Price's theorem.
+
+    With c = (edge − mean)/s the covariance of two frames of one pixel, correlated by ρ = fixed/s², is
+    s²·∫₀^ρ P(z₁ < c, z₂ < c; r) dr, and Φ₂(c, c; r) = Φ(c) − 2·OwenT(c, √((1−r)/(1+r))).
+    """
+    parts = (np.asarray(x, dtype=np.float64) for x in (m.mean, m.temporal, m.fixed))
+    mean, temporal, fixed = np.broadcast_arrays(*parts)
+    variance = temporal + fixed
+    sigma = np.sqrt(variance)
+    near = (variance > 0) & np.isfinite(variance) & (edge - mean < 8 * sigma)
+    sure = ~((variance > 0) & np.isfinite(variance)) & (mean > edge)
+    mean, temporal, fixed = mean.copy(), temporal.copy(), fixed.copy()
+    mean[sure], temporal[sure], fixed[sure] = edge, 0.0, 0.0
+    s, v = sigma[near], variance[near]
+    c = np.maximum((edge - mean[near]) / s, -40.0)
+    below, density = special.ndtr(c), np.exp(-0.5 * c * c) / math.sqrt(2 * math.pi)
+    shortfall = s * (c * below + density)
+    total = np.maximum(v * ((c * c + 1) * below + c * density) - shortfall**2, 0.0)
+    kept_fixed = np.clip(v * _correlated(c, fixed[near] / v, below), 0.0, total)
+    mean[near], fixed[near], temporal[near] = edge - shortfall, kept_fixed, total - kept_fixed
+    return replace(m, mean=mean, temporal=temporal, fixed=fixed)
+
+
+def _correlated(c: Any, rho: Any, below: Any) -> Any:
+    """∫₀^ρ Φ₂(c, c; r) dr, by eight-point Gauss-Legendre quadrature in r = sin θ, which is smooth at ρ = 1."""
+    nodes, weights = np.polynomial.legendre.leggauss(8)
+    integral, end = np.zeros_like(c), np.arcsin(rho)
+    for node, weight in zip(nodes, weights, strict=True):
+        theta = 0.5 * end * (node + 1)
+        integral += (
+            0.5 * weight * end * np.cos(theta) * (below - 2 * special.owens_t(c, np.tan(math.pi / 4 - theta / 2)))
+        )
+    return integral

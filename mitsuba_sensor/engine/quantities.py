@@ -1,0 +1,56 @@
+"""What leaves each room, and the constants of nature (SI 2019 values, exact by definition; CODATA 2018 lists them)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+PLANCK_J_S = 6.62607015e-34
+LIGHT_SPEED_M_PER_S = 299_792_458.0
+BOLTZMANN_J_PER_K = 1.380649e-23
+ELEMENTARY_CHARGE_C = 1.602176634e-19
+BOLTZMANN_EV_PER_K = BOLTZMANN_J_PER_K / ELEMENTARY_CHARGE_C
+
+
+@dataclass(frozen=True, eq=False)
+class Photons:
+    """Mean photons per pixel in one exposure; means, so they are not whole numbers.
+
+    mean : (H, W), or (H, W, B) with one layer per band; never negative, never NaN; +inf saturates its pixel.
+    wavelengths_nm : (B,) centre of each band, or None when ``mean`` is (H, W) at the camera's own wavelength.
+    """
+
+    mean: NDArray[Any]
+    wavelengths_nm: NDArray[np.float64] | None = None
+
+    @property
+    def total(self) -> NDArray[Any]:
+        """Photons per pixel over all bands, (H, W)."""
+        return self.mean if self.mean.ndim == 2 else self.mean.sum(axis=-1)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        return np.array(self.mean, dtype=dtype, copy=copy)
+
+
+@dataclass(frozen=True, eq=False)
+class Electrons:
+    """Electrons per pixel, those that light freed and those of the dark current apart.
+
+    light, dark : (H, W), or a scalar where every pixel has the same; means before the shot noise, whole counts after.
+    """
+
+    light: Any
+    dark: Any = 0.0
+
+    @property
+    def total(self) -> Any:
+        """Nobody can tell the two apart in the well: light + dark, (H, W)."""
+        return self.light + self.dark
+
+
+def photon_energy_j(wavelength_nm: Any) -> Any:
+    """Energy of one photon, hc/λ [J]; 3.6117e-19 J at 550 nm."""
+    return PLANCK_J_S * LIGHT_SPEED_M_PER_S / (wavelength_nm * 1e-9)

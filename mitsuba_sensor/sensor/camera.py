@@ -1,0 +1,159 @@
+"""The datasheet, checked once at the door."""
+
+from __future__ import annotations
+
+import tomllib
+from functools import cached_property
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import Field, ValidationError, model_validator
+
+from ..engine.errors import InputError, nearest
+from .datasheet import (
+    AdcSection,
+    DarkCurrentSection,
+    LensSection,
+    PixelSection,
+    QuantumEfficiencySection,
+    ReadoutSection,
+    Section,
+    SensorSection,
+    SourceFollowerSection,
+)
+from .door import fields_of, sentence
+from .electrons import QeCurve
+
+SHIPPED = resources.files(__package__) / "cameras"
+
+
+class Camera(Section):
+    """A camera as its datasheet describes it. Immutable; :meth:`replace` makes another one, checked again."""
+
+    name: str = Field(description="how the camera is called", examples=["konnik_table1"])
+    description: str = Field("", description="one line for people", examples=["the sensor of the paper"])
+    sensor: SensorSection
+    pixel: PixelSection
+    quantum_efficiency: QuantumEfficiencySection
+    dark_current: DarkCurrentSection
+    source_follower: SourceFollowerSection
+    readout: ReadoutSection
+    adc: AdcSection
+    lens: LensSection = LensSection()
+    sources: dict[str, str] = Field(
+        default_factory=dict,
+        description="dotted field → where its number comes from",
+        examples=[{"adc.bits": "Table 1"}],
+    )
+
+    @model_validator(mode="after")
+    def _sources_name_fields(self) -> Camera:
+        known = fields_of(Camera)
+        for key in self.sources:
+            if key not in known:
+                raise ValueError(f"sources names {key!r}, which is no field of a camera.{nearest(key, known)}")
+        return self
+
+    def replace(self, **changes: Any) -> Camera:
+        """A copy with dotted fields changed: ``camera.replace(**{"adc.bits": 14})``. Raises InputError."""
+        data = self.model_dump()
+        known = fields_of(Camera)
+        for dotted, value in changes.items():
+            if dotted not in known:
+                raise InputError(f"{dotted} is not a field of a camera.{nearest(dotted, known)}")
+            *path, last = dotted.split(".")
+            table = data
+            for part in path:
+                table = table[part]
+            table[last] = value
+            if path:
+                data["sources"][dotted] = "set by the user"
+        return _checked(data, self.name)
+
+    @cached_property
+    def curves(self) -> tuple[QeCurve, ...]:
+        """One QE curve per colour filter, in the order of :attr:`filter_names`."""
+        section = self.quantum_efficiency
+        return tuple(QeCurve(section.wavelengths_nm, section.curves[name]) for name in self.filter_names)
+
+    @property
+    def filter_names(self) -> tuple[str, ...]:
+        """Names of the colour filters; one for a monochrome camera."""
+        return tuple(self.quantum_efficiency.curves)
+
+    @property
+    def tile(self) -> tuple[tuple[int, ...], ...]:
+        """Rows of filter numbers that repeat over the sensor."""
+        rows = self.quantum_efficiency.tile or ((self.filter_names[0],),)
+        return tuple(tuple(self.filter_names.index(name) for name in row) for row in rows)
+
+    @property
+    def band_nm(self) -> tuple[float, float]:
+        """From the first to the last wavelength at which any filter sees anything [nm]."""
+        points = self.quantum_efficiency.wavelengths_nm
+        seen = [any(curve[i] > 0 for curve in self.quantum_efficiency.curves.values()) for i in range(len(points))]
+        if not any(seen):
+            return points[0], points[-1]
+        first, last = seen.index(True), len(seen) - 1 - seen[::-1].index(True)
+        return points[max(first - 1, 0)], points[min(last + 1, len(points) - 1)]
+
+    def qe(self, wavelengths_nm: ArrayLike) -> NDArray[np.float64]:
+        """Quantum efficiency of every filter at (B,) wavelengths, (F, B)."""
+        return np.array([curve.at(wavelengths_nm) for curve in self.curves])
+
+    def filter_index(self, shape: tuple[int, int], origin: tuple[int, int] = (0, 0)) -> NDArray[np.intp]:
+        """Filter number of every pixel of a window, (H, W)."""
+        tile = np.array(self.tile)
+        rows = (np.arange(shape[0]) + origin[0]) % tile.shape[0]
+        columns = (np.arange(shape[1]) + origin[1]) % tile.shape[1]
+        return tile[np.ix_(rows, columns)]
+
+
+def load_camera(name: str | Path) -> Camera:
+    """A shipped camera by name (``konnik_table1``), or any camera file by path (``my.toml``).
+
+    Raises InputError when there is no such camera or a field is wrong.
+    """
+    if isinstance(name, str) and name in list_cameras():
+        return _parsed((SHIPPED / f"{name}.toml").read_text("utf-8"), f"{name}.toml")
+    path = Path(name)
+    if path.suffix != ".toml" and not path.exists():
+        shipped = ", ".join(list_cameras())
+        raise InputError(
+            f"{str(name)!r} is no camera that ships with mitsuba_sensor ({shipped}) and no .toml file."
+            f"{nearest(str(name), list_cameras())}"
+        )
+    try:
+        text = path.read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
+        raise InputError(f"The camera file {path} cannot be read: {reason}.") from None
+    return _parsed(text, str(path))
+
+
+def list_cameras() -> list[str]:
+    """Names of the cameras that ship with the package."""
+    return sorted(file.name.removesuffix(".toml") for file in SHIPPED.iterdir() if file.name.endswith(".toml"))
+
+
+def camera_schema() -> dict[str, Any]:
+    """JSON Schema of a camera file, for editors and other programs."""
+    return Camera.model_json_schema()
+
+
+def _parsed(text: str, where: str) -> Camera:
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"The camera file {where} is not valid TOML: {error}.") from None
+    return _checked(data, where)
+
+
+def _checked(data: dict[str, Any], where: str) -> Camera:
+    try:
+        return Camera.model_validate(data)
+    except ValidationError as error:
+        raise InputError(sentence(error, Camera, where)) from None

@@ -1,0 +1,67 @@
+"""Noise of the source follower after correlated double sampling, in closed form (model of paper eq. 19–23).
+
+The paper sums S_SF(f)·H_CDS(f) over every hertz up to 20 MHz; the integral over all frequencies has a closed form.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ..engine.special import EULER_GAMMA, sinh_integrals, two_term_remainder
+
+
+@dataclass(frozen=True)
+class CdsNoise:
+    """White, flicker and random telegraph noise of a source follower, seen through a CDS of sample time t_s.
+
+    white_nv_per_rthz : white noise density W [nV/√Hz].  corner_hz : flicker corner f_c [Hz].
+    sample_s : time between the two samples t_s [s].  dominant_s : time constant τ_D of the CDS, usually t_s/2 [s].
+    rtn_uv, rtn_s : step ΔV [µV] and time constant τ_RTN [s] of the telegraph noise.
+    """
+
+    white_nv_per_rthz: float
+    corner_hz: float
+    sample_s: float
+    dominant_s: float
+    rtn_uv: float = 0.0
+    rtn_s: float = 1e-6
+
+    @property
+    def sigma_v(self) -> float:
+        """Noise at the sense node before the source follower's gain [V rms]: √(∫ S·H df)/(1 − e^(−t_s/τ_D))."""
+        total = self.white_v2 + self.flicker_v2 + self.rtn_v2
+        return math.sqrt(total) / -math.expm1(-self.sample_s / self.dominant_s)
+
+    @property
+    def white_v2(self) -> float:
+        """W²(1 − e^(−a))/(2τ_D), a = t_s/τ_D [V²]."""
+        density = self.white_nv_per_rthz * 1e-9
+        return density**2 * -math.expm1(-self.sample_s / self.dominant_s) / (2 * self.dominant_s)
+
+    @property
+    def flicker_v2(self) -> float:
+        """2W²f_c·J(a) [V²]."""
+        density = self.white_nv_per_rthz * 1e-9
+        return 2 * density**2 * self.corner_hz * flicker_integral(self.sample_s / self.dominant_s)
+
+    @property
+    def rtn_v2(self) -> float:
+        """(ΔV²·r/2)·[g(r) − g(τ_D)]/(r² − τ_D²), r = τ_RTN/2, g(τ) = −τ·expm1(−t_s/τ) [V²]."""
+        r, tau = self.rtn_s / 2, self.dominant_s
+        if abs(r - tau) < 1e-4 * tau:
+            middle = 0.5 * (r + tau)
+            slope = two_term_remainder(self.sample_s / middle) / (2 * middle)
+        else:
+            slope = (self._decay(r) - self._decay(tau)) / ((r - tau) * (r + tau))
+        return (self.rtn_uv * 1e-6) ** 2 * r / 2 * slope
+
+    def _decay(self, tau: float) -> float:
+        return -tau * math.expm1(-self.sample_s / tau)
+
+
+def flicker_integral(a: float) -> float:
+    """J(a) = γ_E + ln a − ½[e^(−a)Ei(a) − e^(a)E₁(a)]; J(2) = 1.115785799."""
+    if a < 1e-4:
+        return a * a / 2 * (1.5 - EULER_GAMMA - math.log(a))
+    return EULER_GAMMA + math.log(a) - sinh_integrals(a)

@@ -1,0 +1,245 @@
+"""Photons and electrons as the released MATLAB code of Konnik & Welsh 2014 makes them, on NumPy float64.
+
+Written from the paper, from descriptions and from numbers measured on that code, never from its text (it has no
+licence). The stages reproduce its *behaviour*, also where physics says otherwise: ``docs/konnik2014.md`` lists every
+such place with its size.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ..engine.errors import InputError
+from ..engine.frame import Frame
+from ..engine.moments import Moments
+from ..engine.quantities import Electrons, Photons
+from .konnik2014_patterns import Family, fixed, times_pattern
+from .laws import band_gap_ev
+
+BOLTZMANN_EV_PER_K = 8.617343e-5
+"""CODATA 2006, as that code has it: with the value of today its dark signal would be 2.4e-5 lower."""
+
+DARK_CONSTANT = 2.55e15
+"""Stands where P_A·D_FM/q·(300 K)^−1.5·exp(E_g/2kT) belongs: e-/s per nA at 1 K^1.5; 0.8 % low (released code)."""
+
+
+@dataclass(frozen=True)
+class RoundPhotons:
+    """Mean photons are rounded to whole ones: floor(Λ + ½) (paper eq. 12); Λ = 0.49 becomes black."""
+
+    room: ClassVar[str] = "photons"
+
+    def __call__(self, photons: Photons, frame: Frame) -> Photons:
+        """Mean photons at one wavelength, (H, W) or (H, W, 1) → whole mean photons (H, W)."""
+        if photons.mean.ndim == 3 and photons.mean.shape[2] > 1:
+            raise InputError(
+                f"photons has {photons.mean.shape[2]} bands and the published code knows one wavelength; "
+                f"pass (H, W) photons, or use the physical chain."
+            )
+        return Photons(np.floor(photons.total + 0.5))
+
+    def moments(self, m: Moments) -> Moments:
+        """The whole number itself; nothing is random yet."""
+        return Moments(self(m.mean, m.frame).mean, 0.0, 0.0, m.frame)
+
+
+@dataclass(frozen=True)
+class PhotonShot:
+    """*Photons* are counted: Poisson(Λ) (paper eq. 13). After the QE var/mean is QE where it must be 1."""
+
+    room: ClassVar[str] = "photons"
+
+    def __call__(self, photons: Photons, frame: Frame) -> Photons:
+        """Mean photons → whole photons (H, W)."""
+        return Photons(frame.poisson("light_shot", photons.mean))
+
+    def moments(self, m: Moments) -> Moments:
+        """The temporal variance is the mean."""
+        return m.add(temporal=m.mean)
+
+
+@dataclass(frozen=True)
+class QuantumEfficiency:
+    """Photons × QE are electrons, not whole (paper eq. 14).  value : QE, 0 … 1 [e- per photon]."""
+
+    value: float
+    room: ClassVar[str] = "electrons"
+
+    def __call__(self, photons: Photons, frame: Frame) -> Electrons:
+        """Photons → light electrons (H, W)."""
+        return Electrons(light=photons.mean * self.value)
+
+    def moments(self, m: Moments) -> Moments:
+        """Scaled by QE."""
+        return m.scale(self.value)
+
+
+@dataclass(frozen=True)
+class LightPattern:
+    """The *noisy* count is multiplied by 1 + factor·z, not cut at 0 (paper eq. 15).  factor : PRNU, dimensionless."""
+
+    factor: float
+    family: Family
+    room: ClassVar[str] = "electrons"
+
+    def __call__(self, electrons: Electrons, frame: Frame) -> Electrons:
+        """Light electrons with the camera's gain pattern."""
+        gain = 1 + self.factor * fixed(frame.device, "prnu", self.family)
+        return Electrons(electrons.light * gain, electrons.dark)
+
+    def moments(self, m: Moments) -> Moments:
+        """Product with an independent fixed gain."""
+        return times_pattern(m, self.factor, self.family)
+
+
+@dataclass(frozen=True)
+class DarkMean:
+    """t·D_R(T), D_R = 2.55e15·P_A·D_FM·T^1.5·exp(−E_g/2kT) [e-] (paper eq. 1, 16); 172.742 e- for Table 1 at 0.1 s.
+
+    fom_na_per_cm2 : D_FM [nA/cm²].  area_cm2 : P_A, the whole pixel [cm²].
+    """
+
+    fom_na_per_cm2: float
+    area_cm2: float
+
+    def __call__(self, dark: Any, frame: Frame) -> Any:
+        """The mean dark electrons of this exposure, added to ``dark``."""
+        return dark + self.mean_e(frame)
+
+    def moments(self, m: Moments) -> Moments:
+        """Adds to the mean."""
+        return m.add(mean=self.mean_e(m.frame))
+
+    def mean_e(self, frame: Frame) -> float:
+        """Mean dark electrons of a pixel; 0 at 0 K."""
+        kelvin = frame.exposure.temperature_k
+        if kelvin == 0:
+            return 0.0
+        boltzmann = math.exp(-band_gap_ev(kelvin) / (2 * BOLTZMANN_EV_PER_K * kelvin))
+        rate = DARK_CONSTANT * self.area_cm2 * self.fom_na_per_cm2 * kelvin**1.5 * boltzmann
+        return frame.exposure.time_s * rate
+
+
+@dataclass(frozen=True)
+class DarkShot:
+    """Dark electrons are counted *before* the pattern: Poisson(t·D_R) (paper eq. 17)."""
+
+    def __call__(self, dark: Any, frame: Frame) -> Any:
+        """Mean dark electrons → whole dark electrons (H, W)."""
+        return frame.poisson("dark_shot", dark)
+
+    def moments(self, m: Moments) -> Moments:
+        """The temporal variance is the mean."""
+        return m.add(temporal=m.mean)
+
+
+@dataclass(frozen=True)
+class DarkPattern:
+    """The noisy dark count is multiplied by 1 + factor·X, one X per pixel per camera (paper eq. 18 with σ = D_N).
+
+    factor : D_N, dimensionless.  family : X; its mean is not 0 (LogNormal(0, 0.4): 1.083), so it adds to the mean.
+    """
+
+    factor: float
+    family: Family
+
+    def __call__(self, dark: Any, frame: Frame) -> Any:
+        """Dark electrons with the camera's dark pattern, (H, W)."""
+        return dark * (1 + self.factor * fixed(frame.device, "dark_pattern", self.family))
+
+    def moments(self, m: Moments) -> Moments:
+        """Product with an independent fixed gain."""
+        return times_pattern(m, self.factor, self.family)
+
+
+@dataclass(frozen=True)
+class FollowerNoise:
+    """The source follower's noise is added to the dark electrons, not rounded (paper eq. 23).  sigma_e : [e- rms]."""
+
+    sigma_e: float
+
+    def __call__(self, dark: Any, frame: Frame) -> Any:
+        """Dark electrons with signed noise, (H, W)."""
+        return dark + self.sigma_e * frame.normal("source_follower")
+
+    def moments(self, m: Moments) -> Moments:
+        """Adds σ² to the temporal variance."""
+        return m.add(temporal=self.sigma_e**2)
+
+
+CLOCK_HZ = 20e6
+"""Table 1; no camera file has a readout clock, because the closed forms do not need one."""
+
+
+@dataclass(frozen=True)
+class PublishedFollower:
+    """σ of the source follower as the released code sums it: every 10 kHz from 1 Hz to the clock (paper eq. 19–22).
+
+    Good for t_s = 1 µs (6.0945 e-; all frequencies: 6.1051), hopeless when t_s is a multiple of 1/10 kHz, where every
+    point of the sum falls on a zero of the CDS (100 µs: 0.218 e-; all frequencies: 5.193).
+
+    rtn_step : ΔI, added to V² as if it were volts.  All defaults: released parameters.
+    """
+
+    white_nv_per_rthz: float = 15.0
+    corner_hz: float = 1e6
+    sample_s: float = 1e-6
+    dominant_s: float = 0.5e-6
+    rtn_step: float = 1e-8
+    rtn_s: float = 0.05e-6
+    clock_hz: float = CLOCK_HZ
+    grid_hz: float = 1e4
+
+    def sigma_e(self, sense_gain_uv_per_e: float) -> float:
+        """Noise at the sense node [e- rms]."""
+        f = np.arange(1.0, self.clock_hz + 0.5, self.grid_hz)
+        rtn = 2 * self.rtn_step**2 * self.rtn_s / (4 + (2 * math.pi * f * self.rtn_s) ** 2)
+        density = (self.white_nv_per_rthz * 1e-9) ** 2 * (1 + self.corner_hz / f) + rtn
+        cds = (2 - 2 * np.cos(2 * math.pi * f * self.sample_s)) / (1 + (2 * math.pi * f * self.dominant_s) ** 2)
+        settled = -math.expm1(-self.sample_s / self.dominant_s)
+        return math.sqrt(self.grid_hz * float(np.sum(density * cds))) / (sense_gain_uv_per_e * 1e-6 * settled)
+
+
+@dataclass(frozen=True)
+class Dark:
+    """Everything that does not come from light, made apart and then added (paper eq. 25).  steps : in their order."""
+
+    steps: tuple[DarkMean | DarkShot | DarkPattern | FollowerNoise, ...]
+    room: ClassVar[str] = "electrons"
+
+    def __call__(self, electrons: Electrons, frame: Frame) -> Electrons:
+        """Light electrons → light and dark electrons."""
+        dark: Any = 0.0
+        for step in self.steps:
+            dark = step(dark, frame)
+        return Electrons(electrons.light, dark)
+
+    def moments(self, m: Moments) -> Moments:
+        """The sum of two independent signals."""
+        dark = Moments(0.0, 0.0, 0.0, m.frame)
+        for step in self.steps:
+            dark = step.moments(dark)
+        return m.add(mean=dark.mean, temporal=dark.temporal, fixed=dark.fixed)
+
+
+@dataclass(frozen=True)
+class Well:
+    """Clipped to 0 … full well, then *floored* (paper eq. 26 rounds): half an electron is lost, and all negative noise.
+
+    full_well_e : saturation capacity [e-].
+    """
+
+    full_well_e: float
+    room: ClassVar[str] = "electrons"
+
+    def __call__(self, electrons: Electrons, frame: Frame) -> Electrons:
+        """Light and dark electrons → their whole sum."""
+        return Electrons(np.floor(np.clip(electrons.total, 0.0, self.full_well_e)))
+
+    def moments(self, m: Moments) -> Moments:
+        """floor and clip commute; a signal that is continuous and wider than 1 e- loses ½ and gains 1/12."""
+        return m.add(mean=-0.5, temporal=1 / 12).clip(0.0, math.floor(self.full_well_e))

@@ -1,0 +1,190 @@
+"""Volts and digital numbers as the released MATLAB code of Konnik & Welsh 2014 makes them, on NumPy float64.
+
+As in ``konnik2014_electrons`` the behaviour is reproduced, not the text. The volts here are *node voltages* V_REF − S,
+as published, not swings: a few of the published effects exist only because of that.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ..engine.frame import Frame
+from ..engine.moments import Moments
+from ..engine.quantities import Electrons
+from .konnik2014_patterns import Family, fixed, times_pattern
+
+ELEMENTARY_CHARGE_C = 1.602176487e-19
+BOLTZMANN_J_PER_K = 1.3806504e-23
+"""CODATA 2006, as that code has them."""
+
+K1_C = 10.909e-15
+"""k₁ of the V/e non-linearity [C] (paper eq. 8); with V_REF = 3.1 V it implies 45.5 µV/e-, whatever A_SN says."""
+
+
+@dataclass(frozen=True)
+class ResetNoise:
+    """factor·(exp(σz) − 1) [V], σ = √(k_B·T·A_SN/q) (paper eq. 7, and 27 less the +1 V that its log-normal adds).
+
+    gain_v_per_e : A_SN [V/e-].  factor : 0 for a CCD, 0.8 in the released parameters.
+    """
+
+    gain_v_per_e: float
+    factor: float
+
+    def __call__(self, frame: Frame) -> Any:
+        """What is added to V_REF, (H, W) [V]."""
+        if self.factor == 0:
+            return 0.0
+        return self.factor * np.expm1(self.sigma(frame) * frame.normal("reset"))
+
+    def sigma(self, frame: Frame) -> float:
+        """σ of the normal in the exponent; 3.584e-4 for 5 µV/e- at 298.15 K."""
+        return math.sqrt(BOLTZMANN_J_PER_K * frame.exposure.temperature_k * self.gain_v_per_e / ELEMENTARY_CHARGE_C)
+
+    def mean(self, frame: Frame) -> float:
+        """Mean [V]."""
+        return self.factor * math.expm1(self.sigma(frame) ** 2 / 2)
+
+    def variance(self, frame: Frame) -> float:
+        """Variance [V²]."""
+        squared = self.sigma(frame) ** 2
+        return self.factor**2 * math.exp(squared) * math.expm1(squared)
+
+
+@dataclass(frozen=True)
+class SenseNode:
+    """V = V_REF + reset − A_SN·N (paper eq. 29, 30).  reference_v : V_REF [V].  gain_v_per_e : A_SN [V/e-]."""
+
+    reference_v: float
+    gain_v_per_e: float
+    reset: ResetNoise
+    room: ClassVar[str] = "volts"
+
+    def __call__(self, electrons: Electrons, frame: Frame) -> Any:
+        """Electrons → node voltage (H, W) [V]."""
+        return self.reference_v + self.reset(frame) - self.gain_v_per_e * electrons.total
+
+    def moments(self, m: Moments) -> Moments:
+        """Linear, plus the reset's own mean and variance."""
+        mean = self.reference_v + self.reset.mean(m.frame)
+        return m.scale(-self.gain_v_per_e).add(mean=mean, temporal=self.reset.variance(m.frame))
+
+
+@dataclass(frozen=True)
+class ExponentialNode:
+    """V = (V_REF + reset)·exp(−α·q·N/k₁) (paper eq. 33): A_SN does not enter, α = 0.05 reads 0.45 of the signal.
+
+    reference_v : V_REF [V].  alpha : coefficient of non-linearity, above 0.
+    """
+
+    reference_v: float
+    alpha: float
+    reset: ResetNoise
+    room: ClassVar[str] = "volts"
+
+    def __call__(self, electrons: Electrons, frame: Frame) -> Any:
+        """Electrons → node voltage (H, W) [V]."""
+        return (self.reference_v + self.reset(frame)) * np.exp(-self.per_e * electrons.total)
+
+    def moments(self, m: Moments) -> Moments:
+        """Second order in per_e·σ_N, which is below 1e-3, times the independent reference."""
+        scale, high = np.exp(-self.per_e * m.mean), self.reference_v + self.reset.mean(m.frame)
+        node = through(m, scale, self.per_e * scale, self.per_e**2 * scale)
+        noise = self.reset.variance(m.frame)
+        return Moments(high * node.mean, high**2 * node.temporal + noise * scale**2, high**2 * node.fixed, m.frame)
+
+    @property
+    def per_e(self) -> float:
+        """α·q/k₁, the relative drop per electron."""
+        return self.alpha * ELEMENTARY_CHARGE_C / K1_C
+
+
+@dataclass(frozen=True)
+class BentFollower:
+    """V·(1 + (γ − 1)·(V_REF − V)/(V_FW·V_REF)): the gain grows with the swing but multiplies the *node voltage*.
+
+    (Paper eq. 9, 34.) γ = 1.05 takes 29 % to 30 % of the signal away.  full_well_v : V_FW [V].  gamma : above 0.
+    """
+
+    reference_v: float
+    full_well_v: float
+    gamma: float
+    room: ClassVar[str] = "volts"
+
+    def __call__(self, volts: Any, frame: Frame) -> Any:
+        """Node voltage → voltage after the source follower (H, W) [V]."""
+        return volts * (1 + self.bend * (self.reference_v - volts))
+
+    def moments(self, m: Moments) -> Moments:
+        """A parabola: exact mean, σ to first order."""
+        return through(m, self(m.mean, m.frame), 1 + self.bend * (self.reference_v - 2 * m.mean), -2 * self.bend)
+
+    @property
+    def bend(self) -> float:
+        """Change of the gain per volt of swing [1/V]."""
+        return (self.gamma - 1) / (self.full_well_v * self.reference_v)
+
+
+@dataclass(frozen=True)
+class ColumnGain:
+    """V·(1 + D·V_FW·x_j), x_j per column (paper eq. 28, 32 *add*): 512 µV where D·V_FW = 165 µV is meant.
+
+    factor : D·V_FW, taken as a number without unit.  family : x.
+    """
+
+    factor: float
+    family: Family
+    room: ClassVar[str] = "volts"
+
+    def __call__(self, volts: Any, frame: Frame) -> Any:
+        """Voltage with the camera's column stripes (H, W) [V]."""
+        return volts * (1 + self.factor * fixed(frame.device, "column_offset", self.family))
+
+    def moments(self, m: Moments) -> Moments:
+        """Product with an independent fixed gain."""
+        return times_pattern(m, self.factor, self.family)
+
+
+@dataclass(frozen=True)
+class Adc:
+    """round(A·S·γ^(−S/V_FW)), S = V_REF − V, clipped to 0 … 2^bits: one code too many, no pedestal (paper eq. 35–37).
+
+    gain_dn_per_v : A = 2^bits/(V_FW − A_SN²) [DN/V].  full_well_v : V_FW [V].  gamma : 1 is linear.
+    """
+
+    bits: int
+    gain_dn_per_v: float
+    reference_v: float
+    full_well_v: float
+    gamma: float = 1.0
+    room: ClassVar[str] = "digital numbers"
+
+    def __call__(self, volts: Any, frame: Frame) -> Any:
+        """Voltage [V] → whole digital numbers (H, W)."""
+        return np.clip(np.floor(self._code(self.reference_v - volts) + 0.5), 0.0, self.highest)
+
+    def moments(self, m: Moments) -> Moments:
+        """To second order, then rounding's 1/12 DN² and the clip at both ends."""
+        swing = self.reference_v - m.mean
+        bend = math.log(self.gamma) / self.full_well_v
+        factor = self.gain_dn_per_v * self.gamma ** (-swing / self.full_well_v)
+        slope, curvature = factor * (1 - bend * swing), factor * bend * (bend * swing - 2)
+        return through(m, self._code(swing), slope, curvature).add(temporal=1 / 12).clip(0.0, self.highest)
+
+    def _code(self, swing: Any) -> Any:
+        return self.gain_dn_per_v * swing * self.gamma ** (-swing / self.full_well_v)
+
+    @property
+    def highest(self) -> int:
+        """The largest code, 2^bits."""
+        return 2**self.bits
+
+
+def through(m: Moments, value: Any, slope: Any, curvature: Any) -> Moments:
+    """A smooth function with this value, slope and curvature at the mean."""
+    mean = value + 0.5 * curvature * (m.temporal + m.fixed)
+    return Moments(mean, m.temporal * slope**2, m.fixed * slope**2, m.frame)

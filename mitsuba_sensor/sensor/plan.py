@@ -1,0 +1,130 @@
+"""What this exposure needs: each stage with what it does to the picture, in digital numbers."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..engine.errors import require
+from ..engine.frame import Device, Exposure, Frame
+from ..engine.moments import Moments
+from ..engine.quantities import Photons
+from .account import stage_name
+from .camera import Camera
+from .chain import chain
+from .digital import Adc
+from .electrons import Detection
+from .exposing import as_photons
+from .volts import SenseNode
+
+INDISPENSABLE = (Detection, SenseNode, Adc)
+"""These change the unit of the signal: without them there is no next room."""
+
+LEVELS = 65
+"""Light levels of the scene, from its darkest to its brightest pixel, at which effects are looked at."""
+
+
+@dataclass(frozen=True)
+class Effect:
+    """What one stage does, at the light level where it does most [DN]."""
+
+    stage: str
+    kept: bool
+    mean_dn: float
+    temporal_dn: float
+    fixed_dn: float
+    reason: str
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The stages of an exposure with their effects. ``print(plan.explain())``; ``expose(..., plan=plan)``."""
+
+    camera: str
+    tolerance_dn: float
+    effects: tuple[Effect, ...]
+    stages: tuple[Any, ...] = field(repr=False)
+
+    def explain(self) -> str:
+        """A table for people."""
+        head = f"{'stage':<23}{'':<10}{'mean':>11}{'temporal σ':>12}{'fixed σ':>11}   what it changes here at most [DN]"
+        lines = [f"Plan for {self.camera}: a stage is left out if all that is left out moves no level by more than "
+                 f"{self.tolerance_dn:g} DN.", head]  # fmt: skip
+        for e in self.effects:
+            numbers = f"{e.mean_dn:>11.4g}{e.temporal_dn:>12.4g}{e.fixed_dn:>11.4g}"
+            lines.append(f"{e.stage:<23}{'kept' if e.kept else 'left out':<10}{numbers}   {e.reason}")
+        return "\n".join(lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The same for programs."""
+        return {
+            "camera": self.camera,
+            "tolerance_dn": self.tolerance_dn,
+            "stages": [asdict(effect) for effect in self.effects],
+        }
+
+
+def plan(
+    camera: Camera, exposure: Exposure, photons: Photons | ArrayLike, tolerance_dn: float = 0.0,
+    wavelengths_nm: ArrayLike | None = None,
+) -> Plan:  # fmt: skip
+    """Which stages this exposure needs, by walking the moments of the chain over the scene's light levels.
+
+    photons, wavelengths_nm : as for :func:`expose`.
+    tolerance_dn : how far the stages left out may together move mean, temporal σ or fixed σ at any level [DN];
+        0 leaves out only what changes nothing at all.
+    Raises InputError for a negative tolerance and for photons that ``expose`` would refuse.
+    """
+    require("tolerance_dn", tolerance_dn, 0.0, float("inf"), "digital numbers, e.g. 0.02")
+    levels, frame = _levels(as_photons(photons, camera, wavelengths_nm), camera, exposure)
+    whole = chain(camera)
+    full = _final(whole, levels, frame)
+    free = [stage for stage in whole if not isinstance(stage, INDISPENSABLE)]
+    alone = {stage: _distance(full, _final(_without(whole, {stage}), levels, frame)) for stage in free}
+    out: set[Any] = set()
+    for stage in sorted(free, key=lambda s: max(alone[s])):
+        if max(_distance(full, _final(_without(whole, out | {stage}), levels, frame))) <= tolerance_dn:
+            out.add(stage)
+    effects = tuple(_effect(stage, alone.get(stage), stage in out) for stage in whole)
+    return Plan(camera.name, tolerance_dn, effects, _without(whole, out))
+
+
+def _effect(stage: Any, moved: tuple[float, float, float] | None, left_out: bool) -> Effect:
+    if moved is None:
+        return Effect(stage_name(stage), True, 0.0, 0.0, 0.0, "changes the unit; always needed")
+    reason = "changes nothing" if max(moved) == 0 else "below the tolerance" if left_out else ""
+    return Effect(stage_name(stage), not left_out, *moved, reason)
+
+
+def _without(stages: tuple[Any, ...], out: set[Any]) -> tuple[Any, ...]:
+    return tuple(stage for stage in stages if stage not in out)
+
+
+def _levels(photons: Photons, camera: Camera, exposure: Exposure) -> tuple[Photons, Frame]:
+    """Pixels from the darkest to the brightest, each under every colour filter: a small window of its own."""
+    order = np.argsort(photons.total, axis=None)
+    chosen = order[np.linspace(0, order.size - 1, min(LEVELS, order.size)).round().astype(int)]
+    tile = camera.tile
+    rows = photons.mean.reshape(order.size, -1)[chosen]
+    window = np.repeat(np.repeat(rows[None], len(tile[0]), axis=1), len(tile), axis=0)
+    mean = window if photons.mean.ndim == 3 else window[..., 0]
+    frame = Frame(exposure, Device(0, (mean.shape[0], mean.shape[1])))
+    return Photons(mean, photons.wavelengths_nm), frame
+
+
+def _final(stages: tuple[Any, ...], levels: Photons, frame: Frame) -> Moments:
+    """Moments of the digital numbers of a chain."""
+    m = Moments(levels, 0.0, 0.0, frame)
+    for stage in stages:
+        m = stage.moments(m)
+    return m
+
+
+def _distance(a: Moments, b: Moments) -> tuple[float, float, float]:
+    """Largest change of mean, temporal σ and fixed σ over the levels [DN]."""
+    pairs = ((a.mean, b.mean), (np.sqrt(a.temporal), np.sqrt(b.temporal)), (np.sqrt(a.fixed), np.sqrt(b.fixed)))
+    mean, temporal, fixed = (float(np.max(np.abs(np.asarray(x) - y))) for x, y in pairs)
+    return mean, temporal, fixed

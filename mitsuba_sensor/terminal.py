@@ -1,0 +1,149 @@
+"""What the terminal shows: tables and the progress bar, built here, printed by :mod:`mitsuba_sensor.cli`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+from rich import box
+from rich.console import Console, Group, RenderableType
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+from rich.text import Text
+
+
+@contextmanager
+def passes(console: Console) -> Iterator[Callable[[int, int], None]]:
+    """A progress bar over render passes with elapsed and remaining time; nothing where nobody watches.
+
+    Yields the function to call with (done, total).
+    """
+    columns = (
+        TextColumn("rendering"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("passes"),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task("render", total=None)
+        yield lambda done, total: progress.update(task, completed=done, total=total)
+
+
+def summary(report: Mapping[str, Any], folder: str) -> RenderableType:
+    """The short story of a frame: photons, each stage expected and found, noise by its causes, what was cut."""
+    return Group(_headline(report, folder), _stages(report), *_facts(report), *_notes(report))
+
+
+def camera_list(rows: list[tuple[str, str, str, str]]) -> Table:
+    """(name, technology, size, description) of every camera that comes along."""
+    table = _table("camera", "technology", "pixels", "what it is")
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
+def camera_sheet(fields: Mapping[str, Any], sources: Mapping[str, str]) -> Table:
+    """One row per number of a camera file: field, value, source. The unit is the end of the field's name."""
+    table = _table("field", "value", "source")
+    table.columns[0].no_wrap = True
+    for name, value in fields.items():
+        table.add_row(name, Text(_short(value)), Text(sources.get(name, ""), style="dim"))
+    return table
+
+
+def diagnosis(findings: Mapping[str, Any]) -> RenderableType:
+    """The doctor's findings as tables, and the commands that mend what is wrong."""
+    variants = _table("variant", "renders?", "why")
+    for one in findings["variants"]:
+        variants.add_row(one["name"], _yes(one["works"]), Text(one["reason"]))
+    llvm = _table("LLVM", "usable?", "library", "why")
+    for one in findings["llvm"]:
+        llvm.add_row(str(one["version"] or "?"), _yes(one["usable"]), Text(one["path"]), Text(one["reason"]))
+    versions = ", ".join(f"{name} {version or 'missing'}" for name, version in findings["versions"].items())
+    remedies = [Text.assemble(("do: ", "bold yellow"), command) for command in findings["remedies"]]
+    verdict = f"renders with {findings['variant']}" if findings["works"] else "cannot render"
+    return Group(
+        variants, llvm, Text(versions, style="dim"), Text(verdict, style=_verdict_style(findings["works"])), *remedies
+    )
+
+
+def _headline(report: Mapping[str, Any], folder: str) -> Text:
+    image, exposure = report["image"], report["exposure"]
+    pages = f"{image['frames']} frame{'s' if image['frames'] > 1 else ''}"
+    size = f"{image['columns']} × {image['rows']}, {pages}"
+    shot = f"{exposure['time_s']:g} s at {exposure['temperature_k']:g} K"
+    return Text.assemble((report["camera"]["name"], "bold"), f", {shot}, {size} → ", (folder, "bold"))
+
+
+def _stages(report: Mapping[str, Any]) -> Table:
+    """One row per stage: its signal in this frame and in theory, and how far it moves the noise of the result."""
+    table = _table("after", "", "mean", "theory", "σ", "theory", "temporal", "fixed")
+    table.caption = "temporal, fixed: how far this stage moves the noise of the raw numbers [DN]"
+    for column in table.columns:
+        column.no_wrap = True
+    for column in table.columns[2:]:
+        column.justify = "right"
+    for stage, effect in zip(report["stages"], report["effects"], strict=True):
+        scale, unit = (1e3, "mV") if stage["unit"] == "V" else (1.0, stage["unit"])
+        signal = [stage[key] for key in ("mean_frame", "mean_expected", "sigma_frame", "sigma_expected")]
+        noise = [effect[key] for key in ("temporal_dn", "fixed_dn")]
+        cells = [_number(value * scale) for value in signal] + [f"{value:.2g}" if value else "" for value in noise]
+        table.add_row(stage["name"], Text(unit, style="dim"), *cells)
+    return table
+
+
+def _facts(report: Mapping[str, Any]) -> Iterator[Text]:
+    photons, counts, noise = report["photons"], report["counts"], report["render_noise"]
+    yield _fact(
+        "photons per pixel",
+        f"{_number(photons['min'])} … {_number(photons['median'])} … {_number(photons['max'])} (min, median, max)",
+    )
+    yield _fact(
+        "render noise / shot noise",
+        f"variance × {_number(noise['over_shot_median'])} median, {_number(noise['over_shot_p95'])} at the 95th "
+        f"percentile, {report['render']['samples_per_pixel']} samples per pixel",
+    )
+    yield _fact("counts", ", ".join(f"{name.replace('_', ' ')} {number}" for name, number in counts.items()))
+    yield _fact("seconds", ", ".join(f"{name} {seconds:.2f}" for name, seconds in report["times_s"].items()))
+
+
+def _notes(report: Mapping[str, Any]) -> Iterator[Text]:
+    for note in report["render"]["notes"]:
+        yield Text.assemble(("note: ", "bold yellow"), note)
+
+
+def _fact(name: str, text: str) -> Text:
+    return Text.assemble((f"{name}: ", "bold"), text)
+
+
+def _table(*headings: str) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), caption_justify="left")
+    for heading in headings:
+        table.add_column(heading, overflow="fold")
+    return table
+
+
+def _number(value: float | None) -> str:
+    """Four significant digits, without an exponent where it can be avoided."""
+    if value is None:
+        return "–"
+    return f"{value:.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:.4g}"
+
+
+def _short(value: Any) -> str:
+    """A value on one line; a long list by its ends."""
+    if isinstance(value, list | tuple) and len(value) > 6:
+        return f"{value[0]} … {value[-1]} ({len(value)} numbers)"
+    return str(value)
+
+
+def _yes(answer: bool) -> Text:
+    return Text("yes", style="green") if answer else Text("no", style="red")
+
+
+def _verdict_style(works: bool) -> str:
+    return "bold green" if works else "bold red"

@@ -1,0 +1,84 @@
+"""What several tests share: a tiny scene, light made by hand, and the command line called in this process."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+SCENE = """
+<scene version="3.0.0">
+    <default name="level" value="0.0002"/>
+    <integrator type="path"><integer name="max_depth" value="3"/></integrator>
+    <sensor type="perspective">
+        <float name="fov" value="40"/>
+        <transform name="to_world"><lookat origin="0, 2, 4" target="0, 0, 0" up="0, 1, 0"/></transform>
+        <film type="hdrfilm"><integer name="width" value="16"/><integer name="height" value="12"/></film>
+    </sensor>
+    <shape type="sphere"><bsdf type="diffuse"><spectrum name="reflectance" value="0.5"/></bsdf></shape>
+    <emitter type="constant"><spectrum name="radiance" value="$level"/></emitter>
+</scene>
+"""
+
+
+@pytest.fixture(scope="session")
+def scene_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A grey ball under a grey sky, 16 × 12 pixels, with one parameter: level [W m⁻² sr⁻¹ nm⁻¹]."""
+    path = tmp_path_factory.mktemp("scene") / "ball.xml"
+    path.write_text(SCENE, encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def cli() -> Callable[..., Any]:
+    """Call the command line in this process: cli("render", scene, "-o", folder).exit_code, .stdout, .stderr."""
+    from mitsuba_sensor.cli import app
+
+    return lambda *words: CliRunner().invoke(app, [str(word) for word in words])
+
+
+@pytest.fixture(scope="session")
+def light() -> Any:
+    """Irradiance made by hand, 12 × 16 pixels, three bands: about half a full well of konnik_table1 in 0.1 s."""
+    from mitsuba_sensor.light.irradiance import Certificate, Irradiance
+
+    random = np.random.default_rng(7)
+    data = random.uniform(1e-5, 4e-5, (12, 16, 3)).astype(np.float32)
+    certificate = Certificate(
+        passes=8,
+        samples_per_pixel=64,
+        seconds=1.5,
+        variant="scalar_spectral",
+        sampler="multijitter",
+        noise_ratio_median=1.5,
+        noise_ratio_p95=2.5,
+        noise_ratio_max=float("inf"),
+        negative=1,
+        non_finite=2,
+        notes=("the film was replaced", "λ is Greek"),
+        scene_sha256="0" * 64,
+        aperture_f_number=None,
+    )
+    return Irradiance(
+        data=data,
+        wavelengths_nm=np.array([545.0, 555.25, 1000.5]),
+        bandwidths_nm=np.array([10.0, 10.5, 2 / 3]),
+        standard_error=(data * 0.01).astype(np.float32),
+        relative_error=np.full((12, 16), 0.01, dtype=np.float32),
+        certificate=certificate,
+    )
+
+
+@pytest.fixture
+def light_file(light: Any, tmp_path: Path) -> Path:
+    """That light as an irradiance.exr."""
+    from mitsuba_sensor.data.files import write_irradiance_exr
+
+    path = tmp_path / "light" / "irradiance.exr"
+    path.parent.mkdir()
+    write_irradiance_exr(path, light)
+    return path

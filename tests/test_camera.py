@@ -1,0 +1,383 @@
+"""The datasheet at the door: every field of every table, walked by the schema, so that a new field is tested too."""
+
+from __future__ import annotations
+
+import copy
+import json
+import math
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.sensor.camera import SHIPPED, Camera, camera_schema
+from mitsuba_sensor.sensor.chain import chain, dark_law, gain_dn_per_e
+from mitsuba_sensor.sensor.door import fields_of
+
+TABLE1 = tomllib.loads((SHIPPED / "konnik_table1.toml").read_text("utf-8"))
+REMEDY = r"(e\.g\. .+|add the table \[\w+\])"
+
+
+def schema_of(dotted: str) -> dict[str, Any]:
+    """JSON Schema of a field, by its dotted name; without the null of an optional one."""
+    whole = camera_schema()
+    here: dict[str, Any] = whole
+    for part in dotted.split("."):
+        here = here["properties"][part]
+        here = next((x for x in here.get("anyOf", ()) if x.get("type") != "null"), here)
+        here = whole["$defs"][here["$ref"].rpartition("/")[2]] if "$ref" in here else here
+    return here
+
+
+def required() -> list[str]:
+    """Fields that a camera file cannot do without."""
+    tables = ["", *(name for name in FIELDS if "properties" in schema_of(name))]
+    found = []
+    for table in tables:
+        schema = schema_of(table) if table else camera_schema()
+        found += [f"{table}.{name}".lstrip(".") for name in schema.get("required", ())]
+    return found
+
+
+FIELDS = tuple(fields_of(Camera))
+NUMBERS = tuple(name for name in FIELDS if schema_of(name).get("type") in ("number", "integer"))
+CHOICES = tuple(name for name in FIELDS if "enum" in schema_of(name))
+WRONG_TYPES: dict[str, tuple[Any, ...]] = {
+    "number": ("many", "5", True, [1.0], {"value": 1}),
+    "integer": ("many", "5", True, [1], {"value": 1}, 1.5),
+    "string": (5, 0.5, True, ["a"], {"a": "b"}),
+    "array": (5, "many", True, {"a": 1}),
+    "object": (5, "many", True, [1]),
+}
+
+
+def toml(data: dict[str, Any]) -> str:
+    """A camera file; only what the tests below need of TOML."""
+    plain = [f"{key} = {value(x)}" for key, x in data.items() if not isinstance(x, dict)]
+    tables = [
+        f"[{key}]\n" + "\n".join(f"{json.dumps(k)} = {value(v)}" for k, v in x.items())
+        for key, x in data.items()
+        if isinstance(x, dict)
+    ]
+    return "\n".join([*plain, *tables]) + "\n"
+
+
+def value(x: Any) -> str:
+    if isinstance(x, dict):
+        return "{ " + ", ".join(f"{json.dumps(k)} = {value(v)}" for k, v in x.items()) + " }"
+    if isinstance(x, list | tuple):
+        return "[" + ", ".join(value(v) for v in x) + "]"
+    if isinstance(x, float) and not math.isfinite(x):
+        return "nan" if math.isnan(x) else "inf" if x > 0 else "-inf"
+    return json.dumps(x, ensure_ascii=False)
+
+
+def with_field(dotted: str, new: Any) -> dict[str, Any]:
+    """Table 1 with one field set, or taken away (``...``)."""
+    data = copy.deepcopy(TABLE1)
+    *path, last = dotted.split(".")
+    table = data
+    for part in path:
+        table = table.setdefault(part, {})
+    if new is ...:
+        del table[last]
+    else:
+        table[last] = new
+    return data
+
+
+def refusal(tmp_path: Path, data: dict[str, Any]) -> str:
+    """The one sentence with which a camera file is refused; it names the file, and is one line."""
+    path = tmp_path / "mine.toml"
+    path.write_text(toml(data), encoding="utf-8")
+    with pytest.raises(ms.InputError) as caught:
+        ms.load_camera(path)
+    message = str(caught.value)
+    assert message.startswith(f"{path}: ") and "\n" not in message
+    for jargon in ("Input", "pydantic", "tuple", "dictionary", "instance of", "Section", "validation"):
+        assert jargon not in message.removeprefix(f"{path}"), message
+    return message.removeprefix(f"{path}: ")
+
+
+def test_the_files_of_these_tests_are_camera_files(tmp_path: Path) -> None:
+    """Otherwise everything below would be refused for a wrong reason."""
+    path = tmp_path / "mine.toml"
+    path.write_text(toml(TABLE1), encoding="utf-8")
+    assert ms.load_camera(path) == ms.load_camera("konnik_table1")
+    assert len(NUMBERS) >= 25 and len(CHOICES) >= 4
+
+
+def outside(dotted: str) -> list[float]:
+    """Numbers just beyond the range that the schema gives, and what is no finite number."""
+    schema = schema_of(dotted)
+    bad: list[float] = [math.nan, math.inf, -math.inf] if schema["type"] == "number" else []
+    if "exclusiveMinimum" in schema:
+        bad += [schema["exclusiveMinimum"], schema["exclusiveMinimum"] - 1]
+    if "minimum" in schema:
+        bad += [schema["minimum"] - 1]
+    if "maximum" in schema:
+        bad += [schema["maximum"] * 1.001 if schema["type"] == "number" else schema["maximum"] + 1]
+    return bad
+
+
+@pytest.mark.parametrize("dotted", NUMBERS)
+def test_every_number_out_of_range_is_refused_with_value_range_and_example(dotted: str, tmp_path: Path) -> None:
+    assert outside(dotted)
+    for bad in outside(dotted):
+        message = refusal(tmp_path, with_field(dotted, bad))
+        assert re.match(rf"{dotted} is -?(nan|inf|[\d.e+]+); it must be .+ \(.+{REMEDY}\)\.$", message), message
+        assert value(bad) in message or repr(bad) in message
+
+
+@pytest.mark.parametrize("dotted", NUMBERS)
+def test_every_number_has_a_lower_bound(dotted: str) -> None:
+    """A new field without one would let a negative number through."""
+    schema = schema_of(dotted)
+    assert "minimum" in schema or "exclusiveMinimum" in schema
+
+
+@pytest.mark.parametrize("dotted", FIELDS)
+def test_every_field_of_the_wrong_type_is_refused_with_the_way_out(dotted: str, tmp_path: Path) -> None:
+    """No coercion: "5" is no number, 1.5 is no count, true is not 1."""
+    for bad in WRONG_TYPES[schema_of(dotted)["type"]]:
+        message = refusal(tmp_path, with_field(dotted, bad))
+        assert message.startswith(dotted) and re.search(REMEDY, message), message
+
+
+@pytest.mark.parametrize("dotted", CHOICES)
+def test_every_unknown_choice_is_refused_with_the_choices(dotted: str, tmp_path: Path) -> None:
+    message = refusal(tmp_path, with_field(dotted, "unheard_of"))
+    assert "'unheard_of'" in message
+    assert all(repr(choice) in message for choice in schema_of(dotted)["enum"])
+
+
+@pytest.mark.parametrize("dotted", required())
+def test_every_missing_field_is_named_with_an_example(dotted: str, tmp_path: Path) -> None:
+    message = refusal(tmp_path, with_field(dotted, ...))
+    assert re.match(rf"{dotted} is missing; .*{REMEDY}", message), message
+
+
+@pytest.mark.parametrize("dotted", [name for name in FIELDS if "." in name])
+def test_every_misspelt_field_is_refused_with_the_right_one(dotted: str, tmp_path: Path) -> None:
+    """A letter too many, in a file and in replace(): the field that was meant is named."""
+    data = with_field(dotted + "s", 1)
+    message = refusal(tmp_path, data)
+    assert dotted + "s" in message and f"Did you mean '{dotted}'?" in message
+    with pytest.raises(ms.InputError, match=re.escape(f"Did you mean '{dotted}'?")):
+        ms.load_camera("konnik_table1").replace(**{dotted + "s": 1})
+
+
+@pytest.mark.parametrize("dotted", FIELDS)
+def test_every_field_has_a_description_an_example_and_the_example_is_right(dotted: str) -> None:
+    """What the schema and the sentences show must itself be accepted (tables have fields instead)."""
+    schema = schema_of(dotted)
+    if "properties" in schema:
+        assert schema["description"]
+        return
+    info = fields_of(Camera)[dotted]
+    assert info.description and info.examples
+    if schema["type"] == "number" and not dotted.startswith(("dark_current", "source_follower")):
+        assert ms.load_camera("konnik_table1").replace(**{dotted: info.examples[0]})
+
+
+CONTRADICTIONS: dict[str, tuple[dict[str, Any], str]] = {
+    "two dark laws": ({"dark_current.rate_e_per_s": 5.0}, "either fom_na_per_cm2 or rate_e_per_s"),
+    "no dark law": ({"dark_current.fom_na_per_cm2": None}, "either fom_na_per_cm2 or rate_e_per_s"),
+    "half a dark law": (
+        {"dark_current.fom_na_per_cm2": None, "dark_current.rate_e_per_s": 5.0, "dark_current.doubling_k": 7.0},
+        "go together",
+    ),
+    "two read noises": ({"source_follower.read_noise_e": 3.0}, "and not both"),
+    "no read noise": ({"source_follower.white_nv_per_rthz": None}, "either read_noise_e or white_nv_per_rthz"),
+    "falling wavelengths": ({"quantum_efficiency.wavelengths_nm": [700, 400]}, "must increase"),
+    "equal wavelengths": ({"quantum_efficiency.wavelengths_nm": [500, 500]}, "must increase"),
+    "one wavelength": ({"quantum_efficiency.wavelengths_nm": [500]}, "at least 2 long"),
+    "short curve": ({"quantum_efficiency.curves": {"mono": [0.6]}}, "1 values for 2"),
+    "no curve": ({"quantum_efficiency.curves": {}}, "at least 1 long"),
+    "QE above 1": ({"quantum_efficiency.curves": {"mono": [0.6, 60.0]}}, "less than or equal to 1"),
+    "QE nan": ({"quantum_efficiency.curves": {"mono": [0.6, math.nan]}}, "finite number"),
+    "curves without tile": ({"quantum_efficiency.curves": {"R": [0.1, 0.6], "G": [0.6, 0.1]}}, "need a tile"),
+    "unknown filter": ({"quantum_efficiency.tile": [["mono", "X"]]}, "'X', which has no curve"),
+    "ragged tile": ({"quantum_efficiency.tile": [["mono", "mono"], ["mono"]]}, "rectangle"),
+    "empty tile": ({"quantum_efficiency.tile": [[]]}, "rectangle"),
+    "no tile at all": ({"quantum_efficiency.tile": []}, "at least 1 long"),
+    "source of nothing": ({"sources": {"pixel.prnuu": "a book"}}, "no field of a camera"),
+}
+
+
+@pytest.mark.parametrize(("changes", "says"), CONTRADICTIONS.values(), ids=CONTRADICTIONS)
+def test_a_contradiction_is_refused_in_a_file_and_in_replace(
+    changes: dict[str, Any], says: str, tmp_path: Path
+) -> None:
+    data = copy.deepcopy(TABLE1)
+    for dotted, new in changes.items():
+        table, _, last = dotted.rpartition(".")
+        target = data[table] if table else data
+        target.pop(last, None)
+        if new is not None:
+            target[last] = new
+    assert says in refusal(tmp_path, data)
+    with pytest.raises(ms.InputError, match=re.escape(says)):
+        ms.load_camera("konnik_table1").replace(**changes)
+
+
+def test_replace_makes_another_camera_and_leaves_the_first() -> None:
+    camera = ms.load_camera("konnik_table1")
+    other = camera.replace(**{"adc.bits": 14, "pixel.prnu": 0.01})
+    assert (other.adc.bits, other.pixel.prnu) == (14, 0.01)
+    assert (camera.adc.bits, camera.pixel.prnu) == (12, 0.005)
+    assert other != camera and other.replace(**{"adc.bits": 12}) != camera
+    assert other.sources["adc.bits"] == "set by the user" and camera.sources["adc.bits"] != "set by the user"
+    assert camera.replace() == camera
+    with pytest.raises(ValueError):
+        camera.adc.bits = 14
+
+
+def test_replacing_an_unknown_field_says_which_one_was_meant() -> None:
+    with pytest.raises(
+        ms.InputError, match=r"full_well is not a field of a camera\. Did you mean 'pixel\.full_well_e'"
+    ):
+        ms.load_camera("konnik_table1").replace(full_well=5)
+    with pytest.raises(ms.InputError, match="xyzzy is not a field of a camera"):
+        ms.load_camera("konnik_table1").replace(xyzzy=5)
+
+
+@pytest.mark.parametrize("name", ms.list_cameras())
+def test_every_number_of_a_shipped_camera_has_a_source(name: str) -> None:
+    """Every number has a father; the curves of all filters share one. And no source speaks of what is not there."""
+    data = tomllib.loads((SHIPPED / f"{name}.toml").read_text("utf-8"))
+    camera = ms.load_camera(name)
+    assert camera.name == name and camera.description
+
+    def numbers(table: dict[str, Any], path: str) -> list[str]:
+        found = []
+        for key, x in table.items():
+            dotted = f"{path}.{key}".lstrip(".")
+            if isinstance(x, dict) and dotted != "quantum_efficiency.curves":
+                found += numbers(x, dotted)
+            elif not isinstance(x, str) and dotted != "quantum_efficiency.tile":
+                found.append(dotted)
+        return found
+
+    wanted = set(numbers({k: v for k, v in data.items() if k != "sources"}, ""))
+    assert wanted == set(camera.sources)
+    assert all(len(text) > 8 for text in camera.sources.values())
+
+
+def test_the_cameras_that_ship_are_the_ones_that_were_promised() -> None:
+    """Table 1, a CCD, and a colour sensor with a Bayer mosaic of three curves."""
+    cameras = [ms.load_camera(name) for name in ms.list_cameras()]
+    assert "konnik_table1" in ms.list_cameras()
+    assert any(camera.sensor.technology == "ccd" for camera in cameras)
+    assert any(len(camera.filter_names) == 3 and np.shape(camera.tile) == (2, 2) for camera in cameras)
+
+
+@pytest.mark.parametrize("name", ms.list_cameras())
+def test_a_shipped_camera_sees_its_reference_wavelength(name: str) -> None:
+    camera = ms.load_camera(name)
+    assert camera.qe([camera.quantum_efficiency.reference_nm]).max() > 0
+    low, high = camera.band_nm
+    assert 200 <= low < high <= 1200
+    assert not camera.qe([low - 1, high + 1]).any()
+
+
+def test_the_schema_is_json_schema_that_names_every_field() -> None:
+    schema = json.loads(json.dumps(camera_schema(), allow_nan=False))
+    assert schema["type"] == "object" and schema["additionalProperties"] is False
+    for table in schema["$defs"].values():
+        assert table["additionalProperties"] is False
+        for field in table["properties"].values():
+            assert field["description"] and field["examples"]
+
+
+@pytest.mark.parametrize(
+    ("name", "k"), [("konnik_table1", 0.12412121), ("bayer_2mp", 4096 / 32_691), ("eev_44_82", 1 / 1.8586)]
+)
+def test_the_gain_of_a_shipped_camera_is_that_of_its_datasheet(name: str, k: float) -> None:
+    assert gain_dn_per_e(ms.load_camera(name)) == pytest.approx(k, rel=1e-4)
+
+
+def test_the_dark_law_is_the_one_that_was_given() -> None:
+    camera = ms.load_camera("bayer_2mp")
+    assert dark_law(camera).rate_e_per_s(298.15) == pytest.approx(5.0)
+    assert dark_law(camera).rate_e_per_s(305.15) == pytest.approx(10.0)
+    assert dark_law(ms.load_camera("konnik_table1")).rate_e_per_s(300.0) == pytest.approx(2027.87, rel=5e-6)
+
+
+def test_quantum_efficiency_is_linear_between_its_points_and_zero_outside() -> None:
+    camera = ms.load_camera("konnik_table1").replace(
+        **{"quantum_efficiency.wavelengths_nm": [400, 500, 700], "quantum_efficiency.curves": {"mono": [0.2, 0.6, 0.0]}}
+    )
+    np.testing.assert_allclose(
+        camera.qe([399.999, 400, 425, 500, 650, 700, 700.001]), [[0, 0.2, 0.3, 0.6, 0.15, 0, 0]], atol=1e-12
+    )
+    assert camera.band_nm == (400, 700)
+
+
+def test_the_band_is_where_any_filter_sees_and_no_wider_than_its_neighbours() -> None:
+    """From the last point before the first one that is seen, because the curve rises from there."""
+    camera = ms.load_camera("konnik_table1").replace(
+        **{
+            "quantum_efficiency.wavelengths_nm": [300, 350, 400, 500, 600, 650, 700],
+            "quantum_efficiency.curves": {"A": [0, 0, 0, 0.5, 0, 0, 0], "B": [0, 0, 0, 0, 0.5, 0, 0]},
+            "quantum_efficiency.tile": [["A", "B"]],
+        }
+    )
+    assert camera.band_nm == (400, 650)
+
+
+def test_the_mosaic_repeats_from_the_first_pixel_of_the_sensor() -> None:
+    camera = ms.load_camera("bayer_2mp")
+    assert camera.filter_names == ("R", "G", "B")
+    np.testing.assert_array_equal(camera.filter_index((2, 4)), [[0, 1, 0, 1], [1, 2, 1, 2]])
+    np.testing.assert_array_equal(camera.filter_index((2, 2), origin=(1, 1)), [[2, 1], [1, 0]])
+    np.testing.assert_array_equal(camera.filter_index((3, 3), (5, 4)), camera.filter_index((9, 9))[5:8, 4:7])
+
+
+def test_each_pixel_of_a_mosaic_takes_the_curve_of_its_own_filter() -> None:
+    """Three bands, three filters: mean electrons are Σ QE_f(λ)·Λ_λ, and the tile says which f."""
+    camera = ms.load_camera("bayer_2mp")
+    detection = chain(camera)[0]
+    from mitsuba_sensor.engine.frame import Device, Exposure, Frame
+    from mitsuba_sensor.engine.quantities import Photons
+
+    wavelengths = np.array([450.0, 530.0, 620.0])
+    light = np.broadcast_to([100.0, 200.0, 300.0], (4, 6, 3))
+    frame = Frame(Exposure(0.1), Device(1, (4, 6), (1, 0)))
+    electrons = detection(Photons(light, wavelengths), frame).light
+    expected = (camera.qe(wavelengths) @ [100.0, 200.0, 300.0])[camera.filter_index((4, 6), (1, 0))]
+    np.testing.assert_allclose(electrons, expected, rtol=1e-12)
+
+
+def test_no_such_camera_is_said_with_what_there_is(tmp_path: Path) -> None:
+    with pytest.raises(ms.InputError, match=r"konnik_table1.*Did you mean 'konnik_table1'"):
+        ms.load_camera("konik_table1")
+    with pytest.raises(ms.InputError, match="cannot be read: No such file"):
+        ms.load_camera(tmp_path / "nothing.toml")
+    with pytest.raises(ms.InputError, match="cannot be read"):
+        ms.load_camera(tmp_path)
+
+
+def test_a_broken_camera_file_is_said_with_line_and_column(tmp_path: Path) -> None:
+    path = tmp_path / "broken.toml"
+    path.write_text('name = "x"\n[pixel\n', encoding="utf-8")
+    with pytest.raises(ms.InputError, match=r"broken\.toml is not valid TOML: .*line 2"):
+        ms.load_camera(path)
+    path.write_bytes(b'name = "\xff"\n')
+    with pytest.raises(ms.InputError, match="not UTF-8"):
+        ms.load_camera(path)
+    path.write_text("", encoding="utf-8")
+    with pytest.raises(ms.InputError, match="name is missing"):
+        ms.load_camera(path)
+
+
+def test_a_camera_survives_its_own_dump() -> None:
+    """model_dump is what frame.json holds: the camera can be made again from it, through JSON."""
+    for name in ms.list_cameras():
+        camera = ms.load_camera(name)
+        again = Camera.model_validate(json.loads(json.dumps(camera.model_dump(), allow_nan=False)))
+        assert again == camera and chain(again) == chain(camera)

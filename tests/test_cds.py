@@ -1,0 +1,138 @@
+"""Noise of the source follower after CDS: printed values, limits, and the integrals that the closed forms stand for."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import integrate
+
+from mitsuba_sensor.sensor.cds import CdsNoise, flicker_integral
+
+PAPER = CdsNoise(white_nv_per_rthz=15.0, corner_hz=1e6, sample_s=1e-6, dominant_s=0.5e-6)
+VOLTS_PER_E = 5e-6
+RTN = replace(PAPER, white_nv_per_rthz=0.0, rtn_uv=200.0)
+
+
+def electrons(noise: CdsNoise) -> float:
+    return noise.sigma_v / VOLTS_PER_E
+
+
+def test_white_noise_of_the_paper() -> None:
+    assert electrons(replace(PAPER, corner_hz=0.0)) == pytest.approx(3.226245, abs=5e-7)
+
+
+def test_flicker_noise_of_the_paper() -> None:
+    white = replace(PAPER, corner_hz=0.0)
+    assert math.sqrt(electrons(PAPER) ** 2 - electrons(white) ** 2) == pytest.approx(5.182973, abs=5e-7)
+
+
+def test_total_noise_of_the_paper() -> None:
+    assert electrons(PAPER) == pytest.approx(6.105069, abs=5e-7)
+
+
+def test_a_hundred_microseconds_between_the_samples() -> None:
+    """t_s = 100 µs with τ_D = 50 µs; a frequency grid of 10 kHz says 0.218 e- here."""
+    assert electrons(replace(PAPER, sample_s=1e-4, dominant_s=0.5e-4)) == pytest.approx(5.19300, abs=5e-6)
+
+
+@pytest.mark.parametrize(
+    ("rtn_s", "expected"), [(50e-9, 6.6102), (1e-6, 17.8268), (10e-6, 10.1226), (1e-3, 1.1012), (1.0, 0.034855)]
+)
+def test_telegraph_noise_of_200_microvolts(rtn_s: float, expected: float) -> None:
+    assert electrons(replace(RTN, rtn_s=rtn_s)) == pytest.approx(expected, rel=3e-5)
+
+
+def test_independent_noises_add_their_variances() -> None:
+    parts = (replace(PAPER, corner_hz=0.0).sigma_v ** 2, PAPER.sigma_v**2, RTN.sigma_v**2)
+    assert replace(PAPER, rtn_uv=200.0).sigma_v ** 2 == pytest.approx(parts[1] + parts[2], rel=1e-12)
+    assert parts[0] < parts[1]
+
+
+def test_telegraph_noise_passes_smoothly_through_twice_the_dominant_time() -> None:
+    """τ_RTN = 2τ_D is a removable singularity: finite, continuous, and the same from both sides at every distance."""
+    middle = RTN.dominant_s * 2
+    at = replace(RTN, rtn_s=middle).rtn_v2
+    for distance in (1e-15, 1e-12, 1e-9, 1e-6, 0.99e-4, 1.01e-4, 1e-3):
+        below, above = (replace(RTN, rtn_s=middle * (1 + sign * distance)).rtn_v2 for sign in (-1, 1))
+        assert below == pytest.approx(at, rel=2 * distance + 1e-9)
+        assert above == pytest.approx(at, rel=2 * distance + 1e-9)
+        assert (below + above) / 2 == pytest.approx(at, rel=2 * distance**2 + 1e-9)
+
+
+def test_the_flicker_integral_at_2() -> None:
+    assert flicker_integral(2.0) == pytest.approx(1.115785799, abs=5e-10)
+
+
+@pytest.mark.parametrize("a", [1e-3, 0.1, 1.0, 2.0, 10.0, 40.0])
+def test_the_flicker_integral_is_the_integral_that_it_stands_for(a: float) -> None:
+    """J(a) = ∫₀^∞ (1 − cos(a·u))/(u·(1 + u²)) du, by quadrature over half-periods and a tail."""
+    edges = np.concatenate([[0], np.arange(1, 400) * np.pi / a])
+    body = sum(
+        integrate.quad(lambda u: (1 - math.cos(a * u)) / (u * (1 + u * u)), p, q)[0]
+        for p, q in itertools.pairwise(edges)
+    )
+    tail = 0.5 * math.log1p(edges[-1] ** -2)
+    assert flicker_integral(a) == pytest.approx(body + tail, rel=1e-5)
+
+
+@pytest.mark.parametrize("a", [1e-4, 500.0])
+def test_the_flicker_integral_has_no_seams(a: float) -> None:
+    """Three forms: series, closed form, asymptote. Neighbours across each seam differ by the slope alone."""
+    below, at, above = (flicker_integral(a * (1 + e)) for e in (-1e-6, 0, 1e-6))
+    assert below < at < above
+    assert (above - at) == pytest.approx(at - below, rel=0.05)
+
+
+@pytest.mark.parametrize("a", np.logspace(-9, 9, 19))
+def test_noise_is_finite_at_every_ratio_of_sample_to_dominant_time(a: float) -> None:
+    """t_s/τ_D from 1e-9 to 1e9: the plain forms are NaN from 710 up and lose all digits below 1e-4."""
+    noise = replace(PAPER, sample_s=a * 0.5e-6, rtn_uv=200.0)
+    assert noise.white_v2 > 0 and noise.flicker_v2 > 0 and noise.rtn_v2 > 0
+    assert math.isfinite(noise.sigma_v)
+    twice = replace(noise, rtn_s=2 * noise.dominant_s)
+    assert twice.rtn_v2 > 0 and math.isfinite(twice.sigma_v)
+
+
+def test_a_cds_far_too_fast_for_its_amplifier_still_has_its_white_noise() -> None:
+    """τ_D/t_s = 1e9, t_s = 1 µs, white only: W/(√(2·t_s))/5 µV = 2.121320 e-."""
+    noise = replace(PAPER, corner_hz=0.0, dominant_s=1e3)
+    assert electrons(noise) == pytest.approx(2.121320, abs=5e-7)
+    assert electrons(noise) == pytest.approx(15e-9 / math.sqrt(2e-6) / VOLTS_PER_E, rel=1e-8)
+
+
+@pytest.mark.parametrize("rtn_s", np.logspace(-9, -4, 11))
+def test_telegraph_noise_is_the_integral_that_it_stands_for(rtn_s: float) -> None:
+    """∫ ΔV²·r/(1 + ω²r²) · (2 − 2cos ωt_s)/(1 + ω²τ_D²) df with r = τ_RTN/2, by parts that quadrature can do.
+
+    Both factors are Lorentzian: ∫₀^∞ (2 − 2cos ωt)/((1 + ω²r²)(1 + ω²τ²)) df, scaled to u = ωτ_D.
+    """
+    noise = replace(RTN, rtn_s=rtn_s)
+    r, tau, t = rtn_s / 2, noise.dominant_s, noise.sample_s
+    value = integrate.quad(lambda u: 1 / ((1 + (u * r / tau) ** 2) * (1 + u * u)), 0, np.inf, limit=500)[0]
+    # ∫ cos(k·u) with QUADPACK's Fourier weight, which needs no half-periods.
+    k = t / tau
+    wave = integrate.quad(lambda u: 1 / ((1 + (u * r / tau) ** 2) * (1 + u * u)), 0, np.inf, weight="cos", wvar=k)[0]
+    expected = (200e-6) ** 2 * r * 2 * (value - wave) / (2 * math.pi * tau)
+    assert noise.rtn_v2 == pytest.approx(expected, rel=2e-4)
+
+
+def test_the_papers_sum_up_to_20_mhz_is_a_little_less_than_the_whole() -> None:
+    """Paper eq. 19–23: Σ W²(1 + f_c/f)·H_CDS over 1 Hz … 20 MHz is 6.094824 of the 6.105069 e- of all frequencies.
+
+    Every hertz up to 10 kHz, then the middle of every 100 Hz: the terms are smooth there.
+    """
+    fine, coarse = np.arange(1, 10_000.5), np.arange(10_050.5, 20e6, 100)
+    f = np.concatenate([fine, coarse])
+    width = np.repeat([1.0, 100.0], [fine.size, coarse.size])
+    response = (2 - 2 * np.cos(2 * np.pi * f * 1e-6)) / (1 + (2 * np.pi * f * 0.5e-6) ** 2)
+    total = math.sqrt(np.sum((15e-9) ** 2 * (1 + 1e6 / f) * response * width)) / (VOLTS_PER_E * (1 - math.exp(-2)))
+    assert total == pytest.approx(6.094824, abs=2e-6)
+    assert total < electrons(PAPER) < 1.002 * total
+
+
+def test_no_noise_is_no_noise() -> None:
+    assert replace(PAPER, white_nv_per_rthz=0.0).sigma_v == 0.0

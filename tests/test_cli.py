@@ -1,0 +1,233 @@
+"""The command line: what render, expose, plan, cameras and doctor leave behind and say."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+from PIL import Image
+from typer.testing import CliRunner
+
+import mitsuba_sensor as ms
+from mitsuba_sensor import cli as command_line
+
+OUTPUTS = {"frame.tiff", "frame.png", "irradiance.exr", "frame.json"}
+
+
+@pytest.fixture(scope="module")
+def rendered(scene_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The tiny scene, rendered once with two frames."""
+    folder = tmp_path_factory.mktemp("rendered") / "out"
+    words = f"--spp 16 --frames 2 -D level=0.0001 --set adc.bits=14 -o {folder}".split()
+    done = CliRunner().invoke(command_line.app, ["render", str(scene_file), *words])
+    assert done.exit_code == 0, done.stderr
+    return folder
+
+
+@pytest.fixture(scope="module")
+def report(rendered: Path) -> dict[str, Any]:
+    return json.loads((rendered / "frame.json").read_text(encoding="utf-8"))
+
+
+def test_render_leaves_four_files_and_nothing_else(rendered: Path) -> None:
+    assert {path.name for path in rendered.iterdir()} == OUTPUTS
+
+
+def test_the_raw_frames_hold_what_the_report_says(rendered: Path, report: dict[str, Any]) -> None:
+    raw = tifffile.imread(rendered / "frame.tiff")
+    assert raw.dtype == np.uint16 and raw.shape == (2, 12, 16)
+    assert raw.max() < 2**14
+    assert raw[0].mean() == pytest.approx(report["stages"][-1]["mean_frame"], rel=1e-9)
+    assert (raw[0] != raw[1]).any(), "two frames must not share their temporal noise"
+
+
+def test_the_preview_is_an_8_bit_picture_of_the_same_size(rendered: Path) -> None:
+    picture = np.asarray(Image.open(rendered / "frame.png"))
+    assert picture.dtype == np.uint8 and picture.shape == (12, 16)
+
+
+def test_the_report_holds_all_that_is_needed_to_make_the_frame_again(report: dict[str, Any]) -> None:
+    assert report["camera"]["adc"]["bits"] == 14
+    assert report["camera"]["sources"]["adc.bits"] == "set by the user"
+    assert report["exposure"] == {"time_s": 0.1, "temperature_k": 298.15}
+    assert report["seeds"] == {"seed": 1, "serial": 1}
+    assert report["origin"]["parameters"] == {"level": "0.0001"}
+    assert len(report["origin"]["scene_sha256"]) == 64
+    assert report["versions"]["mitsuba"] and report["versions"]["mitsuba-sensor"] == ms.__version__
+    assert report["render"]["samples_per_pixel"] == 16
+    assert {"clipped_full_well", "clipped_adc_low", "clipped_adc_high"} <= set(report["counts"])
+    assert {"negative", "non_finite"} <= set(report["counts"])
+    assert report["photons"]["min"] <= report["photons"]["median"] <= report["photons"]["max"]
+    assert report["times_s"]["render"] > 0
+
+
+def test_theory_and_frame_agree_stage_by_stage(report: dict[str, Any]) -> None:
+    """12 × 16 pixels: the mean of a stage is within 6 standard errors, which chance breaks once in 5e8."""
+    for stage in report["stages"]:
+        error = 6 * stage["sigma_expected"] / np.sqrt(12 * 16)
+        if stage["name"] != "column offset" and stage["sigma_fixed_expected"] < stage["sigma_temporal_expected"]:
+            assert stage["mean_frame"] == pytest.approx(stage["mean_expected"], abs=max(error, 1e-12)), stage["name"]
+
+
+def test_render_noise_is_that_of_the_certificate_and_grows_with_the_exposure(
+    rendered: Path, report: dict[str, Any], tmp_path: Path, cli: Callable[..., Any]
+) -> None:
+    """ε²·N_e: the same light in a tenth of the time has a tenth of the electrons and the same relative error."""
+    assert report["render_noise"]["over_shot_median"] == pytest.approx(report["render"]["noise_ratio_median"], rel=1e-3)
+    assert cli("expose", rendered / "irradiance.exr", "-o", tmp_path, "--exposure-s", 0.01).exit_code == 0
+    shorter = json.loads((tmp_path / "frame.json").read_text(encoding="utf-8"))["render_noise"]
+    for name, ratio in report["render_noise"].items():
+        assert shorter[name] == pytest.approx(ratio / 10, rel=1e-9)
+
+
+def test_expose_makes_the_same_bits_as_render_without_rendering(
+    rendered: Path, tmp_path: Path, cli: Callable[..., Any]
+) -> None:
+    done = cli("expose", rendered / "irradiance.exr", "-o", tmp_path, "--frames", 2, "--set", "adc.bits=14")
+    assert done.exit_code == 0, done.stderr
+    assert {path.name for path in tmp_path.iterdir()} == OUTPUTS - {"irradiance.exr"}
+    assert (tmp_path / "frame.tiff").read_bytes() == (rendered / "frame.tiff").read_bytes()
+
+
+def test_the_raw_file_is_as_wide_as_the_converter(light_file: Path, tmp_path: Path, cli: Callable[..., Any]) -> None:
+    assert cli("expose", light_file, "-o", tmp_path, "--set", "adc.bits=8").exit_code == 0
+    assert tifffile.imread(tmp_path / "frame.tiff").dtype == np.uint8
+    assert cli("expose", light_file, "-o", tmp_path, "--set", "adc.bits=20").exit_code == 0
+    assert tifffile.imread(tmp_path / "frame.tiff").dtype == np.uint32
+
+
+def test_a_colour_camera_gets_a_colour_preview_and_a_mosaic(
+    light_file: Path, tmp_path: Path, cli: Callable[..., Any]
+) -> None:
+    colour = next(name for name in ms.list_cameras() if len(ms.load_camera(name).filter_names) > 1)
+    assert cli("expose", light_file, "-o", tmp_path, "--camera", colour).exit_code == 0
+    assert tifffile.imread(tmp_path / "frame.tiff").shape == (12, 16)
+    assert np.asarray(Image.open(tmp_path / "frame.png")).shape == (12, 16, 3)
+
+
+def test_every_camera_that_ships_takes_a_picture(light_file: Path, tmp_path: Path, cli: Callable[..., Any]) -> None:
+    for name in ms.list_cameras():
+        assert cli("expose", light_file, "-o", tmp_path / name, "--camera", name).exit_code == 0
+
+
+def test_json_is_all_that_stdout_gets(light_file: Path, tmp_path: Path, cli: Callable[..., Any]) -> None:
+    done = cli("expose", light_file, "-o", tmp_path, "--json")
+    assert json.loads(done.stdout) == json.loads((tmp_path / "frame.json").read_text(encoding="utf-8"))
+
+
+def test_the_summary_names_every_stage_and_every_note(light: Any, light_file: Path, tmp_path: Path, cli: Any) -> None:
+    said = cli("expose", light_file, "-o", tmp_path).stdout
+    report = json.loads((tmp_path / "frame.json").read_text(encoding="utf-8"))
+    for text in [stage["name"] for stage in report["stages"]] + list(light.certificate.notes):
+        assert text in said
+
+
+def test_plan_says_what_each_stage_does(light_file: Path, cli: Callable[..., Any]) -> None:
+    assert "shot noise" in cli("plan", light_file).stdout
+    stages = json.loads(cli("plan", light_file, "--tolerance-dn", 0.02, "--json").stdout)["stages"]
+    assert [stage["stage"] for stage in stages][-1] == "adc"
+
+
+def test_plan_takes_a_scene_as_well(scene_file: Path, cli: Callable[..., Any]) -> None:
+    done = cli("plan", scene_file, "--spp", 16)
+    assert done.exit_code == 0 and "shot noise" in done.stdout
+
+
+def test_cameras_list_and_show_tell_where_every_number_comes_from(cli: Callable[..., Any]) -> None:
+    said = cli("cameras", "list").stdout
+    for name in ms.list_cameras():
+        assert name in said
+        shown = json.loads(cli("cameras", "show", name, "--json").stdout)
+        assert shown["name"] == name and shown["sources"]
+        assert "adc.bits" in cli("cameras", "show", name).stdout
+    assert [one["name"] for one in json.loads(cli("cameras", "list", "--json").stdout)] == ms.list_cameras()
+
+
+def test_the_schema_knows_every_table_of_a_camera_file(cli: Callable[..., Any]) -> None:
+    schema = json.loads(cli("cameras", "schema").stdout)
+    assert {"sensor", "pixel", "adc", "lens"} <= set(schema["properties"])
+
+
+def test_help_shows_an_example_for_every_command_that_needs_one(cli: Callable[..., Any]) -> None:
+    assert "mitsuba-sensor render scenes/cornell_box.xml -o out/" in cli("--help").stdout
+    for command in ("render", "expose", "plan"):
+        assert f"Example: mitsuba-sensor {command}" in cli(command, "--help").stdout
+
+
+def test_looking_at_cameras_does_not_load_the_renderer() -> None:
+    code = (
+        "import sys\n"
+        "from mitsuba_sensor.cli import app\n"
+        "app(['cameras', 'list'], standalone_mode=False)\n"
+        "assert not {'mitsuba', 'drjit', 'colour', 'OpenEXR'} & set(sys.modules)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_interrupting_a_render_leaves_no_file(scene_file: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    words = ["render", str(scene_file), "-o", str(out), "--spp", "1000000", "--variant", "scalar_spectral"]
+    child = subprocess.Popen([sys.executable, "-m", "mitsuba_sensor", *words], stderr=subprocess.PIPE, text=True)
+    try:
+        deadline = time.monotonic() + 60
+        while not out.exists() and time.monotonic() < deadline:
+            time.sleep(0.05)
+        time.sleep(1.0)
+        child.send_signal(signal.SIGINT)
+        _, said = child.communicate(timeout=120)
+    finally:
+        child.kill()
+    assert child.returncode == 130
+    assert "nothing was written" in said
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_doctor_survives_and_says_what_works(tmp_path: Path) -> None:
+    done = subprocess.run([sys.executable, "-m", "mitsuba_sensor", "doctor", "--json"], capture_output=True, text=True)
+    findings = json.loads(done.stdout)
+    assert done.returncode == 0 and findings["works"]
+    assert {one["name"]: one["works"] for one in findings["variants"]}["scalar_spectral"]
+    assert findings["versions"]["drjit"]
+    assert all(library["reason"] for library in findings["llvm"])
+
+
+def test_doctor_reports_a_render_that_kills_its_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    from mitsuba_sensor import doctor
+
+    def aborted(command: list[str], **options: Any) -> subprocess.CompletedProcess[str]:
+        return subprocess.CompletedProcess(command, -signal.SIGABRT, "", "LLVM ERROR: Cannot select")
+
+    monkeypatch.setattr(doctor.subprocess, "run", aborted)
+    findings = doctor.examine()
+    assert not findings["works"]
+    assert "SIGABRT" in findings["variants"][0]["reason"]
+    assert findings["remedies"]
+
+
+def test_doctor_names_the_command_when_the_fast_variant_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    from mitsuba_sensor import doctor
+
+    said = json.dumps({"render": {"variant": "scalar_spectral"}, "times_s": {"render": 1.0}})
+    done = subprocess.CompletedProcess([], 0, said, "")
+    monkeypatch.setattr(doctor.subprocess, "run", lambda *_, **__: done)
+    findings = doctor.examine()
+    assert findings["works"]
+    assert any("apt-get install libllvm19" in remedy for remedy in findings["remedies"])
+
+
+def test_results_may_be_read_by_everyone_the_umask_allows(light_file: Path, tmp_path: Path, cli: Any) -> None:
+    assert cli("expose", light_file, "-o", tmp_path / "out").exit_code == 0
+    mask = os.umask(0)
+    os.umask(mask)
+    assert (tmp_path / "out" / "frame.tiff").stat().st_mode & 0o777 == 0o666 & ~mask

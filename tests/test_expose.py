@@ -1,0 +1,174 @@
+"""expose(): what goes in, what comes out, and the account of it."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.sensor.account import stage_name
+from mitsuba_sensor.sensor.chain import chain, gain_dn_per_e
+
+EXPOSURE = ms.Exposure(0.1)
+CAMERA = ms.load_camera("konnik_table1")
+BAYER = ms.load_camera("bayer_2mp")
+LIGHT = np.full((6, 8), 5000.0)
+
+
+def test_a_number_lights_the_whole_sensor() -> None:
+    camera = CAMERA.replace(**{"sensor.columns": 7, "sensor.rows": 5})
+    frames = ms.expose(1000.0, camera, EXPOSURE)
+    assert frames.digital.shape == (1, 5, 7)
+    np.testing.assert_array_equal(frames.digital, ms.expose(np.full((5, 7), 1000.0), camera, EXPOSURE).digital)
+
+
+def test_photons_come_as_an_array_a_list_or_photons_and_give_the_same_frame() -> None:
+    one = ms.expose(LIGHT, CAMERA, EXPOSURE).digital
+    for same in (LIGHT.tolist(), LIGHT.astype(np.float32), LIGHT.astype(int), ms.Photons(LIGHT)):
+        np.testing.assert_array_equal(ms.expose(same, CAMERA, EXPOSURE).digital, one)
+    with_band = ms.expose(LIGHT[..., None], CAMERA, EXPOSURE, wavelengths_nm=[550.0])
+    np.testing.assert_array_equal(with_band.digital, one)
+
+
+def test_bands_are_weighted_with_their_quantum_efficiency() -> None:
+    """Photons at 460 nm and 620 nm in one picture free the electrons that both free alone, on average."""
+    light = np.full((100, 100, 2), 10_000.0)
+    electrons = ms.expose(light, BAYER, EXPOSURE, wavelengths_nm=[460.0, 620.0], keep=("electrons",)).electrons[0]
+    filters = BAYER.filter_index((100, 100))
+    for number, qe in enumerate(BAYER.qe([460.0, 620.0]).sum(axis=1)):
+        mean = 10_000 * qe + 0.5
+        pixels = electrons[filters == number]
+        sigma = math.sqrt(mean + (0.01 * mean) ** 2)
+        assert pixels.mean() == pytest.approx(mean, abs=5 * sigma / math.sqrt(pixels.size))
+
+
+def test_light_that_the_sensor_cannot_see_leaves_it_dark() -> None:
+    for wavelength in (380.0, 1100.0):
+        electrons = ms.expose(LIGHT, CAMERA, ms.Exposure(0.0), wavelengths_nm=wavelength, keep=("electrons",)).electrons
+        assert not electrons.any()
+
+
+def test_intermediate_signals_come_on_request_and_belong_together() -> None:
+    plain = ms.expose(LIGHT, CAMERA, EXPOSURE, frames=3)
+    assert plain.electrons is None and plain.volts is None
+    frames = ms.expose(LIGHT, CAMERA, EXPOSURE, frames=3, keep=("electrons", "volts"))
+    np.testing.assert_array_equal(frames.digital, plain.digital)
+    assert frames.electrons.shape == frames.volts.shape == frames.digital.shape == (3, 6, 8)
+    np.testing.assert_array_equal(frames.electrons, np.floor(frames.electrons))
+    adc = chain(CAMERA)[-1]
+    code = np.clip(np.floor(adc.pedestal_dn + frames.volts * adc.gain_dn_per_v + 0.5), 0, 4095)
+    np.testing.assert_array_equal(frames.digital, code)
+
+
+def test_without_noise_the_frame_is_the_closed_form() -> None:
+    """Every source off but the shot noise, which the kept electrons show: DN = round(pedestal + K·N)."""
+    quiet = CAMERA.replace(
+        **{"pixel.prnu": 0.0, "readout.column_offset": 0.0, "source_follower.white_nv_per_rthz": 0.0},
+        **{"adc.pedestal_dn": 50.25},
+    )
+    frames = ms.expose(np.linspace(0, 60_000, 300).reshape(10, 30), quiet, EXPOSURE, keep=("electrons",))
+    expected = np.minimum(np.floor(50.25 + gain_dn_per_e(quiet) * frames.electrons + 0.5), 4095)
+    np.testing.assert_array_equal(frames.digital, expected)
+
+
+WRONG: dict[str, tuple[dict[str, Any], str]] = {
+    "no frame": ({"frames": 0}, "frames is 0"),
+    "minus one frame": ({"frames": -1}, "frames is -1"),
+    "half a frame": ({"frames": 1.5}, "frames is 1.5"),
+    "frames in words": ({"frames": "two"}, "frames is 'two'"),
+    "frame before the first": ({"first_frame": -1}, "first_frame is -1"),
+    "frame after the last": ({"first_frame": 2**32}, "numbered from 0"),
+    "negative seed": ({"seed": -1}, "seed is -1"),
+    "seed of 65 bits": ({"seed": 2**64}, "seed is 18446744073709551616"),
+    "fractional seed": ({"seed": 1.5}, "seed is 1.5"),
+    "serial in words": ({"serial": "A7"}, "serial is 'A7'"),
+    "unknown signal": ({"keep": ("photons",)}, "electrons, volts"),
+    "origin off the sensor": ({"origin": (0, -1)}, "origin is -1"),
+    "origin between pixels": ({"origin": (0.5, 0)}, "origin is 0.5"),
+    "two wavelengths": ({"wavelengths_nm": [500.0, 600.0]}, "1 band.* and wavelengths_nm 2"),
+    "no wavelength": ({"wavelengths_nm": [math.nan]}, "wavelengths_nm holds"),
+    "negative wavelength": ({"wavelengths_nm": -550.0}, "wavelengths_nm holds"),
+}
+
+
+@pytest.mark.parametrize(("wrong", "says"), WRONG.values(), ids=WRONG)
+def test_what_cannot_be_done_is_refused_in_one_sentence(wrong: dict[str, Any], says: str) -> None:
+    with pytest.raises(ms.InputError, match=says) as caught:
+        ms.expose(LIGHT, CAMERA, EXPOSURE, **wrong)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("photons", "says"),
+    [
+        (np.zeros(5), r"photons has shape \(5,\)"),
+        (np.zeros((0, 5)), r"photons has shape \(0, 5\)"),
+        (np.zeros((2, 2, 2, 2)), "photons has shape"),
+        (np.zeros((2, 2, 3)), r"3 band\(s\) and wavelengths_nm none"),
+        ("bright", "photons is not numeric"),
+        ([[1.0, 2.0], [3.0]], "photons is not numeric"),
+        (math.nan, "photons is NaN in 2470000 place"),
+    ],
+)
+def test_photons_that_are_no_picture_are_refused(photons: Any, says: str) -> None:
+    with pytest.raises(ms.InputError, match=says):
+        ms.expose(photons, CAMERA, EXPOSURE)
+
+
+def test_a_camera_without_a_reference_wavelength_asks_for_one() -> None:
+    camera = BAYER.replace(**{"quantum_efficiency.reference_nm": None})
+    with pytest.raises(ms.InputError, match=r"wavelengths_nm=\[.*reference_nm"):
+        ms.expose(LIGHT, camera, EXPOSURE)
+    assert ms.expose(LIGHT, camera, EXPOSURE, wavelengths_nm=530.0).digital.shape == (1, 6, 8)
+
+
+@pytest.mark.parametrize("name", ms.list_cameras())
+def test_the_account_holds_every_stage_with_theory_and_sample_that_agree(name: str) -> None:
+    """50 000 pixels of half a well: mean within 5 standard errors of the report's own σ, σ within 4 %.
+
+    (Column offsets are one number per column: the frame is wide and flat, so that there are 12 500 of them.)
+    """
+    camera = ms.load_camera(name)
+    light = 0.4 * camera.pixel.full_well_e / camera.qe([camera.quantum_efficiency.reference_nm]).max()
+    report = ms.expose(np.full((4, 12_500), light * 0.5), camera, EXPOSURE).report
+    assert [stage["name"] for stage in report["stages"]] == [stage_name(stage) for stage in chain(camera)]
+    assert {stage["unit"] for stage in report["stages"]} == {"e-", "V", "DN"}
+    for stage in report["stages"]:
+        sigma = stage["sigma_expected"]
+        assert stage["mean_frame"] == pytest.approx(
+            stage["mean_expected"], abs=5 * sigma / math.sqrt(12_500) + 1e-9, rel=1e-9
+        )
+        assert stage["sigma_frame"] == pytest.approx(sigma, rel=0.04, abs=1e-9 * stage["mean_expected"])
+        split = math.hypot(stage["sigma_temporal_expected"], stage["sigma_fixed_expected"])
+        assert split == pytest.approx(sigma, rel=1e-9)
+
+
+def test_the_account_is_json_with_photons_gain_and_counts() -> None:
+    light = np.full((10, 10), 100.0)
+    light[0, :4] = 1e6
+    light[1, :3] = 7.0
+    frames = ms.expose(light, CAMERA, EXPOSURE, frames=2)
+    report = json.loads(json.dumps(frames.report, allow_nan=False))
+    assert report["photons"] == {"min": 7.0, "median": 100.0, "max": 1e6}
+    assert report["K_dn_per_e"] == pytest.approx(0.1241212, rel=1e-6)
+    assert report["counts"]["clipped_full_well"] == 4
+    assert report["counts"]["clipped_adc_high"] == np.sum(frames.digital[0] == 4095)
+    assert report["counts"]["clipped_adc_low"] == 0
+    cut = ms.expose(np.zeros((50, 50)), CAMERA.replace(**{"adc.pedestal_dn": 0.0}), ms.Exposure(0.0))
+    assert cut.report["counts"]["clipped_adc_low"] == np.sum(cut.digital == 0) > 500
+
+
+def test_the_account_is_that_of_the_first_frame_that_was_asked_for() -> None:
+    frames = ms.expose(LIGHT, CAMERA, EXPOSURE, first_frame=5, frames=2, seed=3, serial=8)
+    last = frames.report["stages"][-1]
+    assert last["mean_frame"] == pytest.approx(frames.digital[0].mean())
+
+
+def test_exposures_are_equal_by_value_and_25_degrees_warm() -> None:
+    assert ms.Exposure(0.1) == ms.Exposure(0.1, 298.15) != ms.Exposure(0.2)
+    with pytest.raises(AttributeError):
+        ms.Exposure(0.1).time_s = 1.0  # type: ignore[misc]

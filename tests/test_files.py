@@ -1,0 +1,187 @@
+"""data/files.py: what is written can be read back, and appears whole or not at all."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import colour
+import numpy as np
+import OpenEXR
+import pytest
+import tifffile
+from PIL import Image
+
+from mitsuba_sensor import InputError
+from mitsuba_sensor.data import files
+
+NAMES = ("a.txt", "b.txt")
+
+
+def test_irradiance_comes_back_exactly(light: Any, light_file: Path) -> None:
+    back = files.read_irradiance_exr(light_file)
+    assert back.certificate == light.certificate
+    for field in fields(light):
+        if field.name != "certificate":
+            np.testing.assert_array_equal(getattr(back, field.name), getattr(light, field.name), err_msg=field.name)
+
+
+def test_infinite_and_tiny_irradiance_comes_back_exactly(light: Any, tmp_path: Path) -> None:
+    data = light.data.copy()
+    data[0, 0], data[1, 1], data[2, 2] = np.inf, np.finfo(np.float32).smallest_subnormal, np.finfo(np.float32).max
+    files.write_irradiance_exr(tmp_path / "x.exr", type(light)(**{**vars(light), "data": data}))
+    np.testing.assert_array_equal(files.read_irradiance_exr(tmp_path / "x.exr").data, data)
+
+
+def test_colour_science_reads_our_bands(light: Any, light_file: Path) -> None:
+    bands, specification = colour.read_spectral_image_Fichet2021(str(light_file), additional_data=True)
+    assert specification.is_emissive and not specification.is_polarised
+    assert list(bands) == ["S0"], "the standard errors must not be taken for light"
+    wavelengths_nm, values = bands["S0"]
+    order = np.argsort(wavelengths_nm)
+    np.testing.assert_array_equal(wavelengths_nm[order], light.wavelengths_nm)
+    np.testing.assert_array_equal(values[..., order], light.data)
+    attributes = {attribute.name: attribute.value for attribute in specification.attributes}
+    assert attributes["spectralLayoutVersion"] == "1.0"
+    assert attributes["emissiveUnits"] == "W.m^-2.nm^-1"
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.uint32])
+def test_tiff_holds_every_code_of_every_frame(tmp_path: Path, kind: type) -> None:
+    frames = np.random.default_rng(1).integers(0, np.iinfo(kind).max, (3, 5, 7), dtype=kind, endpoint=True)
+    files.write_tiff(tmp_path / "x.tiff", frames)
+    back = tifffile.imread(tmp_path / "x.tiff")
+    assert back.dtype == kind
+    np.testing.assert_array_equal(back, frames)
+
+
+def test_one_frame_of_one_pixel_is_a_tiff_too(tmp_path: Path) -> None:
+    files.write_tiff(tmp_path / "x.tiff", np.full((1, 1, 1), 513, dtype=np.uint16))
+    assert tifffile.imread(tmp_path / "x.tiff").item() == 513
+
+
+@pytest.mark.parametrize("shape", [(4, 6), (4, 6, 3)])
+def test_png_holds_the_picture(tmp_path: Path, shape: tuple[int, ...]) -> None:
+    picture = np.random.default_rng(1).integers(0, 255, shape, dtype=np.uint8)
+    files.write_png(tmp_path / "x.png", picture)
+    np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "x.png")), picture)
+
+
+def test_json_is_strict_whatever_stands_in_the_report(tmp_path: Path) -> None:
+    report = {"nan": float("nan"), "inf": np.float64("inf"), "array": np.arange(3), "path": Path("a"), "λ": (1, True)}
+    files.write_json(tmp_path / "x.json", report)
+    back = json.loads((tmp_path / "x.json").read_text(encoding="utf-8"), parse_constant=pytest.fail)
+    assert back == {"nan": None, "inf": None, "array": [0, 1, 2], "path": "a", "λ": [1, True]}
+
+
+def test_all_files_of_a_job_appear_together(tmp_path: Path) -> None:
+    with files.output_folder(tmp_path / "new" / "out", NAMES) as folder:
+        for name in NAMES:
+            (folder / name).write_text("new")
+        assert not any((tmp_path / "new" / "out" / name).exists() for name in NAMES)
+    assert sorted(path.name for path in (tmp_path / "new" / "out").iterdir()) == sorted(NAMES)
+
+
+@pytest.mark.parametrize("end", [KeyboardInterrupt, ValueError, InputError, SystemExit])
+def test_a_job_that_fails_leaves_no_trace(tmp_path: Path, end: type[BaseException]) -> None:
+    with pytest.raises(end), files.output_folder(tmp_path / "new" / "out", NAMES) as folder:
+        (folder / "a.txt").write_text("half")
+        raise end
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_job_that_fails_leaves_older_results_as_they_were(tmp_path: Path) -> None:
+    (tmp_path / "a.txt").write_text("old")
+    with pytest.raises(KeyboardInterrupt), files.output_folder(tmp_path, NAMES) as folder:
+        (folder / "a.txt").write_text("new")
+        raise KeyboardInterrupt
+    assert (tmp_path / "a.txt").read_text() == "old"
+    assert [path.name for path in tmp_path.iterdir()] == ["a.txt"]
+
+
+def test_a_rename_that_fails_halfway_is_taken_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a.txt").write_text("old")
+    real = os.replace
+
+    def replace(source: Path, target: Path) -> None:
+        if Path(target) == tmp_path / "b.txt":
+            raise OSError(28, "No space left on device", str(target))
+        real(source, target)
+
+    monkeypatch.setattr(files.os, "replace", replace)
+    with pytest.raises(InputError, match="No space left on device"), files.output_folder(tmp_path, NAMES) as folder:
+        for name in NAMES:
+            (folder / name).write_text("new")
+    assert (tmp_path / "a.txt").read_text() == "old"
+    assert [path.name for path in tmp_path.iterdir()] == ["a.txt"]
+
+
+def test_a_folder_where_a_file_should_go_is_refused_before_the_work(tmp_path: Path) -> None:
+    (tmp_path / "a.txt").mkdir()
+    with pytest.raises(InputError, match="is a folder"), files.output_folder(tmp_path, NAMES):
+        pytest.fail("the job was begun")
+    assert [path.name for path in tmp_path.iterdir()] == ["a.txt"]
+
+
+WRITE_WITH_2000_BYTES = """
+import resource, sys
+from pathlib import Path
+import numpy as np
+from mitsuba_sensor import InputError
+from mitsuba_sensor.data import files
+folder, what = Path(sys.argv[1]), sys.argv[2]
+light = files.read_irradiance_exr(folder / "light.exr")
+noise = np.random.default_rng(1).integers(0, 65535, (1, 64, 64), dtype=np.uint16)
+resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))
+jobs = {
+    "out.tiff": lambda path: files.write_tiff(path, noise),
+    "out.png": lambda path: files.write_png(path, (noise[0] // 256).astype(np.uint8)),
+    "out.json": lambda path: files.write_json(path, {"noise": noise}),
+    "out.exr": lambda path: files.write_irradiance_exr(path, light),
+}
+try:
+    jobs[what](folder / what)
+except InputError as error:
+    sys.exit(f"InputError: {error}")
+"""
+
+
+@pytest.mark.parametrize("what", ["out.tiff", "out.png", "out.json", "out.exr"])
+def test_a_disk_without_room_is_one_sentence_and_no_file(light: Any, tmp_path: Path, what: str) -> None:
+    """The kernel refuses to let a file grow beyond 2000 bytes, as a full disk would; OpenEXR alone keeps silent."""
+    files.write_irradiance_exr(tmp_path / "light.exr", light)
+    command = [sys.executable, "-c", WRITE_WITH_2000_BYTES, str(tmp_path), what]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert "InputError: cannot write" in done.stderr, done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["light.exr"]
+
+
+def test_what_is_not_an_exr_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "x.exr").write_text("hello")
+    with pytest.raises(InputError, match="not an OpenEXR file"):
+        files.read_irradiance_exr(tmp_path / "x.exr")
+    with pytest.raises(InputError, match="No such file"):
+        files.read_irradiance_exr(tmp_path / "y.exr")
+    with pytest.raises(InputError, match="directory"):
+        files.read_irradiance_exr(tmp_path)
+
+
+def test_an_exr_cut_short_is_refused(light_file: Path) -> None:
+    whole = light_file.read_bytes()
+    for length in (6, 200, len(whole) // 2, len(whole) - 1):
+        light_file.write_bytes(whole[:length])
+        with pytest.raises(InputError, match=re.escape(str(light_file))):
+            files.read_irradiance_exr(light_file)
+
+
+def test_an_exr_of_somebody_else_is_refused(tmp_path: Path) -> None:
+    with OpenEXR.File({"type": OpenEXR.scanlineimage}, {"Y": np.ones((4, 4), np.float32)}) as file:
+        file.write(str(tmp_path / "y.exr"))
+    with pytest.raises(InputError, match="not the focal-plane irradiance"):
+        files.read_irradiance_exr(tmp_path / "y.exr")

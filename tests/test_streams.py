@@ -1,0 +1,243 @@
+"""Randomness by name: what one noise source does never depends on the others, on the window, or on the company."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.engine import draws, words
+from mitsuba_sensor.engine.draws import AR_BLOCK
+from mitsuba_sensor.engine.frame import Device, Frame
+from mitsuba_sensor.engine.quantities import Electrons, Photons
+from mitsuba_sensor.engine.words import FIXED, PLACES
+from mitsuba_sensor.sensor.chain import chain
+
+CAMERA = ms.load_camera("konnik_table1").replace(
+    **{"readout.reset": "hard", "readout.column_coupling": 0.25, "dark_current.cv": 0.4, "pixel.prnu": 0.01},
+    **{"adc.pedestal_dn": 64},
+)
+"""Every source on; the pedestal given, because by default it follows the noise."""
+EXPOSURE = ms.Exposure(0.1)
+SHAPE = (24, 40)
+LIGHT = np.linspace(100.0, 20_000.0, SHAPE[0] * SHAPE[1]).reshape(SHAPE)
+ALL = ("electrons", "volts")
+
+OFF: dict[str, dict[str, Any]] = {
+    "Prnu": {"pixel.prnu": 0.0},
+    "DarkCurrent": {"dark_current.fom_na_per_cm2": 0.0},
+    "dark pattern": {"dark_current.cv": 0.0},
+    "ResetNoise": {"readout.reset": "true_cds"},
+    "SourceFollowerNoise": {"source_follower.white_nv_per_rthz": 0.0},
+    "ColumnOffset": {"readout.column_offset": 0.0},
+}
+"""Noise source → how a datasheet switches it off. (The shot noise of light goes with the light.)"""
+
+
+def words_used(camera: ms.Camera, light: NDArray[Any] = LIGHT, monkey: Any = None) -> dict[str, NDArray[Any]]:
+    """The words that each source drew in one frame: the bits themselves, before any arithmetic could hide them."""
+    drawn: dict[str, NDArray[Any]] = {}
+    temporal, fixed, line = Frame.words, Device.pattern, Device.line_pattern
+
+    def temporal_words(self: Frame, source: str) -> Any:
+        drawn[source] = temporal(self, source)
+        return drawn[source]
+
+    def pattern(self: Device, source: str, law: Any) -> Any:
+        drawn[source] = fixed(self, source, lambda w: w)
+        return fixed(self, source, law)
+
+    def line_pattern(self: Device, source: str, coupling: float) -> Any:
+        drawn[source] = line(self, source, coupling)
+        return drawn[source]
+
+    monkey.setattr(Frame, "words", temporal_words)
+    monkey.setattr(Device, "pattern", pattern)
+    monkey.setattr(Device, "line_pattern", line_pattern)
+    ms.expose(light, camera, EXPOSURE, seed=4, serial=9)
+    monkey.undo()
+    return drawn
+
+
+def test_the_chain_draws_from_every_place_that_has_a_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert set(words_used(CAMERA, monkey=monkeypatch)) == set(PLACES)
+
+
+@pytest.mark.parametrize("source", OFF)
+def test_switching_a_source_off_leaves_every_bit_of_the_others(source: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The datasheet without it draws the same words for all that is left, and fewer of them."""
+    whole = words_used(CAMERA, monkey=monkeypatch)
+    rest = words_used(CAMERA.replace(**OFF[source]), monkey=monkeypatch)
+    assert set(rest) < set(whole)
+    for name, drawn in rest.items():
+        np.testing.assert_array_equal(drawn, whole[name])
+
+
+def test_switching_the_light_off_leaves_every_bit_of_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = words_used(CAMERA, monkey=monkeypatch)
+    rest = words_used(CAMERA, np.zeros(SHAPE), monkey=monkeypatch)
+    for name, drawn in rest.items():
+        np.testing.assert_array_equal(drawn, whole[name])
+
+
+def contributions(camera: ms.Camera, frame: Frame, light: NDArray[Any] = LIGHT) -> dict[str, Any]:
+    """What each stage adds, with the same signal going in however the others are set: stage type → output."""
+    charge = Electrons(light * 0.6, np.full(SHAPE, 174.0))
+    swing = np.full(SHAPE, 0.05)
+    out = {}
+    for stage in chain(camera):
+        into: Any = Photons(light) if type(stage).__name__ == "Detection" else swing
+        if stage.room == "electrons" and not isinstance(into, Photons):
+            into = charge
+        if type(stage).__name__ == "SenseNode":
+            into = charge
+        after = stage(into, frame)
+        out[type(stage).__name__] = (after.light, after.dark) if isinstance(after, Electrons) else (after,)
+    return out
+
+
+@pytest.mark.parametrize("source", OFF)
+def test_every_other_stage_does_the_same_to_the_same_signal(source: str) -> None:
+    """Bit for bit, stage by stage; only the one that was switched off does something else."""
+    frames = [Frame(EXPOSURE, Device(9, SHAPE), 4, 0) for _ in range(2)]
+    whole, rest = contributions(CAMERA, frames[0]), contributions(CAMERA.replace(**OFF[source]), frames[1])
+    changed = {
+        name for name in whole if any(not np.array_equal(a, b) for a, b in zip(whole[name], rest[name], strict=True))
+    }
+    assert changed == {source if source in whole else "DarkCurrent"}
+
+
+def test_frame_12_alone_is_frame_12_of_many() -> None:
+    many = ms.expose(LIGHT, CAMERA, EXPOSURE, seed=4, serial=9, frames=14, keep=ALL)
+    alone = ms.expose(LIGHT, CAMERA, EXPOSURE, seed=4, serial=9, first_frame=12, keep=ALL)
+    for name in ("digital", *ALL):
+        np.testing.assert_array_equal(getattr(many, name)[12], getattr(alone, name)[0])
+
+
+def test_frames_differ_and_the_same_question_gets_the_same_frame() -> None:
+    many = ms.expose(LIGHT, CAMERA, EXPOSURE, seed=4, serial=9, frames=3).digital
+    again = ms.expose(LIGHT, CAMERA, EXPOSURE, seed=4, serial=9, frames=3).digital
+    np.testing.assert_array_equal(many, again)
+    for a, b in itertools.combinations(many, 2):
+        assert np.mean(a == b) < 0.1
+
+
+@pytest.mark.parametrize("name", ms.list_cameras())
+@pytest.mark.parametrize("corner", [(0, 0), (3, 5), (8, 1)])
+def test_a_crop_of_a_frame_is_the_frame_of_the_crop(name: str, corner: tuple[int, int]) -> None:
+    """At odd corners too, where a colour filter mosaic begins with another filter."""
+    camera = ms.load_camera(name)
+    y, x = corner
+    whole = ms.expose(LIGHT, camera, EXPOSURE, keep=ALL)
+    part = ms.expose(LIGHT[y : y + 9, x : x + 11], camera, EXPOSURE, keep=ALL, origin=corner)
+    for signal in ("digital", *ALL):
+        np.testing.assert_array_equal(getattr(part, signal), getattr(whole, signal)[:, y : y + 9, x : x + 11])
+
+
+def test_a_crop_across_a_block_of_coupled_columns_is_the_frame_of_the_crop() -> None:
+    """The stripes are made in blocks of 4096 columns: windows inside, across and beyond a border see the same bits."""
+    light = np.full((2, 2 * AR_BLOCK + 50), 1000.0)
+    whole = ms.expose(light, CAMERA, EXPOSURE, keep=("volts",)).volts
+    for first, width in (
+        (0, 10),
+        (AR_BLOCK - 5, 10),
+        (AR_BLOCK, 3),
+        (AR_BLOCK - 1, AR_BLOCK + 2),
+        (2 * AR_BLOCK - 1, 20),
+    ):
+        part = ms.expose(light[:, :width], CAMERA, EXPOSURE, keep=("volts",), origin=(0, first)).volts
+        np.testing.assert_array_equal(part, whole[:, :, first : first + width])
+
+
+@pytest.mark.parametrize("coupling", [0.25, 0.45, 0.4999])
+def test_coupled_columns_do_not_feel_the_border_of_a_block(coupling: float) -> None:
+    """x_j − a(x_{j−1} + x_{j+1}) must be the white U_j on both sides of column 4096 just as anywhere else.
+
+    Its values at the border are compared with those of the same equation solved in one piece over both blocks.
+    """
+    line = Device(3, (1, 2 * AR_BLOCK)).line_pattern("column_offset", coupling)[0]
+    number, word = PLACES["column_offset"]
+    columns = np.arange(-draws.AR_WARM_UP, 2 * AR_BLOCK + draws.AR_WARM_UP)
+    white = draws.normal(words.block(number, np.zeros(1, dtype=np.int64), columns, 0, 3)[word])[0]
+    np.testing.assert_allclose(line, draws.isotropic_ar(white, coupling), atol=1e-10)
+
+
+def test_columns_keep_their_offset_on_every_row_image_and_frame() -> None:
+    """On a constant and on a ramp, from frame to frame, at the top and the bottom of the sensor: one vector."""
+    quiet = CAMERA.replace(
+        **{k: v for name, change in OFF.items() if name != "ColumnOffset" for k, v in change.items()}
+    ).replace(**{"readout.column_offset": 0.01})
+    offsets = []
+    for light, frame, row in ((LIGHT * 0, 0, 0), (LIGHT, 3, 0), (LIGHT[::-1] * 0.5, 1, 1200)):
+        frames = ms.expose(light, quiet, EXPOSURE, first_frame=frame, keep=ALL, origin=(row, 0))
+        offsets.append((frames.volts - frames.electrons * 5e-6)[0])
+    for offset in offsets:
+        np.testing.assert_allclose(offset, np.broadcast_to(offsets[0][0], SHAPE), atol=1e-12)
+    assert offsets[0][0].std() > 0
+
+
+def normals(source: str, device: Device, seed: int = 4, index: int = 0) -> NDArray[Any]:
+    """The normal values of any source, temporal or fixed."""
+    if source == "column_offset":
+        return device.line_pattern(source, 0.0)
+    if PLACES[source][0] & FIXED:
+        return device.pattern(source, draws.normal)
+    return Frame(EXPOSURE, device, seed, index).normal(source)
+
+
+@pytest.mark.parametrize(("one", "two"), itertools.combinations(PLACES, 2), ids=lambda name: name)
+def test_two_sources_are_uncorrelated(one: str, two: str) -> None:
+    """|ρ| < 5/√n over 2^16 pixels, seed and serial of the same number: 6e-7 false alarms a pair."""
+    device = Device(4, (1, 2**16)) if "column_offset" in (one, two) else Device(4, (256, 256))
+    a, b = normals(one, device).ravel(), normals(two, device).ravel()
+    assert abs(np.mean(a * b)) < 5 / 2**8
+
+
+@pytest.mark.parametrize("source", PLACES)
+def test_neighbours_frames_and_devices_are_uncorrelated(source: str) -> None:
+    """|ρ| < 5/√n between a pixel and its neighbours, the next frame, the next seed, the next serial."""
+    shape = (1, 2**16) if source == "column_offset" else (256, 256)
+    one = normals(source, Device(4, shape))
+    others = [np.roll(one, 1, axis=1), normals(source, Device(5, shape), seed=5, index=0)]
+    if not PLACES[source][0] & FIXED:
+        others += [np.roll(one, 1, axis=0), normals(source, Device(4, shape), index=1)]
+    for other in others:
+        assert abs(np.mean(one * other)) < 5 / 2**8
+
+
+def test_the_same_serial_has_the_same_patterns_under_every_seed_and_another_has_others() -> None:
+    """Fixed patterns belong to the camera, temporal noise to the frame."""
+    shape = (64, 64)
+    for source in ("prnu", "dark_pattern", "column_offset"):
+        one = normals(source, Device(4, shape))
+        np.testing.assert_array_equal(one, normals(source, Device(4, shape), seed=99, index=7))
+        assert not np.array_equal(one, normals(source, Device(5, shape)))
+    quiet = CAMERA.replace(**{"source_follower.white_nv_per_rthz": 0.0, "readout.reset": "true_cds"})
+    mean = [
+        ms.expose(np.full((16, 400), 20_000.0), quiet, EXPOSURE, seed=seed, serial=serial, frames=40).digital.mean(
+            axis=0
+        )
+        for seed, serial in ((1, 7), (2, 7), (1, 8))
+    ]
+    same, other = (np.corrcoef(mean[0].ravel(), x.ravel())[0, 1] for x in mean[1:])
+    assert same > 0.9 and abs(other) < 0.25
+
+
+def test_the_seed_is_all_64_bits() -> None:
+    one = normals("light_shot", Device(1, (8, 8)), seed=1)
+    for seed in (1 + 2**32, 1 + 2**63, 2**64 - 1, 0):
+        assert not np.array_equal(one, normals("light_shot", Device(1, (8, 8)), seed=seed))
+
+
+def test_nothing_is_drawn_from_numpys_global_state_or_the_clock() -> None:
+    np.random.seed(1)
+    one = ms.expose(LIGHT, CAMERA, EXPOSURE).digital
+    state = np.random.get_state()[1].copy()
+    np.random.seed(2)
+    np.testing.assert_array_equal(ms.expose(LIGHT, CAMERA, EXPOSURE).digital, one)
+    np.random.seed(1)
+    np.testing.assert_array_equal(np.random.get_state()[1], state)
