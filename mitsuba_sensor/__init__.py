@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 from .engine.errors import InputError
 from .engine.frame import Exposure
 from .engine.quantities import Photons
-from .light.photons import collect
+from .light.photons import collect, gradient_light, uniform_light
 from .sensor.camera import Camera, list_cameras, load_camera
-from .sensor.exposing import Frames, expose
+from .sensor.exposing import Frames, expose, patterns
 from .sensor.plan import Plan, plan
 
 if TYPE_CHECKING:
@@ -33,10 +33,13 @@ __all__ = [
     "Plan",
     "collect",
     "expose",
+    "gradient_light",
     "list_cameras",
     "load_camera",
+    "patterns",
     "plan",
     "render",
+    "uniform_light",
 ]
 
 

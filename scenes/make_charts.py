@@ -47,7 +47,8 @@ HEAD = """<?xml version="1.0" encoding="utf-8"?>
             <integer name="height" value="$height"/>
             <string name="component_format" value="float32"/>
             <rfilter type="box"/>
-            <spectrum name="band" value="360:1, 830:1"/> <!-- for plain Mitsuba; mitsuba_sensor puts its own bands here -->
+            <!-- For plain Mitsuba; mitsuba_sensor puts its own bands in the place of this one. -->
+            <spectrum name="band" value="360:1, 830:1"/>
         </film>
         <sampler type="multijitter"/>
     </sensor>
@@ -103,9 +104,15 @@ def table(wavelengths_nm: np.ndarray, values: np.ndarray) -> str:
 def color_checker() -> str:
     about = """     Patches 6 x 4, 40 mm wide, 50 mm apart; reflectances ISO 17321-1 (380 to 780 nm every 5 nm, through
      colour-science), held constant outside."""
-    text = head(title="ColorChecker, 24 patches of known reflectance under D65.", about=about, width=384, height=256,
-                level="White stands at about 80 % of full well (konnik_table1, f/2.8, 0.1 s).", lux=85,
-                half_width=0.15)
+    text = head(
+        title="ColorChecker, 24 patches of known reflectance under D65.",
+        about=about,
+        width=384,
+        height=256,
+        level="White stands at about 80 % of full well (konnik_table1, f/2.8, 0.1 s).",
+        lux=85,
+        half_width=0.15,
+    )
     text += square(0, 0, 0.2, 0.2, even(FRAME_REFLECTANCE), z=-0.001)
     for k, (name, (wavelengths, values)) in enumerate(spectra.color_checker().items()):
         x, y = 0.05 * (k % 6) - 0.125, 0.075 - 0.05 * (k // 6)
@@ -114,12 +121,17 @@ def color_checker() -> str:
 
 
 def step_wedge() -> str:
-    about = f"""     {STEPS} steps of equal width and equal rise, from exactly dark on the left to reflectance 1 on the right: the
-     linear gradient of a photon transfer measurement (Konnik and Welsh 2014)."""
-    text = head(title="Step wedge: irradiance rises linearly across the frame, from dark to 1.2 times saturation.",
-                about=about, width=256, height=256,
-                level="The last step stands at 120 % of full well (konnik_table1, f/2.8, 0.1 s).", lux=120,
-                half_width=1.0)
+    about = f"""     {STEPS} steps of equal width and equal rise, from exactly dark on the left to reflectance 1 on the
+     right: the linear gradient of a photon transfer measurement (Konnik and Welsh 2014)."""
+    text = head(
+        title="Step wedge: irradiance rises linearly across the frame, from dark to 1.2 times saturation.",
+        about=about,
+        width=256,
+        height=256,
+        level="The last step stands at 120 % of full well (konnik_table1, f/2.8, 0.1 s).",
+        lux=117,
+        half_width=1.0,
+    )
     for k in range(STEPS):
         text += square((2 * k + 1) / STEPS - 1, 0, 1 / STEPS, 1.5, even(k / (STEPS - 1)))
     return text + "</scene>\n"

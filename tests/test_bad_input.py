@@ -21,7 +21,7 @@ CASES: dict[str, tuple[Sequence[str], str]] = {
     "scene is a folder": (("render", "TMP", "-o", "OUT"), "is not a file"),
     "malformed XML": (("render", "TMP/malformed.xml", "-o", "OUT"), "malformed.xml"),
     "not XML": (("render", "LIGHT", "-o", "OUT"), "irradiance.exr"),
-    "no light in the band": (("render", "TMP/infrared.xml", "-o", "OUT", "--spp", "16"), "where the camera sees"),
+    "no light in the band": (("render", "TMP/infrared.xml", "-o", "OUT", "--spp", "16"), "from 400 to 700 nm"),
     "unknown scene parameter": (("render", "SCENE", "-o", "OUT", "-D", "levle=1", "--spp", "16"), "levle"),
     "parameter without value": (("render", "SCENE", "-o", "OUT", "-D", "level"), "-D NAME=VALUE"),
     "unknown variant": (

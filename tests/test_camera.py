@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import functools
 import json
 import math
 import re
@@ -22,6 +23,7 @@ TABLE1 = tomllib.loads((SHIPPED / "konnik_table1.toml").read_text("utf-8"))
 REMEDY = r"(e\.g\. .+|add the table \[\w+\])"
 
 
+@functools.cache
 def schema_of(dotted: str) -> dict[str, Any]:
     """JSON Schema of a field, by its dotted name; without the null of an optional one."""
     whole = camera_schema()
@@ -180,7 +182,7 @@ def test_every_field_has_a_description_an_example_and_the_example_is_right(dotte
         return
     info = fields_of(Camera)[dotted]
     assert info.description and info.examples
-    if schema["type"] == "number" and not dotted.startswith(("dark_current", "source_follower")):
+    if schema["type"] == "number" and not dotted.startswith(("dark_current", "source_follower", "readout.ve_k1")):
         assert ms.load_camera("konnik_table1").replace(**{dotted: info.examples[0]})
 
 

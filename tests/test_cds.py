@@ -5,11 +5,13 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import replace
+from decimal import Decimal, getcontext
 
 import numpy as np
 import pytest
 from scipy import integrate
 
+from mitsuba_sensor.engine.special import two_term_remainder
 from mitsuba_sensor.sensor.cds import CdsNoise, flicker_integral
 
 PAPER = CdsNoise(white_nv_per_rthz=15.0, corner_hz=1e6, sample_s=1e-6, dominant_s=0.5e-6)
@@ -67,7 +69,7 @@ def test_the_flicker_integral_at_2() -> None:
     assert flicker_integral(2.0) == pytest.approx(1.115785799, abs=5e-10)
 
 
-@pytest.mark.parametrize("a", [1e-3, 0.1, 1.0, 2.0, 10.0, 40.0])
+@pytest.mark.parametrize("a", [1e-3, 0.02, 0.1, 1.0, 2.0, 10.0, 40.0])
 def test_the_flicker_integral_is_the_integral_that_it_stands_for(a: float) -> None:
     """J(a) = ∫₀^∞ (1 − cos(a·u))/(u·(1 + u²)) du, by quadrature over half-periods and a tail."""
     edges = np.concatenate([[0], np.arange(1, 400) * np.pi / a])
@@ -132,6 +134,14 @@ def test_the_papers_sum_up_to_20_mhz_is_a_little_less_than_the_whole() -> None:
     total = math.sqrt(np.sum((15e-9) ** 2 * (1 + 1e6 / f) * response * width)) / (VOLTS_PER_E * (1 - math.exp(-2)))
     assert total == pytest.approx(6.094824, abs=2e-6)
     assert total < electrons(PAPER) < 1.002 * total
+
+
+@pytest.mark.parametrize("x", [1e-12, 1e-9, 1e-5, 0.99e-3, 1.01e-3, 0.1, 2.0, 1e3])
+def test_the_remainder_of_two_terms_keeps_its_digits(x: float) -> None:
+    """1 − e^(−x)·(1 + x), which cancels to x²/2 when x is small, against 60 decimal digits."""
+    getcontext().prec = 60
+    exact = 1 - (-Decimal(x)).exp() * (1 + Decimal(x))
+    assert two_term_remainder(x) == pytest.approx(float(exact), rel=1e-9)
 
 
 def test_no_noise_is_no_noise() -> None:

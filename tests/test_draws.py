@@ -103,6 +103,23 @@ def test_poisson_tail_is_right_where_scipys_gamma_function_is_not(word: int, mea
     assert upper_tail(n, mean) <= s < upper_tail(n - 1, mean)
 
 
+@pytest.mark.parametrize("start", [1e3, 1e5, 1e7, 1e8])
+def test_poisson_steps_by_one_where_the_mean_passes_a_boundary(start: float) -> None:
+    """In the last bit before and after a step, where the expansion is in doubt, the count is right to one electron.
+
+    The word 1 is 6.2σ up: SciPy's tail is wrong by 400 electrons there at a mean of 1e8.
+    """
+    word = np.array([1], dtype=np.uint32)
+    low, high = start, start + 3
+    first = draws.poisson(word, low)[0]
+    while low < (middle := (low + high) / 2) < high:
+        low, high = (middle, high) if draws.poisson(word, middle)[0] <= first else (low, middle)
+    before, after = (draws.poisson(word, mean)[0] for mean in (low, high))
+    assert after - before == 1
+    s = (1 + 0.5) / 2**32
+    assert upper_tail(int(before) + 1, low) <= s <= upper_tail(int(before) - 1, low)
+
+
 def upper_tail(n: int, mean: float) -> float:
     """P(N > n), summed upwards from an exact first term."""
     term, total, k = poisson_pmf(n + 1, mean), 0.0, n + 1
@@ -200,7 +217,7 @@ COUPLINGS = (0.0, 1e-12, 0.25, 0.45, 0.49, 0.4999)
 def stripes(coupling: float, size: int, lines: int = 1) -> Any:
     """Vectors of ``isotropic_ar`` from independent white normals, (lines, size)."""
     white = np.random.default_rng(3).standard_normal((lines, size + 2 * draws.AR_WARM_UP))
-    return np.array([draws.isotropic_ar(line, coupling) for line in white])
+    return np.array([draws.isotropic_ar(line, coupling, draws.AR_WARM_UP) for line in white])
 
 
 @pytest.mark.parametrize("coupling", COUPLINGS)
@@ -209,7 +226,7 @@ def test_isotropic_ar_is_an_exact_filter_of_variance_1_and_neighbour_correlation
     size = 4 * draws.AR_WARM_UP
     impulse = np.zeros(size + 2 * draws.AR_WARM_UP)
     impulse[draws.AR_WARM_UP + size // 2] = 1
-    h = draws.isotropic_ar(impulse, coupling)
+    h = draws.isotropic_ar(impulse, coupling, draws.AR_WARM_UP)
     assert np.sum(h * h) == pytest.approx(1, rel=1e-12)
     assert np.sum(h[1:] * h[:-1]) == pytest.approx(2 * coupling, rel=1e-9, abs=1e-12)
     np.testing.assert_allclose(h, h[np.abs(np.arange(size) - size) % size], rtol=1e-9, atol=1e-15)
@@ -219,7 +236,7 @@ def test_isotropic_ar_is_an_exact_filter_of_variance_1_and_neighbour_correlation
 def test_isotropic_ar_solves_the_equation_of_the_paper(coupling: float, gain: float) -> None:
     """x_j = a(x_{j−1} + x_{j+1}) + U_j with white U of variance 1/gain, gain = (1 − 4a²)^(−3/2) (paper eq. 28)."""
     white = np.random.default_rng(3).standard_normal(20_000 + 2 * draws.AR_WARM_UP)
-    x = draws.isotropic_ar(white, coupling)
+    x = draws.isotropic_ar(white, coupling, draws.AR_WARM_UP)
     u = x[1:-1] - coupling * (x[:-2] + x[2:])
     expected = white[draws.AR_WARM_UP + 1 : -draws.AR_WARM_UP - 1] / math.sqrt(gain)
     np.testing.assert_allclose(u, expected, rtol=1e-4, atol=1e-5)

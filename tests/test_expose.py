@@ -55,6 +55,7 @@ def test_light_that_the_sensor_cannot_see_leaves_it_dark() -> None:
 def test_intermediate_signals_come_on_request_and_belong_together() -> None:
     plain = ms.expose(LIGHT, CAMERA, EXPOSURE, frames=3)
     assert plain.electrons is None and plain.volts is None
+    assert ms.expose(LIGHT, CAMERA, EXPOSURE, keep="electrons").electrons.shape == (1, 6, 8)
     frames = ms.expose(LIGHT, CAMERA, EXPOSURE, frames=3, keep=("electrons", "volts"))
     np.testing.assert_array_equal(frames.digital, plain.digital)
     assert frames.electrons.shape == frames.volts.shape == frames.digital.shape == (3, 6, 8)
@@ -86,11 +87,12 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "seed of 65 bits": ({"seed": 2**64}, "seed is 18446744073709551616"),
     "fractional seed": ({"seed": 1.5}, "seed is 1.5"),
     "serial in words": ({"serial": "A7"}, "serial is 'A7'"),
-    "unknown signal": ({"keep": ("photons",)}, "electrons, volts"),
+    "unknown signal": ({"keep": ("digits",)}, "electrons, volts"),
     "origin off the sensor": ({"origin": (0, -1)}, "origin is -1"),
     "origin between pixels": ({"origin": (0.5, 0)}, "origin is 0.5"),
     "two wavelengths": ({"wavelengths_nm": [500.0, 600.0]}, "1 band.* and wavelengths_nm 2"),
     "no wavelength": ({"wavelengths_nm": [math.nan]}, "wavelengths_nm holds"),
+    "infinite wavelength": ({"wavelengths_nm": [math.inf]}, "wavelengths_nm holds inf;"),
     "negative wavelength": ({"wavelengths_nm": -550.0}, "wavelengths_nm holds"),
 }
 

@@ -38,7 +38,7 @@ DOORS = {
 SLOW = {"mitsuba", "drjit", "colour", "OpenEXR", "tifffile", "typer", "scipy.signal", "scipy.stats"}
 STAGES = ("sensor/electrons.py", "sensor/volts.py", "sensor/digital.py")
 # Reading is allowed in two more places: a camera's own text, and the bytes that tell which LLVM a library is.
-OPENERS = ("data/files.py", "sensor/camera.py", "light/variants.py", "light/scene.py")
+OPENERS = ("data/files.py", "sensor/camera.py", "sensor/qefile.py", "light/variants.py", "light/scene.py")
 WRITERS = ("data/files.py",)
 
 

@@ -12,7 +12,7 @@ from mitsuba_sensor.engine.frame import Device, Exposure, Frame
 from mitsuba_sensor.engine.quantities import Electrons, photon_energy_j
 from mitsuba_sensor.sensor.electrons import DarkCurrent
 from mitsuba_sensor.sensor.laws import Doubling, FigureOfMerit, band_gap_ev
-from mitsuba_sensor.sensor.patterns import GaussianMap, LogNormalMap
+from mitsuba_sensor.sensor.patterns import Gaussian, LogNormal
 
 TABLE1 = FigureOfMerit(fom_na_per_cm2=1.0, area_cm2=(5.7e-4) ** 2)
 
@@ -62,7 +62,7 @@ def test_the_doubling_law_doubles() -> None:
 @pytest.mark.parametrize("time_s", [1e-3, 1.0, 600.0])
 @pytest.mark.parametrize(
     "pattern",
-    [LogNormalMap(0.01), LogNormalMap(0.4), GaussianMap(0.01), GaussianMap(0.2), GaussianMap(0.4), LogNormalMap(1.0)],
+    [LogNormal(0.01), LogNormal(0.4), Gaussian(0.01), Gaussian(0.2), Gaussian(0.4), LogNormal(1.0)],
     ids=str,
 )
 def test_the_dark_pattern_keeps_the_mean_and_has_its_cv_at_every_time(pattern: object, time_s: float) -> None:
@@ -84,7 +84,7 @@ def test_the_dark_pattern_keeps_the_mean_and_has_its_cv_at_every_time(pattern: o
 
 
 @pytest.mark.parametrize("cv", [0.0, 0.01, 0.4, 1.0, 10.0])
-@pytest.mark.parametrize("family", [GaussianMap, LogNormalMap])
+@pytest.mark.parametrize("family", [Gaussian, LogNormal])
 def test_no_pixel_has_a_negative_rate_and_the_mean_stays_however_wide_the_pattern(family: type, cv: float) -> None:
     """250 000 pixels; a log-normal of cv 10 converges slowly: its logarithm is looked at elsewhere (test_draws)."""
     frame = Frame(Exposure(0.1, 300.0), Device(2, (500, 500)))

@@ -41,7 +41,7 @@ OFF: dict[str, dict[str, Any]] = {
 def words_used(camera: ms.Camera, light: NDArray[Any] = LIGHT, monkey: Any = None) -> dict[str, NDArray[Any]]:
     """The words that each source drew in one frame: the bits themselves, before any arithmetic could hide them."""
     drawn: dict[str, NDArray[Any]] = {}
-    temporal, fixed, line = Frame.words, Device.pattern, Device.line_pattern
+    temporal, fixed, line, at = Frame.words, Device.pattern, Device.line_pattern, Frame._at
 
     def temporal_words(self: Frame, source: str) -> Any:
         drawn[source] = temporal(self, source)
@@ -51,20 +51,38 @@ def words_used(camera: ms.Camera, light: NDArray[Any] = LIGHT, monkey: Any = Non
         drawn[source] = fixed(self, source, lambda w: w)
         return fixed(self, source, law)
 
-    def line_pattern(self: Device, source: str, coupling: float) -> Any:
-        drawn[source] = line(self, source, coupling)
+    def line_pattern(self: Device, source: str, coupling: float, axis: int = 1) -> Any:
+        drawn[source] = line(self, source, coupling, axis)
         return drawn[source]
+
+    def words_at(self: Frame, source: str, *place: Any) -> Any:
+        drawn.setdefault(source, at(self, source, *place))
+        return at(self, source, *place)
 
     monkey.setattr(Frame, "words", temporal_words)
     monkey.setattr(Device, "pattern", pattern)
     monkey.setattr(Device, "line_pattern", line_pattern)
+    monkey.setattr(Frame, "_at", words_at)
     ms.expose(light, camera, EXPOSURE, seed=4, serial=9)
     monkey.undo()
     return drawn
 
 
 def test_the_chain_draws_from_every_place_that_has_a_name(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert set(words_used(CAMERA, monkey=monkeypatch)) == set(PLACES)
+    """A camera with everything in it asks every place, and none that has no name."""
+    everything = CAMERA.replace(
+        **{
+            "readout.row_offset": 1e-3,
+            "readout.column_gain": 1e-3,
+            "pixel.offset_e": 2.0,
+            "dark_current.pattern": "wald",
+            "dark_current.parts": [{"weight": 0.1, "family": "uniform", "low": 1, "high": 9, "unit": "e"}],
+            "dark_current.blinking_share": 0.5,
+            "dark_current.blinking_e_per_s": 100.0,
+            "quantum_efficiency.quantum_yield": [2.0, 1.0],
+        }
+    )
+    assert set(words_used(everything, monkey=monkeypatch)) == set(PLACES)
 
 
 @pytest.mark.parametrize("source", OFF)
@@ -163,7 +181,7 @@ def test_coupled_columns_do_not_feel_the_border_of_a_block(coupling: float) -> N
     number, word = PLACES["column_offset"]
     columns = np.arange(-draws.AR_WARM_UP, 2 * AR_BLOCK + draws.AR_WARM_UP)
     white = draws.normal(words.block(number, np.zeros(1, dtype=np.int64), columns, 0, 3)[word])[0]
-    np.testing.assert_allclose(line, draws.isotropic_ar(white, coupling), atol=1e-10)
+    np.testing.assert_allclose(line, draws.isotropic_ar(white, coupling, draws.AR_WARM_UP), atol=1e-10)
 
 
 def test_columns_keep_their_offset_on_every_row_image_and_frame() -> None:
@@ -180,10 +198,14 @@ def test_columns_keep_their_offset_on_every_row_image_and_frame() -> None:
     assert offsets[0][0].std() > 0
 
 
+LINES = {"column_offset": 1, "column_gain": 1, "row_offset": 0}
+"""Sources with one value per line, and the axis along which they change."""
+
+
 def normals(source: str, device: Device, seed: int = 4, index: int = 0) -> NDArray[Any]:
     """The normal values of any source, temporal or fixed."""
-    if source == "column_offset":
-        return device.line_pattern(source, 0.0)
+    if source in LINES:
+        return device.line_pattern(source, 0.0, LINES[source])
     if PLACES[source][0] & FIXED:
         return device.pattern(source, draws.normal)
     return Frame(EXPOSURE, device, seed, index).normal(source)
@@ -192,7 +214,13 @@ def normals(source: str, device: Device, seed: int = 4, index: int = 0) -> NDArr
 @pytest.mark.parametrize(("one", "two"), itertools.combinations(PLACES, 2), ids=lambda name: name)
 def test_two_sources_are_uncorrelated(one: str, two: str) -> None:
     """|ρ| < 5/√n over 2^16 pixels, seed and serial of the same number: 6e-7 false alarms a pair."""
-    device = Device(4, (1, 2**16)) if "column_offset" in (one, two) else Device(4, (256, 256))
+    axes = {LINES[name] for name in (one, two) if name in LINES}
+    if len(axes) == 2:  # a row and a column: compare them as two vectors
+        a, b = (normals(name, Device(4, ((2**16, 1), (1, 2**16))[LINES[name]])).ravel() for name in (one, two))
+        assert abs(np.mean(a * b)) < 5 / 2**8
+        return
+    shape = {None: (256, 256), 1: (1, 2**16), 0: (2**16, 1)}[axes.pop() if axes else None]
+    device = Device(4, shape)
     a, b = normals(one, device).ravel(), normals(two, device).ravel()
     assert abs(np.mean(a * b)) < 5 / 2**8
 
@@ -200,9 +228,9 @@ def test_two_sources_are_uncorrelated(one: str, two: str) -> None:
 @pytest.mark.parametrize("source", PLACES)
 def test_neighbours_frames_and_devices_are_uncorrelated(source: str) -> None:
     """|ρ| < 5/√n between a pixel and its neighbours, the next frame, the next seed, the next serial."""
-    shape = (1, 2**16) if source == "column_offset" else (256, 256)
+    shape = {None: (256, 256), 1: (1, 2**16), 0: (2**16, 1)}[LINES.get(source)]
     one = normals(source, Device(4, shape))
-    others = [np.roll(one, 1, axis=1), normals(source, Device(5, shape), seed=5, index=0)]
+    others = [np.roll(one, 1, axis=LINES.get(source, 1)), normals(source, Device(5, shape), seed=5, index=0)]
     if not PLACES[source][0] & FIXED:
         others += [np.roll(one, 1, axis=0), normals(source, Device(4, shape), index=1)]
     for other in others:

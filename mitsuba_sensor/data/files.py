@@ -6,6 +6,7 @@ Every writer fills a temporary name in the same folder and renames it at the end
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import shutil
@@ -104,9 +105,10 @@ def write_irradiance_exr(path: Path, irradiance: Irradiance) -> None:
         try:
             with OpenEXR.File(header, channels) as file:
                 file.write(str(temporary))
-            _pixels(temporary)  # OpenEXR reports nothing when a small file meets a full disk: read it back
         except (RuntimeError, ValueError) as error:  # its words for everything
             raise OSError(str(error)) from error
+        if temporary.stat().st_size == 0:  # a file below 4 kB meets a full disk without a word
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 def read_irradiance_exr(path: Path | str) -> Irradiance:

@@ -90,7 +90,7 @@ def render_noise(light: Irradiance, frames: Frames) -> dict[str, float]:
 
     The certificate has the same for the exposure of the render; a longer exposure of the same light shows more of it.
     """
-    electrons = chain(frames.camera)[0](frames.photons, frames.first).total
+    electrons = chain(frames.camera)[0](frames.light, frames.first).total
     with np.errstate(invalid="ignore"):
         ratio = light.relative_error.astype(np.float64) ** 2 * electrons
     ratio = ratio[np.isfinite(ratio)]

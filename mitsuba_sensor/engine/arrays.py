@@ -21,6 +21,26 @@ def where(condition: Any, yes: Any, no: Any) -> Any:
     return np.where(condition, yes, no)
 
 
+def sqrt(x: Any) -> Any:
+    """√x."""
+    return np.sqrt(x)
+
+
+def exp(x: Any) -> Any:
+    """e^x."""
+    return np.exp(x)
+
+
+def expm1(x: Any) -> Any:
+    """e^x − 1 without cancellation."""
+    return np.expm1(x)
+
+
+def count_at_or_below(levels: Any, x: Any) -> Any:
+    """How many of the sorted ``levels`` are ≤ x, as floats."""
+    return np.searchsorted(np.asarray(levels), x, side="right").astype(np.float64)
+
+
 def minimum(x: Any, y: Any) -> Any:
     """The smaller of the two."""
     return np.minimum(x, y)
@@ -53,9 +73,35 @@ def product(x: Any, y: Any) -> Any:
     return np.where(np.isnan(xy), 0.0, xy)
 
 
+def ratio(x: Any, y: Any, otherwise: float) -> Any:
+    """x/y where y is positive and finite, else ``otherwise``."""
+    good = np.isfinite(y) & (np.asarray(y) > 0)
+    return np.where(good, x / np.where(good, y, 1.0), otherwise)
+
+
+def table(rows: Any) -> Any:
+    """A small table of Python numbers as an array."""
+    return np.asarray(rows, dtype=np.float64)
+
+
 def any_positive(x: Any) -> bool:
     """Whether anything in ``x`` is above zero."""
     return bool(np.any(np.asarray(x) > 0))
+
+
+def index(x: Any) -> Any:
+    """Whole numbers as indices."""
+    return np.asarray(x).astype(np.intp)
+
+
+def scalar_log(x: float) -> float:
+    """ln x of a Python number, in float64."""
+    return math.log(x)
+
+
+def scalar_exp(x: float) -> float:
+    """e^x of a Python number, in float64."""
+    return math.exp(x)
 
 
 def scalar_sqrt(x: float) -> float:

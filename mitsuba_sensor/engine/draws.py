@@ -41,6 +41,44 @@ def lognormal(words: Words, cv: float) -> Array:
     return np.exp(math.sqrt(variance) * normal(words) - 0.5 * variance)
 
 
+def gamma(words: Words, cv: float) -> Array:
+    """Gamma of mean 1 and coefficient of variation ``cv``: shape cv⁻², scale cv²."""
+    if cv == 0:
+        return np.ones(words.shape)
+    return special.gammainccinv(cv**-2, survival(words)) * cv**2
+
+
+def logistic(words: Words) -> Array:
+    """Standard logistic ln((1−s)/s), mean 0 and variance π²/3."""
+    s = survival(words)
+    return np.log1p(-s) - np.log(s)
+
+
+def wald(z: Array, pick: Array, cv: float) -> Array:
+    """Inverse Gaussian of mean 1 and shape cv⁻² from a normal and a uniform (Michael, Schucany & Haas 1976).
+
+    The smaller root is written 1/(1 + a + √(a(a+2))), a = (cv·z)²/2; the textbook difference goes negative in float32.
+    """
+    a = 0.5 * (cv * z) ** 2
+    root = 1 / (1 + a + np.sqrt(a * (a + 2)))
+    return np.where(pick * (1 + root) <= 1, root, 1 / root)
+
+
+def rectified_logistic(scale: float) -> tuple[float, float]:
+    """Mean and variance of max(0, 1 + scale·L), L standard logistic: scale·ln(1 + e^(1/scale)), and a dilogarithm."""
+    if scale == 0:
+        return 1.0, 0.0
+    edge = 1 / scale
+    mean = scale * float(np.logaddexp(0.0, edge))
+    second = -2 * scale**2 * _dilogarithm_of_minus_exp(edge)
+    return mean, second - mean**2
+
+
+def _dilogarithm_of_minus_exp(x: float) -> float:
+    """Li₂(−e^x) for x ≥ 0, by its inversion −π²/6 − x²/2 − Li₂(−e^(−x))."""
+    return -(math.pi**2) / 6 - x * x / 2 - float(special.spence(1 + math.exp(-x)))
+
+
 def poisson(words: Words, mean: Any) -> Array:
     """Poisson counts (whole numbers in float64): the smallest n with P(N > n) ≤ s. Mean 0 gives 0, +inf gives +inf.
 
@@ -100,17 +138,21 @@ AR_BLOCK = 4096
 AR_WARM_UP = 2048
 """Columns before and after a block that the recursion runs through: φ^2048 < 2e-18 for every allowed coupling."""
 
+AR_MAP_BLOCK, AR_MAP_MARGIN = 512, 96
+"""The same for maps, whose coupling is 0.45 at most: φ^96 < 4e-20."""
 
-def isotropic_ar(normals: Array, coupling: float) -> Array:
-    """Vector of variance 1 with x_j = a(x_{j−1} + x_{j+1}) + U_j, from white normals with a warm-up on both sides.
 
-    normals : (n + 2·AR_WARM_UP,) → (n,).  coupling a : 0 … 0.4999; neighbours then correlate by ρ₁ = 2a.
+def isotropic_ar(normals: Array, coupling: float, margin: int) -> Array:
+    """Variance 1 with x_j = a(x_{j−1} + x_{j+1}) + U_j, from white normals with a warm-up on both sides.
+
+    normals : (…, n + 2·margin) → (…, n), along the last axis.
+    coupling a : 0 … 0.4999; neighbours then correlate by ρ₁ = 2a.
     El Gamal et al. 1998 (paper eq. 28 on a vector of its own), solved as one forward and one backward AR(1) pass.
     """
     from scipy.signal import lfilter  # takes half a second to import, and few cameras have stripes
 
     phi = 2 * coupling / (1 + math.sqrt((1 - 2 * coupling) * (1 + 2 * coupling)))
     forward = lfilter([1.0], [1.0, -phi], normals)
-    both = lfilter([1.0], [1.0, -phi], forward[::-1])[::-1]
+    both = lfilter([1.0], [1.0, -phi], forward[..., ::-1])[..., ::-1]
     gain = (phi / coupling if coupling else 1.0) * (1 - 4 * coupling * coupling) ** 0.75
-    return gain * both[AR_WARM_UP:-AR_WARM_UP]
+    return gain * both[..., margin:-margin]

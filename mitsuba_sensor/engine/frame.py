@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from . import draws, words
+from . import draws
 from .errors import require, require_seed
+from .words import PLACES, Words, block, philox
 
 
 @dataclass(frozen=True)
@@ -35,12 +36,14 @@ class Device:
     """A camera of one serial number seen through one window: it holds the patterns that never change.
 
     shape, origin : (rows, columns) of the window and its first pixel, in sensor coordinates.
+    given : measured maps of this window that stand in for the drawn ones, by name of the source.
     """
 
     serial: int
     shape: tuple[int, int]
     origin: tuple[int, int] = (0, 0)
-    patterns: dict[Any, Any] = field(default_factory=dict)
+    given: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    _drawn: dict[Any, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         require_seed("serial", self.serial)
@@ -55,31 +58,71 @@ class Device:
         """Column numbers of the window, in sensor coordinates."""
         return np.arange(self.origin[1], self.origin[1] + self.shape[1])
 
-    def pattern(self, source: str, law: Callable[[words.Words], Any]) -> Any:
+    def fixed(self, name: str, make: Callable[[], Any]) -> Any:
+        """The map called ``name``: the measured one where one was given, else ``make()``."""
+        return self.given[name] if name in self.given else make()
+
+    def spread(self, name: str, mean: float, variance: float) -> tuple[float, float]:
+        """Mean and variance of that map over the window: the measured one's where one was given."""
+        if name not in self.given:
+            return mean, variance
+        return float(np.mean(self.given[name])), float(np.var(self.given[name]))
+
+    def pattern(self, source: str, law: Callable[[Words], Any]) -> Any:
         """The fixed pattern of ``source``, (H, W): ``law`` turns its words into values, once per camera."""
-        key = (source, law)
-        if key not in self.patterns:
-            number, word = words.PLACES[source]
-            self.patterns[key] = law(words.block(number, self.rows, self.columns, 0, self.serial)[word])
-        return self.patterns[key]
+        return self.once((source, law), lambda: law(self._words(source, self.rows, self.columns)))
 
-    def line_pattern(self, source: str, coupling: float) -> Any:
-        """The fixed offset of every column, (1, W), mean 0 and variance 1, neighbours coupled by ``coupling``."""
-        key = (source, coupling)
-        if key not in self.patterns:
-            first, size = self.columns[0] // draws.AR_BLOCK, draws.AR_BLOCK
-            last = self.columns[-1] // size
-            line = np.concatenate([self._line_block(source, b, coupling) for b in range(first, last + 1)])
-            self.patterns[key] = line[self.columns - first * size][None, :]
-        return self.patterns[key]
+    def correlated(self, source: str, coupling: float) -> Any:
+        """Standard normals (H, W) whose neighbours along rows and columns correlate by 2·coupling (separable AR)."""
+        margin = draws.AR_MAP_MARGIN
 
-    def _line_block(self, source: str, number: int, coupling: float) -> Any:
-        """AR_BLOCK columns at a fixed place of the sensor, so that every window sees the same bits."""
-        start, margin = number * draws.AR_BLOCK, draws.AR_WARM_UP
-        columns = np.arange(start - margin, start + draws.AR_BLOCK + margin)
-        place, word = words.PLACES[source]
-        white = draws.normal(words.block(place, np.zeros(1, dtype=np.int64), columns, 0, self.serial)[word])[0]
-        return draws.isotropic_ar(white, coupling)
+        def make() -> Any:
+            rows, row_slice = _aligned(self.rows, draws.AR_MAP_BLOCK)
+            columns, column_slice = _aligned(self.columns, draws.AR_MAP_BLOCK)
+            return np.block([[self._ar_tile(source, y, x, coupling, margin) for x in columns] for y in rows])[
+                row_slice, column_slice
+            ]
+
+        return self.once((source, coupling), make)
+
+    def _ar_tile(self, source: str, y: int, x: int, coupling: float, margin: int) -> Any:
+        """One tile at a fixed place of the sensor, so that every window sees the same bits."""
+        size = draws.AR_MAP_BLOCK
+        rows, columns = np.arange(y - margin, y + size + margin), np.arange(x - margin, x + size + margin)
+        white = draws.normal(self._words(source, rows, columns))
+        return draws.isotropic_ar(draws.isotropic_ar(white, coupling, margin).T, coupling, margin).T
+
+    def line_pattern(self, source: str, coupling: float, axis: int = 1) -> Any:
+        """A fixed offset of every column (axis 1: (1, W)) or row (axis 0: (H, 1)): mean 0, variance 1, AR-coupled."""
+
+        def make() -> Any:
+            starts, window = _aligned((self.rows, self.columns)[axis], draws.AR_BLOCK)
+            line = np.concatenate([self._ar_line(source, start, coupling, axis) for start in starts])[window]
+            return line[None, :] if axis else line[:, None]
+
+        return self.once((source, coupling, axis), make)
+
+    def _ar_line(self, source: str, start: int, coupling: float, axis: int) -> Any:
+        margin, zero = draws.AR_WARM_UP, np.zeros(1, dtype=np.int64)
+        along = np.arange(start - margin, start + draws.AR_BLOCK + margin)
+        place = (zero, along) if axis else (along, zero)
+        return draws.isotropic_ar(draws.normal(self._words(source, *place)).ravel(), coupling, margin)
+
+    def _words(self, source: str, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Words:
+        number, word = PLACES[source]
+        return block(number, rows, columns, 0, self.serial)[word]
+
+    def once(self, key: Any, make: Callable[[], Any]) -> Any:
+        """What ``make`` makes, made once per camera."""
+        if key not in self._drawn:
+            self._drawn[key] = make()
+        return self._drawn[key]
+
+
+def _aligned(places: NDArray[np.int64], size: int) -> tuple[list[int], slice]:
+    """Starts of the blocks of ``size`` that cover ``places``, and where those lie in the joined blocks."""
+    first = int(places[0]) // size * size
+    return list(range(first, int(places[-1]) + 1, size)), slice(int(places[0]) - first, int(places[-1]) + 1 - first)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,13 +138,37 @@ class Frame:
     def __post_init__(self) -> None:
         require_seed("seed", self.seed)
 
-    def words(self, source: str) -> words.Words:
+    def words(self, source: str) -> Words:
         """The temporal words of ``source``, (H, W)."""
-        number, word = words.PLACES[source]
+        number, word = PLACES[source]
         if number not in self._blocks:
             device = self.device
-            self._blocks[number] = words.block(number, device.rows, device.columns, self.index, self.seed)
+            self._blocks[number] = block(number, device.rows, device.columns, self.index, self.seed)
         return self._blocks[number][word]
+
+    def telegraph(self, site: NDArray[np.bool_], switching: float, duty: float) -> NDArray[np.float64]:
+        """Whether the trap of each ``site`` is on in this frame, 1 or 0, (H, W).
+
+        A trap is drawn anew with chance ``switching`` per frame and is then on with chance ``duty``; its state is that
+        of the latest such frame, which is looked for backwards, so any frame can be made alone.
+        """
+        state = np.zeros(self.device.shape)
+        rows, columns = np.nonzero(site)
+        index = self.index
+        while rows.size:
+            switch, on = (
+                self._at("blinking_switch", rows, columns, index),
+                self._at("blinking_state", rows, columns, index),
+            )
+            drawn = (draws.survival(switch) < switching) | (index == 0)
+            state[rows[drawn], columns[drawn]] = draws.survival(on[drawn]) < duty
+            rows, columns, index = rows[~drawn], columns[~drawn], index - 1
+        return state
+
+    def _at(self, source: str, rows: NDArray[np.intp], columns: NDArray[np.intp], frame: int) -> Words:
+        number, word = PLACES[source]
+        x, y = self.device.columns[columns].astype(np.uint64), self.device.rows[rows].astype(np.uint64)
+        return philox((x, y, np.uint64(frame), np.uint64(number)), self.seed)[word]  # type: ignore[arg-type]
 
     def normal(self, source: str) -> Any:
         """Standard normal noise of ``source``, new in every frame, (H, W)."""

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy import special
 
+from .rounding import rounded
+
 if TYPE_CHECKING:
     from .frame import Frame
 
@@ -21,12 +23,17 @@ class Moments:
     temporal : variance from frame to frame at one pixel, averaged over cameras.
     fixed : variance from pixel to pixel (camera to camera) of the mean over frames.
     frame : the conditions: exposure, window; a stage's theory reads them and draws nothing.
+    light : the light's part of this signal, from the stage on that adds the dark current.
+    yield_mean, yield_variance : electrons per interacting photon, as in :class:`Electrons`.
     """
 
     mean: Any
     temporal: Any
     fixed: Any
     frame: Frame
+    light: Moments | None = None
+    yield_mean: Any = 1.0
+    yield_variance: Any = 0.0
 
     def add(self, *, mean: Any = 0.0, temporal: Any = 0.0, fixed: Any = 0.0) -> Moments:
         """An independent part is added: all three add."""
@@ -35,6 +42,22 @@ class Moments:
     def scale(self, gain: Any) -> Moments:
         """The signal is multiplied by a constant."""
         return replace(self, mean=self.mean * gain, temporal=self.temporal * gain**2, fixed=self.fixed * gain**2)
+
+    def through(self, value: Any, slope: Any, curvature: Any) -> Moments:
+        """The signal goes through a smooth curve f: f, f′ and f″ at the mean; second order in the noise."""
+        total = self.temporal + self.fixed
+        bend = 0.5 * curvature**2
+        return replace(
+            self,
+            mean=value + 0.5 * curvature * total,
+            temporal=slope**2 * self.temporal + bend * (total**2 - self.fixed**2),
+            fixed=slope**2 * self.fixed + bend * self.fixed**2,
+        )
+
+    def round(self) -> Moments:
+        """The signal is rounded to whole numbers; exact for a normal signal whose temporal σ is 0.1 or more."""
+        mean, temporal, fixed = rounded(self.mean, self.temporal, self.fixed)
+        return replace(self, mean=mean, temporal=temporal, fixed=fixed)
 
     def clip(self, low: float, high: float) -> Moments:
         """The signal is cut to [low, high]; exact for a normal signal that reaches only one of the two edges."""

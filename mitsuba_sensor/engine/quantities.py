@@ -40,10 +40,13 @@ class Electrons:
     """Electrons per pixel, those that light freed and those of the dark current apart.
 
     light, dark : (H, W), or a scalar where every pixel has the same; means before the shot noise, whole counts after.
+    yield_mean, yield_variance : electrons per interacting photon where that is not one (ultraviolet).
     """
 
     light: Any
     dark: Any = 0.0
+    yield_mean: Any = 1.0
+    yield_variance: Any = 0.0
 
     @property
     def total(self) -> Any:

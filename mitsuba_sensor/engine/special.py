@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
+from itertools import pairwise
 
-from scipy import special
+from scipy import integrate, optimize, special
 
 EULER_GAMMA = 0.5772156649015329
 
@@ -14,6 +16,23 @@ def sinh_integrals(x: float) -> float:
     if x > 500.0:
         return 1 / x**2 + 6 / x**4
     return 0.5 * float(math.exp(-x) * special.expi(x) - math.exp(x) * special.exp1(x))
+
+
+def root(f: Callable[[float], float], low: float, high: float) -> float:
+    """Where f crosses zero between ``low`` and ``high`` (Brent)."""
+    return float(optimize.brentq(f, low, high, xtol=1e-15))
+
+
+def largest(f: Callable[[float], float], low: float, high: float) -> float:
+    """The largest value of a function with one hump between ``low`` and ``high``."""
+    return -float(
+        optimize.minimize_scalar(lambda x: -f(x), bounds=(low, high), method="bounded", options={"xatol": 1e-9}).fun
+    )
+
+
+def integral(f: Callable[[float], float], edges: Sequence[float]) -> float:
+    """∫ f from the first edge to the last, piece by piece between the edges (adaptive quadrature)."""
+    return math.fsum(integrate.quad(f, a, b, epsrel=1e-10, limit=200)[0] for a, b in pairwise(edges))
 
 
 def two_term_remainder(x: float) -> float:

@@ -27,6 +27,15 @@ PLACES = {
     "prnu": (FIXED, 0),
     "dark_pattern": (FIXED, 1),
     "column_offset": (FIXED + 1, 0),
+    "row_offset": (FIXED + 1, 1),
+    "column_gain": (FIXED + 1, 2),
+    "pixel_offset": (FIXED + 1, 3),
+    "dark_pattern_pick": (FIXED, 2),
+    "dark_part": (FIXED, 3),
+    "blinking_site": (FIXED + 2, 0),
+    "blinking_switch": (1, 0),
+    "blinking_state": (1, 1),
+    "quantum_yield": (1, 2),
 }
 """Noise source → (block, word). A place is for ever: adding a source adds a line and moves nothing."""
 

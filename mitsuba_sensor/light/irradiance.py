@@ -204,11 +204,11 @@ class Exposer:
         per_filter = irradiance @ self._electrons_per_irradiance.T
         return np.take_along_axis(per_filter, self._filters[rows, :, None], axis=-1)[..., 0]
 
-    def _count(self, radiance: Cleaned) -> NDArray[np.bool_] | bool:
+    def _count(self, radiance: Cleaned) -> NDArray[np.bool_] | np.bool_:
         """Add up what was clamped; where a pixel has a band of +inf."""
         self.negative += radiance.negative
         self.non_finite += radiance.non_finite
-        return False if radiance.infinite is None else radiance.infinite.any(axis=-1)
+        return np.False_ if radiance.infinite is None else np.asarray(radiance.infinite.any(axis=-1))
 
     def _put(self, rows: slice, bands: Welford, electrons: Welford, infinite: NDArray[np.bool_]) -> None:
         """Store one strip; a pixel with an infinite band is infinite in all."""

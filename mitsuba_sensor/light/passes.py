@@ -14,8 +14,8 @@ from ..engine.errors import InputError, require
 FEWEST, MOST = 8, 16
 MOST_SPP = 1024  # per pass: the float32 film loses about 1e-8 per sample
 MOST_IN_ALL = 2**24
-MOST_IN_FLIGHT = 2**22  # samples per pass: a wavefront of about 300 MB
-MOST_VALUES = 2**22  # pixels × bands per strip: 32 MB for each float64 array of the running mean
+MOST_IN_FLIGHT = 2**22  # samples per pass: 45 MB a million in LLVM variants
+MOST_VALUES = 2**23  # pixels × bands per strip: 64 MB for each float64 array of the running mean
 
 
 def pass_plan(spp: int) -> tuple[int, int]:
@@ -35,9 +35,10 @@ def pass_plan(spp: int) -> tuple[int, int]:
 
 
 def _neighbours(samples: float) -> list[int]:
-    """The counts nearest to ``samples`` that multijitter keeps, at most 1024."""
-    near = range(max(int(samples) - 2 * math.isqrt(int(samples)) - 2, 1), int(samples) + 2 * math.isqrt(int(samples)) + 3)
-    return [n for n in near if n <= MOST_SPP and multijitter_count(n) == n]
+    """Counts near ``samples`` that multijitter keeps, at most 1024: r², r(r+1) and r(r+2) for r about the root."""
+    root = math.isqrt(int(samples))
+    grids = [rows * (rows + more) for rows in (root - 1, root, root + 1) if rows > 0 for more in (0, 1, 2)]
+    return [n for n in grids if n <= MOST_SPP]
 
 
 def multijitter_count(samples: int) -> int:

@@ -1,12 +1,13 @@
-"""Irradiance → mean photons per pixel."""
+"""Irradiance → mean photons per pixel, from a render, a map, a spectral cube or a complex optical field."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..engine.errors import InputError, require
 from ..engine.frame import Exposure
 from ..engine.quantities import Photons, photon_energy_j
 
@@ -27,10 +28,90 @@ def photons_per_irradiance(
     return np.asarray(bandwidths_nm, dtype=np.float64) * area_m2 * exposure.time_s / energy_j
 
 
-def collect(light: Irradiance, camera: Camera, exposure: Exposure) -> Photons:
-    """Mean photons per pixel and band, (H, W, B); not rounded, because a mean is no count."""
-    factor = photons_per_irradiance(camera, exposure, light.wavelengths_nm, light.bandwidths_nm)
-    data = np.asarray(light.data, dtype=np.float64)
+def collect(
+    light: Irradiance | NDArray[Any],
+    camera: Camera,
+    exposure: Exposure,
+    *,
+    wavelengths_nm: ArrayLike | None = None,
+    bandwidths_nm: ArrayLike | None = None,
+) -> Photons:
+    """Mean photons per pixel and band, (H, W, B); not rounded, because a mean is no count.
+
+    light : what :func:`render` returns; or an irradiance map (H, W) [W m⁻²] at one wavelength; or a complex field U
+        (H, W) with |U|² in W m⁻² (wavefront sensing); or a cube (H, W, B) [W m⁻² nm⁻¹] with ``wavelengths_nm``.
+    wavelengths_nm : (B,) band centres; one for a map or field, the camera's reference wavelength by default.
+    bandwidths_nm : (B,) of a cube; the spacing of the wavelengths by default.
+    Raises InputError for shapes that do not fit and for negative or NaN irradiance.
+    """
+    if not isinstance(light, np.ndarray) and hasattr(light, "bandwidths_nm"):
+        return _photons(
+            np.asarray(light.data, dtype=np.float64), light.wavelengths_nm, light.bandwidths_nm, camera, exposure
+        )
+    values = np.asarray(light)
+    if values.dtype.kind not in "biufc":
+        raise InputError(f"light has the type {values.dtype}; pass numbers: irradiance, or a complex field.")
+    values = np.abs(values) ** 2 if values.dtype.kind == "c" else values.astype(np.float64)
+    if values.ndim not in (2, 3) or 0 in values.shape:
+        raise InputError(f"light has shape {values.shape}; pass (H, W) in W/m², or (H, W, bands) in W/m²/nm.")
+    bad = ~(values >= 0)
+    if bad.any():
+        first = tuple(int(i) for i in np.argwhere(bad)[0])
+        raise InputError(
+            f"light is negative or NaN in {int(bad.sum())} place(s), first at {first}; irradiance is 0 or more."
+        )
+    if values.ndim == 2:
+        centre = camera.quantum_efficiency.reference_nm if wavelengths_nm is None else wavelengths_nm
+        if centre is None or np.size(centre) != 1:
+            raise InputError("light is a map at one wavelength; pass that one as wavelengths_nm, e.g. 550.")
+        return _photons(values[..., None], _lengths(centre), np.ones(1), camera, exposure)
+    if wavelengths_nm is None or np.size(wavelengths_nm) != values.shape[2]:
+        raise InputError(f"light has {values.shape[2]} bands; pass wavelengths_nm with that many centres.")
+    centres = _lengths(wavelengths_nm)
+    return _photons(values, centres, _widths(centres, bandwidths_nm), camera, exposure)
+
+
+def uniform_light(irradiance_w_per_m2: float, shape: tuple[int, int]) -> NDArray[np.float64]:
+    """The same irradiance everywhere, (H, W) [W m⁻²]: a flat field for :func:`collect`."""
+    level = require("irradiance_w_per_m2", irradiance_w_per_m2, 0.0, np.inf, "W/m², e.g. 0.01")
+    return np.full(shape, level)
+
+
+def gradient_light(low_w_per_m2: float, high_w_per_m2: float, shape: tuple[int, int]) -> NDArray[np.float64]:
+    """Irradiance that rises linearly from the first column to the last, (H, W) [W m⁻²]: the paper's PTC scene."""
+    low = require("low_w_per_m2", low_w_per_m2, 0.0, np.inf, "W/m², e.g. 0")
+    high = require("high_w_per_m2", high_w_per_m2, 0.0, np.inf, "W/m², e.g. 0.012")
+    return np.broadcast_to(np.linspace(low, high, shape[1]), shape).copy()
+
+
+def _photons(data: NDArray[Any], centres: Any, widths: Any, camera: Camera, exposure: Exposure) -> Photons:
+    factor = photons_per_irradiance(camera, exposure, centres, widths)
     with np.errstate(invalid="ignore"):
         mean = np.where(factor == 0, 0.0, data * factor)
-    return Photons(mean, np.asarray(light.wavelengths_nm, dtype=np.float64))
+    return Photons(mean, np.asarray(centres, dtype=np.float64))
+
+
+def _lengths(wavelengths_nm: Any) -> NDArray[np.float64]:
+    lengths = [
+        require("wavelengths_nm", x, 1.0, 1e5, "nanometres, e.g. 550") for x in np.ravel(wavelengths_nm).tolist()
+    ]
+    return np.array(lengths, dtype=np.float64)
+
+
+def _widths(centres: NDArray[np.float64], bandwidths_nm: ArrayLike | None) -> NDArray[np.float64]:
+    """The given widths, or the spacing of evenly spaced centres."""
+    if bandwidths_nm is not None:
+        if np.size(bandwidths_nm) not in (1, centres.size):
+            raise InputError(
+                f"bandwidths_nm has {np.size(bandwidths_nm)} widths for {centres.size} bands; pass one each."
+            )
+        widths = np.broadcast_to(np.asarray(bandwidths_nm, dtype=np.float64), centres.shape)
+        if not (widths > 0).all():
+            raise InputError(f"bandwidths_nm is {widths.min():g}; every band needs a positive width in nm.")
+        return widths
+    steps = np.diff(centres)
+    if not steps.size or not (steps > 0).all() or not np.allclose(steps, steps[0]):
+        raise InputError(
+            "wavelengths_nm is not evenly spaced and rising; pass bandwidths_nm, one width per band in nm."
+        )
+    return np.full(centres.shape, steps[0])

@@ -34,7 +34,10 @@ FILM_KEYS = ("width", "height", "crop_width", "crop_height", "crop_offset_x", "c
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A scene ready to render into bands. view : what its sensor sees; notes : what was replaced, what will be black."""
+    """A scene ready to render into bands.
+
+    view : what its sensor sees.  notes : what was replaced, what will be black.
+    """
 
     native: Any
     integrator: Any
@@ -85,7 +88,7 @@ def load_scene(path: str | os.PathLike[str], edges_nm: NDArray[np.float64], para
             built = mi.parser.instantiate(config, state)
     native = built[0] if isinstance(built, list) else built
     if not native.emitters():
-        raise InputError(f"scene {file.name!r} has no light; add an emitter, e.g. <emitter type=\"constant\"/>.")
+        raise InputError(f'scene {file.name!r} has no light; add an emitter, e.g. <emitter type="constant"/>.')
     sensor, integrator = native.sensors()[0], native.integrator() or mi.load_dict({"type": "path"})
     return Scene(native, integrator, sensor, _view(mi, sensor), _digest(state, values), tuple(notes))
 
@@ -122,9 +125,7 @@ def _children(mi: Any, state: Any, props: Any) -> Iterator[tuple[str, Any]]:
             yield name, state.nodes[value.index()]
 
 
-def _put_film(
-    mi: Any, state: Any, sensor: int, file: Path, edges_nm: NDArray[np.float64], notes: list[str]
-) -> None:
+def _put_film(mi: Any, state: Any, sensor: int, file: Path, edges_nm: NDArray[np.float64], notes: list[str]) -> None:
     """Replace film and sampler of the sensor node."""
     props, size = state.nodes[sensor].props, {}
     for name, child in _children(mi, state, props):
@@ -151,7 +152,7 @@ def _film_notes(mi: Any, state: Any, film: Any) -> list[str]:
         notes.append(f"film {kind!r} replaced by the spectral bands of the sensor (specfilm, float32)")
     if filters != ["box"]:
         notes.append(f"filter {(filters or ['gaussian'])[0]!r} replaced by 'box': a pixel sees itself only")
-    if any(name.startswith("crop") for name in film.props.keys()):
+    if any(name.startswith("crop") for name in dict(film.props.items())):
         notes.append("only the crop window of the film is rendered")
     return notes
 
@@ -228,7 +229,8 @@ def _in_one_sentence(file: Path) -> Iterator[None]:
     try:
         yield
     except RuntimeError as error:
-        where = rf'(?:At|While loading|Error while loading|Parsing of XML file) "?{re.escape(str(file))}"?(?: failed:)? '
+        begin, name = "At|While loading|Error while loading|Parsing of XML file", re.escape(str(file))
+        where = rf'(?:{begin}) "?{name}"?(?: failed:)? '
         text = re.sub(where, "", _plain(error))
         remedy = "; give it a value (-D name=value)" if "undefined parameter" in text else ""
         raise InputError(f"scene {file.name!r} cannot be loaded: {text}{remedy}.") from error

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.integrate import trapezoid
 
 LUMENS_PER_WATT = 683.002  # K_m, CIE: 683 lm/W at 540 THz, that is 555.017 nm in air
 VISIBLE_NM = (360.0, 830.0)  # the range of Mitsuba's own spectra (CIE observers)
@@ -28,7 +29,7 @@ def photopic(wavelengths_nm: ArrayLike) -> NDArray[np.float64]:
 
 def luminous(wavelengths_nm: NDArray[np.float64], radiometric: NDArray[np.float64]) -> float:
     """What the eye makes of a spectrum: W m⁻² nm⁻¹ → lux, W m⁻² sr⁻¹ nm⁻¹ → cd/m²."""
-    return float(LUMENS_PER_WATT * np.trapezoid(radiometric * photopic(wavelengths_nm), wavelengths_nm))
+    return float(LUMENS_PER_WATT * trapezoid(radiometric * photopic(wavelengths_nm), wavelengths_nm))
 
 
 def d65_radiance(luminance_cd_per_m2: float, wavelengths_nm: ArrayLike) -> NDArray[np.float64]:

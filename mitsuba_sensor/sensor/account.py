@@ -1,51 +1,52 @@
-"""Every electron accounted for: theory and sample of one frame, stage by stage."""
+"""Every electron accounted for: theory and sample of one frame, stage by stage and source by source."""
 
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..engine.frame import Frame
 from ..engine.moments import Moments
 from ..engine.quantities import Electrons, Photons
 from .camera import Camera
-from .chain import chain, gain_dn_per_e
+from .chain import gain_dn_per_e
 
-UNITS = {"electrons": "e-", "volts": "V", "digital numbers": "DN"}
+UNITS = {"photons": "photons", "electrons": "e-", "volts": "V", "digital numbers": "DN"}
 
 
-def account(photons: Photons, camera: Camera, frame: Frame) -> dict[str, Any]:
+def account(photons: Photons, camera: Camera, frame: Frame, stages: tuple[Any, ...]) -> dict[str, Any]:
     """Follow one frame and its moments through the chain.
 
     Returns a dict ready for JSON: ``photons`` (min, median, max per pixel), ``stages`` (below), ``counts`` of clipped
     pixels and ``K_dn_per_e``. Each stage holds mean and σ as they must be, averaged over the window (σ total,
     temporal, fixed), and as this frame shows them: σ_frame is the rms distance of the pixels from their own means.
     """
-    stages = []
+    lines = []
     signal: Any = photons
     moments = Moments(photons, 0.0, 0.0, frame)
     counts = {"clipped_full_well": 0, "clipped_adc_low": 0, "clipped_adc_high": 0}
-    for stage in chain(camera):
-        before = moments
+    for stage in stages:
         signal, moments = stage(signal, frame), stage.moments(moments)
-        value = signal.total if isinstance(signal, Electrons) else signal
-        stages.append(_entry(stage, value, before, moments))
-        if type(stage).__name__ == "FullWell":
+        value = plain(signal)
+        lines.append(_line(stage, value, moments))
+        if hasattr(stage, "full_well_e"):
             counts["clipped_full_well"] = int(np.sum(value >= stage.full_well_e))
     counts["clipped_adc_low"] = int(np.sum(value <= 0))
-    counts["clipped_adc_high"] = int(np.sum(value >= stage.highest))
+    counts["clipped_adc_high"] = int(np.sum(value >= stages[-1].highest))
     total = photons.total
     return {
         "photons": {"min": float(total.min()), "median": float(np.median(total)), "max": float(total.max())},
-        "stages": stages,
+        "stages": lines,
         "counts": counts,
         "K_dn_per_e": gain_dn_per_e(camera),
     }
 
 
-def _entry(stage: Any, value: Any, before: Moments, m: Moments) -> dict[str, Any]:
+def _line(stage: Any, value: Any, m: Moments) -> dict[str, Any]:
     """One line of the account, in the unit of the stage's room."""
     with np.errstate(invalid="ignore"):
         residual = np.nan_to_num(np.asarray(value, dtype=np.float64) - m.mean, nan=0.0, posinf=0.0)
@@ -60,6 +61,82 @@ def _entry(stage: Any, value: Any, before: Moments, m: Moments) -> dict[str, Any
         "mean_frame": float(np.mean(value)),
         "sigma_frame": float(np.sqrt(np.mean(residual**2))),
     }
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """What one source put into a frame.
+
+    dn : its contribution to every pixel, (H, W) [DN].
+    temporal_dn2, fixed_dn2 : how far it moves the two variances on average [DN²]; negative where a clip eats noise.
+    """
+
+    source: str
+    dn: NDArray[np.float64]
+    temporal_dn2: float
+    fixed_dn2: float
+
+
+@dataclass(frozen=True, eq=False)
+class Ledger:
+    """A frame taken apart: the contributions add up to the digital numbers, the variances to the moments.
+
+    entries : one per source, in the order of the chain.
+    """
+
+    entries: tuple[Entry, ...]
+
+    @property
+    def total(self) -> NDArray[np.float64]:
+        """The sum of all contributions: the frame itself, (H, W) [DN]."""
+        return np.sum([entry.dn for entry in self.entries], axis=0)
+
+    def explain(self) -> str:
+        """A table for people."""
+        lines = [f"{'source':<26}{'mean':>12}{'rms':>12}{'temporal':>12}{'fixed':>12}   [DN, DN, DN², DN²]"]
+        for e in self.entries:
+            numbers = (e.dn.mean(), np.sqrt(np.mean((e.dn - e.dn.mean()) ** 2)), e.temporal_dn2, e.fixed_dn2)
+            lines.append(f"{e.source:<26}" + "".join(f"{x:>12.5g}" for x in numbers))
+        return "\n".join(lines)
+
+
+def ledger(photons: Photons, frame: Frame, stages: tuple[Any, ...]) -> Ledger:
+    """Take one frame apart by the named streams.
+
+    A contribution is the change that a stage makes, carried to DN by the nominal gains of the stages after it, so the
+    changes of all stages telescope to the frame.
+    """
+    entries: list[Entry] = []
+    signal: Any = photons
+    moments = Moments(photons, 0.0, 0.0, frame)
+    to_dn = np.prod([getattr(stage, "nominal_gain", 1.0) for stage in stages])
+    before, was = np.zeros(frame.device.shape), (0.0, 0.0)
+    for stage in stages:
+        electrons_before, means = signal, moments
+        signal, moments = stage(signal, frame), stage.moments(moments)
+        to_dn = to_dn / getattr(stage, "nominal_gain", 1.0)
+        after = to_dn * np.broadcast_to(plain(signal), before.shape)
+        now = float(np.mean(moments.temporal)) * to_dn**2, float(np.mean(moments.fixed)) * to_dn**2
+        change = Entry(stage_name(stage), after - before, now[0] - was[0], now[1] - was[1])
+        entries += _shot_parts(electrons_before, signal, means, to_dn) if change.source == "shot noise" else [change]
+        before, was = after, now
+    return Ledger(tuple(entries))
+
+
+def _shot_parts(mean: Electrons, counted: Electrons, m: Moments, to_dn: float) -> list[Entry]:
+    """Photon shot noise and dark shot noise apart; the variance of each is its mean."""
+    light = (m.light or m).mean
+    shape = np.broadcast_shapes(np.shape(mean.light), np.shape(counted.light))
+    pairs = (
+        ("photon shot noise", counted.light - mean.light, light),
+        ("dark shot noise", counted.dark - mean.dark, m.mean - light),
+    )
+    return [Entry(name, np.broadcast_to(to_dn * dn, shape), float(np.mean(v)) * to_dn**2, 0.0) for name, dn, v in pairs]
+
+
+def plain(signal: Any) -> Any:
+    """The signal of any room as an array: photons of all bands, electrons of light and dark together."""
+    return signal.total if isinstance(signal, Photons | Electrons) else signal
 
 
 def stage_name(stage: Any) -> str:

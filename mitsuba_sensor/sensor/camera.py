@@ -27,6 +27,7 @@ from .datasheet import (
 from .door import fields_of, sentence
 from .electrons import QeCurve
 
+QE_WAYS = ("value", "file", "curves")
 SHIPPED = resources.files(__package__) / "cameras"
 
 
@@ -69,6 +70,10 @@ class Camera(Section):
             for part in path:
                 table = table[part]
             table[last] = value
+            if path == ["quantum_efficiency"] and last in QE_WAYS and value is not None:
+                for other in QE_WAYS:  # the new way of giving the QE stands in for the old one
+                    if other != last and f"quantum_efficiency.{other}" not in changes:
+                        table.pop(other, None)
             if path:
                 data["sources"][dotted] = "set by the user"
         return _checked(data, self.name)
@@ -131,7 +136,7 @@ def load_camera(name: str | Path) -> Camera:
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
         raise InputError(f"The camera file {path} cannot be read: {reason}.") from None
-    return _parsed(text, str(path))
+    return _parsed(text, str(path), str(path.parent))
 
 
 def list_cameras() -> list[str]:
@@ -144,16 +149,16 @@ def camera_schema() -> dict[str, Any]:
     return Camera.model_json_schema()
 
 
-def _parsed(text: str, where: str) -> Camera:
+def _parsed(text: str, where: str, folder: str = ".") -> Camera:
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"The camera file {where} is not valid TOML: {error}.") from None
-    return _checked(data, where)
+    return _checked(data, where, folder)
 
 
-def _checked(data: dict[str, Any], where: str) -> Camera:
+def _checked(data: dict[str, Any], where: str, folder: str = ".") -> Camera:
     try:
-        return Camera.model_validate(data)
+        return Camera.model_validate(data, context={"folder": folder})
     except ValidationError as error:
         raise InputError(sentence(error, Camera, where)) from None

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ..engine.special import EULER_GAMMA, sinh_integrals, two_term_remainder
+from ..engine.special import EULER_GAMMA, integral, sinh_integrals, two_term_remainder
 
 
 @dataclass(frozen=True)
@@ -18,6 +18,7 @@ class CdsNoise:
     white_nv_per_rthz : white noise density W [nV/√Hz].  corner_hz : flicker corner f_c [Hz].
     sample_s : time between the two samples t_s [s].  dominant_s : time constant τ_D of the CDS, usually t_s/2 [s].
     rtn_uv, rtn_s : step ΔV [µV] and time constant τ_RTN [s] of the telegraph noise.
+    band_hz : from and to which frequency noise counts [Hz]; all of them, in closed form, when None.
     """
 
     white_nv_per_rthz: float
@@ -26,11 +27,15 @@ class CdsNoise:
     dominant_s: float
     rtn_uv: float = 0.0
     rtn_s: float = 1e-6
+    band_hz: tuple[float, float] | None = None
 
     @property
     def sigma_v(self) -> float:
         """Noise at the sense node before the source follower's gain [V rms]: √(∫ S·H df)/(1 − e^(−t_s/τ_D))."""
-        total = self.white_v2 + self.flicker_v2 + self.rtn_v2
+        if self.band_hz is not None:
+            total = integral(self._seen_v2_per_hz, self._edges_hz())
+        else:
+            total = self.white_v2 + self.flicker_v2 + self.rtn_v2
         return math.sqrt(total) / -math.expm1(-self.sample_s / self.dominant_s)
 
     @property
@@ -55,6 +60,19 @@ class CdsNoise:
         else:
             slope = (self._decay(r) - self._decay(tau)) / ((r - tau) * (r + tau))
         return (self.rtn_uv * 1e-6) ** 2 * r / 2 * slope
+
+    def _seen_v2_per_hz(self, f: float) -> float:
+        """S_SF(f)·H_CDS(f) [V²/Hz] (paper eq. 20–22)."""
+        density = (self.white_nv_per_rthz * 1e-9) ** 2
+        telegraph = 2 * (self.rtn_uv * 1e-6) ** 2 * self.rtn_s / (4 + (2 * math.pi * f * self.rtn_s) ** 2)
+        passed = 4 * math.sin(math.pi * f * self.sample_s) ** 2 / (1 + (2 * math.pi * f * self.dominant_s) ** 2)
+        return (density * (1 + self.corner_hz / f) + telegraph) * passed if f else 0.0
+
+    def _edges_hz(self) -> list[float]:
+        """The band cut at the zeros of the CDS, so that no piece holds more than one hump; at most 4000 of them."""
+        low, high = self.band_hz  # type: ignore[misc]
+        first, last = math.floor(low * self.sample_s) + 1, math.ceil(high * self.sample_s)
+        return [low, *(k / self.sample_s for k in range(first, min(last, first + 4000))), high]
 
     def _decay(self, tau: float) -> float:
         return -tau * math.expm1(-self.sample_s / tau)

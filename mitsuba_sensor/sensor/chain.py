@@ -3,23 +3,53 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any, Protocol
 
 from ..engine.frame import Device, Exposure, Frame
 from ..engine.moments import Moments
+from ..engine.quantities import ELEMENTARY_CHARGE_C
 from .camera import Camera
 from .cds import CdsNoise
-from .digital import Adc
-from .electrons import DarkCurrent, Detection, FullWell, Prnu, ShotNoise
-from .laws import Doubling, FigureOfMerit
-from .patterns import GaussianMap, LogNormalMap
-from .volts import CdsGain, ColumnOffset, ResetNoise, SenseNode, SourceFollower, SourceFollowerNoise
+from .darkparts import DarkPart
+from .digital import Adc, AdcWithSteps, IntegralNonlinearity, gamma_of_ile
+from .electrons import BlinkingPixels, DarkCurrent, Detection, FullWell, Prnu, QeCurve, QuantumYield, ShotNoise
+from .laws import Doubling, FigureOfMerit, Measured, Mpp
+from .patterns import (
+    Autoregressive,
+    AutoregressiveRectified,
+    Gamma,
+    Gaussian,
+    Logistic,
+    LogNormal,
+    Pattern,
+    Rectified,
+    Wald,
+)
+from .volts import (
+    CdsGain,
+    ColumnGain,
+    ColumnOffset,
+    NonlinearSenseNode,
+    NonlinearSourceFollower,
+    PixelOffset,
+    ResetNoise,
+    RowOffset,
+    SenseNode,
+    SourceFollower,
+    SourceFollowerNoise,
+)
 
 RESET_RESIDUAL = {"hard": 1.0, "soft": math.sqrt(0.5), "true_cds": 0.0}
 """What is left of the kTC noise (paper, sense node reset noise; soft reset: Pain et al. 2000)."""
 
-PATTERNS: dict[str, Callable[[float], Any]] = {"gaussian": GaussianMap, "lognormal": LogNormalMap}
+PRNU_PATTERNS: dict[str, Any] = {"gaussian": Rectified, "lognormal": LogNormal}
+DARK_PATTERNS: dict[str, Any] = {
+    "gaussian": Gaussian,
+    "lognormal": LogNormal,
+    "gamma": Gamma,
+    "wald": Wald,
+    "logistic": Logistic,
+}
 
 PEDESTAL_AT = Exposure(time_s=0.0, temperature_k=298.15)
 """The default pedestal holds the noise of this exposure."""
@@ -37,47 +67,142 @@ class Stage(Protocol):
 def chain(camera: Camera) -> tuple[Any, ...]:
     """The stages of this camera, from photons to digital numbers. A CCD has no reset noise and no column offsets."""
     return (
-        Detection(camera.curves, camera.tile, camera.quantum_efficiency.reference_nm),
-        Prnu(camera.pixel.prnu),
-        DarkCurrent(dark_law(camera), PATTERNS[camera.dark_current.pattern](camera.dark_current.cv)),
-        ShotNoise(),
+        *collection(camera),
         FullWell(camera.pixel.full_well_e),
         *analogue(camera),
-        Adc(camera.adc.bits, adc_gain_dn_per_v(camera), pedestal_dn(camera)),
+        converter(camera),
+    )
+
+
+def collection(camera: Camera) -> tuple[Any, ...]:
+    """The stages before the well: what frees electrons."""
+    section, dark = camera.quantum_efficiency, camera.dark_current
+    burst = QeCurve(section.wavelengths_nm, section.quantum_yield) if section.quantum_yield else None
+    return (
+        Detection(camera.curves, camera.tile, section.reference_nm, burst),
+        Prnu(prnu_pattern(camera)),
+        DarkCurrent(dark_law(camera), dark_pattern(camera), dark_parts(camera)),
+        *((_blinking(camera),) if dark.blinking_share else ()),
+        ShotNoise(),
+        *((QuantumYield(section.fano_factor),) if burst else ()),
     )
 
 
 def analogue(camera: Camera) -> tuple[Any, ...]:
     """The stages between the well and the converter."""
-    gain = camera.readout.sense_gain_uv_per_e * 1e-6
-    follower = camera.source_follower
-    node = (SenseNode(gain),)
-    noise = (SourceFollowerNoise(follower_sigma_v(camera)), SourceFollower(follower.gain))
+    readout, follower = camera.readout, camera.source_follower
+    gain, full_well_e = sense_gain_v_per_e(camera), camera.pixel.full_well_e
+    noise = (SourceFollowerNoise(follower_sigma_v(camera)), _follower(camera))
+    ending = (CdsGain(readout.cds_gain), *_integral(camera))
     if camera.sensor.technology == "ccd":
-        return (*node, *noise, CdsGain(camera.readout.cds_gain))
-    columns = camera.readout.column_offset * camera.pixel.full_well_e * gain * follower.gain
+        return (_node(camera), *noise, *ending)
+    per_e, left = gain * follower.gain, readout.offset_residual
+    residual = RESET_RESIDUAL[readout.reset] if readout.ktc_residual is None else readout.ktc_residual
     return (
-        *node,
-        ResetNoise(gain, RESET_RESIDUAL[camera.readout.reset]),
+        _node(camera),
+        ResetNoise(gain, residual),
         *noise,
-        ColumnOffset(columns, camera.readout.column_coupling),
-        CdsGain(camera.readout.cds_gain),
+        ColumnOffset(readout.column_offset * full_well_e, per_e, readout.column_coupling, left),
+        RowOffset(readout.row_offset * full_well_e, per_e, readout.row_coupling),
+        PixelOffset(camera.pixel.offset_e, per_e, camera.pixel.offset_coupling, left),
+        ColumnGain(readout.column_gain, readout.column_gain_coupling),
+        *ending,
     )
 
 
-def dark_law(camera: Camera) -> FigureOfMerit | Doubling:
+def converter(camera: Camera) -> Adc:
+    """The ADC, with steps of its own where the datasheet has a DNL table."""
+    plain = (camera.adc.bits, adc_gain_dn_per_v(camera), pedestal_dn(camera))
+    if not camera.adc.dnl_lsb:
+        return Adc(*plain)
+    table = [0.0] * 2**camera.adc.bits
+    for code, width in camera.adc.dnl_lsb.items():
+        table[int(code)] = width
+    return AdcWithSteps(*plain, dnl_lsb=tuple(table))
+
+
+def prnu_pattern(camera: Camera) -> Pattern:
+    """Family of the gain pattern."""
+    pixel = camera.pixel
+    if pixel.prnu_pattern == "ar":
+        return AutoregressiveRectified(pixel.prnu, pixel.prnu_coupling)
+    return PRNU_PATTERNS[pixel.prnu_pattern](pixel.prnu)
+
+
+def dark_pattern(camera: Camera) -> Pattern:
+    """Family of the dark pattern."""
+    dark = camera.dark_current
+    if dark.pattern == "ar":
+        return Autoregressive(dark.cv, dark.coupling)
+    return DARK_PATTERNS[dark.pattern](dark.cv)
+
+
+def dark_law(camera: Camera) -> FigureOfMerit | Mpp | Doubling | Measured:
     """How this camera's dark current follows the temperature."""
     dark = camera.dark_current
+    area_cm2 = camera.pixel.pitch_x_um * camera.pixel.pitch_y_um * 1e-8
     if dark.fom_na_per_cm2 is not None:
-        return FigureOfMerit(dark.fom_na_per_cm2, camera.pixel.pitch_x_um * camera.pixel.pitch_y_um * 1e-8)
-    return Doubling(dark.rate_e_per_s, dark.at_temperature_k, dark.doubling_k)  # type: ignore[arg-type]
+        if dark.diffusion_fom_na_per_cm2 is not None:
+            return Mpp(dark.diffusion_fom_na_per_cm2, dark.fom_na_per_cm2, area_cm2)
+        return FigureOfMerit(dark.fom_na_per_cm2, area_cm2)
+    rate, at = dark.rate_e_per_s or 0.0, dark.at_temperature_k or 300.0
+    return Measured(rate, at) if dark.doubling_k is None else Doubling(rate, at, dark.doubling_k)
+
+
+def dark_parts(camera: Camera) -> tuple[DarkPart, ...]:
+    """The superimposed dark signals, in electrons."""
+    unit = {"e": 1.0, "e_per_s": 1.0, "dn": 1 / gain_dn_per_e(camera)}
+    return tuple(
+        DarkPart(
+            part.weight,
+            part.family,
+            *((part.low, part.high) if part.family == "uniform" else (part.mean, part.sigma)),  # type: ignore[arg-type]
+            e_per_unit=unit[part.unit],
+            per_second=part.unit == "e_per_s",
+        )
+        for part in camera.dark_current.parts
+    )
+
+
+def _blinking(camera: Camera) -> BlinkingPixels:
+    dark = camera.dark_current
+    return BlinkingPixels(dark.blinking_share, dark.blinking_e_per_s, dark.blinking_switching, dark.blinking_duty)
+
+
+def _node(camera: Camera) -> SenseNode | NonlinearSenseNode:
+    gain, readout = sense_gain_v_per_e(camera), camera.readout
+    if readout.ve_nonlinearity:
+        return NonlinearSenseNode(gain, readout.v_ref_v, readout.ve_nonlinearity)
+    return SenseNode(gain)
+
+
+def _follower(camera: Camera) -> SourceFollower | NonlinearSourceFollower:
+    follower = camera.source_follower
+    if follower.vv_nonlinearity == 1:
+        return SourceFollower(follower.gain)
+    full_swing_v = camera.pixel.full_well_e * sense_gain_v_per_e(camera)
+    return NonlinearSourceFollower(follower.gain, follower.vv_nonlinearity, full_swing_v)
+
+
+def _integral(camera: Camera) -> tuple[IntegralNonlinearity, ...]:
+    adc = camera.adc
+    gamma = gamma_of_ile(adc.ile) if adc.ile is not None else adc.gamma
+    return () if gamma in (None, 1.0) else (IntegralNonlinearity(gamma, full_scale_v(camera)),)
+
+
+def sense_gain_v_per_e(camera: Camera) -> float:
+    """A_SN [V/e-]: as given, or V_REF·q/k₁."""
+    readout = camera.readout
+    if readout.sense_gain_uv_per_e is not None:
+        return readout.sense_gain_uv_per_e * 1e-6
+    return readout.v_ref_v * ELEMENTARY_CHARGE_C / readout.ve_k1_c  # type: ignore[operator]
 
 
 def follower_sigma_v(camera: Camera) -> float:
     """Noise of the source follower at the sense node [V rms]. A CCD has one amplifier and no telegraph noise."""
     follower = camera.source_follower
     if follower.read_noise_e is not None:
-        return follower.read_noise_e * camera.readout.sense_gain_uv_per_e * 1e-6
+        return follower.read_noise_e * sense_gain_v_per_e(camera)
     noise = CdsNoise(
         white_nv_per_rthz=follower.white_nv_per_rthz or 0.0,
         corner_hz=follower.corner_hz,
@@ -85,6 +210,7 @@ def follower_sigma_v(camera: Camera) -> float:
         dominant_s=follower.cds_dominant_s,
         rtn_uv=0.0 if camera.sensor.technology == "ccd" else follower.rtn_uv,
         rtn_s=follower.rtn_s,
+        band_hz=follower.band_hz,
     )
     return noise.sigma_v / follower.gain
 
@@ -98,7 +224,7 @@ def full_scale_v(camera: Camera) -> float:
 
 def volts_per_electron(camera: Camera) -> float:
     """A_SN·A_SF·A_CDS [V/e-]."""
-    return camera.readout.sense_gain_uv_per_e * 1e-6 * camera.source_follower.gain * camera.readout.cds_gain
+    return sense_gain_v_per_e(camera) * camera.source_follower.gain * camera.readout.cds_gain
 
 
 def adc_gain_dn_per_v(camera: Camera) -> float:

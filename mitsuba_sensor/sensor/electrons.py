@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 from ..engine import arrays, draws
 from ..engine.errors import InputError
-from ..engine.frame import Frame
-from ..engine.moments import Moments, rectified_normal
+from ..engine.frame import Device, Frame
+from ..engine.moments import Moments
 from ..engine.quantities import Electrons, Photons
-from .laws import Doubling, FigureOfMerit
-from .patterns import GaussianMap, LogNormalMap
+from .darkparts import DarkPart, mixture_moments, superimpose
+from .patterns import Pattern
 
 
 @dataclass(frozen=True)
@@ -35,64 +35,82 @@ class Detection:
 
     curves : one QE curve per colour filter.  tile : rows of filter numbers that repeat over the sensor.
     reference_nm : the wavelength of photons that come without one [nm], or None when they must have one.
+    quantum_yield : electrons per interacting photon against wavelength, or None for one everywhere.
     """
 
     curves: tuple[QeCurve, ...]
     tile: tuple[tuple[int, ...], ...] = ((0,),)
     reference_nm: float | None = None
+    quantum_yield: QeCurve | None = None
     room: ClassVar[str] = "electrons"
 
     def __call__(self, photons: Photons, frame: Frame) -> Electrons:
-        """Mean photons (H, W) or (H, W, B) → mean light electrons (H, W)."""
+        """Mean photons (H, W) or (H, W, B) → mean light electrons (H, W); with a yield, mean interactions."""
         weights = self._weights(photons)
         if len(self.curves) > 1:
             rows = frame.device.rows % len(self.tile)
             columns = frame.device.columns % len(self.tile[0])
             weights = arrays.pick(weights, arrays.pick(self.tile, (rows[:, None], columns[None, :])))
         layers = photons.mean if photons.mean.ndim == 3 else photons.mean[..., None]
-        return Electrons(light=arrays.weigh(layers, weights))
+        light = arrays.weigh(layers, weights)
+        if self.quantum_yield is None:
+            return Electrons(light)
+        per_photon = self.quantum_yield.at(self._wavelengths(photons))
+        first = arrays.ratio(arrays.weigh(layers, weights * per_photon), light, 1.0)
+        second = arrays.ratio(arrays.weigh(layers, weights * per_photon**2), light, 1.0)
+        return Electrons(light, yield_mean=first, yield_variance=arrays.maximum(second - first**2, 0.0))
 
     def moments(self, m: Moments) -> Moments:
         """The mean itself; nothing is random yet."""
-        return Moments(self(m.mean, m.frame).light, 0.0, 0.0, m.frame)
+        electrons = self(m.mean, m.frame)
+        return Moments(
+            electrons.light, 0.0, 0.0, m.frame,
+            yield_mean=electrons.yield_mean, yield_variance=electrons.yield_variance,
+        )  # fmt: skip
 
     def _weights(self, photons: Photons) -> Any:
         """QE of every filter at the photons' wavelengths, (F, B); (B,) for one filter."""
-        wavelengths = photons.wavelengths_nm
-        if wavelengths is None:
-            if self.reference_nm is None:
-                raise InputError(
-                    "photons has no wavelengths_nm and this camera's quantum efficiency depends on wavelength; "
-                    "pass wavelengths_nm=[...], one per band, or set quantum_efficiency.reference_nm in the camera."
-                )
-            wavelengths = (self.reference_nm,)  # type: ignore[assignment]
-        rows = [curve.at(wavelengths) for curve in self.curves]
-        return rows if len(rows) > 1 else rows[0]
+        rows = [curve.at(self._wavelengths(photons)) for curve in self.curves]
+        return arrays.table(rows if len(rows) > 1 else rows[0])
+
+    def _wavelengths(self, photons: Photons) -> Any:
+        """(B,) [nm]; the camera's reference where the photons came without."""
+        if photons.wavelengths_nm is not None:
+            return photons.wavelengths_nm
+        if self.reference_nm is None:
+            raise InputError(
+                "photons has no wavelengths_nm and this camera's quantum efficiency depends on wavelength; "
+                "pass wavelengths_nm=[...], one per band, or set quantum_efficiency.reference_nm in the camera."
+            )
+        return (self.reference_nm,)
 
 
 @dataclass(frozen=True)
 class Prnu:
     """Every pixel has its own gain for light, and keeps it.
 
-    mean' = mean · max(0, 1 + factor·z), one z per pixel per camera  (paper eq. 15).
+    mean' = mean · max(0, 1 + factor·z), one z per pixel per camera  (paper eq. 15, and other families).
 
-    factor : dimensionless, 0.01–0.02 typical (Janesick 2001).
+    pattern : the family of the gain; its cv is the PRNU factor, 0.01–0.02 typical (Janesick 2001).
     """
 
-    factor: float
+    pattern: Pattern
     room: ClassVar[str] = "electrons"
 
     def __call__(self, electrons: Electrons, frame: Frame) -> Electrons:
         """Mean electrons → mean electrons with the camera's gain pattern."""
-        if self.factor == 0:
+        if self.pattern.cv == 0 and "prnu" not in frame.device.given:
             return electrons
-        gain = arrays.maximum(1 + self.factor * frame.device.pattern("prnu", draws.normal), 0.0)
-        return Electrons(arrays.product(electrons.light, gain), electrons.dark)
+        return replace(electrons, light=arrays.product(electrons.light, self.maps(frame.device)["prnu"]))
 
     def moments(self, m: Moments) -> Moments:
-        """Mean and variance of the rectified normal; it stands before the dark current, so all of the mean is light."""
-        mean, variance = rectified_normal(self.factor)
-        return Moments(m.mean * mean, m.temporal, m.fixed + m.mean**2 * variance, m.frame)
+        """It stands before the dark current, so all of the mean is light."""
+        mean, variance = m.frame.device.spread("prnu", self.pattern.mean, self.pattern.variance)
+        return replace(m, mean=m.mean * mean, fixed=m.fixed + arrays.product(m.mean**2, variance))
+
+    def maps(self, device: Device) -> dict[str, Any]:
+        """``prnu``: gain of every pixel, 1 on average."""
+        return {"prnu": device.fixed("prnu", lambda: self.pattern.map_of(device, "prnu"))}
 
 
 @dataclass(frozen=True)
@@ -100,28 +118,71 @@ class DarkCurrent:
     """Electrons come without light: mean dark electrons = t·D_R(T)·X, X a fixed map of mean 1 (paper eq. 16, 18).
 
     law : D_R(T) in e-/s.  pattern : the family of X; its coefficient of variation is D_N, 0.1–0.4 typical.
+    parts : shares of the pixels that follow a superimposed law instead, also where a map is given.
     """
 
-    law: FigureOfMerit | Doubling
-    pattern: GaussianMap | LogNormalMap
+    law: Any
+    pattern: Pattern
+    parts: tuple[DarkPart, ...] = ()
     room: ClassVar[str] = "electrons"
 
     def __call__(self, electrons: Electrons, frame: Frame) -> Electrons:
         """Adds the mean dark electrons of this exposure."""
         mean = self.mean_e(frame)
-        if mean == 0:
-            return electrons
-        factor = frame.device.pattern("dark_pattern", self.pattern) if self.pattern.cv else 1.0
-        return Electrons(electrons.light, mean * factor)
+        flat = self.pattern.cv == 0 and "dark_pattern" not in frame.device.given
+        dark = mean if flat or mean == 0 else arrays.product(mean, self.maps(frame.device)["dark_pattern"])
+        if self.parts:
+            dark = superimpose(self.parts, dark, frame)
+        return replace(electrons, dark=electrons.dark + dark)
 
     def moments(self, m: Moments) -> Moments:
-        """Adds t·D_R to the mean and (t·D_R)²·var X to the fixed variance."""
+        """The mixture of t·D_R·X with the parts: its mean, and its variance from pixel to pixel."""
         mean = self.mean_e(m.frame)
-        return m.add(mean=mean, fixed=mean * mean * self.pattern.variance)
+        factor, variance = m.frame.device.spread("dark_pattern", self.pattern.mean, self.pattern.variance)
+        average, spread = mixture_moments(self.parts, mean * factor, mean**2 * variance, m.frame)
+        return replace(m.add(mean=average, fixed=spread), light=m)
 
     def mean_e(self, frame: Frame) -> float:
-        """Mean dark electrons of a pixel in this exposure."""
+        """Mean dark electrons of a pixel of the main part in this exposure."""
         return frame.exposure.time_s * self.law.rate_e_per_s(frame.exposure.temperature_k)
+
+    def maps(self, device: Device) -> dict[str, Any]:
+        """``dark_pattern``: dark current of every pixel over the average, 1 on average."""
+        return {"dark_pattern": device.fixed("dark_pattern", lambda: self.pattern.map_of(device, "dark_pattern"))}
+
+
+@dataclass(frozen=True)
+class BlinkingPixels:
+    """A few pixels have a trap that switches their dark current on and off between frames (random telegraph signal).
+
+    share : of the pixels, 0 … 1.  amplitude_e_per_s : the step [e-/s].
+    switching : chance per frame that a trap is drawn anew; states of frames Δ apart correlate by (1 − switching)^Δ.
+    duty : share of the time that it is on.
+    """
+
+    share: float
+    amplitude_e_per_s: float
+    switching: float
+    duty: float
+    room: ClassVar[str] = "electrons"
+
+    def __call__(self, electrons: Electrons, frame: Frame) -> Electrons:
+        """Adds the electrons of the traps that are on."""
+        step = self.amplitude_e_per_s * frame.exposure.time_s
+        if self.share == 0 or step == 0:
+            return electrons
+        site = frame.device.pattern("blinking_site", draws.survival) < self.share
+        return replace(electrons, dark=electrons.dark + step * frame.telegraph(site, self.switching, self.duty))
+
+    def moments(self, m: Moments) -> Moments:
+        """A pixel blinks with chance ``share``, and is on with chance ``duty``."""
+        step = self.amplitude_e_per_s * m.frame.exposure.time_s
+        mean = step * self.duty
+        return m.add(
+            mean=self.share * mean,
+            temporal=self.share * step * mean * (1 - self.duty),
+            fixed=self.share * (1 - self.share) * mean**2,
+        )
 
 
 @dataclass(frozen=True)
@@ -137,11 +198,40 @@ class ShotNoise:
         """Mean electrons → whole electrons."""
         light = frame.poisson("light_shot", electrons.light)
         dark = frame.poisson("dark_shot", electrons.dark) if arrays.any_positive(electrons.dark) else 0.0
-        return Electrons(light, dark)
+        return replace(electrons, light=light, dark=dark)
 
     def moments(self, m: Moments) -> Moments:
         """The temporal variance is the mean."""
         return m.add(temporal=m.mean)
+
+
+@dataclass(frozen=True)
+class QuantumYield:
+    """A photon of the ultraviolet frees several electrons: n interactions give n·η ± √(n·(F·η + var η)) electrons.
+
+    fano : Fano factor F of the pair production, about 0.1 in silicon (Janesick 2001).
+    """
+
+    fano: float
+    room: ClassVar[str] = "electrons"
+
+    def __call__(self, electrons: Electrons, frame: Frame) -> Electrons:
+        """Interactions → electrons; whole numbers stay whole."""
+        n, mean = electrons.light, electrons.yield_mean
+        spread = arrays.sqrt(n * (self.fano * mean + electrons.yield_variance))
+        burst = arrays.floor(n * mean + spread * frame.normal("quantum_yield") + 0.5)
+        light = arrays.where(mean == 1, n, arrays.maximum(burst, 0.0))
+        return replace(electrons, light=light, yield_mean=1.0, yield_variance=0.0)
+
+    def moments(self, m: Moments) -> Moments:
+        """var = λ·(η² + F·η + var η) + 1/12 for λ interactions, where η is not 1."""
+        light, mean = m.light or m, m.yield_mean
+        noise = arrays.where(mean == 1, 0.0, self.fano * mean + m.yield_variance)
+        return m.add(
+            mean=light.mean * (mean - 1),
+            temporal=light.mean * (mean**2 - 1 + noise) + arrays.where(mean == 1, 0.0, 1 / 12),
+            fixed=light.fixed * (mean**2 - 1),
+        )
 
 
 @dataclass(frozen=True)
@@ -157,7 +247,7 @@ class FullWell:
     def __call__(self, electrons: Electrons, frame: Frame) -> Electrons:
         """Clips the sum; what overflows is booked on the light."""
         dark = arrays.minimum(electrons.dark, self.full_well_e)
-        return Electrons(arrays.minimum(electrons.light, self.full_well_e - dark), dark)
+        return replace(electrons, light=arrays.minimum(electrons.light, self.full_well_e - dark), dark=dark)
 
     def moments(self, m: Moments) -> Moments:
         """A clipped normal: shot noise near a full well is one."""

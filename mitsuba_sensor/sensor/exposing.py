@@ -2,26 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..engine.errors import InputError, require_seed
+from ..engine.errors import InputError, nearest, require_seed
 from ..engine.frame import Device, Exposure, Frame
 from ..engine.quantities import Electrons, Photons
-from .account import account
+from .account import Ledger, account, ledger, plain
 from .camera import Camera
-from .chain import chain
+from .chain import chain as physical_chain
+from .konnik2014 import Konnik2014Settings, chain_of
 
 if TYPE_CHECKING:
     from .plan import Plan
 
-KEEP = ("electrons", "volts")
-"""Intermediate signals that ``expose(keep=…)`` can return: electrons in the well [e-], swing at the converter [V]."""
+KEEP = ("photons", "light_electrons", "dark_electrons", "electrons", "volts")
+"""Intermediate signals that ``expose(keep=…)`` can return: mean photons of all bands, electrons that light and dark
+current left in the well, their sum [e-], swing at the converter [V]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,20 +31,28 @@ class Frames:
     """Raw frames of one camera.
 
     digital : (N, H, W) uint8, uint16 or uint32, whichever holds ``adc.bits`` [DN].
-    electrons, volts : (N, H, W) float64 on request, else None.
+    photons, light_electrons, dark_electrons, electrons, volts : (N, H, W) float64 if asked for by ``keep``, else None.
     """
 
     digital: NDArray[Any]
-    photons: Photons
     camera: Camera
+    light: Photons
     first: Frame
+    stages: tuple[Any, ...]
+    photons: NDArray[np.float64] | None = None
+    light_electrons: NDArray[np.float64] | None = None
+    dark_electrons: NDArray[np.float64] | None = None
     electrons: NDArray[np.float64] | None = None
     volts: NDArray[np.float64] | None = None
 
     @cached_property
     def report(self) -> dict[str, Any]:
         """The first frame's account, ready for JSON: what every stage must do on average, and what it did."""
-        return account(self.photons, self.camera, self.first)
+        return account(self.light, self.camera, self.first, self.stages)
+
+    def ledger(self) -> Ledger:
+        """What every source put into each pixel of the first frame, in DN; the parts add up to the frame."""
+        return ledger(self.light, self.first, self.stages)
 
 
 def expose(
@@ -57,7 +67,9 @@ def expose(
     keep: Iterable[str] = (),
     wavelengths_nm: ArrayLike | None = None,
     origin: tuple[int, int] = (0, 0),
+    maps: Mapping[str, ArrayLike] | None = None,
     plan: Plan | None = None,
+    chain: Literal["physical", "konnik2014"] = "physical",
 ) -> Frames:
     """Raw frames that ``camera`` delivers for these mean photons per pixel.
 
@@ -65,9 +77,11 @@ def expose(
         ``wavelengths_nm`` of length B.
     seed : all noise that changes from frame to frame.  serial : the device, that is all patterns that never change.
     frames, first_frame : how many, and the number of the first; frame 12 is the same made alone or after eleven others.
-    keep : any of "electrons", "volts".
+    keep : any of "photons", "light_electrons", "dark_electrons", "electrons", "volts".
+    maps : measured fixed patterns in place of the serial's own, by the names that :func:`patterns` returns.
     origin : (row, column) of the first pixel on the sensor: a crop of a frame is the frame of the crop.
     plan : what :func:`plan` left of the chain; the whole chain without one.
+    chain : "physical", or "konnik2014" for the published code's behaviour (comparison only; docs/konnik2014.md).
     Raises InputError for NaN or negative photons, naming how many there are and where the first one is.
     """
     light = as_photons(photons, camera, wavelengths_nm)
@@ -75,33 +89,99 @@ def expose(
         require_seed(name, number)
     if frames < 1 or first_frame < 0 or first_frame + frames > 2**32:
         raise InputError(f"frames is {frames} from {first_frame}; ask for at least 1, numbered from 0 to 2^32 - 1.")
-    wanted = tuple(keep)
+    wanted = (keep,) if isinstance(keep, str) else tuple(keep)
     for name in wanted:
         if name not in KEEP:
             raise InputError(f"keep names {name!r}; the signals that can be kept are {', '.join(KEEP)}.")
     require_seed("seed", seed)
     shape = light.mean.shape[0], light.mean.shape[1]
-    device = Device(serial, shape, origin)
-    stages = plan.stages if plan else chain(camera)
+    stages = plan.stages if plan else _stages(camera, chain)
+    if plan and plan.whole != physical_chain(camera):
+        raise InputError(
+            f"plan was made for another camera, {plan.camera}; make one for this one with plan(camera, …)."
+        )
+    device = Device(serial, shape, origin, _checked_maps(maps or {}, stages, shape))
     kept: dict[str, list[Any]] = {name: [] for name in (*wanted, "digital")}
     for index in range(first_frame, first_frame + frames):
-        for name, signal in _rooms(stages, light, Frame(exposure, device, seed, index)):
+        for name, signal in _signals(stages, light, Frame(exposure, device, seed, index)):
             if name in kept:
                 kept[name].append(signal)
-    digital = np.stack(kept["digital"]).astype(code_type(camera.adc.bits))
+    digital = np.stack(kept.pop("digital")).astype(code_type(stages[-1].highest))
     first = Frame(exposure, device, seed, first_frame)
-    extra = {name: np.stack(kept[name]) for name in wanted}
-    return Frames(digital, light, camera, first, **extra)
+    return Frames(digital, camera, light, first, stages, **{name: np.stack(x) for name, x in kept.items()})
 
 
-def _rooms(stages: tuple[Any, ...], light: Photons, frame: Frame) -> Iterator[tuple[str, Any]]:
-    """One frame through the chain; yields (room, signal) at the door of each room."""
+def _stages(camera: Camera, chain: str) -> tuple[Any, ...]:
+    if chain == "konnik2014":
+        return chain_of(Konnik2014Settings.from_camera(camera))
+    if chain != "physical":
+        raise InputError(f"chain is {chain!r}; it must be 'physical', or 'konnik2014' for the published code.")
+    return physical_chain(camera)
+
+
+def run_chain(stages: tuple[Any, ...], light: Photons, frame: Frame) -> Any:
+    """One frame through these stages: digital numbers (H, W), as float64."""
     signal: Any = light
+    for stage in stages:
+        signal = stage(signal, frame)
+    return signal
+
+
+def _signals(stages: tuple[Any, ...], light: Photons, frame: Frame) -> Iterator[tuple[str, Any]]:
+    """One frame through the chain; yields (name, signal) at the door of each room."""
+    shape = frame.device.shape
+    signal: Any = light
+    yield "photons", light.total
     for stage, following in zip(stages, (*stages[1:], None), strict=True):
         signal = stage(signal, frame)
-        if following is None or following.room != stage.room:
-            value = signal.total if isinstance(signal, Electrons) else signal
-            yield stage.room.split()[0], np.broadcast_to(value, frame.device.shape)
+        if following is not None and following.room == stage.room:
+            continue
+        if isinstance(signal, Electrons):
+            yield "light_electrons", np.broadcast_to(signal.light, shape)
+            yield "dark_electrons", np.broadcast_to(signal.dark, shape)
+        if stage.room != "photons":
+            yield stage.room.split()[0], np.broadcast_to(plain(signal), shape)
+
+
+def patterns(
+    camera: Camera, shape: tuple[int, int] | None = None, *, serial: int = 1, origin: tuple[int, int] = (0, 0)
+) -> dict[str, NDArray[np.float64]]:
+    """Every fixed pattern of one device, by name: gains (1 on average), dark factors (1), offsets in electrons (0).
+
+    shape : (rows, columns) of the window; the whole sensor by default. What comes out goes into ``expose(maps=…)``.
+    """
+    device = Device(serial, shape or (camera.sensor.rows, camera.sensor.columns), origin)
+    found: dict[str, NDArray[np.float64]] = {}
+    for stage in physical_chain(camera):
+        if hasattr(stage, "maps"):
+            found |= stage.maps(device)
+    return found
+
+
+def _checked_maps(
+    maps: Mapping[str, ArrayLike], stages: tuple[Any, ...], shape: tuple[int, int]
+) -> dict[str, NDArray[np.float64]]:
+    """Measured maps as arrays that fit the window; a column's map is (1, W), a row's (H, 1)."""
+    if not maps:
+        return {}
+    known = {
+        name: value.shape for s in stages if hasattr(s, "maps") for name, value in s.maps(Device(0, (2, 2))).items()
+    }
+    checked = {}
+    for name, values in maps.items():
+        if name not in known:
+            raise InputError(f"maps names {name!r}; this camera's maps are {', '.join(known)}.{nearest(name, known)}")
+        try:
+            array = np.asarray(values, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise InputError(f"maps[{name!r}] is not numeric; pass an array of numbers.") from None
+        fits = tuple(n if pixels > 1 else 1 for n, pixels in zip(shape, known[name], strict=True))
+        if array.ndim != 2 or any(n not in (1, full) for n, full in zip(array.shape, fits, strict=True)):
+            raise InputError(f"maps[{name!r}] has shape {array.shape}; it must be {fits}, or 1 along an axis.")
+        if not np.isfinite(array).all() or (not name.endswith("_e") and (array < 0).any()):
+            raise InputError(f"maps[{name!r}] holds NaN, infinite or negative values; mend the bad pixels first.")
+        checked[name] = array
+    return checked
 
 
 def as_photons(photons: Photons | ArrayLike, camera: Camera, wavelengths_nm: ArrayLike | None = None) -> Photons:
@@ -121,8 +201,8 @@ def as_photons(photons: Photons | ArrayLike, camera: Camera, wavelengths_nm: Arr
     if (bands is None and mean.ndim == 3) or (bands is not None and bands.shape != (expected,)):
         count = "none" if bands is None else str(bands.size)
         raise InputError(f"photons has {expected} band(s) and wavelengths_nm {count}; pass one wavelength per band.")
-    if bands is not None and not (np.isfinite(bands) & (bands > 0)).all():
-        raise InputError(f"wavelengths_nm holds {bands[~(bands > 0)][:1]}; every band needs a positive length in nm.")
+    if bands is not None and (wrong := bands[~(np.isfinite(bands) & (bands > 0))]).size:
+        raise InputError(f"wavelengths_nm holds {wrong[0]}; every band needs a positive, finite length in nm.")
     _refuse(np.isnan(mean), "NaN")
     _refuse(mean < 0, "negative")
     return Photons(mean, bands)
@@ -137,6 +217,6 @@ def _refuse(bad: NDArray[np.bool_], kind: str) -> None:
         )
 
 
-def code_type(bits: int) -> type[np.unsignedinteger[Any]]:
-    """The smallest unsigned integer type that holds ``bits`` bits."""
-    return np.uint8 if bits <= 8 else np.uint16 if bits <= 16 else np.uint32
+def code_type(highest: int) -> np.dtype[Any]:
+    """The smallest unsigned integer type that holds the largest code."""
+    return np.min_scalar_type(highest)

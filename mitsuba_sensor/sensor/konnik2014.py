@@ -17,7 +17,7 @@ from typing import Any, Self
 
 from ..engine.errors import InputError, nearest, require
 from .camera import Camera
-from .chain import RESET_RESIDUAL
+from .chain import RESET_RESIDUAL, sense_gain_v_per_e
 from .konnik2014_electrons import (
     Dark,
     DarkMean,
@@ -149,7 +149,7 @@ class Konnik2014Settings:
             "prnu": camera.pixel.prnu,
             "pixel_area_cm2": camera.pixel.pitch_x_um * camera.pixel.pitch_y_um * 1e-8,
             "full_well_e": camera.pixel.full_well_e,
-            "sense_gain_uv_per_e": camera.readout.sense_gain_uv_per_e,
+            "sense_gain_uv_per_e": sense_gain_v_per_e(camera) * 1e6,
             "reset_factor": RESET_RESIDUAL[camera.readout.reset],
             "column_factor": camera.readout.column_offset,
             "adc_bits": camera.adc.bits,
@@ -263,7 +263,7 @@ def _source_follower(camera: Camera) -> tuple[Any, ...]:
         rtn_step=0.0 if camera.sensor.technology == "ccd" else follower.rtn_uv * 1e-6,
         rtn_s=follower.rtn_s,
     )
-    return (published.sigma_e(camera.readout.sense_gain_uv_per_e),)
+    return (published.sigma_e(sense_gain_v_per_e(camera) * 1e6),)
 
 
 def _column_pattern(camera: Camera) -> tuple[Any, ...]:

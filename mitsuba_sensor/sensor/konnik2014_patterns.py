@@ -123,13 +123,15 @@ FAMILIES = {"gaussian": White, "lognormal": LogNormal, "wald": WaldPlusUniform, 
 
 def fixed(device: Device, source: str, family: Family) -> Any:
     """X of ``source``, once per camera: (H, W), or (1, W) for the columns. A crop sees the pattern of the crop."""
-    key = (source, family)
-    if key not in device.patterns:
+
+    def make() -> Any:
         (rows, columns), (top, left) = device.shape, device.origin
         wide = Device(device.serial, (rows, columns + family.margin), (top, left - family.margin))
-        white = wide.line_pattern(source, 0.0) if source == "column_offset" else wide.pattern(source, draws.normal)
-        device.patterns[key] = family(white)
-    return device.patterns[key]
+        return family(
+            wide.line_pattern(source, 0.0) if source == "column_offset" else wide.pattern(source, draws.normal)
+        )
+
+    return device.once((source, family), make)
 
 
 def times_pattern(m: Moments, factor: float, family: Family) -> Moments:

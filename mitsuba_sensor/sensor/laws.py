@@ -16,6 +16,20 @@ def band_gap_ev(temperature_k: float) -> float:
     return 1.1557 - 7.021e-4 * temperature_k**2 / (1108.0 + temperature_k)
 
 
+def activation(temperature_k: float, power: float, divisor: float) -> float:
+    """(T/300)^power·exp(E_g(300)/(d·k·300) − E_g(T)/(d·k·T)): 1 at 300 K and 0 at 0 K."""
+    if temperature_k == 0:
+        return 0.0
+    reference = band_gap_ev(FIGURE_OF_MERIT_AT_K) / FIGURE_OF_MERIT_AT_K
+    exponent = (reference - band_gap_ev(temperature_k) / temperature_k) / (divisor * BOLTZMANN_EV_PER_K)
+    return (temperature_k / FIGURE_OF_MERIT_AT_K) ** power * math.exp(exponent)
+
+
+def rate_at_300_e_per_s(fom_na_per_cm2: float, area_cm2: float) -> float:
+    """What a figure of merit means on a pixel of this area [e-/s]."""
+    return area_cm2 * fom_na_per_cm2 * 1e-9 / ELEMENTARY_CHARGE_C
+
+
 @dataclass(frozen=True)
 class FigureOfMerit:
     """Depletion dark current from its figure of merit at 300 K (paper eq. 1, normalised).
@@ -30,12 +44,42 @@ class FigureOfMerit:
 
     def rate_e_per_s(self, temperature_k: float) -> float:
         """Dark electrons per second; 0 at 0 K."""
-        if temperature_k == 0:
-            return 0.0
-        at_300 = self.area_cm2 * self.fom_na_per_cm2 * 1e-9 / ELEMENTARY_CHARGE_C
-        reference = band_gap_ev(FIGURE_OF_MERIT_AT_K) / FIGURE_OF_MERIT_AT_K
-        exponent = (reference - band_gap_ev(temperature_k) / temperature_k) / (2 * BOLTZMANN_EV_PER_K)
-        return at_300 * (temperature_k / FIGURE_OF_MERIT_AT_K) ** 1.5 * math.exp(exponent)
+        return rate_at_300_e_per_s(self.fom_na_per_cm2, self.area_cm2) * activation(temperature_k, 1.5, 2)
+
+
+@dataclass(frozen=True)
+class Mpp:
+    """Dark current of a multi-pinned-phase pixel: diffusion and depletion apart (paper eq. 2, normalised).
+
+    D_R(T) = D_diff·(T/300)³·exp(E_g(300)/(k·300) − E_g/(kT)) + D_dep·(T/300)^1.5·exp(… /2k)  [e-/s]
+
+    diffusion_fom_na_per_cm2, fom_na_per_cm2 : figures of merit at 300 K [nA/cm²].  area_cm2 : the pixel [cm²].
+    """
+
+    diffusion_fom_na_per_cm2: float
+    fom_na_per_cm2: float
+    area_cm2: float
+
+    def rate_e_per_s(self, temperature_k: float) -> float:
+        """Dark electrons per second; 0 at 0 K."""
+        diffusion = rate_at_300_e_per_s(self.diffusion_fom_na_per_cm2, self.area_cm2) * activation(temperature_k, 3, 1)
+        depletion = rate_at_300_e_per_s(self.fom_na_per_cm2, self.area_cm2) * activation(temperature_k, 1.5, 2)
+        return diffusion + depletion
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A rate measured at one temperature, carried to others by the law of eq. 1.
+
+    rate : [e-/s].  at_temperature_k : where it was measured [K].
+    """
+
+    rate: float
+    at_temperature_k: float
+
+    def rate_e_per_s(self, temperature_k: float) -> float:
+        """Dark electrons per second; 0 at 0 K."""
+        return self.rate * activation(temperature_k, 1.5, 2) / activation(self.at_temperature_k, 1.5, 2)
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+import statistics
+import time
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +19,7 @@ from .camera import Camera
 from .chain import chain
 from .digital import Adc
 from .electrons import Detection
-from .exposing import as_photons
+from .exposing import as_photons, run_chain
 from .volts import SenseNode
 
 INDISPENSABLE = (Detection, SenseNode, Adc)
@@ -47,6 +49,9 @@ class Plan:
     tolerance_dn: float
     effects: tuple[Effect, ...]
     stages: tuple[Any, ...] = field(repr=False)
+    whole: tuple[Any, ...] = field(repr=False)
+    photons: Photons = field(repr=False)
+    frame: Frame = field(repr=False)
 
     def explain(self) -> str:
         """A table for people."""
@@ -57,6 +62,17 @@ class Plan:
             numbers = f"{e.mean_dn:>11.4g}{e.temporal_dn:>12.4g}{e.fixed_dn:>11.4g}"
             lines.append(f"{e.stage:<23}{'kept' if e.kept else 'left out':<10}{numbers}   {e.reason}")
         return "\n".join(lines)
+
+    def seconds(self, runs: int = 3) -> tuple[float, float]:
+        """Measured seconds per frame of this scene, whole chain and plan: medians of interleaved runs."""
+        times: dict[int, list[float]] = {0: [], 1: []}
+        for run in range(runs + 1):
+            for which, stages in enumerate((self.whole, self.stages)):
+                started = time.perf_counter()
+                run_chain(stages, self.photons, replace(self.frame, index=run, _blocks={}))
+                if run:
+                    times[which].append(time.perf_counter() - started)
+        return statistics.median(times[0]), statistics.median(times[1])
 
     def to_dict(self) -> dict[str, Any]:
         """The same for programs."""
@@ -79,17 +95,19 @@ def plan(
     Raises InputError for a negative tolerance and for photons that ``expose`` would refuse.
     """
     require("tolerance_dn", tolerance_dn, 0.0, float("inf"), "digital numbers, e.g. 0.02")
-    levels, frame = _levels(as_photons(photons, camera, wavelengths_nm), camera, exposure)
+    light = as_photons(photons, camera, wavelengths_nm)
+    levels, frame = _levels(light, camera, exposure)
     whole = chain(camera)
     full = _final(whole, levels, frame)
     free = [stage for stage in whole if not isinstance(stage, INDISPENSABLE)]
     alone = {stage: _distance(full, _final(_without(whole, {stage}), levels, frame)) for stage in free}
     out: set[Any] = set()
-    for stage in sorted(free, key=lambda s: max(alone[s])):
+    for stage in sorted((s for s in free if max(alone[s]) <= tolerance_dn), key=lambda s: max(alone[s])):
         if max(_distance(full, _final(_without(whole, out | {stage}), levels, frame))) <= tolerance_dn:
             out.add(stage)
     effects = tuple(_effect(stage, alone.get(stage), stage in out) for stage in whole)
-    return Plan(camera.name, tolerance_dn, effects, _without(whole, out))
+    scene = Frame(exposure, Device(1, (light.mean.shape[0], light.mean.shape[1])))
+    return Plan(camera.name, tolerance_dn, effects, _without(whole, out), whole, light, scene)
 
 
 def _effect(stage: Any, moved: tuple[float, float, float] | None, left_out: bool) -> Effect:
@@ -115,16 +133,25 @@ def _levels(photons: Photons, camera: Camera, exposure: Exposure) -> tuple[Photo
     return Photons(mean, photons.wavelengths_nm), frame
 
 
-def _final(stages: tuple[Any, ...], levels: Photons, frame: Frame) -> Moments:
-    """Moments of the digital numbers of a chain."""
+Ends = tuple[Moments, Moments]
+
+
+def _final(stages: tuple[Any, ...], levels: Photons, frame: Frame) -> Ends:
+    """Moments before and after the converter of a chain, both in DN: rounding can hide a change, and can blow it up."""
     m = Moments(levels, 0.0, 0.0, frame)
-    for stage in stages:
+    *analogue, converter = stages
+    for stage in analogue:
         m = stage.moments(m)
-    return m
+    return m.scale(converter.gain_dn_per_v), converter.moments(m)
 
 
-def _distance(a: Moments, b: Moments) -> tuple[float, float, float]:
-    """Largest change of mean, temporal σ and fixed σ over the levels [DN]."""
+def _distance(a: Ends, b: Ends) -> tuple[float, float, float]:
+    """Largest change of mean, temporal σ and fixed σ over the levels, before and after the converter [DN]."""
+    before, after = _between(a[0], b[0]), _between(a[1], b[1])
+    return max(before[0], after[0]), max(before[1], after[1]), max(before[2], after[2])
+
+
+def _between(a: Moments, b: Moments) -> tuple[float, float, float]:
     pairs = ((a.mean, b.mean), (np.sqrt(a.temporal), np.sqrt(b.temporal)), (np.sqrt(a.fixed), np.sqrt(b.fixed)))
     mean, temporal, fixed = (float(np.max(np.abs(np.asarray(x) - y))) for x, y in pairs)
     return mean, temporal, fixed

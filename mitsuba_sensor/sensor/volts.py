@@ -5,11 +5,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
-from ..engine import arrays
-from ..engine.frame import Frame
+from ..engine import arrays, draws
+from ..engine.frame import Device, Frame
 from ..engine.moments import Moments
 from ..engine.quantities import BOLTZMANN_J_PER_K, ELEMENTARY_CHARGE_C, Electrons
 
@@ -24,6 +24,11 @@ class SenseNode:
     gain_v_per_e: float
     room: ClassVar[str] = "volts"
 
+    @property
+    def nominal_gain(self) -> float:
+        """Small-signal gain."""
+        return self.gain_v_per_e
+
     def __call__(self, electrons: Electrons, frame: Frame) -> Any:
         """Electrons → swing (H, W) [V]."""
         return self.gain_v_per_e * electrons.total
@@ -31,6 +36,38 @@ class SenseNode:
     def moments(self, m: Moments) -> Moments:
         """Scaled by A_SN."""
         return m.scale(self.gain_v_per_e)
+
+
+@dataclass(frozen=True)
+class NonlinearSenseNode:
+    """The node's capacitance grows as its voltage drops: S = −(V_REF/α)·expm1(−α·A_SN·N/V_REF) (paper eq. 8, 33).
+
+    gain_v_per_e : small-signal A_SN [V/e-].  v_ref_v : V_REF [V].  alpha : strength, above 0 to 1.
+    """
+
+    gain_v_per_e: float
+    v_ref_v: float
+    alpha: float
+    room: ClassVar[str] = "volts"
+
+    @property
+    def nominal_gain(self) -> float:
+        """Small-signal gain."""
+        return self.gain_v_per_e
+
+    def __call__(self, electrons: Electrons, frame: Frame) -> Any:
+        """Electrons → swing (H, W) [V], below V_REF/α."""
+        return -(self.v_ref_v / self.alpha) * arrays.expm1(-self._rate * electrons.total)
+
+    def moments(self, m: Moments) -> Moments:
+        """Second order in the noise; slope A_SN·e^(−αA_SN·N/V_REF)."""
+        fall = arrays.exp(-self._rate * m.mean)
+        value = -(self.v_ref_v / self.alpha) * arrays.expm1(-self._rate * m.mean)
+        return m.through(value, self.gain_v_per_e * fall, -self.gain_v_per_e * self._rate * fall)
+
+    @property
+    def _rate(self) -> float:
+        return self.alpha * self.gain_v_per_e / self.v_ref_v
 
 
 @dataclass(frozen=True)
@@ -88,6 +125,11 @@ class SourceFollower:
     gain: float
     room: ClassVar[str] = "volts"
 
+    @property
+    def nominal_gain(self) -> float:
+        """Small-signal gain."""
+        return self.gain
+
     def __call__(self, swing: Any, frame: Frame) -> Any:
         """Scaled swing."""
         return swing if self.gain == 1 else self.gain * swing
@@ -98,25 +140,137 @@ class SourceFollower:
 
 
 @dataclass(frozen=True)
-class ColumnOffset:
-    """Every column has its own offset, and keeps it: + σ·x_j, x_j isotropic AR of variance 1 (paper eq. 28, 32).
+class NonlinearSourceFollower:
+    """The amplifier's gain changes with the swing: A_SF·S·[1 + (γ−1)·S/S_FW] (paper eq. 9, 34, on the swing).
 
-    sigma_v : D_col·V_FW [V].  coupling : a of the AR, 0 … 0.4999; neighbouring columns correlate by 2a.
+    gain : A_SF for small signals.  ratio : γ, gain at full well over gain at zero, above ½.  full_swing_v : S_FW [V].
     """
 
-    sigma_v: float
+    gain: float
+    ratio: float
+    full_swing_v: float
+    room: ClassVar[str] = "volts"
+
+    @property
+    def nominal_gain(self) -> float:
+        """Small-signal gain."""
+        return self.gain
+
+    def __call__(self, swing: Any, frame: Frame) -> Any:
+        """Bent swing."""
+        return self.gain * swing * (1 + self._bend * swing)
+
+    def moments(self, m: Moments) -> Moments:
+        """A parabola: exact for a normal signal. At full well γ = 1.05 multiplies the variance by 1.21."""
+        value = self.gain * m.mean * (1 + self._bend * m.mean)
+        return m.through(value, self.gain * (1 + 2 * self._bend * m.mean), 2 * self.gain * self._bend)
+
+    @property
+    def _bend(self) -> float:
+        return (self.ratio - 1) / self.full_swing_v
+
+
+@dataclass(frozen=True)
+class ColumnGain:
+    """Every column amplifier has its own gain, and keeps it: S·(1 + cv·x_j), x_j isotropic AR of variance 1.
+
+    cv : σ of the gain over its mean.  coupling : a of the AR, 0 … 0.4999.
+    """
+
+    cv: float
     coupling: float = 0.0
     room: ClassVar[str] = "volts"
 
     def __call__(self, swing: Any, frame: Frame) -> Any:
-        """Swing with the camera's column stripes."""
-        if self.sigma_v == 0:
+        """Swing times the camera's column gains."""
+        if self.cv == 0 and "column_gain" not in frame.device.given:
             return swing
-        return swing + self.sigma_v * frame.device.line_pattern("column_offset", self.coupling)
+        return swing * self.maps(frame.device)["column_gain"]
+
+    def moments(self, m: Moments) -> Moments:
+        """Product of independent factors: the gain's spread acts on the signal's own as well."""
+        mean, variance = m.frame.device.spread("column_gain", 1.0, self.cv**2)
+        if variance == 0:
+            return m.scale(mean)
+        squared = mean**2 + variance
+        fixed = m.fixed * squared + arrays.product(m.mean**2, variance)
+        return replace(m, mean=m.mean * mean, temporal=m.temporal * squared, fixed=fixed)
+
+    def maps(self, device: Device) -> dict[str, Any]:
+        """``column_gain``: gain of every column, 1 on average, (1, W)."""
+        make = lambda: 1 + self.cv * device.line_pattern("column_gain", self.coupling)  # noqa: E731
+        return {"column_gain": device.fixed("column_gain", make)}
+
+
+@dataclass(frozen=True)
+class Offset:
+    """A fixed offset that the signal does not change: + residual·gain·o, o an isotropic AR pattern (paper eq. 28, 32).
+
+    sigma_e : σ of the offsets, as electrons at the sense node.  gain_v_per_e : what an electron is here [V/e-].
+    coupling : a of the AR.  residual : what the CDS leaves of the offsets, 0 … 1.
+    """
+
+    sigma_e: float
+    gain_v_per_e: float
+    coupling: float = 0.0
+    residual: float = 1.0
+    room: ClassVar[str] = "volts"
+    source: ClassVar[str]
+
+    def __call__(self, swing: Any, frame: Frame) -> Any:
+        """Swing with the camera's offsets."""
+        if self.sigma_e == 0 and self._name not in frame.device.given:
+            return swing
+        return swing + self.residual * self.gain_v_per_e * self.maps(frame.device)[self._name]
 
     def moments(self, m: Moments) -> Moments:
         """Adds σ² to the fixed variance."""
-        return m.add(fixed=self.sigma_v**2)
+        mean, variance = m.frame.device.spread(self._name, 0.0, self.sigma_e**2)
+        gain = self.residual * self.gain_v_per_e
+        return m.add(mean=gain * mean, fixed=gain**2 * variance)
+
+    def maps(self, device: Device) -> dict[str, Any]:
+        """The offsets in electrons, 0 on average."""
+        return {self._name: device.fixed(self._name, lambda: self.sigma_e * self._unit(device))}
+
+    @property
+    def _name(self) -> str:
+        return f"{self.source}_e"
+
+    def _unit(self, device: Device) -> Any:
+        raise TypeError("an offset belongs to columns, rows or pixels")
+
+
+@dataclass(frozen=True)
+class ColumnOffset(Offset):
+    """Every column has its own offset, and keeps it: vertical stripes."""
+
+    source: ClassVar[str] = "column_offset"
+
+    def _unit(self, device: Device) -> Any:
+        return device.line_pattern(self.source, self.coupling, axis=1)
+
+
+@dataclass(frozen=True)
+class RowOffset(Offset):
+    """Every row has its own offset, and keeps it: horizontal stripes."""
+
+    source: ClassVar[str] = "row_offset"
+
+    def _unit(self, device: Device) -> Any:
+        return device.line_pattern(self.source, self.coupling, axis=0)
+
+
+@dataclass(frozen=True)
+class PixelOffset(Offset):
+    """Every pixel has its own offset, and keeps it (the pixel component of El Gamal et al. 1998)."""
+
+    source: ClassVar[str] = "pixel_offset"
+
+    def _unit(self, device: Device) -> Any:
+        if self.coupling:
+            return device.correlated(self.source, self.coupling)
+        return device.pattern(self.source, draws.normal)
 
 
 @dataclass(frozen=True)
@@ -128,6 +282,11 @@ class CdsGain:
 
     gain: float
     room: ClassVar[str] = "volts"
+
+    @property
+    def nominal_gain(self) -> float:
+        """Small-signal gain."""
+        return self.gain
 
     def __call__(self, swing: Any, frame: Frame) -> Any:
         """Scaled swing."""

@@ -1,0 +1,75 @@
+"""Superimposed dark signals: a share of the pixels follows a law of its own (paper, long integration times)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from ..engine import arrays, draws
+from ..engine.frame import Frame
+from ..engine.moments import rectified_normal
+
+
+@dataclass(frozen=True)
+class DarkPart:
+    """Share ``weight`` of the pixels has a mean dark signal from this law instead of the main one.
+
+    family : "uniform" on [first, second], or "normal" of mean first and σ second, cut at 0.
+    e_per_unit : what 1 of the law's unit is [e-]; ``per_second`` says that it is a rate.
+    """
+
+    weight: float
+    family: Literal["uniform", "normal"]
+    first: float
+    second: float
+    e_per_unit: float = 1.0
+    per_second: bool = False
+
+    def electrons(self, words: Any, time_s: float) -> Any:
+        """(H, W) words → mean dark electrons of pixels that belong to this part."""
+        if self.family == "uniform":
+            value = self.first + (self.second - self.first) * draws.survival(words)
+        else:
+            value = arrays.maximum(self.first + self.second * draws.normal(words), 0.0)
+        return self._unit(time_s) * value
+
+    def moments(self, time_s: float) -> tuple[float, float]:
+        """Mean and variance of that [e-, e-²]."""
+        unit = self._unit(time_s)
+        if self.family == "uniform":
+            return unit * (self.first + self.second) / 2, (unit * (self.second - self.first)) ** 2 / 12
+        mean, variance = rectified_normal(self.second / self.first)
+        return unit * self.first * mean, (unit * self.first) ** 2 * variance
+
+    def _unit(self, time_s: float) -> float:
+        return self.e_per_unit * (time_s if self.per_second else 1.0)
+
+
+def superimpose(parts: tuple[DarkPart, ...], main: Any, frame: Frame) -> Any:
+    """Mean dark electrons (H, W): every pixel belongs to the main law or to one part, for ever."""
+    chance = frame.device.pattern("dark_part", draws.survival)
+    dark, edge = main, 0.0
+    for part in parts:
+        value = frame.device.pattern("dark_pattern", _OfWords(part, frame.exposure.time_s))
+        dark = arrays.where((chance >= edge) & (chance < edge + part.weight), value, dark)
+        edge += part.weight
+    return dark
+
+
+def mixture_moments(parts: tuple[DarkPart, ...], mean: float, variance: float, frame: Frame) -> tuple[float, float]:
+    """Mean and variance from pixel to pixel of the mixture: (1 − Σw)·main + Σ w·part."""
+    laws = [(1 - sum(p.weight for p in parts), mean, variance)]
+    laws += [(p.weight, *p.moments(frame.exposure.time_s)) for p in parts]
+    average = sum(w * m for w, m, _ in laws)
+    return average, sum(w * (v + (m - average) ** 2) for w, m, v in laws)
+
+
+@dataclass(frozen=True)
+class _OfWords:
+    """A part at one exposure time, equal by value so that its map is drawn once."""
+
+    part: DarkPart
+    time_s: float
+
+    def __call__(self, words: Any) -> Any:
+        return self.part.electrons(words, self.time_s)

@@ -1,0 +1,119 @@
+"""The converter's staircase: equal steps, steps of given widths, missing codes."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.engine.frame import Device, Frame
+from mitsuba_sensor.engine.moments import Moments
+from mitsuba_sensor.sensor.chain import chain
+from mitsuba_sensor.sensor.digital import Adc, AdcWithSteps
+
+TABLE1 = ms.load_camera("konnik_table1")
+DARKNESS = {"dark_current.fom_na_per_cm2": 0.0}
+HERE = Frame(ms.Exposure(0.1), Device(3, (1, 1)))
+PER_CODE = 1000
+
+
+def ramp(bits: int, per_code: int = PER_CODE) -> Any:
+    """From half a code below 0 to half a code above the last [DN], at the middle of 1/per_code steps."""
+    return (np.arange(per_code * 2**bits) + 0.5) / per_code - 0.5
+
+
+def some_dnl(bits: int) -> tuple[float, ...]:
+    """Random widths in pairs of +d and −d, one missing code beside one twice as wide; first and last code ideal."""
+    pairs = np.random.default_rng(bits).integers(-500, 500, 2 ** (bits - 1) - 1) / PER_CODE
+    pairs[len(pairs) // 3] = -1.0
+    return (0.0, *np.stack([pairs, -pairs], axis=1).ravel().tolist(), 0.0)
+
+
+@pytest.mark.parametrize("bits", range(1, 17))
+def test_quantisation_error_on_a_ramp_is_0_288675_lsb_at_every_resolution(bits: int) -> None:
+    """1/√12 of a step, mean 0, no code outside 0 … 2^bits − 1: an exact sum over the ramp (100 places per code)."""
+    x = ramp(bits, 100)
+    codes = Adc(bits, 1.0, 0.0)(x, HERE)
+    assert np.std(codes - x) == pytest.approx(0.288675, rel=1e-4)
+    assert abs(np.mean(codes - x)) < 1e-9
+    np.testing.assert_array_equal(np.bincount(codes.astype(int)), 100)
+
+
+@pytest.mark.parametrize("bits", range(1, 17))
+def test_steps_of_no_dnl_are_the_equal_steps_bit_for_bit(bits: int) -> None:
+    gain, x = 2.0**bits / 0.165, np.linspace(-0.01, 0.18, 20_001)
+    steps = AdcWithSteps(bits, gain, 3.0, (0.0,) * 2**bits)
+    np.testing.assert_array_equal(steps(x, HERE), Adc(bits, gain, 3.0)(x, HERE))
+
+
+@pytest.mark.parametrize("bits", [2, 4, 8, 10])
+def test_a_code_density_ramp_gives_the_dnl_back(bits: int) -> None:
+    """Hits per code over the hits of an ideal step, less one: exact for widths that are whole places of the ramp.
+
+    (To two places: transitions and ramp are sums of decimal fractions and may round to either side.)
+    """
+    dnl, x = some_dnl(bits), ramp(bits)
+    codes = AdcWithSteps(bits, 1.0, 0.0, dnl)(x, HERE).astype(int)
+    hits = np.bincount(codes, minlength=2**bits)
+    np.testing.assert_allclose(hits / PER_CODE - 1, dnl, atol=2.1 / PER_CODE)
+    assert (np.diff(codes) >= 0).all()
+
+
+def test_transitions_lie_at_k_less_a_half_plus_the_running_sum_of_the_dnl() -> None:
+    """T_k = (k − ½ + INL_k)·LSB, written out for three bits."""
+    dnl = (0.5, 0.0, -0.5, 0.25, 0.0, -0.25, 0.0, 0.0)
+    adc = AdcWithSteps(3, 2.0, 1.0, dnl)
+    transitions = [1.0, 2.0, 2.5, 3.75, 4.75, 5.5, 6.5]
+    for code, level in enumerate(transitions):
+        for above in (0, 1):
+            swing = (level + (above - 0.5) * 2e-9 - 1.0) / 2.0
+            assert float(adc(np.array([[swing]]), HERE)[0, 0]) == code + above
+
+
+@pytest.mark.parametrize("missing", [1, 7, 100, 254])
+def test_a_code_of_dnl_minus_one_never_appears_and_its_neighbours_do(missing: int) -> None:
+    """On a ramp and through a whole camera, whose 20 000 noisy pixels cross all 256 codes."""
+    camera = TABLE1.replace(**{"adc.bits": 8, "adc.dnl_lsb": {str(missing): -1.0}, "adc.pedestal_dn": 2.0})
+    adc = chain(camera)[-1]
+    seen = set(np.unique((adc(np.linspace(-0.01, 0.2, 50_000), HERE)).astype(int)))
+    assert set(range(256)) - seen == {missing}
+    light = np.broadcast_to(np.linspace(0, 60_000, 2000), (10, 2000))
+    digital = ms.expose(light, camera, ms.Exposure(0.1)).digital
+    assert missing not in digital and digital.max() == 255
+
+
+def test_the_camera_refuses_a_step_narrower_than_nothing_and_a_code_without_two_edges() -> None:
+    """The first and the last code take all that lies beyond them: they have no width (IEEE 1241)."""
+    with pytest.raises(ms.InputError, match=r"adc\.dnl_lsb\.7 is -1\.01; it must be greater than or equal to -1"):
+        TABLE1.replace(**{"adc.dnl_lsb": {"7": -1.01}})
+    for code in ("0", "4095", "4096", "-1", "seven", "1.5"):
+        with pytest.raises(ms.InputError, match=f"dnl_lsb names the code '{code}'; .* run from 1 to 4094"):
+            TABLE1.replace(**{"adc.dnl_lsb": {code: 0.5}})
+
+
+def test_codes_keep_their_range_and_type_at_every_resolution() -> None:
+    """A ramp from darkness to twice the full well, 1 to 16 bits and 24: first and last code, and a type that fits."""
+    light = np.linspace(0, 110_000, 4000)[None]
+    for bits in (*range(1, 17), 24):
+        camera = TABLE1.replace(**{"adc.bits": bits, "adc.pedestal_dn": 0.0, "adc.full_scale_v": 0.1} | DARKNESS)
+        digital = ms.expose(light, camera, ms.Exposure(0.1)).digital
+        assert digital.dtype == (np.uint8 if bits <= 8 else np.uint16 if bits <= 16 else np.uint32)
+        assert digital.min() == 0 and digital.max() == 2**bits - 1
+
+
+@pytest.mark.parametrize("level", [0.1, 0.5, 0.9])
+def test_unequal_steps_keep_the_moments_that_they_say(level: float) -> None:
+    """Noise of ten codes over small random steps: mean within 0.15 DN of the theory, variance within 5 %.
+
+    The theory moves the mean by the INL of one code, where noise averages the INL of forty; that is the difference.
+    """
+    dnl = tuple(float(x) for x in np.random.default_rng(2).normal(0, 0.02, 1024))
+    adc, mean, sigma = AdcWithSteps(10, 1.0, 0.0, dnl), 1024 * level, 10.0
+    x = mean + sigma * np.random.default_rng(3).standard_normal(200_000)
+    m = adc.moments(Moments(mean, sigma**2, 0.0, HERE))
+    codes = adc(x, HERE)
+    assert codes.mean() == pytest.approx(float(m.mean), abs=0.15 + 5 * sigma / math.sqrt(x.size))
+    assert codes.var() == pytest.approx(float(m.temporal), rel=0.05)

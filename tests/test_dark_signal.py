@@ -1,0 +1,274 @@
+"""Electrons that come without light: how many, how they spread over pixels and they follow time and temperature."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.engine.frame import Device, Frame
+from mitsuba_sensor.engine.moments import Moments
+from mitsuba_sensor.engine.quantities import BOLTZMANN_EV_PER_K, ELEMENTARY_CHARGE_C, Electrons
+from mitsuba_sensor.sensor.chain import chain, dark_law, dark_parts, gain_dn_per_e
+from mitsuba_sensor.sensor.darkparts import DarkPart, mixture_moments
+from mitsuba_sensor.sensor.electrons import BlinkingPixels, DarkCurrent
+from mitsuba_sensor.sensor.laws import Doubling, FigureOfMerit, Measured, Mpp, band_gap_ev
+
+TABLE1 = ms.load_camera("konnik_table1")
+FAMILIES = ["gaussian", "lognormal", "gamma", "wald", "logistic", "ar"]
+SHAPE = (300, 500)
+WIDER = {"ar": (2.6, 1.62), "logistic": (1.0, 1.27), "lognormal": (1.0, 1.05)}
+"""Standard errors of mean and σ over those of white normals: AR neighbours (a = 0.25) are alike, the others' tails."""
+
+
+def dark_stage(camera: ms.Camera) -> DarkCurrent:
+    return next(stage for stage in chain(camera) if isinstance(stage, DarkCurrent))
+
+
+def dark_map(camera: ms.Camera, time_s: float, shape: tuple[int, int] = SHAPE) -> Any:
+    """Mean dark electrons of every pixel."""
+    frame = Frame(ms.Exposure(time_s, 300.0), Device(7, shape))
+    return np.broadcast_to(dark_stage(camera)(Electrons(np.zeros(shape)), frame).dark, shape)
+
+
+def dark_moments(camera: ms.Camera, time_s: float) -> Moments:
+    frame = Frame(ms.Exposure(time_s, 300.0), Device(7, (1, 1)))
+    return dark_stage(camera).moments(Moments(0.0, 0.0, 0.0, frame))
+
+
+@pytest.mark.parametrize("time_s", [1e-3, 1.0, 600.0])
+@pytest.mark.parametrize("family", FAMILIES)
+def test_the_dark_pattern_has_mean_t_d_and_sigma_t_d_d_n_at_every_time(family: str, time_s: float) -> None:
+    """D = 2027.87 e-/s, D_N = 10 %. The theory to 1e-6; 150 000 pixels within 5 se: 0.13 % of D, 1 % of σ.
+
+    (The paper's 1 + lnN(0, (t·D·D_N)²) has a mean that grows with the square of the time, and overflows at 10 s.)
+    """
+    coupling = 0.25 if family == "ar" else 0.0
+    camera = TABLE1.replace(
+        **{"dark_current.pattern": family, "dark_current.cv": 0.1, "dark_current.coupling": coupling}
+    )
+    expected = 2027.87 * time_s
+    theory = dark_moments(camera, time_s)
+    assert theory.mean == pytest.approx(expected, rel=1e-5)
+    assert math.sqrt(theory.fixed) == pytest.approx(0.1 * expected, rel=1e-5)
+    x = dark_map(camera, time_s)
+    mean_error, sigma_error = WIDER.get(family, (1.0, 1.0))
+    assert x.mean() == pytest.approx(expected, rel=5 * 0.1 * mean_error / math.sqrt(x.size))
+    assert x.std() == pytest.approx(0.1 * expected, rel=5 * sigma_error / math.sqrt(2 * x.size))
+
+
+def test_a_pixel_twice_as_hot_has_twice_the_mean_and_twice_the_shot_variance() -> None:
+    """X = 2 by a given map: temporal var/mean = 1, not 2, because the map multiplies the mean before Poisson.
+
+    40 000 pixels in 8 frames: 5 standard errors are 1.3 %.
+    """
+    shape = (200, 200)
+    frames = ms.expose(
+        np.zeros(shape), TABLE1, ms.Exposure(0.1), frames=8, keep=["dark_electrons"],
+        maps={"dark_pattern": np.full(shape, 2.0)},
+    )  # fmt: skip
+    dark = frames.dark_electrons
+    assert dark.mean() == pytest.approx(2 * 174.158, rel=5 / math.sqrt(348 * dark.size))
+    assert dark.var(axis=0, ddof=1).mean() / dark.mean() == pytest.approx(1, abs=0.0135)
+
+
+K = gain_dn_per_e(TABLE1)
+LONG = {
+    "dark_current.fom_na_per_cm2": None,
+    "dark_current.rate_e_per_s": 914.6579 * 0.0611 / K,
+    "dark_current.at_temperature_k": 300.0,
+    "dark_current.pattern": "gamma",
+    "dark_current.cv": 914.6579**-0.5,
+    "dark_current.parts": [{"weight": 0.001, "family": "uniform", "low": 45, "high": 440, "unit": "dn"}],
+}
+"""The paper's long integration: gamma(914.6579, 0.0611) DN with one pixel in a thousand on U[45, 440] DN."""
+
+
+def test_the_superimposed_dark_signal_of_the_paper_has_its_mean_and_sigma() -> None:
+    """0.999·gamma(914.6579, 0.0611) + 0.001·U[45, 440]: 56.0722 and 7.1557 DN, by the theory of the stage."""
+    m = dark_moments(TABLE1.replace(**LONG), 1.0)
+    assert K * m.mean == pytest.approx(56.0722, abs=5e-5)
+    assert K * math.sqrt(m.fixed) == pytest.approx(7.1557, abs=5e-5)
+
+
+def test_the_superimposed_pixels_are_as_many_and_as_spread_as_they_should_be() -> None:
+    """400 000 pixels: the share within 5 σ of the binomial law, the uniform part by Kolmogorov-Smirnov (P < 1e-6).
+
+    One pixel in a thousand carries 93 % of the variance, so the mixture's own σ is known to 14 % only (5 se); main
+    part and uniform part are therefore looked at apart: mean of the main part to 0.03 %, its σ to 0.6 %.
+    """
+    x = K * dark_map(TABLE1.replace(**LONG), 1.0, (800, 500)).ravel()
+    hot = x > 70
+    law = stats.gamma(914.6579, scale=0.0611)
+    expected = 0.001 * (440 - 70) / 395
+    assert hot.mean() == pytest.approx(expected, abs=5 * math.sqrt(expected / x.size))
+    assert stats.kstest(x[hot], stats.uniform(70, 370).cdf).pvalue > 1e-6
+    main = x[~hot]
+    assert main.mean() == pytest.approx(law.mean(), abs=5 * law.std() / math.sqrt(main.size) + 1e-3)
+    assert main.std() == pytest.approx(law.std(), rel=0.006 + 2e-3)
+    assert x.mean() == pytest.approx(56.0722, abs=5 * 7.1557 / math.sqrt(x.size))
+    assert x.std() == pytest.approx(7.1557, rel=0.14)
+
+
+@pytest.mark.parametrize(("unit", "one_e"), [("e", 1.0), ("e_per_s", 2.0), ("dn", 1 / K)])
+def test_parts_in_every_unit_have_the_moments_of_the_mixture(unit: str, one_e: float) -> None:
+    """0.5·main + 0.3·U[100, 300] + 0.2·N(500, 50) at t = 2 s, each unit by hand; samples within 5 se (0.8 %, 0.9 %)."""
+    parts = [
+        {"weight": 0.3, "family": "uniform", "low": 100, "high": 300, "unit": unit},
+        {"weight": 0.2, "family": "normal", "mean": 500, "sigma": 50, "unit": unit},
+    ]
+    camera = TABLE1.replace(**LONG | {"dark_current.rate_e_per_s": 400.0, "dark_current.parts": parts})
+    laws = [(0.5, 800.0, 800.0**2 / 914.6579), (0.3, 200 * one_e, (200 * one_e) ** 2 / 12),
+            (0.2, 500 * one_e, (50 * one_e) ** 2)]  # fmt: skip
+    mean = sum(w * m for w, m, _ in laws)
+    variance = sum(w * (v + (m - mean) ** 2) for w, m, v in laws)
+    m = dark_moments(camera, 2.0)
+    assert (m.mean, m.fixed) == pytest.approx((mean, variance), rel=1e-9)
+    x = dark_map(camera, 2.0)
+    assert x.mean() == pytest.approx(mean, abs=5 * math.sqrt(variance / x.size))
+    fourth = np.mean((x - x.mean()) ** 4) / variance**2
+    assert x.var() == pytest.approx(variance, rel=5 * math.sqrt((fourth - 1) / x.size))
+
+
+def test_a_normal_part_is_cut_at_zero_and_its_moments_know() -> None:
+    """N(18, 40) cut at 0, the whole sensor: no negative rate, and the mean rises from 18 to 26.0 (5 se: 1.3 %)."""
+    part = DarkPart(1.0, "normal", 18.0, 40.0)
+    frame = Frame(ms.Exposure(1.0), Device(3, SHAPE))
+    x = DarkCurrent(Measured(5.0, 300.0), TABLE1_PATTERN, (part,))(Electrons(np.zeros(SHAPE)), frame).dark
+    mean, variance = mixture_moments((part,), 5.0, 0.0, frame)
+    cut = stats.norm(18, 40)
+    assert mean == pytest.approx(cut.expect(lambda v: v, lb=0), rel=1e-8)
+    assert x.min() == 0.0
+    assert x.mean() == pytest.approx(mean, abs=5 * x.std() / math.sqrt(x.size))
+    assert x.var() == pytest.approx(variance, rel=0.02)
+
+
+TABLE1_PATTERN = dark_stage(TABLE1).pattern
+
+
+def test_weights_of_one_leave_no_pixel_to_the_main_law() -> None:
+    parts = [{"weight": 1.0, "family": "uniform", "low": 10, "high": 11, "unit": "e"}]
+    x = dark_map(TABLE1.replace(**{"dark_current.parts": parts}), 1.0, (50, 60))
+    assert x.min() >= 10 and x.max() <= 11
+
+
+AREA_CM2 = (5.7e-4) ** 2
+KELVINS = [77.0, 250.0, 298.15, 300.0, 308.0, 400.0]
+
+
+def test_the_mpp_law_adds_diffusion_and_depletion_at_300_k_and_separates_them_elsewhere() -> None:
+    """Eq. 2 written out in this test; at 300 K the sum is what both figures of merit say; diffusion falls faster."""
+    law = dark_law(
+        TABLE1.replace(**{"dark_current.diffusion_fom_na_per_cm2": 0.01, "dark_current.fom_na_per_cm2": 0.02})
+    )
+    assert law == Mpp(0.01, 0.02, pytest.approx(AREA_CM2))
+    per_fom = AREA_CM2 * 1e-9 / ELEMENTARY_CHARGE_C
+    assert law.rate_e_per_s(300.0) == pytest.approx(0.03 * per_fom, rel=1e-12)
+    for t in KELVINS:
+        gap = band_gap_ev(300.0) / 300.0 - band_gap_ev(t) / t
+        diffusion = 0.01 * (t / 300) ** 3 * math.exp(gap / BOLTZMANN_EV_PER_K)
+        depletion = 0.02 * (t / 300) ** 1.5 * math.exp(gap / (2 * BOLTZMANN_EV_PER_K))
+        assert law.rate_e_per_s(t) == pytest.approx(per_fom * (diffusion + depletion), rel=1e-12)
+        assert Mpp(0.0, 0.02, AREA_CM2).rate_e_per_s(t) == FigureOfMerit(0.02, AREA_CM2).rate_e_per_s(t)
+        assert Mpp(1.0, 0.0, 1.0).rate_e_per_s(t) * Mpp(1.0, 0.0, 1.0).rate_e_per_s(300.0) == pytest.approx(
+            FigureOfMerit(1.0, 1.0).rate_e_per_s(t) ** 2, rel=1e-9
+        )
+
+
+def test_a_measured_rate_is_what_was_measured_and_follows_silicon_from_there() -> None:
+    """D(308)/D(300) = 1.8930 whatever the temperature of the measurement."""
+    law = Measured(5.0, 298.15)
+    assert law.rate_e_per_s(298.15) == pytest.approx(5.0, rel=1e-12)
+    assert law.rate_e_per_s(308.0) / law.rate_e_per_s(300.0) == pytest.approx(1.8930, abs=5e-5)
+    same = Measured(law.rate_e_per_s(320.0), 320.0)
+    for t in KELVINS:
+        assert same.rate_e_per_s(t) == pytest.approx(law.rate_e_per_s(t), rel=1e-12)
+
+
+def test_a_doubling_temperature_doubles() -> None:
+    law = dark_law(TABLE1.replace(**LONG | {"dark_current.rate_e_per_s": 5.0, "dark_current.doubling_k": 7.0}))
+    assert law == Doubling(5.0, 300.0, 7.0)
+    for steps in (-10, -1, 0, 1, 3):
+        assert law.rate_e_per_s(300.0 + 7.0 * steps) == pytest.approx(5.0 * 2.0**steps, rel=1e-12)
+
+
+@pytest.mark.parametrize("law", [Measured(5.0, 298.15), Doubling(5.0, 298.15, 7.0), Mpp(0.01, 1.0, AREA_CM2)], ids=str)
+@pytest.mark.parametrize("temperature_k", [0.0, 4.0, 77.0, 300.0, 400.0, 600.0])
+def test_every_law_is_finite_and_not_negative_at_every_temperature(law: Any, temperature_k: float) -> None:
+    rate = law.rate_e_per_s(temperature_k)
+    assert math.isfinite(rate) and rate >= 0
+    if temperature_k == 0 and not isinstance(law, Doubling):
+        assert rate == 0.0
+
+
+def test_parts_of_the_datasheet_reach_the_stage() -> None:
+    assert dark_parts(TABLE1.replace(**LONG)) == (DarkPart(0.001, "uniform", 45.0, 440.0, pytest.approx(1 / K), False),)
+
+
+# Blinking pixels: 100 e-/s for 2 s, on for 30 % of the time.
+
+STEP, DUTY = 200.0, 0.3
+
+
+def states(share: float, switching: float, indices: Any, shape: tuple[int, int] = (100, 200)) -> Any:
+    """(N, H, W) electrons of the traps in some frames."""
+    stage, device = BlinkingPixels(share, STEP / 2, switching, DUTY), Device(7, shape)
+    frames = [Frame(ms.Exposure(2.0), device, 5, index) for index in indices]
+    return np.array([np.broadcast_to(stage(Electrons(np.zeros(shape)), frame).dark, shape) for frame in frames])
+
+
+def test_blinking_pixels_have_the_mean_and_variances_that_the_stage_says() -> None:
+    """Half of 20 000 pixels in 12 frames so far apart that nothing is left (0.9^100 = 3e-5).
+
+    Means over 120 000 states: 5 se are 1.6 % of the mean; temporal variance 1.5 %; fixed 3 % (binomial laws).
+    """
+    x = states(0.5, 0.1, range(0, 1200, 100))
+    stage = BlinkingPixels(0.5, STEP / 2, 0.1, DUTY)
+    m = stage.moments(Moments(0.0, 0.0, 0.0, Frame(ms.Exposure(2.0), Device(7, (1, 1)))))
+    assert (m.mean, m.temporal, m.fixed) == pytest.approx((30.0, 0.5 * 200**2 * 0.21, 0.25 * 60**2), rel=1e-12)
+    assert set(np.unique(x)) == {0.0, STEP}
+    temporal = x.var(axis=0, ddof=1)
+    fixed = (x.mean(axis=0) - m.mean) ** 2 - temporal / 12
+    for seen, expected in ((x.mean(axis=0), m.mean), (temporal, m.temporal), (fixed, m.fixed)):
+        assert abs(seen.mean() - expected) < 5 * seen.std() / math.sqrt(seen.size)
+
+
+@pytest.mark.parametrize("switching", [0.1, 0.5, 1.0])
+def test_the_state_of_a_trap_is_forgotten_by_one_minus_switching_per_frame(switching: float) -> None:
+    """Correlation (1 − switching)^Δ over 40 frames of 20 000 traps, 5 standard errors from the spread of the traps.
+
+    At switching = 0.1 that is 0.004 of the correlation at Δ = 1, and 2.8 % of the number of changes.
+    """
+    x = (states(1.0, switching, range(40)) / STEP - DUTY) / math.sqrt(DUTY * (1 - DUTY))
+    assert np.abs(x[[0, 1, 20, 39]].mean(axis=(1, 2))).max() < 5 / math.sqrt(20_000)
+    for lag in (1, 2, 5, 20):
+        pairs = np.mean(x[lag:] * x[:-lag], axis=0)
+        assert pairs.mean() == pytest.approx((1 - switching) ** lag, abs=5 * pairs.std() / math.sqrt(pairs.size))
+    changes = np.mean(x[1:] != x[:-1], axis=0)
+    expected = switching * 2 * DUTY * (1 - DUTY)
+    assert changes.mean() == pytest.approx(expected, abs=5 * changes.std() / math.sqrt(changes.size))
+
+
+def test_frame_12_alone_is_frame_12_of_the_batch_and_of_the_crop() -> None:
+    camera = TABLE1.replace(
+        **{"dark_current.blinking_share": 0.3, "dark_current.blinking_e_per_s": 5000.0,
+           "dark_current.blinking_switching": 0.2}
+    )  # fmt: skip
+    light, exposure = np.full((20, 30), 100.0), ms.Exposure(0.1)
+    batch = ms.expose(light, camera, exposure, frames=14).digital
+    np.testing.assert_array_equal(ms.expose(light, camera, exposure, first_frame=12).digital[0], batch[12])
+    crop = ms.expose(light[3:9, 5:20], camera, exposure, first_frame=12, origin=(3, 5)).digital[0]
+    np.testing.assert_array_equal(crop, batch[12, 3:9, 5:20])
+
+
+def test_no_share_of_blinking_pixels_is_no_stage_and_traps_that_are_always_on_are_a_fixed_pattern() -> None:
+    assert not any(isinstance(stage, BlinkingPixels) for stage in chain(TABLE1))
+    stage = BlinkingPixels(1.0, 10.0, 0.1, 1.0)
+    frame = Frame(ms.Exposure(2.0), Device(7, (4, 5)), 5, 3)
+    np.testing.assert_array_equal(stage(Electrons(np.zeros((4, 5))), frame).dark, 20.0)
+    m = stage.moments(Moments(0.0, 0.0, 0.0, frame))
+    assert (m.mean, m.temporal, m.fixed) == (20.0, 0.0, 0.0)

@@ -1,0 +1,166 @@
+"""The LLVM guard: versions are told without loading, and a library that aborts the process is never mapped into it.
+
+Each question about Dr.Jit is asked in a process of its own, because it initialises LLVM when it is imported. Fake
+libraries are an ELF header and a name: whoever tries to load one fails loudly.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from mitsuba_sensor.engine.errors import InputError
+from mitsuba_sensor.light import variants
+from mitsuba_sensor.light.variants import LLVM_PATH, choose_variant, find_llvm, inspect_llvm, use
+
+REPORT = """
+import json, os, sys
+from mitsuba_sensor.light import variants
+variants.FOLDERS = tuple(sys.argv[1:])
+chosen = variants.choose_variant()
+mi = variants.use(chosen)
+scene = mi.load_dict({"type": "scene", "s": {"type": "sphere"}, "e": {"type": "constant"}, "i": {"type": "direct"},
+                      "c": {"type": "perspective", "film": {"type": "hdrfilm", "width": 4, "height": 4}}})
+mean = float(mi.TensorXf(mi.render(scene, spp=4)).array[0]) if chosen.backend == "scalar" else 0.0
+maps = open("/proc/self/maps").read() if os.path.exists("/proc/self/maps") else ""
+loaded = sorted({line.split()[-1] for line in maps.splitlines() if "LLVM" in line})
+print(json.dumps([chosen.name, chosen.hint, chosen.reason, loaded]))
+"""
+linux = pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc/self/maps and makes ELF files")
+
+
+def fake_library(folder: Path, name: str, inside: bytes = b"") -> Path:
+    """A file that starts as this interpreter does, with a library's name."""
+    head = Path(os.path.realpath(sys.executable)).read_bytes()[:64]
+    path = folder / name
+    path.write_bytes(head + b"\0" * 64 + inside)
+    return path
+
+
+def ask(folder: Path, **environment: str) -> tuple[list, str]:
+    """What a fresh process chooses when it looks for LLVM in ``folder`` alone; and what it wrote to stderr."""
+    env = {k: v for k, v in os.environ.items() if k != LLVM_PATH} | environment
+    command = [sys.executable, "-c", REPORT, str(folder)]
+    done = subprocess.run(command, capture_output=True, text=True, env=env, timeout=120)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout.splitlines()[-1]), done.stderr
+
+
+def poison(folder: Path) -> Path:
+    """LLVM 15: the machine's own where it has one, else a fake."""
+    real = [one for one in find_llvm() if one.version == 15]
+    if not real:
+        return fake_library(folder, "libLLVM-15.so.1")
+    link = folder / "libLLVM-15.so.1"
+    link.symlink_to(real[0].path)
+    return link
+
+
+@linux
+def test_llvm_15_alone_is_never_loaded_and_scalar_renders(tmp_path: Path) -> None:
+    poison(tmp_path)
+    (name, hint, reason, loaded), errors = ask(tmp_path)
+    assert (name, loaded, errors) == ("scalar_spectral", [], "")
+    assert "libllvm19" in hint and "three times faster" in hint and "\n" not in hint
+    assert "17" in reason
+
+
+@linux
+def test_without_any_llvm_scalar_renders_with_the_same_hint(tmp_path: Path) -> None:
+    (name, hint, _, loaded), errors = ask(tmp_path)
+    assert (name, loaded, errors) == ("scalar_spectral", [], "")
+    assert "libllvm19" in hint
+
+
+@linux
+def test_llvm_15_named_in_the_environment_is_overridden(tmp_path: Path) -> None:
+    (name, _, _, loaded), errors = ask(tmp_path, **{LLVM_PATH: str(poison(tmp_path))})
+    assert (name, loaded, errors) == ("scalar_spectral", [], "")
+
+
+@linux
+def test_newest_usable_llvm_is_loaded_beside_the_poison(tmp_path: Path) -> None:
+    usable = [one for one in find_llvm() if one.usable]
+    if not usable:
+        pytest.skip("no LLVM 17 or newer on this machine")
+    poison(tmp_path)
+    (tmp_path / os.path.basename(usable[0].path)).symlink_to(usable[0].path)
+    (name, hint, _, loaded), errors = ask(tmp_path)
+    assert name == "llvm_ad_spectral" and hint == "" and errors == ""
+    assert [os.path.realpath(path) for path in loaded] == [usable[0].path]
+
+
+@linux
+def test_importing_the_package_sets_no_variant_and_loads_no_mitsuba() -> None:
+    code = "import sys, mitsuba_sensor; assert 'mitsuba' not in sys.modules and 'drjit' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+
+
+@linux
+@pytest.mark.parametrize(
+    ("name", "version"),
+    [
+        ("libLLVM-15.so.1", 15),
+        ("libLLVM-14.0.6.so.1", 14),
+        ("libLLVM.so.19.1", 19),
+        ("libLLVM-19.so", 19),
+        ("libLLVM.so.22.0-rc1", 22),
+    ],
+)
+def test_version_is_told_from_the_file_name(tmp_path: Path, name: str, version: int) -> None:
+    found = inspect_llvm(str(fake_library(tmp_path, name)))
+    assert (found.version, found.usable) == (version, version >= 17)
+
+
+@linux
+def test_version_is_told_from_the_soname_where_the_name_does_not_say(tmp_path: Path) -> None:
+    assert inspect_llvm(str(fake_library(tmp_path, "libLLVM.so", b"\0libLLVM.so.18.1\0"))).version == 18
+    assert inspect_llvm(str(fake_library(tmp_path, "mine.so", b"x\0libLLVM-15.so.1\0"))).usable is False
+    assert inspect_llvm(str(fake_library(tmp_path, "blank.so"))).usable is False
+
+
+@linux
+def test_libraries_of_other_machines_and_broken_ones_are_not_usable(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv(LLVM_PATH, raising=False)
+    (tmp_path / "libLLVM.so.20.1").write_text("GROUP ( libLLVM.so )")
+    (tmp_path / "libLLVM.so.21.1").write_bytes(b"")
+    (tmp_path / "libLLVM-19.so").symlink_to(tmp_path / "missing")
+    assert [one.usable for one in find_llvm((str(tmp_path),))] == [False] * 3
+
+
+@linux
+def test_newest_comes_first_but_a_named_one_before_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("libLLVM-15.so.1", "libLLVM.so.19.1", "libLLVM.so.18.1"):
+        fake_library(tmp_path, name)
+    monkeypatch.delenv(LLVM_PATH, raising=False)
+    assert [one.version for one in find_llvm((str(tmp_path),))] == [19, 18, 15]
+    monkeypatch.setenv(LLVM_PATH, str(tmp_path / "libLLVM.so.18.1"))
+    assert [one.version for one in find_llvm((str(tmp_path),))] == [18, 19, 15]
+
+
+def test_unknown_and_non_spectral_variants_name_the_call_to_make() -> None:
+    for name in ("llvm_ad_rgb", "llvm_spectrl", "scalar_spectral_polarized"):
+        with pytest.raises(InputError, match=r"mitsuba.set_variant\('scalar_spectral'\)"):
+            choose_variant(name)
+
+
+def test_a_spectral_variant_already_set_is_kept() -> None:
+    use(choose_variant("scalar_spectral"))
+    assert choose_variant().name == "scalar_spectral"
+
+
+def test_an_rgb_variant_already_set_is_refused() -> None:
+    mi = variants.mitsuba()
+    mi.set_variant("scalar_rgb")
+    try:
+        with pytest.raises(InputError, match="already set is 'scalar_rgb'"):
+            choose_variant()
+    finally:
+        mi.set_variant("scalar_spectral")

@@ -1,0 +1,250 @@
+"""The three curves of the signal path, all on the swing: V/e of the sense node, V/V of the follower, γ of the ADC.
+
+Closed forms, inverses and slopes; then each stage against its own moments at several levels.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.engine.frame import Device, Frame
+from mitsuba_sensor.engine.moments import Moments
+from mitsuba_sensor.engine.quantities import Electrons, Photons
+from mitsuba_sensor.sensor.chain import chain, gain_dn_per_e, sense_gain_v_per_e
+from mitsuba_sensor.sensor.digital import Adc, IntegralNonlinearity, end_point_ile, gamma_of_ile
+from mitsuba_sensor.sensor.electrons import FullWell
+from mitsuba_sensor.sensor.volts import NonlinearSenseNode, NonlinearSourceFollower, SenseNode, SourceFollower
+
+TABLE1 = ms.load_camera("konnik_table1")
+HERE = Frame(ms.Exposure(0.1), Device(3, (1, 5)))
+A_SN, V_REF = 5e-6, 3.1
+
+
+def swing_of(stage: Any, electrons: Any) -> Any:
+    return np.ravel(stage(Electrons(np.atleast_2d(np.asarray(electrons, dtype=float))), HERE))
+
+
+# V/e (4.6)
+
+
+def test_the_full_sense_node_curve_loses_2_6_percent_at_table_1s_full_well() -> None:
+    """α = 1, 33 000 e-, V_REF 3.1 V, 5 µV/e-: S/(A_SN·N) − 1 = −2.61469554e-2."""
+    (swing,) = swing_of(NonlinearSenseNode(A_SN, V_REF, 1.0), 33_000)
+    assert swing / (A_SN * 33_000) - 1 == pytest.approx(-2.61469554e-2, rel=1e-8)
+
+
+@pytest.mark.parametrize("alpha", [1e-9, 0.01, 0.5, 1.0])
+def test_the_inverse_of_the_sense_node_returns_the_electrons(alpha: float) -> None:
+    """N = −V_REF/(α·A_SN)·log1p(−α·S/V_REF), from one electron to ten full wells."""
+    electrons = np.array([0.0, 1.0, 100.0, 33_000.0, 330_000.0])
+    swing = swing_of(NonlinearSenseNode(A_SN, V_REF, alpha), electrons)
+    np.testing.assert_allclose(-V_REF / (alpha * A_SN) * np.log1p(-alpha * swing / V_REF), electrons, rtol=1e-12)
+
+
+def test_the_sense_node_becomes_linear_as_alpha_goes_to_zero() -> None:
+    """Continuous: the relative loss is α·A_SN·N/(2·V_REF), down to no cancellation at all at 1e-15."""
+    for alpha in (1e-3, 1e-6, 1e-9):
+        (swing,) = swing_of(NonlinearSenseNode(A_SN, V_REF, alpha), 33_000)
+        assert swing / (A_SN * 33_000) - 1 == pytest.approx(-alpha * 0.165 / 6.2, rel=2e-3, abs=3e-16)
+    (tiny,) = swing_of(NonlinearSenseNode(A_SN, V_REF, 1e-15), 33_000)
+    assert tiny == pytest.approx(0.165, rel=1e-14)
+    linear, zero = TABLE1, TABLE1.replace(**{"readout.ve_nonlinearity": 0.0, "readout.v_ref_v": 2.0})
+    assert chain(linear) == chain(zero) and any(isinstance(stage, SenseNode) for stage in chain(zero))
+
+
+@pytest.mark.parametrize("alpha", [0.1, 1.0])
+def test_small_signals_have_the_nominal_gain_for_every_alpha(alpha: float) -> None:
+    assert swing_of(NonlinearSenseNode(A_SN, V_REF, alpha), 1e-3)[0] == pytest.approx(A_SN * 1e-3, rel=1e-8)
+
+
+def test_no_charge_takes_the_swing_beyond_the_reference_voltage() -> None:
+    """S < V_REF for α = 1 however many electrons, and monotone all the way (in float64 it reaches V_REF at 2e7 e-)."""
+    swing = swing_of(NonlinearSenseNode(A_SN, V_REF, 1.0), np.geomspace(1, 2e7, 2000))
+    assert (np.diff(swing) > 0).all() and swing[-1] < V_REF
+    assert swing_of(NonlinearSenseNode(A_SN, V_REF, 1.0), [1e30, np.inf]).max() <= V_REF
+
+
+def test_the_papers_k1_implies_nine_times_the_gain_of_its_table() -> None:
+    """k₁ = 10.909e-15 C at V_REF = 3.1 V is q·V_REF/k₁ = 45.5 µV/e-, against 5 µV/e- in Table 1."""
+    camera = TABLE1.replace(
+        **{"readout.sense_gain_uv_per_e": None, "readout.ve_k1_c": 10.909e-15, "readout.ve_nonlinearity": 1.0}
+    )
+    assert sense_gain_v_per_e(camera) * 1e6 == pytest.approx(45.5, abs=0.05)
+    node = next(stage for stage in chain(camera) if isinstance(stage, NonlinearSenseNode))
+    assert node.gain_v_per_e == sense_gain_v_per_e(camera)
+
+
+# V/V (4.5)
+
+
+def test_the_follower_gains_5_percent_at_full_well_and_half_of_that_half_way() -> None:
+    """γ = 1.05: ratio 1 for small signals, 1.025 at half scale, 1.05 at full well; A_SF in front."""
+    stage, full = NonlinearSourceFollower(0.9, 1.05, 0.165), 0.165
+    for share, ratio in ((1e-9, 1.0), (0.5, 1.025), (1.0, 1.05)):
+        assert float(stage(full * share, HERE)) / (0.9 * full * share) == pytest.approx(ratio, rel=1e-9)
+    assert float(stage(0.0, HERE)) == 0.0
+
+
+@pytest.mark.parametrize("gamma", [0.51, 0.9, 1.0, 1.05, 2.0])
+def test_the_follower_is_monotone_up_to_full_well_for_every_ratio_above_one_half(gamma: float) -> None:
+    swing = np.linspace(0, 0.165, 1001)
+    assert (np.diff(NonlinearSourceFollower(1.0, gamma, 0.165)(swing, HERE)) > 0).all()
+
+
+def test_the_full_swing_of_the_follower_is_that_of_the_cameras_full_well() -> None:
+    camera = TABLE1.replace(**{"source_follower.vv_nonlinearity": 1.05, "pixel.full_well_e": 20_000.0})
+    stage = next(stage for stage in chain(camera) if isinstance(stage, NonlinearSourceFollower))
+    assert stage == NonlinearSourceFollower(1.0, 1.05, pytest.approx(0.1))
+    neutral = camera.replace(**{"source_follower.vv_nonlinearity": 1.0})
+    assert any(isinstance(stage, SourceFollower) for stage in chain(neutral))
+
+
+def test_the_photon_transfer_slope_at_full_well_is_1_10_k_and_the_variance_1_21_times() -> None:
+    """var DN = (dDN/dN)²·var N with dDN/dN = 1.10·K; a well that never clips is given a light of 33 000 e-.
+
+    400 000 pixels: 5 se of a variance are 1.1 %; slope from ±5 % of the light: 5 se are 0.02 %.
+    """
+    quiet = {
+        "pixel.prnu": 0.0, "readout.column_offset": 0.0, "dark_current.fom_na_per_cm2": 0.0,
+        "source_follower.white_nv_per_rthz": 0.0, "adc.bits": 16, "adc.full_scale_v": 0.33, "adc.pedestal_dn": 0.0,
+    }  # fmt: skip
+    camera = TABLE1.replace(**quiet, **{"source_follower.vv_nonlinearity": 1.05})
+    stages = [stage for stage in chain(camera) if not isinstance(stage, FullWell)]
+    k = gain_dn_per_e(camera)
+
+    def digital(electrons: float) -> Any:
+        signal: Any = Photons(np.full((400, 1000), electrons / 0.6))
+        frame = Frame(ms.Exposure(0.1), Device(3, (400, 1000)))
+        for stage in stages:
+            signal = stage(signal, frame)
+        return signal
+
+    low, mid, high = digital(31_350.0), digital(33_000.0), digital(34_650.0)
+    assert (high.mean() - low.mean()) / 3300 == pytest.approx(1.10 * k, rel=1e-3)
+    assert (mid.var() - 1 / 12) / (k**2 * 33_000) == pytest.approx(1.21, rel=0.0113)
+
+
+# ADC γ (4.4)
+
+
+def deviation_from_end_points(gamma: float) -> Any:
+    """The curve less the straight line through both its ends, over a fine ramp of full scale 1."""
+    x = np.linspace(0, 1, 100_001)
+    y = IntegralNonlinearity(gamma, 1.0)(x, HERE)
+    return y - x * y[-1], y[-1]
+
+
+def test_gamma_1_04_is_an_end_point_error_of_39_codes_and_4_percent_needs_1_16633() -> None:
+    """The curve itself, on a ramp: 39.0 of 4095 codes, 0.99 % of its own end; the closed form says the same."""
+    error, end = deviation_from_end_points(1.04)
+    assert 4095 * error.max() == pytest.approx(39.0, abs=0.05)
+    assert error.max() / end == pytest.approx(0.0099, abs=5e-5)
+    assert end_point_ile(1.04) == pytest.approx(error.max() / end, rel=1e-8)
+    assert gamma_of_ile(0.04) == pytest.approx(1.16633, abs=5e-6)
+
+
+@pytest.mark.parametrize("ile", [0.0, 1e-6, 0.0099, 0.04, 0.1, 0.24])
+def test_an_asked_ile_is_the_ile_of_the_curve(ile: float) -> None:
+    """Parameter in, parameter out; and a camera takes either of the two words."""
+    gamma = gamma_of_ile(ile)
+    error, end = deviation_from_end_points(gamma)
+    assert error.max() / end == pytest.approx(ile, rel=1e-6, abs=1e-15)
+    by_ile, by_gamma = TABLE1.replace(**{"adc.ile": ile}), TABLE1.replace(**{"adc.gamma": gamma})
+    assert chain(by_ile) == chain(by_gamma)
+
+
+@pytest.mark.parametrize("offset", [1e-7, -1e-7])
+def test_a_gamma_next_to_one_loses_no_digit(offset: float) -> None:
+    """S·γ^(−S/V_FS) = S·(1 − ln γ·S/V_FS + …): the deviation itself is right to 1e-7, at any gain, also A = 1."""
+    swing = np.linspace(0.01, 1.0, 50)
+    log = math.log1p(offset)
+    bent = IntegralNonlinearity(1 + offset, 1.0)(swing, HERE)
+    np.testing.assert_allclose(bent - swing, -log * swing**2, rtol=1e-7, atol=4e-16)
+    for gain in (1.0, 1 + 1e-9, 1e6):
+        np.testing.assert_array_equal(Adc(24, gain, 0.0)(bent, HERE), np.floor(np.minimum(gain * bent, 2**24) + 0.5))
+
+
+def test_a_gain_of_one_is_a_gain_like_any_other() -> None:
+    """A = 1 DN/V (the paper's logarithm of A would be 0): 4096 V of full scale, γ = 1.04 at half scale and at full."""
+    camera = TABLE1.replace(
+        **{"adc.full_scale_v": 4096.0, "adc.gamma": 1.04, "adc.pedestal_dn": 0.0, "pixel.full_well_e": 1e9}
+    )
+    bend, adc = chain(camera)[-2:]
+    assert adc.gain_dn_per_v == 1.0
+    codes = adc(bend(np.array([0.0, 2048.0, 4096.0]), HERE), HERE)
+    np.testing.assert_array_equal(codes, [0, math.floor(2048 / 1.04**0.5 + 0.5), math.floor(4096 / 1.04 + 0.5)])
+
+
+@pytest.mark.parametrize("gamma", [0.5, 0.9, 1.04, 2.0, 2.718])
+def test_the_converter_is_monotone_for_every_gamma_below_e(gamma: float) -> None:
+    assert (np.diff(IntegralNonlinearity(gamma, 1.0)(np.linspace(0, 1, 1001), HERE)) > 0).all()
+
+
+@pytest.mark.parametrize("gamma", [math.e, 3.0])
+def test_the_camera_refuses_a_gamma_of_e_and_above(gamma: float) -> None:
+    with pytest.raises(ms.InputError, match=r"adc\.gamma is .*less than 2\.718"):
+        TABLE1.replace(**{"adc.gamma": gamma})
+
+
+# Every curve against its own moments.
+
+
+@pytest.mark.parametrize("level", [0.0, 0.02, 0.25, 0.5, 1.0])
+@pytest.mark.parametrize(
+    "stage",
+    [
+        NonlinearSenseNode(A_SN, V_REF, 1.0),
+        NonlinearSenseNode(A_SN, 0.5, 1.0),
+        NonlinearSourceFollower(0.9, 1.05, 33_000.0),
+        NonlinearSourceFollower(1.0, 0.7, 33_000.0),
+        IntegralNonlinearity(1.04, 33_000.0),
+        IntegralNonlinearity(2.0, 33_000.0),
+    ],
+    ids=str,
+)
+def test_a_curve_has_the_moments_that_it_says_at_every_level(stage: Any, level: float) -> None:
+    """200 000 pixels in 3 frames, normal noise of shot and 1 % PRNU size in the stage's own unit.
+
+    5 standard errors are 1.1 % of a variance (0.56 % of a σ); 30 × 3 comparisons: one other seed in 20 000 fails.
+    """
+    mean, n = 33_000 * level, 200_000
+    sigma_t, sigma_f = math.sqrt(mean + 100), 0.01 * mean + 5
+    random = np.random.default_rng(11)
+    x = mean + sigma_f * random.standard_normal(n) + sigma_t * random.standard_normal((3, n))
+    y = stage(Electrons(x) if isinstance(stage, NonlinearSenseNode) else x, HERE)
+    m = stage.moments(Moments(mean, sigma_t**2, sigma_f**2, HERE))
+    temporal = y.var(axis=0, ddof=1)
+    fixed = (y.mean(axis=0) - m.mean) ** 2 - temporal / 3
+    for seen, expected in ((y.mean(axis=0), m.mean), (temporal, m.temporal), (fixed, m.fixed)):
+        assert abs(seen.mean() - expected) < 5 * seen.std() / math.sqrt(n)
+
+
+@pytest.mark.parametrize(("stage", "accuracy"), [
+    (NonlinearSourceFollower(0.9, 1.3, 1.0), 1e-9),
+    (NonlinearSenseNode(1.0, 2.0, 1.0), 3e-3),
+    (IntegralNonlinearity(1.16, 1.0), 1e-3),
+])  # fmt: skip
+@pytest.mark.parametrize("level", [0.1, 0.5, 0.9])
+def test_the_second_order_of_a_curve_is_the_integral_over_a_normal_law(
+    stage: Any, accuracy: float, level: float
+) -> None:
+    """Gauss-Hermite quadrature of temporal noise 8 % and fixed noise 5 % of full scale: exact for the parabola.
+
+    Noise this large shows the curvature, which a real frame's noise hides below its sampling error.
+    """
+    nodes, weights = np.polynomial.hermite_e.hermegauss(20)
+    weights = weights / weights.sum()
+    x = level + 0.05 * nodes[:, None] + 0.08 * nodes
+    y = stage(Electrons(x) if isinstance(stage, NonlinearSenseNode) else x, HERE)
+    of_pixel = y @ weights
+    mean, fixed = weights @ of_pixel, weights @ of_pixel**2 - (weights @ of_pixel) ** 2
+    temporal = weights @ (y**2 @ weights) - weights @ of_pixel**2
+    m = stage.moments(Moments(level, 0.08**2, 0.05**2, HERE))
+    assert (m.mean, m.temporal, m.fixed) == pytest.approx((mean, temporal, fixed), rel=accuracy)
+    slope_only = stage(Electrons(level) if isinstance(stage, NonlinearSenseNode) else level, HERE)
+    assert m.mean - slope_only == pytest.approx(mean - slope_only, rel=max(accuracy, 0.02))

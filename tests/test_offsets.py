@@ -1,0 +1,206 @@
+"""Fixed offsets and gains of columns, rows and pixels: signal-independent, frame-independent, as strong as asked."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.engine.frame import Device, Frame
+from mitsuba_sensor.sensor.chain import chain, gain_dn_per_e
+from mitsuba_sensor.sensor.volts import ColumnGain, ColumnOffset, PixelOffset, RowOffset
+
+TABLE1 = ms.load_camera("konnik_table1")
+EXPOSURE = ms.Exposure(0.1)
+SHAPE = (40, 60)
+QUIET = {
+    "readout.column_offset": 0.0,
+    "pixel.prnu": 0.0,
+    "dark_current.cv": 0.0,
+    "adc.bits": 16,
+    "adc.pedestal_dn": 2000.0,
+}
+SOURCES = {
+    "column_offset_e": ({"readout.column_offset": 0.001}, ColumnOffset),
+    "row_offset_e": ({"readout.row_offset": 0.001}, RowOffset),
+    "pixel_offset_e": ({"pixel.offset_e": 33.0}, PixelOffset),
+    "coupled column_offset_e": ({"readout.column_offset": 0.001, "readout.column_coupling": 0.25}, ColumnOffset),
+    "coupled row_offset_e": ({"readout.row_offset": 0.001, "readout.row_coupling": 0.45}, RowOffset),
+    "coupled pixel_offset_e": ({"pixel.offset_e": 33.0, "pixel.offset_coupling": 0.25}, PixelOffset),
+}
+"""Each of 33 e-: 0.1 % of Table 1's full well."""
+
+
+def camera_with(change: dict[str, Any]) -> ms.Camera:
+    return TABLE1.replace(**QUIET | change)
+
+
+def volts(camera: ms.Camera, light: Any, **how: Any) -> Any:
+    """Swing at the converter, frame by frame."""
+    return ms.expose(light, camera, EXPOSURE, keep=["volts"], **how).volts
+
+
+@pytest.mark.parametrize("name", SOURCES)
+def test_offsets_are_the_same_on_every_image_and_on_every_frame(name: str) -> None:
+    """With and without the source, on a constant and on a ramp image: the difference is one map, to 1e-15 V.
+
+    (The paper's misprinted eq. 28 recurses on the image.) The other noises are bit-identical, so they drop out.
+    """
+    change, kind = SOURCES[name]
+    camera, without = camera_with(change), camera_with({})
+    per_e = 5e-6
+    expected = per_e * ms.patterns(camera, SHAPE)[name.split()[-1]]
+    assert expected.std() > 0
+    ramp = np.broadcast_to(np.linspace(0, 40_000, SHAPE[1]), SHAPE)
+    for light in (np.zeros(SHAPE), np.full(SHAPE, 20_000.0), ramp):
+        for serial, seed in ((1, 1), (1, 2)):
+            how: dict[str, Any] = {"serial": serial, "seed": seed, "frames": 2}
+            offset = volts(camera, light, **how) - volts(without, light, **how)
+            np.testing.assert_allclose(offset, np.broadcast_to(expected, offset.shape), atol=1e-15)
+    assert not np.array_equal(ms.patterns(camera, SHAPE, serial=2)[name.split()[-1]], expected / per_e)
+    assert any(isinstance(stage, kind) for stage in chain(camera))
+
+
+@pytest.mark.parametrize("coupling", [0.0, 0.25, 0.45])
+@pytest.mark.parametrize("kind", [ColumnOffset, RowOffset, ColumnGain])
+def test_lines_have_the_sigma_asked_for_at_every_coupling(kind: Any, coupling: float) -> None:
+    """100 000 lines, σ within 5 standard errors (1.1 % of σ for white lines, 2.5 % at a = 0.45), ρ₁ = 2a within 0.015.
+
+    Without the division by (1 − 4a²)^(−3/4) the coupled ones would be 24 % and 250 % too strong.
+    """
+    n = 100_000
+    device = Device(3, (n, 1) if kind is RowOffset else (1, n))
+    stage = ColumnGain(0.002, coupling) if kind is ColumnGain else kind(33.0, 5e-6, coupling)
+    (values,) = stage.maps(device).values()
+    assert values.shape == device.shape
+    mean, sigma = (1.0, 0.002) if kind is ColumnGain else (0.0, 33.0)
+    x = (values.ravel() - mean) / sigma
+    rho = 2 * coupling
+    blocks = x.reshape(100, -1)
+    assert abs(x.mean()) < 5 * blocks.mean(axis=1).std(ddof=1) / 10
+    assert abs((blocks**2).mean() - 1) < 5 * (blocks**2).mean(axis=1).std(ddof=1) / 10
+    products = blocks[:, 1:] * blocks[:, :-1]
+    assert abs(products.mean() - rho) < 5 * products.mean(axis=1).std(ddof=1) / 10
+
+
+@pytest.mark.parametrize("coupling", [0.0, 0.25])
+def test_pixel_offsets_have_the_sigma_asked_for_and_neighbours_that_are_alike(coupling: float) -> None:
+    """512 × 512 pixels in 64 tiles: 5 standard errors are 1.4 % of the variance for white ones, 2.5 % for a = 0.25."""
+    x = PixelOffset(33.0, 5e-6, coupling).maps(Device(3, (512, 512)))["pixel_offset_e"] / 33.0
+    for values, expected in (
+        (x, 0.0),
+        (x * x, 1.0),
+        (x[:, 1:] * x[:, :-1], 2 * coupling),
+        (x[1:] * x[:-1], 2 * coupling),
+    ):
+        tiles = values[:504, :504].reshape(8, 63, 8, 63).mean(axis=(1, 3))
+        assert abs(tiles.mean() - expected) < 5 * tiles.std(ddof=1) / 8
+
+
+def test_one_tenth_of_a_percent_of_table_1_is_33_electrons_or_4_096_codes() -> None:
+    stage = next(stage for stage in chain(TABLE1) if isinstance(stage, ColumnOffset))
+    assert stage.sigma_e == pytest.approx(33.0)
+    assert stage.sigma_e * gain_dn_per_e(TABLE1) == pytest.approx(4.096, rel=1e-9)
+
+
+def test_offsets_and_gain_pass_the_follower_and_the_sense_node_once() -> None:
+    """σ is asked for as electrons at the sense node: with A_SF = 0.8 an electron is 4 µV where the offsets come in."""
+    camera = camera_with(SOURCES["column_offset_e"][0] | {"source_follower.gain": 0.8, "readout.cds_gain": 2.0})
+    light = np.zeros(SHAPE)
+    offset = volts(camera, light) - volts(camera.replace(**{"readout.column_offset": 0.0}), light)
+    np.testing.assert_allclose(offset[0], np.broadcast_to(8e-6 * ms.patterns(camera, SHAPE)["column_offset_e"], SHAPE),
+                               atol=1e-15)  # fmt: skip
+
+
+@pytest.mark.parametrize("residual", [0.0, 0.25, 1.0])
+def test_the_analogue_cds_leaves_its_share_of_column_and_pixel_offsets_and_all_of_the_rows(residual: float) -> None:
+    """A row's offset comes after the CDS; residual 0 is, bit for bit, a camera without the offsets."""
+    dark = np.zeros(SHAPE)
+    for name in ("column_offset_e", "pixel_offset_e", "row_offset_e"):
+        whole = camera_with(SOURCES[name][0])
+        none = volts(camera_with({}), dark)
+        left = volts(whole.replace(**{"readout.offset_residual": residual}), dark) - none
+        share = 1.0 if name == "row_offset_e" else residual
+        np.testing.assert_allclose(left, share * (volts(whole, dark) - none), atol=1e-15)
+        if share == 0:
+            np.testing.assert_array_equal(left, 0.0)
+
+
+def test_a_column_gain_multiplies_the_swing_and_leaves_darkness_alone() -> None:
+    """The ratio of two levels less darkness is the gain, per column, whatever the light."""
+    frame = Frame(EXPOSURE, Device(3, SHAPE))
+    stage = ColumnGain(0.01)
+    gain = stage.maps(frame.device)["column_gain"]
+    swing = np.linspace(0, 0.165, SHAPE[0] * SHAPE[1]).reshape(SHAPE)
+    np.testing.assert_array_equal(stage(swing, frame), swing * gain)
+    np.testing.assert_array_equal(stage(np.zeros(SHAPE), frame), 0.0)
+    assert gain.shape == (1, SHAPE[1])
+
+
+def test_the_four_patterns_of_one_camera_are_independent() -> None:
+    """|ρ| < 5/√n between any two sources' lines and between neighbouring serials."""
+    n = 20_000
+    lines = [
+        stage.maps(Device(serial, (1, n) if axis else (n, 1)))[name].ravel()
+        for serial in (1, 2)
+        for stage, name, axis in (
+            (ColumnOffset(1.0, 1.0), "column_offset_e", 1),
+            (RowOffset(1.0, 1.0), "row_offset_e", 0),
+            (PixelOffset(1.0, 1.0), "pixel_offset_e", 1),
+            (ColumnGain(1.0), "column_gain", 1),
+        )
+    ]
+    rho = np.corrcoef(lines) - np.eye(8)
+    assert np.abs(rho).max() < 5 / math.sqrt(n)
+
+
+# The paper's CDS (4.9): subtract a frame, in signed numbers.
+
+NOISY = {
+    "readout.column_offset": 0.002, "readout.row_offset": 0.001, "pixel.offset_e": 20.0, "readout.reset": "hard",
+    "adc.bits": 14,
+}  # fmt: skip
+
+
+def test_identical_fixed_patterns_cancel_to_nothing_in_a_difference_of_frames() -> None:
+    """Two frames of one serial without temporal noise: dark − dark is 0 everywhere, and no code wraps below 0.
+
+    Darkness at no exposure has no shot noise; without read noise only the offsets are left, and they are the same.
+    """
+    camera = TABLE1.replace(**NOISY, **{"readout.ktc_residual": 0.0, "source_follower.white_nv_per_rthz": 0.0})
+    one, other = ms.expose(np.zeros(SHAPE), camera, ms.Exposure(0.0), frames=2).digital.astype(np.int64)
+    assert one.std() > 10
+    np.testing.assert_array_equal(one - other, 0)
+    stranger = ms.expose(np.zeros(SHAPE), camera, ms.Exposure(0.0), serial=2).digital[0].astype(np.int64)
+    assert (one - stranger).min() < 0 < (one - stranger).max()
+
+
+def test_subtracting_a_zero_exposure_frame_removes_the_offsets_and_adds_the_temporal_variance() -> None:
+    """Two equal dark frames: std of the difference is √2 of one frame's temporal std (5 se of 60 000 pixels: 1.4 %)."""
+    camera = TABLE1.replace(**NOISY)
+    shape = (200, 300)
+    frames = ms.expose(np.zeros(shape), camera, ms.Exposure(0.0), frames=2)
+    one, zero = frames.digital.astype(np.int64)
+    stages = {line["name"]: line for line in frames.report["stages"]}
+    sigma = stages["adc"]["sigma_temporal_expected"]
+    difference = one - zero
+    assert difference.min() < 0 < difference.max()
+    assert difference.std() == pytest.approx(math.sqrt(2) * sigma, rel=5 / math.sqrt(2 * one.size))
+    assert abs(difference.mean()) < 5 * math.sqrt(2) * sigma / math.sqrt(one.size)
+    assert one.std() > 1.3 * sigma
+
+
+def test_a_lit_frame_less_a_zero_exposure_is_the_light_without_the_pattern() -> None:
+    """Column means of the difference spread by temporal noise alone, where the raw frame's show the pattern."""
+    camera = TABLE1.replace(**NOISY, **{"pixel.prnu": 0.0})
+    light = np.full((400, 100), 10_000.0)
+    lit = ms.expose(light, camera, ms.Exposure(0.1)).digital[0].astype(np.int64)
+    zero = ms.expose(light * 0, camera, ms.Exposure(0.0), seed=2).digital[0].astype(np.int64)
+    k = gain_dn_per_e(camera)
+    temporal = k * math.sqrt(10_000 * 0.6 + 174 + 2 * (71.7**2 + 6.1**2))
+    assert lit.mean(axis=0).std() > 0.9 * 66 * k * 0.8
+    assert (lit - zero).mean(axis=0).std() == pytest.approx(temporal / 20, rel=5 / math.sqrt(200))
+    assert (lit - zero).mean() == pytest.approx(k * (6000 + 174.16), abs=5 * temporal / 200)
