@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import tomllib
-from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,7 @@ from . import options, terminal
 from .data import files
 from .data.report import Clock, Shot, frame_report
 from .engine.errors import InputError
+from .sensor.chain import gain_dn_per_e
 
 SPECTRUM = "irradiance.exr"
 FRAME = ("frame.tiff", "frame.png", "frame.json")
@@ -65,6 +65,9 @@ def render(
     seed: options.Seed = 1,
     serial: options.Serial = 1,
     frames: options.Frames = 1,
+    given_patterns: options.PatternsIn = None,
+    chain: options.Chain = "physical",
+    preview_gain: options.PreviewGain = 1.0,
     settings: options.Settings = None,
     parameters: options.Parameters = None,
     spp: options.Samples = None,
@@ -75,8 +78,19 @@ def render(
 
     Writes frame.tiff, frame.png, irradiance.exr and frame.json into DIR: all four, or none.
     """
-    shot = _shot(camera, settings, ms.Exposure(exposure_s, temperature_k), (seed, serial, frames))
-    given = _pairs("-D", parameters)
+    shot = _shot(
+        camera,
+        settings,
+        ms.Exposure(exposure_s, temperature_k),
+        seed=seed,
+        serial=serial,
+        frames=frames,
+        maps=files.read_patterns(given_patterns) if given_patterns else None,
+        chain=chain,
+        preview_gain=preview_gain,
+    )
+    given = options.pairs("-D", parameters)
+    _rehearse(shot, wavelength_nm is not None)
     clock = Clock()
     with files.output_folder(out_dir, (SPECTRUM, *FRAME)) as folder:
         with clock.step("render"), terminal.passes(err) as progress:
@@ -108,6 +122,9 @@ def expose(
     seed: options.Seed = 1,
     serial: options.Serial = 1,
     frames: options.Frames = 1,
+    given_patterns: options.PatternsIn = None,
+    chain: options.Chain = "physical",
+    preview_gain: options.PreviewGain = 1.0,
     settings: options.Settings = None,
     as_json: options.Json = False,
 ) -> None:
@@ -115,7 +132,17 @@ def expose(
 
     Writes frame.tiff, frame.png and frame.json into DIR: all three, or none.
     """
-    shot = _shot(camera, settings, ms.Exposure(exposure_s, temperature_k), (seed, serial, frames))
+    shot = _shot(
+        camera,
+        settings,
+        ms.Exposure(exposure_s, temperature_k),
+        seed=seed,
+        serial=serial,
+        frames=frames,
+        maps=files.read_patterns(given_patterns) if given_patterns else None,
+        chain=chain,
+        preview_gain=preview_gain,
+    )
     clock = Clock()
     with files.output_folder(out_dir, FRAME) as folder:
         with clock.step("read irradiance"):
@@ -137,19 +164,49 @@ def plan(
     variant: options.Variant = None,
     as_json: options.Json = False,
 ) -> None:
-    """Say which stages this light and exposure need, and how far each moves the numbers. Writes nothing."""
-    shot = _shot(camera, settings, ms.Exposure(exposure_s, temperature_k), (1, 1, 1))
+    """Say which stages this light and exposure need, how far each moves the numbers, and the time that is saved.
+
+    Writes nothing. Times are medians of three interleaved frames of this size on this machine.
+    """
+    from .light.needs import render_needs
+
+    shot = _shot(camera, settings, ms.Exposure(exposure_s, temperature_k))
     if source.suffix.lower() == ".exr":
         light = files.read_irradiance_exr(source)
     else:
         with terminal.passes(err) as progress:
-            given = _pairs("-D", parameters)
+            given = options.pairs("-D", parameters)
             light = ms.render(
                 source, shot.camera, shot.exposure, spp=spp, parameters=given, variant=variant, progress=progress
             )
     photons = ms.collect(light, shot.camera, shot.exposure)
     found = ms.plan(shot.camera, shot.exposure, photons, tolerance_dn=tolerance_dn)
-    typer.echo(files.to_json(found.to_dict()) if as_json else found.explain())
+    needs = render_needs(light, shot.camera, shot.exposure, gain_dn_per_e(shot.camera), tolerance_dn)
+    whole_s, planned_s = found.seconds()
+    if as_json:
+        seconds = {"whole_chain": whole_s, "plan": planned_s}
+        _print({**found.to_dict(), "render": [asdict(need) for need in needs], "seconds_per_frame": seconds}, True)
+        return
+    _print(terminal.plan_sheet(found, needs, whole_s, planned_s), False)
+
+
+@app.command(epilog="Example: mitsuba-sensor patterns -o chip7.npz --serial 7; then render … --patterns chip7.npz")
+def patterns(
+    out_file: options.PatternsOut,
+    camera: options.Camera = options.DEFAULT_CAMERA,
+    serial: options.Serial = 1,
+    rows: options.Rows = None,
+    columns: options.Columns = None,
+    settings: options.Settings = None,
+    as_json: options.Json = False,
+) -> None:
+    """Write the fixed patterns of one chip into a NumPy .npz, to look at, to change, or to replace by measured ones."""
+    shot = _shot(camera, settings, ms.Exposure(0.0), serial=serial)
+    shape = rows or shot.camera.sensor.rows, columns or shot.camera.sensor.columns
+    found = ms.patterns(shot.camera, shape, serial=serial)
+    files.write_patterns(out_file, found)
+    spread = {name: {"mean": float(x.mean()), "sigma": float(x.std()), "shape": x.shape} for name, x in found.items()}
+    _print(spread if as_json else terminal.pattern_list(spread, str(out_file)), as_json)
 
 
 @cameras.command("list")
@@ -197,11 +254,22 @@ def doctor(as_json: options.Json = False) -> None:
         raise typer.Exit(1)
 
 
-def _shot(camera: str, settings: list[str] | None, exposure: ms.Exposure, numbers: tuple[int, int, int]) -> Shot:
-    """The camera with its --set fields, and what is asked of it; all checked. numbers : seed, serial, frames."""
-    changes = {key: _toml_value(text) for key, text in _pairs("--set", settings).items()}
+def _shot(camera: str, settings: list[str] | None, exposure: ms.Exposure, **asked: Any) -> Shot:
+    """The camera with its --set fields, and what is asked of it; all checked. asked : other fields of Shot."""
+    changes = {key: options.toml_value(text) for key, text in options.pairs("--set", settings).items()}
     chosen = ms.load_camera(camera)
-    return Shot(chosen.replace(**changes) if changes else chosen, exposure, *numbers)
+    return Shot(chosen.replace(**changes) if changes else chosen, exposure, **asked)
+
+
+def _rehearse(shot: Shot, one_band: bool) -> None:
+    """Refuse before a long render what ``expose`` would refuse after it: seeds, chain, the names of maps."""
+    if shot.chain == "konnik2014" and not one_band:
+        raise InputError("--chain konnik2014 knows one wavelength; add --wavelength-nm 550, say.")
+    corner = {name: values[:1, :1] for name, values in (shot.maps or {}).items() if values.ndim == 2}
+    ms.expose(
+        [[0.0]], shot.camera, shot.exposure, seed=shot.seed, serial=shot.serial,
+        wavelengths_nm=550.0, maps=corner, chain=shot.chain,
+    )  # fmt: skip
 
 
 def _develop(folder: Path, shot: Shot, light: ms.Irradiance, origin: dict[str, Any], clock: Clock) -> dict[str, Any]:
@@ -210,12 +278,22 @@ def _develop(folder: Path, shot: Shot, light: ms.Irradiance, origin: dict[str, A
 
     with clock.step("expose"):
         photons = ms.collect(light, shot.camera, shot.exposure)
-        frames = ms.expose(photons, shot.camera, shot.exposure, seed=shot.seed, serial=shot.serial, frames=shot.frames)
+        frames = ms.expose(
+            photons,
+            shot.camera,
+            shot.exposure,
+            seed=shot.seed,
+            serial=shot.serial,
+            frames=shot.frames,
+            maps=shot.maps,
+            chain=shot.chain,
+        )
     with clock.step("write frame"):
         files.write_tiff(folder / "frame.tiff", frames.digital)
-        files.write_png(folder / "frame.png", preview(frames.digital[0], shot.camera))
+        files.write_png(folder / "frame.png", preview(frames.digital[0], shot.camera, shot.preview_gain))
     with clock.step("report"):
-        effects = ms.plan(shot.camera, shot.exposure, photons).to_dict()["stages"]
+        plan_of = ms.plan(shot.camera, shot.exposure, photons) if shot.chain == "physical" else None
+        effects = plan_of.to_dict()["stages"] if plan_of else []
         report = {**frame_report(shot, light, frames, origin), "effects": effects, "times_s": clock.seconds}
     files.write_json(folder / "frame.json", report)
     return report
@@ -231,22 +309,6 @@ def _print(what: Any, as_json: bool) -> None:
         typer.echo(files.to_json(what))
     else:
         out.print(what, highlight=False)
-
-
-def _pairs(option: str, texts: Sequence[str] | None) -> dict[str, str]:
-    """["a=1", …] → {"a": "1", …}"""
-    for text in texts or ():
-        if not text.partition("=")[0].strip() or "=" not in text:
-            raise InputError(f"{option} {text!r} has no name and value; write {option} NAME=VALUE.")
-    return {text.partition("=")[0].strip(): text.partition("=")[2].strip() for text in texts or ()}
-
-
-def _toml_value(text: str) -> Any:
-    """A value as in a camera file: 14, 0.5, true, [1, 2]; a bare word is a text."""
-    try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
-        return text
 
 
 def _flat(fields: dict[str, Any], prefix: str = "") -> dict[str, Any]:

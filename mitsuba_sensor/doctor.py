@@ -78,5 +78,5 @@ def _remedies(findings: dict[str, Any], reason: str) -> list[str]:
         working = [one["name"] for one in findings["variants"] if one["works"]]
         remedies += [f"mitsuba-sensor render SCENE -o DIR --variant {name}   # until then" for name in working[:1]]
     elif findings["variant"] == SLOW:
-        remedies.append("apt-get install libllvm19   # renders about three times faster")
+        remedies.append("apt-get install libllvm19   # renders up to about three times faster")
     return remedies

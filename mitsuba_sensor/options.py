@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import tomllib
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+
+from .engine.errors import InputError
 
 DEFAULT_CAMERA = "konnik_table1"
 DEFAULT_EXPOSURE_S = 0.1
@@ -50,7 +54,7 @@ Parameters = Annotated[
 ]
 Samples = Annotated[
     int | None,
-    typer.Option("--spp", min=1, help="Light paths per pixel; 4 × as many halve the render noise. Default: 256."),
+    typer.Option("--spp", min=1, help="Light paths per pixel; 4 × as many halve the render noise. Default: 128."),
 ]
 Variant = Annotated[
     str | None,
@@ -60,4 +64,35 @@ ToleranceDn = Annotated[
     float,
     typer.Option("--tolerance-dn", help="Leave out stages that together move no number by more, in DN."),
 ]
+PatternsIn = Annotated[
+    Path | None,
+    typer.Option("--patterns", metavar="FILE.npz", help="Measured fixed patterns, as `patterns` writes them."),
+]
+PatternsOut = Annotated[Path, typer.Option("-o", "--out", metavar="FILE.npz", help="The file to write.")]
+Rows = Annotated[int | None, typer.Option("--rows", min=1, help="Height of the maps. Default: the whole sensor.")]
+Columns = Annotated[int | None, typer.Option("--columns", min=1, help="Width of the maps. Default: the whole sensor.")]
+PreviewGain = Annotated[
+    float,
+    typer.Option("--preview-gain", min=0.0, help="Brighten frame.png by this factor, noise and all; frame.tiff stays."),
+]
+Chain = Annotated[
+    str,
+    typer.Option("--chain", help="physical, or konnik2014: the paper's released code, for comparison (one band only)."),
+]
 Json = Annotated[bool, typer.Option("--json", help="Only JSON on stdout, for programs.")]
+
+
+def pairs(option: str, texts: Sequence[str] | None) -> dict[str, str]:
+    """["a=1", …] → {"a": "1", …}"""
+    for text in texts or ():
+        if not text.partition("=")[0].strip() or "=" not in text:
+            raise InputError(f"{option} {text!r} has no name and value; write {option} NAME=VALUE.")
+    return {text.partition("=")[0].strip(): text.partition("=")[2].strip() for text in texts or ()}
+
+
+def toml_value(text: str) -> Any:
+    """A value as in a camera file: 14, 0.5, true, [1, 2]; a bare word is a text."""
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text

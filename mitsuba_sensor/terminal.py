@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -11,6 +11,8 @@ from rich.console import Console, Group, RenderableType
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
+
+from .sensor.plan import IDLE
 
 
 @contextmanager
@@ -36,6 +38,36 @@ def passes(console: Console) -> Iterator[Callable[[int, int], None]]:
 def summary(report: Mapping[str, Any], folder: str) -> RenderableType:
     """The short story of a frame: photons, each stage expected and found, noise by its causes, what was cut."""
     return Group(_headline(report, folder), _stages(report), *_facts(report), *_notes(report))
+
+
+def plan_sheet(plan: Any, needs: Sequence[Any], whole_s: float, planned_s: float) -> RenderableType:
+    """What a plan keeps and leaves out, sensor and render, with the effect in DN and the time that is saved."""
+    table = _table("", "", "mean", "temporal", "fixed", "")
+    for e in plan.effects:
+        if e.reason == IDLE:
+            continue
+        numbers = (_number(value) for value in (e.mean_dn, e.temporal_dn, e.fixed_dn))
+        table.add_row(e.stage, _kept(e.kept), *numbers, e.reason)
+    for need in needs:
+        table.add_row(need.what, _kept(need.kept), _number(need.effect_dn), "", "", need.reason)
+    table.caption = "what each changes at most on this scene [DN]"
+    saved = f"{whole_s:.3g} s a frame with the whole chain, {planned_s:.3g} s with this plan"
+    head = f"{plan.camera}: what is left out moves no light level by more than {plan.tolerance_dn:g} DN in all"
+    idle = ", ".join(e.stage for e in plan.effects if e.reason == IDLE)
+    return Group(Text(head, style="bold"), table, _fact("left out, changes nothing", idle or "–"), _fact("time", saved))
+
+
+def _kept(kept: bool) -> Text:
+    return Text("kept") if kept else Text("left out", style="green")
+
+
+def pattern_list(spread: Mapping[str, Any], path: str) -> RenderableType:
+    """The maps of a chip: what is in a file of patterns."""
+    table = _table("map", "shape", "mean", "σ")
+    for name, x in spread.items():
+        table.add_row(name, " × ".join(map(str, x["shape"])), _number(x["mean"]), _number(x["sigma"]))
+    table.caption = "gains and dark factors are 1 on average; offsets are in electrons"
+    return Group(Text(f"wrote {path}", style="bold"), table)
 
 
 def camera_list(rows: list[tuple[str, str, str, str]]) -> Table:
@@ -87,10 +119,13 @@ def _stages(report: Mapping[str, Any]) -> Table:
         column.no_wrap = True
     for column in table.columns[2:]:
         column.justify = "right"
-    for stage, effect in zip(report["stages"], report["effects"], strict=True):
+    effects = report["effects"] or [{}] * len(report["stages"])  # the published chain has no plan
+    for stage, effect in zip(report["stages"], effects, strict=True):
+        if effect.get("reason") == IDLE:
+            continue
         scale, unit = (1e3, "mV") if stage["unit"] == "V" else (1.0, stage["unit"])
         signal = [stage[key] for key in ("mean_frame", "mean_expected", "sigma_frame", "sigma_expected")]
-        noise = [effect[key] for key in ("temporal_dn", "fixed_dn")]
+        noise = [effect.get(key) for key in ("temporal_dn", "fixed_dn")]
         cells = [_number(value * scale) for value in signal] + [f"{value:.2g}" if value else "" for value in noise]
         table.add_row(stage["name"], Text(unit, style="dim"), *cells)
     return table
@@ -107,7 +142,15 @@ def _facts(report: Mapping[str, Any]) -> Iterator[Text]:
         f"variance × {_number(noise['over_shot_median'])} median, {_number(noise['over_shot_p95'])} at the 95th "
         f"percentile, {report['render']['samples_per_pixel']} samples per pixel",
     )
-    yield _fact("counts", ", ".join(f"{name.replace('_', ' ')} {number}" for name, number in counts.items()))
+    seen = {name.replace("_", " "): number for name, number in counts.items() if number}
+    yield _fact("pixels", ", ".join(f"{name} {number}" for name, number in seen.items()) or "none clipped, none bad")
+    outside = report["outside_qe"]
+    if outside["share_of_photons"]:
+        share = f"{100 * outside['share_of_photons']:.3g} % of the photons"
+        yield _fact("not detected", f"{share}, in {len(outside['wavelengths_nm'])} bands beyond the QE curve")
+    idle = [effect["stage"] for effect in report["effects"] if effect["reason"] == IDLE]
+    if idle:
+        yield _fact("changes nothing", ", ".join(idle))
     yield _fact("seconds", ", ".join(f"{name} {seconds:.2f}" for name, seconds in report["times_s"].items()))
 
 

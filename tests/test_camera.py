@@ -121,6 +121,8 @@ def outside(dotted: str) -> list[float]:
         bad += [schema["exclusiveMinimum"], schema["exclusiveMinimum"] - 1]
     if "minimum" in schema:
         bad += [schema["minimum"] - 1]
+        if schema["type"] == "number" and schema["minimum"] > 0:
+            bad += [0.0, 0.9 * schema["minimum"]]
     if "maximum" in schema:
         bad += [schema["maximum"] * 1.001 if schema["type"] == "number" else schema["maximum"] + 1]
     return bad
@@ -131,7 +133,7 @@ def test_every_number_out_of_range_is_refused_with_value_range_and_example(dotte
     assert outside(dotted)
     for bad in outside(dotted):
         message = refusal(tmp_path, with_field(dotted, bad))
-        assert re.match(rf"{dotted} is -?(nan|inf|[\d.e+]+); it must be .+ \(.+{REMEDY}\)\.$", message), message
+        assert re.match(rf"{dotted} is -?(nan|inf|[\d.e+-]+); it must be .+ \(.+{REMEDY}\)\.$", message), message
         assert value(bad) in message or repr(bad) in message
 
 

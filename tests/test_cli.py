@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from typer.testing import CliRunner
 
 import mitsuba_sensor as ms
 from mitsuba_sensor import cli as command_line
+from mitsuba_sensor.data import files
 
 OUTPUTS = {"frame.tiff", "frame.png", "irradiance.exr", "frame.json"}
 
@@ -126,7 +128,7 @@ def test_json_is_all_that_stdout_gets(light_file: Path, tmp_path: Path, cli: Cal
 
 
 def test_the_summary_names_every_stage_and_every_note(light: Any, light_file: Path, tmp_path: Path, cli: Any) -> None:
-    said = cli("expose", light_file, "-o", tmp_path).stdout
+    said = " ".join(cli("expose", light_file, "-o", tmp_path).stdout.split())
     report = json.loads((tmp_path / "frame.json").read_text(encoding="utf-8"))
     for text in [stage["name"] for stage in report["stages"]] + list(light.certificate.notes):
         assert text in said
@@ -136,6 +138,33 @@ def test_plan_says_what_each_stage_does(light_file: Path, cli: Callable[..., Any
     assert "shot noise" in cli("plan", light_file).stdout
     stages = json.loads(cli("plan", light_file, "--tolerance-dn", 0.02, "--json").stdout)["stages"]
     assert [stage["stage"] for stage in stages][-1] == "adc"
+
+
+def test_plan_says_what_the_render_needs_and_what_time_is_saved(light_file: Path, cli: Callable[..., Any]) -> None:
+    """The light of these tests comes through a pinhole, in three bands, one of them beyond the QE curve."""
+    done = cli("plan", light_file, "--exposure-s", 0.001, "--tolerance-dn", 0.5)
+    assert done.exit_code == 0, done.stderr
+    said = " ".join(done.stdout.split())
+    for text in ("3 bands", "depth of field", "ground truth", "left out", "s a frame with the whole chain"):
+        assert text in said, text
+
+
+def test_plan_as_json_holds_the_stages_the_render_and_the_seconds(light_file: Path, cli: Callable[..., Any]) -> None:
+    found = json.loads(cli("plan", light_file, "--tolerance-dn", 0.5, "--json").stdout)
+    assert {"camera", "tolerance_dn", "stages", "render", "seconds_per_frame"} <= set(found)
+    assert [need["what"] for need in found["render"]] == ["3 bands", "depth of field", "ground truth"]
+    assert all({"what", "kept", "effect_dn", "reason"} == set(need) and need["reason"] for need in found["render"])
+    seconds = found["seconds_per_frame"]
+    assert set(seconds) == {"whole_chain", "plan"} and all(0 < value < 10 for value in seconds.values())
+
+
+def test_plan_of_a_scene_with_a_lens_is_json_too(light: Any, tmp_path: Path, cli: Callable[..., Any]) -> None:
+    """What depth of field changes is not known without a second render: null, because JSON has no NaN."""
+    lens = replace(light, certificate=replace(light.certificate, aperture_f_number=2.8))
+    files.write_irradiance_exr(tmp_path / "lens.exr", lens)
+    found = json.loads(cli("plan", tmp_path / "lens.exr", "--json").stdout)
+    assert found["render"][1]["kept"] and found["render"][1]["effect_dn"] is None
+    assert "f/2.8" in cli("plan", tmp_path / "lens.exr").stdout
 
 
 def test_plan_takes_a_scene_as_well(scene_file: Path, cli: Callable[..., Any]) -> None:

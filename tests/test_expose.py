@@ -90,6 +90,28 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "unknown signal": ({"keep": ("digits",)}, "electrons, volts"),
     "origin off the sensor": ({"origin": (0, -1)}, "origin is -1"),
     "origin between pixels": ({"origin": (0.5, 0)}, "origin is 0.5"),
+    "origin of one number": ({"origin": 3}, r"origin is 3; it must be \(row, column\)"),
+    "origin of three": ({"origin": (0, 0, 0)}, r"origin is \(0, 0, 0\)"),
+    "origin in words": ({"origin": "0,0"}, "origin is '0,0'"),
+    "no origin": ({"origin": None}, "origin is None"),
+    "true frames": ({"frames": True}, "frames is True"),
+    "no frames": ({"frames": None}, "frames is None"),
+    "signal by number": ({"keep": 5}, "keep names 5"),
+    "signals by number": ({"keep": (1, 2)}, "keep names 1"),
+    "no signal": ({"keep": None}, "keep names None"),
+    "a picture of text": ({"maps": {"prnu": "flat"}}, r"maps\['prnu'\] is not numeric"),
+    "a map of text": ({"maps": {"prnu": [["1.0"] * 8] * 6}}, r"maps\['prnu'\] is not numeric"),
+    "a map of nothing": ({"maps": {"prnu": None}}, r"maps\['prnu'\] is not numeric"),
+    "a complex map": ({"maps": {"prnu": np.ones((6, 8)) * 1j}}, r"maps\['prnu'\] is not numeric"),
+    "a ragged map": ({"maps": {"prnu": [[1.0], [1.0, 2.0]]}}, r"maps\['prnu'\] is not numeric"),
+    "a map without a name": ({"maps": {3: np.ones((6, 8))}}, "maps names 3"),
+    "maps without names": ({"maps": [np.ones((6, 8))]}, "maps is a list; pass a dict"),
+    "maps in words": ({"maps": "prnu"}, "maps is a str; pass a dict"),
+    "maps by their file": ({"maps": np.ones((6, 8))}, "maps is a ndarray; pass a dict"),
+    "a plan in words": ({"plan": "fast"}, "plan is 'fast'; pass what plan"),
+    "colour for a wavelength": ({"wavelengths_nm": "green"}, "wavelengths_nm is not numeric; pass numbers in nm"),
+    "wavelength as text": ({"wavelengths_nm": "550"}, "wavelengths_nm is not numeric"),
+    "no numbers for wavelengths": ({"wavelengths_nm": {"nm": 550}}, "wavelengths_nm is not numeric"),
     "two wavelengths": ({"wavelengths_nm": [500.0, 600.0]}, "1 band.* and wavelengths_nm 2"),
     "no wavelength": ({"wavelengths_nm": [math.nan]}, "wavelengths_nm holds"),
     "infinite wavelength": ({"wavelengths_nm": [math.inf]}, "wavelengths_nm holds inf;"),
@@ -112,6 +134,12 @@ def test_what_cannot_be_done_is_refused_in_one_sentence(wrong: dict[str, Any], s
         (np.zeros((2, 2, 2, 2)), "photons has shape"),
         (np.zeros((2, 2, 3)), r"3 band\(s\) and wavelengths_nm none"),
         ("bright", "photons is not numeric"),
+        ("1000", "photons is not numeric"),
+        (None, "photons is not numeric"),
+        ({"mean": 1000}, "photons is not numeric"),
+        (np.full((2, 2), 1 + 1j), "photons is not numeric"),
+        (np.full((2, 2), "bright"), "photons is not numeric"),
+        (ms.Photons("bright"), "photons is not numeric"),  # type: ignore[arg-type]
         ([[1.0, 2.0], [3.0]], "photons is not numeric"),
         (math.nan, "photons is NaN in 2470000 place"),
     ],
@@ -119,6 +147,49 @@ def test_what_cannot_be_done_is_refused_in_one_sentence(wrong: dict[str, Any], s
 def test_photons_that_are_no_picture_are_refused(photons: Any, says: str) -> None:
     with pytest.raises(ms.InputError, match=says):
         ms.expose(photons, CAMERA, EXPOSURE)
+
+
+NO_CAMERA = ["konnik_table1", None, 3, {"adc": {"bits": 12}}]
+NO_EXPOSURE = [0.1, None, "0.1", (0.1, 298.15)]
+
+
+@pytest.mark.parametrize("camera", NO_CAMERA, ids=str)
+def test_what_is_no_camera_is_refused_with_the_way_to_get_one(camera: Any) -> None:
+    for ask in (
+        lambda: ms.expose(LIGHT, camera, EXPOSURE),
+        lambda: ms.plan(camera, EXPOSURE, LIGHT),
+        lambda: ms.patterns(camera, (2, 2)),
+    ):
+        with pytest.raises(ms.InputError, match=r"camera is .*; pass a Camera, e.g. load_camera"):
+            ask()
+
+
+@pytest.mark.parametrize("exposure", NO_EXPOSURE, ids=str)
+def test_what_is_no_exposure_is_refused_with_an_example(exposure: Any) -> None:
+    for ask in (lambda: ms.expose(LIGHT, CAMERA, exposure), lambda: ms.plan(CAMERA, exposure, LIGHT)):
+        with pytest.raises(ms.InputError, match=r"exposure is .*; pass an Exposure, e.g. Exposure\(time_s=0.1\)"):
+            ask()
+
+
+@pytest.mark.parametrize("name", [None, 3, CAMERA, ["konnik_table1"]], ids=lambda name: type(name).__name__)
+def test_the_name_of_a_camera_is_a_text_or_a_path(name: Any) -> None:
+    with pytest.raises(ms.InputError, match=r"name is .*; pass the name of a camera or the path"):
+        ms.load_camera(name)
+
+
+@pytest.mark.parametrize("shape", [3, (3,), (3, 4, 5), (0, 4), (3, 0), (-1, 4), (2.5, 4), "all", ("a", "b"), (None, 2)])
+def test_patterns_of_an_impossible_window_are_refused(shape: Any) -> None:
+    with pytest.raises(ms.InputError, match="shape is"):
+        ms.patterns(CAMERA, shape)
+    for wrong in ({"origin": 3}, {"origin": (0, -1)}, {"serial": "A7"}, {"serial": -1}):
+        with pytest.raises(ms.InputError, match=r"(origin|serial) is"):
+            ms.patterns(CAMERA, (2, 2), **wrong)
+
+
+@pytest.mark.parametrize("photons", ["bright", None, np.zeros(5), np.zeros((2, 2, 3))], ids=str)
+def test_a_plan_refuses_the_pictures_that_expose_refuses(photons: Any) -> None:
+    with pytest.raises(ms.InputError, match=r"photons (is not numeric|has)"):
+        ms.plan(CAMERA, EXPOSURE, photons)
 
 
 def test_a_camera_without_a_reference_wavelength_asks_for_one() -> None:

@@ -42,13 +42,15 @@ def raw(light: Any, camera: ms.Camera = CAMERA, exposure: ms.Exposure = EXPOSURE
 @pytest.mark.parametrize("name", ms.list_cameras())
 @pytest.mark.parametrize("light", [1e-320, 1e-12, 1e-6, 1e12, 1e30, 1e150])
 def test_any_amount_of_light_gives_a_frame(name: str, light: float) -> None:
-    """From subnormal to absurd; above the full well every pixel reads the full well."""
+    """From subnormal to absurd; above the full well every pixel that sees the light at all reads the full well."""
     camera = ms.load_camera(name)
-    electrons = raw(np.full((4, 6), light), camera, ms.Exposure(0.1, 77.0)).electrons
+    electrons = raw(np.full((4, 6), light), camera, ms.Exposure(0.1, 77.0)).electrons[0]
+    seen = camera.qe([camera.quantum_efficiency.reference_nm])[camera.filter_index((4, 6)), 0] > 0
+    assert seen.sum() >= 18 and not electrons[~seen].any()
     if light < 1e-9:
         assert not electrons.any()
     if light >= 1e12:
-        np.testing.assert_array_equal(electrons, camera.pixel.full_well_e)
+        np.testing.assert_array_equal(electrons[seen], camera.pixel.full_well_e)
 
 
 def test_no_light_and_no_time_is_exactly_no_electron() -> None:
@@ -84,13 +86,13 @@ def test_nan_and_negative_photons_are_refused_with_their_number_and_the_first_pl
         ms.plan(CAMERA, EXPOSURE, light)
 
 
-@pytest.mark.parametrize("time_s", [math.nan, math.inf, -math.inf, -1e-300, -1.0, "0.1", None, [0.1]])
+@pytest.mark.parametrize("time_s", [math.nan, math.inf, -math.inf, -1e-300, -1.0, 1.1e12, "0.1", None, [0.1]])
 def test_an_impossible_exposure_time_is_refused(time_s: Any) -> None:
     with pytest.raises(ms.InputError, match=r"time_s is .*; it must be"):
         ms.Exposure(time_s)
 
 
-@pytest.mark.parametrize("kelvin", [math.nan, math.inf, -1e-9, -273.15, "cold"])
+@pytest.mark.parametrize("kelvin", [math.nan, math.inf, -1e-9, -273.15, 1.001e4, 1e9, "cold"])
 def test_an_impossible_temperature_is_refused(kelvin: Any) -> None:
     with pytest.raises(ms.InputError, match=r"temperature_k is .*; it must be"):
         ms.Exposure(0.1, kelvin)
@@ -108,7 +110,7 @@ def test_any_exposure_time_gives_a_frame(name: str, time_s: float) -> None:
 
 
 @pytest.mark.parametrize("name", ms.list_cameras())
-@pytest.mark.parametrize("kelvin", [0.0, 5e-324, 4.0, 77.0, 300.0, 400.0, 600.0, 1e4, 1e9])
+@pytest.mark.parametrize("kelvin", [0.0, 5e-324, 4.0, 77.0, 300.0, 400.0, 600.0, 1e4])
 def test_any_temperature_gives_a_frame(name: str, kelvin: float) -> None:
     camera = ms.load_camera(name).replace(**{"readout.reset": "hard", "adc.pedestal_dn": 100})
     frames = raw(LIGHT, camera, ms.Exposure(0.1, kelvin))
@@ -192,6 +194,51 @@ def test_a_frame_of_any_shape_is_a_crop_of_a_bigger_one(shape: tuple[int, int]) 
 @pytest.mark.parametrize("prnu", [1e-200, 1e-9, 0.005, 10.0])
 def test_any_prnu_gives_a_frame(prnu: float) -> None:
     raw(LIGHT, CAMERA.replace(**{"pixel.prnu": prnu}))
+
+
+SMALLEST = dict.fromkeys(
+    (
+        "pixel.pitch_x_um",
+        "source_follower.cds_sample_s",
+        "source_follower.cds_dominant_s",
+        "source_follower.rtn_s",
+        "source_follower.gain",
+        "readout.sense_gain_uv_per_e",
+        "readout.cds_gain",
+        "readout.v_ref_v",
+        "adc.full_scale_v",
+    ),
+    1e-30,
+) | {"pixel.full_well_e": 1.0}
+"""Fields that something is divided by, and the smallest number that they may be."""
+
+
+@pytest.mark.parametrize("dotted", SMALLEST)
+def test_a_field_that_divides_is_refused_before_it_overflows_and_its_smallest_value_gives_a_frame(dotted: str) -> None:
+    for tiny in (5e-324, 1e-320, 1e-150, 0.99 * SMALLEST[dotted]):
+        with pytest.raises(ms.InputError, match=rf"{dotted} is .*; it must be greater than or equal to"):
+            CAMERA.replace(**{dotted: tiny})
+    raw(LIGHT, CAMERA.replace(**{dotted: SMALLEST[dotted]}))
+
+
+@pytest.mark.parametrize("tiny", [5e-324, 1e-150, 1e-9])
+@pytest.mark.parametrize("pattern", ["gaussian", "lognormal", "gamma", "wald", "logistic"])
+def test_a_pattern_of_next_to_no_width_is_none(pattern: str, tiny: float) -> None:
+    """Shapes are cv⁻² and would overflow; variances are differences and would cancel."""
+    changes = {"dark_current.pattern": pattern, "dark_current.cv": tiny, "adc.pedestal_dn": 10.0}
+    frames = raw(LIGHT, CAMERA.replace(**changes))
+    without = raw(LIGHT, CAMERA.replace(**{"dark_current.cv": 0.0, "adc.pedestal_dn": 10.0}))
+    np.testing.assert_array_equal(frames.digital, without.digital)
+    line = next(line for line in frames.report["stages"] if line["name"] == "dark current")
+    before = next(line for line in frames.report["stages"] if line["name"] == "prnu")
+    added = line["sigma_fixed_expected"] ** 2 - before["sigma_fixed_expected"] ** 2
+    assert added == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("alpha", [5e-324, 1e-200, 1e-100, 1e-12])
+def test_a_node_that_next_to_does_not_bend_is_linear(alpha: float) -> None:
+    straight, bent = raw(LIGHT), raw(LIGHT, CAMERA.replace(**{"readout.ve_nonlinearity": alpha}))
+    np.testing.assert_allclose(bent.volts, straight.volts, rtol=1e-9)
 
 
 def test_twelve_megapixels_go_through_the_same_code() -> None:

@@ -25,9 +25,9 @@ from mitsuba_sensor.engine.quantities import Electrons, Photons
 from mitsuba_sensor.sensor.camera import load_camera
 from mitsuba_sensor.sensor.cds import CdsNoise
 from mitsuba_sensor.sensor.konnik2014 import Konnik2014Settings, chain_of
-from mitsuba_sensor.sensor.konnik2014_electrons import Dark, DarkMean, PublishedFollower, Well
-from mitsuba_sensor.sensor.konnik2014_patterns import Autoregressive, LogNormal, WaldPlusUniform, White, fixed
-from mitsuba_sensor.sensor.konnik2014_volts import Adc, BentFollower, ExponentialNode, ResetNoise
+from mitsuba_sensor.sensor.konnik2014.electrons import Dark, DarkMean, PublishedFollower, Well
+from mitsuba_sensor.sensor.konnik2014.patterns import Autoregressive, LogNormal, WaldPlusUniform, White, fixed
+from mitsuba_sensor.sensor.konnik2014.volts import Adc, BentFollower, ExponentialNode, ResetNoise
 from mitsuba_sensor.sensor.laws import FigureOfMerit
 from mitsuba_sensor.sensor.volts import ResetNoise as SignedResetNoise
 

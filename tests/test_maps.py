@@ -107,6 +107,22 @@ def test_patterns_have_the_shape_of_what_they_belong_to_and_the_whole_sensor_by_
     assert set(ms.patterns(ms.load_camera("eev_44_82"), (2, 2))) == {"prnu", "dark_pattern"}
 
 
+@pytest.mark.parametrize("origin", [(0, 0), (2, 5), (8, 3)], ids=str)
+def test_maps_of_the_whole_sensor_are_cut_to_the_window(origin: tuple[int, int]) -> None:
+    """A sensor of 20 × 30, a window of 12 × 17 somewhere on it: the window of that device, byte by byte."""
+    rich = {"readout.row_offset": 0.01, "pixel.offset_e": 20.0, "readout.column_gain": 0.1, "dark_current.cv": 0.4}
+    camera = TABLE1.replace(**rich | {"sensor.rows": 20, "sensor.columns": 30})
+    given = ms.expose(LIGHT, camera, EXPOSURE, serial=99, origin=origin, maps=ms.patterns(camera, serial=7))
+    own = ms.expose(LIGHT, camera, EXPOSURE, serial=7, origin=origin)
+    assert given.digital.tobytes() == own.digital.tobytes()
+
+
+def test_a_window_that_ends_beyond_the_sensor_has_no_part_in_its_maps() -> None:
+    camera = TABLE1.replace(**{"sensor.rows": 20, "sensor.columns": 30})
+    with pytest.raises(ms.InputError, match=r"has shape \(20, \d+\); it must be \(12, 17\)"):
+        ms.expose(LIGHT, camera, EXPOSURE, origin=(9, 0), maps=ms.patterns(camera))
+
+
 BAD = {
     "misspelt": ({"prnv": np.ones(SHAPE)}, r"maps names 'prnv'.*Did you mean 'prnu'"),
     "of another camera": ({"well_depth": np.ones(SHAPE)}, r"maps names 'well_depth'; this camera's maps are prnu, "),

@@ -11,7 +11,9 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator, Sequence
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -77,6 +79,24 @@ def write_json(path: Path, report: dict[str, Any]) -> None:
 def to_json(report: Any) -> str:
     """Indented strict JSON: NumPy values become plain ones, NaN and ±inf, which JSON does not have, become null."""
     return json.dumps(_plain(report), indent=2, ensure_ascii=False, allow_nan=False)
+
+
+def write_patterns(path: Path, patterns: Mapping[str, np.ndarray]) -> None:
+    """Fixed patterns by name as a NumPy .npz; :func:`read_patterns` is its inverse."""
+    with _appearing(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, **patterns)  # type: ignore[arg-type]
+
+
+def read_patterns(path: Path) -> dict[str, np.ndarray]:
+    """What :func:`write_patterns` wrote, or maps of a real sensor under the same names. Raises InputError."""
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            return {name: np.asarray(archive[name]) for name in archive.files}
+    except (OSError, ValueError, AttributeError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        why = getattr(error, "strerror", None) or "it is no .npz of numbers"
+        raise InputError(
+            f"the patterns {path} cannot be read: {why}; make one with `mitsuba-sensor patterns`."
+        ) from None
 
 
 def write_irradiance_exr(path: Path, irradiance: Irradiance) -> None:

@@ -1,6 +1,6 @@
 """A picture for the eye from raw numbers: black level off, white level to 1, demosaiced, sRGB curve.
 
-Nothing is stretched: an exposure that is too dark looks too dark.
+Nothing is stretched unless asked for: an exposure that is too dark looks too dark.
 """
 
 from __future__ import annotations
@@ -17,13 +17,14 @@ DAYLIGHT_K = 6504.0  # correlated colour temperature of CIE D65, the white of sR
 NEAR, CORNER = 2.0, 1.0  # bilinear weights of the four neighbours beside and across
 
 
-def preview(digital: NDArray[np.unsignedinteger], camera: Camera) -> NDArray[np.uint8]:
+def preview(digital: NDArray[np.generic], camera: Camera, gain: float = 1.0) -> NDArray[np.uint8]:
     """One raw frame (H, W) in DN → (H, W) grey or (H, W, 3) colour, 8 bit.
 
-    White is the largest code; colours are balanced so that a grey surface in daylight looks grey.
+    White is the largest code, or 1/``gain`` of it for a picture that is pushed; colours are balanced so that a grey
+    surface in daylight looks grey.
     """
     black_dn, white_dn = pedestal_dn(camera), 2.0**camera.adc.bits - 1.0
-    linear = np.clip((digital - black_dn) / (white_dn - black_dn), 0.0, 1.0)
+    linear = np.clip(gain * (digital - black_dn) / (white_dn - black_dn), 0.0, 1.0)
     order = colour_order(camera.filter_names)
     if order is not None:
         planes = demosaic(linear, camera.filter_index(digital.shape), len(camera.filter_names))

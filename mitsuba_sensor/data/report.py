@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from importlib import metadata
@@ -52,13 +52,20 @@ class Clock:
 
 @dataclass(frozen=True)
 class Shot:
-    """What was asked of the camera. seed : temporal noise; serial : fixed patterns; frames : how many."""
+    """What was asked of the camera.
+
+    seed : temporal noise; serial, or measured maps : fixed patterns; frames : how many; chain : as for expose().
+    preview_gain : how much brighter than the raw numbers the picture for the eye is.
+    """
 
     camera: Camera
     exposure: Exposure
-    seed: int
-    serial: int
-    frames: int
+    seed: int = 1
+    serial: int = 1
+    frames: int = 1
+    maps: Mapping[str, np.ndarray] | None = None
+    chain: Any = "physical"
+    preview_gain: float = 1.0
 
 
 def frame_report(shot: Shot, light: Irradiance, frames: Frames, origin: dict[str, Any]) -> dict[str, Any]:
@@ -75,6 +82,8 @@ def frame_report(shot: Shot, light: Irradiance, frames: Frames, origin: dict[str
         "camera": {**shot.camera.model_dump(), "sources": dict(shot.camera.sources)},
         "exposure": asdict(shot.exposure),
         "seeds": {"seed": shot.seed, "serial": shot.serial},
+        "chain": shot.chain,
+        "given_maps": sorted(shot.maps or ()),
         "image": {"frames": shot.frames, "rows": frames.digital.shape[1], "columns": frames.digital.shape[2]},
         "bands": {"wavelengths_nm": light.wavelengths_nm, "bandwidths_nm": light.bandwidths_nm},
         **frames.report,

@@ -32,7 +32,12 @@ def survival(words: Words) -> Array:
 
 def normal(words: Words) -> Array:
     """Standard normal, mean 0 and variance 1."""
-    return -special.ndtri(survival(words))
+    return normal_of(survival(words))
+
+
+def normal_of(survival_probability: Any) -> Array:
+    """The standard normal above which this share of the draws lies."""
+    return -special.ndtri(survival_probability)
 
 
 def lognormal(words: Words, cv: float) -> Array:
@@ -43,8 +48,8 @@ def lognormal(words: Words, cv: float) -> Array:
 
 def gamma(words: Words, cv: float) -> Array:
     """Gamma of mean 1 and coefficient of variation ``cv``: shape cv⁻², scale cv²."""
-    if cv == 0:
-        return np.ones(words.shape)
+    if cv < 1e-6:  # normal to 1e-12
+        return 1 + cv * normal(words)
     return special.gammainccinv(cv**-2, survival(words)) * cv**2
 
 
@@ -66,8 +71,8 @@ def wald(z: Array, pick: Array, cv: float) -> Array:
 
 def rectified_logistic(scale: float) -> tuple[float, float]:
     """Mean and variance of max(0, 1 + scale·L), L standard logistic: scale·ln(1 + e^(1/scale)), and a dilogarithm."""
-    if scale == 0:
-        return 1.0, 0.0
+    if scale < 0.01:  # nothing is cut: e^-100
+        return 1.0, (math.pi * scale) ** 2 / 3
     edge = 1 / scale
     mean = scale * float(np.logaddexp(0.0, edge))
     second = -2 * scale**2 * _dilogarithm_of_minus_exp(edge)

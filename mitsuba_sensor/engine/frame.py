@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -14,12 +13,15 @@ from . import draws
 from .errors import require, require_seed
 from .words import PLACES, Words, block, philox
 
+LONGEST_S, HOTTEST_K = 1e12, 1e4
+"""Beyond any camera: 30 000 years, and six times the melting point of silicon."""
+
 
 @dataclass(frozen=True)
 class Exposure:
     """How long the shutter is open, and how warm the sensor is.
 
-    time_s : 0 or more, finite [s].  temperature_k : 0 or more [K]; 298.15 K (+25 °C) as in Konnik & Welsh 2014.
+    time_s : 0 … 1e12 [s].  temperature_k : 0 … 1e4 [K]; 298.15 K (+25 °C) as in Konnik & Welsh 2014.
     Raises InputError otherwise.
     """
 
@@ -27,8 +29,8 @@ class Exposure:
     temperature_k: float = 298.15
 
     def __post_init__(self) -> None:
-        require("exposure time_s", self.time_s, 0.0, math.nextafter(math.inf, 0), "seconds and finite, e.g. 0.1")
-        require("temperature_k", self.temperature_k, 0.0, math.nextafter(math.inf, 0), "kelvin, e.g. 298.15 for 25 °C")
+        require("exposure time_s", self.time_s, 0.0, LONGEST_S, "seconds, e.g. 0.1")
+        require("temperature_k", self.temperature_k, 0.0, HOTTEST_K, "kelvin, e.g. 298.15 for 25 °C")
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +46,7 @@ class Device:
     origin: tuple[int, int] = (0, 0)
     given: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
     _drawn: dict[Any, Any] = field(default_factory=dict)
+    _tiles: dict[Any, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         require_seed("serial", self.serial)
@@ -57,6 +60,13 @@ class Device:
     def columns(self) -> NDArray[np.int64]:
         """Column numbers of the window, in sensor coordinates."""
         return np.arange(self.origin[1], self.origin[1] + self.shape[1])
+
+    def rows_only(self, rows: slice) -> Device:
+        """The same camera seen through ``rows`` of this window."""
+        height = rows.stop - rows.start
+        given = {name: x if len(x) == 1 else x[rows] for name, x in self.given.items()}
+        origin = self.origin[0] + rows.start, self.origin[1]
+        return Device(self.serial, (height, self.shape[1]), origin, given, _tiles=self._tiles)
 
     def fixed(self, name: str, make: Callable[[], Any]) -> Any:
         """The map called ``name``: the measured one where one was given, else ``make()``."""
@@ -86,11 +96,14 @@ class Device:
         return self.once((source, coupling), make)
 
     def _ar_tile(self, source: str, y: int, x: int, coupling: float, margin: int) -> Any:
-        """One tile at a fixed place of the sensor, so that every window sees the same bits."""
-        size = draws.AR_MAP_BLOCK
-        rows, columns = np.arange(y - margin, y + size + margin), np.arange(x - margin, x + size + margin)
-        white = draws.normal(self._words(source, rows, columns))
-        return draws.isotropic_ar(draws.isotropic_ar(white, coupling, margin).T, coupling, margin).T
+        """One tile at a fixed place of the sensor, so that every window sees the same bits; the last one is kept."""
+        if self._tiles.get((source, coupling, x), (None,))[0] != y:
+            size = draws.AR_MAP_BLOCK
+            rows, columns = np.arange(y - margin, y + size + margin), np.arange(x - margin, x + size + margin)
+            white = draws.normal(self._words(source, rows, columns))
+            tile = draws.isotropic_ar(draws.isotropic_ar(white, coupling, margin).T, coupling, margin).T
+            self._tiles[source, coupling, x] = y, tile
+        return self._tiles[source, coupling, x][1]
 
     def line_pattern(self, source: str, coupling: float, axis: int = 1) -> Any:
         """A fixed offset of every column (axis 1: (1, W)) or row (axis 0: (H, 1)): mean 0, variance 1, AR-coupled."""

@@ -28,7 +28,7 @@ from .variants import Variant, choose_variant, use
 if TYPE_CHECKING:
     from ..sensor.camera import Camera
 
-DEFAULT_SPP = 256
+DEFAULT_SPP = 128
 SHORTEST_NM, LONGEST_NM = 200.0, 1100.0  # silicon behind its windows
 NARROWEST_NM = 0.5  # below it the float32 nodes of a band lose accuracy
 Progress = Callable[[int, int], None]
@@ -100,7 +100,7 @@ def render(
 ) -> Irradiance:
     """Render a scene file into the irradiance on this camera's focal plane.
 
-    spp : samples per pixel over all passes, 256 by default; the certificate has the number that the sampler made of it.
+    spp : samples per pixel over all passes, 128 by default; the certificate has the number that the sampler made of it.
     wavelength_nm : one band about this wavelength; by default adjacent bands of ``bandwidth_nm`` over the camera's.
     parameters : values for the ``<default>`` names of the scene.
     variant : a spectral Mitsuba variant; by default the one already set, else the fastest that is safe.

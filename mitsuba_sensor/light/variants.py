@@ -23,7 +23,7 @@ from ..engine.errors import InputError, nearest
 OLDEST_LLVM = 17
 LLVM_PATH = "DRJIT_LIBLLVM_PATH"
 NO_LIBRARY = os.devnull  # what Dr.Jit is pointed to when no LLVM may be loaded: it then finds none and says so
-FASTER = "about three times faster with LLVM: apt-get install libllvm19"
+FASTER = "up to about three times faster with LLVM, depending on the processor: apt-get install libllvm19"
 
 # Dr.Jit looks in /usr/lib/<triplet> only; the others are where distributions, Conda and Homebrew put it.
 FOLDERS = (

@@ -22,8 +22,9 @@ def account(photons: Photons, camera: Camera, frame: Frame, stages: tuple[Any, .
     """Follow one frame and its moments through the chain.
 
     Returns a dict ready for JSON: ``photons`` (min, median, max per pixel), ``stages`` (below), ``counts`` of clipped
-    pixels and ``K_dn_per_e``. Each stage holds mean and σ as they must be, averaged over the window (σ total,
-    temporal, fixed), and as this frame shows them: σ_frame is the rms distance of the pixels from their own means.
+    and cut pixels, photons ``outside_qe`` and ``K_dn_per_e``. Each stage holds mean and σ as they must be, averaged
+    over the window (σ total, temporal, fixed), and as this frame shows them: σ_frame is the rms distance of the pixels
+    from their own means.
     """
     lines = []
     signal: Any = photons
@@ -33,6 +34,8 @@ def account(photons: Photons, camera: Camera, frame: Frame, stages: tuple[Any, .
         signal, moments = stage(signal, frame), stage.moments(moments)
         value = plain(signal)
         lines.append(_line(stage, value, moments))
+        if hasattr(stage, "maps"):
+            counts |= _cut_to_zero(stage.maps(frame.device))
         if hasattr(stage, "full_well_e"):
             counts["clipped_full_well"] = int(np.sum(value >= stage.full_well_e))
     counts["clipped_adc_low"] = int(np.sum(value <= 0))
@@ -42,8 +45,26 @@ def account(photons: Photons, camera: Camera, frame: Frame, stages: tuple[Any, .
         "photons": {"min": float(total.min()), "median": float(np.median(total)), "max": float(total.max())},
         "stages": lines,
         "counts": counts,
+        "outside_qe": outside_qe(photons, camera),
         "K_dn_per_e": gain_dn_per_e(camera),
     }
+
+
+def outside_qe(photons: Photons, camera: Camera) -> dict[str, Any]:
+    """Bands beyond the ends of the QE curve, where nothing is detected: wavelengths [nm], share of all photons."""
+    points = camera.quantum_efficiency.wavelengths_nm
+    if photons.wavelengths_nm is None or photons.mean.ndim == 2:
+        return {"wavelengths_nm": [], "share_of_photons": 0.0}
+    outside = (photons.wavelengths_nm < points[0]) | (photons.wavelengths_nm > points[-1])
+    finite = np.where(np.isfinite(photons.mean), photons.mean, 0.0).sum(axis=(0, 1))
+    share = float(finite[outside].sum() / finite.sum()) if finite.sum() else 0.0
+    return {"wavelengths_nm": photons.wavelengths_nm[outside].tolist(), "share_of_photons": share}
+
+
+def _cut_to_zero(maps: dict[str, Any]) -> dict[str, int]:
+    """How many pixels of a gain or dark map a normal or logistic law would have made negative."""
+    factors = ("prnu", "dark_pattern", "column_gain")
+    return {f"cut_to_zero_{name}": int(np.sum(maps[name] <= 0)) for name in factors if name in maps}
 
 
 def _line(stage: Any, value: Any, m: Moments) -> dict[str, Any]:

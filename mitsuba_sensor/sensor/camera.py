@@ -122,6 +122,8 @@ def load_camera(name: str | Path) -> Camera:
 
     Raises InputError when there is no such camera or a field is wrong.
     """
+    if not isinstance(name, str | Path):
+        raise InputError(f"name is {name!r}; pass the name of a camera or the path of a .toml file.")
     if isinstance(name, str) and name in list_cameras():
         return _parsed((SHIPPED / f"{name}.toml").read_text("utf-8"), f"{name}.toml")
     path = Path(name)

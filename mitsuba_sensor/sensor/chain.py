@@ -171,7 +171,7 @@ def _blinking(camera: Camera) -> BlinkingPixels:
 
 def _node(camera: Camera) -> SenseNode | NonlinearSenseNode:
     gain, readout = sense_gain_v_per_e(camera), camera.readout
-    if readout.ve_nonlinearity:
+    if readout.ve_nonlinearity > 1e-100:  # below, 1/α overflows and nothing bends
         return NonlinearSenseNode(gain, readout.v_ref_v, readout.ve_nonlinearity)
     return SenseNode(gain)
 

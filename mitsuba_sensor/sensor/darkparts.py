@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import Any, Literal
 
 from ..engine import arrays, draws
-from ..engine.frame import Frame
+from ..engine.frame import Device, Frame
 from ..engine.moments import rectified_normal
 
 
@@ -25,12 +26,12 @@ class DarkPart:
     e_per_unit: float = 1.0
     per_second: bool = False
 
-    def electrons(self, words: Any, time_s: float) -> Any:
-        """(H, W) words → mean dark electrons of pixels that belong to this part."""
+    def electrons(self, quantile: Any, time_s: float) -> Any:
+        """(H, W) quantiles, 0 … 1 → mean dark electrons of pixels that belong to this part."""
         if self.family == "uniform":
-            value = self.first + (self.second - self.first) * draws.survival(words)
+            value = self.first + (self.second - self.first) * quantile
         else:
-            value = arrays.maximum(self.first + self.second * draws.normal(words), 0.0)
+            value = arrays.maximum(self.first + self.second * draws.normal_of(quantile), 0.0)
         return self._unit(time_s) * value
 
     def moments(self, time_s: float) -> tuple[float, float]:
@@ -47,13 +48,23 @@ class DarkPart:
 
 def superimpose(parts: tuple[DarkPart, ...], main: Any, frame: Frame) -> Any:
     """Mean dark electrons (H, W): every pixel belongs to the main law or to one part, for ever."""
-    chance = frame.device.pattern("dark_part", draws.survival)
-    dark, edge = main, 0.0
-    for part in parts:
-        value = frame.device.pattern("dark_pattern", _OfWords(part, frame.exposure.time_s))
-        dark = arrays.where((chance >= edge) & (chance < edge + part.weight), value, dark)
-        edge += part.weight
+    maps = part_maps(parts, frame.device)
+    dark = main
+    for number, part in enumerate(parts, start=1):
+        value = part.electrons(maps["dark_part_quantile"], frame.exposure.time_s)
+        dark = arrays.where(maps["dark_part"] == number, value, dark)
     return dark
+
+
+def part_maps(parts: tuple[DarkPart, ...], device: Device) -> dict[str, Any]:
+    """``dark_part``: 0 for the main law, else the number of the pixel's part; ``dark_part_quantile``: where in it."""
+    edges = tuple(accumulate(part.weight for part in parts))
+    return {
+        "dark_part": device.fixed("dark_part", lambda: device.pattern("dark_part", _Number(edges))),
+        "dark_part_quantile": device.fixed(
+            "dark_part_quantile", lambda: device.pattern("dark_pattern", draws.survival)
+        ),
+    }
 
 
 def mixture_moments(parts: tuple[DarkPart, ...], mean: float, variance: float, frame: Frame) -> tuple[float, float]:
@@ -65,11 +76,12 @@ def mixture_moments(parts: tuple[DarkPart, ...], mean: float, variance: float, f
 
 
 @dataclass(frozen=True)
-class _OfWords:
-    """A part at one exposure time, equal by value so that its map is drawn once."""
+class _Number:
+    """Words → the number of the part: 1 below the first edge, 2 below the second, …, 0 above the last."""
 
-    part: DarkPart
-    time_s: float
+    edges: tuple[float, ...]
 
     def __call__(self, words: Any) -> Any:
-        return self.part.electrons(words, self.time_s)
+        chance = draws.survival(words)
+        number = 1 + arrays.count_at_or_below(self.edges, chance)
+        return arrays.where(chance < self.edges[-1], number, 0.0)

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, model_validat
 
 from .qefile import read_curves
 
-Positive = Annotated[float, Field(gt=0, le=1e30, strict=True)]  # beyond, variances overflow
+Positive = Annotated[float, Field(ge=1e-30, le=1e30, strict=True)]  # beyond, variances under- and overflow
 NotNegative = Annotated[float, Field(ge=0, le=1e30, strict=True)]
 Fraction = Annotated[float, Field(gt=0, le=1, strict=True)]
 Count = Annotated[int, Field(ge=1, strict=True)]
@@ -40,7 +40,9 @@ class PixelSection(Section):
     pitch_x_um: Positive = Field(description="width of a pixel [µm]", examples=[5.7])
     pitch_y_um: Positive = Field(description="height of a pixel [µm]", examples=[5.7])
     fill_factor: Fraction = Field(description="share of the pixel that sees light", examples=[0.5])
-    full_well_e: Positive = Field(description="saturation capacity [e-]", examples=[33000])
+    full_well_e: Annotated[float, Field(ge=1, le=1e30, strict=True)] = Field(
+        description="saturation capacity [e-]", examples=[33000]
+    )
     prnu: NotNegative = Field(0.0, description="photo response non-uniformity, a fraction of the mean", examples=[0.01])
     prnu_pattern: Literal["gaussian", "lognormal", "ar"] = Field(
         "gaussian", description="family of the gain pattern", examples=["gaussian"]

@@ -10,7 +10,7 @@ from ..engine.errors import InputError
 from ..engine.frame import Device, Frame
 from ..engine.moments import Moments
 from ..engine.quantities import Electrons, Photons
-from .darkparts import DarkPart, mixture_moments, superimpose
+from .darkparts import DarkPart, mixture_moments, part_maps, superimpose
 from .patterns import Pattern
 
 
@@ -147,8 +147,9 @@ class DarkCurrent:
         return frame.exposure.time_s * self.law.rate_e_per_s(frame.exposure.temperature_k)
 
     def maps(self, device: Device) -> dict[str, Any]:
-        """``dark_pattern``: dark current of every pixel over the average, 1 on average."""
-        return {"dark_pattern": device.fixed("dark_pattern", lambda: self.pattern.map_of(device, "dark_pattern"))}
+        """``dark_pattern``: dark current of every pixel over the average; and which pixel belongs to which part."""
+        main = device.fixed("dark_pattern", lambda: self.pattern.map_of(device, "dark_pattern"))
+        return {"dark_pattern": main} | (part_maps(self.parts, device) if self.parts else {})
 
 
 @dataclass(frozen=True)
@@ -171,18 +172,20 @@ class BlinkingPixels:
         step = self.amplitude_e_per_s * frame.exposure.time_s
         if self.share == 0 or step == 0:
             return electrons
-        site = frame.device.pattern("blinking_site", draws.survival) < self.share
+        site = self.maps(frame.device)["blinking_site"] > 0
         return replace(electrons, dark=electrons.dark + step * frame.telegraph(site, self.switching, self.duty))
+
+    def maps(self, device: Device) -> dict[str, Any]:
+        """``blinking_site``: 1 where a pixel has a trap, else 0."""
+        make = lambda: arrays.where(device.pattern("blinking_site", draws.survival) < self.share, 1.0, 0.0)  # noqa: E731
+        return {"blinking_site": device.fixed("blinking_site", make)}
 
     def moments(self, m: Moments) -> Moments:
         """A pixel blinks with chance ``share``, and is on with chance ``duty``."""
         step = self.amplitude_e_per_s * m.frame.exposure.time_s
         mean = step * self.duty
-        return m.add(
-            mean=self.share * mean,
-            temporal=self.share * step * mean * (1 - self.duty),
-            fixed=self.share * (1 - self.share) * mean**2,
-        )
+        share, spread = m.frame.device.spread("blinking_site", self.share, self.share * (1 - self.share))
+        return m.add(mean=share * mean, temporal=share * step * mean * (1 - self.duty), fixed=spread * mean**2)
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from .camera import Camera
 from .chain import chain
 from .digital import Adc
 from .electrons import Detection
-from .exposing import as_photons, run_chain
+from .exposing import as_photons, check_types, run_chain
 from .volts import SenseNode
 
 INDISPENSABLE = (Detection, SenseNode, Adc)
@@ -27,6 +27,10 @@ INDISPENSABLE = (Detection, SenseNode, Adc)
 
 LEVELS = 65
 """Light levels of the scene, from its darkest to its brightest pixel, at which effects are looked at."""
+
+
+IDLE = "changes nothing"
+"""Why a neutral stage is left out."""
 
 
 @dataclass(frozen=True)
@@ -94,6 +98,7 @@ def plan(
         0 leaves out only what changes nothing at all.
     Raises InputError for a negative tolerance and for photons that ``expose`` would refuse.
     """
+    check_types(camera, exposure)
     require("tolerance_dn", tolerance_dn, 0.0, float("inf"), "digital numbers, e.g. 0.02")
     light = as_photons(photons, camera, wavelengths_nm)
     levels, frame = _levels(light, camera, exposure)
@@ -113,7 +118,7 @@ def plan(
 def _effect(stage: Any, moved: tuple[float, float, float] | None, left_out: bool) -> Effect:
     if moved is None:
         return Effect(stage_name(stage), True, 0.0, 0.0, 0.0, "changes the unit; always needed")
-    reason = "changes nothing" if max(moved) == 0 else "below the tolerance" if left_out else ""
+    reason = IDLE if max(moved) == 0 else "below the tolerance" if left_out else ""
     return Effect(stage_name(stage), not left_out, *moved, reason)
 
 
@@ -137,18 +142,19 @@ Ends = tuple[Moments, Moments]
 
 
 def _final(stages: tuple[Any, ...], levels: Photons, frame: Frame) -> Ends:
-    """Moments before and after the converter of a chain, both in DN: rounding can hide a change, and can blow it up."""
+    """Moments of a chain without and with the converter's rounding, which can hide a change and can blow it up [DN]."""
     m = Moments(levels, 0.0, 0.0, frame)
     *analogue, converter = stages
     for stage in analogue:
         m = stage.moments(m)
-    return m.scale(converter.gain_dn_per_v), converter.moments(m)
+    smooth = m.scale(converter.gain_dn_per_v).add(mean=converter.pedestal_dn).clip(0.0, converter.highest)
+    return smooth, converter.moments(m)
 
 
 def _distance(a: Ends, b: Ends) -> tuple[float, float, float]:
-    """Largest change of mean, temporal σ and fixed σ over the levels, before and after the converter [DN]."""
-    before, after = _between(a[0], b[0]), _between(a[1], b[1])
-    return max(before[0], after[0]), max(before[1], after[1]), max(before[2], after[2])
+    """Largest change of mean, temporal σ and fixed σ over the levels, without and with rounding [DN]."""
+    smooth, rounded = _between(a[0], b[0]), _between(a[1], b[1])
+    return max(smooth[0], rounded[0]), max(smooth[1], rounded[1]), max(smooth[2], rounded[2])
 
 
 def _between(a: Moments, b: Moments) -> tuple[float, float, float]:

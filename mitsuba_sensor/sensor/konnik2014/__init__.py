@@ -15,10 +15,10 @@ import math
 from dataclasses import dataclass, fields
 from typing import Any, Self
 
-from ..engine.errors import InputError, nearest, require
-from .camera import Camera
-from .chain import RESET_RESIDUAL, sense_gain_v_per_e
-from .konnik2014_electrons import (
+from ...engine.errors import InputError, nearest, require
+from ..camera import Camera
+from ..chain import RESET_RESIDUAL, sense_gain_v_per_e
+from .electrons import (
     Dark,
     DarkMean,
     DarkPattern,
@@ -31,8 +31,8 @@ from .konnik2014_electrons import (
     RoundPhotons,
     Well,
 )
-from .konnik2014_patterns import FAMILIES, Family, White
-from .konnik2014_volts import Adc, BentFollower, ColumnGain, ExponentialNode, ResetNoise, SenseNode
+from .patterns import FAMILIES, Family, White
+from .volts import Adc, BentFollower, ColumnGain, ExponentialNode, ResetNoise, SenseNode
 
 PAPER_ONLY = {
     ("dark_pattern", "paper_eq18"): (

@@ -12,9 +12,9 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy import special
 
-from ..engine import draws
-from ..engine.frame import Device
-from ..engine.moments import Moments
+from ...engine import draws
+from ...engine.frame import Device
+from ...engine.moments import Moments
 
 
 @dataclass(frozen=True)

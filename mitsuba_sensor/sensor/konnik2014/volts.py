@@ -12,10 +12,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..engine.frame import Frame
-from ..engine.moments import Moments
-from ..engine.quantities import Electrons
-from .konnik2014_patterns import Family, fixed, times_pattern
+from ...engine.frame import Frame
+from ...engine.moments import Moments
+from ...engine.quantities import Electrons
+from .patterns import Family, fixed, times_pattern
 
 ELEMENTARY_CHARGE_C = 1.602176487e-19
 BOLTZMANN_J_PER_K = 1.3806504e-23

@@ -13,12 +13,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..engine.errors import InputError
-from ..engine.frame import Frame
-from ..engine.moments import Moments
-from ..engine.quantities import Electrons, Photons
-from .konnik2014_patterns import Family, fixed, times_pattern
-from .laws import band_gap_ev
+from ...engine.errors import InputError
+from ...engine.frame import Frame
+from ...engine.moments import Moments
+from ...engine.quantities import Electrons, Photons
+from ..laws import band_gap_ev
+from .patterns import Family, fixed, times_pattern
 
 BOLTZMANN_EV_PER_K = 8.617343e-5
 """CODATA 2006, as that code has it: with the value of today its dark signal would be 2.4e-5 lower."""

@@ -1,0 +1,41 @@
+"""The three pictures of the README: the still life clean, raw, and raw at a hundredth of the exposure.
+
+    mitsuba-sensor render scenes/still_life.xml -o out/ --camera bayer_2mp --spp 512
+    python examples/readme_pictures.py out/irradiance.exr docs/images
+
+Clean is the mean of 64 cameras of different serial numbers; the darkest picture is shown 100 × brighter.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.data.files import read_irradiance_exr, write_png
+from mitsuba_sensor.data.preview import preview
+
+TIME_S, CAMERAS = 0.1, 64
+
+
+def main(light_file: str, folder: str) -> None:
+    """Read the light, expose three times, write three PNGs."""
+    camera, light = ms.load_camera("bayer_2mp"), read_irradiance_exr(light_file)
+    pictures = Path(folder)
+    pictures.mkdir(parents=True, exist_ok=True)
+    full, short = ms.Exposure(TIME_S), ms.Exposure(TIME_S / 100)
+    photons = ms.collect(light, camera, full)
+    clean = np.mean([ms.expose(photons, camera, full, seed=s, serial=s).digital[0] for s in range(CAMERAS)], axis=0)
+    raw = ms.expose(photons, camera, full).digital[0]
+    dark = ms.expose(ms.collect(light, camera, short), camera, short).digital[0]
+    write_png(pictures / "still_life_clean.png", preview(clean, camera))
+    write_png(pictures / "still_life_raw.png", preview(raw, camera))
+    write_png(pictures / "still_life_hundredth.png", preview(dark, camera, gain=100.0))
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 3:
+        sys.exit(__doc__)
+    main(*sys.argv[1:])

@@ -1,0 +1,106 @@
+"""What was lost on the way is counted: light beyond the QE curve, pixels that a fixed pattern made negative."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.special import ndtr
+
+import mitsuba_sensor as ms
+
+TABLE1 = ms.load_camera("konnik_table1")
+"""Its QE curve runs from 400 to 700 nm."""
+
+EXPOSURE = ms.Exposure(0.1)
+
+
+def outside_qe(photons: Any, wavelengths_nm: Any) -> dict[str, Any]:
+    return ms.expose(photons, TABLE1, EXPOSURE, wavelengths_nm=wavelengths_nm).report["outside_qe"]
+
+
+def test_bands_beyond_the_curve_are_named_with_their_share_of_the_photons() -> None:
+    """Both ends; the ends themselves are inside. Pixels do not all have the same spectrum."""
+    bands = [399.9, 400.0, 550.0, 700.0, 700.1]
+    light = np.array([[[10.0, 1.0, 5.0, 1.0, 3.0], [0.0, 2.0, 0.0, 0.0, 7.0]]])
+    assert outside_qe(light, bands) == {"wavelengths_nm": [399.9, 700.1], "share_of_photons": pytest.approx(20 / 29)}
+
+
+def test_a_curve_that_covers_the_render_loses_nothing() -> None:
+    found = outside_qe(np.full((2, 3, 2), 7.0), [400.0, 700.0])
+    assert found == {"wavelengths_nm": [], "share_of_photons": 0.0}
+
+
+def test_no_light_has_no_share_outside_and_infinite_light_is_not_counted() -> None:
+    assert outside_qe(np.zeros((2, 2, 2)), [300.0, 500.0])["share_of_photons"] == 0
+    light = np.array([[[np.inf, 1.0], [3.0, np.inf], [0.0, 2.0]]])
+    assert outside_qe(light, [300.0, 500.0])["share_of_photons"] == pytest.approx(3 / 6)
+
+
+def test_photons_without_a_wavelength_are_inside() -> None:
+    report = ms.expose(np.full((2, 2), 5.0), TABLE1, EXPOSURE).report
+    assert report["outside_qe"] == {"wavelengths_nm": [], "share_of_photons": 0.0}
+
+
+def test_what_is_outside_frees_no_electron() -> None:
+    """The share is of the photons that came in; what remains are the electrons of the others."""
+    light = np.full((50, 50, 2), 4000.0)
+    frames = ms.expose(light, TABLE1, ms.Exposure(0.0), wavelengths_nm=[550.0, 800.0], keep="electrons")
+    share = frames.report["outside_qe"]["share_of_photons"]
+    expected = 0.6 * 8000 * (1 - share)
+    assert frames.electrons.mean() == pytest.approx(
+        expected, abs=5 * math.sqrt(expected + (0.005 * expected) ** 2) / 50
+    )
+
+
+def test_the_command_line_says_which_bands_were_not_detected(light_file: Path, tmp_path: Path, cli: Any) -> None:
+    """Photons per band: irradiance × width × λ; 545, 555.25 and 1000.5 nm, the last beyond 700 nm."""
+    done = cli("expose", light_file, "-o", tmp_path / "out")
+    assert done.exit_code == 0 and "not detected" in done.stdout
+    found = json.loads((tmp_path / "out" / "frame.json").read_text(encoding="utf-8"))["outside_qe"]
+    assert found["wavelengths_nm"] == [1000.5]
+    assert found["share_of_photons"] == pytest.approx(
+        1000.5 * 2 / 3 / (545 * 10 + 555.25 * 10.5 + 1000.5 * 2 / 3), rel=0.1
+    )
+
+
+S_LOGISTIC = math.sqrt(3) / math.pi
+CUT: dict[str, tuple[dict[str, Any], str, float]] = {
+    "gaussian prnu": ({"pixel.prnu": 1.0}, "prnu", ndtr(-1.0)),
+    "coupled prnu": ({"pixel.prnu": 0.5, "pixel.prnu_pattern": "ar"}, "prnu", ndtr(-2.0)),
+    "lognormal prnu": ({"pixel.prnu": 1.0, "pixel.prnu_pattern": "lognormal"}, "prnu", 0.0),
+    "gaussian dark": ({"dark_current.cv": 1.0, "dark_current.pattern": "gaussian"}, "dark_pattern", ndtr(-1.0)),
+    "logistic dark": (
+        {"dark_current.cv": 1.0, "dark_current.pattern": "logistic"},
+        "dark_pattern",
+        1 / (1 + math.exp(1 / S_LOGISTIC)),
+    ),
+    "gamma dark": ({"dark_current.cv": 1.0, "dark_current.pattern": "gamma"}, "dark_pattern", 0.0),
+    "narrow prnu": ({"pixel.prnu": 0.01}, "prnu", 0.0),
+}
+
+
+@pytest.mark.parametrize("case", CUT)
+def test_pixels_that_a_law_made_negative_are_counted(case: str) -> None:
+    """50 000 pixels, 5 binomial standard errors."""
+    changes, name, share = CUT[case]
+    report = ms.expose(np.full((200, 250), 100.0), TABLE1.replace(**changes), EXPOSURE).report
+    number = report["counts"][f"cut_to_zero_{name}"]
+    assert number == pytest.approx(50_000 * share, abs=5 * math.sqrt(50_000 * share * (1 - share)))
+
+
+def test_a_given_map_is_counted_as_it_is() -> None:
+    gains = np.ones((4, 5))
+    gains[1, :3] = 0.0
+    report = ms.expose(np.full((4, 5), 100.0), TABLE1, EXPOSURE, maps={"prnu": gains}).report
+    assert report["counts"]["cut_to_zero_prnu"] == 3
+
+
+def test_offsets_may_be_negative_and_are_not_counted() -> None:
+    camera = TABLE1.replace(**{"pixel.offset_e": 20.0, "readout.row_offset": 0.01})
+    counts = ms.expose(np.zeros((20, 20)), camera, EXPOSURE).report["counts"]
+    assert not any("offset" in name for name in counts)

@@ -1,0 +1,147 @@
+"""expose() works in strips of rows: no byte depends on how high they are, and the memory does not grow with them."""
+
+from __future__ import annotations
+
+import tracemalloc
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.engine.frame import Device, Frame
+from mitsuba_sensor.sensor import exposing
+from mitsuba_sensor.sensor.chain import chain
+
+TABLE1 = ms.load_camera("konnik_table1")
+SHAPE = (13, 17)
+TILE_EDGE = (506, 40)
+"""Here two tiles of a coupled map meet inside the window."""
+
+ONE_BAND = np.linspace(0.0, 70_000.0, SHAPE[0] * SHAPE[1]).reshape(SHAPE)
+THREE_BANDS = ONE_BAND[..., None] * [0.2, 0.5, 0.3]
+BANDS: dict[str, Any] = {"wavelengths_nm": [460.0, 550.0, 820.0]}
+UNIFORM = {"weight": 0.2, "family": "uniform", "low": 45, "high": 440, "unit": "dn"}
+NORMAL = {"weight": 0.3, "family": "normal", "mean": 400, "sigma": 50, "unit": "e_per_s"}
+OPTIONS: dict[str, dict[str, Any]] = {
+    "as shipped": {},
+    "coupled maps": {
+        "pixel.prnu_pattern": "ar",
+        "pixel.prnu_coupling": 0.25,
+        "pixel.offset_e": 20.0,
+        "pixel.offset_coupling": 0.45,
+        "dark_current.pattern": "ar",
+        "dark_current.cv": 0.3,
+        "dark_current.coupling": 0.4,
+    },
+    "coupled lines": {
+        "readout.column_coupling": 0.4999,
+        "readout.row_offset": 0.002,
+        "readout.row_coupling": 0.25,
+        "readout.column_gain": 0.02,
+        "readout.column_gain_coupling": 0.25,
+    },
+    "blinking pixels": {"dark_current.blinking_share": 0.5, "dark_current.blinking_e_per_s": 9000.0},
+    "superimposed dark parts": {"dark_current.parts": [UNIFORM, NORMAL]},
+    "inverse Gaussian dark": {"dark_current.pattern": "wald", "dark_current.cv": 0.4},
+    "curves and steps": {
+        "source_follower.vv_nonlinearity": 1.05,
+        "readout.ve_nonlinearity": 1.0,
+        "adc.ile": 0.01,
+        "adc.dnl_lsb": {"300": -1.0, "301": 0.7},
+    },
+    "quantum yield": {"quantum_efficiency.quantum_yield": [2.0, 1.2]},
+}
+EVERYTHING = {name: x for case, changes in OPTIONS.items() if case != "coupled maps" for name, x in changes.items()}
+CASES: dict[str, tuple[ms.Camera, Any, dict[str, Any]]] = {
+    **{name: (TABLE1.replace(**changes), ONE_BAND, {}) for name, changes in OPTIONS.items()},
+    "everything at once": (TABLE1.replace(**EVERYTHING), ONE_BAND, {}),
+    **{name: (ms.load_camera(name), THREE_BANDS, BANDS) for name in ms.list_cameras()},
+    "the published chain": (TABLE1, ONE_BAND, {"chain": "konnik2014"}),
+}
+
+
+def signals(case: str, strip: int, monkeypatch: pytest.MonkeyPatch, **more: Any) -> dict[str, bytes]:
+    """Everything that expose() can return, byte by byte."""
+    camera, light, options = CASES[case]
+    monkeypatch.setattr(exposing, "STRIP", strip)
+    asked: dict[str, Any] = {"seed": 3, "serial": 7, "frames": 2, "first_frame": 5, "origin": TILE_EDGE}
+    frames = ms.expose(light, camera, ms.Exposure(0.3), keep=exposing.KEEP, **(asked | options | more))
+    return {name: getattr(frames, name).tobytes() for name in (*exposing.KEEP, "digital")}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_no_byte_depends_on_the_height_of_the_strips(case: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One row at a time (also for a strip smaller than a row), four rows with one left over, and all at once."""
+    whole = signals(case, 10**9, monkeypatch)
+    for strip in (1, SHAPE[1], 4 * SHAPE[1] + 3):
+        assert signals(case, strip, monkeypatch) == whole
+
+
+@pytest.mark.parametrize("case", ["coupled maps", "everything at once"])
+def test_a_frame_in_strips_is_the_frame_that_the_chain_makes_without_them(
+    case: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One row at a time against the whole window at once; and its last rows against those alone, in the next tile."""
+    camera, light, _ = CASES[case]
+    monkeypatch.setattr(exposing, "STRIP", 1)
+    digital = ms.expose(light, camera, ms.Exposure(0.3), serial=7, origin=TILE_EDGE).digital[0]
+    device = Device(7, SHAPE, TILE_EDGE)
+    whole = exposing.run_chain(chain(camera), ms.Photons(light), Frame(ms.Exposure(0.3), device))
+    np.testing.assert_array_equal(digital, whole)
+    below = ms.expose(light[6:], camera, ms.Exposure(0.3), serial=7, origin=(512, TILE_EDGE[1])).digital[0]
+    np.testing.assert_array_equal(digital[6:], below)
+
+
+def test_given_maps_are_cut_into_the_same_strips(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Maps of pixels, of rows, of columns, and one number for all; each with the rows of its own strip."""
+    draw = np.random.default_rng(2)
+    height, width = SHAPE
+    maps = {
+        "prnu": draw.uniform(0.9, 1.1, (height, width)),
+        "dark_pattern": draw.uniform(0.5, 1.5, (height, 1)),
+        "pixel_offset_e": draw.normal(0, 20, (1, width)),
+        "row_offset_e": draw.normal(0, 20, (height, 1)),
+        "column_offset_e": draw.normal(0, 20, (1, width)),
+        "column_gain": np.full((1, 1), 1.1),
+    }
+    whole = signals("as shipped", 10**9, monkeypatch, maps=maps)
+    assert whole != signals("as shipped", 10**9, monkeypatch)
+    for strip in (1, 4 * width + 3):
+        assert signals("as shipped", strip, monkeypatch, maps=maps) == whole
+
+
+def test_a_plan_goes_through_the_same_strips(monkeypatch: pytest.MonkeyPatch) -> None:
+    plan = ms.plan(TABLE1, ms.Exposure(0.3), ONE_BAND, tolerance_dn=1.0)
+    assert len(plan.stages) < len(plan.whole)
+    whole = signals("as shipped", 10**9, monkeypatch, plan=plan)
+    assert signals("as shipped", 1, monkeypatch, plan=plan) == whole
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 300_000), (300_000, 1), (3, 2**17), (2**17 + 1, 1)])
+def test_the_strips_are_every_row_once_and_in_order(shape: tuple[int, int]) -> None:
+    strips = list(exposing._strips(shape))
+    np.testing.assert_array_equal(np.concatenate([np.arange(shape[0])[rows] for rows in strips]), np.arange(shape[0]))
+    assert all(rows.stop - rows.start == 1 or (rows.stop - rows.start) * shape[1] <= exposing.STRIP for rows in strips)
+
+
+def peak_mib(pixels: int) -> float:
+    """Most memory in use at a time while a full-chain frame is made from one number, in MiB."""
+    camera = TABLE1.replace(**{"sensor.rows": pixels // 2000, "sensor.columns": 2000})
+    tracemalloc.start()
+    try:
+        ms.expose(20_000.0, camera, ms.Exposure(0.1))
+        return tracemalloc.get_traced_memory()[1] / 2**20
+    finally:
+        tracemalloc.stop()
+
+
+def test_twelve_megapixels_fit_into_400_mib() -> None:
+    """From ½ and 1 Mpx on a straight line: 8 bytes of light, 2 of mask, 2 of code per pixel, and one strip in flight.
+
+    (Without strips it is above 100 bytes per pixel.)
+    """
+    one, two = peak_mib(500_000), peak_mib(1_000_000)
+    per_pixel = (two - one) * 2**20 / 500_000
+    assert per_pixel <= 12.5
+    assert two + 11_000_000 * per_pixel / 2**20 < 400

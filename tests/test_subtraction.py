@@ -1,0 +1,89 @@
+"""Frames.minus: the paper's CDS, a frame minus a frame of zero exposure."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mitsuba_sensor as ms
+
+TABLE1 = ms.load_camera("konnik_table1")
+STRIPES = TABLE1.replace(
+    **{"readout.column_offset": 0.002, "readout.row_offset": 0.001, "pixel.offset_e": 30.0, "adc.bits": 16}
+)
+"""Fixed offsets of 66, 33 and 30 electrons, 131, 66 and 60 DN; 6 electrons of read noise."""
+
+SILENT = STRIPES.replace(**{"readout.reset": "true_cds", "source_follower.white_nv_per_rthz": 0.0})
+ZERO = ms.Exposure(0.0)
+DARKNESS = np.zeros((200, 200))
+
+
+def test_fixed_patterns_cancel_exactly_where_nothing_is_temporal() -> None:
+    frames, reference = (ms.expose(DARKNESS, SILENT, ZERO, seed=seed) for seed in (1, 2))
+    assert frames.digital.std() > 100
+    assert not frames.minus(reference).any()
+
+
+def test_another_device_does_not_cancel() -> None:
+    frames, reference = (ms.expose(DARKNESS, SILENT, ZERO, serial=serial) for serial in (1, 2))
+    assert frames.minus(reference).std() > 100
+
+
+def test_what_is_left_of_two_equal_frames_is_temporal_noise_times_the_root_of_two() -> None:
+    """40 000 pixels: 5 standard errors of σ are 1.8 %; a tenth of the fixed pattern left would be 100 %."""
+    frames, reference = (ms.expose(DARKNESS, STRIPES, ZERO, seed=seed) for seed in (1, 2))
+    temporal = frames.report["stages"][-1]["sigma_temporal_expected"]
+    left = frames.minus(reference)[0]
+    assert temporal > 10, "rounding must not be what is looked at"
+    assert left.std() == pytest.approx(math.sqrt(2) * temporal, rel=0.018)
+    assert left.mean() == pytest.approx(0.0, abs=5 * math.sqrt(2) * temporal / 200)
+
+
+def test_a_bright_frame_keeps_its_signal_and_its_own_noise() -> None:
+    """Signal: K·QE·photons; variance: that of the frame and that of the reference."""
+    light = ms.expose(np.full((200, 200), 10_000.0), STRIPES.replace(**{"pixel.prnu": 0.0}), ZERO, seed=1)
+    reference = ms.expose(DARKNESS, STRIPES, ZERO, seed=2)
+    lines = [frames.report["stages"][-1] for frames in (light, reference)]
+    sigma = math.hypot(*(line["sigma_temporal_expected"] for line in lines))
+    left = light.minus(reference)[0]
+    assert left.mean() == pytest.approx(6000 * light.report["K_dn_per_e"], abs=5 * sigma / 200)
+    assert left.std() == pytest.approx(sigma, rel=0.018)
+
+
+def test_the_difference_is_signed_and_nothing_wraps() -> None:
+    camera = TABLE1.replace(**{"adc.bits": 8})
+    dark, bright = (ms.expose(np.full((4, 5), light), camera, ZERO) for light in (0.0, 1e6))
+    assert dark.digital.dtype == np.uint8
+    difference = dark.minus(bright)
+    assert difference.dtype == np.int64 and difference.min() < -200
+    np.testing.assert_array_equal(difference, -bright.minus(dark))
+
+
+def test_one_reference_serves_a_stack_and_a_stack_is_taken_in_pairs() -> None:
+    stack, references = (ms.expose(np.full((4, 5), 500.0), TABLE1, ZERO, frames=3, seed=seed) for seed in (1, 2))
+    one = ms.expose(np.full((4, 5), 500.0), TABLE1, ZERO, seed=2)
+    pairs, by_one = stack.minus(references), stack.minus(one)
+    for index in range(3):
+        frame = stack.digital[index].astype(int)
+        np.testing.assert_array_equal(pairs[index], frame - references.digital[index])
+        np.testing.assert_array_equal(by_one[index], frame - one.digital[0])
+
+
+@pytest.mark.parametrize(
+    ("shape", "frames"), [((4, 5), 2), ((4, 5), 4), ((5, 4), 3), ((1, 1), 1), ((4, 1), 1)], ids=str
+)
+def test_frames_that_do_not_fit_are_refused_with_both_shapes(shape: tuple[int, int], frames: int) -> None:
+    stack = ms.expose(np.zeros((4, 5)), TABLE1, ZERO, frames=3)
+    with pytest.raises(ms.InputError, match=r"shape \(.*\); it must be \(3, 4, 5\), or \(1, 4, 5\)"):
+        stack.minus(ms.expose(np.zeros(shape), TABLE1, ZERO, frames=frames))
+
+
+@pytest.mark.parametrize(
+    "reference", [None, 3, np.zeros((1, 4, 5)), "dark"], ids=["nothing", "number", "array", "text"]
+)
+def test_what_is_no_frame_is_refused(reference: Any) -> None:
+    with pytest.raises(ms.InputError, match=r"the reference is a .*; pass the Frames"):
+        ms.expose(np.zeros((4, 5)), TABLE1, ZERO).minus(reference)
