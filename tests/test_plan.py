@@ -14,7 +14,7 @@ from mitsuba_sensor.engine.frame import Device, Frame
 from mitsuba_sensor.engine.moments import Moments
 from mitsuba_sensor.sensor.account import stage_name
 from mitsuba_sensor.sensor.chain import chain
-from mitsuba_sensor.sensor.exposing import as_photons
+from mitsuba_sensor.sensor.inputs import as_photons
 from mitsuba_sensor.sensor.plan import INDISPENSABLE
 
 EXPOSURE = ms.Exposure(0.1)

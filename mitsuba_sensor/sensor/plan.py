@@ -19,7 +19,8 @@ from .camera import Camera
 from .chain import chain
 from .digital import Adc
 from .electrons import Detection
-from .exposing import as_photons, check_types, run_chain
+from .exposing import run_chain
+from .inputs import as_photons, check_types
 from .volts import SenseNode
 
 INDISPENSABLE = (Detection, SenseNode, Adc)
