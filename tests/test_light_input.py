@@ -14,7 +14,7 @@ TABLE1 = ms.load_camera("konnik_table1")
 BAYER = ms.load_camera("bayer_2mp")
 EXPOSURE = ms.Exposure(0.1)
 FULL_WELL_W_PER_M2 = 0.0122280424770
-"""Fills Table 1's well in 0.1 s at 550 nm (model.md, section 6)."""
+"""Fills Table 1's well in 0.1 s at 550 nm."""
 
 
 def photons_of(irradiance: float, wavelength_nm: float, camera: ms.Camera = TABLE1, time_s: float = 0.1) -> float:
@@ -134,8 +134,8 @@ BAD: dict[str, tuple[Any, dict[str, Any], str]] = {
     "a number": (np.array(0.01), {}, r"light has shape \(\); pass \(H, W\) in W/m², or \(H, W, bands\)"),
     "a line": (FLAT[0], {}, r"light has shape \(3,\)"),
     "nothing": (FLAT[:0], {}, r"light has shape \(0, 3\)"),
-    "text": (np.array([["bright"]]), {}, r"light has the type <U6; pass numbers"),
-    "objects": (np.array([[None]]), {}, r"light has the type object"),
+    "text": (np.array([["bright"]]), {}, r"light is not numeric"),
+    "objects": (np.array([[None]]), {}, r"light is not numeric"),
     "map with two wavelengths": (FLAT, {"wavelengths_nm": [500, 600]}, r"light is a map at one wavelength"),
     "cube without wavelengths": (FLAT[..., None], {}, r"light has 1 bands; pass wavelengths_nm"),
     "cube with too few": (np.ones((2, 2, 3)), {"wavelengths_nm": [500, 600]}, r"light has 3 bands"),
@@ -187,3 +187,31 @@ def test_the_test_lights_refuse_what_is_no_irradiance(level: Any) -> None:
     for ends in ((level, 1.0), (1.0, level)):
         with pytest.raises(ms.InputError, match="_w_per_m2 is"):
             ms.gradient_light(*ends, (2, 2))
+
+
+@pytest.mark.parametrize(
+    ("asked", "said"),
+    [
+        (lambda: ms.collect(np.ones((2, 2)), "x", EXPOSURE), "camera is 'x'"),  # type: ignore[arg-type]
+        (lambda: ms.collect(np.ones((2, 2)), TABLE1, 0.1), "exposure is 0.1"),  # type: ignore[arg-type]
+        (lambda: ms.collect([[1.0], [1.0, 2.0]], TABLE1, EXPOSURE), "light is not numeric"),  # type: ignore[arg-type]
+        (lambda: ms.collect(ms.Photons(np.ones((2, 2))), TABLE1, EXPOSURE), "light is Photons"),  # type: ignore[arg-type]
+        (
+            lambda: ms.collect(np.ones((2, 2, 2)), TABLE1, EXPOSURE, wavelengths_nm=[500, 600], bandwidths_nm="wide"),
+            "bandwidths_nm is not numeric",
+        ),
+        (
+            lambda: ms.collect(np.ones((2, 2, 2)), TABLE1, EXPOSURE, wavelengths_nm=[500, 600], bandwidths_nm=np.inf),
+            "bandwidths_nm is inf",
+        ),
+        (lambda: ms.uniform_light(1.0, 3), "shape is 3"),  # type: ignore[arg-type]
+        (lambda: ms.gradient_light(0.0, 1.0, (2, 0)), r"shape is \(2, 0\)"),
+        (lambda: ms.render(3, TABLE1, EXPOSURE), "scene is 3"),  # type: ignore[arg-type]
+        (lambda: ms.render("x.xml", TABLE1, EXPOSURE, parameters="x"), "parameters is 'x'"),  # type: ignore[arg-type]
+        (lambda: ms.render("x.xml", "x", EXPOSURE), "camera is 'x'"),  # type: ignore[arg-type]
+    ],
+)
+def test_nonsense_at_the_door_of_the_light_is_refused_in_one_sentence(asked: Any, said: str) -> None:
+    with pytest.raises(ms.InputError, match=said) as refused:
+        asked()
+    assert str(refused.value).count("\n") == 0 and str(refused.value).endswith(".")

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..engine.checks import check_types
 from ..engine.errors import InputError, require, require_seed
 from ..engine.frame import Exposure
 from .optics import aperture_f_number, solid_angle_sr
@@ -108,6 +109,11 @@ def render(
     Raises InputError for anything wrong with the arguments or the scene. Ctrl-C is obeyed between passes.
     """
     started = time.monotonic()
+    check_types(camera, exposure)
+    if not isinstance(scene, str | os.PathLike):
+        raise InputError(f"scene is {scene!r}; pass the path of a scene file, e.g. 'scenes/cornell_box.xml'.")
+    if not isinstance(parameters or {}, Mapping):
+        raise InputError(f"parameters is {parameters!r}; pass a dict of the scene's <default> names and their values.")
     seed = require_seed("seed", seed)
     edges = band_edges_nm(camera, wavelength_nm, bandwidth_nm)
     passes, samples = pass_plan(DEFAULT_SPP if spp is None else spp)

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..engine.errors import InputError, require
+from ..engine.checks import check_types, numbers
+from ..engine.errors import InputError, require, require_seed
 from ..engine.frame import Exposure
 from ..engine.quantities import Photons, photon_energy_j
 
@@ -44,14 +45,17 @@ def collect(
     bandwidths_nm : (B,) of a cube; the spacing of the wavelengths by default.
     Raises InputError for shapes that do not fit and for negative or NaN irradiance.
     """
+    check_types(camera, exposure)
+    if isinstance(light, Photons):
+        raise InputError("light is Photons already; pass it to expose(), or an irradiance to collect().")
     if not isinstance(light, np.ndarray) and hasattr(light, "bandwidths_nm"):
         return _photons(
             np.asarray(light.data, dtype=np.float64), light.wavelengths_nm, light.bandwidths_nm, camera, exposure
         )
-    values = np.asarray(light)
-    if values.dtype.kind not in "biufc":
-        raise InputError(f"light has the type {values.dtype}; pass numbers: irradiance, or a complex field.")
-    values = np.abs(values) ** 2 if values.dtype.kind == "c" else values.astype(np.float64)
+    if getattr(light, "dtype", np.dtype(float)).kind == "c":
+        values = np.abs(np.asarray(light)) ** 2
+    else:
+        values = numbers("light", light, "irradiance (H, W) or (H, W, bands), or a complex field (H, W)")
     if values.ndim not in (2, 3) or 0 in values.shape:
         raise InputError(f"light has shape {values.shape}; pass (H, W) in W/m², or (H, W, bands) in W/m²/nm.")
     bad = ~(values >= 0)
@@ -74,14 +78,21 @@ def collect(
 def uniform_light(irradiance_w_per_m2: float, shape: tuple[int, int]) -> NDArray[np.float64]:
     """The same irradiance everywhere, (H, W) [W m⁻²]: a flat field for :func:`collect`."""
     level = require("irradiance_w_per_m2", irradiance_w_per_m2, 0.0, np.inf, "W/m², e.g. 0.01")
-    return np.full(shape, level)
+    return np.full(_window(shape), level)
 
 
 def gradient_light(low_w_per_m2: float, high_w_per_m2: float, shape: tuple[int, int]) -> NDArray[np.float64]:
     """Irradiance that rises linearly from the first column to the last, (H, W) [W m⁻²]: the paper's PTC scene."""
     low = require("low_w_per_m2", low_w_per_m2, 0.0, np.inf, "W/m², e.g. 0")
     high = require("high_w_per_m2", high_w_per_m2, 0.0, np.inf, "W/m², e.g. 0.012")
-    return np.broadcast_to(np.linspace(low, high, shape[1]), shape).copy()
+    size = _window(shape)
+    return np.broadcast_to(np.linspace(low, high, size[1]), size).copy()
+
+
+def _window(shape: Any) -> tuple[int, int]:
+    if not isinstance(shape, tuple | list) or len(shape) != 2 or 0 in shape:
+        raise InputError(f"shape is {shape!r}; it must be (rows, columns), e.g. (480, 640).")
+    return require_seed("shape", shape[0]), require_seed("shape", shape[1])
 
 
 def _photons(data: NDArray[Any], centres: Any, widths: Any, camera: Camera, exposure: Exposure) -> Photons:
@@ -101,13 +112,13 @@ def _lengths(wavelengths_nm: Any) -> NDArray[np.float64]:
 def _widths(centres: NDArray[np.float64], bandwidths_nm: ArrayLike | None) -> NDArray[np.float64]:
     """The given widths, or the spacing of evenly spaced centres."""
     if bandwidths_nm is not None:
-        if np.size(bandwidths_nm) not in (1, centres.size):
+        if not isinstance(bandwidths_nm, str) and np.size(bandwidths_nm) not in (1, centres.size):
             raise InputError(
                 f"bandwidths_nm has {np.size(bandwidths_nm)} widths for {centres.size} bands; pass one each."
             )
-        widths = np.broadcast_to(np.asarray(bandwidths_nm, dtype=np.float64), centres.shape)
-        if not (widths > 0).all():
-            raise InputError(f"bandwidths_nm is {widths.min():g}; every band needs a positive width in nm.")
+        widths = np.broadcast_to(numbers("bandwidths_nm", bandwidths_nm, "one width per band in nm"), centres.shape)
+        if (wrong := widths[~((widths > 0) & np.isfinite(widths))]).size:
+            raise InputError(f"bandwidths_nm is {wrong[0]:g}; every band needs a positive, finite width in nm.")
         return widths
     steps = np.diff(centres)
     if not steps.size or not (steps > 0).all() or not np.allclose(steps, steps[0]):

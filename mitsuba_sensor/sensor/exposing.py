@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..engine.checks import check_types
 from ..engine.errors import InputError, require_seed
 from ..engine.frame import Device, Exposure, Frame
 from ..engine.quantities import Electrons, Photons
 from .account import Ledger, account, ledger, plain
 from .camera import Camera
 from .chain import chain as physical_chain
-from .inputs import as_photons, check_numbers, check_types, checked_maps, checked_names, checked_origin
+from .inputs import as_photons, check_numbers, checked_maps, checked_names, checked_origin
 from .konnik2014 import Konnik2014Settings, chain_of
 
 if TYPE_CHECKING:

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..engine.checks import numbers
 from ..engine.errors import InputError, nearest, require_seed
-from ..engine.frame import Device, Exposure
+from ..engine.frame import Device
 from ..engine.quantities import Photons
 from .camera import Camera
 
@@ -48,7 +49,7 @@ def checked_maps(
         if name not in known:
             there = ", ".join(known) or "none: the published chain draws its own"
             raise InputError(f"maps names {name!r}; this camera's maps are {there}.{nearest(str(name), known)}")
-        array = _numbers(f"maps[{name!r}]", values, "an array of numbers")
+        array = numbers(f"maps[{name!r}]", values, "an array of numbers")
         for axis, places in enumerate((window.rows, window.columns)):
             if array.ndim == 2 and 1 < array.shape[axis] == sensor[axis] > places[-1]:
                 array = array.take(places, axis)
@@ -66,14 +67,14 @@ def checked_maps(
 def as_photons(photons: Photons | ArrayLike, camera: Camera, wavelengths_nm: ArrayLike | None = None) -> Photons:
     """Anything that ``expose`` accepts as mean photons, checked: shape, NaN, negative values."""
     given = photons if isinstance(photons, Photons) else None
-    mean = _numbers("photons", given.mean if given else photons, "a number or an array of mean photons per pixel")
+    mean = numbers("photons", given.mean if given else photons, "a number or an array of mean photons per pixel")
     wavelengths = given.wavelengths_nm if given and wavelengths_nm is None else wavelengths_nm
     if mean.ndim == 0:
         mean = np.full((camera.sensor.rows, camera.sensor.columns), float(mean))
     if mean.ndim not in (2, 3) or 0 in mean.shape:
         raise InputError(f"photons has shape {mean.shape}; it must be a number, (H, W) or (H, W, bands).")
     way_out = "numbers in nm, one per band, e.g. [550.0]"
-    bands = None if wavelengths is None else np.atleast_1d(_numbers("wavelengths_nm", wavelengths, way_out))
+    bands = None if wavelengths is None else np.atleast_1d(numbers("wavelengths_nm", wavelengths, way_out))
     expected = mean.shape[2] if mean.ndim == 3 else 1
     if (bands is None and mean.ndim == 3) or (bands is not None and bands.shape != (expected,)):
         count = "none" if bands is None else str(bands.size)
@@ -85,17 +86,6 @@ def as_photons(photons: Photons | ArrayLike, camera: Camera, wavelengths_nm: Arr
     return Photons(mean, bands)
 
 
-def _numbers(name: str, values: Any, way_out: str) -> NDArray[np.float64]:
-    """``values`` as float64; InputError for text, complex numbers, ragged lists and None."""
-    try:
-        array = np.asarray(values)
-    except ValueError:
-        array = np.asarray("ragged")
-    if array.dtype.kind not in "biuf":
-        raise InputError(f"{name} is not numeric; pass {way_out}.")
-    return np.asarray(array, dtype=np.float64)
-
-
 def _refuse(bad: NDArray[np.bool_], kind: str) -> None:
     if bad.any():
         first = tuple(int(i) for i in np.argwhere(bad)[0])
@@ -103,14 +93,6 @@ def _refuse(bad: NDArray[np.bool_], kind: str) -> None:
             f"photons is {kind} in {int(bad.sum())} place(s), first at {first}; a mean number of photons is 0 or more: "
             f"clamp or mend them before expose()."
         )
-
-
-def check_types(camera: Any, exposure: Any) -> None:
-    """Raise InputError for a name or a number where a Camera or an Exposure belongs."""
-    if not isinstance(camera, Camera):
-        raise InputError(f"camera is {camera!r}; pass a Camera, e.g. load_camera('konnik_table1').")
-    if not isinstance(exposure, Exposure):
-        raise InputError(f"exposure is {exposure!r}; pass an Exposure, e.g. Exposure(time_s=0.1).")
 
 
 def checked_origin(origin: Any) -> tuple[int, int]:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..engine.checks import check_types
 from ..engine.errors import require
 from ..engine.frame import Device, Exposure, Frame
 from ..engine.moments import Moments
@@ -20,7 +21,7 @@ from .chain import chain
 from .digital import Adc
 from .electrons import Detection
 from .exposing import run_chain
-from .inputs import as_photons, check_types
+from .inputs import as_photons
 from .volts import SenseNode
 
 INDISPENSABLE = (Detection, SenseNode, Adc)
