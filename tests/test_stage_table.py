@@ -18,7 +18,7 @@ ROWS = [
     for line in (ROOT / "README.md").read_text("utf-8").splitlines()
     if re.match(r"\| `[A-Z]\w+` \|", line)
 ]
-ABSTRACT = {"Offset"}
+ABSTRACT = {"Offset", "Gain"}
 
 
 def stages_of(module: str) -> set[str]:

@@ -116,10 +116,10 @@ class SourceFollowerNoise:
 
 
 @dataclass(frozen=True)
-class SourceFollower:
-    """The amplifier's gain on the swing: S·A_SF (paper eq. 31); darkness stays dark for every gain.
+class Gain:
+    """An amplifier: S·gain. It acts on the swing, so darkness stays dark for every gain.
 
-    gain : A_SF, 0.7–1 typical.
+    gain : [V/V].
     """
 
     gain: float
@@ -135,8 +135,13 @@ class SourceFollower:
         return swing if self.gain == 1 else self.gain * swing
 
     def moments(self, m: Moments) -> Moments:
-        """Scaled by A_SF."""
+        """Scaled by the gain."""
         return m.scale(self.gain)
+
+
+@dataclass(frozen=True)
+class SourceFollower(Gain):
+    """The amplifier in the pixel, A_SF, 0.7–1 typical (paper eq. 31)."""
 
 
 @dataclass(frozen=True)
@@ -274,24 +279,5 @@ class PixelOffset(Offset):
 
 
 @dataclass(frozen=True)
-class CdsGain:
-    """Gain of the correlated double sampling amplifier: S·A_CDS.
-
-    gain : A_CDS, 1 typical.
-    """
-
-    gain: float
-    room: ClassVar[str] = "volts"
-
-    @property
-    def nominal_gain(self) -> float:
-        """Small-signal gain."""
-        return self.gain
-
-    def __call__(self, swing: Any, frame: Frame) -> Any:
-        """Scaled swing."""
-        return swing if self.gain == 1 else self.gain * swing
-
-    def moments(self, m: Moments) -> Moments:
-        """Scaled by A_CDS."""
-        return m.scale(self.gain)
+class CdsGain(Gain):
+    """The amplifier of the correlated double sampling, A_CDS, 1 typical."""
