@@ -166,7 +166,7 @@ def plan(
 ) -> None:
     """Say which stages this light and exposure need, how far each moves the numbers, and the time that is saved.
 
-    Writes nothing. Times are medians of three interleaved frames of this size on this machine.
+    Writes nothing. Times are medians of five interleaved runs on this machine.
     """
     from .light.needs import render_needs
 
@@ -182,7 +182,7 @@ def plan(
     photons = ms.collect(light, shot.camera, shot.exposure)
     found = ms.plan(shot.camera, shot.exposure, photons, tolerance_dn=tolerance_dn)
     needs = render_needs(light, shot.camera, shot.exposure, gain_dn_per_e(shot.camera), tolerance_dn)
-    whole_s, planned_s = found.seconds()
+    whole_s, planned_s = found.seconds
     if as_json:
         seconds = {"whole_chain": whole_s, "plan": planned_s}
         _print({**found.to_dict(), "render": [asdict(need) for need in needs], "seconds_per_frame": seconds}, True)

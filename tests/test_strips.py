@@ -120,7 +120,7 @@ def test_a_plan_goes_through_the_same_strips(monkeypatch: pytest.MonkeyPatch) ->
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 300_000), (300_000, 1), (3, 2**17), (2**17 + 1, 1)])
 def test_the_strips_are_every_row_once_and_in_order(shape: tuple[int, int]) -> None:
-    strips = list(exposing._strips(shape))
+    strips = list(exposing.strips_of(shape))
     np.testing.assert_array_equal(np.concatenate([np.arange(shape[0])[rows] for rows in strips]), np.arange(shape[0]))
     assert all(rows.stop - rows.start == 1 or (rows.stop - rows.start) * shape[1] <= exposing.STRIP for rows in strips)
 

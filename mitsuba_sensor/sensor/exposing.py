@@ -115,7 +115,7 @@ def expose(
     first = Frame(exposure, device, seed, first_frame)
     code_type = np.min_scalar_type(stages[-1].highest)
     kept = {name: np.empty((frames, *shape)) for name in wanted} | {"digital": np.empty((frames, *shape), code_type)}
-    for rows in _strips(shape):
+    for rows in strips_of(shape):
         strip = Photons(light.mean[rows], light.wavelengths_nm)
         part = device.rows_only(rows)
         for index in range(frames):
@@ -125,7 +125,7 @@ def expose(
     return Frames(kept.pop("digital"), camera, light, first, stages, **kept)
 
 
-def _strips(shape: tuple[int, int]) -> Iterator[slice]:
+def strips_of(shape: tuple[int, int]) -> Iterator[slice]:
     """Whole rows of about STRIP pixels: what is in flight fits into the cache, and 12 Mpx into 300 MB."""
     height = max(STRIP // shape[1], 1)
     for start in range(0, shape[0], height):
