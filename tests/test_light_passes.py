@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
-from mitsuba_sensor.light.passes import MOST_SPP, Welford, clean, hashed_seed, multijitter_count, pass_plan, row_strips
+from mitsuba_sensor.light.passes import MOST_SPP, Welford, clean, hashed_seed, pass_plan, row_strips
 from mitsuba_sensor.light.variants import choose_variant, use
+
+
+def multijitter_count(samples: int) -> int:
+    """What Mitsuba's multijitter makes of a sample count: ⌊√n⌋ rows of ⌈n/rows⌉."""
+    rows = math.isqrt(samples)
+    return rows * -(-samples // rows)
 
 
 def test_multijitter_keeps_exactly_the_counts_we_choose() -> None:

@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Need:
-    """One thing a render can have or leave out, with what it changes at most [DN]."""
+    """One thing a render can have or leave out, with what it changes at most [DN]; None where that was not measured."""
 
     what: str
     kept: bool
-    effect_dn: float
+    effect_dn: float | None
     reason: str
 
 
@@ -43,30 +43,28 @@ def _depth_of_field(light: Irradiance) -> Need:
     number = light.certificate.aperture_f_number
     if number is None:
         return Need("depth of field", False, 0.0, "the scene's camera is a pinhole: no lens samples are drawn")
-    return Need("depth of field", True, float("nan"), f"the scene's thin lens is f/{number:.3g} on this sensor")
+    return Need("depth of field", True, None, f"the scene's thin lens is f/{number:.3g} on this sensor")
 
 
 def _bands(light: Irradiance, camera: Camera, exposure: Exposure, k_dn_per_e: float, tolerance_dn: float) -> Need:
     """The fewest equal groups of bands that move no pixel's mean signal by more than the tolerance."""
     count = len(light.wavelengths_nm)
-    reference = _signal_dn(light, camera, exposure, 1) * k_dn_per_e
-    fewest, effect = count, 0.0
-    for size in (s for s in range(count, 1, -1) if count % s == 0 or s == count):
-        moved = float(np.max(np.abs(_signal_dn(light, camera, exposure, size) * k_dn_per_e - reference)))
+    reference = _electrons(light, camera, exposure, 1)
+    moved = 0.0
+    for size in (s for s in range(count, 1, -1) if count % s == 0):
+        moved = k_dn_per_e * float(np.max(np.abs(_electrons(light, camera, exposure, size) - reference)))
         if moved <= tolerance_dn:
-            fewest, effect = -(-count // size), moved
-            break
-    if fewest == count:
-        return Need(f"{count} bands", True, effect, "fewer bands would change the picture by more than the tolerance")
-    return Need(f"{count} bands", False, effect, f"{fewest} do: --bandwidth-nm {_width(light, count // fewest):g}")
+            reason = f"{count // size} do: --bandwidth-nm {_width(light, size):g}"
+            return Need(f"{count} bands", False, moved, reason)
+    return Need(f"{count} bands", True, moved, "fewer bands would change the picture by more than the tolerance")
 
 
 def _width(light: Irradiance, size: int) -> float:
     return float(np.sum(light.bandwidths_nm[:size]))
 
 
-def _signal_dn(light: Irradiance, camera: Camera, exposure: Exposure, size: int) -> NDArray[Any]:
-    """Mean light electrons of every pixel when ``size`` neighbouring bands are one, (H, W)."""
+def _electrons(light: Irradiance, camera: Camera, exposure: Exposure, size: int) -> NDArray[Any]:
+    """Mean light electrons in every well when ``size`` neighbouring bands are one, (H, W), cut at the full well."""
     widths = np.asarray(light.bandwidths_nm, dtype=np.float64)
     starts = np.arange(0, len(widths), size)
     grouped = np.add.reduceat(widths, starts)
@@ -75,4 +73,5 @@ def _signal_dn(light: Irradiance, camera: Camera, exposure: Exposure, size: int)
     data = np.add.reduceat(finite * widths, starts, axis=2) / grouped
     per_irradiance = photons_per_irradiance(camera, exposure, centres, grouped) * camera.qe(centres)
     filters = camera.filter_index((data.shape[0], data.shape[1]))
-    return np.asarray(np.einsum("hwb,hwb->hw", data, per_irradiance[filters]))
+    light_e = np.einsum("hwb,hwb->hw", data, per_irradiance[filters])
+    return np.asarray(np.minimum(light_e, camera.pixel.full_well_e))

@@ -41,12 +41,6 @@ def _neighbours(samples: float) -> list[int]:
     return [n for n in grids if n <= MOST_SPP]
 
 
-def multijitter_count(samples: int) -> int:
-    """What Mitsuba's multijitter makes of a sample count: ⌊√n⌋ rows of ⌈n/rows⌉."""
-    rows = math.isqrt(samples)
-    return rows * -(-samples // rows)
-
-
 def row_strips(size: tuple[int, int], bands: int, samples: int) -> list[tuple[int, int]]:
     """Cut (columns, rows) into strips of whole rows of nearly equal height that fit into memory."""
     columns, rows = size
