@@ -15,7 +15,7 @@ from .engine.frame import Exposure
 from .engine.quantities import Photons
 from .light.photons import collect, gradient_light, uniform_light
 from .sensor.camera import Camera, list_cameras, load_camera
-from .sensor.exposing import Frames, expose, patterns
+from .sensor.exposing import Frames, expose, patterns, stream
 from .sensor.plan import Plan, plan
 
 if TYPE_CHECKING:
@@ -39,6 +39,7 @@ __all__ = [
     "patterns",
     "plan",
     "render",
+    "stream",
     "uniform_light",
 ]
 

@@ -67,6 +67,8 @@ def render(
     frames: options.Frames = 1,
     given_patterns: options.PatternsIn = None,
     chain: options.Chain = "physical",
+    engine: options.Engine = "auto",
+    precision: options.Precision = "auto",
     preview_gain: options.PreviewGain = 1.0,
     settings: options.Settings = None,
     parameters: options.Parameters = None,
@@ -87,6 +89,8 @@ def render(
         frames=frames,
         maps=files.read_patterns(given_patterns) if given_patterns else None,
         chain=chain,
+        engine=engine,
+        precision=precision,
         preview_gain=preview_gain,
     )
     given = options.pairs("-D", parameters)
@@ -124,6 +128,8 @@ def expose(
     frames: options.Frames = 1,
     given_patterns: options.PatternsIn = None,
     chain: options.Chain = "physical",
+    engine: options.Engine = "auto",
+    precision: options.Precision = "auto",
     preview_gain: options.PreviewGain = 1.0,
     settings: options.Settings = None,
     as_json: options.Json = False,
@@ -141,6 +147,8 @@ def expose(
         frames=frames,
         maps=files.read_patterns(given_patterns) if given_patterns else None,
         chain=chain,
+        engine=engine,
+        precision=precision,
         preview_gain=preview_gain,
     )
     clock = Clock()
@@ -268,7 +276,7 @@ def _rehearse(shot: Shot, one_band: bool) -> None:
     corner = {name: values[:1, :1] for name, values in (shot.maps or {}).items() if values.ndim == 2}
     ms.expose(
         [[0.0]], shot.camera, shot.exposure, seed=shot.seed, serial=shot.serial,
-        wavelengths_nm=550.0, maps=corner, chain=shot.chain,
+        wavelengths_nm=550.0, maps=corner, chain=shot.chain, engine=shot.engine, precision=shot.precision,
     )  # fmt: skip
 
 
@@ -287,14 +295,17 @@ def _develop(folder: Path, shot: Shot, light: ms.Irradiance, origin: dict[str, A
             frames=shot.frames,
             maps=shot.maps,
             chain=shot.chain,
+            engine=shot.engine,
+            precision=shot.precision,
         )
     with clock.step("write frame"):
         files.write_tiff(folder / "frame.tiff", frames.digital)
         files.write_png(folder / "frame.png", preview(frames.digital[0], shot.camera, shot.preview_gain))
     with clock.step("report"):
         plan_of = ms.plan(shot.camera, shot.exposure, photons) if shot.chain == "physical" else None
-        effects = plan_of.to_dict()["stages"] if plan_of else []
-        report = {**frame_report(shot, light, frames, origin), "effects": effects, "times_s": clock.seconds}
+        found = plan_of.to_dict() if plan_of else {"stages": [], "float32": None}
+        judged = {"effects": found["stages"], "float32": found["float32"], "times_s": clock.seconds}
+        report = {**frame_report(shot, light, frames, origin), **judged}
     files.write_json(folder / "frame.json", report)
     return report
 

@@ -12,7 +12,7 @@ from importlib import resources
 from typing import Any
 
 from .data.report import versions
-from .light.variants import find_llvm
+from .engine.llvm import find_llvm
 
 VARIANTS = ("cuda_ad_spectral", "llvm_ad_spectral", "scalar_spectral")  # the fastest first
 SLOW = "scalar_spectral"

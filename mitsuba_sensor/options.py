@@ -79,6 +79,14 @@ Chain = Annotated[
     str,
     typer.Option("--chain", help="physical, or konnik2014: the paper's released code, for comparison (one band only)."),
 ]
+Engine = Annotated[
+    str,
+    typer.Option("--engine", help="numpy, drjit (one kernel, the same bytes), cuda, or auto: whichever is quicker."),
+]
+Precision = Annotated[
+    str,
+    typer.Option("--precision", help="float32, float64 (numpy only), or auto: float32 while it can count electrons."),
+]
 Json = Annotated[bool, typer.Option("--json", help="Only JSON on stdout, for programs.")]
 
 

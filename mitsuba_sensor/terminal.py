@@ -54,7 +54,8 @@ def plan_sheet(plan: Any, needs: Sequence[Any], whole_s: float, planned_s: float
     saved = f"{whole_s:.3g} s a frame with the whole chain, {planned_s:.3g} s with this plan"
     head = f"{plan.camera}: what is left out moves no light level by more than {plan.tolerance_dn:g} DN in all"
     idle = ", ".join(e.stage for e in plan.effects if e.reason == IDLE)
-    return Group(Text(head, style="bold"), table, _fact("left out, changes nothing", idle or "–"), _fact("time", saved))
+    facts = (_fact("left out, changes nothing", idle or "–"), _fact("time", saved), Text(plan.float32.explain()))
+    return Group(Text(head, style="bold"), table, *facts)
 
 
 def _kept(kept: bool) -> Text:
@@ -151,6 +152,11 @@ def _facts(report: Mapping[str, Any]) -> Iterator[Text]:
     idle = [effect["stage"] for effect in report["effects"] if effect["reason"] == IDLE]
     if idle:
         yield _fact("changes nothing", ", ".join(idle))
+    single = report["float32"]
+    if single and report["precision"] == "float32" and single["share_of_pixels"]:
+        share, most = f"{100 * single['share_of_pixels']:.2g} %", f"{single['largest_dn']:g} DN"
+        advice = "" if single["precision"] == "float32" else "; --precision float64 is better"
+        yield _fact("float32", f"about {share} of the pixels differ from float64, by at most {most}{advice}")
     yield _fact("seconds", ", ".join(f"{name} {seconds:.2f}" for name, seconds in report["times_s"].items()))
 
 

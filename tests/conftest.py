@@ -10,6 +10,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from mitsuba_sensor.engine.lanes import REFERENCE
+from mitsuba_sensor.engine.llvm import backend_problem
+from mitsuba_sensor.sensor.running import chosen_lanes
+
 SCENE = """
 <scene version="3.0.0">
     <default name="level" value="0.0002"/>
@@ -23,6 +27,16 @@ SCENE = """
     <emitter type="constant"><spectrum name="radiance" value="$level"/></emitter>
 </scene>
 """
+
+
+@pytest.fixture(params=("float64", "numpy", "drjit"))
+def lanes(request: pytest.FixtureRequest) -> Any:
+    """Every engine in turn: the reference, NumPy in float32, and the compiled kernel where LLVM is usable."""
+    if request.param == "float64":
+        return REFERENCE
+    if request.param == "drjit" and (problem := backend_problem("llvm")):
+        pytest.skip(problem)
+    return chosen_lanes(request.param, "float32", 0)
 
 
 @pytest.fixture(scope="session")

@@ -25,7 +25,7 @@ FRONT_DOOR = ("__init__.py", "__main__.py")
 # Each foreign library has one door: where it may be imported.
 DOORS = {
     "mitsuba": ("light/",),
-    "drjit": ("light/", "engine/arrays.py"),
+    "drjit": ("light/", "engine/arrays.py", "engine/compiled.py", "engine/llvm.py"),
     "OpenEXR": ("data/files.py",),
     "tifffile": ("data/files.py",),
     "PIL": ("data/files.py",),
@@ -38,7 +38,7 @@ DOORS = {
 SLOW = {"mitsuba", "drjit", "colour", "OpenEXR", "tifffile", "typer", "scipy.signal", "scipy.stats"}
 STAGES = ("sensor/electrons.py", "sensor/volts.py", "sensor/digital.py")
 # Reading is allowed in two more places: a camera's own text, and the bytes that tell which LLVM a library is.
-OPENERS = ("data/files.py", "sensor/camera.py", "sensor/qefile.py", "light/variants.py", "light/scene.py")
+OPENERS = ("data/files.py", "sensor/camera.py", "sensor/qefile.py", "engine/llvm.py", "light/scene.py")
 WRITERS = ("data/files.py",)
 
 

@@ -34,7 +34,7 @@ CAMERAS = {
 
 
 def frames_of(camera: ms.Camera, light: float = 20_000.0, **how: Any) -> ms.Frames:
-    return ms.expose(np.full(SHAPE, light), camera, EXPOSURE, **how)
+    return ms.expose(np.full(SHAPE, light), camera, EXPOSURE, precision="float64", **how)
 
 
 def entries(ledger: Ledger) -> dict[str, Entry]:

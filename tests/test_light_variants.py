@@ -15,13 +15,15 @@ from pathlib import Path
 import pytest
 
 from mitsuba_sensor.engine.errors import InputError
+from mitsuba_sensor.engine.llvm import LLVM_PATH, find_llvm, inspect_llvm
 from mitsuba_sensor.light import variants
-from mitsuba_sensor.light.variants import LLVM_PATH, choose_variant, find_llvm, inspect_llvm, use
+from mitsuba_sensor.light.variants import choose_variant, use
 
 REPORT = """
 import json, os, sys
+from mitsuba_sensor.engine import llvm
 from mitsuba_sensor.light import variants
-variants.FOLDERS = tuple(sys.argv[1:])
+llvm.FOLDERS = tuple(sys.argv[1:])
 chosen = variants.choose_variant()
 mi = variants.use(chosen)
 scene = mi.load_dict({"type": "scene", "s": {"type": "sphere"}, "e": {"type": "constant"}, "i": {"type": "direct"},

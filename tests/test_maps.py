@@ -152,7 +152,12 @@ def test_a_map_that_cannot_be_is_refused_in_one_sentence(case: str) -> None:
 def test_offsets_may_be_negative() -> None:
     one, other = (
         ms.expose(
-            LIGHT, TABLE1, EXPOSURE, maps={"column_offset_e": np.full((1, 17), 33.0 * sign)}, keep=["volts"]
+            LIGHT,
+            TABLE1,
+            EXPOSURE,
+            maps={"column_offset_e": np.full((1, 17), 33.0 * sign)},
+            keep=["volts"],
+            precision="float64",
         ).volts
         for sign in (1, -1)
     )

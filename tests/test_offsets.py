@@ -39,8 +39,8 @@ def camera_with(change: dict[str, Any]) -> ms.Camera:
 
 
 def volts(camera: ms.Camera, light: Any, **how: Any) -> Any:
-    """Swing at the converter, frame by frame."""
-    return ms.expose(light, camera, EXPOSURE, keep=["volts"], **how).volts
+    """Swing at the converter, frame by frame, in float64."""
+    return ms.expose(light, camera, EXPOSURE, keep=["volts"], precision="float64", **how).volts
 
 
 @pytest.mark.parametrize("name", SOURCES)
@@ -52,7 +52,7 @@ def test_offsets_are_the_same_on_every_image_and_on_every_frame(name: str) -> No
     change, kind = SOURCES[name]
     camera, without = camera_with(change), camera_with({})
     per_e = 5e-6
-    expected = per_e * ms.patterns(camera, SHAPE)[name.split()[-1]]
+    expected = per_e * ms.patterns(camera, SHAPE, precision="float64")[name.split()[-1]]
     assert expected.std() > 0
     ramp = np.broadcast_to(np.linspace(0, 40_000, SHAPE[1]), SHAPE)
     for light in (np.zeros(SHAPE), np.full(SHAPE, 20_000.0), ramp):
@@ -60,7 +60,9 @@ def test_offsets_are_the_same_on_every_image_and_on_every_frame(name: str) -> No
             how: dict[str, Any] = {"serial": serial, "seed": seed, "frames": 2}
             offset = volts(camera, light, **how) - volts(without, light, **how)
             np.testing.assert_allclose(offset, np.broadcast_to(expected, offset.shape), atol=1e-15)
-    assert not np.array_equal(ms.patterns(camera, SHAPE, serial=2)[name.split()[-1]], expected / per_e)
+    assert not np.array_equal(
+        ms.patterns(camera, SHAPE, serial=2, precision="float64")[name.split()[-1]], expected / per_e
+    )
     assert any(isinstance(stage, kind) for stage in chain(camera))
 
 
@@ -111,8 +113,8 @@ def test_offsets_and_gain_pass_the_follower_and_the_sense_node_once() -> None:
     camera = camera_with(SOURCES["column_offset_e"][0] | {"source_follower.gain": 0.8, "readout.cds_gain": 2.0})
     light = np.zeros(SHAPE)
     offset = volts(camera, light) - volts(camera.replace(**{"readout.column_offset": 0.0}), light)
-    np.testing.assert_allclose(offset[0], np.broadcast_to(8e-6 * ms.patterns(camera, SHAPE)["column_offset_e"], SHAPE),
-                               atol=1e-15)  # fmt: skip
+    expected = 8e-6 * ms.patterns(camera, SHAPE, precision="float64")["column_offset_e"]
+    np.testing.assert_allclose(offset[0], np.broadcast_to(expected, SHAPE), atol=1e-15)
 
 
 @pytest.mark.parametrize("residual", [0.0, 0.25, 1.0])

@@ -16,6 +16,7 @@ from scipy import integrate, stats
 
 from mitsuba_sensor.engine import draws
 from mitsuba_sensor.engine.frame import Device
+from mitsuba_sensor.engine.lanes import REFERENCE
 from mitsuba_sensor.sensor.patterns import (
     Autoregressive,
     AutoregressiveRectified,
@@ -84,7 +85,7 @@ def test_a_family_is_the_quantile_function_of_its_law(family: Any, law: Any, cv:
     mean = 1.0
     if family in (Gaussian, Logistic):
         mean = integrate.quad(law(cv).sf, 0, 1, epsabs=1e-13)[0] + integrate.quad(law(cv).sf, 1, math.inf)[0]
-    np.testing.assert_allclose(family(cv).of_words(WORDS), raw / mean, rtol=1e-7, atol=1e-12)
+    np.testing.assert_allclose(family(cv).of_words(REFERENCE, WORDS), raw / mean, rtol=1e-7, atol=1e-12)
 
 
 @pytest.mark.parametrize("cv", CVS[1:])

@@ -18,8 +18,8 @@ import tifffile
 import mitsuba_sensor as ms
 from mitsuba_sensor.data.files import to_json
 from mitsuba_sensor.engine.frame import Device, Frame
-from mitsuba_sensor.sensor.exposing import run_chain
 from mitsuba_sensor.sensor.konnik2014 import Konnik2014Settings, chain_of
+from mitsuba_sensor.sensor.running import run_chain
 
 TABLE1 = ms.load_camera("konnik_table1")
 EXPOSURE = ms.Exposure(0.1)

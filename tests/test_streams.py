@@ -48,7 +48,7 @@ def words_used(camera: ms.Camera, light: NDArray[Any] = LIGHT, monkey: Any = Non
         return drawn[source]
 
     def pattern(self: Device, source: str, law: Any) -> Any:
-        drawn[source] = fixed(self, source, lambda w: w)
+        drawn[source] = fixed(self, source, lambda lanes, words: words)
         return fixed(self, source, law)
 
     def line_pattern(self: Device, source: str, coupling: float, axis: int = 1) -> Any:
@@ -191,7 +191,7 @@ def test_columns_keep_their_offset_on_every_row_image_and_frame() -> None:
     ).replace(**{"readout.column_offset": 0.01})
     offsets = []
     for light, frame, row in ((LIGHT * 0, 0, 0), (LIGHT, 3, 0), (LIGHT[::-1] * 0.5, 1, 1200)):
-        frames = ms.expose(light, quiet, EXPOSURE, first_frame=frame, keep=ALL, origin=(row, 0))
+        frames = ms.expose(light, quiet, EXPOSURE, first_frame=frame, keep=ALL, origin=(row, 0), precision="float64")
         offsets.append((frames.volts - frames.electrons * 5e-6)[0])
     for offset in offsets:
         np.testing.assert_allclose(offset, np.broadcast_to(offsets[0][0], SHAPE), atol=1e-12)
@@ -207,7 +207,7 @@ def normals(source: str, device: Device, seed: int = 4, index: int = 0) -> NDArr
     if source in LINES:
         return device.line_pattern(source, 0.0, LINES[source])
     if PLACES[source][0] & FIXED:
-        return device.pattern(source, draws.normal)
+        return device.pattern(source, lambda lanes, words: lanes.normal(words))
     return Frame(EXPOSURE, device, seed, index).normal(source)
 
 

@@ -10,7 +10,8 @@ import pytest
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.engine.frame import Device, Frame
-from mitsuba_sensor.sensor import exposing
+from mitsuba_sensor.engine.lanes import SINGLE, Lanes
+from mitsuba_sensor.sensor import exposing, running
 from mitsuba_sensor.sensor.chain import chain
 
 TABLE1 = ms.load_camera("konnik_table1")
@@ -64,7 +65,7 @@ CASES: dict[str, tuple[ms.Camera, Any, dict[str, Any]]] = {
 def signals(case: str, strip: int, monkeypatch: pytest.MonkeyPatch, **more: Any) -> dict[str, bytes]:
     """Everything that expose() can return, byte by byte."""
     camera, light, options = CASES[case]
-    monkeypatch.setattr(exposing, "STRIP", strip)
+    monkeypatch.setattr(Lanes, "strip", strip)
     asked: dict[str, Any] = {"seed": 3, "serial": 7, "frames": 2, "first_frame": 5, "origin": TILE_EDGE}
     frames = ms.expose(light, camera, ms.Exposure(0.3), keep=exposing.KEEP, **(asked | options | more))
     return {name: getattr(frames, name).tobytes() for name in (*exposing.KEEP, "digital")}
@@ -84,10 +85,10 @@ def test_a_frame_in_strips_is_the_frame_that_the_chain_makes_without_them(
 ) -> None:
     """One row at a time against the whole window at once; and its last rows against those alone, in the next tile."""
     camera, light, _ = CASES[case]
-    monkeypatch.setattr(exposing, "STRIP", 1)
+    monkeypatch.setattr(Lanes, "strip", 1)
     digital = ms.expose(light, camera, ms.Exposure(0.3), serial=7, origin=TILE_EDGE).digital[0]
     device = Device(7, SHAPE, TILE_EDGE)
-    whole = exposing.run_chain(chain(camera), ms.Photons(light), Frame(ms.Exposure(0.3), device))
+    whole = running.run_chain(chain(camera), ms.Photons(light), Frame(ms.Exposure(0.3), device))
     np.testing.assert_array_equal(digital, whole)
     below = ms.expose(light[6:], camera, ms.Exposure(0.3), serial=7, origin=(512, TILE_EDGE[1])).digital[0]
     np.testing.assert_array_equal(digital[6:], below)
@@ -120,9 +121,9 @@ def test_a_plan_goes_through_the_same_strips(monkeypatch: pytest.MonkeyPatch) ->
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 300_000), (300_000, 1), (3, 2**17), (2**17 + 1, 1)])
 def test_the_strips_are_every_row_once_and_in_order(shape: tuple[int, int]) -> None:
-    strips = list(exposing.strips_of(shape))
+    strips = list(running.strips_of(shape, SINGLE.strip))
     np.testing.assert_array_equal(np.concatenate([np.arange(shape[0])[rows] for rows in strips]), np.arange(shape[0]))
-    assert all(rows.stop - rows.start == 1 or (rows.stop - rows.start) * shape[1] <= exposing.STRIP for rows in strips)
+    assert all(rows.stop - rows.start == 1 or (rows.stop - rows.start) * shape[1] <= SINGLE.strip for rows in strips)
 
 
 def peak_mib(pixels: int) -> float:

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from mitsuba_sensor.engine.words import FIXED, PLACES, block, philox
+from mitsuba_sensor.engine.words import FIXED, PLACES, at, block, halves, philox
 
 ONES = 0xFFFFFFFF
 KNOWN_ANSWERS = [
@@ -24,8 +24,13 @@ KNOWN_ANSWERS = [
 
 @pytest.mark.parametrize(("counter", "key", "answer"), KNOWN_ANSWERS, ids=["zeros", "ones", "pi"])
 def test_philox_gives_the_known_answers_of_random123(counter: tuple[int, ...], key: int, answer: str) -> None:
-    words = philox(tuple(np.array([c], dtype=np.uint64) for c in counter), key)
+    words = philox(tuple(np.array([c], dtype=np.uint64) for c in counter), halves(key))
     assert " ".join(f"{int(word[0]):08x}" for word in words) == answer
+
+
+def test_a_key_is_taken_as_its_lower_and_upper_half() -> None:
+    assert halves(0x0123456789ABCDEF) == (0x89ABCDEF, 0x01234567)
+    assert halves(7) == (7, 0)
 
 
 def test_a_window_holds_the_words_of_its_own_place_on_the_sensor() -> None:
@@ -33,8 +38,16 @@ def test_a_window_holds_the_words_of_its_own_place_on_the_sensor() -> None:
     rows, columns = np.array([3, 4]), np.array([7, 8, 9])
     window = block(5, rows, columns, frame=12, key=99)
     for (i, y), (j, x) in itertools.product(enumerate(rows), enumerate(columns)):
-        alone = philox(tuple(np.array([c], dtype=np.uint64) for c in (x, y, 12, 5)), 99)
+        alone = philox(tuple(np.array([c], dtype=np.uint64) for c in (x, y, 12, 5)), halves(99))
         assert [int(word[i, j]) for word in window] == [int(word[0]) for word in alone]
+
+
+def test_scattered_pixels_have_the_words_that_a_window_has_there() -> None:
+    rows, columns = np.array([3, 0, 4]), np.array([7, 9, 2])
+    window = block(5, np.arange(5), np.arange(10), frame=12, key=99)
+    for scattered, whole in zip(at(5, rows, columns, frame=12, key=99), window, strict=True):
+        assert scattered.dtype == np.uint32
+        np.testing.assert_array_equal(scattered, whole[rows, columns])
 
 
 def test_every_part_of_the_question_changes_all_four_words() -> None:
@@ -44,7 +57,7 @@ def test_every_part_of_the_question_changes_all_four_words() -> None:
     changes = [(0, 1), (1, 1), (2, 1), (3, 1), (3, FIXED), (4, 1), (4, 1 << 32), (4, 1 << 63)]
     for place, change in [(0, 0), *changes]:
         question = [value + change * (place == i) for i, value in enumerate(base)]
-        words = philox(tuple(np.array([c], dtype=np.uint64) for c in question[:4]), question[4])
+        words = philox(tuple(np.array([c], dtype=np.uint64) for c in question[:4]), halves(question[4]))
         answers.update(int(word[0]) for word in words)
     assert len(answers) == 4 * (len(changes) + 1)
 

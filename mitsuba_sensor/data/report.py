@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..engine.lanes import REFERENCE
 from ..sensor.chain import chain
 
 if TYPE_CHECKING:
@@ -55,6 +56,7 @@ class Shot:
     """What was asked of the camera.
 
     seed : temporal noise; serial, or measured maps : fixed patterns; frames : how many; chain : as for expose().
+    engine, precision : who computes it, as for expose().
     preview_gain : how much brighter than the raw numbers the picture for the eye is.
     """
 
@@ -66,6 +68,8 @@ class Shot:
     maps: Mapping[str, np.ndarray] | None = None
     chain: Any = "physical"
     preview_gain: float = 1.0
+    engine: Any = "auto"
+    precision: Any = "auto"
 
 
 def frame_report(shot: Shot, light: Irradiance, frames: Frames, origin: dict[str, Any]) -> dict[str, Any]:
@@ -83,6 +87,7 @@ def frame_report(shot: Shot, light: Irradiance, frames: Frames, origin: dict[str
         "exposure": asdict(shot.exposure),
         "seeds": {"seed": shot.seed, "serial": shot.serial},
         "chain": shot.chain,
+        "precision": frames.first.device.lanes.precision,
         "given_maps": sorted(shot.maps or ()),
         "image": {"frames": shot.frames, "rows": frames.digital.shape[1], "columns": frames.digital.shape[2]},
         "bands": {"wavelengths_nm": light.wavelengths_nm, "bandwidths_nm": light.bandwidths_nm},
@@ -99,7 +104,7 @@ def render_noise(light: Irradiance, frames: Frames) -> dict[str, float]:
 
     The certificate has the same for the exposure of the render; a longer exposure of the same light shows more of it.
     """
-    electrons = chain(frames.camera)[0](frames.light, frames.first).total
+    electrons = chain(frames.camera)[0](frames.light, frames.first.on(REFERENCE)).total
     with np.errstate(invalid="ignore"):
         ratio = light.relative_error.astype(np.float64) ** 2 * electrons
     ratio = ratio[np.isfinite(ratio)]

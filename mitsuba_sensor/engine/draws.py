@@ -10,6 +10,7 @@ import math
 from typing import Any
 
 import numpy as np
+from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 from scipy import special
 
@@ -51,6 +52,26 @@ def gamma(words: Words, cv: float) -> Array:
     if cv < 1e-6:  # normal to 1e-12
         return 1 + cv * normal(words)
     return special.gammainccinv(cv**-2, survival(words)) * cv**2
+
+
+def gamma_series(cv: float, reach: float, terms: int) -> list[float]:
+    """Chebyshev coefficients of ln(gamma quantile) over z/reach, z the standard normal of the same survival.
+
+    It is fitted to the exact quantile at four times as many nodes: 25 terms hold it to 1e-6 for a cv up to 1.
+    """
+    z = reach * np.cos(np.pi * (np.arange(4 * terms) + 0.5) / (4 * terms))
+    return [float(c) for c in chebyshev.chebfit(z / reach, _log_gamma(z, cv), terms - 1)]
+
+
+def _log_gamma(z: Array, cv: float) -> Array:
+    """ln of the gamma quantile (mean 1) above which P(Z > z) lies; its own expansion where SciPy underflows."""
+    if cv < 1e-6:
+        return np.log1p(cv * z)
+    shape = cv**-2
+    x = np.where(z > 0, special.gammainccinv(shape, special.ndtr(-z)), special.gammaincinv(shape, special.ndtr(z)))
+    small = (special.log_ndtr(z) + special.gammaln(shape + 1)) / shape  # P(X < x) = x^k/Γ(k + 1) for x → 0
+    with np.errstate(divide="ignore"):
+        return np.where((x > 1e-290) & (small > -600), np.log(x), small) + 2 * math.log(cv)
 
 
 def logistic(words: Words) -> Array:

@@ -7,14 +7,18 @@ frame 12 can be made alone, and a noise source that is switched off takes no wor
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import mixed, wide_product
+
 Words = NDArray[np.uint32]
 
-_M0, _M1 = np.uint64(0xD2511F53), np.uint64(0xCD9E8D57)
+_M0, _M1 = 0xD2511F53, 0xCD9E8D57
 _W0, _W1 = 0x9E3779B9, 0xBB67AE85
-_LOW, _SHIFT = np.uint64(0xFFFFFFFF), np.uint64(32)
+_ALL = 0xFFFF_FFFF
 
 FIXED = 0x8000_0000
 """Bit of the block number that sets a camera's fixed patterns apart from the noise of its frames."""
@@ -40,21 +44,33 @@ PLACES = {
 """Noise source → (block, word). A place is for ever: adding a source adds a line and moves nothing."""
 
 
-def philox(counter: tuple[NDArray[np.uint64], ...], key: int) -> tuple[Words, Words, Words, Words]:
-    """The four words at a counter of four uint64 arrays that hold 32-bit values (broadcast together); 64-bit key."""
+def philox(counter: tuple[Any, ...], key: tuple[Any, Any]) -> tuple[Any, Any, Any, Any]:
+    """The four words at a counter of four 32-bit values, under a key of two; arrays broadcast together.
+
+    NumPy carries 32-bit values in uint64, Dr.Jit in uint32.
+    """
     x0, x1, x2, x3 = counter
-    k0, k1 = key & 0xFFFFFFFF, key >> 32
+    k0, k1 = key
     for _ in range(10):
-        p0, p1 = _M0 * x0, _M1 * x2
-        x0, x1, x2, x3 = (
-            (p1 >> _SHIFT) ^ x1 ^ np.uint64(k0),
-            p1 & _LOW,
-            (p0 >> _SHIFT) ^ x3 ^ np.uint64(k1),
-            p0 & _LOW,
-        )
-        k0, k1 = (k0 + _W0) & 0xFFFFFFFF, (k1 + _W1) & 0xFFFFFFFF
-    shape = np.broadcast_shapes(*(np.shape(x) for x in (x0, x1, x2, x3)))
-    w0, w1, w2, w3 = (np.broadcast_to(x, shape).astype(np.uint32) for x in (x0, x1, x2, x3))
+        (high0, low0), (high1, low1) = wide_product(x0, _M0), wide_product(x2, _M1)
+        x0, x1, x2, x3 = mixed(high1, x1, k0), low1, mixed(high0, x3, k1), low0
+        k0, k1 = (k0 + _W0) & _ALL, (k1 + _W1) & _ALL
+    return x0, x1, x2, x3
+
+
+def halves(key: int) -> tuple[int, int]:
+    """A 64-bit key as Philox takes it: lower and upper half."""
+    return key & _ALL, key >> 32
+
+
+def at(
+    number: int, rows: NDArray[Any], columns: NDArray[Any], frame: int, key: int
+) -> tuple[Words, Words, Words, Words]:
+    """The four words of block ``number`` at pixels (rows, columns), which broadcast together, on NumPy."""
+    x, y = columns.astype(np.uint64) & np.uint64(_ALL), rows.astype(np.uint64) & np.uint64(_ALL)
+    words = philox((x, y, np.uint64(frame), np.uint64(number)), halves(key))
+    shape = np.broadcast_shapes(x.shape, y.shape)
+    w0, w1, w2, w3 = (np.broadcast_to(w, shape).astype(np.uint32) for w in words)
     return w0, w1, w2, w3
 
 
@@ -62,6 +78,4 @@ def block(
     number: int, rows: NDArray[np.int64], columns: NDArray[np.int64], frame: int, key: int
 ) -> tuple[Words, Words, Words, Words]:
     """The four words of block ``number`` for every pixel (rows[:, None], columns[None, :]) of a window, each (H, W)."""
-    x = (columns.astype(np.uint64) & _LOW)[None, :]
-    y = (rows.astype(np.uint64) & _LOW)[:, None]
-    return philox((x, y, np.uint64(frame), np.uint64(number)), key)  # type: ignore[arg-type]
+    return at(number, rows[:, None], columns[None, :], frame, key)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.frame import Frame
+from ..engine.lanes import REFERENCE
 from ..engine.moments import Moments
 from ..engine.quantities import Electrons, Photons
 from .camera import Camera
@@ -28,7 +29,7 @@ def account(photons: Photons, camera: Camera, frame: Frame, stages: tuple[Any, .
     """
     lines = []
     signal: Any = photons
-    moments = Moments(photons, 0.0, 0.0, frame)
+    moments = Moments(photons, 0.0, 0.0, frame.on(REFERENCE))
     counts = {"clipped_full_well": 0, "clipped_adc_low": 0, "clipped_adc_high": 0}
     for stage in stages:
         signal, moments = stage(signal, frame), stage.moments(moments)
@@ -79,7 +80,7 @@ def _line(stage: Any, value: Any, m: Moments) -> dict[str, Any]:
         "sigma_expected": m.sigma,
         "sigma_temporal_expected": float(np.sqrt(np.mean(m.temporal))),
         "sigma_fixed_expected": float(np.sqrt(np.mean(m.fixed))),
-        "mean_frame": float(np.mean(value)),
+        "mean_frame": float(np.mean(value, dtype=np.float64)),
         "sigma_frame": float(np.sqrt(np.mean(residual**2))),
     }
 
@@ -129,14 +130,14 @@ def ledger(photons: Photons, frame: Frame, stages: tuple[Any, ...]) -> Ledger:
     """
     entries: list[Entry] = []
     signal: Any = photons
-    moments = Moments(photons, 0.0, 0.0, frame)
+    moments = Moments(photons, 0.0, 0.0, frame.on(REFERENCE))
     to_dn = np.prod([getattr(stage, "nominal_gain", 1.0) for stage in stages])
     before, was = np.zeros(frame.device.shape), (0.0, 0.0)
     for stage in stages:
         electrons_before, means = signal, moments
         signal, moments = stage(signal, frame), stage.moments(moments)
         to_dn = to_dn / getattr(stage, "nominal_gain", 1.0)
-        after = to_dn * np.broadcast_to(plain(signal), before.shape)
+        after = to_dn * np.broadcast_to(_exact(signal), before.shape)
         now = float(np.mean(moments.temporal)) * to_dn**2, float(np.mean(moments.fixed)) * to_dn**2
         change = Entry(stage_name(stage), after - before, now[0] - was[0], now[1] - was[1])
         entries += _shot_parts(electrons_before, signal, means, to_dn) if change.source == "shot noise" else [change]
@@ -149,10 +150,17 @@ def _shot_parts(mean: Electrons, counted: Electrons, m: Moments, to_dn: float) -
     light = (m.light or m).mean
     shape = np.broadcast_shapes(np.shape(mean.light), np.shape(counted.light))
     pairs = (
-        ("photon shot noise", counted.light - mean.light, light),
-        ("dark shot noise", counted.dark - mean.dark, m.mean - light),
+        ("photon shot noise", np.subtract(counted.light, mean.light, dtype=np.float64), light),
+        ("dark shot noise", np.subtract(counted.dark, mean.dark, dtype=np.float64), m.mean - light),
     )
     return [Entry(name, np.broadcast_to(to_dn * dn, shape), float(np.mean(v)) * to_dn**2, 0.0) for name, dn, v in pairs]
+
+
+def _exact(signal: Any) -> Any:
+    """The same in float64, so that the parts of a float32 frame add up too."""
+    if isinstance(signal, Electrons):
+        return np.add(signal.light, signal.dark, dtype=np.float64)
+    return np.asarray(plain(signal), dtype=np.float64)
 
 
 def plain(signal: Any) -> Any:

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from itertools import accumulate
 from typing import Any, Literal
 
-from ..engine import arrays, draws
+from ..engine import arrays
 from ..engine.frame import Device, Frame
+from ..engine.lanes import Lanes, uniforms
 from ..engine.moments import rectified_normal
 
 
@@ -26,13 +27,14 @@ class DarkPart:
     e_per_unit: float = 1.0
     per_second: bool = False
 
-    def electrons(self, quantile: Any, time_s: float) -> Any:
+    def electrons(self, quantile: Any, frame: Frame) -> Any:
         """(H, W) quantiles, 0 … 1 → mean dark electrons of pixels that belong to this part."""
         if self.family == "uniform":
-            value = self.first + (self.second - self.first) * quantile
+            value = frame.number(self.first) + frame.number(self.second - self.first) * quantile
         else:
-            value = arrays.maximum(self.first + self.second * draws.normal_of(quantile), 0.0)
-        return self._unit(time_s) * value
+            z = frame.device.lanes.normal_of(quantile)
+            value = arrays.maximum(frame.number(self.first) + frame.number(self.second) * z, 0.0)
+        return frame.number(self._unit(frame.exposure.time_s)) * value
 
     def moments(self, time_s: float) -> tuple[float, float]:
         """Mean and variance of that [e-, e-²]."""
@@ -51,7 +53,7 @@ def superimpose(parts: tuple[DarkPart, ...], main: Any, frame: Frame) -> Any:
     maps = part_maps(parts, frame.device)
     dark = main
     for number, part in enumerate(parts, start=1):
-        value = part.electrons(maps["dark_part_quantile"], frame.exposure.time_s)
+        value = part.electrons(maps["dark_part_quantile"], frame)
         dark = arrays.where(maps["dark_part"] == number, value, dark)
     return dark
 
@@ -61,9 +63,7 @@ def part_maps(parts: tuple[DarkPart, ...], device: Device) -> dict[str, Any]:
     edges = tuple(accumulate(part.weight for part in parts))
     return {
         "dark_part": device.fixed("dark_part", lambda: device.pattern("dark_part", _Number(edges))),
-        "dark_part_quantile": device.fixed(
-            "dark_part_quantile", lambda: device.pattern("dark_pattern", draws.survival)
-        ),
+        "dark_part_quantile": device.fixed("dark_part_quantile", lambda: device.pattern("dark_pattern", uniforms)),
     }
 
 
@@ -81,7 +81,7 @@ class _Number:
 
     edges: tuple[float, ...]
 
-    def __call__(self, words: Any) -> Any:
-        chance = draws.survival(words)
+    def __call__(self, lanes: Lanes, words: Any) -> Any:
+        chance = lanes.uniform(words)
         number = 1 + arrays.count_at_or_below(self.edges, chance)
-        return arrays.where(chance < self.edges[-1], number, 0.0)
+        return arrays.where(chance < lanes.number(self.edges[-1]), number, lanes.number(0.0))

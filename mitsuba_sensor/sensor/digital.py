@@ -26,7 +26,7 @@ class IntegralNonlinearity:
 
     def __call__(self, swing: Any, frame: Frame) -> Any:
         """Bent swing; no logarithm of the gain, so A = 1 is a gain like any other."""
-        return swing if self.gamma == 1 else swing * arrays.exp(-self._rate * swing)
+        return swing if self.gamma == 1 else swing * arrays.exp(frame.number(-self._rate) * swing)
 
     def moments(self, m: Moments) -> Moments:
         """Second order in the noise."""
@@ -71,8 +71,17 @@ class Adc:
 
     def __call__(self, swing: Any, frame: Frame) -> Any:
         """Swing [V] → whole digital numbers (H, W), rounded half up."""
-        code = arrays.floor(self.pedestal_dn + self.gain_dn_per_v * swing + 0.5)
-        return arrays.minimum(arrays.maximum(code, 0.0), self.highest)
+        ideal, highest = self._ideal(swing, frame), frame.number(self.highest)
+        code = lambda x: arrays.minimum(arrays.maximum(arrays.floor(x + 0.5), 0.0), highest)  # noqa: E731
+        return arrays.sloped(code, self._unclipped, ideal)
+
+    def _ideal(self, swing: Any, frame: Frame) -> Any:
+        """What a converter of infinitely many bits would say [DN]."""
+        return frame.number(self.pedestal_dn) + frame.number(self.gain_dn_per_v) * swing
+
+    def _unclipped(self, ideal: Any, code: Any) -> Any:
+        """Slope of the line that the steps follow: 1 between both ends, 0 beyond."""
+        return arrays.where(ideal > 0, arrays.where(ideal < self.highest, 1.0, 0.0), 0.0)
 
     def moments(self, m: Moments) -> Moments:
         """Gain and pedestal, then rounding (1/12 DN² where the noise hides the steps) and the clip at both ends."""
@@ -95,7 +104,8 @@ class AdcWithSteps(Adc):
 
     def __call__(self, swing: Any, frame: Frame) -> Any:
         """Swing [V] → the code whose step it falls into (H, W)."""
-        return arrays.count_at_or_below(self._transitions, self.pedestal_dn + self.gain_dn_per_v * swing)
+        code = lambda x: arrays.count_at_or_below(self._transitions, x)  # noqa: E731
+        return arrays.sloped(code, self._unclipped, self._ideal(swing, frame))
 
     def moments(self, m: Moments) -> Moments:
         """As a converter of equal steps, moved by the local INL and with the variance of steps of these widths."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
-from ..engine import arrays, draws
+from ..engine import arrays
 from ..engine.errors import InputError
 from ..engine.frame import Device, Frame
 from ..engine.moments import Moments
@@ -52,13 +52,17 @@ class Detection:
             columns = frame.device.columns % len(self.tile[0])
             weights = arrays.pick(weights, arrays.pick(self.tile, (rows[:, None], columns[None, :])))
         layers = photons.mean if photons.mean.ndim == 3 else photons.mean[..., None]
-        light = arrays.weigh(layers, weights)
+        light, device = arrays.weigh(layers, weights), frame.device
+        held = device.lanes.take(light, device)
         if self.quantum_yield is None:
-            return Electrons(light)
+            return Electrons(held)
         per_photon = self.quantum_yield.at(self._wavelengths(photons))
         first = arrays.ratio(arrays.weigh(layers, weights * per_photon), light, 1.0)
         second = arrays.ratio(arrays.weigh(layers, weights * per_photon**2), light, 1.0)
-        return Electrons(light, yield_mean=first, yield_variance=arrays.maximum(second - first**2, 0.0))
+        spread = arrays.maximum(second - first**2, 0.0)
+        return Electrons(
+            held, yield_mean=device.lanes.take(first, device), yield_variance=device.lanes.take(spread, device)
+        )
 
     def moments(self, m: Moments) -> Moments:
         """The mean itself; nothing is random yet."""
@@ -130,7 +134,9 @@ class DarkCurrent:
         """Adds the mean dark electrons of this exposure."""
         mean = self.mean_e(frame)
         flat = self.pattern.cv == 0 and "dark_pattern" not in frame.device.given
-        dark = mean if flat or mean == 0 else arrays.product(mean, self.maps(frame.device)["dark_pattern"])
+        dark = frame.number(mean) if mean else 0.0
+        if mean and not flat:
+            dark = arrays.product(dark, self.maps(frame.device)["dark_pattern"])
         if self.parts:
             dark = superimpose(self.parts, dark, frame)
         return replace(electrons, dark=electrons.dark + dark)
@@ -172,13 +178,17 @@ class BlinkingPixels:
         step = self.amplitude_e_per_s * frame.exposure.time_s
         if self.share == 0 or step == 0:
             return electrons
-        site = self.maps(frame.device)["blinking_site"] > 0
-        return replace(electrons, dark=electrons.dark + step * frame.telegraph(site, self.switching, self.duty))
+        site = self.maps(frame.device)["blinking_site"]
+        on = frame.telegraph(site, self.switching, self.duty)
+        return replace(electrons, dark=electrons.dark + frame.number(step) * on)
 
     def maps(self, device: Device) -> dict[str, Any]:
         """``blinking_site``: 1 where a pixel has a trap, else 0."""
-        make = lambda: arrays.where(device.pattern("blinking_site", draws.survival) < self.share, 1.0, 0.0)  # noqa: E731
+        make = lambda: device.pattern("blinking_site", self._of_words)  # noqa: E731
         return {"blinking_site": device.fixed("blinking_site", make)}
+
+    def _of_words(self, lanes: Any, words: Any) -> Any:
+        return arrays.where(lanes.uniform(words) < lanes.number(self.share), lanes.number(1.0), lanes.number(0.0))
 
     def moments(self, m: Moments) -> Moments:
         """A pixel blinks with chance ``share``, and is on with chance ``duty``."""
@@ -221,8 +231,9 @@ class QuantumYield:
     def __call__(self, electrons: Electrons, frame: Frame) -> Electrons:
         """Interactions → electrons; whole numbers stay whole."""
         n, mean = electrons.light, electrons.yield_mean
-        spread = arrays.sqrt(n * (self.fano * mean + electrons.yield_variance))
-        burst = arrays.floor(n * mean + spread * frame.normal("quantum_yield") + 0.5)
+        spread = arrays.sqrt(n * (frame.number(self.fano) * mean + electrons.yield_variance))
+        smooth = n * mean + spread * frame.normal("quantum_yield")
+        burst = arrays.sloped(lambda x: arrays.floor(x + 0.5), lambda *_: 1.0, smooth)
         light = arrays.where(mean == 1, n, arrays.maximum(burst, 0.0))
         return replace(electrons, light=light, yield_mean=1.0, yield_variance=0.0)
 
@@ -249,8 +260,9 @@ class FullWell:
 
     def __call__(self, electrons: Electrons, frame: Frame) -> Electrons:
         """Clips the sum; what overflows is booked on the light."""
-        dark = arrays.minimum(electrons.dark, self.full_well_e)
-        return replace(electrons, light=arrays.minimum(electrons.light, self.full_well_e - dark), dark=dark)
+        capacity = frame.number(self.full_well_e)
+        dark = arrays.minimum(electrons.dark, capacity)
+        return replace(electrons, light=arrays.minimum(electrons.light, capacity - dark), dark=dark)
 
     def moments(self, m: Moments) -> Moments:
         """A clipped normal: shot noise near a full well is one."""

@@ -13,12 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 from ..engine.checks import check_types
 from ..engine.errors import InputError, require_seed
 from ..engine.frame import Device, Exposure, Frame
-from ..engine.quantities import Electrons, Photons
-from .account import Ledger, account, ledger, plain
+from ..engine.lanes import REFERENCE, SINGLE
+from ..engine.quantities import Photons
+from .account import Ledger, account, ledger
 from .camera import Camera
 from .chain import chain as physical_chain
 from .inputs import as_photons, check_numbers, checked_maps, checked_names, checked_origin
 from .konnik2014 import Konnik2014Settings, chain_of
+from .running import PRECISIONS, Engine, Precision, Run, chosen_lanes
 
 if TYPE_CHECKING:
     from .plan import Plan
@@ -28,8 +30,8 @@ KEEP = ("photons", "light_electrons", "dark_electrons", "electrons", "volts")
 current left in the well, their sum [e-], swing at the converter [V]."""
 
 
-STRIP = 2**17
-"""Pixels that go through the chain at a time; the result does not depend on it."""
+COUNTABLE = 2**24
+"""Whole numbers up to here are whole in float32: electrons of a full well, digital numbers."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +91,8 @@ def expose(
     maps: Mapping[str, ArrayLike] | None = None,
     plan: Plan | None = None,
     chain: Literal["physical", "konnik2014"] = "physical",
+    engine: Engine = "auto",
+    precision: Precision = "auto",
 ) -> Frames:
     """Raw frames that ``camera`` delivers for these mean photons per pixel.
 
@@ -102,34 +106,89 @@ def expose(
     origin : (row, column) of the first pixel on the sensor: a crop of a frame is the frame of the crop.
     plan : what :func:`plan` left of the chain; the whole chain without one.
     chain : "physical", or "konnik2014" for the published code's behaviour (comparison only; docs/konnik2014.md).
+    engine : "numpy", "drjit" (one kernel for LLVM, the same bytes), "cuda" (the same words, at most 1 DN apart), or
+        "auto", which compiles for LLVM where that is quicker.
+    precision : "float32", "float64" (NumPy only; the reference), or "auto": what the plan found
+        to be enough; without a plan float32, unless the full well or the codes go beyond 2^24, where it stops counting.
     Raises InputError for NaN or negative photons, naming how many there are and where the first one is.
     """
+    wanted = checked_names(keep, KEEP)
+    run = _prepared(
+        photons, camera, exposure, seed, serial, frames, first_frame, wavelengths_nm, origin, maps, plan, chain,
+        engine, precision,
+    )  # fmt: skip
+    shape, code_type = run.first.device.shape, np.min_scalar_type(run.stages[-1].highest)
+    kept = {name: np.empty((frames, *shape)) for name in wanted} | {"digital": np.empty((frames, *shape), code_type)}
+    for index in range(frames):
+        run.frame(first_frame + index, {name: x[index] for name, x in kept.items()}, last=index + 1 == frames)
+    run.close()
+    lanes = REFERENCE if run.first.device.lanes is REFERENCE else SINGLE
+    return Frames(kept.pop("digital"), camera, run.light, run.first.on(lanes), run.stages, **kept)
+
+
+def stream(
+    photons: Photons | ArrayLike,
+    camera: Camera,
+    exposure: Exposure,
+    *,
+    seed: int = 1,
+    serial: int = 1,
+    frames: int = 1,
+    first_frame: int = 0,
+    wavelengths_nm: ArrayLike | None = None,
+    origin: tuple[int, int] = (0, 0),
+    maps: Mapping[str, ArrayLike] | None = None,
+    plan: Plan | None = None,
+    chain: Literal["physical", "konnik2014"] = "physical",
+    engine: Engine = "auto",
+    precision: Precision = "auto",
+) -> Iterator[NDArray[Any]]:
+    """The frames of :func:`expose` one at a time, each (H, W) [DN]: for more of them than memory holds.
+
+    Everything is checked, and light and maps are made, before the first frame is asked for.
+    """
+    run = _prepared(
+        photons, camera, exposure, seed, serial, frames, first_frame, wavelengths_nm, origin, maps, plan, chain,
+        engine, precision,
+    )  # fmt: skip
+    code_type = np.min_scalar_type(run.stages[-1].highest)
+
+    def deliver() -> Iterator[NDArray[Any]]:
+        for index in range(frames):
+            digital = np.empty(run.first.device.shape, code_type)
+            run.frame(first_frame + index, {"digital": digital}, last=index + 1 == frames)
+            yield digital
+        run.close()
+
+    return deliver()
+
+
+def _prepared(
+    photons: Any, camera: Camera, exposure: Exposure, seed: int, serial: int, frames: int, first_frame: int,
+    wavelengths_nm: Any, origin: Any, maps: Any, plan: Plan | None, chain: str, engine: str, precision: str,
+) -> Run:  # fmt: skip
+    """All that was asked for, checked, and ready to run."""
     check_types(camera, exposure)
     light = as_photons(photons, camera, wavelengths_nm)
     check_numbers(frames, first_frame, seed)
-    wanted = checked_names(keep, KEEP)
     stages = _stages(camera, plan, chain)
     shape = light.mean.shape[0], light.mean.shape[1]
     window = Device(serial, shape, checked_origin(origin))
-    device = replace(window, given=checked_maps({} if maps is None else maps, stages, window, camera))
-    first = Frame(exposure, device, seed, first_frame)
-    code_type = np.min_scalar_type(stages[-1].highest)
-    kept = {name: np.empty((frames, *shape)) for name in wanted} | {"digital": np.empty((frames, *shape), code_type)}
-    for rows in strips_of(shape):
-        strip = Photons(light.mean[rows], light.wavelengths_nm)
-        part = device.rows_only(rows)
-        for index in range(frames):
-            for name, signal in _signals(stages, strip, Frame(exposure, part, seed, first_frame + index)):
-                if name in kept:
-                    kept[name][index, rows] = signal
-    return Frames(kept.pop("digital"), camera, light, first, stages, **kept)
+    lanes = chosen_lanes(engine, _precision(precision, camera, plan, chain), frames * shape[0] * shape[1])
+    device = replace(window, given=checked_maps({} if maps is None else maps, stages, window, camera), lanes=lanes)
+    return Run(stages, light, Frame(exposure, device, seed, first_frame))
 
 
-def strips_of(shape: tuple[int, int]) -> Iterator[slice]:
-    """Whole rows of about STRIP pixels: what is in flight fits into the cache, and 12 Mpx into 300 MB."""
-    height = max(STRIP // shape[1], 1)
-    for start in range(0, shape[0], height):
-        yield slice(start, min(start + height, shape[0]))
+def _precision(asked: str, camera: Camera, plan: Plan | None, chain: str) -> str:
+    if asked not in PRECISIONS:
+        raise InputError(f"precision is {asked!r}; it must be one of {', '.join(PRECISIONS)}.")
+    if chain == "konnik2014":  # a comparison, in the precision of the published code
+        return "float64"
+    if asked != "auto":
+        return asked
+    if plan is not None:
+        return plan.precision
+    return "float32" if camera.pixel.full_well_e <= COUNTABLE and 2**camera.adc.bits <= COUNTABLE else "float64"
 
 
 def _stages(camera: Camera, plan: Plan | None, chain: str) -> tuple[Any, ...]:
@@ -151,44 +210,24 @@ def _stages(camera: Camera, plan: Plan | None, chain: str) -> tuple[Any, ...]:
     return plan.stages
 
 
-def run_chain(stages: tuple[Any, ...], light: Photons, frame: Frame) -> Any:
-    """One frame through these stages: digital numbers (H, W), as float64."""
-    signal: Any = light
-    for stage in stages:
-        signal = stage(signal, frame)
-    return signal
-
-
-def _signals(stages: tuple[Any, ...], light: Photons, frame: Frame) -> Iterator[tuple[str, Any]]:
-    """One frame through the chain; yields (name, signal) at the door of each room."""
-    shape = frame.device.shape
-    signal: Any = light
-    yield "photons", light.total
-    for stage, following in zip(stages, (*stages[1:], None), strict=True):
-        signal = stage(signal, frame)
-        if following is not None and following.room == stage.room:
-            continue
-        if isinstance(signal, Electrons):
-            yield "light_electrons", np.broadcast_to(signal.light, shape)
-            yield "dark_electrons", np.broadcast_to(signal.dark, shape)
-        if stage.room != "photons":
-            yield stage.room.split()[0], np.broadcast_to(plain(signal), shape)
-
-
 def patterns(
-    camera: Camera, shape: tuple[int, int] | None = None, *, serial: int = 1, origin: tuple[int, int] = (0, 0)
-) -> dict[str, NDArray[np.float64]]:
+    camera: Camera, shape: tuple[int, int] | None = None, *, serial: int = 1, origin: tuple[int, int] = (0, 0),
+    precision: Precision = "auto",
+) -> dict[str, NDArray[np.float64]]:  # fmt: skip
     """Every fixed pattern of one device, by name: gains (1 on average), dark factors (1), offsets in electrons (0).
 
     shape : (rows, columns) of the window; the whole sensor by default. What comes out goes into ``expose(maps=…)``.
+    precision : of :func:`expose`, so that these are the very maps that it draws.
     """
     check_types(camera, Exposure(0.0))
     size = (camera.sensor.rows, camera.sensor.columns) if shape is None else shape
     if not isinstance(size, tuple | list) or len(size) != 2 or 0 in size:
         raise InputError(f"shape is {size!r}; it must be (rows, columns) of the window, e.g. (480, 640).")
-    device = Device(serial, (require_seed("shape", size[0]), require_seed("shape", size[1])), checked_origin(origin))
+    window = require_seed("shape", size[0]), require_seed("shape", size[1])
+    lanes = chosen_lanes("numpy", _precision(precision, camera, None, "physical"), 0)
+    device = Device(serial, window, checked_origin(origin), lanes=lanes)
     found: dict[str, NDArray[np.float64]] = {}
     for stage in physical_chain(camera):
         if hasattr(stage, "maps"):
-            found |= stage.maps(device)
+            found |= {name: np.asarray(x, dtype=np.float64) for name, x in stage.maps(device).items()}
     return found

@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 
 from ..engine import arrays, draws
 from ..engine.frame import Device
+from ..engine.lanes import Lanes, normals, uniforms
 from ..engine.moments import rectified_normal
 
 
@@ -26,7 +27,7 @@ class Pattern:
         """The camera's map, (H, W)."""
         return device.pattern(source, self.of_words)
 
-    def of_words(self, words: Any) -> Any:
+    def of_words(self, lanes: Lanes, words: Any) -> Any:
         """(H, W) words → (H, W) factors."""
         raise TypeError(f"{type(self).__name__} is not a family by itself")
 
@@ -40,18 +41,18 @@ class Pattern:
 class LogNormal(Pattern):
     """exp(σz − σ²/2), σ² = ln(1 + cv²): the long tail of hot pixels (paper eq. 18, made unit-mean)."""
 
-    def of_words(self, words: Any) -> Any:
+    def of_words(self, lanes: Lanes, words: Any) -> Any:
         """(H, W) words → (H, W) factors > 0."""
-        return draws.lognormal(words, self.cv)
+        return lanes.lognormal(words, self.cv)
 
 
 @dataclass(frozen=True)
 class Gamma(Pattern):
     """Gamma of shape k = cv⁻² and scale cv² (paper, long integration times)."""
 
-    def of_words(self, words: Any) -> Any:
+    def of_words(self, lanes: Lanes, words: Any) -> Any:
         """(H, W) words → (H, W) factors ≥ 0."""
-        return draws.gamma(words, self.cv)
+        return lanes.gamma(words, self.cv)
 
 
 @dataclass(frozen=True)
@@ -60,21 +61,24 @@ class Wald(Pattern):
 
     def map_of(self, device: Device, source: str) -> Any:
         """The camera's map, (H, W): the two roots of a χ² draw, and a second word that picks one."""
-        pick = device.pattern(f"{source}_pick", draws.survival)
-        return draws.wald(device.pattern(source, draws.normal), pick, self.cv)
+        return device.once((source, self), lambda: self._from(device, source))
+
+    def _from(self, device: Device, source: str) -> Any:
+        z, pick = device.pattern(source, normals), device.pattern(f"{source}_pick", uniforms)
+        return device.lanes.wald(z, pick, self.cv)
 
 
 @dataclass(frozen=True)
 class Gaussian(Pattern):
     """max(0, 1 + cv·z)/E[…]: normal, cut at zero, and of mean 1 for every cv."""
 
-    def of_words(self, words: Any) -> Any:
+    def of_words(self, lanes: Lanes, words: Any) -> Any:
         """(H, W) words → (H, W) factors ≥ 0."""
-        return self.of_normal(draws.normal(words))
+        return self.of_normal(lanes, lanes.normal(words))
 
-    def of_normal(self, z: Any) -> Any:
+    def of_normal(self, lanes: Lanes, z: Any) -> Any:
         """The factor of a standard normal."""
-        return arrays.maximum(1 + self.cv * z, 0.0) / rectified_normal(self.cv)[0]
+        return arrays.maximum(1 + lanes.number(self.cv) * z, 0.0) * lanes.number(1 / rectified_normal(self.cv)[0])
 
     @property
     def variance(self) -> float:
@@ -87,9 +91,9 @@ class Gaussian(Pattern):
 class Rectified(Gaussian):
     """max(0, 1 + cv·z): the paper's PRNU (eq. 15), whose mean rises when it cuts, by 8 % at cv = 1."""
 
-    def of_normal(self, z: Any) -> Any:
+    def of_normal(self, lanes: Lanes, z: Any) -> Any:
         """The factor of a standard normal."""
-        return arrays.maximum(1 + self.cv * z, 0.0)
+        return arrays.maximum(1 + lanes.number(self.cv) * z, 0.0)
 
     @property
     def mean(self) -> float:  # type: ignore[override]
@@ -106,9 +110,10 @@ class Rectified(Gaussian):
 class Logistic(Pattern):
     """max(0, 1 + s·ln((1−p)/p))/E[…], s = √3·cv/π: heavier tails than a normal (paper, 25 °C)."""
 
-    def of_words(self, words: Any) -> Any:
+    def of_words(self, lanes: Lanes, words: Any) -> Any:
         """(H, W) words → (H, W) factors ≥ 0."""
-        return arrays.maximum(1 + self._scale * draws.logistic(words), 0.0) / self._raw[0]
+        factor = arrays.maximum(1 + lanes.number(self._scale) * lanes.logistic(words), 0.0)
+        return factor * lanes.number(1 / self._raw[0])
 
     @property
     def variance(self) -> float:
@@ -137,7 +142,7 @@ class Autoregressive(Gaussian):
 
     def map_of(self, device: Device, source: str) -> Any:
         """The camera's map, (H, W)."""
-        return self.of_normal(device.correlated(source, self.coupling))
+        return self.of_normal(device.lanes, device.correlated(source, self.coupling))
 
 
 @dataclass(frozen=True)
@@ -148,4 +153,4 @@ class AutoregressiveRectified(Rectified):
 
     def map_of(self, device: Device, source: str) -> Any:
         """The camera's map, (H, W)."""
-        return self.of_normal(device.correlated(source, self.coupling))
+        return self.of_normal(device.lanes, device.correlated(source, self.coupling))

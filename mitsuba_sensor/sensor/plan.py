@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from ..engine.checks import check_types
 from ..engine.errors import require
 from ..engine.frame import Device, Exposure, Frame
+from ..engine.lanes import REFERENCE, SINGLE
 from ..engine.moments import Moments
 from ..engine.quantities import Photons
 from .account import stage_name
@@ -21,8 +22,9 @@ from .camera import Camera
 from .chain import chain
 from .digital import Adc
 from .electrons import Detection
-from .exposing import run_chain, strips_of
 from .inputs import as_photons
+from .precision import Float32, float32_effect
+from .running import run_chain, strips_of
 from .volts import SenseNode
 
 INDISPENSABLE = (Detection, SenseNode, Adc)
@@ -60,6 +62,7 @@ class Plan:
     effects: tuple[Effect, ...]
     stages: tuple[Any, ...] = field(repr=False)
     whole: tuple[Any, ...] = field(repr=False)
+    float32: Float32
     photons: Photons = field(repr=False)
     frame: Frame = field(repr=False)
 
@@ -72,15 +75,22 @@ class Plan:
             numbers = f"{e.mean_dn:>11.4g}{e.temporal_dn:>12.4g}{e.fixed_dn:>11.4g}"
             lines.append(f"{e.stage:<23}{'kept' if e.kept else 'left out':<10}{numbers}   {e.reason}")
         whole_s, planned_s = self.seconds
+        lines.append(self.float32.explain())
         lines.append(f"measured: {whole_s:.3g} s a frame with the whole chain, {planned_s:.3g} s with this plan")
         return "\n".join(lines)
+
+    @property
+    def precision(self) -> str:
+        """What ``expose(plan=…)`` computes in unless it is told: float64 where float32 would move too much."""
+        return self.float32.precision
 
     @cached_property
     def seconds(self) -> tuple[float, float]:
         """Measured seconds per frame, whole chain and plan: medians of interleaved runs of the scene's top strip."""
-        rows = next(strips_of(self.frame.device.shape))
+        rows = next(strips_of(self.frame.device.shape, REFERENCE.strip))
         strip = Photons(self.photons.mean[rows], self.photons.wavelengths_nm)
-        part = replace(self.frame, device=self.frame.device.rows_only(rows))
+        frame = self.frame.on(SINGLE if self.precision == "float32" else REFERENCE)
+        part = replace(frame, device=frame.device.rows_only(rows))
         times: tuple[list[float], list[float]] = ([], [])
         for run in range(RUNS + 1):
             for spent, stages in zip(times, (self.whole, self.stages), strict=True):
@@ -97,6 +107,7 @@ class Plan:
             "camera": self.camera,
             "tolerance_dn": self.tolerance_dn,
             "stages": [asdict(effect) for effect in self.effects],
+            "float32": {**asdict(self.float32), "precision": self.precision},
         }
 
 
@@ -125,7 +136,8 @@ def plan(
             out.add(stage)
     effects = tuple(_effect(stage, alone.get(stage), stage in out) for stage in whole)
     scene = Frame(exposure, Device(1, (light.mean.shape[0], light.mean.shape[1])))
-    return Plan(camera.name, tolerance_dn, effects, _without(whole, out), whole, light, scene)
+    kept = _without(whole, out)
+    return Plan(camera.name, tolerance_dn, effects, kept, whole, float32_effect(kept, levels, frame), light, scene)
 
 
 def _effect(stage: Any, moved: tuple[float, float, float] | None, left_out: bool) -> Effect:

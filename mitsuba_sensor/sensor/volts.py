@@ -8,8 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
-from ..engine import arrays, draws
+from ..engine import arrays
 from ..engine.frame import Device, Frame
+from ..engine.lanes import normals
 from ..engine.moments import Moments
 from ..engine.quantities import BOLTZMANN_J_PER_K, ELEMENTARY_CHARGE_C, Electrons
 
@@ -31,7 +32,7 @@ class SenseNode:
 
     def __call__(self, electrons: Electrons, frame: Frame) -> Any:
         """Electrons → swing (H, W) [V]."""
-        return self.gain_v_per_e * electrons.total
+        return frame.number(self.gain_v_per_e) * electrons.total
 
     def moments(self, m: Moments) -> Moments:
         """Scaled by A_SN."""
@@ -57,7 +58,7 @@ class NonlinearSenseNode:
 
     def __call__(self, electrons: Electrons, frame: Frame) -> Any:
         """Electrons → swing (H, W) [V], below V_REF/α."""
-        return -(self.v_ref_v / self.alpha) * arrays.expm1(-self._rate * electrons.total)
+        return frame.number(-self.v_ref_v / self.alpha) * arrays.expm1(frame.number(-self._rate) * electrons.total)
 
     def moments(self, m: Moments) -> Moments:
         """Second order in the noise; slope A_SN·e^(−αA_SN·N/V_REF)."""
@@ -84,7 +85,7 @@ class ResetNoise:
     def __call__(self, swing: Any, frame: Frame) -> Any:
         """Swing with signed, zero-mean noise."""
         sigma = self.sigma_v(frame)
-        return swing + sigma * frame.normal("reset") if sigma else swing
+        return swing + frame.number(sigma) * frame.normal("reset") if sigma else swing
 
     def moments(self, m: Moments) -> Moments:
         """Adds σ² to the temporal variance."""
@@ -108,7 +109,7 @@ class SourceFollowerNoise:
 
     def __call__(self, swing: Any, frame: Frame) -> Any:
         """Swing with noise."""
-        return swing + self.sigma_v * frame.normal("source_follower") if self.sigma_v else swing
+        return swing + frame.number(self.sigma_v) * frame.normal("source_follower") if self.sigma_v else swing
 
     def moments(self, m: Moments) -> Moments:
         """Adds σ² to the temporal variance."""
@@ -132,7 +133,7 @@ class Gain:
 
     def __call__(self, swing: Any, frame: Frame) -> Any:
         """Scaled swing."""
-        return swing if self.gain == 1 else self.gain * swing
+        return swing if self.gain == 1 else frame.number(self.gain) * swing
 
     def moments(self, m: Moments) -> Moments:
         """Scaled by the gain."""
@@ -163,7 +164,7 @@ class NonlinearSourceFollower:
 
     def __call__(self, swing: Any, frame: Frame) -> Any:
         """Bent swing."""
-        return self.gain * swing * (1 + self._bend * swing)
+        return (frame.number(self.gain) * swing) * (1 + frame.number(self._bend) * swing)
 
     def moments(self, m: Moments) -> Moments:
         """A parabola: exact for a normal signal. At full well γ = 1.05 multiplies the variance by 1.21."""
@@ -203,7 +204,7 @@ class ColumnGain:
 
     def maps(self, device: Device) -> dict[str, Any]:
         """``column_gain``: gain of every column, 1 on average, (1, W)."""
-        make = lambda: 1 + self.cv * device.line_pattern("column_gain", self.coupling)  # noqa: E731
+        make = lambda: 1 + device.number(self.cv) * device.line_pattern("column_gain", self.coupling)  # noqa: E731
         return {"column_gain": device.fixed("column_gain", make)}
 
 
@@ -226,7 +227,7 @@ class Offset:
         """Swing with the camera's offsets."""
         if self.sigma_e == 0 and self._name not in frame.device.given:
             return swing
-        return swing + self.residual * self.gain_v_per_e * self.maps(frame.device)[self._name]
+        return swing + frame.number(self.residual * self.gain_v_per_e) * self.maps(frame.device)[self._name]
 
     def moments(self, m: Moments) -> Moments:
         """Adds σ² to the fixed variance."""
@@ -236,7 +237,7 @@ class Offset:
 
     def maps(self, device: Device) -> dict[str, Any]:
         """The offsets in electrons, 0 on average."""
-        return {self._name: device.fixed(self._name, lambda: self.sigma_e * self._unit(device))}
+        return {self._name: device.fixed(self._name, lambda: device.number(self.sigma_e) * self._unit(device))}
 
     @property
     def _name(self) -> str:
@@ -275,7 +276,7 @@ class PixelOffset(Offset):
     def _unit(self, device: Device) -> Any:
         if self.coupling:
             return device.correlated(self.source, self.coupling)
-        return device.pattern(self.source, draws.normal)
+        return device.pattern(self.source, normals)
 
 
 @dataclass(frozen=True)

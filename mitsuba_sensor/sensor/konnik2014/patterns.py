@@ -12,8 +12,8 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy import special
 
-from ...engine import draws
 from ...engine.frame import Device
+from ...engine.lanes import normals
 from ...engine.moments import Moments
 
 
@@ -127,9 +127,7 @@ def fixed(device: Device, source: str, family: Family) -> Any:
     def make() -> Any:
         (rows, columns), (top, left) = device.shape, device.origin
         wide = Device(device.serial, (rows, columns + family.margin), (top, left - family.margin))
-        return family(
-            wide.line_pattern(source, 0.0) if source == "column_offset" else wide.pattern(source, draws.normal)
-        )
+        return family(wide.line_pattern(source, 0.0) if source == "column_offset" else wide.pattern(source, normals))
 
     return device.once((source, family), make)
 

@@ -1,0 +1,94 @@
+"""The engine that compiles: the stages are traced once into one kernel of Dr.Jit, for LLVM or for CUDA.
+
+Pixels lie in one long array; a pixel's place comes from its number. Whatever may change from call to call (numbers of
+the camera, seeds, the size of the window) goes in opaque, that is as data, so that only another choice of stages
+compiles another kernel.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .frame import Device
+from .lanes import BRIGHTEST, Single, held
+from .llvm import drjit
+from .quantiles import poisson
+from .words import halves, philox
+
+
+class Compiled(Single):
+    """Dr.Jit in float32.  backend : "llvm" or "cuda".  differentiable : use the types that carry derivatives."""
+
+    on_host = False
+    strip = 2**22
+    """Pixels of one launch: each map fills 16 MiB exactly, and Dr.Jit rounds its memory up to powers of two."""
+
+    def __init__(self, backend: str = "llvm", differentiable: bool = False) -> None:
+        self.dr = drjit()
+        module = importlib.import_module(f"drjit.{backend}.ad" if differentiable else f"drjit.{backend}")
+        self.float, self.uint = module.Float32, module.UInt32
+
+    def number(self, value: float) -> Any:
+        """A number of the camera, as a constant."""
+        return self.constant(value)
+
+    def constant(self, value: float) -> Any:
+        """One float32 that the kernel reads instead of holding."""
+        return self.dr.opaque(self.float, held(value))
+
+    def take(self, values: Any, device: Device) -> Any:
+        """One number per pixel; a line of columns or rows is looked up by each pixel's place."""
+        held = np.minimum(values, BRIGHTEST).astype(np.float32)
+        if held.size == 1:
+            return self.constant(float(held.ravel()[0]))
+        if held.shape == device.shape:
+            return self.float(held.ravel())
+        column, row = self._place(device)
+        return self.dr.gather(self.float, self.float(held.ravel()), column if held.shape[0] == 1 else row)
+
+    def give(self, signal: Any, device: Device) -> NDArray[Any]:
+        """Runs the kernel and waits for it."""
+        if isinstance(signal, float | int | np.ndarray):
+            return np.broadcast_to(np.asarray(signal), device.shape)
+        found = signal.numpy()
+        return np.broadcast_to(found[0], device.shape) if found.size == 1 else found.reshape(device.shape)
+
+    def codes(self, signal: Any, device: Device, out: NDArray[Any]) -> None:
+        """Runs the kernel; Dr.Jit knows no 16-bit numbers, so the host narrows them."""
+        np.copyto(out, self.uint(signal).numpy().reshape(device.shape), casting="unsafe")
+
+    def settle(self, device: Device) -> None:
+        """All maps of the device in one kernel."""
+        self.dr.eval([x for key, x in device.drawn.items() if isinstance(x, self.float) and key[0] != "line"])
+
+    def block(self, number: int, device: Device, frame: int, key: int) -> tuple[Any, Any, Any, Any]:
+        """The four words of block ``number`` for every pixel of the window."""
+        column, row = self._place(device)
+        low, high = (self._whole(half) for half in halves(key))
+        return philox((column, row, self._whole(frame), self.uint(number)), (low, high))
+
+    def poisson(self, words: Any, mean: Any) -> Any:
+        """Poisson counts about ``mean``, one or one per pixel."""
+        return poisson(words, self.float(mean))
+
+    def _whole(self, value: int) -> Any:
+        return self.dr.opaque(self.uint, value)
+
+    def _place(self, device: Device) -> tuple[Any, Any]:
+        """Sensor column and row of every pixel: a division by the width through a product with 2³²/width."""
+        return device.once("place", lambda: self._divided(device))
+
+    def _divided(self, device: Device) -> tuple[Any, Any]:
+        dr, (height, width) = self.dr, device.shape
+        number, across = dr.arange(self.uint, height * width), self._whole(width)
+        if width == 1:
+            return self.uint(0) + self._whole(device.origin[1]), number + self._whole(device.origin[0])
+        row = dr.mul_hi(number, self._whole(2**32 // width))  # this or one too few
+        column = number - row * across
+        short = column >= across
+        column, row = dr.select(short, column - across, column), dr.select(short, row + 1, row)
+        return column + self._whole(device.origin[1]), row + self._whole(device.origin[0])

@@ -1,0 +1,152 @@
+"""Which LLVM Dr.Jit may load, and Dr.Jit itself.
+
+Dr.Jit initialises LLVM while it is *imported*, so the library is chosen before: versions are read from file names and
+ELF sonames, never by loading. drjit 1.5.0 refuses LLVM 14, and 15 and 16 abort the process (they cannot select
+``llvm.maximum``); 19 and 22 are known to work. Every ``import drjit`` of this package goes through :func:`drjit`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import glob
+import importlib
+import mmap
+import os
+import re
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from types import ModuleType
+
+OLDEST_LLVM = 17
+LLVM_PATH = "DRJIT_LIBLLVM_PATH"
+NO_LIBRARY = os.devnull  # what Dr.Jit is pointed to when no LLVM may be loaded: it then finds none and says so
+
+# Dr.Jit looks in /usr/lib/<triplet> only; the others are where distributions, Conda and Homebrew put it.
+FOLDERS = (
+    "/usr/lib/x86_64-linux-gnu",
+    "/usr/lib/aarch64-linux-gnu",
+    "/usr/lib64",
+    "/usr/lib",
+    "/usr/local/lib",
+    "/usr/lib/llvm-*/lib",
+    "/usr/lib/llvm/*/lib64",
+    os.path.join(sys.prefix, "lib"),
+    "/opt/homebrew/opt/llvm*/lib",
+    "/usr/local/opt/llvm*/lib",
+)
+NAMES = ("libLLVM.dylib", "libLLVM-*.dylib") if sys.platform == "darwin" else ("libLLVM.so*", "libLLVM-*.so*")
+
+
+@dataclass(frozen=True)
+class LlvmLibrary:
+    """One LLVM library file on this machine. version : major version, or 0 where it cannot be told."""
+
+    path: str
+    version: int
+    usable: bool
+    reason: str
+
+
+def find_llvm(folders: tuple[str, ...] | None = None) -> list[LlvmLibrary]:
+    """All LLVM libraries, $DRJIT_LIBLLVM_PATH first, then the newest first; none of them is loaded.
+
+    folders : where to look (glob patterns); the usual places by default.
+    """
+    patterns = [os.path.join(f, n) for f in (FOLDERS if folders is None else folders) for n in NAMES]
+    found = {os.path.realpath(p): p for pattern in patterns for p in sorted(glob.glob(pattern))}
+    named = os.environ.get(LLVM_PATH, "")
+    first = [inspect_llvm(named)] if named and named != NO_LIBRARY else []
+    rest = sorted((inspect_llvm(p) for p in found), key=lambda library: -library.version)
+    return first + [library for library in rest if not first or library.path != os.path.realpath(named)]
+
+
+def inspect_llvm(path: str) -> LlvmLibrary:
+    """Judge one library file by its name and its bytes."""
+    real = os.path.realpath(path)
+    try:
+        with open(real, "rb") as file:
+            if not _same_machine(file.read(20)):
+                return LlvmLibrary(real, 0, False, "not a shared library for this processor")
+        version = _version_in(os.path.basename(real)) or _version_inside(real)
+    except (OSError, ValueError) as error:
+        return LlvmLibrary(real, 0, False, f"cannot be read ({error})")
+    if not version:
+        return LlvmLibrary(real, 0, False, "does not say which LLVM it is")
+    if version < OLDEST_LLVM:
+        return LlvmLibrary(real, version, False, f"older than {OLDEST_LLVM}: Dr.Jit refuses it or aborts the process")
+    return LlvmLibrary(real, version, True, "usable")
+
+
+def _version_in(text: str) -> int:
+    """Major version in a file name or soname: libLLVM-15.so.1, libLLVM.so.19.1, libLLVM-14.0.6.so.1."""
+    match = re.search(r"LLVM(?:-|\.so\.|\.)(\d+)", text)
+    return int(match.group(1)) if match else 0
+
+
+def _version_inside(path: str) -> int:
+    """Major version from the soname or the symbol version (LLVM_19.1) among the strings of the file."""
+    with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        match = re.search(rb"\0libLLVM(?:-|\.so\.)(\d+)[^\0]*\0|\0LLVM_(\d+)[.0-9]*\0", data)
+        return int(match.group(1) or match.group(2)) if match else 0
+
+
+def _same_machine(head: bytes) -> bool:
+    """True if an ELF header has the word size, byte order and processor of this very interpreter."""
+    if sys.platform != "linux":
+        return len(head) == 20
+    with open(os.path.realpath("/proc/self/exe"), "rb") as file:
+        mine = file.read(20)
+    return head[:6] == mine[:6] and head[18:20] == mine[18:20]
+
+
+def guard_llvm() -> LlvmLibrary | None:
+    """Point Dr.Jit, not yet imported, to the first usable library, or to nothing; return that library."""
+    library = next((one for one in find_llvm() if one.usable), None)
+    os.environ[LLVM_PATH] = library.path if library else NO_LIBRARY
+    return library
+
+
+def drjit() -> ModuleType:
+    """Import Dr.Jit with the guard in front of it."""
+    if "drjit" in sys.modules:
+        return importlib.import_module("drjit")
+    with _silence(guard_llvm() is None):
+        return importlib.import_module("drjit")
+
+
+@contextlib.contextmanager
+def _silence(wanted: bool) -> Iterator[None]:
+    """Keep what C code writes to file 2 off the screen: Dr.Jit's complaint about the LLVM we do not let it have."""
+    if not wanted:
+        yield
+        return
+    sys.stderr.flush()
+    saved, nothing = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nothing, 2)
+        yield
+    finally:
+        os.dup2(saved, 2)
+        os.close(saved)
+        os.close(nothing)
+
+
+def llvm_version() -> int:
+    """Major version of the LLVM that Dr.Jit has loaded, 0 if none."""
+    dr = drjit()
+    return max(int(dr.detail.llvm_version()[0]), 0) if dr.has_backend(dr.JitBackend.LLVM) else 0
+
+
+def backend_problem(backend: str) -> str | None:
+    """Why this back end (scalar, llvm, cuda) cannot be used in this process, or None if it can."""
+    dr = drjit()
+    if backend == "cuda":
+        return None if dr.has_backend(dr.JitBackend.CUDA) else "no CUDA device or driver"
+    if backend == "llvm":
+        version = llvm_version()
+        if version == 0:
+            return f"no LLVM {OLDEST_LLVM} or newer on this machine"
+        if version < OLDEST_LLVM:  # somebody imported Mitsuba before us, without the guard
+            return f"only LLVM {version} in Dr.Jit, which aborts the process; import mitsuba_sensor before mitsuba"
+    return None

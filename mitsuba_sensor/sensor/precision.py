@@ -1,0 +1,59 @@
+"""What float32 costs: the same pixels with the same words once more in float64."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from ..engine.frame import Device, Frame
+from ..engine.lanes import REFERENCE, SINGLE
+from ..engine.quantities import Photons
+from .running import run_chain
+
+SHARE, LARGEST_DN = 0.01, 1.0
+"""More pixels than this, or a larger step, and float64 is the better choice."""
+
+PIXELS = 2**14
+"""Pixels that are compared; a share of 1 % is then known to 0.1 %."""
+
+
+@dataclass(frozen=True)
+class Float32:
+    """How far float32 frames are from float64 frames drawn with equal words.
+
+    share_of_pixels : that differ at all, 0 … 1.  largest_dn : the largest difference [DN].
+    """
+
+    share_of_pixels: float
+    largest_dn: float
+
+    @property
+    def precision(self) -> Literal["float32", "float64"]:
+        """float64 where more than 1 % of the pixels or more than 1 DN move."""
+        return "float64" if self.share_of_pixels > SHARE or self.largest_dn > LARGEST_DN else "float32"
+
+    def explain(self) -> str:
+        """One line for people."""
+        if not self.share_of_pixels:
+            return "float32: no pixel differs from float64"
+        end = "float32 is enough" if self.precision == "float32" else "precision float64 is better"
+        share = f"{100 * self.share_of_pixels:.2g} % of the pixels"
+        return f"float32: {share} differ from float64, by at most {self.largest_dn:g} DN; {end}"
+
+
+def float32_effect(stages: tuple[Any, ...], levels: Photons, frame: Frame) -> Float32:
+    """Compare both precisions on the light levels of a scene, as often as makes PIXELS of them.
+
+    levels : one window (H, W) or (H, W, B).  frame : whose exposure, serial and seed to take.
+    """
+    height, width = levels.mean.shape[:2]
+    times = -(-PIXELS // (height * width))
+    light = Photons(np.concatenate([levels.mean] * times), levels.wavelengths_nm)
+    window = Frame(frame.exposure, Device(frame.device.serial, (height * times, width)), frame.seed)
+    with np.errstate(over="ignore", invalid="ignore"):
+        single, double = (run_chain(stages, light, window.on(lanes)) for lanes in (SINGLE, REFERENCE))
+    moved = np.abs(np.subtract(single, double, dtype=np.float64))
+    moved = np.where(np.isfinite(moved), moved, stages[-1].highest)
+    return Float32(float(np.mean(moved > 0)), float(moved.max()))

@@ -1,0 +1,173 @@
+"""How a frame is run: in strips of rows, on the threads of the host or by a compiled kernel."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..engine.errors import InputError, nearest
+from ..engine.frame import Device, Frame
+from ..engine.lanes import REFERENCE, SINGLE, Lanes
+from ..engine.llvm import backend_problem
+from ..engine.quantities import Electrons, Photons
+from .account import plain
+
+Engine = Literal["auto", "numpy", "drjit", "cuda"]
+Precision = Literal["auto", "float32", "float64"]
+
+ENGINES = ("auto", "numpy", "drjit", "cuda")
+PRECISIONS = ("auto", "float32", "float64")
+
+WORTH_COMPILING = 2**20
+"""Pixels in all frames together from which on "auto" compiles a kernel; below, NumPy has finished sooner."""
+
+Sinks = dict[str, NDArray[Any]]
+
+
+def chosen_lanes(engine: str, precision: str, pixels: int) -> Lanes:
+    """The engine for so many pixels. precision : "float32" or "float64"; the latter is NumPy's.
+
+    Raises InputError for an unknown engine, one that is not on this machine, and float64 on a compiled engine.
+    """
+    if engine not in ENGINES:
+        raise InputError(
+            f"engine is {engine!r}; it must be one of {', '.join(ENGINES)}.{nearest(str(engine), ENGINES)}"
+        )
+    if precision == "float64":
+        if engine in ("drjit", "cuda"):
+            raise InputError(
+                f"engine is {engine!r} and precision float64; the compiled engines are float32: take numpy."
+            )
+        return REFERENCE
+    if engine == "numpy" or (engine == "auto" and (pixels < WORTH_COMPILING or backend_problem("llvm"))):
+        return SINGLE
+    backend = "cuda" if engine == "cuda" else "llvm"
+    problem = backend_problem(backend)
+    if problem:
+        way_out = "take engine numpy" + (", or apt-get install libllvm19" if backend == "llvm" else "")
+        raise InputError(f"engine is {engine!r}, but there is {problem}; {way_out}.")
+    from ..engine.compiled import Compiled  # imports Dr.Jit
+
+    return Compiled(backend)
+
+
+def strips_of(shape: tuple[int, int], pixels: int) -> Iterator[slice]:
+    """Whole rows of about so many pixels; no result depends on how many."""
+    height = max(pixels // shape[1], 1)
+    for start in range(0, shape[0], height):
+        yield slice(start, min(start + height, shape[0]))
+
+
+@dataclass(eq=False)
+class Run:
+    """Frames of one device and one light, strip by strip of rows; maps stay with their strips between the frames.
+
+    On NumPy as many strips as there are processors are in flight; a compiled kernel shares them out by itself.
+    """
+
+    stages: tuple[Any, ...]
+    light: Photons
+    first: Frame
+    _parts: dict[int, tuple[Device, Any]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        lanes = self.first.device.lanes
+        self._rows = list(strips_of(self.first.device.shape, lanes.strip))
+        workers = min(len(os.sched_getaffinity(0)), len(self._rows)) if lanes.on_host else 1
+        self._pool = ThreadPoolExecutor(workers) if workers > 1 else None
+
+    def frame(self, index: int, sinks: Sinks, last: bool = False) -> None:
+        """Frame ``index`` into the arrays (H, W) of ``sinks``, by the name of the signal. last : drop the maps."""
+        jobs = [(number, index, sinks, last) for number in range(len(self._rows))]
+        if self._pool is None:
+            for job in jobs:
+                self._strip(*job)
+            return
+        for done in [self._pool.submit(self._strip, *job) for job in jobs]:
+            done.result()
+
+    def close(self) -> None:
+        """Let the threads and the maps go."""
+        self._parts.clear()
+        if self._pool:
+            self._pool.shutdown()
+
+    def _strip(self, number: int, index: int, sinks: Sinks, last: bool) -> None:
+        rows = self._rows[number]
+        strip = Photons(self.light.mean[rows], self.light.wavelengths_nm)
+        device, start = self._parts.pop(number) if number in self._parts else self._part(strip, rows)
+        if not last:
+            self._parts[number] = device, start
+        frame = Frame(self.first.exposure, device, self.first.seed, index)
+        if "photons" in sinks:
+            sinks["photons"][rows] = strip.total
+        for name, signal in signals(self.stages, strip if start is None else start, frame):
+            if name == "digital":
+                device.lanes.codes(signal, device, sinks[name][rows])
+            elif name in sinks:
+                sinks[name][rows] = device.lanes.give(signal, device)
+
+    def _part(self, strip: Photons, rows: slice) -> tuple[Device, Any]:
+        """The strip's device with its maps, and for a compiled engine the light that it has detected."""
+        device = self.first.device.rows_only(rows)
+        if device.lanes.on_host:
+            return device, None
+        return device, begin(self.stages, strip, replace(self.first, device=device))
+
+
+def begin(stages: tuple[Any, ...], light: Photons, frame: Frame) -> Electrons:
+    """What a compiled engine does once for many frames: it detects the light and makes the device's maps."""
+    electrons = detected(stages[0], light, frame)
+    for stage in stages:
+        if hasattr(stage, "maps"):
+            stage.maps(frame.device)
+    frame.device.lanes.settle(frame.device)
+    return electrons
+
+
+def detected(detection: Any, light: Photons, frame: Frame) -> Electrons:
+    """Mean electrons for a compiled engine, by way of the host, a few rows at a time."""
+    device, host = frame.device, frame.on(SINGLE).device
+    parts = [
+        detection(
+            Photons(light.mean[rows], light.wavelengths_nm), replace(frame, device=host.rows_only(rows), _blocks={})
+        )
+        for rows in strips_of(device.shape, SINGLE.strip)
+    ]
+    if isinstance(parts[0].yield_mean, float):
+        return Electrons(device.lanes.take(np.concatenate([part.light for part in parts]), device))
+    layers = (np.concatenate([getattr(part, name) for part in parts]) for name in LAYERS)
+    light_e, mean, variance = (device.lanes.take(layer, device) for layer in layers)
+    return Electrons(light_e, yield_mean=mean, yield_variance=variance)
+
+
+LAYERS = ("light", "yield_mean", "yield_variance")
+
+
+def run_chain(stages: tuple[Any, ...], light: Photons | Electrons, frame: Frame) -> Any:
+    """One frame through these stages: digital numbers (H, W), as floats."""
+    signal: Any = light
+    for stage in stages:
+        signal = stage(signal, frame)
+    return signal
+
+
+def signals(stages: tuple[Any, ...], start: Any, frame: Frame) -> Iterator[tuple[str, Any]]:
+    """One frame through the chain, from photons or from the electrons detected; (name, signal) at each room's door."""
+    signal: Any = start
+    left = stages if isinstance(start, Photons) else stages[1:]
+    for stage, following in zip(left, (*left[1:], None), strict=True):
+        signal = stage(signal, frame)
+        if following is None:
+            yield "digital", signal
+        elif following.room != stage.room and stage.room != "photons":
+            if isinstance(signal, Electrons):
+                yield "light_electrons", signal.light
+                yield "dark_electrons", signal.dark
+            yield stage.room, plain(signal)
