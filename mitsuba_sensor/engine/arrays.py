@@ -217,8 +217,9 @@ def repeat(going: Callable[..., Any], step: Callable[..., tuple[Any, ...]], stat
     index, live = np.arange(result.size), tuple(x.ravel() for x in state)
     while index.size:
         on = going(*live)
-        result.ravel()[index[~on]] = live[-1][~on]
-        index, live = index[on], step(*(x[on] for x in live))
+        done, rest = np.flatnonzero(~on), np.flatnonzero(on)
+        result.ravel()[index[done]] = live[-1][done]
+        index, live = index[rest], step(*(x[rest] for x in live))
     return result
 
 

@@ -131,7 +131,7 @@ class Device:
             line = np.concatenate([self._ar_line(source, start, coupling, axis) for start in starts])[window]
             return self.lanes.take(line[None, :] if axis else line[:, None], self)
 
-        return self.once(("line", source, coupling, axis), make)
+        return self.once((source, coupling, axis), make)
 
     def _ar_line(self, source: str, start: int, coupling: float, axis: int) -> Any:
         margin, zero = draws.AR_WARM_UP, np.zeros(1, dtype=np.int64)

@@ -27,8 +27,9 @@ class Lanes:
 
     precision: Literal["float32", "float64"] = "float64"
     on_host: bool = True
-    strip: int = 2**15
-    """Pixels that are in flight at a time: what they need fits into a processor's own cache."""
+    strip: int = 2**17
+    """Pixels that are in flight at a time. Fewer, and threads wait for each other at every operation; more, and what
+    they need leaves the cache: 102 ns a pixel with 2^17 on two threads, 234 with 2^15, 129 with 2^19."""
 
     def number(self, value: float) -> Any:
         """A number of the camera, as it meets the pixels."""

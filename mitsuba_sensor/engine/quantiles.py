@@ -143,28 +143,32 @@ def _expand(words: Any, mean: Any) -> Any:
 
 
 def _search(words: Any, mean: Any) -> Any:
-    """Smallest n whose cumulated probability reaches 1 − survival; both sides are kept times n!, to save a division."""
+    """Smallest n whose cumulated probability reaches 1 − survival.
+
+    ``left`` is what is missing to it, times n!, so that no step divides.
+    """
     reach = 0.5 + (arrays.double(_signed(words)) + 0.5) * 2.0**-32
     rate = arrays.double(mean)
     none = _exp_of_minus(rate)
-    return arrays.real(arrays.repeat(_short, _one_more, (none, none * rate, reach, rate, reach * 0.0)))
+    left = reach - none
+    return arrays.real(arrays.repeat(_missing, _one_more, (left, none * rate, rate, left * 0.0)))
 
 
-def _short(cumulated: Any, term: Any, reach: Any, rate: Any, count: Any) -> Any:
-    return cumulated < reach
+def _missing(left: Any, term: Any, rate: Any, count: Any) -> Any:
+    return left > 0
 
 
-def _one_more(cumulated: Any, term: Any, reach: Any, rate: Any, count: Any) -> tuple[Any, ...]:
+def _one_more(left: Any, term: Any, rate: Any, count: Any) -> tuple[Any, ...]:
     count = count + 1.0
-    return cumulated * count + term, term * rate, reach * count, rate, count
+    return left * count - term, term * rate, rate, count
 
 
-SERIES = tuple(1 / math.factorial(k) for k in range(14))
+SERIES = tuple(1 / math.factorial(k) for k in range(9))
 
 
 def _exp_of_minus(x: Any) -> Any:
-    """e^−x in float64 for 0 ≤ x < 10, to 1e-15: sixteen times the sixteenth part, whose series is short."""
-    power = arrays.polynomial(x * (-1 / 16), SERIES)
-    for _ in range(4):
+    """e^−x in float64 for 0 ≤ x < 10, to 1e-11: the 64th part, whose series is short, squared six times."""
+    power = arrays.polynomial(x * (-1 / 64), SERIES)
+    for _ in range(6):
         power = power * power
     return power

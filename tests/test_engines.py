@@ -1,0 +1,244 @@
+"""Same seed, same bytes: NumPy in float32 and the compiled kernel, whatever the camera, the threads, the window."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.engine.lanes import REFERENCE, SINGLE
+from mitsuba_sensor.engine.llvm import backend_problem, drjit
+from mitsuba_sensor.sensor import running
+
+problem = backend_problem("llvm")
+compiled = pytest.mark.skipif(problem is not None, reason=str(problem))
+no_cuda = backend_problem("cuda")
+
+TABLE1 = ms.load_camera("konnik_table1")
+EXPOSURE = ms.Exposure(0.1)
+SHAPE = (231, 217)
+"""Fifty thousand pixels, and no multiple of a vector of 8."""
+
+RAMP = np.linspace(0.0, 1.0, SHAPE[0] * SHAPE[1]).reshape(SHAPE) ** 3
+BENT = {
+    "readout.reset": "hard",
+    "readout.ve_nonlinearity": 0.05,
+    "source_follower.vv_nonlinearity": 1.05,
+    "adc.gamma": 1.04,
+}
+UNIFORM = {"weight": 0.2, "family": "uniform", "low": 45, "high": 440, "unit": "dn"}
+NORMAL = {"weight": 0.3, "family": "normal", "mean": 400, "sigma": 50, "unit": "e_per_s"}
+BLINKING = {"blinking_share": 0.2, "blinking_e_per_s": 900.0, "blinking_switching": 0.5}
+OPTIONS: dict[str, dict[str, Any]] = {
+    "as shipped": {},
+    "8 bit": {"adc.bits": 8},
+    "16 bit": {"adc.bits": 16},
+    "16 bit, everything bent": {"adc.bits": 16, **BENT},
+    "small well": {"pixel.full_well_e": 1000.0},
+    "low gain": {"adc.full_scale_v": 5.0},
+    "coupled maps": {"pixel.prnu_pattern": "ar", "pixel.prnu_coupling": 0.25, "readout.column_coupling": 0.4},
+    "log-normal prnu": {"pixel.prnu_pattern": "lognormal", "pixel.prnu": 0.3},
+    "gaussian dark": {"dark_current.pattern": "gaussian", "dark_current.cv": 0.8},
+    "gamma dark": {"dark_current.pattern": "gamma", "dark_current.cv": 0.4},
+    "wald dark": {"dark_current.pattern": "wald", "dark_current.cv": 1.0},
+    "logistic dark": {"dark_current.pattern": "logistic", "dark_current.cv": 0.6},
+    "coupled dark": {"dark_current.pattern": "ar", "dark_current.coupling": 0.3},
+    "parts": {"dark_current.parts": [UNIFORM, NORMAL]},
+    "blinking": {f"dark_current.{key}": value for key, value in BLINKING.items()},
+    "offsets": {"readout.row_offset": 1e-3, "readout.row_coupling": 0.2, "pixel.offset_e": 10.0},
+    "coupled pixels": {"pixel.offset_e": 10.0, "pixel.offset_coupling": 0.3},
+    "column gain": {"readout.column_gain": 0.02, "readout.column_gain_coupling": 0.1},
+    "steps": {"adc.bits": 10, "adc.dnl_lsb": {"100": 0.7, "511": -1.0, "900": 0.3}},
+    "quantum yield": {"quantum_efficiency.quantum_yield": [2.3, 1.1], "quantum_efficiency.fano_factor": 0.1},
+    "no noise at all": {"pixel.prnu": 0.0, "dark_current.cv": 0.0, "readout.column_offset": 0.0},
+}
+
+
+def frame(camera: ms.Camera, light: Any, engine: str, **how: Any) -> np.ndarray[Any, Any]:
+    return ms.expose(light, camera, EXPOSURE, engine=engine, **how).digital  # type: ignore[arg-type]
+
+
+def dark_to_saturation(camera: ms.Camera) -> Any:
+    """Half of the ramp below 1/8 of the well, its end 10 % beyond it."""
+    wavelength = camera.quantum_efficiency.reference_nm
+    return RAMP * 1.1 * camera.pixel.full_well_e / camera.qe([wavelength]).max()
+
+
+@compiled
+@pytest.mark.parametrize("case", OPTIONS)
+def test_numpy_and_the_kernel_deliver_the_same_bytes_with_every_option(case: str) -> None:
+    """0 of 50 000 pixels in each of 21 cameras, 1.05 million in all, from darkness to saturation."""
+    camera = TABLE1.replace(**OPTIONS[case])
+    light = dark_to_saturation(camera)
+    one, other = (frame(camera, light, engine, seed=3, serial=8) for engine in ("numpy", "drjit"))
+    assert one.min() < one.max() and one.dtype == other.dtype
+    np.testing.assert_array_equal(one, other)
+
+
+@compiled
+@pytest.mark.parametrize("name", ms.list_cameras())
+def test_numpy_and_the_kernel_deliver_the_same_bytes_for_every_camera_file(name: str) -> None:
+    camera = ms.load_camera(name)
+    light = dark_to_saturation(camera)
+    np.testing.assert_array_equal(frame(camera, light, "numpy"), frame(camera, light, "drjit"))
+
+
+@compiled
+def test_bands_and_given_maps_are_the_same_on_both() -> None:
+    light = dark_to_saturation(TABLE1)[..., None] * [0.2, 0.5, 0.3]
+    maps = {"prnu": np.random.default_rng(1).normal(1, 0.1, SHAPE), "column_offset_e": np.full((1, SHAPE[1]), -40.0)}
+    how: dict[str, Any] = {"wavelengths_nm": [460.0, 550.0, 820.0], "maps": maps}
+    np.testing.assert_array_equal(frame(TABLE1, light, "numpy", **how), frame(TABLE1, light, "drjit", **how))
+
+
+@compiled
+@pytest.mark.parametrize("keep", ["light_electrons", "dark_electrons", "electrons", "volts"])
+def test_the_signals_on_the_way_are_the_same_bits_too(keep: str) -> None:
+    camera = TABLE1.replace(**BENT)
+    light = dark_to_saturation(camera)
+    one, other = (
+        getattr(ms.expose(light, camera, EXPOSURE, keep=keep, engine=engine), keep) for engine in ("numpy", "drjit")
+    )
+    np.testing.assert_array_equal(one, other)
+
+
+@compiled
+def test_one_thread_and_two_deliver_the_same_bytes(monkeypatch: pytest.MonkeyPatch) -> None:
+    camera, light = TABLE1.replace(**BENT), np.tile(dark_to_saturation(TABLE1), (4, 1))
+    threads = drjit().thread_count()
+    try:
+        frames = []
+        for count in (1, 2):
+            drjit().set_thread_count(count)
+            monkeypatch.setattr(os, "sched_getaffinity", lambda _, count=count: set(range(count)))
+            frames += [frame(camera, light, engine) for engine in ("numpy", "drjit")]
+    finally:
+        drjit().set_thread_count(threads)
+    assert len({one.tobytes() for one in frames}) == 1
+
+
+@compiled
+def test_a_crop_is_the_crop_of_the_frame_in_any_order_and_batch() -> None:
+    """Frames 3 … 5 of a window, alone, together, backwards and streamed."""
+    camera = TABLE1.replace(**BENT, **{"pixel.offset_e": 10.0})
+    light = dark_to_saturation(camera)
+    whole = frame(camera, light, "drjit", frames=3, first_frame=3)
+    rows, columns = slice(101, 190), slice(7, 100)
+    window = light[rows, columns]
+    for index in (2, 0, 1):
+        alone = frame(camera, window, "drjit", first_frame=3 + index, origin=(101, 7))
+        np.testing.assert_array_equal(alone[0], whole[index, rows, columns])
+    streamed = list(ms.stream(light, camera, EXPOSURE, frames=3, first_frame=3, engine="drjit"))
+    np.testing.assert_array_equal(streamed, whole)
+
+
+@compiled
+def test_more_than_one_launch_makes_the_same_frame(monkeypatch: pytest.MonkeyPatch) -> None:
+    from mitsuba_sensor.engine.compiled import Compiled
+
+    camera, light = TABLE1.replace(**BENT), dark_to_saturation(TABLE1)
+    whole = frame(camera, light, "drjit", frames=2)
+    monkeypatch.setattr(Compiled, "strip", 3000)
+    np.testing.assert_array_equal(frame(camera, light, "drjit", frames=2), whole)
+
+
+@compiled
+@pytest.mark.parametrize("shape", [(1, 1), (1, 1000), (1000, 1), (3, 2**16 + 1)])
+def test_windows_of_any_shape_are_the_same(shape: tuple[int, int]) -> None:
+    light, how = np.full(shape, 20_000.0), {"origin": (40_000, 3_000_000)}
+    np.testing.assert_array_equal(frame(TABLE1, light, "numpy", **how), frame(TABLE1, light, "drjit", **how))
+
+
+@compiled
+def test_a_changed_number_compiles_nothing_and_a_source_left_out_does() -> None:
+    """Numbers go in as data. (Kernels are counted by Dr.Jit itself.)"""
+    dr, light = drjit(), dark_to_saturation(TABLE1)
+    camera = TABLE1.replace(**BENT)
+
+    def compiles(changed: ms.Camera, exposure: ms.Exposure = EXPOSURE, **how: Any) -> int:
+        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+            dr.kernel_history_clear()
+            ms.expose(light, changed, exposure, engine="drjit", **how)
+            return sum(not one["cache_hit"] for one in dr.kernel_history([dr.KernelType.JIT]))
+
+    compiles(camera)
+    numbers = {"pixel.full_well_e": 2e4, "pixel.prnu": 0.02, "source_follower.gain": 0.7, "adc.gamma": 1.1}
+    numbers |= {"readout.ve_nonlinearity": 0.2, "dark_current.cv": 0.3, "adc.bits": 11, "adc.pedestal_dn": 7.0}
+    for field, value in numbers.items():
+        assert compiles(camera.replace(**{field: value})) == 0, field
+    assert compiles(camera, ms.Exposure(0.02, 280.0), seed=9, serial=2**40, first_frame=77, origin=(5, 6)) == 0
+    compiles(camera.replace(**{"adc.gamma": None, "adc.ile": None}))
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        dr.kernel_history_clear()
+        ms.expose(light, camera.replace(**{"adc.gamma": None}), EXPOSURE, engine="drjit")
+        shorter = dr.kernel_history([dr.KernelType.JIT])[-1]
+        dr.kernel_history_clear()
+        ms.expose(light, camera, EXPOSURE, engine="drjit")
+        assert dr.kernel_history([dr.KernelType.JIT])[-1]["hash"] != shorter["hash"]
+
+
+@compiled
+def test_auto_compiles_for_much_work_and_not_for_little(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert running.chosen_lanes("auto", "float32", 1000) is SINGLE
+    assert not running.chosen_lanes("auto", "float32", 10**8).on_host
+    assert running.chosen_lanes("auto", "float64", 10**8) is REFERENCE
+    monkeypatch.setattr(running, "backend_problem", lambda backend: "no LLVM")
+    assert running.chosen_lanes("auto", "float32", 10**8) is SINGLE
+
+
+@pytest.mark.parametrize(
+    ("how", "sentence"),
+    [
+        ({"engine": "nunpy"}, "Did you mean"),
+        ({"engine": "drjit", "precision": "float64"}, "take numpy"),
+        ({"precision": "double"}, "float32, float64"),
+        ({"engine": "drjit", "chain": "konnik2014"}, "take numpy"),
+    ],
+)
+def test_an_engine_that_is_not_there_is_one_sentence(how: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(ms.InputError, match=sentence):
+        ms.expose([[1.0]], TABLE1, EXPOSURE, **how)
+
+
+def test_without_llvm_the_compiled_engine_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(running, "backend_problem", lambda backend: "no LLVM 17 or newer on this machine")
+    with pytest.raises(ms.InputError, match=r"take engine numpy, or apt-get install libllvm19\.$"):
+        ms.expose([[1.0]], TABLE1, EXPOSURE, engine="drjit")
+
+
+@pytest.mark.skipif(no_cuda is not None, reason=f"{no_cuda}")
+def test_cuda_has_the_same_words_and_at_most_1_dn() -> None:
+    light = dark_to_saturation(TABLE1)
+    one, other = (frame(TABLE1.replace(**BENT), light, engine).astype(int) for engine in ("numpy", "cuda"))
+    assert np.abs(one - other).max() <= 1
+
+
+def test_float64_is_the_twin_of_float32_with_the_same_words() -> None:
+    """12 bits: fewer than 1 % of the pixels move, and by 1 DN; the plan finds that without the frames."""
+    camera, light = TABLE1.replace(**BENT), dark_to_saturation(TABLE1)
+    single, double = (
+        ms.expose(light, camera, EXPOSURE, engine="numpy", precision=precision).digital.astype(int)
+        for precision in ("float32", "float64")
+    )
+    moved = np.abs(single - double)
+    assert moved.max() == 1 and 0 < np.mean(moved > 0) < 0.01
+    found = ms.plan(camera, EXPOSURE, light)
+    assert found.precision == "float32" and found.float32.share_of_pixels < 0.01
+    assert "float32 is enough" in found.explain() or "no pixel differs" in found.explain()
+
+
+def test_where_float32_moves_too_much_the_plan_says_so_and_takes_float64() -> None:
+    """24 bits: every code moves. Without a plan a full well beyond 2^24 e- is enough to leave float32."""
+    camera, light = TABLE1.replace(**{"adc.bits": 24}), dark_to_saturation(TABLE1)
+    found = ms.plan(camera, EXPOSURE, light)
+    assert found.precision == "float64" and found.to_dict()["float32"]["share_of_pixels"] > 0.01
+    assert "precision float64 is better" in found.explain()
+    frames = ms.expose(light, camera, EXPOSURE, plan=found)
+    exact = ms.expose(light, camera, EXPOSURE, precision="float64")
+    np.testing.assert_array_equal(frames.digital, exact.digital)
+    assert ms.expose([[1.0]], TABLE1, EXPOSURE).first.device.lanes is SINGLE
+    deep = TABLE1.replace(**{"pixel.full_well_e": 2e7})
+    assert ms.expose([[1.0]], deep, EXPOSURE).first.device.lanes is REFERENCE
