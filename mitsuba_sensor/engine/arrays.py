@@ -53,28 +53,27 @@ def maximum(x: Any, y: Any) -> Any:
     return np.maximum(x, y) if on_host(x, y) else _drjit().select(x > y, x, y)
 
 
-def sloped(function: Callable[[Any], Any], slope: Callable[[Any, Any], Any], x: Any) -> Any:
-    """``function(x)``; where derivatives are asked for, its derivative by x is ``slope(x, function(x))``."""
+def along(line: Callable[[Any, Any], Any], function: Callable[[Any], Any], x: Any) -> Any:
+    """``function(x)``; where derivatives are asked for, it has those of ``line(x, function(x))`` instead of its own."""
     if on_host(x) or not _drjit().grad_enabled(x):
         return function(x)
-    fixed = _drjit().detach(x)
-    value = function(fixed)
-    return _drjit().replace_grad(value, x * slope(fixed, value))
+    value = function(_drjit().detach(x))
+    return _drjit().replace_grad(value, line(x, value))
 
 
 def sqrt(x: Any) -> Any:
     """√x; its derivative at 0 is taken for 0."""
-    return np.sqrt(x) if on_host(x) else sloped(_drjit().sqrt, lambda _, root: where(root > 0, 0.5 / root, 0.0), x)
+    return np.sqrt(x) if on_host(x) else along(lambda x, y: where(y > 0, x * (0.5 / y), 0.0), _drjit().sqrt, x)
 
 
 def exp(x: Any) -> Any:
     """e^x."""
-    return sloped(_exp, lambda _, y: y, x) if _single(x) else np.exp(x)
+    return along(lambda x, y: x * y, _exp, x) if _single(x) else np.exp(x)
 
 
 def expm1(x: Any) -> Any:
     """e^x − 1 without cancellation."""
-    return sloped(_expm1, lambda _, y: y + 1.0, x) if _single(x) else np.expm1(x)
+    return along(lambda x, y: x * (y + 1.0), _expm1, x) if _single(x) else np.expm1(x)
 
 
 LN2_HIGH, LN2_LOW = 0.693359375, -2.12194440e-4

@@ -8,6 +8,7 @@ compiles another kernel.
 from __future__ import annotations
 
 import importlib
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -57,9 +58,11 @@ class Compiled(Single):
         found = signal.numpy()
         return np.broadcast_to(found[0], device.shape) if found.size == 1 else found.reshape(device.shape)
 
-    def codes(self, signal: Any, device: Device, out: NDArray[Any]) -> None:
-        """Runs the kernel; Dr.Jit knows no 16-bit numbers, so the host narrows them."""
-        np.copyto(out, self.uint(signal).numpy().reshape(device.shape), casting="unsafe")
+    def start(self, signal: Any, device: Device, out: NDArray[Any]) -> Callable[[], None]:
+        """Starts the kernel, which other threads run; Dr.Jit knows no 16-bit numbers, so the host narrows them."""
+        codes = self.uint(signal)
+        self.dr.eval(codes)
+        return lambda: np.copyto(out, codes.numpy().reshape(device.shape), casting="unsafe")
 
     def settle(self, device: Device) -> None:
         """All maps of the device in one kernel, columns and rows too: to look them up costs 6 % of a frame."""

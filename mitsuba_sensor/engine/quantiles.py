@@ -151,7 +151,7 @@ def _search(words: Any, mean: Any) -> Any:
     rate = arrays.double(mean)
     none = _exp_of_minus(rate)
     left = reach - none
-    return arrays.real(arrays.repeat(_missing, _one_more, (left, none * rate, rate, left * 0.0)))
+    return arrays.real(arrays.repeat(_missing, _one_more, (left, none * rate, rate, rate * 0.0)))
 
 
 def _missing(left: Any, term: Any, rate: Any, count: Any) -> Any:

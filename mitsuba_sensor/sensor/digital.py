@@ -71,17 +71,17 @@ class Adc:
 
     def __call__(self, swing: Any, frame: Frame) -> Any:
         """Swing [V] → whole digital numbers (H, W), rounded half up."""
-        ideal, highest = self._ideal(swing, frame), frame.number(self.highest)
+        highest = frame.number(self.highest)
         code = lambda x: arrays.minimum(arrays.maximum(arrays.floor(x + 0.5), 0.0), highest)  # noqa: E731
-        return arrays.sloped(code, self._unclipped, ideal)
+        return arrays.along(self._line, code, self._ideal(swing, frame))
 
     def _ideal(self, swing: Any, frame: Frame) -> Any:
         """What a converter of infinitely many bits would say [DN]."""
         return frame.number(self.pedestal_dn) + frame.number(self.gain_dn_per_v) * swing
 
-    def _unclipped(self, ideal: Any, code: Any) -> Any:
-        """Slope of the line that the steps follow: 1 between both ends, 0 beyond."""
-        return arrays.where(ideal > 0, arrays.where(ideal < self.highest, 1.0, 0.0), 0.0)
+    def _line(self, ideal: Any, code: Any) -> Any:
+        """What the steps follow, flat at both ends."""
+        return arrays.where(ideal > 0, arrays.where(ideal < self.highest, ideal, self.highest), 0.0)
 
     def moments(self, m: Moments) -> Moments:
         """Gain and pedestal, then rounding (1/12 DN² where the noise hides the steps) and the clip at both ends."""
@@ -105,7 +105,7 @@ class AdcWithSteps(Adc):
     def __call__(self, swing: Any, frame: Frame) -> Any:
         """Swing [V] → the code whose step it falls into (H, W)."""
         code = lambda x: arrays.count_at_or_below(self._transitions, x)  # noqa: E731
-        return arrays.sloped(code, self._unclipped, self._ideal(swing, frame))
+        return arrays.along(self._line, code, self._ideal(swing, frame))
 
     def moments(self, m: Moments) -> Moments:
         """As a converter of equal steps, moved by the local INL and with the variance of steps of these widths."""

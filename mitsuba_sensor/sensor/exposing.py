@@ -119,9 +119,8 @@ def expose(
     )  # fmt: skip
     shape, code_type = run.first.device.shape, np.min_scalar_type(run.stages[-1].highest)
     kept = {name: np.empty((frames, *shape)) for name in wanted} | {"digital": np.empty((frames, *shape), code_type)}
-    for index in range(frames):
-        run.frame(first_frame + index, {name: x[index] for name, x in kept.items()}, last=index + 1 == frames)
-    run.close()
+    for _ in run.frames(first_frame, frames, lambda i: {name: x[i - first_frame] for name, x in kept.items()}):
+        pass
     lanes = REFERENCE if run.first.device.lanes is REFERENCE else SINGLE
     return Frames(kept.pop("digital"), camera, run.light, run.first.on(lanes), run.stages, **kept)
 
@@ -153,14 +152,9 @@ def stream(
     )  # fmt: skip
     code_type = np.min_scalar_type(run.stages[-1].highest)
 
-    def deliver() -> Iterator[NDArray[Any]]:
-        for index in range(frames):
-            digital = np.empty(run.first.device.shape, code_type)
-            run.frame(first_frame + index, {"digital": digital}, last=index + 1 == frames)
-            yield digital
-        run.close()
-
-    return deliver()
+    shape = run.first.device.shape
+    done = run.frames(first_frame, frames, lambda _: {"digital": np.empty(shape, code_type)})
+    return (sinks["digital"] for sinks in done)
 
 
 def _prepared(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
@@ -82,15 +82,35 @@ class Run:
         workers = min(len(os.sched_getaffinity(0)), len(self._rows)) if lanes.on_host else 1
         self._pool = ThreadPoolExecutor(workers) if workers > 1 else None
 
-    def frame(self, index: int, sinks: Sinks, last: bool = False) -> None:
-        """Frame ``index`` into the arrays (H, W) of ``sinks``, by the name of the signal. last : drop the maps."""
-        jobs = [(number, index, sinks, last) for number in range(len(self._rows))]
+    def frames(self, first: int, count: int, sinks_of: Callable[[int], Sinks]) -> Iterator[Sinks]:
+        """Frames ``first``, first + 1, …, each into the arrays (H, W) of ``sinks_of(index)``, by the signal's name.
+
+        While a kernel runs, the next one is traced: a frame comes when the next one has begun.
+        """
+        ready: Sinks | None = None
+        finish: list[Callable[[], None]] = []
+        for index in range(first, first + count):
+            sinks = sinks_of(index)
+            for begun in self._begun(index, sinks, index + 1 == first + count):
+                _all(finish)
+                finish = [begun]
+                if ready is not None:
+                    yield ready
+                    ready = None
+            ready = sinks
+        _all(finish)
+        self.close()
+        if ready is not None:
+            yield ready
+
+    def _begun(self, index: int, sinks: Sinks, last: bool) -> Iterator[Callable[[], None]]:
+        """Begin one strip after the other; what comes finishes it."""
+        numbers = range(len(self._rows))
         if self._pool is None:
-            for job in jobs:
-                self._strip(*job)
-            return
-        for done in [self._pool.submit(self._strip, *job) for job in jobs]:
-            done.result()
+            yield from (self._strip(number, index, sinks, last) for number in numbers)
+        else:
+            for done in [self._pool.submit(self._strip, number, index, sinks, last) for number in numbers]:
+                yield done.result()
 
     def close(self) -> None:
         """Let the threads and the maps go."""
@@ -98,7 +118,7 @@ class Run:
         if self._pool:
             self._pool.shutdown()
 
-    def _strip(self, number: int, index: int, sinks: Sinks, last: bool) -> None:
+    def _strip(self, number: int, index: int, sinks: Sinks, last: bool) -> Callable[[], None]:
         rows = self._rows[number]
         strip = Photons(self.light.mean[rows], self.light.wavelengths_nm)
         device, start = self._parts.pop(number) if number in self._parts else self._part(strip, rows)
@@ -109,9 +129,10 @@ class Run:
             sinks["photons"][rows] = strip.total
         for name, signal in signals(self.stages, strip if start is None else start, frame):
             if name == "digital":
-                device.lanes.codes(signal, device, sinks[name][rows])
-            elif name in sinks:
+                return device.lanes.start(signal, device, sinks[name][rows])
+            if name in sinks:
                 sinks[name][rows] = device.lanes.give(signal, device)
+        raise AssertionError("the last stage of a chain delivers digital numbers")
 
     def _part(self, strip: Photons, rows: slice) -> tuple[Device, Any]:
         """The strip's device with its maps, and for a compiled engine the light that it has detected."""
@@ -121,12 +142,15 @@ class Run:
         return device, begin(self.stages, strip, replace(self.first, device=device))
 
 
+def _all(jobs: list[Callable[[], None]]) -> None:
+    for job in jobs:
+        job()
+
+
 def begin(stages: tuple[Any, ...], light: Photons, frame: Frame) -> Electrons:
-    """What a compiled engine does once for many frames: it detects the light and makes the device's maps."""
+    """What a compiled engine does once for many frames: it detects the light and makes the maps that are asked for."""
     electrons = detected(stages[0], light, frame)
-    for stage in stages:
-        if hasattr(stage, "maps"):
-            stage.maps(frame.device)
+    run_chain(stages[1:], electrons, replace(frame, _blocks={}))  # traced and thrown away, but for its maps
     frame.device.lanes.settle(frame.device)
     return electrons
 
