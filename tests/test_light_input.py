@@ -26,7 +26,8 @@ def photons_of(irradiance: float, wavelength_nm: float, camera: ms.Camera = TABL
 def test_the_irradiance_of_the_paper_fills_the_well_of_table_1() -> None:
     """0.0122280424770 W/m² in 0.1 s: 55 000 photons, 33 000 light electrons.
 
-    To 2e-7 (and 1e-7 in float32): that number was made with the Planck constant of CODATA 2006, 1.8e-7 below the exact one of 2019.
+    To 2e-7: that number was made with the Planck constant of CODATA 2006, 1.8e-7 below the exact one of 2019. (And 1e-7
+    of float32.)
     """
     light = ms.uniform_light(FULL_WELL_W_PER_M2, (3, 4))
     photons = ms.collect(light, TABLE1, EXPOSURE)

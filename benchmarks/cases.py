@@ -1,0 +1,75 @@
+"""What the benchmarks expose: two cameras, and photon maps of a chosen size, level and content."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+import mitsuba_sensor as ms
+
+EXPOSURE = ms.Exposure(time_s=0.1)
+
+
+def full_chain() -> ms.Camera:
+    """Table 1 with everything switched on: kTC noise, a bent sense node, a bent amplifier, a bent converter."""
+    return ms.load_camera("konnik_table1").replace(
+        **{
+            "readout.reset": "hard",
+            "readout.ve_nonlinearity": 0.05,
+            "source_follower.vv_nonlinearity": 1.05,
+            "adc.gamma": 1.04,
+        }
+    )
+
+
+def shot_read_quantise() -> ms.Camera:
+    """Table 1 with only Poisson light, read noise and the converter left."""
+    return ms.load_camera("konnik_table1").replace(
+        **{"pixel.prnu": 0.0, "dark_current.fom_na_per_cm2": 0.0, "readout.column_offset": 0.0}
+    )
+
+
+def shape_of(mpx: float) -> tuple[int, int]:
+    """(rows, columns) of about so many million pixels, 3 : 4."""
+    rows = max(round(math.sqrt(mpx * 1e6 * 3 / 4)), 1)
+    return rows, max(round(mpx * 1e6 / rows), 1)
+
+
+def reference_qe(camera: ms.Camera) -> float:
+    """Electrons per photon of photons that come without a wavelength."""
+    return float(camera.qe([camera.quantum_efficiency.reference_nm or 0.0])[0, 0])
+
+
+def _flat(shape: tuple[int, int]) -> NDArray[np.float64]:
+    return np.ones(shape)
+
+
+def _ramp(shape: tuple[int, int]) -> NDArray[np.float64]:
+    return np.tile(np.linspace(0.0, 2.0, shape[1]), (shape[0], 1))
+
+
+def _random(shape: tuple[int, int]) -> NDArray[np.float64]:
+    return np.random.default_rng(1).uniform(0.0, 2.0, shape)
+
+
+CONTENTS: dict[str, Callable[[tuple[int, int]], NDArray[np.float64]]] = {
+    "flat": _flat,
+    "ramp": _ramp,
+    "random": _random,
+}
+"""Light of mean 1: the same everywhere, 0 to 2 from left to right, and 0 to 2 by chance."""
+
+
+def photon_map(camera: ms.Camera, electrons: float, content: str, shape: tuple[int, int]) -> NDArray[np.float64]:
+    """Mean photons per pixel that free ``electrons`` of light on average, (H, W)."""
+    return CONTENTS[content](shape) * (electrons / reference_qe(camera))
+
+
+def shot_dark_read_quantise() -> ms.Camera:
+    """Table 1 without its fixed patterns: what Pyxel and this package both do."""
+    return ms.load_camera("konnik_table1").replace(
+        **{"pixel.prnu": 0.0, "dark_current.cv": 0.0, "readout.column_offset": 0.0}
+    )

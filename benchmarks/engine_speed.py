@@ -1,0 +1,242 @@
+"""How fast are the engines, in Mpx/s, against a straightforward NumPy chain of the same stages.
+
+    python benchmarks/engine_speed.py [--mpx 1 4 12] [--electrons 1 1000 30000] [--content flat ramp random]
+        [--turns 5] [--engines numpy drjit numpy64] [--parts cases short conversion floor first changed] [--json]
+
+cases       frames of the full chain, every size × level × content; a stream stays open, and its next frame is timed
+short       shot noise, read noise and converter alone, against the full chain
+conversion  NumPy in and uint16 out, against the kernel alone
+floor       the full chain, against its random words and four normals alone
+first       the first frame of a process, with and without compiled kernels on disk
+changed     the first frame after a parameter changed, in a process that has made one before
+
+All but ``cases`` take the middle one of the sizes and levels, and a ramp. Ratios are medians over turns that lie next
+to each other, and above 1 where the engine is the faster one.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from itertools import product
+from typing import Any
+
+import hooks
+import numpy as np
+from cases import CONTENTS, EXPOSURE, full_chain, photon_map, shape_of, shot_read_quantise
+from engines import ENGINES, PLAIN, next_frame, open_stream, refusal
+from numpy.typing import NDArray
+from turns import in_child, lines, machine, ratio, seconds_of, speeds, take_turns
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.engine.llvm import drjit
+
+
+def main() -> None:
+    """Parse the options, run the parts, print."""
+    options = parsed()
+    refused = {name: why for name in options.engines if (why := refusal(name, full_chain()))}
+    options.engines = [name for name in options.engines if name not in refused]
+    parts = {name: PARTS[name](options) for name in options.parts}
+    results = {**machine(), "turns": options.turns, "refused": refused, **parts}
+    if options.json:
+        print(json.dumps(results))
+        return
+    print(f"{results['processor']}, {results['cpus']} CPUs, {options.turns} turns")
+    for name, why in refused.items():
+        print(f"{name}: {why}")
+    for part, rows in parts.items():
+        print(f"\n{part}")
+        for line in lines(rows):
+            print("  " + line)
+
+
+def parsed() -> argparse.Namespace:
+    """The options."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--mpx", type=float, nargs="+", default=[1, 4, 12], help="million pixels")
+    parser.add_argument("--electrons", type=float, nargs="+", default=[1, 1000, 30000], help="mean electrons of light")
+    parser.add_argument("--content", nargs="+", default=list(CONTENTS), choices=CONTENTS, help="what the light is like")
+    parser.add_argument("--turns", type=int, default=5, help="turns that count (default 5)")
+    parser.add_argument("--engines", nargs="+", default=["numpy", "drjit", "numpy64"], choices=ENGINES)
+    parser.add_argument("--parts", nargs="+", default=list(PARTS), choices=PARTS, help="what to measure (default all)")
+    parser.add_argument("--json", action="store_true", help="only JSON")
+    return parser.parse_args()
+
+
+def cases(options: argparse.Namespace) -> dict[str, Any]:
+    """Every size, level and content, and the smallest and the median ratio of every engine."""
+    rows = []
+    for mpx, electrons, content in product(options.mpx, options.electrons, options.content):
+        photons = photon_map(full_chain(), electrons, content, shape_of(mpx))
+        tasks = {name: next_frame(name, photons, full_chain()) for name in (PLAIN, *options.engines)}
+        found = speeds(take_turns(tasks, options.turns), photons.size, PLAIN)
+        rows.append({"mpx": mpx, "electrons": electrons, "content": content, "engines": found})
+    ratios = {name: [row["engines"][name]["ratio_to_plain"] for row in rows] for name in options.engines}
+    summary = {name: {"min_ratio": min(all_), "median_ratio": statistics.median(all_)} for name, all_ in ratios.items()}
+    return {"rows": rows, "summary": summary}
+
+
+def short(options: argparse.Namespace) -> dict[str, Any]:
+    """How much faster a camera is that has nothing but shot noise, read noise and a converter."""
+    cameras = {"full_chain": full_chain(), "shot_read_quantise": shot_read_quantise()}
+    found = {}
+    for engine in (PLAIN, *options.engines):
+        tasks = {name: next_frame(engine, middle_light(options), camera) for name, camera in cameras.items()}
+        found[engine] = speeds(take_turns(tasks, options.turns), middle_light(options).size, "full_chain")
+    return found
+
+
+def conversion(options: argparse.Namespace) -> dict[str, Any]:
+    """Frame against kernel, where the engine lets us at its kernel."""
+    return against(options, "kernel_only", lambda name: hooks.kernel_only(name, middle_light(options), full_chain()))
+
+
+def floor(options: argparse.Namespace) -> dict[str, Any]:
+    """Frame against random numbers, where the engine lets us at them."""
+    return against(options, "generator", lambda name: hooks.generator_floor(name, middle_light(options).shape))
+
+
+def against(
+    options: argparse.Namespace, label: str, hook: Callable[[str], Callable[[], object] | None]
+) -> dict[str, Any]:
+    """Whole frames of each engine against a part of their work, or None where the part has no door."""
+    found: dict[str, Any] = {}
+    for engine in options.engines:
+        part, photons = hook(engine), middle_light(options)
+        tasks = {"frame": next_frame(engine, photons, full_chain())} | ({label: part} if part else {})
+        found[engine] = speeds(take_turns(tasks, options.turns), photons.size, "frame") if part else None
+    return found
+
+
+def first(options: argparse.Namespace) -> dict[str, Any]:
+    """First frames of new processes: with nothing compiled, and with the kernels of such a process on disk."""
+    mpx, electrons = middle(options.mpx), middle(options.electrons)
+    found = {}
+    for engine in options.engines:
+        turns = []
+        for _ in range(options.turns):
+            with tempfile.TemporaryDirectory() as home:
+                fresh, cached = (
+                    in_child("engine_speed", "first_frame", engine, mpx, electrons, home=home) for _ in "12"
+                )
+            turns.append((fresh, cached))
+        found[engine] = {
+            "fresh_first_s": statistics.median(fresh["first_s"] for fresh, _ in turns),
+            "cached_first_s": statistics.median(cached["first_s"] for _, cached in turns),
+            "compile_s": statistics.median(fresh["compile_s"] for fresh, _ in turns),
+            "cached_compile_s": statistics.median(cached["compile_s"] for _, cached in turns),
+            "steady_s": statistics.median(cached["steady_s"] for _, cached in turns),
+        }
+    return found
+
+
+def first_frame(engine: str, mpx: float, electrons: float) -> dict[str, float]:
+    """In a child: the first frame with all that is loaded and made for it, the median of three later ones.
+
+    And what of the first went into kernels by Dr.Jit's own record: writing, compiling or reading them from disk.
+    """
+    photons = photon_map(full_chain(), electrons, "ramp", shape_of(mpx))
+    kernels: list[dict[str, Any]] = []
+    if engine in ("drjit", "cuda"):
+        drjit().set_flag(drjit().JitFlag.KernelHistory, True)
+    start = time.perf_counter()
+    frame = next_frame(engine, photons, full_chain())
+    frame()
+    first_s = time.perf_counter() - start
+    if engine in ("drjit", "cuda"):
+        kernels = drjit().kernel_history([drjit().KernelType.JIT])
+    compile_s = 1e-3 * sum(one["codegen_time"] + one["backend_time"] for one in kernels)
+    steady_s = statistics.median(take_turns({"": frame}, 3)[""])
+    return {"first_s": first_s, "compile_s": compile_s, "steady_s": steady_s}
+
+
+def changed(options: argparse.Namespace) -> dict[str, Any]:
+    """The first frame of a new stream, unchanged and with one thing changed, in a child that has nothing compiled."""
+    found = {}
+    for engine in options.engines:
+        with tempfile.TemporaryDirectory() as home:
+            arguments = engine, middle(options.mpx), middle(options.electrons), options.turns
+            found[engine] = in_child("engine_speed", "changed_frames", *arguments, home=home)
+    return found
+
+
+def changed_frames(engine: str, mpx: float, electrons: float, turns: int) -> dict[str, Any]:
+    """In a child: seconds of the first frames of new streams, and how many kernels they compiled."""
+    tasks = new_streams(engine, photon_map(full_chain(), electrons, "ramp", shape_of(mpx)))
+    first_s = seconds_of(tasks["unchanged"])
+    count = compiled_kernels()
+    tasks["unchanged"]()  # Dr.Jit compiles once more when its record is switched on
+    count()
+    kernels = {}
+    for name, task in tasks.items():
+        task()
+        kernels[name] = count()
+    seconds = take_turns(tasks, turns)
+    rows = {
+        name: {
+            "seconds": statistics.median(seconds[name]),
+            "times_unchanged": ratio(seconds[name], seconds["unchanged"]),
+            "compiled_kernels": kernels[name],
+        }
+        for name in tasks
+    }
+    return {"first_s": first_s, "streams": rows}
+
+
+def new_streams(engine: str, photons: NDArray[np.float64]) -> dict[str, Callable[[], object]]:
+    """The first frame of a new stream, of the full chain and of what differs from it in one thing."""
+    camera, brighter = full_chain(), photons * 1.5
+    longer = ms.Exposure(EXPOSURE.time_s * 2, EXPOSURE.temperature_k + 12)
+    gain = camera.replace(**{"readout.sense_gain_uv_per_e": 6.0})
+    noise = camera.replace(**{"source_follower.corner_hz": 2e6})
+    return {
+        "unchanged": lambda: next(open_stream(engine, photons, camera)),
+        "seed": lambda: next(open_stream(engine, photons, camera, seed=2)),
+        "serial": lambda: next(open_stream(engine, photons, camera, serial=2)),
+        "light": lambda: next(open_stream(engine, brighter, camera)),
+        "exposure": lambda: next(open_stream(engine, photons, camera, longer)),
+        "gain": lambda: next(open_stream(engine, photons, gain)),
+        "noise": lambda: next(open_stream(engine, photons, noise)),
+    }
+
+
+def compiled_kernels() -> Callable[[], int | None]:
+    """Starts Dr.Jit's own record; each call says how many kernels were compiled or read from disk since the last.
+
+    Where Dr.Jit is not loaded there is nothing to compile, and the answer is None.
+    """
+    drjit = sys.modules.get("drjit")
+    if drjit is None:
+        return lambda: None
+    drjit.set_flag(drjit.JitFlag.KernelHistory, True)
+    drjit.kernel_history_clear()
+    return lambda: sum(not kernel.get("cache_hit", True) for kernel in drjit.kernel_history())
+
+
+def middle(values: list[float]) -> float:
+    """The middle one, or the smaller of the two."""
+    return statistics.median_low(values)
+
+
+def middle_light(options: argparse.Namespace) -> NDArray[np.float64]:
+    """A ramp of the middle size and level."""
+    return photon_map(full_chain(), middle(options.electrons), "ramp", shape_of(middle(options.mpx)))
+
+
+PARTS: dict[str, Callable[[argparse.Namespace], dict[str, Any]]] = {
+    "cases": cases,
+    "short": short,
+    "conversion": conversion,
+    "floor": floor,
+    "first": first,
+    "changed": changed,
+}
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,57 @@
+"""Everything that makes frames, by the name it has in the benchmarks, as an endless iterator that is kept open."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any
+
+import numpy as np
+from cases import EXPOSURE
+from numpy.typing import NDArray
+from plain_chain import PlainChain
+
+import mitsuba_sensor as ms
+
+ENGINES: dict[str, dict[str, Any]] = {
+    "numpy": {"engine": "numpy", "precision": "float32"},
+    "drjit": {"engine": "drjit", "precision": "float32"},
+    "numpy64": {"engine": "numpy", "precision": "float64"},
+    "cuda": {"engine": "cuda", "precision": "float32"},
+}
+"""Benchmark name → engine and precision of ``ms.stream``."""
+
+PLAIN = "plain"
+"""The yardstick of ``plain_chain.py``."""
+
+ENDLESS = 2**31
+"""More frames than any benchmark takes."""
+
+
+def open_stream(
+    name: str,
+    photons: NDArray[np.float64],
+    camera: ms.Camera,
+    exposure: ms.Exposure = EXPOSURE,
+    *,
+    seed: int = 1,
+    serial: int = 1,
+) -> Iterator[NDArray[Any]]:
+    """Frames (H, W), one per ``next()``; light and fixed maps are made here."""
+    if name == PLAIN:
+        return PlainChain(photons, camera, exposure, seed)
+    return ms.stream(photons, camera, exposure, seed=seed, serial=serial, frames=ENDLESS, **ENGINES[name])
+
+
+def next_frame(name: str, photons: NDArray[np.float64], camera: ms.Camera) -> Callable[[], NDArray[Any]]:
+    """A task for ``take_turns``: the next frame of a stream that stays open."""
+    return partial(next, open_stream(name, photons, camera))
+
+
+def refusal(name: str, camera: ms.Camera) -> str | None:
+    """Why this engine makes no frames on this machine, or None where it does."""
+    try:
+        next(open_stream(name, np.ones((4, 4)), camera))
+    except ms.InputError as error:
+        return str(error)
+    return None

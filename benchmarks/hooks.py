@@ -1,0 +1,58 @@
+"""Two timings inside the compiled engine: tasks for ``take_turns``, or None for an engine without kernels.
+
+Both work on what is already on the device, and wait until it is done.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.engine.frame import Device, Frame
+from mitsuba_sensor.engine.llvm import drjit
+from mitsuba_sensor.engine.quantities import Photons
+from mitsuba_sensor.sensor.chain import chain
+from mitsuba_sensor.sensor.running import begin, chosen_lanes, run_chain, strips_of
+
+EXPOSURE = ms.Exposure(0.1)
+
+
+def kernel_only(engine: str, photons: NDArray[np.float64], camera: ms.Camera) -> Callable[[], object] | None:
+    """One frame of this camera without its way in from NumPy and out to NumPy."""
+    if engine != "drjit":
+        return None
+    lanes: Any = chosen_lanes(engine, "float32", 0)
+    whole, stages = Frame(EXPOSURE, Device(1, photons.shape, lanes=lanes)), chain(camera)
+    parts = []
+    for rows in strips_of(photons.shape, lanes.strip):
+        frame = Frame(EXPOSURE, whole.device.rows_only(rows))
+        parts.append((begin(stages, Photons(photons[rows]), frame), frame))
+
+    def run() -> None:
+        for start, frame in parts:
+            codes = lanes.uint(run_chain(stages[1:], start, Frame(EXPOSURE, frame.device)))
+            drjit().eval(codes)
+            drjit().sync_thread()
+
+    return run
+
+
+def generator_floor(engine: str, shape: tuple[int, int]) -> Callable[[], object] | None:
+    """The random words of one frame and four normals of them, and no camera."""
+    if engine != "drjit":
+        return None
+    lanes: Any = chosen_lanes(engine, "float32", 0)
+    device = Device(1, shape, lanes=lanes)
+    parts = [device.rows_only(rows) for rows in strips_of(shape, lanes.strip)]
+
+    def run() -> None:
+        for part in parts:
+            one, two, three, four = (lanes.normal(words) for words in lanes.block(0, part, 0, 1))
+            drjit().eval(one + two + three + four)
+            drjit().sync_thread()
+
+    return run

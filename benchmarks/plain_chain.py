@@ -1,0 +1,160 @@
+"""The yardstick: the same stages as straightforward NumPy, float64, whole arrays, one thread; and that it is right.
+
+    python benchmarks/plain_chain.py [--mpx 0.25] [--electrons 1000] [--frames 16] [--json]
+
+The command compares its means and its noise, band by band along a ramp, with those of ``ms.expose``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from typing import Any
+
+import numpy as np
+from agreement import LIMIT, Agreement, agreement, stack
+from cases import EXPOSURE, full_chain, photon_map, reference_qe, shape_of, shot_read_quantise
+from numpy.typing import NDArray
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.engine.frame import Device, Frame
+from mitsuba_sensor.sensor.chain import chain
+
+STAGES = {
+    *("Detection", "Prnu", "DarkCurrent", "ShotNoise", "FullWell", "SenseNode", "NonlinearSenseNode", "ResetNoise"),
+    *("SourceFollowerNoise", "SourceFollower", "NonlinearSourceFollower", "ColumnOffset", "CdsGain"),
+    *("IntegralNonlinearity", "Adc"),
+}
+"""What the plain chain does."""
+
+IDLE = {"RowOffset": "sigma_e", "PixelOffset": "sigma_e", "ColumnGain": "cv"}
+"""What it leaves out, which must therefore be 0."""
+
+
+def stages_of(camera: ms.Camera) -> dict[str, Any]:
+    """The stages of a camera by name; ValueError where one of them does something that the plain chain does not."""
+    stages = {type(stage).__name__: stage for stage in chain(camera)}
+    for name, stage in stages.items():
+        if name not in STAGES and (name not in IDLE or getattr(stage, IDLE[name])):
+            raise ValueError(f"{camera.name} has a stage {name}, which the plain chain leaves out.")
+    return stages
+
+
+class PlainChain:
+    """An endless iterator of frames (H, W) uint16; the numbers are the camera's, and fixed maps are made once, here.
+
+    It is monochrome, its PRNU is normal, its dark pattern log-normal, and its columns are independent.
+    """
+
+    def __init__(self, photons: NDArray[np.float64], camera: ms.Camera, exposure: ms.Exposure, seed: int = 1) -> None:
+        stages = stages_of(camera)
+        self.photons, self.random = photons, np.random.default_rng(seed)
+        self.qe = reference_qe(camera)
+        self.full_well_e = stages["FullWell"].full_well_e
+        self._fixed_patterns(stages["Prnu"], stages["DarkCurrent"], stages["ColumnOffset"])
+        frame = Frame(exposure, Device(0, (1, 1)), seed)
+        self.dark_e = stages["DarkCurrent"].mean_e(frame)
+        self.reset_v = stages["ResetNoise"].sigma_v(frame)
+        self.follower_v = stages["SourceFollowerNoise"].sigma_v
+        self._curves(stages)
+        adc = stages["Adc"]
+        self.dn_per_v, self.pedestal_dn, self.highest_dn = adc.gain_dn_per_v, adc.pedestal_dn, adc.highest
+
+    def _fixed_patterns(self, prnu: Any, dark: Any, columns: Any) -> None:
+        """Gain and dark current of every pixel, offset of every column, by the names of ``ms.patterns``."""
+        shape, normal = self.photons.shape, self.random.standard_normal
+        log_variance = math.log1p(dark.pattern.cv**2)
+        self.maps = {
+            "prnu": np.maximum(1 + prnu.pattern.cv * normal(shape), 0.0),
+            "dark_pattern": np.exp(math.sqrt(log_variance) * normal(shape) - log_variance / 2),
+            "column_offset_e": columns.sigma_e * normal((1, shape[1])),
+        }
+        self.has_prnu, self.has_columns = prnu.pattern.cv > 0, columns.sigma_e > 0
+        self.column_offset_v = columns.residual * columns.gain_v_per_e * self.maps["column_offset_e"]
+
+    def _curves(self, stages: dict[str, Any]) -> None:
+        """Gains and their bends; a bend of 0 is a straight line."""
+        node = stages.get("NonlinearSenseNode") or stages["SenseNode"]
+        self.v_per_e, alpha = node.gain_v_per_e, getattr(node, "alpha", 0.0)
+        self.node_swing_v = node.v_ref_v / alpha if alpha else 0.0
+        follower = stages.get("NonlinearSourceFollower") or stages["SourceFollower"]
+        self.gain = follower.gain
+        self.bend_per_v = (follower.ratio - 1) / follower.full_swing_v if hasattr(follower, "ratio") else 0.0
+        self.cds_gain = stages["CdsGain"].gain
+        sag = stages.get("IntegralNonlinearity")
+        self.sag_per_v = math.log(sag.gamma) / sag.full_scale_v if sag else 0.0
+
+    def __iter__(self) -> PlainChain:
+        return self
+
+    def __next__(self) -> NDArray[np.uint16]:
+        """One frame."""
+        return self._digital(self._swing_v(self._electrons()))
+
+    def _electrons(self) -> NDArray[np.float64]:
+        """Detection, PRNU, dark current, shot noise, full well."""
+        light = self.photons * self.qe
+        if self.has_prnu:
+            light *= self.maps["prnu"]
+        electrons = self.random.poisson(light).astype(np.float64)
+        if self.dark_e:
+            electrons += self.random.poisson(self.dark_e * self.maps["dark_pattern"])
+        return np.minimum(electrons, self.full_well_e, out=electrons)
+
+    def _swing_v(self, electrons: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Sense node, reset noise, source follower, column offsets, CDS gain, integral non-linearity."""
+        swing = self.v_per_e * electrons
+        if self.node_swing_v:
+            swing = -self.node_swing_v * np.expm1(swing / -self.node_swing_v)
+        if self.reset_v:
+            swing += self.reset_v * self.random.standard_normal(swing.shape)
+        if self.follower_v:
+            swing += self.follower_v * self.random.standard_normal(swing.shape)
+        swing *= self.gain * (1 + self.bend_per_v * swing) if self.bend_per_v else self.gain
+        if self.has_columns:
+            swing += self.column_offset_v
+        swing *= self.cds_gain
+        if self.sag_per_v:
+            swing *= np.exp(-self.sag_per_v * swing)
+        return swing
+
+    def _digital(self, swing_v: NDArray[np.float64]) -> NDArray[np.uint16]:
+        """The converter."""
+        code = np.floor(self.pedestal_dn + self.dn_per_v * swing_v + 0.5)
+        return np.clip(code, 0, self.highest_dn).astype(np.uint16)
+
+
+def compare(camera: ms.Camera, electrons: float, mpx: float, frames: int) -> Agreement:
+    """The plain chain against ``ms.expose`` with the same fixed maps, along a ramp from 0 to twice ``electrons``."""
+    photons = photon_map(camera, electrons, "ramp", shape_of(mpx))
+    plain = PlainChain(photons, camera, EXPOSURE, seed=2)
+    ours = ms.expose(photons, camera, EXPOSURE, frames=frames, maps=plain.maps)
+    return agreement(stack(plain, frames), ours.digital)
+
+
+def main() -> None:
+    """Parse the options, compare both cameras, print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--mpx", type=float, default=0.25, help="million pixels of a frame (default 0.25)")
+    parser.add_argument("--electrons", type=float, default=1000, help="mean electrons of light (default 1000)")
+    parser.add_argument("--frames", type=int, default=16, help="frames of each stack, 2 or more (default 16)")
+    parser.add_argument("--json", action="store_true", help="only JSON")
+    options = parser.parse_args()
+    cameras = {"full_chain": full_chain(), "shot_read_quantise": shot_read_quantise()}
+    results = {
+        name: compare(camera, options.electrons, options.mpx, options.frames).as_json()
+        for name, camera in cameras.items()
+    }
+    if options.json:
+        print(json.dumps(results))
+        return
+    for name, result in results.items():
+        print(
+            f"{name:18} means differ by at most {result['mean_z']:.1f} and variances by {result['variance_z']:.1f} "
+            f"standard errors in any band: {'agrees' if result['agrees'] else f'beyond {LIMIT:g}, which is not chance'}"
+        )
+
+
+if __name__ == "__main__":
+    main()

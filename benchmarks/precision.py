@@ -1,0 +1,88 @@
+"""How far float32 frames are from float64 frames drawn with equal words: share of pixels and largest step in DN.
+
+    python benchmarks/precision.py [--pixels 400000] [--bits 8 12 14 16] [--json]
+
+A ramp from darkness to beyond the full well, for several resolutions and full wells, then with each option of the
+camera switched on alone. Where more than 1 % of the pixels or more than 1 DN move, a plan chooses float64 (column
+"plan", which looks at 16 384 pixels).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from typing import Any
+
+import numpy as np
+
+import mitsuba_sensor as ms
+
+BITS, FULL_WELLS_E = (8, 12, 14, 16), (1e3, 1e4, 33_000.0, 1e5, 1e6)
+EXPOSURE = ms.Exposure(0.1)
+PLAIN = ms.load_camera("konnik_table1")
+OPTIONS: dict[str, dict[str, Any]] = {
+    "nothing more": {},
+    "hard reset": {"readout.reset": "hard"},
+    "V/e- bends": {"readout.ve_nonlinearity": 0.05},
+    "V/V bends": {"source_follower.vv_nonlinearity": 1.05},
+    "ADC bends": {"adc.gamma": 1.04},
+    "dark gamma": {"dark_current.pattern": "gamma", "dark_current.cv": 0.4},
+    "dark wald": {"dark_current.pattern": "wald", "dark_current.cv": 0.4},
+    "dark logistic": {"dark_current.pattern": "logistic", "dark_current.cv": 0.4},
+    "column gain": {"readout.column_gain": 0.01},
+    "row and pixel offsets": {"readout.row_offset": 1e-3, "pixel.offset_e": 10.0},
+    "quantum yield": {"quantum_efficiency.quantum_yield": [2.0, 2.0]},
+    "all of them": {},
+}
+OPTIONS["all of them"] = {key: value for change in list(OPTIONS.values())[1:5] for key, value in change.items()}
+
+
+def main() -> None:
+    """Parse the options, compare, print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--pixels", type=int, default=400_000, help="pixels of each frame (default 400000)")
+    parser.add_argument("--bits", type=int, nargs="+", default=BITS, help="resolutions (default 8 12 14 16)")
+    parser.add_argument("--json", action="store_true", help="only JSON")
+    options = parser.parse_args()
+    start = time.perf_counter()
+    rows = [
+        compared(PLAIN.replace(**{"adc.bits": bits, "pixel.full_well_e": well}), f"{well:g} e-", options.pixels)
+        for well in FULL_WELLS_E
+        for bits in options.bits
+    ]
+    rows += [
+        compared(PLAIN.replace(**{"adc.bits": bits, **change}), name, options.pixels)
+        for name, change in OPTIONS.items()
+        for bits in options.bits
+    ]
+    if options.json:
+        print(json.dumps({"pixels": options.pixels, "rows": rows, "seconds": time.perf_counter() - start}))
+        return
+    print(f"{'':24}{'bits':>5}{'pixels that differ':>20}{'largest':>10}   plan")
+    for row in rows:
+        share = f"{100 * row['share_of_pixels']:.3g} %"
+        print(f"{row['case']:24}{row['bits']:>5}{share:>20}{row['largest_dn']:>7g} DN   {row['plan']}")
+
+
+def compared(camera: ms.Camera, case: str, pixels: int) -> dict[str, Any]:
+    """One frame in both precisions, and what the plan says about it."""
+    width = 1000
+    light = np.linspace(0, 1.1 * camera.pixel.full_well_e / 0.3, pixels // width * width).reshape(-1, width)
+    single, double = (
+        ms.expose(light, camera, EXPOSURE, engine="numpy", precision=precision).digital.astype(np.int64)
+        for precision in ("float32", "float64")
+    )
+    moved = np.abs(single - double)
+    return {
+        "case": case,
+        "bits": camera.adc.bits,
+        "full_well_e": camera.pixel.full_well_e,
+        "share_of_pixels": float(np.mean(moved > 0)),
+        "largest_dn": int(moved.max()),
+        "plan": ms.plan(camera, EXPOSURE, light).precision,
+    }
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,94 @@
+"""How the benchmarks measure: tasks take turns, so that a machine that slows down slows all of them; medians; children.
+
+A ratio is the median of the turns' own ratios: the two times of one turn lie next to each other.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+HERE = Path(__file__).resolve().parent
+
+
+def take_turns(tasks: Mapping[str, Callable[[], object]], turns: int) -> dict[str, list[float]]:
+    """Seconds of every task in every turn, after one turn that does not count."""
+    seconds: dict[str, list[float]] = {name: [] for name in tasks}
+    for turn in range(turns + 1):
+        for name, task in tasks.items():
+            elapsed = seconds_of(task)
+            if turn:
+                seconds[name].append(elapsed)
+    return seconds
+
+
+def seconds_of(task: Callable[[], object]) -> float:
+    """Seconds of one call."""
+    start = time.perf_counter()
+    task()
+    return time.perf_counter() - start
+
+
+def ratio(slow: list[float], fast: list[float]) -> float:
+    """How many times faster the second is than the first."""
+    return statistics.median(one / other for one, other in zip(slow, fast, strict=True))
+
+
+def speeds(seconds: Mapping[str, list[float]], pixels: int, base: str) -> dict[str, dict[str, float]]:
+    """Median seconds, Mpx/s, and times faster than ``base``, of every task."""
+    return {
+        name: {
+            "seconds": statistics.median(those),
+            "mpx_per_s": pixels / statistics.median(those) / 1e6,
+            f"ratio_to_{base}": ratio(seconds[base], those),
+        }
+        for name, those in seconds.items()
+    }
+
+
+def in_child(module: str, function: str, *arguments: Any, home: str | None = None) -> Any:
+    """What a function of a benchmark returns in a process of its own.
+
+    home : a folder to stand in for ~, below which Dr.Jit keeps its compiled kernels.
+    """
+    code = f"import json, sys, {module}; print(json.dumps({module}.{function}(*json.loads(sys.argv[1]))))"
+    environment = os.environ | ({"HOME": home} if home else {})
+    words = [sys.executable, "-c", code, json.dumps(arguments)]
+    done = subprocess.run(words, cwd=HERE, env=environment, capture_output=True, text=True)
+    if done.returncode:
+        raise SystemExit(f"{module}.{function} failed in its child process:\n{done.stderr}")
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def lines(tree: Any, path: str = "") -> Iterator[str]:
+    """Nested results as text: a line for every table of plain values, after the words that lead to it."""
+    if isinstance(tree, list):
+        for row in tree:
+            yield from lines(row, path)
+        return
+    here = {key: value for key, value in tree.items() if not isinstance(value, dict | list)}
+    if here:
+        yield f"{path}{'  '.join(f'{key} {_short(value)}' for key, value in here.items())}"
+    for key, value in tree.items():
+        if isinstance(value, dict | list):
+            yield from lines(value, f"{path}{key}  " if isinstance(value, dict) else path)
+
+
+def _short(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def machine() -> dict[str, Any]:
+    """What the numbers were measured on."""
+    cpuinfo = Path("/proc/cpuinfo")
+    lines = cpuinfo.read_text(encoding="utf-8").splitlines() if cpuinfo.exists() else []
+    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return {"cpus": os.cpu_count(), "processor": models[0] if models else platform.machine()}

@@ -1,0 +1,113 @@
+"""The benchmarks run, tiny, and say finite numbers; what they time is right, and says so itself."""
+
+from __future__ import annotations
+
+import json
+import math
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+BENCHMARKS = Path(__file__).resolve().parent.parent / "benchmarks"
+
+
+def run(script: str, *words: str) -> Any:
+    """What a benchmark prints with --json."""
+    command = [sys.executable, str(BENCHMARKS / script), *words, "--json"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def numbers(tree: Any, path: str = "") -> Iterator[tuple[str, float]]:
+    """Every number of a result, with the words that lead to it."""
+    if isinstance(tree, dict | list):
+        for key, value in tree.items() if isinstance(tree, dict) else enumerate(tree):
+            yield from numbers(value, f"{path}/{key}")
+    elif isinstance(tree, int | float) and not isinstance(tree, bool):
+        yield path, tree
+
+
+def assert_speeds(found: Any, *names: str) -> None:
+    """Each name has seconds, Mpx/s and ratios, all finite and above 0."""
+    assert set(names) <= set(found)
+    for path, number in numbers(found):
+        assert math.isfinite(number) and number > 0, f"{path} is {number}"
+
+
+def test_the_plain_chain_makes_the_frames_that_expose_makes() -> None:
+    for camera, found in run("plain_chain.py", "--mpx", "0.03").items():
+        assert found["agrees"], f"{camera}: {found}"
+
+
+TINY = ("--mpx", "0.01", "--content", "ramp", "--turns", "1")
+
+
+def test_every_case_has_a_speed_and_a_ratio_and_parts_are_timed_against_the_whole() -> None:
+    words = "--electrons 1 1000 --engines numpy drjit --parts cases short conversion floor"
+    speed = run("engine_speed.py", *TINY, *words.split())
+    engines = {"numpy", "drjit"} - set(speed["refused"])
+    assert [row["electrons"] for row in speed["cases"]["rows"]] == [1, 1000]
+    for row in speed["cases"]["rows"]:
+        assert_speeds(row["engines"], "plain", *engines)
+        assert row["engines"]["plain"]["ratio_to_plain"] == 1
+    assert_speeds(speed["cases"]["summary"], *engines)
+    for engine in ("plain", *engines):
+        assert_speeds(speed["short"][engine], "full_chain", "shot_read_quantise")
+    for part in ("conversion", "floor"):
+        assert set(speed[part]) == engines
+        for found in filter(None, speed[part].values()):
+            assert_speeds(found, "frame")
+
+
+def test_float32_is_compared_with_float64_for_every_option() -> None:
+    rows = run("precision.py", "--pixels", "2000", "--bits", "12")["rows"]
+    assert len(rows) == 17 and {row["plan"] for row in rows} <= {"float32", "float64"}
+    assert all(0 <= row["share_of_pixels"] < 0.01 and row["largest_dn"] <= 1 for row in rows)
+
+
+def test_first_and_changed_frames_are_timed_in_new_processes() -> None:
+    words = "--electrons 1000 --engines drjit --parts first changed"
+    speed = run("engine_speed.py", *TINY, *words.split())
+    if speed["refused"]:
+        pytest.skip(speed["refused"]["drjit"])
+    first, changed = speed["first"]["drjit"], speed["changed"]["drjit"]
+    assert all(first[name] > 0 for name in ("fresh_first_s", "cached_first_s", "steady_s", "compile_s"))
+    assert math.isfinite(first["cached_compile_s"])
+    assert changed["first_s"] > 0
+    for name, row in changed["streams"].items():
+        assert row["seconds"] > 0
+        assert row["compiled_kernels"] == 0, f"another {name} compiled {row['compiled_kernels']} kernels"
+
+
+@pytest.mark.parametrize("peer", ["pyxel", "galsim"])
+def test_a_peer_agrees_or_says_how_to_install_it(peer: str) -> None:
+    result = run("peers.py", "--peers", peer, "--mpx", "0.01", "--turns", "1", "--engines", "numpy")
+    found = result["peers"][peer]
+    if found is None:
+        assert "pip install" in result["missing"][peer]
+        pytest.skip(result["missing"][peer])
+    assert found["agreement"]["numpy"]["agrees"]
+    assert_speeds(found["rows"][0]["speeds"], peer, "numpy")
+
+
+@pytest.mark.skipif(not Path("/proc/self/clear_refs").exists(), reason="resident memory is read from Linux's /proc")
+def test_streams_have_a_speed_and_a_resident_memory() -> None:
+    words = "--shape 60 80 --frames 8 --peak-mpx 0.1 --runs 1 --engines numpy"
+    result = run("streaming.py", *words.split())
+    for kind in ("kept", "dropped"):
+        found = result["stream"]["numpy"][kind]
+        assert found["frames_per_s"] > 0 and found["steady_frames_per_s"] > 0
+        assert len(found["resident_mib"].split()) == 8
+    assert math.isfinite(result["peak"]["numpy"]["peak_mib"])
+
+
+def test_the_first_command_is_timed() -> None:
+    variants = run("first_command.py", "--runs", "0", "--size", "8")["variants"]
+    assert "error" not in variants["scalar_spectral"]
+    for found in variants.values():
+        assert "error" in found or all(math.isfinite(x) and x > 0 for x in found.values())
