@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from plain_chain import PlainChain
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.engine.llvm import drjit
 
 ENGINES: dict[str, dict[str, Any]] = {
     "numpy": {"engine": "numpy", "precision": "float32"},
@@ -44,8 +45,20 @@ def open_stream(
 
 
 def next_frame(name: str, photons: NDArray[np.float64], camera: ms.Camera) -> Callable[[], NDArray[Any]]:
-    """A task for ``take_turns``: the next frame of a stream that stays open."""
-    return partial(next, open_stream(name, photons, camera))
+    """A task for ``take_turns``: the next frame of a stream that stays open.
+
+    A compiled engine begins one frame more than it delivers. That is waited for: nobody works in another's turn.
+    """
+    frames = open_stream(name, photons, camera)
+    if name not in ("drjit", "cuda"):
+        return partial(next, frames)
+
+    def task() -> NDArray[Any]:
+        frame = next(frames)
+        drjit().sync_thread()
+        return frame
+
+    return task
 
 
 def refusal(name: str, camera: ms.Camera) -> str | None:

@@ -119,8 +119,8 @@ def peak_mib(engine: str, mpx: float, electrons: float) -> float:
     Path("/proc/self/clear_refs").write_text("5", encoding="ascii")  # the kernel's peak of this process starts anew
     source = open_stream(engine, photons, camera)
     for _ in range(3):
-        frame = next(source)
-    return memory_mib("VmHWM") - before - frame.nbytes / 2**20
+        frame_mib = next(source).nbytes / 2**20  # and dropped: of what is delivered, one frame is there at a time
+    return memory_mib("VmHWM") - before - frame_mib
 
 
 def memory_mib(field: str) -> float:

@@ -140,7 +140,8 @@ def test_explain_is_a_table_with_every_stage_and_to_dict_is_json() -> None:
     plan = ms.plan(CAMERA, EXPOSURE, SCENE, 0.5)
     text = plan.explain()
     assert CAMERA.name in text and "0.5 DN" in text
-    *lines, measured = text.splitlines()
+    *lines, single, measured = text.splitlines()
+    assert single.startswith("float32: ")
     assert measured.startswith("measured: ") and all(seconds > 0 for seconds in plan.seconds)
     assert len(lines) == len(plan.effects) + 2 and max(map(len, lines)) <= 110
     for effect, line in zip(plan.effects, lines[2:], strict=True):

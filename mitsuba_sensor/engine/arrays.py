@@ -8,6 +8,7 @@ is why NumPy and Dr.Jit-LLVM deliver the same bytes. No fused multiply-add, no l
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -18,14 +19,15 @@ _HOST = (np.ndarray, np.generic, float, int)
 
 def on_host(*values: Any) -> bool:
     """Whether NumPy does the arithmetic with these: none of them is a Dr.Jit array."""
-    return all(isinstance(x, _HOST) for x in values)
+    for x in values:  # noqa: SIM110  (a kernel asks this a thousand times while it is traced)
+        if not isinstance(x, _HOST):
+            return False
+    return True
 
 
 def _drjit() -> Any:
     """Dr.Jit, which is there already where one of its arrays is."""
-    import drjit
-
-    return drjit
+    return sys.modules["drjit"]
 
 
 def _single(x: Any) -> bool:

@@ -77,7 +77,8 @@ class Compiled(Single):
 
     def poisson(self, words: Any, mean: Any) -> Any:
         """Poisson counts about ``mean``, one or one per pixel."""
-        return poisson(words, self.float(mean))
+        every = self.dr.zeros(self.float, len(words))  # a branch is as long as its condition, not as its arguments
+        return poisson(words, self.float(mean) + every)
 
     def _whole(self, value: int) -> Any:
         return self.dr.opaque(self.uint, value)

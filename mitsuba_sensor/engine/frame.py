@@ -89,6 +89,10 @@ class Device:
         """Every map that the device holds so far, among all that it makes once."""
         return dict(self._drawn)
 
+    def hold(self, key: Any, values: Any) -> None:
+        """Take ``values`` for what was made once under ``key``: the same numbers in another place."""
+        self._drawn[key] = values
+
     def spread(self, name: str, mean: float, variance: float) -> tuple[float, float]:
         """Mean and variance of that map over the window: the measured one's where one was given."""
         if name not in self.given:

@@ -154,7 +154,7 @@ def stream(
 
     shape = run.first.device.shape
     done = run.frames(first_frame, frames, lambda _: {"digital": np.empty(shape, code_type)})
-    return (sinks["digital"] for sinks in done)
+    return (sinks.pop("digital") for sinks in done)  # popped: nobody here holds a frame that was delivered
 
 
 def _prepared(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
@@ -75,6 +76,8 @@ class Run:
     light: Photons
     first: Frame
     _parts: dict[int, tuple[Device, Any]] = field(default_factory=dict)
+    _maps: dict[Any, NDArray[Any]] = field(default_factory=dict)
+    _lock: Any = field(default_factory=threading.Lock)
 
     def __post_init__(self) -> None:
         lanes = self.first.device.lanes
@@ -85,20 +88,22 @@ class Run:
     def frames(self, first: int, count: int, sinks_of: Callable[[int], Sinks]) -> Iterator[Sinks]:
         """Frames ``first``, first + 1, …, each into the arrays (H, W) of ``sinks_of(index)``, by the signal's name.
 
-        While a kernel runs, the next one is traced: a frame comes when the next one has begun.
+        While a kernel runs, the next one is traced: there a frame comes when the next one has begun.
         """
-        ready: Sinks | None = None
-        finish: list[Callable[[], None]] = []
+        finish, ready = _nothing, None
         for index in range(first, first + count):
             sinks = sinks_of(index)
             for begun in self._begun(index, sinks, index + 1 == first + count):
-                _all(finish)
-                finish = [begun]
+                finish()
+                finish = begun
                 if ready is not None:
                     yield ready
                     ready = None
             ready = sinks
-        _all(finish)
+            if self.first.device.lanes.on_host:
+                yield ready
+                ready = None
+        finish()
         self.close()
         if ready is not None:
             yield ready
@@ -115,24 +120,41 @@ class Run:
     def close(self) -> None:
         """Let the threads and the maps go."""
         self._parts.clear()
+        self._maps.clear()
         if self._pool:
             self._pool.shutdown()
 
     def _strip(self, number: int, index: int, sinks: Sinks, last: bool) -> Callable[[], None]:
         rows = self._rows[number]
         strip = Photons(self.light.mean[rows], self.light.wavelengths_nm)
-        device, start = self._parts.pop(number) if number in self._parts else self._part(strip, rows)
-        if not last:
-            self._parts[number] = device, start
+        new = number not in self._parts
+        device, start = self._part(strip, rows) if new else self._parts.pop(number)
         frame = Frame(self.first.exposure, device, self.first.seed, index)
         if "photons" in sinks:
             sinks["photons"][rows] = strip.total
         for name, signal in signals(self.stages, strip if start is None else start, frame):
             if name == "digital":
+                if not last:
+                    self._keep(number, device, start, new)
                 return device.lanes.start(signal, device, sinks[name][rows])
             if name in sinks:
                 sinks[name][rows] = device.lanes.give(signal, device)
         raise AssertionError("the last stage of a chain delivers digital numbers")
+
+    def _keep(self, number: int, device: Device, start: Any, new: bool) -> None:
+        """Keep a strip's maps for the next frame; on the host in one array per map, whole, so that memory stays so."""
+        self._parts[number] = device, start
+        if not (new and device.lanes.on_host):
+            return
+        shape, rows = self.first.device.shape, self._rows[number]
+        for key, strip in device.drawn.items():
+            if isinstance(strip, np.ndarray) and strip.shape == device.shape:
+                with self._lock:
+                    if key not in self._maps:
+                        self._maps[key] = np.empty(shape, strip.dtype)
+                    whole = self._maps[key]
+                whole[rows] = strip
+                device.hold(key, whole[rows])
 
     def _part(self, strip: Photons, rows: slice) -> tuple[Device, Any]:
         """The strip's device with its maps, and for a compiled engine the light that it has detected."""
@@ -142,9 +164,8 @@ class Run:
         return device, begin(self.stages, strip, replace(self.first, device=device))
 
 
-def _all(jobs: list[Callable[[], None]]) -> None:
-    for job in jobs:
-        job()
+def _nothing() -> None:
+    """No kernel runs yet."""
 
 
 def begin(stages: tuple[Any, ...], light: Photons, frame: Frame) -> Electrons:
