@@ -43,13 +43,13 @@ class Compiled(Single):
 
     def take(self, values: Any, device: Device) -> Any:
         """One number per pixel; a line of columns or rows is looked up by each pixel's place."""
-        held = np.minimum(values, BRIGHTEST).astype(np.float32)
-        if held.size == 1:
-            return self.constant(float(held.ravel()[0]))
-        if held.shape == device.shape:
-            return self.float(held.ravel())
+        single = np.minimum(values, BRIGHTEST).astype(np.float32)
+        if single.size == 1:
+            return self.constant(float(single.ravel()[0]))
+        if single.shape == device.shape:
+            return self.float(single.ravel())
         column, row = self._place(device)
-        return self.dr.gather(self.float, self.float(held.ravel()), column if held.shape[0] == 1 else row)
+        return self.dr.gather(self.float, self.float(single.ravel()), column if single.shape[0] == 1 else row)
 
     def give(self, signal: Any, device: Device) -> NDArray[Any]:
         """Runs the kernel and waits for it."""
