@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from engines import FRAMES_A_TURN
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
@@ -33,11 +34,12 @@ def kernel_only(engine: str, photons: NDArray[np.float64], camera: ms.Camera) ->
         parts.append((begin(stages, Photons(photons[rows]), frame), frame))
 
     def run() -> None:
-        for start, frame in parts:
+        for start, frame in parts * FRAMES_A_TURN:
             codes = lanes.uint(run_chain(stages[1:], start, Frame(EXPOSURE, frame.device)))
             drjit().eval(codes)
-            drjit().sync_thread()
+        drjit().sync_thread()
 
+    run.runs = FRAMES_A_TURN  # type: ignore[attr-defined]
     return run
 
 
@@ -50,9 +52,10 @@ def generator_floor(engine: str, shape: tuple[int, int]) -> Callable[[], object]
     parts = [device.rows_only(rows) for rows in strips_of(shape, lanes.strip)]
 
     def run() -> None:
-        for part in parts:
+        for part in parts * FRAMES_A_TURN:
             one, two, three, four = (lanes.normal(words) for words in lanes.block(0, part, 0, 1))
             drjit().eval(one + two + three + four)
-            drjit().sync_thread()
+        drjit().sync_thread()
 
+    run.runs = FRAMES_A_TURN  # type: ignore[attr-defined]
     return run

@@ -2,7 +2,8 @@
 
 Stages import these and never NumPy or Dr.Jit, so the physics is written once. On float32 every operation that touches
 a pixel is one of + − × ÷ √ floor, a comparison or a move of bits, each of which IEEE 754 rounds in one way only: that
-is why NumPy and Dr.Jit-LLVM deliver the same bytes. No fused multiply-add, no library logarithm.
+is why NumPy and Dr.Jit-LLVM deliver the same bytes. No fused multiply-add, no library logarithm. (Dr.Jit takes what is
+below 1.2e-38 for 0; nothing in a chain comes near.)
 """
 
 from __future__ import annotations

@@ -37,7 +37,7 @@ The form is Temme's uniform expansion (Giles, *Algorithm 955*, ACM TOMS 42 (2016
 SEARCH_BELOW = 10.0
 """Poisson means below this are searched from zero, in float64: the tail of a small mean needs more than 24 bits."""
 
-CURVE_REACH, CURVE_TERMS = 6.5, 25
+CURVE_REACH, CURVE_TERMS = 6.5, 41
 """Where the Chebyshev series of ``curve`` end, beyond the normal of the last word, and how many terms they have."""
 
 LOWEST_S = -1.33
@@ -138,8 +138,7 @@ def _expand(words: Any, mean: Any) -> Any:
     rest = arrays.polynomial(s, SHIFT) + arrays.polynomial(s, SMALL) * (inverse * inverse)
     deviation = root * z + ((z * z) * arrays.polynomial(s, SKEW) + rest)
     below = arrays.floor(mean)
-    count = below + arrays.floor((mean - below) + deviation)
-    return arrays.where(count < 0, 0.0, count)
+    return below + arrays.floor((mean - below) + deviation)
 
 
 def _search(words: Any, mean: Any) -> Any:
@@ -150,8 +149,17 @@ def _search(words: Any, mean: Any) -> Any:
     reach = 0.5 + (arrays.double(_signed(words)) + 0.5) * 2.0**-32
     rate = arrays.double(mean)
     none = _exp_of_minus(rate)
-    left = reach - none
-    return arrays.real(arrays.repeat(_missing, _one_more, (left, none * rate, rate, rate * 0.0)))
+    left, term = reach - none, none * rate
+    count = arrays.where(left > 0, 1.0, rate * 0.0)
+    for n in range(1, AT_ONCE):  # most pixels are done before the loop; once nothing is missing, nothing ever is
+        left, term = left * n - term, term * rate
+        count = count + arrays.where(left > 0, 1.0, rate * 0.0)
+    state = left * AT_ONCE - term, term * rate, rate, count
+    return arrays.real(arrays.repeat(_missing, _one_more, state))
+
+
+AT_ONCE = 5
+"""Counts that are tried without asking whether any pixel needs them."""
 
 
 def _missing(left: Any, term: Any, rate: Any, count: Any) -> Any:
@@ -163,11 +171,11 @@ def _one_more(left: Any, term: Any, rate: Any, count: Any) -> tuple[Any, ...]:
     return left * count - term, term * rate, rate, count
 
 
-SERIES = tuple(1 / math.factorial(k) for k in range(9))
+SERIES = tuple(1 / math.factorial(k) for k in range(10))
 
 
 def _exp_of_minus(x: Any) -> Any:
-    """e^−x in float64 for 0 ≤ x < 10, to 1e-11: the 64th part, whose series is short, squared six times."""
+    """e^−x in float64 for 0 ≤ x < 10, to 1e-12: the 64th part, whose series is short, squared six times."""
     power = arrays.polynomial(x * (-1 / 64), SERIES)
     for _ in range(6):
         power = power * power
