@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import os
+import threading
 from typing import Any
 
 import numpy as np
 import pytest
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.engine.lanes import REFERENCE, SINGLE
+from mitsuba_sensor.engine.lanes import REFERENCE, SINGLE, Lanes
 from mitsuba_sensor.engine.llvm import backend_problem, drjit
 from mitsuba_sensor.sensor import running
 
@@ -113,7 +113,7 @@ def test_one_thread_and_two_deliver_the_same_bytes(monkeypatch: pytest.MonkeyPat
         frames = []
         for count in (1, 2):
             drjit().set_thread_count(count)
-            monkeypatch.setattr(os, "sched_getaffinity", lambda _, count=count: set(range(count)))
+            monkeypatch.setattr(running, "processors", lambda count=count: count)
             frames += [frame(camera, light, engine) for engine in ("numpy", "drjit")]
     finally:
         drjit().set_thread_count(threads)
@@ -143,6 +143,17 @@ def test_more_than_one_launch_makes_the_same_frame(monkeypatch: pytest.MonkeyPat
     whole = frame(camera, light, "drjit", frames=2)
     monkeypatch.setattr(Compiled, "strip", 3000)
     np.testing.assert_array_equal(frame(camera, light, "drjit", frames=2), whole)
+
+
+def test_a_stream_that_is_left_lets_its_threads_go(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(running, "processors", lambda: 2)
+    monkeypatch.setattr(Lanes, "strip", 1000)
+    before = threading.active_count()
+    stream = ms.stream(RAMP, TABLE1, EXPOSURE, frames=9, engine="numpy")
+    next(stream)
+    assert threading.active_count() == before + 2
+    stream.close()  # type: ignore[attr-defined]
+    assert threading.active_count() == before
 
 
 @compiled

@@ -25,8 +25,9 @@ Precision = Literal["auto", "float32", "float64"]
 ENGINES = ("auto", "numpy", "drjit", "cuda")
 PRECISIONS = ("auto", "float32", "float64")
 
-WORTH_COMPILING = 2**20
-"""Pixels in all frames together from which on "auto" compiles a kernel; below, NumPy has finished sooner."""
+WORTH_COMPILING = 2**23
+"""Pixels in all frames together from which on "auto" compiles a kernel. NumPy needs a second for them on two
+processors, and so long does a new process need for Dr.Jit, the kernel and the maps (benchmarks/engine_speed.py)."""
 
 Sinks = dict[str, NDArray[Any]]
 
@@ -58,6 +59,11 @@ def chosen_lanes(engine: str, precision: str, pixels: int) -> Lanes:
     return Compiled(backend)
 
 
+def processors() -> int:
+    """How many this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def strips_of(shape: tuple[int, int], pixels: int) -> Iterator[slice]:
     """Whole rows of about so many pixels; no result depends on how many."""
     height = max(pixels // shape[1], 1)
@@ -82,7 +88,7 @@ class Run:
     def __post_init__(self) -> None:
         lanes = self.first.device.lanes
         self._rows = list(strips_of(self.first.device.shape, lanes.strip))
-        workers = min(len(os.sched_getaffinity(0)), len(self._rows)) if lanes.on_host else 1
+        workers = min(processors(), len(self._rows)) if lanes.on_host else 1
         self._pool = ThreadPoolExecutor(workers) if workers > 1 else None
 
     def frames(self, first: int, count: int, sinks_of: Callable[[int], Sinks]) -> Iterator[Sinks]:
@@ -91,22 +97,24 @@ class Run:
         While a kernel runs, the next one is traced: there a frame comes when the next one has begun.
         """
         finish, ready = _nothing, None
-        for index in range(first, first + count):
-            sinks = sinks_of(index)
-            for begun in self._begun(index, sinks, index + 1 == first + count):
-                finish()
-                finish = begun
-                if ready is not None:
+        try:
+            for index in range(first, first + count):
+                sinks = sinks_of(index)
+                for begun in self._begun(index, sinks, index + 1 == first + count):
+                    finish()
+                    finish = begun
+                    if ready is not None:
+                        yield ready
+                        ready = None
+                ready = sinks
+                if self.first.device.lanes.on_host:
                     yield ready
                     ready = None
-            ready = sinks
-            if self.first.device.lanes.on_host:
+            finish()
+            if ready is not None:
                 yield ready
-                ready = None
-        finish()
-        self.close()
-        if ready is not None:
-            yield ready
+        finally:  # also when nobody asks for the rest
+            self._close()
 
     def _begun(self, index: int, sinks: Sinks, last: bool) -> Iterator[Callable[[], None]]:
         """Begin one strip after the other; what comes finishes it."""
@@ -117,7 +125,7 @@ class Run:
             for done in [self._pool.submit(self._strip, number, index, sinks, last) for number in numbers]:
                 yield done.result()
 
-    def close(self) -> None:
+    def _close(self) -> None:
         """Let the threads and the maps go."""
         self._parts.clear()
         self._maps.clear()
