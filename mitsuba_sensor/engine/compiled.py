@@ -8,14 +8,13 @@ compiles another kernel.
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .frame import Device
-from .lanes import BRIGHTEST, Single, held
+from .lanes import BRIGHTEST, Job, Single, held
 from .llvm import drjit
 from .quantiles import poisson
 from .words import halves, philox
@@ -58,11 +57,9 @@ class Compiled(Single):
         found = signal.numpy()
         return np.broadcast_to(found[0], device.shape) if found.size == 1 else found.reshape(device.shape)
 
-    def start(self, signal: Any, device: Device, out: NDArray[Any]) -> Callable[[], None]:
-        """Starts the kernel, which other threads run; Dr.Jit knows no 16-bit numbers, so the host narrows them."""
-        codes = self.uint(signal)
-        self.dr.eval(codes)
-        return lambda: np.copyto(out, codes.numpy().reshape(device.shape), casting="unsafe")
+    def job(self, signal: Any, device: Device, out: NDArray[Any]) -> Job:
+        """One launch of the kernel."""
+        return Launch(self.dr, self.uint(signal), out)
 
     def settle(self, device: Device) -> None:
         """All maps of the device in one kernel, columns and rows too: to look them up costs 6 % of a frame."""
@@ -96,3 +93,23 @@ class Compiled(Single):
         column = number - row * across
         short = column >= across
         return self.dr.select(short, column - across, column), self.dr.select(short, row + 1, row)
+
+
+class Launch(Job):
+    """A kernel that other threads run while this one traces the next, or narrows the codes of the one before.
+
+    Dr.Jit knows no 16-bit numbers, so the host makes them. To ask for an array waits for *all* kernels: therefore the
+    next is launched after the wait for this one, and before its numbers are copied.
+    """
+
+    def __init__(self, dr: Any, codes: Any, out: NDArray[Any]) -> None:
+        self.dr, self.codes, self.out = dr, codes, out
+
+    def launch(self) -> None:
+        self.dr.eval(self.codes)
+
+    def wait(self) -> None:
+        self.computed = self.codes.numpy()
+
+    def deliver(self) -> None:
+        np.copyto(self.out, self.computed.reshape(self.out.shape), casting="unsafe")

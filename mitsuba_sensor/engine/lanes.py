@@ -7,7 +7,6 @@ reference asks SciPy's exact quantile functions (draws.py) and says how far floa
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -21,6 +20,19 @@ if TYPE_CHECKING:
 
 BRIGHTEST = 1e30
 """Means above this, and +inf, are taken for it: every well overflows long before, and no infinity meets a zero."""
+
+
+class Job:
+    """A strip's digital numbers on their way. On the host they have arrived, and there is nothing to do."""
+
+    def launch(self) -> None:
+        """Let others begin to compute them."""
+
+    def wait(self) -> None:
+        """Until they are computed."""
+
+    def deliver(self) -> None:
+        """Put them where they are wanted."""
 
 
 class Lanes:
@@ -44,10 +56,10 @@ class Lanes:
         """What the engine holds, as an array (H, W) of the host."""
         return np.broadcast_to(np.asarray(signal), device.shape)
 
-    def start(self, signal: Any, device: Device, out: NDArray[Any]) -> Callable[[], None]:
-        """Begin to compute digital numbers for ``out``, (H, W) of a whole-number type; what comes back finishes it."""
+    def job(self, signal: Any, device: Device, out: NDArray[Any]) -> Job:
+        """How to get digital numbers into ``out``, (H, W) of a whole-number type."""
         out[...] = signal
-        return _nothing
+        return Job()
 
     def settle(self, device: Device) -> None:
         """Compute the device's maps now, once."""
@@ -132,10 +144,6 @@ class Single(Lanes):
 def held(value: float) -> float:
     """A number that float32 can hold with room to multiply: between −1e30 and 1e30."""
     return min(max(value, -BRIGHTEST), BRIGHTEST)
-
-
-def _nothing() -> None:
-    """There is nothing to wait for."""
 
 
 REFERENCE, SINGLE = Lanes(), Single()

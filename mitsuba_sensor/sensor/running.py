@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..engine.errors import InputError, nearest
 from ..engine.frame import Device, Frame
-from ..engine.lanes import REFERENCE, SINGLE, Lanes
+from ..engine.lanes import REFERENCE, SINGLE, Job, Lanes
 from ..engine.llvm import backend_problem
 from ..engine.quantities import Electrons, Photons
 from .account import plain
@@ -94,15 +94,17 @@ class Run:
     def frames(self, first: int, count: int, sinks_of: Callable[[int], Sinks]) -> Iterator[Sinks]:
         """Frames ``first``, first + 1, …, each into the arrays (H, W) of ``sinks_of(index)``, by the signal's name.
 
-        While a kernel runs, the next one is traced: there a frame comes when the next one has begun.
+        A compiled engine traces the next strip while it computes one; there a frame comes when the next has begun.
         """
-        finish, ready = _nothing, None
+        before, ready = Job(), None
         try:
             for index in range(first, first + count):
                 sinks = sinks_of(index)
-                for begun in self._begun(index, sinks, index + 1 == first + count):
-                    finish()
-                    finish = begun
+                for job in self._jobs(index, sinks, index + 1 == first + count):
+                    before.wait()
+                    job.launch()
+                    before.deliver()
+                    before = job
                     if ready is not None:
                         yield ready
                         ready = None
@@ -110,14 +112,15 @@ class Run:
                 if self.first.device.lanes.on_host:
                     yield ready
                     ready = None
-            finish()
+            before.wait()
+            before.deliver()
             if ready is not None:
                 yield ready
         finally:  # also when nobody asks for the rest
             self._close()
 
-    def _begun(self, index: int, sinks: Sinks, last: bool) -> Iterator[Callable[[], None]]:
-        """Begin one strip after the other; what comes finishes it."""
+    def _jobs(self, index: int, sinks: Sinks, last: bool) -> Iterator[Job]:
+        """One job after the other, a strip each; on the host they are done."""
         numbers = range(len(self._rows))
         if self._pool is None:
             yield from (self._strip(number, index, sinks, last) for number in numbers)
@@ -132,7 +135,7 @@ class Run:
         if self._pool:
             self._pool.shutdown()
 
-    def _strip(self, number: int, index: int, sinks: Sinks, last: bool) -> Callable[[], None]:
+    def _strip(self, number: int, index: int, sinks: Sinks, last: bool) -> Job:
         rows = self._rows[number]
         strip = Photons(self.light.mean[rows], self.light.wavelengths_nm)
         new = number not in self._parts
@@ -144,7 +147,7 @@ class Run:
             if name == "digital":
                 if not last:
                     self._keep(number, device, start, new)
-                return device.lanes.start(signal, device, sinks[name][rows])
+                return device.lanes.job(signal, device, sinks[name][rows])
             if name in sinks:
                 sinks[name][rows] = device.lanes.give(signal, device)
         raise AssertionError("the last stage of a chain delivers digital numbers")
@@ -170,10 +173,6 @@ class Run:
         if device.lanes.on_host:
             return device, None
         return device, begin(self.stages, strip, replace(self.first, device=device))
-
-
-def _nothing() -> None:
-    """No kernel runs yet."""
 
 
 def begin(stages: tuple[Any, ...], light: Photons, frame: Frame) -> Electrons:
