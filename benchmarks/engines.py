@@ -25,8 +25,8 @@ ENGINES: dict[str, dict[str, Any]] = {
 PLAIN = "plain"
 """The yardstick of ``plain_chain.py``."""
 
-FRAMES_A_TURN = 4
-"""Frames of a compiled engine per turn; times are divided by it."""
+FRAMES_A_TURN = 8
+"""Frames of a compiled engine per turn, about half of the time that the plain chain takes for one; divided out."""
 
 ENDLESS = 2**31
 """More frames than any benchmark takes."""
