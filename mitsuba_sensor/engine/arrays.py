@@ -192,8 +192,7 @@ def amend(condition: Any, base: Any, repair: Callable[..., Any], *arguments: Any
             base = np.array(base)
             base.ravel()[needed] = repair(*(x.ravel()[needed] for x in arguments))
         return base
-    given = _drjit().if_stmt((base, *arguments), condition, lambda _, *a: repair(*a), lambda same, *_: same)
-    return given
+    return _drjit().if_stmt((base, *arguments), condition, lambda _, *a: repair(*a), lambda same, *_: same)
 
 
 def choose(condition: Any, yes: Callable[..., Any], no: Callable[..., Any], *arguments: Any) -> Any:

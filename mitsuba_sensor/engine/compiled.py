@@ -62,7 +62,7 @@ class Compiled(Single):
         return Launch(self.dr, self.uint(signal), out)
 
     def settle(self, device: Device) -> None:
-        """All maps of the device in one kernel, columns and rows too: to look them up costs 6 % of a frame."""
+        """All maps of the device in one kernel, columns and rows too: a look-up is slower than a load."""
         self.dr.eval([x for x in device.drawn.values() if isinstance(x, self.float)])
 
     def block(self, number: int, device: Device, frame: int, key: int) -> tuple[Any, Any, Any, Any]:

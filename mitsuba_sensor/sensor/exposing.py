@@ -106,8 +106,8 @@ def expose(
     origin : (row, column) of the first pixel on the sensor: a crop of a frame is the frame of the crop.
     plan : what :func:`plan` left of the chain; the whole chain without one.
     chain : "physical", or "konnik2014" for the published code's behaviour (comparison only; docs/konnik2014.md).
-    engine : "numpy", "drjit" (one kernel for LLVM, the same bytes), "cuda" (the same words, at most 1 DN apart), or
-        "auto", which compiles for LLVM where that is quicker.
+    engine : "numpy", "drjit" (one kernel for LLVM, the same bytes), "cuda" (the same words; how near its bytes are
+        is not measured yet), or "auto", which compiles for LLVM where that is quicker.
     precision : "float32", "float64" (NumPy only; the reference), or "auto": what the plan found
         to be enough; without a plan float32, unless the full well or the codes go beyond 2^24, where it stops counting.
     Raises InputError for NaN or negative photons, naming how many there are and where the first one is.
@@ -144,15 +144,13 @@ def stream(
 ) -> Iterator[NDArray[Any]]:
     """The frames of :func:`expose` one at a time, each (H, W) [DN]: for more of them than memory holds.
 
-    Everything is checked, and light and maps are made, before the first frame is asked for.
+    Everything is checked at once; light and maps are made with the first frame that is asked for.
     """
     run = _prepared(
         photons, camera, exposure, seed, serial, frames, first_frame, wavelengths_nm, origin, maps, plan, chain,
         engine, precision,
     )  # fmt: skip
-    code_type = np.min_scalar_type(run.stages[-1].highest)
-
-    shape = run.first.device.shape
+    shape, code_type = run.first.device.shape, np.min_scalar_type(run.stages[-1].highest)
     done = run.frames(first_frame, frames, lambda _: {"digital": np.empty(shape, code_type)})
     return (sinks.pop("digital") for sinks in done)  # popped: nobody here holds a frame that was delivered
 
@@ -177,6 +175,8 @@ def _precision(asked: str, camera: Camera, plan: Plan | None, chain: str) -> str
     if asked not in PRECISIONS:
         raise InputError(f"precision is {asked!r}; it must be one of {', '.join(PRECISIONS)}.")
     if chain == "konnik2014":  # a comparison, in the precision of the published code
+        if asked == "float32":
+            raise InputError("precision is 'float32' and chain konnik2014 is float64 only; leave the precision out.")
         return "float64"
     if asked != "auto":
         return asked

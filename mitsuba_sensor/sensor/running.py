@@ -44,7 +44,8 @@ def chosen_lanes(engine: str, precision: str, pixels: int) -> Lanes:
     if precision == "float64":
         if engine in ("drjit", "cuda"):
             raise InputError(
-                f"engine is {engine!r} and precision float64; the compiled engines are float32: take numpy."
+                f"engine is {engine!r} and precision float64, asked for or found to be needed; compiled engines are "
+                "float32: take numpy, or precision float32."
             )
         return REFERENCE
     if engine == "numpy" or (engine == "auto" and (pixels < WORTH_COMPILING or backend_problem("llvm"))):
