@@ -8,6 +8,7 @@ compiles another kernel.
 from __future__ import annotations
 
 import importlib
+import math
 from typing import Any
 
 import numpy as np
@@ -42,7 +43,8 @@ class Compiled(Single):
 
     def take(self, values: Any, device: Device) -> Any:
         """One number per pixel; a line of columns or rows is looked up by each pixel's place."""
-        single = np.minimum(values, BRIGHTEST).astype(np.float32)
+        single = _aligned(np.shape(values))
+        np.minimum(values, BRIGHTEST, out=single, casting="same_kind")
         if single.size == 1:
             return self.constant(float(single.ravel()[0]))
         if single.shape == device.shape:
@@ -93,6 +95,14 @@ class Compiled(Single):
         column = number - row * across
         short = column >= across
         return self.dr.select(short, column - across, column), self.dr.select(short, row + 1, row)
+
+
+def _aligned(shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """An array that starts where a vector may: Dr.Jit reads it in place, by another kernel where it does not."""
+    size = math.prod(shape)
+    memory = np.empty(size + 16, dtype=np.float32)
+    start = -memory.ctypes.data % 64 // 4
+    return memory[start : start + size].reshape(shape)
 
 
 class Launch(Job):
