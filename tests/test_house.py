@@ -18,7 +18,7 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 IDS = [str(path.relative_to(PACKAGE)) for path in MODULES]
 
 # A room may import the rooms of its own floor and of those below.
-FLOORS = (("engine",), ("sensor",), ("light",), ("lab", "study", "data"), ("doctor", "terminal", "options"), ("cli",))
+FLOORS = (("engine",), ("sensor",), ("light",), ("lab", "study", "data"), ("doctor",), ("cli",))
 FLOOR = {room: number for number, rooms in enumerate(FLOORS) for room in rooms}
 FRONT_DOOR = ("__init__.py", "__main__.py")
 
@@ -30,8 +30,8 @@ DOORS = {
     "tifffile": ("data/files.py",),
     "PIL": ("data/files.py",),
     "colour": ("light/spectra.py",),
-    "typer": ("cli.py", "options.py"),
-    "rich": ("cli.py", "terminal.py"),
+    "typer": ("cli/",),
+    "rich": ("cli/",),
     "pydantic": ("sensor/",),
 }
 # What a first `import mitsuba_sensor` need not wait for: together these take more than five seconds.
@@ -106,7 +106,7 @@ def test_a_stage_knows_the_engine_and_nothing_else(name: str) -> None:
 
 @pytest.mark.parametrize("path", MODULES, ids=IDS)
 def test_only_the_command_line_prints(path: Path) -> None:
-    if name_of(path) != "cli.py":
+    if room_of(name_of(path)) != "cli":
         calls = [node for node in ast.walk(tree_of(path)) if isinstance(node, ast.Call)]
         assert not [call.lineno for call in calls if isinstance(call.func, ast.Name) and call.func.id == "print"]
 

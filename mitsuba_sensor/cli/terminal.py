@@ -1,4 +1,4 @@
-"""What the terminal shows: tables and the progress bar, built here, printed by :mod:`mitsuba_sensor.cli`."""
+"""What the terminal shows: tables and the progress bar, built here, printed by :mod:`mitsuba_sensor.cli.app`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 from rich.text import Text
 
-from .sensor.plan import IDLE
+from ..sensor.plan import IDLE
 
 
 @contextmanager

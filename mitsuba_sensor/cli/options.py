@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from .engine.errors import InputError
+from ..engine.errors import InputError
 
 DEFAULT_CAMERA = "konnik_table1"
 DEFAULT_EXPOSURE_S = 0.1

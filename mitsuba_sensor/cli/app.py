@@ -1,0 +1,70 @@
+"""The command line's trunk: the app that commands hang on, where errors end, and the only two places that print."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+from typer.core import TyperGroup
+
+import mitsuba_sensor as ms
+
+from ..data import files
+from ..data.report import Shot
+from ..engine.errors import InputError
+from . import options
+
+out = Console()
+err = Console(stderr=True)
+
+
+class Door(TyperGroup):
+    """Where every command ends: what a user did wrong is one sentence on stderr and exit code 2."""
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except (InputError, OSError, MemoryError) as error:
+            err.print(f"[bold red]error:[/] {escape(_sentence(error))}", highlight=False, soft_wrap=True)
+            raise typer.Exit(2) from None
+        except KeyboardInterrupt:
+            err.print("stopped; nothing was written", highlight=False)
+            raise typer.Exit(130) from None
+
+
+app = typer.Typer(
+    cls=Door,
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode="rich",
+    pretty_exceptions_enable=False,
+    help="From a 3D scene to the raw numbers of a camera, with every noise that physics puts in.\n\n"
+    "Start here: [bold]mitsuba-sensor render scenes/cornell_box.xml -o out/[/]",
+)
+cameras = typer.Typer(no_args_is_help=True, help="The camera files that come along, and what may stand in one.")
+app.add_typer(cameras, name="cameras")
+
+
+def chosen_shot(camera: str, settings: list[str] | None, exposure: ms.Exposure, **asked: Any) -> Shot:
+    """The camera with its --set fields, and what is asked of it; all checked. asked : other fields of Shot."""
+    changes = {key: options.toml_value(text) for key, text in options.pairs("--set", settings).items()}
+    chosen = ms.load_camera(camera)
+    return Shot(chosen.replace(**changes) if changes else chosen, exposure, **asked)
+
+
+def show(what: Any, as_json: bool) -> None:
+    """JSON plain and whole, everything else as rich shows it."""
+    if as_json:
+        typer.echo(files.to_json(what))
+    else:
+        out.print(what, highlight=False)
+
+
+def _sentence(error: BaseException) -> str:
+    if isinstance(error, MemoryError):
+        return f"not enough memory ({error}); render a smaller picture, fewer bands or fewer frames."
+    if isinstance(error, OSError):
+        return f"{error.filename or 'the system'}: {error.strerror or error}."
+    return str(error)

@@ -1,0 +1,51 @@
+"""cameras list, show and schema: the camera files that come along."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mitsuba_sensor as ms
+
+from . import options, terminal
+from .app import cameras, show
+
+
+@cameras.command("list")
+def list_command(as_json: options.Json = False) -> None:
+    """The cameras that come along."""
+    known = [ms.load_camera(name) for name in ms.list_cameras()]
+    if as_json:
+        show([{"name": one.name, "description": one.description} for one in known], True)
+        return
+    rows = [
+        (one.name, one.sensor.technology, f"{one.sensor.columns} × {one.sensor.rows}", one.description) for one in known
+    ]
+    show(terminal.camera_list(rows), False)
+
+
+@cameras.command("show", epilog="Example: mitsuba-sensor cameras show konnik_table1")
+def show_camera(name: options.CameraName, as_json: options.Json = False) -> None:
+    """Every number of one camera, with its unit (the end of the field's name) and where it comes from."""
+    camera = ms.load_camera(name)
+    fields = camera.model_dump(mode="json")
+    if as_json:
+        show({**fields, "sources": dict(camera.sources)}, True)
+        return
+    fields.pop("sources", None)
+    show(terminal.camera_sheet(_flat(fields), camera.sources), False)
+
+
+@cameras.command()
+def schema() -> None:
+    """The JSON Schema of a camera file: every field, its unit and its allowed range."""
+    from ..sensor.camera import camera_schema
+
+    show(camera_schema(), True)
+
+
+def _flat(fields: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested fields under dotted names."""
+    flat: dict[str, Any] = {}
+    for key, value in fields.items():
+        flat |= _flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value}
+    return flat

@@ -1,0 +1,84 @@
+"""plan, patterns and doctor: what a frame needs, what a chip is, what this machine can do."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+import typer
+
+import mitsuba_sensor as ms
+
+from ..data import files
+from ..sensor.chain import gain_dn_per_e
+from . import options, terminal
+from .app import app, chosen_shot, err, show
+
+
+@app.command(epilog="Example: mitsuba-sensor plan out/irradiance.exr --exposure-s 0.001 --tolerance-dn 0.02")
+def plan(
+    source: options.SceneOrLight,
+    camera: options.Camera = options.DEFAULT_CAMERA,
+    exposure_s: options.ExposureS = options.DEFAULT_EXPOSURE_S,
+    temperature_k: options.TemperatureK = options.DEFAULT_TEMPERATURE_K,
+    tolerance_dn: options.ToleranceDn = 0.0,
+    settings: options.Settings = None,
+    parameters: options.Parameters = None,
+    spp: options.Samples = None,
+    variant: options.Variant = None,
+    as_json: options.Json = False,
+) -> None:
+    """Say which stages this light and exposure need, how far each moves the numbers, and the time that is saved.
+
+    Writes nothing. Times are medians of five interleaved runs on this machine.
+    """
+    from ..light.needs import render_needs
+
+    shot = chosen_shot(camera, settings, ms.Exposure(exposure_s, temperature_k))
+    if source.suffix.lower() == ".exr":
+        light = files.read_irradiance_exr(source)
+    else:
+        with terminal.passes(err) as progress:
+            given = options.pairs("-D", parameters)
+            light = ms.render(
+                source, shot.camera, shot.exposure, spp=spp, parameters=given, variant=variant, progress=progress
+            )
+    photons = ms.collect(light, shot.camera, shot.exposure)
+    found = ms.plan(shot.camera, shot.exposure, photons, tolerance_dn=tolerance_dn)
+    needs = render_needs(light, shot.camera, shot.exposure, gain_dn_per_e(shot.camera), tolerance_dn)
+    whole_s, planned_s = found.seconds
+    if as_json:
+        seconds = {"whole_chain": whole_s, "plan": planned_s}
+        show({**found.to_dict(), "render": [asdict(need) for need in needs], "seconds_per_frame": seconds}, True)
+        return
+    show(terminal.plan_sheet(found, needs, whole_s, planned_s), False)
+
+
+@app.command(epilog="Example: mitsuba-sensor patterns -o chip7.npz --serial 7; then render … --patterns chip7.npz")
+def patterns(
+    out_file: options.PatternsOut,
+    camera: options.Camera = options.DEFAULT_CAMERA,
+    serial: options.Serial = 1,
+    rows: options.Rows = None,
+    columns: options.Columns = None,
+    settings: options.Settings = None,
+    as_json: options.Json = False,
+) -> None:
+    """Write the fixed patterns of one chip into a NumPy .npz, to look at, to change, or to replace by measured ones."""
+    shot = chosen_shot(camera, settings, ms.Exposure(0.0), serial=serial)
+    shape = rows or shot.camera.sensor.rows, columns or shot.camera.sensor.columns
+    found = ms.patterns(shot.camera, shape, serial=serial)
+    files.write_patterns(out_file, found)
+    spread = {name: {"mean": float(x.mean()), "sigma": float(x.std()), "shape": x.shape} for name, x in found.items()}
+    show(spread if as_json else terminal.pattern_list(spread, str(out_file)), as_json)
+
+
+@app.command()
+def doctor(as_json: options.Json = False) -> None:
+    """Find out what works on this machine, and the command that mends what does not. Exit code 0 if a render works."""
+    from ..doctor import examine
+
+    with err.status("rendering a small scene with every variant"):
+        findings = examine()
+    show(findings if as_json else terminal.diagnosis(findings), as_json)
+    if not findings["works"]:
+        raise typer.Exit(1)
