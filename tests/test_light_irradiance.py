@@ -19,6 +19,7 @@ from mitsuba_sensor.engine.errors import InputError
 from mitsuba_sensor.engine.frame import Exposure
 from mitsuba_sensor.engine.quantities import photon_energy_j
 from mitsuba_sensor.light import film, passes, spectra
+from mitsuba_sensor.light.bands import box_bands
 from mitsuba_sensor.light.irradiance import render
 from mitsuba_sensor.light.photons import photons_per_irradiance
 from mitsuba_sensor.light.scene import Scene
@@ -141,7 +142,8 @@ def test_adjacent_bands_of_nearly_equal_height_are_unbiased(
 def test_every_film_of_bands_is_mended(monkeypatch: pytest.MonkeyPatch) -> None:
     """The film that a scene gets passes through the repair: its density has only whole values from 1 to 64."""
     mi = use(choose_variant("scalar_spectral"))
-    built = film.band_film(mi, np.array([400.0, 410.0, 425.0, 500.0]), {"width": 1, "height": 1})
+    bands = box_bands(CAMERA, np.array([400.0, 410.0, 425.0, 500.0]))
+    built = film.response_film(mi, bands.responses, {"width": 1, "height": 1})
     values = np.array(mi.traverse(built.sensor_response_function())["values"])
     assert values.max() == 64 and values.min() >= 1
     np.testing.assert_array_equal(values, np.round(values))

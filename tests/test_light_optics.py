@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from light_scenes import SKY, scene_text, write_scene
 
-from mitsuba_sensor.light.optics import View, aperture_f_number, cos4, magnification, solid_angle_sr
+from mitsuba_sensor.light.bands import box_bands
+from mitsuba_sensor.light.optics import View, aperture_f_number, cos4, magnification, solid_angle_sr, transmittance
 from mitsuba_sensor.light.scene import load_scene
 from mitsuba_sensor.light.variants import choose_variant, use
 from mitsuba_sensor.sensor.camera import load_camera
@@ -51,7 +52,9 @@ def axis_fov(axis: str) -> str:
 def test_cos4_is_that_of_mitsubas_own_rays(tmp_path: Path, text: str, film: str) -> None:
     """Mean of cos⁴ over 6 × 6 rays per pixel, to 5e-4 (the midpoint rule at 60° over 8 pixels is good to 2e-4)."""
     mi = use(choose_variant("scalar_spectral"))
-    scene = load_scene(write_scene(tmp_path, scene_text(SKY, sensor=text, film=film)), np.array([500.0, 510.0]), {})
+    scene = load_scene(
+        write_scene(tmp_path, scene_text(SKY, sensor=text, film=film)), box_bands(CAMERA, np.array([500.0, 510.0])), {}
+    )
     axis = np.array(scene.sensor.world_transform().matrix)[:3, 2]
     columns, rows = scene.view.crop_size
     mean, at = np.zeros((rows, columns)), (np.arange(6) + 0.5) / 6
@@ -67,7 +70,9 @@ def test_axial_solid_angle_is_pi_over_four_n_squared() -> None:
     """Ω = π·T/(4N²): 0.100178 sr at f/2.8 for a lens without loss, focused at infinity."""
     view = View(size=(1, 1), crop_size=(1, 1))
     camera = CAMERA.replace(**{"lens.transmission": 0.9, "lens.convention": "working"})
-    assert solid_angle_sr(view, camera)[0, 0] == pytest.approx(0.9 * math.pi / (4 * 2.8**2), rel=1e-12)
+    assert (solid_angle_sr(view, camera) * transmittance(camera, [550.0]))[0, 0] == pytest.approx(
+        0.9 * math.pi / (4 * 2.8**2), rel=1e-12
+    )
 
 
 @pytest.mark.parametrize(("f_number", "difference"), [(1.4, 0.13), (2.8, 0.032), (8.0, 0.004)])

@@ -12,6 +12,7 @@ from light_scenes import BALL, SCENES, SHIPPED, SKY, scene_text, write_scene
 
 from mitsuba_sensor.engine.errors import InputError
 from mitsuba_sensor.engine.frame import Exposure
+from mitsuba_sensor.light.bands import box_bands
 from mitsuba_sensor.light.irradiance import Irradiance, render
 from mitsuba_sensor.light.photons import collect
 from mitsuba_sensor.light.scene import load_scene
@@ -19,7 +20,7 @@ from mitsuba_sensor.light.variants import choose_variant, use
 from mitsuba_sensor.sensor.camera import load_camera
 
 CAMERA = load_camera("konnik_table1")
-EDGES = np.array([400.0, 550.0, 700.0])
+BANDS = box_bands(CAMERA, np.array([400.0, 550.0, 700.0]))
 
 
 def fill(light: Irradiance) -> np.ndarray:
@@ -47,7 +48,10 @@ def shoot(name: str, spp: int, size: tuple[int, int], **parameters: object) -> n
 def test_shipped_scenes_load_without_a_note_and_in_plain_mitsuba(name: str) -> None:
     """Nothing of ours has to be replaced, and nothing is black in 360 to 830 nm."""
     mi = use(choose_variant("scalar_spectral"))
-    assert load_scene(SCENES / f"{name}.xml", np.array([360.0, 830.0]), {"width": 8, "height": 8}).notes == ()
+    assert (
+        load_scene(SCENES / f"{name}.xml", box_bands(CAMERA, np.array([360.0, 830.0])), {"width": 8, "height": 8}).notes
+        == ()
+    )
     assert mi.load_file(str(SCENES / f"{name}.xml"), width="8", height="8").sensors()
 
 
@@ -129,16 +133,16 @@ def test_spectra_that_end_inside_the_band_are_told(tmp_path: Path) -> None:
     use(choose_variant("scalar_spectral"))
     short = '<bsdf type="diffuse"><spectrum name="reflectance" value="450:0.5, 650:0.5"/></bsdf>'
     path = write_scene(tmp_path, scene_text(SKY, BALL.format(bsdf=short), BALL.format(bsdf=short)))
-    notes = load_scene(path, EDGES, {}).notes
+    notes = load_scene(path, BANDS, {}).notes
     assert any("'reflectance' in 2 places is black outside 450 to 650 nm" in note for note in notes)
-    notes = load_scene(path, np.array([380.0, 1000.0]), {}).notes
+    notes = load_scene(path, box_bands(CAMERA, np.array([380.0, 1000.0])), {}).notes
     assert any("light in 1 place is black outside 360 to 830 nm" in note for note in notes)
 
 
 def test_parameters_reach_the_scene_and_its_fingerprint(tmp_path: Path) -> None:
     use(choose_variant("scalar_spectral"))
     path = SCENES / "flat_field.xml"
-    small, same, large = (load_scene(path, EDGES, {"width": w}) for w in (4, "4", 5))
+    small, same, large = (load_scene(path, BANDS, {"width": w}) for w in (4, "4", 5))
     assert (small.view.size, large.view.size) == ((4, 256), (5, 256))
     assert small.sha256 == same.sha256 != large.sha256
 
@@ -152,10 +156,10 @@ def test_assets_beside_the_scene_are_found_and_the_search_path_is_restored(tmp_p
         '<string name="filename" value="grey.png"/></texture></bsdf>'
     )
     text = scene_text(SKY, BALL.format(bsdf=texture))
-    assert load_scene(write_scene(tmp_path, text), EDGES, {})
+    assert load_scene(write_scene(tmp_path, text), BANDS, {})
     (tmp_path / "elsewhere").mkdir()
     with pytest.raises(InputError, match=r"grey\.png"):
-        load_scene(write_scene(tmp_path / "elsewhere", text), EDGES, {})
+        load_scene(write_scene(tmp_path / "elsewhere", text), BANDS, {})
 
 
 @pytest.mark.parametrize(
@@ -184,7 +188,7 @@ def test_assets_beside_the_scene_are_found_and_the_search_path_is_restored(tmp_p
 def test_broken_scenes_are_refused_in_one_sentence(tmp_path: Path, text: str, words: str) -> None:
     use(choose_variant("scalar_spectral"))
     with pytest.raises(InputError) as caught:
-        load_scene(write_scene(tmp_path, text), EDGES, {})
+        load_scene(write_scene(tmp_path, text), BANDS, {})
     assert words in str(caught.value) and "\n" not in str(caught.value)
 
 
@@ -206,4 +210,4 @@ def test_black_picture_is_refused(tmp_path: Path) -> None:
 def test_missing_scene_is_refused(path: str) -> None:
     use(choose_variant("scalar_spectral"))
     with pytest.raises(InputError, match="is not a file"):
-        load_scene(path, EDGES, {})
+        load_scene(path, BANDS, {})

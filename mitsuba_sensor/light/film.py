@@ -6,24 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 DENSITY_STEPS = 64  # see mend_wavelength_sampling
-
-
-def band_film(mi: Any, edges_nm: NDArray[np.float64], size: Mapping[str, int]) -> Any:
-    """A film whose channels are boxes of height 1 between adjacent edges: ∫L dλ over each band.
-
-    edges_nm : (B + 1,) ascending.  size : width, height and crop_* of the film.
-    A box is a ``regular`` spectrum: an ``irregular`` one costs a search for every sample and band (a 30-band film was
-    1.5 to 1.7 times slower with it), and ``uniform`` cannot be a response.
-    """
-    edges = edges_nm.tolist()
-    boxes = [
-        {"type": "regular", "wavelength_min": low, "wavelength_max": high, "values": "1, 1"}
-        for low, high in zip(edges[:-1], edges[1:], strict=True)
-    ]
-    return response_film(mi, boxes, size)
 
 
 def response_film(mi: Any, responses: Sequence[Mapping[str, Any]], size: Mapping[str, int]) -> Any:

@@ -7,7 +7,6 @@ of rows, so that no pass has more than a few million samples in flight.
 
 from __future__ import annotations
 
-import math
 import os
 import time
 from collections.abc import Callable, Mapping
@@ -18,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.checks import check_types
-from ..engine.errors import InputError, require, require_seed
+from ..engine.errors import InputError, require_seed
 from ..engine.frame import Exposure
+from .bands import Bands, choose_bands
 from .optics import aperture_f_number, solid_angle_sr
 from .passes import Cleaned, Welford, clean, hashed_seed, pass_plan, row_strips
 from .photons import photons_per_irradiance
@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from ..sensor.camera import Camera
 
 DEFAULT_SPP = 128
-SHORTEST_NM, LONGEST_NM = 200.0, 1100.0  # silicon behind its windows
-NARROWEST_NM = 0.5  # below it the float32 nodes of a band lose accuracy
 Progress = Callable[[int, int], None]
 
 
@@ -115,17 +113,19 @@ def render(
     if not isinstance(parameters or {}, Mapping):
         raise InputError(f"parameters is {parameters!r}; pass a dict of the scene's <default> names and their values.")
     seed = require_seed("seed", seed)
-    edges = band_edges_nm(camera, wavelength_nm, bandwidth_nm)
+    bands = choose_bands(camera, wavelength_nm, bandwidth_nm, "auto")
     passes, samples = pass_plan(DEFAULT_SPP if spp is None else spp)
     chosen = choose_variant(variant)
     use(chosen)
-    loaded = load_scene(scene, edges, parameters or {})
-    result = Exposer(loaded, camera, edges)
+    loaded = load_scene(scene, bands, parameters or {})
+    result = Exposer(loaded, camera, bands)
     result.run(seed, passes, samples, progress or (lambda done, total: None))
     if not result.data.any():
         why = f" ({result.non_finite} values were not finite)" if result.non_finite else ""
         remedy = "give it an emitter that lights what the sensor sees, with a spectrum there"
-        raise InputError(f"scene {os.fspath(scene)!r} is black from {edges[0]:g} to {edges[-1]:g} nm{why}; {remedy}.")
+        raise InputError(
+            f"scene {os.fspath(scene)!r} is black from {bands.low_nm:g} to {bands.high_nm:g} nm{why}; {remedy}."
+        )
     certificate = Certificate(
         passes=passes,
         samples_per_pixel=passes * samples,
@@ -139,22 +139,14 @@ def render(
         scene_sha256=loaded.sha256,
         aperture_f_number=aperture_f_number(loaded.view, camera),
     )
-    centres, widths = (edges[:-1] + edges[1:]) / 2, np.diff(edges)
-    return Irradiance(result.data, centres, widths, result.standard_error, result.relative_error, certificate)
-
-
-def band_edges_nm(camera: Camera, wavelength_nm: float | None, bandwidth_nm: float) -> NDArray[np.float64]:
-    """Edges of the bands, (B + 1,): one band about a wavelength, else adjacent ones over the camera's own band.
-
-    The last band of a cube is narrower where the width does not divide the camera's band.
-    """
-    width = require("bandwidth_nm", bandwidth_nm, NARROWEST_NM, LONGEST_NM - SHORTEST_NM, "nanometres, e.g. 10")
-    if wavelength_nm is not None:
-        centre = require("wavelength_nm", wavelength_nm, SHORTEST_NM, LONGEST_NM, "nanometres, e.g. 550")
-        return np.array([centre - width / 2, centre + width / 2])
-    low, high = (float(v) for v in camera.band_nm)
-    count = max(math.ceil((high - low) / width - 1e-9), 1)
-    return np.append(low + width * np.arange(count), high)
+    return Irradiance(
+        result.data,
+        bands.wavelengths_nm,
+        bands.bandwidths_nm,
+        result.standard_error,
+        result.relative_error,
+        certificate,
+    )
 
 
 def _notes(scene: Scene, variant: Variant, wanted: int | None, made: int) -> tuple[str, ...]:
@@ -167,9 +159,10 @@ def _notes(scene: Scene, variant: Variant, wanted: int | None, made: int) -> tup
 class Exposer:
     """The arrays of a result, filled strip by strip."""
 
-    def __init__(self, scene: Scene, camera: Camera, edges_nm: NDArray[np.float64]) -> None:
+    def __init__(self, scene: Scene, camera: Camera, bands: Bands) -> None:
         (columns, rows), (column, row) = scene.view.crop_size, scene.view.crop_offset
-        centres, self._widths = (edges_nm[:-1] + edges_nm[1:]) / 2, np.diff(edges_nm)
+        centres, self._widths = bands.wavelengths_nm, bands.bandwidths_nm
+        self._scale = bands.transmission / bands.bandwidths_nm
         in_one_second = photons_per_irradiance(camera, Exposure(1.0), centres, self._widths)
         self._electrons_per_irradiance = np.atleast_2d(camera.qe(centres)) * in_one_second  # (filters, bands)
         self._filters = np.asarray(camera.filter_index((rows, columns), (row, column)))
@@ -190,7 +183,7 @@ class Exposer:
             for k in range(passes):
                 radiance = clean(self._scene.render(hashed_seed(seed, s, k), samples, rows))
                 irradiance = radiance.values
-                irradiance *= self._solid_angle[slice(*rows), :, None] / self._widths
+                irradiance *= self._solid_angle[slice(*rows), :, None] * self._scale
                 bands.add(irradiance)
                 electrons.add(self._detected(irradiance, slice(*rows)))
                 infinite |= self._count(radiance)

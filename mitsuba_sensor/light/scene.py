@@ -21,7 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.errors import InputError, nearest
-from .film import band_film
+from .bands import Bands
+from .film import response_film
 from .lint import Spectra
 from .optics import View
 from .variants import mitsuba
@@ -47,7 +48,7 @@ class Scene:
     notes: tuple[str, ...]
 
     def render(self, seed: int, samples: int, rows: tuple[int, int]) -> NDArray[np.float32]:
-        """One pass over rows [first, last) of the crop: ∫L dλ of each band [W m⁻² sr⁻¹], (rows, columns, bands)."""
+        """One pass over rows [first, last) of the crop: ∫response·L dλ [W m⁻² sr⁻¹], (rows, columns, channels)."""
         (columns, _), (x, y) = self.view.crop_size, self.view.crop_offset
         film, size, place = self.sensor.film(), (columns, rows[1] - rows[0]), (x, y + rows[0])
         if tuple(film.crop_size()) != size or tuple(film.crop_offset()) != place:
@@ -61,10 +62,10 @@ class Scene:
         return np.array(image, dtype=np.float32).reshape(size[1], size[0], -1)
 
 
-def load_scene(path: str | os.PathLike[str], edges_nm: NDArray[np.float64], parameters: Mapping[str, Any]) -> Scene:
-    """Load ``path`` with a spectral film of adjacent bands; the variant must be set.
+def load_scene(path: str | os.PathLike[str], bands: Bands, parameters: Mapping[str, Any]) -> Scene:
+    """Load ``path`` with a film of these channels; the variant must be set.
 
-    edges_nm : (B + 1,) ascending edges of the bands.  parameters : values for the scene's ``<default>`` names.
+    bands : what its channels respond to.  parameters : values for the scene's ``<default>`` names.
     Raises InputError, one sentence, for whatever is wrong with the file.
     """
     file, mi = Path(path), mitsuba()
@@ -80,9 +81,9 @@ def load_scene(path: str | os.PathLike[str], edges_nm: NDArray[np.float64], para
             mi.parser.transform_resolve(config, state)
         notes: list[str] = []
         sensor = _first_sensor(mi, state, file, notes)
-        _put_film(mi, state, sensor, file, edges_nm, notes)
+        _put_film(mi, state, sensor, file, bands, notes)
         _unwrap_integrator(mi, state, file, notes)
-        notes += _check_light(mi, state, file, edges_nm)
+        notes += _check_light(mi, state, file, bands)
         with _in_one_sentence(file):
             mi.parser.transform_all(config, state)
             built = mi.parser.instantiate(config, state)
@@ -125,7 +126,7 @@ def _children(mi: Any, state: Any, props: Any) -> Iterator[tuple[str, Any]]:
             yield name, state.nodes[value.index()]
 
 
-def _put_film(mi: Any, state: Any, sensor: int, file: Path, edges_nm: NDArray[np.float64], notes: list[str]) -> None:
+def _put_film(mi: Any, state: Any, sensor: int, file: Path, bands: Bands, notes: list[str]) -> None:
     """Replace film and sampler of the sensor node."""
     props, size = state.nodes[sensor].props, {}
     for name, child in _children(mi, state, props):
@@ -139,7 +140,7 @@ def _put_film(mi: Any, state: Any, sensor: int, file: Path, edges_nm: NDArray[np
             continue
         del props[name]
     with _in_one_sentence(file):
-        props["film"] = band_film(mi, edges_nm, size)
+        props["film"] = response_film(mi, bands.responses, size)
     props["sampler"] = mi.load_dict({"type": SAMPLER})
 
 
@@ -170,9 +171,9 @@ def _unwrap_integrator(mi: Any, state: Any, file: Path, notes: list[str]) -> Non
             notes.append(f"integrator {kind!r} replaced by {'the one inside it' if inner else 'path'}")
 
 
-def _check_light(mi: Any, state: Any, file: Path, edges_nm: NDArray[np.float64]) -> list[str]:
+def _check_light(mi: Any, state: Any, file: Path, bands: Bands) -> list[str]:
     """Notes about black spectra; InputError if no light reaches the band at all."""
-    spectra, low, high = Spectra(mi, state), edges_nm[0], edges_nm[-1]
+    spectra, low, high = Spectra(mi, state), bands.low_nm, bands.high_nm
     notes = spectra.dark(low, high)
     if spectra.lights and not spectra.lit(low, high):
         why = f"{notes[0]}; give it an emitter with a spectrum there"
