@@ -8,6 +8,7 @@
 ((1, 1300, 1900), dtype('uint16'))
 """
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from .engine.errors import InputError
@@ -20,6 +21,8 @@ from .sensor.plan import Plan, plan
 
 if TYPE_CHECKING:
     from .light.irradiance import Irradiance, render
+    from .light.plugins import register as register_plugins
+    from .light.shooting import shoot
 
 __version__ = "0.1.0"
 
@@ -38,16 +41,25 @@ __all__ = [
     "load_camera",
     "patterns",
     "plan",
+    "register_plugins",
     "render",
+    "shoot",
     "stream",
     "uniform_light",
 ]
 
 
-def __getattr__(name: str) -> Any:
-    """``render`` and ``Irradiance`` load Mitsuba on first use; everything else works without it."""
-    if name in ("render", "Irradiance"):
-        from .light import irradiance
+LAZY = {
+    "Irradiance": ("light.irradiance", "Irradiance"),
+    "register_plugins": ("light.plugins", "register"),
+    "render": ("light.irradiance", "render"),
+    "shoot": ("light.shooting", "shoot"),
+}
 
-        return getattr(irradiance, name)
+
+def __getattr__(name: str) -> Any:
+    """What renders loads Mitsuba on first use; everything else works without it."""
+    if name in LAZY:
+        module, real_name = LAZY[name]
+        return getattr(import_module(f"{__name__}.{module}"), real_name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -58,7 +58,8 @@ def cli() -> Callable[..., Any]:
 @pytest.fixture(scope="session")
 def light() -> Any:
     """Irradiance made by hand, 12 × 16 pixels, three bands: about half a full well of konnik_table1 in 0.1 s."""
-    from mitsuba_sensor.light.irradiance import Certificate, Irradiance
+    from mitsuba_sensor.light.certificate import Certificate
+    from mitsuba_sensor.light.irradiance import Irradiance
 
     random = np.random.default_rng(7)
     data = random.uniform(1e-5, 4e-5, (12, 16, 3)).astype(np.float32)
@@ -71,6 +72,11 @@ def light() -> Any:
         noise_ratio_median=1.5,
         noise_ratio_p95=2.5,
         noise_ratio_max=float("inf"),
+        noise_ratio_asked=None,
+        ended_by="spp",
+        reliable=True,
+        one_pass_share=0.0,
+        spectral="cube",
         negative=1,
         non_finite=2,
         notes=("the film was replaced", "λ is Greek"),

@@ -12,6 +12,8 @@ from typing import Any
 
 import pytest
 
+from mitsuba_sensor.engine.llvm import backend_problem
+
 BENCHMARKS = Path(__file__).resolve().parent.parent / "benchmarks"
 
 
@@ -111,3 +113,9 @@ def test_the_first_command_is_timed() -> None:
     assert "error" not in variants["scalar_spectral"]
     for found in variants.values():
         assert "error" in found or all(math.isfinite(x) and x > 0 for x in found.values())
+
+
+def test_lenses_are_timed_against_the_thin_lens() -> None:
+    if problem := backend_problem("llvm"):
+        pytest.skip(problem)
+    assert_speeds(run("lens_cost.py", "--quick")["lenses"], "thin_lens", "distortion", "double_gauss", "dispersion")

@@ -33,12 +33,21 @@ DOORS = {
     "typer": ("cli/",),
     "rich": ("cli/",),
     "pydantic": ("sensor/",),
+    "pyoidn": ("light/denoise.py",),
 }
 # What a first `import mitsuba_sensor` need not wait for: together these take more than five seconds.
 SLOW = {"mitsuba", "drjit", "colour", "OpenEXR", "tifffile", "typer", "scipy.signal", "scipy.stats"}
 STAGES = ("sensor/electrons.py", "sensor/volts.py", "sensor/digital.py")
 # Reading is allowed in two more places: a camera's own text, and the bytes that tell which LLVM a library is.
-OPENERS = ("data/files.py", "sensor/camera.py", "sensor/qefile.py", "engine/llvm.py", "light/scene.py")
+OPENERS = (
+    "data/files.py",
+    "sensor/camera.py",
+    "sensor/qefile.py",
+    "sensor/lensfile.py",
+    "engine/llvm.py",
+    "light/scene_file.py",
+    "light/motion.py",
+)
 WRITERS = ("data/files.py",)
 
 

@@ -26,16 +26,16 @@ def test_multijitter_keeps_exactly_the_counts_we_choose() -> None:
 
 
 @pytest.mark.parametrize("spp", [1, 2, 5, 7, 8, 9, 16, 31, 64, 100, 256, 1000, 1024, 4096, 10_000, 16_384, 100_000])
-def test_plan_takes_what_was_asked_for_in_at_least_eight_passes(spp: int) -> None:
-    """Within 5 % of the request, each pass a full grid of at most 1024; below 8 samples, passes of one sample."""
+def test_plan_takes_what_was_asked_for_in_at_least_sixteen_passes(spp: int) -> None:
+    """Within 7 % of the request, each pass a full grid of at most 1024; below 16 samples, passes of one sample."""
     passes, samples = pass_plan(spp)
     assert multijitter_count(samples) == samples <= MOST_SPP
-    assert passes >= (8 if spp >= 8 else 2)
-    assert abs(passes * samples - spp) <= max(0.05 * spp, 1)
+    assert passes >= min(max(spp, 2), 16)
+    assert abs(passes * samples - spp) <= max(0.07 * spp, 1)
 
 
 def test_round_numbers_come_out_exactly() -> None:
-    for spp in (8, 16, 64, 256, 1024, 4096, 16_384):
+    for spp in (16, 64, 256, 1024, 4096, 16_384):
         passes, samples = pass_plan(spp)
         assert passes * samples == spp
 
@@ -57,7 +57,7 @@ def test_welford_is_the_mean_and_its_standard_error() -> None:
     values = 1e6 + np.random.default_rng(1).standard_normal((12, 5))
     running = Welford((5,))
     for row in values:
-        running.add(row)
+        running.add(row.copy())
     np.testing.assert_allclose(running.mean, values.mean(axis=0), rtol=1e-15)
     np.testing.assert_allclose(running.standard_error, values.std(axis=0, ddof=1) / np.sqrt(12), rtol=1e-8)
 

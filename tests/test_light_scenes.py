@@ -16,6 +16,7 @@ from mitsuba_sensor.light.bands import box_bands
 from mitsuba_sensor.light.irradiance import Irradiance, render
 from mitsuba_sensor.light.photons import collect
 from mitsuba_sensor.light.scene import load_scene
+from mitsuba_sensor.light.setup import read_setup
 from mitsuba_sensor.light.variants import choose_variant, use
 from mitsuba_sensor.sensor.camera import load_camera
 
@@ -55,7 +56,7 @@ def test_shipped_scenes_load_without_a_note_and_in_plain_mitsuba(name: str) -> N
     assert mi.load_file(str(SCENES / f"{name}.xml"), width="8", height="8").sensors()
 
 
-@pytest.mark.parametrize("name", SHIPPED)
+@pytest.mark.parametrize("name", (*SHIPPED, "one_file"))
 def test_every_parameter_of_a_shipped_scene_is_explained(name: str) -> None:
     """Each <default> follows a comment, or another <default> of the same comment; size and level are among them."""
     text = (SCENES / f"{name}.xml").read_text(encoding="utf-8")
@@ -93,6 +94,18 @@ def test_still_life_is_well_exposed() -> None:
     """The median pixel stands between a tenth and a half of full well, under a tenth of the pixels saturate."""
     well = shoot("still_life", 36, (36, 24))
     assert 0.1 < np.median(well) < 0.5 and (well > 1).mean() < 0.1
+
+
+def test_one_file_is_well_exposed_by_its_own_camera() -> None:
+    """The median pixel stands between a tenth and a half of full well, nothing saturates."""
+    setup = read_setup(SCENES / "one_file.xml", {})
+    assert setup.camera is not None and setup.exposure is not None
+    light = render(
+        SCENES / "one_file.xml", setup.camera, setup.exposure, spp=8, bandwidth_nm=50, variant="scalar_spectral"
+    )
+    photons = collect(light, setup.camera, setup.exposure)
+    well = (photons.mean * setup.camera.qe(light.wavelengths_nm)[0]).sum(axis=-1) / setup.camera.pixel.full_well_e
+    assert 0.1 < np.median(well) < 0.5 and np.percentile(well, 99) < 1
 
 
 def test_light_level_scales_the_picture() -> None:

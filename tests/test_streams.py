@@ -38,7 +38,7 @@ OFF: dict[str, dict[str, Any]] = {
 """Noise source → how a datasheet switches it off. (The shot noise of light goes with the light.)"""
 
 
-def words_used(camera: ms.Camera, light: NDArray[Any] = LIGHT, monkey: Any = None) -> dict[str, NDArray[Any]]:
+def words_used(camera: ms.Camera, light: Any = LIGHT, monkey: Any = None) -> dict[str, NDArray[Any]]:
     """The words that each source drew in one frame: the bits themselves, before any arithmetic could hide them."""
     drawn: dict[str, NDArray[Any]] = {}
     temporal, fixed, line, at = Frame.words, Device.pattern, Device.line_pattern, Frame._at
@@ -69,7 +69,10 @@ def words_used(camera: ms.Camera, light: NDArray[Any] = LIGHT, monkey: Any = Non
 
 
 def test_the_chain_draws_from_every_place_that_has_a_name(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A camera with everything in it asks every place, and none that has no name."""
+    """A camera with everything in it asks every place, and none that has no name.
+
+    Only a render's noise cannot be spent where electrons come in bursts.
+    """
     everything = CAMERA.replace(
         **{
             "readout.row_offset": 1e-3,
@@ -82,7 +85,17 @@ def test_the_chain_draws_from_every_place_that_has_a_name(monkeypatch: pytest.Mo
             "quantum_efficiency.quantum_yield": [2.0, 1.0],
         }
     )
-    assert set(words_used(everything, monkey=monkeypatch)) == set(PLACES)
+    asked = set(words_used(everything, monkey=monkeypatch))
+    spent = words_used(CAMERA, Photons(LIGHT, variance_e2=0.1 * LIGHT), monkey=monkeypatch)
+    assert asked | set(spent) == set(PLACES) and "spending" not in asked
+
+
+def test_spending_the_renders_noise_leaves_every_bit_of_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = words_used(CAMERA, Photons(LIGHT, variance_e2=0.1 * LIGHT), monkey=monkeypatch)
+    rest = words_used(CAMERA, monkey=monkeypatch)
+    assert set(whole) == set(rest) | {"spending"}
+    for name, drawn in rest.items():
+        np.testing.assert_array_equal(drawn, whole[name])
 
 
 @pytest.mark.parametrize("source", OFF)

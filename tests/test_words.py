@@ -70,7 +70,7 @@ def test_no_two_sources_share_a_place() -> None:
 def test_fixed_and_temporal_sources_never_share_a_block() -> None:
     """So that a serial and a seed of the same number give unrelated words."""
     fixed = {name for name, (number, _) in PLACES.items() if number & FIXED}
-    temporal = {"light_shot", "dark_shot", "source_follower", "reset", "quantum_yield"}
+    temporal = {"light_shot", "dark_shot", "source_follower", "reset", "quantum_yield", "spending"}
     assert fixed == set(PLACES) - temporal - {"blinking_switch", "blinking_state"}
 
 

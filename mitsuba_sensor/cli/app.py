@@ -14,6 +14,7 @@ import mitsuba_sensor as ms
 from ..data import files
 from ..data.report import Shot
 from ..engine.errors import InputError
+from ..sensor.camera import toml_value
 from . import options
 
 out = Console()
@@ -49,9 +50,13 @@ app.add_typer(cameras, name="cameras")
 
 def chosen_shot(camera: str, settings: list[str] | None, exposure: ms.Exposure, **asked: Any) -> Shot:
     """The camera with its --set fields, and what is asked of it; all checked. asked : other fields of Shot."""
-    changes = {key: options.toml_value(text) for key, text in options.pairs("--set", settings).items()}
-    chosen = ms.load_camera(camera)
-    return Shot(chosen.replace(**changes) if changes else chosen, exposure, **asked)
+    return Shot(changed(ms.load_camera(camera), settings), exposure, **asked)
+
+
+def changed(camera: ms.Camera, settings: list[str] | None) -> ms.Camera:
+    """The camera with its --set fields, checked again."""
+    changes = {key: toml_value(text) for key, text in options.pairs("--set", settings).items()}
+    return camera.replace(**changes) if changes else camera
 
 
 def show(what: Any, as_json: bool) -> None:

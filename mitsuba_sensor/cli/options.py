@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,7 +13,6 @@ from ..engine.errors import InputError
 DEFAULT_CAMERA = "konnik_table1"
 DEFAULT_EXPOSURE_S = 0.1
 DEFAULT_TEMPERATURE_K = 298.15
-DEFAULT_BANDWIDTH_NM = 10.0
 
 Scene = Annotated[
     Path,
@@ -47,7 +45,65 @@ WavelengthNm = Annotated[
     float | None,
     typer.Option("--wavelength-nm", help="Render one band only, about this wavelength in nm. Default: all it sees."),
 ]
-BandwidthNm = Annotated[float, typer.Option("--bandwidth-nm", help="Width of a spectral band, in nm.")]
+BandwidthNm = Annotated[
+    float | None, typer.Option("--bandwidth-nm", help="Width of a spectral band, in nm. Default: the scene's, else 10.")
+]
+Spectral = Annotated[
+    str | None,
+    typer.Option("--spectral", help="cube (bands, for any camera later), channels (this camera's filters), or auto."),
+]
+CameraOrScene = Annotated[
+    str | None,
+    typer.Option(
+        "--camera",
+        metavar="NAME",
+        help=f"A name from `cameras list`, or a .toml of your own. Default: the scene's, else {DEFAULT_CAMERA}.",
+    ),
+]
+ExposureOrScene = Annotated[
+    float | None,
+    typer.Option("--exposure-s", help=f"Shutter open, in seconds. Default: the scene's, else {DEFAULT_EXPOSURE_S}."),
+]
+TemperatureOrScene = Annotated[
+    float | None,
+    typer.Option("--temperature-k", help=f"Of the sensor, in K. Default: the scene's, else {DEFAULT_TEMPERATURE_K}."),
+]
+SeedOrScene = Annotated[
+    int | None,
+    typer.Option("--seed", help="Decides render and temporal noise. Default: the scene's, else 1."),
+]
+SerialOrScene = Annotated[
+    int | None,
+    typer.Option("--serial", help="Which chip of this type: decides its fixed patterns. Default: the scene's, else 1."),
+]
+NoiseRatio = Annotated[
+    float | None,
+    typer.Option("--noise-ratio", help="Render until the median of render over sensor variance is below: 0.01, say."),
+]
+MaxSeconds = Annotated[float | None, typer.Option("--max-seconds", help="But render no longer than this.")]
+MaxSpp = Annotated[int | None, typer.Option("--max-spp", min=1, help="But take no more samples per pixel than this.")]
+NoiseBudget = Annotated[
+    str,
+    typer.Option(
+        "--noise-budget",
+        help="reuse one render for all frames; each frame its own; or spend its noise as part of the shot noise.",
+    ),
+]
+SceneUnit = Annotated[
+    str | None,
+    typer.Option("--scene-unit", help="What a length of 1 in the scene is: m, mm, … Default: the scene's, else m."),
+]
+MotionFile = Annotated[
+    Path | None, typer.Option("--motion", metavar="FILE.toml", help="What moves while the shutter is open.")
+]
+Subframes = Annotated[
+    int | None,
+    typer.Option("--subframes", min=1, help="Instants of one exposure of what moves. Default: one per half pixel."),
+]
+Denoise = Annotated[bool, typer.Option("--denoise", help="Smooth the light by a neural network; its bias is measured.")]
+GroundTruth = Annotated[
+    bool, typer.Option("--ground-truth", help="Write truth.exr too: depth, position, normals, albedo, shapes, flow.")
+]
 Parameters = Annotated[
     list[str] | None,
     typer.Option("-D", metavar="NAME=VALUE", help="Set a <default> of the scene file: -D width=512. Repeatable."),
@@ -98,9 +154,6 @@ def pairs(option: str, texts: Sequence[str] | None) -> dict[str, str]:
     return {text.partition("=")[0].strip(): text.partition("=")[2].strip() for text in texts or ()}
 
 
-def toml_value(text: str) -> Any:
-    """A value as in a camera file: 14, 0.5, true, [1, 2]; a bare word is a text."""
-    try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
-        return text
+def first(*values: Any) -> Any:
+    """The first that is not None."""
+    return next((value for value in values if value is not None), None)

@@ -2,37 +2,62 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich import box
 from rich.console import Console, Group, RenderableType
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
 from ..sensor.plan import IDLE
 
+if TYPE_CHECKING:
+    from ..light.budget import Step
+
+END = {"max_seconds": "the time was up", "max_spp": "the most samples were taken"}
+
 
 @contextmanager
-def passes(console: Console) -> Iterator[Callable[[int, int], None]]:
-    """A progress bar over render passes with elapsed and remaining time; nothing where nobody watches.
+def passes(console: Console) -> Iterator[Callable[[Step], None]]:
+    """A bar over render passes, with the noise ratio as it falls and the forecast; nothing where nobody watches.
 
-    Yields the function to call with (done, total).
+    Yields what ``render`` takes as its progress.
     """
+    with _bar(console) as progress:
+        task = progress.add_task("rendering", total=None, ratio="", left="")
+        yield lambda step: progress.update(task, completed=step.done, total=step.expected, **_words(step))
+
+
+@contextmanager
+def frames(console: Console, count: int) -> Iterator[Callable[[int, Step], None]]:
+    """The same over the renders of ``count`` frames. Yields what ``shoot`` takes as its progress."""
+    with _bar(console) as progress:
+        task = progress.add_task("rendering", total=count, ratio="", left="")
+
+        def tell(frame: int, step: Step) -> None:
+            done = frame + step.done / step.expected
+            progress.update(task, description=f"frame {frame}", completed=done, **_words(step))
+
+        yield tell
+
+
+def _bar(console: Console) -> Progress:
     columns = (
-        TextColumn("rendering"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("passes"),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task("render", total=None)
-        yield lambda done, total: progress.update(task, completed=done, total=total)
+        TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"),
+        TextColumn("{task.fields[ratio]}"), TimeElapsedColumn(), TextColumn("{task.fields[left]}"),
+    )  # fmt: skip
+    return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+
+
+def _words(step: Step) -> dict[str, str]:
+    """What a step says beside the bar."""
+    ratio = "" if math.isnan(step.noise_ratio) else f"render noise {_number(step.noise_ratio)} × the sensor's"
+    left = "" if math.isnan(step.seconds_left) else f"about {step.seconds_left:.0f} s left"
+    return {"ratio": ratio, "left": left}
 
 
 def summary(report: Mapping[str, Any], folder: str) -> RenderableType:
@@ -135,14 +160,19 @@ def _stages(report: Mapping[str, Any]) -> Table:
 def _facts(report: Mapping[str, Any]) -> Iterator[Text]:
     photons, counts, noise = report["photons"], report["counts"], report["render_noise"]
     yield _fact(
-        "photons per pixel",
+        "light electrons per pixel" if photons["detected"] else "photons per pixel",
         f"{_number(photons['min'])} … {_number(photons['median'])} … {_number(photons['max'])} (min, median, max)",
     )
     yield _fact(
-        "render noise / shot noise",
-        f"variance × {_number(noise['over_shot_median'])} median, {_number(noise['over_shot_p95'])} at the 95th "
-        f"percentile, {report['render']['samples_per_pixel']} samples per pixel",
+        "render noise / sensor noise",
+        f"variance × {_number(noise['over_sensor_median'])} median, {_number(noise['over_sensor_p95'])} at the 95th "
+        f"percentile, {report['render']['samples_per_pixel']} samples per pixel{_ended(report['render'])}",
     )
+    if "unspent" in report["origin"]:
+        left = f"{100 * report['origin']['unspent']:.2g} % of the shot noise's variance is left on top of it"
+        yield _fact("a render for every frame", left)
+    if report["render"]["denoised"]:
+        yield _fact("denoised", ", ".join(f"{k} {_short(v)}" for k, v in report["render"]["denoised"].items()))
     seen = {name.replace("_", " "): number for name, number in counts.items() if number}
     yield _fact("pixels", ", ".join(f"{name} {number}" for name, number in seen.items()) or "none clipped, none bad")
     outside = report["outside_qe"]
@@ -158,6 +188,15 @@ def _facts(report: Mapping[str, Any]) -> Iterator[Text]:
         advice = "" if single["precision"] == "float32" else "; --precision float64 is better"
         yield _fact("float32", f"about {share} of the pixels differ from float64, by at most {most}{advice}")
     yield _fact("seconds", ", ".join(f"{name} {seconds:.2f}" for name, seconds in report["times_s"].items()))
+
+
+def _ended(render: Mapping[str, Any]) -> str:
+    """How a render that worked towards a ratio ended."""
+    asked, end = render["noise_ratio_asked"], render["ended_by"]
+    if end == "noise_ratio":
+        return f"; {_number(asked)} was asked for and reached"
+    missed = f"; {_number(asked)} was asked for and not reached" if asked is not None else ""
+    return missed + (f", {END[end]}" if end in END else "")
 
 
 def _notes(report: Mapping[str, Any]) -> Iterator[Text]:

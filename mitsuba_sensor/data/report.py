@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..engine.lanes import REFERENCE
+from ..light.certificate import summary_of
 from ..sensor.chain import chain
+from ..sensor.inputnoise import input_noise
 
 if TYPE_CHECKING:
     from ..engine.frame import Exposure
@@ -71,6 +73,11 @@ class Shot:
     engine: Any = "auto"
     precision: Any = "auto"
 
+    @property
+    def exposing(self) -> dict[str, Any]:
+        """The other words of :func:`expose`."""
+        return {"maps": self.maps, "chain": self.chain, "engine": self.engine, "precision": self.precision}
+
 
 def frame_report(shot: Shot, light: Irradiance, frames: Frames, origin: dict[str, Any]) -> dict[str, Any]:
     """The whole of frame.json but the times, as a dict.
@@ -100,16 +107,15 @@ def frame_report(shot: Shot, light: Irradiance, frames: Frames, origin: dict[str
 
 
 def render_noise(light: Irradiance, frames: Frames) -> dict[str, float]:
-    """Variance of the render over that of the shot noise, in electrons, for this exposure (model: ε²·N_e).
+    """Variance of the render over the sensor's own temporal variance, both as electrons at the input, in this exposure.
 
     The certificate has the same for the exposure of the render; a longer exposure of the same light shows more of it.
     """
     electrons = chain(frames.camera)[0](frames.light, frames.first.on(REFERENCE)).total
     with np.errstate(invalid="ignore"):
-        ratio = light.relative_error.astype(np.float64) ** 2 * electrons
-    ratio = ratio[np.isfinite(ratio)]
-    median, p95, most = np.percentile(ratio, (50, 95, 100)) if ratio.size else (0.0, 0.0, 0.0)
-    return {"over_shot_median": float(median), "over_shot_p95": float(p95), "over_shot_max": float(most)}
+        variance_e2 = (light.relative_error.astype(np.float64) * electrons) ** 2
+    found = summary_of(input_noise(frames.camera, frames.first.exposure).ratio(electrons, variance_e2))
+    return {name.replace("noise_ratio", "over_sensor"): value for name, value in found.items()}
 
 
 def versions() -> dict[str, str | None]:

@@ -11,11 +11,14 @@ from .errors import InputError
 from .frame import Exposure
 
 
-def check_types(camera: Any, exposure: Any) -> None:
-    """Raise InputError for a name or a number where a Camera or an Exposure belongs."""
-    if not hasattr(camera, "quantum_efficiency"):
+def check_types(camera: Any, exposure: Any, optional: bool = False) -> None:
+    """Raise InputError for a name or a number where a Camera or an Exposure belongs.
+
+    optional : whether either may be None.
+    """
+    if not hasattr(camera, "quantum_efficiency") and not (optional and camera is None):
         raise InputError(f"camera is {camera!r}; pass a Camera, e.g. load_camera('konnik_table1').")
-    if not isinstance(exposure, Exposure):
+    if not isinstance(exposure, Exposure) and not (optional and exposure is None):
         raise InputError(f"exposure is {exposure!r}; pass an Exposure, e.g. Exposure(time_s=0.1).")
 
 

@@ -3,6 +3,7 @@
 Draws and converters jump; their values stay, and their derivatives are such that mean and variance change rightly:
 
     Poisson     n of mean λ: dn/dλ = (1 + n/λ)/2, for E[dn] = dλ and E[2n·dn] = d(λ + λ²)
+    Bernoulli   b of chance p: db/dp = 1/(2p) where it is 1, 1/(2(1 − p)) where 0, for E[db] = dp and E[2b·db] = dp
     Wald        x of coefficient of variation c: dx/dc = (x − 1)/c, for E[dx] = 0 and E[2x·dx] = d(c²)
     converter   that of the line which its steps follow: right as far as noise hides the steps
 
@@ -129,6 +130,14 @@ class Differentiable(Compiled):
     def _poisson_line(self, mean: Any, count: Any) -> Any:
         fixed = self.dr.detach(mean)
         return mean * (0.5 + 0.5 * arrays.where(fixed > COUNTABLE, count / fixed, 1.0))
+
+    def bernoulli(self, words: Any, chance: Any) -> Any:
+        """1 with this ``chance``, one per pixel, else 0."""
+        return arrays.along(self._bernoulli_line, partial(super().bernoulli, words), chance)
+
+    def _bernoulli_line(self, chance: Any, happened: Any) -> Any:
+        fixed = self.dr.detach(chance)
+        return chance * (0.5 / arrays.maximum(arrays.where(happened > 0, fixed, 1.0 - fixed), COUNTABLE))
 
     def wald(self, z: Any, pick: Any, cv: float) -> Any:
         """Inverse Gaussian of mean 1, from a normal and a uniform."""

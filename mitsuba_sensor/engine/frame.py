@@ -222,3 +222,7 @@ class Frame:
     def poisson(self, source: str, mean: Any) -> Any:
         """Poisson counts of ``source`` about ``mean`` (scalar or (H, W)), (H, W)."""
         return self.device.lanes.poisson(self.words(source), mean)
+
+    def bernoulli(self, source: str, chance: Any) -> Any:
+        """1 with this ``chance`` (0 … 1, (H, W)), else 0, (H, W)."""
+        return self.device.lanes.bernoulli(self.words(source), chance)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from . import draws, quantiles
+from . import arrays, draws, quantiles
 from .words import block
 
 if TYPE_CHECKING:
@@ -99,6 +99,10 @@ class Lanes:
     def poisson(self, words: Any, mean: Any) -> Any:
         """Poisson counts about ``mean``, one or one per pixel."""
         return draws.poisson(words, mean)
+
+    def bernoulli(self, words: Any, chance: Any) -> Any:
+        """1 with this ``chance``, one per pixel, else 0."""
+        return arrays.where(self.uniform(words) < chance, 1.0, chance * 0.0)
 
 
 class Single(Lanes):

@@ -24,7 +24,7 @@ class Moments:
     fixed : variance from pixel to pixel (camera to camera) of the mean over frames.
     frame : the conditions: exposure, window; a stage's theory reads them and draws nothing.
     light : the light's part of this signal, from the stage on that adds the dark current.
-    yield_mean, yield_variance : electrons per interacting photon, as in :class:`Electrons`.
+    yield_mean, yield_variance, variance_e2 : as in :class:`Electrons`.
     """
 
     mean: Any
@@ -34,6 +34,7 @@ class Moments:
     light: Moments | None = None
     yield_mean: Any = 1.0
     yield_variance: Any = 0.0
+    variance_e2: Any = None
 
     def add(self, *, mean: Any = 0.0, temporal: Any = 0.0, fixed: Any = 0.0) -> Moments:
         """An independent part is added: all three add."""

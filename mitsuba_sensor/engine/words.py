@@ -40,6 +40,7 @@ PLACES = {
     "blinking_switch": (1, 0),
     "blinking_state": (1, 1),
     "quantum_yield": (1, 2),
+    "spending": (1, 3),
 }
 """Noise source → (block, word). A place is for ever: adding a source adds a line and moves nothing."""
 

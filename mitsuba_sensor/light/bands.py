@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -31,6 +32,7 @@ class Bands:
         T(λ)·QE(λ)·λ/λ_ref per colour filter, which makes a channel's ∫E dλ at λ_ref the electrons that are detected.
     edges_nm : (B + 1,) of the boxes; for channels the two ends of the camera's band.
     wavelengths_nm, bandwidths_nm : (B,) centres and widths; λ_ref and 1 nm for every channel.
+    response : None, or the fingerprint of QE and transmission that went into the channels.
     responses : (B,) Mitsuba spectra.  transmission : (B,) of the lens, still to be applied; 1 for channels.
     """
 
@@ -40,6 +42,7 @@ class Bands:
     bandwidths_nm: NDArray[np.float64]
     responses: tuple[Mapping[str, Any], ...]
     transmission: NDArray[np.float64]
+    response: str | None = None
 
     @property
     def low_nm(self) -> float:
@@ -59,8 +62,7 @@ def choose_bands(camera: Camera, wavelength_nm: float | None, bandwidth_nm: floa
     """The channels that a render of this camera needs.
 
     wavelength_nm : one band about it.  spectral : "cube", adjacent bands of ``bandwidth_nm`` over the camera's band;
-    "channels", its colour filters; "auto" is a cube, because a render that is kept serves any camera later and costs
-    8 to 20 % more. Raises InputError.
+    "channels", its colour filters; "auto" is a cube. Raises InputError.
     """
     if spectral not in SPECTRAL:
         raise InputError(f"spectral is {spectral!r}; it must be one of {', '.join(SPECTRAL)}.")
@@ -94,7 +96,16 @@ def channel_bands(camera: Camera) -> Bands:
     curves = np.atleast_2d(camera.qe(nodes)) * transmittance(camera, nodes) * nodes / reference_nm
     responses = tuple(_regular(low, high, curve.tolist()) for curve in curves)
     ones = np.ones(len(responses))
-    return Bands("channels", np.array([low, high]), reference_nm * ones, ones, responses, ones)
+    ends = np.array([low, high])
+    return Bands("channels", ends, reference_nm * ones, ones, responses, ones, response_of(camera))
+
+
+def response_of(camera: Camera) -> str:
+    """A fingerprint of all that "channels" hold of a camera: QE curves and the transmission of the lens."""
+    section = camera.quantum_efficiency
+    lens = camera.lens.transmission, camera.lens.transmission_curve, camera.lens.transmission_wavelengths_nm
+    said = repr((section.wavelengths_nm, sorted(section.curves.items()), lens))
+    return hashlib.blake2b(said.encode(), digest_size=8).hexdigest()
 
 
 def band_edges_nm(camera: Camera, wavelength_nm: float | None, bandwidth_nm: float) -> NDArray[np.float64]:

@@ -1,16 +1,11 @@
-"""Render passes → spectral irradiance at the focal plane, with its Monte Carlo variance.
-
-A render is at least eight passes with hashed seeds, combined in float64: Mitsuba's film adds up in float32, which
-costs 1e-8 per sample, and the spread of the passes is the variance of the result. Large films are rendered in strips
-of rows, so that no pass has more than a few million samples in flight.
-"""
+"""Render passes → spectral irradiance at the focal plane, with its Monte Carlo variance."""
 
 from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,49 +15,21 @@ from ..engine.checks import check_types
 from ..engine.errors import InputError, require_seed
 from ..engine.frame import Exposure
 from .bands import Bands, choose_bands
-from .optics import aperture_f_number, solid_angle_sr
-from .passes import Cleaned, Welford, clean, hashed_seed, pass_plan, row_strips
-from .photons import photons_per_irradiance
+from .budget import Budget, End, asked_budget
+from .certificate import Certificate, summary_of, trusted, why_not_trusted
+from .denoise import denoised, library
+from .motion import Motion, read_motion
+from .moving import Moving
+from .optics import aperture_f_number, intrinsics
+from .renderer import Progress, Renderer, Yardstick
 from .scene import SAMPLER, Scene, load_scene
+from .setup import Setup, read_setup, unit_m
 from .variants import Variant, choose_variant, use
 
 if TYPE_CHECKING:
     from ..sensor.camera import Camera
 
-DEFAULT_SPP = 128
-Progress = Callable[[int, int], None]
-
-
-@dataclass(frozen=True)
-class Certificate:
-    """How an irradiance came about, and how much of its noise is the renderer's.
-
-    noise_ratio_* : render variance over shot variance of the detected electrons: median, 95th percentile and largest
-        of all pixels. Above 1 the picture's noise is more the renderer's than the sensor's.
-    negative, non_finite : values of single passes that were set to 0 (+inf is kept: it saturates its pixel).
-    notes : what was replaced in the scene, what is black, hints.
-    scene_sha256 : of the scene file, its includes and its parameters.
-    aperture_f_number : what the scene's own thin-lens aperture means on this sensor, None where it has none. It makes
-        the blur; the camera's f-number makes the light.
-    """
-
-    passes: int
-    samples_per_pixel: int
-    seconds: float
-    variant: str
-    sampler: str
-    noise_ratio_median: float
-    noise_ratio_p95: float
-    noise_ratio_max: float
-    negative: int
-    non_finite: int
-    notes: tuple[str, ...]
-    scene_sha256: str
-    aperture_f_number: float | None
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values, ready for JSON."""
-        return {**asdict(self), "notes": list(self.notes)}
+BANDWIDTH_NM = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +41,8 @@ class Irradiance:
     standard_error : (H, W, B) of the Monte Carlo mean, same unit.
     relative_error : (H, W) relative standard error of the detected electrons of the camera that it was rendered for;
         kept beside ``standard_error`` because the bands of a pixel are correlated.
+    filters : None, or the colour filters whose responses took the place of bands: ``data`` [W m⁻²] is then what would
+        be detected with a quantum efficiency of 1 at ``wavelengths_nm``.  response : the fingerprint of that camera.
     """
 
     data: NDArray[np.float32]
@@ -82,137 +51,203 @@ class Irradiance:
     standard_error: NDArray[np.float32]
     relative_error: NDArray[np.float32]
     certificate: Certificate
+    filters: tuple[str, ...] | None = None
+    response: str | None = None
 
 
 def render(
     scene: str | os.PathLike[str],
-    camera: Camera,
-    exposure: Exposure,
+    camera: Camera | None = None,
+    exposure: Exposure | None = None,
     *,
-    seed: int = 1,
+    seed: int | None = None,
     spp: int | None = None,
+    noise_ratio: float | None = None,
+    max_seconds: float | None = None,
+    max_spp: int | None = None,
     wavelength_nm: float | None = None,
-    bandwidth_nm: float = 10.0,
+    bandwidth_nm: float | None = None,
+    spectral: str | None = None,
+    scene_unit: str | float | None = None,
+    motion: str | os.PathLike[str] | Mapping[str, Any] | Motion | None = None,
+    subframes: int | None = None,
+    denoise: bool = False,
     parameters: Mapping[str, Any] | None = None,
     variant: str | None = None,
     progress: Progress | None = None,
 ) -> Irradiance:
     """Render a scene file into the irradiance on this camera's focal plane.
 
+    camera, exposure, seed, wavelength_nm, bandwidth_nm, spectral : what is not given is read from the scene's
+        <film type="photosensor">; failing that, seed 1, bands of 10 nm over the camera's range.
     spp : samples per pixel over all passes, 128 by default; the certificate has the number that the sampler made of it.
+    noise_ratio : instead of spp, render on until the median over the pixels of the render's variance over the sensor's
+        own is below it; 0.01 makes a frame 0.5 % too noisy.  max_seconds, max_spp : but no longer than that.
     wavelength_nm : one band about this wavelength; by default adjacent bands of ``bandwidth_nm`` over the camera's.
+    spectral : "cube" (the bands; serves any camera later), "channels" (only what this camera's filters detect), or
+        "auto", which is a cube.
+    scene_unit : "m", "mm", … or metres: what a length of 1 in the scene is; by default what the scene says, else 1 m.
+    motion : what moves while the shutter is open, a file or a mapping (see light/motion.py).
+    subframes : instants of one exposure of what moves; by default so many that nothing moves by more than half a pixel.
+    denoise : smooth the result with Open Image Denoise; its bias is measured and certified. Needs the extra "denoise".
     parameters : values for the ``<default>`` names of the scene.
     variant : a spectral Mitsuba variant; by default the one already set, else the fastest that is safe.
-    progress : called with (passes done, passes in all), also once before the first.
+    progress : called with a :class:`light.budget.Step`, also once before the first pass.
     Raises InputError for anything wrong with the arguments or the scene. Ctrl-C is obeyed between passes.
     """
     started = time.monotonic()
-    check_types(camera, exposure)
+    wish = Wish(
+        spp, noise_ratio, max_seconds, max_spp, wavelength_nm, bandwidth_nm, spectral, scene_unit, motion,
+        subframes, denoise, parameters, variant,
+    )  # fmt: skip
+    budget, job = wish.budget(), prepare(scene, camera, exposure, wish)
+    return job.irradiance(job.seed(seed), budget, progress or (lambda step: None), started)
+
+
+@dataclass(frozen=True, eq=False)
+class Wish:
+    """What may be asked of a render beside scene, camera, exposure and seed: the words of :func:`render`."""
+
+    spp: int | None = None
+    noise_ratio: float | None = None
+    max_seconds: float | None = None
+    max_spp: int | None = None
+    wavelength_nm: float | None = None
+    bandwidth_nm: float | None = None
+    spectral: str | None = None
+    scene_unit: str | float | None = None
+    motion: str | os.PathLike[str] | Mapping[str, Any] | Motion | None = None
+    subframes: int | None = None
+    denoise: bool = False
+    parameters: Mapping[str, Any] | None = None
+    variant: str | None = None
+
+    def budget(self) -> Budget:
+        """How many passes, or until when. Raises InputError."""
+        return asked_budget(self.spp, self.noise_ratio, self.max_seconds, self.max_spp)
+
+    def bands(self, setup: Setup, camera: Camera, usual: str) -> Bands:
+        """The channels asked for, else those of the scene file, else the ``usual`` ones. Raises InputError."""
+        wavelength_nm = _first(self.wavelength_nm, setup.wavelength_nm)
+        spectral = _first(self.spectral, "auto" if self.wavelength_nm else setup.spectral, "auto")
+        if spectral == "auto":
+            spectral = "cube" if wavelength_nm is not None else usual
+        width_nm = _first(self.bandwidth_nm, setup.bandwidth_nm, BANDWIDTH_NM)
+        return choose_bands(camera, wavelength_nm, width_nm, spectral)
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """A scene, ready to be rendered for one camera and exposure as often as asked."""
+
+    scene: Scene | Moving
+    camera: Camera
+    exposure: Exposure
+    bands: Bands
+    variant: Variant
+    setup: Setup
+    renderer: Renderer
+    denoise: bool
+
+    def seed(self, given: int | None) -> int:
+        """The seed that was given, else the scene file's, else 1. Raises InputError."""
+        return require_seed("seed", _first(given, self.setup.seed, 1))
+
+    def irradiance(
+        self, seed: int, budget: Budget, progress: Progress, started: float, yardstick: Yardstick | None = None
+    ) -> Irradiance:
+        """One render. started : when it began, on the monotonic clock [s].  yardstick : see :meth:`Renderer.run`."""
+        end = self.renderer.run(seed, budget, progress, yardstick)
+        certificate = self._certificate(budget, end, started)
+        halves = self.renderer.halves() if self.denoise else None
+        data, error, relative = self.renderer.result()
+        if not data.any():
+            raise InputError(self._black())
+        bands = self.bands
+        filters = tuple(self.camera.quantum_efficiency.curves) if bands.kind == "channels" else None
+        light = Irradiance(
+            data, bands.wavelengths_nm, bands.bandwidths_nm, error, relative, certificate, filters, bands.response
+        )
+        return light if halves is None else denoised(light, self, halves)
+
+    def _certificate(self, budget: Budget, end: End, started: float) -> Certificate:
+        renderer, passes = self.renderer, self.renderer.passes
+        share, notes = renderer.one_pass_share(), [*self.scene.notes]
+        if budget.asked is not None and budget.asked != passes * renderer.samples:
+            taken = f"{budget.asked} samples per pixel asked for, {passes * renderer.samples} taken"
+            notes.append(f"{taken}: equal passes, each a full grid" if end == "spp" else f"{taken}: the time was up")
+        if not trusted(passes, share):
+            notes.append(why_not_trusted(passes, share))
+        if self.variant.hint:
+            notes.append(self.variant.hint)
+        return Certificate(
+            passes=passes,
+            samples_per_pixel=passes * renderer.samples,
+            seconds=time.monotonic() - started,
+            variant=self.variant.name,
+            sampler=SAMPLER,
+            spectral=self.bands.kind,
+            **summary_of(renderer.noise_ratios()),
+            noise_ratio_asked=budget.goal if budget.reached == "noise_ratio" else None,
+            ended_by=end,
+            reliable=trusted(passes, share),
+            one_pass_share=share,
+            negative=renderer.negative,
+            non_finite=renderer.non_finite,
+            notes=tuple(notes),
+            scene_sha256=self.scene.sha256,
+            aperture_f_number=aperture_f_number(self.scene.view, self.camera),
+            intrinsics=intrinsics(self.scene.view, self.camera),
+        )
+
+    def _black(self) -> str:
+        non_finite = self.renderer.non_finite
+        why = f" ({non_finite} values were not finite)" if non_finite else ""
+        remedy = "give it an emitter that lights what the sensor sees, with a spectrum there"
+        return f"the scene is black from {self.bands.low_nm:g} to {self.bands.high_nm:g} nm{why}; {remedy}."
+
+
+def prepare(
+    scene: str | os.PathLike[str], camera: Camera | None, exposure: Exposure | None, wish: Wish, usual: str = "cube"
+) -> Job:
+    """Check all that was asked for, read what was not from the scene file, and load the scene.
+
+    usual : "cube" or "channels", where nobody asks for either.  Raises InputError.
+    """
+    parameters = {} if wish.parameters is None else wish.parameters
+    check_types(camera, exposure, optional=True)
     if not isinstance(scene, str | os.PathLike):
         raise InputError(f"scene is {scene!r}; pass the path of a scene file, e.g. 'scenes/cornell_box.xml'.")
-    if not isinstance(parameters or {}, Mapping):
+    if not isinstance(parameters, Mapping):
         raise InputError(f"parameters is {parameters!r}; pass a dict of the scene's <default> names and their values.")
-    seed = require_seed("seed", seed)
-    bands = choose_bands(camera, wavelength_nm, bandwidth_nm, "auto")
-    passes, samples = pass_plan(DEFAULT_SPP if spp is None else spp)
-    chosen = choose_variant(variant)
+    if wish.denoise:
+        library()
+    chosen = choose_variant(wish.variant)
     use(chosen)
-    loaded = load_scene(scene, bands, parameters or {})
-    result = Exposer(loaded, camera, bands)
-    result.run(seed, passes, samples, progress or (lambda done, total: None))
-    if not result.data.any():
-        why = f" ({result.non_finite} values were not finite)" if result.non_finite else ""
-        remedy = "give it an emitter that lights what the sensor sees, with a spectrum there"
-        raise InputError(
-            f"scene {os.fspath(scene)!r} is black from {bands.low_nm:g} to {bands.high_nm:g} nm{why}; {remedy}."
-        )
-    certificate = Certificate(
-        passes=passes,
-        samples_per_pixel=passes * samples,
-        seconds=time.monotonic() - started,
-        variant=chosen.name,
-        sampler=SAMPLER,
-        **result.noise_ratios(exposure),
-        negative=result.negative,
-        non_finite=result.non_finite,
-        notes=_notes(loaded, chosen, spp, passes * samples),
-        scene_sha256=loaded.sha256,
-        aperture_f_number=aperture_f_number(loaded.view, camera),
-    )
-    return Irradiance(
-        result.data,
-        bands.wavelengths_nm,
-        bands.bandwidths_nm,
-        result.standard_error,
-        result.relative_error,
-        certificate,
-    )
+    setup = read_setup(scene, parameters)
+    camera, exposure = _camera_and_exposure(setup, camera, exposure)
+    bands = wish.bands(setup, camera, usual)
+    loaded: Scene | Moving = load_scene(scene, bands, parameters, camera, wish.scene_unit)
+    if wish.motion is not None:
+        metres = unit_m(_first(wish.scene_unit, setup.unit_m, 1.0))
+        loaded = Moving(loaded, read_motion(wish.motion), camera, exposure, wish.subframes, metres)
+    renderer = Renderer(loaded, camera, exposure, bands, halves=wish.denoise)
+    return Job(loaded, camera, exposure, bands, chosen, setup, renderer, wish.denoise)
 
 
-def _notes(scene: Scene, variant: Variant, wanted: int | None, made: int) -> tuple[str, ...]:
-    notes = list(scene.notes)
-    if wanted is not None and made != wanted:
-        notes.append(f"{wanted} samples per pixel asked for, {made} taken: equal passes, each a full grid")
-    return (*notes, variant.hint) if variant.hint else tuple(notes)
+def _camera_and_exposure(setup: Setup, camera: Camera | None, exposure: Exposure | None) -> tuple[Camera, Exposure]:
+    """What was given; else what the scene file says."""
+    camera = setup.camera if camera is None else camera
+    exposure = setup.exposure if exposure is None else exposure
+    for name, value, word in (("camera", camera, "camera"), ("exposure", exposure, "exposure_s")):
+        if value is None:
+            raise InputError(
+                f'no {name} is given and the scene has none; pass one, or put <film type="photosensor"> with {word} '
+                "into its sensor."
+            )
+    return camera, exposure  # type: ignore[return-value]
 
 
-class Exposer:
-    """The arrays of a result, filled strip by strip."""
-
-    def __init__(self, scene: Scene, camera: Camera, bands: Bands) -> None:
-        (columns, rows), (column, row) = scene.view.crop_size, scene.view.crop_offset
-        centres, self._widths = bands.wavelengths_nm, bands.bandwidths_nm
-        self._scale = bands.transmission / bands.bandwidths_nm
-        in_one_second = photons_per_irradiance(camera, Exposure(1.0), centres, self._widths)
-        self._electrons_per_irradiance = np.atleast_2d(camera.qe(centres)) * in_one_second  # (filters, bands)
-        self._filters = np.asarray(camera.filter_index((rows, columns), (row, column)))
-        self._scene, self._solid_angle = scene, solid_angle_sr(scene.view, camera)
-        self.data = np.zeros((rows, columns, len(centres)), np.float32)
-        self.standard_error = np.zeros_like(self.data)
-        self.relative_error = np.zeros((rows, columns), np.float32)
-        self._electrons_per_s = np.zeros((rows, columns))
-        self.negative = self.non_finite = 0
-
-    def run(self, seed: int, passes: int, samples: int, progress: Progress) -> None:
-        """Render all passes of all strips."""
-        strips = row_strips(self._scene.view.crop_size, len(self._widths), samples)
-        progress(0, passes * len(strips))
-        for s, rows in enumerate(strips):
-            shape = (rows[1] - rows[0], *self.data.shape[1:])
-            bands, electrons, infinite = Welford(shape), Welford(shape[:2]), np.zeros(shape[:2], bool)
-            for k in range(passes):
-                radiance = clean(self._scene.render(hashed_seed(seed, s, k), samples, rows))
-                irradiance = radiance.values
-                irradiance *= self._solid_angle[slice(*rows), :, None] * self._scale
-                bands.add(irradiance)
-                electrons.add(self._detected(irradiance, slice(*rows)))
-                infinite |= self._count(radiance)
-                progress(s * passes + k + 1, passes * len(strips))
-            self._put(slice(*rows), bands, electrons, infinite)
-
-    def noise_ratios(self, exposure: Exposure) -> dict[str, float]:
-        """Render variance over shot variance of the electrons that one exposure detects, over all finite pixels."""
-        mean = self._electrons_per_s * exposure.time_s
-        ratio = self.relative_error[np.isfinite(self.relative_error)].astype(np.float64) ** 2
-        ratio = ratio * mean[np.isfinite(self.relative_error)]
-        median, p95, most = np.percentile(ratio, (50, 95, 100)).tolist() if ratio.size else (0.0, 0.0, 0.0)
-        return {"noise_ratio_median": median, "noise_ratio_p95": p95, "noise_ratio_max": most}
-
-    def _detected(self, irradiance: NDArray[np.float64], rows: slice) -> NDArray[np.float64]:
-        """Detected electrons per second, each pixel behind its own colour filter."""
-        per_filter = irradiance @ self._electrons_per_irradiance.T
-        return np.take_along_axis(per_filter, self._filters[rows, :, None], axis=-1)[..., 0]
-
-    def _count(self, radiance: Cleaned) -> NDArray[np.bool_] | np.bool_:
-        """Add up what was clamped; where a pixel has a band of +inf."""
-        self.negative += radiance.negative
-        self.non_finite += radiance.non_finite
-        return np.False_ if radiance.infinite is None else np.asarray(radiance.infinite.any(axis=-1))
-
-    def _put(self, rows: slice, bands: Welford, electrons: Welford, infinite: NDArray[np.bool_]) -> None:
-        """Store one strip; a pixel with an infinite band is infinite in all."""
-        self.data[rows] = np.where(infinite[..., None], np.inf, bands.mean)
-        self.standard_error[rows] = np.where(infinite[..., None], np.inf, bands.standard_error)
-        self._electrons_per_s[rows] = electrons.mean
-        positive = np.maximum(electrons.mean, np.finfo(float).tiny)
-        self.relative_error[rows] = np.where(infinite, np.inf, electrons.standard_error / positive)
+def _first(*values: Any) -> Any:
+    """The first that is not None."""
+    return next((value for value in values if value is not None), None)

@@ -33,9 +33,11 @@ def render_needs(
 
     light : a render of the scene, at any quality.  k_dn_per_e : the camera's overall gain.
     """
-    return (_bands(light, camera, exposure, k_dn_per_e, tolerance_dn), _depth_of_field(light), _GROUND_TRUTH)
+    bands = _CHANNELS if light.filters else _bands(light, camera, exposure, k_dn_per_e, tolerance_dn)
+    return (bands, _depth_of_field(light), _GROUND_TRUTH)
 
 
+_CHANNELS = Need("colour channels", True, None, "the render holds what this camera's filters detect, and no bands")
 _GROUND_TRUTH = Need("ground truth", False, 0.0, "no depth, normals or albedo were asked for")
 
 

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from ..engine.errors import InputError, require
 
-FEWEST, MOST = 8, 16
+FEWEST, MOST = 16, 32  # Student's t of 15 degrees of freedom: |z| < 1 in 66.7 %, |z| < 2 in 93.6 % of the pixels
+FEWEST_SAMPLES = 16  # per pass, before passes are added instead: benchmarks/passes.py
 MOST_SPP = 1024  # per pass: the float32 film loses about 1e-8 per sample
 MOST_IN_ALL = 2**24
 MOST_IN_FLIGHT = 2**22  # samples per pass: 45 MB a million in LLVM variants
@@ -22,7 +23,8 @@ def pass_plan(spp: int) -> tuple[int, int]:
     """(passes, samples per pixel and pass) whose product comes closest to ``spp``; at least two passes.
 
     Multijitter fills a grid of about equal sides, so that it accepts 1, 2, 4, 6, 9, 12, 16 … samples and rounds the
-    rest up; only counts that it keeps are chosen, among 8 to 16 passes (more only to stay at 1024 samples per pass).
+    rest up; only counts that it keeps are chosen, among 16 to 32 passes (more only to stay at 1024 samples per pass).
+    Of equal plans the one with more passes is taken, as long as each has 16 samples.
     """
     if require("spp", spp, 1, MOST_IN_ALL, "samples per pixel, e.g. 256") != int(spp):
         raise InputError(f"spp is {spp!r}; it must be a whole number of samples per pixel (e.g. 256).")
@@ -31,7 +33,14 @@ def pass_plan(spp: int) -> tuple[int, int]:
         return max(spp, 2), 1
     fewest = max(FEWEST, math.ceil(spp / MOST_SPP))
     plans = [(k, n) for k in range(fewest, max(MOST, 2 * fewest) + 1) for n in _neighbours(spp / k)]
-    return min(plans, key=lambda plan: (abs(plan[0] * plan[1] - spp), plan[0]))
+    return min(plans, key=lambda plan: (abs(plan[0] * plan[1] - spp), _worth(plan)))
+
+
+def _worth(plan: tuple[int, int]) -> tuple[bool, int]:
+    """Sorts plans of equal size: enough samples per pass first, then many passes; else few passes."""
+    passes, samples = plan
+    enough = samples >= FEWEST_SAMPLES
+    return not enough, -passes if enough else passes
 
 
 def _neighbours(samples: float) -> list[int]:
@@ -39,6 +48,11 @@ def _neighbours(samples: float) -> list[int]:
     root = math.isqrt(int(samples))
     grids = [rows * (rows + more) for rows in (root - 1, root, root + 1) if rows > 0 for more in (0, 1, 2)]
     return [n for n in grids if n <= MOST_SPP]
+
+
+def whole_grid(samples: float) -> int:
+    """The largest count up to ``samples`` (1 … 1024) that multijitter keeps."""
+    return max([n for n in _neighbours(min(samples, MOST_SPP)) if n <= samples], default=1)
 
 
 def row_strips(size: tuple[int, int], bands: int, samples: int) -> list[tuple[int, int]]:
@@ -85,14 +99,21 @@ class Welford:
         self._squares = np.zeros(shape)
 
     def add(self, values: NDArray[np.float64]) -> None:
-        """Take in one pass."""
+        """Take in one pass; ``values`` are used up."""
         self.count += 1
         delta = values - self.mean
+        values -= self.mean
+        values *= (self.count - 1) / self.count  # the distance to the new mean
         self.mean += delta / self.count
-        delta *= values - self.mean
-        self._squares += delta
+        values *= delta
+        self._squares += values
+
+    @property
+    def variance_of_mean(self) -> NDArray[np.float64]:
+        """Variance of the mean of the passes; 0 as long as there is one."""
+        return self._squares / max(self.count * (self.count - 1), 1)
 
     @property
     def standard_error(self) -> NDArray[np.float64]:
         """Standard error of the mean of the passes."""
-        return np.sqrt(self._squares / (self.count * (self.count - 1)))
+        return np.sqrt(self.variance_of_mean)

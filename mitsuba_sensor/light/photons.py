@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,9 +12,11 @@ from ..engine.checks import check_types, numbers
 from ..engine.errors import InputError, require, require_seed
 from ..engine.frame import Exposure
 from ..engine.quantities import Photons, photon_energy_j
+from .bands import response_of
 
 if TYPE_CHECKING:
     from ..sensor.camera import Camera
+    from .bands import Bands
     from .irradiance import Irradiance
 
 
@@ -27,6 +30,13 @@ def photons_per_irradiance(
     area_m2 = camera.pixel.pitch_x_um * camera.pixel.pitch_y_um * 1e-12 * camera.pixel.fill_factor
     energy_j = photon_energy_j(np.asarray(wavelengths_nm, dtype=np.float64))
     return np.asarray(bandwidths_nm, dtype=np.float64) * area_m2 * exposure.time_s / energy_j
+
+
+def electrons_per_irradiance(camera: Camera, exposure: Exposure, bands: Bands) -> NDArray[np.float64]:
+    """Light electrons behind each colour filter that 1 W m⁻² nm⁻¹ in each band detects, (F, B) (paper eq. 12, 14)."""
+    photons = photons_per_irradiance(camera, exposure, bands.wavelengths_nm, bands.bandwidths_nm)
+    detected = np.eye(len(bands)) if bands.kind == "channels" else camera.qe(bands.wavelengths_nm)
+    return np.asarray(detected * photons)
 
 
 def collect(
@@ -49,9 +59,14 @@ def collect(
     if isinstance(light, Photons):
         raise InputError("light is Photons already; pass it to expose(), or an irradiance to collect().")
     if not isinstance(light, np.ndarray) and hasattr(light, "bandwidths_nm"):
-        return _photons(
-            np.asarray(light.data, dtype=np.float64), light.wavelengths_nm, light.bandwidths_nm, camera, exposure
-        )
+        if light.response not in (None, response_of(camera)):
+            raise InputError(
+                "light was rendered into the channels of a camera with another quantum efficiency or lens; "
+                "render it again for this one, or with spectral='cube', which serves any camera."
+            )
+        data = np.asarray(light.data, dtype=np.float64)
+        photons = _photons(data, light.wavelengths_nm, light.bandwidths_nm, camera, exposure)
+        return photons if light.filters is None else replace(photons, detected=True)
     if getattr(light, "dtype", np.dtype(float)).kind == "c":
         values = np.abs(np.asarray(light)) ** 2
     else:

@@ -15,6 +15,8 @@ from ..engine.moments import Moments
 from ..engine.quantities import Electrons, Photons
 from .camera import Camera
 from .chain import gain_dn_per_e
+from .electrons import ShotNoise
+from .spending import LIMIT, spendable
 
 UNITS = {"photons": "photons", "electrons": "e-", "volts": "V", "digital numbers": "DN"}
 
@@ -22,16 +24,20 @@ UNITS = {"photons": "photons", "electrons": "e-", "volts": "V", "digital numbers
 def account(photons: Photons, camera: Camera, frame: Frame, stages: tuple[Any, ...]) -> dict[str, Any]:
     """Follow one frame and its moments through the chain.
 
-    Returns a dict ready for JSON: ``photons`` (min, median, max per pixel), ``stages`` (below), ``counts`` of clipped
-    and cut pixels, photons ``outside_qe`` and ``K_dn_per_e``. Each stage holds mean and σ as they must be, averaged
-    over the window (σ total, temporal, fixed), and as this frame shows them: σ_frame is the rms distance of the pixels
-    from their own means.
+    Returns a dict ready for JSON: ``photons`` (min, median, max per pixel; of electrons where they are ``detected``),
+    ``stages`` (below), ``counts`` of clipped and cut pixels, photons ``outside_qe`` and ``K_dn_per_e``. Each stage
+    holds mean and σ as they must be, averaged over the window (σ total, temporal, fixed), and as this frame shows them:
+    σ_frame is the rms distance of the pixels from their own means. Photons with ``variance_e2`` have ``spending`` too,
+    and the count ``spent_short``.
     """
     lines = []
+    spending: dict[str, Any] = {}
     signal: Any = photons
     moments = Moments(photons, 0.0, 0.0, frame.on(REFERENCE))
     counts = {"clipped_full_well": 0, "clipped_adc_low": 0, "clipped_adc_high": 0}
     for stage in stages:
+        if isinstance(stage, ShotNoise) and signal.variance_e2 is not None:
+            counts["spent_short"], spending["spending"] = _spending(signal)
         signal, moments = stage(signal, frame), stage.moments(moments)
         value = plain(signal)
         lines.append(_line(stage, value, moments))
@@ -41,11 +47,17 @@ def account(photons: Photons, camera: Camera, frame: Frame, stages: tuple[Any, .
             counts["clipped_full_well"] = int(np.sum(value >= stage.full_well_e))
     counts["clipped_adc_low"] = int(np.sum(value <= 0))
     counts["clipped_adc_high"] = int(np.sum(value >= stages[-1].highest))
-    total = photons.total
+    total = stages[0](photons, frame).light if photons.detected else photons.total
     return {
-        "photons": {"min": float(total.min()), "median": float(np.median(total)), "max": float(total.max())},
+        "photons": {
+            "min": float(total.min()),
+            "median": float(np.median(total)),
+            "max": float(total.max()),
+            "detected": photons.detected,
+        },
         "stages": lines,
         "counts": counts,
+        **spending,
         "outside_qe": outside_qe(photons, camera),
         "K_dn_per_e": gain_dn_per_e(camera),
     }
@@ -60,6 +72,26 @@ def outside_qe(photons: Photons, camera: Camera) -> dict[str, Any]:
     finite = np.where(np.isfinite(photons.mean), photons.mean, 0.0).sum(axis=(0, 1))
     share = float(finite[outside].sum() / finite.sum()) if finite.sum() else 0.0
     return {"wavelengths_nm": photons.wavelengths_nm[outside].tolist(), "share_of_photons": share}
+
+
+def _spending(mean: Electrons) -> tuple[int, dict[str, float]]:
+    """In how many pixels the render's variance could not be spent in full, and averages over the window.
+
+    ``variance_e2``, ``spent_e2``, ``left_e2`` : of the render, spent, and left in the frame on top of its shot noise.
+    ``left_over_shot`` : the last over the mean electrons of the pixels with a render's variance, that is by which share
+    theirs is too large.
+    """
+    by_light, by_dark = spendable(mean.light, mean.dark, mean.variance_e2)
+    spent, shot = by_light + by_dark, np.where(mean.variance_e2 > 0, mean.total, 0.0)
+    of_render, of_frame, shot_e = (float(np.mean(x, dtype=np.float64)) for x in (mean.variance_e2, spent, shot))
+    left = of_render - of_frame
+    return int(np.sum(spent < mean.variance_e2)), {
+        "limit": LIMIT,
+        "variance_e2": of_render,
+        "spent_e2": of_frame,
+        "left_e2": left,
+        "left_over_shot": left / shot_e if shot_e else 0.0,
+    }
 
 
 def _cut_to_zero(maps: dict[str, Any]) -> dict[str, int]:
@@ -148,12 +180,13 @@ def ledger(photons: Photons, frame: Frame, stages: tuple[Any, ...]) -> Ledger:
 
 
 def _shot_parts(mean: Electrons, counted: Electrons, m: Moments, to_dn: float) -> list[Entry]:
-    """Photon shot noise and dark shot noise apart; the variance of each is its mean."""
+    """Photon shot noise and dark shot noise apart; the variance of each is its mean, less what it spends."""
     light = (m.light or m).mean
+    spent = (0.0, 0.0) if m.variance_e2 is None else spendable(light, m.mean - light, m.variance_e2)
     shape = np.broadcast_shapes(np.shape(mean.light), np.shape(counted.light))
     pairs = (
-        ("photon shot noise", np.subtract(counted.light, mean.light, dtype=np.float64), light),
-        ("dark shot noise", np.subtract(counted.dark, mean.dark, dtype=np.float64), m.mean - light),
+        ("photon shot noise", np.subtract(counted.light, mean.light, dtype=np.float64), light - spent[0]),
+        ("dark shot noise", np.subtract(counted.dark, mean.dark, dtype=np.float64), m.mean - light - spent[1]),
     )
     return [Entry(name, np.broadcast_to(to_dn * dn, shape), float(np.mean(v)) * to_dn**2, 0.0) for name, dn, v in pairs]
 

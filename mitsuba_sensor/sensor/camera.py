@@ -16,7 +16,6 @@ from ..engine.errors import InputError, nearest
 from .datasheet import (
     AdcSection,
     DarkCurrentSection,
-    LensSection,
     PixelSection,
     QuantumEfficiencySection,
     ReadoutSection,
@@ -26,6 +25,7 @@ from .datasheet import (
 )
 from .door import fields_of, sentence
 from .electrons import QeCurve
+from .lens import LensSection
 
 QE_WAYS = ("value", "file", "curves")
 SHIPPED = resources.files(__package__) / "cameras"
@@ -164,3 +164,11 @@ def _checked(data: dict[str, Any], where: str, folder: str = ".") -> Camera:
         return Camera.model_validate(data, context={"folder": folder})
     except ValidationError as error:
         raise InputError(sentence(error, Camera, where)) from None
+
+
+def toml_value(text: str) -> Any:
+    """A value as in a camera file: 14, 0.5, true, [1, 2]; a bare word is a text."""
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text

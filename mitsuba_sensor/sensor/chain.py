@@ -129,6 +129,11 @@ def prnu_pattern(camera: Camera) -> Pattern:
     return PRNU_PATTERNS[pixel.prnu_pattern](pixel.prnu)
 
 
+def mean_dark_e(camera: Camera, exposure: Exposure) -> float:
+    """Mean dark electrons of a pixel of the main part in one exposure."""
+    return exposure.time_s * dark_law(camera).rate_e_per_s(exposure.temperature_k)
+
+
 def dark_pattern(camera: Camera) -> Pattern:
     """Family of the dark pattern."""
     dark = camera.dark_current

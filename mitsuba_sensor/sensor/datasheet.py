@@ -32,6 +32,18 @@ class SensorSection(Section):
     technology: Literal["cmos", "ccd"] = Field(description="chooses the stages of the chain", examples=["cmos"])
     columns: Count = Field(description="pixels in a row", examples=[1900])
     rows: Count = Field(description="pixels in a column", examples=[1300])
+    shutter: Literal["global", "rolling"] = Field(
+        "global", description="all rows open at once, or one after the other from the top", examples=["rolling"]
+    )
+    row_time_us: Positive | None = Field(
+        None, description="time from the start of a row to that of the next, of a rolling shutter [µs]", examples=[15.0]
+    )
+
+    @model_validator(mode="after")
+    def _rolls_with_a_row_time(self) -> Self:
+        if self.shutter == "rolling" and self.row_time_us is None:
+            raise ValueError("a rolling shutter needs row_time_us, the datasheet's line time [µs], e.g. 15")
+        return self
 
 
 class PixelSection(Section):
@@ -301,14 +313,3 @@ class AdcSection(Section):
                 last = 2**self.bits - 2
                 raise ValueError(f"dnl_lsb names the code {code!r}; codes with two edges run from 1 to {last}")
         return self
-
-
-class LensSection(Section):
-    """The lens decides the light; the scene's own thin lens decides the blur."""
-
-    f_number: Positive = Field(2.8, description="focal length over pupil diameter N", examples=[2.8])
-    transmission: Fraction = Field(1.0, description="share of the light that passes", examples=[0.95])
-    pupil_magnification: Positive = Field(1.0, description="exit over entrance pupil diameter P", examples=[1.0])
-    convention: Literal["working", "planar"] = Field(
-        "working", description="πLT/(4N_w²)·cos⁴, or EMVA's πLT/(1 + 4N²(1+m)²)·cos⁴", examples=["working"]
-    )

@@ -12,6 +12,7 @@ from ..engine.moments import Moments
 from ..engine.quantities import Electrons, Photons
 from .darkparts import DarkPart, mixture_moments, part_maps, superimpose
 from .patterns import Pattern
+from .spending import counted, spendable
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,8 @@ class Detection:
         light, device = arrays.weigh(layers, weights), frame.device
         held = device.lanes.take(light, device)
         if self.quantum_yield is None:
-            return Electrons(held)
+            noise = photons.variance_e2
+            return Electrons(held, variance_e2=None if noise is None else device.lanes.take(noise, device))
         per_photon = self.quantum_yield.at(self._wavelengths(photons))
         first = arrays.ratio(arrays.weigh(layers, weights * per_photon), light, 1.0)
         second = arrays.ratio(arrays.weigh(layers, weights * per_photon**2), light, 1.0)
@@ -70,10 +72,13 @@ class Detection:
         return Moments(
             electrons.light, 0.0, 0.0, m.frame,
             yield_mean=electrons.yield_mean, yield_variance=electrons.yield_variance,
+            variance_e2=electrons.variance_e2,
         )  # fmt: skip
 
     def _weights(self, photons: Photons) -> Any:
-        """QE of every filter at the photons' wavelengths, (F, B); (B,) for one filter."""
+        """QE of every filter at the photons' wavelengths, (F, B); (B,) for one filter. A channel has it."""
+        if photons.detected:
+            return arrays.table([[float(i == j) for j in range(len(self.curves))] for i in range(len(self.curves))])
         rows = [curve.at(self._wavelengths(photons)) for curve in self.curves]
         return arrays.table(rows if len(rows) > 1 else rows[0])
 
@@ -105,12 +110,15 @@ class Prnu:
         """Mean electrons → mean electrons with the camera's gain pattern."""
         if self.pattern.cv == 0 and "prnu" not in frame.device.given:
             return electrons
-        return replace(electrons, light=arrays.product(electrons.light, self.maps(frame.device)["prnu"]))
+        gain, noise = self.maps(frame.device)["prnu"], electrons.variance_e2
+        noise = None if noise is None else arrays.product(noise, gain * gain)
+        return replace(electrons, light=arrays.product(electrons.light, gain), variance_e2=noise)
 
     def moments(self, m: Moments) -> Moments:
         """It stands before the dark current, so all of the mean is light."""
         mean, variance = m.frame.device.spread("prnu", self.pattern.mean, self.pattern.variance)
-        return replace(m, mean=m.mean * mean, fixed=m.fixed + arrays.product(m.mean**2, variance))
+        noise = None if m.variance_e2 is None else m.variance_e2 * (mean**2 + variance)
+        return replace(m, mean=m.mean * mean, fixed=m.fixed + arrays.product(m.mean**2, variance), variance_e2=noise)
 
     def maps(self, device: Device) -> dict[str, Any]:
         """``prnu``: gain of every pixel, 1 on average."""
@@ -203,19 +211,37 @@ class ShotNoise:
     """Electrons are counted: Poisson(light) + Poisson(dark), in *detected* electrons (paper eq. 13, 17 corrected).
 
     Thinning a Poisson stream of photons by QE leaves a Poisson stream, so var/mean = 1 here, not QE.
+
+    Where the mean is that of a render with a known variance, one render per frame, the counts vary by that much less
+    about it (spending.py). Over frames with renders of their own var/mean is 1 again; about its own render it is less.
     """
 
     room: ClassVar[str] = "electrons"
 
     def __call__(self, electrons: Electrons, frame: Frame) -> Electrons:
         """Mean electrons → whole electrons."""
+        if electrons.variance_e2 is not None:
+            return self._spending(electrons, frame)
         light = frame.poisson("light_shot", electrons.light)
         dark = frame.poisson("dark_shot", electrons.dark) if arrays.any_positive(electrons.dark) else 0.0
         return replace(electrons, light=light, dark=dark)
 
     def moments(self, m: Moments) -> Moments:
-        """The temporal variance is the mean."""
-        return m.add(temporal=m.mean)
+        """The temporal variance is the mean; that of one frame about its own render is less by what is spent."""
+        if m.variance_e2 is None:
+            return m.add(temporal=m.mean)
+        light = (m.light or m).mean
+        by_light, by_dark = spendable(light, m.mean - light, m.variance_e2)
+        return replace(m.add(temporal=m.mean - by_light - by_dark), variance_e2=None)
+
+    def _spending(self, electrons: Electrons, frame: Frame) -> Electrons:
+        """The same where a part of the variance is in the mean already."""
+        by_light, by_dark = spendable(electrons.light, electrons.dark, electrons.variance_e2)
+        light = counted("light_shot", electrons.light, by_light, frame)
+        dark = 0.0
+        if arrays.any_positive(electrons.dark):
+            dark = counted("dark_shot", electrons.dark, by_dark, frame)
+        return replace(electrons, light=light, dark=dark, variance_e2=None)
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from ..engine.quantities import Photons
 from .account import Ledger, account, ledger
 from .camera import Camera
 from .chain import chain as physical_chain
-from .inputs import as_photons, check_numbers, checked_maps, checked_names, checked_origin
+from .inputs import as_photons, check_numbers, check_spending, checked_maps, checked_names, checked_origin
 from .konnik2014 import Konnik2014Settings, chain_of
 from .running import PRECISIONS, Engine, Precision, Run, chosen_lanes
 
@@ -164,6 +164,7 @@ def _prepared(
     light = as_photons(photons, camera, wavelengths_nm)
     check_numbers(frames, first_frame, seed)
     stages = _stages(camera, plan, chain)
+    check_spending(light, stages, frames)
     shape = light.mean.shape[0], light.mean.shape[1]
     window = Device(serial, shape, checked_origin(origin))
     lanes = chosen_lanes(engine, _precision(precision, camera, plan, chain), frames * shape[0] * shape[1])

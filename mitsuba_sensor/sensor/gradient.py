@@ -151,6 +151,8 @@ def _check(names: tuple[str, ...], engine: str, light: Photons, camera: Camera) 
         raise InputError("parameters is empty; name what to differentiate by, e.g. 'photons' or 'pixel.prnu'.")
     if engine not in BACKENDS:
         raise InputError(f"engine is {engine!r}; derivatives need a compiled one: drjit or cuda.")
+    if light.detected:
+        raise InputError("photons is in channels, which hold the QE already; render a cube (spectral='cube').")
     bands = light.mean.shape[2] if light.mean.ndim == 3 else 1
     if PHOTONS in names and bands > 1 and camera.quantum_efficiency.quantum_yield:
         raise InputError(

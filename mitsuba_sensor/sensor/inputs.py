@@ -13,6 +13,7 @@ from ..engine.errors import InputError, nearest, require_seed
 from ..engine.frame import Device
 from ..engine.quantities import Photons
 from .camera import Camera
+from .electrons import ShotNoise
 
 
 def check_numbers(frames: Any, first_frame: Any, seed: Any) -> None:
@@ -83,7 +84,60 @@ def as_photons(photons: Photons | ArrayLike, camera: Camera, wavelengths_nm: Arr
         raise InputError(f"wavelengths_nm holds {wrong[0]}; every band needs a positive, finite length in nm.")
     _refuse(np.isnan(mean), "NaN")
     _refuse(mean < 0, "negative")
-    return Photons(mean, bands)
+    if given is None:
+        return Photons(mean, bands)
+    variance_e2 = None if given.variance_e2 is None else _checked_variance(given.variance_e2, mean, camera)
+    return Photons(mean, bands, variance_e2, _checked_channels(given.detected, mean, camera))
+
+
+def _checked_channels(detected: bool, mean: NDArray[np.float64], camera: Camera) -> bool:
+    """Whether the photons are channels of this camera."""
+    filters = len(camera.quantum_efficiency.curves)
+    if detected and (mean.ndim != 3 or mean.shape[2] != filters or camera.quantum_efficiency.quantum_yield):
+        raise InputError(
+            f"photons has shape {mean.shape} and is detected already; it must be (H, W, {filters}), one layer per "
+            "colour filter of a camera without quantum_yield: render it again for this camera."
+        )
+    return detected
+
+
+def _checked_variance(values: Any, mean: NDArray[np.float64], camera: Camera) -> NDArray[np.float64]:
+    """One finite variance for every pixel, (H, W) [e-²]; 0 where the light is infinite and saturates anyway."""
+    name, shape = "photons.variance_e2", mean.shape[:2]
+    variance_e2 = numbers(name, values, "an array (H, W) of variances of the mean light electrons in e-²")
+    if variance_e2.shape != shape:
+        raise InputError(f"{name} has shape {variance_e2.shape}; it must be {shape}, one variance per pixel in e-².")
+    if camera.quantum_efficiency.quantum_yield:
+        raise InputError(
+            f"{name} is given and quantum_efficiency.quantum_yield of {camera.name} too, whose electrons come in "
+            "bursts; leave one of them out: photons without variance_e2 keep the render's noise beside the shot noise."
+        )
+    saturated = np.isinf(mean) if mean.ndim == 2 else np.isinf(mean).any(axis=2)
+    variance_e2 = np.where(saturated, 0.0, variance_e2)
+    bad = ~((variance_e2 >= 0) & np.isfinite(variance_e2))
+    if bad.any():
+        first = tuple(int(i) for i in np.argwhere(bad)[0])
+        raise InputError(
+            f"{name} is {variance_e2[first]:g} in the first of {int(bad.sum())} bad place(s), {first}; a variance is "
+            "finite and 0 or more: a render of one pass has none, so pass None for it."
+        )
+    return variance_e2
+
+
+def check_spending(light: Photons, stages: tuple[Any, ...], frames: int) -> None:
+    """Raise InputError where the render's variance cannot be counted within the shot noise of each frame."""
+    if light.variance_e2 is None:
+        return
+    if not any(isinstance(stage, ShotNoise) for stage in stages):
+        raise InputError(
+            "photons has variance_e2 and this chain has no shot noise to count it in; pass photons without it, or take "
+            "the physical chain with a plan of a smaller tolerance_dn."
+        )
+    if frames != 1:
+        raise InputError(
+            f"frames is {frames} and photons has variance_e2, which is for a frame with a render of its own; render "
+            "and expose one frame at a time, numbered by first_frame, or pass photons without variance_e2."
+        )
 
 
 def _refuse(bad: NDArray[np.bool_], kind: str) -> None:

@@ -88,7 +88,7 @@ class Plan:
     def seconds(self) -> tuple[float, float]:
         """Measured seconds per frame, whole chain and plan: medians of interleaved runs of the scene's top strip."""
         rows = next(strips_of(self.frame.device.shape, REFERENCE.strip))
-        strip = Photons(self.photons.mean[rows], self.photons.wavelengths_nm)
+        strip = replace(self.photons.rows_only(rows), variance_e2=None)
         frame = self.frame.on(SINGLE if self.precision == "float32" else REFERENCE)
         part = replace(frame, device=frame.device.rows_only(rows))
         times: tuple[list[float], list[float]] = ([], [])
@@ -160,7 +160,7 @@ def _levels(photons: Photons, camera: Camera, exposure: Exposure) -> tuple[Photo
     window = np.repeat(np.repeat(rows[None], len(tile[0]), axis=1), len(tile), axis=0)
     mean = window if photons.mean.ndim == 3 else window[..., 0]
     frame = Frame(exposure, Device(0, (mean.shape[0], mean.shape[1])))
-    return Photons(mean, photons.wavelengths_nm), frame
+    return Photons(mean, photons.wavelengths_nm, detected=photons.detected), frame
 
 
 Ends = tuple[Moments, Moments]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -51,7 +51,7 @@ def float32_effect(stages: tuple[Any, ...], levels: Photons, frame: Frame) -> Fl
     """
     height, width = levels.mean.shape[:2]
     times = -(-PIXELS // (height * width))
-    light = Photons(np.concatenate([levels.mean] * times), levels.wavelengths_nm)
+    light = replace(levels, mean=np.concatenate([levels.mean] * times))
     window = Frame(frame.exposure, Device(frame.device.serial, (height * times, width)), frame.seed)
     with np.errstate(over="ignore", invalid="ignore"):
         single, double = (run_chain(stages, light, window.on(lanes)) for lanes in (SINGLE, REFERENCE))

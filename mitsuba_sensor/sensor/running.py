@@ -138,7 +138,7 @@ class Run:
 
     def _strip(self, number: int, index: int, sinks: Sinks, last: bool) -> Job:
         rows = self._rows[number]
-        strip = Photons(self.light.mean[rows], self.light.wavelengths_nm)
+        strip = self.light.rows_only(rows)
         new = number not in self._parts
         device, start = self._part(strip, rows) if new else self._parts.pop(number)
         frame = Frame(self.first.exposure, device, self.first.seed, index)
@@ -188,19 +188,19 @@ def detected(detection: Any, light: Photons, frame: Frame) -> Electrons:
     """Mean electrons for a compiled engine, by way of the host, a few rows at a time."""
     device, host = frame.device, frame.on(SINGLE).device
     parts = [
-        detection(
-            Photons(light.mean[rows], light.wavelengths_nm), replace(frame, device=host.rows_only(rows), _blocks={})
-        )
+        detection(light.rows_only(rows), replace(frame, device=host.rows_only(rows), _blocks={}))
         for rows in strips_of(device.shape, SINGLE.strip)
     ]
-    if isinstance(parts[0].yield_mean, float):
-        return Electrons(device.lanes.take(np.concatenate([part.light for part in parts]), device))
-    layers = (np.concatenate([getattr(part, name) for part in parts]) for name in LAYERS)
-    light_e, mean, variance = (device.lanes.take(layer, device) for layer in layers)
-    return Electrons(light_e, yield_mean=mean, yield_variance=variance)
+    layers = {
+        name: device.lanes.take(np.concatenate([getattr(part, name) for part in parts]), device)
+        for name in LAYERS
+        if isinstance(getattr(parts[0], name), np.ndarray)
+    }
+    return Electrons(**layers)
 
 
-LAYERS = ("light", "yield_mean", "yield_variance")
+LAYERS = ("light", "yield_mean", "yield_variance", "variance_e2")
+"""What a detection makes one of per pixel, where it makes it."""
 
 
 def run_chain(stages: tuple[Any, ...], light: Photons | Electrons, frame: Frame) -> Any:

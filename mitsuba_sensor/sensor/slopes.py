@@ -64,7 +64,8 @@ class Recording:
         """The first pixel of a run stands for all: numbers are the same everywhere."""
         given = {name: x[:1, :1] for name, x in first.device.given.items()}
         device = Device(first.device.serial, (1, 1), first.device.origin, given)
-        return cls(Photons(light.mean[:1, :1], light.wavelengths_nm), camera, replace(first, device=device, _blocks={}))
+        corner = Photons(light.mean[:1, :1], light.wavelengths_nm)
+        return cls(corner, camera, replace(first, device=device, _blocks={}))
 
     def by(self, names: tuple[str, ...]) -> list[Number]:
         """Every number of the camera, with its slopes by these names.

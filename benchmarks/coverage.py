@@ -1,0 +1,82 @@
+"""Do the error bars hold? Coverage of the standard errors against a reference of at least a hundred times the samples.
+
+    python benchmarks/coverage.py                    # Cornell box and caustic, a table
+    python benchmarks/coverage.py --write FILE.npz   # makes the reference of the Cornell box anew (about 5 minutes)
+
+The reference is plain Mitsuba: its own film and sampler, passes of 1024 samples added up in float64.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.light.bands import choose_bands
+from mitsuba_sensor.light.optics import solid_angle_sr
+from mitsuba_sensor.light.scene import load_scene
+from mitsuba_sensor.light.variants import choose_variant, use
+
+ROOT = Path(__file__).parent.parent
+SIZE, BAND_NM = 64, (545.0, 555.0)
+PASSES = 114  # of 1024 samples: a hundred times 1152 and more
+SCENES = ("cornell_box", "still_life", "caustic")
+CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.02)
+
+
+def reference(scene: str, passes: int, size: int) -> np.ndarray:
+    """∫L dλ over the band by plain Mitsuba, (size, size) [W m⁻² sr⁻¹]."""
+    mi = use(choose_variant())
+    loaded = mi.load_file(str(ROOT / "scenes" / f"{scene}.xml"), width=str(size), height=str(size))
+    box = {"type": "regular", "wavelength_min": BAND_NM[0], "wavelength_max": BAND_NM[1], "values": "1, 1"}
+    film = {"type": "specfilm", "width": size, "height": size, "component_format": "float32", "band": box}
+    old = loaded.sensors()[0]
+    sensor = mi.load_dict(
+        {
+            "type": "perspective",
+            "fov": float(np.ravel(mi.traverse(old)["x_fov"])[0]),
+            "to_world": mi.ScalarTransform4f(np.array(old.world_transform().matrix).reshape(4, 4)),
+            "film": {**film, "rfilter": {"type": "box"}},
+            "sampler": {"type": "independent"},
+        }
+    )
+    total = np.zeros((size, size))
+    for k in range(passes):
+        image = loaded.integrator().render(loaded, sensor=sensor, seed=1_000_000 + k, spp=1024)
+        total += np.array(image, dtype=np.float64).reshape(size, size)
+    return total / passes
+
+
+def coverage(scene: str, spp: int, truth: np.ndarray, seed: int = 7) -> tuple[float, float, ms.Irradiance]:
+    """Shares of the pixels with |z| < 1 and < 2 for a reference radiance, and the render."""
+    path, size = ROOT / "scenes" / f"{scene}.xml", {"width": len(truth), "height": len(truth)}
+    light = ms.render(path, CAMERA, EXPOSURE, spp=spp, wavelength_nm=550, seed=seed, parameters=size)
+    view = load_scene(path, choose_bands(CAMERA, 550.0, 10.0, "auto"), size).view
+    expected = truth * solid_angle_sr(view, CAMERA) * CAMERA.lens.transmission / (BAND_NM[1] - BAND_NM[0])
+    error = light.standard_error[..., 0].astype(float)
+    z = np.abs(light.data[..., 0] - expected)[error > 0] / error[error > 0]
+    return float((z < 1).mean()), float((z < 2).mean()), light
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--write", type=Path, help="write the reference of the Cornell box into this .npz and stop")
+    parser.add_argument("--quick", action="store_true", help="a small reference: shows that it runs, proves nothing")
+    words = parser.parse_args()
+    if words.write:
+        np.savez_compressed(words.write, radiance=reference("cornell_box", PASSES, SIZE).astype(np.float32))
+        return
+    size, passes = (12, 4) if words.quick else (SIZE, PASSES)
+    print(f"{'scene':<14}{'samples':>8}{'|z| < 1':>9}{'|z| < 2':>9}{'one-pass share':>16}  reliable")
+    for scene in SCENES:
+        truth = reference(scene, passes, size)
+        for spp in (64, 128, 256, 1152):
+            one, two, light = coverage(scene, spp, truth)
+            found = light.certificate
+            print(f"{scene:<14}{spp:>8}{one:>9.3f}{two:>9.3f}{found.one_pass_share:>16.4f}  {found.reliable}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,65 @@
+"""lint: what in a scene will not be what its author thinks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import typer
+from rich import box
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+import mitsuba_sensor as ms
+
+from . import options
+from .app import app, show
+
+if TYPE_CHECKING:
+    from ..light.lint import Finding
+
+STYLES = {"black": "bold red", "wrong": "bold yellow", "note": "dim"}
+
+
+@app.command(epilog="Example: mitsuba-sensor lint scenes/cornell_box.xml --camera rgbir_2mp")
+def lint(
+    scene: options.Scene,
+    camera: options.CameraOrScene = None,
+    parameters: options.Parameters = None,
+    scene_unit: options.SceneUnit = None,
+    variant: options.Variant = None,
+    as_json: options.Json = False,
+) -> None:
+    """Say what in SCENE is black, wrong or worth knowing for this camera. Nothing is rendered.
+
+    Exit code: 0 if there is nothing but notes, 1 if something is black or wrong, 2 if the scene cannot be loaded.
+    """
+    from ..light.scene import inspect_scene
+    from ..light.setup import read_setup
+    from ..light.variants import choose_variant, use
+
+    given = options.pairs("-D", parameters)
+    use(choose_variant(variant))
+    setup = read_setup(scene, given)
+    chosen = setup.camera if camera is None else setup.on(ms.load_camera(camera))
+    chosen = chosen or setup.on(ms.load_camera(options.DEFAULT_CAMERA))
+    findings = inspect_scene(scene, chosen, given, scene_unit)
+    show([finding.to_dict() for finding in findings] if as_json else _table(findings, scene.name, chosen), as_json)
+    if any(finding.level != "note" for finding in findings):
+        raise typer.Exit(1)
+
+
+def _table(findings: Sequence[Finding], scene: str, camera: ms.Camera) -> RenderableType:
+    """One row per finding, the gravest first."""
+    low, high = camera.band_nm
+    head = Text.assemble((scene, "bold"), f" for {camera.name}, {low:g} to {high:g} nm")
+    if not findings:
+        return Group(head, Text("nothing to say", style="green"))
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    for heading in ("", "where", "what", "remedy"):
+        table.add_column(heading, overflow="fold")
+    for finding in findings:
+        level = Text(finding.level, style=STYLES[finding.level])
+        table.add_row(level, Text(finding.where), Text(finding.what), Text(finding.remedy))
+    return Group(head, table)

@@ -1,0 +1,166 @@
+"""render: a scene into raw frames."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+import mitsuba_sensor as ms
+
+from ..data import files
+from ..data.report import Clock, Shot
+from ..engine.errors import InputError, nearest
+from . import options, terminal
+from .app import app, changed, err
+from .frames import FRAME, develop, tell, write_frames
+
+if TYPE_CHECKING:
+    from ..light.setup import Setup
+
+SPECTRUM, TRUTH = "irradiance.exr", "truth.exr"
+NOISE_BUDGETS = ("reuse", "each", "spend")
+
+
+@app.command(epilog="Example: mitsuba-sensor render scenes/cornell_box.xml -o out/ --exposure-s 0.01 --set adc.bits=14")
+def render(
+    scene: options.Scene,
+    out_dir: options.Out,
+    camera: options.CameraOrScene = None,
+    exposure_s: options.ExposureOrScene = None,
+    temperature_k: options.TemperatureOrScene = None,
+    wavelength_nm: options.WavelengthNm = None,
+    bandwidth_nm: options.BandwidthNm = None,
+    spectral: options.Spectral = None,
+    seed: options.SeedOrScene = None,
+    serial: options.SerialOrScene = None,
+    frames: options.Frames = 1,
+    given_patterns: options.PatternsIn = None,
+    chain: options.Chain = "physical",
+    engine: options.Engine = "auto",
+    precision: options.Precision = "auto",
+    preview_gain: options.PreviewGain = 1.0,
+    settings: options.Settings = None,
+    parameters: options.Parameters = None,
+    spp: options.Samples = None,
+    noise_ratio: options.NoiseRatio = None,
+    max_seconds: options.MaxSeconds = None,
+    max_spp: options.MaxSpp = None,
+    noise_budget: options.NoiseBudget = "reuse",
+    scene_unit: options.SceneUnit = None,
+    motion: options.MotionFile = None,
+    subframes: options.Subframes = None,
+    denoise: options.Denoise = False,
+    ground_truth: options.GroundTruth = False,
+    variant: options.Variant = None,
+    as_json: options.Json = False,
+) -> None:
+    """Render SCENE and expose a camera to it.
+
+    Writes frame.tiff, frame.png, irradiance.exr and frame.json into DIR (and truth.exr if asked for): all, or none.
+    """
+    if noise_budget not in NOISE_BUDGETS:
+        raise InputError(
+            f"--noise-budget is {noise_budget!r}; it must be one of {', '.join(NOISE_BUDGETS)}."
+            f"{nearest(noise_budget, NOISE_BUDGETS)}"
+        )
+    given = options.pairs("-D", parameters)
+    setup = _setup(scene, given, variant)
+    exposure = ms.Exposure(
+        options.first(exposure_s, setup.exposure_s, options.DEFAULT_EXPOSURE_S),
+        options.first(temperature_k, setup.temperature_k, options.DEFAULT_TEMPERATURE_K),
+    )
+    shot = Shot(
+        changed(_camera(camera, setup), settings),
+        exposure,
+        seed=options.first(seed, setup.seed, 1),
+        serial=options.first(serial, setup.serial, 1),
+        frames=frames,
+        maps=files.read_patterns(given_patterns) if given_patterns else None,
+        chain=chain,
+        engine=engine,
+        precision=precision,
+        preview_gain=preview_gain,
+    )
+    wish = {
+        "wavelength_nm": wavelength_nm, "bandwidth_nm": bandwidth_nm, "spectral": spectral, "spp": spp,
+        "noise_ratio": noise_ratio, "max_seconds": max_seconds, "max_spp": max_spp, "motion": motion,
+        "subframes": subframes, "scene_unit": scene_unit, "denoise": denoise, "parameters": given, "variant": variant,
+    }  # fmt: skip
+    _rehearse(shot, options.first(wavelength_nm, setup.wavelength_nm) is not None)
+    clock, origin = Clock(), {"scene": scene, "parameters": given, "motion": motion, "noise_budget": noise_budget}
+    with files.output_folder(out_dir, (SPECTRUM, *FRAME, TRUTH)) as folder:
+        report = (_reused if noise_budget == "reuse" else _taken)(folder, scene, shot, wish, origin, clock)
+        if ground_truth:
+            with clock.step("ground truth"):
+                _write_truth(folder, scene, shot, wish)
+        files.write_json(folder / "frame.json", report)
+    tell(report, out_dir, as_json)
+
+
+def _setup(scene: Path, parameters: dict[str, str], variant: str | None) -> Setup:
+    """What the scene file says of camera, exposure and seeds."""
+    from ..light.setup import read_setup
+    from ..light.variants import choose_variant, use
+
+    use(choose_variant(variant))
+    return read_setup(scene, parameters)
+
+
+def _camera(name: str | None, setup: Setup) -> ms.Camera:
+    """The named camera behind the scene's lens, else the scene's own, else the default one."""
+    if name is None and setup.camera is not None:
+        return setup.camera
+    return setup.on(ms.load_camera(options.DEFAULT_CAMERA if name is None else name))
+
+
+def _rehearse(shot: Shot, one_band: bool) -> None:
+    """Refuse before a long render what ``expose`` would refuse after it: seeds, chain, the names of maps."""
+    if shot.chain == "konnik2014" and not one_band:
+        raise InputError("--chain konnik2014 knows one wavelength; add --wavelength-nm 550, say.")
+    corner = {name: values[:1, :1] for name, values in (shot.maps or {}).items() if values.ndim == 2}
+    words = {**shot.exposing, "maps": corner}
+    ms.expose([[0.0]], shot.camera, shot.exposure, seed=shot.seed, serial=shot.serial, wavelengths_nm=550.0, **words)
+
+
+def _reused(
+    folder: Path, scene: Path, shot: Shot, wish: dict[str, Any], origin: dict[str, Any], clock: Clock
+) -> dict[str, Any]:
+    """One render, and all frames of it."""
+    with clock.step("render"), terminal.passes(err) as progress:
+        light = ms.render(scene, shot.camera, shot.exposure, seed=shot.seed, progress=progress, **wish)
+    with clock.step("write irradiance"):
+        files.write_irradiance_exr(folder / SPECTRUM, light)
+    return develop(folder, shot, light, origin, clock)
+
+
+def _taken(
+    folder: Path, scene: Path, shot: Shot, wish: dict[str, Any], origin: dict[str, Any], clock: Clock
+) -> dict[str, Any]:
+    """A render for every frame; the irradiance and the report are those of the first."""
+    if shot.chain != "physical":
+        raise InputError(f"--noise-budget {origin['noise_budget']} is for the physical chain; leave --chain out.")
+    with clock.step("render and expose"), terminal.frames(err, shot.frames) as progress:
+        takes = ms.shoot(
+            scene, shot.camera, shot.exposure, frames=shot.frames, seed=shot.seed, serial=shot.serial,
+            noise_budget=origin["noise_budget"], exposing=shot.exposing, progress=progress, **wish,
+        )  # fmt: skip
+        first = next(takes)
+        digital, unspent = [first.frames.digital[0]], [first.unspent]
+        for take in takes:
+            digital.append(take.frames.digital[0])
+            unspent.append(take.unspent)
+    with clock.step("write irradiance"):
+        files.write_irradiance_exr(folder / SPECTRUM, first.light)
+    origin = {**origin, "unspent": float(np.mean(unspent))}
+    return write_frames(folder, shot, first.light, first.photons, first.frames, np.stack(digital), origin, clock)
+
+
+def _write_truth(folder: Path, scene: Path, shot: Shot, wish: dict[str, Any]) -> None:
+    """Depth, position, normals, albedo, shapes and flow of the same pixels, in a pass of its own."""
+    from ..light.truth import ground_truth
+
+    words = {name: wish[name] for name in ("motion", "parameters", "scene_unit", "variant")}
+    found = ground_truth(scene, shot.camera, exposure=shot.exposure, **words)
+    files.write_truth_exr(folder / TRUTH, found)

@@ -1,0 +1,148 @@
+"""Frames that each have a render of their own, and may spend its noise as part of their shot noise."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from scipy.stats import chi2
+
+from ..engine.errors import InputError, require_seed
+from ..engine.frame import Exposure
+from ..engine.quantities import Photons
+from ..sensor.chain import mean_dark_e
+from ..sensor.exposing import Frames, expose
+from ..sensor.inputs import check_numbers
+from ..sensor.spending import LIMIT, spendable
+from .budget import Budget, Step
+from .irradiance import Irradiance, Job, Wish, prepare
+from .passes import hashed_seed
+from .photons import collect
+from .renderer import Map, Yardstick
+
+if TYPE_CHECKING:
+    from ..sensor.camera import Camera
+
+NoiseBudget = Literal["spend", "each"]
+NOISE_BUDGETS = ("spend", "each")
+AIM = LIMIT / 2  # median of v/μ: below it the total has the shape of Poisson's law (sensor/spending.py)
+FEWEST_JUDGED = 7  # degrees of freedom of a measured variance; with fewer passes more than 1 % stays unspent
+UNSPENT = 0.015  # of the shot variance, averaged over the pixels: what may stay as excess noise
+
+
+@dataclass(frozen=True, eq=False)
+class Take:
+    """One frame, and the render that it was made from.
+
+    unspent : what is left of the render's variance over the shot variance, averaged over the pixels: so much too noisy
+        is the frame; of a render that is not spent, all of it.
+    """
+
+    frames: Frames
+    light: Irradiance
+    photons: Photons
+    unspent: float
+
+
+def shoot(
+    scene: str | os.PathLike[str],
+    camera: Camera | None = None,
+    exposure: Exposure | None = None,
+    *,
+    frames: int = 1,
+    first_frame: int = 0,
+    seed: int | None = None,
+    serial: int | None = None,
+    noise_budget: NoiseBudget = "spend",
+    exposing: Mapping[str, Any] | None = None,
+    progress: Callable[[int, Step], None] | None = None,
+    **rendering: Any,
+) -> Iterator[Take]:
+    """Frames of a scene, each from a render with a seed of its own; one at a time, all checked before the first.
+
+    noise_budget : "spend" counts the render's noise as part of the shot noise, so that 16 times fewer samples do than
+        for a noise ratio of 0.01; "each" leaves it where it is, on top.
+    exposing : other words of :func:`expose`: maps, chain, engine, precision.
+    progress : called with the frame's number and a :class:`light.budget.Step` of its render.
+    rendering : other words of :func:`render`. By default "spend" renders until the median of v/μ, the render's variance
+        over the shot noise's, is 1/6 and no more than 1.5 % is left unspent; and "spectral" is "channels", since each
+        render is used once.
+    Raises InputError.
+    """
+    if noise_budget not in NOISE_BUDGETS:
+        raise InputError(f"noise_budget is {noise_budget!r}; it must be one of {', '.join(NOISE_BUDGETS)}.")
+    if rendering.get("denoise"):
+        raise InputError("denoise and shoot do not go together: what a denoiser leaves of the noise cannot be spent.")
+    wish = Wish(**rendering)
+    aims = noise_budget == "spend" and wish.spp is None and wish.noise_ratio is None
+    budget = replace(wish, noise_ratio=1.0).budget() if aims else wish.budget()
+    if aims:
+        budget = replace(budget, reached="spendable")
+    check_numbers(frames, first_frame, 1 if seed is None else seed)
+    job = prepare(scene, camera, exposure, wish, usual="channels")
+    _refuse_unspendable(noise_budget, job.camera, dict(exposing or {}))
+    seeds = job.seed(seed), require_seed("serial", next(s for s in (serial, job.setup.serial, 1) if s is not None))
+    measure = _yardstick(job) if aims else None
+    tell = progress or (lambda frame, step: None)
+    numbers = range(first_frame, first_frame + frames)
+    return _takes(job, budget, measure, numbers, seeds, noise_budget == "spend", dict(exposing or {}), tell)
+
+
+def _refuse_unspendable(noise_budget: str, camera: Camera, exposing: dict[str, Any]) -> None:
+    """What :func:`expose` would refuse after the first render."""
+    if noise_budget != "spend":
+        return
+    if exposing.get("chain", "physical") != "physical":
+        raise InputError(f"noise_budget is 'spend' and chain {exposing['chain']!r}; only the physical chain can spend.")
+    if camera.quantum_efficiency.quantum_yield:
+        raise InputError(
+            f"noise_budget is 'spend' and {camera.name} has a quantum_yield, whose electrons come in bursts; "
+            "take noise_budget 'each'."
+        )
+
+
+def _takes(
+    job: Job, budget: Budget, measure: Yardstick | None, numbers: range, seeds: tuple[int, int], spend: bool,
+    exposing: dict[str, Any], tell: Callable[[int, Step], None],
+) -> Iterator[Take]:  # fmt: skip
+    for number in numbers:
+        seed = hashed_seed(seeds[0], -1, number)
+
+        def step(now: Step, number: int = number) -> None:
+            tell(number, now)
+
+        light = job.irradiance(seed, budget, step, time.monotonic(), measure)
+        size = job.renderer.samples  # the first render has found it for all
+        budget = replace(budget, passes=max(budget.passes * budget.samples // size, 2), samples=size, sized=True)
+        photons = collect(light, job.camera, job.exposure)
+        mean, variance = job.renderer.electrons()
+        if spend:
+            photons = replace(photons, variance_e2=np.where(np.isfinite(photons.total), variance, 0.0))
+        made = expose(photons, job.camera, job.exposure, seed=seeds[0], serial=seeds[1], first_frame=number, **exposing)
+        yield Take(made, light, photons, unspent(job, mean, variance, spend))
+
+
+def unspent(job: Job, mean_e: Map, variance_e2: Map, spend: bool = True) -> float:
+    """What is left of the render's variance over the shot variance of light and dark, averaged over the pixels."""
+    dark = mean_dark_e(job.camera, job.exposure)
+    spent = sum(spendable(mean_e, dark, variance_e2)) if spend else 0.0
+    total = mean_e + dark
+    return float(np.mean((variance_e2 - spent)[total > 0] / total[total > 0])) if (total > 0).any() else 0.0
+
+
+def _yardstick(job: Job) -> Yardstick:
+    """1 where a render is good enough to be spent: by the median of v/μ, and by what is left unspent."""
+    dark = mean_dark_e(job.camera, job.exposure)
+
+    def measure(mean_e: Map, variance_e2: Map, freedom: int) -> float:
+        ratio = variance_e2 / np.maximum(mean_e + dark, np.finfo(float).tiny)
+        median = float(np.median(ratio)) * freedom / float(chi2.median(freedom))
+        if freedom < FEWEST_JUDGED:  # a mean over pixels hangs on the few whose variance is not known yet
+            return median / AIM
+        return max(median / AIM, unspent(job, mean_e, variance_e2) / UNSPENT)
+
+    return measure

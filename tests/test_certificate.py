@@ -1,0 +1,87 @@
+"""The error bars, and the flag that says when not to trust them, against references of a hundred times the samples."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from light_scenes import SCENES, both_variants, skip_unless_usable
+
+from mitsuba_sensor.engine.frame import Exposure
+from mitsuba_sensor.light.bands import choose_bands
+from mitsuba_sensor.light.certificate import one_pass_share, summary_of, trusted, why_not_trusted
+from mitsuba_sensor.light.irradiance import Irradiance, render
+from mitsuba_sensor.light.optics import solid_angle_sr
+from mitsuba_sensor.light.scene import load_scene
+from mitsuba_sensor.sensor.camera import load_camera
+
+CAMERA, EXPOSURE = load_camera("konnik_table1"), Exposure(0.02)
+REFERENCE = Path(__file__).parent / "data" / "cornell_box_64.npz"
+
+
+def at_550(scene: str, size: int, **words: object) -> Irradiance:
+    words |= {"wavelength_nm": 550, "parameters": {"width": size, "height": size}}
+    return render(SCENES / f"{scene}.xml", CAMERA, EXPOSURE, **words)
+
+
+def test_standard_errors_cover_a_reference_of_a_hundred_times_the_samples() -> None:
+    """Cornell box, 64 × 64, 1152 samples: |z| < 1 in 0.65 … 0.70 of the pixels, |z| < 2 in 0.92 … 0.96.
+
+    The reference is plain Mitsuba with its own sampler and 116 736 samples (benchmarks/coverage.py --write). Student's
+    t of 31 degrees of freedom has 0.675 and 0.946; 4096 pixels make standard deviations of 0.0073 and 0.0035, so chance
+    alone would fail this for one seed in a thousand. In scalar variants it would take a minute.
+    """
+    variant = skip_unless_usable("llvm_ad_spectral")
+    light = at_550("cornell_box", 64, spp=1152, seed=7, variant=variant)
+    size = {"width": 64, "height": 64}
+    view = load_scene(SCENES / "cornell_box.xml", choose_bands(CAMERA, 550.0, 10.0, "auto"), size).view
+    truth = np.load(REFERENCE)["radiance"] * solid_angle_sr(view, CAMERA) / 10.0
+    z = np.abs(light.data[..., 0] - truth) / light.standard_error[..., 0]
+    assert 0.65 < (z < 1).mean() < 0.70
+    assert 0.92 < (z < 2).mean() < 0.96
+    assert light.certificate.reliable and light.certificate.passes == 32
+
+
+@both_variants
+@pytest.mark.parametrize("spp", [64, 256])
+def test_a_caustic_raises_the_flag_and_a_note_says_what_to_do(variant: str, spp: int) -> None:
+    """A glass ball under a small lamp: one pixel in twenty owes over half of its light to one pass."""
+    found = at_550("caustic", 24, spp=spp, variant=skip_unless_usable(variant)).certificate
+    assert not found.reliable and found.one_pass_share > 0.03
+    assert any("a larger light" in note for note in found.notes)
+
+
+@both_variants
+@pytest.mark.parametrize("scene", ["cornell_box", "still_life", "color_checker", "step_wedge", "flat_field"])
+def test_ordinary_scenes_do_not_raise_it(variant: str, scene: str) -> None:
+    found = at_550(scene, 24, spp=128, variant=skip_unless_usable(variant)).certificate
+    assert found.reliable, found.one_pass_share
+    assert not any("error bars" in note for note in found.notes)
+
+
+def test_a_larger_lamp_makes_the_caustic_reliable() -> None:
+    """What the note advises helps: ten times the radius, and the same samples are enough."""
+    size = {"width": 24, "height": 24, "lamp_radius": 1.2}
+    words = {"wavelength_nm": 550, "spp": 256, "variant": "scalar_spectral"}
+    small = at_550("caustic", 24, spp=256, variant="scalar_spectral").certificate
+    large = render(SCENES / "caustic.xml", CAMERA, EXPOSURE, parameters=size, **words).certificate
+    assert large.one_pass_share < 0.3 * small.one_pass_share
+
+
+def test_the_share_counts_lit_pixels_that_hang_on_one_pass() -> None:
+    brightest = np.array([[6.0, 5.0, 0.0, 1.0]])
+    total = np.array([[10.0, 10.0, 0.0, np.inf]])
+    assert one_pass_share(brightest, total) == 0.5  # exactly half is not more than half; dark and infinite do not count
+    assert one_pass_share(np.zeros((2, 2)), np.zeros((2, 2))) == 0.0
+
+
+def test_few_passes_are_never_trusted() -> None:
+    assert trusted(16, 0.0) and not trusted(15, 0.0) and not trusted(100, 0.02)
+    assert "guesses" in why_not_trusted(2, 0.0) and "too small" in why_not_trusted(64, 0.1)
+
+
+def test_the_summary_leaves_infinite_pixels_out() -> None:
+    found = summary_of(np.array([0.0, 1.0, 2.0, np.inf]))
+    assert (found["noise_ratio_median"], found["noise_ratio_max"]) == (1.0, 2.0)
+    assert summary_of(np.array([np.inf]))["noise_ratio_max"] == 0.0
