@@ -1,7 +1,7 @@
 """Do the error bars hold? Coverage of the standard errors against a reference of at least a hundred times the samples.
 
-    python benchmarks/coverage.py                    # Cornell box and caustic, a table
-    python benchmarks/coverage.py --write FILE.npz   # makes the reference of the Cornell box anew (about 5 minutes)
+    python benchmarks/coverage.py --size 32          # a table of three scenes (about 10 minutes)
+    python benchmarks/coverage.py --write FILE.npz   # the reference of the Cornell box in tests/data (10 minutes)
 
 The reference is plain Mitsuba: its own film and sampler, passes of 1024 samples added up in float64.
 """
@@ -9,6 +9,7 @@ The reference is plain Mitsuba: its own film and sampler, passes of 1024 samples
 from __future__ import annotations
 
 import argparse
+import json
 from pathlib import Path
 
 import numpy as np
@@ -63,19 +64,27 @@ def coverage(scene: str, spp: int, truth: np.ndarray, seed: int = 7) -> tuple[fl
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--write", type=Path, help="write the reference of the Cornell box into this .npz and stop")
+    parser.add_argument("--size", type=int, default=SIZE, help="columns and rows of the pictures of the table")
     parser.add_argument("--quick", action="store_true", help="a small reference: shows that it runs, proves nothing")
+    parser.add_argument("--json", action="store_true", help="only JSON on stdout")
     words = parser.parse_args()
     if words.write:
         np.savez_compressed(words.write, radiance=reference("cornell_box", PASSES, SIZE).astype(np.float32))
         return
-    size, passes = (12, 4) if words.quick else (SIZE, PASSES)
-    print(f"{'scene':<14}{'samples':>8}{'|z| < 1':>9}{'|z| < 2':>9}{'one-pass share':>16}  reliable")
+    size, passes = (12, 4) if words.quick else (words.size, PASSES)
+    rows = []
     for scene in SCENES:
         truth = reference(scene, passes, size)
         for spp in (64, 128, 256, 1152):
             one, two, light = coverage(scene, spp, truth)
-            found = light.certificate
-            print(f"{scene:<14}{spp:>8}{one:>9.3f}{two:>9.3f}{found.one_pass_share:>16.4f}  {found.reliable}")
+            share, reliable = light.certificate.one_pass_share, light.certificate.reliable
+            rows.append({"scene": scene, "spp": spp, "z1": one, "z2": two, "one_pass": share, "reliable": reliable})
+    if words.json:
+        print(json.dumps(rows))
+        return
+    print(f"{'scene':<14}{'samples':>8}{'|z| < 1':>9}{'|z| < 2':>9}{'one-pass share':>16}  reliable")
+    for row in rows:
+        print("{scene:<14}{spp:>8}{z1:>9.3f}{z2:>9.3f}{one_pass:>16.4f}  {reliable}".format(**row))
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import resource
 import time
 from pathlib import Path
@@ -28,6 +29,7 @@ def main() -> None:
     parser.add_argument("--scene", type=Path, default=SCENE)
     parser.add_argument("--spp", type=int, default=16)
     parser.add_argument("--quick", action="store_true", help="64 × 64: shows that it runs, proves nothing")
+    parser.add_argument("--json", action="store_true", help="only JSON on stdout")
     words = parser.parse_args()
     size = 64 if words.quick else 1024
     curve = {"wavelengths_nm": [400.0, 710.0], "curves": {"mono": [0.6, 0.6]}, "reference_nm": 550.0}
@@ -40,6 +42,9 @@ def main() -> None:
     photons = ms.collect(light, camera, exposure)
     frames = ms.expose(photons, camera, exposure)
     bands = light.data.shape[2]
+    if words.json:
+        print(json.dumps({"pixels": size**2, "bands": bands, "render_mib": rendered, "frame_mib": peak_mib()}))
+        return
     print(f"{size} × {size} × {bands} bands, {light.certificate.samples_per_pixel} samples, {seconds:.1f} s")
     print(f"peak memory of the render {rendered:.0f} MiB, with photons and a frame {peak_mib():.0f} MiB")
     assert np.isfinite(light.data).all() and frames.digital.shape == (1, size, size)

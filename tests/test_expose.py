@@ -226,7 +226,7 @@ def test_the_account_is_json_with_photons_gain_and_counts() -> None:
     light[1, :3] = 7.0
     frames = ms.expose(light, CAMERA, EXPOSURE, frames=2)
     report = json.loads(json.dumps(frames.report, allow_nan=False))
-    assert report["photons"] == {"min": 7.0, "median": 100.0, "max": 1e6}
+    assert report["photons"] == {"min": 7.0, "median": 100.0, "max": 1e6, "detected": False}
     assert report["K_dn_per_e"] == pytest.approx(0.1241212, rel=1e-6)
     assert report["counts"]["clipped_full_well"] == 4
     assert report["counts"]["clipped_adc_high"] == np.sum(frames.digital[0] == 4095)

@@ -13,7 +13,7 @@ from light_scenes import BALL, SCENES, SHIPPED, both_variants, scene_text, skip_
 
 from mitsuba_sensor.light.lint import Finding
 from mitsuba_sensor.light.scene import inspect_scene
-from mitsuba_sensor.light.variants import choose_variant, use
+from mitsuba_sensor.light.variants import choose_variant, mitsuba, use
 from mitsuba_sensor.sensor.camera import Camera, load_camera
 
 VISIBLE = load_camera("konnik_table1")
@@ -32,6 +32,12 @@ POINT = '<emitter type="point"><spectrum name="intensity" value="1"/></emitter>'
 PROJECTOR = '<emitter type="projector"><spectrum name="irradiance" value="1"/></emitter>'
 
 
+@pytest.fixture(autouse=True, params=["scalar_spectral", "llvm_ad_spectral"])
+def variant(request: pytest.FixtureRequest) -> str:
+    """Every finding in both: the parser's colours and spectra are other types in JIT variants."""
+    return use(choose_variant(skip_unless_usable(request.param))).variant()
+
+
 def sensor(more: str = "") -> str:
     return SENSOR.replace("{more}", more)
 
@@ -42,7 +48,6 @@ def clean(*elements: str, more: str = "") -> str:
 
 
 def findings(folder: Path, text: str, camera: Camera = VISIBLE, scene_unit: str | None = None) -> tuple[Finding, ...]:
-    use(choose_variant("scalar_spectral"))
     return inspect_scene(write_scene(folder, text), camera, {}, scene_unit)
 
 
@@ -58,7 +63,6 @@ def test_a_clean_scene_has_no_finding(tmp_path: Path, camera: Camera) -> None:
 
 @pytest.mark.parametrize("name", (*SHIPPED, "one_file"))
 def test_the_shipped_scenes_are_clean_from_360_to_830_nm(name: str) -> None:
-    use(choose_variant("scalar_spectral"))
     camera = VISIBLE.replace(**{"quantum_efficiency.wavelengths_nm": (360, 830)})
     assert inspect_scene(SCENES / f"{name}.xml", camera, {"width": 16, "height": 12}, None) == ()
 
@@ -99,7 +103,7 @@ def test_a_blackbody_with_ends_of_its_own_is_not_black(tmp_path: Path) -> None:
 )
 def test_a_coloured_texture_of_a_lamp_is_made_up_outside_the_visible(tmp_path: Path, texture: str) -> None:
     """Unlike an rgb lamp it is not multiplied by D65 and does not end: Mitsuba extrapolates it."""
-    mi = use(choose_variant("scalar_spectral"))
+    mi = mitsuba()
     mi.Bitmap(np.full((2, 2, 3), 0.5, np.float32)).write(str(tmp_path / "grey.exr"))
     lamp = (
         f'<shape type="sphere"><point name="center" value="0, 0, 4"/><emitter type="area">{texture}</emitter></shape>'
@@ -111,7 +115,7 @@ def test_a_coloured_texture_of_a_lamp_is_made_up_outside_the_visible(tmp_path: P
 
 @pytest.mark.parametrize("kind", ["envmap", "sunsky"])
 def test_a_sky_is_black_beyond_830_nm(tmp_path: Path, kind: str) -> None:
-    mi = use(choose_variant("scalar_spectral"))
+    mi = mitsuba()
     mi.Bitmap(np.full((4, 8, 3), 0.5, np.float32)).write(str(tmp_path / "sky.exr"))
     file = '<string name="filename" value="sky.exr"/>' if kind == "envmap" else ""
     text = scene_text(f'<emitter type="{kind}">{file}</emitter>', GREY, sensor=sensor())
@@ -149,7 +153,7 @@ def test_a_scene_that_is_all_dark_is_findings_and_no_error(tmp_path: Path) -> No
 @pytest.mark.parametrize("bsdf", ["rgb", "bitmap"])
 def test_colours_are_made_up_outside_the_visible(tmp_path: Path, bsdf: str) -> None:
     """An rgb red of 0.8 becomes 0.999 at 850 nm: told to an infrared camera only."""
-    mi = use(choose_variant("scalar_spectral"))
+    mi = mitsuba()
     mi.Bitmap(np.full((2, 2, 3), 0.5, np.float32)).write(str(tmp_path / "grey.exr"))
     picture = '<bsdf type="diffuse"><texture type="bitmap" name="reflectance">{}</texture></bsdf>'
     ball = RED if bsdf == "rgb" else BALL.format(bsdf=picture.format('<string name="filename" value="grey.exr"/>'))
@@ -159,7 +163,7 @@ def test_colours_are_made_up_outside_the_visible(tmp_path: Path, bsdf: str) -> N
 
 
 def test_raw_pictures_are_no_colours(tmp_path: Path) -> None:
-    mi = use(choose_variant("scalar_spectral"))
+    mi = mitsuba()
     mi.Bitmap(np.full((2, 2, 1), 0.5, np.float32)).write(str(tmp_path / "rough.exr"))
     raw = '<string name="filename" value="rough.exr"/><boolean name="raw" value="true"/>'
     rough = f'<bsdf type="roughconductor"><texture type="bitmap" name="alpha">{raw}</texture></bsdf>'
@@ -316,7 +320,6 @@ def test_findings_become_the_notes_of_a_render(tmp_path: Path) -> None:
     from mitsuba_sensor.light.bands import box_bands
     from mitsuba_sensor.light.scene import load_scene
 
-    use(choose_variant("scalar_spectral"))
     path = write_scene(tmp_path, clean(POINT, more='<float name="far_clip" value="4.5"/>'))
     scene = load_scene(path, box_bands(VISIBLE, np.array([400.0, 700.0])), {})
     assert [one.level for one in scene.findings] == ["black", "note"]

@@ -19,8 +19,9 @@ EXPOSURE = ms.Exposure(0.1)
 def light(data: Any, wavelengths: Any = (550.0,), widths: Any = (1.0,)) -> Any:
     """All of an Irradiance that photons are made from."""
     return SimpleNamespace(
-        data=np.asarray(data), wavelengths_nm=np.asarray(wavelengths), bandwidths_nm=np.asarray(widths)
-    )
+        data=np.asarray(data), wavelengths_nm=np.asarray(wavelengths), bandwidths_nm=np.asarray(widths),
+        filters=None, response=None,
+    )  # fmt: skip
 
 
 def test_one_watt_per_square_metre_gives_table_1s_photons() -> None:

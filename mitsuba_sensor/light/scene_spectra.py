@@ -101,7 +101,7 @@ def _strengths(props: Any) -> list[Any]:
 
 
 def _is_rgb(value: Any) -> bool:
-    return type(value).__name__.startswith("Color3")
+    return "Color3" in type(value).__name__
 
 
 def _ends(wavelengths_nm: list[float]) -> Range:
