@@ -85,7 +85,9 @@ def test_render_noise_is_that_of_the_certificate_and_grows_with_the_exposure(
     rendered: Path, report: dict[str, Any], tmp_path: Path, cli: Callable[..., Any]
 ) -> None:
     """In a tenth of the time a tenth of the electrons and the same relative error: less beside the sensor's noise."""
-    assert report["render_noise"]["over_sensor_median"] == pytest.approx(report["render"]["noise_ratio_median"], rel=1e-3)
+    assert report["render_noise"]["over_sensor_median"] == pytest.approx(
+        report["render"]["noise_ratio_median"], rel=1e-3
+    )
     assert cli("expose", rendered / "irradiance.exr", "-o", tmp_path, "--exposure-s", 0.01).exit_code == 0
     shorter = json.loads((tmp_path / "frame.json").read_text(encoding="utf-8"))["render_noise"]
     for name, ratio in report["render_noise"].items():
@@ -180,6 +182,13 @@ def test_cameras_list_and_show_tell_where_every_number_comes_from(cli: Callable[
         assert shown["name"] == name and shown["sources"]
         assert "adc.bits" in cli("cameras", "show", name).stdout
     assert [one["name"] for one in json.loads(cli("cameras", "list", "--json").stdout)] == ms.list_cameras()
+
+
+def test_the_lenses_that_come_along_are_listed_with_their_source(cli: Callable[..., Any]) -> None:
+    known = {one["name"]: one for one in json.loads(cli("cameras", "lenses", "--json").stdout)}
+    assert known["double_gauss"]["focal_length_mm"] == pytest.approx(50, rel=0.01)
+    assert all(one["source"] and one["surfaces"] >= 2 for one in known.values())
+    assert "double_gauss" in cli("cameras", "lenses").stdout
 
 
 def test_the_schema_knows_every_table_of_a_camera_file(cli: Callable[..., Any]) -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import typer
 from rich.console import Console
@@ -16,6 +17,9 @@ from ..data.report import Shot
 from ..engine.errors import InputError
 from ..sensor.camera import toml_value
 from . import options
+
+if TYPE_CHECKING:
+    from ..light.setup import Setup
 
 out = Console()
 err = Console(stderr=True)
@@ -51,6 +55,40 @@ app.add_typer(cameras, name="cameras")
 def chosen_shot(camera: str, settings: list[str] | None, exposure: ms.Exposure, **asked: Any) -> Shot:
     """The camera with its --set fields, and what is asked of it; all checked. asked : other fields of Shot."""
     return Shot(changed(ms.load_camera(camera), settings), exposure, **asked)
+
+
+def scene_setup(scene: Path, parameters: dict[str, str], variant: str | None) -> Setup:
+    """What the scene file says of camera, exposure and seeds."""
+    from ..light.setup import read_setup
+    from ..light.variants import choose_variant, use
+
+    use(choose_variant(variant))
+    return read_setup(scene, parameters)
+
+
+def scene_camera(name: str | None, setup: Setup, settings: list[str] | None = None) -> ms.Camera:
+    """The named camera behind the scene's lens, else the scene's own, else the default one; with its --set fields.
+
+    These are set first too, because a prescription among them takes focal length and focus from the scene.
+    """
+    base = setup.camera if name is None and setup.camera is not None else None
+    base = base or ms.load_camera(options.DEFAULT_CAMERA if name is None else name)
+    return changed(setup.on(changed(base, settings)), settings)
+
+
+def scene_exposure(exposure_s: float | None, temperature_k: float | None, setup: Setup) -> ms.Exposure:
+    """The exposure that was asked for, else the scene's, else the default one."""
+    return ms.Exposure(
+        options.first(exposure_s, setup.exposure_s, options.DEFAULT_EXPOSURE_S),
+        options.first(temperature_k, setup.temperature_k, options.DEFAULT_TEMPERATURE_K),
+    )
+
+
+def refuse_lens(settings: list[str] | None) -> None:
+    """The lens has made the light already: another one needs another render."""
+    for field in options.pairs("--set", settings):
+        if field.startswith("lens."):
+            raise InputError(f"--set {field} comes too late: the light is behind the lens already; set it in `render`.")
 
 
 def changed(camera: ms.Camera, settings: list[str] | None) -> ms.Camera:

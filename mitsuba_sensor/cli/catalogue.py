@@ -43,6 +43,24 @@ def schema() -> None:
     show(camera_schema(), True)
 
 
+@cameras.command()
+def lenses(as_json: options.Json = False) -> None:
+    """The lens prescriptions that come along, for --set lens.prescription=NAME."""
+    from ..light.lens.paraxial import cardinal
+    from ..sensor.lensfile import list_lenses
+
+    default = ms.load_camera(options.DEFAULT_CAMERA).replace(**{"lens.f_number": 64.0})  # every lens can close so far
+    known = [default.replace(**{"lens.prescription": name}).lens for name in list_lenses()]
+    rows = [(one.prescription, cardinal(one).focal_length) for one in known if one.prescription is not None]
+    if as_json:
+        found = [
+            {"name": x.name, "focal_length_mm": f, "surfaces": len(x.surfaces), "source": x.source} for x, f in rows
+        ]
+        show(found, True)
+        return
+    show(terminal.lens_list([(x.name, f"{f:.4g} mm", str(len(x.surfaces)), x.source) for x, f in rows]), False)
+
+
 def _flat(fields: dict[str, Any], prefix: str = "") -> dict[str, Any]:
     """Nested fields under dotted names."""
     flat: dict[str, Any] = {}

@@ -12,7 +12,7 @@ import mitsuba_sensor as ms
 from ..data import files
 from ..data.report import Clock, Shot, frame_report
 from . import options, terminal
-from .app import app, chosen_shot, show
+from .app import app, chosen_shot, refuse_lens, show
 
 FRAME = ("frame.tiff", "frame.png", "frame.json")
 
@@ -39,6 +39,7 @@ def expose(
 
     Writes frame.tiff, frame.png and frame.json into DIR: all three, or none.
     """
+    refuse_lens(settings)
     shot = chosen_shot(
         camera,
         settings,

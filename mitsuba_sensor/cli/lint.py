@@ -11,13 +11,12 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-import mitsuba_sensor as ms
-
 from . import options
-from .app import app, show
+from .app import app, scene_camera, scene_setup, show
 
 if TYPE_CHECKING:
     from ..light.lint import Finding
+    from ..sensor.camera import Camera
 
 STYLES = {"black": "bold red", "wrong": "bold yellow", "note": "dim"}
 
@@ -36,21 +35,16 @@ def lint(
     Exit code: 0 if there is nothing but notes, 1 if something is black or wrong, 2 if the scene cannot be loaded.
     """
     from ..light.scene import inspect_scene
-    from ..light.setup import read_setup
-    from ..light.variants import choose_variant, use
 
     given = options.pairs("-D", parameters)
-    use(choose_variant(variant))
-    setup = read_setup(scene, given)
-    chosen = setup.camera if camera is None else setup.on(ms.load_camera(camera))
-    chosen = chosen or setup.on(ms.load_camera(options.DEFAULT_CAMERA))
+    chosen = scene_camera(camera, scene_setup(scene, given, variant))
     findings = inspect_scene(scene, chosen, given, scene_unit)
     show([finding.to_dict() for finding in findings] if as_json else _table(findings, scene.name, chosen), as_json)
     if any(finding.level != "note" for finding in findings):
         raise typer.Exit(1)
 
 
-def _table(findings: Sequence[Finding], scene: str, camera: ms.Camera) -> RenderableType:
+def _table(findings: Sequence[Finding], scene: str, camera: Camera) -> RenderableType:
     """One row per finding, the gravest first."""
     low, high = camera.band_nm
     head = Text.assemble((scene, "bold"), f" for {camera.name}, {low:g} to {high:g} nm")

@@ -38,9 +38,7 @@ Settings = Annotated[
 ]
 Seed = Annotated[int, typer.Option("--seed", help="All that chance decides: the render and the temporal noise.")]
 Serial = Annotated[int, typer.Option("--serial", help="Which chip of this type: decides its fixed patterns.")]
-Frames = Annotated[
-    int, typer.Option("--frames", min=1, help="How many frames of the same light; the pages of one TIFF.")
-]
+Frames = Annotated[int, typer.Option("--frames", min=1, help="How many frames: the pages of one TIFF.")]
 WavelengthNm = Annotated[
     float | None,
     typer.Option("--wavelength-nm", help="Render one band only, about this wavelength in nm. Default: all it sees."),

@@ -11,19 +11,20 @@ import mitsuba_sensor as ms
 from ..data import files
 from ..sensor.chain import gain_dn_per_e
 from . import options, terminal
-from .app import app, chosen_shot, err, show
+from .app import app, changed, chosen_shot, err, refuse_lens, scene_camera, scene_exposure, scene_setup, show
 
 
 @app.command(epilog="Example: mitsuba-sensor plan out/irradiance.exr --exposure-s 0.001 --tolerance-dn 0.02")
 def plan(
     source: options.SceneOrLight,
-    camera: options.Camera = options.DEFAULT_CAMERA,
-    exposure_s: options.ExposureS = options.DEFAULT_EXPOSURE_S,
-    temperature_k: options.TemperatureK = options.DEFAULT_TEMPERATURE_K,
+    camera: options.CameraOrScene = None,
+    exposure_s: options.ExposureOrScene = None,
+    temperature_k: options.TemperatureOrScene = None,
     tolerance_dn: options.ToleranceDn = 0.0,
     settings: options.Settings = None,
     parameters: options.Parameters = None,
     spp: options.Samples = None,
+    scene_unit: options.SceneUnit = None,
     variant: options.Variant = None,
     as_json: options.Json = False,
 ) -> None:
@@ -33,18 +34,22 @@ def plan(
     """
     from ..light.needs import render_needs
 
-    shot = chosen_shot(camera, settings, ms.Exposure(exposure_s, temperature_k))
     if source.suffix.lower() == ".exr":
+        refuse_lens(settings)
+        chosen = changed(ms.load_camera(camera or options.DEFAULT_CAMERA), settings)
+        time_s, kelvin = options.DEFAULT_EXPOSURE_S, options.DEFAULT_TEMPERATURE_K
+        exposure = ms.Exposure(options.first(exposure_s, time_s), options.first(temperature_k, kelvin))
         light = files.read_irradiance_exr(source)
     else:
+        given = options.pairs("-D", parameters)
+        setup = scene_setup(source, given, variant)
+        chosen, exposure = scene_camera(camera, setup, settings), scene_exposure(exposure_s, temperature_k, setup)
+        words = {"spp": spp, "parameters": given, "variant": variant, "scene_unit": scene_unit}
         with terminal.passes(err) as progress:
-            given = options.pairs("-D", parameters)
-            light = ms.render(
-                source, shot.camera, shot.exposure, spp=spp, parameters=given, variant=variant, progress=progress
-            )
-    photons = ms.collect(light, shot.camera, shot.exposure)
-    found = ms.plan(shot.camera, shot.exposure, photons, tolerance_dn=tolerance_dn)
-    needs = render_needs(light, shot.camera, shot.exposure, gain_dn_per_e(shot.camera), tolerance_dn)
+            light = ms.render(source, chosen, exposure, progress=progress, **words)
+    photons = ms.collect(light, chosen, exposure)
+    found = ms.plan(chosen, exposure, photons, tolerance_dn=tolerance_dn)
+    needs = render_needs(light, chosen, exposure, gain_dn_per_e(chosen), tolerance_dn)
     whole_s, planned_s = found.seconds
     if as_json:
         seconds = {"whole_chain": whole_s, "plan": planned_s}

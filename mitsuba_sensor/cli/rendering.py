@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -13,11 +13,8 @@ from ..data import files
 from ..data.report import Clock, Shot
 from ..engine.errors import InputError, nearest
 from . import options, terminal
-from .app import app, changed, err
+from .app import app, err, scene_camera, scene_exposure, scene_setup
 from .frames import FRAME, develop, tell, write_frames
-
-if TYPE_CHECKING:
-    from ..light.setup import Setup
 
 SPECTRUM, TRUTH = "irradiance.exr", "truth.exr"
 NOISE_BUDGETS = ("reuse", "each", "spend")
@@ -66,14 +63,10 @@ def render(
             f"{nearest(noise_budget, NOISE_BUDGETS)}"
         )
     given = options.pairs("-D", parameters)
-    setup = _setup(scene, given, variant)
-    exposure = ms.Exposure(
-        options.first(exposure_s, setup.exposure_s, options.DEFAULT_EXPOSURE_S),
-        options.first(temperature_k, setup.temperature_k, options.DEFAULT_TEMPERATURE_K),
-    )
+    setup = scene_setup(scene, given, variant)
     shot = Shot(
-        changed(_camera(camera, setup), settings),
-        exposure,
+        scene_camera(camera, setup, settings),
+        scene_exposure(exposure_s, temperature_k, setup),
         seed=options.first(seed, setup.seed, 1),
         serial=options.first(serial, setup.serial, 1),
         frames=frames,
@@ -97,22 +90,6 @@ def render(
                 _write_truth(folder, scene, shot, wish)
         files.write_json(folder / "frame.json", report)
     tell(report, out_dir, as_json)
-
-
-def _setup(scene: Path, parameters: dict[str, str], variant: str | None) -> Setup:
-    """What the scene file says of camera, exposure and seeds."""
-    from ..light.setup import read_setup
-    from ..light.variants import choose_variant, use
-
-    use(choose_variant(variant))
-    return read_setup(scene, parameters)
-
-
-def _camera(name: str | None, setup: Setup) -> ms.Camera:
-    """The named camera behind the scene's lens, else the scene's own, else the default one."""
-    if name is None and setup.camera is not None:
-        return setup.camera
-    return setup.on(ms.load_camera(options.DEFAULT_CAMERA if name is None else name))
 
 
 def _rehearse(shot: Shot, one_band: bool) -> None:

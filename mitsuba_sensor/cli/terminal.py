@@ -104,6 +104,14 @@ def camera_list(rows: list[tuple[str, str, str, str]]) -> Table:
     return table
 
 
+def lens_list(rows: list[tuple[str, str, str, str]]) -> Table:
+    """(name, focal length, surfaces, source) of every prescription that comes along."""
+    table = _table("lens", "focal length", "surfaces", "source")
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
 def camera_sheet(fields: Mapping[str, Any], sources: Mapping[str, str]) -> Table:
     """One row per number of a camera file: field, value, source. The unit is the end of the field's name."""
     table = _table("field", "value", "source")

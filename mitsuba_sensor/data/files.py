@@ -123,6 +123,7 @@ def write_irradiance_exr(path: Path, irradiance: Irradiance) -> None:
         "bandwidths_nm": json.dumps([float(width) for width in irradiance.bandwidths_nm]),
         "certificate": json.dumps(irradiance.certificate.to_dict(), default=_plain),
     }
+    header["first_pixel"] = json.dumps(irradiance.origin)
     if irradiance.filters is not None:
         header |= {"filters": json.dumps(irradiance.filters), "response": irradiance.response}
         header["reference_nm"] = float(irradiance.wavelengths_nm[0])
@@ -159,6 +160,7 @@ def read_irradiance_exr(path: Path | str) -> Irradiance:
             certificate=_rebuilt(Certificate, json.loads(header["certificate"])),
             filters=filters,
             response=header.get("response"),
+            origin=tuple(json.loads(header.get("first_pixel", "[0, 0]"))),
         )
     except (KeyError, ValueError, TypeError) as error:
         raise InputError(

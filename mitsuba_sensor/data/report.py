@@ -114,7 +114,8 @@ def render_noise(light: Irradiance, frames: Frames) -> dict[str, float]:
     electrons = chain(frames.camera)[0](frames.light, frames.first.on(REFERENCE)).total
     with np.errstate(invalid="ignore"):
         variance_e2 = (light.relative_error.astype(np.float64) * electrons) ** 2
-    found = summary_of(input_noise(frames.camera, frames.first.exposure).ratio(electrons, variance_e2))
+    ratio = input_noise(frames.camera, frames.first.exposure).ratio(electrons, variance_e2)
+    found = summary_of(np.where(np.isfinite(electrons), ratio, np.inf), electrons > 0, light.certificate.passes)
     return {name.replace("noise_ratio", "over_sensor"): value for name, value in found.items()}
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ class Photons:
     mean : (H, W), or (H, W, B) with one layer per band; never negative, never NaN; +inf saturates its pixel.
     wavelengths_nm : (B,) centre of each band, or None when ``mean`` is (H, W) at the camera's own wavelength.
     detected : whether ``mean`` has one layer per colour filter with the QE in it: electrons of a pixel behind it.
+    origin : (row, column) of the first pixel on the sensor, where nobody says otherwise.
     variance_e2 : (H, W), variance of the mean light electrons over renders [e-²], still to be counted within the shot
         noise, for a frame that has a render of its own; None: the mean is exact.
     """
@@ -30,6 +31,7 @@ class Photons:
     wavelengths_nm: NDArray[np.float64] | None = None
     variance_e2: NDArray[Any] | None = None
     detected: bool = False
+    origin: tuple[int, int] = (0, 0)
 
     @property
     def total(self) -> NDArray[Any]:
@@ -39,7 +41,7 @@ class Photons:
     def rows_only(self, rows: slice) -> Photons:
         """The same light on ``rows`` of the window."""
         variance_e2 = None if self.variance_e2 is None else self.variance_e2[rows]
-        return Photons(self.mean[rows], self.wavelengths_nm, variance_e2, self.detected)
+        return replace(self, mean=self.mean[rows], variance_e2=variance_e2)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         return np.array(self.mean, dtype=dtype, copy=copy)

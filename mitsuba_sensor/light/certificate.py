@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from .passes import FEWEST
 
@@ -21,7 +22,7 @@ class Certificate:
     """How an irradiance came about, and how much of its noise is the renderer's.
 
     noise_ratio_* : render variance over the sensor's own temporal variance, both as electrons at the input: median,
-        95th percentile and largest of all pixels. Above 1 a picture's noise is more the renderer's than the sensor's.
+        95th percentile and largest of the lit pixels. Above 1 the noise is more the renderer's than the sensor's.
     noise_ratio_asked, ended_by : the ratio that it worked towards (None if none), and what ended it: "spp",
         "noise_ratio", "spendable" (see :func:`light.shooting.shoot`), "max_seconds" or "max_spp".
     reliable, one_pass_share : whether the error bars can be trusted, and the share of the lit pixels that owe more
@@ -62,11 +63,21 @@ class Certificate:
         return {**asdict(self), "notes": list(self.notes)}
 
 
-def summary_of(ratio: NDArray[np.float64]) -> dict[str, float]:
-    """The certificate's three numbers of the noise ratio of every pixel; pixels of infinite light are left out."""
-    finite = ratio[np.isfinite(ratio)]
+def summary_of(ratio: NDArray[np.float64], lit: NDArray[np.bool_], passes: int) -> dict[str, float]:
+    """The certificate's three numbers of the noise ratio of the lit pixels; those of infinite light are left out.
+
+    A variance that was measured with few degrees of freedom has a median below its mean (χ²), which is put right.
+    """
+    finite = ratio[np.isfinite(ratio) & lit]
     median, p95, most = np.percentile(finite, (50, 95, 100)).tolist() if finite.size else (0.0, 0.0, 0.0)
+    median *= median_bias(passes)
     return {"noise_ratio_median": median, "noise_ratio_p95": p95, "noise_ratio_max": most}
+
+
+def median_bias(passes: int) -> float:
+    """Mean over median of a variance that was measured by so many passes: of χ² with one degree of freedom less."""
+    freedom = max(passes - 1, 1)
+    return freedom / float(chi2.median(freedom))
 
 
 def one_pass_share(brightest: NDArray[np.float64], total: NDArray[np.float64]) -> float:

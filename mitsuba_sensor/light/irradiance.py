@@ -43,6 +43,7 @@ class Irradiance:
         kept beside ``standard_error`` because the bands of a pixel are correlated.
     filters : None, or the colour filters whose responses took the place of bands: ``data`` [W m⁻²] is then what would
         be detected with a quantum efficiency of 1 at ``wavelengths_nm``.  response : the fingerprint of that camera.
+    origin : (row, column) of the first pixel on the sensor: where the film's crop window begins.
     """
 
     data: NDArray[np.float32]
@@ -53,6 +54,7 @@ class Irradiance:
     certificate: Certificate
     filters: tuple[str, ...] | None = None
     response: str | None = None
+    origin: tuple[int, int] = (0, 0)
 
 
 def render(
@@ -79,7 +81,8 @@ def render(
     """Render a scene file into the irradiance on this camera's focal plane.
 
     camera, exposure, seed, wavelength_nm, bandwidth_nm, spectral : what is not given is read from the scene's
-        <film type="photosensor">; failing that, seed 1, bands of 10 nm over the camera's range.
+        <film type="photosensor">; failing that, seed 1, bands of 10 nm over the camera's range. A camera that is given
+        brings its own lens; a note says so where the scene's <sensor type="camera"> has another.
     spp : samples per pixel over all passes, 128 by default; the certificate has the number that the sampler made of it.
     noise_ratio : instead of spp, render on until the median over the pixels of the render's variance over the sensor's
         own is below it; 0.01 makes a frame 0.5 % too noisy.  max_seconds, max_spp : but no longer than that.
@@ -122,6 +125,17 @@ class Wish:
     parameters: Mapping[str, Any] | None = None
     variant: str | None = None
 
+    def check(self) -> None:
+        """Raise InputError for words that are no use in any scene."""
+        if not isinstance(self.denoise, bool):
+            raise InputError(f"denoise is {self.denoise!r}; it must be True or False.")
+        if self.denoise:
+            library()
+        if self.subframes is not None and self.motion is None:
+            raise InputError(f"subframes is {self.subframes!r} and nothing moves; pass a motion, or leave it out.")
+        if self.variant is not None and not isinstance(self.variant, str):
+            raise InputError(f"variant is {self.variant!r}; it must be a name, e.g. 'scalar_spectral'.")
+
     def budget(self) -> Budget:
         """How many passes, or until when. Raises InputError."""
         return asked_budget(self.spp, self.noise_ratio, self.max_seconds, self.max_spp)
@@ -130,8 +144,9 @@ class Wish:
         """The channels asked for, else those of the scene file, else the ``usual`` ones. Raises InputError."""
         wavelength_nm = _first(self.wavelength_nm, setup.wavelength_nm)
         spectral = _first(self.spectral, "auto" if self.wavelength_nm else setup.spectral, "auto")
-        if spectral == "auto":
-            spectral = "cube" if wavelength_nm is not None else usual
+        if spectral == "auto":  # channels have no width, and no electrons in bursts
+            bands = wavelength_nm is not None or self.bandwidth_nm is not None
+            spectral = "cube" if bands or camera.quantum_efficiency.quantum_yield else usual
         width_nm = _first(self.bandwidth_nm, setup.bandwidth_nm, BANDWIDTH_NM)
         return choose_bands(camera, wavelength_nm, width_nm, spectral)
 
@@ -165,14 +180,16 @@ class Job:
             raise InputError(self._black())
         bands = self.bands
         filters = tuple(self.camera.quantum_efficiency.curves) if bands.kind == "channels" else None
+        column, row = self.scene.view.crop_offset
         light = Irradiance(
-            data, bands.wavelengths_nm, bands.bandwidths_nm, error, relative, certificate, filters, bands.response
-        )
+            data, bands.wavelengths_nm, bands.bandwidths_nm, error, relative, certificate, filters, bands.response,
+            (row, column),
+        )  # fmt: skip
         return light if halves is None else denoised(light, self, halves)
 
     def _certificate(self, budget: Budget, end: End, started: float) -> Certificate:
         renderer, passes = self.renderer, self.renderer.passes
-        share, notes = renderer.one_pass_share(), [*self.scene.notes]
+        share, notes = renderer.one_pass_share(), [*self.scene.notes, *self._overruled()]
         if budget.asked is not None and budget.asked != passes * renderer.samples:
             taken = f"{budget.asked} samples per pixel asked for, {passes * renderer.samples} taken"
             notes.append(f"{taken}: equal passes, each a full grid" if end == "spp" else f"{taken}: the time was up")
@@ -187,7 +204,7 @@ class Job:
             variant=self.variant.name,
             sampler=SAMPLER,
             spectral=self.bands.kind,
-            **summary_of(renderer.noise_ratios()),
+            **summary_of(renderer.noise_ratios(), renderer.electrons()[0] > 0, passes),
             noise_ratio_asked=budget.goal if budget.reached == "noise_ratio" else None,
             ended_by=end,
             reliable=trusted(passes, share),
@@ -199,6 +216,12 @@ class Job:
             aperture_f_number=aperture_f_number(self.scene.view, self.camera),
             intrinsics=intrinsics(self.scene.view, self.camera),
         )
+
+    def _overruled(self) -> list[str]:
+        """A note where the camera has another value than the scene file in a field that the file sets."""
+        mine, file = self.camera.model_dump(), self.setup.on(self.camera).model_dump()
+        fields = [name for name in self.setup.fields if _value(mine, name) != _value(file, name)]
+        return [f"{', '.join(fields)} of the scene file overruled by the camera that was given"] if fields else []
 
     def _black(self) -> str:
         non_finite = self.renderer.non_finite
@@ -220,8 +243,7 @@ def prepare(
         raise InputError(f"scene is {scene!r}; pass the path of a scene file, e.g. 'scenes/cornell_box.xml'.")
     if not isinstance(parameters, Mapping):
         raise InputError(f"parameters is {parameters!r}; pass a dict of the scene's <default> names and their values.")
-    if wish.denoise:
-        library()
+    wish.check()
     chosen = choose_variant(wish.variant)
     use(chosen)
     setup = read_setup(scene, parameters)
@@ -246,6 +268,13 @@ def _camera_and_exposure(setup: Setup, camera: Camera | None, exposure: Exposure
                 "into its sensor."
             )
     return camera, exposure  # type: ignore[return-value]
+
+
+def _value(fields: Any, name: str) -> Any:
+    """A nested field by its dotted name."""
+    for part in name.split("."):
+        fields = fields[part]
+    return fields
 
 
 def _first(*values: Any) -> Any:

@@ -74,6 +74,6 @@ def _electrons(light: Irradiance, camera: Camera, exposure: Exposure, size: int)
     finite = np.where(np.isfinite(light.data), light.data, 0.0)
     data = np.add.reduceat(finite * widths, starts, axis=2) / grouped
     per_irradiance = photons_per_irradiance(camera, exposure, centres, grouped) * camera.qe(centres)
-    filters = camera.filter_index((data.shape[0], data.shape[1]))
+    filters = camera.filter_index((data.shape[0], data.shape[1]), light.origin)
     light_e = np.einsum("hwb,hwb->hw", data, per_irradiance[filters])
     return np.asarray(np.minimum(light_e, camera.pixel.full_well_e))

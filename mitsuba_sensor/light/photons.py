@@ -51,6 +51,7 @@ def collect(
 
     light : what :func:`render` returns; or an irradiance map (H, W) [W m⁻²] at one wavelength; or a complex field U
         (H, W) with |U|² in W m⁻² (wavefront sensing); or a cube (H, W, B) [W m⁻² nm⁻¹] with ``wavelengths_nm``.
+    The lens is in the light: a camera with another one gets the light of the lens it was rendered with.
     wavelengths_nm : (B,) band centres; one for a map or field, the camera's reference wavelength by default.
     bandwidths_nm : (B,) of a cube; the spacing of the wavelengths by default.
     Raises InputError for shapes that do not fit and for negative or NaN irradiance.
@@ -66,7 +67,7 @@ def collect(
             )
         data = np.asarray(light.data, dtype=np.float64)
         photons = _photons(data, light.wavelengths_nm, light.bandwidths_nm, camera, exposure)
-        return photons if light.filters is None else replace(photons, detected=True)
+        return replace(photons, detected=light.filters is not None, origin=light.origin)
     if getattr(light, "dtype", np.dtype(float)).kind == "c":
         values = np.abs(np.asarray(light)) ** 2
     else:

@@ -142,7 +142,8 @@ def _each(function: Any, inputs: Floats) -> list[Floats]:
         # From a list they lie where a vector may start; NumPy's may not, and each case compiles a kernel (0.7 s).
         outputs = function(*(mi.Float(column.tolist()) for column in inputs.T))
         drjit().eval(outputs)
-        return [np.atleast_1d(np.array(out, dtype=np.float64).T) for out in outputs]
+        arrays = [np.atleast_1d(np.array(out, dtype=np.float64).T) for out in outputs]
+        return [np.broadcast_to(x, (len(inputs), *x.shape[1:])) for x in arrays]  # parallel rays are given once
     rows = [[np.array(out, dtype=np.float64) for out in function(*row)] for row in inputs.tolist()]
     return [np.array(column) for column in zip(*rows, strict=True)]
 

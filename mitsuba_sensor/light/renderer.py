@@ -13,13 +13,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from ..engine.frame import Exposure
 from ..sensor.inputnoise import input_noise
 from .bands import Bands
 from .budget import Budget, End, Step
-from .certificate import one_pass_share
+from .certificate import median_bias, one_pass_share
 from .optics import solid_angle_sr
 from .passes import Welford, clean, hashed_seed, row_strips
 from .photons import electrons_per_irradiance
@@ -179,8 +178,9 @@ class Renderer:
         return near[0], 0.5 * (near[0] - near[1]) ** 2, 1
 
     def median_ratio(self, mean_e: Map, variance_e2: Map, freedom: int) -> float:
-        """Median noise ratio, freed of the bias that a median of few degrees of freedom has (χ²)."""
-        return float(np.median(self._noise.ratio(mean_e, variance_e2))) * freedom / float(chi2.median(freedom))
+        """Median noise ratio of the lit pixels, freed of the bias that a median of few degrees of freedom has (χ²)."""
+        ratio = self._noise.ratio(mean_e, variance_e2)[mean_e > 0]
+        return float(np.median(ratio)) * median_bias(freedom + 1) if ratio.size else 0.0
 
     def result(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
         """Mean and standard error per band, (H, W, B), and relative standard error of the electrons, (H, W).

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -96,7 +96,7 @@ def load_scene(
     if dark:
         why = f"{findings[0].what}; give it an emitter with a spectrum there"
         raise InputError(f"scene {scene.path.name!r} has no light in the bands: {why}.")
-    _put_camera(scene, setup, camera)
+    _put_camera(scene, replace(setup, unit_m=metres), camera)
     _put_film(scene, bands, camera)
     _unwrap_integrator(scene)
     native = scene.build()
@@ -213,6 +213,9 @@ def _view(mi: Any, sensor: Any, metres: float) -> View:
 
     def pair(vector: Any) -> tuple[int, int]:
         return int(vector[0]), int(vector[1])
+
+    if 0 in pair(film.crop_size()):
+        raise InputError(f"the film has {film.crop_size()[0]} × {film.crop_size()[1]} pixels; it needs at least 1 × 1.")
 
     return View(
         size=pair(film.size()),

@@ -91,7 +91,7 @@ def parse_scene(path: str | os.PathLike[str], parameters: Mapping[str, Any]) -> 
     parameters : values for the scene's ``<default>`` names.  Raises InputError, one sentence.
     """
     file, mi = Path(path), mitsuba()
-    if not file.is_file():
+    if not os.path.isfile(file):
         raise InputError(f"scene {os.fspath(path)!r} is not a file; give the path of a Mitsuba 3 scene in XML.")
     values = {str(k): str(v) for k, v in parameters.items()}
     _check_parameters(file, values)

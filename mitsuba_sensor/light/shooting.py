@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 NoiseBudget = Literal["spend", "each"]
 NOISE_BUDGETS = ("spend", "each")
+EXPOSING = ("maps", "chain", "engine", "precision", "keep", "plan")
 AIM = LIMIT / 2  # median of v/μ: below it the total has the shape of Poisson's law (sensor/spending.py)
 FEWEST_JUDGED = 7  # degrees of freedom of a measured variance; with fewer passes more than 1 % stays unspent
 UNSPENT = 0.015  # of the shot variance, averaged over the pixels: what may stay as excess noise
@@ -66,7 +67,7 @@ def shoot(
 
     noise_budget : "spend" counts the render's noise as part of the shot noise, so that 16 times fewer samples do than
         for a noise ratio of 0.01; "each" leaves it where it is, on top.
-    exposing : other words of :func:`expose`: maps, chain, engine, precision.
+    exposing : other words of :func:`expose`: maps, chain, engine, precision, keep, plan.
     progress : called with the frame's number and a :class:`light.budget.Step` of its render.
     rendering : other words of :func:`render`. By default "spend" renders until the median of v/μ, the render's variance
         over the shot noise's, is 1/6 and no more than 1.5 % is left unspent; and "spectral" is "channels", since each
@@ -75,6 +76,9 @@ def shoot(
     """
     if noise_budget not in NOISE_BUDGETS:
         raise InputError(f"noise_budget is {noise_budget!r}; it must be one of {', '.join(NOISE_BUDGETS)}.")
+    words = dict(exposing or {})
+    if unknown := sorted(set(words) - set(EXPOSING)):
+        raise InputError(f"exposing names {unknown[0]!r}; it may have {', '.join(EXPOSING)}.")
     if rendering.get("denoise"):
         raise InputError("denoise and shoot do not go together: what a denoiser leaves of the noise cannot be spent.")
     wish = Wish(**rendering)
@@ -84,12 +88,12 @@ def shoot(
         budget = replace(budget, reached="spendable")
     check_numbers(frames, first_frame, 1 if seed is None else seed)
     job = prepare(scene, camera, exposure, wish, usual="channels")
-    _refuse_unspendable(noise_budget, job.camera, dict(exposing or {}))
+    _refuse_unspendable(noise_budget, job.camera, words)
     seeds = job.seed(seed), require_seed("serial", next(s for s in (serial, job.setup.serial, 1) if s is not None))
     measure = _yardstick(job) if aims else None
     tell = progress or (lambda frame, step: None)
     numbers = range(first_frame, first_frame + frames)
-    return _takes(job, budget, measure, numbers, seeds, noise_budget == "spend", dict(exposing or {}), tell)
+    return _takes(job, budget, measure, numbers, seeds, noise_budget == "spend", words, tell)
 
 
 def _refuse_unspendable(noise_budget: str, camera: Camera, exposing: dict[str, Any]) -> None:

@@ -87,7 +87,7 @@ def expose(
     first_frame: int = 0,
     keep: Iterable[str] = (),
     wavelengths_nm: ArrayLike | None = None,
-    origin: tuple[int, int] = (0, 0),
+    origin: tuple[int, int] | None = None,
     maps: Mapping[str, ArrayLike] | None = None,
     plan: Plan | None = None,
     chain: Literal["physical", "konnik2014"] = "physical",
@@ -103,7 +103,8 @@ def expose(
     keep : any of "photons", "light_electrons", "dark_electrons", "electrons", "volts".
     maps : measured fixed patterns in place of the serial's own, by the names that :func:`patterns` returns; of this
         window, or of the whole sensor.
-    origin : (row, column) of the first pixel on the sensor: a crop of a frame is the frame of the crop.
+    origin : (row, column) of the first pixel on the sensor, by default that of the photons: a crop of a frame is the
+        frame of the crop.
     plan : what :func:`plan` left of the chain; the whole chain without one.
     chain : "physical", or "konnik2014" for the published code's behaviour (comparison only; docs/konnik2014.md).
     engine : "numpy", "drjit" (one kernel for LLVM, the same bytes), "cuda" (the same words; how near its bytes are
@@ -135,7 +136,7 @@ def stream(
     frames: int = 1,
     first_frame: int = 0,
     wavelengths_nm: ArrayLike | None = None,
-    origin: tuple[int, int] = (0, 0),
+    origin: tuple[int, int] | None = None,
     maps: Mapping[str, ArrayLike] | None = None,
     plan: Plan | None = None,
     chain: Literal["physical", "konnik2014"] = "physical",
@@ -166,7 +167,7 @@ def _prepared(
     stages = _stages(camera, plan, chain)
     check_spending(light, stages, frames)
     shape = light.mean.shape[0], light.mean.shape[1]
-    window = Device(serial, shape, checked_origin(origin))
+    window = Device(serial, shape, checked_origin(light.origin if origin is None else origin))
     lanes = chosen_lanes(engine, _precision(precision, camera, plan, chain), frames * shape[0] * shape[1])
     device = replace(window, given=checked_maps({} if maps is None else maps, stages, window, camera), lanes=lanes)
     return Run(stages, light, Frame(exposure, device, seed, first_frame))

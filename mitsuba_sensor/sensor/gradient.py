@@ -120,7 +120,7 @@ def differentiable(
     seed: int = 1,
     serial: int = 1,
     wavelengths_nm: ArrayLike | None = None,
-    origin: tuple[int, int] = (0, 0),
+    origin: tuple[int, int] | None = None,
     maps: Mapping[str, ArrayLike] | None = None,
     engine: Literal["drjit", "cuda"] = "drjit",
 ) -> DifferentiableFrames:
@@ -137,7 +137,8 @@ def differentiable(
     light, stages = as_photons(photons, camera, wavelengths_nm), chain(camera)
     _check(names, engine, light, camera)
     check_numbers(1, 0, seed)
-    window = Device(serial, (light.mean.shape[0], light.mean.shape[1]), checked_origin(origin))
+    first_pixel = checked_origin(light.origin if origin is None else origin)
+    window = Device(serial, (light.mean.shape[0], light.mean.shape[1]), first_pixel)
     device = replace(window, given=checked_maps({} if maps is None else maps, stages, window, camera))
     first = Frame(exposure, device, seed)
     numbers = Recording.of(light, camera, first).by(tuple(name for name in names if name != PHOTONS))

@@ -87,7 +87,7 @@ def as_photons(photons: Photons | ArrayLike, camera: Camera, wavelengths_nm: Arr
     if given is None:
         return Photons(mean, bands)
     variance_e2 = None if given.variance_e2 is None else _checked_variance(given.variance_e2, mean, camera)
-    return Photons(mean, bands, variance_e2, _checked_channels(given.detected, mean, camera))
+    return Photons(mean, bands, variance_e2, _checked_channels(given.detected, mean, camera), given.origin)
 
 
 def _checked_channels(detected: bool, mean: NDArray[np.float64], camera: Camera) -> bool:
