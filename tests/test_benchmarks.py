@@ -119,3 +119,38 @@ def test_lenses_are_timed_against_the_thin_lens() -> None:
     if problem := backend_problem("llvm"):
         pytest.skip(problem)
     assert_speeds(run("lens_cost.py", "--quick")["lenses"], "thin_lens", "distortion", "double_gauss", "dispersion")
+
+
+def test_coverage_of_the_error_bars_is_a_share_of_the_pixels() -> None:
+    for row in run("coverage.py", "--quick"):
+        assert 0 <= row["z1"] <= row["z2"] <= 1, row
+
+
+def test_the_memory_of_a_render_is_measured_in_a_process_of_its_own() -> None:
+    found = run("render_memory.py", "--quick")
+    assert (found["pixels"], found["bands"]) == (64 * 64, 31)
+    assert 50 < found["render_mib"] <= found["frame_mib"] < 2000
+
+
+def assert_positive(tree: Any) -> None:
+    """All numbers are finite and above 0."""
+    for path, number in numbers(tree):
+        assert math.isfinite(number) and number > 0, f"{path} is {number}"
+
+
+def test_passes_of_every_sampler_and_size_have_a_cost() -> None:
+    rows = run("passes.py", "--quick")["rows"]
+    assert {(row["sampler"], row["samples"]) for row in rows} == {
+        (sampler, samples) for sampler in ("independent", "multijitter") for samples in (4, 16)
+    }
+    assert_positive(rows)
+
+
+def test_a_cube_is_timed_against_plain_mitsuba_at_equal_error() -> None:
+    assert_positive(run("render_speed.py", "--quick")["cornell_box"])
+
+
+def test_spent_frames_are_timed_and_held_against_poissons_law() -> None:
+    found = run("spend_frames.py", "--quick")
+    assert_positive(found["time"])
+    assert found["frames"]["variance_over_mean"] == pytest.approx(1, abs=5 * found["frames"]["standard_error"])

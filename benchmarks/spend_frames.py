@@ -1,0 +1,132 @@
+"""Frames that spend their render's noise: how many times cheaper than a render of noise ratio 0.01, and how ideal?
+
+    python benchmarks/spend_frames.py [--size 32] [--frames 200] [--exposure-s 0.02] [--turns 3] [--quick] [--json]
+
+The Cornell box into the colour channels of konnik_table1, about 1000 electrons a pixel, so that shot noise is nearly
+all there is. First the time: of a frame, its render included, against one render of noise ratio 0.01, in turns; wall
+clock, and processor seconds of all threads. The first of each, which compiles and finds the size of the passes of all
+frames, does not count.
+
+Then the electrons of so many frames, each from a render of its own. Ideal is Poisson's law: in every pixel a variance
+over frames equal to the mean. Pixels within six σ of the full well are left out, for a clipped count has no variance of
+its own. Printed are the mean over the pixels of variance over mean, with its standard error by chance; the same without
+the noisiest 1 % of the pixels (by their renders, not by the result); the share of the pixels that chance explains
+(χ², two-sided 5 %); and the correlation of neighbours, after each pixel is normalised over frames.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import stats
+from turns import lines, machine, ratio
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.light.shooting import Take
+
+SCENE = Path(__file__).resolve().parent.parent / "scenes" / "cornell_box.xml"
+CAMERA = ms.load_camera("konnik_table1")
+RATIO = 0.01
+CLIP_SIGMAS = 6.0
+TRIMMED = 0.01
+
+
+def main() -> None:
+    """Parse the options, run, print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--size", type=int, default=32, help="columns and rows (default 32)")
+    parser.add_argument("--frames", type=int, default=200, help="for the statistics (default 200)")
+    parser.add_argument("--exposure-s", type=float, default=0.02, help="about 1000 e- at 0.02 s (default)")
+    parser.add_argument("--turns", type=int, default=3, help="frames and renders that are timed (default 3)")
+    parser.add_argument("--quick", action="store_true", help="a tiny, dark picture and few frames: shows that it runs")
+    parser.add_argument("--json", action="store_true", help="only JSON")
+    options = parser.parse_args()
+    if options.quick:
+        options.size, options.frames, options.exposure_s, options.turns = 8, 12, 1e-4, 1
+    exposure = ms.Exposure(options.exposure_s)
+    results: dict[str, Any] = machine()
+    if options.turns:
+        results["time"] = timed(exposure, options)
+    if options.frames > 1:
+        results["frames"] = measured(exposure, options)
+    print(json.dumps(results) if options.json else "\n".join(lines(results)))
+
+
+def takes(exposure: ms.Exposure, size: int, frames: int) -> Iterator[Take]:
+    """Spent frames that keep their electrons."""
+    parameters = {"width": size, "height": size}
+    return ms.shoot(SCENE, CAMERA, exposure, frames=frames, exposing={"keep": ("electrons",)}, parameters=parameters)
+
+
+def timed(exposure: ms.Exposure, options: argparse.Namespace) -> dict[str, Any]:
+    """A frame and a render of noise ratio 0.01, each after a first one, which compiles."""
+    frames = takes(exposure, options.size, options.turns + 1)
+    parameters = {"width": options.size, "height": options.size}
+    tasks = {
+        "frame": lambda seed: next(frames).light,
+        "render": lambda seed: ms.render(
+            SCENE, CAMERA, exposure, seed=seed, noise_ratio=RATIO, spectral="channels", parameters=parameters
+        ),
+    }
+    wall: dict[str, list[float]] = {name: [] for name in tasks}
+    processor: dict[str, list[float]] = {name: [] for name in tasks}
+    samples: dict[str, list[int]] = {name: [] for name in tasks}
+    for turn in range(options.turns + 1):
+        for name, task in tasks.items():
+            start, started = time.perf_counter(), time.process_time()
+            light = task(turn)
+            if turn:
+                wall[name].append(time.perf_counter() - start)
+                processor[name].append(time.process_time() - started)
+                samples[name].append(light.certificate.samples_per_pixel)
+    return {
+        **{f"{name}_s": statistics.median(those) for name, those in wall.items()},
+        **{f"{name}_spp": statistics.median(those) for name, those in samples.items()},
+        "times_faster": ratio(wall["render"], wall["frame"]),
+        "times_fewer_processor_s": ratio(processor["render"], processor["frame"]),
+    }
+
+
+def measured(exposure: ms.Exposure, options: argparse.Namespace) -> dict[str, Any]:
+    """Statistics of the electrons over frames, against Poisson's law."""
+    electrons, noise, unspent = [], [], []
+    for take in takes(exposure, options.size, options.frames):
+        electrons.append(take.frames.electrons[0])
+        noise.append(take.photons.variance_e2)
+        unspent.append(take.unspent)
+    counts = np.array(electrons)
+    mean, variance = counts.mean(axis=0), counts.var(axis=0, ddof=1)
+    free = (mean > 0) & (mean + CLIP_SIGMAS * np.sqrt(mean) < CAMERA.pixel.full_well_e)
+    share, render = variance[free] / mean[free], (np.mean(noise, axis=0)[free] / mean[free])
+    calm = render <= np.quantile(render, 1 - TRIMMED)
+    degrees = len(counts) - 1
+    chance = stats.chi2.cdf(share * degrees, degrees)
+    normal = np.where(free, (counts - mean) / np.sqrt(np.maximum(variance, 1e-9)), 0.0)
+    pairs = (free[:, 1:] & free[:, :-1]).sum() * len(counts)
+    return {
+        "pixels": int(free.sum()),
+        "clipped": int((~free).sum()),
+        "frames": len(counts),
+        "mean_electrons": float(mean[free].mean()),
+        "median_render_variance_over_mean": float(np.median(render)),
+        "variance_over_mean": float(share.mean()),
+        "standard_error": float(np.sqrt(2 / degrees / share.size)),
+        "without_noisiest_1_percent": float(share[calm].mean()),
+        "median_variance_over_mean": float(np.median(share) * degrees / stats.chi2.median(degrees)),
+        "largest": float(share.max()),
+        "share_within_chance": float(((chance > 0.025) & (chance < 0.975)).mean()),
+        "unspent": float(np.mean(unspent)),
+        "neighbour_correlation": float((normal[:, :, 1:] * normal[:, :, :-1]).sum() / pairs),
+        "correlation_by_chance": float(pairs**-0.5),
+    }
+
+
+if __name__ == "__main__":
+    main()
