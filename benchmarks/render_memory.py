@@ -1,7 +1,7 @@
 """Peak resident memory of a render: a million pixels and 31 bands, in a process of its own.
 
-    python benchmarks/render_memory.py            # 1024 × 1024 × 31, about half a minute
-    python benchmarks/render_memory.py --quick    # shows that it runs
+python benchmarks/render_memory.py            # 1024 × 1024 × 31, about half a minute
+python benchmarks/render_memory.py --quick    # shows that it runs
 """
 
 from __future__ import annotations

@@ -71,7 +71,8 @@ def main() -> None:
 
 def ours(scene: str, size: int, bands: int, spp: int) -> Render:
     """All that a user calls."""
-    words = {"parameters": {"width": size, "height": size}, "bandwidth_nm": (HIGH_NM - LOW_NM) / bands, "spp": spp}
+    words = {"parameters": {"width": size, "height": size}, "bandwidth_nm": (HIGH_NM - LOW_NM) / bands}
+    words |= {"spp": spp, "spectral": "cube"}
     return lambda seed: ms.render(ROOT / "scenes" / f"{scene}.xml", CAMERA, EXPOSURE, seed=seed, **words).data
 
 

@@ -91,3 +91,40 @@ def test_a_camera_with_a_quantum_yield_needs_bands() -> None:
     camera = BAYER.replace(**{"quantum_efficiency.quantum_yield": [1.0] * len(BAYER.quantum_efficiency.wavelengths_nm)})
     with pytest.raises(InputError, match="quantum_yield"):
         render(SCENES / "flat_field.xml", camera, EXPOSURE, spectral="channels", variant="scalar_spectral")
+
+
+@both_variants
+def test_bands_of_a_cube_stand_apart_and_are_quieter_each_for_itself(tmp_path: Path, variant: str) -> None:
+    """Thirty bands of a uniform sky: means of 96 pixels right to 1 % (four standard errors), a quarter of the noise.
+
+    Four at a time, each path has about one wavelength in each band; together, every band gets one by chance.
+    """
+    path, variant = write_scene(tmp_path, scene_text(SKY)), skip_unless_usable(variant)
+    words = {"spp": 192, "variant": variant}
+    table1 = load_camera("konnik_table1")
+    apart = render(path, table1, EXPOSURE, spectral="cube", **words)
+    together = render(path, table1, EXPOSURE, **words)
+    assert apart.certificate.samples_per_pixel == together.certificate.samples_per_pixel == 192
+    lens = together.data.mean(axis=2, keepdims=True)  # cos⁴: the same for all bands of a flat spectrum
+    one, other = (np.std(light.data / lens) for light in (apart, together))
+    assert one < 0.25 * other
+    np.testing.assert_allclose((apart.data / lens).mean(axis=(0, 1)), 1.0, rtol=1e-2)
+
+
+def test_few_samples_are_not_spread_over_groups(tmp_path: Path) -> None:
+    """Twelve bands are three groups of at least 16 passes: 48 samples are the least that stand apart."""
+    path, table1 = write_scene(tmp_path, scene_text(SKY)), load_camera("konnik_table1")
+    words = {"bandwidth_nm": 25, "spectral": "cube", "variant": "scalar_spectral"}
+    found = [render(path, table1, EXPOSURE, spp=spp, **words).certificate.samples_per_pixel for spp in (1, 32, 48, 96)]
+    assert found == [2, 32, 48, 96]
+
+
+def test_groups_are_four_neighbours_of_a_cube_only() -> None:
+    table1 = load_camera("konnik_table1")
+    assert [len(range(*g.indices(99))) for g in choose_bands(table1, None, 30.0, "cube").groups] == [4, 4, 2]
+    for bands in (
+        choose_bands(table1, None, 30.0, "auto"),
+        channel_bands(BAYER),
+        choose_bands(table1, 550.0, 10.0, "cube"),
+    ):
+        assert bands.groups == (slice(0, len(bands)),)

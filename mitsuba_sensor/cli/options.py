@@ -48,7 +48,7 @@ BandwidthNm = Annotated[
 ]
 Spectral = Annotated[
     str | None,
-    typer.Option("--spectral", help="cube (bands, for any camera later), channels (this camera's filters), or auto."),
+    typer.Option("--spectral", help="auto (bands for this frame), cube (bands, each exact) or channels (the filters)."),
 ]
 CameraOrScene = Annotated[
     str | None,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 SHORTEST_NM, LONGEST_NM = 200.0, 1100.0  # silicon behind its windows
 NARROWEST_NM = 0.5  # below it the float32 nodes of a band lose accuracy
+GROUP = 4  # wavelengths that Mitsuba draws for one path
+NODES = 17  # of a box in a cube: the density of wavelengths has a node wherever a response has one
 RESPONSE_STEP_NM = 1.0  # of tabulated responses; linear in between
 SPECTRAL = ("auto", "cube", "channels")
 Kind = Literal["cube", "single", "channels"]
@@ -33,6 +35,7 @@ class Bands:
     edges_nm : (B + 1,) of the boxes; for channels the two ends of the camera's band.
     wavelengths_nm, bandwidths_nm : (B,) centres and widths; λ_ref and 1 nm for every channel.
     response : None, or the fingerprint of QE and transmission that went into the channels.
+    apart : whether each band is to be as exact as can be, at the cost of their sum.
     responses : (B,) Mitsuba spectra.  transmission : (B,) of the lens, still to be applied; 1 for channels.
     """
 
@@ -43,6 +46,19 @@ class Bands:
     responses: tuple[Mapping[str, Any], ...]
     transmission: NDArray[np.float64]
     response: str | None = None
+    apart: bool = False
+
+    @property
+    def groups(self) -> tuple[slice, ...]:
+        """The channels that share light paths: four bands at a time where they stand ``apart``, else all.
+
+        Mitsuba draws four wavelengths per path, evenly apart. Spread over four equal bands, each gets exactly one; over
+        thirty, most get none, and that is noise of each band even where the light is exact; but the sum over all bands,
+        which a frame of this camera sees, is then the quieter.
+        """
+        if not self.apart or len(self) <= GROUP:
+            return (slice(0, len(self)),)
+        return tuple(slice(k, min(k + GROUP, len(self))) for k in range(0, len(self), GROUP))
 
     @property
     def low_nm(self) -> float:
@@ -61,8 +77,10 @@ class Bands:
 def choose_bands(camera: Camera, wavelength_nm: float | None, bandwidth_nm: float, spectral: str) -> Bands:
     """The channels that a render of this camera needs.
 
-    wavelength_nm : one band about it.  spectral : "cube", adjacent bands of ``bandwidth_nm`` over the camera's band;
-    "channels", its colour filters; "auto" is a cube. Raises InputError.
+    wavelength_nm : one band about it.
+    spectral : "auto", adjacent bands of ``bandwidth_nm`` over the camera's band, least noise in this camera's frame;
+        "cube", the same bands, least noise in each; "channels", its colour filters.
+    Raises InputError.
     """
     if spectral not in SPECTRAL:
         raise InputError(f"spectral is {spectral!r}; it must be one of {', '.join(SPECTRAL)}.")
@@ -70,7 +88,8 @@ def choose_bands(camera: Camera, wavelength_nm: float | None, bandwidth_nm: floa
         if wavelength_nm is not None:
             raise InputError("spectral is 'channels' and wavelength_nm is given; one wavelength has no colour filters.")
         return channel_bands(camera)
-    return box_bands(camera, band_edges_nm(camera, wavelength_nm, bandwidth_nm))
+    bands = box_bands(camera, band_edges_nm(camera, wavelength_nm, bandwidth_nm))
+    return replace(bands, apart=spectral == "cube" and bands.kind == "cube")
 
 
 def box_bands(camera: Camera, edges_nm: NDArray[np.float64]) -> Bands:
@@ -80,7 +99,11 @@ def box_bands(camera: Camera, edges_nm: NDArray[np.float64]) -> Bands:
     1.5 to 1.7 times slower with it), and ``uniform`` cannot be a response.
     """
     edges = edges_nm.tolist()
-    boxes = tuple(_regular(low, high, [1.0, 1.0]) for low, high in zip(edges[:-1], edges[1:], strict=True))
+    width = max(edges[1] - edges[0], 1e-9)
+    boxes = tuple(
+        _regular(low, high, [1.0] * (NODES if len(edges) > GROUP + 1 and high - low > 0.999 * width else 2))
+        for low, high in zip(edges[:-1], edges[1:], strict=True)
+    )
     centres = (edges_nm[:-1] + edges_nm[1:]) / 2
     kind: Kind = "cube" if len(boxes) > 1 else "single"
     return Bands(kind, edges_nm, centres, np.diff(edges_nm), boxes, transmittance(camera, centres))

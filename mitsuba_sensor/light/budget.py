@@ -22,6 +22,7 @@ class Budget:
     passes : the most there may be.  samples : per pixel and pass; of the first pass where the rest is not ``sized``.
     goal, reached : value of the renderer's yardstick at which to stop, or None, and what that is called.
     max_seconds : no pass is begun that would end later, as far as those before tell; two are always made.
+    grouped : whether ``samples`` are of each group of bands apart.
     end : why it ends when ``passes`` are done.  asked : samples per pixel that were asked for, if a number was.
     """
 
@@ -33,6 +34,7 @@ class Budget:
     end: End = "spp"
     asked: int | None = None
     sized: bool = True
+    grouped: bool = False
 
     def finished(self, done: int, value: float, seconds: float, per_pass: float) -> End | None:
         """Why there is no further pass after ``done``, or None."""
@@ -80,8 +82,11 @@ class Step:
     seconds_left: float = math.nan
 
 
-def asked_budget(spp: Any, noise_ratio: Any, max_seconds: Any, max_spp: Any) -> Budget:
-    """The budget of these words of :func:`render`; None is "not given". Raises InputError."""
+def asked_budget(spp: Any, noise_ratio: Any, max_seconds: Any, max_spp: Any, groups: int = 1) -> Budget:
+    """The budget of these words of :func:`render`; None is "not given". Raises InputError.
+
+    groups : of bands, that share the samples; where there are too few for all, the bands are rendered together.
+    """
     if spp is not None and noise_ratio is not None:
         raise InputError(f"spp is {spp!r} and noise_ratio {noise_ratio!r}; give one: samples, or what they reach.")
     if spp is not None and max_spp is not None:
@@ -90,12 +95,19 @@ def asked_budget(spp: Any, noise_ratio: Any, max_seconds: Any, max_spp: Any) -> 
     if max_seconds is not None:
         seconds = require("max_seconds", max_seconds, 0.0, math.inf, "seconds of rendering, e.g. 60")
     if noise_ratio is None and max_spp is None and (spp is not None or max_seconds is None):
-        return Budget(*pass_plan(DEFAULT_SPP if spp is None else spp), max_seconds=seconds, asked=spp)
+        plan = pass_plan(DEFAULT_SPP if spp is None else spp)
+        grouped = groups > 1 and plan[0] * plan[1] >= FEWEST * groups
+        if grouped:
+            plan = pass_plan(max(round((DEFAULT_SPP if spp is None else spp) / groups), FEWEST))
+        return Budget(*plan, max_seconds=seconds, asked=spp, grouped=grouped)
     ratio = None
     if noise_ratio is not None:
         way_out = "render variance over sensor variance, e.g. 0.01"
         ratio = require("noise_ratio", noise_ratio, 1e-9, 1e9, way_out)
     most = MOST_SPP_ASKED if max_spp is None else max_spp
     most = require("max_spp", most, 2, MOST_IN_ALL, "samples per pixel, e.g. 4096")
-    samples = PASS_SPP if most >= FEWEST * PASS_SPP else pass_plan(int(most))[1]
-    return Budget(max(int(most) // samples, 2), samples, ratio, max_seconds=seconds, end="max_spp", sized=False)
+    grouped = groups > 1 and most >= FEWEST * groups
+    most = int(most) // groups if grouped else int(most)
+    samples = PASS_SPP if most >= FEWEST * PASS_SPP else pass_plan(most)[1]
+    passes = max(most // samples, 2)
+    return Budget(passes, samples, ratio, max_seconds=seconds, end="max_spp", sized=False, grouped=grouped)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -74,6 +75,7 @@ def summary_of(ratio: NDArray[np.float64], lit: NDArray[np.bool_], passes: int) 
     return {"noise_ratio_median": median, "noise_ratio_p95": p95, "noise_ratio_max": most}
 
 
+@lru_cache  # SciPy takes longer for it than a small pass lasts
 def median_bias(passes: int) -> float:
     """Mean over median of a variance that was measured by so many passes: of χ² with one degree of freedom less."""
     freedom = max(passes - 1, 1)

@@ -87,8 +87,8 @@ def render(
     noise_ratio : instead of spp, render on until the median over the pixels of the render's variance over the sensor's
         own is below it; 0.01 makes a frame 0.5 % too noisy.  max_seconds, max_spp : but no longer than that.
     wavelength_nm : one band about this wavelength; by default adjacent bands of ``bandwidth_nm`` over the camera's.
-    spectral : "cube" (the bands; serves any camera later), "channels" (only what this camera's filters detect), or
-        "auto", which is a cube.
+    spectral : "auto", bands with the least noise in this camera's frame; "cube", the same bands with the least noise in
+        each of them, for other cameras; "channels", only what this camera's filters detect.
     scene_unit : "m", "mm", … or metres: what a length of 1 in the scene is; by default what the scene says, else 1 m.
     motion : what moves while the shutter is open, a file or a mapping (see light/motion.py).
     subframes : instants of one exposure of what moves; by default so many that nothing moves by more than half a pixel.
@@ -103,7 +103,9 @@ def render(
         spp, noise_ratio, max_seconds, max_spp, wavelength_nm, bandwidth_nm, spectral, scene_unit, motion,
         subframes, denoise, parameters, variant,
     )  # fmt: skip
-    budget, job = wish.budget(), prepare(scene, camera, exposure, wish)
+    wish.budget()  # refuses before anything is loaded
+    job = prepare(scene, camera, exposure, wish)
+    budget = wish.budget(len(job.bands.groups))
     return job.irradiance(job.seed(seed), budget, progress or (lambda step: None), started)
 
 
@@ -136,9 +138,9 @@ class Wish:
         if self.variant is not None and not isinstance(self.variant, str):
             raise InputError(f"variant is {self.variant!r}; it must be a name, e.g. 'scalar_spectral'.")
 
-    def budget(self) -> Budget:
-        """How many passes, or until when. Raises InputError."""
-        return asked_budget(self.spp, self.noise_ratio, self.max_seconds, self.max_spp)
+    def budget(self, groups: int = 1) -> Budget:
+        """How many passes, or until when, for so many groups of bands. Raises InputError."""
+        return asked_budget(self.spp, self.noise_ratio, self.max_seconds, self.max_spp, groups)
 
     def bands(self, setup: Setup, camera: Camera, usual: str) -> Bands:
         """The channels asked for, else those of the scene file, else the ``usual`` ones. Raises InputError."""
@@ -146,7 +148,7 @@ class Wish:
         spectral = _first(self.spectral, "auto" if self.wavelength_nm else setup.spectral, "auto")
         if spectral == "auto":  # channels have no width, and no electrons in bursts
             bands = wavelength_nm is not None or self.bandwidth_nm is not None
-            spectral = "cube" if bands or camera.quantum_efficiency.quantum_yield else usual
+            spectral = "auto" if bands or camera.quantum_efficiency.quantum_yield else usual
         width_nm = _first(self.bandwidth_nm, setup.bandwidth_nm, BANDWIDTH_NM)
         return choose_bands(camera, wavelength_nm, width_nm, spectral)
 
@@ -190,8 +192,8 @@ class Job:
     def _certificate(self, budget: Budget, end: End, started: float) -> Certificate:
         renderer, passes = self.renderer, self.renderer.passes
         share, notes = renderer.one_pass_share(), [*self.scene.notes, *self._overruled()]
-        if budget.asked is not None and budget.asked != passes * renderer.samples:
-            taken = f"{budget.asked} samples per pixel asked for, {passes * renderer.samples} taken"
+        if budget.asked is not None and budget.asked != renderer.samples_per_pixel:
+            taken = f"{budget.asked} samples per pixel asked for, {renderer.samples_per_pixel} taken"
             notes.append(f"{taken}: equal passes, each a full grid" if end == "spp" else f"{taken}: the time was up")
         if not trusted(passes, share):
             notes.append(why_not_trusted(passes, share))
@@ -199,7 +201,7 @@ class Job:
             notes.append(self.variant.hint)
         return Certificate(
             passes=passes,
-            samples_per_pixel=passes * renderer.samples,
+            samples_per_pixel=renderer.samples_per_pixel,
             seconds=time.monotonic() - started,
             variant=self.variant.name,
             sampler=SAMPLER,
@@ -231,11 +233,11 @@ class Job:
 
 
 def prepare(
-    scene: str | os.PathLike[str], camera: Camera | None, exposure: Exposure | None, wish: Wish, usual: str = "cube"
+    scene: str | os.PathLike[str], camera: Camera | None, exposure: Exposure | None, wish: Wish, usual: str = "auto"
 ) -> Job:
     """Check all that was asked for, read what was not from the scene file, and load the scene.
 
-    usual : "cube" or "channels", where nobody asks for either.  Raises InputError.
+    usual : "auto" or "channels", where nobody asks for anything.  Raises InputError.
     """
     parameters = {} if wish.parameters is None else wish.parameters
     check_types(camera, exposure, optional=True)

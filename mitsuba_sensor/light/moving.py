@@ -158,6 +158,10 @@ class Moving:
         """What the sensor sees; where it stands makes no difference."""
         return self.scene.view
 
+    def focus(self, low_nm: float, high_nm: float) -> None:
+        """See :meth:`Scene.focus`."""
+        self.scene.focus(low_nm, high_nm)
+
     @property
     def sha256(self) -> str:
         """Of the scene file."""

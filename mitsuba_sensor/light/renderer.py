@@ -86,7 +86,7 @@ class Renderer:
     """One scene, camera, exposure and set of bands.
 
     scene : what ``load_scene`` returns, or anything else with its ``render`` and ``view``.
-    passes, samples : of the last render, and per pixel and pass.
+    passes, samples, groups : of the last render; samples per pixel, pass and group of bands.
     negative, non_finite : values of it that were set to 0 (+inf is kept: it saturates its pixel).
     """
 
@@ -106,6 +106,7 @@ class Renderer:
         yardstick : of what :meth:`judged` returns, what the budget's goal is for; by default the median noise ratio.
         """
         measure, meter = yardstick or self.median_ratio, Meter(progress)
+        self.groups = self.bands.groups if budget.grouped else (slice(0, len(self.bands)),)
         self._begin(budget.samples, meter)
         meter.forecast(budget, 0, np.nan)
         while True:
@@ -137,7 +138,7 @@ class Renderer:
         self.passes += 1
 
     def _render(self, strip: Strip, seed: int) -> None:
-        radiance = clean(self.scene.render(seed, self.samples, (strip.rows.start, strip.rows.stop)))
+        radiance = clean(self._radiance(seed, (strip.rows.start, strip.rows.stop)))
         self.negative += radiance.negative
         self.non_finite += radiance.non_finite
         if radiance.infinite is not None:
@@ -147,6 +148,23 @@ class Renderer:
         per_filter = irradiance @ self._weights.T
         electrons = np.take_along_axis(per_filter, self._filters[strip.rows, :, None], axis=-1)[..., 0]
         strip.add(irradiance, electrons)
+
+    def _radiance(self, seed: int, rows: tuple[int, int]) -> NDArray[np.float32]:
+        """One pass of some rows, the groups of bands one after the other, (rows, columns, bands)."""
+        if len(self.groups) == 1:
+            if self.bands.kind == "cube":
+                self.scene.focus(self.bands.low_nm, self.bands.high_nm)
+            return np.asarray(self.scene.render(seed, self.samples, rows))
+        parts = []
+        for number, group in enumerate(self.groups):
+            self.scene.focus(self.bands.edges_nm[group.start], self.bands.edges_nm[group.stop])
+            parts.append(self.scene.render(hashed_seed(seed, number, 0), self.samples, rows)[..., group])
+        return np.concatenate(parts, axis=-1)
+
+    @property
+    def samples_per_pixel(self) -> int:
+        """Light paths per pixel of the last render, of all passes and groups."""
+        return self.passes * self.samples * len(self.groups)
 
     def electrons(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Mean detected light electrons of one exposure, and the variance of that mean, (H, W) each."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..engine.errors import InputError
 from .bands import Bands, box_bands
-from .film import response_film
+from .film import focus_wavelengths, response_film
 from .lens.sensor import put_lens
 from .lint import SAMPLER, WRAPPERS, Finding, gravest_first, lint, lint_built
 from .optics import View
@@ -58,6 +58,10 @@ class Scene:
     sha256: str
     notes: tuple[str, ...]
     findings: tuple[Finding, ...] = ()
+
+    def focus(self, low_nm: float, high_nm: float) -> None:
+        """From now on draw wavelengths between two edges of the bands only."""
+        focus_wavelengths(mitsuba(), self.sensor.film(), low_nm, high_nm)
 
     def render(self, seed: int, samples: int, rows: tuple[int, int]) -> NDArray[np.float32]:
         """One pass over rows [first, last) of the crop: ∫response·L dλ [W m⁻² sr⁻¹], (rows, columns, channels)."""

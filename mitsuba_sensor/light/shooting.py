@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from scipy.stats import chi2
+from numpy.typing import NDArray
 
 from ..engine.errors import InputError, require_seed
 from ..engine.frame import Exposure
@@ -19,8 +19,9 @@ from ..sensor.exposing import Frames, expose
 from ..sensor.inputs import check_numbers
 from ..sensor.spending import LIMIT, spendable
 from .budget import Budget, Step
+from .certificate import median_bias
 from .irradiance import Irradiance, Job, Wish, prepare
-from .passes import hashed_seed
+from .passes import FEWEST, hashed_seed, whole_grid
 from .photons import collect
 from .renderer import Map, Yardstick
 
@@ -32,7 +33,9 @@ NOISE_BUDGETS = ("spend", "each")
 EXPOSING = ("maps", "chain", "engine", "precision", "keep", "plan")
 AIM = LIMIT / 2  # median of v/μ: below it the total has the shape of Poisson's law (sensor/spending.py)
 FEWEST_JUDGED = 7  # degrees of freedom of a measured variance; with fewer passes more than 1 % stays unspent
-UNSPENT = 0.015  # of the shot variance, averaged over the pixels: what may stay as excess noise
+UNSPENT = 0.015  # of the shot variance, averaged over all but the noisiest pixels: what may stay as excess noise
+NOISIEST = 0.01  # of the pixels, e.g. edges of a lamp: they alone would ask for two to three times the samples
+MARGIN = 1.15  # on the samples that a frame needs: what is left differs from frame to frame by a tenth or so
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,8 +73,9 @@ def shoot(
     exposing : other words of :func:`expose`: maps, chain, engine, precision, keep, plan.
     progress : called with the frame's number and a :class:`light.budget.Step` of its render.
     rendering : other words of :func:`render`. By default "spend" renders until the median of v/μ, the render's variance
-        over the shot noise's, is 1/6 and no more than 1.5 % is left unspent; and "spectral" is "channels", since each
-        render is used once.
+        over the shot noise's, is 1/6 and no more than 1.5 % is left unspent outside the noisiest pixel of a hundred;
+        "spectral" is "channels", since each render is used once. The first frame tells how large the passes of the
+        others are: give ``spp`` where a frame must come out the same when it is made alone.
     Raises InputError.
     """
     if noise_budget not in NOISE_BUDGETS:
@@ -83,12 +87,14 @@ def shoot(
         raise InputError("denoise and shoot do not go together: what a denoiser leaves of the noise cannot be spent.")
     wish = Wish(**rendering)
     aims = noise_budget == "spend" and wish.spp is None and wish.noise_ratio is None
-    budget = replace(wish, noise_ratio=1.0).budget() if aims else wish.budget()
-    if aims:
-        budget = replace(budget, reached="spendable")
+    wanted = replace(wish, noise_ratio=1.0) if aims else wish
+    wanted.budget()  # refuses before anything is loaded
     check_numbers(frames, first_frame, 1 if seed is None else seed)
     job = prepare(scene, camera, exposure, wish, usual="channels")
     _refuse_unspendable(noise_budget, job.camera, words)
+    budget = wanted.budget(len(job.bands.groups))
+    if aims:
+        budget = replace(budget, reached="spendable")
     seeds = job.seed(seed), require_seed("serial", next(s for s in (serial, job.setup.serial, 1) if s is not None))
     measure = _yardstick(job) if aims else None
     tell = progress or (lambda frame, step: None)
@@ -120,8 +126,9 @@ def _takes(
             tell(number, now)
 
         light = job.irradiance(seed, budget, step, time.monotonic(), measure)
-        size = job.renderer.samples  # the first render has found it for all
-        budget = replace(budget, passes=max(budget.passes * budget.samples // size, 2), samples=size, sized=True)
+        if not budget.sized or (measure is not None and number == numbers[0]):  # the first render tells it for all
+            size = job.renderer.samples if measure is None else _size(job, measure)
+            budget = replace(budget, passes=max(budget.passes * budget.samples // size, 2), samples=size, sized=True)
         photons = collect(light, job.camera, job.exposure)
         mean, variance = job.renderer.electrons()
         if spend:
@@ -130,12 +137,27 @@ def _takes(
         yield Take(made, light, photons, unspent(job, mean, variance, spend))
 
 
+def _size(job: Job, measure: Yardstick) -> int:
+    """Samples per pass with which the fewest passes are just enough; a variance falls as one over the samples."""
+    renderer = job.renderer
+    needed = renderer.passes * renderer.samples * measure(*renderer.judged())
+    return min(whole_grid(max(MARGIN * needed / FEWEST, 1.0)), renderer.samples)
+
+
 def unspent(job: Job, mean_e: Map, variance_e2: Map, spend: bool = True) -> float:
     """What is left of the render's variance over the shot variance of light and dark, averaged over the pixels."""
+    return float(_left(job, mean_e, variance_e2, spend).mean())
+
+
+def _left(job: Job, mean_e: Map, variance_e2: Map, spend: bool = True) -> NDArray[np.float64]:
+    """The same of every pixel that has any light and stays below the full well, (N,)."""
     dark = mean_dark_e(job.camera, job.exposure)
-    spent = sum(spendable(mean_e, dark, variance_e2)) if spend else 0.0
     total = mean_e + dark
-    return float(np.mean((variance_e2 - spent)[total > 0] / total[total > 0])) if (total > 0).any() else 0.0
+    shown = (total > 0) & (total < job.camera.pixel.full_well_e)
+    if not shown.any():
+        return np.zeros(1)
+    spent = sum(spendable(mean_e, dark, variance_e2)) if spend else 0.0
+    return np.asarray((variance_e2 - spent)[shown] / total[shown])
 
 
 def _yardstick(job: Job) -> Yardstick:
@@ -144,9 +166,10 @@ def _yardstick(job: Job) -> Yardstick:
 
     def measure(mean_e: Map, variance_e2: Map, freedom: int) -> float:
         ratio = variance_e2 / np.maximum(mean_e + dark, np.finfo(float).tiny)
-        median = float(np.median(ratio)) * freedom / float(chi2.median(freedom))
+        median = float(np.median(ratio)) * median_bias(freedom + 1)
         if freedom < FEWEST_JUDGED:  # a mean over pixels hangs on the few whose variance is not known yet
             return median / AIM
-        return max(median / AIM, unspent(job, mean_e, variance_e2) / UNSPENT)
+        left = _left(job, mean_e, variance_e2)
+        return max(median / AIM, float(left[left <= np.quantile(left, 1 - NOISIEST)].mean()) / UNSPENT)
 
     return measure
