@@ -1,7 +1,7 @@
 """What moves and what is where: a fan through a global and a rolling shutter, and the ground truth of the still life.
 
-    python examples/light_pictures.py                                    # small and quick, into light_pictures/
-    python examples/light_pictures.py docs/images --size 256 --spp 128   # the pictures of docs/light.md
+python examples/light_pictures.py                                    # small and quick, into light_pictures/
+python examples/light_pictures.py docs/images --size 256 --spp 128   # the pictures of docs/light.md
 """
 
 from __future__ import annotations
