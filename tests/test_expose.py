@@ -93,7 +93,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "origin of one number": ({"origin": 3}, r"origin is 3; it must be \(row, column\)"),
     "origin of three": ({"origin": (0, 0, 0)}, r"origin is \(0, 0, 0\)"),
     "origin in words": ({"origin": "0,0"}, "origin is '0,0'"),
-    "no origin": ({"origin": None}, "origin is None"),
+    "no origin": ({"origin": "here"}, "origin is 'here'"),
     "true frames": ({"frames": True}, "frames is True"),
     "no frames": ({"frames": None}, "frames is None"),
     "signal by number": ({"keep": 5}, "keep names 5"),
