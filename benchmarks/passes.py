@@ -34,7 +34,7 @@ from mitsuba_sensor.light.variants import choose_variant, use
 
 ROOT = Path(__file__).resolve().parent.parent
 SCENES = ("cornell_box", "still_life", "color_checker")
-MODES = {"cube": {"spectral": "cube"}, "single": {"wavelength_nm": 550.0}}
+MODES = {"cube": {"spectral": "auto"}, "single": {"wavelength_nm": 550.0}}
 SAMPLERS = ("independent", "stratified", "multijitter", "orthogonal", "ldsampler")
 SAMPLES = (1, 4, 16, 64, 256)
 CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.1)

@@ -14,6 +14,7 @@ import mitsuba_sensor as ms
 
 from ..data import files
 from ..data.report import Shot
+from ..engine.checks import first_given
 from ..engine.errors import InputError
 from ..sensor.camera import toml_value
 from . import options
@@ -79,8 +80,8 @@ def scene_camera(name: str | None, setup: Setup, settings: list[str] | None = No
 def scene_exposure(exposure_s: float | None, temperature_k: float | None, setup: Setup) -> ms.Exposure:
     """The exposure that was asked for, else the scene's, else the default one."""
     return ms.Exposure(
-        options.first(exposure_s, setup.exposure_s, options.DEFAULT_EXPOSURE_S),
-        options.first(temperature_k, setup.temperature_k, options.DEFAULT_TEMPERATURE_K),
+        first_given(exposure_s, setup.exposure_s, options.DEFAULT_EXPOSURE_S),
+        first_given(temperature_k, setup.temperature_k, options.DEFAULT_TEMPERATURE_K),
     )
 
 

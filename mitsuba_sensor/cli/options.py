@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -150,8 +150,3 @@ def pairs(option: str, texts: Sequence[str] | None) -> dict[str, str]:
         if not text.partition("=")[0].strip() or "=" not in text:
             raise InputError(f"{option} {text!r} has no name and value; write {option} NAME=VALUE.")
     return {text.partition("=")[0].strip(): text.partition("=")[2].strip() for text in texts or ()}
-
-
-def first(*values: Any) -> Any:
-    """The first that is not None."""
-    return next((value for value in values if value is not None), None)

@@ -9,6 +9,7 @@ import typer
 import mitsuba_sensor as ms
 
 from ..data import files
+from ..engine.checks import first_given
 from ..sensor.chain import gain_dn_per_e
 from . import options, terminal
 from .app import app, changed, chosen_shot, err, refuse_lens, scene_camera, scene_exposure, scene_setup, show
@@ -38,7 +39,7 @@ def plan(
         refuse_lens(settings)
         chosen = changed(ms.load_camera(camera or options.DEFAULT_CAMERA), settings)
         time_s, kelvin = options.DEFAULT_EXPOSURE_S, options.DEFAULT_TEMPERATURE_K
-        exposure = ms.Exposure(options.first(exposure_s, time_s), options.first(temperature_k, kelvin))
+        exposure = ms.Exposure(first_given(exposure_s, time_s), first_given(temperature_k, kelvin))
         light = files.read_irradiance_exr(source)
     else:
         given = options.pairs("-D", parameters)

@@ -11,6 +11,7 @@ import mitsuba_sensor as ms
 
 from ..data import files
 from ..data.report import Clock, Shot
+from ..engine.checks import first_given
 from ..engine.errors import InputError, nearest
 from . import options, terminal
 from .app import app, err, scene_camera, scene_exposure, scene_setup
@@ -67,8 +68,8 @@ def render(
     shot = Shot(
         scene_camera(camera, setup, settings),
         scene_exposure(exposure_s, temperature_k, setup),
-        seed=options.first(seed, setup.seed, 1),
-        serial=options.first(serial, setup.serial, 1),
+        seed=first_given(seed, setup.seed, 1),
+        serial=first_given(serial, setup.serial, 1),
         frames=frames,
         maps=files.read_patterns(given_patterns) if given_patterns else None,
         chain=chain,
@@ -81,7 +82,7 @@ def render(
         "noise_ratio": noise_ratio, "max_seconds": max_seconds, "max_spp": max_spp, "motion": motion,
         "subframes": subframes, "scene_unit": scene_unit, "denoise": denoise, "parameters": given, "variant": variant,
     }  # fmt: skip
-    _rehearse(shot, options.first(wavelength_nm, setup.wavelength_nm) is not None)
+    _rehearse(shot, first_given(wavelength_nm, setup.wavelength_nm) is not None)
     clock, origin = Clock(), {"scene": scene, "parameters": given, "motion": motion, "noise_budget": noise_budget}
     with files.output_folder(out_dir, (SPECTRUM, *FRAME, TRUTH)) as folder:
         report = (_reused if noise_budget == "reuse" else _taken)(folder, scene, shot, wish, origin, clock)

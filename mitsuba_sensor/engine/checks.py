@@ -31,3 +31,8 @@ def numbers(name: str, values: Any, way_out: str) -> NDArray[np.float64]:
     if array.dtype.kind not in "biuf":
         raise InputError(f"{name} is not numeric; pass {way_out}.")
     return np.asarray(array, dtype=np.float64)
+
+
+def first_given(*values: Any) -> Any:
+    """The first value that is not None; None if all are."""
+    return next((value for value in values if value is not None), None)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.checks import check_types
+from ..engine.checks import check_types, first_given
 from ..engine.errors import InputError, require_seed
 from ..engine.frame import Exposure
 from .bands import Bands, choose_bands
@@ -144,12 +144,12 @@ class Wish:
 
     def bands(self, setup: Setup, camera: Camera, usual: str) -> Bands:
         """The channels asked for, else those of the scene file, else the ``usual`` ones. Raises InputError."""
-        wavelength_nm = _first(self.wavelength_nm, setup.wavelength_nm)
-        spectral = _first(self.spectral, "auto" if self.wavelength_nm else setup.spectral, "auto")
+        wavelength_nm = first_given(self.wavelength_nm, setup.wavelength_nm)
+        spectral = first_given(self.spectral, "auto" if self.wavelength_nm else setup.spectral, "auto")
         if spectral == "auto":  # channels have no width, and no electrons in bursts
             bands = wavelength_nm is not None or self.bandwidth_nm is not None
             spectral = "auto" if bands or camera.quantum_efficiency.quantum_yield else usual
-        width_nm = _first(self.bandwidth_nm, setup.bandwidth_nm, BANDWIDTH_NM)
+        width_nm = first_given(self.bandwidth_nm, setup.bandwidth_nm, BANDWIDTH_NM)
         return choose_bands(camera, wavelength_nm, width_nm, spectral)
 
 
@@ -168,7 +168,7 @@ class Job:
 
     def seed(self, given: int | None) -> int:
         """The seed that was given, else the scene file's, else 1. Raises InputError."""
-        return require_seed("seed", _first(given, self.setup.seed, 1))
+        return require_seed("seed", first_given(given, self.setup.seed, 1))
 
     def irradiance(
         self, seed: int, budget: Budget, progress: Progress, started: float, yardstick: Yardstick | None = None
@@ -253,7 +253,7 @@ def prepare(
     bands = wish.bands(setup, camera, usual)
     loaded: Scene | Moving = load_scene(scene, bands, parameters, camera, wish.scene_unit)
     if wish.motion is not None:
-        metres = unit_m(_first(wish.scene_unit, setup.unit_m, 1.0))
+        metres = unit_m(first_given(wish.scene_unit, setup.unit_m, 1.0))
         loaded = Moving(loaded, read_motion(wish.motion), camera, exposure, wish.subframes, metres)
     renderer = Renderer(loaded, camera, exposure, bands, halves=wish.denoise)
     return Job(loaded, camera, exposure, bands, chosen, setup, renderer, wish.denoise)
@@ -277,8 +277,3 @@ def _value(fields: Any, name: str) -> Any:
     for part in name.split("."):
         fields = fields[part]
     return fields
-
-
-def _first(*values: Any) -> Any:
-    """The first that is not None."""
-    return next((value for value in values if value is not None), None)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ..engine.checks import first_given
 from ..engine.errors import InputError, require_seed
 from ..engine.frame import Exposure
 from ..engine.quantities import Photons
@@ -95,7 +96,7 @@ def shoot(
     budget = wanted.budget(len(job.bands.groups))
     if aims:
         budget = replace(budget, reached="spendable")
-    seeds = job.seed(seed), require_seed("serial", next(s for s in (serial, job.setup.serial, 1) if s is not None))
+    seeds = job.seed(seed), require_seed("serial", first_given(serial, job.setup.serial, 1))
     measure = _yardstick(job) if aims else None
     tell = progress or (lambda frame, step: None)
     numbers = range(first_frame, first_frame + frames)
