@@ -1,0 +1,117 @@
+"""What a study hands over: tables and plots as plain values, for a terminal, a program and a page alike."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from typing import Any, Literal
+
+Mark = Literal["", "good", "bad", "best", "dim"]
+"""How a row or a cell is meant: as it must be, not as it must be, the one to take, of no weight."""
+
+Progress = Callable[[float, float, str], None]
+"""What a study calls as it goes: seconds of work done, seconds expected in all, and what is being done now."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows under headings. Numbers stay numbers: each reader rounds them in its own way.
+
+    columns : headings, with the unit in them.  rows : a value per column; None is "not measured".
+    marks : one per row, or none at all.  note : what a reader must know to read it.
+    """
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[Any, ...], ...]
+    marks: tuple[Mark, ...] = ()
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Line:
+    """Points of one kind. error : half the length of the vertical bars, or none.  joined : whether a line joins them.
+
+    colour : lines of one number share a colour, by default each has its own.  ringed : indices of points with a ring.
+    """
+
+    label: str
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+    error: tuple[float, ...] = ()
+    joined: bool = True
+    dashed: bool = False
+    colour: int | None = None
+    ringed: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class Plot:
+    """Lines over two axes. level : (value, words) of a horizontal line to compare with, or None."""
+
+    title: str
+    x_label: str
+    y_label: str
+    lines: tuple[Line, ...]
+    log_x: bool = True
+    log_y: bool = True
+    level: tuple[float, str] | None = None
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Bars:
+    """Groups of horizontal bars. labels : of the groups.  series : name → a value per group (None: no bar).
+
+    error : name → half the length of the bars' whiskers.  level : as in :class:`Plot`, here a vertical line.
+    """
+
+    title: str
+    x_label: str
+    labels: tuple[str, ...]
+    series: dict[str, tuple[float | None, ...]]
+    error: dict[str, tuple[float | None, ...]] = field(default_factory=dict)
+    log_x: bool = False
+    level: tuple[float, str] | None = None
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Verdicts: rows × columns of marks, a coloured cell each; ``words`` are what stands in the cells."""
+
+    title: str
+    rows: tuple[str, ...]
+    columns: tuple[str, ...]
+    marks: tuple[tuple[Mark, ...], ...]
+    words: tuple[tuple[str, ...], ...] = ()
+    note: str = ""
+
+
+Part = Table | Plot | Bars | Grid
+
+
+@dataclass(frozen=True)
+class Study:
+    """The outcome of a study.
+
+    name : "error-time", "extremes" or "left-out".  title : of the page.
+    findings : sentences that answer the question, the most important first, each with its numbers.
+    passed : whether everything that must hold does.  parts : in the order of reading.
+    data : every measured number, ready for JSON.
+    """
+
+    name: str
+    title: str
+    findings: tuple[str, ...]
+    passed: bool
+    parts: tuple[Part, ...]
+    data: dict[str, Any]
+
+    def to_dict(self) -> dict[str, Any]:
+        """study.json."""
+        tables = [{"kind": type(part).__name__.lower(), **asdict(part)} for part in self.parts]
+        return {
+            "study": self.name, "title": self.title, "findings": list(self.findings), "passed": self.passed,
+            **self.data, "parts": tables,
+        }  # fmt: skip
