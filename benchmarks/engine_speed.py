@@ -31,9 +31,10 @@ import numpy as np
 from cases import CONTENTS, EXPOSURE, full_chain, photon_map, shape_of, shot_read_quantise
 from engines import ENGINES, PLAIN, next_frame, open_stream, refusal
 from numpy.typing import NDArray
-from turns import in_child, lines, machine, ratio, seconds_of, speeds, take_turns
+from turns import in_child, lines, ratio, seconds_of, speeds, take_turns
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.data.report import machine
 from mitsuba_sensor.engine.llvm import drjit
 
 

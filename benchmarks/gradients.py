@@ -21,8 +21,9 @@ from typing import Any
 from cases import EXPOSURE, full_chain, photon_map, shape_of
 from engines import next_frame
 from numpy.typing import NDArray
-from turns import machine, ratio, take_turns
+from turns import ratio, take_turns
 
+from mitsuba_sensor.data.report import machine
 from mitsuba_sensor.sensor.gradient import differentiable
 
 TEN = (

@@ -18,8 +18,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from turns import lines, machine, ratio, take_turns
+from turns import lines, ratio, take_turns
 
+from mitsuba_sensor.data.report import machine
 from mitsuba_sensor.light.bands import box_bands
 from mitsuba_sensor.light.lens.paraxial import cardinal
 from mitsuba_sensor.light.scene import Scene, load_scene

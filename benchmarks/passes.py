@@ -24,12 +24,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from turns import machine
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.light import scene as scenes
+from mitsuba_sensor.data.report import machine
 from mitsuba_sensor.light.budget import PASS_SPP, Budget
 from mitsuba_sensor.light.irradiance import Job, Wish, prepare
+from mitsuba_sensor.light.lint import SAMPLER
 from mitsuba_sensor.light.variants import choose_variant, use
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -116,12 +116,8 @@ def squared(one: np.ndarray, other: np.ndarray) -> tuple[float, float]:
 
 def loaded(scene: str, mode: str, sampler: str, size: int) -> Job:
     """A job whose film draws from this sampler."""
-    shipped, scenes.SAMPLER = scenes.SAMPLER, sampler
-    try:
-        wish = Wish(parameters={"width": size, "height": size}, **MODES[mode])
-        return prepare(ROOT / "scenes" / f"{scene}.xml", camera(), EXPOSURE, wish)
-    finally:
-        scenes.SAMPLER = shipped
+    wish = Wish(parameters={"width": size, "height": size}, **MODES[mode])
+    return prepare(ROOT / "scenes" / f"{scene}.xml", camera(), EXPOSURE, wish, sampler=sampler)
 
 
 def camera() -> ms.Camera:
@@ -145,7 +141,7 @@ def compared(scene: str, mode: str, options: argparse.Namespace) -> Iterator[dic
         for plan in plans.values():
             plan.turn(number)
     rows = [plan.row() for plan in plans.values()]
-    ours = next((r for r in rows if (r["sampler"], r["samples"]) == (scenes.SAMPLER, PASS_SPP)), rows[0])
+    ours = next((r for r in rows if (r["sampler"], r["samples"]) == (SAMPLER, PASS_SPP)), rows[0])
     for row in rows:
         ratios = {
             name.removesuffix("_s") + "_ratio": row[name] / ours[name] for name in row if name.endswith("_cost_s")

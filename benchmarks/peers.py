@@ -21,9 +21,10 @@ from typing import Any
 from agreement import agreement, stack
 from cases import EXPOSURE, photon_map, shape_of, shot_dark_read_quantise, shot_read_quantise
 from engines import ENGINES, next_frame, open_stream
-from turns import lines, machine, speeds, take_turns
+from turns import lines, speeds, take_turns
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.data.report import machine
 
 CAMERAS: dict[str, Callable[[], ms.Camera]] = {"pyxel": shot_dark_read_quantise, "galsim": shot_read_quantise}
 """The stages that a peer shares with us, as a camera."""

@@ -27,9 +27,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from turns import lines, machine, ratio
+from turns import lines, ratio
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.data.report import machine
 from mitsuba_sensor.light.variants import choose_variant, use
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -26,9 +26,10 @@ from typing import Any
 
 import numpy as np
 from scipy import stats
-from turns import lines, machine, ratio
+from turns import lines, ratio
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.data.report import machine
 from mitsuba_sensor.light.shooting import Take
 
 SCENE = Path(__file__).resolve().parent.parent / "scenes" / "cornell_box.xml"

@@ -24,7 +24,9 @@ from typing import Any
 import numpy as np
 from cases import full_chain, photon_map, shape_of
 from engines import ENGINES, PLAIN, open_stream
-from turns import in_child, lines, machine
+from turns import in_child, lines
+
+from mitsuba_sensor.data.report import machine
 
 LIMITS_MIB = {"drjit": 300, "numpy": 150}
 """Peak memory at 12 Mpx that we promise [MiB]."""

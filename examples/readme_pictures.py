@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.data.files import read_irradiance_exr, write_png
+from mitsuba_sensor.data.exr import read_irradiance_exr
+from mitsuba_sensor.data.files import write_png
 from mitsuba_sensor.data.preview import preview
 
 TIME_S, CAMERAS = 0.1, 64

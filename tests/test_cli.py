@@ -21,7 +21,7 @@ from typer.testing import CliRunner
 
 import mitsuba_sensor as ms
 from mitsuba_sensor import cli as command_line
-from mitsuba_sensor.data import files
+from mitsuba_sensor.data import exr
 
 OUTPUTS = {"frame.tiff", "frame.png", "irradiance.exr", "frame.json"}
 
@@ -163,7 +163,7 @@ def test_plan_as_json_holds_the_stages_the_render_and_the_seconds(light_file: Pa
 def test_plan_of_a_scene_with_a_lens_is_json_too(light: Any, tmp_path: Path, cli: Callable[..., Any]) -> None:
     """What depth of field changes is not known without a second render: null, because JSON has no NaN."""
     lens = replace(light, certificate=replace(light.certificate, aperture_f_number=2.8))
-    files.write_irradiance_exr(tmp_path / "lens.exr", lens)
+    exr.write_irradiance_exr(tmp_path / "lens.exr", lens)
     found = json.loads(cli("plan", tmp_path / "lens.exr", "--json").stdout)
     assert found["render"][1]["kept"] and found["render"][1]["effect_dn"] is None
     assert "f/2.8" in cli("plan", tmp_path / "lens.exr").stdout

@@ -19,13 +19,13 @@ import tifffile
 from PIL import Image
 
 from mitsuba_sensor import InputError
-from mitsuba_sensor.data import files
+from mitsuba_sensor.data import exr, files
 
 NAMES = ("a.txt", "b.txt")
 
 
 def test_irradiance_comes_back_exactly(light: Any, light_file: Path) -> None:
-    back = files.read_irradiance_exr(light_file)
+    back = exr.read_irradiance_exr(light_file)
     assert back.certificate == light.certificate
     for field in fields(light):
         if field.name != "certificate":
@@ -35,8 +35,8 @@ def test_irradiance_comes_back_exactly(light: Any, light_file: Path) -> None:
 def test_infinite_and_tiny_irradiance_comes_back_exactly(light: Any, tmp_path: Path) -> None:
     data = light.data.copy()
     data[0, 0], data[1, 1], data[2, 2] = np.inf, np.finfo(np.float32).smallest_subnormal, np.finfo(np.float32).max
-    files.write_irradiance_exr(tmp_path / "x.exr", type(light)(**{**vars(light), "data": data}))
-    np.testing.assert_array_equal(files.read_irradiance_exr(tmp_path / "x.exr").data, data)
+    exr.write_irradiance_exr(tmp_path / "x.exr", type(light)(**{**vars(light), "data": data}))
+    np.testing.assert_array_equal(exr.read_irradiance_exr(tmp_path / "x.exr").data, data)
 
 
 def test_colour_science_reads_our_bands(light: Any, light_file: Path) -> None:
@@ -134,16 +134,16 @@ import resource, sys
 from pathlib import Path
 import numpy as np
 from mitsuba_sensor import InputError
-from mitsuba_sensor.data import files
+from mitsuba_sensor.data import exr, files
 folder, what = Path(sys.argv[1]), sys.argv[2]
-light = files.read_irradiance_exr(folder / "light.exr")
+light = exr.read_irradiance_exr(folder / "light.exr")
 noise = np.random.default_rng(1).integers(0, 65535, (1, 64, 64), dtype=np.uint16)
 resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
 jobs = {
     "out.tiff": lambda path: files.write_tiff(path, noise),
     "out.png": lambda path: files.write_png(path, (noise[0] // 256).astype(np.uint8)),
     "out.json": lambda path: files.write_json(path, {"noise": noise}),
-    "out.exr": lambda path: files.write_irradiance_exr(path, light),
+    "out.exr": lambda path: exr.write_irradiance_exr(path, light),
 }
 try:
     jobs[what](folder / what)
@@ -155,7 +155,7 @@ except InputError as error:
 @pytest.mark.parametrize("what", ["out.tiff", "out.png", "out.json", "out.exr"])
 def test_a_disk_without_room_is_one_sentence_and_no_file(light: Any, tmp_path: Path, what: str) -> None:
     """The kernel refuses to let a file grow beyond 1000 bytes, as a full disk would."""
-    files.write_irradiance_exr(tmp_path / "light.exr", light)
+    exr.write_irradiance_exr(tmp_path / "light.exr", light)
     command = [sys.executable, "-c", WRITE_WITHIN_1000_BYTES, str(tmp_path), what]
     done = subprocess.run(command, capture_output=True, text=True)
     assert "InputError: cannot write" in done.stderr, done.stderr
@@ -168,18 +168,18 @@ def test_an_exr_that_openexr_loses_without_a_word_is_noticed(light: Any, tmp_pat
     corner = {name: getattr(light, name)[:2, :2] for name in ("data", "standard_error", "relative_error")}
     (tmp_path / f".x.exr.{os.getpid()}").symlink_to("/dev/full")
     with pytest.raises(InputError, match="No space left on device"):
-        files.write_irradiance_exr(tmp_path / "x.exr", type(light)(**{**vars(light), **corner}))
+        exr.write_irradiance_exr(tmp_path / "x.exr", type(light)(**{**vars(light), **corner}))
     assert list(tmp_path.iterdir()) == []
 
 
 def test_what_is_not_an_exr_is_refused(tmp_path: Path) -> None:
     (tmp_path / "x.exr").write_text("hello")
     with pytest.raises(InputError, match="not an OpenEXR file"):
-        files.read_irradiance_exr(tmp_path / "x.exr")
+        exr.read_irradiance_exr(tmp_path / "x.exr")
     with pytest.raises(InputError, match="No such file"):
-        files.read_irradiance_exr(tmp_path / "y.exr")
+        exr.read_irradiance_exr(tmp_path / "y.exr")
     with pytest.raises(InputError, match="directory"):
-        files.read_irradiance_exr(tmp_path)
+        exr.read_irradiance_exr(tmp_path)
 
 
 def test_an_exr_cut_short_is_refused(light_file: Path) -> None:
@@ -187,11 +187,11 @@ def test_an_exr_cut_short_is_refused(light_file: Path) -> None:
     for length in (6, 200, len(whole) // 2, len(whole) - 1):
         light_file.write_bytes(whole[:length])
         with pytest.raises(InputError, match=re.escape(str(light_file))):
-            files.read_irradiance_exr(light_file)
+            exr.read_irradiance_exr(light_file)
 
 
 def test_an_exr_of_somebody_else_is_refused(tmp_path: Path) -> None:
     with OpenEXR.File({"type": OpenEXR.scanlineimage}, {"Y": np.ones((4, 4), np.float32)}) as file:
         file.write(str(tmp_path / "y.exr"))
     with pytest.raises(InputError, match="not the focal-plane irradiance"):
-        files.read_irradiance_exr(tmp_path / "y.exr")
+        exr.read_irradiance_exr(tmp_path / "y.exr")

@@ -26,9 +26,10 @@ FRONT_DOOR = ("__init__.py", "__main__.py")
 DOORS = {
     "mitsuba": ("light/",),
     "drjit": ("light/", "engine/arrays.py", "engine/compiled.py", "engine/llvm.py"),
-    "OpenEXR": ("data/files.py",),
+    "OpenEXR": ("data/exr.py",),
     "tifffile": ("data/files.py",),
     "PIL": ("data/files.py",),
+    "matplotlib": ("study/plots.py",),
     "colour": ("light/spectra.py",),
     "typer": ("cli/",),
     "rich": ("cli/",),
@@ -36,11 +37,14 @@ DOORS = {
     "pyoidn": ("light/denoise.py",),
 }
 # What a first `import mitsuba_sensor` need not wait for: together these take more than five seconds.
-SLOW = {"mitsuba", "drjit", "colour", "OpenEXR", "tifffile", "typer", "scipy.signal", "scipy.stats"}
+SLOW = {"mitsuba", "drjit", "colour", "OpenEXR", "tifffile", "typer", "matplotlib", "scipy.signal", "scipy.stats"}
 STAGES = ("sensor/electrons.py", "sensor/volts.py", "sensor/digital.py")
-# Reading is allowed in two more places: a camera's own text, and the bytes that tell which LLVM a library is.
+# Reading is allowed in more places: a camera's own text, scenes, the machine, the bytes that tell which LLVM it has.
 OPENERS = (
     "data/files.py",
+    "data/exr.py",
+    "data/journal.py",
+    "data/report.py",
     "sensor/camera.py",
     "sensor/qefile.py",
     "sensor/lensfile.py",
@@ -48,7 +52,7 @@ OPENERS = (
     "light/scene_file.py",
     "light/motion.py",
 )
-WRITERS = ("data/files.py",)
+WRITERS = ("data/files.py", "data/journal.py")
 
 
 def name_of(path: Path) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from light_scenes import PERSPECTIVE, SCENES, SKY, both_variants, scene_text, skip_unless_usable, write_scene
 
-from mitsuba_sensor.data.files import read_irradiance_exr, write_irradiance_exr
+from mitsuba_sensor.data.exr import read_irradiance_exr, write_irradiance_exr
 from mitsuba_sensor.engine.errors import InputError
 from mitsuba_sensor.engine.frame import Exposure
 from mitsuba_sensor.light.irradiance import render

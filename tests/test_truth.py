@@ -17,7 +17,7 @@ import pytest
 from light_scenes import SCENES, SKY, both_variants, scene_text, skip_unless_usable, write_scene
 from numpy.typing import NDArray
 
-from mitsuba_sensor.data.files import read_irradiance_exr, read_truth_exr, write_truth_exr
+from mitsuba_sensor.data.exr import read_irradiance_exr, read_truth_exr, write_truth_exr
 from mitsuba_sensor.engine.errors import InputError
 from mitsuba_sensor.engine.frame import Exposure
 from mitsuba_sensor.engine.llvm import drjit

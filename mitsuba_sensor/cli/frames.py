@@ -9,7 +9,7 @@ import numpy as np
 
 import mitsuba_sensor as ms
 
-from ..data import files
+from ..data import exr, files
 from ..data.report import Clock, Shot, frame_report
 from . import options, terminal
 from .app import app, chosen_shot, refuse_lens, show
@@ -56,7 +56,7 @@ def expose(
     clock = Clock()
     with files.output_folder(out_dir, FRAME) as folder:
         with clock.step("read irradiance"):
-            light = files.read_irradiance_exr(irradiance)
+            light = exr.read_irradiance_exr(irradiance)
         report = develop(folder, shot, light, {"irradiance": irradiance}, clock)
         files.write_json(folder / "frame.json", report)
     tell(report, out_dir, as_json)

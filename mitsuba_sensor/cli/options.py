@@ -141,6 +141,23 @@ Precision = Annotated[
     str,
     typer.Option("--precision", help="float32, float64 (numpy only), or auto: float32 while it can count electrons."),
 ]
+StudyOut = Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Folder for the page; made if need be.")]
+Again = Annotated[bool, typer.Option("--again", help="Measure anew what the folder holds already.")]
+Variants = Annotated[
+    list[str] | None,
+    typer.Option("--variant", help="A Mitsuba variant to compare. Repeatable. Default: every one that works here."),
+]
+Tolerance = Annotated[
+    float, typer.Option("--tolerance", help="Relative error of a pixel's light for which a setting is recommended.")
+]
+Seeds = Annotated[
+    int, typer.Option("--seeds", min=2, help="Independent runs of each setting; their spread makes the intervals.")
+]
+Sides = Annotated[
+    list[str] | None, typer.Option("--side", help="render or sensor: only this half. Repeatable. Default: both.")
+]
+StudyFrames = Annotated[int, typer.Option("--frames", min=2, help="Frames of each chain that are measured.")]
+PlanDn = Annotated[float, typer.Option("--tolerance-dn", help="Of the plan that is put to the test, in DN.")]
 Json = Annotated[bool, typer.Option("--json", help="Only JSON on stdout, for programs.")]
 
 

@@ -8,7 +8,7 @@ import typer
 
 import mitsuba_sensor as ms
 
-from ..data import files
+from ..data import exr, files
 from ..engine.checks import first_given
 from ..sensor.chain import gain_dn_per_e
 from . import options, terminal
@@ -40,7 +40,7 @@ def plan(
         chosen = changed(ms.load_camera(camera or options.DEFAULT_CAMERA), settings)
         time_s, kelvin = options.DEFAULT_EXPOSURE_S, options.DEFAULT_TEMPERATURE_K
         exposure = ms.Exposure(first_given(exposure_s, time_s), first_given(temperature_k, kelvin))
-        light = files.read_irradiance_exr(source)
+        light = exr.read_irradiance_exr(source)
     else:
         given = options.pairs("-D", parameters)
         setup = scene_setup(source, given, variant)

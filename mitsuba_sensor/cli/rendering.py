@@ -9,7 +9,7 @@ import numpy as np
 
 import mitsuba_sensor as ms
 
-from ..data import files
+from ..data import exr, files
 from ..data.report import Clock, Shot
 from ..engine.checks import first_given
 from ..engine.errors import InputError, nearest
@@ -109,7 +109,7 @@ def _reused(
     with clock.step("render"), terminal.passes(err) as progress:
         light = ms.render(scene, shot.camera, shot.exposure, seed=shot.seed, progress=progress, **wish)
     with clock.step("write irradiance"):
-        files.write_irradiance_exr(folder / SPECTRUM, light)
+        exr.write_irradiance_exr(folder / SPECTRUM, light)
     return develop(folder, shot, light, origin, clock)
 
 
@@ -130,7 +130,7 @@ def _taken(
             digital.append(take.frames.digital[0])
             unspent.append(take.unspent)
     with clock.step("write irradiance"):
-        files.write_irradiance_exr(folder / SPECTRUM, first.light)
+        exr.write_irradiance_exr(folder / SPECTRUM, first.light)
     origin = {**origin, "unspent": float(np.mean(unspent))}
     return write_frames(folder, shot, first.light, first.photons, first.frames, np.stack(digital), origin, clock)
 
@@ -141,4 +141,4 @@ def _write_truth(folder: Path, scene: Path, shot: Shot, wish: dict[str, Any]) ->
 
     words = {name: wish[name] for name in ("motion", "parameters", "scene_unit", "variant")}
     found = ground_truth(scene, shot.camera, exposure=shot.exposure, **words)
-    files.write_truth_exr(folder / TRUTH, found)
+    exr.write_truth_exr(folder / TRUTH, found)

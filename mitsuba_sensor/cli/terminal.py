@@ -67,7 +67,7 @@ def summary(report: Mapping[str, Any], folder: str) -> RenderableType:
 
 def plan_sheet(plan: Any, needs: Sequence[Any], whole_s: float, planned_s: float) -> RenderableType:
     """What a plan keeps and leaves out, sensor and render, with the effect in DN and the time that is saved."""
-    table = _table("", "", "mean", "temporal", "fixed", "")
+    table = columns_table("", "", "mean", "temporal", "fixed", "")
     for e in plan.effects:
         if e.reason == IDLE:
             continue
@@ -89,7 +89,7 @@ def _kept(kept: bool) -> Text:
 
 def pattern_list(spread: Mapping[str, Any], path: str) -> RenderableType:
     """The maps of a chip: what is in a file of patterns."""
-    table = _table("map", "shape", "mean", "σ")
+    table = columns_table("map", "shape", "mean", "σ")
     for name, x in spread.items():
         table.add_row(name, " × ".join(map(str, x["shape"])), _number(x["mean"]), _number(x["sigma"]))
     table.caption = "gains and dark factors are 1 on average; offsets are in electrons"
@@ -98,7 +98,7 @@ def pattern_list(spread: Mapping[str, Any], path: str) -> RenderableType:
 
 def camera_list(rows: list[tuple[str, str, str, str]]) -> Table:
     """(name, technology, size, description) of every camera that comes along."""
-    table = _table("camera", "technology", "pixels", "what it is")
+    table = columns_table("camera", "technology", "pixels", "what it is")
     for row in rows:
         table.add_row(*row)
     return table
@@ -106,7 +106,7 @@ def camera_list(rows: list[tuple[str, str, str, str]]) -> Table:
 
 def lens_list(rows: list[tuple[str, str, str, str]]) -> Table:
     """(name, focal length, surfaces, source) of every prescription that comes along."""
-    table = _table("lens", "focal length", "surfaces", "source")
+    table = columns_table("lens", "focal length", "surfaces", "source")
     for row in rows:
         table.add_row(*row)
     return table
@@ -114,7 +114,7 @@ def lens_list(rows: list[tuple[str, str, str, str]]) -> Table:
 
 def camera_sheet(fields: Mapping[str, Any], sources: Mapping[str, str]) -> Table:
     """One row per number of a camera file: field, value, source. The unit is the end of the field's name."""
-    table = _table("field", "value", "source")
+    table = columns_table("field", "value", "source")
     table.columns[0].no_wrap = True
     for name, value in fields.items():
         table.add_row(name, Text(_short(value)), Text(sources.get(name, ""), style="dim"))
@@ -123,10 +123,10 @@ def camera_sheet(fields: Mapping[str, Any], sources: Mapping[str, str]) -> Table
 
 def diagnosis(findings: Mapping[str, Any]) -> RenderableType:
     """The doctor's findings as tables, and the commands that mend what is wrong."""
-    variants = _table("variant", "renders?", "why")
+    variants = columns_table("variant", "renders?", "why")
     for one in findings["variants"]:
         variants.add_row(one["name"], _yes(one["works"]), Text(one["reason"]))
-    llvm = _table("LLVM", "usable?", "library", "why")
+    llvm = columns_table("LLVM", "usable?", "library", "why")
     for one in findings["llvm"]:
         llvm.add_row(str(one["version"] or "?"), _yes(one["usable"]), Text(one["path"]), Text(one["reason"]))
     versions = ", ".join(f"{name} {version or 'missing'}" for name, version in findings["versions"].items())
@@ -147,7 +147,7 @@ def _headline(report: Mapping[str, Any], folder: str) -> Text:
 
 def _stages(report: Mapping[str, Any]) -> Table:
     """One row per stage: its signal in this frame and in theory, and how far it moves the noise of the result."""
-    table = _table("after", "", "mean", "theory", "σ", "theory", "temporal", "fixed")
+    table = columns_table("after", "", "mean", "theory", "σ", "theory", "temporal", "fixed")
     table.caption = "temporal, fixed: how far this stage moves the noise of the raw numbers [DN]"
     for column in table.columns:
         column.no_wrap = True
@@ -216,7 +216,8 @@ def _fact(name: str, text: str) -> Text:
     return Text.assemble((f"{name}: ", "bold"), text)
 
 
-def _table(*headings: str) -> Table:
+def columns_table(*headings: str) -> Table:
+    """An empty table under these headings, as every table of the command line looks."""
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), caption_justify="left")
     for heading in headings:
         table.add_column(heading, overflow="fold")

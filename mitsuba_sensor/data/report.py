@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import platform
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from importlib import metadata
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -36,6 +38,7 @@ PACKAGES = (
     "rich",
     "tifffile",
     "pillow",
+    "matplotlib",
 )
 
 
@@ -122,6 +125,14 @@ def render_noise(light: Irradiance, frames: Frames) -> dict[str, float]:
 def versions() -> dict[str, str | None]:
     """Version of Python, of this package and of everything it stands on; None for what is not installed."""
     return {"python": platform.python_version(), **{name: _version(name) for name in PACKAGES}}
+
+
+def machine() -> dict[str, Any]:
+    """What numbers of seconds were measured on."""
+    cpuinfo = Path("/proc/cpuinfo")
+    lines = cpuinfo.read_text(encoding="utf-8").splitlines() if cpuinfo.exists() else []
+    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return {"cpus": os.cpu_count(), "processor": models[0] if models else platform.machine()}
 
 
 def _version(name: str) -> str | None:

@@ -1,0 +1,119 @@
+"""study/page, html and plots: one file that needs nothing else, and drawings that hold what was measured."""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+from xml.etree import ElementTree
+
+import pytest
+from PIL import Image
+from rich.console import Console
+
+from mitsuba_sensor.cli.studysheet import LONGEST, seconds_bar, sheet
+from mitsuba_sensor.data.files import to_json
+from mitsuba_sensor.study.html import html, text
+from mitsuba_sensor.study.page import Bars, Grid, Line, Plot, Study, Table
+from mitsuba_sensor.study.plots import png, svg
+
+TABLE = Table(
+    "Series <all>", ("name", "ms", "error"), (("a & b", 1.23456, None), ("c", 2.0, 1e-9)), ("good", "bad"), "read me"
+)
+LINES = (
+    Line("steep", (1.0, 10.0, 100.0), (1.0, 0.1, 0.01), (0.1, 0.01, 0.001), ringed=(2,)),
+    Line("", (1.0, 10.0), (3.0, 3.0), dashed=True, colour=0),
+)
+PICTURES = (
+    Plot("error", "seconds", "error", LINES, level=(0.02, "wanted")),
+    Plot("all zero", "x", "y", (Line("z", (0.0, 1.0), (0.0, 0.0)),)),
+    Plot("nothing", "x", "y", ()),
+    Bars("bars", "DN", ("one", "two"), {"p": (1.0, None), "m": (0.5, 2.0)}, {"m": (0.1, 0.2)}, level=(0.7, "here")),
+    Bars("zeros", "DN", ("one",), {"p": (0.0,)}, log_x=True),
+    Grid("verdicts", ("r1", "r2"), ("c1",), (("good",), ("bad",)), (("3/3",), ("1/2",))),
+)
+
+
+def study_of(*parts: object, passed: bool = True) -> Study:
+    return Study("extremes", "A <title>", ("1 < 2", "done"), passed, parts, {"machine": {"cpus": 2}})  # type: ignore[arg-type]
+
+
+def test_a_page_asks_the_network_for_nothing_and_is_well_formed() -> None:
+    page = html(study_of(TABLE, *PICTURES))
+    assert not re.search(r"(src|href)\s*=\s*[\"'](?!#)", page) and "<script" not in page and "@import" not in page
+    assert "url(http" not in page
+    body = page[page.index("<body>") : page.index("</body>") + len("</body>")]
+    ElementTree.fromstring(body)
+    assert "A &lt;title&gt;" in page and "1 &lt; 2" in page and "a &amp; b" in page
+    assert page.count("<svg") == len(PICTURES)
+
+
+@pytest.mark.parametrize("picture", PICTURES, ids=lambda p: p.title)
+def test_every_drawing_is_a_picture_and_is_drawn_the_same_again(picture: Plot | Bars | Grid) -> None:
+    drawn = svg(picture)
+    ElementTree.fromstring(drawn)
+    assert drawn == svg(picture)
+    with Image.open(io.BytesIO(png(picture))) as image:
+        assert image.width > 400 and len(image.convert("RGB").getcolors(1 << 20) or ()) > 4
+
+
+def test_a_drawing_holds_the_words_of_its_axes_and_lines_as_text() -> None:
+    drawn = svg(PICTURES[0])
+    for words in ("seconds", "error", "steep", "wanted"):
+        assert f">{words}</text>" in drawn or f">{words}<" in drawn
+
+
+def test_steeper_lines_are_drawn_steeper() -> None:
+    """The y of the points of a line of slope −1 in log-log fall by equal steps."""
+    [found] = [m for m in re.findall(r'<path d="(M [^"]+)" clip-path', svg(PICTURES[0])) if m.count("L") == 2][:1]
+    points = [tuple(map(float, pair)) for pair in re.findall(r"([\d.]+) ([\d.]+)", found)]
+    steps = [(b[0] - a[0], b[1] - a[1]) for a, b in zip(points, points[1:], strict=False)]
+    assert steps[0] == pytest.approx(steps[1], abs=0.01) and steps[0][0] > 0 and steps[0][1] > 0
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        (None, "–"), (True, "yes"), (0.0, "0"), (1.23456, "1.235"), (1e-9, "1e-09"), (123456.0, "1.23e+05"), (7, "7"),
+        (math.inf, "inf"), ((1.5, "a"), "1.5, a"), ({"time_s": 0.1}, "time_s 0.1"),
+    ],
+)  # fmt: skip
+def test_numbers_are_shown_with_four_digits(value: object, words: str) -> None:
+    assert text(value) == words
+
+
+def test_study_json_holds_the_numbers_of_every_part() -> None:
+    import json
+
+    found = json.loads(to_json(study_of(TABLE, *PICTURES).to_dict()))
+    assert found["passed"] is True and found["machine"] == {"cpus": 2}
+    kinds = [part["kind"] for part in found["parts"]]
+    assert kinds == ["table", "plot", "plot", "plot", "bars", "bars", "grid"]
+    assert found["parts"][0]["rows"] == [["a & b", 1.23456, None], ["c", 2.0, 1e-9]]
+
+
+def shown(study: Study) -> str:
+    console = Console(record=True, width=140, file=io.StringIO())
+    console.print(sheet(study, "here/study.html"))
+    return console.export_text()
+
+
+def test_the_terminal_shows_verdict_findings_and_tables() -> None:
+    said = shown(study_of(TABLE, *PICTURES, passed=False))
+    for words in ("not all holds", "here/study.html", "1 < 2", "Series <all>", "1.235", "verdicts", "1/2"):
+        assert words in said
+
+
+def test_of_a_long_table_the_terminal_shows_what_is_not_as_it_must_be() -> None:
+    rows = tuple((f"case {i}", i) for i in range(LONGEST + 1))
+    marks = tuple("bad" if i == 7 else "good" for i in range(len(rows)))
+    said = shown(study_of(Table("long", ("case", "n"), rows, marks)))  # type: ignore[arg-type]
+    assert "case 7" in said and "case 8" not in said and f"{LONGEST} more rows" in said
+
+
+def test_a_study_says_first_how_long_it_takes() -> None:
+    console = Console(file=io.StringIO())
+    with seconds_bar(console) as tell:
+        tell(0.0, 240.0, "pilot")
+        tell(10.0, 200.0, "series")
+    assert console.file.getvalue() == "this takes about 4 min\n"  # type: ignore[attr-defined]
