@@ -224,3 +224,30 @@ def test_missing_scene_is_refused(path: str) -> None:
     use(choose_variant("scalar_spectral"))
     with pytest.raises(InputError, match="is not a file"):
         load_scene(path, BANDS, {})
+
+
+def test_fewer_columns_are_the_same_view(tmp_path: Path) -> None:
+    """A ball in the sky: half the columns show the mean of two by two pixels, rows and the crop in proportion."""
+    use(choose_variant("scalar_spectral"))
+    path = write_scene(tmp_path, scene_text(SKY, BALL.format(bsdf='<bsdf type="diffuse"/>')))
+    exposure = Exposure(0.1)
+    wide, narrow = (
+        render(path, CAMERA, exposure, spp=1024, wavelength_nm=550, columns=c).data[..., 0] for c in (12, 6)
+    )
+    binned = wide.reshape(4, 2, 6, 2).mean(axis=(1, 3))
+    assert narrow.shape == binned.shape and np.ptp(binned) > 0.2 * binned.max()
+    np.testing.assert_allclose(narrow, binned, rtol=0.05)
+    crop = "".join(
+        f'<integer name="{k}" value="{v}"/>'
+        for k, v in {"crop_width": 6, "crop_height": 4, "crop_offset_x": 4, "crop_offset_y": 2}.items()
+    )
+    view = load_scene(write_scene(tmp_path, scene_text(SKY, film=crop)), BANDS, {}, columns=6).view
+    assert (view.size, view.crop_size, view.crop_offset) == ((6, 4), (3, 2), (2, 1))
+
+
+@pytest.mark.parametrize("columns", [0, 13, 2.5, True, "6"])
+def test_columns_are_at_most_those_of_the_film(tmp_path: Path, columns: object) -> None:
+    use(choose_variant("scalar_spectral"))
+    path = write_scene(tmp_path, scene_text(SKY))
+    with pytest.raises(InputError, match=r"columns is .*whole number from 1 to the film's own 12"):
+        render(path, CAMERA, Exposure(0.1), columns=columns)

@@ -87,6 +87,10 @@ NoiseBudget = Annotated[
         help="reuse one render for all frames; each frame its own; or spend its noise as part of the shot noise.",
     ),
 ]
+Columns = Annotated[
+    int | None,
+    typer.Option("--columns", help="The same view in so many columns of pixels, rows in proportion: a quick look."),
+]
 SceneUnit = Annotated[
     str | None,
     typer.Option("--scene-unit", help="What a length of 1 in the scene is: m, mm, … Default: the scene's, else m."),
@@ -123,8 +127,10 @@ PatternsIn = Annotated[
     typer.Option("--patterns", metavar="FILE.npz", help="Measured fixed patterns, as `patterns` writes them."),
 ]
 PatternsOut = Annotated[Path, typer.Option("-o", "--out", metavar="FILE.npz", help="The file to write.")]
-Rows = Annotated[int | None, typer.Option("--rows", min=1, help="Height of the maps. Default: the whole sensor.")]
-Columns = Annotated[int | None, typer.Option("--columns", min=1, help="Width of the maps. Default: the whole sensor.")]
+MapRows = Annotated[int | None, typer.Option("--rows", min=1, help="Height of the maps. Default: the whole sensor.")]
+MapColumns = Annotated[
+    int | None, typer.Option("--columns", min=1, help="Width of the maps. Default: the whole sensor.")
+]
 PreviewGain = Annotated[
     float,
     typer.Option("--preview-gain", min=0.0, help="Brighten frame.png by this factor, noise and all; frame.tiff stays."),

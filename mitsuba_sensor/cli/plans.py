@@ -26,6 +26,7 @@ def plan(
     parameters: options.Parameters = None,
     spp: options.Samples = None,
     scene_unit: options.SceneUnit = None,
+    columns: options.Columns = None,
     variant: options.Variant = None,
     as_json: options.Json = False,
 ) -> None:
@@ -45,7 +46,7 @@ def plan(
         given = options.pairs("-D", parameters)
         setup = scene_setup(source, given, variant)
         chosen, exposure = scene_camera(camera, setup, settings), scene_exposure(exposure_s, temperature_k, setup)
-        words = {"spp": spp, "parameters": given, "variant": variant, "scene_unit": scene_unit}
+        words = {"spp": spp, "parameters": given, "variant": variant, "scene_unit": scene_unit, "columns": columns}
         with terminal.passes(err) as progress:
             light = ms.render(source, chosen, exposure, progress=progress, **words)
     photons = ms.collect(light, chosen, exposure)
@@ -64,8 +65,8 @@ def patterns(
     out_file: options.PatternsOut,
     camera: options.Camera = options.DEFAULT_CAMERA,
     serial: options.Serial = 1,
-    rows: options.Rows = None,
-    columns: options.Columns = None,
+    rows: options.MapRows = None,
+    columns: options.MapColumns = None,
     settings: options.Settings = None,
     as_json: options.Json = False,
 ) -> None:

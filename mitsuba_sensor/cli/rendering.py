@@ -47,6 +47,7 @@ def render(
     max_spp: options.MaxSpp = None,
     noise_budget: options.NoiseBudget = "reuse",
     scene_unit: options.SceneUnit = None,
+    columns: options.Columns = None,
     motion: options.MotionFile = None,
     subframes: options.Subframes = None,
     denoise: options.Denoise = False,
@@ -80,7 +81,8 @@ def render(
     wish = {
         "wavelength_nm": wavelength_nm, "bandwidth_nm": bandwidth_nm, "spectral": spectral, "spp": spp,
         "noise_ratio": noise_ratio, "max_seconds": max_seconds, "max_spp": max_spp, "motion": motion,
-        "subframes": subframes, "scene_unit": scene_unit, "denoise": denoise, "parameters": given, "variant": variant,
+        "subframes": subframes, "scene_unit": scene_unit, "columns": columns, "denoise": denoise,
+        "parameters": given, "variant": variant,
     }  # fmt: skip
     _rehearse(shot, first_given(wavelength_nm, setup.wavelength_nm) is not None)
     clock, origin = Clock(), {"scene": scene, "parameters": given, "motion": motion, "noise_budget": noise_budget}
@@ -139,6 +141,6 @@ def _write_truth(folder: Path, scene: Path, shot: Shot, wish: dict[str, Any]) ->
     """Depth, position, normals, albedo, shapes and flow of the same pixels, in a pass of its own."""
     from ..light.truth import ground_truth
 
-    words = {name: wish[name] for name in ("motion", "parameters", "scene_unit", "variant")}
+    words = {name: wish[name] for name in ("motion", "parameters", "scene_unit", "columns", "variant")}
     found = ground_truth(scene, shot.camera, exposure=shot.exposure, **words)
     exr.write_truth_exr(folder / TRUTH, found)

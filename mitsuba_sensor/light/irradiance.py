@@ -71,6 +71,7 @@ def render(
     bandwidth_nm: float | None = None,
     spectral: str | None = None,
     scene_unit: str | float | None = None,
+    columns: int | None = None,
     motion: str | os.PathLike[str] | Mapping[str, Any] | Motion | None = None,
     subframes: int | None = None,
     denoise: bool = False,
@@ -90,6 +91,8 @@ def render(
     spectral : "auto", bands with the least noise in this camera's frame; "cube", the same bands with the least noise in
         each of them, for other cameras; "channels", only what this camera's filters detect.
     scene_unit : "m", "mm", … or metres: what a length of 1 in the scene is; by default what the scene says, else 1 m.
+    columns : the same view in fewer columns of pixels, and rows in proportion, as if the scene's film were so small;
+        behind a prescription, whose pixels have their size, a window of it.
     motion : what moves while the shutter is open, a file or a mapping (see light/motion.py).
     subframes : instants of one exposure of what moves; by default so many that nothing moves by more than half a pixel.
     denoise : smooth the result with Open Image Denoise; its bias is measured and certified. Needs the extra "denoise".
@@ -100,8 +103,8 @@ def render(
     """
     started = time.monotonic()
     wish = Wish(
-        spp, noise_ratio, max_seconds, max_spp, wavelength_nm, bandwidth_nm, spectral, scene_unit, motion,
-        subframes, denoise, parameters, variant,
+        spp, noise_ratio, max_seconds, max_spp, wavelength_nm, bandwidth_nm, spectral, scene_unit, columns,
+        motion, subframes, denoise, parameters, variant,
     )  # fmt: skip
     wish.budget()  # refuses before anything is loaded
     job = prepare(scene, camera, exposure, wish)
@@ -121,6 +124,7 @@ class Wish:
     bandwidth_nm: float | None = None
     spectral: str | None = None
     scene_unit: str | float | None = None
+    columns: int | None = None
     motion: str | os.PathLike[str] | Mapping[str, Any] | Motion | None = None
     subframes: int | None = None
     denoise: bool = False
@@ -165,6 +169,7 @@ class Job:
     setup: Setup
     renderer: Renderer
     denoise: bool
+    sampler: str = SAMPLER
 
     def seed(self, given: int | None) -> int:
         """The seed that was given, else the scene file's, else 1. Raises InputError."""
@@ -204,7 +209,7 @@ class Job:
             samples_per_pixel=renderer.samples_per_pixel,
             seconds=time.monotonic() - started,
             variant=self.variant.name,
-            sampler=SAMPLER,
+            sampler=self.sampler,
             spectral=self.bands.kind,
             **summary_of(renderer.noise_ratios(), renderer.electrons()[0] > 0, passes),
             noise_ratio_asked=budget.goal if budget.reached == "noise_ratio" else None,
@@ -233,11 +238,13 @@ class Job:
 
 
 def prepare(
-    scene: str | os.PathLike[str], camera: Camera | None, exposure: Exposure | None, wish: Wish, usual: str = "auto"
-) -> Job:
+    scene: str | os.PathLike[str], camera: Camera | None, exposure: Exposure | None, wish: Wish, usual: str = "auto",
+    *, sampler: str = SAMPLER,
+) -> Job:  # fmt: skip
     """Check all that was asked for, read what was not from the scene file, and load the scene.
 
-    usual : "auto" or "channels", where nobody asks for anything.  Raises InputError.
+    usual : "auto" or "channels", where nobody asks for anything.  sampler : see :func:`light.scene.load_scene`; no word
+    of :func:`render`, because none is better (benchmarks/passes.py).  Raises InputError.
     """
     parameters = {} if wish.parameters is None else wish.parameters
     check_types(camera, exposure, optional=True)
@@ -251,12 +258,14 @@ def prepare(
     setup = read_setup(scene, parameters)
     camera, exposure = _camera_and_exposure(setup, camera, exposure)
     bands = wish.bands(setup, camera, usual)
-    loaded: Scene | Moving = load_scene(scene, bands, parameters, camera, wish.scene_unit)
+    loaded: Scene | Moving = load_scene(
+        scene, bands, parameters, camera, wish.scene_unit, columns=wish.columns, sampler=sampler
+    )
     if wish.motion is not None:
         metres = unit_m(first_given(wish.scene_unit, setup.unit_m, 1.0))
         loaded = Moving(loaded, read_motion(wish.motion), camera, exposure, wish.subframes, metres)
     renderer = Renderer(loaded, camera, exposure, bands, halves=wish.denoise)
-    return Job(loaded, camera, exposure, bands, chosen, setup, renderer, wish.denoise)
+    return Job(loaded, camera, exposure, bands, chosen, setup, renderer, wish.denoise, sampler)
 
 
 def _camera_and_exposure(setup: Setup, camera: Camera | None, exposure: Exposure | None) -> tuple[Camera, Exposure]:

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 SENSORS = ("perspective", "thinlens", "orthographic", SENSOR)
 FILM_ID = "sensor"  # of the film that is put in, by which its sensor is known again
-COLUMNS = 768  # of Mitsuba's films by default
+COLUMNS, ROWS = 768, 576  # of Mitsuba's films by default
 # What cannot be rendered here, and what to do about it.
 UNSUITABLE = {
     "depth": "sees no light; use 'path'",
@@ -84,12 +84,17 @@ def load_scene(
     parameters: Mapping[str, Any],
     camera: Camera | None = None,
     scene_unit: str | float | None = None,
+    *,
+    columns: int | None = None,
+    sampler: str = SAMPLER,
 ) -> Scene:
     """Load ``path`` with a film of these channels; the variant must be set.
 
     bands : what its channels respond to.  parameters : values for the scene's ``<default>`` names.
     camera : whose lens stands before the film; by default the one that the scene file names, if any.
     scene_unit : "m", "mm", … or metres per unit; by default what the scene file says, else metres.
+    columns : the same view in so many columns, and rows in proportion; by default what the scene file says.
+    sampler : the Mitsuba plugin that the light paths are drawn with.
     Raises InputError, one sentence, for whatever is wrong with the file.
     """
     scene = parse_scene(path, parameters)
@@ -101,7 +106,7 @@ def load_scene(
         why = f"{findings[0].what}; give it an emitter with a spectrum there"
         raise InputError(f"scene {scene.path.name!r} has no light in the bands: {why}.")
     _put_camera(scene, replace(setup, unit_m=metres), camera)
-    _put_film(scene, bands, camera)
+    _put_film(scene, bands, film_size(scene, camera, columns), sampler)
     _unwrap_integrator(scene)
     native = scene.build()
     if not native.emitters():
@@ -178,19 +183,31 @@ def _put_camera(scene: SceneFile, setup: Setup, camera: Camera | None) -> None:
         node.props[name] = value
 
 
-def _put_film(scene: SceneFile, bands: Bands, camera: Camera | None) -> None:
+def film_size(scene: SceneFile, camera: Camera | None, columns: int | None) -> dict[str, int]:
+    """Width, height and crop of the first sensor's film, in the words of Mitsuba; scaled to so many ``columns``."""
+    film, size = scene.film(), {}
+    if film is not None:
+        if film.props.plugin_name() == FILM and camera is not None:
+            size = {"width": camera.sensor.columns, "height": camera.sensor.rows}
+        size |= {k: v for k, v in film.props.items() if k in SIZE}
+    if columns is None:
+        return size
+    most = size.get("width", COLUMNS)
+    if isinstance(columns, bool) or not hasattr(columns, "__index__") or not 1 <= columns <= most:
+        raise InputError(f"columns is {columns!r}; it must be a whole number from 1 to the film's own {most}.")
+    whole = {"width": most, "height": size.get("height", ROWS), **size}
+    return {k: max(round(v * columns / most), 0 if "offset" in k else 1) for k, v in whole.items()}
+
+
+def _put_film(scene: SceneFile, bands: Bands, size: dict[str, int], sampler: str) -> None:
     """Replace film and sampler of the first sensor; the others go."""
-    mi, node, size = mitsuba(), scene.sensor(), {}
+    mi, node = mitsuba(), scene.sensor()
     for name, child in list(scene.children(node.props)):
-        if child.type == mi.ObjectType.Film:
-            if child.props.plugin_name() == FILM and camera is not None:
-                size = {"width": camera.sensor.columns, "height": camera.sensor.rows}
-            size |= {k: v for k, v in child.props.items() if k in SIZE}
         if child.type in (mi.ObjectType.Film, mi.ObjectType.Sampler):
             del node.props[name]
     with in_one_sentence(scene.path):
         node.props["film"] = response_film(mi, bands.responses, {**size, "id": FILM_ID})
-    node.props["sampler"] = mi.load_dict({"type": SAMPLER})
+    node.props["sampler"] = mi.load_dict({"type": sampler})
     for name, child in list(scene.children(scene.root)):
         if child.type == mi.ObjectType.Sensor and child != node:
             del scene.root[name]
