@@ -100,8 +100,13 @@ def shown(study: Study) -> str:
 
 def test_the_terminal_shows_verdict_findings_and_tables() -> None:
     said = shown(study_of(TABLE, *PICTURES, passed=False))
-    for words in ("not all holds", "here/study.html", "1 < 2", "Series <all>", "1.235", "verdicts", "1/2"):
+    for words in ("not all holds", "here/study.html", "1 < 2", "Series <all>", "1.23", "verdicts", "1/2"):
         assert words in said
+
+
+def test_of_a_table_where_all_holds_the_terminal_says_so_and_no_more() -> None:
+    said = shown(study_of(Table("whole", ("case", "n"), (("one", 1), ("two", 2)), ("good", "good"))))
+    assert "whole: all 2 rows as they must be" in said and "two" not in said
 
 
 def test_of_a_long_table_the_terminal_shows_what_is_not_as_it_must_be() -> None:
@@ -117,3 +122,14 @@ def test_a_study_says_first_how_long_it_takes() -> None:
         tell(0.0, 240.0, "pilot")
         tell(10.0, 200.0, "series")
     assert console.file.getvalue() == "this takes about 4 min\n"  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(("width", "columns"), [(200, 12), (40, 3), (14, 1)])
+def test_a_wide_table_shows_the_columns_that_fit_and_says_so(width: int, columns: int) -> None:
+    names = tuple(f"column {i:02}" for i in range(12))
+    table = Table("wide", names, (tuple("1234567890" for _ in names),))
+    console = Console(record=True, width=width, file=io.StringIO())
+    console.print(sheet(study_of(table), "here"))
+    said = console.export_text()
+    assert said.count("1234567890") == columns
+    assert (f"{12 - columns} more columns" in " ".join(said.split())) == (columns < 12)

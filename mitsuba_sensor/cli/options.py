@@ -162,7 +162,9 @@ Seeds = Annotated[
 Sides = Annotated[
     list[str] | None, typer.Option("--side", help="render or sensor: only this half. Repeatable. Default: both.")
 ]
-StudyFrames = Annotated[int, typer.Option("--frames", min=2, help="Frames of each chain that are measured.")]
+StudyFrames = Annotated[
+    int | None, typer.Option("--frames", min=2, help="Frames of each of the 64 devices that are measured. Default: 16.")
+]
 PlanDn = Annotated[float, typer.Option("--tolerance-dn", help="Of the plan that is put to the test, in DN.")]
 Json = Annotated[bool, typer.Option("--json", help="Only JSON on stdout, for programs.")]
 

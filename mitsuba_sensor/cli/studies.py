@@ -49,6 +49,7 @@ def error_time(
     settings: options.Settings = None,
     parameters: options.Parameters = None,
     scene_unit: options.SceneUnit = None,
+    columns: options.Columns = None,
     again: options.Again = False,
     as_json: options.Json = False,
 ) -> None:
@@ -66,7 +67,7 @@ def error_time(
         "variants": variants,
     }
     subject = _subject(scene, camera, (exposure_s, temperature_k), settings, parameters, (variants or [None])[0])
-    given = {**words, "parameters": subject.parameters, "scene_unit": scene_unit}
+    given = {**words, "parameters": subject.parameters, "scene_unit": scene_unit, "columns": columns}
     run = lambda done, progress: measured(  # noqa: E731
         scene, subject.camera, subject.exposure, **given, done=done, progress=progress
     )
@@ -81,13 +82,14 @@ def left_out(
     exposure_s: options.ExposureOrScene = None,
     temperature_k: options.TemperatureOrScene = None,
     tolerance_dn: options.PlanDn = 0.02,
-    frames: options.StudyFrames = 64,
+    frames: options.StudyFrames = None,
     spp: options.Samples = None,
     seed: options.SeedOrScene = None,
     serial: options.SerialOrScene = None,
     settings: options.Settings = None,
     parameters: options.Parameters = None,
     scene_unit: options.SceneUnit = None,
+    columns: options.Columns = None,
     variant: options.Variant = None,
     again: options.Again = False,
     as_json: options.Json = False,
@@ -100,10 +102,11 @@ def left_out(
     from ..study.left_out import left_out as measured
 
     subject = _subject(scene, camera, (exposure_s, temperature_k), settings, parameters, variant)
+    asked = {name: value for name, value in (("spp", spp), ("frames", frames)) if value is not None}
     given: dict[str, Any] = {
-        "tolerance_dn": tolerance_dn, "frames": frames, "seed": first_given(seed, subject.seed, 1),
+        "tolerance_dn": tolerance_dn, "seed": first_given(seed, subject.seed, 1),
         "serial": first_given(serial, subject.serial, 1), "parameters": subject.parameters, "variant": variant,
-        "scene_unit": scene_unit, **({} if spp is None else {"spp": spp}),
+        "scene_unit": scene_unit, "columns": columns, **asked,
     }  # fmt: skip
     run = lambda done, progress: measured(  # noqa: E731
         scene, subject.camera, subject.exposure, **given, done=done, progress=progress

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
 
-from rich.console import Console, Group, RenderableType
+from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
@@ -17,6 +19,8 @@ from .terminal import columns_table
 STYLES: dict[page.Mark, str] = {"good": "green", "bad": "bold red", "best": "bold green", "dim": "dim", "": ""}
 LONGEST = 48
 """Rows of a table that a terminal still shows; of a longer one only those that are not as they must be."""
+WIDEST, GAP = 30, 2
+"""Characters of a column that holds text, and between two columns."""
 
 
 @contextmanager
@@ -57,25 +61,56 @@ def _parts(study: page.Study) -> Iterator[RenderableType]:
     for part in study.parts:
         if isinstance(part, page.Grid):
             yield _grid(part)
-        elif isinstance(part, page.Table):
-            yield _table(part)
+        elif isinstance(part, page.Table) and part.rows:
+            held = set(part.marks) == {"good"}
+            yield Text(f"{part.title}: all {len(part.rows)} rows as they must be") if held else Fitted(part)
 
 
-def _table(table: page.Table) -> RenderableType:
-    marks = table.marks or ("",) * len(table.rows)
-    rows = list(zip(marks, table.rows, strict=True))
-    left_out = 0
-    if len(rows) > LONGEST:
-        shown = [row for row in rows if row[0] in ("bad", "best")][:LONGEST]
-        rows, left_out = shown, len(rows) - len(shown)
-    drawn = columns_table(*table.columns)
-    drawn.title, drawn.title_justify, drawn.title_style = table.title, "left", "bold"
-    for index, column in enumerate(drawn.columns):
-        if all(isinstance(row[index], int | float | None) for _, row in rows):
-            column.justify = "right"
-    for mark, row in rows:
-        drawn.add_row(*(Text(text(value)) for value in row), style=STYLES[mark])
-    return Group(drawn, Text(f"{left_out} more rows stand in the page", style="dim")) if left_out else drawn
+@dataclass(frozen=True)
+class Fitted:
+    """A table of as many of its columns, from the left, as the terminal is wide."""
+
+    table: page.Table
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        """The table, and what of it stands only in the page."""
+        rows, hidden_rows = _shown_rows(self.table)
+        cells = [[_brief(value) for value in row] for _, row in rows]
+        count = _fitting(self.table.columns, cells, options.max_width)
+        yield Text(f"\n{self.table.title}", style="bold")
+        drawn = columns_table(*self.table.columns[:count])
+        for index, column in enumerate(drawn.columns):
+            if rows and all(isinstance(row[index], int | float | None) for _, row in rows):
+                column.justify = "right"
+        for (mark, _), texts in zip(rows, cells, strict=True):
+            drawn.add_row(*map(Text, texts[:count]), style=STYLES[mark])
+        yield drawn
+        hidden = {"rows": hidden_rows, "columns": len(self.table.columns) - count}
+        if more := " and ".join(f"{number} more {name}" for name, number in hidden.items() if number):
+            yield Text(f"{more} stand in the page", style="dim")
+
+
+def _shown_rows(table: page.Table) -> tuple[list[tuple[page.Mark, tuple[Any, ...]]], int]:
+    """Rows with their marks, and how many are not among them."""
+    rows = list(zip(table.marks or ("",) * len(table.rows), table.rows, strict=True))
+    shown = rows if len(rows) <= LONGEST else [row for row in rows if row[0] in ("bad", "best")][:LONGEST]
+    return shown, len(rows) - len(shown)
+
+
+def _fitting(headings: Sequence[str], cells: Sequence[Sequence[str]], width: int) -> int:
+    """How many columns fit; the first always does. Headings break at spaces, long texts anywhere."""
+    used = 0
+    for index, heading in enumerate(headings):
+        words = max(map(len, heading.split()), default=0)
+        used += min(max([words, *(len(row[index]) for row in cells)]), WIDEST) + GAP
+        if used > width:
+            return max(index, 1)
+    return len(headings)
+
+
+def _brief(value: Any) -> str:
+    """Three digits do in a terminal."""
+    return f"{value:.3g}" if isinstance(value, float) else text(value)
 
 
 def _grid(grid: page.Grid) -> Table:

@@ -61,7 +61,10 @@ class Moments:
         return replace(self, mean=mean, temporal=temporal, fixed=fixed)
 
     def clip(self, low: float, high: float) -> Moments:
-        """The signal is cut to [low, high]; exact for a normal signal that reaches only one of the two edges."""
+        """The signal is cut to [low, high]; exact for a normal signal that reaches only one of the two edges.
+
+        What is deep above ``high`` is taken for log-normal, so that no part of a wide dark pattern counts as negative.
+        """
         upper = _cut_above(self, high)
         mirrored = _cut_above(replace(upper, mean=-upper.mean), -low)
         return replace(mirrored, mean=-mirrored.mean)
@@ -70,6 +73,10 @@ class Moments:
     def sigma(self) -> float:
         """Root of the total variance averaged over the window: what the residual of one frame must show."""
         return math.sqrt(float(np.mean(self.temporal)) + float(np.mean(self.fixed)))
+
+
+FLOODED = 2.0
+"""Times the edge from which a mean is deep above it. A normal law that wide would reach below zero."""
 
 
 def rectified_normal(sigma: float) -> tuple[float, float]:
@@ -94,8 +101,13 @@ def _cut_above(m: Moments, edge: float) -> Moments:
     sigma = np.sqrt(variance)
     near = (variance > 0) & np.isfinite(variance) & (edge - mean < 8 * sigma)
     sure = ~((variance > 0) & np.isfinite(variance)) & (mean > edge)
+    flooded = near & (mean > FLOODED * edge) & (edge > 0)
+    near &= ~flooded
     mean, temporal, fixed = mean.copy(), temporal.copy(), fixed.copy()
     mean[sure], temporal[sure], fixed[sure] = edge, 0.0, 0.0
+    share = fixed[flooded] / variance[flooded]
+    mean[flooded], left = _flooded(mean[flooded], sigma[flooded], edge)
+    temporal[flooded], fixed[flooded] = (1 - share) * left, share * left
     s, v = sigma[near], variance[near]
     c = np.maximum((edge - mean[near]) / s, -40.0)
     below, density = special.ndtr(c), np.exp(-0.5 * c * c) / math.sqrt(2 * math.pi)
@@ -104,6 +116,17 @@ def _cut_above(m: Moments, edge: float) -> Moments:
     kept_fixed = np.clip(v * _correlated(c, fixed[near] / v, below), 0.0, total)
     mean[near], fixed[near], temporal[near] = edge - shortfall, kept_fixed, total - kept_fixed
     return replace(m, mean=mean, temporal=temporal, fixed=fixed)
+
+
+def _flooded(mean: Any, sigma: Any, edge: float) -> tuple[Any, Any]:
+    """Mean and variance of min(x, edge) for log-normal x, from the moments of (edge − x)⁺."""
+    spread = np.maximum((sigma / mean) ** 2, np.finfo(float).tiny)
+    width = np.sqrt(np.log1p(spread))
+    c = np.log(edge / mean) / width + width / 2
+    below, light, square = (special.ndtr(c - k * width) for k in (0, 1, 2))
+    shortfall = edge * below - mean * light
+    squared = edge**2 * below - 2 * edge * (mean * light) + (mean * np.sqrt((1 + spread) * square)) ** 2
+    return edge - shortfall, np.maximum(squared - shortfall**2, 0.0)
 
 
 def _correlated(c: Any, rho: Any, below: Any) -> Any:

@@ -13,10 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 from ..engine.checks import check_types
 from ..engine.errors import InputError, require_seed
 from ..engine.frame import Device, Exposure, Frame
-from ..engine.lanes import REFERENCE, SINGLE
+from ..engine.lanes import BRIGHTEST, REFERENCE, SINGLE
 from ..engine.quantities import Photons
 from .account import Ledger, account, ledger
 from .camera import Camera
+from .chain import adc_gain_dn_per_v
 from .chain import chain as physical_chain
 from .inputs import as_photons, check_numbers, check_spending, checked_maps, checked_names, checked_origin
 from .konnik2014 import Konnik2014Settings, chain_of
@@ -110,7 +111,8 @@ def expose(
     engine : "numpy", "drjit" (one kernel for LLVM, the same bytes), "cuda" (the same words; how near its bytes are
         is not measured yet), or "auto", which compiles for LLVM where that is quicker.
     precision : "float32", "float64" (NumPy only; the reference), or "auto": what the plan found
-        to be enough; without a plan float32, unless the full well or the codes go beyond 2^24, where it stops counting.
+        to be enough; without a plan float32, unless the full well or the codes go beyond 2^24, where it stops counting,
+        or the gain of the converter beyond 1e30 DN/V.
     Raises InputError for NaN or negative photons, naming how many there are and where the first one is.
     """
     wanted = checked_names(keep, KEEP)
@@ -180,11 +182,18 @@ def _precision(asked: str, camera: Camera, plan: Plan | None, chain: str) -> str
         if asked == "float32":
             raise InputError("precision is 'float32' and chain konnik2014 is float64 only; leave the precision out.")
         return "float64"
+    gain = adc_gain_dn_per_v(camera)
+    if asked == "float32" and gain > BRIGHTEST:
+        raise InputError(
+            f"precision is 'float32', which holds numbers up to {BRIGHTEST:g}, and the converter of {camera.name} "
+            f"makes {gain:.3g} DN of a volt; leave the precision out, or mend the gains and adc.full_scale_v."
+        )
     if asked != "auto":
         return asked
     if plan is not None:
         return plan.precision
-    return "float32" if camera.pixel.full_well_e <= COUNTABLE and 2**camera.adc.bits <= COUNTABLE else "float64"
+    countable = camera.pixel.full_well_e <= COUNTABLE and 2**camera.adc.bits <= COUNTABLE
+    return "float32" if countable and gain <= BRIGHTEST else "float64"
 
 
 def _stages(camera: Camera, plan: Plan | None, chain: str) -> tuple[Any, ...]:

@@ -22,12 +22,13 @@ from .camera import Camera
 from .chain import chain
 from .digital import Adc
 from .electrons import Detection
+from .ends import Ends, final_moments
 from .inputs import as_photons
 from .precision import Float32, float32_effect
 from .running import run_chain, strips_of
-from .volts import SenseNode
+from .volts import NonlinearSenseNode, SenseNode
 
-INDISPENSABLE = (Detection, SenseNode, Adc)
+INDISPENSABLE = (Detection, SenseNode, NonlinearSenseNode, Adc)
 """These change the unit of the signal: without them there is no next room."""
 
 RUNS = 5
@@ -127,16 +128,16 @@ def plan(
     light = as_photons(photons, camera, wavelengths_nm)
     levels, frame = _levels(light, camera, exposure)
     whole = chain(camera)
-    full = _final(whole, levels, frame)
+    full = final_moments(whole, levels, frame)
     free = [stage for stage in whole if not isinstance(stage, INDISPENSABLE)]
-    alone = {stage: _distance(full, _final(_without(whole, {stage}), levels, frame)) for stage in free}
+    alone = {stage: _distance(full, final_moments(without(whole, {stage}), levels, frame)) for stage in free}
     out: set[Any] = set()
     for stage in sorted((s for s in free if max(alone[s]) <= tolerance_dn), key=lambda s: max(alone[s])):
-        if max(_distance(full, _final(_without(whole, out | {stage}), levels, frame))) <= tolerance_dn:
+        if max(_distance(full, final_moments(without(whole, out | {stage}), levels, frame))) <= tolerance_dn:
             out.add(stage)
     effects = tuple(_effect(stage, alone.get(stage), stage in out) for stage in whole)
     scene = Frame(exposure, Device(1, (light.mean.shape[0], light.mean.shape[1])))
-    kept = _without(whole, out)
+    kept = without(whole, out)
     return Plan(camera.name, tolerance_dn, effects, kept, whole, float32_effect(kept, levels, frame), light, scene)
 
 
@@ -147,7 +148,8 @@ def _effect(stage: Any, moved: tuple[float, float, float] | None, left_out: bool
     return Effect(stage_name(stage), not left_out, *moved, reason)
 
 
-def _without(stages: tuple[Any, ...], out: set[Any]) -> tuple[Any, ...]:
+def without(stages: tuple[Any, ...], out: set[Any]) -> tuple[Any, ...]:
+    """The chain without these stages."""
     return tuple(stage for stage in stages if stage not in out)
 
 
@@ -161,19 +163,6 @@ def _levels(photons: Photons, camera: Camera, exposure: Exposure) -> tuple[Photo
     mean = window if photons.mean.ndim == 3 else window[..., 0]
     frame = Frame(exposure, Device(0, (mean.shape[0], mean.shape[1])))
     return Photons(mean, photons.wavelengths_nm, detected=photons.detected), frame
-
-
-Ends = tuple[Moments, Moments]
-
-
-def _final(stages: tuple[Any, ...], levels: Photons, frame: Frame) -> Ends:
-    """Moments of a chain without and with the converter's rounding, which can hide a change and can blow it up [DN]."""
-    m = Moments(levels, 0.0, 0.0, frame)
-    *analogue, converter = stages
-    for stage in analogue:
-        m = stage.moments(m)
-    smooth = m.scale(converter.gain_dn_per_v).add(mean=converter.pedestal_dn).clip(0.0, converter.highest)
-    return smooth, converter.moments(m)
 
 
 def _distance(a: Ends, b: Ends) -> tuple[float, float, float]:

@@ -39,13 +39,13 @@ STYLE: dict[str, Any] = {
 
 
 def svg(picture: Plot | Bars | Grid) -> str:
-    """An <svg> element to put into a page."""
+    """An <svg> element to put into a page, below a heading."""
     text = _drawn(picture, "svg").decode("utf-8")
     return text[text.index("<svg") :]
 
 
 def png(picture: Plot | Bars | Grid) -> bytes:
-    """The same as a PNG file's bytes, about 1000 pixels wide."""
+    """The same with its title, as a PNG file's bytes, about 1000 pixels wide."""
     return _drawn(picture, "png")
 
 
@@ -59,7 +59,8 @@ def _drawn(picture: Plot | Bars | Grid, kind: Literal["svg", "png"]) -> bytes:
         figure = Figure(figsize=(WIDTH_IN, _height(picture)))
         axes = figure.subplots()
         draw(picture, axes)
-        axes.set_title(picture.title, loc="left", fontsize=10.5, color=INK)
+        if kind == "png":
+            axes.set_title(picture.title, loc="left", fontsize=10.5, color=INK)
         metadata = {"Date": None} if kind == "svg" else None
         figure.savefig(buffer, format=kind, dpi=PNG_DPI, bbox_inches="tight", metadata=metadata)
     return buffer.getvalue()
@@ -130,7 +131,7 @@ def _bars(bars: Bars, axes: Axes) -> None:
         axes.set_xscale("log", nonpositive="clip")
         axes.xaxis.set_major_formatter(_tick)
     axes.set_yticks(range(len(bars.labels)), bars.labels)
-    axes.invert_yaxis()
+    axes.set_ylim(len(bars.labels) - 0.4, -0.6)
     axes.grid(visible=False, axis="y")
     axes.set_xlabel(bars.x_label)
     if bars.level is not None:

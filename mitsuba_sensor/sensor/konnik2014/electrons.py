@@ -119,7 +119,7 @@ class DarkMean:
         kelvin = frame.exposure.temperature_k
         if kelvin == 0:
             return 0.0
-        boltzmann = math.exp(-band_gap_ev(kelvin) / (2 * BOLTZMANN_EV_PER_K * kelvin))
+        boltzmann = math.exp(-band_gap_ev(kelvin) / kelvin / (2 * BOLTZMANN_EV_PER_K))
         rate = DARK_CONSTANT * self.area_cm2 * self.fom_na_per_cm2 * kelvin**1.5 * boltzmann
         return frame.exposure.time_s * rate
 
