@@ -60,4 +60,14 @@ def test_a_file_that_is_no_journal_is_left_alone(tmp_path: Path, content: str) -
 def test_a_journal_that_cannot_be_written_is_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(ms.InputError, match="cannot write"):
-        Journal(tmp_path / "file" / "m.jsonl", QUESTION)
+        Journal(tmp_path / "file" / "m.jsonl", QUESTION)["first"] = 1
+
+
+def test_nothing_is_written_or_forgotten_before_the_first_measurement(tmp_path: Path) -> None:
+    Journal(tmp_path / "new" / "m.jsonl", QUESTION)
+    assert not (tmp_path / "new").exists()
+    filled(tmp_path / "m.jsonl")
+    anew = Journal(tmp_path / "m.jsonl", QUESTION, again=True)
+    assert len(Journal(tmp_path / "m.jsonl", QUESTION)) == 2
+    anew["third"] = 3
+    assert list(Journal(tmp_path / "m.jsonl", QUESTION)) == ["third"]

@@ -163,7 +163,7 @@ Sides = Annotated[
     list[str] | None, typer.Option("--side", help="render or sensor: only this half. Repeatable. Default: both.")
 ]
 StudyFrames = Annotated[
-    int | None, typer.Option("--frames", min=2, help="Frames of each of the 64 devices that are measured. Default: 16.")
+    int | None, typer.Option("--frames", min=2, help="Frames of each of the 64 devices that are measured. Default: 24.")
 ]
 PlanDn = Annotated[float, typer.Option("--tolerance-dn", help="Of the plan that is put to the test, in DN.")]
 Json = Annotated[bool, typer.Option("--json", help="Only JSON on stdout, for programs.")]

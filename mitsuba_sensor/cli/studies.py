@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -25,6 +25,8 @@ from .app import app, err, scene_camera, scene_exposure, scene_setup, show
 from .studysheet import seconds_bar, sheet
 
 JOURNAL, PAGE, NUMBERS = "measurements.jsonl", "study.html", "study.json"
+SPENT = "seconds spent"
+"""In the journal: of all runs of the study together."""
 
 study = typer.Typer(
     no_args_is_help=True,
@@ -162,13 +164,13 @@ def _measured(
 ) -> Study:
     """Run the study and write what it found; what was measured stays, even if the rest is stopped."""
     started = time.monotonic()
-    done = {} if question is None else Journal(out_dir / JOURNAL, question, again)
+    done: Any = {} if question is None else Journal(out_dir / JOURNAL, question, again)
     before = len(done)
-    with seconds_bar(err) as progress, _what_is_kept(done, before, out_dir):
+    with seconds_bar(err) as progress, _kept(done, out_dir):
         found = run(done, progress)
     made = {
-        "command": shlex.join(["mitsuba-sensor", *sys.argv[1:]]), "machine": machine(), "versions": versions(),
-        "seconds": round(time.monotonic() - started, 1), "resumed_measurements": before,
+        "command": _command(sys.argv[1:]), "machine": machine(), "versions": versions(),
+        "seconds": round(done.get(SPENT, time.monotonic() - started), 1), "resumed_measurements": before,
     }  # fmt: skip
     found = replace(found, data={**found.data, **made})
     picture = next((part for part in found.parts if isinstance(part, Plot | Bars | Grid)), None)
@@ -183,8 +185,9 @@ def _measured(
 
 
 @contextmanager
-def _what_is_kept(done: Any, before: int, out_dir: Path) -> Iterator[None]:
-    """Tell whoever stops a study that it need not begin again."""
+def _kept(done: Any, out_dir: Path) -> Iterator[None]:
+    """Add up the seconds of whatever measures something; tell those who stop a study that it need not begin again."""
+    started, before = time.monotonic(), len(done)
     try:
         yield
     except KeyboardInterrupt:
@@ -192,6 +195,20 @@ def _what_is_kept(done: Any, before: int, out_dir: Path) -> Iterator[None]:
             words = f"{len(done)} measurements are kept in {out_dir / JOURNAL}; the same command goes on from there"
             err.print(words, highlight=False)
         raise
+    finally:
+        if len(done) > before:
+            done[SPENT] = done.get(SPENT, 0.0) + time.monotonic() - started
+
+
+def _command(words: Sequence[str]) -> str:
+    """What was asked, without where its answer went."""
+    kept, left = ["mitsuba-sensor"], iter(words)
+    for word in left:
+        if word in ("-o", "--out"):
+            next(left, None)
+        elif word not in ("--json", "--again"):
+            kept.append(word)
+    return shlex.join(kept)
 
 
 def _tell(found: Study, out_dir: Path, as_json: bool) -> None:

@@ -14,8 +14,9 @@ from .files import disk_sentences, plain_values
 class Journal(MutableMapping[str, Any]):
     """A dict of measurements by name that is also a file; a study that was stopped finds there what it had done.
 
-    path : the file; made if need be.  question : all that decides what is measured. A file that answers another
-        question is refused, so that measurements of two cameras never stand in one table.
+    path : the file; made, or changed, with the first measurement.
+    question : all that decides what is measured. A file that answers another question is refused, so that measurements
+        of two cameras never stand in one table.
     again : forget what the file holds.
     Raises InputError for a file that answers another question or is none of ours.
     """
@@ -30,17 +31,20 @@ class Journal(MutableMapping[str, Any]):
                 "give another folder (-o), or --again to measure anew."
             )
         self._known: dict[str, Any] = {line["name"]: line["value"] for line in kept[1:]}
-        with disk_sentences(path):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text("".join(_line(line) for line in kept) or asked, encoding="utf-8")
+        self._start: str | None = "".join(_line(line) for line in kept) or asked
 
     def __getitem__(self, name: str) -> Any:
         return self._known[name]
 
     def __setitem__(self, name: str, value: Any) -> None:
         text = _line({"name": name, "value": value})
-        with disk_sentences(self.path), self.path.open("a", encoding="utf-8") as file:
-            file.write(text)
+        with disk_sentences(self.path):
+            if self._start is not None:  # without a last line that was cut short, or anew
+                self.path.parent.mkdir(parents=True, exist_ok=True)
+                self.path.write_text(self._start, encoding="utf-8")
+                self._start = None
+            with self.path.open("a", encoding="utf-8") as file:
+                file.write(text)
         self._known[name] = json.loads(text)["value"]  # what a later process will read, nothing finer
 
     def __delitem__(self, name: str) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.frame import Exposure
+from .optics import transmittance
 from .photons import photons_per_irradiance
 
 if TYPE_CHECKING:
@@ -51,10 +52,12 @@ def _depth_of_field(light: Irradiance) -> Need:
 def _bands(light: Irradiance, camera: Camera, exposure: Exposure, k_dn_per_e: float, tolerance_dn: float) -> Need:
     """The fewest equal groups of bands that move no pixel's mean signal by more than the tolerance."""
     count = len(light.wavelengths_nm)
-    reference = _electrons(light, camera, exposure, 1)
+    full = camera.pixel.full_well_e
+    reference = np.minimum(grouped_electrons(light, camera, exposure, 1), full)
     moved = 0.0
     for size in (s for s in range(count, 1, -1) if count % s == 0):
-        moved = k_dn_per_e * float(np.max(np.abs(_electrons(light, camera, exposure, size) - reference)))
+        coarse = np.minimum(grouped_electrons(light, camera, exposure, size), full)
+        moved = k_dn_per_e * float(np.max(np.abs(coarse - reference)))
         if moved <= tolerance_dn:
             reason = f"{count // size} do: --bandwidth-nm {_width(light, size):g}"
             return Need(f"{count} bands", False, moved, reason)
@@ -65,15 +68,20 @@ def _width(light: Irradiance, size: int) -> float:
     return float(np.sum(light.bandwidths_nm[:size]))
 
 
-def _electrons(light: Irradiance, camera: Camera, exposure: Exposure, size: int) -> NDArray[Any]:
-    """Mean light electrons in every well when ``size`` neighbouring bands are one, (H, W), cut at the full well."""
+def grouped_electrons(light: Irradiance, camera: Camera, exposure: Exposure, size: int) -> NDArray[Any]:
+    """Mean light electrons of every pixel when ``size`` neighbouring bands are one, (H, W).
+
+    The lens's transmission is then that of the middle of the coarser band, as a render with such bands has it.
+    """
     widths = np.asarray(light.bandwidths_nm, dtype=np.float64)
     starts = np.arange(0, len(widths), size)
     grouped = np.add.reduceat(widths, starts)
     centres = np.add.reduceat(light.wavelengths_nm * widths, starts) / grouped
-    finite = np.where(np.isfinite(light.data), light.data, 0.0)
+    through = transmittance(camera, light.wavelengths_nm)
+    given = np.where(through > 0, light.data / np.where(through > 0, through, 1.0), 0.0)  # before the lens
+    finite = np.where(np.isfinite(given), given, 0.0)
     data = np.add.reduceat(finite * widths, starts, axis=2) / grouped
     per_irradiance = photons_per_irradiance(camera, exposure, centres, grouped) * camera.qe(centres)
+    per_irradiance = per_irradiance * transmittance(camera, centres)
     filters = camera.filter_index((data.shape[0], data.shape[1]), light.origin)
-    light_e = np.einsum("hwb,hwb->hw", data, per_irradiance[filters])
-    return np.asarray(np.minimum(light_e, camera.pixel.full_well_e))
+    return np.asarray(np.einsum("hwb,hwb->hw", data, per_irradiance[filters]))
