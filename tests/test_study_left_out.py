@@ -17,12 +17,12 @@ from mitsuba_sensor.engine.quantities import Photons
 from mitsuba_sensor.light.needs import grouped_electrons
 from mitsuba_sensor.light.optics import transmittance
 from mitsuba_sensor.sensor.chain import gain_dn_per_e, mean_dark_e
-from mitsuba_sensor.study import ablation_seconds
-from mitsuba_sensor.study.ablation import EQUAL_WORDS, PLAN, THEORY, WHOLE, Ablation, Replicas
-from mitsuba_sensor.study.ablation_results import Results, as_normal, gather, is_whole, z_limit
+from mitsuba_sensor.study.ablation.render import compared
+from mitsuba_sensor.study.ablation.stages import EQUAL_WORDS, PLAN, THEORY, WHOLE, Ablation, Replicas
+from mitsuba_sensor.study.ablation.stages import seconds as ablation_seconds
+from mitsuba_sensor.study.ablation.stages_results import Results, as_normal, gather, is_whole, z_limit
 from mitsuba_sensor.study.left_out import left_out
 from mitsuba_sensor.study.page import Bars, Table
-from mitsuba_sensor.study.render_ablation import compared
 
 EXPOSURE = ms.Exposure(0.1)
 REPLICAS = Replicas(frames=2, seed=1, serial=1)
@@ -200,7 +200,7 @@ def test_a_resumed_study_measures_nothing_twice_and_is_the_same_study(
 ) -> None:
     scene, done, study = journal
     kept = json.loads(json.dumps(done))
-    monkeypatch.setattr("mitsuba_sensor.study.render_features.prepare", None)
+    monkeypatch.setattr("mitsuba_sensor.study.ablation.features.prepare", None)
     assert json.dumps(study_of(scene, kept).to_dict()) == json.dumps(study.to_dict())
     monkeypatch.undo()
     key = REPLICAS.key("prnu")

@@ -25,14 +25,18 @@ from mitsuba_sensor.light.irradiance import Wish, prepare
 from mitsuba_sensor.light.passes import pass_plan
 from mitsuba_sensor.light.renderer import Renderer
 from mitsuba_sensor.light.variants import Variant
-from mitsuba_sensor.study import render_frames, render_reference, render_series, render_time, sensor_time
 from mitsuba_sensor.study.error_time import error_time
 from mitsuba_sensor.study.fits import slope_of_runs
 from mitsuba_sensor.study.page import Plot, Study, Table
-from mitsuba_sensor.study.render_choice import Choice, Law, corrected, sample_counts
-from mitsuba_sensor.study.render_errors import Block, Blocks
-from mitsuba_sensor.study.render_results import Result
-from mitsuba_sensor.study.render_series import Setting, Subject, settings, usable_variants
+from mitsuba_sensor.study.render import frames as render_frames
+from mitsuba_sensor.study.render import measure as render_time
+from mitsuba_sensor.study.render import reference as render_reference
+from mitsuba_sensor.study.render import series as render_series
+from mitsuba_sensor.study.render.choice import Choice, Law, corrected, sample_counts
+from mitsuba_sensor.study.render.errors import Block, Blocks
+from mitsuba_sensor.study.render.results import Result
+from mitsuba_sensor.study.render.series import Setting, Subject, settings, usable_variants
+from mitsuba_sensor.study.sensor import measure as sensor_time
 from mitsuba_sensor.study.side import Side
 
 FLOOR = (

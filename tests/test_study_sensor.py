@@ -25,11 +25,16 @@ from mitsuba_sensor.sensor.chain import chain
 from mitsuba_sensor.sensor.electrons import ShotNoise
 from mitsuba_sensor.sensor.ends import final_moments
 from mitsuba_sensor.sensor.inputs import as_photons
-from mitsuba_sensor.study import changes, sensor_frames, sensor_page, sensor_results, sensor_time, timing
+from mitsuba_sensor.study import timing
 from mitsuba_sensor.study.page import Plot, Table
-from mitsuba_sensor.study.poisson_law import Law, law_of, law_of_counts
-from mitsuba_sensor.study.samplers import EXACT, GAUSSIAN, GENERATOR, MEAN_ONLY, QUANTILE, Setting, draws_of
-from mitsuba_sensor.study.sensor_frames import REFERENCE, Chains
+from mitsuba_sensor.study.sensor import changes
+from mitsuba_sensor.study.sensor import frames as sensor_frames
+from mitsuba_sensor.study.sensor import measure as sensor_time
+from mitsuba_sensor.study.sensor import page as sensor_page
+from mitsuba_sensor.study.sensor import results as sensor_results
+from mitsuba_sensor.study.sensor.frames import REFERENCE, Chains
+from mitsuba_sensor.study.sensor.poisson_law import Law, law_of, law_of_counts
+from mitsuba_sensor.study.sensor.samplers import EXACT, GAUSSIAN, GENERATOR, MEAN_ONLY, QUANTILE, Setting, draws_of
 from mitsuba_sensor.study.side import Side
 
 CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.1)

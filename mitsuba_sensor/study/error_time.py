@@ -10,7 +10,7 @@ from ..engine.checks import check_types
 from ..engine.errors import InputError
 from ..engine.frame import Exposure
 from .page import Progress, Study
-from .render_time import light_for_frames, render_side
+from .render.measure import light_for_frames, render_side
 from .side import Side, later
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def error_time(
 ) -> Study:
     """What an error costs, of the light that is rendered and of the frames that are made from it.
 
-    tolerance, seeds, parameters, variants, scene_unit, columns : see :func:`study.render_time.render_side`.
+    tolerance, seeds, parameters, variants, scene_unit, columns : see :func:`study.render.measure.render_side`.
     sides : "render", "sensor" or both.
     done : what is measured already, by key; new measurements are added, so that a study can go on where it stopped.
     progress : called with seconds spent, seconds expected in all, and what is done now.
@@ -63,7 +63,7 @@ def error_time(
             )
         )  # fmt: skip
     if "sensor" in sides:
-        from .sensor_time import sensor_side
+        from .sensor.measure import sensor_side
 
         photons = light_for_frames(scene, camera, exposure, done=journal, **words)
         found.append(

@@ -18,14 +18,15 @@ from ..light.irradiance import Irradiance, Wish
 from ..light.needs import render_needs
 from ..light.photons import collect
 from ..sensor.chain import gain_dn_per_e
-from . import ablation_page, render_ablation_page
-from .ablation import DEVICES, EQUAL_WORDS, LOOKED_AT, PLAN, THEORY, WHOLE, Ablation, Replicas, case_names
-from .ablation_results import gather, is_whole
-from .ablation_seconds import FRAMES_A_TURN, SHAPE, TURNS, nanoseconds, seconds_key
+from .ablation import render_page as render_ablation_page
+from .ablation import stages_page as ablation_page
+from .ablation.features import ERROR_BARS, TRUTH, Subject
+from .ablation.render import WHOLE_RENDERS, change_without
+from .ablation.seconds import FRAMES_A_TURN, SHAPE, TURNS, nanoseconds, seconds_key
+from .ablation.stages import DEVICES, EQUAL_WORDS, LOOKED_AT, PLAN, THEORY, WHOLE, Ablation, Replicas, case_names
+from .ablation.stages_results import gather, is_whole
 from .page import Progress, Study
-from .render_ablation import WHOLE_RENDERS, change_without
-from .render_features import ERROR_BARS, TRUTH, Subject
-from .samplers import problem_of
+from .sensor.samplers import problem_of
 from .timing import Step, take_steps
 
 if TYPE_CHECKING:

@@ -8,11 +8,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from .fits import Slope, pareto
-from .page import Line, Mark, Plot, Table
-from .render_choice import Choice, choices
-from .render_reference import difference
-from .render_results import THEORY, WITHIN, Point, Result
+from ..fits import Slope, pareto
+from ..page import Line, Mark, Plot, Table
+from .choice import Choice, choices
+from .reference import difference
+from .results import THEORY, WITHIN, Point, Result
 
 SECONDS = "wall time of a render [s]"
 FRAMES = {"plain": "render's noise on top", "spend": "render's noise spent", "denoised": "denoised"}

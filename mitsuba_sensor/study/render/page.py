@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from .render_parts import (
+from ..side import Side
+from .parts import (
     Found,
     choice_table,
     diagram,
@@ -13,8 +14,7 @@ from .render_parts import (
     settings_table,
     sigma_diagram,
 )
-from .render_results import FRAME_SIGMA, WITHIN, Result
-from .side import Side
+from .results import FRAME_SIGMA, WITHIN, Result
 
 
 def page(found: Found) -> Side:

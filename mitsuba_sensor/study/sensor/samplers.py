@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from ..engine import arrays
-from ..engine.lanes import Lanes
-from ..engine.llvm import backend_problem
-from ..sensor.running import chosen_lanes
+from ...engine import arrays
+from ...engine.lanes import Lanes
+from ...engine.llvm import backend_problem
+from ...sensor.running import chosen_lanes
 
 EXACT, QUANTILE, GAUSSIAN, MEAN_ONLY, GENERATOR = "exact", "quantile", "Gaussian", "mean only", "NumPy Generator"
 SAMPLERS = (EXACT, QUANTILE, GAUSSIAN, MEAN_ONLY, GENERATOR)

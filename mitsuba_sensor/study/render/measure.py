@@ -12,25 +12,25 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..engine.errors import InputError, require
-from ..engine.frame import Exposure
-from ..engine.quantities import Photons
-from ..light.denoise import library
-from ..light.variants import use
-from . import render_choice
-from .page import Progress
-from .render_errors import Blocks, Judge, Run
-from .render_frames import Framed, framed
-from .render_page import page
-from .render_parts import Found
-from .render_reference import REFERENCE_S, Truth, reference, reference_photons, sources, truth_of
-from .render_results import MEASURES, Result
-from .render_series import Banding, Opened, Setting, Subject, settings, usable_variants
-from .side import Side, later
-from .timing import Step, take_steps
+from ...engine.errors import InputError, require
+from ...engine.frame import Exposure
+from ...engine.quantities import Photons
+from ...light.denoise import library
+from ...light.variants import use
+from ..page import Progress
+from ..side import Side, later
+from ..timing import Step, take_steps
+from . import choice as render_choice
+from .errors import Blocks, Judge, Run
+from .frames import Framed, framed
+from .page import page
+from .parts import Found
+from .reference import REFERENCE_S, Truth, reference, reference_photons, sources, truth_of
+from .results import MEASURES, Result
+from .series import Banding, Opened, Setting, Subject, settings, usable_variants
 
 if TYPE_CHECKING:
-    from ..sensor.camera import Camera
+    from ...sensor.camera import Camera
 
 RUN_S = 2.5
 """Seconds that the passes of one run may take: so long is its ladder."""

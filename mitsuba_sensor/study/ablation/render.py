@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..light.budget import Budget
-from ..light.irradiance import Irradiance, Job
-from ..light.needs import grouped_electrons
-from ..light.optics import solid_angle_sr
-from ..light.passes import hashed_seed, whole_grid
-from ..light.truth import ground_truth
-from ..sensor.chain import gain_dn_per_e
-from .ablation import FEWEST_PIXELS, WORST
-from .render_features import ERROR_BARS, FALL_OFF, TRUTH, Subject
-from .timing import one_turn
+from ...light.budget import Budget
+from ...light.irradiance import Irradiance, Job
+from ...light.needs import grouped_electrons
+from ...light.optics import solid_angle_sr
+from ...light.passes import hashed_seed, whole_grid
+from ...light.truth import ground_truth
+from ...sensor.chain import gain_dn_per_e
+from ..timing import one_turn
+from .features import ERROR_BARS, FALL_OFF, TRUTH, Subject
+from .stages import FEWEST_PIXELS, WORST
 
 WHOLE_RENDERS = 3
 """How often the render is made in full, with and without error bars: no pass of the one is one of the other."""

@@ -17,17 +17,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.errors import InputError
-from ..engine.frame import Device, Exposure, Frame
-from ..engine.moments import Moments
-from ..engine.quantities import Photons
-from ..light.budget import Budget
-from ..light.photons import photons_per_irradiance
-from ..sensor.chain import chain, mean_dark_e
-from .render_series import Banding, Layers, Opened, Setting, Subject
+from ...engine.errors import InputError
+from ...engine.frame import Device, Exposure, Frame
+from ...engine.moments import Moments
+from ...engine.quantities import Photons
+from ...light.budget import Budget
+from ...light.photons import photons_per_irradiance
+from ...sensor.chain import chain, mean_dark_e
+from .series import Banding, Layers, Opened, Setting, Subject
 
 if TYPE_CHECKING:
-    from ..sensor.camera import Camera
+    from ...sensor.camera import Camera
 
 REFERENCE_S = 15.0
 """Seconds that each reference may take, as its first passes tell."""

@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.frame import Device, Exposure, Frame
-from ..engine.moments import Moments
-from ..engine.quantities import Photons
-from ..sensor.account import stage_name
-from ..sensor.camera import Camera
-from ..sensor.chain import chain
-from ..sensor.ends import final_moments
-from ..sensor.plan import Plan, plan
-from ..sensor.running import Run, run_chain
+from ...engine.frame import Device, Exposure, Frame
+from ...engine.moments import Moments
+from ...engine.quantities import Photons
+from ...sensor.account import stage_name
+from ...sensor.camera import Camera
+from ...sensor.chain import chain
+from ...sensor.ends import final_moments
+from ...sensor.plan import Plan, plan
+from ...sensor.running import Run, run_chain
 from .samplers import EXACT, QUANTILE, Setting
 
 LARGE = (1024, 1024)

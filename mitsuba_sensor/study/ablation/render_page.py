@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from .ablation_results import as_normal, z_limit
-from .page import Bars, Mark, Table
-from .render_features import APERTURE, ERROR_BARS, TRUTH
-from .side import Side
+from ..page import Bars, Mark, Table
+from ..side import Side
+from .features import APERTURE, ERROR_BARS, TRUTH
+from .stages_results import as_normal, z_limit
 
 COLUMNS = (
     "left out", "mean, predicted [DN]", "measured", "±", "z", "worst 1 %, predicted [DN]", "measured", "±", "z",

@@ -17,13 +17,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.quantities import Photons
-from ..light.denoise import smoothed
-from ..light.passes import Welford
-from ..light.truth import guides_of
-from .render_frames import FEWEST_SPENT, Framed
-from .render_reference import Truth, electrons_of, mean_and_variance_dn2, photons_of
-from .render_series import Opened, Subject
+from ...engine.quantities import Photons
+from ...light.denoise import smoothed
+from ...light.passes import Welford
+from ...light.truth import guides_of
+from .frames import FEWEST_SPENT, Framed
+from .reference import Truth, electrons_of, mean_and_variance_dn2, photons_of
+from .series import Opened, Subject
 
 MOST_BLOCKS = 16
 """Blocks of a size up to which digital numbers are looked at; their moments and frames take as long as a pass."""

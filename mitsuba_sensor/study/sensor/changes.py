@@ -48,7 +48,7 @@ class Change:
 
 
 def change(found: Mapping[str, Any], other: Mapping[str, Any], fixed_dn2: tuple[Any, Any]) -> Change:
-    """found − other, of frames with equal words: values by device and level, as ``sensor_frames.measured`` gives them.
+    """found − other, of frames with equal words: values by device and level, as ``frames.measured`` gives them.
 
     fixed_dn2 : the theoretical fixed variances of both by level, which the frames know less well.
     """

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from .page import Line, Mark, Plot, Table
+from ..page import Line, Mark, Plot, Table
+from ..side import Side
+from .frames import DEVICES, LARGE, LEVELS, REFERENCE
+from .results import LEAST_DN, Planned, Promise, Results, Row, promises
 from .samplers import GAUSSIAN, GENERATOR, QUANTILE, SAMPLERS, Setting
-from .sensor_frames import DEVICES, LARGE, LEVELS, REFERENCE
-from .sensor_results import LEAST_DN, Planned, Promise, Results, Row, promises
-from .side import Side
 
 USUAL_DN = 0.02
 """The tolerance that the headline is about, where it was tried."""

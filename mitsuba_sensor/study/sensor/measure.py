@@ -10,17 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from ..engine.errors import require
-from ..engine.frame import Exposure
-from ..engine.llvm import drjit
-from ..engine.quantities import Photons
-from ..sensor.camera import Camera
-from ..sensor.inputs import as_photons
-from . import sensor_results
-from .page import Progress
-from .poisson_law import law_of, law_of_counts
-from .samplers import GAUSSIAN, GENERATOR, MEAN_ONLY, QUANTILE, Setting, draws_of, problem_of
-from .sensor_frames import (
+from ...engine.errors import require
+from ...engine.frame import Exposure
+from ...engine.llvm import drjit
+from ...engine.quantities import Photons
+from ...sensor.camera import Camera
+from ...sensor.inputs import as_photons
+from ..page import Progress
+from ..side import Side
+from ..timing import Step, one_turn, take_steps
+from . import results as sensor_results
+from .frames import (
     DEVICES,
     LARGE,
     REFERENCE,
@@ -32,9 +32,9 @@ from .sensor_frames import (
     planned,
     predicted,
 )  # fmt: skip
-from .sensor_page import page
-from .side import Side
-from .timing import Step, one_turn, take_steps
+from .page import page
+from .poisson_law import law_of, law_of_counts
+from .samplers import GAUSSIAN, GENERATOR, MEAN_ONLY, QUANTILE, Setting, draws_of, problem_of
 
 ENGINES = ("numpy", "drjit", "cuda")
 

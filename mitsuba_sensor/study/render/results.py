@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from .fits import Slope, slope_of_runs
-from .render_frames import Framed
-from .render_series import Setting
+from ..fits import Slope, slope_of_runs
+from .frames import Framed
+from .series import Setting
 
 THEORY = -0.5
 """Slope of an unbiased mean of independent passes; of its variance, twice that."""

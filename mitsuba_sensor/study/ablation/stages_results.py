@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtri, stdtr
 
-from .ablation import DEVICES, EQUAL_WORDS, NAMES, QUANTITIES, THEORY, WHOLE, Replicas
-from .ablation_seconds import DETECTION, seconds_key
-from .timing import Spread, spread
+from ..timing import Spread, spread
+from .seconds import DETECTION, seconds_key
+from .stages import DEVICES, EQUAL_WORDS, NAMES, QUANTITIES, THEORY, WHOLE, Replicas
 
 FALSE_ALARM = 0.01
 """Chance that right theory and right frames are found to disagree anywhere in a study."""

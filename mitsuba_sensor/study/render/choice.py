@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from ..light.budget import asked_budget
-from ..light.irradiance import render
-from ..light.lint import SAMPLER
-from ..light.passes import FEWEST, MOST_IN_ALL
-from ..light.photons import collect
-from .render_reference import Truth, electrons_of
-from .render_results import Result
-from .render_series import Subject
+from ...light.budget import asked_budget
+from ...light.irradiance import render
+from ...light.lint import SAMPLER
+from ...light.passes import FEWEST, MOST_IN_ALL
+from ...light.photons import collect
+from .reference import Truth, electrons_of
+from .results import Result
+from .series import Subject
 
 FEWEST_SPP = 16
 CHECK_S = 15.0

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from ..engine.frame import Device, Frame
-from ..engine.llvm import drjit
-from ..engine.quantities import Photons
-from ..sensor.running import Run, chosen_lanes, run_chain
-from .ablation import Ablation
-from .sensor_frames import filled
-from .timing import one_turn
+from ...engine.frame import Device, Frame
+from ...engine.llvm import drjit
+from ...engine.quantities import Photons
+from ...sensor.running import Run, chosen_lanes, run_chain
+from ..sensor.frames import filled
+from ..timing import one_turn
+from .stages import Ablation
 
 SHAPE = {"numpy": (256, 512), "drjit": (1024, 1024)}
 """Pixels of the frames that are timed, however small the render: one strip of NumPy's, and enough for a kernel."""

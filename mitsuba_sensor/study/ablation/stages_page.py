@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
-from .ablation import DEVICES, LOOKED_AT, PLAN, WHOLE, Replicas
-from .ablation_results import FALSE_ALARM, Comparison, Results
-from .ablation_seconds import SHAPE
-from .page import Bars, Mark, Table
-from .side import Side
-from .timing import Spread
+from ..page import Bars, Mark, Table
+from ..side import Side
+from ..timing import Spread
+from .seconds import SHAPE
+from .stages import DEVICES, LOOKED_AT, PLAN, WHOLE, Replicas
+from .stages_results import FALSE_ALARM, Comparison, Results
 
 SLACK = 1.05
 """A plan looks at some light levels of the scene (sensor/plan.py): between them it may move a pixel by so much more."""

@@ -10,19 +10,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.frame import Exposure
-from ..engine.quantities import Photons
-from ..light.certificate import median_bias
-from ..light.passes import Welford
-from ..light.shooting import AIM, NOISIEST, UNSPENT
-from ..sensor.chain import mean_dark_e
-from ..sensor.exposing import expose
-from ..sensor.spending import spendable
-from .render_reference import Truth, mean_and_variance_dn2
-from .render_series import Opened, Subject
+from ...engine.frame import Exposure
+from ...engine.quantities import Photons
+from ...light.certificate import median_bias
+from ...light.passes import Welford
+from ...light.shooting import AIM, NOISIEST, UNSPENT
+from ...sensor.chain import mean_dark_e
+from ...sensor.exposing import expose
+from ...sensor.spending import spendable
+from .reference import Truth, mean_and_variance_dn2
+from .series import Opened, Subject
 
 if TYPE_CHECKING:
-    from ..sensor.camera import Camera
+    from ...sensor.camera import Camera
 
 PILOT = 8
 """Passes whose spread tells how noisy one is."""

@@ -10,18 +10,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.frame import Device, Exposure, Frame
-from ..engine.lanes import Lanes
-from ..engine.quantities import Photons
-from ..sensor.account import stage_name
-from ..sensor.camera import Camera
-from ..sensor.chain import chain
-from ..sensor.digital import IntegralNonlinearity
-from ..sensor.electrons import FullWell
-from ..sensor.ends import final_moments, hidden_well
-from ..sensor.plan import INDISPENSABLE, Plan, plan, without
-from ..sensor.running import chosen_lanes, run_chain
-from ..sensor.volts import NonlinearSenseNode, NonlinearSourceFollower
+from ...engine.frame import Device, Exposure, Frame
+from ...engine.lanes import Lanes
+from ...engine.quantities import Photons
+from ...sensor.account import stage_name
+from ...sensor.camera import Camera
+from ...sensor.chain import chain
+from ...sensor.digital import IntegralNonlinearity
+from ...sensor.electrons import FullWell
+from ...sensor.ends import final_moments, hidden_well
+from ...sensor.plan import INDISPENSABLE, Plan, plan, without
+from ...sensor.running import chosen_lanes, run_chain
+from ...sensor.volts import NonlinearSenseNode, NonlinearSourceFollower
 
 WHOLE, PLAN = "whole chain", "the plan"
 

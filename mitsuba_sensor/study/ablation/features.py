@@ -9,15 +9,15 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from ..engine.frame import Exposure
-from ..light.irradiance import Job, Wish, prepare
-from ..light.lint import WRAPPERS
-from ..light.renderer import Renderer
-from ..light.scene_file import parse_scene
-from ..light.variants import mitsuba
+from ...engine.frame import Exposure
+from ...light.irradiance import Job, Wish, prepare
+from ...light.lint import WRAPPERS
+from ...light.renderer import Renderer
+from ...light.scene_file import parse_scene
+from ...light.variants import mitsuba
 
 if TYPE_CHECKING:
-    from ..sensor.camera import Camera
+    from ...sensor.camera import Camera
 
 WITH_DEPTH = ("path", "volpath", "volpathmis")
 """Integrators of Mitsuba whose ``max_depth`` cuts off the light that comes by way of other surfaces."""

@@ -7,12 +7,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ..sensor.precision import LARGEST_DN, SHARE
+from ...sensor.precision import LARGEST_DN, SHARE
+from ..fits import pareto
+from ..timing import Spread, spread
 from .changes import Array, Change, between, change, from_theory
-from .fits import pareto
+from .frames import LARGE, REFERENCE
 from .samplers import QUANTILE, Setting
-from .sensor_frames import LARGE, REFERENCE
-from .timing import Spread, spread
 
 PIXELS = LARGE[0] * LARGE[1]
 
@@ -59,7 +59,7 @@ class Row:
     """One setting: its time and its errors.
 
     turns_ns : per pixel, in each turn.  first_s : until the first frame.
-    pixels : as ``sensor_frames.difference`` gives it; None where the words are not the same.
+    pixels : as ``frames.difference`` gives it; None where the words are not the same.
     change : from the reference.  of_plan : from the whole chain in the same precision.  theory : from moments() of its
         own stages. All three are those of NumPy's twin for a compiled engine.
     """

@@ -15,17 +15,17 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.errors import InputError
-from ..engine.frame import Exposure
-from ..light.bands import GROUP, NARROWEST_NM, Bands
-from ..light.budget import PASS_SPP, Budget
-from ..light.irradiance import Job, Wish, prepare
-from ..light.lint import SAMPLER
-from ..light.passes import hashed_seed
-from ..light.variants import Variant, choose_variant, mitsuba
+from ...engine.errors import InputError
+from ...engine.frame import Exposure
+from ...light.bands import GROUP, NARROWEST_NM, Bands
+from ...light.budget import PASS_SPP, Budget
+from ...light.irradiance import Job, Wish, prepare
+from ...light.lint import SAMPLER
+from ...light.passes import hashed_seed
+from ...light.variants import Variant, choose_variant, mitsuba
 
 if TYPE_CHECKING:
-    from ..sensor.camera import Camera
+    from ...sensor.camera import Camera
 
 Banding = Literal["auto", "cube", "channels", "loop"]
 SAMPLERS = {"independent": 16, "stratified": 16, "orthogonal": 25, "ldsampler": 16}
