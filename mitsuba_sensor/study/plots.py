@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7F3C8D", "#4D4D4D")
 """Told apart by colour-blind readers (Okabe & Ito 2008), two more at the end."""
-MARKERS = "osD^vPX*"
+MARKERS = "osD^vPX*>"  # one more than colours: all pairs come before one comes again
 CELL: dict[Mark, str] = {"good": "#BFE3CF", "bad": "#F2B6A0", "best": "#8CCBA8", "dim": "#EEEEEE", "": "#FFFFFF"}
 INK, FAINT = "#222222", "#888888"
 WIDTH_IN, HEIGHT_IN, BAR_IN, CELL_IN = 8.4, 4.6, 0.2, 0.3
@@ -108,12 +108,17 @@ def _scale(axes: Axes, plot: Plot) -> None:
         if log and any(v > 0 for v in values):
             getattr(axes, f"set_{name}scale")("log", nonpositive="clip")
             axis.set_major_formatter(_tick)
+            axis.set_minor_formatter(_tick if max(values) < 10 * min(v for v in values if v > 0) else _no_tick)
 
 
 def _tick(value: float, _place: int) -> str:
     if PLAIN_FROM <= value < PLAIN_TO:
         return f"{value:g}"
     return f"$10^{{{round(math.log10(value))}}}$" if value > 0 else f"{value:g}"
+
+
+def _no_tick(_value: float, _place: int) -> str:
+    return ""
 
 
 def _bars(bars: Bars, axes: Axes) -> None:
