@@ -17,9 +17,9 @@ from mitsuba_sensor.engine.quantities import Photons
 from mitsuba_sensor.light.needs import grouped_electrons
 from mitsuba_sensor.light.optics import transmittance
 from mitsuba_sensor.sensor.chain import gain_dn_per_e, mean_dark_e
+from mitsuba_sensor.study.ablation import seconds as ablation_seconds
 from mitsuba_sensor.study.ablation.render import compared
 from mitsuba_sensor.study.ablation.stages import EQUAL_WORDS, PLAN, THEORY, WHOLE, Ablation, Replicas
-from mitsuba_sensor.study.ablation.stages import seconds as ablation_seconds
 from mitsuba_sensor.study.ablation.stages_results import Results, as_normal, gather, is_whole, z_limit
 from mitsuba_sensor.study.left_out import left_out
 from mitsuba_sensor.study.page import Bars, Table
