@@ -88,7 +88,7 @@ class Subject:
 
     def ready(self, setting: Setting) -> Opened:
         """The setting, ready to render; nothing is compiled yet. Let the one before go first: Mitsuba's kernels know
-        the materials of every scene that is loaded, and 12 scenes make a pass two to three times as long."""
+        the materials of every scene that is loaded, and each makes a pass longer."""
         if setting.banding == "loop":
             return BandByBand(self.job(setting, spectral="auto"), setting, self)
         return Opened(self.job(setting, spectral=setting.banding), setting)
