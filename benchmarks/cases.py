@@ -28,7 +28,7 @@ def full_chain() -> ms.Camera:
 def shot_read_quantise() -> ms.Camera:
     """Table 1 with only Poisson light, read noise and the converter left."""
     return ms.load_camera("konnik_table1").replace(
-        **{"pixel.prnu": 0.0, "dark_current.fom_na_per_cm2": 0.0, "readout.column_offset": 0.0}
+        **{"pixel.prnu": 0.0, "dark_current.fom_na_per_cm2": 0.0, "readout.dsnu_col": 0.0}
     )
 
 
@@ -71,5 +71,5 @@ def photon_map(camera: ms.Camera, electrons: float, content: str, shape: tuple[i
 def shot_dark_read_quantise() -> ms.Camera:
     """Table 1 without its fixed patterns: what Pyxel and this package both do."""
     return ms.load_camera("konnik_table1").replace(
-        **{"pixel.prnu": 0.0, "dark_current.cv": 0.0, "readout.column_offset": 0.0}
+        **{"pixel.prnu": 0.0, "dark_current.cv": 0.0, "readout.dsnu_col": 0.0}
     )

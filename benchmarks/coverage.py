@@ -15,10 +15,10 @@ from pathlib import Path
 import numpy as np
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.light.bands import choose_bands
-from mitsuba_sensor.light.optics import solid_angle_sr
-from mitsuba_sensor.light.scene import load_scene
-from mitsuba_sensor.light.variants import choose_variant, use
+from mitsuba_sensor.optics.f_number_law import solid_angle_sr
+from mitsuba_sensor.render.bands import choose_bands
+from mitsuba_sensor.render.scene import load_scene
+from mitsuba_sensor.render.variants import choose_variant, use
 
 ROOT = Path(__file__).parent.parent
 SIZE, BAND_NM = 64, (545.0, 555.0)
@@ -77,7 +77,7 @@ def main() -> None:
         truth = reference(scene, passes, size)
         for spp in (64, 128, 256, 1152):
             one, two, light = coverage(scene, spp, truth)
-            share, reliable = light.certificate.one_pass_share, light.certificate.reliable
+            share, reliable = light.statistics.firefly_fraction, light.statistics.reliable
             rows.append({"scene": scene, "spp": spp, "z1": one, "z2": two, "one_pass": share, "reliable": reliable})
     if words.json:
         print(json.dumps(rows))

@@ -34,8 +34,8 @@ from numpy.typing import NDArray
 from turns import in_child, lines, ratio, seconds_of, speeds, take_turns
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.data.report import machine
-from mitsuba_sensor.engine.llvm import drjit
+from mitsuba_sensor.core.llvm import drjit
+from mitsuba_sensor.io.metadata import machine
 
 
 def main() -> None:

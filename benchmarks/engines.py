@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from plain_chain import PlainChain
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.engine.llvm import drjit
+from mitsuba_sensor.core.llvm import drjit
 
 ENGINES: dict[str, dict[str, Any]] = {
     "numpy": {"engine": "numpy", "precision": "float32"},

@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special, stats
 
-from mitsuba_sensor.engine.compiled import Compiled
-from mitsuba_sensor.engine.llvm import backend_problem
+from mitsuba_sensor.core.drjit_backend import DrJitBackend
+from mitsuba_sensor.core.llvm import backend_problem
 
 MEANS = (1e-6, 0.01, 1.0, 5.0, 9.9, 10.0, 12.0, 30.0, 100.0, 1e3, 1e4, 1e5, 1e6)
 ALL = 2**32
@@ -39,12 +39,12 @@ def main() -> int:
     options = parser.parse_args()
     if problem := backend_problem("llvm"):
         sys.exit(f"the words are put through by Dr.Jit-LLVM: {problem}")
-    lanes, stride = Compiled("llvm"), options.stride
+    backend, stride = DrJitBackend("llvm"), options.stride
     result = {
         "words": -(-ALL // stride),
-        "poisson": [judge_poisson(lanes, float(np.float32(mean)), stride) for mean in options.means],
-        "zero_mean_is_zero": only_zeros(lanes, stride),
-        "normal": judge_normal(lanes, stride),
+        "poisson": [judge_poisson(backend, float(np.float32(mean)), stride) for mean in options.means],
+        "zero_mean_is_zero": only_zeros(backend, stride),
+        "normal": judge_normal(backend, stride),
     }
     print(json.dumps(result)) if options.json else show(result)
     return 0 if result["zero_mean_is_zero"] and all(r["good"] for r in (*result["poisson"], result["normal"])) else 1
@@ -57,14 +57,14 @@ def mean_number(text: str) -> float:
     return float(text)
 
 
-def chunks(lanes: Compiled, stride: int, share: int = 1) -> Iterator[tuple[Any, str]]:
+def chunks(backend: DrJitBackend, stride: int, share: int = 1) -> Iterator[tuple[Any, str]]:
     """Every ``stride``-th word of the lower 1/share of all words, in arrays of up to 2²⁴, and how far we are."""
     total = -(-ALL // (stride * share))
     for start in range(0, total, CHUNK):
-        number = lanes.dr.arange(lanes.uint, min(CHUNK, total - start))
+        number = backend.dr.arange(backend.uint, min(CHUNK, total - start))
         offset = start * stride + stride // 2
         yield (
-            number * lanes.dr.opaque(lanes.uint, stride) + lanes.dr.opaque(lanes.uint, offset),
+            number * backend.dr.opaque(backend.uint, stride) + backend.dr.opaque(backend.uint, offset),
             f"{start / total:4.0%}",
         )
     print(end="\r\033[K", file=sys.stderr)
@@ -75,17 +75,17 @@ def tell(text: str) -> None:
     print(f"\r{text}\033[K", end="", file=sys.stderr, flush=True)
 
 
-def poisson_counts(lanes: Compiled, mean: float, stride: int) -> tuple[int, NDArray[np.int64]]:
+def poisson_counts(backend: DrJitBackend, mean: float, stride: int) -> tuple[int, NDArray[np.int64]]:
     """How often each count is drawn: the lowest count of the histogram, and the histogram. No draw is outside it."""
-    dr, reach = lanes.dr, 7 * math.sqrt(mean) + 20
+    dr, reach = backend.dr, 7 * math.sqrt(mean) + 20
     lowest = max(0, math.floor(mean - reach))
     seen = np.zeros(math.ceil(mean + reach) - lowest, dtype=np.int64)
-    for words, progress in chunks(lanes, stride):
+    for words, progress in chunks(backend, stride):
         tell(f"Poisson, mean {mean:g}: {progress}")
-        draws = lanes.poisson(words, dr.opaque(lanes.float, mean, len(words)))
-        tally = dr.zeros(lanes.uint, seen.size)
-        inside = (draws >= lowest) & (draws < lowest + seen.size)
-        dr.scatter_add(tally, lanes.uint(1), lanes.uint(draws - lowest), inside)
+        distributions = backend.poisson(words, dr.opaque(backend.float, mean, len(words)))
+        tally = dr.zeros(backend.uint, seen.size)
+        inside = (distributions >= lowest) & (distributions < lowest + seen.size)
+        dr.scatter_add(tally, backend.uint(1), backend.uint(distributions - lowest), inside)
         seen += tally.numpy()
     if seen.sum() != -(-ALL // stride):
         raise RuntimeError(f"draws of mean {mean:g} lie outside {lowest} … {lowest + seen.size}")
@@ -106,9 +106,9 @@ def poisson_limits(mean: float, words: int) -> dict[str, float]:
     }
 
 
-def judge_poisson(lanes: Compiled, mean: float, stride: int) -> dict[str, Any]:
+def judge_poisson(backend: DrJitBackend, mean: float, stride: int) -> dict[str, Any]:
     """Total variation ½Σ|p − q| to the exact law, and the relative errors of mean and variance."""
-    lowest, seen = poisson_counts(lanes, mean, stride)
+    lowest, seen = poisson_counts(backend, mean, stride)
     n, share = lowest + np.arange(seen.size), seen / seen.sum()
     exact = stats.poisson.pmf(n, mean)
     found = {
@@ -121,23 +121,23 @@ def judge_poisson(lanes: Compiled, mean: float, stride: int) -> dict[str, Any]:
     return {"electrons": mean, **found, "limits": limits, "good": good}
 
 
-def only_zeros(lanes: Compiled, stride: int) -> bool:
+def only_zeros(backend: DrJitBackend, stride: int) -> bool:
     """Whether every word draws exactly 0 from the mean 0."""
-    for words, progress in chunks(lanes, stride):
+    for words, progress in chunks(backend, stride):
         tell(f"Poisson, mean 0: {progress}")
-        if not lanes.dr.all(lanes.poisson(words, lanes.dr.opaque(lanes.float, 0.0, len(words))) == 0):
+        if not backend.dr.all(backend.poisson(words, backend.dr.opaque(backend.float, 0.0, len(words))) == 0):
             return False
     return True
 
 
-def judge_normal(lanes: Compiled, stride: int) -> dict[str, Any]:
+def judge_normal(backend: DrJitBackend, stride: int) -> dict[str, Any]:
     """Mean, variance − 1, and the largest error against SciPy, whose z of a word is −z of the complement."""
     count, total, squares, largest = 0, 0.0, 0.0, 0.0
-    for words, progress in chunks(lanes, stride, share=2):
+    for words, progress in chunks(backend, stride, share=2):
         tell(f"normal: {progress}")
         exact = -special.ndtri((words.numpy() + 0.5) * 2.0**-32)
         for sign, asked in ((1, words), (-1, ~words)):
-            z = lanes.normal(asked).numpy().astype(np.float64)
+            z = backend.normal(asked).numpy().astype(np.float64)
             count, total, squares = count + z.size, total + float(z.sum()), squares + float(np.dot(z, z))
             largest = max(largest, float(np.abs(z - sign * exact).max()))
     found = {"mean": total / count, "variance": squares / count - 1, "largest_error": largest}

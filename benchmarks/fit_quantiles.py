@@ -1,4 +1,4 @@
-"""Fits every table of coefficients in engine/quantiles.py and engine/arrays.py, from SciPy's special functions.
+"""Fits every table of coefficients in core/quantiles.py and core/arrays.py, from SciPy's special functions.
 
     python benchmarks/fit_quantiles.py [--check] [--json]
 
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize, special
 
-from mitsuba_sensor.engine import arrays, quantiles
+from mitsuba_sensor.core import arrays, quantiles
 
 Array = NDArray[np.float64]
 
@@ -49,8 +49,8 @@ def main() -> int:
     parser.add_argument("--json", action="store_true", help="only JSON")
     options = parser.parse_args()
     found = {**fit_normal(), **fit_log(), **fit_exp(), **fit_poisson()}
-    held = {name: list(getattr(arrays if name == "EXP_TAIL" else quantiles, name)) for name in found}
-    apart = {name: difference(found[name]["table"], held[name]) for name in found}
+    within_float32 = {name: list(getattr(arrays if name == "EXP_TAIL" else quantiles, name)) for name in found}
+    apart = {name: difference(found[name]["table"], within_float32[name]) for name in found}
     if options.json:
         print(json.dumps({name: {**fit, "apart": apart[name]} for name, fit in found.items()}))
     else:

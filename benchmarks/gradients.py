@@ -23,7 +23,7 @@ from engines import next_frame
 from numpy.typing import NDArray
 from turns import ratio, take_turns
 
-from mitsuba_sensor.data.report import machine
+from mitsuba_sensor.io.metadata import machine
 from mitsuba_sensor.sensor.gradient import differentiable
 
 TEN = (
@@ -34,7 +34,7 @@ TEN = (
     "dark_current.cv",
     "source_follower.white_nv_per_rthz",
     "source_follower.vv_nonlinearity",
-    "readout.column_offset",
+    "readout.dsnu_col",
     "adc.gamma",
     "exposure.temperature_k",
 )

@@ -13,11 +13,12 @@ from engines import FRAMES_A_TURN
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.engine.frame import Device, Frame
-from mitsuba_sensor.engine.llvm import drjit
-from mitsuba_sensor.engine.quantities import Photons
+from mitsuba_sensor.core.frame import Frame
+from mitsuba_sensor.core.llvm import drjit
+from mitsuba_sensor.core.quantities import Photons
+from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.sensor.chain import chain
-from mitsuba_sensor.sensor.running import begin, chosen_lanes, run_chain, strips_of
+from mitsuba_sensor.sensor.run import begin, choose_backend, row_strips_of, run_chain
 
 EXPOSURE = ms.Exposure(0.1)
 
@@ -26,16 +27,16 @@ def kernel_only(engine: str, photons: NDArray[np.float64], camera: ms.Camera) ->
     """One frame of this camera without its way in from NumPy and out to NumPy."""
     if engine != "drjit":
         return None
-    lanes: Any = chosen_lanes(engine, "float32", 0)
-    whole, stages = Frame(EXPOSURE, Device(1, photons.shape, lanes=lanes)), chain(camera)
+    backend: Any = choose_backend(engine, "float32", 0)
+    whole, stages = Frame(EXPOSURE, SensorWindow(1, photons.shape, backend=backend)), chain(camera)
     parts = []
-    for rows in strips_of(photons.shape, lanes.strip):
-        frame = Frame(EXPOSURE, whole.device.rows_only(rows))
+    for rows in row_strips_of(photons.shape, backend.strip):
+        frame = Frame(EXPOSURE, whole.window.rows_only(rows))
         parts.append((begin(stages, Photons(photons[rows]), frame), frame))
 
     def run() -> None:
         for start, frame in parts * FRAMES_A_TURN:
-            codes = lanes.uint(run_chain(stages[1:], start, Frame(EXPOSURE, frame.device)))
+            codes = backend.uint(run_chain(stages[1:], start, Frame(EXPOSURE, frame.window)))
             drjit().eval(codes)
         drjit().sync_thread()
 
@@ -47,13 +48,13 @@ def generator_floor(engine: str, shape: tuple[int, int]) -> Callable[[], object]
     """The random words of one frame and four normals of them, and no camera."""
     if engine != "drjit":
         return None
-    lanes: Any = chosen_lanes(engine, "float32", 0)
-    device = Device(1, shape, lanes=lanes)
-    parts = [device.rows_only(rows) for rows in strips_of(shape, lanes.strip)]
+    backend: Any = choose_backend(engine, "float32", 0)
+    window = SensorWindow(1, shape, backend=backend)
+    parts = [window.rows_only(rows) for rows in row_strips_of(shape, backend.strip)]
 
     def run() -> None:
         for part in parts * FRAMES_A_TURN:
-            one, two, three, four = (lanes.normal(words) for words in lanes.block(0, part, 0, 1))
+            one, two, three, four = (backend.normal(words) for words in backend.random_bits(0, part, 0, 1))
             drjit().eval(one + two + three + four)
         drjit().sync_thread()
 

@@ -20,11 +20,11 @@ from typing import Any
 import numpy as np
 from turns import lines, ratio, take_turns
 
-from mitsuba_sensor.data.report import machine
-from mitsuba_sensor.light.bands import box_bands
-from mitsuba_sensor.light.lens.paraxial import cardinal
-from mitsuba_sensor.light.scene import Scene, load_scene
-from mitsuba_sensor.light.variants import choose_variant, use
+from mitsuba_sensor.io.metadata import machine
+from mitsuba_sensor.optics.paraxial import cardinal
+from mitsuba_sensor.render.bands import box_bands
+from mitsuba_sensor.render.scene import Scene, load_scene
+from mitsuba_sensor.render.variants import choose_variant, use
 from mitsuba_sensor.sensor.camera import Camera, load_camera
 
 SCENE = Path(__file__).resolve().parent.parent / "scenes" / "still_life.xml"

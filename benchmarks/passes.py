@@ -26,11 +26,11 @@ from typing import Any
 import numpy as np
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.data.report import machine
-from mitsuba_sensor.light.budget import PASS_SPP, Budget
-from mitsuba_sensor.light.irradiance import Job, Wish, prepare
-from mitsuba_sensor.light.lint import SAMPLER
-from mitsuba_sensor.light.variants import choose_variant, use
+from mitsuba_sensor.io.metadata import machine
+from mitsuba_sensor.render.irradiance import Job, RenderOptions, prepare
+from mitsuba_sensor.render.lint import SAMPLER
+from mitsuba_sensor.render.stop_criterion import PASS_SPP, StopCriterion
+from mitsuba_sensor.render.variants import choose_variant, use
 
 ROOT = Path(__file__).resolve().parent.parent
 SCENES = ("cornell_box", "still_life", "color_checker")
@@ -80,7 +80,7 @@ class Plan:
 
     def render(self, seed: int, passes: int) -> tuple[np.ndarray, np.ndarray]:
         """Means of the passes: of every band, (H, W, B), and of the electrons, (H, W)."""
-        self.job.renderer.run(seed, Budget(passes, self.samples), lambda step: None)
+        self.job.renderer.run(seed, StopCriterion(passes, self.samples), lambda step: None)
         return np.concatenate([strip.bands.mean for strip in self.job.renderer.strips]), self.job.renderer.electrons()[
             0
         ]
@@ -116,8 +116,8 @@ def squared(one: np.ndarray, other: np.ndarray) -> tuple[float, float]:
 
 def loaded(scene: str, mode: str, sampler: str, size: int) -> Job:
     """A job whose film draws from this sampler."""
-    wish = Wish(parameters={"width": size, "height": size}, **MODES[mode])
-    return prepare(ROOT / "scenes" / f"{scene}.xml", camera(), EXPOSURE, wish, sampler=sampler)
+    options = RenderOptions(parameters={"width": size, "height": size}, **MODES[mode])
+    return prepare(ROOT / "scenes" / f"{scene}.xml", camera(), EXPOSURE, options, sampler=sampler)
 
 
 def camera() -> ms.Camera:

@@ -19,12 +19,12 @@ VERSION = galsim.__version__
 def frames(photons: NDArray[np.float64], camera: ms.Camera, exposure: ms.Exposure) -> Iterator[NDArray[Any]]:
     """Endless frames (H, W) uint16. GalSim has no converter's ends, so the clip is NumPy's; images are float32."""
     qe = reference_qe(camera)
-    dn_per_e, pedestal_dn = chain.gain_dn_per_e(camera), chain.pedestal_dn(camera)
+    dn_per_e, black_level_dn = chain.gain_dn_per_e(camera), chain.black_level_dn(camera)
     read_noise_e = chain.follower_sigma_v(camera) / chain.sense_gain_v_per_e(camera)
     noise = galsim.CCDNoise(galsim.BaseDeviate(2), gain=1 / dn_per_e, read_noise=read_noise_e)
     while True:
         image = galsim.ImageF((photons * (qe * dn_per_e)).astype(np.float32))
         image.addNoise(noise)
-        image += pedestal_dn
+        image += black_level_dn
         image.quantize()
         yield np.clip(image.array, 0, 2**camera.adc.bits - 1).astype(np.uint16)

@@ -37,7 +37,7 @@ def frames(photons: NDArray[np.float64], camera: ms.Camera, exposure: ms.Exposur
 def detector_of(camera: ms.Camera, shape: tuple[int, ...], exposure: ms.Exposure) -> CMOS:
     """The numbers that Pyxel keeps with the detector."""
     bits, dn_per_v = camera.adc.bits, chain.adc_gain_dn_per_v(camera)
-    lowest_v = -(chain.pedestal_dn(camera) + 0.5) / dn_per_v
+    lowest_v = -(chain.black_level_dn(camera) + 0.5) / dn_per_v
     return CMOS(
         geometry=CMOSGeometry(row=shape[0], col=shape[1]),
         environment=Environment(temperature=exposure.temperature_k),
@@ -53,7 +53,7 @@ def detector_of(camera: ms.Camera, shape: tuple[int, ...], exposure: ms.Exposure
 
 def pipeline_of(camera: ms.Camera, photons: NDArray[np.float64], exposure: ms.Exposure) -> DetectionPipeline:
     """The models in their order."""
-    dark_e_per_s = chain.dark_law(camera).rate_e_per_s(exposure.temperature_k)
+    dark_e_per_s = chain.dark_current_model(camera).rate_e_per_s(exposure.temperature_k)
     read_noise_v = chain.follower_sigma_v(camera) * camera.source_follower.gain * camera.readout.cds_gain
     return DetectionPipeline(
         photon_collection=[

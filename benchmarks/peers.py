@@ -24,7 +24,7 @@ from engines import ENGINES, next_frame, open_stream
 from turns import lines, speeds, take_turns
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.data.report import machine
+from mitsuba_sensor.io.metadata import machine
 
 CAMERAS: dict[str, Callable[[], ms.Camera]] = {"pyxel": shot_dark_read_quantise, "galsim": shot_read_quantise}
 """The stages that a peer shares with us, as a camera."""

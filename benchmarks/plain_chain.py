@@ -18,7 +18,8 @@ from cases import EXPOSURE, full_chain, photon_map, reference_qe, shape_of, shot
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.engine.frame import Device, Frame
+from mitsuba_sensor.core.frame import Frame
+from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.sensor.chain import chain
 
 STAGES = {
@@ -53,25 +54,25 @@ class PlainChain:
         self.qe = reference_qe(camera)
         self.full_well_e = stages["FullWell"].full_well_e
         self._fixed_patterns(stages["Prnu"], stages["DarkCurrent"], stages["ColumnOffset"])
-        frame = Frame(exposure, Device(0, (1, 1)), seed)
+        frame = Frame(exposure, SensorWindow(0, (1, 1)), seed)
         self.dark_e = stages["DarkCurrent"].mean_e(frame)
         self.reset_v = stages["ResetNoise"].sigma_v(frame)
         self.follower_v = stages["SourceFollowerNoise"].sigma_v
         self._curves(stages)
         adc = stages["Adc"]
-        self.dn_per_v, self.pedestal_dn, self.highest_dn = adc.gain_dn_per_v, adc.pedestal_dn, adc.highest
+        self.dn_per_v, self.black_level_dn, self.highest_dn = adc.gain_dn_per_v, adc.black_level_dn, adc.highest
 
     def _fixed_patterns(self, prnu: Any, dark: Any, columns: Any) -> None:
-        """Gain and dark current of every pixel, offset of every column, by the names of ``ms.patterns``."""
+        """Gain and dark current of every pixel, offset of every column, by the names of ``ms.fpn_maps``."""
         shape, normal = self.photons.shape, self.random.standard_normal
         log_variance = math.log1p(dark.pattern.cv**2)
         self.maps = {
             "prnu": np.maximum(1 + prnu.pattern.cv * normal(shape), 0.0),
-            "dark_pattern": np.exp(math.sqrt(log_variance) * normal(shape) - log_variance / 2),
-            "column_offset_e": columns.sigma_e * normal((1, shape[1])),
+            "dark_fpn": np.exp(math.sqrt(log_variance) * normal(shape) - log_variance / 2),
+            "dsnu_col_e": columns.sigma_e * normal((1, shape[1])),
         }
         self.has_prnu, self.has_columns = prnu.pattern.cv > 0, columns.sigma_e > 0
-        self.column_offset_v = columns.residual * columns.gain_v_per_e * self.maps["column_offset_e"]
+        self.column_offset_v = columns.residual * columns.gain_v_per_e * self.maps["dsnu_col_e"]
 
     def _curves(self, stages: dict[str, Any]) -> None:
         """Gains and their bends; a bend of 0 is a straight line."""
@@ -99,7 +100,7 @@ class PlainChain:
             light *= self.maps["prnu"]
         electrons = self.random.poisson(light).astype(np.float64)
         if self.dark_e:
-            electrons += self.random.poisson(self.dark_e * self.maps["dark_pattern"])
+            electrons += self.random.poisson(self.dark_e * self.maps["dark_fpn"])
         return np.minimum(electrons, self.full_well_e, out=electrons)
 
     def _swing_v(self, electrons: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -121,7 +122,7 @@ class PlainChain:
 
     def _digital(self, swing_v: NDArray[np.float64]) -> NDArray[np.uint16]:
         """The converter."""
-        code = np.floor(self.pedestal_dn + self.dn_per_v * swing_v + 0.5)
+        code = np.floor(self.black_level_dn + self.dn_per_v * swing_v + 0.5)
         return np.clip(code, 0, self.highest_dn).astype(np.uint16)
 
 

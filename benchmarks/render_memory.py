@@ -45,7 +45,7 @@ def main() -> None:
     if words.json:
         print(json.dumps({"pixels": size**2, "bands": bands, "render_mib": rendered, "frame_mib": peak_mib()}))
         return
-    print(f"{size} × {size} × {bands} bands, {light.certificate.samples_per_pixel} samples, {seconds:.1f} s")
+    print(f"{size} × {size} × {bands} bands, {light.statistics.samples_per_pixel} samples, {seconds:.1f} s")
     print(f"peak memory of the render {rendered:.0f} MiB, with photons and a frame {peak_mib():.0f} MiB")
     assert np.isfinite(light.data).all() and frames.digital.shape == (1, size, size)
 

@@ -30,8 +30,8 @@ import numpy as np
 from turns import lines, ratio
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.data.report import machine
-from mitsuba_sensor.light.variants import choose_variant, use
+from mitsuba_sensor.io.metadata import machine
+from mitsuba_sensor.render.variants import choose_variant, use
 
 ROOT = Path(__file__).resolve().parent.parent
 SCENES = ("cornell_box", "still_life", "color_checker")

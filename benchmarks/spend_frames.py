@@ -29,8 +29,8 @@ from scipy import stats
 from turns import lines, ratio
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.data.report import machine
-from mitsuba_sensor.light.shooting import Take
+from mitsuba_sensor.io.metadata import machine
+from mitsuba_sensor.render.per_frame import FrameOfRender
 
 SCENE = Path(__file__).resolve().parent.parent / "scenes" / "cornell_box.xml"
 CAMERA = ms.load_camera("konnik_table1")
@@ -60,10 +60,12 @@ def main() -> None:
     print(json.dumps(results) if options.json else "\n".join(lines(results)))
 
 
-def takes(exposure: ms.Exposure, size: int, frames: int) -> Iterator[Take]:
+def takes(exposure: ms.Exposure, size: int, frames: int) -> Iterator[FrameOfRender]:
     """Spent frames that keep their electrons."""
     parameters = {"width": size, "height": size}
-    return ms.shoot(SCENE, CAMERA, exposure, frames=frames, exposing={"keep": ("electrons",)}, parameters=parameters)
+    return ms.render_frames(
+        SCENE, CAMERA, exposure, frames=frames, exposing={"keep": ("electrons",)}, parameters=parameters
+    )
 
 
 def timed(exposure: ms.Exposure, options: argparse.Namespace) -> dict[str, Any]:
@@ -86,7 +88,7 @@ def timed(exposure: ms.Exposure, options: argparse.Namespace) -> dict[str, Any]:
             if turn:
                 wall[name].append(time.perf_counter() - start)
                 processor[name].append(time.process_time() - started)
-                samples[name].append(light.certificate.samples_per_pixel)
+                samples[name].append(light.statistics.samples_per_pixel)
     return {
         **{f"{name}_s": statistics.median(those) for name, those in wall.items()},
         **{f"{name}_spp": statistics.median(those) for name, those in samples.items()},
@@ -97,11 +99,11 @@ def timed(exposure: ms.Exposure, options: argparse.Namespace) -> dict[str, Any]:
 
 def measured(exposure: ms.Exposure, options: argparse.Namespace) -> dict[str, Any]:
     """Statistics of the electrons over frames, against Poisson's law."""
-    electrons, noise, unspent = [], [], []
+    electrons, noise, uncompensated = [], [], []
     for take in takes(exposure, options.size, options.frames):
         electrons.append(take.frames.electrons[0])
         noise.append(take.photons.variance_e2)
-        unspent.append(take.unspent)
+        uncompensated.append(take.uncompensated)
     counts = np.array(electrons)
     mean, variance = counts.mean(axis=0), counts.var(axis=0, ddof=1)
     free = (mean > 0) & (mean + CLIP_SIGMAS * np.sqrt(mean) < CAMERA.pixel.full_well_e)
@@ -123,7 +125,7 @@ def measured(exposure: ms.Exposure, options: argparse.Namespace) -> dict[str, An
         "median_variance_over_mean": float(np.median(share) * degrees / stats.chi2.median(degrees)),
         "largest": float(share.max()),
         "share_within_chance": float(((chance > 0.025) & (chance < 0.975)).mean()),
-        "unspent": float(np.mean(unspent)),
+        "uncompensated": float(np.mean(uncompensated)),
         "neighbour_correlation": float((normal[:, :, 1:] * normal[:, :, :-1]).sum() / pairs),
         "correlation_by_chance": float(pairs**-0.5),
     }

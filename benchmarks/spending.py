@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from mitsuba_sensor.sensor import spending
+from mitsuba_sensor.sensor import compensation
 
 Array = NDArray[np.float64]
 Renders = tuple[Array, Array, Array]
@@ -46,10 +46,10 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--means", type=float, nargs="+", default=MEANS, help="mean light [e-]")
     parser.add_argument("--ratios", type=float, nargs="+", default=RATIOS, help="v/mean")
-    parser.add_argument("--limit", type=float, default=spending.LIMIT, help="in place of the shipped one")
+    parser.add_argument("--limit", type=float, default=compensation.LIMIT, help="in place of the shipped one")
     parser.add_argument("--json", action="store_true", help="only JSON")
     options = parser.parse_args()
-    spending.LIMIT = options.limit
+    compensation.LIMIT = options.limit
     rows = [row(name, mean, ratio) for name in LAWS for mean in options.means for ratio in options.ratios]
     print(json.dumps({"limit": options.limit, "rows": rows})) if options.json else show(options.limit, rows)
     return 0
@@ -112,9 +112,9 @@ def total_law(renders: Renders, spend: bool, counts: Array) -> tuple[Array, floa
     law, short = np.zeros(counts.size), 0.0
     for start in range(0, renders[0].size, CHUNK):
         x, variance_e2, weight = (part[start : start + CHUNK, None] for part in renders)
-        spent, _ = spending.spendable(x, 0.0, variance_e2 if spend else 0.0 * variance_e2)
+        spent, _ = compensation.compensable(x, 0.0, variance_e2 if spend else 0.0 * variance_e2)
         parts: Any = Parts()
-        whole = spending.counted("light_shot", x, spent, parts)
+        whole = compensation.counted("photon_shot", x, spent, parts)
         without, with_one = (stats.poisson.pmf(counts - whole - one, parts.mean) for one in (0, 1))
         law += np.sum(weight * ((1 - parts.chance) * without + parts.chance * with_one), axis=0)
         short += float(np.sum(weight * (spent < variance_e2)))

@@ -26,7 +26,7 @@ from cases import full_chain, photon_map, shape_of
 from engines import ENGINES, PLAIN, open_stream
 from turns import in_child, lines
 
-from mitsuba_sensor.data.report import machine
+from mitsuba_sensor.io.metadata import machine
 
 LIMITS_MIB = {"drjit": 300, "numpy": 150}
 """Peak memory at 12 Mpx that we promise [MiB]."""

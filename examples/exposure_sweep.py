@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.data.files import write_tiff
+from mitsuba_sensor.io.files import write_tiff
 
 SCENE = Path(__file__).resolve().parent.parent / "scenes" / "cornell_box.xml"
 

@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.data.files import write_png
-from mitsuba_sensor.data.preview import preview
-from mitsuba_sensor.light.truth import ground_truth
+from mitsuba_sensor.io.files import write_png
+from mitsuba_sensor.io.preview import preview
+from mitsuba_sensor.render.aovs import render_aovs
 
 SCENES = Path(__file__).parent.parent / "scenes"
 EXPOSURE = ms.Exposure(0.0005)
@@ -36,7 +36,7 @@ def fan(shutter: str, size: int, spp: int) -> np.ndarray:
 
 def truth(size: int) -> tuple[np.ndarray, np.ndarray]:
     """Depth (near is bright) and normals (x, y, z as red, green, blue) of the still life."""
-    found = ground_truth(
+    found = render_aovs(
         SCENES / "still_life.xml", ms.load_camera("bayer_2mp"), parameters={"width": size, "height": size * 3 // 4}
     )
     seen = np.isfinite(found.depth_m)

@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.data.exr import read_irradiance_exr
-from mitsuba_sensor.data.files import write_png
-from mitsuba_sensor.data.preview import preview
+from mitsuba_sensor.io.exr import read_irradiance_exr
+from mitsuba_sensor.io.files import write_png
+from mitsuba_sensor.io.preview import preview
 
 TIME_S, CAMERAS = 0.1, 64
 

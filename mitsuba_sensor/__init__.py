@@ -8,21 +8,16 @@
 ((1, 1300, 1900), dtype('uint16'))
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
-
-from .engine.errors import InputError
-from .engine.frame import Exposure
-from .engine.quantities import Photons
-from .light.photons import collect, gradient_light, uniform_light
+from .core.errors import InputError
+from .core.exposure import Exposure
+from .core.quantities import Photons
+from .render.irradiance import Irradiance, render
+from .render.per_frame import render_frames
+from .render.photons import collect, gradient_light, uniform_light
+from .render.plugins import register as register_plugins
 from .sensor.camera import Camera, list_cameras, load_camera
-from .sensor.exposing import Frames, expose, patterns, stream
+from .sensor.expose import Frames, expose, fpn_maps, stream
 from .sensor.plan import Plan, plan
-
-if TYPE_CHECKING:
-    from .light.irradiance import Irradiance, render
-    from .light.plugins import register as register_plugins
-    from .light.shooting import shoot
 
 __version__ = "0.1.0"
 
@@ -36,30 +31,14 @@ __all__ = [
     "Plan",
     "collect",
     "expose",
+    "fpn_maps",
     "gradient_light",
     "list_cameras",
     "load_camera",
-    "patterns",
     "plan",
     "register_plugins",
     "render",
-    "shoot",
+    "render_frames",
     "stream",
     "uniform_light",
 ]
-
-
-LAZY = {
-    "Irradiance": ("light.irradiance", "Irradiance"),
-    "register_plugins": ("light.plugins", "register"),
-    "render": ("light.irradiance", "render"),
-    "shoot": ("light.shooting", "shoot"),
-}
-
-
-def __getattr__(name: str) -> Any:
-    """What renders loads Mitsuba on first use; everything else works without it."""
-    if name in LAZY:
-        module, real_name = LAZY[name]
-        return getattr(import_module(f"{__name__}.{module}"), real_name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mitsuba_sensor.light import spectra
+from mitsuba_sensor.render import spectra
 
 HERE = Path(__file__).parent
 STEPS = 64

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from mitsuba_sensor.engine.lanes import REFERENCE
-from mitsuba_sensor.engine.llvm import backend_problem
-from mitsuba_sensor.sensor.running import chosen_lanes
+from mitsuba_sensor.core.backend import NUMPY_FLOAT64
+from mitsuba_sensor.core.llvm import backend_problem
+from mitsuba_sensor.sensor.run import choose_backend
 
 SCENE = """
 <scene version="3.0.0">
@@ -30,13 +30,13 @@ SCENE = """
 
 
 @pytest.fixture(params=("float64", "numpy", "drjit"))
-def lanes(request: pytest.FixtureRequest) -> Any:
+def backend(request: pytest.FixtureRequest) -> Any:
     """Every engine in turn: the reference, NumPy in float32, and the compiled kernel where LLVM is usable."""
     if request.param == "float64":
-        return REFERENCE
+        return NUMPY_FLOAT64
     if request.param == "drjit" and (problem := backend_problem("llvm")):
         pytest.skip(problem)
-    return chosen_lanes(request.param, "float32", 0)
+    return choose_backend(request.param, "float32", 0)
 
 
 @pytest.fixture(scope="session")
@@ -58,12 +58,12 @@ def cli() -> Callable[..., Any]:
 @pytest.fixture(scope="session")
 def light() -> Any:
     """Irradiance made by hand, 12 × 16 pixels, three bands: about half a full well of konnik_table1 in 0.1 s."""
-    from mitsuba_sensor.light.certificate import Certificate
-    from mitsuba_sensor.light.irradiance import Irradiance
+    from mitsuba_sensor.render.irradiance import Irradiance
+    from mitsuba_sensor.render.statistics import RenderStatistics
 
     random = np.random.default_rng(7)
     data = random.uniform(1e-5, 4e-5, (12, 16, 3)).astype(np.float32)
-    certificate = Certificate(
+    statistics = RenderStatistics(
         passes=8,
         samples_per_pixel=64,
         seconds=1.5,
@@ -75,7 +75,7 @@ def light() -> Any:
         noise_ratio_asked=None,
         ended_by="spp",
         reliable=True,
-        one_pass_share=0.0,
+        firefly_fraction=0.0,
         spectral="cube",
         negative=1,
         non_finite=2,
@@ -89,14 +89,14 @@ def light() -> Any:
         bandwidths_nm=np.array([10.0, 10.5, 2 / 3]),
         standard_error=(data * 0.01).astype(np.float32),
         relative_error=np.full((12, 16), 0.01, dtype=np.float32),
-        certificate=certificate,
+        statistics=statistics,
     )
 
 
 @pytest.fixture
 def light_file(light: Any, tmp_path: Path) -> Path:
     """That light as an irradiance.exr."""
-    from mitsuba_sensor.data.exr import write_irradiance_exr
+    from mitsuba_sensor.io.exr import write_irradiance_exr
 
     path = tmp_path / "light" / "irradiance.exr"
     path.parent.mkdir()

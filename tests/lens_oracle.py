@@ -49,7 +49,7 @@ def behind(table: Table) -> list[float]:
 
 
 def _through(steps: list, p: Array, d: Array, stop: float) -> tuple[Array, Array, NDArray[np.bool_]]:
-    alive, index = np.ones(len(p), bool), np.arange(len(p))
+    unvignetted, index = np.ones(len(p), bool), np.arange(len(p))
     points, ways = p.copy(), d.copy()
     for (radius, _, _, diameter), z, before, after in steps:
         p, d = points[index], ways[index]
@@ -61,10 +61,10 @@ def _through(steps: list, p: Array, d: Array, stop: float) -> tuple[Array, Array
             good &= np.hypot(p[:, 0], p[:, 1]) <= diameter / 2
             d, bent = _snell(d, normal, before / after)
             good &= bent
-        alive[index[~good]] = False
+        unvignetted[index[~good]] = False
         index = index[good]
         points[index], ways[index] = p[good], d[good]
-    return points, ways, alive
+    return points, ways, unvignetted
 
 
 def _sphere(p: Array, d: Array, z: float, radius: float) -> tuple[Array, Array, NDArray[np.bool_]]:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from mitsuba_sensor.engine.errors import InputError
-from mitsuba_sensor.light.variants import choose_variant
+from mitsuba_sensor.core.errors import InputError
+from mitsuba_sensor.render.variants import choose_variant
 
 SCENES = Path(__file__).parent.parent / "scenes"
 SHIPPED = ("cornell_box", "color_checker", "step_wedge", "flat_field", "still_life")

@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.engine.frame import Device, Frame
-from mitsuba_sensor.engine.moments import Moments
+from mitsuba_sensor.core.frame import Frame
+from mitsuba_sensor.core.moments import Moments
+from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.sensor.chain import chain
 from mitsuba_sensor.sensor.digital import Adc, AdcWithSteps
 
 TABLE1 = ms.load_camera("konnik_table1")
 DARKNESS = {"dark_current.fom_na_per_cm2": 0.0}
-HERE = Frame(ms.Exposure(0.1), Device(3, (1, 1)))
+HERE = Frame(ms.Exposure(0.1), SensorWindow(3, (1, 1)))
 PER_CODE = 1000
 
 
@@ -76,7 +77,7 @@ def test_transitions_lie_at_k_less_a_half_plus_the_running_sum_of_the_dnl() -> N
 @pytest.mark.parametrize("missing", [1, 7, 100, 254])
 def test_a_code_of_dnl_minus_one_never_appears_and_its_neighbours_do(missing: int) -> None:
     """On a ramp and through a whole camera, whose 20 000 noisy pixels cross all 256 codes."""
-    camera = TABLE1.replace(**{"adc.bits": 8, "adc.dnl_lsb": {str(missing): -1.0}, "adc.pedestal_dn": 2.0})
+    camera = TABLE1.replace(**{"adc.bits": 8, "adc.dnl_lsb": {str(missing): -1.0}, "adc.black_level_dn": 2.0})
     adc = chain(camera)[-1]
     seen = set(np.unique((adc(np.linspace(-0.01, 0.2, 50_000), HERE)).astype(int)))
     assert set(range(256)) - seen == {missing}
@@ -98,7 +99,7 @@ def test_codes_keep_their_range_and_type_at_every_resolution() -> None:
     """A ramp from darkness to twice the full well, 1 to 16 bits and 24: first and last code, and a type that fits."""
     light = np.linspace(0, 110_000, 4000)[None]
     for bits in (*range(1, 17), 24):
-        camera = TABLE1.replace(**{"adc.bits": bits, "adc.pedestal_dn": 0.0, "adc.full_scale_v": 0.1} | DARKNESS)
+        camera = TABLE1.replace(**{"adc.bits": bits, "adc.black_level_dn": 0.0, "adc.full_scale_v": 0.1} | DARKNESS)
         digital = ms.expose(light, camera, ms.Exposure(0.1)).digital
         assert digital.dtype == (np.uint8 if bits <= 8 else np.uint16 if bits <= 16 else np.uint32)
         assert digital.min() == 0 and digital.max() == 2**bits - 1

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.data import files
+from mitsuba_sensor.io import files
 
 DARK_SCENE_IN_THE_INFRARED_ONLY = '<spectrum name="radiance" value="900:0.01, 1000:0.01"/>'
 MALFORMED = "<scene version='3.0.0'><sensor type='perspective'></scene>"
@@ -61,8 +61,8 @@ CASES: dict[str, tuple[Sequence[str], str]] = {
         "chain is 'matlab'; it must be 'physical'",
     ),
     "cube for the published chain": (("expose", "LIGHT", "-o", "OUT", "--chain", "konnik2014"), "knows one wavelength"),
-    "no such patterns": (("expose", "LIGHT", "-o", "OUT", "--patterns", "TMP/none.npz"), "none.npz cannot be read"),
-    "patterns of another kind": (("render", "SCENE", "-o", "OUT", "--patterns", "SCENE"), "no .npz of numbers"),
+    "no such patterns": (("expose", "LIGHT", "-o", "OUT", "--fpn-maps", "TMP/none.npz"), "none.npz cannot be read"),
+    "patterns of another kind": (("render", "SCENE", "-o", "OUT", "--fpn-maps", "SCENE"), "no .npz of numbers"),
     "patterns into no folder": (("patterns", "-o", "OUT/chip.npz", "--rows", "2", "--columns", "2"), "cannot write"),
     "patterns of no rows": (("patterns", "-o", "OUT", "--rows", "0"), "--rows"),
     "patterns without a file": (("patterns",), "-o"),

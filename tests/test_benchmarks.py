@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from mitsuba_sensor.engine.llvm import backend_problem
+from mitsuba_sensor.core.llvm import backend_problem
 
 BENCHMARKS = Path(__file__).resolve().parent.parent / "benchmarks"
 

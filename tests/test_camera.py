@@ -16,8 +16,8 @@ import pytest
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.sensor.camera import SHIPPED, Camera, camera_schema
-from mitsuba_sensor.sensor.chain import chain, dark_law, gain_dn_per_e
-from mitsuba_sensor.sensor.door import fields_of
+from mitsuba_sensor.sensor.chain import chain, dark_current_model, gain_dn_per_e
+from mitsuba_sensor.sensor.datasheet_errors import fields_of
 
 TABLE1 = tomllib.loads((SHIPPED / "konnik_table1.toml").read_text("utf-8"))
 REMEDY = r"(e\.g\. .+|add the table \[\w+\])"
@@ -314,9 +314,9 @@ def test_the_gain_of_a_shipped_camera_is_that_of_its_datasheet(name: str, k: flo
 
 def test_the_dark_law_is_the_one_that_was_given() -> None:
     camera = ms.load_camera("bayer_2mp")
-    assert dark_law(camera).rate_e_per_s(298.15) == pytest.approx(5.0)
-    assert dark_law(camera).rate_e_per_s(305.15) == pytest.approx(10.0)
-    assert dark_law(ms.load_camera("konnik_table1")).rate_e_per_s(300.0) == pytest.approx(2027.87, rel=5e-6)
+    assert dark_current_model(camera).rate_e_per_s(298.15) == pytest.approx(5.0)
+    assert dark_current_model(camera).rate_e_per_s(305.15) == pytest.approx(10.0)
+    assert dark_current_model(ms.load_camera("konnik_table1")).rate_e_per_s(300.0) == pytest.approx(2027.87, rel=5e-6)
 
 
 def test_quantum_efficiency_is_linear_between_its_points_and_zero_outside() -> None:
@@ -353,12 +353,14 @@ def test_each_pixel_of_a_mosaic_takes_the_curve_of_its_own_filter() -> None:
     """Three bands, three filters: mean electrons are Σ QE_f(λ)·Λ_λ, and the tile says which f."""
     camera = ms.load_camera("bayer_2mp")
     detection = chain(camera)[0]
-    from mitsuba_sensor.engine.frame import Device, Exposure, Frame
-    from mitsuba_sensor.engine.quantities import Photons
+    from mitsuba_sensor.core.exposure import Exposure
+    from mitsuba_sensor.core.frame import Frame
+    from mitsuba_sensor.core.quantities import Photons
+    from mitsuba_sensor.core.sensor_window import SensorWindow
 
     wavelengths = np.array([450.0, 530.0, 620.0])
     light = np.broadcast_to([100.0, 200.0, 300.0], (4, 6, 3))
-    frame = Frame(Exposure(0.1), Device(1, (4, 6), (1, 0)))
+    frame = Frame(Exposure(0.1), SensorWindow(1, (4, 6), (1, 0)))
     electrons = detection(Photons(light, wavelengths), frame).light
     expected = (camera.qe(wavelengths) @ [100.0, 200.0, 300.0])[camera.filter_index((4, 6), (1, 0))]
     np.testing.assert_allclose(electrons, expected, rtol=1e-12)

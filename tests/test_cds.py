@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy import integrate
 
-from mitsuba_sensor.engine.special import two_term_remainder
+from mitsuba_sensor.core.special import two_term_remainder
 from mitsuba_sensor.sensor.cds import CdsNoise, flicker_integral
 
 PAPER = CdsNoise(white_nv_per_rthz=15.0, corner_hz=1e6, sample_s=1e-6, dominant_s=0.5e-6)

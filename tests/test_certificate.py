@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from light_scenes import SCENES, both_variants, skip_unless_usable
 
-from mitsuba_sensor.engine.frame import Exposure
-from mitsuba_sensor.light.bands import choose_bands
-from mitsuba_sensor.light.certificate import one_pass_share, summary_of, trusted, why_not_trusted
-from mitsuba_sensor.light.irradiance import Irradiance, render
-from mitsuba_sensor.light.optics import solid_angle_sr
-from mitsuba_sensor.light.scene import load_scene
+from mitsuba_sensor.core.exposure import Exposure
+from mitsuba_sensor.optics.f_number_law import solid_angle_sr
+from mitsuba_sensor.render.bands import choose_bands
+from mitsuba_sensor.render.irradiance import Irradiance, render
+from mitsuba_sensor.render.scene import load_scene
+from mitsuba_sensor.render.statistics import firefly_fraction, summary_of, trusted, why_not_trusted
 from mitsuba_sensor.sensor.camera import load_camera
 
 CAMERA, EXPOSURE = load_camera("konnik_table1"), Exposure(0.02)
@@ -41,23 +41,23 @@ def test_standard_errors_cover_a_reference_of_a_hundred_times_the_samples() -> N
     z = np.abs([(light.data[..., 0] - truth) / light.standard_error[..., 0] for light in lights])
     assert 0.65 < (z < 1).mean() < 0.70
     assert 0.92 < (z < 2).mean() < 0.96
-    assert all(light.certificate.reliable and light.certificate.passes == 32 for light in lights)
+    assert all(light.statistics.reliable and light.statistics.passes == 32 for light in lights)
 
 
 @both_variants
 @pytest.mark.parametrize("spp", [64, 256])
 def test_a_caustic_raises_the_flag_and_a_note_says_what_to_do(variant: str, spp: int) -> None:
     """A glass ball under a small lamp: one pixel in twenty owes over half of its light to one pass."""
-    found = at_550("caustic", 24, spp=spp, variant=skip_unless_usable(variant)).certificate
-    assert not found.reliable and found.one_pass_share > 0.03
+    found = at_550("caustic", 24, spp=spp, variant=skip_unless_usable(variant)).statistics
+    assert not found.reliable and found.firefly_fraction > 0.03
     assert any("a larger light" in note for note in found.notes)
 
 
 @both_variants
 @pytest.mark.parametrize("scene", ["cornell_box", "still_life", "color_checker", "step_wedge", "flat_field"])
 def test_ordinary_scenes_do_not_raise_it(variant: str, scene: str) -> None:
-    found = at_550(scene, 24, spp=128, variant=skip_unless_usable(variant)).certificate
-    assert found.reliable, found.one_pass_share
+    found = at_550(scene, 24, spp=128, variant=skip_unless_usable(variant)).statistics
+    assert found.reliable, found.firefly_fraction
     assert not any("error bars" in note for note in found.notes)
 
 
@@ -65,16 +65,18 @@ def test_a_larger_lamp_makes_the_caustic_reliable() -> None:
     """What the note advises helps: ten times the radius, and the same samples are enough."""
     size = {"width": 24, "height": 24, "lamp_radius": 1.2}
     words = {"wavelength_nm": 550, "spp": 256, "variant": "scalar_spectral"}
-    small = at_550("caustic", 24, spp=256, variant="scalar_spectral").certificate
-    large = render(SCENES / "caustic.xml", CAMERA, EXPOSURE, parameters=size, **words).certificate
-    assert large.one_pass_share < 0.3 * small.one_pass_share
+    small = at_550("caustic", 24, spp=256, variant="scalar_spectral").statistics
+    large = render(SCENES / "caustic.xml", CAMERA, EXPOSURE, parameters=size, **words).statistics
+    assert large.firefly_fraction < 0.3 * small.firefly_fraction
 
 
 def test_the_share_counts_lit_pixels_that_hang_on_one_pass() -> None:
     brightest = np.array([[6.0, 5.0, 0.0, 1.0]])
     total = np.array([[10.0, 10.0, 0.0, np.inf]])
-    assert one_pass_share(brightest, total) == 0.5  # exactly half is not more than half; dark and infinite do not count
-    assert one_pass_share(np.zeros((2, 2)), np.zeros((2, 2))) == 0.0
+    assert (
+        firefly_fraction(brightest, total) == 0.5
+    )  # exactly half is not more than half; dark and infinite do not count
+    assert firefly_fraction(np.zeros((2, 2)), np.zeros((2, 2))) == 0.0
 
 
 def test_few_passes_are_never_trusted() -> None:

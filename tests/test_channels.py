@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from light_scenes import BALL, SCENES, SKY, both_variants, scene_text, skip_unless_usable, write_scene
 
-from mitsuba_sensor.data.exr import read_irradiance_exr, write_irradiance_exr
-from mitsuba_sensor.engine.errors import InputError
-from mitsuba_sensor.engine.frame import Exposure
-from mitsuba_sensor.light.bands import channel_bands, choose_bands, response_of
-from mitsuba_sensor.light.irradiance import render
-from mitsuba_sensor.light.photons import collect
+from mitsuba_sensor.core.errors import InputError
+from mitsuba_sensor.core.exposure import Exposure
+from mitsuba_sensor.io.exr import read_irradiance_exr, write_irradiance_exr
+from mitsuba_sensor.render.bands import channel_bands, choose_bands, response_of
+from mitsuba_sensor.render.irradiance import render
+from mitsuba_sensor.render.photons import collect
 from mitsuba_sensor.sensor.camera import load_camera
-from mitsuba_sensor.sensor.exposing import expose
+from mitsuba_sensor.sensor.expose import expose
 
 BAYER, EXPOSURE = load_camera("bayer_2mp"), Exposure(0.02)
 LAMP = '<emitter type="constant"><spectrum name="radiance" value="360:1e-4, 560:2e-4, 830:4e-4"/></emitter>'
@@ -23,9 +23,9 @@ LAMP = '<emitter type="constant"><spectrum name="radiance" value="360:1e-4, 560:
 
 def electrons(light: object, camera: object = BAYER) -> np.ndarray:
     """Mean light electrons, before any noise."""
-    found = expose(collect(light, camera, EXPOSURE), camera, EXPOSURE, keep="light_electrons", precision="float64")
-    assert found.light_electrons is not None
-    return found.light_electrons[0]
+    found = expose(collect(light, camera, EXPOSURE), camera, EXPOSURE, keep="photoelectrons", precision="float64")
+    assert found.photoelectrons is not None
+    return found.photoelectrons[0]
 
 
 @both_variants
@@ -39,7 +39,7 @@ def test_channels_free_the_electrons_that_the_cube_frees(tmp_path: Path, variant
     channels = render(path, BAYER, EXPOSURE, spectral="channels", spp=1024, variant=variant)
     cube = render(path, BAYER, EXPOSURE, bandwidth_nm=10, spp=4096, variant=variant)
     assert channels.filters == tuple(BAYER.quantum_efficiency.curves)
-    assert channels.data.shape == (8, 12, 3) and channels.certificate.spectral == "channels"
+    assert channels.data.shape == (8, 12, 3) and channels.statistics.spectral == "channels"
     index = BAYER.filter_index((8, 12))
     one, two = electrons(channels), electrons(cube)
     for number in range(3):
@@ -84,7 +84,7 @@ def test_channels_survive_the_file(tmp_path: Path) -> None:
     np.testing.assert_array_equal(again.data, light.data)
     assert (again.filters, again.response) == (light.filters, light.response)
     np.testing.assert_array_equal(again.wavelengths_nm, light.wavelengths_nm)
-    assert again.certificate == light.certificate
+    assert again.statistics == light.statistics
 
 
 def test_a_camera_with_a_quantum_yield_needs_bands() -> None:
@@ -104,7 +104,7 @@ def test_bands_of_a_cube_stand_apart_and_are_quieter_each_for_itself(tmp_path: P
     table1 = load_camera("konnik_table1")
     apart = render(path, table1, EXPOSURE, spectral="cube", **words)
     together = render(path, table1, EXPOSURE, **words)
-    assert apart.certificate.samples_per_pixel == together.certificate.samples_per_pixel == 192
+    assert apart.statistics.samples_per_pixel == together.statistics.samples_per_pixel == 192
     lens = together.data.mean(axis=2, keepdims=True)  # cos⁴: the same for all bands of a flat spectrum
     one, other = (np.std(light.data / lens) for light in (apart, together))
     assert one < 0.25 * other
@@ -115,7 +115,7 @@ def test_few_samples_are_not_spread_over_groups(tmp_path: Path) -> None:
     """Twelve bands are three groups of at least 16 passes: 48 samples are the least that stand apart."""
     path, table1 = write_scene(tmp_path, scene_text(SKY)), load_camera("konnik_table1")
     words = {"bandwidth_nm": 25, "spectral": "cube", "variant": "scalar_spectral"}
-    found = [render(path, table1, EXPOSURE, spp=spp, **words).certificate.samples_per_pixel for spp in (1, 32, 48, 96)]
+    found = [render(path, table1, EXPOSURE, spp=spp, **words).statistics.samples_per_pixel for spp in (1, 32, 48, 96)]
     assert found == [2, 32, 48, 96]
 
 

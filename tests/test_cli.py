@@ -21,7 +21,7 @@ from typer.testing import CliRunner
 
 import mitsuba_sensor as ms
 from mitsuba_sensor import cli as command_line
-from mitsuba_sensor.data import exr
+from mitsuba_sensor.io import exr
 
 OUTPUTS = {"frame.tiff", "frame.png", "irradiance.exr", "frame.json"}
 
@@ -77,7 +77,7 @@ def test_theory_and_frame_agree_stage_by_stage(report: dict[str, Any]) -> None:
     """12 × 16 pixels: the mean of a stage is within 6 standard errors, which chance breaks once in 5e8."""
     for stage in report["stages"]:
         error = 6 * stage["sigma_expected"] / np.sqrt(12 * 16)
-        if stage["name"] != "column offset" and stage["sigma_fixed_expected"] < stage["sigma_temporal_expected"]:
+        if stage["name"] != "dsnu column" and stage["sigma_spatial_expected"] < stage["sigma_temporal_expected"]:
             assert stage["mean_frame"] == pytest.approx(stage["mean_expected"], abs=max(error, 1e-12)), stage["name"]
 
 
@@ -132,7 +132,7 @@ def test_json_is_all_that_stdout_gets(light_file: Path, tmp_path: Path, cli: Cal
 def test_the_summary_names_every_stage_and_every_note(light: Any, light_file: Path, tmp_path: Path, cli: Any) -> None:
     said = " ".join(cli("expose", light_file, "-o", tmp_path).stdout.split())
     report = json.loads((tmp_path / "frame.json").read_text(encoding="utf-8"))
-    for text in [stage["name"] for stage in report["stages"]] + list(light.certificate.notes):
+    for text in [stage["name"] for stage in report["stages"]] + list(light.statistics.notes):
         assert text in said
 
 
@@ -162,7 +162,7 @@ def test_plan_as_json_holds_the_stages_the_render_and_the_seconds(light_file: Pa
 
 def test_plan_of_a_scene_with_a_lens_is_json_too(light: Any, tmp_path: Path, cli: Callable[..., Any]) -> None:
     """What depth of field changes is not known without a second render: null, because JSON has no NaN."""
-    lens = replace(light, certificate=replace(light.certificate, aperture_f_number=2.8))
+    lens = replace(light, statistics=replace(light.statistics, aperture_f_number=2.8))
     exr.write_irradiance_exr(tmp_path / "lens.exr", lens)
     found = json.loads(cli("plan", tmp_path / "lens.exr", "--json").stdout)
     assert found["render"][1]["kept"] and found["render"][1]["effect_dn"] is None
@@ -241,7 +241,7 @@ def test_doctor_survives_and_says_what_works(tmp_path: Path) -> None:
 
 
 def test_doctor_reports_a_render_that_kills_its_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    from mitsuba_sensor import doctor
+    from mitsuba_sensor.render import doctor
 
     def aborted(command: list[str], **options: Any) -> subprocess.CompletedProcess[str]:
         return subprocess.CompletedProcess(command, -signal.SIGABRT, "", "LLVM ERROR: Cannot select")
@@ -254,7 +254,7 @@ def test_doctor_reports_a_render_that_kills_its_process(monkeypatch: pytest.Monk
 
 
 def test_doctor_names_the_command_when_the_fast_variant_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
-    from mitsuba_sensor import doctor
+    from mitsuba_sensor.render import doctor
 
     said = json.dumps({"render": {"variant": "scalar_spectral"}, "times_s": {"render": 1.0}})
     done = subprocess.CompletedProcess([], 0, said, "")

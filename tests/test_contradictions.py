@@ -59,16 +59,16 @@ CASES: dict[str, tuple[dict[str, Any], str, str]] = {
     "DNL of no code": ({"adc.dnl_lsb": {"last": 0.1}}, "adc", "'last'; .* from 1 to 4094"),
     **{
         f"{field} of one half": ({field: 0.5}, field, "is 0.5; it must be less than or equal to 0.4999")
-        for field in ("readout.column_coupling", "readout.row_coupling", "readout.column_gain_coupling")
+        for field in ("readout.dsnu_col_coupling", "readout.dsnu_row_coupling", "readout.prnu_col_coupling")
     },
     **{
         f"{field} of one half": ({field: 0.5}, field, "is 0.5; it must be less than or equal to 0.45")
-        for field in ("pixel.prnu_coupling", "pixel.offset_coupling", "dark_current.coupling")
+        for field in ("pixel.prnu_coupling", "pixel.dsnu_coupling", "dark_current.coupling")
     },
     "coupling of a family without": (
         {"dark_current.coupling": 0.1},
         "dark_current",
-        'coupling belongs to pattern = "ar"',
+        'coupling belongs to distribution = "ar"',
     ),
     "two dark laws": (
         {"dark_current.rate_e_per_s": 5.0, "dark_current.at_temperature_k": 300.0},
@@ -107,43 +107,43 @@ CASES: dict[str, tuple[dict[str, Any], str, str]] = {
         "diffusion_fom_na_per_cm2 stands beside fom_na_per_cm2.*give both",
     ),
     "weights above one": (
-        {"dark_current.parts": [UNIFORM, NORMAL]},
+        {"dark_current.components": [UNIFORM, NORMAL]},
         "dark_current",
-        "weights of parts add up to 1.2; at most 1",
+        "weights of components add up to 1.2; at most 1",
     ),
     "one weight above one": (
-        {"dark_current.parts": [UNIFORM | {"weight": 1.5}]},
-        "dark_current.parts.0.weight",
+        {"dark_current.components": [UNIFORM | {"weight": 1.5}]},
+        "dark_current.components.0.weight",
         "is 1.5; .* less than or equal to 1",
     ),
     "a uniform part with a mean": (
-        {"dark_current.parts": [UNIFORM | {"mean": 3}]},
-        "dark_current.parts.0",
+        {"dark_current.components": [UNIFORM | {"mean": 3}]},
+        "dark_current.components.0",
         "a uniform part has low and high, and neither mean",
     ),
     "a normal part with an end": (
-        {"dark_current.parts": [NORMAL | {"low": 3}]},
-        "dark_current.parts.0",
+        {"dark_current.components": [NORMAL | {"low": 3}]},
+        "dark_current.components.0",
         "a normal part has mean and sigma, and neither low",
     ),
     "a uniform part of one end": (
-        {"dark_current.parts": [UNIFORM | {"high": None}]},
-        "dark_current.parts.0",
+        {"dark_current.components": [UNIFORM | {"high": None}]},
+        "dark_current.components.0",
         "a uniform part has low and high",
     ),
     "a part upside down": (
-        {"dark_current.parts": [UNIFORM | {"low": 500}]},
-        "dark_current.parts.0",
+        {"dark_current.components": [UNIFORM | {"low": 500}]},
+        "dark_current.components.0",
         "low is 500 and high is 440; high must be the larger",
     ),
     "a part of unknown unit": (
-        {"dark_current.parts": [UNIFORM | {"unit": "adu"}]},
-        "dark_current.parts.0.unit",
+        {"dark_current.components": [UNIFORM | {"unit": "adu"}]},
+        "dark_current.components.0.unit",
         "is 'adu'; it must be 'e_per_s', 'e' or 'dn'",
     ),
     "a trap that switches never": (
-        {"dark_current.blinking_switching": 0.0},
-        "dark_current.blinking_switching",
+        {"dark_current.rts_switching": 0.0},
+        "dark_current.rts_switching",
         "is 0.0; .* 0.0001",
     ),
     "two read noises": (
@@ -265,8 +265,8 @@ EDGES: dict[str, dict[str, Any]] = {
     "gamma just below e": {"adc.gamma": 2.7182818},
     "missing code": {"adc.dnl_lsb": {"7": -1.0}},
     "last code with two edges": {"adc.dnl_lsb": {"4094": 0.1}},
-    "coupling at its end": {"readout.column_coupling": 0.4999, "pixel.prnu_coupling": 0.45},
-    "weights of one": {"dark_current.parts": [UNIFORM, NORMAL | {"weight": 0.4}]},
+    "coupling at its end": {"readout.dsnu_col_coupling": 0.4999, "pixel.prnu_coupling": 0.45},
+    "weights of one": {"dark_current.components": [UNIFORM, NORMAL | {"weight": 0.4}]},
     "k1 instead of A_SN": {
         "readout.sense_gain_uv_per_e": None,
         "readout.ve_k1_c": 10.909e-15,

@@ -71,15 +71,15 @@ def test_the_command_line_says_which_bands_were_not_detected(light_file: Path, t
 S_LOGISTIC = math.sqrt(3) / math.pi
 CUT: dict[str, tuple[dict[str, Any], str, float]] = {
     "gaussian prnu": ({"pixel.prnu": 1.0}, "prnu", ndtr(-1.0)),
-    "coupled prnu": ({"pixel.prnu": 0.5, "pixel.prnu_pattern": "ar"}, "prnu", ndtr(-2.0)),
-    "lognormal prnu": ({"pixel.prnu": 1.0, "pixel.prnu_pattern": "lognormal"}, "prnu", 0.0),
-    "gaussian dark": ({"dark_current.cv": 1.0, "dark_current.pattern": "gaussian"}, "dark_pattern", ndtr(-1.0)),
+    "coupled prnu": ({"pixel.prnu": 0.5, "pixel.prnu_distribution": "ar"}, "prnu", ndtr(-2.0)),
+    "lognormal prnu": ({"pixel.prnu": 1.0, "pixel.prnu_distribution": "lognormal"}, "prnu", 0.0),
+    "gaussian dark": ({"dark_current.cv": 1.0, "dark_current.distribution": "gaussian"}, "dark_fpn", ndtr(-1.0)),
     "logistic dark": (
-        {"dark_current.cv": 1.0, "dark_current.pattern": "logistic"},
-        "dark_pattern",
+        {"dark_current.cv": 1.0, "dark_current.distribution": "logistic"},
+        "dark_fpn",
         1 / (1 + math.exp(1 / S_LOGISTIC)),
     ),
-    "gamma dark": ({"dark_current.cv": 1.0, "dark_current.pattern": "gamma"}, "dark_pattern", 0.0),
+    "gamma dark": ({"dark_current.cv": 1.0, "dark_current.distribution": "gamma"}, "dark_fpn", 0.0),
     "narrow prnu": ({"pixel.prnu": 0.01}, "prnu", 0.0),
 }
 
@@ -101,6 +101,6 @@ def test_a_given_map_is_counted_as_it_is() -> None:
 
 
 def test_offsets_may_be_negative_and_are_not_counted() -> None:
-    camera = TABLE1.replace(**{"pixel.offset_e": 20.0, "readout.row_offset": 0.01})
+    camera = TABLE1.replace(**{"pixel.dsnu_e": 20.0, "readout.dsnu_row": 0.01})
     counts = ms.expose(np.zeros((20, 20)), camera, EXPOSURE).report["counts"]
     assert not any("offset" in name for name in counts)

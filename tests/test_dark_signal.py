@@ -10,13 +10,14 @@ import pytest
 from scipy import stats
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.engine.frame import Device, Frame
-from mitsuba_sensor.engine.moments import Moments
-from mitsuba_sensor.engine.quantities import BOLTZMANN_EV_PER_K, ELEMENTARY_CHARGE_C, Electrons
-from mitsuba_sensor.sensor.chain import chain, dark_law, dark_parts, gain_dn_per_e
-from mitsuba_sensor.sensor.darkparts import DarkPart, mixture_moments
-from mitsuba_sensor.sensor.electrons import BlinkingPixels, DarkCurrent
-from mitsuba_sensor.sensor.laws import Doubling, FigureOfMerit, Measured, Mpp, band_gap_ev
+from mitsuba_sensor.core.frame import Frame
+from mitsuba_sensor.core.moments import Moments
+from mitsuba_sensor.core.quantities import BOLTZMANN_EV_PER_K, ELEMENTARY_CHARGE_C, Electrons
+from mitsuba_sensor.core.sensor_window import SensorWindow
+from mitsuba_sensor.sensor.chain import chain, dark_components, dark_current_model, gain_dn_per_e
+from mitsuba_sensor.sensor.dark_components import DarkComponent, mixture_moments
+from mitsuba_sensor.sensor.dark_current_models import Doubling, FigureOfMerit, Measured, Mpp, band_gap_ev
+from mitsuba_sensor.sensor.electrons import DarkCurrent, RtsPixels
 
 TABLE1 = ms.load_camera("konnik_table1")
 FAMILIES = ["gaussian", "lognormal", "gamma", "wald", "logistic", "ar"]
@@ -31,12 +32,12 @@ def dark_stage(camera: ms.Camera) -> DarkCurrent:
 
 def dark_map(camera: ms.Camera, time_s: float, shape: tuple[int, int] = SHAPE) -> Any:
     """Mean dark electrons of every pixel."""
-    frame = Frame(ms.Exposure(time_s, 300.0), Device(7, shape))
+    frame = Frame(ms.Exposure(time_s, 300.0), SensorWindow(7, shape))
     return np.broadcast_to(dark_stage(camera)(Electrons(np.zeros(shape)), frame).dark, shape)
 
 
 def dark_moments(camera: ms.Camera, time_s: float) -> Moments:
-    frame = Frame(ms.Exposure(time_s, 300.0), Device(7, (1, 1)))
+    frame = Frame(ms.Exposure(time_s, 300.0), SensorWindow(7, (1, 1)))
     return dark_stage(camera).moments(Moments(0.0, 0.0, 0.0, frame))
 
 
@@ -49,12 +50,12 @@ def test_the_dark_pattern_has_mean_t_d_and_sigma_t_d_d_n_at_every_time(family: s
     """
     coupling = 0.25 if family == "ar" else 0.0
     camera = TABLE1.replace(
-        **{"dark_current.pattern": family, "dark_current.cv": 0.1, "dark_current.coupling": coupling}
+        **{"dark_current.distribution": family, "dark_current.cv": 0.1, "dark_current.coupling": coupling}
     )
     expected = 2027.87 * time_s
     theory = dark_moments(camera, time_s)
     assert theory.mean == pytest.approx(expected, rel=1e-5)
-    assert math.sqrt(theory.fixed) == pytest.approx(0.1 * expected, rel=1e-5)
+    assert math.sqrt(theory.spatial) == pytest.approx(0.1 * expected, rel=1e-5)
     x = dark_map(camera, time_s)
     mean_error, sigma_error = WIDER.get(family, (1.0, 1.0))
     assert x.mean() == pytest.approx(expected, rel=5 * 0.1 * mean_error / math.sqrt(x.size))
@@ -69,7 +70,7 @@ def test_a_pixel_twice_as_hot_has_twice_the_mean_and_twice_the_shot_variance() -
     shape = (200, 200)
     frames = ms.expose(
         np.zeros(shape), TABLE1, ms.Exposure(0.1), frames=8, keep=["dark_electrons"],
-        maps={"dark_pattern": np.full(shape, 2.0)},
+        maps={"dark_fpn": np.full(shape, 2.0)},
     )  # fmt: skip
     dark = frames.dark_electrons
     assert dark.mean() == pytest.approx(2 * 174.158, rel=5 / math.sqrt(348 * dark.size))
@@ -81,9 +82,9 @@ LONG = {
     "dark_current.fom_na_per_cm2": None,
     "dark_current.rate_e_per_s": 914.6579 * 0.0611 / K,
     "dark_current.at_temperature_k": 300.0,
-    "dark_current.pattern": "gamma",
+    "dark_current.distribution": "gamma",
     "dark_current.cv": 914.6579**-0.5,
-    "dark_current.parts": [{"weight": 0.001, "family": "uniform", "low": 45, "high": 440, "unit": "dn"}],
+    "dark_current.components": [{"weight": 0.001, "family": "uniform", "low": 45, "high": 440, "unit": "dn"}],
 }
 """The paper's long integration: gamma(914.6579, 0.0611) DN with one pixel in a thousand on U[45, 440] DN."""
 
@@ -92,7 +93,7 @@ def test_the_superimposed_dark_signal_of_the_paper_has_its_mean_and_sigma() -> N
     """0.999·gamma(914.6579, 0.0611) + 0.001·U[45, 440]: 56.0722 and 7.1557 DN, by the theory of the stage."""
     m = dark_moments(TABLE1.replace(**LONG), 1.0)
     assert K * m.mean == pytest.approx(56.0722, abs=5e-5)
-    assert K * math.sqrt(m.fixed) == pytest.approx(7.1557, abs=5e-5)
+    assert K * math.sqrt(m.spatial) == pytest.approx(7.1557, abs=5e-5)
 
 
 def test_the_superimposed_pixels_are_as_many_and_as_spread_as_they_should_be() -> None:
@@ -121,13 +122,13 @@ def test_parts_in_every_unit_have_the_moments_of_the_mixture(unit: str, one_e: f
         {"weight": 0.3, "family": "uniform", "low": 100, "high": 300, "unit": unit},
         {"weight": 0.2, "family": "normal", "mean": 500, "sigma": 50, "unit": unit},
     ]
-    camera = TABLE1.replace(**LONG | {"dark_current.rate_e_per_s": 400.0, "dark_current.parts": parts})
+    camera = TABLE1.replace(**LONG | {"dark_current.rate_e_per_s": 400.0, "dark_current.components": parts})
     laws = [(0.5, 800.0, 800.0**2 / 914.6579), (0.3, 200 * one_e, (200 * one_e) ** 2 / 12),
             (0.2, 500 * one_e, (50 * one_e) ** 2)]  # fmt: skip
     mean = sum(w * m for w, m, _ in laws)
     variance = sum(w * (v + (m - mean) ** 2) for w, m, v in laws)
     m = dark_moments(camera, 2.0)
-    assert (m.mean, m.fixed) == pytest.approx((mean, variance), rel=1e-9)
+    assert (m.mean, m.spatial) == pytest.approx((mean, variance), rel=1e-9)
     x = dark_map(camera, 2.0)
     assert x.mean() == pytest.approx(mean, abs=5 * math.sqrt(variance / x.size))
     fourth = np.mean((x - x.mean()) ** 4) / variance**2
@@ -136,8 +137,8 @@ def test_parts_in_every_unit_have_the_moments_of_the_mixture(unit: str, one_e: f
 
 def test_a_normal_part_is_cut_at_zero_and_its_moments_know() -> None:
     """N(18, 40) cut at 0, the whole sensor: no negative rate, and the mean rises from 18 to 26.0 (5 se: 1.3 %)."""
-    part = DarkPart(1.0, "normal", 18.0, 40.0)
-    frame = Frame(ms.Exposure(1.0), Device(3, SHAPE))
+    part = DarkComponent(1.0, "normal", 18.0, 40.0)
+    frame = Frame(ms.Exposure(1.0), SensorWindow(3, SHAPE))
     x = DarkCurrent(Measured(5.0, 300.0), TABLE1_PATTERN, (part,))(Electrons(np.zeros(SHAPE)), frame).dark
     mean, variance = mixture_moments((part,), 5.0, 0.0, frame)
     cut = stats.norm(18, 40)
@@ -152,7 +153,7 @@ TABLE1_PATTERN = dark_stage(TABLE1).pattern
 
 def test_weights_of_one_leave_no_pixel_to_the_main_law() -> None:
     parts = [{"weight": 1.0, "family": "uniform", "low": 10, "high": 11, "unit": "e"}]
-    x = dark_map(TABLE1.replace(**{"dark_current.parts": parts}), 1.0, (50, 60))
+    x = dark_map(TABLE1.replace(**{"dark_current.components": parts}), 1.0, (50, 60))
     assert x.min() >= 10 and x.max() <= 11
 
 
@@ -162,7 +163,7 @@ KELVINS = [77.0, 250.0, 298.15, 300.0, 308.0, 400.0]
 
 def test_the_mpp_law_adds_diffusion_and_depletion_at_300_k_and_separates_them_elsewhere() -> None:
     """Eq. 2 written out in this test; at 300 K the sum is what both figures of merit say; diffusion falls faster."""
-    law = dark_law(
+    law = dark_current_model(
         TABLE1.replace(**{"dark_current.diffusion_fom_na_per_cm2": 0.01, "dark_current.fom_na_per_cm2": 0.02})
     )
     assert law == Mpp(0.01, 0.02, pytest.approx(AREA_CM2))
@@ -190,7 +191,9 @@ def test_a_measured_rate_is_what_was_measured_and_follows_silicon_from_there() -
 
 
 def test_a_doubling_temperature_doubles() -> None:
-    law = dark_law(TABLE1.replace(**LONG | {"dark_current.rate_e_per_s": 5.0, "dark_current.doubling_k": 7.0}))
+    law = dark_current_model(
+        TABLE1.replace(**LONG | {"dark_current.rate_e_per_s": 5.0, "dark_current.doubling_k": 7.0})
+    )
     assert law == Doubling(5.0, 300.0, 7.0)
     for steps in (-10, -1, 0, 1, 3):
         assert law.rate_e_per_s(300.0 + 7.0 * steps) == pytest.approx(5.0 * 2.0**steps, rel=1e-12)
@@ -206,7 +209,9 @@ def test_every_law_is_finite_and_not_negative_at_every_temperature(law: Any, tem
 
 
 def test_parts_of_the_datasheet_reach_the_stage() -> None:
-    assert dark_parts(TABLE1.replace(**LONG)) == (DarkPart(0.001, "uniform", 45.0, 440.0, pytest.approx(1 / K), False),)
+    assert dark_components(TABLE1.replace(**LONG)) == (
+        DarkComponent(0.001, "uniform", 45.0, 440.0, pytest.approx(1 / K), False),
+    )
 
 
 # Blinking pixels: 100 e-/s for 2 s, on for 30 % of the time.
@@ -216,8 +221,8 @@ STEP, DUTY = 200.0, 0.3
 
 def states(share: float, switching: float, indices: Any, shape: tuple[int, int] = (100, 200)) -> Any:
     """(N, H, W) electrons of the traps in some frames."""
-    stage, device = BlinkingPixels(share, STEP / 2, switching, DUTY), Device(7, shape)
-    frames = [Frame(ms.Exposure(2.0), device, 5, index) for index in indices]
+    stage, window = RtsPixels(share, STEP / 2, switching, DUTY), SensorWindow(7, shape)
+    frames = [Frame(ms.Exposure(2.0), window, 5, index) for index in indices]
     return np.array([np.broadcast_to(stage(Electrons(np.zeros(shape)), frame).dark, shape) for frame in frames])
 
 
@@ -227,13 +232,13 @@ def test_blinking_pixels_have_the_mean_and_variances_that_the_stage_says() -> No
     Means over 120 000 states: 5 se are 1.6 % of the mean; temporal variance 1.5 %; fixed 3 % (binomial laws).
     """
     x = states(0.5, 0.1, range(0, 1200, 100))
-    stage = BlinkingPixels(0.5, STEP / 2, 0.1, DUTY)
-    m = stage.moments(Moments(0.0, 0.0, 0.0, Frame(ms.Exposure(2.0), Device(7, (1, 1)))))
-    assert (m.mean, m.temporal, m.fixed) == pytest.approx((30.0, 0.5 * 200**2 * 0.21, 0.25 * 60**2), rel=1e-12)
+    stage = RtsPixels(0.5, STEP / 2, 0.1, DUTY)
+    m = stage.moments(Moments(0.0, 0.0, 0.0, Frame(ms.Exposure(2.0), SensorWindow(7, (1, 1)))))
+    assert (m.mean, m.temporal, m.spatial) == pytest.approx((30.0, 0.5 * 200**2 * 0.21, 0.25 * 60**2), rel=1e-12)
     assert set(np.unique(x)) == {0.0, STEP}
     temporal = x.var(axis=0, ddof=1)
     fixed = (x.mean(axis=0) - m.mean) ** 2 - temporal / 12
-    for seen, expected in ((x.mean(axis=0), m.mean), (temporal, m.temporal), (fixed, m.fixed)):
+    for seen, expected in ((x.mean(axis=0), m.mean), (temporal, m.temporal), (fixed, m.spatial)):
         assert abs(seen.mean() - expected) < 5 * seen.std() / math.sqrt(seen.size)
 
 
@@ -255,8 +260,8 @@ def test_the_state_of_a_trap_is_forgotten_by_one_minus_switching_per_frame(switc
 
 def test_frame_12_alone_is_frame_12_of_the_batch_and_of_the_crop() -> None:
     camera = TABLE1.replace(
-        **{"dark_current.blinking_share": 0.3, "dark_current.blinking_e_per_s": 5000.0,
-           "dark_current.blinking_switching": 0.2}
+        **{"dark_current.rts_fraction": 0.3, "dark_current.rts_amplitude_e_per_s": 5000.0,
+           "dark_current.rts_switching": 0.2}
     )  # fmt: skip
     light, exposure = np.full((20, 30), 100.0), ms.Exposure(0.1)
     batch = ms.expose(light, camera, exposure, frames=14).digital
@@ -266,9 +271,9 @@ def test_frame_12_alone_is_frame_12_of_the_batch_and_of_the_crop() -> None:
 
 
 def test_no_share_of_blinking_pixels_is_no_stage_and_traps_that_are_always_on_are_a_fixed_pattern() -> None:
-    assert not any(isinstance(stage, BlinkingPixels) for stage in chain(TABLE1))
-    stage = BlinkingPixels(1.0, 10.0, 0.1, 1.0)
-    frame = Frame(ms.Exposure(2.0), Device(7, (4, 5)), 5, 3)
+    assert not any(isinstance(stage, RtsPixels) for stage in chain(TABLE1))
+    stage = RtsPixels(1.0, 10.0, 0.1, 1.0)
+    frame = Frame(ms.Exposure(2.0), SensorWindow(7, (4, 5)), 5, 3)
     np.testing.assert_array_equal(stage(Electrons(np.zeros((4, 5))), frame).dark, 20.0)
     m = stage.moments(Moments(0.0, 0.0, 0.0, frame))
-    assert (m.mean, m.temporal, m.fixed) == (20.0, 0.0, 0.0)
+    assert (m.mean, m.temporal, m.spatial) == (20.0, 0.0, 0.0)

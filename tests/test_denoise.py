@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from light_scenes import SCENES
 
-from mitsuba_sensor.engine.errors import InputError
-from mitsuba_sensor.engine.frame import Exposure
-from mitsuba_sensor.light.denoise import judged
-from mitsuba_sensor.light.irradiance import render
+from mitsuba_sensor.core.errors import InputError
+from mitsuba_sensor.core.exposure import Exposure
+from mitsuba_sensor.render.denoise import judged
+from mitsuba_sensor.render.irradiance import render
 from mitsuba_sensor.sensor.camera import load_camera
 
 CAMERA, EXPOSURE = load_camera("konnik_table1"), Exposure(0.02)
@@ -27,13 +27,13 @@ def test_denoising_lowers_the_error_and_says_by_how_much_it_is_wrong() -> None:
     truth = render(SCENES / "cornell_box.xml", CAMERA, EXPOSURE, spp=2048, seed=2, **box).data
     before, after = (np.mean(((x.data - truth) / truth) ** 2) ** 0.5 for x in (plain, smooth))
     assert after < 0.8 * before
-    found = smooth.certificate.denoised
-    assert found is not None and plain.certificate.denoised is None
+    found = smooth.statistics.denoised
+    assert found is not None and plain.statistics.denoised is None
     assert found["error_after"] < 0.8 * found["error_before"]
     assert abs(found["bias_mean"]) < 0.05
     assert found["error_before"] == pytest.approx(before * 2**0.5, rel=0.25)  # of half the samples
     np.testing.assert_array_equal(smooth.standard_error, plain.standard_error)
-    assert any("error bars are those before" in note for note in smooth.certificate.notes)
+    assert any("error bars are those before" in note for note in smooth.statistics.notes)
     assert (smooth.data >= 0).all()
 
 

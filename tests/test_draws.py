@@ -15,7 +15,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy import stats
 
-from mitsuba_sensor.engine import draws
+from mitsuba_sensor.core import distributions
 
 EDGES = (0, 1, 2, 2**31 - 1, 2**31, 2**32 - 3, 2**32 - 2, 2**32 - 1)
 POISSON_MEANS = (1e-12, 1e-6, 1e-3, 0.1, 0.49, 1.0, 3.0, 9.99, 10.0, 10.5, 12.0, 13.7, 30.0, 333.3, 1e3, 12345.6, 1e5)
@@ -37,20 +37,22 @@ def even_words(bits: int) -> NDArray[np.uint32]:
 
 
 def test_survival_is_never_0_and_never_1() -> None:
-    s = draws.survival(np.array([0, 2**31, 2**32 - 1], dtype=np.uint32))
+    s = distributions.survival(np.array([0, 2**31, 2**32 - 1], dtype=np.uint32))
     np.testing.assert_array_equal(s, [2.0**-33, 0.5 + 2.0**-33, 1 - 2.0**-33])
 
 
 def test_normal_is_the_quantile_function_of_scipy_and_odd_about_the_middle() -> None:
     w = with_edges(1000)
-    np.testing.assert_allclose(draws.normal(w), stats.norm.isf(draws.survival(w)), rtol=1e-12, atol=1e-15)
-    np.testing.assert_allclose(draws.normal(~w), -draws.normal(w), rtol=1e-9, atol=1e-12)
-    assert draws.normal(np.array([0], dtype=np.uint32))[0] == pytest.approx(6.3379, abs=1e-3)
+    np.testing.assert_allclose(
+        distributions.normal(w), stats.norm.isf(distributions.survival(w)), rtol=1e-12, atol=1e-15
+    )
+    np.testing.assert_allclose(distributions.normal(~w), -distributions.normal(w), rtol=1e-9, atol=1e-12)
+    assert distributions.normal(np.array([0], dtype=np.uint32))[0] == pytest.approx(6.3379, abs=1e-3)
 
 
 def test_normal_has_mean_0_variance_1_and_the_higher_moments_of_its_law() -> None:
     """2^20 even words: the cut at 2^-21 on each side costs 4e-5 of the variance, by integration."""
-    z = draws.normal(even_words(20))
+    z = distributions.normal(even_words(20))
     assert abs(z.mean()) < 1e-8
     assert np.mean(z**2) == pytest.approx(1, abs=1e-4)
     assert np.mean(z**4) == pytest.approx(3, abs=4e-3)
@@ -59,7 +61,7 @@ def test_normal_has_mean_0_variance_1_and_the_higher_moments_of_its_law() -> Non
 @pytest.mark.parametrize("cv", [1e-9, 0.01, 0.4, 1.0, 10.0])
 def test_lognormal_has_unit_mean_its_cv_and_never_reaches_0(cv: float) -> None:
     """Moments of ln X, which converge for every cv: −½ln(1+cv²) and ln(1+cv²)."""
-    x = draws.lognormal(even_words(18), cv)
+    x = distributions.lognormal(even_words(18), cv)
     variance = math.log1p(cv * cv)
     assert (x > 0).all()
     assert np.log(x).mean() == pytest.approx(-variance / 2, rel=1e-6, abs=1e-16)
@@ -73,22 +75,22 @@ def test_lognormal_has_unit_mean_its_cv_and_never_reaches_0(cv: float) -> None:
 def test_poisson_equals_scipys_quantile_word_for_word(mean: float) -> None:
     """100 000 random words (3000 where SciPy searches slowly), the ends and the middle; no chance is left."""
     w = with_edges(100_000 if mean < 1e4 else 3_000)
-    np.testing.assert_array_equal(draws.poisson(w, mean), stats.poisson.isf(draws.survival(w), mean))
+    np.testing.assert_array_equal(distributions.poisson(w, mean), stats.poisson.isf(distributions.survival(w), mean))
 
 
 def test_poisson_equals_scipys_quantile_where_the_mean_differs_from_pixel_to_pixel() -> None:
     """Means from 1e-3 to 1e3, all three ways of finding the count in one array, in any shape."""
     w = words(60_000).reshape(200, 300)
     means = 10 ** np.random.default_rng(8).uniform(-3, 3, w.shape)
-    np.testing.assert_array_equal(draws.poisson(w, means), stats.poisson.isf(draws.survival(w), means))
+    np.testing.assert_array_equal(distributions.poisson(w, means), stats.poisson.isf(distributions.survival(w), means))
 
 
 @pytest.mark.parametrize("mean", [1e6, 1e7])
 def test_poisson_of_a_large_mean_equals_scipys_quantile_but_for_scipys_own_tail(mean: float) -> None:
     """From 1e6 our expansion may differ in 1e-5 of the words; beyond +4.3σ SciPy is wrong (next test), stop there."""
     w = words(1_000)
-    s = draws.survival(w := w[w > 2**32 * 1e-5])
-    np.testing.assert_array_equal(draws.poisson(w, mean), stats.poisson.isf(s, mean))
+    s = distributions.survival(w := w[w > 2**32 * 1e-5])
+    np.testing.assert_array_equal(distributions.poisson(w, mean), stats.poisson.isf(s, mean))
 
 
 @pytest.mark.parametrize("mean", [11.0, 1e3, 1e6, 1e7, 1e8])
@@ -98,7 +100,7 @@ def test_poisson_tail_is_right_where_scipys_gamma_function_is_not(word: int, mea
 
     (SciPy's incomplete gamma function is 3 % low 5σ above a mean of 1e7, and 27 % at 1e8.)
     """
-    n = int(draws.poisson(np.array([word], dtype=np.uint32), mean)[0])
+    n = int(distributions.poisson(np.array([word], dtype=np.uint32), mean)[0])
     s = (word + 0.5) / 2**32
     assert upper_tail(n, mean) <= s < upper_tail(n - 1, mean)
 
@@ -111,10 +113,10 @@ def test_poisson_steps_by_one_where_the_mean_passes_a_boundary(start: float) -> 
     """
     word = np.array([1], dtype=np.uint32)
     low, high = start, start + 3
-    first = draws.poisson(word, low)[0]
+    first = distributions.poisson(word, low)[0]
     while low < (middle := (low + high) / 2) < high:
-        low, high = (middle, high) if draws.poisson(word, middle)[0] <= first else (low, middle)
-    before, after = (draws.poisson(word, mean)[0] for mean in (low, high))
+        low, high = (middle, high) if distributions.poisson(word, middle)[0] <= first else (low, middle)
+    before, after = (distributions.poisson(word, mean)[0] for mean in (low, high))
     assert after - before == 1
     s = (1 + 0.5) / 2**32
     assert upper_tail(int(before) + 1, low) <= s <= upper_tail(int(before) - 1, low)
@@ -139,26 +141,26 @@ def poisson_pmf(n: int, mean: float) -> float:
 
 
 def test_poisson_of_no_light_is_exactly_0_for_every_word() -> None:
-    np.testing.assert_array_equal(draws.poisson(with_edges(1000), 0.0), 0.0)
+    np.testing.assert_array_equal(distributions.poisson(with_edges(1000), 0.0), 0.0)
 
 
 def test_poisson_of_1e_minus_12_is_0_in_a_million_pixels() -> None:
-    assert not draws.poisson(words(1_000_000), 1e-12).any()
-    assert not draws.poisson(np.array(EDGES, dtype=np.uint32), 1e-12).any()
+    assert not distributions.poisson(words(1_000_000), 1e-12).any()
+    assert not distributions.poisson(np.array(EDGES, dtype=np.uint32), 1e-12).any()
 
 
 def test_poisson_of_astronomical_means_is_finite_and_within_6_4_sigma() -> None:
     w = np.array(EDGES, dtype=np.uint32)
     for mean in (1e12, 1e30, 1e300):
-        n = draws.poisson(w, mean)
+        n = distributions.poisson(w, mean)
         assert np.isfinite(n).all()
         assert (np.abs(n - mean) <= 6.4 * math.sqrt(mean) + 1e-15 * mean).all()
-    assert np.isinf(draws.poisson(w, math.inf)).all()
+    assert np.isinf(distributions.poisson(w, math.inf)).all()
 
 
 @pytest.mark.parametrize("mean", [5e-324, 1e-300, 1e-20])
 def test_poisson_of_subnormal_means_is_0(mean: float) -> None:
-    assert not draws.poisson(np.array(EDGES, dtype=np.uint32), mean).any()
+    assert not distributions.poisson(np.array(EDGES, dtype=np.uint32), mean).any()
 
 
 def test_poisson_never_falls_when_the_mean_or_the_wanted_quantile_rises() -> None:
@@ -166,10 +168,10 @@ def test_poisson_never_falls_when_the_mean_or_the_wanted_quantile_rises() -> Non
     means = np.concatenate([np.linspace(0, 40, 4001), [9.999999999, 10.0, 10.000000001]])
     means.sort()
     for word in (*EDGES, 2**30, 3 * 2**30):
-        counts = draws.poisson(np.full(means.shape, word, dtype=np.uint32), means)
+        counts = distributions.poisson(np.full(means.shape, word, dtype=np.uint32), means)
         assert (np.diff(counts) >= 0).all()
     for mean in (3.0, 12.0, 1e5):
-        assert (np.diff(draws.poisson(np.sort(words(10_000)), mean)) <= 0).all()
+        assert (np.diff(distributions.poisson(np.sort(words(10_000)), mean)) <= 0).all()
 
 
 @pytest.mark.parametrize("mean", MOMENT_MEANS)
@@ -179,7 +181,7 @@ def test_poisson_has_mean_variance_and_skewness_of_its_law(mean: float) -> None:
     Standard errors: of the mean √(λ/n), of the variance √((λ + 2λ²)/n), of the third moment √(μ₆ − …) ≤ √(15λ³ + …)/n.
     """
     count = 2**20
-    n = draws.poisson(words(count, seed=11), mean)
+    n = distributions.poisson(words(count, seed=11), mean)
     e = n - mean
     assert abs(e.mean()) < 5 * math.sqrt(mean / count)
     assert abs(np.mean(e**2) - mean) < 5 * math.sqrt((mean + 2 * mean**2) / count)
@@ -191,7 +193,7 @@ def test_poisson_has_mean_variance_and_skewness_of_its_law(mean: float) -> None:
 def test_poisson_passes_chi_squared_with_a_million_draws(mean: float) -> None:
     """Cells of at least 20 expected counts; p > 1e-4, so each of the 7 cases fails in 1e-4 of the seeds."""
     count = 2**20
-    n = draws.poisson(words(count, seed=12), mean)
+    n = distributions.poisson(words(count, seed=12), mean)
     low, high = stats.poisson.ppf([25 / count, 1 - 25 / count], mean).astype(int)
     edges = np.unique(np.linspace(low, high, min(high - low + 1, 400)).astype(int))
     below = np.concatenate([[0.0], stats.poisson.cdf(edges, mean), [1.0]])
@@ -207,7 +209,7 @@ def test_poisson_passes_chi_squared_with_a_million_draws(mean: float) -> None:
 
 def test_less_than_half_an_electron_is_not_black() -> None:
     """Rounding 0.49 to 0 before the draw would give P(0) = 1; it is exp(−0.49) = 0.6126. 2^20 even words: ± 1e-6."""
-    n = draws.poisson(even_words(20), 0.49)
+    n = distributions.poisson(even_words(20), 0.49)
     assert np.mean(n == 0) == pytest.approx(math.exp(-0.49), abs=2e-6)
 
 
@@ -216,17 +218,17 @@ COUPLINGS = (0.0, 1e-12, 0.25, 0.45, 0.49, 0.4999)
 
 def stripes(coupling: float, size: int, lines: int = 1) -> Any:
     """Vectors of ``isotropic_ar`` from independent white normals, (lines, size)."""
-    white = np.random.default_rng(3).standard_normal((lines, size + 2 * draws.AR_WARM_UP))
-    return np.array([draws.isotropic_ar(line, coupling, draws.AR_WARM_UP) for line in white])
+    white = np.random.default_rng(3).standard_normal((lines, size + 2 * distributions.AR_WARM_UP))
+    return np.array([distributions.isotropic_ar(line, coupling, distributions.AR_WARM_UP) for line in white])
 
 
 @pytest.mark.parametrize("coupling", COUPLINGS)
 def test_isotropic_ar_is_an_exact_filter_of_variance_1_and_neighbour_correlation_2a(coupling: float) -> None:
     """Its response to a unit impulse is its kernel: Σh² must be 1 and Σh_j·h_{j+1} must be 2a, without any sampling."""
-    size = 4 * draws.AR_WARM_UP
-    impulse = np.zeros(size + 2 * draws.AR_WARM_UP)
-    impulse[draws.AR_WARM_UP + size // 2] = 1
-    h = draws.isotropic_ar(impulse, coupling, draws.AR_WARM_UP)
+    size = 4 * distributions.AR_WARM_UP
+    impulse = np.zeros(size + 2 * distributions.AR_WARM_UP)
+    impulse[distributions.AR_WARM_UP + size // 2] = 1
+    h = distributions.isotropic_ar(impulse, coupling, distributions.AR_WARM_UP)
     assert np.sum(h * h) == pytest.approx(1, rel=1e-12)
     assert np.sum(h[1:] * h[:-1]) == pytest.approx(2 * coupling, rel=1e-9, abs=1e-12)
     np.testing.assert_allclose(h, h[np.abs(np.arange(size) - size) % size], rtol=1e-9, atol=1e-15)
@@ -235,10 +237,10 @@ def test_isotropic_ar_is_an_exact_filter_of_variance_1_and_neighbour_correlation
 @pytest.mark.parametrize(("coupling", "gain"), [(0.25, 1.5396), (0.45, 12.0745), (0.49, 126.90)])
 def test_isotropic_ar_solves_the_equation_of_the_paper(coupling: float, gain: float) -> None:
     """x_j = a(x_{j−1} + x_{j+1}) + U_j with white U of variance 1/gain, gain = (1 − 4a²)^(−3/2) (paper eq. 28)."""
-    white = np.random.default_rng(3).standard_normal(20_000 + 2 * draws.AR_WARM_UP)
-    x = draws.isotropic_ar(white, coupling, draws.AR_WARM_UP)
+    white = np.random.default_rng(3).standard_normal(20_000 + 2 * distributions.AR_WARM_UP)
+    x = distributions.isotropic_ar(white, coupling, distributions.AR_WARM_UP)
     u = x[1:-1] - coupling * (x[:-2] + x[2:])
-    expected = white[draws.AR_WARM_UP + 1 : -draws.AR_WARM_UP - 1] / math.sqrt(gain)
+    expected = white[distributions.AR_WARM_UP + 1 : -distributions.AR_WARM_UP - 1] / math.sqrt(gain)
     np.testing.assert_allclose(u, expected, rtol=1e-4, atol=1e-5)
 
 

@@ -1,4 +1,4 @@
-"""sensor/ends.py: moments of chains whose well the converter hides, and of whole electrons that beat with the codes."""
+"""sensor/theory.py: moments of chains whose well the converter hides, and of whole electrons on coarse codes."""
 
 from __future__ import annotations
 
@@ -10,15 +10,16 @@ import pytest
 from scipy import stats
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.engine.frame import Device, Frame
-from mitsuba_sensor.engine.lanes import SINGLE
-from mitsuba_sensor.engine.moments import Moments
-from mitsuba_sensor.engine.quantities import Photons
-from mitsuba_sensor.sensor.account import stage_name
-from mitsuba_sensor.sensor.chain import chain, gain_dn_per_e, pedestal_dn
-from mitsuba_sensor.sensor.ends import final_moments, hidden_well
+from mitsuba_sensor.core.backend import NUMPY_FLOAT32
+from mitsuba_sensor.core.frame import Frame
+from mitsuba_sensor.core.moments import Moments
+from mitsuba_sensor.core.quantities import Photons
+from mitsuba_sensor.core.sensor_window import SensorWindow
+from mitsuba_sensor.sensor.chain import black_level_dn, chain, gain_dn_per_e
+from mitsuba_sensor.sensor.noise_budget import stage_name
 from mitsuba_sensor.sensor.plan import without
-from mitsuba_sensor.sensor.running import run_chain
+from mitsuba_sensor.sensor.run import run_chain
+from mitsuba_sensor.sensor.theory import final_moments, hidden_well
 
 EXPOSURE = ms.Exposure(0.1)
 TABLE1, BAYER = ms.load_camera("konnik_table1"), ms.load_camera("bayer_2mp")
@@ -29,7 +30,7 @@ def flat(electrons: float, shape: tuple[int, int]) -> Photons:
 
 
 def frame(shape: tuple[int, int]) -> Frame:
-    return Frame(EXPOSURE, Device(0, shape))
+    return Frame(EXPOSURE, SensorWindow(0, shape))
 
 
 @pytest.mark.parametrize("electrons", [32_300.0, 32_700.0, 33_000.0])
@@ -44,13 +45,13 @@ def test_a_pixel_about_to_fill_its_well_has_the_moments_of_its_frames(electrons:
     m = final_moments(stages, light, frame(shape))[1]
     found = []
     for serial in range(1, 33):
-        device = Device(serial, shape, lanes=SINGLE)
-        frames = np.array([run_chain(stages, light, Frame(EXPOSURE, device, serial, k)) for k in range(4)], float)
+        window = SensorWindow(serial, shape, backend=NUMPY_FLOAT32)
+        frames = np.array([run_chain(stages, light, Frame(EXPOSURE, window, serial, k)) for k in range(4)], float)
         temporal = frames.var(axis=0, ddof=1).mean()
         fixed = ((frames.mean(axis=0) - m.mean) ** 2).mean() - temporal / 4
         found.append((frames.mean(), temporal, fixed))
     values, errors = np.mean(found, axis=0), np.std(found, axis=0, ddof=1) / np.sqrt(len(found))
-    for value, error, expected in zip(values, errors, (m.mean, m.temporal, m.fixed), strict=True):
+    for value, error, expected in zip(values, errors, (m.mean, m.temporal, m.spatial), strict=True):
         assert value == pytest.approx(float(np.mean(expected)), rel=0.02, abs=4.5 * error)
     assert values[0] == pytest.approx(float(np.mean(m.mean)), abs=4.5 * errors[0] + 0.02)
 
@@ -68,14 +69,14 @@ def test_far_from_the_edge_of_the_well_the_moments_are_those_of_the_stages_one_b
     for stage in stages:
         m = stage.moments(m)
     found = final_moments(stages, flat(bright, shape), frame(shape))[1]
-    for part in ("mean", "temporal", "fixed"):
+    for part in ("mean", "temporal", "spatial"):
         np.testing.assert_allclose(getattr(found, part), getattr(m, part), rtol=1e-6, atol=1e-6)
 
 
 def test_light_without_end_is_saturated_and_no_number_is_lost() -> None:
     found = final_moments(chain(BAYER), Photons(np.full((2, 2, 3), np.inf), detected=True), frame((2, 2)))[1]
     np.testing.assert_allclose(found.mean, 4095, atol=1e-6)
-    assert np.all(found.temporal < 1e-6) and np.all(found.fixed < 1e-6)
+    assert np.all(found.temporal < 1e-6) and np.all(found.spatial < 1e-6)
 
 
 def test_a_bright_picture_needs_no_full_well_where_the_converter_ends_first() -> None:
@@ -83,7 +84,7 @@ def test_a_bright_picture_needs_no_full_well_where_the_converter_ends_first() ->
     ramp = np.tile(np.linspace(40_000, 70_000, 64), (32, 1))
     plan = ms.plan(TABLE1, EXPOSURE, ramp, 0.02)
     effects = {effect.stage: effect for effect in plan.effects}
-    assert not effects["full well"].kept and 0 < effects["full well"].fixed_dn < 0.01
+    assert not effects["full well"].kept and 0 < effects["full well"].spatial_dn < 0.01
     well = {stage for stage in plan.whole if stage_name(stage) == "full well"}
     ways = (replace(plan, stages=stages) for stages in (plan.whole, without(plan.whole, well)))
     whole, planned = (ms.expose(ramp, TABLE1, EXPOSURE, frames=4, plan=way) for way in ways)
@@ -100,8 +101,8 @@ def test_the_mean_of_rounded_whole_electrons_is_that_of_every_count_with_its_cha
     found = float(final_moments(stages, light, frame((1, 1)))[1].mean[0, 0])
     counts = np.arange(int(electrons + 12 * np.sqrt(electrons) + 30))
     codes = np.arange(1, 200)
-    sigma = gain_dn_per_e(BAYER) * BAYER.readout.column_offset * BAYER.pixel.full_well_e
-    smooth = pedestal_dn(BAYER) + gain_dn_per_e(BAYER) * counts
+    sigma = gain_dn_per_e(BAYER) * BAYER.readout.dsnu_col * BAYER.pixel.full_well_e
+    smooth = black_level_dn(BAYER) + gain_dn_per_e(BAYER) * counts
     mean = stats.norm.cdf((smooth[:, None] - codes + 0.5) / sigma).sum(axis=1)  # Σ P(code reached)
     assert found == pytest.approx(float(stats.poisson.pmf(counts, electrons) @ mean), abs=2e-5)
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.engine.lanes import REFERENCE, SINGLE, Lanes
-from mitsuba_sensor.engine.llvm import backend_problem, drjit
-from mitsuba_sensor.sensor import running
+from mitsuba_sensor.core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, Backend
+from mitsuba_sensor.core.llvm import backend_problem, drjit
+from mitsuba_sensor.sensor import run
 
 problem = backend_problem("llvm")
 compiled = pytest.mark.skipif(problem is not None, reason=str(problem))
@@ -31,7 +31,7 @@ BENT = {
 }
 UNIFORM = {"weight": 0.2, "family": "uniform", "low": 45, "high": 440, "unit": "dn"}
 NORMAL = {"weight": 0.3, "family": "normal", "mean": 400, "sigma": 50, "unit": "e_per_s"}
-BLINKING = {"blinking_share": 0.2, "blinking_e_per_s": 900.0, "blinking_switching": 0.5}
+BLINKING = {"rts_fraction": 0.2, "rts_amplitude_e_per_s": 900.0, "rts_switching": 0.5}
 OPTIONS: dict[str, dict[str, Any]] = {
     "as shipped": {},
     "8 bit": {"adc.bits": 8},
@@ -39,21 +39,21 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "16 bit, everything bent": {"adc.bits": 16, **BENT},
     "small well": {"pixel.full_well_e": 1000.0},
     "low gain": {"adc.full_scale_v": 5.0},
-    "coupled maps": {"pixel.prnu_pattern": "ar", "pixel.prnu_coupling": 0.25, "readout.column_coupling": 0.4},
-    "log-normal prnu": {"pixel.prnu_pattern": "lognormal", "pixel.prnu": 0.3},
-    "gaussian dark": {"dark_current.pattern": "gaussian", "dark_current.cv": 0.8},
-    "gamma dark": {"dark_current.pattern": "gamma", "dark_current.cv": 0.4},
-    "wald dark": {"dark_current.pattern": "wald", "dark_current.cv": 1.0},
-    "logistic dark": {"dark_current.pattern": "logistic", "dark_current.cv": 0.6},
-    "coupled dark": {"dark_current.pattern": "ar", "dark_current.coupling": 0.3},
-    "parts": {"dark_current.parts": [UNIFORM, NORMAL]},
+    "coupled maps": {"pixel.prnu_distribution": "ar", "pixel.prnu_coupling": 0.25, "readout.dsnu_col_coupling": 0.4},
+    "log-normal prnu": {"pixel.prnu_distribution": "lognormal", "pixel.prnu": 0.3},
+    "gaussian dark": {"dark_current.distribution": "gaussian", "dark_current.cv": 0.8},
+    "gamma dark": {"dark_current.distribution": "gamma", "dark_current.cv": 0.4},
+    "wald dark": {"dark_current.distribution": "wald", "dark_current.cv": 1.0},
+    "logistic dark": {"dark_current.distribution": "logistic", "dark_current.cv": 0.6},
+    "coupled dark": {"dark_current.distribution": "ar", "dark_current.coupling": 0.3},
+    "parts": {"dark_current.components": [UNIFORM, NORMAL]},
     "blinking": {f"dark_current.{key}": value for key, value in BLINKING.items()},
-    "offsets": {"readout.row_offset": 1e-3, "readout.row_coupling": 0.2, "pixel.offset_e": 10.0},
-    "coupled pixels": {"pixel.offset_e": 10.0, "pixel.offset_coupling": 0.3},
-    "column gain": {"readout.column_gain": 0.02, "readout.column_gain_coupling": 0.1},
+    "offsets": {"readout.dsnu_row": 1e-3, "readout.dsnu_row_coupling": 0.2, "pixel.dsnu_e": 10.0},
+    "coupled pixels": {"pixel.dsnu_e": 10.0, "pixel.dsnu_coupling": 0.3},
+    "prnu column": {"readout.prnu_col": 0.02, "readout.prnu_col_coupling": 0.1},
     "steps": {"adc.bits": 10, "adc.dnl_lsb": {"100": 0.7, "511": -1.0, "900": 0.3}},
     "quantum yield": {"quantum_efficiency.quantum_yield": [2.3, 1.1], "quantum_efficiency.fano_factor": 0.1},
-    "no noise at all": {"pixel.prnu": 0.0, "dark_current.cv": 0.0, "readout.column_offset": 0.0},
+    "no noise at all": {"pixel.prnu": 0.0, "dark_current.cv": 0.0, "readout.dsnu_col": 0.0},
 }
 
 
@@ -89,13 +89,13 @@ def test_numpy_and_the_kernel_deliver_the_same_bytes_for_every_camera_file(name:
 @compiled
 def test_bands_and_given_maps_are_the_same_on_both() -> None:
     light = dark_to_saturation(TABLE1)[..., None] * [0.2, 0.5, 0.3]
-    maps = {"prnu": np.random.default_rng(1).normal(1, 0.1, SHAPE), "column_offset_e": np.full((1, SHAPE[1]), -40.0)}
+    maps = {"prnu": np.random.default_rng(1).normal(1, 0.1, SHAPE), "dsnu_col_e": np.full((1, SHAPE[1]), -40.0)}
     how: dict[str, Any] = {"wavelengths_nm": [460.0, 550.0, 820.0], "maps": maps}
     np.testing.assert_array_equal(frame(TABLE1, light, "numpy", **how), frame(TABLE1, light, "drjit", **how))
 
 
 @compiled
-@pytest.mark.parametrize("keep", ["light_electrons", "dark_electrons", "electrons", "volts"])
+@pytest.mark.parametrize("keep", ["photoelectrons", "dark_electrons", "electrons", "volts"])
 def test_the_signals_on_the_way_are_the_same_bits_too(keep: str) -> None:
     camera = TABLE1.replace(**BENT)
     light = dark_to_saturation(camera)
@@ -113,7 +113,7 @@ def test_one_thread_and_two_deliver_the_same_bytes(monkeypatch: pytest.MonkeyPat
         frames = []
         for count in (1, 2):
             drjit().set_thread_count(count)
-            monkeypatch.setattr(running, "processors", lambda count=count: count)
+            monkeypatch.setattr(run, "processors", lambda count=count: count)
             frames += [frame(camera, light, engine) for engine in ("numpy", "drjit")]
     finally:
         drjit().set_thread_count(threads)
@@ -123,7 +123,7 @@ def test_one_thread_and_two_deliver_the_same_bytes(monkeypatch: pytest.MonkeyPat
 @compiled
 def test_a_crop_is_the_crop_of_the_frame_in_any_order_and_batch() -> None:
     """Frames 3 … 5 of a window, alone, together, backwards and streamed."""
-    camera = TABLE1.replace(**BENT, **{"pixel.offset_e": 10.0})
+    camera = TABLE1.replace(**BENT, **{"pixel.dsnu_e": 10.0})
     light = dark_to_saturation(camera)
     whole = frame(camera, light, "drjit", frames=3, first_frame=3)
     rows, columns = slice(101, 190), slice(7, 100)
@@ -137,17 +137,17 @@ def test_a_crop_is_the_crop_of_the_frame_in_any_order_and_batch() -> None:
 
 @compiled
 def test_more_than_one_launch_makes_the_same_frame(monkeypatch: pytest.MonkeyPatch) -> None:
-    from mitsuba_sensor.engine.compiled import Compiled
+    from mitsuba_sensor.core.drjit_backend import DrJitBackend
 
     camera, light = TABLE1.replace(**BENT), dark_to_saturation(TABLE1)
     whole = frame(camera, light, "drjit", frames=2)
-    monkeypatch.setattr(Compiled, "strip", 3000)
+    monkeypatch.setattr(DrJitBackend, "strip", 3000)
     np.testing.assert_array_equal(frame(camera, light, "drjit", frames=2), whole)
 
 
 def test_a_stream_that_is_left_lets_its_threads_go(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(running, "processors", lambda: 2)
-    monkeypatch.setattr(Lanes, "strip", 1000)
+    monkeypatch.setattr(run, "processors", lambda: 2)
+    monkeypatch.setattr(Backend, "strip", 1000)
     before = threading.active_count()
     stream = ms.stream(RAMP, TABLE1, EXPOSURE, frames=9, engine="numpy")
     next(stream)
@@ -177,7 +177,7 @@ def test_a_changed_number_compiles_nothing_and_a_source_left_out_does() -> None:
 
     compiles(camera)
     numbers = {"pixel.full_well_e": 2e4, "pixel.prnu": 0.02, "source_follower.gain": 0.7, "adc.gamma": 1.1}
-    numbers |= {"readout.ve_nonlinearity": 0.2, "dark_current.cv": 0.3, "adc.bits": 11, "adc.pedestal_dn": 7.0}
+    numbers |= {"readout.ve_nonlinearity": 0.2, "dark_current.cv": 0.3, "adc.bits": 11, "adc.black_level_dn": 7.0}
     for field, value in numbers.items():
         assert compiles(camera.replace(**{field: value})) == 0, field
     assert compiles(camera, ms.Exposure(0.02, 280.0), seed=9, serial=2**40, first_frame=77, origin=(5, 6)) == 0
@@ -193,11 +193,11 @@ def test_a_changed_number_compiles_nothing_and_a_source_left_out_does() -> None:
 
 @compiled
 def test_auto_compiles_for_much_work_and_not_for_little(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert running.chosen_lanes("auto", "float32", 1000) is SINGLE
-    assert not running.chosen_lanes("auto", "float32", 10**8).on_host
-    assert running.chosen_lanes("auto", "float64", 10**8) is REFERENCE
-    monkeypatch.setattr(running, "backend_problem", lambda backend: "no LLVM")
-    assert running.chosen_lanes("auto", "float32", 10**8) is SINGLE
+    assert run.choose_backend("auto", "float32", 1000) is NUMPY_FLOAT32
+    assert not run.choose_backend("auto", "float32", 10**8).on_host
+    assert run.choose_backend("auto", "float64", 10**8) is NUMPY_FLOAT64
+    monkeypatch.setattr(run, "backend_problem", lambda backend: "no LLVM")
+    assert run.choose_backend("auto", "float32", 10**8) is NUMPY_FLOAT32
 
 
 @pytest.mark.parametrize(
@@ -216,7 +216,7 @@ def test_an_engine_that_is_not_there_is_one_sentence(how: dict[str, Any], senten
 
 
 def test_without_llvm_the_compiled_engine_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(running, "backend_problem", lambda backend: "no LLVM 17 or newer on this machine")
+    monkeypatch.setattr(run, "backend_problem", lambda backend: "no LLVM 17 or newer on this machine")
     with pytest.raises(ms.InputError, match=r"take engine numpy, or apt-get install libllvm19\.$"):
         ms.expose([[1.0]], TABLE1, EXPOSURE, engine="drjit")
 
@@ -251,6 +251,6 @@ def test_where_float32_moves_too_much_the_plan_says_so_and_takes_float64() -> No
     frames = ms.expose(light, camera, EXPOSURE, plan=found)
     exact = ms.expose(light, camera, EXPOSURE, precision="float64")
     np.testing.assert_array_equal(frames.digital, exact.digital)
-    assert ms.expose([[1.0]], TABLE1, EXPOSURE).first.device.lanes is SINGLE
+    assert ms.expose([[1.0]], TABLE1, EXPOSURE).first.window.backend is NUMPY_FLOAT32
     deep = TABLE1.replace(**{"pixel.full_well_e": 2e7})
-    assert ms.expose([[1.0]], deep, EXPOSURE).first.device.lanes is REFERENCE
+    assert ms.expose([[1.0]], deep, EXPOSURE).first.window.backend is NUMPY_FLOAT64

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.sensor.account import stage_name
 from mitsuba_sensor.sensor.chain import chain, gain_dn_per_e
+from mitsuba_sensor.sensor.noise_budget import stage_name
 
 EXPOSURE = ms.Exposure(0.1)
 CAMERA = ms.load_camera("konnik_table1")
@@ -61,15 +61,15 @@ def test_intermediate_signals_come_on_request_and_belong_together() -> None:
     assert frames.electrons.shape == frames.volts.shape == frames.digital.shape == (3, 6, 8)
     np.testing.assert_array_equal(frames.electrons, np.floor(frames.electrons))
     adc = chain(CAMERA)[-1]
-    code = np.clip(np.floor(adc.pedestal_dn + frames.volts * adc.gain_dn_per_v + 0.5), 0, 4095)
+    code = np.clip(np.floor(adc.black_level_dn + frames.volts * adc.gain_dn_per_v + 0.5), 0, 4095)
     np.testing.assert_array_equal(frames.digital, code)
 
 
 def test_without_noise_the_frame_is_the_closed_form() -> None:
     """Every source off but the shot noise, which the kept electrons show: DN = round(pedestal + K·N)."""
     quiet = CAMERA.replace(
-        **{"pixel.prnu": 0.0, "readout.column_offset": 0.0, "source_follower.white_nv_per_rthz": 0.0},
-        **{"adc.pedestal_dn": 50.25},
+        **{"pixel.prnu": 0.0, "readout.dsnu_col": 0.0, "source_follower.white_nv_per_rthz": 0.0},
+        **{"adc.black_level_dn": 50.25},
     )
     frames = ms.expose(np.linspace(0, 60_000, 300).reshape(10, 30), quiet, EXPOSURE, keep=("electrons",))
     expected = np.minimum(np.floor(50.25 + gain_dn_per_e(quiet) * frames.electrons + 0.5), 4095)
@@ -158,7 +158,7 @@ def test_what_is_no_camera_is_refused_with_the_way_to_get_one(camera: Any) -> No
     for ask in (
         lambda: ms.expose(LIGHT, camera, EXPOSURE),
         lambda: ms.plan(camera, EXPOSURE, LIGHT),
-        lambda: ms.patterns(camera, (2, 2)),
+        lambda: ms.fpn_maps(camera, (2, 2)),
     ):
         with pytest.raises(ms.InputError, match=r"camera is .*; pass a Camera, e.g. load_camera"):
             ask()
@@ -180,10 +180,10 @@ def test_the_name_of_a_camera_is_a_text_or_a_path(name: Any) -> None:
 @pytest.mark.parametrize("shape", [3, (3,), (3, 4, 5), (0, 4), (3, 0), (-1, 4), (2.5, 4), "all", ("a", "b"), (None, 2)])
 def test_patterns_of_an_impossible_window_are_refused(shape: Any) -> None:
     with pytest.raises(ms.InputError, match="shape is"):
-        ms.patterns(CAMERA, shape)
+        ms.fpn_maps(CAMERA, shape)
     for wrong in ({"origin": 3}, {"origin": (0, -1)}, {"serial": "A7"}, {"serial": -1}):
         with pytest.raises(ms.InputError, match=r"(origin|serial) is"):
-            ms.patterns(CAMERA, (2, 2), **wrong)
+            ms.fpn_maps(CAMERA, (2, 2), **wrong)
 
 
 @pytest.mark.parametrize("photons", ["bright", None, np.zeros(5), np.zeros((2, 2, 3))], ids=str)
@@ -216,7 +216,7 @@ def test_the_account_holds_every_stage_with_theory_and_sample_that_agree(name: s
             stage["mean_expected"], abs=5 * sigma / math.sqrt(12_500) + 1e-9, rel=3e-7
         )
         assert stage["sigma_frame"] == pytest.approx(sigma, rel=0.04, abs=3e-7 * stage["mean_expected"])
-        split = math.hypot(stage["sigma_temporal_expected"], stage["sigma_fixed_expected"])
+        split = math.hypot(stage["sigma_temporal_expected"], stage["sigma_spatial_expected"])
         assert split == pytest.approx(sigma, rel=1e-9)
 
 
@@ -231,7 +231,7 @@ def test_the_account_is_json_with_photons_gain_and_counts() -> None:
     assert report["counts"]["clipped_full_well"] == 4
     assert report["counts"]["clipped_adc_high"] == np.sum(frames.digital[0] == 4095)
     assert report["counts"]["clipped_adc_low"] == 0
-    cut = ms.expose(np.zeros((50, 50)), CAMERA.replace(**{"adc.pedestal_dn": 0.0}), ms.Exposure(0.0))
+    cut = ms.expose(np.zeros((50, 50)), CAMERA.replace(**{"adc.black_level_dn": 0.0}), ms.Exposure(0.0))
     assert cut.report["counts"]["clipped_adc_low"] == np.sum(cut.digital == 0) > 500
 
 

@@ -17,17 +17,17 @@ import pytest
 from scipy import integrate, stats
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.engine.moments import Moments
-from mitsuba_sensor.engine.quantities import BOLTZMANN_EV_PER_K
-from mitsuba_sensor.light.variants import mitsuba
+from mitsuba_sensor.core.moments import Moments
+from mitsuba_sensor.core.quantities import BOLTZMANN_EV_PER_K
+from mitsuba_sensor.render.variants import mitsuba
 from mitsuba_sensor.sensor.chain import adc_gain_dn_per_v, gain_dn_per_e, mean_dark_e
-from mitsuba_sensor.sensor.laws import band_gap_ev
+from mitsuba_sensor.sensor.dark_current_models import band_gap_ev
 from mitsuba_sensor.study import extremes as package
 from mitsuba_sensor.study.extremes import ENGINES, ONCE, RENDERERS, Case, Engine, Got, judge, the_cases, volts
 from mitsuba_sensor.study.extremes.conditions import Sensitivity, nudged, of_camera, strongest, ulp
 
 CASES = the_cases()
-ASKED = [(case, engine) for case in CASES for engine in case.asked if engine.backend != "cuda" or not engine.problem]
+ASKED = [(case, engine) for case in CASES for engine in case.asked if engine.compiler != "cuda" or not engine.problem]
 
 
 @pytest.mark.parametrize(("case", "engine"), ASKED, ids=[f"{engine.name} | {case.name}" for case, engine in ASKED])
@@ -71,8 +71,8 @@ def test_a_warning_an_exception_a_nan_and_a_no_are_all_verdicts_against(check: A
 
 def test_the_study_says_what_holds_what_fails_and_who_is_not_here(monkeypatch: pytest.MonkeyPatch) -> None:
     """Three cases: one holds on every engine, one on none, one is asked of nobody who is here."""
-    absent = Engine("CUDA float32", "cuda", backend="cuda")
-    monkeypatch.setattr(Engine, "problem", property(lambda self: "no such device" if self.backend == "cuda" else None))
+    absent = Engine("CUDA float32", "cuda", compiler="cuda")
+    monkeypatch.setattr(Engine, "problem", property(lambda self: "no such device" if self.compiler == "cuda" else None))
     good = case_of(lambda engine: Got("as it must", True), (ONCE, *ENGINES), "first")
     bad = case_of(lambda engine: Got("not as it must", False), theme="second")
     monkeypatch.setattr(package, "the_cases", lambda: [good, bad, case_of(None, (absent,), "third")])
@@ -231,7 +231,7 @@ def test_a_flooded_well_is_full_in_theory_too(time_s: float, kelvin: float) -> N
     assert well["mean_expected"] == pytest.approx(camera.pixel.full_well_e, rel=1e-9)
     assert well["sigma_expected"] < 0.01 and well["sigma_frame"] < 0.01
     effects = ms.plan(camera, ms.Exposure(time_s, kelvin), np.zeros((4, 6))).effects
-    assert all(effect.fixed_dn < 4096 and effect.mean_dn < 4096 for effect in effects)
+    assert all(effect.spatial_dn < 4096 and effect.mean_dn < 4096 for effect in effects)
 
 
 @pytest.mark.parametrize(("mean", "cv"), [(70.0, 0.4), (100.0, 0.4), (65.0, 1.0), (1e3, 1.0), (70.0, 0.1)])
@@ -243,5 +243,5 @@ def test_what_is_cut_deep_below_its_mean_has_the_moments_of_a_cut_lognormal(mean
     short, square = (integrate.quad(lambda x: (30 - x) ** k * law.pdf(x), 0, 30, epsabs=1e-13)[0] for k in (1, 2))  # noqa: B023
     m = Moments(mean, 0.25 * variance, 0.75 * variance, None).clip(-math.inf, 30.0)  # type: ignore[arg-type]
     assert float(m.mean) == pytest.approx(30 - short, rel=1e-10)
-    assert float(m.temporal + m.fixed) == pytest.approx(square - short**2, rel=1e-6, abs=1e-10)
-    assert float(m.fixed) == pytest.approx(3 * float(m.temporal), rel=1e-9)
+    assert float(m.temporal + m.spatial) == pytest.approx(square - short**2, rel=1e-6, abs=1e-10)
+    assert float(m.spatial) == pytest.approx(3 * float(m.temporal), rel=1e-9)

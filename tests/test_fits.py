@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from mitsuba_sensor.engine.errors import InputError
+from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.study.fits import log_slope, mean_of_runs, pareto, slope_of_runs
 
 

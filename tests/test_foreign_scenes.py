@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from light_scenes import BALL, PERSPECTIVE, SKY, both_variants, scene_text, skip_unless_usable, write_scene
 
-from mitsuba_sensor.engine.errors import InputError
-from mitsuba_sensor.light.bands import box_bands
-from mitsuba_sensor.light.optics import aperture_f_number, magnification, solid_angle_sr
-from mitsuba_sensor.light.scene import load_scene
-from mitsuba_sensor.light.variants import choose_variant, use
+from mitsuba_sensor.core.errors import InputError
+from mitsuba_sensor.optics.f_number_law import aperture_f_number, magnification, solid_angle_sr
+from mitsuba_sensor.render.bands import box_bands
+from mitsuba_sensor.render.scene import load_scene
+from mitsuba_sensor.render.variants import choose_variant, use
 from mitsuba_sensor.sensor.camera import load_camera
 
 CAMERA = load_camera("konnik_table1")
@@ -34,7 +34,7 @@ def ready(variant: str = "scalar_spectral") -> Any:
     return use(choose_variant(skip_unless_usable(variant)))
 
 
-def shoot(folder: Path, text: str, spp: int = 64, **options: Any) -> np.ndarray:
+def render_frames(folder: Path, text: str, spp: int = 64, **options: Any) -> np.ndarray:
     """Mean radiance in each band [W m⁻² sr⁻¹ nm⁻¹], (8, 12, 3)."""
     scene = load_scene(write_scene(folder, text), BANDS, {}, **options)
     return scene.render(1, spp, (0, 8)).astype(float) / BANDS.bandwidths_nm
@@ -46,7 +46,7 @@ def test_an_rgb_film_with_a_gaussian_filter_renders_as_spectral_bands(tmp_path: 
     ready(variant)
     red = BALL.format(bsdf='<bsdf type="diffuse"><rgb name="reflectance" value="0.8, 0.1, 0.1"/></bsdf>')
     text = scene_text(RGB_SKY, red, '<integrator type="path"/>', film='<rfilter type="gaussian"/>')
-    light = shoot(tmp_path, text)
+    light = render_frames(tmp_path, text)
     assert (light > 0).all() and light[4, 6, 2] > 3 * light[4, 6, 0]
 
 
@@ -56,7 +56,7 @@ def test_an_even_environment_map_is_an_even_sky(tmp_path: Path, variant: str) ->
     mi = ready(variant)
     mi.Bitmap(np.full((4, 8, 3), 0.5, np.float32)).write(str(tmp_path / "sky.exr"))
     sky = '<emitter type="envmap"><string name="filename" value="sky.exr"/></emitter>'
-    mapped, even = (shoot(tmp_path, scene_text(e), 256).mean(axis=(0, 1)) for e in (sky, RGB_SKY))
+    mapped, even = (render_frames(tmp_path, scene_text(e), 256).mean(axis=(0, 1)) for e in (sky, RGB_SKY))
     np.testing.assert_allclose(mapped, even, rtol=0.02)
 
 
@@ -69,7 +69,7 @@ def test_textures_colour_the_wall(tmp_path: Path, variant: str) -> None:
     mi.Bitmap(picture).write(str(tmp_path / "halves.exr"))
     nearest = '<string name="filter_type" value="nearest"/>'
     wall = WALL.format(bsdf=PICTURE.format(name="halves.exr", more=nearest))
-    light = shoot(tmp_path, scene_text(FLAT, wall), 256)
+    light = render_frames(tmp_path, scene_text(FLAT, wall), 256)
     halves = sorted((light[:, :6].mean(), light[:, 6:].mean()))
     np.testing.assert_allclose(halves, (0.2, 0.6), rtol=0.02)
 
@@ -134,7 +134,7 @@ def test_gradient_integrators_render_where_they_exist(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="'path' gives the same picture"):
         load_scene(write_scene(tmp_path, text), BANDS, {})
     ready("llvm_ad_spectral")
-    np.testing.assert_allclose(shoot(tmp_path, text).mean(), 2e-4, rtol=0.05)
+    np.testing.assert_allclose(render_frames(tmp_path, text).mean(), 2e-4, rtol=0.05)
 
 
 BROKEN = [

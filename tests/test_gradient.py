@@ -27,10 +27,11 @@ import numpy as np
 import pytest
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.engine import arrays
-from mitsuba_sensor.engine.frame import Device, Frame
-from mitsuba_sensor.engine.llvm import backend_problem
-from mitsuba_sensor.engine.moments import Moments
+from mitsuba_sensor.core import arrays
+from mitsuba_sensor.core.frame import Frame
+from mitsuba_sensor.core.llvm import backend_problem
+from mitsuba_sensor.core.moments import Moments
+from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.sensor.chain import chain
 from mitsuba_sensor.sensor.gradient import differentiable
 
@@ -51,14 +52,14 @@ RICH = PLAIN.replace(
         "dark_current.rate_e_per_s": 20.0,
         "dark_current.at_temperature_k": 298.15,
         "dark_current.cv": 0.2,
-        "pixel.offset_e": 3.0,
+        "pixel.dsnu_e": 3.0,
         "readout.reset": "hard",
         "readout.ktc_residual": 0.05,
-        "readout.column_gain": 0.004,
-        "readout.column_offset": 0.0002,
+        "readout.prnu_col": 0.004,
+        "readout.dsnu_col": 0.0002,
         "readout.ve_nonlinearity": 0.05,
         "adc.full_scale_v": 0.165,
-        "adc.pedestal_dn": 100.0,
+        "adc.black_level_dn": 100.0,
         "adc.gamma": 1.02,
     }
 )
@@ -70,19 +71,19 @@ PARAMETERS = (
     "readout.sense_gain_uv_per_e",
     "pixel.prnu",
     "pixel.full_well_e",
-    "pixel.offset_e",
+    "pixel.dsnu_e",
     "dark_current.rate_e_per_s",
     "dark_current.cv",
     "source_follower.read_noise_e",
     "source_follower.gain",
     "source_follower.vv_nonlinearity",
     "readout.ktc_residual",
-    "readout.column_offset",
-    "readout.column_gain",
+    "readout.dsnu_col",
+    "readout.prnu_col",
     "readout.v_ref_v",
     "readout.ve_nonlinearity",
     "adc.full_scale_v",
-    "adc.pedestal_dn",
+    "adc.black_level_dn",
     "adc.gamma",
     "exposure.time_s",
     "exposure.temperature_k",
@@ -112,10 +113,10 @@ def changed(name: str, factor: float, camera: ms.Camera = RICH) -> tuple[float, 
 def theory(photons: Any, camera: ms.Camera, exposure: ms.Exposure) -> np.ndarray:
     """Closed-form mean and variance of the digital numbers at every light level, (2, L)."""
     levels = np.atleast_1d(np.asarray(photons, dtype=float))[None, :]
-    m = Moments(ms.Photons(levels), 0.0, 0.0, Frame(exposure, Device(0, levels.shape)))
+    m = Moments(ms.Photons(levels), 0.0, 0.0, Frame(exposure, SensorWindow(0, levels.shape)))
     for stage in chain(camera):
         m = stage.moments(m)
-    return np.array([np.broadcast_to(x, levels.shape)[0] for x in (m.mean, m.temporal + m.fixed)])
+    return np.array([np.broadcast_to(x, levels.shape)[0] for x in (m.mean, m.temporal + m.spatial)])
 
 
 def theory_slope(name: str, photons: Any, camera: ms.Camera = RICH) -> np.ndarray:
@@ -133,7 +134,7 @@ def sampled(level: int) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Digital numbers (H, W) of flat light of ``level`` electrons, and their derivatives by ln(parameter)."""
     photons = np.full(SHAPE, level / QE)
     frame = differentiable(photons, RICH, EXPOSURE, PARAMETERS, seed=4, serial=9).frame(2)
-    frame.hold()
+    frame.store()
     slopes = {name: frame.forward(name).astype(float) for name in PARAMETERS}
     scale = {name: value_of(name) if name != "photons" else level / QE for name in PARAMETERS}
     return frame.codes.astype(float), {name: slope * scale[name] for name, slope in slopes.items()}
@@ -151,7 +152,7 @@ def test_mean_and_variance_follow_the_closed_forms(name: str, level: int) -> Non
     mean, _ = theory(level / QE, RICH, EXPOSURE)[:, 0]
     wanted = theory_slope(name, [level / QE])[:, 0]
     digital, slopes = sampled(level)
-    signal = mean - RICH.adc.pedestal_dn
+    signal = mean - RICH.adc.black_level_dn
     for what, moved in zip(wanted, (slopes[name], 2 * (digital - mean) * slopes[name]), strict=True):
         found, error = by_columns(moved)
         assert abs(found - what) < SURE * error + 2e-4 * abs(what) + 1e-6 * signal, (found, what, error)
@@ -172,14 +173,14 @@ def test_the_mean_follows_frames_with_equal_words(name: str, level: int) -> None
     assert abs(found) < SURE * error + 2e-3 * abs(slopes[name].mean()) + 1e-6 * digital.mean()
 
 
-@pytest.mark.parametrize("name", ["photons", "pixel.prnu", "readout.sense_gain_uv_per_e", "adc.pedestal_dn"])
+@pytest.mark.parametrize("name", ["photons", "pixel.prnu", "readout.sense_gain_uv_per_e", "adc.black_level_dn"])
 def test_backward_adds_up_what_forward_says(name: str) -> None:
     frames = differentiable(np.full((37, 41), 900.0), RICH, EXPOSURE, PARAMETERS, seed=4, serial=9)
     frame = frames.frame()
     weights = np.linspace(-1.0, 2.0, 37 * 41, dtype=np.float32)
     found = frame.backward(frame.digital * type(frame.digital)(weights))
     again = frames.frame()
-    again.hold()
+    again.store()
     squares = again.backward((again.digital - 150.0) * (again.digital - 150.0) * 0.5)
     slope = frame.forward(name).astype(float)
     digital = frame.codes.astype(float)
@@ -197,23 +198,23 @@ PART = {"weight": 0.1, "family": "normal", "mean": 18.0, "sigma": 4.0, "unit": "
 CAMERAS: dict[str, dict[str, Any]] = {
     "rich": {},
     "wald, steps": {
-        "dark_current.pattern": "wald",
+        "dark_current.distribution": "wald",
         "adc.dnl_lsb": {"101": -1.0, "140": 0.7},
-        "dark_current.parts": [PART],
+        "dark_current.components": [PART],
     },
-    "gamma, yield": {"dark_current.pattern": "gamma", "quantum_efficiency.quantum_yield": [2.0, 1.0]},
+    "gamma, yield": {"dark_current.distribution": "gamma", "quantum_efficiency.quantum_yield": [2.0, 1.0]},
     "ar, colours": {
-        "dark_current.pattern": "ar",
+        "dark_current.distribution": "ar",
         "dark_current.coupling": 0.25,
-        "pixel.prnu_pattern": "lognormal",
-        "readout.row_offset": 1e-4,
-        "readout.row_coupling": 0.2,
+        "pixel.prnu_distribution": "lognormal",
+        "readout.dsnu_row": 1e-4,
+        "readout.dsnu_row_coupling": 0.2,
         **COLOURS,
     },
     "logistic, blinking": {
-        "dark_current.pattern": "logistic",
-        "dark_current.blinking_share": 0.2,
-        "dark_current.blinking_e_per_s": 900.0,
+        "dark_current.distribution": "logistic",
+        "dark_current.rts_fraction": 0.2,
+        "dark_current.rts_amplitude_e_per_s": 900.0,
     },
 }
 
@@ -264,20 +265,20 @@ def test_photons_of_every_band_count_by_their_quantum_efficiency() -> None:
 def test_every_family_of_patterns_follows_its_coefficient_of_variation(pattern: str) -> None:
     camera = RICH.replace(
         **{
-            "dark_current.pattern": pattern,
+            "dark_current.distribution": pattern,
             "dark_current.cv": 0.25,
             "dark_current.rate_e_per_s": 3e4,
             "source_follower.vv_nonlinearity": 1.0,
             "readout.ve_nonlinearity": 0.0,
-            "readout.column_gain": 0.0,
-            "readout.column_offset": 0.0,
+            "readout.prnu_col": 0.0,
+            "readout.dsnu_col": 0.0,
             "adc.gamma": 1.0,
         }
     )
     mean, variance = theory(500.0, camera, EXPOSURE)[:, 0]
     wanted = theory_slope("dark_current.cv", [500.0], camera)[:, 0]
     frame = differentiable(np.full((512, 512), 500.0), camera, EXPOSURE, "dark_current.cv", serial=3).frame()
-    frame.hold()
+    frame.store()
     slope, digital = frame.forward("dark_current.cv").astype(float) * 0.25, frame.codes.astype(float)
     for moved, what in ((slope, wanted[0]), (2 * (digital - mean) * slope, wanted[1])):
         assert abs(moved.mean() - what) < SURE * moved.std() / 512 + 2e-4 * np.sqrt(variance)
@@ -289,9 +290,9 @@ def test_a_quantum_yield_is_followed(name: str) -> None:
         **{
             "quantum_efficiency.quantum_yield": [4.0, 1.0],
             "pixel.prnu": 0.0,
-            "readout.column_offset": 0.0,
+            "readout.dsnu_col": 0.0,
             "adc.full_scale_v": 0.02,
-            "adc.pedestal_dn": 100.0,
+            "adc.black_level_dn": 100.0,
             "dark_current.cv": 0.0,
         }
     )
@@ -299,7 +300,7 @@ def test_a_quantum_yield_is_followed(name: str) -> None:
     mean, _ = theory(100.0, camera, EXPOSURE)[:, 0]
     wanted = theory_slope(name, [100.0], camera)[:, 0]
     frame = differentiable(photons, camera, EXPOSURE, name).frame()
-    frame.hold()
+    frame.store()
     slope = frame.forward(name).astype(float) * (100.0 if name == "photons" else value_of(name, camera))
     for moved, what in zip((slope, 2 * (frame.codes - mean) * slope), wanted, strict=True):
         assert abs(moved.mean() - what) < SURE * moved.std() / 512 + 1e-3 * abs(what)
@@ -311,14 +312,14 @@ WIDE = RICH.replace(
         "dark_current.at_temperature_k": None,
         "dark_current.fom_na_per_cm2": 1.0,
         "dark_current.diffusion_fom_na_per_cm2": 0.3,
-        "dark_current.blinking_share": 0.3,
-        "dark_current.blinking_e_per_s": 4e4,
-        "dark_current.parts": [PART],
-        "pixel.prnu_pattern": "ar",
+        "dark_current.rts_fraction": 0.3,
+        "dark_current.rts_amplitude_e_per_s": 4e4,
+        "dark_current.components": [PART],
+        "pixel.prnu_distribution": "ar",
         "pixel.prnu_coupling": 0.25,
-        "readout.column_coupling": 0.25,
-        "readout.row_offset": 2e-3,
-        "readout.offset_residual": 0.5,
+        "readout.dsnu_col_coupling": 0.25,
+        "readout.dsnu_row": 2e-3,
+        "readout.dsnu_residual": 0.5,
         "source_follower.read_noise_e": None,
         "source_follower.white_nv_per_rthz": 150.0,
         "source_follower.corner_hz": 1e6,
@@ -334,11 +335,11 @@ FIELDS = [
     if isinstance(value, float) and value
 ]
 NO_SLOPE = (
-    "dark_current.blinking_share",
-    "dark_current.blinking_switching",
-    "dark_current.blinking_duty",
+    "dark_current.rts_fraction",
+    "dark_current.rts_switching",
+    "dark_current.rts_duty",
     "pixel.prnu_coupling",
-    "readout.column_coupling",
+    "readout.dsnu_col_coupling",
     "pixel.fill_factor",
     "quantum_efficiency.reference_nm",
     "quantum_efficiency.fano_factor",
@@ -351,7 +352,7 @@ WIDE_LIGHT = np.full((48, 64), 8000.0)
 @cache
 def wide() -> Any:
     frame = differentiable(WIDE_LIGHT, WIDE, EXPOSURE, [name for name in FIELDS if name not in NO_SLOPE]).frame()
-    frame.hold()
+    frame.store()
     return frame
 
 
@@ -378,7 +379,7 @@ def test_what_is_clipped_does_not_move() -> None:
     narrow = RICH.replace(**{"adc.full_scale_v": 0.05})
     top = differentiable(np.full((32, 32), 4e4), narrow, EXPOSURE, names).frame()
     assert not any(np.any(x) for x in top.backward(top.digital).values())
-    low = differentiable(np.full((32, 32), 1.0), RICH.replace(**{"adc.pedestal_dn": 0.0}), EXPOSURE, names).frame()
+    low = differentiable(np.full((32, 32), 1.0), RICH.replace(**{"adc.black_level_dn": 0.0}), EXPOSURE, names).frame()
     slope = low.forward("photons")
     assert np.all(slope[low.codes > 0] > 0)
     assert np.mean(slope[low.codes == 0] > 0) == pytest.approx(0.5, abs=0.35)  # those above 0 before rounding
@@ -413,15 +414,15 @@ def test_the_bias_is_what_the_table_says(
             "source_follower.read_noise_e": float(read),
             "dark_current.fom_na_per_cm2": 0.0,
             "pixel.prnu": 0.0,
-            "readout.column_offset": 0.0,
+            "readout.dsnu_col": 0.0,
             "pixel.full_well_e": 32768.0,
-            "adc.pedestal_dn": 64.0,
+            "adc.black_level_dn": 64.0,
         }
     )
     mean, variance = theory(electrons / QE, camera, EXPOSURE)[:, 0]
     wanted = theory_slope("photons", [electrons / QE], camera)[:, 0]
     frame = differentiable(np.full((512, 512), electrons / QE), camera, EXPOSURE, "photons").frame()
-    frame.hold()
+    frame.store()
     slope, x = frame.forward("photons").ravel() * (electrons / QE), frame.codes.ravel().astype(float) - mean
     known = np.column_stack([np.ones(x.size), x, x * x - variance])  # what has mean 0 by theory takes the noise away
     for moved, what, percent in ((slope, wanted[0], mean_percent), (2 * x * slope, wanted[1], variance_percent)):
@@ -437,7 +438,7 @@ def test_the_bias_is_what_the_table_says(
         ("adc.bits", {}, "which is 12; only a number that can change by a little"),
         ("readout.ve_k1_c", {}, "which is None; only a number"),
         ("lens.f_number", {}, "no number of this chain follows smoothly"),
-        ("dark_current.coupling", {"dark_current.pattern": "ar", "dark_current.coupling": 0.2}, "no number"),
+        ("dark_current.coupling", {"dark_current.distribution": "ar", "dark_current.coupling": 0.2}, "no number"),
         ("pixel.prnu", {"pixel.prnu": 0.0}, "which is 0, where the chain leaves a stage out; start beside it"),
         ("readout.cds_gain", {"readout.cds_gain": 1.0}, "which is 1, where the chain leaves a stage out"),
         ((), {}, "parameters is empty"),
@@ -451,13 +452,13 @@ def test_what_has_no_derivative_is_refused_in_one_sentence(name: Any, camera: di
 
 def test_a_jump_of_the_default_pedestal_is_seen() -> None:
     def noisy(read_noise_e: float) -> ms.Camera:
-        return RICH.replace(**{"adc.pedestal_dn": None, "source_follower.read_noise_e": read_noise_e})
+        return RICH.replace(**{"adc.black_level_dn": None, "source_follower.read_noise_e": read_noise_e})
 
     low, high = 3.0, 60.0  # [e-]: the pedestal jumps from one whole number to the next somewhere between
-    start = chain(noisy(low))[-1].pedestal_dn
+    start = chain(noisy(low))[-1].black_level_dn
     while high - low > 1e-7:
         middle = (low + high) / 2
-        low, high = (middle, high) if chain(noisy(middle))[-1].pedestal_dn == start else (low, middle)
+        low, high = (middle, high) if chain(noisy(middle))[-1].black_level_dn == start else (low, middle)
     camera = noisy(low)
     with pytest.raises(ms.InputError, match="jumps"):
         differentiable(np.ones((4, 4)), camera, EXPOSURE, "source_follower.read_noise_e")

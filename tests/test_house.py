@@ -18,41 +18,41 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 IDS = [str(path.relative_to(PACKAGE)) for path in MODULES]
 
 # A room may import the rooms of its own floor and of those below.
-FLOORS = (("engine",), ("sensor",), ("light",), ("lab", "study", "data"), ("doctor",), ("cli",))
-FLOOR = {room: number for number, rooms in enumerate(FLOORS) for room in rooms}
+FLOORS = (("core",), ("sensor",), ("optics",), ("io", "render"), ("lab", "study"), ("cli",))
+FLOOR = {domain: number for number, rooms in enumerate(FLOORS) for domain in rooms}
 FRONT_DOOR = ("__init__.py", "__main__.py")
 
 # Each foreign library has one door: where it may be imported.
 DOORS = {
-    "mitsuba": ("light/",),
-    "drjit": ("light/", "engine/arrays.py", "engine/compiled.py", "engine/llvm.py"),
-    "OpenEXR": ("data/exr.py",),
-    "tifffile": ("data/files.py",),
-    "PIL": ("data/files.py",),
+    "mitsuba": ("render/",),
+    "drjit": ("render/", "optics/", "core/arrays.py", "core/drjit_backend.py", "core/llvm.py"),
+    "OpenEXR": ("io/exr.py",),
+    "tifffile": ("io/files.py",),
+    "PIL": ("io/files.py",),
     "matplotlib": ("study/plots.py",),
-    "colour": ("light/spectra.py",),
+    "colour": ("render/spectra.py",),
     "typer": ("cli/",),
     "rich": ("cli/",),
     "pydantic": ("sensor/",),
-    "pyoidn": ("light/denoise.py",),
+    "pyoidn": ("render/denoise.py",),
 }
 # What a first `import mitsuba_sensor` need not wait for: together these take more than five seconds.
 SLOW = {"mitsuba", "drjit", "colour", "OpenEXR", "tifffile", "typer", "matplotlib", "scipy.signal", "scipy.stats"}
 STAGES = ("sensor/electrons.py", "sensor/volts.py", "sensor/digital.py")
 # Reading is allowed in more places: a camera's own text, scenes, the machine, the bytes that tell which LLVM it has.
 OPENERS = (
-    "data/files.py",
-    "data/exr.py",
-    "data/journal.py",
-    "data/report.py",
+    "io/files.py",
+    "io/exr.py",
+    "io/journal.py",
+    "io/metadata.py",
     "sensor/camera.py",
-    "sensor/qefile.py",
-    "sensor/lensfile.py",
-    "engine/llvm.py",
-    "light/scene_file.py",
-    "light/motion.py",
+    "sensor/qe_file.py",
+    "sensor/lens_file.py",
+    "core/llvm.py",
+    "render/scene_file.py",
+    "render/motion.py",
 )
-WRITERS = ("data/files.py", "data/journal.py")
+WRITERS = ("io/files.py", "io/journal.py")
 
 
 def name_of(path: Path) -> str:
@@ -111,7 +111,7 @@ def test_each_foreign_library_has_one_door(path: Path) -> None:
 
 @pytest.mark.parametrize("name", STAGES)
 def test_a_stage_knows_the_engine_and_nothing_else(name: str) -> None:
-    neighbours = {room for stage in STAGES for room in (stage.replace("/", ".").removesuffix(".py"),)}
+    neighbours = {domain for stage in STAGES for domain in (stage.replace("/", ".").removesuffix(".py"),)}
     for imported in imports(PACKAGE / name):
         assert not imported.startswith(("numpy", "scipy", "mitsuba.", "drjit")), f"{name} imports {imported}"
         assert not any(imported.startswith(f"mitsuba_sensor.{other}") for other in neighbours), f"{name}: {imported}"

@@ -1,4 +1,4 @@
-"""data/journal.py: what was measured is not measured again, and never stands under another question."""
+"""io/journal.py: what was measured is not measured again, and never stands under another question."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.data.journal import Journal
+from mitsuba_sensor.io.journal import Journal
 
 QUESTION = {"study": "error-time", "camera": {"adc": {"bits": 12}, "pixel": {"pitch": 5.0}}, "seeds": (1, 2)}
 
@@ -43,7 +43,7 @@ def test_another_question_is_refused_and_loses_nothing(tmp_path: Path) -> None:
     filled(tmp_path / "m.jsonl")
     before = (tmp_path / "m.jsonl").read_bytes()
     other = {**QUESTION, "camera": {"adc": {"bits": 14}, "pixel": {"pitch": 5.0}}}
-    with pytest.raises(ms.InputError, match=r"another question \(camera\.adc\.bits\).*--again"):
+    with pytest.raises(ms.InputError, match=r"another question \(camera\.adc\.bits\).*--force"):
         Journal(tmp_path / "m.jsonl", other)
     assert (tmp_path / "m.jsonl").read_bytes() == before
     assert not len(Journal(tmp_path / "m.jsonl", other, again=True))

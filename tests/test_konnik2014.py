@@ -18,17 +18,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mitsuba_sensor.engine.errors import InputError
-from mitsuba_sensor.engine.frame import Device, Exposure, Frame
-from mitsuba_sensor.engine.moments import Moments
-from mitsuba_sensor.engine.quantities import Electrons, Photons
+from mitsuba_sensor.core.errors import InputError
+from mitsuba_sensor.core.exposure import Exposure
+from mitsuba_sensor.core.frame import Frame
+from mitsuba_sensor.core.moments import Moments
+from mitsuba_sensor.core.quantities import Electrons, Photons
+from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.sensor.camera import load_camera
 from mitsuba_sensor.sensor.cds import CdsNoise
+from mitsuba_sensor.sensor.dark_current_models import FigureOfMerit
 from mitsuba_sensor.sensor.konnik2014 import Konnik2014Settings, chain_of
 from mitsuba_sensor.sensor.konnik2014.electrons import Dark, DarkMean, PublishedFollower, Well
-from mitsuba_sensor.sensor.konnik2014.patterns import Autoregressive, LogNormal, WaldPlusUniform, White, fixed
-from mitsuba_sensor.sensor.konnik2014.volts import Adc, BentFollower, ExponentialNode, ResetNoise
-from mitsuba_sensor.sensor.laws import FigureOfMerit
+from mitsuba_sensor.sensor.konnik2014.fpn_distributions import Autoregressive, LogNormal, WaldPlusUniform, White, fixed
+from mitsuba_sensor.sensor.konnik2014.volts import Adc, ExponentialNode, NonlinearFollower, ResetNoise
 from mitsuba_sensor.sensor.volts import ResetNoise as SignedResetNoise
 
 REFERENCE = json.loads((Path(__file__).parent / "data" / "released_code.json").read_text("utf-8"))
@@ -42,8 +44,8 @@ ROUNDING = 1e-10
 SIMPLE = Konnik2014Settings()
 ADVANCED = replace(
     SIMPLE,
-    dark_pattern="lognormal",
-    dark_pattern_parameter=0.4,
+    dark_fpn="lognormal",
+    dark_fpn_parameter=0.4,
     source_follower_e=PublishedFollower().sigma_e(5.0),
 )
 OFF = replace(
@@ -52,7 +54,7 @@ OFF = replace(
     prnu=0.0,
     dark_fom_na_per_cm2=0.0,
     dark_shot=False,
-    dark_pattern_factor=0.0,
+    dark_fpn_factor=0.0,
     reset_factor=0.0,
     column_factor=0.0,
 )
@@ -61,9 +63,9 @@ OFF = replace(
 def dark(name: str, parameter: float, factor: float) -> dict[str, Any]:
     return {
         "dark_fom_na_per_cm2": 1.0,
-        "dark_pattern": name,
-        "dark_pattern_parameter": parameter,
-        "dark_pattern_factor": factor,
+        "dark_fpn": name,
+        "dark_fpn_parameter": parameter,
+        "dark_fpn_factor": factor,
     }
 
 
@@ -116,7 +118,7 @@ LEAVES = {
     "Well": ("electrons",),
     "SenseNode": ("volts_sense_node", "volts_source_follower", "volts_cds"),
     "ExponentialNode": ("volts_sense_node", "volts_source_follower", "volts_cds"),
-    "BentFollower": ("volts_source_follower", "volts_cds"),
+    "NonlinearFollower": ("volts_source_follower", "volts_cds"),
     "ColumnGain": ("volts_cds",),
     "Adc": ("DN",),
 }
@@ -149,9 +151,9 @@ def photons_of(record: dict[str, Any], shape: tuple[int, int]) -> Photons:
 
 
 @cache
-def device_of(config: str, rows: int, serial: int) -> Device:
+def device_of(config: str, rows: int, serial: int) -> SensorWindow:
     """Like the records: the levels of one configuration share their fixed patterns."""
-    return Device(serial + 1000 * list(SETTINGS).index(config), (rows, COLUMNS))
+    return SensorWindow(serial + 1000 * list(SETTINGS).index(config), (rows, COLUMNS))
 
 
 def trace(stages: tuple[Any, ...], photons: Photons, frame: Frame) -> dict[str, Any]:
@@ -174,7 +176,7 @@ def trace(stages: tuple[Any, ...], photons: Photons, frame: Frame) -> dict[str, 
     seen["frac_neg_e"] = seen["electrons_raw"] < 0
     seen["frac_DN_0"] = seen["DN"] <= 0
     seen["frac_DN_Nmax"] = seen["DN"] >= stages[-1].highest
-    return {name: np.broadcast_to(x, frame.device.shape).astype(float) for name, x in seen.items()}
+    return {name: np.broadcast_to(x, frame.window.shape).astype(float) for name, x in seen.items()}
 
 
 def squared_errors(x: Any) -> tuple[float, float]:
@@ -252,7 +254,7 @@ def test_every_stage_of_every_record_is_met_within_4_standard_errors() -> None:
         ("light_e mean", {"quantum_efficiency": 0.606}, "full/simple CMOS 0.5"),
         ("light_e_prnu std", {"prnu": 0.0051}, "alone/PRNU CMOS 0.5"),
         ("dark_shot mean", {"dark_fom_na_per_cm2": 1.01}, "full/simple CMOS 0"),
-        ("dark_fpn std", {"dark_pattern_factor": 0.303}, "alone/dark_mean+FPN_gauss_DN0.3 CMOS 0"),
+        ("dark_fpn std", {"dark_fpn_factor": 0.303}, "alone/dark_mean+FPN_gauss_DN0.3 CMOS 0"),
         ("dark_total std", {"source_follower_e": 6.156}, "alone/source_follower CMOS 0"),
         ("volts_sense_node std", {"reset_factor": 0.808}, "alone/kTC_factor0.8 CMOS 0.5"),
         ("volts_sense_node mean", {"ve_alpha": 0.0505}, "alone/Ve_nonlin_0.05 CMOS 0.5"),
@@ -294,7 +296,7 @@ UNSATURATED = [record for record in REFERENCE["full_chain"] if record["level"] <
 
 def test_the_theory_meets_the_records() -> None:
     """Moments against 2.47 million pixels, before the columns: 592 comparisons without any random number of ours."""
-    frame, n, count, worst = Frame(EXPOSURE, Device(1, (1, 1))), RECORD_ROWS * COLUMNS, 0, 0.0
+    frame, n, count, worst = Frame(EXPOSURE, SensorWindow(1, (1, 1))), RECORD_ROWS * COLUMNS, 0, 0.0
     for record in UNSATURATED:
         for what, m in theory(chain_of(settings_of(record)), photons_of(record, (1, 1)), frame).items():
             if what in record["stats"] and what not in ("volts_cds", "DN"):
@@ -312,12 +314,12 @@ def test_the_theory_meets_the_records() -> None:
 def test_the_theory_is_what_two_frames_show(name: str, level: float) -> None:
     """Mean, temporal σ and fixed σ of every stage; chance fails one of the 12 cases in about 1 of 100 seeds."""
     stages, shape = chain_of(SETTINGS[name]), (100, COLUMNS)
-    photons, device = Photons(np.full(shape, level * 55000)), Device(5, shape)
-    first, second = (trace(stages, photons, Frame(EXPOSURE, device, seed=5, index=i)) for i in (0, 1))
+    photons, window = Photons(np.full(shape, level * 55000)), SensorWindow(5, shape)
+    first, second = (trace(stages, photons, Frame(EXPOSURE, window, seed=5, index=i)) for i in (0, 1))
     n = first["DN"].size
-    for what, m in theory(stages, photons, Frame(EXPOSURE, device)).items():
+    for what, m in theory(stages, photons, Frame(EXPOSURE, window)).items():
         x, y = first[what], second[what]
-        temporal, fixed_part, total = float(np.mean(m.temporal)), float(np.mean(m.fixed)), m.sigma**2
+        temporal, fixed_part, total = float(np.mean(m.temporal)), float(np.mean(m.spatial)), m.sigma**2
         samples = COLUMNS if what in ("volts_cds", "DN") else n
         slack = 1e-12 + ROUNDING * abs(float(np.mean(m.mean)))
         stripes = math.sqrt(total / n + fixed_part / samples)
@@ -330,7 +332,7 @@ def test_the_theory_is_what_two_frames_show(name: str, level: float) -> None:
 
 def test_the_temporal_noise_of_the_records_is_ours_with_the_columns_drawn_anew() -> None:
     """The released code draws its columns in every frame; ours keep them, so here they count as temporal."""
-    frame, n = Frame(EXPOSURE, Device(1, (1, 1))), RECORD_ROWS * COLUMNS
+    frame, n = Frame(EXPOSURE, SensorWindow(1, (1, 1))), RECORD_ROWS * COLUMNS
     names = {"light_e": "light_e_prnu", "dark_e": "dark_total", "electrons": "electrons", "volts": "volts_cds"}
     names |= {"DN": "DN"}
     for record in UNSATURATED:
@@ -340,7 +342,7 @@ def test_the_temporal_noise_of_the_records_is_ours_with_the_columns_drawn_anew()
                 continue  # no light path; and dark numbers are cut at 0
             m, columns = moments[ours], 0.0
             if record["sensor"] == "CMOS" and theirs in ("volts", "DN"):
-                before, after = (float(np.mean(moments[w].fixed)) for w in ("volts_source_follower", "volts_cds"))
+                before, after = (float(np.mean(moments[w].spatial)) for w in ("volts_source_follower", "volts_cds"))
                 columns = after - before
                 if theirs == "DN":
                     columns *= float(np.mean(m.temporal)) / float(np.mean(moments["volts_cds"].temporal))
@@ -354,7 +356,7 @@ def test_the_temporal_noise_of_the_records_is_ours_with_the_columns_drawn_anew()
 
 def test_the_constants_are_the_released_ones_to_the_last_digit() -> None:
     derived, parameters = REFERENCE["derived"], REFERENCE["parameters"]["chosen_not_in_table1"]
-    frame = Frame(EXPOSURE, Device(1, (1, 1)))
+    frame = Frame(EXPOSURE, SensorWindow(1, (1, 1)))
     assert SIMPLE.full_well_v == pytest.approx(derived["V_FW"], rel=1e-14)
     assert SIMPLE.adc_gain_dn_per_v == pytest.approx(REFERENCE["A_ADC_DN_per_V"], rel=1e-14)
     assert SIMPLE.reference_v == parameters["V_REF"]
@@ -377,7 +379,7 @@ def test_a_published_camera_is_the_advanced_parameter_set() -> None:
     ("changes", "overrides", "words"),
     [
         ({"source_follower.gain": 0.9}, {}, "source_follower.gain 0.9"),
-        ({"readout.column_coupling": 0.25}, {}, "column_coupling 0.25"),
+        ({"readout.dsnu_col_coupling": 0.25}, {}, "dsnu_col_coupling 0.25"),
         ({"quantum_efficiency.reference_nm": None}, {}, "quantum_efficiency=0.6"),
         (
             {
@@ -401,7 +403,7 @@ def test_what_the_published_chain_cannot_express_is_refused(
 
 
 def test_an_override_stands_for_what_the_camera_cannot_say() -> None:
-    camera = load_camera("konnik_table1").replace(**{"readout.column_coupling": 0.25})
+    camera = load_camera("konnik_table1").replace(**{"readout.dsnu_col_coupling": 0.25})
     settings = Konnik2014Settings.from_camera(camera, column_pattern="ar", column_pattern_parameter=0.5)
     assert settings.column_pattern == "ar"
 
@@ -409,10 +411,10 @@ def test_an_override_stands_for_what_the_camera_cannot_say() -> None:
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"dark_pattern": "paper_eq18"}, "941 e- where 174 is meant"),
+        ({"dark_fpn": "paper_eq18"}, "941 e- where 174 is meant"),
         ({"reset": "paper_eq27"}, "rises by a volt"),
         ({"adc_reference": "paper_eq35"}, "every pixel reads 0"),
-        ({"dark_pattern": "gamma"}, "must be one of gaussian, lognormal, wald, ar"),
+        ({"dark_fpn": "gamma"}, "must be one of gaussian, lognormal, wald, ar"),
         ({"full_well_e": -3.0}, "full_well_e is -3"),
         ({"prnu": float("nan")}, "prnu is nan"),
         ({"adc_bits": 12.5}, "whole number"),
@@ -425,7 +427,7 @@ def test_a_wrong_setting_is_refused_with_a_way_out(changes: dict[str, Any], word
 
 
 def test_colours_are_refused() -> None:
-    frame = Frame(EXPOSURE, Device(1, (2, 2)))
+    frame = Frame(EXPOSURE, SensorWindow(1, (2, 2)))
     with pytest.raises(InputError, match="knows one wavelength"):
         chain_of(SIMPLE)[0](Photons(np.ones((2, 2, 3)), np.array([450.0, 550.0, 650.0])), frame)
 
@@ -438,20 +440,20 @@ def test_what_is_switched_off_has_no_stage() -> None:
 def test_a_crop_of_a_frame_is_the_frame_of_the_crop() -> None:
     """… with autoregressive patterns too, to the last bit: their past reaches out of the crop."""
     settings = replace(
-        ADVANCED, dark_pattern="ar", dark_pattern_parameter=0.5, column_pattern="ar", column_pattern_parameter=-0.4
+        ADVANCED, dark_fpn="ar", dark_fpn_parameter=0.5, column_pattern="ar", column_pattern_parameter=-0.4
     )
-    whole = Device(7, (40, 90), (0, 4060))
-    crop = Device(7, (12, 30), (20, 4090))
+    whole = SensorWindow(7, (40, 90), (0, 4060))
+    crop = SensorWindow(7, (12, 30), (20, 4090))
 
-    def shoot(device: Device, stage_count: int) -> Any:
-        signal: Any = Photons(np.full(device.shape, 27500.0))
+    def render_frames(window: SensorWindow, stage_count: int) -> Any:
+        signal: Any = Photons(np.full(window.shape, 27500.0))
         for stage in chain_of(settings)[:stage_count]:
-            signal = stage(signal, Frame(EXPOSURE, device, seed=3))
+            signal = stage(signal, Frame(EXPOSURE, window, seed=3))
         return signal
 
     count = len(chain_of(settings))
-    assert np.array_equal(shoot(whole, count)[20:32, 30:60], shoot(crop, count))
-    assert np.array_equal(shoot(whole, count - 1)[20:32, 30:60], shoot(crop, count - 1))
+    assert np.array_equal(render_frames(whole, count)[20:32, 30:60], render_frames(crop, count))
+    assert np.array_equal(render_frames(whole, count - 1)[20:32, 30:60], render_frames(crop, count - 1))
 
 
 @pytest.mark.parametrize(
@@ -459,15 +461,15 @@ def test_a_crop_of_a_frame_is_the_frame_of_the_crop() -> None:
 )
 def test_a_pattern_has_its_mean_and_variance(family: Any) -> None:
     """Half a million samples, 4 standard errors of mean and variance; chance fails a case in 1 of 8000 seeds."""
-    x = fixed(Device(11, (500, 1000)), "dark_pattern", family).ravel()
+    x = fixed(SensorWindow(11, (500, 1000)), "dark_fpn", family).ravel()
     correlated = 1.3 if isinstance(family, Autoregressive) else 1.0
     squares = (x - family.mean) ** 2
     assert abs(x.mean() - family.mean) < LIMIT * x.std() / math.sqrt(x.size)
     assert abs(squares.mean() - family.variance) < LIMIT * correlated * squares.std() / math.sqrt(x.size)
 
 
-FRAME = Frame(EXPOSURE, Device(1, (1, 1)))
-FULL_SWING = BentFollower(3.1, 0.165, 1.05)
+FRAME = Frame(EXPOSURE, SensorWindow(1, (1, 1)))
+FULL_SWING = NonlinearFollower(3.1, 0.165, 1.05)
 DARK_MEAN = DarkMean(1.0, 3.249e-7).mean_e(FRAME)
 OURS_DARK = FigureOfMerit(1.0, 3.249e-7)
 LOGNORMAL = LogNormal(0.4)
@@ -478,7 +480,7 @@ def physical_dark_e(kelvin: float) -> float:
 
 
 def published_dark_e(kelvin: float) -> float:
-    return DarkMean(1.0, 3.249e-7).mean_e(Frame(Exposure(1.0, kelvin), Device(1, (1, 1))))
+    return DarkMean(1.0, 3.249e-7).mean_e(Frame(Exposure(1.0, kelvin), SensorWindow(1, (1, 1))))
 
 
 def clipped_noise(part: int) -> float:

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from lens_oracle import DOUBLE_GAUSS, forward, vertices
 
-from mitsuba_sensor.engine.errors import InputError
-from mitsuba_sensor.light.lens.glass import C_NM, D_NM, F_NM, Glass, glass_behind
-from mitsuba_sensor.light.lens.paraxial import Cardinal, cardinal
+from mitsuba_sensor.core.errors import InputError
+from mitsuba_sensor.optics.glass import C_NM, D_NM, F_NM, Glass, glass_behind
+from mitsuba_sensor.optics.paraxial import Cardinal, cardinal
 from mitsuba_sensor.sensor.camera import load_camera
-from mitsuba_sensor.sensor.lens import LensSection
+from mitsuba_sensor.sensor.lens_datasheet import LensSection
 
 N_BK7 = (1.03961212, 0.231792344, 1.01046945, 0.00600069867, 0.0200179144, 103.560653)
 ALONG = np.array([0.0, 0.0, 1.0])

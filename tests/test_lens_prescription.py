@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 from lens_oracle import DOUBLE_GAUSS
 
-from mitsuba_sensor.engine.errors import InputError
+from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.sensor.camera import Camera, load_camera
-from mitsuba_sensor.sensor.lensfile import list_lenses
+from mitsuba_sensor.sensor.lens_file import list_lenses
 
 CAMERA = load_camera("konnik_table1")
 TABLE = "\n".join(f"{r}\t{t}\t{0 if r == 0 else n}\t{d}" for r, t, n, d in DOUBLE_GAUSS)

@@ -15,13 +15,13 @@ import pytest
 from lens_oracle import DOUBLE_GAUSS, irradiance
 from light_scenes import SKY, both_variants, scene_text, skip_unless_usable, write_scene
 
-from mitsuba_sensor.engine.errors import InputError
-from mitsuba_sensor.light.bands import box_bands
-from mitsuba_sensor.light.lens.chief import chief_heights
-from mitsuba_sensor.light.lens.paraxial import cardinal
-from mitsuba_sensor.light.optics import aperture_f_number, intrinsics, solid_angle_sr
-from mitsuba_sensor.light.scene import Scene, load_scene
-from mitsuba_sensor.light.variants import choose_variant, use
+from mitsuba_sensor.core.errors import InputError
+from mitsuba_sensor.optics.chief_ray import chief_heights
+from mitsuba_sensor.optics.f_number_law import aperture_f_number, intrinsics, solid_angle_sr
+from mitsuba_sensor.optics.paraxial import cardinal
+from mitsuba_sensor.render.bands import box_bands
+from mitsuba_sensor.render.scene import Scene, load_scene
+from mitsuba_sensor.render.variants import choose_variant, use
 from mitsuba_sensor.sensor.camera import Camera, load_camera
 
 LLVM = "llvm_ad_spectral"
@@ -96,7 +96,7 @@ def test_a_lens_closed_far_falls_off_with_cos4_over_the_area_of_its_distortion(t
 
 def rays(scene: Scene, place: tuple[float, float], aperture: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points, directions (n, 3) and weights (n,) of rays from one place of the film [fractions]."""
-    from mitsuba_sensor.light.variants import mitsuba
+    from mitsuba_sensor.render.variants import mitsuba
 
     mi, found = mitsuba(), []
     for a in aperture:

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from lens_oracle import DOUBLE_GAUSS, backward, vertices
 
-from mitsuba_sensor.light.lens.chief import chief_heights
-from mitsuba_sensor.light.lens.paraxial import cardinal, opened
-from mitsuba_sensor.light.lens.pupil import find_pupil, ray_to
-from mitsuba_sensor.light.lens.trace import Ray, trace
+from mitsuba_sensor.optics.chief_ray import chief_heights
+from mitsuba_sensor.optics.paraxial import cardinal, opened
+from mitsuba_sensor.optics.pupil import find_pupil, ray_to
+from mitsuba_sensor.optics.ray_trace import Ray, trace
 from mitsuba_sensor.sensor.camera import load_camera
-from mitsuba_sensor.sensor.lens import LensSection
+from mitsuba_sensor.sensor.lens_datasheet import LensSection
 
 
 def lens(**fields: Any) -> LensSection:
@@ -44,7 +44,7 @@ def test_every_ray_through_a_double_gauss_is_that_of_other_code() -> None:
     flip, rear = np.array([1.0, 1.0, -1.0]), vertices(DOUBLE_GAUSS)[-1]
     start = film * flip + [0, 0, rear]
     p, d, passed = backward(DOUBLE_GAUSS, start, ways * flip, points.stop_radius)
-    assert (found.alive == passed).all() and 0.05 < passed.mean() < 0.5
+    assert (found.unvignetted == passed).all() and 0.05 < passed.mean() < 0.5
     ours = np.column_stack(found[:3])[passed], np.column_stack(found[3:6])[passed]
     np.testing.assert_allclose(ours[0], (p[passed] - [0, 0, rear]) * flip, atol=1e-9)
     np.testing.assert_allclose(ours[1], d[passed] * flip, atol=1e-9)
@@ -63,7 +63,7 @@ def slopes(section: LensSection) -> np.ndarray:
     sine = np.linspace(0.01, 0.17, 15)
     start = Ray(0 * sine, 0 * sine, -cardinal(section).back_focus, sine, 0 * sine, np.sqrt(1 - sine**2), sine > 0)
     end = trace(opened(section), start)
-    assert end.alive.all()
+    assert end.unvignetted.all()
     return np.asarray(end.dx / end.dz)
 
 
@@ -101,11 +101,11 @@ def test_no_ray_that_passes_lies_outside_the_ellipses_and_most_inside_them_pass(
     centre, a, b = (np.interp(heights, nodes, v) for v in (pupil.centre, pupil.radial, pupil.tangential))
     wide = 1.5 * surfaces[0].semi_diameter
     x, y = random.uniform(-wide, wide, (2, heights.size))
-    passed = trace(surfaces, ray_to(distance, heights, x, y)).alive
+    passed = trace(surfaces, ray_to(distance, heights, x, y)).unvignetted
     assert (((x - centre) / a) ** 2 + (y / b) ** 2)[passed].max() <= 1
     radius, angle = np.sqrt(random.uniform(size=heights.size)), random.uniform(0, 2 * np.pi, heights.size)
     x, y = centre + a * radius * np.cos(angle), b * radius * np.sin(angle)
-    assert trace(surfaces, ray_to(distance, heights, x, y)).alive.mean() > 0.85
+    assert trace(surfaces, ray_to(distance, heights, x, y)).unvignetted.mean() > 0.85
 
 
 @pytest.mark.parametrize("focus_m", [math.inf, 0.3])

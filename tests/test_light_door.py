@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 from light_scenes import PERSPECTIVE, SCENES, SKY, both_variants, scene_text, skip_unless_usable, write_scene
 
-from mitsuba_sensor.data.exr import read_irradiance_exr, write_irradiance_exr
-from mitsuba_sensor.engine.errors import InputError
-from mitsuba_sensor.engine.frame import Exposure
-from mitsuba_sensor.light.irradiance import render
-from mitsuba_sensor.light.photons import collect
-from mitsuba_sensor.light.shooting import shoot
-from mitsuba_sensor.light.truth import ground_truth
+from mitsuba_sensor.core.errors import InputError
+from mitsuba_sensor.core.exposure import Exposure
+from mitsuba_sensor.io.exr import read_irradiance_exr, write_irradiance_exr
+from mitsuba_sensor.render.aovs import render_aovs
+from mitsuba_sensor.render.irradiance import render
+from mitsuba_sensor.render.per_frame import render_frames
+from mitsuba_sensor.render.photons import collect
 from mitsuba_sensor.sensor.camera import load_camera
-from mitsuba_sensor.sensor.exposing import expose
+from mitsuba_sensor.sensor.expose import expose
 
 TABLE1, BAYER, EXPOSURE = load_camera("konnik_table1"), load_camera("bayer_2mp"), Exposure(0.02)
 ONE_FILE = SCENES / "one_file.xml"
@@ -60,7 +60,7 @@ def test_a_scene_unit_that_is_given_holds_for_the_camera_of_the_file_too() -> No
     """Focal length and f-number are the camera's own, whatever the unit; the scene's lengths are what changes."""
     words = {"parameters": SMALL, "spp": 16, "wavelength_nm": 550, "variant": "scalar_spectral"}
     for unit in (None, "cm", "m"):
-        found = render(ONE_FILE, scene_unit=unit, **words).certificate
+        found = render(ONE_FILE, scene_unit=unit, **words).statistics
         assert found.intrinsics is not None
         assert found.intrinsics["focal_length_mm"] == pytest.approx(2.5, rel=1e-3)
         assert found.aperture_f_number == pytest.approx(2.8, rel=1e-3)
@@ -72,7 +72,7 @@ def test_parallel_rays_have_a_ground_truth(tmp_path: Path, variant: str) -> None
     sensor = PERSPECTIVE.replace("perspective", "orthographic").replace('<float name="fov" value="60"/>', "")
     wall = '<shape type="rectangle"><transform name="to_world"><scale value="9"/><translate z="4"/></transform></shape>'
     path = write_scene(tmp_path, scene_text(SKY, wall, sensor=sensor))
-    found = ground_truth(path, TABLE1, variant=skip_unless_usable(variant))
+    found = render_aovs(path, TABLE1, variant=skip_unless_usable(variant))
     np.testing.assert_allclose(found.depth_m, 4.0, rtol=1e-6)
     np.testing.assert_allclose(np.abs(found.normal[..., 2]), 1.0, rtol=1e-6)
     assert found.depth_m.shape == (8, 12)
@@ -80,25 +80,25 @@ def test_parallel_rays_have_a_ground_truth(tmp_path: Path, variant: str) -> None
 
 def test_a_camera_that_overrules_the_lens_of_the_file_is_told(tmp_path: Path) -> None:
     words = {"parameters": SMALL, "spp": 16, "wavelength_nm": 550, "variant": "scalar_spectral"}
-    given = render(ONE_FILE, TABLE1.replace(**{"lens.f_number": 8.0}), **words).certificate
+    given = render(ONE_FILE, TABLE1.replace(**{"lens.f_number": 8.0}), **words).statistics
     assert any("overruled" in note and "lens.f_number" in note for note in given.notes)
-    assert not any("overruled" in note for note in render(ONE_FILE, **words).certificate.notes)
+    assert not any("overruled" in note for note in render(ONE_FILE, **words).statistics.notes)
 
 
 def test_a_width_that_is_given_means_bands_also_where_channels_are_usual() -> None:
-    words = {"parameters": SMALL, "spp": 16, "variant": "scalar_spectral", "noise_budget": "each"}
+    words = {"parameters": SMALL, "spp": 16, "variant": "scalar_spectral", "render_noise": "per-frame"}
     scene = SCENES / "cornell_box.xml"
-    assert next(shoot(scene, TABLE1, EXPOSURE, **words)).light.certificate.spectral == "channels"
-    assert next(shoot(scene, TABLE1, EXPOSURE, bandwidth_nm=100, **words)).light.certificate.spectral == "cube"
+    assert next(render_frames(scene, TABLE1, EXPOSURE, **words)).light.statistics.spectral == "channels"
+    assert next(render_frames(scene, TABLE1, EXPOSURE, bandwidth_nm=100, **words)).light.statistics.spectral == "cube"
 
 
 def test_a_quantum_yield_has_bands_with_a_render_for_every_frame() -> None:
     camera = TABLE1.replace(**{"quantum_efficiency.quantum_yield": [2.0, 1.0]})
     words = {"parameters": SMALL, "spp": 16, "variant": "scalar_spectral"}
-    take = next(shoot(SCENES / "cornell_box.xml", camera, EXPOSURE, noise_budget="each", **words))
-    assert take.light.certificate.spectral == "cube"
-    with pytest.raises(InputError, match="take noise_budget 'each'"):
-        shoot(SCENES / "cornell_box.xml", camera, EXPOSURE, noise_budget="spend", **words)
+    take = next(render_frames(SCENES / "cornell_box.xml", camera, EXPOSURE, render_noise="per-frame", **words))
+    assert take.light.statistics.spectral == "cube"
+    with pytest.raises(InputError, match="take render_noise 'per-frame'"):
+        render_frames(SCENES / "cornell_box.xml", camera, EXPOSURE, render_noise="compensated", **words)
 
 
 def test_the_ratio_is_that_of_the_lit_pixels(tmp_path: Path) -> None:
@@ -110,7 +110,7 @@ def test_the_ratio_is_that_of_the_lit_pixels(tmp_path: Path) -> None:
     light = render(path, TABLE1, EXPOSURE, wavelength_nm=550, noise_ratio=0.5, variant="scalar_spectral")
     lit = light.data[..., 0] > 0
     assert lit.mean() < 0.5
-    assert 0 < light.certificate.noise_ratio_median <= 0.55
+    assert 0 < light.statistics.noise_ratio_median <= 0.55
 
 
 @pytest.mark.parametrize(

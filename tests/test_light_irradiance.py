@@ -15,15 +15,15 @@ import numpy as np
 import pytest
 from light_scenes import BALL, SCENES, SKY, both_variants, scene_text, skip_unless_usable, write_scene
 
-from mitsuba_sensor.engine.errors import InputError
-from mitsuba_sensor.engine.frame import Exposure
-from mitsuba_sensor.engine.quantities import photon_energy_j
-from mitsuba_sensor.light import film, passes, spectra
-from mitsuba_sensor.light.bands import box_bands
-from mitsuba_sensor.light.irradiance import render
-from mitsuba_sensor.light.photons import photons_per_irradiance
-from mitsuba_sensor.light.scene import Scene
-from mitsuba_sensor.light.variants import choose_variant, use
+from mitsuba_sensor.core.errors import InputError
+from mitsuba_sensor.core.exposure import Exposure
+from mitsuba_sensor.core.quantities import photon_energy_j
+from mitsuba_sensor.render import film, passes, spectra
+from mitsuba_sensor.render.bands import box_bands
+from mitsuba_sensor.render.irradiance import render
+from mitsuba_sensor.render.photons import photons_per_irradiance
+from mitsuba_sensor.render.scene import Scene
+from mitsuba_sensor.render.variants import choose_variant, use
 from mitsuba_sensor.sensor.camera import load_camera
 from mitsuba_sensor.sensor.chain import follower_sigma_v, gain_dn_per_e, mean_dark_e, sense_gain_v_per_e
 
@@ -82,7 +82,7 @@ def test_each_color_checker_patch_has_the_photons_of_its_integral(variant: str) 
         parameters={"width": 24, "height": 16},
         variant=skip_unless_usable(variant),
     )
-    assert light.certificate.samples_per_pixel == 1024
+    assert light.statistics.samples_per_pixel == 1024
     photons = light.data @ photons_per_irradiance(CAMERA, EXPOSURE, light.wavelengths_nm, light.bandwidths_nm)
     patches = photons.reshape(4, 4, 6, 4)[:, 1:3, :, 1:3].mean(axis=(1, 3)).ravel()
     ratio = patches / [checker_photons(*table) for table in spectra.color_checker().values()]
@@ -175,7 +175,7 @@ def test_error_bars_cover_the_truth() -> None:
         parameters={"width": 24, "height": 24},
         variant="scalar_spectral",
     )
-    assert light.certificate.passes == 16
+    assert light.statistics.passes == 16
     weights = photons_per_irradiance(CAMERA, EXPOSURE, light.wavelengths_nm, light.bandwidths_nm)
     truth = math.pi * 2e-4 / (4 * 2.8**2) * weights.sum()
     covered = np.abs(light.data @ weights - truth) < light.relative_error * truth
@@ -194,7 +194,7 @@ def test_noise_ratio_is_render_variance_over_the_variance_of_the_sensor() -> Non
     k = gain_dn_per_e(camera)
     noise = electrons + mean_dark_e(camera, EXPOSURE) + (follower_sigma_v(camera) / sense_gain_v_per_e(camera)) ** 2
     ratio = (light.relative_error.astype(float) * electrons) ** 2 / (noise + 1 / 12 / k**2)
-    found = light.certificate
+    found = light.statistics
     assert found.noise_ratio_median == pytest.approx(np.median(ratio) * 15 / 14.339, rel=2e-3)  # χ² of 15
     assert found.noise_ratio_max == pytest.approx(ratio.max(), rel=2e-3)
     assert found.noise_ratio_p95 == pytest.approx(np.percentile(ratio, 95), rel=2e-3)
@@ -204,7 +204,7 @@ def test_a_saturated_pixel_shows_no_render_noise() -> None:
     """Ten times the full well: whatever the render's error, the frame reads the same."""
     options = {"spp": 64, "bandwidth_nm": 60, "parameters": SMALL, "variant": "scalar_spectral"}
     light = render(SCENES / "flat_field.xml", CAMERA, Exposure(10.0), **options)
-    assert light.certificate.noise_ratio_max == 0
+    assert light.statistics.noise_ratio_max == 0
     assert light.relative_error.min() > 0
 
 
@@ -218,7 +218,7 @@ def test_dark_exposure_has_no_noise_ratio() -> None:
         parameters=SMALL,
         variant="scalar_spectral",
     )
-    assert light.certificate.noise_ratio_max == 0
+    assert light.statistics.noise_ratio_max == 0
 
 
 def test_strips_of_rows_see_what_the_whole_film_sees(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -242,7 +242,7 @@ def test_crop_of_the_film_is_the_crop_of_the_picture(tmp_path: Path) -> None:
     )
     part = render(write_scene(tmp_path, scene_text(SKY, film=crop)), CAMERA, EXPOSURE, **options)
     np.testing.assert_allclose(part.data, full.data[1:3, 9:12], rtol=1e-5)
-    assert any("crop" in note for note in part.certificate.notes)
+    assert any("crop" in note for note in part.statistics.notes)
 
 
 def test_bad_values_of_the_renderer_are_counted_and_infinity_saturates(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -264,11 +264,11 @@ def test_bad_values_of_the_renderer_are_counted_and_infinity_saturates(monkeypat
         parameters={"width": 2, "height": 2},
         variant="scalar_spectral",
     )
-    assert (light.certificate.negative, light.certificate.non_finite) == (16, 32)
+    assert (light.statistics.negative, light.statistics.non_finite) == (16, 32)
     assert light.data[0, 0, 0] == 0 and light.data[0, 1, 0] == 0
     assert np.isinf(light.data[1, 1]).all() and np.isinf(light.relative_error[1, 1])
     assert np.isfinite(light.data).sum() == 6 and not np.isnan(light.data).any()
-    assert math.isfinite(light.certificate.noise_ratio_max)
+    assert math.isfinite(light.statistics.noise_ratio_max)
 
 
 def test_cube_covers_the_band_of_the_camera_and_clips_its_last_band() -> None:
@@ -295,8 +295,8 @@ def test_one_sample_still_makes_two_passes_and_says_so() -> None:
         parameters={"width": 2, "height": 2},
         variant="scalar_spectral",
     )
-    assert (light.certificate.passes, light.certificate.samples_per_pixel) == (2, 2)
-    assert any("1 samples per pixel asked for, 2 taken" in note for note in light.certificate.notes)
+    assert (light.statistics.passes, light.statistics.samples_per_pixel) == (2, 2)
+    assert any("1 samples per pixel asked for, 2 taken" in note for note in light.statistics.notes)
 
 
 def test_colour_camera_weighs_each_pixel_behind_its_own_filter() -> None:

@@ -12,11 +12,9 @@ import numpy as np
 import pytest
 from light_scenes import SKY, both_variants, scene_text, skip_unless_usable, write_scene
 
-from mitsuba_sensor.engine.errors import InputError
-from mitsuba_sensor.engine.frame import Exposure
-from mitsuba_sensor.light.bands import box_bands
-from mitsuba_sensor.light.irradiance import render
-from mitsuba_sensor.light.optics import (
+from mitsuba_sensor.core.errors import InputError
+from mitsuba_sensor.core.exposure import Exposure
+from mitsuba_sensor.optics.f_number_law import (
     View,
     aperture_f_number,
     cos4,
@@ -25,8 +23,10 @@ from mitsuba_sensor.light.optics import (
     solid_angle_sr,
     transmittance,
 )
-from mitsuba_sensor.light.scene import Scene, load_scene
-from mitsuba_sensor.light.variants import choose_variant, use
+from mitsuba_sensor.render.bands import box_bands
+from mitsuba_sensor.render.irradiance import render
+from mitsuba_sensor.render.scene import Scene, load_scene
+from mitsuba_sensor.render.variants import choose_variant, use
 from mitsuba_sensor.sensor.camera import Camera, load_camera
 
 CAMERA = load_camera("konnik_table1")

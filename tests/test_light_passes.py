@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from mitsuba_sensor.light.passes import MOST_SPP, Welford, clean, hashed_seed, pass_plan, row_strips
-from mitsuba_sensor.light.variants import choose_variant, use
+from mitsuba_sensor.render.passes import MOST_SPP, Welford, clean, hashed_seed, pass_plan, row_strips
+from mitsuba_sensor.render.variants import choose_variant, use
 
 
 def multijitter_count(samples: int) -> int:

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from light_scenes import BALL, SCENES, SHIPPED, SKY, scene_text, write_scene
 
-from mitsuba_sensor.engine.errors import InputError
-from mitsuba_sensor.engine.frame import Exposure
-from mitsuba_sensor.light.bands import box_bands
-from mitsuba_sensor.light.irradiance import Irradiance, render
-from mitsuba_sensor.light.photons import collect
-from mitsuba_sensor.light.scene import load_scene
-from mitsuba_sensor.light.setup import read_setup
-from mitsuba_sensor.light.variants import choose_variant, use
+from mitsuba_sensor.core.errors import InputError
+from mitsuba_sensor.core.exposure import Exposure
+from mitsuba_sensor.render.bands import box_bands
+from mitsuba_sensor.render.irradiance import Irradiance, render
+from mitsuba_sensor.render.photons import collect
+from mitsuba_sensor.render.scene import load_scene
+from mitsuba_sensor.render.scene_settings import read_setup
+from mitsuba_sensor.render.variants import choose_variant, use
 from mitsuba_sensor.sensor.camera import load_camera
 
 CAMERA = load_camera("konnik_table1")
@@ -30,7 +30,7 @@ def fill(light: Irradiance) -> np.ndarray:
     return (photons.mean * CAMERA.qe(light.wavelengths_nm)[0]).sum(axis=-1) / CAMERA.pixel.full_well_e
 
 
-def shoot(name: str, spp: int, size: tuple[int, int], **parameters: object) -> np.ndarray:
+def render_frames(name: str, spp: int, size: tuple[int, int], **parameters: object) -> np.ndarray:
     options = {"width": size[0], "height": size[1], **parameters}
     return fill(
         render(
@@ -68,31 +68,31 @@ def test_every_parameter_of_a_shipped_scene_is_explained(name: str) -> None:
 
 def test_cornell_walls_are_well_exposed_and_the_lamp_saturates() -> None:
     """White back wall at 30 to 50 % of full well, the lamp far above it (64 × 64, wall mean good to 1 %)."""
-    well = shoot("cornell_box", 64, (64, 64))
+    well = render_frames("cornell_box", 64, (64, 64))
     assert 0.30 < well[16:40, 36:48].mean() < 0.50
     assert well[7:9, 28:36].min() > 5
 
 
 def test_step_wedge_is_linear_from_dark_to_beyond_saturation() -> None:
     """64 equal steps: exactly 0, then a straight line to 1.2 full wells, every step within 1 % (0.1 % of error)."""
-    steps = shoot("step_wedge", 256, (64, 16)).mean(axis=0)
+    steps = render_frames("step_wedge", 256, (64, 16)).mean(axis=0)
     assert steps[0] == 0 and steps[-1] == pytest.approx(1.2, abs=0.02)
     rise = steps[1:] / np.arange(1, 64)
     np.testing.assert_allclose(rise, rise.mean(), rtol=1e-2)
 
 
 def test_flat_field_stands_at_half_a_well() -> None:
-    assert shoot("flat_field", 64, (16, 16)).mean() == pytest.approx(0.49, abs=0.01)
+    assert render_frames("flat_field", 64, (16, 16)).mean() == pytest.approx(0.49, abs=0.01)
 
 
 def test_color_checker_white_stands_below_saturation() -> None:
-    well = shoot("color_checker", 64, (24, 16))
+    well = render_frames("color_checker", 64, (24, 16))
     assert well[13:15, 1:3].mean() == pytest.approx(0.77, abs=0.03)
 
 
 def test_still_life_is_well_exposed() -> None:
     """The median pixel stands between a tenth and a half of full well, under a tenth of the pixels saturate."""
-    well = shoot("still_life", 36, (36, 24))
+    well = render_frames("still_life", 36, (36, 24))
     assert 0.1 < np.median(well) < 0.5 and (well > 1).mean() < 0.1
 
 
@@ -109,7 +109,7 @@ def test_one_file_is_well_exposed_by_its_own_camera() -> None:
 
 
 def test_light_level_scales_the_picture() -> None:
-    a, b = (shoot("flat_field", 16, (4, 4), radiance=level) for level in (1e-4, 3e-4))
+    a, b = (render_frames("flat_field", 16, (4, 4), radiance=level) for level in (1e-4, 3e-4))
     np.testing.assert_allclose(b, 3 * a, rtol=1e-5)
 
 
@@ -135,7 +135,7 @@ def test_foreign_rgb_scene_renders_and_the_user_is_told(tmp_path: Path) -> None:
     light = render(
         write_scene(tmp_path, text), CAMERA, Exposure(0.1), spp=16, bandwidth_nm=100, variant="scalar_spectral"
     )
-    notes = "\n".join(light.certificate.notes)
+    notes = "\n".join(light.statistics.notes)
     for word in ("'hdrfilm' replaced", "'gaussian' replaced", "'independent' replaced", "'aov' replaced", "2 sensors"):
         assert word in notes
     assert light.data.shape == (8, 12, 3) and (light.data > 0).all()

@@ -14,15 +14,15 @@ from pathlib import Path
 
 import pytest
 
-from mitsuba_sensor.engine.errors import InputError
-from mitsuba_sensor.engine.llvm import LLVM_PATH, find_llvm, inspect_llvm
-from mitsuba_sensor.light import variants
-from mitsuba_sensor.light.variants import choose_variant, use
+from mitsuba_sensor.core.errors import InputError
+from mitsuba_sensor.core.llvm import LLVM_PATH, find_llvm, inspect_llvm
+from mitsuba_sensor.render import variants
+from mitsuba_sensor.render.variants import choose_variant, use
 
 REPORT = """
 import json, os, sys
-from mitsuba_sensor.engine import llvm
-from mitsuba_sensor.light import variants
+from mitsuba_sensor.core import llvm
+from mitsuba_sensor.render import variants
 llvm.FOLDERS = tuple(sys.argv[1:])
 chosen = variants.choose_variant()
 mi = variants.use(chosen)

@@ -14,27 +14,27 @@ TABLE1 = ms.load_camera("konnik_table1")
 EXPOSURE = ms.Exposure(0.1)
 SHAPE = (12, 17)
 LIGHT = np.linspace(0, 50_000, SHAPE[0] * SHAPE[1]).reshape(SHAPE)
-PARTS = {"dark_current.parts": [{"weight": 0.3, "family": "normal", "mean": 400, "sigma": 50, "unit": "e_per_s"}]}
+PARTS = {"dark_current.components": [{"weight": 0.3, "family": "normal", "mean": 400, "sigma": 50, "unit": "e_per_s"}]}
 OPTIONS: dict[str, dict[str, Any]] = {
     "as shipped": {},
-    "no pattern at all": {"pixel.prnu": 0.0, "dark_current.cv": 0.0, "readout.column_offset": 0.0},
-    "lognormal prnu": {"pixel.prnu_pattern": "lognormal"},
-    "ar prnu": {"pixel.prnu_pattern": "ar", "pixel.prnu_coupling": 0.25},
+    "no pattern at all": {"pixel.prnu": 0.0, "dark_current.cv": 0.0, "readout.dsnu_col": 0.0},
+    "lognormal prnu": {"pixel.prnu_distribution": "lognormal"},
+    "ar prnu": {"pixel.prnu_distribution": "ar", "pixel.prnu_coupling": 0.25},
     **{
-        f"{f} dark": {"dark_current.pattern": f, "dark_current.cv": 0.4}
+        f"{f} dark": {"dark_current.distribution": f, "dark_current.cv": 0.4}
         for f in ("gaussian", "gamma", "wald", "logistic")
     },
-    "gamma of no width": {"dark_current.pattern": "gamma", "dark_current.cv": 0.0},
-    "ar dark": {"dark_current.pattern": "ar", "dark_current.cv": 0.2, "dark_current.coupling": 0.45},
-    "offsets": {"readout.row_offset": 0.001, "readout.column_coupling": 0.25, "pixel.offset_e": 20.0},
-    "coupled pixels": {"pixel.offset_e": 20.0, "pixel.offset_coupling": 0.25, "readout.row_coupling": 0.4},
-    "column gain": {"readout.column_gain": 0.01, "readout.offset_residual": 0.5},
+    "gamma of no width": {"dark_current.distribution": "gamma", "dark_current.cv": 0.0},
+    "ar dark": {"dark_current.distribution": "ar", "dark_current.cv": 0.2, "dark_current.coupling": 0.45},
+    "offsets": {"readout.dsnu_row": 0.001, "readout.dsnu_col_coupling": 0.25, "pixel.dsnu_e": 20.0},
+    "coupled pixels": {"pixel.dsnu_e": 20.0, "pixel.dsnu_coupling": 0.25, "readout.dsnu_row_coupling": 0.4},
+    "prnu column": {"readout.prnu_col": 0.01, "readout.dsnu_residual": 0.5},
     "curves": {"source_follower.vv_nonlinearity": 1.05, "readout.ve_nonlinearity": 1.0, "adc.ile": 0.01},
     "yield": {"quantum_efficiency.quantum_yield": [2.0, 1.2]},
 }
 SITES = {
     "parts": PARTS,
-    "blinking": {"dark_current.blinking_share": 0.3, "dark_current.blinking_e_per_s": 900.0},
+    "blinking": {"dark_current.rts_fraction": 0.3, "dark_current.rts_amplitude_e_per_s": 900.0},
 }
 """Which pixels follow a part or blink is drawn from the serial and stays so, also where maps are given."""
 
@@ -44,7 +44,7 @@ SITES = {
 def test_a_device_is_its_maps_whatever_the_serial(option: str, origin: tuple[int, int], tmp_path: Path) -> None:
     """patterns() of serial 7, through a file, given to serial 99: the bytes of serial 7."""
     camera = TABLE1.replace(**OPTIONS[option])
-    np.savez(tmp_path / "maps.npz", **ms.patterns(camera, SHAPE, serial=7, origin=origin))
+    np.savez(tmp_path / "maps.npz", **ms.fpn_maps(camera, SHAPE, serial=7, origin=origin))
     with np.load(tmp_path / "maps.npz") as maps:
         given = ms.expose(LIGHT, camera, EXPOSURE, serial=99, frames=2, origin=origin, maps=maps)
     own = ms.expose(LIGHT, camera, EXPOSURE, serial=7, frames=2, origin=origin)
@@ -54,21 +54,19 @@ def test_a_device_is_its_maps_whatever_the_serial(option: str, origin: tuple[int
 @pytest.mark.parametrize("option", [*OPTIONS, *SITES])
 def test_giving_a_device_its_own_maps_changes_nothing(option: str) -> None:
     camera = TABLE1.replace(**(OPTIONS | SITES)[option])
-    maps = ms.patterns(camera, SHAPE, serial=7)
+    maps = ms.fpn_maps(camera, SHAPE, serial=7)
     given = ms.expose(LIGHT, camera, EXPOSURE, serial=7, maps=maps)
     assert given.digital.tobytes() == ms.expose(LIGHT, camera, EXPOSURE, serial=7).digital.tobytes()
-    assert np.abs(given.ledger().total - given.digital[0]).max() < 1e-6
+    assert np.abs(given.noise_budget_of().total - given.digital[0]).max() < 1e-6
 
 
-@pytest.mark.parametrize(
-    "name", ["prnu", "dark_pattern", "column_offset_e", "row_offset_e", "pixel_offset_e", "column_gain"]
-)
+@pytest.mark.parametrize("name", ["prnu", "dark_fpn", "dsnu_col_e", "dsnu_row_e", "dsnu_pixel_e", "prnu_col"])
 def test_one_given_map_stands_in_for_one_pattern_and_for_no_other(name: str) -> None:
     """All others are the serial's own: putting the own map back in place gives the own frame, another one does not."""
     camera = TABLE1.replace(
-        **{"readout.row_offset": 0.001, "pixel.offset_e": 20.0, "readout.column_gain": 0.01, "dark_current.cv": 0.4}
+        **{"readout.dsnu_row": 0.001, "pixel.dsnu_e": 20.0, "readout.prnu_col": 0.01, "dark_current.cv": 0.4}
     )
-    maps = {serial: ms.patterns(camera, SHAPE, serial=serial)[name] for serial in (7, 8)}
+    maps = {serial: ms.fpn_maps(camera, SHAPE, serial=serial)[name] for serial in (7, 8)}
     own = ms.expose(LIGHT, camera, EXPOSURE, serial=7).digital
     for serial, same in ((7, True), (8, False)):
         given = ms.expose(LIGHT, camera, EXPOSURE, serial=7, maps={name: maps[serial]}).digital
@@ -89,30 +87,30 @@ def test_the_report_of_a_given_map_expects_what_the_map_says() -> None:
     frames = ms.expose(np.full(SHAPE, 10_000.0), TABLE1, EXPOSURE, maps={"prnu": gain})
     line = next(line for line in frames.report["stages"] if line["name"] == "prnu")
     assert line["mean_expected"] == pytest.approx(6000 * gain.mean())
-    assert line["sigma_fixed_expected"] == pytest.approx(6000 * gain.std())
+    assert line["sigma_spatial_expected"] == pytest.approx(6000 * gain.std())
     assert line["mean_frame"] == pytest.approx(line["mean_expected"])
 
 
 def test_patterns_have_the_shape_of_what_they_belong_to_and_the_whole_sensor_by_default() -> None:
     small = TABLE1.replace(**{"sensor.rows": 5, "sensor.columns": 9})
-    shapes = {name: values.shape for name, values in ms.patterns(small).items()}
+    shapes = {name: values.shape for name, values in ms.fpn_maps(small).items()}
     assert shapes == {
         "prnu": (5, 9),
-        "dark_pattern": (5, 9),
-        "column_offset_e": (1, 9),
-        "row_offset_e": (5, 1),
-        "pixel_offset_e": (5, 9),
-        "column_gain": (1, 9),
+        "dark_fpn": (5, 9),
+        "dsnu_col_e": (1, 9),
+        "dsnu_row_e": (5, 1),
+        "dsnu_pixel_e": (5, 9),
+        "prnu_col": (1, 9),
     }
-    assert set(ms.patterns(ms.load_camera("eev_44_82"), (2, 2))) == {"prnu", "dark_pattern"}
+    assert set(ms.fpn_maps(ms.load_camera("eev_44_82"), (2, 2))) == {"prnu", "dark_fpn"}
 
 
 @pytest.mark.parametrize("origin", [(0, 0), (2, 5), (8, 3)], ids=str)
 def test_maps_of_the_whole_sensor_are_cut_to_the_window(origin: tuple[int, int]) -> None:
     """A sensor of 20 × 30, a window of 12 × 17 somewhere on it: the window of that device, byte by byte."""
-    rich = {"readout.row_offset": 0.01, "pixel.offset_e": 20.0, "readout.column_gain": 0.1, "dark_current.cv": 0.4}
+    rich = {"readout.dsnu_row": 0.01, "pixel.dsnu_e": 20.0, "readout.prnu_col": 0.1, "dark_current.cv": 0.4}
     camera = TABLE1.replace(**rich | {"sensor.rows": 20, "sensor.columns": 30})
-    given = ms.expose(LIGHT, camera, EXPOSURE, serial=99, origin=origin, maps=ms.patterns(camera, serial=7))
+    given = ms.expose(LIGHT, camera, EXPOSURE, serial=99, origin=origin, maps=ms.fpn_maps(camera, serial=7))
     own = ms.expose(LIGHT, camera, EXPOSURE, serial=7, origin=origin)
     assert given.digital.tobytes() == own.digital.tobytes()
 
@@ -120,23 +118,23 @@ def test_maps_of_the_whole_sensor_are_cut_to_the_window(origin: tuple[int, int])
 def test_a_window_that_ends_beyond_the_sensor_has_no_part_in_its_maps() -> None:
     camera = TABLE1.replace(**{"sensor.rows": 20, "sensor.columns": 30})
     with pytest.raises(ms.InputError, match=r"has shape \(20, \d+\); it must be \(12, 17\)"):
-        ms.expose(LIGHT, camera, EXPOSURE, origin=(9, 0), maps=ms.patterns(camera))
+        ms.expose(LIGHT, camera, EXPOSURE, origin=(9, 0), maps=ms.fpn_maps(camera))
 
 
 BAD = {
     "misspelt": ({"prnv": np.ones(SHAPE)}, r"maps names 'prnv'.*Did you mean 'prnu'"),
     "of another camera": ({"well_depth": np.ones(SHAPE)}, r"maps names 'well_depth'; this camera's maps are prnu, "),
     "wrong shape": ({"prnu": np.ones((12, 16))}, r"has shape \(12, 16\); it must be \(12, 17\), or 1"),
-    "columns for rows": ({"row_offset_e": np.ones((1, 17))}, r"has shape \(1, 17\); it must be \(12, 1\), or 1"),
-    "rows for columns": ({"column_gain": np.ones((12, 1))}, r"has shape \(12, 1\); it must be \(1, 17\), or 1"),
+    "columns for rows": ({"dsnu_row_e": np.ones((1, 17))}, r"has shape \(1, 17\); it must be \(12, 1\), or 1"),
+    "rows for columns": ({"prnu_col": np.ones((12, 1))}, r"has shape \(12, 1\); it must be \(1, 17\), or 1"),
     "text": ({"prnu": "flat"}, r"maps\['prnu'\] is not numeric"),
     "a row of nothing": ({"prnu": np.ones(17)}, r"has shape \(17,\)"),
     "a stack": ({"prnu": np.ones((1, 12, 17))}, r"has shape \(1, 12, 17\)"),
     "NaN": ({"prnu": np.full(SHAPE, np.nan)}, r"maps\['prnu'\] holds NaN, infinite or negative values; mend"),
-    "infinite": ({"column_offset_e": np.full((1, 17), np.inf)}, r"maps\['column_offset_e'\] holds NaN, infinite"),
+    "infinite": ({"dsnu_col_e": np.full((1, 17), np.inf)}, r"maps\['dsnu_col_e'\] holds NaN, infinite"),
     "negative gain": (
-        {"dark_pattern": np.full(SHAPE, -0.1)},
-        r"maps\['dark_pattern'\] holds NaN, infinite or negative",
+        {"dark_fpn": np.full(SHAPE, -0.1)},
+        r"maps\['dark_fpn'\] holds NaN, infinite or negative",
     ),
 }
 
@@ -155,7 +153,7 @@ def test_offsets_may_be_negative() -> None:
             LIGHT,
             TABLE1,
             EXPOSURE,
-            maps={"column_offset_e": np.full((1, 17), 33.0 * sign)},
+            maps={"dsnu_col_e": np.full((1, 17), 33.0 * sign)},
             keep=["volts"],
             precision="float64",
         ).volts

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from mitsuba_sensor.engine.frame import Device, Exposure, Frame
-from mitsuba_sensor.engine.moments import Moments, rectified_normal
+from mitsuba_sensor.core.exposure import Exposure
+from mitsuba_sensor.core.frame import Frame
+from mitsuba_sensor.core.moments import Moments, rectified_normal
+from mitsuba_sensor.core.sensor_window import SensorWindow
 
-FRAME = Frame(Exposure(0.1), Device(1, (1, 1)))
+FRAME = Frame(Exposure(0.1), SensorWindow(1, (1, 1)))
 
 
 def of(mean: float, temporal: float, fixed: float) -> Moments:
@@ -23,7 +25,7 @@ def cut_moments(m: Moments, low: float, high: float) -> tuple[float, float, floa
     z = np.linspace(-8, 8, 4001)
     weight = stats.norm.pdf(z)
     weight /= weight.sum()
-    centre, sigma = m.mean + math.sqrt(m.fixed) * z, math.sqrt(m.temporal)
+    centre, sigma = m.mean + math.sqrt(m.spatial) * z, math.sqrt(m.temporal)
     a, b = (low - centre) / sigma, (high - centre) / sigma
     inside, pa, pb = stats.norm.cdf(b) - stats.norm.cdf(a), stats.norm.pdf(a), stats.norm.pdf(b)
     first = centre * inside + sigma * (pa - pb) + low * stats.norm.cdf(a) + high * stats.norm.sf(b)
@@ -58,17 +60,17 @@ def test_a_normal_signal_cut_at_one_edge_has_exact_moments(centre: float, ratio:
     mean, temporal, fixed = cut_moments(m, *edges)
     assert float(cut.mean) == pytest.approx(mean, rel=1e-12)
     assert float(cut.temporal) == pytest.approx(temporal, rel=1e-5, abs=1e-9)
-    assert float(cut.fixed) == pytest.approx(fixed, rel=1e-5, abs=1e-9)
+    assert float(cut.spatial) == pytest.approx(fixed, rel=1e-5, abs=1e-9)
 
 
 def test_cutting_far_away_changes_nothing_and_cutting_everything_leaves_the_edge() -> None:
     m = of(50.0, 4.0, 1.0)
     far = m.clip(0.0, 100.0)
-    assert (float(far.mean), float(far.temporal), float(far.fixed)) == (50.0, 4.0, 1.0)
+    assert (float(far.mean), float(far.temporal), float(far.spatial)) == (50.0, 4.0, 1.0)
     for edges, edge in (((-9e3, -1e3), -1e3), ((1e3, 9e3), 1e3)):
         cut = m.clip(*edges)
         assert float(cut.mean) == pytest.approx(edge, rel=1e-9)
-        assert 0 <= float(cut.temporal) < 1e-9 and 0 <= float(cut.fixed) < 1e-9
+        assert 0 <= float(cut.temporal) < 1e-9 and 0 <= float(cut.spatial) < 1e-9
 
 
 @pytest.mark.parametrize("mean", [math.inf, 1e300])
@@ -76,7 +78,7 @@ def test_an_infinite_signal_is_cut_to_its_edge_without_nan(mean: float) -> None:
     for m in (of(mean, mean, 0.0), of(mean, mean, math.inf), of(mean, mean, math.nan)):
         cut = m.clip(0.0, 4095.0)
         assert float(cut.mean) == 4095.0
-        assert float(cut.temporal) == 0.0 and float(cut.fixed) == 0.0
+        assert float(cut.temporal) == 0.0 and float(cut.spatial) == 0.0
 
 
 def test_a_signal_without_noise_is_cut_like_a_number() -> None:
@@ -86,6 +88,6 @@ def test_a_signal_without_noise_is_cut_like_a_number() -> None:
 
 
 def test_gain_multiplies_sigma_and_independent_parts_add_their_variance() -> None:
-    m = of(10.0, 4.0, 9.0).scale(3.0).add(mean=5.0, temporal=1.0, fixed=2.0)
-    assert (m.mean, m.temporal, m.fixed) == (35.0, 37.0, 83.0)
+    m = of(10.0, 4.0, 9.0).scale(3.0).add(mean=5.0, temporal=1.0, spatial=2.0)
+    assert (m.mean, m.temporal, m.spatial) == (35.0, 37.0, 83.0)
     assert m.sigma == pytest.approx(math.sqrt(120))

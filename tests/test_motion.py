@@ -17,16 +17,16 @@ import pytest
 from light_scenes import SCENES, SKY, both_variants, scene_text, skip_unless_usable, write_scene
 from numpy.typing import NDArray
 
-from mitsuba_sensor.engine.errors import InputError
-from mitsuba_sensor.engine.frame import Exposure
-from mitsuba_sensor.engine.llvm import drjit
-from mitsuba_sensor.light.bands import choose_bands
-from mitsuba_sensor.light.motion import Body, Motion, read_motion
-from mitsuba_sensor.light.moving import Moving, Poses, deal
-from mitsuba_sensor.light.passes import hashed_seed
-from mitsuba_sensor.light.scene import Scene, load_scene
-from mitsuba_sensor.light.shutter import STEP_PX, Shutter, shutter_of, subframes
-from mitsuba_sensor.light.variants import choose_variant, mitsuba, use
+from mitsuba_sensor.core.errors import InputError
+from mitsuba_sensor.core.exposure import Exposure
+from mitsuba_sensor.core.llvm import drjit
+from mitsuba_sensor.optics.shutter import STEP_PX, Shutter, shutter_of, subframes
+from mitsuba_sensor.render.bands import choose_bands
+from mitsuba_sensor.render.motion import Body, Motion, read_motion
+from mitsuba_sensor.render.moving_scene import MovingScene, Poses, deal
+from mitsuba_sensor.render.passes import hashed_seed
+from mitsuba_sensor.render.scene import Scene, load_scene
+from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
 from mitsuba_sensor.sensor.camera import load_camera
 
 GLOBAL = load_camera("konnik_table1")
@@ -51,7 +51,7 @@ def loaded(folder: Path, *elements: str, film: str = "", variant: str = "scalar_
     return load_scene(write_scene(folder, text), choose_bands(GLOBAL, 550.0, 10.0, "auto"), {})
 
 
-def picture(scene: Scene | Moving, passes: int = 8, samples: int = 16) -> NDArray[np.float64]:
+def picture(scene: Scene | MovingScene, passes: int = 8, samples: int = 16) -> NDArray[np.float64]:
     """Mean of some passes over the brightness of the edge, (rows, columns)."""
     rows = (0, scene.view.crop_size[1])
     frames = [scene.render(hashed_seed(1, 0, k), samples, rows)[..., 0] for k in range(passes)]
@@ -76,7 +76,7 @@ def width_px(row: NDArray[np.float64]) -> float:
 @pytest.mark.parametrize("who", ["camera", "object"])
 def test_a_moving_edge_blurs_by_speed_times_time(tmp_path: Path, who: str, variant: str) -> None:
     """10 m/s at 4 m in 0.1 s: 5.2 px, within 0.25 px, and every pixel of the ramp within 0.05 of the closed form."""
-    moving = Moving(loaded(tmp_path, EDGE, variant=variant), RIGHT[who], GLOBAL, Exposure(0.1))
+    moving = MovingScene(loaded(tmp_path, EDGE, variant=variant), RIGHT[who], GLOBAL, Exposure(0.1))
     mean = picture(moving).mean(axis=0)
     blur = SPEED_PX_PER_S * 0.1
     assert width_px(mean) == pytest.approx(blur, abs=0.25)
@@ -88,7 +88,7 @@ def test_a_rolling_shutter_skews_by_speed_times_row_time_times_rows(tmp_path: Pa
     """15 rows of 1 ms at 52 px/s: 0.78 px from top to bottom, times ten; each row to 0.25 px, and blurred by v·t."""
     fast = read_motion({"objects": {"edge": {"velocity_m_per_s": [-60.0, 0, 0]}}})
     speed = 60 * FOCAL_PX / 4
-    moving = Moving(loaded(tmp_path, EDGE, variant=variant), fast, ROLLING, Exposure(0.008))
+    moving = MovingScene(loaded(tmp_path, EDGE, variant=variant), fast, ROLLING, Exposure(0.008))
     frame = picture(moving)
     edges = frame.sum(axis=1)
     skew = np.polyfit(np.arange(ROWS), edges, 1)[0] * ROWS
@@ -110,24 +110,24 @@ def test_sub_frames_leave_no_ghosts_in_the_mean_of_the_passes(tmp_path: Path) ->
     """Two sub-frames 6.5 px apart, 64 passes: the smooth ramp to 0.15 (4.8 standard errors); ghosts are 0.25 off."""
     scene = loaded(tmp_path, EDGE)
     before = picture(scene, 1, 4)
-    moving = Moving(scene, RIGHT["camera"], GLOBAL, Exposure(0.25), subframes=2)
+    moving = MovingScene(scene, RIGHT["camera"], GLOBAL, Exposure(0.25), subframes=2)
     blur = SPEED_PX_PER_S * 0.25
     mean = np.mean([picture_of(moving, k) for k in range(64)], axis=(0, 1))
     np.testing.assert_allclose(mean, np.minimum(ramp(np.array(COLUMNS / 2 + blur), blur), 1), atol=0.15)
     np.testing.assert_array_equal(picture(scene, 1, 4), before)
 
 
-def picture_of(scene: Scene | Moving, number: int) -> NDArray[np.float64]:
+def picture_of(scene: Scene | MovingScene, number: int) -> NDArray[np.float64]:
     """One small pass over the brightness of the edge."""
     return scene.render(hashed_seed(2, 0, number), 2, (0, 4))[..., 0].astype(np.float64) / 10
 
 
 def test_an_exposure_shorter_than_a_row_is_skewed_as_much_and_hardly_blurred(tmp_path: Path) -> None:
     """Rows share the sub-frames within half a pixel of motion: each edge to 0.25 px, in at most three per pixel."""
-    moving = Moving(loaded(tmp_path, EDGE), RIGHT["object"], ROLLING, Exposure(1e-5))
+    moving = MovingScene(loaded(tmp_path, EDGE), RIGHT["object"], ROLLING, Exposure(1e-5))
     edges = picture(moving).sum(axis=1)
     np.testing.assert_allclose(edges, COLUMNS / 2 + SPEED_PX_PER_S * np.arange(ROWS) * 1e-3, atol=0.25)
-    frozen = Moving(loaded(tmp_path, EDGE), RIGHT["object"], GLOBAL, Exposure(0.0))
+    frozen = MovingScene(loaded(tmp_path, EDGE), RIGHT["object"], GLOBAL, Exposure(0.0))
     np.testing.assert_allclose(picture(frozen), picture(loaded(tmp_path, EDGE)), atol=1e-6)
 
 
@@ -138,7 +138,7 @@ def test_a_crop_sees_the_rows_of_the_full_frame_at_their_own_times(tmp_path: Pat
         for k, v in (("width", COLUMNS), ("height", 4), ("offset_x", 0), ("offset_y", 10))
     )
     fast = read_motion({"objects": {"edge": {"velocity_m_per_s": [-60.0, 0, 0]}}})
-    moving = Moving(loaded(tmp_path, EDGE, film=crop), fast, ROLLING, Exposure(0.004))
+    moving = MovingScene(loaded(tmp_path, EDGE, film=crop), fast, ROLLING, Exposure(0.004))
     middle_s = np.arange(10, 14) * 1e-3 + 0.002
     np.testing.assert_allclose(picture(moving).sum(axis=1), COLUMNS / 2 + 60 * FOCAL_PX / 4 * middle_s, atol=0.25)
 
@@ -149,13 +149,13 @@ def test_motion_through_even_light_changes_nothing(tmp_path: Path, camera: Any, 
     """Energy is kept: under a uniform sky each pixel of each pass is what it is at rest, to float32."""
     still = loaded(tmp_path, SKY, variant=variant)
     motion = read_motion({"camera": {"velocity_m_per_s": [3, 2, 1], "rotate_deg_per_s": 900, "axis": [1, 1, 0]}})
-    moving = Moving(still, motion, camera, Exposure(0.02))
+    moving = MovingScene(still, motion, camera, Exposure(0.02))
     np.testing.assert_allclose(picture(moving, 1, 9), picture(still, 1, 9), rtol=1e-6)
 
 
 def test_an_infinite_value_saturates_its_own_rows_only(tmp_path: Path) -> None:
     """Rows 8 and on are infinite whenever they are looked at; the rows above, closed or open, are not touched."""
-    moving = Moving(loaded(tmp_path, SKY), RIGHT["camera"], ROLLING, Exposure(0.02))
+    moving = MovingScene(loaded(tmp_path, SKY), RIGHT["camera"], ROLLING, Exposure(0.02))
     render = moving.scene.render
 
     class Glaring:
@@ -220,8 +220,8 @@ def test_sub_frames_share_the_samples_of_a_pass_evenly() -> None:
 def test_the_camera_says_how_it_opens() -> None:
     assert shutter_of(GLOBAL, Exposure(0.1)) == Shutter(0.1, 0.0)
     assert shutter_of(ROLLING, Exposure(0.1)) == Shutter(0.1, 1e-3)
-    held = ROLLING.replace(**{"sensor.shutter": "global"})
-    assert held.sensor.row_time_us == 1000 and shutter_of(held, Exposure(0.1)).row_time_s == 0
+    within_float32 = ROLLING.replace(**{"sensor.shutter": "global"})
+    assert within_float32.sensor.row_time_us == 1000 and shutter_of(within_float32, Exposure(0.1)).row_time_s == 0
     with pytest.raises(InputError, match="a rolling shutter needs row_time_us"):
         GLOBAL.replace(**{"sensor.shutter": "rolling"})
 
@@ -229,13 +229,13 @@ def test_the_camera_says_how_it_opens() -> None:
 @pytest.mark.parametrize("who", ["camera", "object"])
 def test_the_fastest_thing_decides_how_many_sub_frames(tmp_path: Path, who: str) -> None:
     """52 px/s: in 0.1 s 5.2 px, 11 sub-frames of half a pixel, 16 of the 16 samples; the notes tell."""
-    moving = Moving(loaded(tmp_path, EDGE), RIGHT[who], GLOBAL, Exposure(0.1))
+    moving = MovingScene(loaded(tmp_path, EDGE), RIGHT[who], GLOBAL, Exposure(0.1))
     assert moving.speed_px_per_s == pytest.approx(SPEED_PX_PER_S, rel=0.01)
     moving.render(1, 16, (0, 2))
     assert moving.notes[-1] == (
         "16 sub-frames per exposure and pass; the picture moves up to 5.2 px while a row is open"
     )
-    few = Moving(loaded(tmp_path, EDGE), RIGHT[who], GLOBAL, Exposure(0.1), subframes=3)
+    few = MovingScene(loaded(tmp_path, EDGE), RIGHT[who], GLOBAL, Exposure(0.1), subframes=3)
     few.render(1, 16, (0, 2))
     assert few.notes[-1].startswith("4 sub-frames") and "11 would be smooth" in few.notes[-1]
 
@@ -244,7 +244,9 @@ def test_a_thing_too_small_for_the_probing_rays_is_still_seen_to_move(tmp_path: 
     place = '<point name="center" value="0.2,0.2,4"/><float name="radius" value="0.01"/>'
     dot = f'<shape type="sphere" id="dot">{place}{GLOW}</shape>'
     motion = read_motion({"objects": {"dot": {"velocity_m_per_s": [10, 0, 0]}}})
-    assert Moving(loaded(tmp_path, dot), motion, GLOBAL, Exposure(0.01)).speed_px_per_s == pytest.approx(52, rel=0.02)
+    assert MovingScene(loaded(tmp_path, dot), motion, GLOBAL, Exposure(0.01)).speed_px_per_s == pytest.approx(
+        52, rel=0.02
+    )
 
 
 KINDS = {
@@ -295,7 +297,7 @@ def test_all_poses_share_one_kernel(tmp_path: Path) -> None:
     """Passes after the first, at other instants, run no kernel that the first did not (LLVM compiles 1 to 4 s)."""
     scene = loaded(tmp_path, EDGE, KINDS["sphere"].format(glow=GLOW), SKY, variant="llvm_ad_spectral")
     both = {"edge": {"velocity_m_per_s": [-10, 0, 0]}, "it": {"velocity_m_per_s": [0, 1, 0]}}
-    moving = Moving(
+    moving = MovingScene(
         scene, read_motion({"camera": {"velocity_m_per_s": [1, 0, 0]}, "objects": both}), GLOBAL, Exposure(0.1)
     )
     dr = drjit()
@@ -337,9 +339,9 @@ def test_keys_are_joined_by_straight_lines_and_shorter_arcs_and_held_at_the_ends
     np.testing.assert_allclose(half[:2, :2], np.array([[1, -1], [1, 1]]) / math.sqrt(2), atol=1e-12)
     np.testing.assert_array_equal(body.displacement(-1.0), body.displacement(0.0))
     np.testing.assert_array_equal(body.displacement(9.0), body.displacement(2.0))
-    held = read_motion({"camera": {"keys": [{"time_s": 0, "move_m": [1, 2, 3]}]}}).camera
-    assert held is not None
-    np.testing.assert_array_equal(held.displacement(5.0)[:3, 3], [1, 2, 3])
+    within_float32 = read_motion({"camera": {"keys": [{"time_s": 0, "move_m": [1, 2, 3]}]}}).camera
+    assert within_float32 is not None
+    np.testing.assert_array_equal(within_float32.displacement(5.0)[:3, 3], [1, 2, 3])
 
 
 def test_a_camera_key_is_the_pose_that_mitsuba_makes_of_the_same_words() -> None:
@@ -421,10 +423,10 @@ def test_a_motion_file_that_is_not_there_or_not_toml_or_not_of_this_scene_is_sai
     with pytest.raises(
         InputError, match=r"'edg', which is no shape of the scene; the ids .* edge\. Did you mean 'edge'"
     ):
-        Moving(loaded(tmp_path, EDGE), wrong, GLOBAL, Exposure(0.1))
+        MovingScene(loaded(tmp_path, EDGE), wrong, GLOBAL, Exposure(0.1))
     for bad in (0, 2.5, "many"):
         with pytest.raises(InputError, match="subframes is"):
-            Moving(loaded(tmp_path, EDGE), RIGHT["camera"], GLOBAL, Exposure(0.1), subframes=bad)  # type: ignore[arg-type]
+            MovingScene(loaded(tmp_path, EDGE), RIGHT["camera"], GLOBAL, Exposure(0.1), subframes=bad)  # type: ignore[arg-type]
 
 
 def test_the_shipped_example_is_a_fan_that_turns(tmp_path: Path) -> None:
@@ -433,5 +435,5 @@ def test_the_shipped_example_is_a_fan_that_turns(tmp_path: Path) -> None:
     small = load_scene(
         SCENES / "rolling_fan.xml", choose_bands(GLOBAL, 550.0, 10.0, "auto"), {"width": 24, "height": 16}
     )
-    frame = picture(Moving(small, motion, ROLLING.replace(**{"sensor.row_time_us": 15.0}), Exposure(0.002)), 1, 4)
+    frame = picture(MovingScene(small, motion, ROLLING.replace(**{"sensor.row_time_us": 15.0}), Exposure(0.002)), 1, 4)
     assert isinstance(motion, Motion) and motion.objects and frame.min() > 0

@@ -1,4 +1,4 @@
-"""light/needs.py: how many bands a camera can tell apart, and what else a render may leave out."""
+"""render/requirements.py: how many bands a camera can tell apart, and what else a render may leave out."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.light.needs import render_needs
+from mitsuba_sensor.render.requirements import render_requirements
 from mitsuba_sensor.sensor.chain import gain_dn_per_e
 
 TABLE1 = ms.load_camera("konnik_table1")
@@ -32,14 +32,14 @@ def make(light: Any) -> Any:
             bandwidths_nm=np.full(len(spectrum), width),
             standard_error=np.zeros_like(data),
             relative_error=np.zeros(SHAPE),
-            certificate=light.certificate,
+            statistics=light.statistics,
         )
 
     return made
 
 
 def bands_of(light: Any, camera: ms.Camera, tolerance_dn: float) -> Any:
-    need, *_ = render_needs(light, camera, EXPOSURE, gain_dn_per_e(camera), tolerance_dn)
+    need, *_ = render_requirements(light, camera, EXPOSURE, gain_dn_per_e(camera), tolerance_dn)
     assert need.what == f"{len(light.wavelengths_nm)} bands"
     return need
 
@@ -122,9 +122,9 @@ def test_infinite_light_is_not_looked_at(make: Any) -> None:
 
 def test_a_pinhole_needs_no_depth_of_field_and_a_lens_does(light: Any) -> None:
     gain = gain_dn_per_e(TABLE1)
-    _, pinhole, truth = render_needs(light, TABLE1, EXPOSURE, gain, 0.1)
+    _, pinhole, truth = render_requirements(light, TABLE1, EXPOSURE, gain, 0.1)
     assert pinhole.what == "depth of field" and not pinhole.kept and "pinhole" in pinhole.reason
     assert truth.what == "ground truth" and not truth.kept
-    lens = replace(light, certificate=replace(light.certificate, aperture_f_number=2.8))
-    _, depth, _ = render_needs(lens, TABLE1, EXPOSURE, gain, 0.1)
+    lens = replace(light, statistics=replace(light.statistics, aperture_f_number=2.8))
+    _, depth, _ = render_requirements(lens, TABLE1, EXPOSURE, gain, 0.1)
     assert depth.kept and "f/2.8" in depth.reason

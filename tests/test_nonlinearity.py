@@ -12,16 +12,17 @@ import numpy as np
 import pytest
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.engine.frame import Device, Frame
-from mitsuba_sensor.engine.moments import Moments
-from mitsuba_sensor.engine.quantities import Electrons, Photons
+from mitsuba_sensor.core.frame import Frame
+from mitsuba_sensor.core.moments import Moments
+from mitsuba_sensor.core.quantities import Electrons, Photons
+from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.sensor.chain import chain, gain_dn_per_e, sense_gain_v_per_e
 from mitsuba_sensor.sensor.digital import Adc, IntegralNonlinearity, end_point_ile, gamma_of_ile
 from mitsuba_sensor.sensor.electrons import FullWell
 from mitsuba_sensor.sensor.volts import NonlinearSenseNode, NonlinearSourceFollower, SenseNode, SourceFollower
 
 TABLE1 = ms.load_camera("konnik_table1")
-HERE = Frame(ms.Exposure(0.1), Device(3, (1, 5)))
+HERE = Frame(ms.Exposure(0.1), SensorWindow(3, (1, 5)))
 A_SN, V_REF = 5e-6, 3.1
 
 
@@ -110,8 +111,8 @@ def test_the_photon_transfer_slope_at_full_well_is_1_10_k_and_the_variance_1_21_
     400 000 pixels: 5 se of a variance are 1.1 %; slope from ±5 % of the light: 5 se are 0.02 %.
     """
     quiet = {
-        "pixel.prnu": 0.0, "readout.column_offset": 0.0, "dark_current.fom_na_per_cm2": 0.0,
-        "source_follower.white_nv_per_rthz": 0.0, "adc.bits": 16, "adc.full_scale_v": 0.33, "adc.pedestal_dn": 0.0,
+        "pixel.prnu": 0.0, "readout.dsnu_col": 0.0, "dark_current.fom_na_per_cm2": 0.0,
+        "source_follower.white_nv_per_rthz": 0.0, "adc.bits": 16, "adc.full_scale_v": 0.33, "adc.black_level_dn": 0.0,
     }  # fmt: skip
     camera = TABLE1.replace(**quiet, **{"source_follower.vv_nonlinearity": 1.05})
     stages = [stage for stage in chain(camera) if not isinstance(stage, FullWell)]
@@ -119,7 +120,7 @@ def test_the_photon_transfer_slope_at_full_well_is_1_10_k_and_the_variance_1_21_
 
     def digital(electrons: float) -> Any:
         signal: Any = Photons(np.full((400, 1000), electrons / 0.6))
-        frame = Frame(ms.Exposure(0.1), Device(3, (400, 1000)))
+        frame = Frame(ms.Exposure(0.1), SensorWindow(3, (400, 1000)))
         for stage in stages:
             signal = stage(signal, frame)
         return signal
@@ -172,7 +173,7 @@ def test_a_gamma_next_to_one_loses_no_digit(offset: float) -> None:
 def test_a_gain_of_one_is_a_gain_like_any_other() -> None:
     """A = 1 DN/V (the paper's logarithm of A would be 0): 4096 V of full scale, γ = 1.04 at half scale and at full."""
     camera = TABLE1.replace(
-        **{"adc.full_scale_v": 4096.0, "adc.gamma": 1.04, "adc.pedestal_dn": 0.0, "pixel.full_well_e": 1e9}
+        **{"adc.full_scale_v": 4096.0, "adc.gamma": 1.04, "adc.black_level_dn": 0.0, "pixel.full_well_e": 1e9}
     )
     bend, adc = chain(camera)[-2:]
     assert adc.gain_dn_per_v == 1.0
@@ -220,7 +221,7 @@ def test_a_curve_has_the_moments_that_it_says_at_every_level(stage: Any, level: 
     m = stage.moments(Moments(mean, sigma_t**2, sigma_f**2, HERE))
     temporal = y.var(axis=0, ddof=1)
     fixed = (y.mean(axis=0) - m.mean) ** 2 - temporal / 3
-    for seen, expected in ((y.mean(axis=0), m.mean), (temporal, m.temporal), (fixed, m.fixed)):
+    for seen, expected in ((y.mean(axis=0), m.mean), (temporal, m.temporal), (fixed, m.spatial)):
         assert abs(seen.mean() - expected) < 5 * seen.std() / math.sqrt(n)
 
 
@@ -245,6 +246,6 @@ def test_the_second_order_of_a_curve_is_the_integral_over_a_normal_law(
     mean, fixed = weights @ of_pixel, weights @ of_pixel**2 - (weights @ of_pixel) ** 2
     temporal = weights @ (y**2 @ weights) - weights @ of_pixel**2
     m = stage.moments(Moments(level, 0.08**2, 0.05**2, HERE))
-    assert (m.mean, m.temporal, m.fixed) == pytest.approx((mean, temporal, fixed), rel=accuracy)
+    assert (m.mean, m.temporal, m.spatial) == pytest.approx((mean, temporal, fixed), rel=accuracy)
     slope_only = stage(Electrons(level) if isinstance(stage, NonlinearSenseNode) else level, HERE)
     assert m.mean - slope_only == pytest.approx(mean - slope_only, rel=max(accuracy, 0.02))

@@ -9,27 +9,28 @@ import numpy as np
 import pytest
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.engine.frame import Device, Frame
+from mitsuba_sensor.core.frame import Frame
+from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.sensor.chain import chain, gain_dn_per_e
-from mitsuba_sensor.sensor.volts import ColumnGain, ColumnOffset, PixelOffset, RowOffset
+from mitsuba_sensor.sensor.volts import DsnuColumn, DsnuPixel, DsnuRow, PrnuColumn
 
 TABLE1 = ms.load_camera("konnik_table1")
 EXPOSURE = ms.Exposure(0.1)
 SHAPE = (40, 60)
 QUIET = {
-    "readout.column_offset": 0.0,
+    "readout.dsnu_col": 0.0,
     "pixel.prnu": 0.0,
     "dark_current.cv": 0.0,
     "adc.bits": 16,
-    "adc.pedestal_dn": 2000.0,
+    "adc.black_level_dn": 2000.0,
 }
 SOURCES = {
-    "column_offset_e": ({"readout.column_offset": 0.001}, ColumnOffset),
-    "row_offset_e": ({"readout.row_offset": 0.001}, RowOffset),
-    "pixel_offset_e": ({"pixel.offset_e": 33.0}, PixelOffset),
-    "coupled column_offset_e": ({"readout.column_offset": 0.001, "readout.column_coupling": 0.25}, ColumnOffset),
-    "coupled row_offset_e": ({"readout.row_offset": 0.001, "readout.row_coupling": 0.45}, RowOffset),
-    "coupled pixel_offset_e": ({"pixel.offset_e": 33.0, "pixel.offset_coupling": 0.25}, PixelOffset),
+    "dsnu_col_e": ({"readout.dsnu_col": 0.001}, DsnuColumn),
+    "dsnu_row_e": ({"readout.dsnu_row": 0.001}, DsnuRow),
+    "dsnu_pixel_e": ({"pixel.dsnu_e": 33.0}, DsnuPixel),
+    "coupled dsnu_col_e": ({"readout.dsnu_col": 0.001, "readout.dsnu_col_coupling": 0.25}, DsnuColumn),
+    "coupled dsnu_row_e": ({"readout.dsnu_row": 0.001, "readout.dsnu_row_coupling": 0.45}, DsnuRow),
+    "coupled dsnu_pixel_e": ({"pixel.dsnu_e": 33.0, "pixel.dsnu_coupling": 0.25}, DsnuPixel),
 }
 """Each of 33 e-: 0.1 % of Table 1's full well."""
 
@@ -52,7 +53,7 @@ def test_offsets_are_the_same_on_every_image_and_on_every_frame(name: str) -> No
     change, kind = SOURCES[name]
     camera, without = camera_with(change), camera_with({})
     per_e = 5e-6
-    expected = per_e * ms.patterns(camera, SHAPE, precision="float64")[name.split()[-1]]
+    expected = per_e * ms.fpn_maps(camera, SHAPE, precision="float64")[name.split()[-1]]
     assert expected.std() > 0
     ramp = np.broadcast_to(np.linspace(0, 40_000, SHAPE[1]), SHAPE)
     for light in (np.zeros(SHAPE), np.full(SHAPE, 20_000.0), ramp):
@@ -61,24 +62,24 @@ def test_offsets_are_the_same_on_every_image_and_on_every_frame(name: str) -> No
             offset = volts(camera, light, **how) - volts(without, light, **how)
             np.testing.assert_allclose(offset, np.broadcast_to(expected, offset.shape), atol=1e-15)
     assert not np.array_equal(
-        ms.patterns(camera, SHAPE, serial=2, precision="float64")[name.split()[-1]], expected / per_e
+        ms.fpn_maps(camera, SHAPE, serial=2, precision="float64")[name.split()[-1]], expected / per_e
     )
     assert any(isinstance(stage, kind) for stage in chain(camera))
 
 
 @pytest.mark.parametrize("coupling", [0.0, 0.25, 0.45])
-@pytest.mark.parametrize("kind", [ColumnOffset, RowOffset, ColumnGain])
+@pytest.mark.parametrize("kind", [DsnuColumn, DsnuRow, PrnuColumn])
 def test_lines_have_the_sigma_asked_for_at_every_coupling(kind: Any, coupling: float) -> None:
     """100 000 lines, σ within 5 standard errors (1.1 % of σ for white lines, 2.5 % at a = 0.45), ρ₁ = 2a within 0.015.
 
     Without the division by (1 − 4a²)^(−3/4) the coupled ones would be 24 % and 250 % too strong.
     """
     n = 100_000
-    device = Device(3, (n, 1) if kind is RowOffset else (1, n))
-    stage = ColumnGain(0.002, coupling) if kind is ColumnGain else kind(33.0, 5e-6, coupling)
-    (values,) = stage.maps(device).values()
-    assert values.shape == device.shape
-    mean, sigma = (1.0, 0.002) if kind is ColumnGain else (0.0, 33.0)
+    window = SensorWindow(3, (n, 1) if kind is DsnuRow else (1, n))
+    stage = PrnuColumn(0.002, coupling) if kind is PrnuColumn else kind(33.0, 5e-6, coupling)
+    (values,) = stage.maps(window).values()
+    assert values.shape == window.shape
+    mean, sigma = (1.0, 0.002) if kind is PrnuColumn else (0.0, 33.0)
     x = (values.ravel() - mean) / sigma
     rho = 2 * coupling
     blocks = x.reshape(100, -1)
@@ -91,7 +92,7 @@ def test_lines_have_the_sigma_asked_for_at_every_coupling(kind: Any, coupling: f
 @pytest.mark.parametrize("coupling", [0.0, 0.25])
 def test_pixel_offsets_have_the_sigma_asked_for_and_neighbours_that_are_alike(coupling: float) -> None:
     """512 × 512 pixels in 64 tiles: 5 standard errors are 1.4 % of the variance for white ones, 2.5 % for a = 0.25."""
-    x = PixelOffset(33.0, 5e-6, coupling).maps(Device(3, (512, 512)))["pixel_offset_e"] / 33.0
+    x = DsnuPixel(33.0, 5e-6, coupling).maps(SensorWindow(3, (512, 512)))["dsnu_pixel_e"] / 33.0
     for values, expected in (
         (x, 0.0),
         (x * x, 1.0),
@@ -103,17 +104,17 @@ def test_pixel_offsets_have_the_sigma_asked_for_and_neighbours_that_are_alike(co
 
 
 def test_one_tenth_of_a_percent_of_table_1_is_33_electrons_or_4_096_codes() -> None:
-    stage = next(stage for stage in chain(TABLE1) if isinstance(stage, ColumnOffset))
+    stage = next(stage for stage in chain(TABLE1) if isinstance(stage, DsnuColumn))
     assert stage.sigma_e == pytest.approx(33.0)
     assert stage.sigma_e * gain_dn_per_e(TABLE1) == pytest.approx(4.096, rel=1e-9)
 
 
 def test_offsets_and_gain_pass_the_follower_and_the_sense_node_once() -> None:
     """σ is asked for as electrons at the sense node: with A_SF = 0.8 an electron is 4 µV where the offsets come in."""
-    camera = camera_with(SOURCES["column_offset_e"][0] | {"source_follower.gain": 0.8, "readout.cds_gain": 2.0})
+    camera = camera_with(SOURCES["dsnu_col_e"][0] | {"source_follower.gain": 0.8, "readout.cds_gain": 2.0})
     light = np.zeros(SHAPE)
-    offset = volts(camera, light) - volts(camera.replace(**{"readout.column_offset": 0.0}), light)
-    expected = 8e-6 * ms.patterns(camera, SHAPE, precision="float64")["column_offset_e"]
+    offset = volts(camera, light) - volts(camera.replace(**{"readout.dsnu_col": 0.0}), light)
+    expected = 8e-6 * ms.fpn_maps(camera, SHAPE, precision="float64")["dsnu_col_e"]
     np.testing.assert_allclose(offset[0], np.broadcast_to(expected, SHAPE), atol=1e-15)
 
 
@@ -121,11 +122,11 @@ def test_offsets_and_gain_pass_the_follower_and_the_sense_node_once() -> None:
 def test_the_analogue_cds_leaves_its_share_of_column_and_pixel_offsets_and_all_of_the_rows(residual: float) -> None:
     """A row's offset comes after the CDS; residual 0 is, bit for bit, a camera without the offsets."""
     dark = np.zeros(SHAPE)
-    for name in ("column_offset_e", "pixel_offset_e", "row_offset_e"):
+    for name in ("dsnu_col_e", "dsnu_pixel_e", "dsnu_row_e"):
         whole = camera_with(SOURCES[name][0])
         none = volts(camera_with({}), dark)
-        left = volts(whole.replace(**{"readout.offset_residual": residual}), dark) - none
-        share = 1.0 if name == "row_offset_e" else residual
+        left = volts(whole.replace(**{"readout.dsnu_residual": residual}), dark) - none
+        share = 1.0 if name == "dsnu_row_e" else residual
         np.testing.assert_allclose(left, share * (volts(whole, dark) - none), atol=1e-15)
         if share == 0:
             np.testing.assert_array_equal(left, 0.0)
@@ -133,9 +134,9 @@ def test_the_analogue_cds_leaves_its_share_of_column_and_pixel_offsets_and_all_o
 
 def test_a_column_gain_multiplies_the_swing_and_leaves_darkness_alone() -> None:
     """The ratio of two levels less darkness is the gain, per column, whatever the light."""
-    frame = Frame(EXPOSURE, Device(3, SHAPE))
-    stage = ColumnGain(0.01)
-    gain = stage.maps(frame.device)["column_gain"]
+    frame = Frame(EXPOSURE, SensorWindow(3, SHAPE))
+    stage = PrnuColumn(0.01)
+    gain = stage.maps(frame.window)["prnu_col"]
     swing = np.linspace(0, 0.165, SHAPE[0] * SHAPE[1]).reshape(SHAPE)
     np.testing.assert_array_equal(stage(swing, frame), swing * gain)
     np.testing.assert_array_equal(stage(np.zeros(SHAPE), frame), 0.0)
@@ -146,13 +147,13 @@ def test_the_four_patterns_of_one_camera_are_independent() -> None:
     """|ρ| < 5/√n between any two sources' lines and between neighbouring serials."""
     n = 20_000
     lines = [
-        stage.maps(Device(serial, (1, n) if axis else (n, 1)))[name].ravel()
+        stage.maps(SensorWindow(serial, (1, n) if axis else (n, 1)))[name].ravel()
         for serial in (1, 2)
         for stage, name, axis in (
-            (ColumnOffset(1.0, 1.0), "column_offset_e", 1),
-            (RowOffset(1.0, 1.0), "row_offset_e", 0),
-            (PixelOffset(1.0, 1.0), "pixel_offset_e", 1),
-            (ColumnGain(1.0), "column_gain", 1),
+            (DsnuColumn(1.0, 1.0), "dsnu_col_e", 1),
+            (DsnuRow(1.0, 1.0), "dsnu_row_e", 0),
+            (DsnuPixel(1.0, 1.0), "dsnu_pixel_e", 1),
+            (PrnuColumn(1.0), "prnu_col", 1),
         )
     ]
     rho = np.corrcoef(lines) - np.eye(8)
@@ -162,7 +163,7 @@ def test_the_four_patterns_of_one_camera_are_independent() -> None:
 # The paper's CDS (4.9): subtract a frame, in signed numbers.
 
 NOISY = {
-    "readout.column_offset": 0.002, "readout.row_offset": 0.001, "pixel.offset_e": 20.0, "readout.reset": "hard",
+    "readout.dsnu_col": 0.002, "readout.dsnu_row": 0.001, "pixel.dsnu_e": 20.0, "readout.reset": "hard",
     "adc.bits": 14,
 }  # fmt: skip
 

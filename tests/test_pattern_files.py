@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.data import files
+from mitsuba_sensor.io import files
 
 TABLE1 = ms.load_camera("konnik_table1")
 SIZE = ("--rows", 12, "--columns", 16)
@@ -22,9 +22,9 @@ Cli = Callable[..., Any]
 
 
 def test_patterns_come_back_bit_by_bit(tmp_path: Path) -> None:
-    found = ms.patterns(TABLE1, (12, 16), serial=7)
-    files.write_patterns(tmp_path / "chip.npz", found)
-    back = files.read_patterns(tmp_path / "chip.npz")
+    found = ms.fpn_maps(TABLE1, (12, 16), serial=7)
+    files.write_fpn_maps(tmp_path / "chip.npz", found)
+    back = files.read_fpn_maps(tmp_path / "chip.npz")
     assert list(back) == list(found)
     for name, values in found.items():
         assert back[name].dtype == np.float64 and back[name].tobytes() == values.tobytes()
@@ -33,13 +33,13 @@ def test_patterns_come_back_bit_by_bit(tmp_path: Path) -> None:
 
 def test_the_name_of_the_file_is_the_one_that_was_given(tmp_path: Path) -> None:
     """np.savez would add .npz to it."""
-    files.write_patterns(tmp_path / "chip", {"prnu": np.ones((2, 3))})
-    assert files.read_patterns(tmp_path / "chip")["prnu"].shape == (2, 3)
+    files.write_fpn_maps(tmp_path / "chip", {"prnu": np.ones((2, 3))})
+    assert files.read_fpn_maps(tmp_path / "chip")["prnu"].shape == (2, 3)
 
 
 def test_a_folder_that_is_not_there_takes_no_file(tmp_path: Path) -> None:
     with pytest.raises(ms.InputError, match=r"cannot write .*chip.npz"):
-        files.write_patterns(tmp_path / "none" / "chip.npz", {"prnu": np.ones((2, 3))})
+        files.write_fpn_maps(tmp_path / "none" / "chip.npz", {"prnu": np.ones((2, 3))})
 
 
 def archive(**arrays: Any) -> bytes:
@@ -77,15 +77,15 @@ BAD = {
 def test_what_is_no_file_of_patterns_is_refused_in_one_sentence(case: str, tmp_path: Path) -> None:
     (tmp_path / "bad.npz").write_bytes(BAD[case])
     with pytest.raises(ms.InputError, match=r"bad.npz cannot be read: .*mitsuba-sensor patterns") as caught:
-        files.read_patterns(tmp_path / "bad.npz")
+        files.read_fpn_maps(tmp_path / "bad.npz")
     assert "\n" not in str(caught.value)
 
 
 def test_a_missing_file_and_a_folder_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ms.InputError, match=r"none\.npz cannot be read: No such file"):
-        files.read_patterns(tmp_path / "none.npz")
+        files.read_fpn_maps(tmp_path / "none.npz")
     with pytest.raises(ms.InputError, match="cannot be read: Is a directory"):
-        files.read_patterns(tmp_path)
+        files.read_fpn_maps(tmp_path)
 
 
 @pytest.fixture
@@ -100,14 +100,14 @@ def chip(tmp_path: Path, cli: Cli) -> Path:
 def test_the_command_line_writes_what_patterns_returns_and_says_what_is_in_it(
     chip: Path, tmp_path: Path, cli: Cli
 ) -> None:
-    for name, values in ms.patterns(TABLE1, (12, 16), serial=7).items():
-        np.testing.assert_array_equal(files.read_patterns(chip)[name], values)
+    for name, values in ms.fpn_maps(TABLE1, (12, 16), serial=7).items():
+        np.testing.assert_array_equal(files.read_fpn_maps(chip)[name], values)
     said = cli("patterns", "-o", tmp_path / "x.npz", *SIZE).stdout
-    assert "x.npz" in said and "dark_pattern" in said and "12 × 16" in said
+    assert "x.npz" in said and "dark_fpn" in said and "12 × 16" in said
     spread = json.loads(cli("patterns", "-o", tmp_path / "x.npz", *SIZE, "--json").stdout)
     assert spread["prnu"]["shape"] == [12, 16]
     assert spread["prnu"]["mean"] == pytest.approx(1, abs=5 * 0.005 / np.sqrt(192))
-    assert spread["column_offset_e"]["sigma"] > 0
+    assert spread["dsnu_col_e"]["sigma"] > 0
 
 
 def test_without_a_size_the_whole_sensor_is_written(tmp_path: Path, cli: Cli) -> None:
@@ -119,18 +119,18 @@ def test_a_frame_of_given_patterns_is_the_frame_of_their_device(
     chip: Path, light_file: Path, tmp_path: Path, cli: Cli
 ) -> None:
     """Serial 1 with the maps of serial 7 is serial 7, byte by byte, and no other."""
-    words = {"given": ("--patterns", chip), "own": ("--serial", 7), "other": ()}
+    words = {"given": ("--fpn-maps", chip), "own": ("--serial", 7), "other": ()}
     for name, more in words.items():
         done = cli("expose", light_file, "-o", tmp_path / name, "--frames", 2, *more)
         assert done.exit_code == 0, done.stderr
     raw = {name: (tmp_path / name / "frame.tiff").read_bytes() for name in words}
     assert raw["given"] == raw["own"] != raw["other"]
     report = json.loads((tmp_path / "given" / "frame.json").read_text(encoding="utf-8"))
-    assert {"prnu", "column_offset_e"} <= set(report["given_maps"]) and report["chain"] == "physical"
+    assert {"prnu", "dsnu_col_e"} <= set(report["given_maps"]) and report["chain"] == "physical"
 
 
 def test_a_render_takes_given_patterns_as_well(chip: Path, scene_file: Path, tmp_path: Path, cli: Cli) -> None:
-    for name, more in {"given": ("--patterns", chip), "own": ("--serial", 7)}.items():
+    for name, more in {"given": ("--fpn-maps", chip), "own": ("--serial", 7)}.items():
         done = cli("render", scene_file, "-o", tmp_path / name, *NARROW, *more)
         assert done.exit_code == 0, done.stderr
     assert (tmp_path / "given" / "frame.tiff").read_bytes() == (tmp_path / "own" / "frame.tiff").read_bytes()
@@ -155,7 +155,7 @@ def test_patterns_that_do_not_fit_are_one_sentence_and_exit_2(
     content, said = WRONG[case]
     if content is not None:
         (tmp_path / "chip.npz").write_bytes(content)
-    done = cli("expose", light_file, "-o", tmp_path / "out", "--patterns", tmp_path / "chip.npz")
+    done = cli("expose", light_file, "-o", tmp_path / "out", "--fpn-maps", tmp_path / "chip.npz")
     assert done.exit_code == 2 and said in done.stderr, (done.exception, done.stderr)
     assert len(done.stderr.strip().splitlines()) == 1 and not (tmp_path / "out").exists()
 
@@ -163,8 +163,8 @@ def test_patterns_that_do_not_fit_are_one_sentence_and_exit_2(
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--patterns", "PRNV"), "Did you mean 'prnu'"),
-        (("--patterns", "PRNU", "--chain", "konnik2014", "--wavelength-nm", 550), "the published chain draws its own"),
+        (("--fpn-maps", "PRNV"), "Did you mean 'prnu'"),
+        (("--fpn-maps", "PRNU", "--chain", "konnik2014", "--wavelength-nm", 550), "the published chain draws its own"),
         (("--chain", "konnik2014"), "add --wavelength-nm 550"),
         (("--chain", "matlab"), "chain is 'matlab'; it must be 'physical'"),
         (("--serial", -1), "serial is -1"),
@@ -177,7 +177,7 @@ def test_what_expose_would_refuse_is_refused_before_the_render(
     """A render may take an hour."""
     places = {"PRNV": tmp_path / "prnv.npz", "PRNU": tmp_path / "prnu.npz"}
     for path in places.values():
-        files.write_patterns(path, {path.stem: np.ones((12, 16))})
+        files.write_fpn_maps(path, {path.stem: np.ones((12, 16))})
     monkeypatch.setattr(ms, "render", lambda *_, **__: pytest.fail("rendered for nothing"), raising=False)
     done = cli("render", scene_file, "-o", tmp_path / "out", *(places.get(word, word) for word in words))
     assert done.exit_code == 2 and said in done.stderr, (done.exception, done.stderr)

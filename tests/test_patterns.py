@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from mitsuba_sensor.engine import draws
-from mitsuba_sensor.engine.frame import Device
-from mitsuba_sensor.engine.lanes import REFERENCE
-from mitsuba_sensor.sensor.patterns import (
+from mitsuba_sensor.core import distributions
+from mitsuba_sensor.core.backend import NUMPY_FLOAT64
+from mitsuba_sensor.core.sensor_window import SensorWindow
+from mitsuba_sensor.sensor.fpn_distributions import (
     Autoregressive,
     AutoregressiveRectified,
     Gamma,
@@ -34,7 +34,7 @@ HEAVY = [(family, 10.0) for family in (LogNormal, Gamma, Wald)]
 """Their variance estimate does not converge: a few pixels carry all of it. Their exact law is tested instead."""
 
 WORDS = ((np.arange(4000) + 0.5) / 4000 * 2**32).astype(np.uint32)
-SURVIVAL = draws.survival(WORDS)
+SURVIVAL = distributions.survival(WORDS)
 SHAPE = (300, 500)
 
 
@@ -43,7 +43,7 @@ def pattern(family: Any, cv: float) -> Any:
 
 
 def map_of(family: Any, cv: float, shape: tuple[int, int] = SHAPE, origin: tuple[int, int] = (0, 0)) -> Any:
-    return pattern(family, cv).map_of(Device(7, shape, origin), "dark_pattern")
+    return pattern(family, cv).map_of(SensorWindow(7, shape, origin), "dark_fpn")
 
 
 def standard_error(x: Any, power: int, tiles: int = 5) -> float:
@@ -85,7 +85,7 @@ def test_a_family_is_the_quantile_function_of_its_law(family: Any, law: Any, cv:
     mean = 1.0
     if family in (Gaussian, Logistic):
         mean = integrate.quad(law(cv).sf, 0, 1, epsabs=1e-13)[0] + integrate.quad(law(cv).sf, 1, math.inf)[0]
-    np.testing.assert_allclose(family(cv).of_words(REFERENCE, WORDS), raw / mean, rtol=1e-7, atol=1e-12)
+    np.testing.assert_allclose(family(cv).from_bits(NUMPY_FLOAT64, WORDS), raw / mean, rtol=1e-7, atol=1e-12)
 
 
 @pytest.mark.parametrize("cv", CVS[1:])
@@ -109,11 +109,11 @@ def test_wald_picks_its_two_roots_with_the_chances_of_the_inverse_gaussian(cv: f
     20 000 evenly spread z: the sum is a cdf to 1e-4, and a scale that is 1 % off moves it by 2.4e-3 or more.
     """
     z = stats.norm.ppf((np.arange(20_000) + 0.5) / 20_000)
-    small, large = draws.wald(z, np.zeros(z.size), cv), draws.wald(z, np.ones(z.size), cv)
+    small, large = distributions.wald(z, np.zeros(z.size), cv), distributions.wald(z, np.ones(z.size), cv)
     chance = 1 / (1 + small)
     np.testing.assert_allclose(small * large, 1.0, rtol=1e-12)
-    np.testing.assert_array_equal(draws.wald(z, chance * (1 - 1e-12), cv), small)
-    np.testing.assert_array_equal(draws.wald(z, chance * (1 + 1e-12), cv), large)
+    np.testing.assert_array_equal(distributions.wald(z, chance * (1 - 1e-12), cv), small)
+    np.testing.assert_array_equal(distributions.wald(z, chance * (1 + 1e-12), cv), large)
     law = stats.invgauss(cv**2, scale=cv**-2)
     for p in (0.001, 0.01, 0.1, 0.5, 0.9, 0.99, 0.999):
         x = law.ppf(p)
@@ -147,7 +147,7 @@ def test_the_autoregression_has_variance_one_and_rho_1_of_twice_the_coupling(cou
     """From the answer to one impulse: Σh² = 1, Σh_i·h_{i+1} = 2a, and h solves x_j = a(x_{j−1} + x_{j+1}) + U_j."""
     impulse = np.zeros(601)
     impulse[300] = 1.0
-    h = draws.isotropic_ar(impulse, coupling, 96)
+    h = distributions.isotropic_ar(impulse, coupling, 96)
     assert np.sum(h * h) == pytest.approx(1.0, rel=1e-9)
     assert np.sum(h[1:] * h[:-1]) == pytest.approx(2 * coupling, abs=1e-9)
     left = h[1:-1] - coupling * (h[:-2] + h[2:])
@@ -158,7 +158,7 @@ def test_the_autoregression_has_variance_one_and_rho_1_of_twice_the_coupling(cou
 @pytest.mark.parametrize("coupling", [0.0, 0.25, 0.45])
 def test_neighbours_along_rows_and_columns_correlate_by_twice_the_coupling(family: Any, coupling: float) -> None:
     """On a map, whose seams between blocks must not show; 5 standard errors from 64 tiles (0.006 at a = 0.25)."""
-    x = family(0.01, coupling=coupling).map_of(Device(5, (1024, 1024)), "prnu") / 0.01
+    x = family(0.01, coupling=coupling).map_of(SensorWindow(5, (1024, 1024)), "prnu") / 0.01
     x = x - family(0.01).mean / 0.01
     for pairs in (x[:, 1:] * x[:, :-1], (x[1:] * x[:-1]).T):
         tiles = pairs[:, :1016].reshape(8, 128, 8, 127).mean(axis=(1, 3)) - 2 * coupling

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.engine.quantities import Photons, photon_energy_j
-from mitsuba_sensor.light.photons import photons_per_irradiance
+from mitsuba_sensor.core.quantities import Photons, photon_energy_j
+from mitsuba_sensor.render.photons import photons_per_irradiance
 
 CAMERA = ms.load_camera("konnik_table1")
 EXPOSURE = ms.Exposure(0.1)

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.engine.frame import Device, Frame
-from mitsuba_sensor.engine.moments import Moments
-from mitsuba_sensor.sensor.account import stage_name
+from mitsuba_sensor.core.frame import Frame
+from mitsuba_sensor.core.moments import Moments
+from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.sensor.chain import chain
-from mitsuba_sensor.sensor.inputs import as_photons
+from mitsuba_sensor.sensor.checks import as_photons
+from mitsuba_sensor.sensor.noise_budget import stage_name
 from mitsuba_sensor.sensor.plan import INDISPENSABLE
 
 EXPOSURE = ms.Exposure(0.1)
@@ -30,7 +31,7 @@ def kept(plan: ms.Plan) -> set[str]:
 def final(stages: tuple[Any, ...], camera: ms.Camera, light: Any) -> Moments:
     """Moments of the digital numbers of every pixel of a picture."""
     photons = as_photons(light, camera)
-    m = Moments(photons, 0.0, 0.0, Frame(EXPOSURE, Device(0, photons.mean.shape[:2])))
+    m = Moments(photons, 0.0, 0.0, Frame(EXPOSURE, SensorWindow(0, photons.mean.shape[:2])))
     for stage in stages:
         m = stage.moments(m)
     return m
@@ -56,7 +57,7 @@ def test_all_that_is_left_out_together_moves_no_pixel_by_more_than_the_tolerance
     whole, rest = final(chain(camera), camera, SCENE), final(plan.stages, camera, SCENE)
     slack = 1e-9 + 1.05 * tolerance
     assert np.max(np.abs(np.asarray(whole.mean) - rest.mean)) <= slack
-    for part in ("temporal", "fixed"):
+    for part in ("temporal", "spatial"):
         one, two = (np.sqrt(getattr(m, part)) for m in (whole, rest))
         assert np.max(np.abs(one - two)) <= slack
 
@@ -89,7 +90,7 @@ def test_a_picture_in_the_dark_needs_no_prnu_and_no_full_well_and_a_bright_one_d
     """The full well shows only where the converter reaches beyond it; by default the pedestal makes it clip first."""
     dark = kept(ms.plan(CAMERA, EXPOSURE, np.zeros((4, 4)), 0.01))
     assert not {"prnu", "full well"} & dark
-    assert {"dark current", "shot noise", "column offset", "source follower noise"} <= dark
+    assert {"dark current", "shot noise", "dsnu column", "source follower noise"} <= dark
     bright = np.full((4, 4), 54_000.0)
     assert {"prnu", "full well"} <= kept(ms.plan(CAMERA.replace(**{"adc.full_scale_v": 0.25}), EXPOSURE, bright, 0.01))
     assert "prnu" in kept(ms.plan(CAMERA, EXPOSURE, bright, 0.01))
@@ -111,8 +112,8 @@ def test_the_effect_of_a_stage_is_its_size_in_digital_numbers() -> None:
     """Column offsets 4.096 DN fixed; PRNU at half a well 0.5 % of 2048 DN beside them; dark current 21.6 DN of mean."""
     effects = {effect.stage: effect for effect in ms.plan(CAMERA, EXPOSURE, np.full((2, 2), 27_500.0)).effects}
     prnu = 0.005 * 16_500 * 4096 / 33_000
-    assert effects["column offset"].fixed_dn == pytest.approx(np.hypot(4.096, prnu) - prnu, rel=0.01)
-    assert effects["prnu"].fixed_dn == pytest.approx(np.hypot(4.096, prnu) - 4.096, rel=0.01)
+    assert effects["dsnu column"].spatial_dn == pytest.approx(np.hypot(4.096, prnu) - prnu, rel=0.01)
+    assert effects["prnu"].spatial_dn == pytest.approx(np.hypot(4.096, prnu) - 4.096, rel=0.01)
     assert effects["dark current"].mean_dn == pytest.approx(21.6167, rel=1e-3)
     assert effects["shot noise"].temporal_dn == pytest.approx(16.048 - 0.8, abs=0.3)
 

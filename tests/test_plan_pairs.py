@@ -18,10 +18,10 @@ def random_camera(chance: np.random.Generator) -> ms.Camera:
         "pixel.prnu": float(chance.choice([0.0, 1e-6, 1e-4, 5e-3, 2e-2])),
         "dark_current.cv": float(chance.choice([0.0, 0.01, 0.4])),
         "readout.reset": str(chance.choice(["hard", "soft", "true_cds"])),
-        "readout.column_offset": float(chance.choice([0.0, 1e-7, 1e-3])),
-        "readout.row_offset": float(chance.choice([0.0, 1e-8, 5e-4])),
-        "readout.column_gain": float(chance.choice([0.0, 1e-7, 2e-3])),
-        "pixel.offset_e": float(chance.choice([0.0, 1e-3, 3.0])),
+        "readout.dsnu_col": float(chance.choice([0.0, 1e-7, 1e-3])),
+        "readout.dsnu_row": float(chance.choice([0.0, 1e-8, 5e-4])),
+        "readout.prnu_col": float(chance.choice([0.0, 1e-7, 2e-3])),
+        "pixel.dsnu_e": float(chance.choice([0.0, 1e-3, 3.0])),
         "source_follower.vv_nonlinearity": float(chance.choice([1.0, 1.0 + 1e-9, 1.05])),
         "adc.bits": int(chance.choice([8, 12, 14])),
     }
@@ -73,7 +73,7 @@ def test_tolerance_zero_leaves_out_identities_alone_and_changes_no_byte(number: 
     camera, exposure, photons = pair(number)
     plan = ms.plan(camera, exposure, photons, tolerance_dn=0.0)
     whole, planned = (ms.expose(photons, camera, exposure, plan=p) for p in (None, plan))
-    assert all(max(e.mean_dn, e.temporal_dn, e.fixed_dn) == 0 for e in plan.effects if not e.kept)
+    assert all(max(e.mean_dn, e.temporal_dn, e.spatial_dn) == 0 for e in plan.effects if not e.kept)
     assert np.array_equal(whole.digital, planned.digital)
 
 
@@ -83,5 +83,5 @@ def test_a_plan_leaves_something_out_and_says_what_it_would_have_changed() -> No
     for number in PAIRS:
         camera, exposure, photons = pair(number)
         plan = ms.plan(camera, exposure, photons, tolerance_dn=0.05)
-        lost += [e for e in plan.effects if not e.kept and max(e.mean_dn, e.temporal_dn, e.fixed_dn) > 0]
-    assert lost and all(max(e.mean_dn, e.temporal_dn, e.fixed_dn) <= 0.05 for e in lost)
+        lost += [e for e in plan.effects if not e.kept and max(e.mean_dn, e.temporal_dn, e.spatial_dn) > 0]
+    assert lost and all(max(e.mean_dn, e.temporal_dn, e.spatial_dn) <= 0.05 for e in lost)

@@ -13,15 +13,15 @@ import numpy as np
 import pytest
 from light_scenes import BALL, SCENES, SKY, both_variants, skip_unless_usable, write_scene
 
-from mitsuba_sensor.engine.errors import InputError
-from mitsuba_sensor.engine.frame import Exposure
-from mitsuba_sensor.light import plugins
-from mitsuba_sensor.light.bands import box_bands, channel_bands
-from mitsuba_sensor.light.irradiance import render
-from mitsuba_sensor.light.optics import aperture_f_number, image_distance_m, magnification
-from mitsuba_sensor.light.scene import Scene, load_scene
-from mitsuba_sensor.light.setup import read_setup
-from mitsuba_sensor.light.variants import choose_variant, mitsuba, use
+from mitsuba_sensor.core.errors import InputError
+from mitsuba_sensor.core.exposure import Exposure
+from mitsuba_sensor.optics.f_number_law import aperture_f_number, image_distance_m, magnification
+from mitsuba_sensor.render import plugins
+from mitsuba_sensor.render.bands import box_bands, channel_bands
+from mitsuba_sensor.render.irradiance import render
+from mitsuba_sensor.render.scene import Scene, load_scene
+from mitsuba_sensor.render.scene_settings import read_setup
+from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
 from mitsuba_sensor.sensor.camera import load_camera
 
 CAMERA = load_camera("konnik_table1")
@@ -270,7 +270,7 @@ def test_files_of_inline_fields_lie_beside_the_scene(tmp_path: Path) -> None:
 def test_registering_works_before_any_variant_is_set() -> None:
     """In a fresh process, the order of a Mitsuba user: register, set a variant, load; and another variant later."""
     code = (
-        "from mitsuba_sensor.light import plugins\n"
+        "from mitsuba_sensor.render import plugins\n"
         "plugins.register(); plugins.register()\n"
         "import mitsuba as mi\n"
         "assert mi.variant() is None, 'a variant was set'\n"

@@ -1,4 +1,4 @@
-"""data/preview.py: the picture for the eye shows what the raw numbers say, and nothing else."""
+"""io/preview.py: the picture for the eye shows what the raw numbers say, and nothing else."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.data.preview import colour_order, daylight_photons, demosaic, preview, srgb_curve, white_balance
-from mitsuba_sensor.sensor.chain import pedestal_dn
+from mitsuba_sensor.io.preview import colour_order, daylight_photons, demosaic, preview, srgb_curve, white_balance
+from mitsuba_sensor.sensor.chain import black_level_dn
 
 MONO = ms.load_camera("konnik_table1")
 COLOUR = next(c for c in map(ms.load_camera, ms.list_cameras()) if len(c.filter_names) == 3)
@@ -16,13 +16,13 @@ BAYER = COLOUR.filter_index((8, 10))
 
 
 def test_darkness_is_black_and_the_largest_code_is_white() -> None:
-    raw = np.array([[pedestal_dn(MONO), 2**MONO.adc.bits - 1]]).astype(np.uint16)
+    raw = np.array([[black_level_dn(MONO), 2**MONO.adc.bits - 1]]).astype(np.uint16)
     assert preview(raw, MONO).tolist() == [[0, 255]]
 
 
 def test_half_of_the_range_is_188_in_srgb() -> None:
     """0.5 linear is 0.7354 by IEC 61966-2-1, 187.5 of 255."""
-    half = (2**MONO.adc.bits - 1 + pedestal_dn(MONO)) / 2
+    half = (2**MONO.adc.bits - 1 + black_level_dn(MONO)) / 2
     assert abs(int(preview(np.full((2, 2), half), MONO)[0, 0]) - 187.5) <= 1
 
 
@@ -33,7 +33,7 @@ def test_the_srgb_curve_has_no_step_where_its_two_pieces_meet() -> None:
 
 
 def test_a_dark_frame_is_not_stretched() -> None:
-    raw = np.array([[pedestal_dn(MONO), pedestal_dn(MONO) + 4]]).astype(np.uint16)
+    raw = np.array([[black_level_dn(MONO), black_level_dn(MONO) + 4]]).astype(np.uint16)
     assert preview(raw, MONO).max() <= 12 * 255 * 4 / 4095 + 4
 
 
@@ -73,7 +73,7 @@ def test_a_grey_surface_in_daylight_is_grey() -> None:
     d65 = colour.SDS_ILLUMINANTS["D65"].copy().align(colour.SpectralShape(300, 830, 1))
     power = np.interp(wavelengths_nm, d65.wavelengths, d65.values)
     electrons = (COLOUR.qe(wavelengths_nm) * power * wavelengths_nm).sum(axis=-1)
-    mosaic = pedestal_dn(COLOUR) + 1000 * (electrons / electrons.max())[BAYER]
+    mosaic = black_level_dn(COLOUR) + 1000 * (electrons / electrons.max())[BAYER]
     picture = preview(mosaic, COLOUR)
     assert np.ptp(picture.reshape(-1, 3), axis=1).max() <= 8
 

@@ -16,10 +16,11 @@ import pytest
 import tifffile
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.data.files import to_json
-from mitsuba_sensor.engine.frame import Device, Frame
+from mitsuba_sensor.core.frame import Frame
+from mitsuba_sensor.core.sensor_window import SensorWindow
+from mitsuba_sensor.io.files import to_json
 from mitsuba_sensor.sensor.konnik2014 import Konnik2014Settings, chain_of
-from mitsuba_sensor.sensor.running import run_chain
+from mitsuba_sensor.sensor.run import run_chain
 
 TABLE1 = ms.load_camera("konnik_table1")
 EXPOSURE = ms.Exposure(0.1)
@@ -32,9 +33,9 @@ def test_the_front_door_gives_the_numbers_of_the_published_chain(changes: dict[s
     camera = TABLE1.replace(**changes)
     frames = ms.expose(LIGHT, camera, EXPOSURE, seed=5, serial=9, frames=2, first_frame=3, origin=(7, 11), **PUBLISHED)
     stages = chain_of(Konnik2014Settings.from_camera(camera))
-    device = Device(9, LIGHT.shape, (7, 11))
+    window = SensorWindow(9, LIGHT.shape, (7, 11))
     for index in range(2):
-        expected = run_chain(stages, ms.Photons(LIGHT), Frame(EXPOSURE, device, 5, 3 + index))
+        expected = run_chain(stages, ms.Photons(LIGHT), Frame(EXPOSURE, window, 5, 3 + index))
         np.testing.assert_array_equal(frames.digital[index], expected)
     assert frames.stages == stages
 

@@ -19,10 +19,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy import special, stats
 
-from mitsuba_sensor.engine import arrays, draws, quantiles
-from mitsuba_sensor.engine.lanes import REFERENCE, SINGLE
-from mitsuba_sensor.engine.llvm import backend_problem
-from mitsuba_sensor.engine.words import halves, philox
+from mitsuba_sensor.core import arrays, distributions, quantiles
+from mitsuba_sensor.core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
+from mitsuba_sensor.core.counter_rng import key_halves, philox
+from mitsuba_sensor.core.llvm import backend_problem
 
 BENCHMARKS = Path(__file__).resolve().parent.parent / "benchmarks"
 EDGES = (0, 1, 2, 3, 2**30, 2**31 - 2, 2**31 - 1, 2**31, 2**31 + 1, 3 * 2**30, 2**32 - 3, 2**32 - 2, 2**32 - 1)
@@ -64,15 +64,15 @@ W = words(200_000)
 
 
 def test_normal_is_exact_to_2e_6_of_itself_in_both_tails() -> None:
-    assert_single_and_close(quantiles.normal(W), draws.normal(W), 2.5e-6)
+    assert_single_and_close(quantiles.normal(W), distributions.normal(W), 2.5e-6)
 
 
 def test_uniform_is_exact_to_one_rounding_and_keeps_its_digits_near_0() -> None:
-    assert_single_and_close(quantiles.uniform(W), draws.survival(W), 1.2e-7)
+    assert_single_and_close(quantiles.uniform(W), distributions.survival(W), 1.2e-7)
 
 
 def test_logistic_is_exact_to_2e_7() -> None:
-    assert_single_and_close(quantiles.logistic(W), draws.logistic(W), 2e-7, 5e-7)
+    assert_single_and_close(quantiles.logistic(W), distributions.logistic(W), 2e-7, 5e-7)
 
 
 def test_the_normal_of_a_probability_is_scipys_and_never_beyond_the_last_word() -> None:
@@ -87,14 +87,14 @@ def test_the_normal_of_a_probability_is_scipys_and_never_beyond_the_last_word() 
 def test_lognormal_is_exact_to_its_normal(cv: float) -> None:
     """The error of a normal, 1.2e-5 at 6.3σ, times σ, and the rounding of an exponential."""
     assert_single_and_close(
-        SINGLE.lognormal(W, cv), draws.lognormal(W, cv), 2.5e-7 + 1.5e-5 * math.log1p(cv * cv) ** 0.5
+        NUMPY_FLOAT32.lognormal(W, cv), distributions.lognormal(W, cv), 2.5e-7 + 1.5e-5 * math.log1p(cv * cv) ** 0.5
     )
 
 
 @pytest.mark.parametrize(("cv", "relative"), [(1e-7, 2e-7), (0.01, 3e-7), (0.4, 2e-5), (1.0, 1e-4)])
 def test_gamma_is_exact_to_its_logarithm(cv: float, relative: float) -> None:
     """ln x reaches −22 at a cv of 1, so its last digit is worth more there; the middle is exact to 1e-6."""
-    found, exact = SINGLE.gamma(W, cv), draws.gamma(W, cv)
+    found, exact = NUMPY_FLOAT32.gamma(W, cv), distributions.gamma(W, cv)
     assert_single_and_close(found, exact, relative)
     assert np.median(np.abs(found / exact - 1)) < 1.5e-6
 
@@ -103,7 +103,7 @@ def test_gamma_is_exact_to_its_logarithm(cv: float, relative: float) -> None:
 def test_gamma_keeps_mean_and_variance_up_to_a_cv_of_3(cv: float) -> None:
     """Against the exact draws of the same 2^16 even words, so that their coarse grid cancels."""
     w = even_words(16)
-    found, exact = SINGLE.gamma(w, cv).astype(np.float64), draws.gamma(w, cv)
+    found, exact = NUMPY_FLOAT32.gamma(w, cv).astype(np.float64), distributions.gamma(w, cv)
     assert found.mean() == pytest.approx(exact.mean(), rel=2e-5)
     assert found.var() == pytest.approx(exact.var(), rel=2e-4)
     assert (found >= 0).all()
@@ -113,7 +113,7 @@ def test_gamma_keeps_mean_and_variance_up_to_a_cv_of_3(cv: float) -> None:
 def test_wald_takes_the_root_that_the_exact_draw_takes(cv: float) -> None:
     """But where the pick is within 1e-6 of the boundary; a million draws of other seeds would hold one such."""
     z, pick = quantiles.normal(W), quantiles.uniform(W[::-1].copy())
-    exact = draws.wald(z.astype(np.float64), pick.astype(np.float64), cv)
+    exact = distributions.wald(z.astype(np.float64), pick.astype(np.float64), cv)
     smaller = np.minimum(exact, 1 / exact)
     clear = np.abs(pick * (1 + smaller) - 1) > 1e-6
     assert clear.mean() > 0.9999
@@ -150,14 +150,14 @@ def test_exp_beyond_its_range_stays_at_its_ends() -> None:
 @pytest.mark.parametrize("mean", SEARCHED)
 def test_poisson_below_10_is_the_exact_draw(mean: float) -> None:
     """But for two of 200 000 words, by one count: its sums are good to a tenth of a word, and edge words are asked."""
-    apart = np.abs(poisson(W, mean) - draws.poisson(W, float(np.float32(mean))))
+    apart = np.abs(poisson(W, mean) - distributions.poisson(W, float(np.float32(mean))))
     assert apart.max() <= 1
     assert np.count_nonzero(apart) <= 2
 
 
 @pytest.mark.parametrize("mean", EXPANDED)
 def test_poisson_from_10_on_is_one_count_off_for_one_word_in_a_thousand_at_most(mean: float) -> None:
-    apart = np.abs(poisson(W, mean) - draws.poisson(W, float(np.float32(mean))))
+    apart = np.abs(poisson(W, mean) - distributions.poisson(W, float(np.float32(mean))))
     assert apart.max() <= 1
     assert np.mean(apart) < (1e-4 if mean <= 1e5 else 5e-4)
 
@@ -257,9 +257,9 @@ def llvm() -> Any:
     """The compiled engine, where LLVM is usable."""
     if problem := backend_problem("llvm"):
         pytest.skip(problem)
-    from mitsuba_sensor.engine.compiled import Compiled
+    from mitsuba_sensor.core.drjit_backend import DrJitBackend
 
-    return Compiled("llvm")
+    return DrJitBackend("llvm")
 
 
 def assert_same_bits(found: Any, expected: Any) -> None:
@@ -270,25 +270,27 @@ def assert_same_bits(found: Any, expected: Any) -> None:
 
 
 LAWS: dict[str, Callable[[Any, Any], Any]] = {
-    "uniform": lambda lanes, w: lanes.uniform(w),
-    "normal": lambda lanes, w: lanes.normal(w),
-    "normal_of": lambda lanes, w: lanes.normal_of(lanes.uniform(w)),
-    "logistic": lambda lanes, w: lanes.logistic(w),
-    **{f"lognormal {cv:g}": lambda lanes, w, cv=cv: lanes.lognormal(w, cv) for cv in CVS},
-    **{f"gamma {cv:g}": lambda lanes, w, cv=cv: lanes.gamma(w, cv) for cv in CVS},
-    **{f"wald {cv:g}": lambda lanes, w, cv=cv: lanes.wald(lanes.normal(w), lanes.uniform(~w), cv) for cv in CVS},
+    "uniform": lambda backend, w: backend.uniform(w),
+    "normal": lambda backend, w: backend.normal(w),
+    "normal_of": lambda backend, w: backend.normal_of(backend.uniform(w)),
+    "logistic": lambda backend, w: backend.logistic(w),
+    **{f"lognormal {cv:g}": lambda backend, w, cv=cv: backend.lognormal(w, cv) for cv in CVS},
+    **{f"gamma {cv:g}": lambda backend, w, cv=cv: backend.gamma(w, cv) for cv in CVS},
+    **{
+        f"wald {cv:g}": lambda backend, w, cv=cv: backend.wald(backend.normal(w), backend.uniform(~w), cv) for cv in CVS
+    },
 }
 
 
 @pytest.mark.parametrize("name", LAWS)
 def test_every_law_has_the_same_bits_on_numpy_and_on_llvm(name: str, llvm: Any) -> None:
-    assert_same_bits(LAWS[name](llvm, llvm.uint(W)), LAWS[name](SINGLE, W))
+    assert_same_bits(LAWS[name](llvm, llvm.uint(W)), LAWS[name](NUMPY_FLOAT32, W))
 
 
 @pytest.mark.parametrize("mean", [0.0, 1e-40, 1e-6, 0.3, 9.99, 10.0, 17.0, 100.0, 1e4, 1e6, 1e12, 1e30])
 def test_poisson_has_the_same_bits_on_numpy_and_on_llvm(mean: float, llvm: Any) -> None:
-    held = np.full(W.shape, mean, dtype=np.float32)
-    assert_same_bits(llvm.poisson(llvm.uint(W), llvm.float(held)), SINGLE.poisson(W, held))
+    within_float32 = np.full(W.shape, mean, dtype=np.float32)
+    assert_same_bits(llvm.poisson(llvm.uint(W), llvm.float(within_float32)), NUMPY_FLOAT32.poisson(W, within_float32))
 
 
 @pytest.mark.parametrize("size", [1, 2, 7, 8, 9, 31, 1001, 100_003])
@@ -297,7 +299,7 @@ def test_mixed_means_have_the_same_bits_for_any_number_of_pixels(size: int, llvm
     means = single(np.random.default_rng(3).uniform(0, 20, size))
     means[::5], means[2::7] = 0, 10
     w = words(size, seed=4)
-    assert_same_bits(llvm.poisson(llvm.uint(w), llvm.float(means)), SINGLE.poisson(w, means))
+    assert_same_bits(llvm.poisson(llvm.uint(w), llvm.float(means)), NUMPY_FLOAT32.poisson(w, means))
 
 
 OPERATIONS: dict[str, Callable[[Any, Any], Any]] = {
@@ -357,7 +359,7 @@ def test_philox_on_llvm_gives_the_known_answers_of_random123(llvm: Any) -> None:
 
 def test_philox_gives_the_same_words_on_numpy_and_on_llvm(llvm: Any) -> None:
     counter = np.random.default_rng(8).integers(0, 2**32, (4, 1001), dtype=np.uint32)
-    key = halves(0xFEDCBA9876543210)
+    key = key_halves(0xFEDCBA9876543210)
     expected = philox(tuple(counter.astype(np.uint64)), key)
     found = philox(tuple(llvm.uint(line) for line in counter), tuple(llvm.uint(half) for half in key))
     for one, other in zip(found, expected, strict=True):
@@ -393,5 +395,5 @@ def test_the_laws_are_enumerated(llvm: Any) -> None:
 
 def test_the_reference_draws_are_the_exact_ones() -> None:
     """So that what is compared with above is what the reference engine does."""
-    np.testing.assert_array_equal(REFERENCE.normal(W[:100]), draws.normal(W[:100]))
-    np.testing.assert_array_equal(REFERENCE.poisson(W[:100], 12.0), draws.poisson(W[:100], 12.0))
+    np.testing.assert_array_equal(NUMPY_FLOAT64.normal(W[:100]), distributions.normal(W[:100]))
+    np.testing.assert_array_equal(NUMPY_FLOAT64.poisson(W[:100], 12.0), distributions.poisson(W[:100], 12.0))

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.engine.frame import Device, Frame
-from mitsuba_sensor.engine.moments import Moments
-from mitsuba_sensor.engine.quantities import Electrons, Photons
+from mitsuba_sensor.core.frame import Frame
+from mitsuba_sensor.core.moments import Moments
+from mitsuba_sensor.core.quantities import Electrons, Photons
+from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.sensor.chain import collection
 from mitsuba_sensor.sensor.electrons import Detection, QuantumYield, ShotNoise
 
@@ -36,7 +37,7 @@ def detected(camera: ms.Camera, photons: Any, wavelengths_nm: Any = None, origin
     """Mean light electrons (H, W)."""
     mean = np.asarray(photons, dtype=float)
     lengths = None if wavelengths_nm is None else np.asarray(wavelengths_nm, dtype=float)
-    frame = Frame(EXPOSURE, Device(1, mean.shape[:2], origin))
+    frame = Frame(EXPOSURE, SensorWindow(1, mean.shape[:2], origin))
     return collection(camera)[0](Photons(mean, lengths), frame).light
 
 
@@ -209,7 +210,7 @@ def yielding(eta: float, fano: float = 0.1, qe: float = 0.5) -> ms.Camera:
 
 def counted(camera: ms.Camera, photons: Photons, shape: tuple[int, int] = (400, 500)) -> tuple[Any, Moments]:
     """Electrons of one frame and their theory; detection, shot noise and yield alone."""
-    frame = Frame(EXPOSURE, Device(3, shape))
+    frame = Frame(EXPOSURE, SensorWindow(3, shape))
     signal: Any = photons
     m = Moments(photons, 0.0, 0.0, frame)
     for stage in collection(camera):
@@ -268,17 +269,17 @@ def test_dark_electrons_do_not_multiply() -> None:
 def test_prnu_acts_on_the_interactions_and_the_yield_multiplies_its_pattern() -> None:
     """Fixed variance after the yield: (η·P_N·λ)²."""
     stages = collection(yielding(2.0).replace(**{"pixel.prnu": 0.01, "dark_current.fom_na_per_cm2": 0.0}))
-    frame = Frame(EXPOSURE, Device(3, (1, 1)))
+    frame = Frame(EXPOSURE, SensorWindow(3, (1, 1)))
     m = Moments(Photons(np.full((1, 1), 2000.0)), 0.0, 0.0, frame)
     for stage in stages:
         m = stage.moments(m)
-    assert float(np.mean(m.fixed)) == pytest.approx((2 * 0.01 * 1000) ** 2, rel=1e-9)
+    assert float(np.mean(m.spatial)) == pytest.approx((2 * 0.01 * 1000) ** 2, rel=1e-9)
 
 
 def test_few_interactions_never_give_a_negative_number_of_electrons() -> None:
     """λ = 0.5, η = 1.2, F = 1: the normal spread of a single burst is cut at 0, and no interaction frees nothing."""
     n = Electrons(np.array([[0.0, 1.0, 2.0] * 1000]), yield_mean=1.2, yield_variance=0.0)
-    after = QuantumYield(1.0)(n, Frame(EXPOSURE, Device(3, (1, 3000)))).light
+    after = QuantumYield(1.0)(n, Frame(EXPOSURE, SensorWindow(3, (1, 3000)))).light
     assert after.min() >= 0
     np.testing.assert_array_equal(after[0, ::3], 0.0)
 

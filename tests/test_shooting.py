@@ -21,11 +21,11 @@ from light_scenes import scene_text, write_scene
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.engine.errors import InputError
-from mitsuba_sensor.light.passes import FEWEST, hashed_seed
-from mitsuba_sensor.light.photons import photons_per_irradiance
-from mitsuba_sensor.light.scene import Scene
-from mitsuba_sensor.light.shooting import Take, shoot
+from mitsuba_sensor.core.errors import InputError
+from mitsuba_sensor.render.passes import FEWEST, hashed_seed
+from mitsuba_sensor.render.per_frame import FrameOfRender, render_frames
+from mitsuba_sensor.render.photons import photons_per_irradiance
+from mitsuba_sensor.render.scene import Scene
 from mitsuba_sensor.sensor.chain import mean_dark_e
 
 REFLECTANCE, SKY = 0.5, 2.5e-3
@@ -62,7 +62,7 @@ class Series:
     """Electrons of many frames, (N, H, W), and what each frame said of itself."""
 
     electrons: NDArray[np.float64]
-    unspent: float
+    uncompensated: float
 
     @property
     def variance_over_mean(self) -> float:
@@ -70,23 +70,25 @@ class Series:
         return float((self.electrons.var(axis=0, ddof=1) / self.electrons.mean(axis=0)).mean())
 
 
-def series(scene: Path, noise_budget: Any, spp: int, frames: int) -> Series:
-    takes = shoot(
-        scene, CAMERA, EXPOSURE, frames=frames, noise_budget=noise_budget, spp=spp,
+def series(scene: Path, render_noise: Any, spp: int, frames: int) -> Series:
+    takes = render_frames(
+        scene, CAMERA, EXPOSURE, frames=frames, render_noise=render_noise, spp=spp,
         exposing={"keep": ("electrons",)}, **WORDS,
     )  # fmt: skip
-    found = [(take.frames.electrons[0], take.unspent) for take in takes]
-    return Series(np.array([electrons for electrons, _ in found]), float(np.mean([unspent for _, unspent in found])))
+    found = [(take.frames.electrons[0], take.uncompensated) for take in takes]
+    return Series(
+        np.array([electrons for electrons, _ in found]), float(np.mean([uncompensated for _, uncompensated in found]))
+    )
 
 
 @pytest.fixture(scope="module")
 def spent(floor: Path) -> Series:
-    return series(floor, "spend", SPP, FRAMES)
+    return series(floor, "compensated", SPP, FRAMES)
 
 
 @pytest.fixture(scope="module")
 def each(floor: Path) -> Series:
-    return series(floor, "each", SPP, FRAMES // 2)
+    return series(floor, "per-frame", SPP, FRAMES // 2)
 
 
 def test_spent_frames_have_mean_and_variance_of_poissons_law(spent: Series, each: Series) -> None:
@@ -95,8 +97,8 @@ def test_spent_frames_have_mean_and_variance_of_poissons_law(spent: Series, each
     The renders' own noise, 8 % of the shot noise and more, could not be missed.
     """
     mean = light_e() + mean_dark_e(CAMERA, EXPOSURE)
-    assert each.unspent > 0.08
-    assert spent.unspent < 0.01
+    assert each.uncompensated > 0.08
+    assert spent.uncompensated < 0.01
     assert spent.electrons.mean() == pytest.approx(mean, abs=4 * math.sqrt(mean / spent.electrons.size))
     assert spent.variance_over_mean == pytest.approx(1.0, abs=0.02)
 
@@ -117,19 +119,19 @@ def test_frames_that_follow_each_other_are_not_correlated(spent: Series) -> None
 
 
 def test_frames_that_do_not_spend_are_too_noisy_by_what_they_say(each: Series) -> None:
-    """Variance over mean is 1 + ``unspent`` within 2.4 %, four standard errors: the render's noise lies on top."""
-    assert each.variance_over_mean == pytest.approx(1 + each.unspent, abs=0.024)
+    """Variance over mean is 1 + ``uncompensated`` within 2.4 %, four standard errors."""
+    assert each.variance_over_mean == pytest.approx(1 + each.uncompensated, abs=0.024)
 
 
 def test_what_a_render_has_beyond_the_limit_stays_in_the_frame_as_unspent(floor: Path) -> None:
-    """With four samples renders are often noisier than that: 1 + ``unspent`` within 4 %, four standard errors."""
-    rough = series(floor, "spend", 4, 60)
-    assert rough.unspent > 0.1
-    assert rough.variance_over_mean == pytest.approx(1 + rough.unspent, abs=0.04)
+    """With four samples renders are often noisier than that: 1 + ``uncompensated`` within 4 %, four standard errors."""
+    rough = series(floor, "compensated", 4, 60)
+    assert rough.uncompensated > 0.1
+    assert rough.variance_over_mean == pytest.approx(1 + rough.uncompensated, abs=0.04)
 
 
-def three(scene: Path, **words: Any) -> list[Take]:
-    return list(shoot(scene, CAMERA, EXPOSURE, **{"frames": 3, "spp": SPP, **WORDS, **words}))
+def three(scene: Path, **words: Any) -> list[FrameOfRender]:
+    return list(render_frames(scene, CAMERA, EXPOSURE, **{"frames": 3, "spp": SPP, **WORDS, **words}))
 
 
 def test_every_frame_has_a_render_of_its_own_with_a_hashed_seed(floor: Path) -> None:
@@ -142,13 +144,13 @@ def test_every_frame_has_a_render_of_its_own_with_a_hashed_seed(floor: Path) -> 
     assert not np.array_equal(lights[0], three(floor, seed=10)[0].light.data)
 
 
-@pytest.mark.parametrize("noise_budget", ["spend", "each"])
-def test_a_frame_made_alone_is_that_frame_of_the_series(floor: Path, noise_budget: str) -> None:
-    whole = three(floor, noise_budget=noise_budget)
-    (alone,) = three(floor, noise_budget=noise_budget, first_frame=2, frames=1)
+@pytest.mark.parametrize("render_noise", ["compensated", "per-frame"])
+def test_a_frame_made_alone_is_that_frame_of_the_series(floor: Path, render_noise: str) -> None:
+    whole = three(floor, render_noise=render_noise)
+    (alone,) = three(floor, render_noise=render_noise, first_frame=2, frames=1)
     np.testing.assert_array_equal(alone.frames.digital, whole[2].frames.digital)
     np.testing.assert_array_equal(alone.light.data, whole[2].light.data)
-    assert alone.unspent == whole[2].unspent
+    assert alone.uncompensated == whole[2].uncompensated
     numbered = ms.expose(alone.photons, CAMERA, EXPOSURE, first_frame=2)
     np.testing.assert_array_equal(alone.frames.digital, numbered.digital)
 
@@ -156,7 +158,7 @@ def test_a_frame_made_alone_is_that_frame_of_the_series(floor: Path, noise_budge
 def test_without_samples_a_frame_is_rendered_until_it_can_be_spent(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """At least 16 passes and no more than 1.5 % left unspent; only the first frame tries how large a pass should be.
+    """At least 16 passes and no more than 1.5 % left uncompensated; only the first frame finds the size of a pass.
 
     8 × 6 pixels with about 17 000 electrons each, which need some thousand samples.
     """
@@ -164,11 +166,13 @@ def test_without_samples_a_frame_is_rendered_until_it_can_be_spent(
     render = Scene.render
     monkeypatch.setattr(Scene, "render", lambda self, seed, n, rows: sizes.append(n) or render(self, seed, n, rows))
     sensor = TELECENTRIC.replace('"32"', '"8"').replace('"24"', '"6"')
-    takes = shoot(write_scene(tmp_path, scene_text(FLOOR, sensor=sensor)), CAMERA, ms.Exposure(0.5), frames=3, **WORDS)
+    takes = render_frames(
+        write_scene(tmp_path, scene_text(FLOOR, sensor=sensor)), CAMERA, ms.Exposure(0.5), frames=3, **WORDS
+    )
     for number, take in enumerate(takes):
-        found = take.light.certificate
-        assert found.ended_by == "spendable"
-        assert take.unspent <= 0.015
+        found = take.light.statistics
+        assert found.ended_by == "compensable"
+        assert take.uncompensated <= 0.015
         assert found.passes >= FEWEST
         assert len(sizes) == found.passes + (number == 0), "the first frame begins with one pass of another size"
         assert set(sizes[-found.passes :]) == {found.samples_per_pixel // found.passes}
@@ -177,24 +181,24 @@ def test_without_samples_a_frame_is_rendered_until_it_can_be_spent(
 
 def test_the_colour_channels_are_rendered_unless_bands_are_asked_for(floor: Path) -> None:
     words = {"frames": 1, "spp": SPP, "variant": "scalar_spectral"}
-    (usual,) = shoot(floor, CAMERA, EXPOSURE, **words)
-    (cube,) = shoot(floor, CAMERA, EXPOSURE, spectral="cube", bandwidth_nm=100, **words)
-    assert usual.light.certificate.spectral == "channels" and usual.light.filters == ("mono",)
-    assert cube.light.certificate.spectral == "cube"
+    (usual,) = render_frames(floor, CAMERA, EXPOSURE, **words)
+    (cube,) = render_frames(floor, CAMERA, EXPOSURE, spectral="cube", bandwidth_nm=100, **words)
+    assert usual.light.statistics.spectral == "channels" and usual.light.filters == ("mono",)
+    assert cube.light.statistics.spectral == "cube"
 
 
 def test_progress_names_the_frame(floor: Path) -> None:
     told: list[tuple[int, int]] = []
-    list(shoot(floor, CAMERA, EXPOSURE, first_frame=5, frames=2, spp=SPP, **WORDS,
+    list(render_frames(floor, CAMERA, EXPOSURE, first_frame=5, frames=2, spp=SPP, **WORDS,
                progress=lambda frame, step: told.append((frame, step.done))))  # fmt: skip
     assert told == [(frame, done) for frame in (5, 6) for done in range(SPP + 1)]
 
 
 YIELDING = CAMERA.replace(**{"quantum_efficiency.quantum_yield": [2.0, 1.0]})
 REFUSED: dict[str, tuple[dict[str, Any], str]] = {
-    "another name": ({"noise_budget": "reuse"}, "noise_budget is 'reuse'; it must be one of spend, each"),
+    "another name": ({"render_noise": "shared"}, "render_noise is 'shared'; it must be one of compensated, per-frame"),
     "a denoiser": ({"denoise": True}, "denoise and shoot do not go together"),
-    "the published chain": ({"exposing": {"chain": "konnik2014"}}, "only the physical chain can spend"),
+    "the published chain": ({"exposing": {"chain": "konnik2014"}}, "that needs the physical chain"),
     "a quantum yield": ({"camera": YIELDING, "wavelength_nm": 450.0}, "has a quantum_yield"),
     "no frames": ({"frames": 0}, "frames"),
     "a frame before the first": ({"first_frame": -1}, "first_frame"),
@@ -212,11 +216,11 @@ def test_what_cannot_be_shot_is_refused_before_any_render(
     monkeypatch.setattr(Scene, "render", lambda *_: pytest.fail("it was rendered first"))
     given = {"camera": CAMERA, "exposure": EXPOSURE, **WORDS, **words}
     with pytest.raises(InputError, match=says):
-        shoot(floor, **given)
+        render_frames(floor, **given)
 
 
 def test_a_quantum_yield_can_be_shot_without_spending(floor: Path) -> None:
-    (take,) = shoot(floor, YIELDING, EXPOSURE, noise_budget="each", spp=SPP, **WORDS)
+    (take,) = render_frames(floor, YIELDING, EXPOSURE, render_noise="per-frame", spp=SPP, **WORDS)
     assert take.photons.variance_e2 is None and take.frames.digital.any()
 
 
@@ -226,23 +230,26 @@ def pages(folder: Path) -> Iterator[NDArray[Any]]:
 
 
 def test_the_command_line_spends(floor: Path, tmp_path: Path, cli: Callable[..., Any]) -> None:
-    """Three pages that differ, those of ``shoot``; the report says how, and what was left unspent."""
-    words = f"--camera konnik_table1 --exposure-s 0.001 --wavelength-nm 550 --frames 3 --spp {SPP} --noise-budget spend"
+    """Three pages that differ, those of ``shoot``; the report says how, and what was left uncompensated."""
+    words = "--camera konnik_table1 --exposure-s 0.001 --wavelength-nm 550 --frames 3 --render-noise compensated"
+    words += f" --spp {SPP}"
     done = cli("render", floor, "-o", tmp_path / "out", *words.split(), "--variant", "scalar_spectral")
     assert done.exit_code == 0, done.stderr
     camera = ms.load_camera("konnik_table1")
-    takes = shoot(floor, camera, EXPOSURE, frames=3, spp=SPP, **WORDS)
+    takes = render_frames(floor, camera, EXPOSURE, frames=3, spp=SPP, **WORDS)
     for page, take in zip(pages(tmp_path / "out"), takes, strict=True):
         np.testing.assert_array_equal(page, take.frames.digital[0])
     report = json.loads((tmp_path / "out" / "frame.json").read_text(encoding="utf-8"))
-    assert report["origin"]["noise_budget"] == "spend"
-    assert report["origin"]["unspent"] < 0.05
+    assert report["origin"]["render_noise"] == "compensated"
+    assert report["origin"]["uncompensated"] < 0.05
 
 
 def test_the_command_line_refuses_to_spend_on_the_published_chain(
     floor: Path, tmp_path: Path, cli: Callable[..., Any]
 ) -> None:
-    words = "--exposure-s 0.001 --wavelength-nm 550 --noise-budget spend --chain konnik2014 --variant scalar_spectral"
+    words = (
+        "--exposure-s 0.001 --wavelength-nm 550 --render-noise compensated --chain konnik2014 --variant scalar_spectral"
+    )
     done = cli("render", floor, "-o", tmp_path / "out", *words.split())
     assert done.exit_code != 0 and "physical chain" in done.stderr
     assert not (tmp_path / "out").exists()

@@ -14,16 +14,17 @@ from numpy.typing import NDArray
 from scipy import stats
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.engine.frame import Device, Frame
-from mitsuba_sensor.engine.lanes import REFERENCE, Lanes
-from mitsuba_sensor.engine.llvm import backend_problem
-from mitsuba_sensor.engine.moments import Moments
-from mitsuba_sensor.engine.quantities import Electrons, Photons
-from mitsuba_sensor.sensor import exposing, running
+from mitsuba_sensor.core.backend import NUMPY_FLOAT64, Backend
+from mitsuba_sensor.core.frame import Frame
+from mitsuba_sensor.core.llvm import backend_problem
+from mitsuba_sensor.core.moments import Moments
+from mitsuba_sensor.core.quantities import Electrons, Photons
+from mitsuba_sensor.core.sensor_window import SensorWindow
+from mitsuba_sensor.sensor import expose, run
 from mitsuba_sensor.sensor.chain import chain, gain_dn_per_e
+from mitsuba_sensor.sensor.compensation import LIMIT, compensable, counted, room_e2
 from mitsuba_sensor.sensor.electrons import DarkCurrent, Prnu, ShotNoise
-from mitsuba_sensor.sensor.patterns import Rectified
-from mitsuba_sensor.sensor.spending import LIMIT, counted, room_e2, spendable
+from mitsuba_sensor.sensor.fpn_distributions import Rectified
 
 problem = backend_problem("llvm")
 compiled = pytest.mark.skipif(problem is not None, reason=str(problem))
@@ -48,8 +49,8 @@ def rendered(light_e: Any, noise_e2: Any = None) -> Photons:
     return Photons(np.asarray(light_e) / QE, variance_e2=noise_e2)
 
 
-def frame_of(shape: tuple[int, int], lanes: Lanes = REFERENCE, seed: int = 5) -> Frame:
-    return Frame(EXPOSURE, Device(7, shape, lanes=lanes), seed)
+def frame_of(shape: tuple[int, int], backend: Backend = NUMPY_FLOAT64, seed: int = 5) -> Frame:
+    return Frame(EXPOSURE, SensorWindow(7, shape, backend=backend), seed)
 
 
 class Parts:
@@ -66,9 +67,9 @@ class Parts:
 
 def law_of(mean: float, variance: float) -> tuple[NDArray[Any], NDArray[Any]]:
     """Every count and its probability, from the parts that are drawn: a Poisson law, shifted and mixed."""
-    spent, _ = spendable(np.float64(mean), 0.0, np.float64(variance))
+    spent, _ = compensable(np.float64(mean), 0.0, np.float64(variance))
     parts: Any = Parts()
-    whole = float(counted("light_shot", np.float64(mean), spent, parts))
+    whole = float(counted("photon_shot", np.float64(mean), spent, parts))
     reach = 12 * np.sqrt(parts.rest) + 40
     n = np.arange(np.floor(max(parts.rest - reach, 0)), parts.rest + reach)
     poisson = stats.poisson.pmf(n, parts.rest)
@@ -101,7 +102,7 @@ def test_a_mean_has_room_for_as_much_as_its_law_can_give_up(mean: float) -> None
     0 or 1 with mean μ has variance μ − μ², and no law has less."""
     most = float(room_e2(np.float64(mean)))
     parts: Any = Parts()
-    counted("light_shot", np.float64(mean), np.float64(most), parts)
+    counted("photon_shot", np.float64(mean), np.float64(most), parts)
     assert parts.rest == pytest.approx(0, abs=1e-7)
     if mean < 1:
         assert most == pytest.approx(mean**2)
@@ -117,18 +118,18 @@ DRAWS = 2**19
 
 
 @pytest.mark.parametrize("dark_e", [0.0, 5.0])
-def test_every_engine_draws_whole_electrons_of_that_mean_and_variance(lanes: Lanes, dark_e: float) -> None:
+def test_every_engine_draws_whole_electrons_of_that_mean_and_variance(backend: Backend, dark_e: float) -> None:
     """2^19 draws each: 5 standard errors of the variance are 1.0 % (1.3 % at 0.3 e-), of the mean 0.7 % of σ.
 
     28 comparisons at P(|z| > 5) = 6e-7: one other seed in 60 000 would fail. (The engines have the same words.)
     """
     mean, noise = (np.repeat(np.array(x)[:, None], DRAWS, axis=1) for x in zip(*CASES_E, strict=True))
-    frame = frame_of(mean.shape, lanes)
-    light, variance = (lanes.take(x, frame.device) for x in (mean, noise))
+    frame = frame_of(mean.shape, backend)
+    light, variance = (backend.from_numpy(x, frame.window) for x in (mean, noise))
     dark = frame.number(dark_e) if dark_e else 0.0
     after = ShotNoise()(Electrons(light, dark, variance_e2=variance), frame)
     for drawn, about, spent in ((after.light, mean, noise), (after.dark, np.full_like(mean, dark_e), 0 * noise)):
-        n = np.asarray(lanes.give(drawn, frame.device), dtype=np.float64)
+        n = np.asarray(backend.to_numpy(drawn, frame.window), dtype=np.float64)
         assert (n >= 0).all() and (n == np.floor(n)).all()
         expected, sigma = (about - spent)[:, 0], np.sqrt(np.maximum((about - spent)[:, 0], 1e-30))
         away = n - about
@@ -218,11 +219,11 @@ def test_a_limit_is_kept_and_what_is_left_is_counted_and_reported() -> None:
     noise = np.array([[20.0, 90.0, 0.06, 0.0]])
     report = ms.expose(rendered(light_e, noise), BARE, EXPOSURE, precision="float64").report
     spent = np.array([20.0, 100 / 3, 0.04, 0.0])
-    assert report["counts"]["spent_short"] == 2
+    assert report["counts"]["compensated_short"] == 2
     found = report["spending"]
     assert found["limit"] == LIMIT
     assert found["variance_e2"] == pytest.approx(noise.mean())
-    assert found["spent_e2"] == pytest.approx(spent.mean())
+    assert found["compensated_e2"] == pytest.approx(spent.mean())
     assert found["left_e2"] == pytest.approx((noise - spent).mean())
     assert found["left_over_shot"] == pytest.approx((noise - spent).sum() / 200.2)
     line = next(line for line in report["stages"] if line["name"] == "shot noise")
@@ -231,12 +232,12 @@ def test_a_limit_is_kept_and_what_is_left_is_counted_and_reported() -> None:
 
 def test_light_of_an_exact_mean_reports_nothing_of_it() -> None:
     report = ms.expose(rendered(LIGHT_E), TABLE1, EXPOSURE).report
-    assert "spending" not in report and "spent_short" not in report["counts"]
+    assert "spending" not in report and "compensated_short" not in report["counts"]
 
 
 def test_dark_current_pays_where_the_light_has_no_room() -> None:
     """2 e- of light that vary by 3 e-², and 30 e- of dark current: both keep their mean, the sum varies by 29 e-²."""
-    by_light, by_dark = spendable(np.array([[2.0, 9.0]]), np.array([[30.0, 30.0]]), np.array([[3.0, 3.0]]))
+    by_light, by_dark = compensable(np.array([[2.0, 9.0]]), np.array([[30.0, 30.0]]), np.array([[3.0, 3.0]]))
     np.testing.assert_array_equal(by_light, [[0.0, 3.0]])
     np.testing.assert_array_equal(by_dark, [[3.0, 0.0]])
     shape = (1, 2**19)
@@ -260,29 +261,29 @@ def test_dark_current_pays_where_the_light_has_no_room() -> None:
         (np.inf, np.nan, False),
     ],
 )
-def test_extremes_give_whole_electrons(lanes: Lanes, light_e: float, noise_e2: float, short: bool) -> None:
+def test_extremes_give_whole_electrons(backend: Backend, light_e: float, noise_e2: float, short: bool) -> None:
     """Darkness, certainty, noise without end, a mean beyond every well, and light that saturates."""
-    engine = "numpy" if lanes.on_host else "drjit"
+    engine = "numpy" if backend.on_host else "drjit"
     light = rendered(np.full((3, 5), light_e), np.full((3, 5), noise_e2))
-    frames = ms.expose(light, BARE, EXPOSURE, engine=engine, precision=lanes.precision, keep="electrons")  # type: ignore[arg-type]
+    frames = ms.expose(light, BARE, EXPOSURE, engine=engine, precision=backend.precision, keep="electrons")  # type: ignore[arg-type]
     n = frames.electrons
     assert n is not None and np.isfinite(n).all() and (n >= 0).all() and (n == np.floor(n)).all()
     if light_e in (0.0, 1e-20) or light_e >= 1e9:
         assert (n == min(np.floor(light_e), BARE.pixel.full_well_e)).all()
-    assert frames.report["counts"]["spent_short"] == 15 * short
+    assert frames.report["counts"]["compensated_short"] == 15 * short
 
 
 # Nothing else moves
 
 
 @pytest.mark.parametrize("camera", [TABLE1, BARE], ids=["dark current", "no dark current"])
-def test_no_variance_to_spend_is_the_plain_frame_bit_for_bit(lanes: Lanes, camera: ms.Camera) -> None:
-    engine = "numpy" if lanes.on_host else "drjit"
+def test_no_variance_to_spend_is_the_plain_frame_bit_for_bit(backend: Backend, camera: ms.Camera) -> None:
+    engine = "numpy" if backend.on_host else "drjit"
     plain, spent = (
-        ms.expose(light, camera, EXPOSURE, engine=engine, precision=lanes.precision, keep=exposing.KEEP)  # type: ignore[arg-type]
+        ms.expose(light, camera, EXPOSURE, engine=engine, precision=backend.precision, keep=expose.KEEP)  # type: ignore[arg-type]
         for light in (rendered(LIGHT_E), rendered(LIGHT_E, np.zeros(SHAPE)))
     )
-    for name in (*exposing.KEEP, "digital"):
+    for name in (*expose.KEEP, "digital"):
         np.testing.assert_array_equal(getattr(plain, name), getattr(spent, name))
 
 
@@ -290,10 +291,10 @@ CAMERAS = {
     "table 1": TABLE1,
     "no dark current": BARE,
     "patterns": TABLE1.replace(**{"pixel.prnu": 0.2, "dark_current.cv": 0.4}),
-    "blinking": TABLE1.replace(**{"dark_current.blinking_share": 0.2, "dark_current.blinking_e_per_s": 900.0}),
-    "strong dark": TABLE1.replace(**{"dark_current.fom_na_per_cm2": 20.0, "dark_current.pattern": "wald"}),
+    "blinking": TABLE1.replace(**{"dark_current.rts_fraction": 0.2, "dark_current.rts_amplitude_e_per_s": 900.0}),
+    "strong dark": TABLE1.replace(**{"dark_current.fom_na_per_cm2": 20.0, "dark_current.distribution": "wald"}),
 }
-SIGNALS = ("light_electrons", "dark_electrons", "electrons", "volts", "digital")
+SIGNALS = ("photoelectrons", "dark_electrons", "electrons", "volts", "digital")
 
 
 @compiled
@@ -303,7 +304,7 @@ def test_numpy_and_the_kernel_deliver_the_same_bytes(name: str) -> None:
     shape = (231, 217)
     light_e = np.geomspace(0.01, 45_000.0, shape[0] * shape[1]).reshape(shape)
     light = rendered(light_e, light_e * np.random.default_rng(1).uniform(0, 0.6, shape))
-    one, other = (ms.expose(light, CAMERAS[name], EXPOSURE, engine=e, keep=exposing.KEEP) for e in ("numpy", "drjit"))
+    one, other = (ms.expose(light, CAMERAS[name], EXPOSURE, engine=e, keep=expose.KEEP) for e in ("numpy", "drjit"))
     for signal in SIGNALS:
         np.testing.assert_array_equal(getattr(one, signal), getattr(other, signal))
     plain = ms.expose(rendered(light_e), CAMERAS[name], EXPOSURE, engine="numpy")
@@ -318,12 +319,12 @@ def test_strips_threads_and_crops_cut_the_variance_with_the_light(engine: Any, m
 
     whole = frame()
     np.testing.assert_array_equal(frame(slice(11, 40), slice(5, 30), origin=(11, 5)), whole[11:40, 5:30])
-    from mitsuba_sensor.engine import compiled as kernel
+    from mitsuba_sensor.core import drjit_backend as kernel
 
     for processors, strip in ((1, 100), (2, 500)):
-        monkeypatch.setattr(running, "processors", lambda processors=processors: processors)
-        monkeypatch.setattr(Lanes, "strip", strip)
-        monkeypatch.setattr(kernel.Compiled, "strip", strip)
+        monkeypatch.setattr(run, "processors", lambda processors=processors: processors)
+        monkeypatch.setattr(Backend, "strip", strip)
+        monkeypatch.setattr(kernel.DrJitBackend, "strip", strip)
         np.testing.assert_array_equal(frame(), whole)
 
 
@@ -340,14 +341,14 @@ def test_float32_is_the_twin_of_float64() -> None:
 @pytest.mark.parametrize("name", CAMERAS)
 def test_the_ledger_adds_up_to_the_frame_and_to_the_moments(name: str) -> None:
     frames = ms.expose(rendered(LIGHT_E, NOISE_E2), CAMERAS[name], EXPOSURE, precision="float64")
-    ledger = frames.ledger()
-    assert np.abs(ledger.total - frames.digital[0]).max() < 1e-6
+    noise_budget_of = frames.noise_budget_of()
+    assert np.abs(noise_budget_of.total - frames.digital[0]).max() < 1e-6
     m = Moments(frames.light, 0.0, 0.0, frames.first)
     for stage in frames.stages:
         m = stage.moments(m)
-    size = sum(abs(e.temporal_dn2) + abs(e.fixed_dn2) for e in ledger.entries)
-    assert sum(e.temporal_dn2 for e in ledger.entries) == pytest.approx(np.mean(m.temporal), abs=1e-9 * size)
-    assert sum(e.fixed_dn2 for e in ledger.entries) == pytest.approx(np.mean(m.fixed), abs=1e-9 * size)
+    size = sum(abs(e.temporal_dn2) + abs(e.spatial_dn2) for e in noise_budget_of.entries)
+    assert sum(e.temporal_dn2 for e in noise_budget_of.entries) == pytest.approx(np.mean(m.temporal), abs=1e-9 * size)
+    assert sum(e.spatial_dn2 for e in noise_budget_of.entries) == pytest.approx(np.mean(m.spatial), abs=1e-9 * size)
 
 
 def test_a_plan_takes_the_mean_for_exact_and_exposes_with_it() -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from mitsuba_sensor.sensor.camera import Camera
-from mitsuba_sensor.sensor.door import fields_of
+from mitsuba_sensor.sensor.datasheet_errors import fields_of
 
 ROOT = Path(__file__).parents[1]
 ROWS = [
@@ -28,7 +28,7 @@ def stages_of(module: str) -> set[str]:
     return {
         name
         for name, value in found.items()
-        if dataclasses.is_dataclass(value) and hasattr(value, "room") and getattr(value, "__module__", "") == here
+        if dataclasses.is_dataclass(value) and hasattr(value, "domain") and getattr(value, "__module__", "") == here
     } - ABSTRACT
 
 

@@ -10,16 +10,17 @@ import pytest
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.engine import draws, words
-from mitsuba_sensor.engine.draws import AR_BLOCK
-from mitsuba_sensor.engine.frame import Device, Frame
-from mitsuba_sensor.engine.quantities import Electrons, Photons
-from mitsuba_sensor.engine.words import FIXED, PLACES
+from mitsuba_sensor.core import counter_rng, distributions
+from mitsuba_sensor.core.counter_rng import FIXED_PATTERN, STREAMS
+from mitsuba_sensor.core.distributions import AR_BLOCK
+from mitsuba_sensor.core.frame import Frame
+from mitsuba_sensor.core.quantities import Electrons, Photons
+from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.sensor.chain import chain
 
 CAMERA = ms.load_camera("konnik_table1").replace(
-    **{"readout.reset": "hard", "readout.column_coupling": 0.25, "dark_current.cv": 0.4, "pixel.prnu": 0.01},
-    **{"adc.pedestal_dn": 64},
+    **{"readout.reset": "hard", "readout.dsnu_col_coupling": 0.25, "dark_current.cv": 0.4, "pixel.prnu": 0.01},
+    **{"adc.black_level_dn": 64},
 )
 """Every source on; the pedestal given, because by default it follows the noise."""
 EXPOSURE = ms.Exposure(0.1)
@@ -33,7 +34,7 @@ OFF: dict[str, dict[str, Any]] = {
     "dark pattern": {"dark_current.cv": 0.0},
     "ResetNoise": {"readout.reset": "true_cds"},
     "SourceFollowerNoise": {"source_follower.white_nv_per_rthz": 0.0},
-    "ColumnOffset": {"readout.column_offset": 0.0},
+    "DsnuColumn": {"readout.dsnu_col": 0.0},
 }
 """Noise source → how a datasheet switches it off. (The shot noise of light goes with the light.)"""
 
@@ -41,17 +42,17 @@ OFF: dict[str, dict[str, Any]] = {
 def words_used(camera: ms.Camera, light: Any = LIGHT, monkey: Any = None) -> dict[str, NDArray[Any]]:
     """The words that each source drew in one frame: the bits themselves, before any arithmetic could hide them."""
     drawn: dict[str, NDArray[Any]] = {}
-    temporal, fixed, line, at = Frame.words, Device.pattern, Device.line_pattern, Frame._at
+    temporal, fixed, line, at = Frame.random_bits, SensorWindow.fixed_map, SensorWindow.line_map, Frame._at
 
     def temporal_words(self: Frame, source: str) -> Any:
         drawn[source] = temporal(self, source)
         return drawn[source]
 
-    def pattern(self: Device, source: str, law: Any) -> Any:
-        drawn[source] = fixed(self, source, lambda lanes, words: words)
+    def pattern(self: SensorWindow, source: str, law: Any) -> Any:
+        drawn[source] = fixed(self, source, lambda backend, bits: bits)
         return fixed(self, source, law)
 
-    def line_pattern(self: Device, source: str, coupling: float, axis: int = 1) -> Any:
+    def line_pattern(self: SensorWindow, source: str, coupling: float, axis: int = 1) -> Any:
         drawn[source] = line(self, source, coupling, axis)
         return drawn[source]
 
@@ -59,9 +60,9 @@ def words_used(camera: ms.Camera, light: Any = LIGHT, monkey: Any = None) -> dic
         drawn.setdefault(source, at(self, source, *place))
         return at(self, source, *place)
 
-    monkey.setattr(Frame, "words", temporal_words)
-    monkey.setattr(Device, "pattern", pattern)
-    monkey.setattr(Device, "line_pattern", line_pattern)
+    monkey.setattr(Frame, "random_bits", temporal_words)
+    monkey.setattr(SensorWindow, "fixed_map", pattern)
+    monkey.setattr(SensorWindow, "line_map", line_pattern)
     monkey.setattr(Frame, "_at", words_at)
     ms.expose(light, camera, EXPOSURE, seed=4, serial=9)
     monkey.undo()
@@ -75,25 +76,25 @@ def test_the_chain_draws_from_every_place_that_has_a_name(monkeypatch: pytest.Mo
     """
     everything = CAMERA.replace(
         **{
-            "readout.row_offset": 1e-3,
-            "readout.column_gain": 1e-3,
-            "pixel.offset_e": 2.0,
-            "dark_current.pattern": "wald",
-            "dark_current.parts": [{"weight": 0.1, "family": "uniform", "low": 1, "high": 9, "unit": "e"}],
-            "dark_current.blinking_share": 0.5,
-            "dark_current.blinking_e_per_s": 100.0,
+            "readout.dsnu_row": 1e-3,
+            "readout.prnu_col": 1e-3,
+            "pixel.dsnu_e": 2.0,
+            "dark_current.distribution": "wald",
+            "dark_current.components": [{"weight": 0.1, "family": "uniform", "low": 1, "high": 9, "unit": "e"}],
+            "dark_current.rts_fraction": 0.5,
+            "dark_current.rts_amplitude_e_per_s": 100.0,
             "quantum_efficiency.quantum_yield": [2.0, 1.0],
         }
     )
     asked = set(words_used(everything, monkey=monkeypatch))
     spent = words_used(CAMERA, Photons(LIGHT, variance_e2=0.1 * LIGHT), monkey=monkeypatch)
-    assert asked | set(spent) == set(PLACES) and "spending" not in asked
+    assert asked | set(spent) == set(STREAMS) and "compensation" not in asked
 
 
 def test_spending_the_renders_noise_leaves_every_bit_of_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = words_used(CAMERA, Photons(LIGHT, variance_e2=0.1 * LIGHT), monkey=monkeypatch)
     rest = words_used(CAMERA, monkey=monkeypatch)
-    assert set(whole) == set(rest) | {"spending"}
+    assert set(whole) == set(rest) | {"compensation"}
     for name, drawn in rest.items():
         np.testing.assert_array_equal(drawn, whole[name])
 
@@ -122,7 +123,7 @@ def contributions(camera: ms.Camera, frame: Frame, light: NDArray[Any] = LIGHT) 
     out = {}
     for stage in chain(camera):
         into: Any = Photons(light) if type(stage).__name__ == "Detection" else swing
-        if stage.room == "electrons" and not isinstance(into, Photons):
+        if stage.domain == "electrons" and not isinstance(into, Photons):
             into = charge
         if type(stage).__name__ == "SenseNode":
             into = charge
@@ -134,7 +135,7 @@ def contributions(camera: ms.Camera, frame: Frame, light: NDArray[Any] = LIGHT) 
 @pytest.mark.parametrize("source", OFF)
 def test_every_other_stage_does_the_same_to_the_same_signal(source: str) -> None:
     """Bit for bit, stage by stage; only the one that was switched off does something else."""
-    frames = [Frame(EXPOSURE, Device(9, SHAPE), 4, 0) for _ in range(2)]
+    frames = [Frame(EXPOSURE, SensorWindow(9, SHAPE), 4, 0) for _ in range(2)]
     whole, rest = contributions(CAMERA, frames[0]), contributions(CAMERA.replace(**OFF[source]), frames[1])
     changed = {
         name for name in whole if any(not np.array_equal(a, b) for a, b in zip(whole[name], rest[name], strict=True))
@@ -190,18 +191,18 @@ def test_coupled_columns_do_not_feel_the_border_of_a_block(coupling: float) -> N
 
     Its values at the border are compared with those of the same equation solved in one piece over both blocks.
     """
-    line = Device(3, (1, 2 * AR_BLOCK)).line_pattern("column_offset", coupling)[0]
-    number, word = PLACES["column_offset"]
-    columns = np.arange(-draws.AR_WARM_UP, 2 * AR_BLOCK + draws.AR_WARM_UP)
-    white = draws.normal(words.block(number, np.zeros(1, dtype=np.int64), columns, 0, 3)[word])[0]
-    np.testing.assert_allclose(line, draws.isotropic_ar(white, coupling, draws.AR_WARM_UP), atol=1e-10)
+    line = SensorWindow(3, (1, 2 * AR_BLOCK)).line_map("dsnu_col", coupling)[0]
+    number, word = STREAMS["dsnu_col"]
+    columns = np.arange(-distributions.AR_WARM_UP, 2 * AR_BLOCK + distributions.AR_WARM_UP)
+    white = distributions.normal(counter_rng.random_bits(number, np.zeros(1, dtype=np.int64), columns, 0, 3)[word])[0]
+    np.testing.assert_allclose(line, distributions.isotropic_ar(white, coupling, distributions.AR_WARM_UP), atol=1e-10)
 
 
 def test_columns_keep_their_offset_on_every_row_image_and_frame() -> None:
     """On a constant and on a ramp, from frame to frame, at the top and the bottom of the sensor: one vector."""
     quiet = CAMERA.replace(
-        **{k: v for name, change in OFF.items() if name != "ColumnOffset" for k, v in change.items()}
-    ).replace(**{"readout.column_offset": 0.01})
+        **{k: v for name, change in OFF.items() if name != "DsnuColumn" for k, v in change.items()}
+    ).replace(**{"readout.dsnu_col": 0.01})
     offsets = []
     for light, frame, row in ((LIGHT * 0, 0, 0), (LIGHT, 3, 0), (LIGHT[::-1] * 0.5, 1, 1200)):
         frames = ms.expose(light, quiet, EXPOSURE, first_frame=frame, keep=ALL, origin=(row, 0), precision="float64")
@@ -211,41 +212,41 @@ def test_columns_keep_their_offset_on_every_row_image_and_frame() -> None:
     assert offsets[0][0].std() > 0
 
 
-LINES = {"column_offset": 1, "column_gain": 1, "row_offset": 0}
+LINES = {"dsnu_col": 1, "prnu_col": 1, "dsnu_row": 0}
 """Sources with one value per line, and the axis along which they change."""
 
 
-def normals(source: str, device: Device, seed: int = 4, index: int = 0) -> NDArray[Any]:
+def normals(source: str, window: SensorWindow, seed: int = 4, index: int = 0) -> NDArray[Any]:
     """The normal values of any source, temporal or fixed."""
     if source in LINES:
-        return device.line_pattern(source, 0.0, LINES[source])
-    if PLACES[source][0] & FIXED:
-        return device.pattern(source, lambda lanes, words: lanes.normal(words))
-    return Frame(EXPOSURE, device, seed, index).normal(source)
+        return window.line_map(source, 0.0, LINES[source])
+    if STREAMS[source][0] & FIXED_PATTERN:
+        return window.fixed_map(source, lambda backend, bits: backend.normal(bits))
+    return Frame(EXPOSURE, window, seed, index).normal(source)
 
 
-@pytest.mark.parametrize(("one", "two"), itertools.combinations(PLACES, 2), ids=lambda name: name)
+@pytest.mark.parametrize(("one", "two"), itertools.combinations(STREAMS, 2), ids=lambda name: name)
 def test_two_sources_are_uncorrelated(one: str, two: str) -> None:
     """|ρ| < 5/√n over 2^16 pixels, seed and serial of the same number: 6e-7 false alarms a pair."""
     axes = {LINES[name] for name in (one, two) if name in LINES}
     if len(axes) == 2:  # a row and a column: compare them as two vectors
-        a, b = (normals(name, Device(4, ((2**16, 1), (1, 2**16))[LINES[name]])).ravel() for name in (one, two))
+        a, b = (normals(name, SensorWindow(4, ((2**16, 1), (1, 2**16))[LINES[name]])).ravel() for name in (one, two))
         assert abs(np.mean(a * b)) < 5 / 2**8
         return
     shape = {None: (256, 256), 1: (1, 2**16), 0: (2**16, 1)}[axes.pop() if axes else None]
-    device = Device(4, shape)
-    a, b = normals(one, device).ravel(), normals(two, device).ravel()
+    window = SensorWindow(4, shape)
+    a, b = normals(one, window).ravel(), normals(two, window).ravel()
     assert abs(np.mean(a * b)) < 5 / 2**8
 
 
-@pytest.mark.parametrize("source", PLACES)
+@pytest.mark.parametrize("source", STREAMS)
 def test_neighbours_frames_and_devices_are_uncorrelated(source: str) -> None:
     """|ρ| < 5/√n between a pixel and its neighbours, the next frame, the next seed, the next serial."""
     shape = {None: (256, 256), 1: (1, 2**16), 0: (2**16, 1)}[LINES.get(source)]
-    one = normals(source, Device(4, shape))
-    others = [np.roll(one, 1, axis=LINES.get(source, 1)), normals(source, Device(5, shape), seed=5, index=0)]
-    if not PLACES[source][0] & FIXED:
-        others += [np.roll(one, 1, axis=0), normals(source, Device(4, shape), index=1)]
+    one = normals(source, SensorWindow(4, shape))
+    others = [np.roll(one, 1, axis=LINES.get(source, 1)), normals(source, SensorWindow(5, shape), seed=5, index=0)]
+    if not STREAMS[source][0] & FIXED_PATTERN:
+        others += [np.roll(one, 1, axis=0), normals(source, SensorWindow(4, shape), index=1)]
     for other in others:
         assert abs(np.mean(one * other)) < 5 / 2**8
 
@@ -253,10 +254,10 @@ def test_neighbours_frames_and_devices_are_uncorrelated(source: str) -> None:
 def test_the_same_serial_has_the_same_patterns_under_every_seed_and_another_has_others() -> None:
     """Fixed patterns belong to the camera, temporal noise to the frame."""
     shape = (64, 64)
-    for source in ("prnu", "dark_pattern", "column_offset"):
-        one = normals(source, Device(4, shape))
-        np.testing.assert_array_equal(one, normals(source, Device(4, shape), seed=99, index=7))
-        assert not np.array_equal(one, normals(source, Device(5, shape)))
+    for source in ("prnu", "dark_fpn", "dsnu_col"):
+        one = normals(source, SensorWindow(4, shape))
+        np.testing.assert_array_equal(one, normals(source, SensorWindow(4, shape), seed=99, index=7))
+        assert not np.array_equal(one, normals(source, SensorWindow(5, shape)))
     quiet = CAMERA.replace(**{"source_follower.white_nv_per_rthz": 0.0, "readout.reset": "true_cds"})
     mean = [
         ms.expose(np.full((16, 400), 20_000.0), quiet, EXPOSURE, seed=seed, serial=serial, frames=40).digital.mean(
@@ -269,9 +270,9 @@ def test_the_same_serial_has_the_same_patterns_under_every_seed_and_another_has_
 
 
 def test_the_seed_is_all_64_bits() -> None:
-    one = normals("light_shot", Device(1, (8, 8)), seed=1)
+    one = normals("photon_shot", SensorWindow(1, (8, 8)), seed=1)
     for seed in (1 + 2**32, 1 + 2**63, 2**64 - 1, 0):
-        assert not np.array_equal(one, normals("light_shot", Device(1, (8, 8)), seed=seed))
+        assert not np.array_equal(one, normals("photon_shot", SensorWindow(1, (8, 8)), seed=seed))
 
 
 def test_nothing_is_drawn_from_numpys_global_state_or_the_clock() -> None:

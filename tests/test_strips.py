@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.engine.frame import Device, Frame
-from mitsuba_sensor.engine.lanes import SINGLE, Lanes
-from mitsuba_sensor.sensor import exposing, running
+from mitsuba_sensor.core.backend import NUMPY_FLOAT32, Backend
+from mitsuba_sensor.core.frame import Frame
+from mitsuba_sensor.core.sensor_window import SensorWindow
+from mitsuba_sensor.sensor import expose, run
 from mitsuba_sensor.sensor.chain import chain
 
 TABLE1 = ms.load_camera("konnik_table1")
@@ -27,24 +28,24 @@ NORMAL = {"weight": 0.3, "family": "normal", "mean": 400, "sigma": 50, "unit": "
 OPTIONS: dict[str, dict[str, Any]] = {
     "as shipped": {},
     "coupled maps": {
-        "pixel.prnu_pattern": "ar",
+        "pixel.prnu_distribution": "ar",
         "pixel.prnu_coupling": 0.25,
-        "pixel.offset_e": 20.0,
-        "pixel.offset_coupling": 0.45,
-        "dark_current.pattern": "ar",
+        "pixel.dsnu_e": 20.0,
+        "pixel.dsnu_coupling": 0.45,
+        "dark_current.distribution": "ar",
         "dark_current.cv": 0.3,
         "dark_current.coupling": 0.4,
     },
     "coupled lines": {
-        "readout.column_coupling": 0.4999,
-        "readout.row_offset": 0.002,
-        "readout.row_coupling": 0.25,
-        "readout.column_gain": 0.02,
-        "readout.column_gain_coupling": 0.25,
+        "readout.dsnu_col_coupling": 0.4999,
+        "readout.dsnu_row": 0.002,
+        "readout.dsnu_row_coupling": 0.25,
+        "readout.prnu_col": 0.02,
+        "readout.prnu_col_coupling": 0.25,
     },
-    "blinking pixels": {"dark_current.blinking_share": 0.5, "dark_current.blinking_e_per_s": 9000.0},
-    "superimposed dark parts": {"dark_current.parts": [UNIFORM, NORMAL]},
-    "inverse Gaussian dark": {"dark_current.pattern": "wald", "dark_current.cv": 0.4},
+    "blinking pixels": {"dark_current.rts_fraction": 0.5, "dark_current.rts_amplitude_e_per_s": 9000.0},
+    "superimposed dark parts": {"dark_current.components": [UNIFORM, NORMAL]},
+    "inverse Gaussian dark": {"dark_current.distribution": "wald", "dark_current.cv": 0.4},
     "curves and steps": {
         "source_follower.vv_nonlinearity": 1.05,
         "readout.ve_nonlinearity": 1.0,
@@ -65,10 +66,10 @@ CASES: dict[str, tuple[ms.Camera, Any, dict[str, Any]]] = {
 def signals(case: str, strip: int, monkeypatch: pytest.MonkeyPatch, **more: Any) -> dict[str, bytes]:
     """Everything that expose() can return, byte by byte."""
     camera, light, options = CASES[case]
-    monkeypatch.setattr(Lanes, "strip", strip)
+    monkeypatch.setattr(Backend, "strip", strip)
     asked: dict[str, Any] = {"seed": 3, "serial": 7, "frames": 2, "first_frame": 5, "origin": TILE_EDGE}
-    frames = ms.expose(light, camera, ms.Exposure(0.3), keep=exposing.KEEP, **(asked | options | more))
-    return {name: getattr(frames, name).tobytes() for name in (*exposing.KEEP, "digital")}
+    frames = ms.expose(light, camera, ms.Exposure(0.3), keep=expose.KEEP, **(asked | options | more))
+    return {name: getattr(frames, name).tobytes() for name in (*expose.KEEP, "digital")}
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -85,10 +86,10 @@ def test_a_frame_in_strips_is_the_frame_that_the_chain_makes_without_them(
 ) -> None:
     """One row at a time against the whole window at once; and its last rows against those alone, in the next tile."""
     camera, light, _ = CASES[case]
-    monkeypatch.setattr(Lanes, "strip", 1)
+    monkeypatch.setattr(Backend, "strip", 1)
     digital = ms.expose(light, camera, ms.Exposure(0.3), serial=7, origin=TILE_EDGE).digital[0]
-    device = Device(7, SHAPE, TILE_EDGE)
-    whole = running.run_chain(chain(camera), ms.Photons(light), Frame(ms.Exposure(0.3), device))
+    window = SensorWindow(7, SHAPE, TILE_EDGE)
+    whole = run.run_chain(chain(camera), ms.Photons(light), Frame(ms.Exposure(0.3), window))
     np.testing.assert_array_equal(digital, whole)
     below = ms.expose(light[6:], camera, ms.Exposure(0.3), serial=7, origin=(512, TILE_EDGE[1])).digital[0]
     np.testing.assert_array_equal(digital[6:], below)
@@ -100,11 +101,11 @@ def test_given_maps_are_cut_into_the_same_strips(monkeypatch: pytest.MonkeyPatch
     height, width = SHAPE
     maps = {
         "prnu": draw.uniform(0.9, 1.1, (height, width)),
-        "dark_pattern": draw.uniform(0.5, 1.5, (height, 1)),
-        "pixel_offset_e": draw.normal(0, 20, (1, width)),
-        "row_offset_e": draw.normal(0, 20, (height, 1)),
-        "column_offset_e": draw.normal(0, 20, (1, width)),
-        "column_gain": np.full((1, 1), 1.1),
+        "dark_fpn": draw.uniform(0.5, 1.5, (height, 1)),
+        "dsnu_pixel_e": draw.normal(0, 20, (1, width)),
+        "dsnu_row_e": draw.normal(0, 20, (height, 1)),
+        "dsnu_col_e": draw.normal(0, 20, (1, width)),
+        "prnu_col": np.full((1, 1), 1.1),
     }
     whole = signals("as shipped", 10**9, monkeypatch, maps=maps)
     assert whole != signals("as shipped", 10**9, monkeypatch)
@@ -121,9 +122,11 @@ def test_a_plan_goes_through_the_same_strips(monkeypatch: pytest.MonkeyPatch) ->
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 300_000), (300_000, 1), (3, 2**17), (2**17 + 1, 1)])
 def test_the_strips_are_every_row_once_and_in_order(shape: tuple[int, int]) -> None:
-    strips = list(running.strips_of(shape, SINGLE.strip))
+    strips = list(run.row_strips_of(shape, NUMPY_FLOAT32.strip))
     np.testing.assert_array_equal(np.concatenate([np.arange(shape[0])[rows] for rows in strips]), np.arange(shape[0]))
-    assert all(rows.stop - rows.start == 1 or (rows.stop - rows.start) * shape[1] <= SINGLE.strip for rows in strips)
+    assert all(
+        rows.stop - rows.start == 1 or (rows.stop - rows.start) * shape[1] <= NUMPY_FLOAT32.strip for rows in strips
+    )
 
 
 def peak_mib(pixels: int) -> float:
@@ -142,7 +145,7 @@ def test_twelve_megapixels_fit_into_400_mib(monkeypatch: pytest.MonkeyPatch) -> 
 
     (Without strips it is above 100 bytes per pixel. One thread, so that what is in flight is the same in both.)
     """
-    monkeypatch.setattr(running, "processors", lambda: 1)
+    monkeypatch.setattr(run, "processors", lambda: 1)
     one, two = peak_mib(500_000), peak_mib(1_000_000)
     per_pixel = (two - one) * 2**20 / 500_000
     assert per_pixel <= 12.5

@@ -84,7 +84,7 @@ def test_a_study_that_was_stopped_goes_on_where_it_was(
     assert study(monkeypatch, Recorder(), *words).exit_code == 0
     assert len(lines_of(tmp_path / "out")) == 1 + 3 + 2, "a third run measures nothing and says nothing"
     anew = Recorder()
-    assert study(monkeypatch, anew, *words, "--again").exit_code == 0
+    assert study(monkeypatch, anew, *words, "--force").exit_code == 0
     assert anew.measured == list(STEPS)
 
 

@@ -13,9 +13,9 @@ import pytest
 from light_scenes import PERSPECTIVE, SKY, scene_text, write_scene
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.engine.quantities import Photons
-from mitsuba_sensor.light.needs import grouped_electrons
-from mitsuba_sensor.light.optics import transmittance
+from mitsuba_sensor.core.quantities import Photons
+from mitsuba_sensor.optics.f_number_law import transmittance
+from mitsuba_sensor.render.requirements import grouped_electrons
 from mitsuba_sensor.sensor.chain import gain_dn_per_e, mean_dark_e
 from mitsuba_sensor.study.ablation import seconds as ablation_seconds
 from mitsuba_sensor.study.ablation.render import compared
@@ -69,7 +69,7 @@ def test_theory_and_frames_agree_for_every_stage_of_every_shipped_camera(name: s
 
 def test_a_stage_that_changes_nothing_is_left_out_and_its_frames_are_the_same_bytes() -> None:
     found = gather(json.loads(shipped("konnik_table1")), REPLICAS, ())
-    for stage in ("cds gain", "source follower", "reset noise", "row offset"):
+    for stage in ("cds gain", "source follower", "reset noise", "dsnu row"):
         assert stage in found.left_out
     assert found.looked["cds gain"]["share_of_pixels"] == found.looked["full well"]["largest_dn"] == 0
     assert all(one.measured_dn == one.error_dn == one.z == 0 for one in found.changes["cds gain"])
@@ -78,7 +78,7 @@ def test_a_stage_that_changes_nothing_is_left_out_and_its_frames_are_the_same_by
 @pytest.mark.parametrize("case, name, wrong", [
     ("source follower noise", "mean_dn", 0.05),
     ("source follower noise", "temporal_dn2", 0.8),
-    ("prnu", "fixed_dn2", 10.0),
+    ("prnu", "spatial_dn2", 10.0),
 ])  # fmt: skip
 def test_a_theory_that_is_wrong_is_found_out(case: str, name: str, wrong: float) -> None:
     """A mean that is 0.05 DN off; a temporal variance by 0.8 of 110 DN²; a fixed one by 10 of 17 DN²."""
@@ -114,8 +114,8 @@ def test_a_stage_that_moves_the_mean_is_seen_to_move_it() -> None:
 def test_pixels_that_blink_are_measured_as_theory_means_them() -> None:
     """States of neighbouring frames are alike; every frame is the first of a seed of its own, so here they are not."""
     camera = TABLE1.replace(**{
-        "dark_current.blinking_share": 0.3, "dark_current.blinking_e_per_s": 5e3,
-        "dark_current.blinking_switching": 0.01, "dark_current.blinking_duty": 0.5,
+        "dark_current.rts_fraction": 0.3, "dark_current.rts_amplitude_e_per_s": 5e3,
+        "dark_current.rts_switching": 0.01, "dark_current.rts_duty": 0.5,
     })  # fmt: skip
     found = results(ablation(camera), cases=("blinking pixels",))
     assert found.changes["blinking pixels"][1].predicted_dn < -0.5

@@ -11,8 +11,8 @@ import pytest
 from PIL import Image
 from rich.console import Console
 
-from mitsuba_sensor.cli.studysheet import LONGEST, seconds_bar, sheet
-from mitsuba_sensor.data.files import to_json
+from mitsuba_sensor.cli.study_tables import LONGEST, seconds_bar, sheet
+from mitsuba_sensor.io.files import to_json
 from mitsuba_sensor.study.html import html, text
 from mitsuba_sensor.study.page import Bars, Grid, Line, Plot, Study, Table
 from mitsuba_sensor.study.plots import png, svg

@@ -18,13 +18,13 @@ from light_scenes import scene_text, write_scene
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.engine.errors import InputError
-from mitsuba_sensor.light.bands import choose_bands
-from mitsuba_sensor.light.budget import Budget
-from mitsuba_sensor.light.irradiance import Wish, prepare
-from mitsuba_sensor.light.passes import pass_plan
-from mitsuba_sensor.light.renderer import Renderer
-from mitsuba_sensor.light.variants import Variant
+from mitsuba_sensor.core.errors import InputError
+from mitsuba_sensor.render.bands import choose_bands
+from mitsuba_sensor.render.irradiance import RenderOptions, prepare
+from mitsuba_sensor.render.passes import pass_plan
+from mitsuba_sensor.render.renderer import Renderer
+from mitsuba_sensor.render.stop_criterion import StopCriterion
+from mitsuba_sensor.render.variants import Variant
 from mitsuba_sensor.study.error_time import error_time
 from mitsuba_sensor.study.fits import slope_of_runs
 from mitsuba_sensor.study.page import Plot, Study, Table
@@ -281,9 +281,9 @@ def test_one_band_has_no_channels_and_no_loop() -> None:
 
 
 def test_the_sampler_that_was_drawn_from_stands_in_the_certificate(floor: Path) -> None:
-    job = prepare(floor, mosaic(), EXPOSURE, Wish(variant="scalar_spectral"), sampler="independent")
-    light = job.irradiance(1, Budget(2, 1), lambda step: None, 0.0)
-    assert light.certificate.sampler == "independent"
+    job = prepare(floor, mosaic(), EXPOSURE, RenderOptions(variant="scalar_spectral"), sampler="independent")
+    light = job.irradiance(1, StopCriterion(2, 1), lambda step: None, 0.0)
+    assert light.statistics.sampler == "independent"
     assert "Independent" in str(job.scene.sensor.sampler())
 
 
@@ -345,4 +345,4 @@ def test_frames_are_dimmed_until_their_renders_can_be_spent(studied: tuple[Study
     framed = series(studied[0])["as shipped"]["framed"]
     assert framed["time_s"] == pytest.approx(framed["share"] * EXPOSURE.time_s)
     assert framed["share"] < 1
-    assert framed["spendable"] == pytest.approx(render_frames.FEWEST_SPENT)
+    assert framed["compensable"] == pytest.approx(render_frames.FEWEST_SPENT)

@@ -17,14 +17,15 @@ import pytest
 from scipy import special, stats
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.engine.errors import InputError
-from mitsuba_sensor.engine.frame import Device, Frame
-from mitsuba_sensor.engine.lanes import SINGLE
-from mitsuba_sensor.engine.llvm import backend_problem
+from mitsuba_sensor.core.backend import NUMPY_FLOAT32
+from mitsuba_sensor.core.errors import InputError
+from mitsuba_sensor.core.frame import Frame
+from mitsuba_sensor.core.llvm import backend_problem
+from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.sensor.chain import chain
+from mitsuba_sensor.sensor.checks import as_photons
 from mitsuba_sensor.sensor.electrons import ShotNoise
-from mitsuba_sensor.sensor.ends import final_moments
-from mitsuba_sensor.sensor.inputs import as_photons
+from mitsuba_sensor.sensor.theory import final_moments
 from mitsuba_sensor.study import timing
 from mitsuba_sensor.study.page import Plot, Table
 from mitsuba_sensor.study.sensor import changes
@@ -47,8 +48,8 @@ needs_llvm = pytest.mark.skipif(bool(backend_problem("llvm")), reason="no LLVM h
 
 
 def law(setting: Setting, mean: float) -> Law:
-    lanes = setting.lanes()
-    return law_of(lambda words: draws_of(lanes, words, mean), mean)
+    backend = setting.backend()
+    return law_of(lambda words: draws_of(backend, words, mean), mean)
 
 
 # The Poisson law
@@ -83,7 +84,7 @@ def test_the_law_by_bisection_is_that_of_all_words() -> None:
 def test_the_law_by_bisection_is_that_of_evenly_spaced_words(sampler: str, mean: float) -> None:
     """Mean and variance of a million of them, each of which stands for 4096."""
     words = (np.arange(2**20, dtype=np.uint64) * 2**12 + 2**11).astype(np.uint32)
-    counts = draws_of(NUMPY[sampler].lanes(), words, mean)
+    counts = draws_of(NUMPY[sampler].backend(), words, mean)
     found, cells = law(NUMPY[sampler], mean), 12 * math.sqrt(mean) + 10
     assert found.mean == pytest.approx(counts.mean() / mean - 1, abs=cells / (mean * 2**20))
     assert found.variance == pytest.approx(counts.var() / mean - 1, abs=cells**2 / (mean * 2**20))
@@ -116,7 +117,7 @@ def test_the_mean_alone_has_no_variance(mean: float) -> None:
 def test_a_third_partys_draws_are_as_far_off_as_chance_says(mean: float) -> None:
     """Five standard deviations of the total variation, at most 0.3/√draws: once in 7000 under other seeds."""
     words = np.random.default_rng(3).integers(0, 2**32, 2**18, dtype=np.uint32)
-    found = law_of_counts(draws_of(NUMPY[GENERATOR].lanes(), words, mean), mean)
+    found = law_of_counts(draws_of(NUMPY[GENERATOR].backend(), words, mean), mean)
     assert found.variation == pytest.approx(found.resolution, abs=1.5 / math.sqrt(words.size))
     assert found.mean == pytest.approx(0, abs=5 / math.sqrt(mean * words.size))
 
@@ -133,11 +134,13 @@ def test_the_compiled_engine_draws_the_same_law(sampler: str) -> None:
 
 def test_another_law_changes_the_counts_and_nothing_else() -> None:
     words = np.random.default_rng(5).integers(0, 2**32, 1000, dtype=np.uint32)
-    before = SINGLE.poisson(words, np.float32(20.0))
-    other = NUMPY[GAUSSIAN].lanes()
+    before = NUMPY_FLOAT32.poisson(words, np.float32(20.0))
+    other = NUMPY[GAUSSIAN].backend()
     assert not np.array_equal(other.poisson(words, np.float32(20.0)), before)
-    np.testing.assert_array_equal(other.normal(words), SINGLE.normal(words))
-    np.testing.assert_array_equal(SINGLE.poisson(words, np.float32(20.0)), before)  # the product's lanes are as before
+    np.testing.assert_array_equal(other.normal(words), NUMPY_FLOAT32.normal(words))
+    np.testing.assert_array_equal(
+        NUMPY_FLOAT32.poisson(words, np.float32(20.0)), before
+    )  # the product's lanes are as before
 
 
 def test_only_exact_and_quantile_are_offered() -> None:
@@ -216,7 +219,7 @@ def test_frames_have_the_moments_of_theory(chains: Chains) -> None:
 def test_without_draws_only_the_rest_of_the_noise_is_left(chains: Chains) -> None:
     """Temporal σ falls to that of the chain without its shot noise; once in a thousand outside under other seeds."""
     stages = tuple(stage for stage in chain(CAMERA) if not isinstance(stage, ShotNoise))
-    _, m = final_moments(stages, chains.small, Frame(EXPOSURE, Device(0, sensor_frames.SMALL)))
+    _, m = final_moments(stages, chains.small, Frame(EXPOSURE, SensorWindow(0, sensor_frames.SMALL)))
     left_dn2 = np.broadcast_to(m.temporal, sensor_frames.SMALL)
     found = sensor_frames.measured(chains, NUMPY[MEAN_ONLY])
     theory = sensor_frames.predicted(chains, None) | {"temporal_dn2": chains.by_level(left_dn2)}
@@ -229,8 +232,8 @@ def test_without_draws_only_the_rest_of_the_noise_is_left(chains: Chains) -> Non
 
 def test_changes_of_roots_are_differences_of_standard_deviations() -> None:
     ones = np.ones((8, 1))
-    found = {"mean_dn": 7 * ones, "temporal_dn2": 9 * ones, "fixed_dn2": 4 * ones}
-    other = {"mean_dn": 5 * ones, "temporal_dn2": 4 * ones, "fixed_dn2": 1 * ones}
+    found = {"mean_dn": 7 * ones, "temporal_dn2": 9 * ones, "spatial_dn2": 4 * ones}
+    other = {"mean_dn": 5 * ones, "temporal_dn2": 4 * ones, "spatial_dn2": 1 * ones}
     off = changes.change(found, other, ([4.0], [1.0]))
     np.testing.assert_allclose(off.value_dn, [[2], [1], [1]])
     assert off.worst == (2.0, 0.0, "mean of level 1")
@@ -241,7 +244,7 @@ def test_a_variance_that_is_not_resolved_has_a_root_that_is_not() -> None:
     """Where theory says 0, noise of ±1e-2 DN² is ±0.1 DN and not infinitely many."""
     noise = np.random.default_rng(1).normal(0, 1e-2, (400, 1))
     zero = np.zeros((400, 1))
-    found = {"mean_dn": zero, "temporal_dn2": zero, "fixed_dn2": noise}
+    found = {"mean_dn": zero, "temporal_dn2": zero, "spatial_dn2": noise}
     off = changes.change(found, dict.fromkeys(found, zero), ([0.0], [0.0]))
     assert off.within(0.0)
     assert abs(off.value_dn[2, 0]) <= math.sqrt(abs(noise.mean())) + 1e-12

@@ -11,9 +11,7 @@ import pytest
 import mitsuba_sensor as ms
 
 TABLE1 = ms.load_camera("konnik_table1")
-STRIPES = TABLE1.replace(
-    **{"readout.column_offset": 0.002, "readout.row_offset": 0.001, "pixel.offset_e": 30.0, "adc.bits": 16}
-)
+STRIPES = TABLE1.replace(**{"readout.dsnu_col": 0.002, "readout.dsnu_row": 0.001, "pixel.dsnu_e": 30.0, "adc.bits": 16})
 """Fixed offsets of 66, 33 and 30 electrons, 131, 66 and 60 DN; 6 electrons of read noise."""
 
 SILENT = STRIPES.replace(**{"readout.reset": "true_cds", "source_follower.white_nv_per_rthz": 0.0})

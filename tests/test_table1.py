@@ -16,13 +16,14 @@ import numpy as np
 import pytest
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.engine.frame import Device, Frame
-from mitsuba_sensor.engine.moments import Moments
-from mitsuba_sensor.engine.quantities import Electrons, Photons
-from mitsuba_sensor.sensor.chain import chain, gain_dn_per_e, pedestal_dn
+from mitsuba_sensor.core.frame import Frame
+from mitsuba_sensor.core.moments import Moments
+from mitsuba_sensor.core.quantities import Electrons, Photons
+from mitsuba_sensor.core.sensor_window import SensorWindow
+from mitsuba_sensor.sensor.chain import black_level_dn, chain, gain_dn_per_e
 from mitsuba_sensor.sensor.digital import Adc
 from mitsuba_sensor.sensor.electrons import DarkCurrent, Detection, FullWell, Prnu, ShotNoise
-from mitsuba_sensor.sensor.volts import ColumnOffset, ResetNoise, SourceFollowerNoise
+from mitsuba_sensor.sensor.volts import DsnuColumn, ResetNoise, SourceFollowerNoise
 
 EXPECTED = json.loads((Path(__file__).parent / "data" / "table1_expectations.json").read_text("utf-8"))["rows"]
 LEVELS = [row["level"] for row in EXPECTED]
@@ -32,12 +33,12 @@ HARD = CAMERA.replace(**{"readout.reset": "hard"})
 QE = 0.60
 
 ALONE = {
-    "light_shot": ShotNoise,
+    "photon_shot": ShotNoise,
     "prnu": Prnu,
     "dark_fpn": DarkCurrent,
     "source_follower": SourceFollowerNoise,
     "kTC_full": ResetNoise,
-    "column_offset_0p1pct_FW": ColumnOffset,
+    "column_offset_0p1pct_FW": DsnuColumn,
 }
 """Term of the expectations → the stage that adds it."""
 
@@ -47,7 +48,7 @@ def photons(row: dict[str, Any], shape: tuple[int, int] = (1, 1)) -> Photons:
 
 
 def theory(camera: ms.Camera, row: dict[str, Any]) -> Moments:
-    m = Moments(photons(row), 0.0, 0.0, Frame(EXPOSURE, Device(1, (1, 1))))
+    m = Moments(photons(row), 0.0, 0.0, Frame(EXPOSURE, SensorWindow(1, (1, 1))))
     for stage in chain(camera):
         m = stage.moments(m)
     return m
@@ -58,7 +59,7 @@ def digital() -> dict[float, Any]:
     """Level → two frames of 1 × 600 000 pixels, pedestal taken off [DN]."""
     levels = np.array([[row["light_e"] / QE] for row in EXPECTED])
     wide = np.broadcast_to(levels, (len(LEVELS), 600_000))
-    frames = ms.expose(wide, CAMERA, EXPOSURE, frames=2).digital.astype(np.float64) - pedestal_dn(CAMERA)
+    frames = ms.expose(wide, CAMERA, EXPOSURE, frames=2).digital.astype(np.float64) - black_level_dn(CAMERA)
     return {level: frames[:, i] for i, level in enumerate(LEVELS)}
 
 
@@ -66,7 +67,7 @@ def digital() -> dict[float, Any]:
 def test_theory_of_the_chain_is_that_of_table_1(row: dict[str, Any]) -> None:
     """Mean within 0.01 %, temporal and spatial σ within 0.1 %, with and without the reset noise."""
     m = theory(CAMERA, row)
-    assert m.mean.item() - pedestal_dn(CAMERA) == pytest.approx(row["mean_DN_no_pedestal"], rel=1e-4)
+    assert m.mean.item() - black_level_dn(CAMERA) == pytest.approx(row["mean_DN_no_pedestal"], rel=1e-4)
     assert math.sqrt(m.temporal.item()) == pytest.approx(row["temporal_std_DN_no_kTC"], rel=1e-3)
     assert m.sigma == pytest.approx(row["spatial_std_DN_no_kTC"], rel=1e-3)
     hard = theory(HARD.replace(**{"adc.full_scale_v": 0.17, "pixel.full_well_e": 34_000.0}), row)
@@ -107,13 +108,15 @@ def test_hard_reset_adds_the_whole_ktc_noise_to_the_temporal_sigma(row: dict[str
 @pytest.mark.parametrize("row", EXPECTED, ids=LEVELS)
 def test_every_term_of_the_error_budget_has_its_size(row: dict[str, Any]) -> None:
     """Each stage's own contribution in electrons², one by one, so that no two errors can cancel in a sum."""
-    m = Moments(photons(row), 0.0, 0.0, Frame(EXPOSURE, Device(1, (1, 1))))
+    m = Moments(photons(row), 0.0, 0.0, Frame(EXPOSURE, SensorWindow(1, (1, 1))))
     added = {}
     for stage in chain(HARD):
         before, m = m, stage.moments(m)
-        unit = 1.0 if stage.room == "electrons" else 5e-6
+        unit = 1.0 if stage.domain == "electrons" else 5e-6
         if type(stage) in ALONE.values():
-            added[type(stage)] = float(np.sum(m.temporal + m.fixed) - np.sum(before.temporal + before.fixed)) / unit**2
+            added[type(stage)] = (
+                float(np.sum(m.temporal + m.spatial) - np.sum(before.temporal + before.spatial)) / unit**2
+            )
     budget = row["var_e"]
     added[ShotNoise] -= budget["dark_shot"]
     for term, stage_type in ALONE.items():
@@ -127,12 +130,12 @@ def test_the_conversion_gain_is_that_of_table_1() -> None:
 def test_the_dark_rate_is_that_of_table_1() -> None:
     row = EXPECTED[0]
     dark = next(stage for stage in chain(CAMERA) if isinstance(stage, DarkCurrent))
-    assert dark.mean_e(Frame(EXPOSURE, Device(1, (1, 1)))) == pytest.approx(row["dark_e"], rel=1e-6)
+    assert dark.mean_e(Frame(EXPOSURE, SensorWindow(1, (1, 1)))) == pytest.approx(row["dark_e"], rel=1e-6)
 
 
 def test_27500_photons_give_16500_electrons_with_the_noise_of_detected_electrons() -> None:
     """σ = √16500 = 128.45; Poisson before QE would give 99.5. 10⁶ draws: mean ± 0.13, σ ± 0.09, tested at 5 of them."""
-    frame = Frame(EXPOSURE, Device(1, (1000, 1000)))
+    frame = Frame(EXPOSURE, SensorWindow(1, (1000, 1000)))
     signal: Any = Photons(np.full((1000, 1000), 27_500.0))
     for stage in (Detection(CAMERA.curves, CAMERA.tile, 550.0), ShotNoise(), FullWell(33_000.0)):
         signal = stage(signal, frame)

@@ -17,16 +17,16 @@ import pytest
 from light_scenes import SCENES, SKY, both_variants, scene_text, skip_unless_usable, write_scene
 from numpy.typing import NDArray
 
-from mitsuba_sensor.data.exr import read_irradiance_exr, read_truth_exr, write_truth_exr
-from mitsuba_sensor.engine.errors import InputError
-from mitsuba_sensor.engine.frame import Exposure
-from mitsuba_sensor.engine.llvm import drjit
-from mitsuba_sensor.light.bands import choose_bands
-from mitsuba_sensor.light.motion import Motion, read_motion
-from mitsuba_sensor.light.passes import hashed_seed
-from mitsuba_sensor.light.scene import load_scene
-from mitsuba_sensor.light.truth import GroundTruth, ground_truth
-from mitsuba_sensor.light.variants import choose_variant, use
+from mitsuba_sensor.core.errors import InputError
+from mitsuba_sensor.core.exposure import Exposure
+from mitsuba_sensor.core.llvm import drjit
+from mitsuba_sensor.io.exr import read_aovs_exr, read_irradiance_exr, write_aovs_exr
+from mitsuba_sensor.render.aovs import Aovs, render_aovs
+from mitsuba_sensor.render.bands import choose_bands
+from mitsuba_sensor.render.motion import Motion, read_motion
+from mitsuba_sensor.render.passes import hashed_seed
+from mitsuba_sensor.render.scene import load_scene
+from mitsuba_sensor.render.variants import choose_variant, use
 from mitsuba_sensor.sensor.camera import load_camera
 
 CAMERA = load_camera("konnik_table1")
@@ -45,12 +45,10 @@ ARRAYS = ("depth_m", "position_m", "normal", "albedo", "shape_index", "flow_px")
 Floats = NDArray[np.float64]
 
 
-def truth_of(
-    folder: Path, *elements: str, sensor: str = PINHOLE, film: str = "", more: str = "", **how: Any
-) -> GroundTruth:
+def truth_of(folder: Path, *elements: str, sensor: str = PINHOLE, film: str = "", more: str = "", **how: Any) -> Aovs:
     use(choose_variant(skip_unless_usable(how.pop("variant", "scalar_spectral"))))
     path = write_scene(folder, scene_text(SKY, *elements, sensor=sensor, film=film, more=more))
-    return ground_truth(path, how.pop("camera", CAMERA), **how)
+    return render_aovs(path, how.pop("camera", CAMERA), **how)
 
 
 def tangents(x: Floats, y: Floats) -> Floats:
@@ -332,22 +330,22 @@ def test_written_and_read_the_truth_is_the_same(tmp_path: Path) -> None:
     """Float32 to the bit, NaN and infinity too; the header says the units and the shapes; others' files are refused."""
     turn = read_motion({"camera": {"rotate_deg_per_s": 30, "axis": [0, 1, 0]}})
     truth = truth_of(tmp_path, BALL, motion=turn, exposure=Exposure(0.1))
-    write_truth_exr(tmp_path / "truth.exr", truth)
-    back = read_truth_exr(tmp_path / "truth.exr")
-    for field in fields(GroundTruth):
+    write_aovs_exr(tmp_path / "aovs.exr", truth)
+    back = read_aovs_exr(tmp_path / "aovs.exr")
+    for field in fields(Aovs):
         np.testing.assert_array_equal(getattr(back, field.name), getattr(truth, field.name), err_msg=field.name)
-    with OpenEXR.File(str(tmp_path / "truth.exr"), separate_channels=True) as file:
+    with OpenEXR.File(str(tmp_path / "aovs.exr"), separate_channels=True) as file:
         header, names = dict(file.header()), set(file.channels())
     assert {"depth_m", "position_m.X", "normal.Z", "albedo.R", "shape_index", "flow_px.Y"} <= names and len(names) == 13
     assert json.loads(header["shapes"]) == ["ball"] and json.loads(header["units"])["depth_m"].startswith("m along")
     with pytest.raises(InputError, match=r"cannot read .*none\.exr"):
-        read_truth_exr(tmp_path / "none.exr")
+        read_aovs_exr(tmp_path / "none.exr")
     with pytest.raises(InputError, match="not the focal-plane irradiance"):
-        read_irradiance_exr(tmp_path / "truth.exr")
+        read_irradiance_exr(tmp_path / "aovs.exr")
     cut = tmp_path / "cut.exr"
-    cut.write_bytes((tmp_path / "truth.exr").read_bytes()[:500])
+    cut.write_bytes((tmp_path / "aovs.exr").read_bytes()[:500])
     with pytest.raises(InputError, match="cannot be read as an OpenEXR file"):
-        read_truth_exr(cut)
+        read_aovs_exr(cut)
 
 
 def test_a_motion_needs_an_exposure_and_progress_is_told_in_rows(tmp_path: Path) -> None:
@@ -361,6 +359,6 @@ def test_a_motion_needs_an_exposure_and_progress_is_told_in_rows(tmp_path: Path)
 def test_every_shipped_scene_has_a_truth() -> None:
     use(choose_variant("scalar_spectral"))
     for name in ("cornell_box", "still_life", "rolling_fan"):
-        truth = ground_truth(SCENES / f"{name}.xml", CAMERA, parameters={"width": 12, "height": 8})
+        truth = render_aovs(SCENES / f"{name}.xml", CAMERA, parameters={"width": 12, "height": 8})
         assert truth.depth_m.shape == (8, 12) and np.isfinite(truth.depth_m).any()
         assert truth.albedo.min() >= 0 and truth.albedo.max() <= 1

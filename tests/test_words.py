@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from mitsuba_sensor.engine.words import FIXED, PLACES, at, block, halves, philox
+from mitsuba_sensor.core.counter_rng import FIXED_PATTERN, STREAMS, key_halves, philox, random_bits, random_bits_at
 
 ONES = 0xFFFFFFFF
 KNOWN_ANSWERS = [
@@ -24,28 +24,28 @@ KNOWN_ANSWERS = [
 
 @pytest.mark.parametrize(("counter", "key", "answer"), KNOWN_ANSWERS, ids=["zeros", "ones", "pi"])
 def test_philox_gives_the_known_answers_of_random123(counter: tuple[int, ...], key: int, answer: str) -> None:
-    words = philox(tuple(np.array([c], dtype=np.uint64) for c in counter), halves(key))
+    words = philox(tuple(np.array([c], dtype=np.uint64) for c in counter), key_halves(key))
     assert " ".join(f"{int(word[0]):08x}" for word in words) == answer
 
 
 def test_a_key_is_taken_as_its_lower_and_upper_half() -> None:
-    assert halves(0x0123456789ABCDEF) == (0x89ABCDEF, 0x01234567)
-    assert halves(7) == (7, 0)
+    assert key_halves(0x0123456789ABCDEF) == (0x89ABCDEF, 0x01234567)
+    assert key_halves(7) == (7, 0)
 
 
 def test_a_window_holds_the_words_of_its_own_place_on_the_sensor() -> None:
     """The counter is (x, y, frame, block), so each pixel can be asked for alone, by the plain function."""
     rows, columns = np.array([3, 4]), np.array([7, 8, 9])
-    window = block(5, rows, columns, frame=12, key=99)
+    window = random_bits(5, rows, columns, frame=12, key=99)
     for (i, y), (j, x) in itertools.product(enumerate(rows), enumerate(columns)):
-        alone = philox(tuple(np.array([c], dtype=np.uint64) for c in (x, y, 12, 5)), halves(99))
+        alone = philox(tuple(np.array([c], dtype=np.uint64) for c in (x, y, 12, 5)), key_halves(99))
         assert [int(word[i, j]) for word in window] == [int(word[0]) for word in alone]
 
 
 def test_scattered_pixels_have_the_words_that_a_window_has_there() -> None:
     rows, columns = np.array([3, 0, 4]), np.array([7, 9, 2])
-    window = block(5, np.arange(5), np.arange(10), frame=12, key=99)
-    for scattered, whole in zip(at(5, rows, columns, frame=12, key=99), window, strict=True):
+    window = random_bits(5, np.arange(5), np.arange(10), frame=12, key=99)
+    for scattered, whole in zip(random_bits_at(5, rows, columns, frame=12, key=99), window, strict=True):
         assert scattered.dtype == np.uint32
         np.testing.assert_array_equal(scattered, whole[rows, columns])
 
@@ -54,29 +54,29 @@ def test_every_part_of_the_question_changes_all_four_words() -> None:
     """x, y, frame, block, low key, high key: one bit more in any of them gives four other words."""
     base = [0, 0, 0, 0, 0]
     answers = set()
-    changes = [(0, 1), (1, 1), (2, 1), (3, 1), (3, FIXED), (4, 1), (4, 1 << 32), (4, 1 << 63)]
+    changes = [(0, 1), (1, 1), (2, 1), (3, 1), (3, FIXED_PATTERN), (4, 1), (4, 1 << 32), (4, 1 << 63)]
     for place, change in [(0, 0), *changes]:
         question = [value + change * (place == i) for i, value in enumerate(base)]
-        words = philox(tuple(np.array([c], dtype=np.uint64) for c in question[:4]), halves(question[4]))
+        words = philox(tuple(np.array([c], dtype=np.uint64) for c in question[:4]), key_halves(question[4]))
         answers.update(int(word[0]) for word in words)
     assert len(answers) == 4 * (len(changes) + 1)
 
 
 def test_no_two_sources_share_a_place() -> None:
-    assert len(set(PLACES.values())) == len(PLACES)
-    assert all(0 <= number < 2**32 and word in range(4) for number, word in PLACES.values())
+    assert len(set(STREAMS.values())) == len(STREAMS)
+    assert all(0 <= number < 2**32 and word in range(4) for number, word in STREAMS.values())
 
 
-def test_fixed_and_temporal_sources_never_share_a_block() -> None:
+def test_fixed_and_temporal_sources_never_share_a_random_bits() -> None:
     """So that a serial and a seed of the same number give unrelated words."""
-    fixed = {name for name, (number, _) in PLACES.items() if number & FIXED}
-    temporal = {"light_shot", "dark_shot", "source_follower", "reset", "quantum_yield", "spending"}
-    assert fixed == set(PLACES) - temporal - {"blinking_switch", "blinking_state"}
+    fixed = {name for name, (number, _) in STREAMS.items() if number & FIXED_PATTERN}
+    temporal = {"photon_shot", "dark_shot", "source_follower", "reset", "quantum_yield", "compensation"}
+    assert fixed == set(STREAMS) - temporal - {"rts_switch", "rts_state"}
 
 
 def test_words_are_uniform_in_every_bit() -> None:
     """Each of the 32 bits is set in half of 2^16 words: |z| < 5 for 128 bits, chance fails in 7e-5 of the seeds."""
-    words = np.array(block(0, np.arange(256), np.arange(256), frame=0, key=1))
+    words = np.array(random_bits(0, np.arange(256), np.arange(256), frame=0, key=1))
     bits = (words[..., None] >> np.arange(32, dtype=np.uint32)) & 1
     z = (bits.mean(axis=(1, 2)) - 0.5) * 2 * 256
     assert np.abs(z).max() < 5
@@ -84,5 +84,5 @@ def test_words_are_uniform_in_every_bit() -> None:
 
 def test_windows_at_the_edge_of_the_counter_keep_their_shape() -> None:
     """The stripes' warm-up reaches to columns below 0; they wrap to the far end of the counter."""
-    words = block(FIXED + 1, np.zeros(1, dtype=np.int64), np.arange(-3, 2), 0, 1)[0]
+    words = random_bits(FIXED_PATTERN + 1, np.zeros(1, dtype=np.int64), np.arange(-3, 2), 0, 1)[0]
     assert words.shape == (1, 5) and words.dtype == np.uint32 and len(set(words[0].tolist())) == 5

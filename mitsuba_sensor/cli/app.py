@@ -12,21 +12,21 @@ from typer.core import TyperGroup
 
 import mitsuba_sensor as ms
 
-from ..data import files
-from ..data.report import Shot
-from ..engine.checks import first_given
-from ..engine.errors import InputError
+from ..core.checks import first_given
+from ..core.errors import InputError
+from ..io import files
+from ..io.metadata import Shot
 from ..sensor.camera import toml_value
 from . import options
 
 if TYPE_CHECKING:
-    from ..light.setup import Setup
+    from ..render.scene_settings import SceneSettings
 
 out = Console()
 err = Console(stderr=True)
 
 
-class Door(TyperGroup):
+class CommandGroup(TyperGroup):
     """Where every command ends: what a user did wrong is one sentence on stderr and exit code 2."""
 
     def invoke(self, ctx: Any) -> Any:
@@ -41,7 +41,7 @@ class Door(TyperGroup):
 
 
 app = typer.Typer(
-    cls=Door,
+    cls=CommandGroup,
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode="rich",
@@ -58,16 +58,16 @@ def chosen_shot(camera: str, settings: list[str] | None, exposure: ms.Exposure, 
     return Shot(changed(ms.load_camera(camera), settings), exposure, **asked)
 
 
-def scene_setup(scene: Path, parameters: dict[str, str], variant: str | None) -> Setup:
+def scene_setup(scene: Path, parameters: dict[str, str], variant: str | None) -> SceneSettings:
     """What the scene file says of camera, exposure and seeds."""
-    from ..light.setup import read_setup
-    from ..light.variants import choose_variant, use
+    from ..render.scene_settings import read_setup
+    from ..render.variants import choose_variant, use
 
     use(choose_variant(variant))
     return read_setup(scene, parameters)
 
 
-def scene_camera(name: str | None, setup: Setup, settings: list[str] | None = None) -> ms.Camera:
+def scene_camera(name: str | None, setup: SceneSettings, settings: list[str] | None = None) -> ms.Camera:
     """The named camera behind the scene's lens, else the scene's own, else the default one; with its --set fields.
 
     These are set first too, because a prescription among them takes focal length and focus from the scene.
@@ -77,7 +77,7 @@ def scene_camera(name: str | None, setup: Setup, settings: list[str] | None = No
     return changed(setup.on(changed(base, settings)), settings)
 
 
-def scene_exposure(exposure_s: float | None, temperature_k: float | None, setup: Setup) -> ms.Exposure:
+def scene_exposure(exposure_s: float | None, temperature_k: float | None, setup: SceneSettings) -> ms.Exposure:
     """The exposure that was asked for, else the scene's, else the default one."""
     return ms.Exposure(
         first_given(exposure_s, setup.exposure_s, options.DEFAULT_EXPOSURE_S),

@@ -46,8 +46,8 @@ def schema() -> None:
 @cameras.command()
 def lenses(as_json: options.Json = False) -> None:
     """The lens prescriptions that come along, for --set lens.prescription=NAME."""
-    from ..light.lens.paraxial import cardinal
-    from ..sensor.lensfile import list_lenses
+    from ..optics.paraxial import cardinal
+    from ..sensor.lens_file import list_lenses
 
     default = ms.load_camera(options.DEFAULT_CAMERA).replace(**{"lens.f_number": 64.0})  # every lens can close so far
     known = [default.replace(**{"lens.prescription": name}).lens for name in list_lenses()]

@@ -9,8 +9,8 @@ import numpy as np
 
 import mitsuba_sensor as ms
 
-from ..data import exr, files
-from ..data.report import Clock, Shot, frame_report
+from ..io import exr, files
+from ..io.metadata import Clock, Shot, frame_report
 from . import options, terminal
 from .app import app, chosen_shot, refuse_lens, show
 
@@ -47,7 +47,7 @@ def expose(
         seed=seed,
         serial=serial,
         frames=frames,
-        maps=files.read_patterns(given_patterns) if given_patterns else None,
+        maps=files.read_fpn_maps(given_patterns) if given_patterns else None,
         chain=chain,
         engine=engine,
         precision=precision,
@@ -77,7 +77,7 @@ def write_frames(
     origin: dict[str, Any], clock: Clock,
 ) -> dict[str, Any]:  # fmt: skip
     """Write the raw frames ``digital`` (N, H, W) and the report of the first of them, ``frames``; the report."""
-    from ..data.preview import preview
+    from ..io.preview import preview
 
     with clock.step("write frame"):
         files.write_tiff(folder / "frame.tiff", digital)

@@ -15,7 +15,7 @@ from . import options
 from .app import app, scene_camera, scene_setup, show
 
 if TYPE_CHECKING:
-    from ..light.lint import Finding
+    from ..render.lint import Finding
     from ..sensor.camera import Camera
 
 STYLES = {"black": "bold red", "wrong": "bold yellow", "note": "dim"}
@@ -34,7 +34,7 @@ def lint(
 
     Exit code: 0 if there is nothing but notes, 1 if something is black or wrong, 2 if the scene cannot be loaded.
     """
-    from ..light.scene import inspect_scene
+    from ..render.scene import inspect_scene
 
     given = options.pairs("-D", parameters)
     chosen = scene_camera(camera, scene_setup(scene, given, variant))

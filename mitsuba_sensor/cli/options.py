@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from ..engine.errors import InputError
+from ..core.errors import InputError
 
 DEFAULT_CAMERA = "konnik_table1"
 DEFAULT_EXPOSURE_S = 0.1
@@ -80,10 +80,10 @@ NoiseRatio = Annotated[
 ]
 MaxSeconds = Annotated[float | None, typer.Option("--max-seconds", help="But render no longer than this.")]
 MaxSpp = Annotated[int | None, typer.Option("--max-spp", min=1, help="But take no more samples per pixel than this.")]
-NoiseBudget = Annotated[
+RenderNoiseMode = Annotated[
     str,
     typer.Option(
-        "--noise-budget",
+        "--render-noise",
         help="reuse one render for all frames; each frame its own; or spend its noise as part of the shot noise.",
     ),
 ]
@@ -103,8 +103,8 @@ Subframes = Annotated[
     typer.Option("--subframes", min=1, help="Instants of one exposure of what moves. Default: one per half pixel."),
 ]
 Denoise = Annotated[bool, typer.Option("--denoise", help="Smooth the light by a neural network; its bias is measured.")]
-GroundTruth = Annotated[
-    bool, typer.Option("--ground-truth", help="Write truth.exr too: depth, position, normals, albedo, shapes, flow.")
+Aovs = Annotated[
+    bool, typer.Option("--aovs", help="Write aovs.exr too: depth, position, normals, albedo, shapes, flow.")
 ]
 Parameters = Annotated[
     list[str] | None,
@@ -124,7 +124,7 @@ ToleranceDn = Annotated[
 ]
 PatternsIn = Annotated[
     Path | None,
-    typer.Option("--patterns", metavar="FILE.npz", help="Measured fixed patterns, as `patterns` writes them."),
+    typer.Option("--fpn-maps", metavar="FILE.npz", help="Measured fixed patterns, as `patterns` writes them."),
 ]
 PatternsOut = Annotated[Path, typer.Option("-o", "--out", metavar="FILE.npz", help="The file to write.")]
 MapRows = Annotated[int | None, typer.Option("--rows", min=1, help="Height of the maps. Default: the whole sensor.")]
@@ -148,7 +148,7 @@ Precision = Annotated[
     typer.Option("--precision", help="float32, float64 (numpy only), or auto: float32 while it can count electrons."),
 ]
 StudyOut = Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Folder for the page; made if need be.")]
-Again = Annotated[bool, typer.Option("--again", help="Measure anew what the folder holds already.")]
+Again = Annotated[bool, typer.Option("--force", help="Measure anew what the folder holds already.")]
 Variants = Annotated[
     list[str] | None,
     typer.Option("--variant", help="A Mitsuba variant to compare. Repeatable. Default: every one that works here."),

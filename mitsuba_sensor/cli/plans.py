@@ -8,8 +8,8 @@ import typer
 
 import mitsuba_sensor as ms
 
-from ..data import exr, files
-from ..engine.checks import first_given
+from ..core.checks import first_given
+from ..io import exr, files
 from ..sensor.chain import gain_dn_per_e
 from . import options, terminal
 from .app import app, changed, chosen_shot, err, refuse_lens, scene_camera, scene_exposure, scene_setup, show
@@ -34,7 +34,7 @@ def plan(
 
     Writes nothing. Times are medians of five interleaved runs on this machine.
     """
-    from ..light.needs import render_needs
+    from ..render.requirements import render_requirements
 
     if source.suffix.lower() == ".exr":
         refuse_lens(settings)
@@ -51,7 +51,7 @@ def plan(
             light = ms.render(source, chosen, exposure, progress=progress, **words)
     photons = ms.collect(light, chosen, exposure)
     found = ms.plan(chosen, exposure, photons, tolerance_dn=tolerance_dn)
-    needs = render_needs(light, chosen, exposure, gain_dn_per_e(chosen), tolerance_dn)
+    needs = render_requirements(light, chosen, exposure, gain_dn_per_e(chosen), tolerance_dn)
     whole_s, planned_s = found.seconds
     if as_json:
         seconds = {"whole_chain": whole_s, "plan": planned_s}
@@ -60,7 +60,7 @@ def plan(
     show(terminal.plan_sheet(found, needs, whole_s, planned_s), False)
 
 
-@app.command(epilog="Example: mitsuba-sensor patterns -o chip7.npz --serial 7; then render … --patterns chip7.npz")
+@app.command(epilog="Example: mitsuba-sensor patterns -o chip7.npz --serial 7; then render … --fpn-maps chip7.npz")
 def patterns(
     out_file: options.PatternsOut,
     camera: options.Camera = options.DEFAULT_CAMERA,
@@ -73,8 +73,8 @@ def patterns(
     """Write the fixed patterns of one chip into a NumPy .npz, to look at, to change, or to replace by measured ones."""
     shot = chosen_shot(camera, settings, ms.Exposure(0.0), serial=serial)
     shape = rows or shot.camera.sensor.rows, columns or shot.camera.sensor.columns
-    found = ms.patterns(shot.camera, shape, serial=serial)
-    files.write_patterns(out_file, found)
+    found = ms.fpn_maps(shot.camera, shape, serial=serial)
+    files.write_fpn_maps(out_file, found)
     spread = {name: {"mean": float(x.mean()), "sigma": float(x.std()), "shape": x.shape} for name, x in found.items()}
     show(spread if as_json else terminal.pattern_list(spread, str(out_file)), as_json)
 
@@ -82,7 +82,7 @@ def patterns(
 @app.command()
 def doctor(as_json: options.Json = False) -> None:
     """Find out what works on this machine, and the command that mends what does not. Exit code 0 if a render works."""
-    from ..doctor import examine
+    from ..render.doctor import examine
 
     with err.status("rendering a small scene with every variant"):
         findings = examine()

@@ -9,16 +9,16 @@ import numpy as np
 
 import mitsuba_sensor as ms
 
-from ..data import exr, files
-from ..data.report import Clock, Shot
-from ..engine.checks import first_given
-from ..engine.errors import InputError, nearest
+from ..core.checks import first_given
+from ..core.errors import InputError, nearest
+from ..io import exr, files
+from ..io.metadata import Clock, Shot
 from . import options, terminal
 from .app import app, err, scene_camera, scene_exposure, scene_setup
 from .frames import FRAME, develop, tell, write_frames
 
-SPECTRUM, TRUTH = "irradiance.exr", "truth.exr"
-NOISE_BUDGETS = ("reuse", "each", "spend")
+SPECTRUM, TRUTH = "irradiance.exr", "aovs.exr"
+RENDER_NOISE_MODES = ("shared", "per-frame", "compensated")
 
 
 @app.command(epilog="Example: mitsuba-sensor render scenes/cornell_box.xml -o out/ --exposure-s 0.01 --set adc.bits=14")
@@ -45,24 +45,24 @@ def render(
     noise_ratio: options.NoiseRatio = None,
     max_seconds: options.MaxSeconds = None,
     max_spp: options.MaxSpp = None,
-    noise_budget: options.NoiseBudget = "reuse",
+    render_noise: options.RenderNoiseMode = "shared",
     scene_unit: options.SceneUnit = None,
     columns: options.Columns = None,
     motion: options.MotionFile = None,
     subframes: options.Subframes = None,
     denoise: options.Denoise = False,
-    ground_truth: options.GroundTruth = False,
+    render_aovs: options.Aovs = False,
     variant: options.Variant = None,
     as_json: options.Json = False,
 ) -> None:
     """Render SCENE and expose a camera to it.
 
-    Writes frame.tiff, frame.png, irradiance.exr and frame.json into DIR (and truth.exr if asked for): all, or none.
+    Writes frame.tiff, frame.png, irradiance.exr and frame.json into DIR (and aovs.exr if asked for): all, or none.
     """
-    if noise_budget not in NOISE_BUDGETS:
+    if render_noise not in RENDER_NOISE_MODES:
         raise InputError(
-            f"--noise-budget is {noise_budget!r}; it must be one of {', '.join(NOISE_BUDGETS)}."
-            f"{nearest(noise_budget, NOISE_BUDGETS)}"
+            f"--render-noise is {render_noise!r}; it must be one of {', '.join(RENDER_NOISE_MODES)}."
+            f"{nearest(render_noise, RENDER_NOISE_MODES)}"
         )
     given = options.pairs("-D", parameters)
     setup = scene_setup(scene, given, variant)
@@ -72,7 +72,7 @@ def render(
         seed=first_given(seed, setup.seed, 1),
         serial=first_given(serial, setup.serial, 1),
         frames=frames,
-        maps=files.read_patterns(given_patterns) if given_patterns else None,
+        maps=files.read_fpn_maps(given_patterns) if given_patterns else None,
         chain=chain,
         engine=engine,
         precision=precision,
@@ -85,10 +85,10 @@ def render(
         "parameters": given, "variant": variant,
     }  # fmt: skip
     _rehearse(shot, first_given(wavelength_nm, setup.wavelength_nm) is not None)
-    clock, origin = Clock(), {"scene": scene, "parameters": given, "motion": motion, "noise_budget": noise_budget}
+    clock, origin = Clock(), {"scene": scene, "parameters": given, "motion": motion, "render_noise": render_noise}
     with files.output_folder(out_dir, (SPECTRUM, *FRAME, TRUTH)) as folder:
-        report = (_reused if noise_budget == "reuse" else _taken)(folder, scene, shot, wish, origin, clock)
-        if ground_truth:
+        report = (_reused if render_noise == "shared" else _taken)(folder, scene, shot, wish, origin, clock)
+        if render_aovs:
             with clock.step("ground truth"):
                 _write_truth(folder, scene, shot, wish)
         files.write_json(folder / "frame.json", report)
@@ -120,27 +120,27 @@ def _taken(
 ) -> dict[str, Any]:
     """A render for every frame; the irradiance and the report are those of the first."""
     if shot.chain != "physical":
-        raise InputError(f"--noise-budget {origin['noise_budget']} is for the physical chain; leave --chain out.")
+        raise InputError(f"--render-noise {origin['render_noise']} is for the physical chain; leave --chain out.")
     with clock.step("render and expose"), terminal.frames(err, shot.frames) as progress:
-        takes = ms.shoot(
+        takes = ms.render_frames(
             scene, shot.camera, shot.exposure, frames=shot.frames, seed=shot.seed, serial=shot.serial,
-            noise_budget=origin["noise_budget"], exposing=shot.exposing, progress=progress, **wish,
+            render_noise=origin["render_noise"], exposing=shot.exposing, progress=progress, **wish,
         )  # fmt: skip
         first = next(takes)
-        digital, unspent = [first.frames.digital[0]], [first.unspent]
+        digital, uncompensated = [first.frames.digital[0]], [first.uncompensated]
         for take in takes:
             digital.append(take.frames.digital[0])
-            unspent.append(take.unspent)
+            uncompensated.append(take.uncompensated)
     with clock.step("write irradiance"):
         exr.write_irradiance_exr(folder / SPECTRUM, first.light)
-    origin = {**origin, "unspent": float(np.mean(unspent))}
+    origin = {**origin, "uncompensated": float(np.mean(uncompensated))}
     return write_frames(folder, shot, first.light, first.photons, first.frames, np.stack(digital), origin, clock)
 
 
 def _write_truth(folder: Path, scene: Path, shot: Shot, wish: dict[str, Any]) -> None:
     """Depth, position, normals, albedo, shapes and flow of the same pixels, in a pass of its own."""
-    from ..light.truth import ground_truth
+    from ..render.aovs import render_aovs
 
     words = {name: wish[name] for name in ("motion", "parameters", "scene_unit", "columns", "variant")}
-    found = ground_truth(scene, shot.camera, exposure=shot.exposure, **words)
-    exr.write_truth_exr(folder / TRUTH, found)
+    found = render_aovs(scene, shot.camera, exposure=shot.exposure, **words)
+    exr.write_aovs_exr(folder / TRUTH, found)

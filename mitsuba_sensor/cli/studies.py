@@ -15,14 +15,14 @@ import typer
 
 import mitsuba_sensor as ms
 
-from ..data import files
-from ..data.journal import Journal
-from ..data.report import machine, versions
+from ..io import files
+from ..io.journal import Journal
+from ..io.metadata import machine, versions
 from ..study.html import html
 from ..study.page import Bars, Grid, Plot, Progress, Study
 from . import options
 from .app import app, err, scene_camera, scene_exposure, scene_setup, show
-from .studysheet import seconds_bar, sheet
+from .study_tables import seconds_bar, sheet
 
 JOURNAL, PAGE, NUMBERS = "measurements.jsonl", "study.html", "study.json"
 SPENT = "seconds spent"
@@ -100,7 +100,7 @@ def left_out(
 
     Every change is predicted from theory and measured on frames; the two must agree within three standard errors.
     """
-    from ..engine.checks import first_given
+    from ..core.checks import first_given
     from ..study.left_out import left_out as measured
 
     subject = _subject(scene, camera, (exposure_s, temperature_k), settings, parameters, variant)
@@ -150,7 +150,7 @@ def _subject(
     parameters: list[str] | None, variant: str | None,
 ) -> Subject:  # fmt: skip
     """The scene with the camera and exposure that are asked for, or that it names itself."""
-    from ..light.scene_file import parse_scene
+    from ..render.scene_file import parse_scene
 
     given = options.pairs("-D", parameters)
     setup = scene_setup(scene, given, variant)
@@ -206,7 +206,7 @@ def _command(words: Sequence[str]) -> str:
     for word in left:
         if word in ("-o", "--out"):
             next(left, None)
-        elif word not in ("--json", "--again"):
+        elif word not in ("--json", "--force"):
             kept.append(word)
     return shlex.join(kept)
 

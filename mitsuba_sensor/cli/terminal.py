@@ -16,7 +16,7 @@ from rich.text import Text
 from ..sensor.plan import IDLE
 
 if TYPE_CHECKING:
-    from ..light.budget import Step
+    from ..render.stop_criterion import Step
 
 END = {"max_seconds": "the time was up", "max_spp": "the most samples were taken"}
 
@@ -71,7 +71,7 @@ def plan_sheet(plan: Any, needs: Sequence[Any], whole_s: float, planned_s: float
     for e in plan.effects:
         if e.reason == IDLE:
             continue
-        numbers = (_number(value) for value in (e.mean_dn, e.temporal_dn, e.fixed_dn))
+        numbers = (_number(value) for value in (e.mean_dn, e.temporal_dn, e.spatial_dn))
         table.add_row(e.stage, _kept(e.kept), *numbers, e.reason)
     for need in needs:
         table.add_row(need.what, _kept(need.kept), _number(need.effect_dn), "", "", need.reason)
@@ -159,7 +159,7 @@ def _stages(report: Mapping[str, Any]) -> Table:
             continue
         scale, unit = (1e3, "mV") if stage["unit"] == "V" else (1.0, stage["unit"])
         signal = [stage[key] for key in ("mean_frame", "mean_expected", "sigma_frame", "sigma_expected")]
-        noise = [effect.get(key) for key in ("temporal_dn", "fixed_dn")]
+        noise = [effect.get(key) for key in ("temporal_dn", "spatial_dn")]
         cells = [_number(value * scale) for value in signal] + [f"{value:.2g}" if value else "" for value in noise]
         table.add_row(stage["name"], Text(unit, style="dim"), *cells)
     return table
@@ -176,8 +176,8 @@ def _facts(report: Mapping[str, Any]) -> Iterator[Text]:
         f"variance × {_number(noise['over_sensor_median'])} median, {_number(noise['over_sensor_p95'])} at the 95th "
         f"percentile, {report['render']['samples_per_pixel']} samples per pixel{_ended(report['render'])}",
     )
-    if "unspent" in report["origin"]:
-        left = f"{100 * report['origin']['unspent']:.2g} % of the shot noise's variance is left on top of it"
+    if "uncompensated" in report["origin"]:
+        left = f"{100 * report['origin']['uncompensated']:.2g} % of the shot noise's variance is left on top of it"
         yield _fact("a render for every frame", left)
     if report["render"]["denoised"]:
         yield _fact("denoised", ", ".join(f"{k} {_short(v)}" for k, v in report["render"]["denoised"].items()))

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, ValidationError, model_validator
 
-from ..engine.errors import InputError, nearest
+from ..core.errors import InputError, nearest
 from .datasheet import (
     AdcSection,
     DarkCurrentSection,
@@ -23,9 +23,9 @@ from .datasheet import (
     SensorSection,
     SourceFollowerSection,
 )
-from .door import fields_of, sentence
+from .datasheet_errors import fields_of, sentence
 from .electrons import QeCurve
-from .lens import LensSection
+from .lens_datasheet import LensSection
 
 QE_WAYS = ("value", "file", "curves")
 SHIPPED = resources.files(__package__) / "cameras"

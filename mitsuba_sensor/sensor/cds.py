@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ..engine.special import EULER_GAMMA, integral, sinh_integrals, two_term_remainder
+from ..core.special import EULER_GAMMA, integral, sinh_integrals, two_term_remainder
 
 
 @dataclass(frozen=True)

@@ -5,35 +5,37 @@ from __future__ import annotations
 import math
 from typing import Any, Protocol
 
-from ..engine.frame import Device, Exposure, Frame
-from ..engine.moments import Moments
-from ..engine.quantities import ELEMENTARY_CHARGE_C
+from ..core.exposure import Exposure
+from ..core.frame import Frame
+from ..core.moments import Moments
+from ..core.quantities import ELEMENTARY_CHARGE_C
+from ..core.sensor_window import SensorWindow
 from .camera import Camera
 from .cds import CdsNoise
-from .darkparts import DarkPart
+from .dark_components import DarkComponent
+from .dark_current_models import Doubling, FigureOfMerit, Measured, Mpp
 from .digital import Adc, AdcWithSteps, IntegralNonlinearity, gamma_of_ile
-from .electrons import BlinkingPixels, DarkCurrent, Detection, FullWell, Prnu, QeCurve, QuantumYield, ShotNoise
-from .laws import Doubling, FigureOfMerit, Measured, Mpp
-from .patterns import (
+from .electrons import DarkCurrent, Detection, FullWell, Prnu, QeCurve, QuantumYield, RtsPixels, ShotNoise
+from .fpn_distributions import (
     Autoregressive,
     AutoregressiveRectified,
+    FpnDistribution,
     Gamma,
     Gaussian,
     Logistic,
     LogNormal,
-    Pattern,
     Rectified,
     Wald,
 )
 from .volts import (
     CdsGain,
-    ColumnGain,
-    ColumnOffset,
+    DsnuColumn,
+    DsnuPixel,
+    DsnuRow,
     NonlinearSenseNode,
     NonlinearSourceFollower,
-    PixelOffset,
+    PrnuColumn,
     ResetNoise,
-    RowOffset,
     SenseNode,
     SourceFollower,
     SourceFollowerNoise,
@@ -42,8 +44,8 @@ from .volts import (
 RESET_RESIDUAL = {"hard": 1.0, "soft": math.sqrt(0.5), "true_cds": 0.0}
 """What is left of the kTC noise (paper, sense node reset noise; soft reset: Pain et al. 2000)."""
 
-PRNU_PATTERNS: dict[str, Any] = {"gaussian": Rectified, "lognormal": LogNormal}
-DARK_PATTERNS: dict[str, Any] = {
+PRNU_DISTRIBUTIONS: dict[str, Any] = {"gaussian": Rectified, "lognormal": LogNormal}
+DARK_DISTRIBUTIONS: dict[str, Any] = {
     "gaussian": Gaussian,
     "lognormal": LogNormal,
     "gamma": Gamma,
@@ -51,7 +53,7 @@ DARK_PATTERNS: dict[str, Any] = {
     "logistic": Logistic,
 }
 
-PEDESTAL_AT = Exposure(time_s=0.0, temperature_k=298.15)
+BLACK_LEVEL_AT = Exposure(time_s=0.0, temperature_k=298.15)
 """The default pedestal holds the noise of this exposure."""
 
 
@@ -59,7 +61,7 @@ class Stage(Protocol):
     """A room's step: one random frame, and the moments that it must have."""
 
     @property
-    def room(self) -> str: ...
+    def domain(self) -> str: ...
     def __call__(self, signal: Any, frame: Frame) -> Any: ...
     def moments(self, m: Moments) -> Moments: ...
 
@@ -80,9 +82,9 @@ def collection(camera: Camera) -> tuple[Any, ...]:
     burst = QeCurve(section.wavelengths_nm, section.quantum_yield) if section.quantum_yield else None
     return (
         Detection(camera.curves, camera.tile, section.reference_nm, burst),
-        Prnu(prnu_pattern(camera)),
-        DarkCurrent(dark_law(camera), dark_pattern(camera), dark_parts(camera)),
-        *((_blinking(camera),) if dark.blinking_share else ()),
+        Prnu(prnu_distribution(camera)),
+        DarkCurrent(dark_current_model(camera), dark_fpn(camera), dark_components(camera)),
+        *((_blinking(camera),) if dark.rts_fraction else ()),
         ShotNoise(),
         *((QuantumYield(section.fano_factor),) if burst else ()),
     )
@@ -96,23 +98,23 @@ def analogue(camera: Camera) -> tuple[Any, ...]:
     ending = (CdsGain(readout.cds_gain), *_integral(camera))
     if camera.sensor.technology == "ccd":
         return (_node(camera), *noise, *ending)
-    per_e, left = gain * follower.gain, readout.offset_residual
+    per_e, left = gain * follower.gain, readout.dsnu_residual
     residual = RESET_RESIDUAL[readout.reset] if readout.ktc_residual is None else readout.ktc_residual
     return (
         _node(camera),
         ResetNoise(gain, residual),
         *noise,
-        ColumnOffset(readout.column_offset * full_well_e, per_e, readout.column_coupling, left),
-        RowOffset(readout.row_offset * full_well_e, per_e, readout.row_coupling),
-        PixelOffset(camera.pixel.offset_e, per_e, camera.pixel.offset_coupling, left),
-        ColumnGain(readout.column_gain, readout.column_gain_coupling),
+        DsnuColumn(readout.dsnu_col * full_well_e, per_e, readout.dsnu_col_coupling, left),
+        DsnuRow(readout.dsnu_row * full_well_e, per_e, readout.dsnu_row_coupling),
+        DsnuPixel(camera.pixel.dsnu_e, per_e, camera.pixel.dsnu_coupling, left),
+        PrnuColumn(readout.prnu_col, readout.prnu_col_coupling),
         *ending,
     )
 
 
 def converter(camera: Camera) -> Adc:
     """The ADC, with steps of its own where the datasheet has a DNL table."""
-    plain = (camera.adc.bits, adc_gain_dn_per_v(camera), pedestal_dn(camera))
+    plain = (camera.adc.bits, adc_gain_dn_per_v(camera), black_level_dn(camera))
     if not camera.adc.dnl_lsb:
         return Adc(*plain)
     table = [0.0] * 2**camera.adc.bits
@@ -121,28 +123,28 @@ def converter(camera: Camera) -> Adc:
     return AdcWithSteps(*plain, dnl_lsb=tuple(table))
 
 
-def prnu_pattern(camera: Camera) -> Pattern:
+def prnu_distribution(camera: Camera) -> FpnDistribution:
     """Family of the gain pattern."""
     pixel = camera.pixel
-    if pixel.prnu_pattern == "ar":
+    if pixel.prnu_distribution == "ar":
         return AutoregressiveRectified(pixel.prnu, pixel.prnu_coupling)
-    return PRNU_PATTERNS[pixel.prnu_pattern](pixel.prnu)
+    return PRNU_DISTRIBUTIONS[pixel.prnu_distribution](pixel.prnu)
 
 
 def mean_dark_e(camera: Camera, exposure: Exposure) -> float:
     """Mean dark electrons of a pixel of the main part in one exposure."""
-    return exposure.time_s * dark_law(camera).rate_e_per_s(exposure.temperature_k)
+    return exposure.time_s * dark_current_model(camera).rate_e_per_s(exposure.temperature_k)
 
 
-def dark_pattern(camera: Camera) -> Pattern:
+def dark_fpn(camera: Camera) -> FpnDistribution:
     """Family of the dark pattern."""
     dark = camera.dark_current
-    if dark.pattern == "ar":
+    if dark.distribution == "ar":
         return Autoregressive(dark.cv, dark.coupling)
-    return DARK_PATTERNS[dark.pattern](dark.cv)
+    return DARK_DISTRIBUTIONS[dark.distribution](dark.cv)
 
 
-def dark_law(camera: Camera) -> FigureOfMerit | Mpp | Doubling | Measured:
+def dark_current_model(camera: Camera) -> FigureOfMerit | Mpp | Doubling | Measured:
     """How this camera's dark current follows the temperature."""
     dark = camera.dark_current
     area_cm2 = camera.pixel.pitch_x_um * camera.pixel.pitch_y_um * 1e-8
@@ -154,24 +156,24 @@ def dark_law(camera: Camera) -> FigureOfMerit | Mpp | Doubling | Measured:
     return Measured(rate, at) if dark.doubling_k is None else Doubling(rate, at, dark.doubling_k)
 
 
-def dark_parts(camera: Camera) -> tuple[DarkPart, ...]:
+def dark_components(camera: Camera) -> tuple[DarkComponent, ...]:
     """The superimposed dark signals, in electrons."""
     unit = {"e": 1.0, "e_per_s": 1.0, "dn": 1 / gain_dn_per_e(camera)}
     return tuple(
-        DarkPart(
+        DarkComponent(
             part.weight,
             part.family,
             *((part.low, part.high) if part.family == "uniform" else (part.mean, part.sigma)),  # type: ignore[arg-type]
             e_per_unit=unit[part.unit],
             per_second=part.unit == "e_per_s",
         )
-        for part in camera.dark_current.parts
+        for part in camera.dark_current.components
     )
 
 
-def _blinking(camera: Camera) -> BlinkingPixels:
+def _blinking(camera: Camera) -> RtsPixels:
     dark = camera.dark_current
-    return BlinkingPixels(dark.blinking_share, dark.blinking_e_per_s, dark.blinking_switching, dark.blinking_duty)
+    return RtsPixels(dark.rts_fraction, dark.rts_amplitude_e_per_s, dark.rts_switching, dark.rts_duty)
 
 
 def _node(camera: Camera) -> SenseNode | NonlinearSenseNode:
@@ -242,11 +244,11 @@ def gain_dn_per_e(camera: Camera) -> float:
     return volts_per_electron(camera) * adc_gain_dn_per_v(camera)
 
 
-def pedestal_dn(camera: Camera) -> float:
+def black_level_dn(camera: Camera) -> float:
     """What darkness reads: as given, else 4σ of a zero exposure, rounded up, but never above 1/8 of the range [DN]."""
-    if camera.adc.pedestal_dn is not None:
-        return camera.adc.pedestal_dn
-    m = Moments(0.0, 0.0, 0.0, Frame(PEDESTAL_AT, Device(0, (1, 1))))
+    if camera.adc.black_level_dn is not None:
+        return camera.adc.black_level_dn
+    m = Moments(0.0, 0.0, 0.0, Frame(BLACK_LEVEL_AT, SensorWindow(0, (1, 1))))
     for stage in analogue(camera):
         m = stage.moments(m)
     sigma = math.hypot(m.sigma * adc_gain_dn_per_v(camera), math.sqrt(1 / 12))

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, model_validator
 
-from .qefile import read_curves
+from .qe_file import read_curves
 
 Positive = Annotated[float, Field(ge=1e-30, le=1e30, strict=True)]  # beyond, variances under- and overflow
 NotNegative = Annotated[float, Field(ge=0, le=1e30, strict=True)]
@@ -56,12 +56,12 @@ class PixelSection(Section):
         description="saturation capacity [e-]", examples=[33000]
     )
     prnu: NotNegative = Field(0.0, description="photo response non-uniformity, a fraction of the mean", examples=[0.01])
-    prnu_pattern: Literal["gaussian", "lognormal", "ar"] = Field(
+    prnu_distribution: Literal["gaussian", "lognormal", "ar"] = Field(
         "gaussian", description="family of the gain pattern", examples=["gaussian"]
     )
     prnu_coupling: MapCoupling = Field(0.0, description="coupling a of an ar gain pattern", examples=[0.25])
-    offset_e: NotNegative = Field(0.0, description="pixel offsets, σ as electrons [e-]", examples=[2.0])
-    offset_coupling: MapCoupling = Field(0.0, description="coupling a of neighbouring pixel offsets", examples=[0.25])
+    dsnu_e: NotNegative = Field(0.0, description="pixel offsets, σ as electrons [e-]", examples=[2.0])
+    dsnu_coupling: MapCoupling = Field(0.0, description="coupling a of neighbouring pixel offsets", examples=[0.25])
 
 
 def _plausible(value: Any) -> bool:
@@ -138,7 +138,7 @@ class QuantumEfficiencySection(Section):
         return self
 
 
-class DarkPartSection(Section):
+class DarkComponentSection(Section):
     """A share of the pixels whose mean dark signal follows a law of its own."""
 
     weight: Chance = Field(description="share of the pixels", examples=[0.001])
@@ -180,21 +180,21 @@ class DarkCurrentSection(Section):
         None, description="warming that doubles the rate [K]; without it the rate follows silicon", examples=[7.0]
     )
     cv: NotNegative = Field(0.0, description="dark pattern D_N: its σ over its mean", examples=[0.1])
-    pattern: Literal["gaussian", "lognormal", "gamma", "wald", "logistic", "ar"] = Field(
+    distribution: Literal["gaussian", "lognormal", "gamma", "wald", "logistic", "ar"] = Field(
         "lognormal", description="family of the dark pattern", examples=["lognormal"]
     )
     coupling: MapCoupling = Field(0.0, description="coupling a of an ar dark pattern", examples=[0.25])
-    parts: tuple[DarkPartSection, ...] = Field(
+    components: tuple[DarkComponentSection, ...] = Field(
         (),
         description="superimposed parts",
         examples=[[{"weight": 0.001, "family": "uniform", "low": 45, "high": 440, "unit": "dn"}]],
     )
-    blinking_share: Chance = Field(0.0, description="share of pixels with a telegraph signal", examples=[0.001])
-    blinking_e_per_s: NotNegative = Field(0.0, description="step of the telegraph signal [e-/s]", examples=[200])
-    blinking_switching: Annotated[float, Field(ge=1e-4, le=1, strict=True)] = Field(
+    rts_fraction: Chance = Field(0.0, description="share of pixels with a telegraph signal", examples=[0.001])
+    rts_amplitude_e_per_s: NotNegative = Field(0.0, description="step of the telegraph signal [e-/s]", examples=[200])
+    rts_switching: Annotated[float, Field(ge=1e-4, le=1, strict=True)] = Field(
         0.1, description="chance per frame that a trap is drawn anew", examples=[0.1]
     )
-    blinking_duty: Chance = Field(0.5, description="share of the time that a trap is on", examples=[0.5])
+    rts_duty: Chance = Field(0.5, description="share of the time that a trap is on", examples=[0.5])
 
     @model_validator(mode="after")
     def _one_law(self) -> Self:
@@ -207,10 +207,12 @@ class DarkCurrentSection(Section):
             raise ValueError("doubling_k needs rate_e_per_s and at_temperature_k; fom_na_per_cm2 has a law of its own")
         if self.diffusion_fom_na_per_cm2 is not None and not figure:
             raise ValueError("diffusion_fom_na_per_cm2 stands beside fom_na_per_cm2, the depletion part; give both")
-        if sum(part.weight for part in self.parts) > 1:
-            raise ValueError(f"the weights of parts add up to {sum(p.weight for p in self.parts):g}; at most 1")
-        if self.pattern != "ar" and self.coupling:
-            raise ValueError('coupling belongs to pattern = "ar"; the other families have independent pixels')
+        if sum(part.weight for part in self.components) > 1:
+            raise ValueError(
+                f"the weights of components add up to {sum(p.weight for p in self.components):g}; at most 1"
+            )
+        if self.distribution != "ar" and self.coupling:
+            raise ValueError('coupling belongs to distribution = "ar"; the other families have independent pixels')
         return self
 
 
@@ -252,13 +254,13 @@ class ReadoutSection(Section):
     reset: Literal["hard", "soft", "true_cds"] = Field(
         description="kTC noise: hard leaves all of it, soft 1/√2, true_cds none", examples=["hard"]
     )
-    column_offset: NotNegative = Field(0.0, description="column offsets, σ over the full-well swing", examples=[0.001])
-    column_coupling: LineCoupling = Field(0.0, description="coupling a of neighbouring columns", examples=[0.25])
-    row_offset: NotNegative = Field(0.0, description="row offsets, σ over the full-well swing", examples=[0.0005])
-    row_coupling: LineCoupling = Field(0.0, description="coupling a of neighbouring rows", examples=[0.25])
-    column_gain: NotNegative = Field(0.0, description="spread of the column gains, σ over 1", examples=[0.002])
-    column_gain_coupling: LineCoupling = Field(0.0, description="coupling a of the column gains", examples=[0.25])
-    offset_residual: Chance = Field(
+    dsnu_col: NotNegative = Field(0.0, description="column offsets, σ over the full-well swing", examples=[0.001])
+    dsnu_col_coupling: LineCoupling = Field(0.0, description="coupling a of neighbouring columns", examples=[0.25])
+    dsnu_row: NotNegative = Field(0.0, description="row offsets, σ over the full-well swing", examples=[0.0005])
+    dsnu_row_coupling: LineCoupling = Field(0.0, description="coupling a of neighbouring rows", examples=[0.25])
+    prnu_col: NotNegative = Field(0.0, description="spread of the column gains, σ over 1", examples=[0.002])
+    prnu_col_coupling: LineCoupling = Field(0.0, description="coupling a of the column gains", examples=[0.25])
+    dsnu_residual: Chance = Field(
         1.0, description="share of column and pixel offsets that the analogue CDS leaves", examples=[1.0]
     )
     ktc_residual: Chance | None = Field(
@@ -289,7 +291,7 @@ class AdcSection(Section):
     full_scale_v: Positive | None = Field(
         None, description="swing of the whole code range V_FS [V]; default: the swing of a full well", examples=[0.165]
     )
-    pedestal_dn: NotNegative | None = Field(
+    black_level_dn: NotNegative | None = Field(
         None, description="what darkness reads [DN]; default: 4σ of the noise of a zero exposure", examples=[64]
     )
     gamma: Annotated[float, Field(gt=0, lt=2.718281828459045, strict=True)] | None = Field(

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from itertools import accumulate
 from typing import Any, ClassVar
 
-from ..engine import arrays
-from ..engine.frame import Frame
-from ..engine.moments import Moments
-from ..engine.special import largest, root
+from ..core import arrays
+from ..core.frame import Frame
+from ..core.moments import Moments
+from ..core.special import largest, root
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class IntegralNonlinearity:
 
     gamma: float
     full_scale_v: float
-    room: ClassVar[str] = "volts"
+    domain: ClassVar[str] = "volts"
 
     def __call__(self, swing: Any, frame: Frame) -> Any:
         """Bent swing; no logarithm of the gain, so A = 1 is a gain like any other."""
@@ -56,13 +56,13 @@ def end_point_ile(gamma: float) -> float:
 class Adc:
     """Volts become codes: floor(pedestal + A·S + ½), clipped to 0 … 2^bits − 1 (paper eq. 10, 35).
 
-    bits : resolution.  gain_dn_per_v : A = 2^bits/V_FS [DN/V].  pedestal_dn : what darkness reads [DN].
+    bits : resolution.  gain_dn_per_v : A = 2^bits/V_FS [DN/V].  black_level_dn : what darkness reads [DN].
     """
 
     bits: int
     gain_dn_per_v: float
-    pedestal_dn: float
-    room: ClassVar[str] = "digital numbers"
+    black_level_dn: float
+    domain: ClassVar[str] = "DN"
 
     @property
     def nominal_gain(self) -> float:
@@ -77,7 +77,7 @@ class Adc:
 
     def _ideal(self, swing: Any, frame: Frame) -> Any:
         """What a converter of infinitely many bits would say [DN]."""
-        return frame.number(self.pedestal_dn) + frame.number(self.gain_dn_per_v) * swing
+        return frame.number(self.black_level_dn) + frame.number(self.gain_dn_per_v) * swing
 
     def _line(self, ideal: Any, code: Any) -> Any:
         """What the steps follow, flat at both ends."""
@@ -85,7 +85,7 @@ class Adc:
 
     def moments(self, m: Moments) -> Moments:
         """Gain and pedestal, then rounding (1/12 DN² where the noise hides the steps) and the clip at both ends."""
-        return m.scale(self.gain_dn_per_v).add(mean=self.pedestal_dn).round().clip(0.0, self.highest)
+        return m.scale(self.gain_dn_per_v).add(mean=self.black_level_dn).round().clip(0.0, self.highest)
 
     @property
     def highest(self) -> int:
@@ -109,7 +109,7 @@ class AdcWithSteps(Adc):
 
     def moments(self, m: Moments) -> Moments:
         """As a converter of equal steps, moved by the local INL and with the variance of steps of these widths."""
-        ideal = m.scale(self.gain_dn_per_v).add(mean=self.pedestal_dn)
+        ideal = m.scale(self.gain_dn_per_v).add(mean=self.black_level_dn)
         code = arrays.minimum(arrays.maximum(arrays.floor(ideal.mean + 0.5), 0.0), self.highest)
         inl = arrays.pick(self._inl, arrays.index(code))
         return ideal.add(mean=-inl).round().clip(0.0, self.highest)

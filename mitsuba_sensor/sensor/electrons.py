@@ -5,14 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
-from ..engine import arrays
-from ..engine.errors import InputError
-from ..engine.frame import Device, Frame
-from ..engine.moments import Moments
-from ..engine.quantities import Electrons, Photons
-from .darkparts import DarkPart, mixture_moments, part_maps, superimpose
-from .patterns import Pattern
-from .spending import counted, spendable
+from ..core import arrays
+from ..core.errors import InputError
+from ..core.frame import Frame
+from ..core.moments import Moments
+from ..core.quantities import Electrons, Photons
+from ..core.sensor_window import SensorWindow
+from .compensation import compensable, counted
+from .dark_components import DarkComponent, component_maps, mixture_moments, superimpose
+from .fpn_distributions import FpnDistribution
 
 
 @dataclass(frozen=True)
@@ -43,27 +44,31 @@ class Detection:
     tile: tuple[tuple[int, ...], ...] = ((0,),)
     reference_nm: float | None = None
     quantum_yield: QeCurve | None = None
-    room: ClassVar[str] = "electrons"
+    domain: ClassVar[str] = "electrons"
 
     def __call__(self, photons: Photons, frame: Frame) -> Electrons:
         """Mean photons (H, W) or (H, W, B) → mean light electrons (H, W); with a yield, mean interactions."""
         weights = self._weights(photons)
         if len(self.curves) > 1:
-            rows = frame.device.rows % len(self.tile)
-            columns = frame.device.columns % len(self.tile[0])
+            rows = frame.window.rows % len(self.tile)
+            columns = frame.window.columns % len(self.tile[0])
             weights = arrays.pick(weights, arrays.pick(self.tile, (rows[:, None], columns[None, :])))
         layers = photons.mean if photons.mean.ndim == 3 else photons.mean[..., None]
-        light, device = arrays.weigh(layers, weights), frame.device
-        held = device.lanes.take(light, device)
+        light, window = arrays.weigh(layers, weights), frame.window
+        within_float32 = window.backend.from_numpy(light, window)
         if self.quantum_yield is None:
             noise = photons.variance_e2
-            return Electrons(held, variance_e2=None if noise is None else device.lanes.take(noise, device))
+            return Electrons(
+                within_float32, variance_e2=None if noise is None else window.backend.from_numpy(noise, window)
+            )
         per_photon = self.quantum_yield.at(self._wavelengths(photons))
         first = arrays.ratio(arrays.weigh(layers, weights * per_photon), light, 1.0)
         second = arrays.ratio(arrays.weigh(layers, weights * per_photon**2), light, 1.0)
         spread = arrays.maximum(second - first**2, 0.0)
         return Electrons(
-            held, yield_mean=device.lanes.take(first, device), yield_variance=device.lanes.take(spread, device)
+            within_float32,
+            yield_mean=window.backend.from_numpy(first, window),
+            yield_variance=window.backend.from_numpy(spread, window),
         )
 
     def moments(self, m: Moments) -> Moments:
@@ -103,26 +108,28 @@ class Prnu:
     pattern : the family of the gain; its cv is the PRNU factor, 0.01–0.02 typical (Janesick 2001).
     """
 
-    pattern: Pattern
-    room: ClassVar[str] = "electrons"
+    pattern: FpnDistribution
+    domain: ClassVar[str] = "electrons"
 
     def __call__(self, electrons: Electrons, frame: Frame) -> Electrons:
         """Mean electrons → mean electrons with the camera's gain pattern."""
-        if self.pattern.cv == 0 and "prnu" not in frame.device.given:
+        if self.pattern.cv == 0 and "prnu" not in frame.window.given:
             return electrons
-        gain, noise = self.maps(frame.device)["prnu"], electrons.variance_e2
+        gain, noise = self.maps(frame.window)["prnu"], electrons.variance_e2
         noise = None if noise is None else arrays.product(noise, gain * gain)
         return replace(electrons, light=arrays.product(electrons.light, gain), variance_e2=noise)
 
     def moments(self, m: Moments) -> Moments:
         """It stands before the dark current, so all of the mean is light."""
-        mean, variance = m.frame.device.spread("prnu", self.pattern.mean, self.pattern.variance)
+        mean, variance = m.frame.window.map_moments("prnu", self.pattern.mean, self.pattern.variance)
         noise = None if m.variance_e2 is None else m.variance_e2 * (mean**2 + variance)
-        return replace(m, mean=m.mean * mean, fixed=m.fixed + arrays.product(m.mean**2, variance), variance_e2=noise)
+        return replace(
+            m, mean=m.mean * mean, spatial=m.spatial + arrays.product(m.mean**2, variance), variance_e2=noise
+        )
 
-    def maps(self, device: Device) -> dict[str, Any]:
+    def maps(self, window: SensorWindow) -> dict[str, Any]:
         """``prnu``: gain of every pixel, 1 on average."""
-        return {"prnu": device.fixed("prnu", lambda: self.pattern.map_of(device, "prnu"))}
+        return {"prnu": window.given_or("prnu", lambda: self.pattern.map_of(window, "prnu"))}
 
 
 @dataclass(frozen=True)
@@ -134,17 +141,17 @@ class DarkCurrent:
     """
 
     law: Any
-    pattern: Pattern
-    parts: tuple[DarkPart, ...] = ()
-    room: ClassVar[str] = "electrons"
+    pattern: FpnDistribution
+    parts: tuple[DarkComponent, ...] = ()
+    domain: ClassVar[str] = "electrons"
 
     def __call__(self, electrons: Electrons, frame: Frame) -> Electrons:
         """Adds the mean dark electrons of this exposure."""
         mean = self.mean_e(frame)
-        flat = self.pattern.cv == 0 and "dark_pattern" not in frame.device.given
+        flat = self.pattern.cv == 0 and "dark_fpn" not in frame.window.given
         dark = frame.number(mean) if mean else 0.0
         if mean and not flat:
-            dark = arrays.product(dark, self.maps(frame.device)["dark_pattern"])
+            dark = arrays.product(dark, self.maps(frame.window)["dark_fpn"])
         if self.parts:
             dark = superimpose(self.parts, dark, frame)
         return replace(electrons, dark=electrons.dark + dark)
@@ -152,22 +159,22 @@ class DarkCurrent:
     def moments(self, m: Moments) -> Moments:
         """The mixture of t·D_R·X with the parts: its mean, and its variance from pixel to pixel."""
         mean = self.mean_e(m.frame)
-        factor, variance = m.frame.device.spread("dark_pattern", self.pattern.mean, self.pattern.variance)
+        factor, variance = m.frame.window.map_moments("dark_fpn", self.pattern.mean, self.pattern.variance)
         average, spread = mixture_moments(self.parts, mean * factor, mean**2 * variance, m.frame)
-        return replace(m.add(mean=average, fixed=spread), light=m)
+        return replace(m.add(mean=average, spatial=spread), light=m)
 
     def mean_e(self, frame: Frame) -> float:
         """Mean dark electrons of a pixel of the main part in this exposure."""
         return frame.exposure.time_s * self.law.rate_e_per_s(frame.exposure.temperature_k)
 
-    def maps(self, device: Device) -> dict[str, Any]:
-        """``dark_pattern``: dark current of every pixel over the average; and which pixel belongs to which part."""
-        main = device.fixed("dark_pattern", lambda: self.pattern.map_of(device, "dark_pattern"))
-        return {"dark_pattern": main} | (part_maps(self.parts, device) if self.parts else {})
+    def maps(self, window: SensorWindow) -> dict[str, Any]:
+        """``dark_fpn``: dark current of every pixel over the average; and which pixel belongs to which part."""
+        main = window.given_or("dark_fpn", lambda: self.pattern.map_of(window, "dark_fpn"))
+        return {"dark_fpn": main} | (component_maps(self.parts, window) if self.parts else {})
 
 
 @dataclass(frozen=True)
-class BlinkingPixels:
+class RtsPixels:
     """A few pixels have a trap that switches their dark current on and off between frames (random telegraph signal).
 
     share : of the pixels, 0 … 1.  amplitude_e_per_s : the step [e-/s].
@@ -179,31 +186,33 @@ class BlinkingPixels:
     amplitude_e_per_s: float
     switching: float
     duty: float
-    room: ClassVar[str] = "electrons"
+    domain: ClassVar[str] = "electrons"
 
     def __call__(self, electrons: Electrons, frame: Frame) -> Electrons:
         """Adds the electrons of the traps that are on."""
         step = self.amplitude_e_per_s * frame.exposure.time_s
         if self.share == 0 or step == 0:
             return electrons
-        site = self.maps(frame.device)["blinking_site"]
+        site = self.maps(frame.window)["rts_site"]
         on = frame.telegraph(site, self.switching, self.duty)
         return replace(electrons, dark=electrons.dark + frame.number(step) * on)
 
-    def maps(self, device: Device) -> dict[str, Any]:
-        """``blinking_site``: 1 where a pixel has a trap, else 0."""
-        make = lambda: device.pattern("blinking_site", self._of_words)  # noqa: E731
-        return {"blinking_site": device.fixed("blinking_site", make)}
+    def maps(self, window: SensorWindow) -> dict[str, Any]:
+        """``rts_site``: 1 where a pixel has a trap, else 0."""
+        make = lambda: window.fixed_map("rts_site", self._of_words)  # noqa: E731
+        return {"rts_site": window.given_or("rts_site", make)}
 
-    def _of_words(self, lanes: Any, words: Any) -> Any:
-        return arrays.where(lanes.uniform(words) < lanes.number(self.share), lanes.number(1.0), lanes.number(0.0))
+    def _of_words(self, backend: Any, bits: Any) -> Any:
+        return arrays.where(
+            backend.uniform(bits) < backend.number(self.share), backend.number(1.0), backend.number(0.0)
+        )
 
     def moments(self, m: Moments) -> Moments:
         """A pixel blinks with chance ``share``, and is on with chance ``duty``."""
         step = self.amplitude_e_per_s * m.frame.exposure.time_s
         mean = step * self.duty
-        share, spread = m.frame.device.spread("blinking_site", self.share, self.share * (1 - self.share))
-        return m.add(mean=share * mean, temporal=share * step * mean * (1 - self.duty), fixed=spread * mean**2)
+        share, spread = m.frame.window.map_moments("rts_site", self.share, self.share * (1 - self.share))
+        return m.add(mean=share * mean, temporal=share * step * mean * (1 - self.duty), spatial=spread * mean**2)
 
 
 @dataclass(frozen=True)
@@ -216,13 +225,13 @@ class ShotNoise:
     about it (spending.py). Over frames with renders of their own var/mean is 1 again; about its own render it is less.
     """
 
-    room: ClassVar[str] = "electrons"
+    domain: ClassVar[str] = "electrons"
 
     def __call__(self, electrons: Electrons, frame: Frame) -> Electrons:
         """Mean electrons → whole electrons."""
         if electrons.variance_e2 is not None:
             return self._spending(electrons, frame)
-        light = frame.poisson("light_shot", electrons.light)
+        light = frame.poisson("photon_shot", electrons.light)
         dark = frame.poisson("dark_shot", electrons.dark) if arrays.any_positive(electrons.dark) else 0.0
         return replace(electrons, light=light, dark=dark)
 
@@ -231,13 +240,13 @@ class ShotNoise:
         if m.variance_e2 is None:
             return m.add(temporal=m.mean)
         light = (m.light or m).mean
-        by_light, by_dark = spendable(light, m.mean - light, m.variance_e2)
+        by_light, by_dark = compensable(light, m.mean - light, m.variance_e2)
         return replace(m.add(temporal=m.mean - by_light - by_dark), variance_e2=None)
 
     def _spending(self, electrons: Electrons, frame: Frame) -> Electrons:
         """The same where a part of the variance is in the mean already."""
-        by_light, by_dark = spendable(electrons.light, electrons.dark, electrons.variance_e2)
-        light = counted("light_shot", electrons.light, by_light, frame)
+        by_light, by_dark = compensable(electrons.light, electrons.dark, electrons.variance_e2)
+        light = counted("photon_shot", electrons.light, by_light, frame)
         dark = 0.0
         if arrays.any_positive(electrons.dark):
             dark = counted("dark_shot", electrons.dark, by_dark, frame)
@@ -252,7 +261,7 @@ class QuantumYield:
     """
 
     fano: float
-    room: ClassVar[str] = "electrons"
+    domain: ClassVar[str] = "electrons"
 
     def __call__(self, electrons: Electrons, frame: Frame) -> Electrons:
         """Interactions → electrons; whole numbers stay whole."""
@@ -270,7 +279,7 @@ class QuantumYield:
         return m.add(
             mean=light.mean * (mean - 1),
             temporal=light.mean * (mean**2 - 1 + noise) + arrays.where(mean == 1, 0.0, 1 / 12),
-            fixed=light.fixed * (mean**2 - 1),
+            spatial=light.spatial * (mean**2 - 1),
         )
 
 
@@ -282,7 +291,7 @@ class FullWell:
     """
 
     full_well_e: float
-    room: ClassVar[str] = "electrons"
+    domain: ClassVar[str] = "electrons"
 
     def __call__(self, electrons: Electrons, frame: Frame) -> Electrons:
         """Clips the sum; what overflows is booked on the light."""

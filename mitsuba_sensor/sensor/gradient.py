@@ -10,17 +10,19 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..engine.checks import check_types
-from ..engine.differentiable import SLOTS, Differentiable
-from ..engine.errors import InputError
-from ..engine.frame import Device, Exposure, Frame
-from ..engine.lanes import SINGLE
-from ..engine.quantities import Photons
+from ..core.backend import NUMPY_FLOAT32
+from ..core.checks import check_types
+from ..core.differentiable import SLOTS, Differentiable
+from ..core.errors import InputError
+from ..core.exposure import Exposure
+from ..core.frame import Frame
+from ..core.quantities import Photons
+from ..core.sensor_window import SensorWindow
 from .camera import Camera
 from .chain import chain
-from .inputs import as_photons, check_numbers, checked_maps, checked_origin
-from .running import begin, chosen_lanes, run_chain
-from .slopes import Recording
+from .checks import as_photons, check_numbers, checked_maps, checked_origin
+from .field_derivatives import Recording
+from .run import begin, choose_backend, run_chain
 
 PHOTONS = "photons"
 """The name of the light among the parameters."""
@@ -37,7 +39,7 @@ class DifferentiableFrame:
 
     digital: Any
     of: DifferentiableFrames = field(repr=False)
-    lanes: Differentiable = field(repr=False)
+    backend: Differentiable = field(repr=False)
 
     def backward(self, loss: Any) -> dict[str, Any]:
         """d Σloss/d parameter: a number for a field, good to about six digits, and for the photons one each.
@@ -45,12 +47,12 @@ class DifferentiableFrame:
         loss : an array of Dr.Jit made from ``digital``. Leave it one element per pixel: it is added up here, and runs
             in one kernel with the frame. Where it needs all pixels first, as a variance does, :meth:`hold` the frame.
         """
-        if not self.lanes.dr.grad_enabled(loss):
+        if not self.backend.dr.grad_enabled(loss):
             raise InputError("loss has no derivative; make it from this frame's digital, e.g. digital * 1.0.")
-        found = self.lanes.backward(loss)
+        found = self.backend.backward(loss)
         light = found.pop(PHOTONS, None)
-        sums = self.lanes.totals(found) if found else self.digital
-        self.lanes.dr.eval(self.digital, light, sums)
+        sums = self.backend.totals(found) if found else self.digital
+        self.backend.dr.eval(self.digital, light, sums)
         totals = sums.numpy().reshape(SLOTS, -1).sum(axis=0, dtype=np.float64).tolist() if found else ()
         named = dict.fromkeys(self.of.parameters, 0.0) | dict(zip(found, totals, strict=False))
         return named if light is None else named | {PHOTONS: self._per_photon(light)}
@@ -60,20 +62,20 @@ class DifferentiableFrame:
         known = self.of.parameters
         if name not in known:
             raise InputError(f"name is {name!r}; it must be one of the parameters: {', '.join(known)}.")
-        (found,) = self.lanes.forward(name, self.digital)
+        (found,) = self.backend.forward(name, self.digital)
         return self._per_photon(found) if name == PHOTONS else self._on_host(found)
 
-    def hold(self) -> None:
+    def store(self) -> None:
         """Compute the frame now and keep what was drawn for it, so that no derivative draws again."""
-        self.lanes.dr.eval(self.digital, self.lanes.draws)
+        self.backend.dr.eval(self.digital, self.backend.distributions)
 
     @property
     def codes(self) -> NDArray[np.float32]:
         """Digital numbers (H, W) [DN]."""
-        return self._on_host(self.lanes.dr.detach(self.digital))
+        return self._on_host(self.backend.dr.detach(self.digital))
 
     def _on_host(self, x: Any) -> NDArray[np.float32]:
-        return self.lanes.give(x, self.of.first.device)
+        return self.backend.to_numpy(x, self.of.first.window)
 
     def _per_photon(self, per_electron: Any) -> NDArray[np.float32]:
         """A derivative by the mean electrons of light → by the photons of every band."""
@@ -94,17 +96,17 @@ class DifferentiableFrames:
     def frame(self, index: int = 0) -> DifferentiableFrame:
         """Frame ``index``, whose digital numbers are those of ``expose(engine="drjit", first_frame=index)``."""
         check_numbers(1, index, self.first.seed)
-        lanes, device = self.first.device.lanes.renewed(self.first.device)  # type: ignore[attr-defined]
+        backend, window = self.first.window.backend.renewed(self.first.window)  # type: ignore[attr-defined]
         start = self.start
         if PHOTONS in self.parameters:
-            start = replace(start, light=lanes.follow(start.light, {PHOTONS: 1.0}))
-        digital = run_chain(self.stages[1:], start, replace(self.first, index=index, device=device, _blocks={}))
-        return DifferentiableFrame(digital, self, lanes)
+            start = replace(start, light=backend.follow(start.light, {PHOTONS: 1.0}))
+        digital = run_chain(self.stages[1:], start, replace(self.first, index=index, window=window, _blocks={}))
+        return DifferentiableFrame(digital, self, backend)
 
     @cached_property
     def efficiency(self) -> NDArray[np.float32]:
         """Mean electrons (interactions, where there is a yield) per photon, in the shape of the photons."""
-        frame, shape, bands = self.first.on(SINGLE), self.light.mean.shape, self.light.wavelengths_nm
+        frame, shape, bands = self.first.on(NUMPY_FLOAT32), self.light.mean.shape, self.light.wavelengths_nm
         if bands is None or len(shape) == 2:
             return self.stages[0](Photons(np.ones(shape), bands), frame).light
         ones = [Photons(np.ones((*shape[:2], 1)), np.array([nm])) for nm in bands]
@@ -138,9 +140,9 @@ def differentiable(
     _check(names, engine, light, camera)
     check_numbers(1, 0, seed)
     first_pixel = checked_origin(light.origin if origin is None else origin)
-    window = Device(serial, (light.mean.shape[0], light.mean.shape[1]), first_pixel)
-    device = replace(window, given=checked_maps({} if maps is None else maps, stages, window, camera))
-    first = Frame(exposure, device, seed)
+    window = SensorWindow(serial, (light.mean.shape[0], light.mean.shape[1]), first_pixel)
+    window = replace(window, given=checked_maps({} if maps is None else maps, stages, window, camera))
+    first = Frame(exposure, window, seed)
     numbers = Recording.of(light, camera, first).by(tuple(name for name in names if name != PHOTONS))
     first = first.on(Differentiable(BACKENDS[engine], numbers))
     return DifferentiableFrames(names, light, stages, first, begin(stages, light, first))
@@ -159,4 +161,4 @@ def _check(names: tuple[str, ...], engine: str, light: Photons, camera: Camera) 
         raise InputError(
             f"parameters names {PHOTONS!r}, of {bands} bands, and this camera has a quantum yield; pass one band."
         )
-    chosen_lanes(engine, "float32", 0)  # refuses one that is not on this machine
+    choose_backend(engine, "float32", 0)  # refuses one that is not on this machine

@@ -11,21 +11,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..engine.checks import check_types
-from ..engine.errors import require
-from ..engine.frame import Device, Exposure, Frame
-from ..engine.lanes import REFERENCE, SINGLE
-from ..engine.moments import Moments
-from ..engine.quantities import Photons
-from .account import stage_name
+from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
+from ..core.checks import check_types
+from ..core.errors import require
+from ..core.exposure import Exposure
+from ..core.frame import Frame
+from ..core.moments import Moments
+from ..core.quantities import Photons
+from ..core.sensor_window import SensorWindow
 from .camera import Camera
 from .chain import chain
+from .checks import as_photons
 from .digital import Adc
 from .electrons import Detection
-from .ends import Ends, final_moments
-from .inputs import as_photons
+from .noise_budget import stage_name
 from .precision import Float32, float32_effect
-from .running import run_chain, strips_of
+from .run import row_strips_of, run_chain
+from .theory import FinalMoments, final_moments
 from .volts import NonlinearSenseNode, SenseNode
 
 INDISPENSABLE = (Detection, SenseNode, NonlinearSenseNode, Adc)
@@ -50,7 +52,7 @@ class Effect:
     kept: bool
     mean_dn: float
     temporal_dn: float
-    fixed_dn: float
+    spatial_dn: float
     reason: str
 
 
@@ -73,7 +75,7 @@ class Plan:
         lines = [f"Plan for {self.camera}: a stage is left out if all that is left out moves no level by more than "
                  f"{self.tolerance_dn:g} DN.", head]  # fmt: skip
         for e in self.effects:
-            numbers = f"{e.mean_dn:>11.4g}{e.temporal_dn:>12.4g}{e.fixed_dn:>11.4g}"
+            numbers = f"{e.mean_dn:>11.4g}{e.temporal_dn:>12.4g}{e.spatial_dn:>11.4g}"
             lines.append(f"{e.stage:<23}{'kept' if e.kept else 'left out':<10}{numbers}   {e.reason}")
         whole_s, planned_s = self.seconds
         lines.append(self.float32.explain())
@@ -88,17 +90,17 @@ class Plan:
     @cached_property
     def seconds(self) -> tuple[float, float]:
         """Measured seconds per frame, whole chain and plan: medians of interleaved runs of the scene's top strip."""
-        rows = next(strips_of(self.frame.device.shape, REFERENCE.strip))
+        rows = next(row_strips_of(self.frame.window.shape, NUMPY_FLOAT64.strip))
         strip = replace(self.photons.rows_only(rows), variance_e2=None)
-        frame = self.frame.on(SINGLE if self.precision == "float32" else REFERENCE)
-        part = replace(frame, device=frame.device.rows_only(rows))
+        frame = self.frame.on(NUMPY_FLOAT32 if self.precision == "float32" else NUMPY_FLOAT64)
+        part = replace(frame, window=frame.window.rows_only(rows))
         times: tuple[list[float], list[float]] = ([], [])
         for run in range(RUNS + 1):
             for spent, stages in zip(times, (self.whole, self.stages), strict=True):
                 started = time.perf_counter()
                 run_chain(stages, strip, replace(part, index=run, _blocks={}))
                 spent.append(time.perf_counter() - started)
-        share = (rows.stop - rows.start) / self.frame.device.shape[0]
+        share = (rows.stop - rows.start) / self.frame.window.shape[0]
         whole_s, planned_s = (statistics.median(spent[1:]) / share for spent in times)  # the first makes the maps
         return whole_s, planned_s
 
@@ -136,7 +138,7 @@ def plan(
         if max(_distance(full, final_moments(without(whole, out | {stage}), levels, frame))) <= tolerance_dn:
             out.add(stage)
     effects = tuple(_effect(stage, alone.get(stage), stage in out) for stage in whole)
-    scene = Frame(exposure, Device(1, (light.mean.shape[0], light.mean.shape[1])))
+    scene = Frame(exposure, SensorWindow(1, (light.mean.shape[0], light.mean.shape[1])))
     kept = without(whole, out)
     return Plan(camera.name, tolerance_dn, effects, kept, whole, float32_effect(kept, levels, frame), light, scene)
 
@@ -161,17 +163,17 @@ def _levels(photons: Photons, camera: Camera, exposure: Exposure) -> tuple[Photo
     rows = photons.mean.reshape(order.size, -1)[chosen]
     window = np.repeat(np.repeat(rows[None], len(tile[0]), axis=1), len(tile), axis=0)
     mean = window if photons.mean.ndim == 3 else window[..., 0]
-    frame = Frame(exposure, Device(0, (mean.shape[0], mean.shape[1])))
+    frame = Frame(exposure, SensorWindow(0, (mean.shape[0], mean.shape[1])))
     return Photons(mean, photons.wavelengths_nm, detected=photons.detected), frame
 
 
-def _distance(a: Ends, b: Ends) -> tuple[float, float, float]:
+def _distance(a: FinalMoments, b: FinalMoments) -> tuple[float, float, float]:
     """Largest change of mean, temporal σ and fixed σ over the levels, without and with rounding [DN]."""
     smooth, rounded = _between(a[0], b[0]), _between(a[1], b[1])
     return max(smooth[0], rounded[0]), max(smooth[1], rounded[1]), max(smooth[2], rounded[2])
 
 
 def _between(a: Moments, b: Moments) -> tuple[float, float, float]:
-    pairs = ((a.mean, b.mean), (np.sqrt(a.temporal), np.sqrt(b.temporal)), (np.sqrt(a.fixed), np.sqrt(b.fixed)))
+    pairs = ((a.mean, b.mean), (np.sqrt(a.temporal), np.sqrt(b.temporal)), (np.sqrt(a.spatial), np.sqrt(b.spatial)))
     mean, temporal, fixed = (float(np.max(np.abs(np.asarray(x) - y))) for x, y in pairs)
     return mean, temporal, fixed

@@ -7,10 +7,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..engine.frame import Device, Frame
-from ..engine.lanes import REFERENCE, SINGLE
-from ..engine.quantities import Photons
-from .running import run_chain
+from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
+from ..core.frame import Frame
+from ..core.quantities import Photons
+from ..core.sensor_window import SensorWindow
+from .run import run_chain
 
 SHARE, LARGEST_DN = 0.01, 1.0
 """More pixels than this, or a larger step, and float64 is the better choice."""
@@ -52,9 +53,9 @@ def float32_effect(stages: tuple[Any, ...], levels: Photons, frame: Frame) -> Fl
     height, width = levels.mean.shape[:2]
     times = -(-PIXELS // (height * width))
     light = replace(levels, mean=np.concatenate([levels.mean] * times))
-    window = Frame(frame.exposure, Device(frame.device.serial, (height * times, width)), frame.seed)
+    window = Frame(frame.exposure, SensorWindow(frame.window.serial, (height * times, width)), frame.seed)
     with np.errstate(over="ignore", invalid="ignore"):
-        single, double = (run_chain(stages, light, window.on(lanes)) for lanes in (SINGLE, REFERENCE))
+        single, double = (run_chain(stages, light, window.on(backend)) for backend in (NUMPY_FLOAT32, NUMPY_FLOAT64))
     moved = np.abs(np.subtract(single, double, dtype=np.float64))
     moved = np.where(np.isfinite(moved), moved, stages[-1].highest)
     electron_dn = np.floor(np.prod([getattr(stage, "nominal_gain", 1.0) for stage in stages]))

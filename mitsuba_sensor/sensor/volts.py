@@ -8,11 +8,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
-from ..engine import arrays
-from ..engine.frame import Device, Frame
-from ..engine.lanes import normals
-from ..engine.moments import Moments
-from ..engine.quantities import BOLTZMANN_J_PER_K, ELEMENTARY_CHARGE_C, Electrons
+from ..core import arrays
+from ..core.backend import normals
+from ..core.frame import Frame
+from ..core.moments import Moments
+from ..core.quantities import BOLTZMANN_J_PER_K, ELEMENTARY_CHARGE_C, Electrons
+from ..core.sensor_window import SensorWindow
 
 
 @dataclass(frozen=True)
@@ -23,7 +24,7 @@ class SenseNode:
     """
 
     gain_v_per_e: float
-    room: ClassVar[str] = "volts"
+    domain: ClassVar[str] = "volts"
 
     @property
     def nominal_gain(self) -> float:
@@ -49,7 +50,7 @@ class NonlinearSenseNode:
     gain_v_per_e: float
     v_ref_v: float
     alpha: float
-    room: ClassVar[str] = "volts"
+    domain: ClassVar[str] = "volts"
 
     @property
     def nominal_gain(self) -> float:
@@ -80,7 +81,7 @@ class ResetNoise:
 
     gain_v_per_e: float
     residual: float
-    room: ClassVar[str] = "volts"
+    domain: ClassVar[str] = "volts"
 
     def __call__(self, swing: Any, frame: Frame) -> Any:
         """Swing with signed, zero-mean noise."""
@@ -105,7 +106,7 @@ class SourceFollowerNoise:
     """
 
     sigma_v: float
-    room: ClassVar[str] = "volts"
+    domain: ClassVar[str] = "volts"
 
     def __call__(self, swing: Any, frame: Frame) -> Any:
         """Swing with noise."""
@@ -124,7 +125,7 @@ class Gain:
     """
 
     gain: float
-    room: ClassVar[str] = "volts"
+    domain: ClassVar[str] = "volts"
 
     @property
     def nominal_gain(self) -> float:
@@ -155,7 +156,7 @@ class NonlinearSourceFollower:
     gain: float
     ratio: float
     full_swing_v: float
-    room: ClassVar[str] = "volts"
+    domain: ClassVar[str] = "volts"
 
     @property
     def nominal_gain(self) -> float:
@@ -177,7 +178,7 @@ class NonlinearSourceFollower:
 
 
 @dataclass(frozen=True)
-class ColumnGain:
+class PrnuColumn:
     """Every column amplifier has its own gain, and keeps it: S·(1 + cv·x_j), x_j isotropic AR of variance 1.
 
     cv : σ of the gain over its mean.  coupling : a of the AR, 0 … 0.4999.
@@ -185,27 +186,27 @@ class ColumnGain:
 
     cv: float
     coupling: float = 0.0
-    room: ClassVar[str] = "volts"
+    domain: ClassVar[str] = "volts"
 
     def __call__(self, swing: Any, frame: Frame) -> Any:
         """Swing times the camera's column gains."""
-        if self.cv == 0 and "column_gain" not in frame.device.given:
+        if self.cv == 0 and "prnu_col" not in frame.window.given:
             return swing
-        return swing * self.maps(frame.device)["column_gain"]
+        return swing * self.maps(frame.window)["prnu_col"]
 
     def moments(self, m: Moments) -> Moments:
         """Product of independent factors: the gain's spread acts on the signal's own as well."""
-        mean, variance = m.frame.device.spread("column_gain", 1.0, self.cv**2)
+        mean, variance = m.frame.window.map_moments("prnu_col", 1.0, self.cv**2)
         if variance == 0:
             return m.scale(mean)
         squared = mean**2 + variance
-        fixed = m.fixed * squared + arrays.product(m.mean**2, variance)
-        return replace(m, mean=m.mean * mean, temporal=m.temporal * squared, fixed=fixed)
+        fixed = m.spatial * squared + arrays.product(m.mean**2, variance)
+        return replace(m, mean=m.mean * mean, temporal=m.temporal * squared, spatial=fixed)
 
-    def maps(self, device: Device) -> dict[str, Any]:
+    def maps(self, window: SensorWindow) -> dict[str, Any]:
         """``column_gain``: gain of every column, 1 on average, (1, W)."""
-        make = lambda: 1 + device.number(self.cv) * device.line_pattern("column_gain", self.coupling)  # noqa: E731
-        return {"column_gain": device.fixed("column_gain", make)}
+        make = lambda: 1 + window.number(self.cv) * window.line_map("prnu_col", self.coupling)  # noqa: E731
+        return {"prnu_col": window.given_or("prnu_col", make)}
 
 
 @dataclass(frozen=True)
@@ -220,63 +221,63 @@ class Offset:
     gain_v_per_e: float
     coupling: float = 0.0
     residual: float = 1.0
-    room: ClassVar[str] = "volts"
+    domain: ClassVar[str] = "volts"
     source: ClassVar[str]
 
     def __call__(self, swing: Any, frame: Frame) -> Any:
         """Swing with the camera's offsets."""
-        if self.sigma_e == 0 and self._name not in frame.device.given:
+        if self.sigma_e == 0 and self._name not in frame.window.given:
             return swing
-        return swing + frame.number(self.residual * self.gain_v_per_e) * self.maps(frame.device)[self._name]
+        return swing + frame.number(self.residual * self.gain_v_per_e) * self.maps(frame.window)[self._name]
 
     def moments(self, m: Moments) -> Moments:
         """Adds σ² to the fixed variance."""
-        mean, variance = m.frame.device.spread(self._name, 0.0, self.sigma_e**2)
+        mean, variance = m.frame.window.map_moments(self._name, 0.0, self.sigma_e**2)
         gain = self.residual * self.gain_v_per_e
-        return m.add(mean=gain * mean, fixed=gain**2 * variance)
+        return m.add(mean=gain * mean, spatial=gain**2 * variance)
 
-    def maps(self, device: Device) -> dict[str, Any]:
+    def maps(self, window: SensorWindow) -> dict[str, Any]:
         """The offsets in electrons, 0 on average."""
-        return {self._name: device.fixed(self._name, lambda: device.number(self.sigma_e) * self._unit(device))}
+        return {self._name: window.given_or(self._name, lambda: window.number(self.sigma_e) * self._unit(window))}
 
     @property
     def _name(self) -> str:
         return f"{self.source}_e"
 
-    def _unit(self, device: Device) -> Any:
+    def _unit(self, window: SensorWindow) -> Any:
         raise TypeError("an offset belongs to columns, rows or pixels")
 
 
 @dataclass(frozen=True)
-class ColumnOffset(Offset):
+class DsnuColumn(Offset):
     """Every column has its own offset, and keeps it: vertical stripes."""
 
-    source: ClassVar[str] = "column_offset"
+    source: ClassVar[str] = "dsnu_col"
 
-    def _unit(self, device: Device) -> Any:
-        return device.line_pattern(self.source, self.coupling, axis=1)
+    def _unit(self, window: SensorWindow) -> Any:
+        return window.line_map(self.source, self.coupling, axis=1)
 
 
 @dataclass(frozen=True)
-class RowOffset(Offset):
+class DsnuRow(Offset):
     """Every row has its own offset, and keeps it: horizontal stripes."""
 
-    source: ClassVar[str] = "row_offset"
+    source: ClassVar[str] = "dsnu_row"
 
-    def _unit(self, device: Device) -> Any:
-        return device.line_pattern(self.source, self.coupling, axis=0)
+    def _unit(self, window: SensorWindow) -> Any:
+        return window.line_map(self.source, self.coupling, axis=0)
 
 
 @dataclass(frozen=True)
-class PixelOffset(Offset):
+class DsnuPixel(Offset):
     """Every pixel has its own offset, and keeps it (the pixel component of El Gamal et al. 1998)."""
 
-    source: ClassVar[str] = "pixel_offset"
+    source: ClassVar[str] = "dsnu_pixel"
 
-    def _unit(self, device: Device) -> Any:
+    def _unit(self, window: SensorWindow) -> Any:
         if self.coupling:
-            return device.correlated(self.source, self.coupling)
-        return device.pattern(self.source, normals)
+            return window.correlated(self.source, self.coupling)
+        return window.fixed_map(self.source, normals)
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ import os
 from collections.abc import Mapping, MutableMapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from ..engine.checks import check_types
-from ..engine.errors import InputError
-from ..engine.frame import Exposure
+from ..core.checks import check_types
+from ..core.errors import InputError
+from ..core.exposure import Exposure
 from .page import Progress, Study
 from .render.measure import light_for_frames, render_side
 from .side import Side, later

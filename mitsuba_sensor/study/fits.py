@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..engine.errors import InputError
+from ..core.errors import InputError
 
 CONFIDENCE = 0.95
 """Of every interval."""

@@ -9,14 +9,14 @@ from dataclasses import asdict, dataclass
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
-from ..engine.checks import check_types
-from ..engine.errors import InputError, require, require_seed
-from ..engine.frame import Exposure
-from ..engine.quantities import Photons
-from ..light.budget import Budget
-from ..light.irradiance import Irradiance, Wish
-from ..light.needs import render_needs
-from ..light.photons import collect
+from ..core.checks import check_types
+from ..core.errors import InputError, require, require_seed
+from ..core.exposure import Exposure
+from ..core.quantities import Photons
+from ..render.irradiance import Irradiance, RenderOptions
+from ..render.photons import collect
+from ..render.requirements import render_requirements
+from ..render.stop_criterion import StopCriterion
 from ..sensor.chain import gain_dn_per_e
 from .ablation import render_page as render_ablation_page
 from .ablation import stages_page as ablation_page
@@ -68,7 +68,7 @@ def left_out(
 ) -> Study:
     """What each stage and each feature does to the picture, in theory and in frames, and what it costs.
 
-    scene, camera, exposure, parameters, variant, scene_unit, columns : as for :func:`light.irradiance.render`.
+    scene, camera, exposure, parameters, variant, scene_unit, columns : as for :func:`render.irradiance.render`.
     tolerance_dn : of the plan [DN].  spp : samples per pixel of every render.
     frames : of each of the 64 devices, at least 2.  seed, serial : of the first frame and the first device.
     done : what is measured already, by key; new measurements are added.
@@ -79,11 +79,11 @@ def left_out(
     if require_seed("frames", frames) < 2:
         raise InputError(f"frames is {frames}; a device needs at least 2 frames to show its temporal noise (e.g. 16).")
     replicas = Replicas(frames, require_seed("seed", seed), require_seed("serial", serial))
-    wish = Wish(spp=spp, parameters=parameters, variant=variant, scene_unit=scene_unit, columns=columns)
-    budget = wish.budget()
+    options = RenderOptions(spp=spp, parameters=parameters, variant=variant, scene_unit=scene_unit, columns=columns)
+    budget = options.budget()
     if budget.passes < FEWEST_PASSES:
         raise InputError(f"spp is {spp}; the study compares halves of the passes: ask for at least {FEWEST_PASSES}.")
-    work = Work(Subject(scene, camera, exposure, wish), replicas, tolerance_dn, budget)
+    work = Work(Subject(scene, camera, exposure, options), replicas, tolerance_dn, budget)
     journal: MutableMapping[str, Any] = {} if done is None else done
     work.take(journal, progress or (lambda seconds, expected, words: None))
     return _study(work, journal)
@@ -96,7 +96,7 @@ class Work:
     subject: Subject
     replicas: Replicas
     tolerance_dn: float
-    budget: Budget
+    budget: StopCriterion
 
     @cached_property
     def light(self) -> Irradiance:
@@ -153,7 +153,7 @@ class Work:
     def _needs(self) -> list[dict[str, Any]]:
         subject = self.subject
         k = gain_dn_per_e(subject.camera)
-        needs = render_needs(self.light, subject.camera, subject.exposure, k, self.tolerance_dn)
+        needs = render_requirements(self.light, subject.camera, subject.exposure, k, self.tolerance_dn)
         return [asdict(need) for need in needs]
 
     def _frames(self, done: Mapping[str, Any], case: str) -> Any:

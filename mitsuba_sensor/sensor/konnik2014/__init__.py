@@ -15,7 +15,7 @@ import math
 from dataclasses import dataclass, fields
 from typing import Any, Self
 
-from ...engine.errors import InputError, nearest, require
+from ...core.errors import InputError, nearest, require
 from ..camera import Camera
 from ..chain import RESET_RESIDUAL, sense_gain_v_per_e
 from .electrons import (
@@ -31,11 +31,11 @@ from .electrons import (
     RoundPhotons,
     Well,
 )
-from .patterns import FAMILIES, Family, White
-from .volts import Adc, BentFollower, ColumnGain, ExponentialNode, ResetNoise, SenseNode
+from .fpn_distributions import FAMILIES, Family, White
+from .volts import Adc, ColumnGain, ExponentialNode, NonlinearFollower, ResetNoise, SenseNode
 
 PAPER_ONLY = {
-    ("dark_pattern", "paper_eq18"): (
+    ("dark_fpn", "paper_eq18"): (
         "the paper's 1 + lnN(0, (t·D_R·D_N)²) takes electrons for a logarithm: its mean is 941 e- where 174 is meant "
         "at 0.1 s, and it overflows at 10 s; use 'lognormal', which the released code scales by D_N"
     ),
@@ -53,7 +53,7 @@ PAPER_ONLY = {
 
 CHOICES = {
     "technology": ("cmos", "ccd"),
-    "dark_pattern": tuple(FAMILIES),
+    "dark_fpn": tuple(FAMILIES),
     "column_pattern": tuple(FAMILIES),
     "reset": ("lognormal_minus_one",),
     "adc_reference": ("reset_level",),
@@ -64,7 +64,7 @@ RANGES = {
     "prnu": (0.0, 1.0, "a fraction, e.g. 0.005"),
     "pixel_area_cm2": (1e-12, 1.0, "e.g. 3.249e-7 for 5.7 µm squared"),
     "dark_fom_na_per_cm2": (0.0, 1e9, "e.g. 1.0"),
-    "dark_pattern_factor": (0.0, 1e3, "D_N, e.g. 0.01"),
+    "dark_fpn_factor": (0.0, 1e3, "D_N, e.g. 0.01"),
     "source_follower_e": (0.0, 1e6, "electrons rms, e.g. 6.09"),
     "full_well_e": (1.0, 1e9, "electrons, e.g. 33000"),
     "sense_gain_uv_per_e": (1e-3, 1e3, "microvolts per electron, e.g. 5"),
@@ -90,7 +90,7 @@ class Konnik2014Settings:
     """All that the published chain can be told. Defaults: the released code's *simple* parameters on Table 1's sensor.
 
     Neutral values leave a stage out: 0 for noises and patterns, 1 for the gammas, False for the shots.
-    dark_pattern, column_pattern : "gaussian" | "lognormal" | "wald" | "ar" with their number in ``…_parameter``.
+    dark_fpn, column_pattern : "gaussian" | "lognormal" | "wald" | "ar" with their number in ``…_parameter``.
     Raises InputError for a value out of its range, and for the paper's formulas that cannot run (``PAPER_ONLY``).
     """
 
@@ -101,9 +101,9 @@ class Konnik2014Settings:
     pixel_area_cm2: float = 3.249e-7  # Table 1: 5.7 µm squared; the fill factor is in the photons
     dark_fom_na_per_cm2: float = 1.0  # Table 1
     dark_shot: bool = True
-    dark_pattern: str = "gaussian"  # released parameters, simple
-    dark_pattern_factor: float = 0.01  # Table 1, D_N
-    dark_pattern_parameter: float = 0.0
+    dark_fpn: str = "gaussian"  # released parameters, simple
+    dark_fpn_factor: float = 0.01  # Table 1, D_N
+    dark_fpn_parameter: float = 0.0
     source_follower_e: float = 0.0  # released parameters, simple; advanced: PublishedFollower().sigma_e(5.0)
     full_well_e: float = 33000.0  # Table 1
     sense_gain_uv_per_e: float = 5.0  # Table 1
@@ -130,7 +130,7 @@ class Konnik2014Settings:
             require(name, getattr(self, name), low, high, remedy)
         if self.adc_bits != int(self.adc_bits):
             raise InputError(f"adc_bits is {self.adc_bits!r}; it must be a whole number (e.g. 12).")
-        for which in ("dark_pattern", "column_pattern"):
+        for which in ("dark_fpn", "column_pattern"):
             require(f"{which}_parameter", getattr(self, f"{which}_parameter"), *PARAMETER_RANGES[getattr(self, which)])
 
     @classmethod
@@ -151,7 +151,7 @@ class Konnik2014Settings:
             "full_well_e": camera.pixel.full_well_e,
             "sense_gain_uv_per_e": sense_gain_v_per_e(camera) * 1e6,
             "reset_factor": RESET_RESIDUAL[camera.readout.reset],
-            "column_factor": camera.readout.column_offset,
+            "column_factor": camera.readout.dsnu_col,
             "adc_bits": camera.adc.bits,
         }
         for names, take in _TAKEN.items():
@@ -189,8 +189,8 @@ def _dark(s: Konnik2014Settings) -> tuple[Any, ...]:
         steps.append(DarkMean(s.dark_fom_na_per_cm2, s.pixel_area_cm2))
         if s.dark_shot:
             steps.append(DarkShot())
-        if s.dark_pattern_factor:
-            steps.append(DarkPattern(s.dark_pattern_factor, _family(s.dark_pattern, s.dark_pattern_parameter)))
+        if s.dark_fpn_factor:
+            steps.append(DarkPattern(s.dark_fpn_factor, _family(s.dark_fpn, s.dark_fpn_parameter)))
     if s.source_follower_e:
         steps.append(FollowerNoise(s.source_follower_e))
     return tuple(steps)
@@ -203,7 +203,7 @@ def _volts(s: Konnik2014Settings) -> tuple[Any, ...]:
     if s.ve_alpha:
         stages = [ExponentialNode(s.reference_v, s.ve_alpha, reset)]
     if s.vv_gamma != 1:
-        stages.append(BentFollower(s.reference_v, s.full_well_v, s.vv_gamma))
+        stages.append(NonlinearFollower(s.reference_v, s.full_well_v, s.vv_gamma))
     if s.column_factor and cmos:
         family = _family(s.column_pattern, s.column_pattern_parameter)
         stages.append(ColumnGain(s.column_factor * s.full_well_v, family))
@@ -237,11 +237,11 @@ def _dark_fom(camera: Camera) -> tuple[Any, ...]:
 def _dark_pattern(camera: Camera) -> tuple[Any, ...]:
     """The released code's log-normal is always LogNormal(0, 0.4) times D_N, whatever D_N is."""
     numbers = {"gaussian": 0.0, "lognormal": 0.4}
-    pattern = camera.dark_current.pattern
+    pattern = camera.dark_current.distribution
     if pattern not in numbers:
         raise InputError(
-            f"{camera.name} has dark_current.pattern {pattern!r}, which the published chain has not; "
-            f"pass dark_pattern='lognormal', dark_pattern_factor=0.01, dark_pattern_parameter=0.4, say."
+            f"{camera.name} has dark_current.distribution {pattern!r}, which the published chain has not; "
+            f"pass dark_fpn='lognormal', dark_fpn_factor=0.01, dark_fpn_parameter=0.4, say."
         )
     return pattern, camera.dark_current.cv, numbers[pattern]
 
@@ -267,10 +267,10 @@ def _source_follower(camera: Camera) -> tuple[Any, ...]:
 
 
 def _column_pattern(camera: Camera) -> tuple[Any, ...]:
-    if camera.readout.column_coupling:
+    if camera.readout.dsnu_col_coupling:
         raise InputError(
-            f"{camera.name} has readout.column_coupling {camera.readout.column_coupling}, an isotropic process that "
-            f"the published chain has not; pass column_pattern='ar', column_pattern_parameter=0.5, say."
+            f"{camera.name} has readout.dsnu_col_coupling {camera.readout.dsnu_col_coupling}, an isotropic process "
+            f"that the published chain has not; pass column_pattern='ar', column_pattern_parameter=0.5, say."
         )
     return "gaussian", 0.0
 
@@ -278,7 +278,7 @@ def _column_pattern(camera: Camera) -> tuple[Any, ...]:
 _TAKEN = {
     ("quantum_efficiency",): _quantum_efficiency,
     ("dark_fom_na_per_cm2",): _dark_fom,
-    ("dark_pattern", "dark_pattern_factor", "dark_pattern_parameter"): _dark_pattern,
+    ("dark_fpn", "dark_fpn_factor", "dark_fpn_parameter"): _dark_pattern,
     ("source_follower_e",): _source_follower,
     ("column_pattern", "column_pattern_parameter"): _column_pattern,
 }

@@ -13,12 +13,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ...engine.errors import InputError
-from ...engine.frame import Frame
-from ...engine.moments import Moments
-from ...engine.quantities import Electrons, Photons
-from ..laws import band_gap_ev
-from .patterns import Family, fixed, times_pattern
+from ...core.errors import InputError
+from ...core.frame import Frame
+from ...core.moments import Moments
+from ...core.quantities import Electrons, Photons
+from ..dark_current_models import band_gap_ev
+from .fpn_distributions import Family, fixed, times_pattern
 
 BOLTZMANN_EV_PER_K = 8.617343e-5
 """CODATA 2006, as that code has it: with the value of today its dark signal would be 2.4e-5 lower."""
@@ -31,7 +31,7 @@ DARK_CONSTANT = 2.55e15
 class RoundPhotons:
     """Mean photons are rounded to whole ones: floor(Λ + ½) (paper eq. 12); Λ = 0.49 becomes black."""
 
-    room: ClassVar[str] = "photons"
+    domain: ClassVar[str] = "photons"
 
     def __call__(self, photons: Photons, frame: Frame) -> Photons:
         """Mean photons at one wavelength, (H, W) or (H, W, 1) → whole mean photons (H, W)."""
@@ -51,11 +51,11 @@ class RoundPhotons:
 class PhotonShot:
     """*Photons* are counted: Poisson(Λ) (paper eq. 13). After the QE var/mean is QE where it must be 1."""
 
-    room: ClassVar[str] = "photons"
+    domain: ClassVar[str] = "photons"
 
     def __call__(self, photons: Photons, frame: Frame) -> Photons:
         """Mean photons → whole photons (H, W)."""
-        return Photons(frame.poisson("light_shot", photons.mean))
+        return Photons(frame.poisson("photon_shot", photons.mean))
 
     def moments(self, m: Moments) -> Moments:
         """The temporal variance is the mean."""
@@ -67,7 +67,7 @@ class QuantumEfficiency:
     """Photons × QE are electrons, not whole (paper eq. 14).  value : QE, 0 … 1 [e- per photon]."""
 
     value: float
-    room: ClassVar[str] = "electrons"
+    domain: ClassVar[str] = "electrons"
 
     def __call__(self, photons: Photons, frame: Frame) -> Electrons:
         """Photons → light electrons (H, W)."""
@@ -84,11 +84,11 @@ class LightPattern:
 
     factor: float
     family: Family
-    room: ClassVar[str] = "electrons"
+    domain: ClassVar[str] = "electrons"
 
     def __call__(self, electrons: Electrons, frame: Frame) -> Electrons:
         """Light electrons with the camera's gain pattern."""
-        gain = 1 + self.factor * fixed(frame.device, "prnu", self.family)
+        gain = 1 + self.factor * fixed(frame.window, "prnu", self.family)
         return Electrons(electrons.light * gain, electrons.dark)
 
     def moments(self, m: Moments) -> Moments:
@@ -149,7 +149,7 @@ class DarkPattern:
 
     def __call__(self, dark: Any, frame: Frame) -> Any:
         """Dark electrons with the camera's dark pattern, (H, W)."""
-        return dark * (1 + self.factor * fixed(frame.device, "dark_pattern", self.family))
+        return dark * (1 + self.factor * fixed(frame.window, "dark_fpn", self.family))
 
     def moments(self, m: Moments) -> Moments:
         """Product with an independent fixed gain."""
@@ -209,7 +209,7 @@ class Dark:
     """Everything that does not come from light, made apart and then added (paper eq. 25).  steps : in their order."""
 
     steps: tuple[DarkMean | DarkShot | DarkPattern | FollowerNoise, ...]
-    room: ClassVar[str] = "electrons"
+    domain: ClassVar[str] = "electrons"
 
     def __call__(self, electrons: Electrons, frame: Frame) -> Electrons:
         """Light electrons → light and dark electrons."""
@@ -223,7 +223,7 @@ class Dark:
         dark = Moments(0.0, 0.0, 0.0, m.frame)
         for step in self.steps:
             dark = step.moments(dark)
-        return m.add(mean=dark.mean, temporal=dark.temporal, fixed=dark.fixed)
+        return m.add(mean=dark.mean, temporal=dark.temporal, spatial=dark.spatial)
 
 
 @dataclass(frozen=True)
@@ -234,7 +234,7 @@ class Well:
     """
 
     full_well_e: float
-    room: ClassVar[str] = "electrons"
+    domain: ClassVar[str] = "electrons"
 
     def __call__(self, electrons: Electrons, frame: Frame) -> Electrons:
         """Light and dark electrons → their whole sum."""

@@ -1,6 +1,6 @@
 """Volts and digital numbers as the released MATLAB code of Konnik & Welsh 2014 makes them, on NumPy float64.
 
-As in ``konnik2014_electrons`` the behaviour is reproduced, not the text. The volts here are *node voltages* V_REF − S,
+As in ``konnik2014.electrons`` the behaviour is reproduced, not the text. The volts here are *node voltages* V_REF − S,
 as published, not swings: a few of the published effects exist only because of that.
 """
 
@@ -12,10 +12,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ...engine.frame import Frame
-from ...engine.moments import Moments
-from ...engine.quantities import Electrons
-from .patterns import Family, fixed, times_pattern
+from ...core.frame import Frame
+from ...core.moments import Moments
+from ...core.quantities import Electrons
+from .fpn_distributions import Family, fixed, times_pattern
 
 ELEMENTARY_CHARGE_C = 1.602176487e-19
 BOLTZMANN_J_PER_K = 1.3806504e-23
@@ -62,7 +62,7 @@ class SenseNode:
     reference_v: float
     gain_v_per_e: float
     reset: ResetNoise
-    room: ClassVar[str] = "volts"
+    domain: ClassVar[str] = "volts"
 
     def __call__(self, electrons: Electrons, frame: Frame) -> Any:
         """Electrons → node voltage (H, W) [V]."""
@@ -84,7 +84,7 @@ class ExponentialNode:
     reference_v: float
     alpha: float
     reset: ResetNoise
-    room: ClassVar[str] = "volts"
+    domain: ClassVar[str] = "volts"
 
     def __call__(self, electrons: Electrons, frame: Frame) -> Any:
         """Electrons → node voltage (H, W) [V]."""
@@ -95,7 +95,7 @@ class ExponentialNode:
         scale, high = np.exp(-self.per_e * m.mean), self.reference_v + self.reset.mean(m.frame)
         node = through(m, scale, self.per_e * scale, self.per_e**2 * scale)
         noise = self.reset.variance(m.frame)
-        return Moments(high * node.mean, high**2 * node.temporal + noise * scale**2, high**2 * node.fixed, m.frame)
+        return Moments(high * node.mean, high**2 * node.temporal + noise * scale**2, high**2 * node.spatial, m.frame)
 
     @property
     def per_e(self) -> float:
@@ -104,7 +104,7 @@ class ExponentialNode:
 
 
 @dataclass(frozen=True)
-class BentFollower:
+class NonlinearFollower:
     """V·(1 + (γ − 1)·(V_REF − V)/(V_FW·V_REF)): the gain grows with the swing but multiplies the *node voltage*.
 
     (Paper eq. 9, 34.) γ = 1.05 takes 29 % to 30 % of the signal away.  full_well_v : V_FW [V].  gamma : above 0.
@@ -113,7 +113,7 @@ class BentFollower:
     reference_v: float
     full_well_v: float
     gamma: float
-    room: ClassVar[str] = "volts"
+    domain: ClassVar[str] = "volts"
 
     def __call__(self, volts: Any, frame: Frame) -> Any:
         """Node voltage → voltage after the source follower (H, W) [V]."""
@@ -138,11 +138,11 @@ class ColumnGain:
 
     factor: float
     family: Family
-    room: ClassVar[str] = "volts"
+    domain: ClassVar[str] = "volts"
 
     def __call__(self, volts: Any, frame: Frame) -> Any:
         """Voltage with the camera's column stripes (H, W) [V]."""
-        return volts * (1 + self.factor * fixed(frame.device, "column_offset", self.family))
+        return volts * (1 + self.factor * fixed(frame.window, "dsnu_col", self.family))
 
     def moments(self, m: Moments) -> Moments:
         """Product with an independent fixed gain."""
@@ -161,7 +161,7 @@ class Adc:
     reference_v: float
     full_well_v: float
     gamma: float = 1.0
-    room: ClassVar[str] = "digital numbers"
+    domain: ClassVar[str] = "DN"
 
     def __call__(self, volts: Any, frame: Frame) -> Any:
         """Voltage [V] → whole digital numbers (H, W)."""
@@ -186,5 +186,5 @@ class Adc:
 
 def through(m: Moments, value: Any, slope: Any, curvature: Any) -> Moments:
     """A smooth function with this value, slope and curvature at the mean."""
-    mean = value + 0.5 * curvature * (m.temporal + m.fixed)
-    return Moments(mean, m.temporal * slope**2, m.fixed * slope**2, m.frame)
+    mean = value + 0.5 * curvature * (m.temporal + m.spatial)
+    return Moments(mean, m.temporal * slope**2, m.spatial * slope**2, m.frame)

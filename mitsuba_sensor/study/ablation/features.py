@@ -9,12 +9,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from ...engine.frame import Exposure
-from ...light.irradiance import Job, Wish, prepare
-from ...light.lint import WRAPPERS
-from ...light.renderer import Renderer
-from ...light.scene_file import parse_scene
-from ...light.variants import mitsuba
+from ...core.exposure import Exposure
+from ...render.irradiance import Job, RenderOptions, prepare
+from ...render.lint import WRAPPERS
+from ...render.renderer import Renderer
+from ...render.scene_file import parse_scene
+from ...render.variants import mitsuba
 
 if TYPE_CHECKING:
     from ...sensor.camera import Camera
@@ -43,21 +43,21 @@ ERROR_BARS, TRUTH = "error bars", "ground truth"
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """The scene, camera and exposure that are studied. wish : other words of :func:`light.irradiance.render`."""
+    """The scene, camera and exposure that are studied. wish : other words of :func:`render.irradiance.render`."""
 
     scene: str | os.PathLike[str]
     camera: Camera
     exposure: Exposure
-    wish: Wish
+    options: RenderOptions
 
     @cached_property
     def job(self) -> Job:
         """The scene as it is."""
-        return prepare(self.scene, self.camera, self.exposure, self.wish)
+        return prepare(self.scene, self.camera, self.exposure, self.options)
 
     def job_with(self, camera: Camera | None = None, **words: Any) -> Job:
         """The scene for another camera, or with other words."""
-        return prepare(self.scene, camera or self.camera, self.exposure, replace(self.wish, **words))
+        return prepare(self.scene, camera or self.camera, self.exposure, replace(self.options, **words))
 
     def features(self) -> tuple[list[str], dict[str, str]]:
         """What can be left out here, in order; and what cannot, with the reason."""
@@ -106,7 +106,7 @@ class Subject:
 
     def _integrator(self) -> dict[str, Any] | None:
         """The scene's integrator without indirect light, in Mitsuba's words; None where it has no more to lose."""
-        scene, mi = parse_scene(self.scene, self.wish.parameters or {}), mitsuba()
+        scene, mi = parse_scene(self.scene, self.options.parameters or {}), mitsuba()
         kind: tuple[str, dict[str, Any]] = "path", {}
         for _, node in scene.children(scene.root):
             while node.type == mi.ObjectType.Integrator:

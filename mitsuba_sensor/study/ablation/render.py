@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...light.budget import Budget
-from ...light.irradiance import Irradiance, Job
-from ...light.needs import grouped_electrons
-from ...light.optics import solid_angle_sr
-from ...light.passes import hashed_seed, whole_grid
-from ...light.truth import ground_truth
+from ...optics.f_number_law import solid_angle_sr
+from ...render.aovs import render_aovs
+from ...render.irradiance import Irradiance, Job
+from ...render.passes import hashed_seed, whole_grid
+from ...render.requirements import grouped_electrons
+from ...render.stop_criterion import StopCriterion
 from ...sensor.chain import gain_dn_per_e
 from ..timing import one_turn
 from .features import ERROR_BARS, FALL_OFF, TRUTH, Subject
@@ -29,7 +29,7 @@ LAST_DIGIT = 1e-6
 Array = NDArray[np.float64]
 
 
-def change_without(subject: Subject, feature: str, budget: Budget, seed: int) -> dict[str, Any]:
+def change_without(subject: Subject, feature: str, budget: StopCriterion, seed: int) -> dict[str, Any]:
     """What happens to the picture, and the seconds that are saved, ready for JSON.
 
     mean_dn, rms_dn, worst_dn : change of the mean signal, cut at the full well: averaged over the pixels; root of the
@@ -45,9 +45,9 @@ def change_without(subject: Subject, feature: str, budget: Budget, seed: int) ->
     return _passes(subject, feature, budget, seed)
 
 
-def _passes(subject: Subject, feature: str, budget: Budget, seed: int) -> dict[str, Any]:
+def _passes(subject: Subject, feature: str, budget: StopCriterion, seed: int) -> dict[str, Any]:
     other, k = subject.without(feature), gain_dn_per_e(subject.camera)
-    jobs, one = {"as it is": subject.job, "without": other}, Budget(1, budget.samples)
+    jobs, one = {"as it is": subject.job, "without": other}, StopCriterion(1, budget.samples)
     base, changed, theory = [], [], []
     seconds: dict[str, list[float]] = {name: [] for name in jobs}
     for number in range(-1, budget.passes):  # the first compiles
@@ -69,7 +69,7 @@ def _passes(subject: Subject, feature: str, budget: Budget, seed: int) -> dict[s
     return {**found, **times}
 
 
-def _task(job: Job, seed: int, budget: Budget, name: str, lights: dict[str, Irradiance]) -> Any:
+def _task(job: Job, seed: int, budget: StopCriterion, name: str, lights: dict[str, Irradiance]) -> Any:
     def task() -> int:
         lights[name] = job.irradiance(seed, budget, lambda step: None, time.monotonic())
         return 1
@@ -166,10 +166,10 @@ def _worst_by_halves(base: Array, changed: Array, full_dn: float) -> dict[str, f
     return {"worst_dn": 0.5 * sum(values), "worst_error": 0.5 * math.hypot(*errors)}
 
 
-def _one_pass(subject: Subject, budget: Budget, seed: int) -> dict[str, Any]:
+def _one_pass(subject: Subject, budget: StopCriterion, seed: int) -> dict[str, Any]:
     """As many samples in one pass: nobody knows then how sure the render is. Both have noise of their own."""
     k, job = gain_dn_per_e(subject.camera), subject.job
-    ways = {"as it is": budget, "without": Budget(1, whole_grid(budget.passes * budget.samples))}
+    ways = {"as it is": budget, "without": StopCriterion(1, whole_grid(budget.passes * budget.samples))}
     seconds: dict[str, list[float]] = {name: [] for name in ways}
     means: dict[str, list[float]] = {name: [] for name in ways}
     for number in range(-1, WHOLE_RENDERS):
@@ -188,11 +188,11 @@ def _one_pass(subject: Subject, budget: Budget, seed: int) -> dict[str, Any]:
 
 def _truth(subject: Subject) -> dict[str, Any]:
     """Nothing of the picture: it is a pass of its own."""
-    words = subject.wish
+    words = subject.options
     seconds = []
     for _ in range(WHOLE_RENDERS + 1):  # the first compiles
         start = time.perf_counter()
-        ground_truth(
+        render_aovs(
             subject.scene, subject.camera, parameters=words.parameters, variant=words.variant,
             scene_unit=words.scene_unit, columns=words.columns, exposure=subject.exposure,
         )  # fmt: skip

@@ -67,7 +67,7 @@ def page(
 ) -> Side:  # fmt: skip
     """What the render shows. features : by name, what was measured.  missing : what is not in this scene, and why.
 
-    needs : of :func:`light.needs.render_needs`.  passed : theory and renders agree wherever theory says something.
+    needs : of :func:`render.requirements.render_requirements`.  passed : theory and renders agree.
     """
     rows = [Feature(name, found, _said(name, found, needs, tolerance_dn)) for name, found in features]
     scores = [abs(z) for row in rows for name in ("z_mean", "z_worst") if (z := row.z(name)) is not None]

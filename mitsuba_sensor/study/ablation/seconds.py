@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from ...engine.frame import Device, Frame
-from ...engine.llvm import drjit
-from ...engine.quantities import Photons
-from ...sensor.running import Run, chosen_lanes, run_chain
+from ...core.frame import Frame
+from ...core.llvm import drjit
+from ...core.quantities import Photons
+from ...core.sensor_window import SensorWindow
+from ...sensor.run import Run, choose_backend, run_chain
 from ..sensor.frames import filled
 from ..timing import one_turn
 from .stages import Ablation
@@ -54,8 +55,8 @@ def nanoseconds(ablation: Ablation, engine: str, cases: list[str]) -> dict[str, 
 
 def _on_numpy(ablation: Ablation, cases: list[str]) -> dict[str, Callable[[], int]]:
     shape = SHAPE["numpy"]
-    device = Device(1, shape, lanes=ablation.lanes)
-    frame = partial(Frame, ablation.exposure, device)
+    window = SensorWindow(1, shape, backend=ablation.backend)
+    frame = partial(Frame, ablation.exposure, window)
     detection, photons = ablation.plan.whole[0], filled(ablation.photons, shape)
     electrons = detection(photons, frame())
 
@@ -68,11 +69,14 @@ def _on_numpy(ablation: Ablation, cases: list[str]) -> dict[str, Callable[[], in
 
 
 def _compiled(ablation: Ablation, engine: str, cases: list[str]) -> dict[str, Callable[[], int]]:
-    shape, lanes = SHAPE[engine], chosen_lanes(engine, "float32", 0)
+    shape, backend = SHAPE[engine], choose_backend(engine, "float32", 0)
     light = _few_layers(ablation, shape)
 
     def stream(stages: tuple[Any, ...]) -> Iterator[Any]:
-        first, codes = Frame(ablation.exposure, Device(1, shape, lanes=lanes)), np.min_scalar_type(stages[-1].highest)
+        first, codes = (
+            Frame(ablation.exposure, SensorWindow(1, shape, backend=backend)),
+            np.min_scalar_type(stages[-1].highest),
+        )
         return Run(stages, light, first).frames(0, 2**31, lambda _: {"digital": np.empty(shape, codes)})
 
     def some(frames: Iterator[Any]) -> int:
@@ -87,6 +91,6 @@ def _compiled(ablation: Ablation, engine: str, cases: list[str]) -> dict[str, Ca
 def _few_layers(ablation: Ablation, shape: tuple[int, int]) -> Photons:
     """The scene's electrons on a window of another size, the same behind every filter: a cube would fill memory."""
     filters = len(ablation.camera.filter_names)
-    light = ablation.plan.whole[0](ablation.photons, Frame(ablation.exposure, Device(1, ablation.shape))).light
+    light = ablation.plan.whole[0](ablation.photons, Frame(ablation.exposure, SensorWindow(1, ablation.shape))).light
     mean = filled(Photons(np.asarray(light)), shape).mean
     return Photons(np.repeat(mean[..., None], filters, axis=2), detected=True)

@@ -10,17 +10,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...engine.frame import Device, Exposure, Frame
-from ...engine.lanes import Lanes
-from ...engine.quantities import Photons
-from ...sensor.account import stage_name
+from ...core.backend import Backend
+from ...core.exposure import Exposure
+from ...core.frame import Frame
+from ...core.quantities import Photons
+from ...core.sensor_window import SensorWindow
 from ...sensor.camera import Camera
 from ...sensor.chain import chain
 from ...sensor.digital import IntegralNonlinearity
 from ...sensor.electrons import FullWell
-from ...sensor.ends import final_moments, hidden_well
+from ...sensor.noise_budget import stage_name
 from ...sensor.plan import INDISPENSABLE, Plan, plan, without
-from ...sensor.running import chosen_lanes, run_chain
+from ...sensor.run import choose_backend, run_chain
+from ...sensor.theory import final_moments, hidden_well
 from ...sensor.volts import NonlinearSenseNode, NonlinearSourceFollower
 
 WHOLE, PLAN = "whole chain", "the plan"
@@ -40,7 +42,7 @@ LOOKED_AT = 8
 
 QUANTITIES = ("mean", "temporal σ", "fixed σ")
 CURVED = (NonlinearSenseNode, NonlinearSourceFollower, IntegralNonlinearity)
-NAMES = ("mean_dn", "temporal_dn2", "fixed_dn2")
+NAMES = ("mean_dn", "temporal_dn2", "spatial_dn2")
 """Of the quantities as they are averaged: variances, not their roots."""
 
 THEORY, EQUAL_WORDS = "sensor: theory", "sensor: equal words"
@@ -100,18 +102,18 @@ class Ablation:
         return {WHOLE: whole, **off, PLAN: self.plan.stages}
 
     @property
-    def lanes(self) -> Lanes:
+    def backend(self) -> Backend:
         """NumPy in the precision that the plan asks for."""
-        return chosen_lanes("numpy", self.plan.precision, 0)
+        return choose_backend("numpy", self.plan.precision, 0)
 
     @cached_property
     def expected(self) -> dict[str, Array]:
         """Mean, temporal and fixed variance of every pixel by chain, (3, pixels) [DN, DN², DN²]."""
-        frame = Frame(self.exposure, Device(0, self.shape, self.photons.origin))
+        frame = Frame(self.exposure, SensorWindow(0, self.shape, self.photons.origin))
         found = {}
         for case, stages in self.cases.items():
             m = final_moments(stages, self.photons, frame)[1]
-            found[case] = np.array([np.broadcast_to(x, self.shape).ravel() for x in (m.mean, m.temporal, m.fixed)])
+            found[case] = np.array([np.broadcast_to(x, self.shape).ravel() for x in (m.mean, m.temporal, m.spatial)])
         return found
 
     def moved(self, case: str) -> Array:
@@ -152,7 +154,7 @@ class Ablation:
         """Where the theory of this chain is known to be approximate."""
         whole = self.plan.whole
         found = ["counts are taken for a normal law where full well or converter cut them"]
-        well = hidden_well(whole, Frame(self.exposure, Device(0, (1, 1))))
+        well = hidden_well(whole, Frame(self.exposure, SensorWindow(0, (1, 1))))
         if well is None and any(isinstance(stage, FullWell) for stage in whole):
             found.append(
                 "full well and converter cut one after the other, and the second cut takes what is left of the "
@@ -177,9 +179,9 @@ class Ablation:
         """
         off: dict[str, list[Array]] = {case: [] for case in list(self.cases)[1:]}
         for number in range(LOOKED_AT):
-            device, light = self._device(number)
+            window, light = self._device(number)
             frames = {
-                case: self._frame(stages, light, device, self.replicas.seed + number)
+                case: self._frame(stages, light, window, self.replicas.seed + number)
                 for case, stages in self.cases.items()
             }
             for case, found in off.items():
@@ -203,10 +205,10 @@ class Ablation:
         stages, count = self.cases[case], self.replicas.frames
         found: dict[str, dict[str, list[float]]] = {}
         for number in range(DEVICES):
-            device, light = self._device(number)
+            window, light = self._device(number)
             total, squares = np.zeros(self.shape), np.zeros(self.shape)
             for k in range(count):
-                codes = self._frame(stages, light, device, self.replicas.seed + number * count + k)
+                codes = self._frame(stages, light, window, self.replicas.seed + number * count + k)
                 total += codes
                 squares += codes**2  # whole numbers: exact
             mean, temporal = total / count, (squares - total**2 / count) / (count - 1)
@@ -217,12 +219,14 @@ class Ablation:
                     lists[name].append(value)
         return found
 
-    def _device(self, number: int) -> tuple[Device, Any]:
+    def _device(self, number: int) -> tuple[SensorWindow, Any]:
         """One of the devices, and the electrons that it detects: as far as there, all chains are one."""
-        device = Device((self.replicas.serial + number) % 2**64, self.shape, self.photons.origin, lanes=self.lanes)
-        return device, self.plan.whole[0](self.photons, Frame(self.exposure, device))
+        window = SensorWindow(
+            (self.replicas.serial + number) % 2**64, self.shape, self.photons.origin, backend=self.backend
+        )
+        return window, self.plan.whole[0](self.photons, Frame(self.exposure, window))
 
-    def _frame(self, stages: tuple[Any, ...], light: Any, device: Device, seed: int) -> Array:
+    def _frame(self, stages: tuple[Any, ...], light: Any, window: SensorWindow, seed: int) -> Array:
         """The first frame of a seed from electrons that are detected already, (H, W) [DN]."""
-        frame = Frame(self.exposure, device, seed % 2**64)
+        frame = Frame(self.exposure, window, seed % 2**64)
         return np.asarray(run_chain(stages[1:], light, frame), dtype=np.float64)

@@ -13,11 +13,13 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ...engine.errors import InputError
-from ...engine.frame import Device, Exposure, Frame
-from ...engine.lanes import Lanes
-from ...engine.llvm import backend_problem
-from ...sensor.running import chosen_lanes
+from ...core.backend import Backend
+from ...core.errors import InputError
+from ...core.exposure import Exposure
+from ...core.frame import Frame
+from ...core.llvm import backend_problem
+from ...core.sensor_window import SensorWindow
+from ...sensor.run import choose_backend
 
 FLOAT32, FLOAT64 = 2.0**-24, 2.0**-53
 """Unit roundoff: how far the nearest number of that precision may be, relative to the number (IEEE 754)."""
@@ -40,12 +42,12 @@ class Engine:
     name: str
     word: str
     precision: Literal["float32", "float64"] = "float32"
-    backend: str = "scalar"
+    compiler: str = "scalar"
 
     @property
     def problem(self) -> str | None:
         """Why it cannot be asked on this machine, or None."""
-        return None if self.backend == "scalar" else backend_problem(self.backend)
+        return None if self.compiler == "scalar" else backend_problem(self.compiler)
 
     @property
     def how(self) -> dict[str, Any]:
@@ -58,23 +60,23 @@ class Engine:
         return FLOAT64 if self.precision == "float64" else FLOAT32
 
     @cached_property
-    def lanes(self) -> Lanes:
+    def backend(self) -> Backend:
         """The engine itself."""
-        return chosen_lanes(self.word, self.precision, 0)
+        return choose_backend(self.word, self.precision, 0)
 
     def frame(self, shape: tuple[int, int], exposure: Exposure, serial: int = 7, seed: int = 5) -> Frame:
         """A frame whose pixels this engine computes."""
-        return Frame(exposure, Device(serial, shape, lanes=self.lanes), seed)
+        return Frame(exposure, SensorWindow(serial, shape, backend=self.backend), seed)
 
     def take(self, values: Any, frame: Frame) -> Any:
         """Numbers of the host, for this engine."""
-        return self.lanes.take(np.asarray(values, dtype=np.float64), frame.device)
+        return self.backend.take(np.asarray(values, dtype=np.float64), frame.window)
 
     def give(self, signals: Sequence[Any], frame: Frame) -> list[NDArray[np.float64]]:
         """Signals on the host, (H, W) float64 each; a compiled engine runs one kernel for all of them."""
-        if not self.lanes.on_host:
-            self.lanes.dr.eval([x for x in signals if not np.isscalar(x)])  # type: ignore[attr-defined]
-        return [np.asarray(self.lanes.give(x, frame.device), dtype=np.float64) for x in signals]
+        if not self.backend.on_host:
+            self.backend.dr.eval([x for x in signals if not np.isscalar(x)])  # type: ignore[attr-defined]
+        return [np.asarray(self.backend.to_numpy(x, frame.window), dtype=np.float64) for x in signals]
 
 
 ONCE = Engine("no engine", "", "float64")
@@ -83,13 +85,13 @@ ONCE = Engine("no engine", "", "float64")
 ENGINES = (
     Engine("NumPy float64", "numpy", "float64"),
     Engine("NumPy float32", "numpy"),
-    Engine("LLVM float32", "drjit", backend="llvm"),
-    Engine("CUDA float32", "cuda", backend="cuda"),
+    Engine("LLVM float32", "drjit", compiler="llvm"),
+    Engine("CUDA float32", "cuda", compiler="cuda"),
 )
 RENDERERS = (
     Engine("Mitsuba scalar", "scalar_spectral"),
-    Engine("Mitsuba LLVM", "llvm_ad_spectral", backend="llvm"),
-    Engine("Mitsuba CUDA", "cuda_ad_spectral", backend="cuda"),
+    Engine("Mitsuba LLVM", "llvm_ad_spectral", compiler="llvm"),
+    Engine("Mitsuba CUDA", "cuda_ad_spectral", compiler="cuda"),
 )
 
 

@@ -13,13 +13,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...engine.errors import InputError
-from ...engine.frame import Device, Exposure, Frame
-from ...engine.quantities import Photons
+from ...core.errors import InputError
+from ...core.exposure import Exposure
+from ...core.frame import Frame
+from ...core.quantities import Photons
+from ...core.sensor_window import SensorWindow
 from ...sensor.camera import Camera, list_cameras, load_camera
 from ...sensor.chain import chain
-from ...sensor.door import fields_of
-from ...sensor.ends import final_moments
+from ...sensor.datasheet_errors import fields_of
+from ...sensor.theory import final_moments
 
 NOTICED_DN = 0.1
 """A change of a mean that a careful measurement shows: a tenth of a code."""
@@ -32,7 +34,7 @@ EXPOSURES = (Exposure(0.1), Exposure(10.0))
 
 BENT = {
     "adc.bits": 16, "readout.reset": "hard", "readout.ve_nonlinearity": 0.5, "source_follower.vv_nonlinearity": 1.05,
-    "adc.gamma": 1.04, "readout.row_offset": 5e-4, "readout.column_gain": 2e-3, "pixel.offset_e": 20.0,
+    "adc.gamma": 1.04, "readout.dsnu_row": 5e-4, "readout.prnu_col": 2e-3, "pixel.dsnu_e": 20.0,
     "source_follower.rtn_uv": 100.0,
 }  # fmt: skip
 
@@ -132,9 +134,9 @@ def levels(camera: Camera) -> Photons:
 def outputs(light: Photons, camera: Camera, exposure: Exposure) -> tuple[NDArray[np.float64], ...]:
     """Mean, temporal σ and fixed σ, (levels, filters) each [DN]."""
     shape = light.mean.shape[0], light.mean.shape[1]
-    m, _ = final_moments(chain(camera), light, Frame(exposure, Device(0, shape)))
+    m, _ = final_moments(chain(camera), light, Frame(exposure, SensorWindow(0, shape)))
     by_level = lambda x: np.array(np.split(np.broadcast_to(x, shape), len(LEVELS), axis=1))  # noqa: E731
-    return tuple(by_level(x).reshape(len(LEVELS), -1) for x in (m.mean, np.sqrt(m.temporal), np.sqrt(m.fixed)))
+    return tuple(by_level(x).reshape(len(LEVELS), -1) for x in (m.mean, np.sqrt(m.temporal), np.sqrt(m.spatial)))
 
 
 @dataclass(frozen=True)

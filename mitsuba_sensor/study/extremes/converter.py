@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from ...engine.frame import Exposure
+from ...core.exposure import Exposure
 from ...sensor.camera import load_camera
 from ...sensor.chain import chain
 from ...sensor.digital import Adc, AdcWithSteps, IntegralNonlinearity
-from ...sensor.exposing import expose
+from ...sensor.expose import expose
 from .case import Case, Engine, Got, once, refusal, shown
 
 BITS = {1: "uint8", 8: "uint8", 9: "uint16", 12: "uint16", 16: "uint16", 17: "uint32", 24: "uint32"}
@@ -53,7 +53,7 @@ def next_to_straight(engine: Engine, offset: float) -> Got:
 
 def gain_of_one(engine: Engine) -> Got:
     """4096 V of full scale and γ = 1.04, at no swing, half and all of it: the paper's logarithm of A would be 0."""
-    change = {"adc.full_scale_v": 4096.0, "adc.gamma": 1.04, "adc.pedestal_dn": 0.0, "pixel.full_well_e": 1e9}
+    change = {"adc.full_scale_v": 4096.0, "adc.gamma": 1.04, "adc.black_level_dn": 0.0, "pixel.full_well_e": 1e9}
     bend, adc = chain(load_camera("konnik_table1").replace(**change))[-2:]
     codes = outputs(engine, [0.0, 2048.0, 4096.0], bend, adc)
     expected = [0, math.floor(2048 / 1.04**0.5 + 0.5), math.floor(4096 / 1.04 + 0.5)]

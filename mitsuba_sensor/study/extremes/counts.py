@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from ...engine.frame import Exposure
-from ...engine.quantities import Electrons
+from ...core.exposure import Exposure
+from ...core.quantities import Electrons
 from ...sensor.camera import load_camera
 from ...sensor.electrons import FullWell, ShotNoise
-from ...sensor.exposing import expose
+from ...sensor.expose import expose
 from .case import FLOAT32, RARE, SIGMAS, Case, Engine, Got, once, refusal, shown
 
 SHAPE = (512, 512)
@@ -29,7 +29,7 @@ def counts(engine: Engine, mean: float, shape: tuple[int, int]) -> tuple[Any, fl
     """Poisson counts of a flat light (H, W), and the mean as the engine holds it."""
     frame = engine.frame(shape, Exposure(0.1))
     light = engine.take(np.full(shape, mean), frame)
-    counted, held = engine.give([frame.poisson("light_shot", light), light], frame)
+    counted, held = engine.give([frame.poisson("photon_shot", light), light], frame)
     return counted, float(held[0, 0])
 
 
@@ -96,7 +96,7 @@ def both_overflow(engine: Engine, full_well_e: float) -> Got:
 def no_exact_count() -> Got:
     """Beyond 2^24 the precision that nobody chose is float64, and a compiled engine says that it has none."""
     camera = load_camera("konnik_table1").replace(**{"pixel.full_well_e": 5e7})
-    found = expose(np.ones((2, 2)), camera, Exposure(0.0), engine="numpy").first.device.lanes.precision
+    found = expose(np.ones((2, 2)), camera, Exposure(0.0), engine="numpy").first.window.backend.precision
     words = "compiled engines are float32: take numpy, or precision float32"
     refused = refusal(lambda: expose(np.ones((2, 2)), camera, Exposure(0.0), engine="drjit"), words)
     return Got(f"NumPy takes {found}; {refused.words}", found == "float64" and refused.passed)

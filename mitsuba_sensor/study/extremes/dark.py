@@ -11,18 +11,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...engine.frame import Exposure
-from ...engine.moments import Moments
-from ...engine.quantities import BOLTZMANN_J_PER_K, ELEMENTARY_CHARGE_C, Electrons
+from ...core.exposure import Exposure
+from ...core.moments import Moments
+from ...core.quantities import BOLTZMANN_J_PER_K, ELEMENTARY_CHARGE_C, Electrons
+from ...sensor.dark_current_models import Doubling, FigureOfMerit, Measured, Mpp
 from ...sensor.electrons import DarkCurrent, Prnu
-from ...sensor.laws import Doubling, FigureOfMerit, Measured, Mpp
-from ...sensor.patterns import (
+from ...sensor.fpn_distributions import (
     Autoregressive,
+    FpnDistribution,
     Gamma,
     Gaussian,
     Logistic,
     LogNormal,
-    Pattern,
     Rectified,
     Wald,
 )
@@ -87,7 +87,7 @@ def rated(law: str, kelvin: float) -> Got:
     return relative(*rate(law, kelvin), ROUNDED, " e-/s")
 
 
-FAMILIES: dict[str, Callable[[float], Pattern]] = {
+FAMILIES: dict[str, Callable[[float], FpnDistribution]] = {
     "normal, cut at 0": Gaussian,
     "log-normal": LogNormal,
     "gamma": Gamma,
@@ -111,10 +111,10 @@ SMALLEST_COMPARED = 1e-25
 """float32 engines hold e^(−69) at least; what is below is next to nothing anyway."""
 
 
-def map_of(engine: Engine, pattern: Pattern) -> NDArray[np.float64]:
+def map_of(engine: Engine, pattern: FpnDistribution) -> NDArray[np.float64]:
     """The camera's map, (H, W)."""
     frame = engine.frame(SHAPE, Exposure(0.1))
-    return engine.give([pattern.map_of(frame.device, "dark_pattern")], frame)[0]
+    return engine.give([pattern.map_of(frame.window, "dark_fpn")], frame)[0]
 
 
 def quantile_law(family: str, cv: float) -> Any:
@@ -176,8 +176,8 @@ def mixed_moments(engine: Engine, cv: float) -> Got:
     error = math.sqrt((2 + 16 * cv**2) / total.size)
     rounded = (2e4 * 2 * engine.unit) ** 2
     return Got(
-        f"σ {total.std():.6g} e-, theory {math.sqrt(theory.fixed):.6g} e-",
-        abs(float(total.var()) - theory.fixed) <= SIGMAS * error * theory.fixed + rounded,
+        f"σ {total.std():.6g} e-, theory {math.sqrt(theory.spatial):.6g} e-",
+        abs(float(total.var()) - theory.spatial) <= SIGMAS * error * theory.spatial + rounded,
     )
 
 

@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from ...data.files import to_json
-from ...engine.frame import Exposure
-from ...engine.lanes import BRIGHTEST
-from ...light.passes import clean
-from ...light.photons import collect
+from ...core.backend import BRIGHTEST
+from ...core.exposure import Exposure
+from ...io.files import to_json
+from ...render.passes import clean
+from ...render.photons import collect
 from ...sensor.camera import Camera, load_camera
-from ...sensor.chain import adc_gain_dn_per_v, pedestal_dn
-from ...sensor.exposing import Frames, expose
+from ...sensor.chain import adc_gain_dn_per_v, black_level_dn
+from ...sensor.expose import Frames, expose
 from ...sensor.plan import plan
 from .case import SIGMAS, Case, Engine, Got, once, refusal, shown
 from .walks import EVERY_OPTION, camera_of
@@ -188,9 +188,9 @@ def twelve_megapixels(engine: Engine) -> Got:
     started = time.perf_counter()
     digital = expose(0.0, camera, Exposure(0.1, 77.0), **engine.how).digital
     seconds, mean = time.perf_counter() - started, float(digital.mean())
-    stripes = camera.readout.column_offset * 2**camera.adc.bits
-    good = digital.shape == (1, *LARGE) and abs(mean - pedestal_dn(camera)) <= SIGMAS * stripes / math.sqrt(LARGE[1])
-    return Got(f"mean {mean:.3f} of {pedestal_dn(camera):g} DN, {digital.dtype}, {seconds:.1f} s", bool(good))
+    stripes = camera.readout.dsnu_col * 2**camera.adc.bits
+    good = digital.shape == (1, *LARGE) and abs(mean - black_level_dn(camera)) <= SIGMAS * stripes / math.sqrt(LARGE[1])
+    return Got(f"mean {mean:.3f} of {black_level_dn(camera):g} DN, {digital.dtype}, {seconds:.1f} s", bool(good))
 
 
 def cases() -> list[Case]:

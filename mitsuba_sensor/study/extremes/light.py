@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...engine.frame import Exposure
-from ...engine.quantities import LIGHT_SPEED_M_PER_S, PLANCK_J_S, photon_energy_j
-from ...light.bands import Bands, box_bands
-from ...light.photons import collect, photons_per_irradiance
+from ...core.exposure import Exposure
+from ...core.quantities import LIGHT_SPEED_M_PER_S, PLANCK_J_S, photon_energy_j
+from ...render.bands import Bands, box_bands
+from ...render.photons import collect, photons_per_irradiance
 from ...sensor.camera import Camera, load_camera
-from ...sensor.exposing import expose
+from ...sensor.expose import expose
 from .case import FLOAT32, RENDERERS, SIGMAS, Case, Engine, Got, largest, once, relative, shown
 
 EXPOSURE = Exposure(0.1)
@@ -41,7 +41,7 @@ def camera() -> Camera:
 @contextmanager
 def variant(engine: Engine) -> Iterator[Path]:
     """The scene file, with this renderer; the variant that was set comes back afterwards."""
-    from ...light.variants import choose_variant, mitsuba, use
+    from ...render.variants import choose_variant, mitsuba, use
 
     mi = mitsuba()
     before = mi.variant() or choose_variant().name
@@ -56,7 +56,7 @@ def variant(engine: Engine) -> Iterator[Path]:
 
 def sky(engine: Engine, radiance: float = LEVEL, size: int = 1, **words: Any) -> Any:
     """A render of it."""
-    from ...light.irradiance import render
+    from ...render.irradiance import render
 
     with variant(engine) as path:
         given = {"radiance": radiance, "size": size}
@@ -68,7 +68,7 @@ def one_film(engine: Engine, bands: Bands, samples: int, size: int = 1, touch: A
 
     touch : called with the film before it is used.
     """
-    from ...light.scene import load_scene
+    from ...render.scene import load_scene
 
     with variant(engine) as path:
         scene = load_scene(path, bands, {"radiance": LEVEL, "size": size}, camera())
@@ -112,7 +112,7 @@ LARGEST_PASS = 1024
 def sampled(engine: Engine, spp: int) -> Got:
     """Passes are added up in float64; what is left is what one pass loses."""
     light = sky(engine, spp=spp, wavelength_nm=550.0)
-    done = light.certificate
+    done = light.statistics
     each = done.samples_per_pixel // done.passes
     off = float(light.data.ravel()[0]) / irradiance(LEVEL) - 1
     return Got(f"{off:+.1e}: {done.passes} passes of {each}", abs(off) <= lost(min(each, LARGEST_PASS)))
@@ -149,7 +149,7 @@ FILM, SAMPLES = 16, 400
 def nearly_equal_nodes(engine: Engine) -> Got:
     """31 bands of height 1 ± 3e-7, with the repaired density of wavelengths, and with one as nearly flat as they.
 
-    (Mitsuba inverts the density by a formula that cancels in float32 there; light/film.py.)
+    (Mitsuba inverts the density by a formula that cancels in float32 there; render/film.py.)
     """
     random = np.random.default_rng(3)
     bands = box_bands(camera(), EDGES_NM)
@@ -170,7 +170,7 @@ def nearly_equal_nodes(engine: Engine) -> Got:
 
 def _as_mitsuba_has_it(film: Any) -> None:
     """Undo the repair: every node of the density a little different from its neighbours."""
-    from ...light.variants import mitsuba
+    from ...render.variants import mitsuba
 
     parameters = mitsuba().traverse(film.sensor_response_function())
     values = np.array(parameters["values"], dtype=float)

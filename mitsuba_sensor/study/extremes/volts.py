@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from ...engine import draws
-from ...engine.frame import Exposure
-from ...engine.quantities import Electrons
+from ...core import distributions
+from ...core.exposure import Exposure
+from ...core.quantities import Electrons
 from ...sensor.camera import load_camera
 from ...sensor.cds import CdsNoise, flicker_integral
 from ...sensor.chain import chain
-from ...sensor.volts import ColumnOffset, NonlinearSenseNode, SourceFollowerNoise
+from ...sensor.volts import DsnuColumn, NonlinearSenseNode, SourceFollowerNoise
 from .case import SIGMAS, Case, Engine, Got, largest, near, once, refusal, relative, shown, together
 
 DIGITS = 120
@@ -140,7 +140,7 @@ def inverse(engine: Engine) -> Got:
 def straight(engine: Engine, alpha: float) -> Got:
     """A node that next to does not bend, from the datasheet on."""
     camera = load_camera("konnik_table1").replace(**{"readout.ve_nonlinearity": alpha})
-    node = next(s for s in chain(camera) if s.room == "volts")
+    node = next(s for s in chain(camera) if s.domain == "volts")
     frame = engine.frame((1, 200), Exposure(0.1))
     electrons = np.linspace(0, 33_000, 200)[None]
     (swing,) = engine.give([node(Electrons(engine.take(electrons, frame)), frame)], frame)
@@ -154,10 +154,10 @@ COLUMNS, BLOCK = 2**18, 2**12
 
 def impulse(a: float) -> Got:
     """The answer h to one impulse: Σh² = 1, Σh_i·h_{i+1} = 2a, and h solves the recursion everywhere else."""
-    margin = draws.AR_WARM_UP
+    margin = distributions.AR_WARM_UP
     white = np.zeros(4 * margin + 1)
     white[2 * margin] = 1.0
-    h = draws.isotropic_ar(white, a, margin)
+    h = distributions.isotropic_ar(white, a, margin)
     left = np.delete(h[1:-1] - a * (h[:-2] + h[2:]), margin - 1)
     off = max(abs(float(h @ h) - 1), abs(float(h[1:] @ h[:-1]) - 2 * a), float(np.abs(left).max()))
     return Got(f"Σh² = {h @ h:.12g}, ρ₁ = {h[1:] @ h[:-1]:.10g}", off <= 1e-9)
@@ -166,7 +166,7 @@ def impulse(a: float) -> Got:
 def columns(engine: Engine, a: float) -> Got:
     """Offsets of 33 e-: variance and neighbours, with the spread of 64 blocks as their sampling error."""
     frame = engine.frame((1, COLUMNS), Exposure(0.1))
-    (offsets,) = engine.give([ColumnOffset(33.0, VOLTS_PER_E, a).maps(frame.device)["column_offset_e"]], frame)
+    (offsets,) = engine.give([DsnuColumn(33.0, VOLTS_PER_E, a).maps(frame.window)["dsnu_col_e"]], frame)
     x = (offsets.ravel() / 33.0).reshape(-1, BLOCK)
     answers = []
     for name, values, expected in (("variance", x * x, 1.0), ("ρ₁", x[:, 1:] * x[:, :-1], 2 * a)):
@@ -180,7 +180,7 @@ def columns(engine: Engine, a: float) -> Got:
 def coupled(a: float) -> Got:
     """The datasheet refuses it."""
     camera = load_camera("konnik_table1")
-    return refusal(lambda: camera.replace(**{"readout.column_coupling": a}), "readout.column_coupling is")
+    return refusal(lambda: camera.replace(**{"readout.dsnu_col_coupling": a}), "readout.dsnu_col_coupling is")
 
 
 def cases() -> list[Case]:
@@ -219,7 +219,7 @@ def _node_cases() -> list[Case]:
 
 
 def _column_cases() -> list[Case]:
-    place = "coupled columns", "column offset"
+    place = "coupled columns", "dsnu column"
     sampled, refused = "variance 1, ρ₁ = 2a, within 5 standard errors", "refused: at ½ columns are a random walk"
     return [
         *(once(*place, f"a = {shown(a)}, one impulse", "variance 1, ρ₁ = 2a, to 1e-9", partial(impulse, a))

@@ -10,13 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from ...engine.frame import Device, Exposure, Frame
-from ...engine.lanes import BRIGHTEST
-from ...engine.moments import Moments
-from ...engine.quantities import Electrons, Photons
-from ...sensor.account import stage_name
+from ...core.backend import BRIGHTEST
+from ...core.exposure import Exposure
+from ...core.frame import Frame
+from ...core.moments import Moments
+from ...core.quantities import Electrons, Photons
+from ...core.sensor_window import SensorWindow
 from ...sensor.camera import Camera, list_cameras, load_camera
 from ...sensor.chain import chain
+from ...sensor.noise_budget import stage_name
 from .case import RARE, SIGMAS, Case, Engine, Got
 
 SHAPE, TILE = (64, 64), (2, 2)
@@ -34,9 +36,9 @@ FIRST_S = 0.7
 
 EVERY_OPTION = "every option"
 OPTIONS: dict[str, Any] = {
-    "readout.reset": "hard", "readout.row_offset": 5e-4, "readout.column_gain": 2e-3, "pixel.offset_e": 20.0,
-    "pixel.prnu_pattern": "lognormal", "dark_current.pattern": "gamma", "dark_current.cv": 0.1,
-    "dark_current.blinking_share": 0.2, "dark_current.blinking_e_per_s": 900.0, "dark_current.blinking_switching": 0.5,
+    "readout.reset": "hard", "readout.dsnu_row": 5e-4, "readout.prnu_col": 2e-3, "pixel.dsnu_e": 20.0,
+    "pixel.prnu_distribution": "lognormal", "dark_current.distribution": "gamma", "dark_current.cv": 0.1,
+    "dark_current.rts_fraction": 0.2, "dark_current.rts_amplitude_e_per_s": 900.0, "dark_current.rts_switching": 0.5,
     "quantum_efficiency.quantum_yield": [2.3, 1.1], "source_follower.rtn_uv": 100.0,
     "readout.ve_nonlinearity": 0.5, "source_follower.gain": 0.9, "source_follower.vv_nonlinearity": 1.05,
     "readout.cds_gain": 2.0, "adc.gamma": 1.04, "adc.dnl_lsb": {"100": 0.7, "511": -1.0, "900": 0.3},
@@ -110,7 +112,7 @@ def walk(name: str, condition: Condition, engine: Engine) -> dict[str, Step]:
         signal = stage(signal, frame)
         signals.append(signal.total if isinstance(signal, Electrons) else signal)
     seen = camera.qe([camera.quantum_efficiency.reference_nm])[camera.filter_index(SHAPE), 0] > 0
-    tile = Frame(condition.exposure, Device(7, TILE))
+    tile = Frame(condition.exposure, SensorWindow(7, TILE))
     theory = Moments(Photons(np.full(TILE, condition.light(camera))), 0.0, 0.0, tile)
     lines, unit, steps = False, 1.0, {}
     for stage, values in zip(stages, engine.give(signals, frame), strict=True):
@@ -127,10 +129,10 @@ def _off(values: Any, theory: Moments, lines: bool, rare: float, engine: Engine)
 
     lines : whether a fixed part may be shared by whole columns or rows.  rare : a few counts, in this stage's unit.
     """
-    if not all(np.isfinite(x).all() for x in (values, theory.mean, theory.temporal, theory.fixed)):
+    if not all(np.isfinite(x).all() for x in (values, theory.mean, theory.temporal, theory.spatial)):
         return math.nan
     mean = np.tile(np.broadcast_to(np.minimum(theory.mean, COMPARED), TILE), np.floor_divide(SHAPE, TILE))
-    temporal, fixed = float(np.mean(theory.temporal)), float(np.mean(theory.fixed))
+    temporal, fixed = float(np.mean(theory.temporal)), float(np.mean(theory.spatial))
     error = math.sqrt(temporal / values.size + fixed / (min(SHAPE) if lines else values.size))
     explained = rare / values.size + ROUNDINGS * engine.unit * float(np.abs(mean).max())
     beyond = max(abs(float(np.mean(np.minimum(values, COMPARED) - mean))) - explained, 0.0)

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from ...light.budget import asked_budget
-from ...light.irradiance import render
-from ...light.lint import SAMPLER
-from ...light.passes import FEWEST, MOST_IN_ALL
-from ...light.photons import collect
+from ...render.irradiance import render
+from ...render.lint import SAMPLER
+from ...render.passes import FEWEST, MOST_IN_ALL
+from ...render.photons import collect
+from ...render.stop_criterion import stop_criterion_of
 from .reference import Truth, electrons_of
 from .results import Result
 from .series import Subject
@@ -68,7 +68,7 @@ class Law:
 
     def predict(self, spp: int) -> tuple[float, float] | None:
         """Seconds and error of --spp; None where the bands would not be rendered apart."""
-        budget = asked_budget(spp, None, None, None, self._groups)
+        budget = stop_criterion_of(spp, None, None, None, self._groups)
         if budget.grouped != (self._groups > 1):
             return None
         size = math.log(budget.samples)
@@ -149,5 +149,5 @@ def checked(subject: Subject, choice: Choice, truth: Truth, own_square: float) -
         )  # fmt: skip
         photons = collect(light, subject.camera, subject.exposure)
         squares.append(truth.scale.of_electrons((electrons_of(photons, subject) - truth.electrons) ** 2) - own_square)
-        seconds = light.certificate.seconds
+        seconds = light.statistics.seconds
     return {"seconds": seconds, "error": math.sqrt(max(statistics.fmean(squares), 0.0))}

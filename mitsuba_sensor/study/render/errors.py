@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...engine.quantities import Photons
-from ...light.denoise import smoothed
-from ...light.passes import Welford
-from ...light.truth import guides_of
+from ...core.quantities import Photons
+from ...render.aovs import guides_of
+from ...render.denoise import smoothed
+from ...render.passes import Welford
 from .frames import FEWEST_SPENT, Framed
 from .reference import Truth, electrons_of, mean_and_variance_dn2, photons_of
 from .series import Opened, Subject

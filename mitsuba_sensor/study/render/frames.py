@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...engine.frame import Exposure
-from ...engine.quantities import Photons
-from ...light.certificate import median_bias
-from ...light.passes import Welford
-from ...light.shooting import AIM, NOISIEST, UNSPENT
+from ...core.exposure import Exposure
+from ...core.quantities import Photons
+from ...render.passes import Welford
+from ...render.per_frame import AIM, NOISIEST, UNCOMPENSATED
+from ...render.statistics import median_bias
 from ...sensor.chain import mean_dark_e
-from ...sensor.exposing import expose
-from ...sensor.spending import spendable
+from ...sensor.compensation import compensable
+from ...sensor.expose import expose
 from .reference import Truth, mean_and_variance_dn2
 from .series import Opened, Subject
 
@@ -27,11 +27,11 @@ if TYPE_CHECKING:
 PILOT = 8
 """Passes whose spread tells how noisy one is."""
 FEWEST_SPENT = 8
-"""Passes from which a measured variance is good enough to be spent (7 degrees of freedom, light/shooting.py)."""
+"""Passes from which a measured variance is good enough to be spent (7 degrees of freedom, render/per_frame.py)."""
 SPENT = 8
-"""Or one in so many of a run's passes, with which the noise of a render shall just be spendable."""
+"""Or one in so many of a run's passes, with which the noise of a render shall just be compensable."""
 DIMMER, DIMMEST = 2.0**-0.25, 2.0**-30
-"""Steps in which the exposure is shortened, and where that ends: the noise of any render is spendable there."""
+"""Steps in which the exposure is shortened, and where that ends: the noise of any render is compensable there."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Framed:
     """The exposure at which frames are drawn: the given one, or a share of it that lets the render's noise be spent.
 
     Electrons go with the exposure, the variance of their mean with its square: so does a render's part of the noise.
-    share : of the given exposure.  spendable : passes with which a render's noise is as low as spending aims at.
+    share : of the given exposure.  compensable : passes with which a render's noise is as low as spending aims at.
     noisiest : flat places of the pixels that are not looked at, because nobody can spend their noise.
     variance_dn2 : temporal, that frames must have, averaged over the others that are seen.  pixels : so many of equal
     variance would tell it as well.
@@ -48,7 +48,7 @@ class Framed:
     time_s: float
     temperature_k: float
     share: float
-    spendable: float
+    compensable: float
     noisiest: tuple[int, ...]
     variance_dn2: float
     pixels: float
@@ -95,13 +95,13 @@ class OnePass:
     variance_e2: NDArray[np.float64]
     full_well_e: float
 
-    def spendable(self, share: float, passes: float) -> bool:
-        """Whether so many passes are quiet enough at a share of the exposure, as light/shooting.py judges a render: by
-        the median, and by what is left unspent; and whether the median pixel is below full well."""
+    def compensable(self, share: float, passes: float) -> bool:
+        """Whether so many passes are quiet enough at a share of the exposure, as render/per_frame.py judges a render:
+        by the median, and by what is left uncompensated; and whether the median pixel is below full well."""
         light, dark, variance = share * self.light_e, share * self.dark_e, share**2 * self.variance_e2 / passes
         total = np.maximum(light + dark, np.finfo(float).tiny)
-        left = variance - sum(spendable(light, dark, variance))
-        quiet = np.median(variance / total) * median_bias(PILOT) <= AIM and np.mean(left / total) <= UNSPENT
+        left = variance - sum(compensable(light, dark, variance))
+        quiet = np.median(variance / total) * median_bias(PILOT) <= AIM and np.mean(left / total) <= UNCOMPENSATED
         return bool(quiet and np.median(total) < self.full_well_e)
 
 
@@ -115,9 +115,9 @@ def framed(subject: Subject, opened: Opened, truth: Truth, passes: int) -> Frame
     variance_e2 = PILOT * pilot.variance_of_mean[shown]
     one = OnePass(truth.electrons[shown], dark_e, variance_e2, subject.camera.pixel.full_well_e)
     share, count = 1.0, max(passes / SPENT, FEWEST_SPENT)
-    while not one.spendable(share, count) and share > DIMMEST:
+    while not one.compensable(share, count) and share > DIMMEST:
         share *= DIMMER
-    while count > FEWEST_SPENT and one.spendable(share, count / 2):
+    while count > FEWEST_SPENT and one.compensable(share, count / 2):
         count /= 2
     dimmed = Exposure(share * subject.exposure.time_s, subject.exposure.temperature_k)
     light = replace(truth.photons, mean=share * truth.photons.mean)

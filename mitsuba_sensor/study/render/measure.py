@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...engine.errors import InputError, require
-from ...engine.frame import Exposure
-from ...engine.quantities import Photons
-from ...light.denoise import library
-from ...light.variants import use
+from ...core.errors import InputError, require
+from ...core.exposure import Exposure
+from ...core.quantities import Photons
+from ...render.denoise import library
+from ...render.variants import use
 from ..page import Progress
 from ..side import Side, later
 from ..timing import Step, take_steps
@@ -62,10 +62,10 @@ def render_side(
 
     tolerance : relative rms error of the electrons of a pixel, over the picture, for which words are recommended.
     seeds : independent runs of each setting, 2 … 64; their spread makes the intervals.
-    parameters, scene_unit, columns : as for :func:`light.irradiance.render`.
+    parameters, scene_unit, columns : as for :func:`render.irradiance.render`.
     variants : of Mitsuba, the first with all settings; by default every spectral one that works here.
     done : what is measured already, by key; new measurements are added.
-    Raises InputError for a variant that is not there, and for what :func:`light.irradiance.render` would refuse.
+    Raises InputError for a variant that is not there, and for what :func:`render.irradiance.render` would refuse.
     """
     require("tolerance", tolerance, 1e-6, 1.0, "relative error, e.g. 0.01")
     if require("seeds", seeds, 2, 64, "independent runs, e.g. 4") != int(seeds):

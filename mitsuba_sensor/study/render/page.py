@@ -92,8 +92,9 @@ def _frames(result: Result) -> str:
     needed = "" if result.plain_s is None else f"{FRAME_SIGMA:.0%} after {result.plain_s:.2g} s without, "
     return (
         f"Frames of {framed.time_s:.2g} s, each with a render ({result.label}): after {spend[0].seconds:.2g} s σ is "
-        f"off by {spend[0].error:+.1%} ± {spend[0].spread:.1%} with --noise-budget spend, by {plain[0].error:+.1%} ± "
-        f"{plain[0].spread:.1%} without; {needed}spendable after {result.spent_s:.2g} s{share}."
+        f"off by {spend[0].error:+.1%} ± {spend[0].spread:.1%} with --render-noise compensated, by "
+        f"{plain[0].error:+.1%} ± {plain[0].spread:.1%} without; "
+        f"{needed}compensable after {result.spent_s:.2g} s{share}."
     )
 
 

@@ -112,16 +112,16 @@ def frames_table(found: Found) -> Table:
                 for points in by.values()
                 for value in ((points[passes].error, points[passes].spread) if passes in points else (None, None))
             ]
-            spendable = "yes" if passes >= one.framed.spendable else "no"
-            rows.append((one.label, one.framed.time_s, passes, plain.seconds, spendable, *values))
+            compensable = "yes" if passes >= one.framed.compensable else "no"
+            rows.append((one.label, one.framed.time_s, passes, plain.seconds, compensable, *values))
     return Table(
         "Temporal σ of frames, relative error",
         (
-            "setting", "exposure [s]", "passes", "seconds", "spendable", "plain", "± σ", "spent", "± σ", "denoised",
+            "setting", "exposure [s]", "passes", "seconds", "compensable", "plain", "± σ", "spent", "± σ", "denoised",
             "± σ",
         ),
         tuple(rows),
-        note=f"Spendable: the render's noise is as low as --noise-budget spend aims at. {SHOWN}",
+        note=f"Spendable: the render's noise is as low as --render-noise compensated aims at. {SHOWN}",
     )  # fmt: skip
 
 

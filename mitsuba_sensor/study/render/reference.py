@@ -17,12 +17,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...engine.errors import InputError
-from ...engine.frame import Device, Exposure, Frame
-from ...engine.moments import Moments
-from ...engine.quantities import Photons
-from ...light.budget import Budget
-from ...light.photons import photons_per_irradiance
+from ...core.errors import InputError
+from ...core.exposure import Exposure
+from ...core.frame import Frame
+from ...core.moments import Moments
+from ...core.quantities import Photons
+from ...core.sensor_window import SensorWindow
+from ...render.photons import photons_per_irradiance
+from ...render.stop_criterion import StopCriterion
 from ...sensor.chain import chain, mean_dark_e
 from .series import Banding, Layers, Opened, Setting, Subject
 
@@ -130,7 +132,7 @@ def _rendered(opened: Opened, grouped: bool) -> tuple[int, float]:
 
     def timed(passes: int) -> float:
         began = time.perf_counter()
-        renderer.run(SEED, Budget(passes, opened.samples, grouped=grouped), lambda step: None)
+        renderer.run(SEED, StopCriterion(passes, opened.samples, grouped=grouped), lambda step: None)
         return time.perf_counter() - began
 
     timed(1)  # compiles
@@ -162,7 +164,7 @@ def sources(entries: Mapping[str, dict[str, Any]], banding: str) -> tuple[dict[s
 
 
 def reference_photons(subject: Subject, entry: Mapping[str, Any]) -> Photons:
-    """The light of a reference, for :func:`sensor.exposing.expose`."""
+    """The light of a reference, for :func:`sensor.expose.expose`."""
     arrays = _unpacked(entry["arrays"])
     return photons_of(subject, Layers.from_dict(entry["layers"]), arrays["irradiance"], arrays["electrons"])
 
@@ -176,7 +178,7 @@ def difference(one: Mapping[str, Any], other: Mapping[str, Any]) -> tuple[float,
 
 
 def photons_of(subject: Subject, layers: Layers, irradiance: NDArray[Any] | None, electrons: NDArray[Any]) -> Photons:
-    """The light as :func:`light.photons.collect` has it; of channels each pixel's own electrons, behind any filter."""
+    """The light as :func:`render.photons.collect` has it; of channels each pixel's own electrons, behind any filter."""
     centres = np.array(layers.wavelengths_nm)
     if layers.detected or irradiance is None:
         mean = np.repeat(electrons[..., None], centres.size, axis=-1)
@@ -190,7 +192,7 @@ def mean_and_variance_dn2(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Mean [DN] and temporal variance [DN²] of every pixel, (H, W) each, from the moments of the whole chain."""
     shape = photons.mean.shape[0], photons.mean.shape[1]
-    moments = Moments(photons, 0.0, 0.0, Frame(exposure, Device(0, shape, photons.origin)))
+    moments = Moments(photons, 0.0, 0.0, Frame(exposure, SensorWindow(0, shape, photons.origin)))
     for stage in chain(camera):
         moments = stage.moments(moments)
     return np.broadcast_to(moments.mean, shape), np.broadcast_to(moments.temporal, shape)
@@ -200,7 +202,7 @@ def electrons_of(photons: Photons, subject: Subject) -> NDArray[np.float64]:
     """Mean light electrons that every pixel detects, (H, W)."""
     shape = photons.mean.shape[0], photons.mean.shape[1]
     detection = chain(subject.camera)[0]
-    return np.asarray(detection(photons, Frame(subject.exposure, Device(0, shape, photons.origin))).light)
+    return np.asarray(detection(photons, Frame(subject.exposure, SensorWindow(0, shape, photons.origin))).light)
 
 
 def _dn_per_electron(subject: Subject, photons: Photons, electrons: NDArray[Any]) -> NDArray[np.float64]:

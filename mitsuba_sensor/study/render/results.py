@@ -130,7 +130,7 @@ class Result:
     @property
     def spent_s(self) -> float | None:
         """Seconds after which a render's noise can be spent, at the frames' own exposure; None where it never was."""
-        return self.framed.spendable * self.pass_s if self.framed and self.sigma("spend") else None
+        return self.framed.compensable * self.pass_s if self.framed and self.sigma("spend") else None
 
     def excess_slope(self) -> Slope | None:
         """Of the log variance that plain renders add to their frames [DN²] against log seconds; its theory is −1."""

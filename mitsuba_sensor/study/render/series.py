@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ...engine.errors import InputError
-from ...engine.frame import Exposure
-from ...light.bands import GROUP, NARROWEST_NM, Bands
-from ...light.budget import PASS_SPP, Budget
-from ...light.irradiance import Job, Wish, prepare
-from ...light.lint import SAMPLER
-from ...light.passes import hashed_seed
-from ...light.variants import Variant, choose_variant, mitsuba
+from ...core.errors import InputError
+from ...core.exposure import Exposure
+from ...render.bands import GROUP, NARROWEST_NM, Bands
+from ...render.irradiance import Job, RenderOptions, prepare
+from ...render.lint import SAMPLER
+from ...render.passes import hashed_seed
+from ...render.stop_criterion import PASS_SPP, StopCriterion
+from ...render.variants import Variant, choose_variant, mitsuba
 
 if TYPE_CHECKING:
     from ...sensor.camera import Camera
@@ -31,11 +31,11 @@ Banding = Literal["auto", "cube", "channels", "loop"]
 SAMPLERS = {"independent": 16, "stratified": 16, "orthogonal": 25, "ldsampler": 16}
 """Mitsuba's others, with a number of samples per pass that each keeps: orthogonal wants the square of a prime."""
 SIZES = (4, 64, 256)
-"""Samples per pass beside the product's first 16 (light/budget.py)."""
+"""Samples per pass beside the product's first 16 (render/stop_criterion.py)."""
 ORDER = ("cuda", "llvm", "scalar")
-"""Of the back ends, the quickest first, as :func:`light.variants.choose_variant` has it."""
+"""Of the back ends, the quickest first, as :func:`render.variants.choose_variant` has it."""
 
-Take = Callable[[float, NDArray[np.float64] | None, NDArray[np.float64]], None]
+FrameOfRender = Callable[[float, NDArray[np.float64] | None, NDArray[np.float64]], None]
 """What is called with every pass: its seconds, its irradiance (H, W, B) or None, its electrons (H, W)."""
 
 
@@ -43,7 +43,7 @@ Take = Callable[[float, NDArray[np.float64] | None, NDArray[np.float64]], None]
 class Setting:
     """One way to render.
 
-    banding : "auto", "cube" or "channels" as in :func:`light.irradiance.render`; "loop", one render per band.
+    banding : "auto", "cube" or "channels" as in :func:`render.irradiance.render`; "loop", one render per band.
     """
 
     variant: str
@@ -69,7 +69,7 @@ class Setting:
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """The scene, camera and exposure that are studied; fields as in :func:`light.irradiance.render`."""
+    """The scene, camera and exposure that are studied; fields as in :func:`render.irradiance.render`."""
 
     scene: str | os.PathLike[str]
     camera: Camera
@@ -78,11 +78,11 @@ class Subject:
     scene_unit: str | float | None = None
     columns: int | None = None
 
-    def job(self, setting: Setting, **wish: Any) -> Job:
-        """The scene, loaded for a setting. wish : other words of :class:`light.irradiance.Wish`."""
-        words = Wish(
+    def job(self, setting: Setting, **options: Any) -> Job:
+        """The scene, loaded for a setting. wish : other words of :class:`render.irradiance.Wish`."""
+        words = RenderOptions(
             scene_unit=self.scene_unit, columns=self.columns, parameters=self.parameters, variant=setting.variant,
-            **wish,
+            **options,
         )  # fmt: skip
         return prepare(self.scene, self.camera, self.exposure, words, sampler=setting.sampler)
 
@@ -139,12 +139,14 @@ class Opened:
         """Light paths per pixel of one pass through all bands."""
         return self.samples * self.groups
 
-    def each_pass(self, seed: int, passes: int, take: Take) -> None:
+    def each_pass(self, seed: int, passes: int, take: FrameOfRender) -> None:
         """Render so many passes; what ``take`` does is on nobody's clock."""
         if self.layers.detected:
-            _apart(self.job, seed, Budget(passes, self.samples), lambda s, _, electrons: take(s, None, electrons))
+            _apart(
+                self.job, seed, StopCriterion(passes, self.samples), lambda s, _, electrons: take(s, None, electrons)
+            )
         else:
-            _apart(self.job, seed, Budget(passes, self.samples, grouped=self.groups > 1), take)
+            _apart(self.job, seed, StopCriterion(passes, self.samples, grouped=self.groups > 1), take)
 
     def warm(self) -> None:
         """Compile, or fetch what is compiled."""
@@ -159,7 +161,7 @@ class BandByBand(Opened):
         del self.job
         self._subject, self._setting, self.groups = subject, setting, len(self.bands)
 
-    def each_pass(self, seed: int, passes: int, take: Take) -> None:
+    def each_pass(self, seed: int, passes: int, take: FrameOfRender) -> None:
         """As above; all passes of a band are rendered together, as one would, and handed on when all bands are."""
         seconds, electrons = np.zeros(passes), np.zeros((passes, *self.shape))
         layers = np.zeros((passes, *self.shape, len(self.bands)), np.float32)
@@ -177,8 +179,8 @@ class BandByBand(Opened):
                 electrons[at] += counted
                 layers[at, ..., k] = layer[..., 0]
 
-            _apart(job, 0, Budget(1, self.samples), lambda *_: None)  # compiles
-            _apart(job, hashed_seed(seed, k, 0), Budget(passes, self.samples), one)
+            _apart(job, 0, StopCriterion(1, self.samples), lambda *_: None)  # compiles
+            _apart(job, hashed_seed(seed, k, 0), StopCriterion(passes, self.samples), one)
         for at in range(passes):
             take(float(seconds[at]), layers[at].astype(np.float64), electrons[at])
 
@@ -186,7 +188,7 @@ class BandByBand(Opened):
         """Every band does it anew."""
 
 
-def _apart(job: Job, seed: int, budget: Budget, take: Take) -> None:
+def _apart(job: Job, seed: int, budget: StopCriterion, take: FrameOfRender) -> None:
     """The product's own render, whose running means are taken apart into passes."""
     renderer, sums = job.renderer, [0.0, 0.0]
     began = time.perf_counter()

@@ -47,16 +47,16 @@ class Change:
         return bool((np.abs(self.value_dn) <= tolerance_dn + self.limit * self.error_dn).all())
 
 
-def change(found: Mapping[str, Any], other: Mapping[str, Any], fixed_dn2: tuple[Any, Any]) -> Change:
+def change(found: Mapping[str, Any], other: Mapping[str, Any], spatial_dn2: tuple[Any, Any]) -> Change:
     """found − other, of frames with equal words: values by device and level, as ``frames.measured`` gives them.
 
-    fixed_dn2 : the theoretical fixed variances of both by level, which the frames know less well.
+    spatial_dn2 : the theoretical fixed variances of both by level, which the frames know less well.
     """
     mean, temporal, fixed = (
-        np.asarray(found[name]) - np.asarray(other[name]) for name in ("mean_dn", "temporal_dn2", "fixed_dn2")
+        np.asarray(found[name]) - np.asarray(other[name]) for name in ("mean_dn", "temporal_dn2", "spatial_dn2")
     )
     temporal_dn2 = [np.mean(one["temporal_dn2"], axis=0) for one in (found, other)]
-    parts = (_summary(mean), _of_roots(temporal, temporal_dn2), _of_roots(fixed, fixed_dn2))
+    parts = (_summary(mean), _of_roots(temporal, temporal_dn2), _of_roots(fixed, spatial_dn2))
     value, error = (np.array([part[i] for part in parts]) for i in (0, 1))
     return Change(value, error, len(mean))
 
@@ -64,12 +64,12 @@ def change(found: Mapping[str, Any], other: Mapping[str, Any], fixed_dn2: tuple[
 def from_theory(found: Mapping[str, Any], theory: Mapping[str, Any]) -> Change:
     """Frames against moments: the same with a second side that has no error."""
     exact = {name: np.broadcast_to(theory[name], np.shape(found[name])) for name in found}
-    return change(found, exact, (theory["fixed_dn2"], theory["fixed_dn2"]))
+    return change(found, exact, (theory["spatial_dn2"], theory["spatial_dn2"]))
 
 
 def between(theory: Mapping[str, Any], other: Mapping[str, Any]) -> Array:
     """The change that theory predicts, (3, levels) [DN]."""
-    roots = (np.sqrt(theory[name]) - np.sqrt(other[name]) for name in ("temporal_dn2", "fixed_dn2"))
+    roots = (np.sqrt(theory[name]) - np.sqrt(other[name]) for name in ("temporal_dn2", "spatial_dn2"))
     return np.array([np.subtract(theory["mean_dn"], other["mean_dn"]), *roots])
 
 

@@ -10,15 +10,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...engine.frame import Device, Exposure, Frame
-from ...engine.moments import Moments
-from ...engine.quantities import Photons
-from ...sensor.account import stage_name
+from ...core.exposure import Exposure
+from ...core.frame import Frame
+from ...core.moments import Moments
+from ...core.quantities import Photons
+from ...core.sensor_window import SensorWindow
 from ...sensor.camera import Camera
 from ...sensor.chain import chain
-from ...sensor.ends import final_moments
+from ...sensor.noise_budget import stage_name
 from ...sensor.plan import Plan, plan
-from ...sensor.running import Run, run_chain
+from ...sensor.run import Run, run_chain
+from ...sensor.theory import final_moments
 from .samplers import EXACT, QUANTILE, Setting
 
 LARGE = (1024, 1024)
@@ -74,9 +76,9 @@ class Chains:
 
     def frames(self, setting: Setting, count: int) -> Iterator[NDArray[Any]]:
         """Frames (H, W) of the large window [DN], one after the other; close it to let the threads go."""
-        stages, device = self.stages(setting.tolerance_dn), Device(1, LARGE, lanes=setting.lanes())
+        stages, window = self.stages(setting.tolerance_dn), SensorWindow(1, LARGE, backend=setting.backend())
         dtype = np.min_scalar_type(stages[-1].highest)
-        run = Run(stages, self.large, Frame(self.exposure, device))
+        run = Run(stages, self.large, Frame(self.exposure, window))
         for sinks in run.frames(0, count, lambda _: {"digital": np.empty(LARGE, dtype)}):
             yield sinks["digital"]
 
@@ -88,9 +90,9 @@ class Chains:
     def theory(self, tolerance_dn: float | None) -> Moments:
         """Moments of every pixel of the small window [DN]."""
         if tolerance_dn not in self._theory:
-            _, m = final_moments(self.stages(tolerance_dn), self.small, Frame(self.exposure, Device(0, SMALL)))
-            mean, temporal, fixed = (np.broadcast_to(x, SMALL) for x in (m.mean, m.temporal, m.fixed))
-            self._theory[tolerance_dn] = replace(m, mean=mean, temporal=temporal, fixed=fixed)
+            _, m = final_moments(self.stages(tolerance_dn), self.small, Frame(self.exposure, SensorWindow(0, SMALL)))
+            mean, temporal, fixed = (np.broadcast_to(x, SMALL) for x in (m.mean, m.temporal, m.spatial))
+            self._theory[tolerance_dn] = replace(m, mean=mean, temporal=temporal, spatial=fixed)
         return self._theory[tolerance_dn]
 
     @cached_property
@@ -133,12 +135,12 @@ def difference(chains: Chains, setting: Setting) -> dict[str, float]:
 def predicted(chains: Chains, tolerance_dn: float | None) -> dict[str, Any]:
     """Theory of each light level [DN], and what the whole chain changes at most in any pixel if it is cut so [DN]."""
     m, whole = chains.theory(tolerance_dn), chains.theory(None)
-    roots = [(np.sqrt(getattr(m, part)), np.sqrt(getattr(whole, part))) for part in ("temporal", "fixed")]
+    roots = [(np.sqrt(getattr(m, part)), np.sqrt(getattr(whole, part))) for part in ("temporal", "spatial")]
     worst = [float(np.max(np.abs(one - other))) for one, other in ((m.mean, whole.mean), *roots)]
     return {
         "mean_dn": chains.by_level(m.mean),
         "temporal_dn2": chains.by_level(m.temporal),
-        "fixed_dn2": chains.by_level(m.fixed),
+        "spatial_dn2": chains.by_level(m.spatial),
         "worst_pixel_dn": dict(zip(("mean", "temporal", "fixed"), worst, strict=True)),
     }
 
@@ -150,17 +152,21 @@ def measured(chains: Chains, setting: Setting) -> dict[str, list[list[float]]]:
     product of the distances from the theoretical mean the fixed one. Equal words in all settings make the differences
     between settings far better known than the values.
     """
-    stages, lanes, expected = chains.stages(setting.tolerance_dn), setting.lanes(), chains.theory(setting.tolerance_dn)
-    found: dict[str, list[list[float]]] = {"mean_dn": [], "temporal_dn2": [], "fixed_dn2": []}
+    stages, backend, expected = (
+        chains.stages(setting.tolerance_dn),
+        setting.backend(),
+        chains.theory(setting.tolerance_dn),
+    )
+    found: dict[str, list[list[float]]] = {"mean_dn": [], "temporal_dn2": [], "spatial_dn2": []}
     for serial in range(1, DEVICES + 1):
-        device = Device(serial, SMALL, lanes=lanes)
+        window = SensorWindow(serial, SMALL, backend=backend)
         one, other = (
-            np.asarray(run_chain(stages, chains.small, Frame(chains.exposure, device, seed)), dtype=np.float64)
+            np.asarray(run_chain(stages, chains.small, Frame(chains.exposure, window, seed)), dtype=np.float64)
             for seed in (2 * serial, 2 * serial + 1)
         )
         found["mean_dn"].append(chains.by_level(0.5 * (one + other)))
         found["temporal_dn2"].append(chains.by_level(0.5 * (one - other) ** 2))
-        found["fixed_dn2"].append(chains.by_level((one - expected.mean) * (other - expected.mean)))
+        found["spatial_dn2"].append(chains.by_level((one - expected.mean) * (other - expected.mean)))
     return found
 
 

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from ...engine.errors import require
-from ...engine.frame import Exposure
-from ...engine.llvm import drjit
-from ...engine.quantities import Photons
+from ...core.errors import require
+from ...core.exposure import Exposure
+from ...core.llvm import drjit
+from ...core.quantities import Photons
 from ...sensor.camera import Camera
-from ...sensor.inputs import as_photons
+from ...sensor.checks import as_photons
 from ..page import Progress
 from ..side import Side
 from ..timing import Step, one_turn, take_steps
@@ -184,11 +184,11 @@ def law_steps(settings: list[Setting]) -> Iterator[Step]:
 
 def judged(setting: Setting, mean: float) -> dict[str, Any]:
     """The law that a sampler draws at a mean [events], rounded to float32: every engine is given the same."""
-    held, lanes = float(np.float32(mean)), setting.lanes()
+    held, backend = float(np.float32(mean)), setting.backend()
     if setting.sampler == GENERATOR:
         words = np.random.default_rng(1).integers(0, 2**32, DRAWS, dtype=np.uint32)
-        return asdict(law_of_counts(draws_of(lanes, words, held), held))
-    return asdict(law_of(lambda words: draws_of(lanes, words, held), held))
+        return asdict(law_of_counts(draws_of(backend, words, held), held))
+    return asdict(law_of(lambda words: draws_of(backend, words, held), held))
 
 
 def _seconds(chains: Chains, shape: tuple[int, int], setting: Setting) -> float:

@@ -176,14 +176,14 @@ def _row(done: Mapping[str, Any], setting: Setting, seconds: Sequence[Mapping[st
     twin = replace(setting, engine="numpy")
     frames, reference, whole = (done[moments_key(one)] for one in (twin, REFERENCE, replace(twin, tolerance_dn=None)))
     theory = done[theory_key(setting.tolerance_dn)]
-    fixed_dn2 = theory["fixed_dn2"], done[theory_key(None)]["fixed_dn2"]
+    spatial_dn2 = theory["spatial_dn2"], done[theory_key(None)]["spatial_dn2"]
     return Row(
         setting,
         tuple(1e9 * turn[setting.name] / PIXELS for turn in seconds),
         done[first_key(setting)],
         done.get(difference_key(setting)),
-        change(frames, reference, fixed_dn2),
-        change(frames, whole, fixed_dn2),
+        change(frames, reference, spatial_dn2),
+        change(frames, whole, spatial_dn2),
         from_theory(frames, theory),
     )
 

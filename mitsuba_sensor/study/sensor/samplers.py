@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from ...engine import arrays
-from ...engine.lanes import Lanes
-from ...engine.llvm import backend_problem
-from ...sensor.running import chosen_lanes
+from ...core import arrays
+from ...core.backend import Backend
+from ...core.llvm import backend_problem
+from ...sensor.run import choose_backend
 
 EXACT, QUANTILE, GAUSSIAN, MEAN_ONLY, GENERATOR = "exact", "quantile", "Gaussian", "mean only", "NumPy Generator"
 SAMPLERS = (EXACT, QUANTILE, GAUSSIAN, MEAN_ONLY, GENERATOR)
@@ -52,10 +52,10 @@ class Setting:
         """Whether a kernel makes the frames."""
         return self.engine in COMPILERS
 
-    def lanes(self) -> Lanes:
+    def backend(self) -> Backend:
         """Who does the arithmetic, with the sampler's law in the place of the engine's own."""
-        lanes = chosen_lanes(self.engine, self.precision, 0)
-        return lanes if self.offered else drawing(lanes, LAWS[self.sampler])
+        backend = choose_backend(self.engine, self.precision, 0)
+        return backend if self.offered else drawing(backend, LAWS[self.sampler])
 
 
 def problem_of(engine: str) -> str | None:
@@ -63,24 +63,24 @@ def problem_of(engine: str) -> str | None:
     return backend_problem(COMPILERS[engine]) if engine in COMPILERS else None
 
 
-def drawing(lanes: Lanes, law: Callable[[Lanes, Any, Any], Any]) -> Lanes:
+def drawing(backend: Backend, law: Callable[[Backend, Any, Any], Any]) -> Backend:
     """These lanes with another law of the counts, law(lanes, words, mean): all that is not counted keeps its bits."""
-    other = copy.copy(lanes)
-    other.poisson = partial(law, lanes)  # type: ignore[method-assign]
+    other = copy.copy(backend)
+    other.poisson = partial(law, backend)  # type: ignore[method-assign]
     return other
 
 
-def gaussian(lanes: Lanes, words: Any, mean: Any) -> Any:
+def gaussian(backend: Backend, words: Any, mean: Any) -> Any:
     """round(λ + √λ·z), not below 0: what many simulators do."""
-    return arrays.maximum(arrays.floor(mean + arrays.sqrt(mean) * lanes.normal(words) + 0.5), 0.0)
+    return arrays.maximum(arrays.floor(mean + arrays.sqrt(mean) * backend.normal(words) + 0.5), 0.0)
 
 
-def mean_only(lanes: Lanes, words: Any, mean: Any) -> Any:
+def mean_only(backend: Backend, words: Any, mean: Any) -> Any:
     """λ itself: no draw."""
     return mean
 
 
-def generator(lanes: Lanes, words: Any, mean: Any) -> Any:
+def generator(backend: Backend, words: Any, mean: Any) -> Any:
     """NumPy's ``Generator.poisson``, a third party: exact by rejection, and with a state.
 
     The first words of a strip are its seed, so a frame can be made again, but a crop is no longer the frame's crop.
@@ -89,18 +89,18 @@ def generator(lanes: Lanes, words: Any, mean: Any) -> Any:
     return random.poisson(np.minimum(mean, LARGEST_MEAN), words.shape).astype(np.float32)
 
 
-LAWS: dict[str, Callable[[Lanes, Any, Any], Any]] = {
+LAWS: dict[str, Callable[[Backend, Any, Any], Any]] = {
     GAUSSIAN: gaussian,
     MEAN_ONLY: mean_only,
     GENERATOR: generator,
 }
 
 
-def draws_of(lanes: Lanes, words: Any, mean: float) -> Any:
+def draws_of(backend: Backend, words: Any, mean: float) -> Any:
     """What a line of words (N,) draws from one mean, as float64 on the host, on whichever engine."""
-    if lanes.on_host:
-        counts = lanes.poisson(words, np.float32(mean) if lanes.precision == "float32" else mean)
+    if backend.on_host:
+        counts = backend.poisson(words, np.float32(mean) if backend.precision == "float32" else mean)
     else:
-        compiled: Any = lanes
-        counts = lanes.poisson(compiled.uint(words), lanes.number(mean)).numpy()
+        compiled: Any = backend
+        counts = backend.poisson(compiled.uint(words), backend.number(mean)).numpy()
     return np.broadcast_to(np.asarray(counts, dtype=np.float64), words.shape)

@@ -1,0 +1,26 @@
+"""Exposure: how long the shutter is open [s], and how warm the sensor is [K]."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from .errors import require
+
+LONGEST_S, HOTTEST_K = 1e12, 1e4
+"""Beyond any camera: 30 000 years, and six times the melting point of silicon."""
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """How long the shutter is open, and how warm the sensor is.
+
+    time_s : 0 … 1e12 [s].  temperature_k : 0 … 1e4 [K]; 298.15 K (+25 °C) as in Konnik & Welsh 2014.
+    Raises InputError otherwise.
+    """
+
+    time_s: float
+    temperature_k: float = 298.15
+
+    def __post_init__(self) -> None:
+        require("exposure time_s", self.time_s, 0.0, LONGEST_S, "seconds, e.g. 0.1")
+        require("temperature_k", self.temperature_k, 0.0, HOTTEST_K, "kelvin, e.g. 298.15 for 25 °C")

@@ -1,0 +1,143 @@
+"""Fixed-pattern noise (FPN) maps of a window of the sensor, keyed by serial number and source."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import distributions
+from .backend import NUMPY_FLOAT64, Backend
+from .counter_rng import STREAMS, random_bits_at
+from .errors import require_seed
+
+
+@dataclass(frozen=True, eq=False)
+class SensorWindow:
+    """A rectangle of pixels of the camera with this serial number, and its fixed-pattern noise (FPN) maps.
+
+    shape, origin : (rows, columns) of the window and its first pixel, in sensor coordinates.
+    given : measured FPN maps of this window that replace the random ones, by name.
+    backend : what computes the maps and the frames.
+    """
+
+    serial: int
+    shape: tuple[int, int]
+    origin: tuple[int, int] = (0, 0)
+    given: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    backend: Backend = NUMPY_FLOAT64
+    _maps: dict[Any, Any] = field(default_factory=dict)
+    _tiles: dict[Any, Any] = field(default_factory=dict)
+    _lock: Any = field(default_factory=threading.Lock)
+
+    def __post_init__(self) -> None:
+        require_seed("serial", self.serial)
+
+    @property
+    def rows(self) -> NDArray[np.int64]:
+        """Row numbers of the window, in sensor coordinates."""
+        return np.arange(self.origin[0], self.origin[0] + self.shape[0])
+
+    @property
+    def columns(self) -> NDArray[np.int64]:
+        """Column numbers of the window, in sensor coordinates."""
+        return np.arange(self.origin[1], self.origin[1] + self.shape[1])
+
+    def rows_only(self, rows: slice) -> SensorWindow:
+        """The same camera seen through ``rows`` of this window."""
+        height = rows.stop - rows.start
+        given = {name: x if len(x) == 1 else x[rows] for name, x in self.given.items()}
+        origin = self.origin[0] + rows.start, self.origin[1]
+        shape = height, self.shape[1]
+        return SensorWindow(self.serial, shape, origin, given, self.backend, _tiles=self._tiles, _lock=self._lock)
+
+    def given_or(self, name: str, make: Callable[[], Any]) -> Any:
+        """The map called ``name``: the measured one where one was given, else ``make()``."""
+        if name in self.given:
+            return self.once(("given", name), lambda: self.backend.from_numpy(self.given[name], self))
+        return make()
+
+    def number(self, value: float) -> Any:
+        """A parameter of the camera in the precision of the backend."""
+        return self.backend.number(value)
+
+    @property
+    def maps_made(self) -> dict[Any, Any]:
+        """Everything that was computed once for this window so far, FPN maps among it, by key."""
+        return dict(self._maps)
+
+    def store(self, key: Any, values: Any) -> None:
+        """Replace what was computed under ``key`` by equal values in another memory."""
+        self._maps[key] = values
+
+    def map_moments(self, name: str, mean: float, variance: float) -> tuple[float, float]:
+        """Mean and variance of that map over the window: the measured one's where one was given."""
+        if name not in self.given:
+            return mean, variance
+        return float(np.mean(self.given[name])), float(np.var(self.given[name]))
+
+    def fixed_map(self, source: str, law: Callable[[Backend, Any], Any]) -> Any:
+        """FPN map of ``source``, (H, W): ``law`` turns its random bits into values, once per window."""
+        number, slot = STREAMS[source]
+        return self.once(
+            (source, law), lambda: law(self.backend, self.backend.random_bits(number, self, 0, self.serial)[slot])
+        )
+
+    def correlated(self, source: str, coupling: float) -> Any:
+        """Standard normals (H, W) whose neighbours along rows and columns correlate by 2·coupling (separable AR)."""
+        margin = distributions.AR_MAP_MARGIN
+
+        def make() -> Any:
+            rows, row_slice = _aligned(self.rows, distributions.AR_MAP_BLOCK)
+            columns, column_slice = _aligned(self.columns, distributions.AR_MAP_BLOCK)
+            with self._lock:
+                tiles = [[self._ar_tile(source, y, x, coupling, margin) for x in columns] for y in rows]
+            return self.backend.from_numpy(np.block(tiles)[row_slice, column_slice], self)
+
+        return self.once((source, coupling), make)
+
+    def _ar_tile(self, source: str, y: int, x: int, coupling: float, margin: int) -> Any:
+        """One tile at a fixed place of the sensor, so that every window sees the same bits; the last one is kept."""
+        if self._tiles.get((source, coupling, x), (None,))[0] != y:
+            size = distributions.AR_MAP_BLOCK
+            rows, columns = np.arange(y - margin, y + size + margin), np.arange(x - margin, x + size + margin)
+            white = distributions.normal(self._bits_at(source, rows[:, None], columns[None, :]))
+            tile = distributions.isotropic_ar(distributions.isotropic_ar(white, coupling, margin).T, coupling, margin).T
+            self._tiles[source, coupling, x] = y, tile
+        return self._tiles[source, coupling, x][1]
+
+    def line_map(self, source: str, coupling: float, axis: int = 1) -> Any:
+        """A fixed offset of every column (axis 1: (1, W)) or row (axis 0: (H, 1)): mean 0, variance 1, AR-coupled."""
+
+        def make() -> Any:
+            starts, window = _aligned((self.rows, self.columns)[axis], distributions.AR_BLOCK)
+            line = np.concatenate([self._ar_line(source, start, coupling, axis) for start in starts])[window]
+            return self.backend.from_numpy(line[None, :] if axis else line[:, None], self)
+
+        return self.once((source, coupling, axis), make)
+
+    def _ar_line(self, source: str, start: int, coupling: float, axis: int) -> Any:
+        margin, zero = distributions.AR_WARM_UP, np.zeros(1, dtype=np.int64)
+        along = np.arange(start - margin, start + distributions.AR_BLOCK + margin)
+        place = (zero, along) if axis else (along, zero)
+        return distributions.isotropic_ar(distributions.normal(self._bits_at(source, *place)), coupling, margin)
+
+    def _bits_at(self, source: str, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Any:
+        number, slot = STREAMS[source]
+        return random_bits_at(number, rows, columns, 0, self.serial)[slot]
+
+    def once(self, key: Any, make: Callable[[], Any]) -> Any:
+        """What ``make`` returns, computed once per window."""
+        if key not in self._maps:
+            self._maps[key] = make()
+        return self._maps[key]
+
+
+def _aligned(places: NDArray[np.int64], size: int) -> tuple[list[int], slice]:
+    """Starts of the blocks of ``size`` that cover ``places``, and where those lie in the joined blocks."""
+    first = int(places[0]) // size * size
+    return list(range(first, int(places[-1]) + 1, size)), slice(int(places[0]) - first, int(places[-1]) + 1 - first)

@@ -1,0 +1,184 @@
+"""The door to the disk: raw TIFF, preview PNG, JSON, text, patterns; each appears whole or not at all.
+
+Every writer fills a temporary name in the same folder and renames it at the end, so a reader never meets half a file;
+:func:`output_folder` does the same for a set of files. What the disk refuses becomes one sentence (InputError).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..core.errors import InputError
+
+
+@contextmanager
+def output_folder(path: Path | str, names: Sequence[str]) -> Iterator[Path]:
+    """Yield a scratch folder; when the block ends well, its files ``names`` appear in ``path``, all of them or none.
+
+    Whatever goes wrong, Ctrl-C included, leaves older files in ``path`` as they were and removes what this call made.
+    Raises InputError before the block runs if ``path`` cannot take the files.
+    """
+    folder = Path(path)
+    made = _make_folder(folder)
+    scratch: Path | None = None
+    try:
+        with disk_sentences(folder):
+            _refuse_folders_in_the_way(folder, names)
+            scratch = Path(tempfile.mkdtemp(prefix=".unfinished-", dir=folder))
+        yield scratch
+        with disk_sentences(folder):
+            _publish(scratch, folder, [name for name in names if (scratch / name).exists()])
+    except BaseException:
+        _remove(scratch, made)
+        raise
+    _remove(scratch, [])
+
+
+def write_tiff(path: Path, frames: np.ndarray) -> None:
+    """Raw digital numbers (N, H, W), unsigned 8, 16 or 32 bit, one page per frame, nothing scaled."""
+    import tifffile
+
+    with appearing(path) as temporary:
+        tifffile.imwrite(temporary, frames, photometric="minisblack", metadata=None, software="mitsuba_sensor")
+
+
+def write_png(path: Path, picture: np.ndarray) -> None:
+    """An 8-bit picture for the eye, (H, W) grey or (H, W, 3) sRGB."""
+    from PIL import Image
+
+    with appearing(path) as temporary:
+        Image.fromarray(picture).save(temporary, format="PNG")
+
+
+def write_page(path: Path, text: str) -> None:
+    """Text in UTF-8, an HTML page for example."""
+    with appearing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def write_drawing(path: Path, content: bytes) -> None:
+    """A file that is already made, a drawn PNG for example."""
+    with appearing(path) as temporary:
+        temporary.write_bytes(content)
+
+
+def write_json(path: Path, report: dict[str, Any]) -> None:
+    """A report as strict JSON (see :func:`to_json`)."""
+    write_page(path, to_json(report) + "\n")
+
+
+def to_json(report: Any) -> str:
+    """Indented strict JSON: NumPy values become plain ones, NaN and ±inf, which JSON does not have, become null."""
+    return json.dumps(plain_values(report), indent=2, ensure_ascii=False, allow_nan=False)
+
+
+def write_fpn_maps(path: Path, patterns: Mapping[str, np.ndarray]) -> None:
+    """Fixed patterns by name as a NumPy .npz; :func:`read_fpn_maps` is its inverse."""
+    with appearing(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, **patterns)  # type: ignore[arg-type]
+
+
+def read_fpn_maps(path: Path) -> dict[str, np.ndarray]:
+    """What :func:`write_fpn_maps` wrote, or maps of a real sensor under the same names. Raises InputError."""
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            return {name: np.asarray(archive[name]) for name in archive.files}
+    except (OSError, ValueError, AttributeError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        why = getattr(error, "strerror", None) or "it is no .npz of numbers"
+        raise InputError(
+            f"the patterns {path} cannot be read: {why}; make one with `mitsuba-sensor patterns`."
+        ) from None
+
+
+@contextmanager
+def disk_sentences(target: Path) -> Iterator[None]:
+    """Turn what the operating system refuses into one sentence that names ``target``."""
+    try:
+        yield
+    except OSError as error:
+        why = error.strerror or str(error)
+        raise InputError(f"cannot write {target}: {why}; give -o a place that has room and lets you write.") from error
+
+
+@contextmanager
+def appearing(path: Path) -> Iterator[Path]:
+    """A temporary name beside ``path`` that becomes ``path`` when the block ends well, and vanishes when not."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        with disk_sentences(path):
+            yield temporary
+            os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _make_folder(folder: Path) -> list[Path]:
+    """Make ``folder`` and its parents; the ones that were not there, deepest first."""
+    missing = [place for place in (folder, *folder.parents) if not os.path.lexists(place)]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError) as error:
+        raise InputError(f"cannot write into {folder}: a file stands in its place; give -o another folder.") from error
+    except OSError as error:
+        raise InputError(f"cannot make the folder {folder}: {error.strerror}; give -o another place.") from error
+    return missing
+
+
+def _refuse_folders_in_the_way(folder: Path, names: Sequence[str]) -> None:
+    for name in names:
+        if (folder / name).is_dir():
+            raise InputError(f"{folder / name} is a folder where a file should go; give -o another place.")
+
+
+def _publish(scratch: Path, folder: Path, names: Sequence[str]) -> None:
+    """Rename every file from ``scratch`` into ``folder``; on any failure put back what stood there."""
+    older = scratch / "older"
+    older.mkdir()
+    begun: list[str] = []
+    try:
+        for name in names:
+            if (folder / name).exists():
+                os.replace(folder / name, older / name)
+            begun.append(name)
+            os.replace(scratch / name, folder / name)
+    except BaseException:
+        for name in reversed(begun):
+            (folder / name).unlink(missing_ok=True)
+            if (older / name).exists():
+                os.replace(older / name, folder / name)
+        raise
+
+
+def _remove(scratch: Path | None, made: Sequence[Path]) -> None:
+    """Remove the scratch folder, then the folders this job made, as far as they are empty."""
+    if scratch is not None:
+        shutil.rmtree(scratch, ignore_errors=True)
+    for place in made:
+        try:
+            place.rmdir()
+        except OSError:
+            return
+
+
+def plain_values(value: Any, finite: bool = True) -> Any:
+    """``value`` in the six types of JSON; NaN and ±inf are null where they must be ``finite``."""
+    if isinstance(value, dict):
+        return {str(key): plain_values(item, finite) for key, item in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [plain_values(item, finite) for item in value]
+    if isinstance(value, np.generic):
+        return plain_values(value.item(), finite)
+    if isinstance(value, float):
+        return value if np.isfinite(value) or not finite else None
+    return str(value) if isinstance(value, Path) else value

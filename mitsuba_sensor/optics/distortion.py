@@ -1,0 +1,121 @@
+"""Distortion of a lens that is known by measurement: coefficients of Brown and Conrady, or a table of image heights.
+
+Points are image heights over the image distance, (x, y) = tangents of the angle before the lens where nothing is bent;
+x to the right, y down, as in OpenCV.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+
+from ..core.errors import InputError
+
+if TYPE_CHECKING:
+    from ..sensor.lens_datasheet import LensSection
+
+NEWTON_STEPS = 30  # five do for a usual lens; near a fold they are slow
+RESIDUAL = 1e-9  # of a tangent: a thousandth of a pixel on a picture a hundred thousand pixels wide
+BLOCK = 2**14  # points at a time: their arrays stay in the processor's cache
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Distortion:
+    """Ideal → real image point, and back.
+
+    coefficients : k1, k2, p1, p2, k3.  growth : real over ideal height, less 1, against the ideal height as a tangent;
+    monotone cubics through the table, straight on beyond its end at ``covered``.
+    """
+
+    coefficients: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    growth: PchipInterpolator | None = None
+    covered: float = np.inf
+
+    def real(self, x: Array, y: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
+        """Where an ideal point comes to lie, and the derivatives ∂x′/∂x, ∂x′/∂y, ∂y′/∂x, ∂y′/∂y.
+
+        x′ = x·g + 2·p1·xy + p2·(r² + 2x²), y′ = y·g + p1·(r² + 2y²) + 2·p2·xy, g = 1 + k1·r² + k2·r⁴ + k3·r⁶
+        (OpenCV's model), or g from the table.
+        """
+        _, _, p1, p2, _ = self.coefficients
+        square = x * x + y * y
+        g, slope = self._radial(square)
+        across = 2 * slope * x * y + 2 * p1 * x + 2 * p2 * y
+        return (
+            x * g + 2 * p1 * x * y + p2 * (square + 2 * x * x),
+            y * g + p1 * (square + 2 * y * y) + 2 * p2 * x * y,
+            g + 2 * slope * x * x + 2 * p1 * y + 6 * p2 * x,
+            across,
+            across,
+            g + 2 * slope * y * y + 6 * p1 * y + 2 * p2 * x,
+        )
+
+    def ideal(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
+        """The ideal point of a real one, and the real area over the ideal one there.
+
+        Raises InputError where the distortion folds the picture, or the table ends.
+        """
+        shape, flat = np.shape(x), (np.ravel(x).astype(float), np.ravel(y).astype(float))
+        found = np.empty((3, flat[0].size))
+        for start in range(0, flat[0].size, BLOCK):
+            block = slice(start, start + BLOCK)
+            found[:, block] = self._solved(flat[0][block], flat[1][block])
+        highest = float(np.hypot(found[0], found[1]).max(initial=0.0))
+        if highest > self.covered * (1 + RESIDUAL):
+            raise InputError(
+                "lens.distortion_heights_mm ends too early: the sensor's corner has an ideal image height "
+                f"{highest / self.covered:.4g} times the last one; extend the table."
+            )
+        return tuple(values.reshape(shape) for values in found)
+
+    def _solved(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
+        """The same for points (n,), by Newton's method from the real ones."""
+        u, v = x, y
+        with np.errstate(all="ignore"):
+            for _ in range(NEWTON_STEPS):
+                xr, yr, a, b, c, d = self.real(u, v)
+                area, ex, ey = a * d - b * c, xr - x, yr - y
+                good = (ex * ex + ey * ey < RESIDUAL**2) & (area > 0)
+                if good.all():
+                    return u, v, area
+                u, v = u - (d * ex - b * ey) / area, v - (a * ey - c * ex) / area
+        where = float(np.hypot(x, y)[~good].min())
+        raise InputError(
+            f"lens.distortion folds the picture at {where:.3g} image distances from the axis; it must grow steadily "
+            "as far as the sensor's corner: check its coefficients, or take a smaller field of view."
+        )
+
+    def _radial(self, square: Array) -> tuple[Array, Array]:
+        """g and its derivative by r²."""
+        if self.growth is None:
+            k1, k2, _, _, k3 = self.coefficients
+            g = 1 + square * (k1 + square * (k2 + square * k3))
+            return g, k1 + square * (2 * k2 + square * 3 * k3)
+        radius = np.sqrt(square)
+        inside = np.minimum(radius, self.covered)
+        slope = self.growth(inside, 1)
+        return 1 + self.growth(inside) + slope * (radius - inside), slope / np.maximum(2 * radius, 1e-12)
+
+
+def distortion_of(lens: LensSection, image_distance_mm: float) -> Distortion | None:
+    """The distortion of a camera's lens at this image distance, or None if it has none.
+
+    Raises InputError for an infinite one: a telecentric sensor has no field angle that could be distorted.
+    """
+    if not any(lens.distortion or lens.distortion_percent or ()):
+        return None
+    if np.isinf(image_distance_mm):
+        raise InputError(
+            "lens.distortion is given and the scene's sensor is orthographic, which has no field angles; leave it out "
+            "or take a perspective or thinlens sensor."
+        )
+    if lens.distortion is not None:
+        return Distortion(coefficients=lens.distortion)
+    heights = np.array(lens.distortion_heights_mm) / image_distance_mm
+    growth = PchipInterpolator(heights, np.array(lens.distortion_percent) / 100)
+    return Distortion(growth=growth, covered=float(heights[-1]))

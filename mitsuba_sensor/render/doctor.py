@@ -1,0 +1,82 @@
+"""What works on this machine: every variant renders a small scene in its own process, so that a crash is survived."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import tempfile
+from dataclasses import asdict
+from importlib import resources
+from typing import Any
+
+from ..core.llvm import find_llvm
+from ..io.metadata import versions
+
+VARIANTS = ("cuda_ad_spectral", "llvm_ad_spectral", "scalar_spectral")  # the fastest first
+SLOW = "scalar_spectral"
+RENDERER = "mitsuba>=3.9.1,<3.10"  # as in pyproject.toml
+LIMIT_S = 300
+
+
+def examine() -> dict[str, Any]:
+    """Findings: variants, LLVM libraries, versions, the variant that would be chosen, remedies (commands)."""
+    chosen = _try(None)
+    variants = [chosen if chosen["name"] == name else _try(name) for name in VARIANTS]
+    findings = {
+        "works": chosen["works"],
+        "variant": chosen["name"],
+        "seconds": chosen["seconds"],
+        "variants": variants,
+        "llvm": [asdict(library) for library in find_llvm()],
+        "versions": versions(),
+    }
+    return {**findings, "remedies": _remedies(findings, chosen["reason"])}
+
+
+def _try(variant: str | None) -> dict[str, Any]:
+    """Render the small scene as a user would, through the command line, in a child process."""
+    with tempfile.TemporaryDirectory() as folder, resources.as_file(_scene()) as scene:
+        command = [sys.executable, "-m", "mitsuba_sensor", "render", str(scene), "-o", folder, "--spp", "16", "--json"]
+        if variant:
+            command += ["--variant", variant]
+        try:
+            child = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S)
+        except subprocess.TimeoutExpired:
+            return _finding(variant, False, f"no end after {LIMIT_S} s")
+    if child.returncode:
+        return _finding(variant, False, _why(child))
+    report = json.loads(child.stdout)
+    return _finding(report["render"]["variant"], True, "a test picture was rendered", report["times_s"]["render"])
+
+
+def _finding(name: str | None, works: bool, reason: str, seconds: float | None = None) -> dict[str, Any]:
+    return {"name": name, "works": works, "reason": reason, "seconds": seconds}
+
+
+def _scene() -> Any:
+    return resources.files("mitsuba_sensor.render") / "doctor.xml"
+
+
+def _why(child: subprocess.CompletedProcess[str]) -> str:
+    """The child's own last words, or the signal that ended it."""
+    if child.returncode < 0:
+        return f"the process was ended by {signal.Signals(-child.returncode).name}"
+    lines = [line for line in child.stderr.splitlines() if line.strip()]
+    return lines[-1].removeprefix("error: ").split("; ")[0] if lines else f"exit code {child.returncode}"
+
+
+def _remedies(findings: dict[str, Any], reason: str) -> list[str]:
+    """Commands that mend what is wrong, most urgent first."""
+    remedies = []
+    missing = [name for name, version in findings["versions"].items() if version is None and name != "mitsuba-sensor"]
+    if missing:
+        remedies.append(f"{sys.executable} -m pip install {' '.join(missing)}")
+    if not findings["works"]:
+        remedies.append(f"{sys.executable} -m pip install --force-reinstall '{RENDERER}'   # {reason}")
+        working = [one["name"] for one in findings["variants"] if one["works"]]
+        remedies += [f"mitsuba-sensor render SCENE -o DIR --variant {name}   # until then" for name in working[:1]]
+    elif findings["variant"] == SLOW:
+        remedies.append("apt-get install libllvm19   # renders up to about three times faster")
+    return remedies

@@ -1,0 +1,119 @@
+"""How many passes of how many samples, from which seeds, over which rows; and how passes become a mean and an error."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.errors import InputError, require
+
+FEWEST, MOST = 16, 32  # Student's t of 15 degrees of freedom: |z| < 1 in 66.7 %, |z| < 2 in 93.6 % of the pixels
+FEWEST_SAMPLES = 16  # per pass, before passes are added instead: benchmarks/passes.py
+MOST_SPP = 1024  # per pass: the float32 film loses about 1e-8 per sample
+MOST_IN_ALL = 2**24
+MOST_IN_FLIGHT = 2**22  # samples per pass: 45 MB a million in LLVM variants
+MOST_VALUES = 2**23  # pixels × bands per strip: 64 MB for each float64 array of the running mean
+
+
+def pass_plan(spp: int) -> tuple[int, int]:
+    """(passes, samples per pixel and pass) whose product comes closest to ``spp``; at least two passes.
+
+    Multijitter fills a grid of about equal sides, so that it accepts 1, 2, 4, 6, 9, 12, 16 … samples and rounds the
+    rest up; only counts that it keeps are chosen, among 16 to 32 passes (more only to stay at 1024 samples per pass).
+    Of equal plans the one with more passes is taken, as long as each has 16 samples.
+    """
+    if require("spp", spp, 1, MOST_IN_ALL, "samples per pixel, e.g. 256") != int(spp):
+        raise InputError(f"spp is {spp!r}; it must be a whole number of samples per pixel (e.g. 256).")
+    spp = int(spp)
+    if spp < FEWEST:
+        return max(spp, 2), 1
+    fewest = max(FEWEST, math.ceil(spp / MOST_SPP))
+    plans = [(k, n) for k in range(fewest, max(MOST, 2 * fewest) + 1) for n in _neighbours(spp / k)]
+    return min(plans, key=lambda plan: (abs(plan[0] * plan[1] - spp), _worth(plan)))
+
+
+def _worth(plan: tuple[int, int]) -> tuple[bool, int]:
+    """Sorts plans of equal size: enough samples per pass first, then many passes; else few passes."""
+    passes, samples = plan
+    enough = samples >= FEWEST_SAMPLES
+    return not enough, -passes if enough else passes
+
+
+def _neighbours(samples: float) -> list[int]:
+    """Counts near ``samples`` that multijitter keeps, at most 1024: r², r(r+1) and r(r+2) for r about the root."""
+    root = math.isqrt(int(samples))
+    grids = [rows * (rows + more) for rows in (root - 1, root, root + 1) if rows > 0 for more in (0, 1, 2)]
+    return [n for n in grids if n <= MOST_SPP]
+
+
+def whole_grid(samples: float) -> int:
+    """The largest count up to ``samples`` (1 … 1024) that multijitter keeps."""
+    return max([n for n in _neighbours(min(samples, MOST_SPP)) if n <= samples], default=1)
+
+
+def row_strips(size: tuple[int, int], bands: int, samples: int) -> list[tuple[int, int]]:
+    """Cut (columns, rows) into strips of whole rows of nearly equal height that fit into memory."""
+    columns, rows = size
+    most = max(min(MOST_IN_FLIGHT // (columns * samples), MOST_VALUES // (columns * bands)), 1)
+    count = -(-rows // most)
+    edges = [rows * k // count for k in range(count + 1)]
+    return list(zip(edges[:-1], edges[1:], strict=True))
+
+
+def hashed_seed(seed: int, strip: int, number: int) -> int:
+    """A 32-bit seed for one pass, unrelated to that of any other pass, strip or seed."""
+    return int.from_bytes(hashlib.blake2b(f"{seed}/{strip}/{number}".encode(), digest_size=4).digest(), "little")
+
+
+@dataclass(frozen=True, eq=False)
+class Cleaned:
+    """Values without NaN, −inf and negatives, which became 0; +inf became 0 too and is marked, to saturate later."""
+
+    values: NDArray[np.float64]
+    infinite: NDArray[np.bool_] | None
+    negative: int
+    non_finite: int
+
+
+def clean(raw: NDArray[np.floating]) -> Cleaned:
+    """Take out what a renderer may give but light cannot be, and count it."""
+    values = np.array(raw, dtype=np.float64)
+    if values.min() >= 0 and np.isfinite(values.sum()):  # nearly always
+        return Cleaned(values, None, 0, 0)
+    bad, infinite = ~np.isfinite(values), values == np.inf
+    negative = (values < 0) & ~bad
+    values[bad | negative] = 0.0
+    return Cleaned(values, infinite, int(negative.sum()), int(bad.sum()))
+
+
+class Welford:
+    """Running mean and variance of equal passes, in float64."""
+
+    def __init__(self, shape: tuple[int, ...]) -> None:
+        self.count = 0
+        self.mean = np.zeros(shape)
+        self._squares = np.zeros(shape)
+
+    def add(self, values: NDArray[np.float64]) -> None:
+        """Take in one pass; ``values`` are used up."""
+        self.count += 1
+        delta = values - self.mean
+        values -= self.mean
+        values *= (self.count - 1) / self.count  # the distance to the new mean
+        self.mean += delta / self.count
+        values *= delta
+        self._squares += values
+
+    @property
+    def variance_of_mean(self) -> NDArray[np.float64]:
+        """Variance of the mean of the passes; 0 as long as there is one."""
+        return self._squares / max(self.count * (self.count - 1), 1)
+
+    @property
+    def standard_error(self) -> NDArray[np.float64]:
+        """Standard error of the mean of the passes."""
+        return np.sqrt(self.variance_of_mean)

@@ -1,0 +1,228 @@
+"""A scene that is loaded once, and rendered in passes as often as asked.
+
+Every pass has a hashed seed; passes are combined in float64, because Mitsuba's film adds up in float32, which costs
+1e-8 per sample, and their spread is the variance of the result. Large films are cut into strips of rows, so that no
+pass has more than a few million samples in flight.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.exposure import Exposure
+from ..optics.f_number_law import solid_angle_sr
+from ..sensor.input_noise import input_noise
+from .bands import Bands
+from .passes import Welford, clean, hashed_seed, row_strips
+from .photons import electrons_per_irradiance
+from .statistics import firefly_fraction, median_bias
+from .stop_criterion import End, Step, StopCriterion
+
+if TYPE_CHECKING:
+    from ..sensor.camera import Camera
+
+Map = NDArray[np.float64]
+Progress = Callable[[Step], None]
+Criterion = Callable[[Map, Map, int], float]
+
+
+class Strip:
+    """The passes of some rows: per band, and as the electrons that each pixel detects behind its own filter."""
+
+    def __init__(self, rows: slice, columns: int, bands: int, halves: bool) -> None:
+        shape = (rows.stop - rows.start, columns)
+        self.rows = rows
+        self.bands, self.electrons = Welford((*shape, bands)), Welford(shape)
+        self.brightest, self.infinite = np.zeros(shape), np.zeros(shape, bool)
+        self.even = np.zeros((*shape, bands), np.float32) if halves else None  # sum of every other pass
+
+    def add(self, irradiance: NDArray[np.float64], electrons: NDArray[np.float64]) -> None:
+        """Take in one pass; both arrays are used up."""
+        if self.even is not None and self.bands.count % 2 == 0:
+            self.even += irradiance
+        np.maximum(self.brightest, electrons, out=self.brightest)
+        self.bands.add(irradiance)
+        self.electrons.add(electrons)
+
+
+class Meter:
+    """Watches the clock of a render and tells ``progress`` where it stands."""
+
+    def __init__(self, progress: Progress) -> None:
+        self._progress, self._started = progress, time.monotonic()
+        self._value, self._left_s, self._expected = np.nan, np.nan, 0
+
+    def begin(self, strips: int) -> None:
+        """Passes of so many strips start now."""
+        self._strips, self._began = strips, time.monotonic()
+
+    @property
+    def seconds(self) -> float:
+        """Since the render started."""
+        return time.monotonic() - self._started
+
+    def per_pass(self, passes: int) -> float:
+        """Seconds that each of so many passes took."""
+        return (time.monotonic() - self._began) / max(passes, 1)
+
+    def forecast(self, budget: StopCriterion, passes: int, value: float) -> None:
+        """So many passes are done, and the yardstick shows ``value``."""
+        per_pass = self.per_pass(passes)
+        self._expected = budget.expected(passes, value, self.seconds, per_pass)
+        self._value, self._left_s = value, (self._expected - passes) * per_pass if passes else np.nan
+        self.tell(passes * self._strips)
+
+    def tell(self, place: int) -> None:
+        """So many strips of all passes are done."""
+        self._progress(Step(place, self._expected * self._strips, self._value, self.seconds, self._left_s))
+
+
+class Renderer:
+    """One scene, camera, exposure and set of bands.
+
+    scene : what ``load_scene`` returns, or anything else with its ``render`` and ``view``.
+    passes, samples, groups : of the last render; samples per pixel, pass and group of bands.
+    negative, non_finite : values of it that were set to 0 (+inf is kept: it saturates its pixel).
+    """
+
+    def __init__(self, scene: Any, camera: Camera, exposure: Exposure, bands: Bands, halves: bool = False) -> None:
+        (columns, rows), (column, row) = scene.view.crop_size, scene.view.crop_offset
+        self.scene, self.bands, self._halves = scene, bands, halves
+        self._weights = electrons_per_irradiance(camera, exposure, bands)
+        self._filters = np.asarray(camera.filter_index((rows, columns), (row, column)))
+        self._tile_columns = len(camera.tile[0])
+        self._solid_angle, self._scale = solid_angle_sr(scene.view, camera), bands.transmission / bands.bandwidths_nm
+        self._noise = input_noise(camera, exposure)
+        self.negative = self.non_finite = self.passes = self.samples = 0
+
+    def run(self, seed: int, budget: StopCriterion, progress: Progress, criterion: Criterion | None = None) -> End:
+        """Render until the budget ends it; returns why.
+
+        yardstick : of what :meth:`judged` returns, what the budget's goal is for; by default the median noise ratio.
+        """
+        measure, meter = criterion or self.median_ratio, Meter(progress)
+        self.groups = self.bands.groups if budget.grouped else (slice(0, len(self.bands)),)
+        self._begin(budget.samples, meter)
+        meter.forecast(budget, 0, np.nan)
+        while True:
+            self._pass(seed, meter)
+            value = measure(*self.judged())
+            meter.forecast(budget, self.passes, value)
+            if budget.sized:
+                if end := budget.finished(self.passes, value, meter.seconds, meter.per_pass(self.passes)):
+                    return end
+                continue
+            budget = budget.sized_by(value, meter.seconds)
+            if budget.samples != self.samples:  # passes of another size cannot be mixed: begin again
+                self._begin(budget.samples, meter)
+
+    def _begin(self, samples: int, meter: Meter) -> None:
+        """Empty strips for passes of so many samples per pixel."""
+        columns, count = self.scene.view.crop_size[0], len(self.bands)
+        rows = row_strips(self.scene.view.crop_size, count, samples)
+        self.strips = [Strip(slice(*edges), columns, count, self._halves) for edges in rows]
+        self.samples, self.passes, self.negative, self.non_finite = samples, 0, 0, 0
+        meter.begin(len(rows))
+
+    def _pass(self, seed: int, meter: Meter) -> None:
+        """One pass of all strips."""
+        for s, strip in enumerate(self.strips):
+            self._render(strip, hashed_seed(seed, s, self.passes))
+            if s + 1 < len(self.strips):
+                meter.tell(self.passes * len(self.strips) + s + 1)
+        self.passes += 1
+
+    def _render(self, strip: Strip, seed: int) -> None:
+        radiance = clean(self._radiance(seed, (strip.rows.start, strip.rows.stop)))
+        self.negative += radiance.negative
+        self.non_finite += radiance.non_finite
+        if radiance.infinite is not None:
+            strip.infinite |= radiance.infinite.any(axis=-1)
+        irradiance = radiance.values
+        irradiance *= self._solid_angle[strip.rows, :, None] * self._scale
+        per_filter = irradiance @ self._weights.T
+        electrons = np.take_along_axis(per_filter, self._filters[strip.rows, :, None], axis=-1)[..., 0]
+        strip.add(irradiance, electrons)
+
+    def _radiance(self, seed: int, rows: tuple[int, int]) -> NDArray[np.float32]:
+        """One pass of some rows, the groups of bands one after the other, (rows, columns, bands)."""
+        if len(self.groups) == 1:
+            if self.bands.kind == "cube":
+                self.scene.focus(self.bands.low_nm, self.bands.high_nm)
+            return np.asarray(self.scene.render(seed, self.samples, rows))
+        parts = []
+        for number, group in enumerate(self.groups):
+            self.scene.focus(self.bands.edges_nm[group.start], self.bands.edges_nm[group.stop])
+            parts.append(self.scene.render(hashed_seed(seed, number, 0), self.samples, rows)[..., group])
+        return np.concatenate(parts, axis=-1)
+
+    @property
+    def samples_per_pixel(self) -> int:
+        """Light paths per pixel of the last render, of all passes and groups."""
+        return self.passes * self.samples * len(self.groups)
+
+    def electrons(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Mean detected light electrons of one exposure, and the variance of that mean, (H, W) each."""
+        mean = np.concatenate([strip.electrons.mean for strip in self.strips])
+        return mean, np.concatenate([strip.electrons.variance_of_mean for strip in self.strips])
+
+    def noise_ratios(self) -> NDArray[np.float64]:
+        """Render variance over sensor variance of every pixel, (H, W); infinite where the light is."""
+        infinite = np.concatenate([strip.infinite for strip in self.strips])
+        return np.where(infinite, np.inf, self._noise.ratio(*self.electrons()))
+
+    def firefly_fraction(self) -> float:
+        """See :func:`certificate.firefly_fraction`."""
+        brightest = np.concatenate([strip.brightest for strip in self.strips])
+        sums = (s.electrons.mean * s.electrons.count for s in self.strips)
+        total = np.concatenate([np.where(s.infinite, np.inf, e) for s, e in zip(self.strips, sums, strict=True)])
+        return firefly_fraction(brightest, total)
+
+    def judged(self) -> tuple[Map, Map, int]:
+        """Mean electrons, the variance of that mean, and the degrees of freedom of the latter.
+
+        One pass has no spread of its own; there, half the squared difference of two neighbours behind the same filter
+        takes its place, which is right where the picture is smooth.
+        """
+        mean, variance = self.electrons()
+        if self.passes > 1 or mean.shape[1] <= self._tile_columns:
+            return mean, variance, max(self.passes - 1, 1)
+        near = mean[:, self._tile_columns :], mean[:, : -self._tile_columns]
+        return near[0], 0.5 * (near[0] - near[1]) ** 2, 1
+
+    def median_ratio(self, mean_e: Map, variance_e2: Map, freedom: int) -> float:
+        """Median noise ratio of the lit pixels, freed of the bias that a median of few degrees of freedom has (χ²)."""
+        ratio = self._noise.ratio(mean_e, variance_e2)[mean_e > 0]
+        return float(np.median(ratio)) * median_bias(freedom + 1) if ratio.size else 0.0
+
+    def result(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+        """Mean and standard error per band, (H, W, B), and relative standard error of the electrons, (H, W).
+
+        A pixel with an infinite band is infinite in all. Strips are given up as they are copied, to spare memory.
+        """
+        columns, rows = self.scene.view.crop_size
+        data = np.empty((rows, columns, len(self.bands)), np.float32)
+        error, relative = np.empty_like(data), np.empty((rows, columns), np.float32)
+        for strip in self.strips:
+            infinite = strip.infinite
+            data[strip.rows], error[strip.rows] = strip.bands.mean, strip.bands.standard_error
+            data[strip.rows][infinite] = error[strip.rows][infinite] = np.inf
+            positive = np.maximum(strip.electrons.mean, np.finfo(float).tiny)
+            relative[strip.rows] = np.where(infinite, np.inf, strip.electrons.standard_error / positive)
+            strip.bands = Welford((0,))
+        return data, error, relative
+
+    def halves(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Means of the even and of the odd passes, (H, W, B) each: two independent renders of half the samples."""
+        even, odd = [], []
+        for strip in self.strips:
+            first = (strip.bands.count + 1) // 2
+            total = strip.bands.mean * strip.bands.count
+            even.append(strip.even / first)
+            odd.append((total - strip.even) / (strip.bands.count - first))
+        return np.concatenate(even), np.concatenate(odd)

@@ -1,0 +1,104 @@
+"""What a render says of itself: how it came about, how sure it is, and whether its own error bars can be trusted."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .passes import FEWEST
+
+MOST_ONE_PASS_SHARE = 0.01
+"""Above it the error bars are not to be trusted. Cornell box and still life, 64 to 1152 samples: 0 to 0.003; a glass
+ball's caustic under a small lamp: 0.017 to 0.085, where |z| < 1 holds in 0.30 to 0.44 of the pixels instead of 0.68
+(benchmarks/coverage.py)."""
+
+
+@dataclass(frozen=True)
+class RenderStatistics:
+    """How an irradiance came about, and how much of its noise is the renderer's.
+
+    noise_ratio_* : render variance over the sensor's own temporal variance, both as electrons at the input: median,
+        95th percentile and largest of the lit pixels. Above 1 the noise is more the renderer's than the sensor's.
+    noise_ratio_asked, ended_by : the ratio that it worked towards (None if none), and what ended it: "spp",
+        "noise_ratio", "compensable" (see :func:`render.per_frame.shoot`), "max_seconds" or "max_spp".
+    reliable, firefly_fraction : whether the error bars can be trusted, and the share of the lit pixels that owe more
+        than half of their light to one single pass: rare paths (caustics) that most pixels have not seen yet.
+    spectral : "cube", "single" or "channels".
+    negative, non_finite : values of single passes that were set to 0 (+inf is kept: it saturates its pixel).
+    notes : what was replaced in the scene, what is black, hints.
+    scene_sha256 : of the scene file, its includes and its parameters.
+    aperture_f_number : what the scene's own thin-lens aperture means on this sensor, None where it has none. It makes
+        the blur; the camera's f-number makes the light.
+    intrinsics : how the picture is a projection of the world, see :func:`optics.f_number_law.intrinsics`.
+    denoised : what a denoiser did and the bias that two half-sets show, or None: nothing was denoised.
+    """
+
+    passes: int
+    samples_per_pixel: int
+    seconds: float
+    variant: str
+    sampler: str
+    spectral: str
+    noise_ratio_median: float
+    noise_ratio_p95: float
+    noise_ratio_max: float
+    noise_ratio_asked: float | None
+    ended_by: str
+    reliable: bool
+    firefly_fraction: float
+    negative: int
+    non_finite: int
+    notes: tuple[str, ...]
+    scene_sha256: str
+    aperture_f_number: float | None
+    intrinsics: dict[str, Any] | None = None
+    denoised: dict[str, Any] | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, ready for JSON."""
+        return {**asdict(self), "notes": list(self.notes)}
+
+
+def summary_of(ratio: NDArray[np.float64], lit: NDArray[np.bool_], passes: int) -> dict[str, float]:
+    """The certificate's three numbers of the noise ratio of the lit pixels; those of infinite light are left out.
+
+    A variance that was measured with few degrees of freedom has a median below its mean (χ²), which is put right.
+    """
+    finite = ratio[np.isfinite(ratio) & lit]
+    median, p95, most = np.percentile(finite, (50, 95, 100)).tolist() if finite.size else (0.0, 0.0, 0.0)
+    median *= median_bias(passes)
+    return {"noise_ratio_median": median, "noise_ratio_p95": p95, "noise_ratio_max": most}
+
+
+@lru_cache  # SciPy takes longer for it than a small pass lasts
+def median_bias(passes: int) -> float:
+    """Mean over median of a variance that was measured by so many passes: of χ² with one degree of freedom less."""
+    freedom = max(passes - 1, 1)
+    from scipy.stats import chi2  # takes half a second to import
+
+    return freedom / float(chi2.median(freedom))
+
+
+def firefly_fraction(brightest: NDArray[np.float64], total: NDArray[np.float64]) -> float:
+    """Share of the lit pixels of which the brightest pass gave more than half of all passes together."""
+    lit = (total > 0) & np.isfinite(total)
+    return float((brightest[lit] > 0.5 * total[lit]).mean()) if lit.any() else 0.0
+
+
+def trusted(passes: int, share: float) -> bool:
+    """Enough passes to judge, and no more than 1 % of the pixels hang on a single one."""
+    return passes >= FEWEST and share <= MOST_ONE_PASS_SHARE
+
+
+def why_not_trusted(passes: int, share: float) -> str:
+    """One line for people."""
+    if passes < FEWEST:
+        return f"error bars are guesses: {passes} passes of at least {FEWEST}; take more samples (--spp)"
+    return (
+        f"error bars are too small: {share:.1%} of the lit pixels owe over half of their light to one pass (rare "
+        f"paths, e.g. caustics); more samples help slowly, a larger light or a rougher surface helps at once"
+    )

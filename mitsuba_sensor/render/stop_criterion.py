@@ -1,0 +1,113 @@
+"""When a render is good enough, and how long until then."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+from ..core.errors import InputError, require
+from .passes import FEWEST, MOST, MOST_IN_ALL, pass_plan, whole_grid
+
+DEFAULT_SPP = 128
+PASS_SPP = 16  # of the first pass of a render without a fixed number; it tells how large the others are
+MOST_SPP_ASKED = 2**16  # of a render that works towards a noise ratio, unless max_spp says otherwise
+End = Literal["spp", "noise_ratio", "compensable", "max_seconds", "max_spp"]
+
+
+@dataclass(frozen=True)
+class StopCriterion:
+    """How many passes of how many samples; fixed, or until one of the limits is met.
+
+    passes : the most there may be.  samples : per pixel and pass; of the first pass where the rest is not ``sized``.
+    goal, reached : value of the renderer's yardstick at which to stop, or None, and what that is called.
+    max_seconds : no pass is begun that would end later, as far as those before tell; two are always made.
+    grouped : whether ``samples`` are of each group of bands apart.
+    end : why it ends when ``passes`` are done.  asked : samples per pixel that were asked for, if a number was.
+    """
+
+    passes: int
+    samples: int
+    goal: float | None = None
+    reached: End = "noise_ratio"
+    max_seconds: float = math.inf
+    end: End = "spp"
+    asked: int | None = None
+    sized: bool = True
+    grouped: bool = False
+
+    def finished(self, done: int, value: float, seconds: float, per_pass: float) -> End | None:
+        """Why there is no further pass after ``done``, or None."""
+        if done >= self.passes:
+            return self.end
+        if self.goal is not None and done >= FEWEST and value <= self.goal:
+            return self.reached
+        if done >= 2 and seconds + per_pass > self.max_seconds:
+            return "max_seconds"
+        return None
+
+    def expected(self, done: int, value: float, seconds: float, per_pass: float) -> int:
+        """Forecast: how many passes there will be; a variance falls as one over the passes."""
+        most = self.passes
+        if self.goal is not None and done and value > 0:
+            most = min(most, max(math.ceil(done * value / self.goal), FEWEST, done))
+        if done and math.isfinite(self.max_seconds) and per_pass > 0:
+            most = min(most, max(done + int((self.max_seconds - seconds) / per_pass), 2, done))
+        return most
+
+    def sized_by(self, value: float, seconds: float) -> StopCriterion:
+        """The budget with the size of its passes, told by one pass of ``samples``: about 32 of them."""
+        needed = float(self.passes * self.samples)
+        if self.goal is not None and math.isfinite(value):
+            needed = min(needed, self.samples * value / self.goal)
+        if math.isfinite(self.max_seconds) and seconds > 0:
+            needed = min(needed, self.samples * max(self.max_seconds / seconds - 1, 1))
+        samples = max(whole_grid(needed / MOST), self.samples)
+        return replace(self, samples=samples, passes=max(self.passes * self.samples // samples, 2), sized=True)
+
+
+@dataclass(frozen=True)
+class Step:
+    """Where a render stands: what ``progress`` is called with.
+
+    done, expected : passes, strip by strip, so far and in all; a forecast where a ratio or a time ends the render.
+    noise_ratio : median of render variance over sensor variance so far; NaN before the first pass ends.
+    seconds, seconds_left : so far, and forecast (NaN before the first pass ends).
+    """
+
+    done: int
+    expected: int
+    noise_ratio: float = math.nan
+    seconds: float = 0.0
+    seconds_left: float = math.nan
+
+
+def stop_criterion_of(spp: Any, noise_ratio: Any, max_seconds: Any, max_spp: Any, groups: int = 1) -> StopCriterion:
+    """The budget of these words of :func:`render`; None is "not given". Raises InputError.
+
+    groups : of bands, that share the samples; where there are too few for all, the bands are rendered together.
+    """
+    if spp is not None and noise_ratio is not None:
+        raise InputError(f"spp is {spp!r} and noise_ratio {noise_ratio!r}; give one: samples, or what they reach.")
+    if spp is not None and max_spp is not None:
+        raise InputError(f"spp is {spp!r} and max_spp {max_spp!r}; spp is exact, max_spp goes with noise_ratio.")
+    seconds = math.inf
+    if max_seconds is not None:
+        seconds = require("max_seconds", max_seconds, 0.0, math.inf, "seconds of rendering, e.g. 60")
+    if noise_ratio is None and max_spp is None and (spp is not None or max_seconds is None):
+        plan = pass_plan(DEFAULT_SPP if spp is None else spp)
+        grouped = groups > 1 and plan[0] * plan[1] >= FEWEST * groups
+        if grouped:
+            plan = pass_plan(max(round((DEFAULT_SPP if spp is None else spp) / groups), FEWEST))
+        return StopCriterion(*plan, max_seconds=seconds, asked=spp, grouped=grouped)
+    ratio = None
+    if noise_ratio is not None:
+        way_out = "render variance over sensor variance, e.g. 0.01"
+        ratio = require("noise_ratio", noise_ratio, 1e-9, 1e9, way_out)
+    most = MOST_SPP_ASKED if max_spp is None else max_spp
+    most = require("max_spp", most, 2, MOST_IN_ALL, "samples per pixel, e.g. 4096")
+    grouped = groups > 1 and most >= FEWEST * groups
+    most = int(most) // groups if grouped else int(most)
+    samples = PASS_SPP if most >= FEWEST * PASS_SPP else pass_plan(most)[1]
+    passes = max(most // samples, 2)
+    return StopCriterion(passes, samples, ratio, max_seconds=seconds, end="max_spp", sized=False, grouped=grouped)

@@ -1,0 +1,74 @@
+"""Which Mitsuba variant renders. Every ``import mitsuba`` of this package goes through :func:`mitsuba`."""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import dataclass
+from types import ModuleType
+
+from ..core.errors import InputError, nearest
+from ..core.llvm import backend_problem, drjit, llvm_version
+
+FASTER = "up to about three times faster with LLVM, depending on the processor: apt-get install libllvm19"
+
+
+@dataclass(frozen=True)
+class Variant:
+    """The chosen Mitsuba variant. hint : one line that says what would make it faster, or an empty string."""
+
+    name: str
+    backend: str
+    reason: str
+    hint: str = ""
+
+
+def mitsuba() -> ModuleType:
+    """Import Mitsuba, and Dr.Jit before it with its guard. Sets no variant."""
+    drjit()
+    return importlib.import_module("mitsuba")
+
+
+def choose_variant(requested: str | None = None) -> Variant:
+    """Choose a spectral variant: the requested one, else the one already set, else cuda, guarded llvm, scalar.
+
+    Nothing is set; see :func:`use`. Raises InputError for an unknown or non-spectral variant, or one whose back end
+    is not there.
+    """
+    mi = mitsuba()
+    current = mi.variant()
+    if requested is not None:
+        return _checked(requested, "asked for", f"variant is {requested!r}")
+    if current is not None:
+        return _checked(current, "already set", f"the variant already set is {current!r}")
+    spectral = _spectral_variants()
+    for backend, reason in (("cuda", "a CUDA device is present"), ("llvm", f"LLVM {llvm_version()} is usable")):
+        name = next((v for v in (f"{backend}_spectral", f"{backend}_ad_spectral") if v in spectral), None)
+        if name and backend_problem(backend) is None:
+            return Variant(name, backend, reason)
+    return Variant("scalar_spectral", "scalar", backend_problem("llvm") or "", FASTER)
+
+
+def use(variant: Variant) -> ModuleType:
+    """Make ``variant`` the current one if it is not, and return Mitsuba."""
+    mi = mitsuba()
+    if mi.variant() != variant.name:
+        mi.set_variant(variant.name)
+    return mi
+
+
+def _spectral_variants() -> list[str]:
+    """Unpolarised spectral variants of the installed Mitsuba."""
+    return [v for v in mitsuba().variants() if v.endswith("_spectral")]
+
+
+def _checked(name: str, reason: str, subject: str) -> Variant:
+    known = _spectral_variants()
+    if name not in known:
+        call = "call mitsuba.set_variant('scalar_spectral') or pass variant='scalar_spectral'"
+        raise InputError(f"{subject}; it must be one of {', '.join(known)} ({call}).{nearest(name, known)}")
+    backend = name.split("_")[0]
+    problem = backend_problem(backend)
+    if problem:
+        way_out = "take scalar_spectral" + (", or apt-get install libllvm19" if backend == "llvm" else "")
+        raise InputError(f"{subject}, but there is {problem}; {way_out}.")
+    return Variant(name, backend, reason, FASTER if backend == "scalar" and llvm_version() == 0 else "")

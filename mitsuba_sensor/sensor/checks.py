@@ -1,0 +1,159 @@
+"""What may be asked of expose() and plan(), checked once: each refusal holds the value, the range and the way out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..core.checks import numbers
+from ..core.errors import InputError, nearest, require_seed
+from ..core.quantities import Photons
+from ..core.sensor_window import SensorWindow
+from .camera import Camera
+from .electrons import ShotNoise
+
+
+def check_numbers(frames: Any, first_frame: Any, seed: Any) -> None:
+    """Raise InputError unless these are whole numbers that the counters of the random words can hold."""
+    for name, number in (("frames", frames), ("first_frame", first_frame), ("seed", seed)):
+        require_seed(name, number)
+    if frames < 1 or first_frame + frames > 2**32:
+        raise InputError(f"frames is {frames} from {first_frame}; ask for at least 1, numbered from 0 to 2^32 - 1.")
+
+
+def checked_names(keep: Any, known: tuple[str, ...]) -> tuple[str, ...]:
+    """The signals to keep, one name or several."""
+    wanted = tuple(keep) if isinstance(keep, Iterable) and not isinstance(keep, str) else (keep,)
+    for name in wanted:
+        if name not in known:
+            raise InputError(f"keep names {name!r}; the signals that can be kept are {', '.join(known)}.")
+    return wanted
+
+
+def checked_maps(
+    maps: Mapping[str, ArrayLike], stages: tuple[Any, ...], window: SensorWindow, camera: Camera
+) -> dict[str, NDArray[np.float64]]:
+    """Measured maps that fit the window, cut from the sensor's; a column's is (1, W), a row's (H, 1)."""
+    shape, sensor = window.shape, (camera.sensor.rows, camera.sensor.columns)
+    if not isinstance(maps, Mapping):
+        raise InputError(f"maps is a {type(maps).__name__}; pass a dict of name → array, as patterns() returns.")
+    if not maps:
+        return {}
+    known = {
+        name: value.shape
+        for s in stages
+        if hasattr(s, "maps")
+        for name, value in s.maps(SensorWindow(0, (2, 2))).items()
+    }
+    checked = {}
+    for name, values in maps.items():
+        if name not in known:
+            there = ", ".join(known) or "none: the published chain draws its own"
+            raise InputError(f"maps names {name!r}; this camera's maps are {there}.{nearest(str(name), known)}")
+        array = numbers(f"maps[{name!r}]", values, "an array of numbers")
+        for axis, places in enumerate((window.rows, window.columns)):
+            if array.ndim == 2 and 1 < array.shape[axis] == sensor[axis] > places[-1]:
+                array = array.take(places, axis)
+        fits = tuple(n if pixels > 1 else 1 for n, pixels in zip(shape, known[name], strict=True))
+        if array.ndim != 2 or any(n not in (1, full) for n, full in zip(array.shape, fits, strict=True)):
+            raise InputError(
+                f"maps[{name!r}] has shape {array.shape}; it must be {fits}, or 1 along an axis, or the sensor's."
+            )
+        if not np.isfinite(array).all() or (not name.endswith("_e") and (array < 0).any()):
+            raise InputError(f"maps[{name!r}] holds NaN, infinite or negative values; mend the bad pixels first.")
+        checked[name] = array
+    return checked
+
+
+def as_photons(photons: Photons | ArrayLike, camera: Camera, wavelengths_nm: ArrayLike | None = None) -> Photons:
+    """Anything that ``expose`` accepts as mean photons, checked: shape, NaN, negative values."""
+    given = photons if isinstance(photons, Photons) else None
+    mean = numbers("photons", given.mean if given else photons, "a number or an array of mean photons per pixel")
+    wavelengths = given.wavelengths_nm if given and wavelengths_nm is None else wavelengths_nm
+    if mean.ndim == 0:
+        mean = np.full((camera.sensor.rows, camera.sensor.columns), float(mean))
+    if mean.ndim not in (2, 3) or 0 in mean.shape:
+        raise InputError(f"photons has shape {mean.shape}; it must be a number, (H, W) or (H, W, bands).")
+    way_out = "numbers in nm, one per band, e.g. [550.0]"
+    bands = None if wavelengths is None else np.atleast_1d(numbers("wavelengths_nm", wavelengths, way_out))
+    expected = mean.shape[2] if mean.ndim == 3 else 1
+    if (bands is None and mean.ndim == 3) or (bands is not None and bands.shape != (expected,)):
+        count = "none" if bands is None else str(bands.size)
+        raise InputError(f"photons has {expected} band(s) and wavelengths_nm {count}; pass one wavelength per band.")
+    if bands is not None and (wrong := bands[~(np.isfinite(bands) & (bands > 0))]).size:
+        raise InputError(f"wavelengths_nm holds {wrong[0]}; every band needs a positive, finite length in nm.")
+    _refuse(np.isnan(mean), "NaN")
+    _refuse(mean < 0, "negative")
+    if given is None:
+        return Photons(mean, bands)
+    variance_e2 = None if given.variance_e2 is None else _checked_variance(given.variance_e2, mean, camera)
+    return Photons(mean, bands, variance_e2, _checked_channels(given.detected, mean, camera), given.origin)
+
+
+def _checked_channels(detected: bool, mean: NDArray[np.float64], camera: Camera) -> bool:
+    """Whether the photons are channels of this camera."""
+    filters = len(camera.quantum_efficiency.curves)
+    if detected and (mean.ndim != 3 or mean.shape[2] != filters or camera.quantum_efficiency.quantum_yield):
+        raise InputError(
+            f"photons has shape {mean.shape} and is detected already; it must be (H, W, {filters}), one layer per "
+            "colour filter of a camera without quantum_yield: render it again for this camera."
+        )
+    return detected
+
+
+def _checked_variance(values: Any, mean: NDArray[np.float64], camera: Camera) -> NDArray[np.float64]:
+    """One finite variance for every pixel, (H, W) [e-²]; 0 where the light is infinite and saturates anyway."""
+    name, shape = "photons.variance_e2", mean.shape[:2]
+    variance_e2 = numbers(name, values, "an array (H, W) of variances of the mean light electrons in e-²")
+    if variance_e2.shape != shape:
+        raise InputError(f"{name} has shape {variance_e2.shape}; it must be {shape}, one variance per pixel in e-².")
+    if camera.quantum_efficiency.quantum_yield:
+        raise InputError(
+            f"{name} is given and quantum_efficiency.quantum_yield of {camera.name} too, whose electrons come in "
+            "bursts; leave one of them out: photons without variance_e2 keep the render's noise beside the shot noise."
+        )
+    saturated = np.isinf(mean) if mean.ndim == 2 else np.isinf(mean).any(axis=2)
+    variance_e2 = np.where(saturated, 0.0, variance_e2)
+    bad = ~((variance_e2 >= 0) & np.isfinite(variance_e2))
+    if bad.any():
+        first = tuple(int(i) for i in np.argwhere(bad)[0])
+        raise InputError(
+            f"{name} is {variance_e2[first]:g} in the first of {int(bad.sum())} bad place(s), {first}; a variance is "
+            "finite and 0 or more: a render of one pass has none, so pass None for it."
+        )
+    return variance_e2
+
+
+def check_compensation(light: Photons, stages: tuple[Any, ...], frames: int) -> None:
+    """Raise InputError where the render's variance cannot be counted within the shot noise of each frame."""
+    if light.variance_e2 is None:
+        return
+    if not any(isinstance(stage, ShotNoise) for stage in stages):
+        raise InputError(
+            "photons has variance_e2 and this chain has no shot noise to count it in; pass photons without it, or take "
+            "the physical chain with a plan of a smaller tolerance_dn."
+        )
+    if frames != 1:
+        raise InputError(
+            f"frames is {frames} and photons has variance_e2, which is for a frame with a render of its own; render "
+            "and expose one frame at a time, numbered by first_frame, or pass photons without variance_e2."
+        )
+
+
+def _refuse(bad: NDArray[np.bool_], kind: str) -> None:
+    if bad.any():
+        first = tuple(int(i) for i in np.argwhere(bad)[0])
+        raise InputError(
+            f"photons is {kind} in {int(bad.sum())} place(s), first at {first}; a mean number of photons is 0 or more: "
+            f"clamp or mend them before expose()."
+        )
+
+
+def checked_origin(origin: Any) -> tuple[int, int]:
+    """(row, column) of the first pixel."""
+    if not isinstance(origin, tuple | list) or len(origin) != 2:
+        raise InputError(f"origin is {origin!r}; it must be (row, column) of the first pixel, e.g. (0, 0).")
+    return require_seed("origin", origin[0]), require_seed("origin", origin[1])

@@ -1,0 +1,92 @@
+"""Superimposed dark signals: a share of the pixels follows a law of its own (paper, long integration times)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import accumulate
+from typing import Any, Literal
+
+from ..core import arrays
+from ..core.backend import Backend, uniforms
+from ..core.frame import Frame
+from ..core.moments import rectified_normal
+from ..core.sensor_window import SensorWindow
+
+
+@dataclass(frozen=True)
+class DarkComponent:
+    """Share ``weight`` of the pixels has a mean dark signal from this law instead of the main one.
+
+    family : "uniform" on [first, second], or "normal" of mean first and σ second, cut at 0.
+    e_per_unit : what 1 of the law's unit is [e-]; ``per_second`` says that it is a rate.
+    """
+
+    weight: float
+    family: Literal["uniform", "normal"]
+    first: float
+    second: float
+    e_per_unit: float = 1.0
+    per_second: bool = False
+
+    def electrons(self, quantile: Any, frame: Frame) -> Any:
+        """(H, W) quantiles, 0 … 1 → mean dark electrons of pixels that belong to this part."""
+        if self.family == "uniform":
+            value = frame.number(self.first) + frame.number(self.second - self.first) * quantile
+        else:
+            z = frame.window.backend.normal_of(quantile)
+            value = arrays.maximum(frame.number(self.first) + frame.number(self.second) * z, 0.0)
+        return frame.number(self._unit(frame.exposure.time_s)) * value
+
+    def moments(self, time_s: float) -> tuple[float, float]:
+        """Mean and variance of that [e-, e-²]."""
+        unit = self._unit(time_s)
+        if self.family == "uniform":
+            return unit * (self.first + self.second) / 2, (unit * (self.second - self.first)) ** 2 / 12
+        mean, variance = rectified_normal(self.second / self.first)
+        return unit * self.first * mean, (unit * self.first) ** 2 * variance
+
+    def _unit(self, time_s: float) -> float:
+        return self.e_per_unit * (time_s if self.per_second else 1.0)
+
+
+def superimpose(parts: tuple[DarkComponent, ...], main: Any, frame: Frame) -> Any:
+    """Mean dark electrons (H, W): every pixel belongs to the main law or to one part, for ever."""
+    maps = component_maps(parts, frame.window)
+    dark = main
+    for number, part in enumerate(parts, start=1):
+        value = part.electrons(maps["dark_component_quantile"], frame)
+        dark = arrays.where(maps["dark_component"] == number, value, dark)
+    return dark
+
+
+def component_maps(parts: tuple[DarkComponent, ...], window: SensorWindow) -> dict[str, Any]:
+    """``dark_component``: number of the pixel's component; ``dark_component_quantile``: its quantile there."""
+    edges = tuple(accumulate(part.weight for part in parts))
+    return {
+        "dark_component": window.given_or("dark_component", lambda: window.fixed_map("dark_component", _Number(edges))),
+        "dark_component_quantile": window.given_or(
+            "dark_component_quantile", lambda: window.fixed_map("dark_fpn", uniforms)
+        ),
+    }
+
+
+def mixture_moments(
+    parts: tuple[DarkComponent, ...], mean: float, variance: float, frame: Frame
+) -> tuple[float, float]:
+    """Mean and variance from pixel to pixel of the mixture: (1 − Σw)·main + Σ w·part."""
+    laws = [(1 - sum(p.weight for p in parts), mean, variance)]
+    laws += [(p.weight, *p.moments(frame.exposure.time_s)) for p in parts]
+    average = sum(w * m for w, m, _ in laws)
+    return average, sum(w * (v + (m - average) ** 2) for w, m, v in laws)
+
+
+@dataclass(frozen=True)
+class _Number:
+    """Words → the number of the part: 1 below the first edge, 2 below the second, …, 0 above the last."""
+
+    edges: tuple[float, ...]
+
+    def __call__(self, backend: Backend, bits: Any) -> Any:
+        chance = backend.uniform(bits)
+        number = 1 + arrays.count_at_or_below(self.edges, chance)
+        return arrays.where(chance < backend.number(self.edges[-1]), number, backend.number(0.0))

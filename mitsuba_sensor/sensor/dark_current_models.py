@@ -1,0 +1,98 @@
+"""How fast a pixel fills in the dark: rates against temperature, in Python float64 (float32 underflows at 72 K)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ..core.quantities import BOLTZMANN_EV_PER_K, ELEMENTARY_CHARGE_C
+
+FIGURE_OF_MERIT_AT_K = 300.0
+"""The temperature at which dark current figures of merit are defined (Janesick 2001)."""
+
+
+def band_gap_ev(temperature_k: float) -> float:
+    """Band gap of silicon E_g(T) = 1.1557 − 7.021e-4·T²/(1108 + T) [eV] (paper eq. 3); 1.11082145 eV at 300 K."""
+    return 1.1557 - 7.021e-4 * temperature_k**2 / (1108.0 + temperature_k)
+
+
+def activation(temperature_k: float, power: float, divisor: float) -> float:
+    """(T/300)^power·exp(E_g(300)/(d·k·300) − E_g(T)/(d·k·T)): 1 at 300 K and 0 at 0 K."""
+    if temperature_k == 0:
+        return 0.0
+    reference = band_gap_ev(FIGURE_OF_MERIT_AT_K) / FIGURE_OF_MERIT_AT_K
+    exponent = (reference - band_gap_ev(temperature_k) / temperature_k) / (divisor * BOLTZMANN_EV_PER_K)
+    return (temperature_k / FIGURE_OF_MERIT_AT_K) ** power * math.exp(exponent)
+
+
+def rate_at_300_e_per_s(fom_na_per_cm2: float, area_cm2: float) -> float:
+    """What a figure of merit means on a pixel of this area [e-/s]."""
+    return area_cm2 * fom_na_per_cm2 * 1e-9 / ELEMENTARY_CHARGE_C
+
+
+@dataclass(frozen=True)
+class FigureOfMerit:
+    """Depletion dark current from its figure of merit at 300 K (paper eq. 1, normalised).
+
+    D_R(T) = (P_A·D_FM/q)·(T/300)^1.5·exp(E_g(300)/(2k·300) − E_g(T)/(2kT))  [e-/s]
+
+    fom_na_per_cm2 : D_FM [nA/cm²].  area_cm2 : P_A, the whole pixel [cm²]; the fill factor does not count in the dark.
+    """
+
+    fom_na_per_cm2: float
+    area_cm2: float
+
+    def rate_e_per_s(self, temperature_k: float) -> float:
+        """Dark electrons per second; 0 at 0 K."""
+        return rate_at_300_e_per_s(self.fom_na_per_cm2, self.area_cm2) * activation(temperature_k, 1.5, 2)
+
+
+@dataclass(frozen=True)
+class Mpp:
+    """Dark current of a multi-pinned-phase pixel: diffusion and depletion apart (paper eq. 2, normalised).
+
+    D_R(T) = D_diff·(T/300)³·exp(E_g(300)/(k·300) − E_g/(kT)) + D_dep·(T/300)^1.5·exp(… /2k)  [e-/s]
+
+    diffusion_fom_na_per_cm2, fom_na_per_cm2 : figures of merit at 300 K [nA/cm²].  area_cm2 : the pixel [cm²].
+    """
+
+    diffusion_fom_na_per_cm2: float
+    fom_na_per_cm2: float
+    area_cm2: float
+
+    def rate_e_per_s(self, temperature_k: float) -> float:
+        """Dark electrons per second; 0 at 0 K."""
+        diffusion = rate_at_300_e_per_s(self.diffusion_fom_na_per_cm2, self.area_cm2) * activation(temperature_k, 3, 1)
+        depletion = rate_at_300_e_per_s(self.fom_na_per_cm2, self.area_cm2) * activation(temperature_k, 1.5, 2)
+        return diffusion + depletion
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A rate measured at one temperature, carried to others by the law of eq. 1.
+
+    rate : [e-/s].  at_temperature_k : where it was measured [K].
+    """
+
+    rate: float
+    at_temperature_k: float
+
+    def rate_e_per_s(self, temperature_k: float) -> float:
+        """Dark electrons per second; 0 at 0 K."""
+        return self.rate * activation(temperature_k, 1.5, 2) / activation(self.at_temperature_k, 1.5, 2)
+
+
+@dataclass(frozen=True)
+class Doubling:
+    """Dark current as datasheets give it: a rate at one temperature, and how many kelvin double it (EMVA 1288 T_d).
+
+    D_R(T) = rate·2^((T − T_ref)/T_d)  [e-/s]
+    """
+
+    rate: float
+    at_temperature_k: float
+    doubling_k: float
+
+    def rate_e_per_s(self, temperature_k: float) -> float:
+        """Dark electrons per second."""
+        return self.rate * math.exp2(min((temperature_k - self.at_temperature_k) / self.doubling_k, 400.0))

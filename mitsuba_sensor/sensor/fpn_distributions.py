@@ -1,0 +1,156 @@
+"""Families of fixed maps: how much more than the average pixel a pixel has, for ever.
+
+Every family is given by its coefficient of variation and has mean 1, whatever that is (the paper's 1 + lnN(0, …) has
+not); a map's mean and variance are its theory, ``map_of`` is its sample.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from ..core import arrays, distributions
+from ..core.backend import Backend, normals, uniforms
+from ..core.moments import rectified_normal
+from ..core.sensor_window import SensorWindow
+
+
+@dataclass(frozen=True)
+class FpnDistribution:
+    """A family of mean 1. Subclasses turn words into factors; this one says how that becomes a map."""
+
+    cv: float
+    mean: ClassVar[float] = 1.0
+
+    def map_of(self, window: SensorWindow, source: str) -> Any:
+        """The camera's map, (H, W)."""
+        return window.fixed_map(source, self.from_bits)
+
+    def from_bits(self, backend: Backend, bits: Any) -> Any:
+        """(H, W) words → (H, W) factors."""
+        raise TypeError(f"{type(self).__name__} is not a family by itself")
+
+    @property
+    def variance(self) -> float:
+        """Variance of the factor."""
+        return self.cv**2
+
+
+@dataclass(frozen=True)
+class LogNormal(FpnDistribution):
+    """exp(σz − σ²/2), σ² = ln(1 + cv²): the long tail of hot pixels (paper eq. 18, made unit-mean)."""
+
+    def from_bits(self, backend: Backend, bits: Any) -> Any:
+        """(H, W) words → (H, W) factors > 0."""
+        return backend.lognormal(bits, self.cv)
+
+
+@dataclass(frozen=True)
+class Gamma(FpnDistribution):
+    """Gamma of shape k = cv⁻² and scale cv² (paper, long integration times)."""
+
+    def from_bits(self, backend: Backend, bits: Any) -> Any:
+        """(H, W) words → (H, W) factors ≥ 0."""
+        return backend.gamma(bits, self.cv)
+
+
+@dataclass(frozen=True)
+class Wald(FpnDistribution):
+    """Inverse Gaussian (Wald) of shape χ = cv⁻² (paper, higher temperatures)."""
+
+    def map_of(self, window: SensorWindow, source: str) -> Any:
+        """The camera's map, (H, W): the two roots of a χ² draw, and a second word that picks one."""
+        return window.once((source, self), lambda: self._from(window, source))
+
+    def _from(self, window: SensorWindow, source: str) -> Any:
+        z, pick = window.fixed_map(source, normals), window.fixed_map(f"{source}_pick", uniforms)
+        return window.backend.wald(z, pick, self.cv)
+
+
+@dataclass(frozen=True)
+class Gaussian(FpnDistribution):
+    """max(0, 1 + cv·z)/E[…]: normal, cut at zero, and of mean 1 for every cv."""
+
+    def from_bits(self, backend: Backend, bits: Any) -> Any:
+        """(H, W) words → (H, W) factors ≥ 0."""
+        return self.of_normal(backend, backend.normal(bits))
+
+    def of_normal(self, backend: Backend, z: Any) -> Any:
+        """The factor of a standard normal."""
+        return arrays.maximum(1 + backend.number(self.cv) * z, 0.0) * backend.number(1 / rectified_normal(self.cv)[0])
+
+    @property
+    def variance(self) -> float:
+        """cv² as long as nothing is cut."""
+        mean, variance = rectified_normal(self.cv)
+        return variance / mean**2
+
+
+@dataclass(frozen=True)
+class Rectified(Gaussian):
+    """max(0, 1 + cv·z): the paper's PRNU (eq. 15), whose mean rises when it cuts, by 8 % at cv = 1."""
+
+    def of_normal(self, backend: Backend, z: Any) -> Any:
+        """The factor of a standard normal."""
+        return arrays.maximum(1 + backend.number(self.cv) * z, 0.0)
+
+    @property
+    def mean(self) -> float:  # type: ignore[override]
+        """Above 1 as soon as anything is cut."""
+        return rectified_normal(self.cv)[0]
+
+    @property
+    def variance(self) -> float:
+        """cv² as long as nothing is cut."""
+        return rectified_normal(self.cv)[1]
+
+
+@dataclass(frozen=True)
+class Logistic(FpnDistribution):
+    """max(0, 1 + s·ln((1−p)/p))/E[…], s = √3·cv/π: heavier tails than a normal (paper, 25 °C)."""
+
+    def from_bits(self, backend: Backend, bits: Any) -> Any:
+        """(H, W) words → (H, W) factors ≥ 0."""
+        factor = arrays.maximum(1 + backend.number(self._scale) * backend.logistic(bits), 0.0)
+        return factor * backend.number(1 / self._raw[0])
+
+    @property
+    def variance(self) -> float:
+        """cv² as long as nothing is cut."""
+        mean, variance = self._raw
+        return variance / mean**2
+
+    @property
+    def _scale(self) -> float:
+        return math.sqrt(3) * self.cv / math.pi
+
+    @property
+    def _raw(self) -> tuple[float, float]:
+        """Mean and variance of max(0, 1 + s·L)."""
+        return distributions.rectified_logistic(self._scale)
+
+
+@dataclass(frozen=True)
+class Autoregressive(Gaussian):
+    """A normal map whose neighbours are alike: separable isotropic AR, ρ₁ = 2·coupling along rows and columns.
+
+    (El Gamal et al. 1998, the pixel component.)  coupling : 0 … 0.45.
+    """
+
+    coupling: float = 0.0
+
+    def map_of(self, window: SensorWindow, source: str) -> Any:
+        """The camera's map, (H, W)."""
+        return self.of_normal(window.backend, window.correlated(source, self.coupling))
+
+
+@dataclass(frozen=True)
+class AutoregressiveRectified(Rectified):
+    """:class:`Autoregressive` for the PRNU: max(0, 1 + cv·x), x separable isotropic AR."""
+
+    coupling: float = 0.0
+
+    def map_of(self, window: SensorWindow, source: str) -> Any:
+        """The camera's map, (H, W)."""
+        return self.of_normal(window.backend, window.correlated(source, self.coupling))

@@ -1,0 +1,54 @@
+"""A camera's own temporal noise as electrons at its input: the yardstick for errors that come before it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..core.exposure import Exposure
+from ..core.frame import Frame
+from ..core.moments import Moments
+from ..core.sensor_window import SensorWindow
+from .camera import Camera
+from .chain import adc_gain_dn_per_v, analogue, black_level_dn, collection
+from .electrons import FullWell
+
+LEVELS = 513  # light levels of the table, evenly spaced in ln(1 + μ): 3 % apart at a full well of 33 000 e-
+BEYOND_WELL = 4.0  # the table ends at so many full wells; nothing is left of the light there
+
+
+@dataclass(frozen=True, eq=False)
+class InputNoise:
+    """How strongly an error of the mean light electrons shows in a frame.
+
+    electrons_e : (L,) rising mean light electrons.  weight_per_e2 : (L,) (dS/dμ)²/σ_S² [e-⁻²], S the signal at the
+        converter with all temporal noise and the converter's 1/12 LSB²; 0 where full well or converter clip.
+    """
+
+    electrons_e: NDArray[np.float64]
+    weight_per_e2: NDArray[np.float64]
+
+    def ratio(self, mean_e: ArrayLike, variance_e2: ArrayLike) -> NDArray[np.float64]:
+        """Variance of the mean light electrons over the camera's own temporal variance, both at the input."""
+        weight = np.interp(np.log1p(mean_e), np.log1p(self.electrons_e), self.weight_per_e2)
+        return np.asarray(variance_e2, dtype=np.float64) * weight
+
+
+def input_noise(camera: Camera, exposure: Exposure) -> InputNoise:
+    """The yardstick of this camera and exposure, from the moments of its chain.
+
+    At light electrons far above the read noise the weight is 1/μ: shot noise alone (EMVA 1288 R4, eq. 11).
+    """
+    most = BEYOND_WELL * camera.pixel.full_well_e
+    levels = np.expm1(np.linspace(0.0, np.log1p(most), LEVELS))
+    stages = (*collection(camera)[1:], FullWell(camera.pixel.full_well_e), *analogue(camera))
+    m = Moments(levels[None, :], 0.0, 0.0, Frame(exposure, SensorWindow(0, (1, LEVELS))))
+    for stage in stages:
+        m = stage.moments(m)
+    gain = adc_gain_dn_per_v(camera)
+    signal, variance = np.ravel(m.mean) * gain, np.ravel(np.broadcast_to(m.temporal, (1, LEVELS))) * gain**2 + 1 / 12
+    slope = np.gradient(signal, levels)
+    slope[signal + black_level_dn(camera) >= 2**camera.adc.bits - 1] = 0.0
+    return InputNoise(levels, slope**2 / variance)

@@ -1,0 +1,162 @@
+"""The lens of a camera file: how much light, how it falls off and bends, or the surfaces of a real lens."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, ValidationInfo, model_validator
+
+from .datasheet import Chance, Fraction, NotNegative, Positive, Section
+from .lens_file import read_lens
+
+Number = Annotated[float, Field(ge=-1e30, le=1e30, strict=True)]
+Flag = Annotated[bool, Field(strict=True)]
+Index = Annotated[float, Field(ge=1, le=5, strict=True)]  # germanium has 4
+Percent = Annotated[float, Field(ge=-99, le=1000, strict=True)]
+TABLES = (
+    ("transmission_curve", "transmission_wavelengths_nm"),
+    ("relative_illumination", "relative_illumination_heights_mm"),
+    ("distortion_percent", "distortion_heights_mm"),
+)
+ON_AXIS = {"relative_illumination": 1.0, "distortion_percent": 0.0}
+
+
+class SurfaceSection(Section):
+    """One surface of a lens and what lies behind it, towards the sensor."""
+
+    radius_mm: Number | None = Field(
+        None, description="radius, positive if its centre is towards the sensor; none for a plane [mm]", examples=[29.5]
+    )
+    thickness_mm: NotNegative = Field(0.0, description="distance to the next surface [mm]", examples=[3.76])
+    semi_diameter_mm: Positive = Field(description="half the clear aperture [mm]", examples=[12.6])
+    index: Index = Field(1.0, description="refractive index behind the surface at 587.56 nm", examples=[1.67])
+    abbe: Positive | None = Field(
+        None, description="Abbe number of the glass behind it, for dispersion", examples=[47.1]
+    )
+    sellmeier: tuple[Number, Number, Number, Number, Number, Number] | None = Field(
+        None,
+        description="B1, B2, B3, C1, C2, C3 of the glass (C in µm²) instead of index and abbe",
+        examples=[[1.03961212, 0.231792344, 1.01046945, 0.00600069867, 0.0200179144, 103.560653]],
+    )
+    conic: Number = Field(0.0, description="conic constant, -1 is a paraboloid", examples=[-1.0])
+    aspheric: tuple[Number, ...] = Field(
+        (), description="A4, A6, … of the sag A4·r⁴ + A6·r⁶ + … [mm⁻³, mm⁻⁵, …]", examples=[[1e-6]]
+    )
+    stop: Flag = Field(False, description="whether this is the aperture stop", examples=[True])
+
+    @model_validator(mode="after")
+    def _one_glass(self) -> Self:
+        if self.radius_mm == 0:
+            raise ValueError("radius_mm is 0; leave it out for a plane")
+        if self.sellmeier is not None and (self.abbe is not None or self.index != 1):
+            raise ValueError("give either sellmeier, or index and abbe, and not both")
+        if self.abbe is not None and self.index == 1:
+            raise ValueError("abbe needs the index of its glass, e.g. index = 1.5168")
+        return self
+
+
+class PrescriptionSection(Section):
+    """A lens, surface by surface from the scene to the sensor; both ends are in air."""
+
+    name: str = Field(description="how the lens is called", examples=["double_gauss"])
+    source: str = Field("", description="where its numbers come from", examples=["US patent 2,673,491"])
+    surfaces: Annotated[tuple[SurfaceSection, ...], Field(min_length=2, max_length=99)] = Field(
+        description="from the scene to the sensor",
+        examples=[[{"semi_diameter_mm": 3, "thickness_mm": 2, "stop": True}, {"radius_mm": 50, "semi_diameter_mm": 9}]],
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_file(cls, data: Any, info: ValidationInfo) -> Any:
+        return read_lens(data, (info.context or {}).get("folder", ".")) if isinstance(data, str) else data
+
+    @model_validator(mode="after")
+    def _is_a_lens(self) -> Self:
+        stops = [number for number, surface in enumerate(self.surfaces, start=1) if surface.stop]
+        if len(stops) != 1:
+            raise ValueError(f"{len(stops)} surfaces are the aperture stop; mark exactly one with stop = true")
+        last = self.surfaces[-1]
+        if last.index != 1 or last.sellmeier is not None:
+            raise ValueError("the last surface has glass behind it; the sensor is in air, index = 1")
+        return self
+
+
+class LensSection(Section):
+    """The camera's lens decides the light; the scene's own thin lens, or the prescription, decides the blur."""
+
+    f_number: Positive = Field(2.8, description="focal length over pupil diameter N", examples=[2.8])
+    transmission: Fraction = Field(1.0, description="share of the light that passes", examples=[0.95])
+    transmission_curve: tuple[Chance, ...] | None = Field(
+        None, description="what transmission is multiplied by at each wavelength", examples=[[0.8, 1.0, 0.9]]
+    )
+    transmission_wavelengths_nm: tuple[Positive, ...] | None = Field(
+        None, description="wavelengths of transmission_curve, increasing [nm]", examples=[[400, 550, 700]]
+    )
+    pupil_magnification: Positive = Field(1.0, description="exit over entrance pupil diameter P", examples=[1.0])
+    convention: Literal["working", "planar"] = Field(
+        "working", description="πLT/(4N_w²)·cos⁴, or EMVA's πLT/(1 + 4N²(1+m)²)·cos⁴", examples=["working"]
+    )
+    relative_illumination: tuple[Chance, ...] | None = Field(
+        None, description="measured fall-off instead of cos⁴, 1 on the axis", examples=[[1.0, 0.8, 0.5]]
+    )
+    relative_illumination_heights_mm: tuple[NotNegative, ...] | None = Field(
+        None, description="image heights of relative_illumination, from 0 [mm]", examples=[[0.0, 2.0, 4.0]]
+    )
+    distortion: tuple[Number, Number, Number, Number, Number] | None = Field(
+        None,
+        description="k1, k2, p1, p2, k3 of Brown and Conrady, in OpenCV's order",
+        examples=[[-0.2, 0, 0, 0, 0]],
+    )
+    distortion_percent: tuple[Percent, ...] | None = Field(
+        None,
+        description="distortion as a table: 100·(real/ideal image height − 1)",
+        examples=[[0, -1, -3]],
+    )
+    distortion_heights_mm: tuple[NotNegative, ...] | None = Field(
+        None, description="ideal image heights of distortion_percent, from 0 [mm]", examples=[[0.0, 2.0, 4.0]]
+    )
+    prescription: PrescriptionSection | None = Field(
+        None,
+        description="a real lens: name of one that ships, path of a .json or .dat file, or its table",
+        examples=["double_gauss"],
+    )
+    focal_length_mm: Positive | None = Field(
+        None, description="scale the prescription to this focal length [mm]", examples=[25.0]
+    )
+    focus_m: Positive | None = Field(
+        None, description="what the prescription focuses on, instead of the scene's focus distance [m]", examples=[2.0]
+    )
+    dispersion: Flag = Field(False, description="trace every wavelength with its own index", examples=[True])
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        self._tables()
+        if self.distortion is not None and self.distortion_percent is not None:
+            raise ValueError("give either distortion or distortion_percent, and not both")
+        if self.prescription is None:
+            for name in ("focal_length_mm", "focus_m", "dispersion"):
+                if getattr(self, name):
+                    raise ValueError(f"{name} belongs to a prescription; give one, e.g. prescription = 'double_gauss'")
+        else:
+            for name in ("relative_illumination", "distortion", "distortion_percent"):
+                if getattr(self, name) is not None:
+                    raise ValueError(f"a prescription has its own {name}, which is traced; leave {name} out")
+        if self.dispersion and not any(s.abbe or s.sellmeier for s in self.prescription.surfaces):  # type: ignore[union-attr]
+            raise ValueError("dispersion needs glasses with abbe or sellmeier, and the prescription has none")
+        return self
+
+    def _tables(self) -> None:
+        """Every table has as many places as values; heights start on the axis, where there is nothing to correct."""
+        for name, places_name in TABLES:
+            values, places = getattr(self, name), getattr(self, places_name)
+            if (values is None) != (places is None):
+                raise ValueError(f"{name} and {places_name} go together; one is missing")
+            if values is None:
+                continue
+            if len(values) != len(places) or len(values) < 2:
+                raise ValueError(f"{name} has {len(values)} values for {len(places)} {places_name}; at least 2 each")
+            if any(b <= a for a, b in pairwise(places)):
+                raise ValueError(f"{places_name} must increase from each point to the next")
+            if name in ON_AXIS and (places[0], values[0]) != (0, ON_AXIS[name]):
+                raise ValueError(f"{name} must start with {ON_AXIS[name]:g} at the height 0, the axis")

@@ -1,0 +1,227 @@
+"""How a frame is run: in strips of rows, on the threads of the host or by a compiled kernel."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, Backend, Job
+from ..core.errors import InputError, nearest
+from ..core.frame import Frame
+from ..core.llvm import backend_problem
+from ..core.quantities import Electrons, Photons
+from ..core.sensor_window import SensorWindow
+from .noise_budget import plain
+
+Engine = Literal["auto", "numpy", "drjit", "cuda"]
+Precision = Literal["auto", "float32", "float64"]
+
+ENGINES = ("auto", "numpy", "drjit", "cuda")
+PRECISIONS = ("auto", "float32", "float64")
+
+WORTH_COMPILING = 2**23
+"""Pixels in all frames together from which on "auto" compiles a kernel. NumPy needs a second for them on two
+processors, and so long does a new process need for Dr.Jit, the kernel and the maps (benchmarks/engine_speed.py)."""
+
+Sinks = dict[str, NDArray[Any]]
+
+
+def choose_backend(engine: str, precision: str, pixels: int) -> Backend:
+    """The engine for so many pixels. precision : "float32" or "float64"; the latter is NumPy's.
+
+    Raises InputError for an unknown engine, one that is not on this machine, and float64 on a compiled engine.
+    """
+    if engine not in ENGINES:
+        raise InputError(
+            f"engine is {engine!r}; it must be one of {', '.join(ENGINES)}.{nearest(str(engine), ENGINES)}"
+        )
+    if precision == "float64":
+        if engine in ("drjit", "cuda"):
+            raise InputError(
+                f"engine is {engine!r} and precision float64, asked for or found to be needed; compiled engines are "
+                "float32: take numpy, or precision float32."
+            )
+        return NUMPY_FLOAT64
+    if engine == "numpy" or (engine == "auto" and (pixels < WORTH_COMPILING or backend_problem("llvm"))):
+        return NUMPY_FLOAT32
+    backend = "cuda" if engine == "cuda" else "llvm"
+    problem = backend_problem(backend)
+    if problem:
+        way_out = "take engine numpy" + (", or apt-get install libllvm19" if backend == "llvm" else "")
+        raise InputError(f"engine is {engine!r}, but there is {problem}; {way_out}.")
+    from ..core.drjit_backend import DrJitBackend  # imports Dr.Jit
+
+    return DrJitBackend(backend)
+
+
+def processors() -> int:
+    """How many this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def row_strips_of(shape: tuple[int, int], pixels: int) -> Iterator[slice]:
+    """Whole rows of about so many pixels; no result depends on how many."""
+    height = max(pixels // shape[1], 1)
+    for start in range(0, shape[0], height):
+        yield slice(start, min(start + height, shape[0]))
+
+
+@dataclass(eq=False)
+class Run:
+    """Frames of one device and one light, strip by strip of rows; maps stay with their strips between the frames.
+
+    On NumPy as many strips as there are processors are in flight; a compiled kernel shares them out by itself.
+    """
+
+    stages: tuple[Any, ...]
+    light: Photons
+    first: Frame
+    _parts: dict[int, tuple[SensorWindow, Any]] = field(default_factory=dict)
+    _maps: dict[Any, NDArray[Any]] = field(default_factory=dict)
+    _lock: Any = field(default_factory=threading.Lock)
+
+    def __post_init__(self) -> None:
+        backend = self.first.window.backend
+        self._rows = list(row_strips_of(self.first.window.shape, backend.strip))
+        workers = min(processors(), len(self._rows)) if backend.on_host else 1
+        self._pool = ThreadPoolExecutor(workers) if workers > 1 else None
+
+    def frames(self, first: int, count: int, sinks_of: Callable[[int], Sinks]) -> Iterator[Sinks]:
+        """Frames ``first``, first + 1, …, each into the arrays (H, W) of ``sinks_of(index)``, by the signal's name.
+
+        A compiled engine traces the next strip while it computes one; there a frame comes when the next has begun.
+        """
+        before, ready = Job(), None
+        try:
+            for index in range(first, first + count):
+                sinks = sinks_of(index)
+                for job in self._jobs(index, sinks, index + 1 == first + count):
+                    before.wait()
+                    job.launch()
+                    before.deliver()
+                    before = job
+                    if ready is not None:
+                        yield ready
+                        ready = None
+                ready = sinks
+                if self.first.window.backend.on_host:
+                    yield ready
+                    ready = None
+            before.wait()
+            before.deliver()
+            if ready is not None:
+                yield ready
+        finally:  # also when nobody asks for the rest
+            self._close()
+
+    def _jobs(self, index: int, sinks: Sinks, last: bool) -> Iterator[Job]:
+        """One job after the other, a strip each; on the host they are done."""
+        numbers = range(len(self._rows))
+        if self._pool is None:
+            yield from (self._strip(number, index, sinks, last) for number in numbers)
+        else:
+            for done in [self._pool.submit(self._strip, number, index, sinks, last) for number in numbers]:
+                yield done.result()
+
+    def _close(self) -> None:
+        """Let the threads and the maps go."""
+        self._parts.clear()
+        self._maps.clear()
+        if self._pool:
+            self._pool.shutdown()
+
+    def _strip(self, number: int, index: int, sinks: Sinks, last: bool) -> Job:
+        rows = self._rows[number]
+        strip = self.light.rows_only(rows)
+        new = number not in self._parts
+        window, start = self._part(strip, rows) if new else self._parts.pop(number)
+        frame = Frame(self.first.exposure, window, self.first.seed, index)
+        if "photons" in sinks:
+            sinks["photons"][rows] = strip.total
+        for name, signal in signals(self.stages, strip if start is None else start, frame):
+            if name == "digital":
+                if not last:
+                    self._keep(number, window, start, new)
+                return window.backend.job(signal, window, sinks[name][rows])
+            if name in sinks:
+                sinks[name][rows] = window.backend.to_numpy(signal, window)
+        raise AssertionError("the last stage of a chain delivers digital numbers")
+
+    def _keep(self, number: int, window: SensorWindow, start: Any, new: bool) -> None:
+        """Keep a strip's maps for the next frame; on the host in one array per map, whole, so that memory stays so."""
+        self._parts[number] = window, start
+        if not (new and window.backend.on_host):
+            return
+        shape, rows = self.first.window.shape, self._rows[number]
+        for key, strip in window.maps_made.items():
+            if isinstance(strip, np.ndarray) and strip.shape == window.shape:
+                with self._lock:
+                    if key not in self._maps:
+                        self._maps[key] = np.empty(shape, strip.dtype)
+                    whole = self._maps[key]
+                whole[rows] = strip
+                window.store(key, whole[rows])
+
+    def _part(self, strip: Photons, rows: slice) -> tuple[SensorWindow, Any]:
+        """The strip's device with its maps, and for a compiled engine the light that it has detected."""
+        window = self.first.window.rows_only(rows)
+        if window.backend.on_host:
+            return window, None
+        return window, begin(self.stages, strip, replace(self.first, window=window))
+
+
+def begin(stages: tuple[Any, ...], light: Photons, frame: Frame) -> Electrons:
+    """What a compiled engine does once for many frames: it detects the light and makes the maps that are asked for."""
+    electrons = detected(stages[0], light, frame)
+    run_chain(stages[1:], electrons, replace(frame, _blocks={}))  # traced and thrown away, but for its maps
+    frame.window.backend.evaluate(frame.window)
+    return electrons
+
+
+def detected(detection: Any, light: Photons, frame: Frame) -> Electrons:
+    """Mean electrons for a compiled engine, by way of the host, a few rows at a time."""
+    window, host = frame.window, frame.on(NUMPY_FLOAT32).window
+    parts = [
+        detection(light.rows_only(rows), replace(frame, window=host.rows_only(rows), _blocks={}))
+        for rows in row_strips_of(window.shape, NUMPY_FLOAT32.strip)
+    ]
+    layers = {
+        name: window.backend.from_numpy(np.concatenate([getattr(part, name) for part in parts]), window)
+        for name in LAYERS
+        if isinstance(getattr(parts[0], name), np.ndarray)
+    }
+    return Electrons(**layers)
+
+
+LAYERS = ("light", "yield_mean", "yield_variance", "variance_e2")
+"""What a detection makes one of per pixel, where it makes it."""
+
+
+def run_chain(stages: tuple[Any, ...], light: Photons | Electrons, frame: Frame) -> Any:
+    """One frame through these stages: digital numbers (H, W), as floats."""
+    signal: Any = light
+    for stage in stages:
+        signal = stage(signal, frame)
+    return signal
+
+
+def signals(stages: tuple[Any, ...], start: Any, frame: Frame) -> Iterator[tuple[str, Any]]:
+    """One frame through the chain, from photons or from the electrons detected; (name, signal) at each room's door."""
+    signal: Any = start
+    left = stages if isinstance(start, Photons) else stages[1:]
+    for stage, following in zip(left, (*left[1:], None), strict=True):
+        signal = stage(signal, frame)
+        if following is None:
+            yield "digital", signal
+        elif following.domain != stage.domain and stage.domain != "photons":
+            if isinstance(signal, Electrons):
+                yield "photoelectrons", signal.light
+                yield "dark_electrons", signal.dark
+            yield stage.domain, plain(signal)
