@@ -16,7 +16,7 @@ from scipy import special
 
 from .counter_rng import RandomBits
 
-Array = NDArray[np.float64]
+Float64Array = NDArray[np.float64]
 
 SEARCH_BELOW = 10.0
 """Poisson means below this are searched from zero; above, an expansion is checked against the exact distribution."""
@@ -26,28 +26,28 @@ EXACT_BELOW = 1e6
 function loses its upper tail (3 % of the probability beyond 5σ at a mean of 1e7)."""
 
 
-def survival(bits: RandomBits) -> Array:
+def survival(bits: RandomBits) -> Float64Array:
     """P(X > x) that the word asks for: (w + ½)/2³², never 0 and never 1, exact in float64."""
     return (bits.astype(np.float64) + 0.5) * 2.0**-32
 
 
-def normal(bits: RandomBits) -> Array:
+def normal(bits: RandomBits) -> Float64Array:
     """Standard normal, mean 0 and variance 1."""
     return normal_of(survival(bits))
 
 
-def normal_of(survival_probability: Any) -> Array:
+def normal_of(survival_probability: Any) -> Float64Array:
     """The standard normal above which this share of the draws lies."""
     return -special.ndtri(survival_probability)
 
 
-def lognormal(bits: RandomBits, cv: float) -> Array:
+def lognormal(bits: RandomBits, cv: float) -> Float64Array:
     """Log-normal of mean 1 and coefficient of variation ``cv``: μ = −½ln(1+cv²), σ² = ln(1+cv²)."""
     variance = math.log1p(cv * cv)
     return np.exp(math.sqrt(variance) * normal(bits) - 0.5 * variance)
 
 
-def gamma(bits: RandomBits, cv: float) -> Array:
+def gamma(bits: RandomBits, cv: float) -> Float64Array:
     """Gamma of mean 1 and coefficient of variation ``cv``: shape cv⁻², scale cv²."""
     if cv < 1e-6:  # normal to 1e-12
         return 1 + cv * normal(bits)
@@ -63,7 +63,7 @@ def gamma_series(cv: float, reach: float, terms: int) -> list[float]:
     return [float(c) for c in chebyshev.chebfit(z / reach, _log_gamma(z, cv), terms - 1)]
 
 
-def _log_gamma(z: Array, cv: float) -> Array:
+def _log_gamma(z: Float64Array, cv: float) -> Float64Array:
     """ln of the gamma quantile (mean 1) above which P(Z > z) lies; its own expansion where SciPy underflows."""
     if cv < 1e-6:
         return np.log1p(cv * z)
@@ -74,13 +74,13 @@ def _log_gamma(z: Array, cv: float) -> Array:
         return np.where((x > 1e-290) & (small > -600), np.log(x), small) + 2 * math.log(cv)
 
 
-def logistic(bits: RandomBits) -> Array:
+def logistic(bits: RandomBits) -> Float64Array:
     """Standard logistic ln((1−s)/s), mean 0 and variance π²/3."""
     s = survival(bits)
     return np.log1p(-s) - np.log(s)
 
 
-def wald(z: Array, pick: Array, cv: float) -> Array:
+def wald(z: Float64Array, pick: Float64Array, cv: float) -> Float64Array:
     """Inverse Gaussian of mean 1 and shape cv⁻² from a normal and a uniform (Michael, Schucany & Haas 1976).
 
     The smaller root is written 1/(1 + a + √(a(a+2))), a = (cv·z)²/2; the textbook difference goes negative in float32.
@@ -105,7 +105,7 @@ def _dilogarithm_of_minus_exp(x: float) -> float:
     return -(math.pi**2) / 6 - x * x / 2 - float(special.spence(1 + math.exp(-x)))
 
 
-def poisson(bits: RandomBits, mean: Any) -> Array:
+def poisson(bits: RandomBits, mean: Any) -> Float64Array:
     """Poisson counts (whole numbers in float64): the smallest n with P(N > n) ≤ s. Mean 0 gives 0, +inf gives +inf.
 
     mean : scalar or shape of ``words``, ≥ 0 [events].
@@ -121,7 +121,7 @@ def poisson(bits: RandomBits, mean: Any) -> Array:
     return count.reshape(bits.shape)
 
 
-def _search(u: Array, lam: Array) -> Array:
+def _search(u: Float64Array, lam: Float64Array) -> Float64Array:
     """Smallest n with cdf(n) ≥ u, counted up from 0; for small means."""
     count = np.zeros_like(lam)
     index = np.arange(lam.size)
@@ -139,7 +139,7 @@ def _search(u: Array, lam: Array) -> Array:
         count[index] = n
 
 
-def _expand(s: Array, lam: Array) -> Array:
+def _expand(s: Float64Array, lam: Float64Array) -> Float64Array:
     """Normal expansion of the quantile; wherever its error bound straddles a whole number, the exact law decides."""
     z = -special.ndtri(s)
     root = np.sqrt(lam)
@@ -151,7 +151,7 @@ def _expand(s: Array, lam: Array) -> Array:
     return count
 
 
-def _settle(n: Array, s: Array, lam: Array) -> Array:
+def _settle(n: Float64Array, s: Float64Array, lam: Float64Array) -> Float64Array:
     """Move n to the smallest count with P(N > n) ≤ s, by the regularised incomplete gamma function."""
     while (up := special.gammainc(n + 1.0, lam) > s).any():
         n = n + up
@@ -168,7 +168,7 @@ AR_MAP_BLOCK, AR_MAP_MARGIN = 512, 96
 """The same for maps, whose coupling is 0.45 at most: φ^96 < 4e-20."""
 
 
-def isotropic_ar(normals: Array, coupling: float, margin: int) -> Array:
+def isotropic_ar(normals: Float64Array, coupling: float, margin: int) -> Float64Array:
     """Variance 1 with x_j = a(x_{j−1} + x_{j+1}) + U_j, from white normals with a warm-up on both sides.
 
     normals : (…, n + 2·margin) → (…, n), along the last axis.
