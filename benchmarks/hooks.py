@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.llvm import drjit
-from mitsuba_sensor.core.quantities import Photons
 from mitsuba_sensor.core.sensor_window import SensorWindow
+from mitsuba_sensor.core.signals import Photons
 from mitsuba_sensor.sensor.chain import chain
 from mitsuba_sensor.sensor.run import begin, choose_backend, row_strips_of, run_chain
 

@@ -10,7 +10,7 @@
 
 from .core.errors import InputError
 from .core.exposure import Exposure
-from .core.quantities import Photons
+from .core.signals import Photons
 from .render.irradiance import Irradiance, render
 from .render.per_frame import render_frames
 from .render.photons import collect, gradient_light, uniform_light

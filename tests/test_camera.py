@@ -355,8 +355,8 @@ def test_each_pixel_of_a_mosaic_takes_the_curve_of_its_own_filter() -> None:
     detection = chain(camera)[0]
     from mitsuba_sensor.core.exposure import Exposure
     from mitsuba_sensor.core.frame import Frame
-    from mitsuba_sensor.core.quantities import Photons
     from mitsuba_sensor.core.sensor_window import SensorWindow
+    from mitsuba_sensor.core.signals import Photons
 
     wavelengths = np.array([450.0, 530.0, 620.0])
     light = np.broadcast_to([100.0, 200.0, 300.0], (4, 6, 3))

@@ -12,8 +12,9 @@ from scipy import stats
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.moments import Moments
-from mitsuba_sensor.core.quantities import BOLTZMANN_EV_PER_K, ELEMENTARY_CHARGE_C, Electrons
 from mitsuba_sensor.core.sensor_window import SensorWindow
+from mitsuba_sensor.core.signals import Electrons
+from mitsuba_sensor.core.units import BOLTZMANN_EV_PER_K, ELEMENTARY_CHARGE_C
 from mitsuba_sensor.sensor.chain import chain, dark_components, dark_current_model, gain_dn_per_e
 from mitsuba_sensor.sensor.dark_components import DarkComponent, mixture_moments
 from mitsuba_sensor.sensor.dark_current_models import Doubling, FigureOfMerit, Measured, Mpp, band_gap_ev

@@ -13,8 +13,8 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.core.backend import NUMPY_FLOAT32
 from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.moments import Moments
-from mitsuba_sensor.core.quantities import Photons
 from mitsuba_sensor.core.sensor_window import SensorWindow
+from mitsuba_sensor.core.signals import Photons
 from mitsuba_sensor.sensor.chain import black_level_dn, chain, gain_dn_per_e
 from mitsuba_sensor.sensor.noise_budget import stage_name
 from mitsuba_sensor.sensor.plan import without

@@ -18,7 +18,7 @@ from scipy import integrate, stats
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.moments import Moments
-from mitsuba_sensor.core.quantities import BOLTZMANN_EV_PER_K
+from mitsuba_sensor.core.units import BOLTZMANN_EV_PER_K
 from mitsuba_sensor.render.variants import mitsuba
 from mitsuba_sensor.sensor.chain import adc_gain_dn_per_v, gain_dn_per_e, mean_dark_e
 from mitsuba_sensor.sensor.dark_current_models import band_gap_ev

@@ -22,8 +22,8 @@ from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.moments import Moments
-from mitsuba_sensor.core.quantities import Electrons, Photons
 from mitsuba_sensor.core.sensor_window import SensorWindow
+from mitsuba_sensor.core.signals import Electrons, Photons
 from mitsuba_sensor.sensor.camera import load_camera
 from mitsuba_sensor.sensor.cds import CdsNoise
 from mitsuba_sensor.sensor.dark_current_models import FigureOfMerit

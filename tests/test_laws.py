@@ -10,8 +10,9 @@ import pytest
 
 from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.core.frame import Frame
-from mitsuba_sensor.core.quantities import Electrons, photon_energy_j
 from mitsuba_sensor.core.sensor_window import SensorWindow
+from mitsuba_sensor.core.signals import Electrons
+from mitsuba_sensor.core.units import photon_energy_j
 from mitsuba_sensor.sensor.dark_current_models import Doubling, FigureOfMerit, band_gap_ev
 from mitsuba_sensor.sensor.electrons import DarkCurrent
 from mitsuba_sensor.sensor.fpn_distributions import Gaussian, LogNormal

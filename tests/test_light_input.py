@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core.quantities import LIGHT_SPEED_M_PER_S, PLANCK_J_S
+from mitsuba_sensor.core.units import LIGHT_SPEED_M_PER_S, PLANCK_J_S
 
 TABLE1 = ms.load_camera("konnik_table1")
 BAYER = ms.load_camera("bayer_2mp")

@@ -17,7 +17,7 @@ from light_scenes import BALL, SCENES, SKY, both_variants, scene_text, skip_unle
 
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
-from mitsuba_sensor.core.quantities import photon_energy_j
+from mitsuba_sensor.core.units import photon_energy_j
 from mitsuba_sensor.render import film, passes, spectra
 from mitsuba_sensor.render.bands import box_bands
 from mitsuba_sensor.render.irradiance import render

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core.quantities import Photons, photon_energy_j
+from mitsuba_sensor.core.signals import Photons
+from mitsuba_sensor.core.units import photon_energy_j
 from mitsuba_sensor.render.photons import photons_per_irradiance
 
 CAMERA = ms.load_camera("konnik_table1")

@@ -12,8 +12,8 @@ import pytest
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.moments import Moments
-from mitsuba_sensor.core.quantities import Electrons, Photons
 from mitsuba_sensor.core.sensor_window import SensorWindow
+from mitsuba_sensor.core.signals import Electrons, Photons
 from mitsuba_sensor.sensor.chain import collection
 from mitsuba_sensor.sensor.electrons import Detection, QuantumYield, ShotNoise
 

@@ -18,8 +18,8 @@ from mitsuba_sensor.core.backend import NUMPY_FLOAT64, Backend
 from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.llvm import backend_problem
 from mitsuba_sensor.core.moments import Moments
-from mitsuba_sensor.core.quantities import Electrons, Photons
 from mitsuba_sensor.core.sensor_window import SensorWindow
+from mitsuba_sensor.core.signals import Electrons, Photons
 from mitsuba_sensor.sensor import expose, run
 from mitsuba_sensor.sensor.chain import chain, gain_dn_per_e
 from mitsuba_sensor.sensor.compensation import LIMIT, compensable, counted, room_e2

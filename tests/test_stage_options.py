@@ -16,8 +16,8 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.core.backend import NUMPY_FLOAT64, Backend
 from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.moments import Moments
-from mitsuba_sensor.core.quantities import Electrons, Photons
 from mitsuba_sensor.core.sensor_window import SensorWindow
+from mitsuba_sensor.core.signals import Electrons, Photons
 from mitsuba_sensor.sensor.chain import chain
 from mitsuba_sensor.sensor.digital import AdcWithSteps, IntegralNonlinearity
 from mitsuba_sensor.sensor.electrons import QuantumYield, RtsPixels

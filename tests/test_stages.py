@@ -18,8 +18,8 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.core.backend import NUMPY_FLOAT64, Backend
 from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.moments import Moments, rectified_normal
-from mitsuba_sensor.core.quantities import Electrons, Photons
 from mitsuba_sensor.core.sensor_window import SensorWindow
+from mitsuba_sensor.core.signals import Electrons, Photons
 from mitsuba_sensor.sensor.chain import Stage, black_level_dn, chain, gain_dn_per_e
 from mitsuba_sensor.sensor.dark_current_models import FigureOfMerit
 from mitsuba_sensor.sensor.digital import Adc

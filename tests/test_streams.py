@@ -14,8 +14,8 @@ from mitsuba_sensor.core import counter_rng, distributions
 from mitsuba_sensor.core.counter_rng import FIXED_PATTERN, STREAMS
 from mitsuba_sensor.core.distributions import AR_BLOCK
 from mitsuba_sensor.core.frame import Frame
-from mitsuba_sensor.core.quantities import Electrons, Photons
 from mitsuba_sensor.core.sensor_window import SensorWindow
+from mitsuba_sensor.core.signals import Electrons, Photons
 from mitsuba_sensor.sensor.chain import chain
 
 CAMERA = ms.load_camera("konnik_table1").replace(

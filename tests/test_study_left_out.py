@@ -13,7 +13,7 @@ import pytest
 from light_scenes import PERSPECTIVE, SKY, scene_text, write_scene
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core.quantities import Photons
+from mitsuba_sensor.core.signals import Photons
 from mitsuba_sensor.optics.f_number_law import transmittance
 from mitsuba_sensor.render.requirements import grouped_electrons
 from mitsuba_sensor.sensor.chain import gain_dn_per_e, mean_dark_e

@@ -18,8 +18,8 @@ import pytest
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.moments import Moments
-from mitsuba_sensor.core.quantities import Electrons, Photons
 from mitsuba_sensor.core.sensor_window import SensorWindow
+from mitsuba_sensor.core.signals import Electrons, Photons
 from mitsuba_sensor.sensor.chain import black_level_dn, chain, gain_dn_per_e
 from mitsuba_sensor.sensor.digital import Adc
 from mitsuba_sensor.sensor.electrons import DarkCurrent, Detection, FullWell, Prnu, ShotNoise

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.quantities import BOLTZMANN_J_PER_K, photon_energy_j
+from ..core.units import BOLTZMANN_J_PER_K, photon_energy_j
 from ..sensor.camera import Camera
 from ..sensor.chain import black_level_dn
 

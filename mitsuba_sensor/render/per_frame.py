@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..core.checks import first_given
 from ..core.errors import InputError, require_seed
 from ..core.exposure import Exposure
-from ..core.quantities import Photons
+from ..core.signals import Photons
 from ..sensor.chain import mean_dark_e
 from ..sensor.checks import check_numbers
 from ..sensor.compensation import LIMIT, compensable

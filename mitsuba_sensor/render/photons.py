@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from ..core.checks import check_types, numbers
 from ..core.errors import InputError, require, require_seed
 from ..core.exposure import Exposure
-from ..core.quantities import Photons, photon_energy_j
+from ..core.signals import Photons
+from ..core.units import photon_energy_j
 from .bands import response_of
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from typing import Any, Protocol
 from ..core.exposure import Exposure
 from ..core.frame import Frame
 from ..core.moments import Moments
-from ..core.quantities import ELEMENTARY_CHARGE_C
 from ..core.sensor_window import SensorWindow
+from ..core.units import ELEMENTARY_CHARGE_C
 from .camera import Camera
 from .cds import CdsNoise
 from .dark_components import DarkComponent

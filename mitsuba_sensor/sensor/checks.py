@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..core.checks import numbers
 from ..core.errors import InputError, nearest, require_seed
-from ..core.quantities import Photons
 from ..core.sensor_window import SensorWindow
+from ..core.signals import Photons
 from .camera import Camera
 from .electrons import ShotNoise
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ..core.quantities import BOLTZMANN_EV_PER_K, ELEMENTARY_CHARGE_C
+from ..core.units import BOLTZMANN_EV_PER_K, ELEMENTARY_CHARGE_C
 
 FIGURE_OF_MERIT_AT_K = 300.0
 """The temperature at which dark current figures of merit are defined (Janesick 2001)."""

@@ -9,8 +9,8 @@ from ..core import arrays
 from ..core.errors import InputError
 from ..core.frame import Frame
 from ..core.moments import Moments
-from ..core.quantities import Electrons, Photons
 from ..core.sensor_window import SensorWindow
+from ..core.signals import Electrons, Photons
 from .compensation import compensable, counted
 from .dark_components import DarkComponent, component_maps, mixture_moments, superimpose
 from .fpn_distributions import FpnDistribution

@@ -15,8 +15,8 @@ from ..core.checks import check_types
 from ..core.errors import InputError, require_seed
 from ..core.exposure import Exposure
 from ..core.frame import Frame
-from ..core.quantities import Photons
 from ..core.sensor_window import SensorWindow
+from ..core.signals import Photons
 from .camera import Camera
 from .chain import adc_gain_dn_per_v
 from .chain import chain as physical_chain

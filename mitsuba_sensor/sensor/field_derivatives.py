@@ -18,8 +18,8 @@ from ..core.differentiable import Number, Recorder
 from ..core.errors import InputError, nearest
 from ..core.exposure import Exposure
 from ..core.frame import Frame
-from ..core.quantities import Photons
 from ..core.sensor_window import SensorWindow
+from ..core.signals import Photons
 from .camera import Camera
 from .chain import chain
 from .datasheet_errors import fields_of

@@ -16,8 +16,8 @@ from ..core.differentiable import SLOTS, Differentiable
 from ..core.errors import InputError
 from ..core.exposure import Exposure
 from ..core.frame import Frame
-from ..core.quantities import Photons
 from ..core.sensor_window import SensorWindow
+from ..core.signals import Photons
 from .camera import Camera
 from .chain import chain
 from .checks import as_photons, check_numbers, checked_maps, checked_origin

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..core.backend import NUMPY_FLOAT64
 from ..core.frame import Frame
 from ..core.moments import Moments
-from ..core.quantities import Electrons, Photons
+from ..core.signals import Electrons, Photons
 from .camera import Camera
 from .chain import gain_dn_per_e
 from .compensation import LIMIT, compensable

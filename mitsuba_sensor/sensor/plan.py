@@ -17,8 +17,8 @@ from ..core.errors import require
 from ..core.exposure import Exposure
 from ..core.frame import Frame
 from ..core.moments import Moments
-from ..core.quantities import Photons
 from ..core.sensor_window import SensorWindow
+from ..core.signals import Photons
 from .camera import Camera
 from .chain import chain
 from .checks import as_photons

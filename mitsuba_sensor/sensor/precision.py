@@ -9,8 +9,8 @@ import numpy as np
 
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
 from ..core.frame import Frame
-from ..core.quantities import Photons
 from ..core.sensor_window import SensorWindow
+from ..core.signals import Photons
 from .run import run_chain
 
 SHARE, LARGEST_DN = 0.01, 1.0

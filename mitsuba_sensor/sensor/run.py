@@ -16,8 +16,8 @@ from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, Backend, Job
 from ..core.errors import InputError, nearest
 from ..core.frame import Frame
 from ..core.llvm import backend_problem
-from ..core.quantities import Electrons, Photons
 from ..core.sensor_window import SensorWindow
+from ..core.signals import Electrons, Photons
 from .noise_budget import plain
 
 Engine = Literal["auto", "numpy", "drjit", "cuda"]

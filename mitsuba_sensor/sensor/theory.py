@@ -20,8 +20,8 @@ from scipy import special
 
 from ..core.frame import Frame
 from ..core.moments import Moments
-from ..core.quantities import Photons
 from ..core.sensor_window import SensorWindow
+from ..core.signals import Photons
 from .digital import Adc
 from .electrons import FullWell, QuantumYield, ShotNoise
 

@@ -12,8 +12,9 @@ from ..core import arrays
 from ..core.backend import normals
 from ..core.frame import Frame
 from ..core.moments import Moments
-from ..core.quantities import BOLTZMANN_J_PER_K, ELEMENTARY_CHARGE_C, Electrons
 from ..core.sensor_window import SensorWindow
+from ..core.signals import Electrons
+from ..core.units import BOLTZMANN_J_PER_K, ELEMENTARY_CHARGE_C
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from ..core.checks import check_types
 from ..core.errors import InputError, require, require_seed
 from ..core.exposure import Exposure
-from ..core.quantities import Photons
+from ..core.signals import Photons
 from ..render.irradiance import Irradiance, RenderOptions
 from ..render.photons import collect
 from ..render.requirements import render_requirements

@@ -16,7 +16,7 @@ import numpy as np
 from ...core.errors import InputError
 from ...core.frame import Frame
 from ...core.moments import Moments
-from ...core.quantities import Electrons, Photons
+from ...core.signals import Electrons, Photons
 from ..dark_current_models import band_gap_ev
 from .fpn_distributions import Family, fixed, times_pattern
 

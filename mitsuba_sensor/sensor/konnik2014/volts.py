@@ -14,7 +14,7 @@ import numpy as np
 
 from ...core.frame import Frame
 from ...core.moments import Moments
-from ...core.quantities import Electrons
+from ...core.signals import Electrons
 from .fpn_distributions import Family, fixed, times_pattern
 
 ELEMENTARY_CHARGE_C = 1.602176487e-19

@@ -10,8 +10,8 @@ import numpy as np
 
 from ...core.frame import Frame
 from ...core.llvm import drjit
-from ...core.quantities import Photons
 from ...core.sensor_window import SensorWindow
+from ...core.signals import Photons
 from ...sensor.run import Run, choose_backend, run_chain
 from ..sensor.frames import filled
 from ..timing import one_turn

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from ...core.backend import Backend
 from ...core.exposure import Exposure
 from ...core.frame import Frame
-from ...core.quantities import Photons
 from ...core.sensor_window import SensorWindow
+from ...core.signals import Photons
 from ...sensor.camera import Camera
 from ...sensor.chain import chain
 from ...sensor.digital import IntegralNonlinearity

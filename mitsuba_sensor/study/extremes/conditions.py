@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from ...core.errors import InputError
 from ...core.exposure import Exposure
 from ...core.frame import Frame
-from ...core.quantities import Photons
 from ...core.sensor_window import SensorWindow
+from ...core.signals import Photons
 from ...sensor.camera import Camera, list_cameras, load_camera
 from ...sensor.chain import chain
 from ...sensor.datasheet_errors import fields_of

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ...core.exposure import Exposure
-from ...core.quantities import Electrons
+from ...core.signals import Electrons
 from ...sensor.camera import load_camera
 from ...sensor.electrons import FullWell, ShotNoise
 from ...sensor.expose import expose

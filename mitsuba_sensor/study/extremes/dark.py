@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from ...core.exposure import Exposure
 from ...core.moments import Moments
-from ...core.quantities import BOLTZMANN_J_PER_K, ELEMENTARY_CHARGE_C, Electrons
+from ...core.signals import Electrons
+from ...core.units import BOLTZMANN_J_PER_K, ELEMENTARY_CHARGE_C
 from ...sensor.dark_current_models import Doubling, FigureOfMerit, Measured, Mpp
 from ...sensor.electrons import DarkCurrent, Prnu
 from ...sensor.fpn_distributions import (

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.exposure import Exposure
-from ...core.quantities import LIGHT_SPEED_M_PER_S, PLANCK_J_S, photon_energy_j
+from ...core.units import LIGHT_SPEED_M_PER_S, PLANCK_J_S, photon_energy_j
 from ...render.bands import Bands, box_bands
 from ...render.photons import collect, photons_per_irradiance
 from ...sensor.camera import Camera, load_camera

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...core import distributions
 from ...core.exposure import Exposure
-from ...core.quantities import Electrons
+from ...core.signals import Electrons
 from ...sensor.camera import load_camera
 from ...sensor.cds import CdsNoise, flicker_integral
 from ...sensor.chain import chain

@@ -14,8 +14,8 @@ from ...core.backend import BRIGHTEST
 from ...core.exposure import Exposure
 from ...core.frame import Frame
 from ...core.moments import Moments
-from ...core.quantities import Electrons, Photons
 from ...core.sensor_window import SensorWindow
+from ...core.signals import Electrons, Photons
 from ...sensor.camera import Camera, list_cameras, load_camera
 from ...sensor.chain import chain
 from ...sensor.noise_budget import stage_name

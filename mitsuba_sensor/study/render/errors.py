@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.quantities import Photons
+from ...core.signals import Photons
 from ...render.aovs import guides_of
 from ...render.denoise import smoothed
 from ...render.passes import Welford

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.exposure import Exposure
-from ...core.quantities import Photons
+from ...core.signals import Photons
 from ...render.passes import Welford
 from ...render.per_frame import AIM, NOISIEST, UNCOMPENSATED
 from ...render.statistics import median_bias

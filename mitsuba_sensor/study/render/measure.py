@@ -14,7 +14,7 @@ import numpy as np
 
 from ...core.errors import InputError, require
 from ...core.exposure import Exposure
-from ...core.quantities import Photons
+from ...core.signals import Photons
 from ...render.denoise import library
 from ...render.variants import use
 from ..page import Progress

@@ -21,8 +21,8 @@ from ...core.errors import InputError
 from ...core.exposure import Exposure
 from ...core.frame import Frame
 from ...core.moments import Moments
-from ...core.quantities import Photons
 from ...core.sensor_window import SensorWindow
+from ...core.signals import Photons
 from ...render.photons import photons_per_irradiance
 from ...render.stop_criterion import StopCriterion
 from ...sensor.chain import chain, mean_dark_e

@@ -13,7 +13,7 @@ import numpy as np
 from ...core.errors import require
 from ...core.exposure import Exposure
 from ...core.llvm import drjit
-from ...core.quantities import Photons
+from ...core.signals import Photons
 from ...sensor.camera import Camera
 from ...sensor.checks import as_photons
 from ..page import Progress

@@ -1,4 +1,4 @@
-"""What leaves each room, and the constants of nature (SI 2019 values, exact by definition; CODATA 2018 lists them)."""
+"""Mean photons and electrons per pixel: what enters the sensor and what its well collects."""
 
 from __future__ import annotations
 
@@ -7,12 +7,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-PLANCK_J_S = 6.62607015e-34
-LIGHT_SPEED_M_PER_S = 299_792_458.0
-BOLTZMANN_J_PER_K = 1.380649e-23
-ELEMENTARY_CHARGE_C = 1.602176634e-19
-BOLTZMANN_EV_PER_K = BOLTZMANN_J_PER_K / ELEMENTARY_CHARGE_C
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,8 +60,3 @@ class Electrons:
     def total(self) -> Any:
         """Nobody can tell the two apart in the well: light + dark, (H, W)."""
         return self.light + self.dark
-
-
-def photon_energy_j(wavelength_nm: Any) -> Any:
-    """Energy of one photon, hc/λ [J]; 3.6117e-19 J at 550 nm."""
-    return PLANCK_J_S * LIGHT_SPEED_M_PER_S / (wavelength_nm * 1e-9)
