@@ -11,10 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from helpers import BENCHMARKS
 
 from mitsuba_sensor.core.llvm import backend_problem
-
-BENCHMARKS = Path(__file__).resolve().parent.parent / "benchmarks"
 
 
 def run(script: str, *words: str) -> Any:

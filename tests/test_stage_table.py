@@ -5,14 +5,13 @@ from __future__ import annotations
 import dataclasses
 import re
 from importlib import import_module
-from pathlib import Path
 
 import pytest
+from helpers import ROOT
 
 from mitsuba_sensor.sensor.camera import Camera
 from mitsuba_sensor.sensor.datasheet_errors import fields_of
 
-ROOT = Path(__file__).parents[1]
 ROWS = [
     [cell.strip() for cell in line.strip("|\n").split("|")]
     for line in (ROOT / "README.md").read_text("utf-8").splitlines()
@@ -42,7 +41,8 @@ def test_a_row_names_fields_that_exist_and_a_test_that_speaks_of_the_stage(row: 
     name, equation, options, _, test = row
     assert equation
     assert set(re.findall(r"`([^`]+)`", options)) <= set(fields_of(Camera))
-    text = (ROOT / "tests" / f"{test.strip('`')}.py").read_text("utf-8")
+    (file,) = (ROOT / "tests" / "sensor").rglob(f"{test.strip('`')}.py")
+    text = file.read_text("utf-8")
     fields = [field.rpartition(".")[2] for field in re.findall(r"`([^`]+)`", options)]
     assert name.strip("`") in text or any(field in text for field in fields)
 

@@ -131,7 +131,7 @@ def differentiable(
     parameters : names of fields of the camera (``"readout.sense_gain_uv_per_e"``), ``"exposure.time_s"`` and
         ``"exposure.temperature_k"`` at the same photons, and ``"photons"`` for the mean photons of every pixel.
     The rest as for :func:`expose`. Derivatives of means and of variances come out right where the noise hides the steps
-    of the converter: to 1 % if σ is ¾ DN or more; tests/test_gradient.py has a table.
+    of the converter: to 1 % if σ is ¾ DN or more; tests/sensor/test_gradient.py has a table.
     Raises InputError for what ``expose`` refuses, and for a parameter that has no derivative.
     """
     check_types(camera, exposure)

@@ -1,0 +1,176 @@
+"""What a user can do wrong: one sentence on stderr, exit code 2, nothing written, older results untouched."""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers import CAMERAS
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.io import files
+
+DARK_SCENE_IN_THE_INFRARED_ONLY = '<spectrum name="radiance" value="900:0.01, 1000:0.01"/>'
+MALFORMED = "<scene version='3.0.0'><sensor type='perspective'></scene>"
+
+# (words of the command, what the sentence must say); SCENE, LIGHT, OUT and TMP are filled in.
+CASES: dict[str, tuple[Sequence[str], str]] = {
+    "missing scene": (("render", "TMP/none.xml", "-o", "OUT"), "none.xml"),
+    "scene is a folder": (("render", "TMP", "-o", "OUT"), "is not a file"),
+    "malformed XML": (("render", "TMP/malformed.xml", "-o", "OUT"), "malformed.xml"),
+    "not XML": (("render", "LIGHT", "-o", "OUT"), "irradiance.exr"),
+    "no light in the band": (("render", "TMP/infrared.xml", "-o", "OUT", "--spp", "16"), "from 400 to 700 nm"),
+    "unknown scene parameter": (("render", "SCENE", "-o", "OUT", "-D", "levle=1", "--spp", "16"), "levle"),
+    "parameter without value": (("render", "SCENE", "-o", "OUT", "-D", "level"), "-D NAME=VALUE"),
+    "unknown variant": (
+        ("render", "SCENE", "-o", "OUT", "--variant", "scalar_spectrum"),
+        "Did you mean 'scalar_spectral'",
+    ),
+    "rgb variant": (("render", "SCENE", "-o", "OUT", "--variant", "scalar_rgb"), "scalar_spectral"),
+    "zero wavelength": (("render", "SCENE", "-o", "OUT", "--wavelength-nm", "0"), "wavelength_nm"),
+    "NaN wavelength": (("render", "SCENE", "-o", "OUT", "--wavelength-nm", "nan"), "wavelength_nm"),
+    "negative bandwidth": (("render", "SCENE", "-o", "OUT", "--bandwidth-nm", "-1"), "bandwidth_nm"),
+    "wavelength in metres": (("render", "SCENE", "-o", "OUT", "--wavelength-nm", "5.5e-7"), "wavelength_nm"),
+    "zero samples": (("render", "SCENE", "-o", "OUT", "--spp", "0"), "--spp"),
+    "no such irradiance": (("expose", "TMP/none.exr", "-o", "OUT"), "none.exr"),
+    "not an EXR": (("expose", "SCENE", "-o", "OUT"), "not an OpenEXR file"),
+    "unknown camera": (("expose", "LIGHT", "-o", "OUT", "--camera", "konnik_table"), "Did you mean 'konnik_table1'"),
+    "camera file missing": (("expose", "LIGHT", "-o", "OUT", "--camera", "none.toml"), "none.toml"),
+    "unit of a field wrong": (("expose", "LIGHT", "-o", "OUT", "--camera", "TMP/millimetres.toml"), "pitch_x_um"),
+    "text for a number": (("expose", "LIGHT", "-o", "OUT", "--camera", "TMP/text.toml"), "full_well_e"),
+    "camera is not TOML": (("expose", "LIGHT", "-o", "OUT", "--camera", "TMP/broken.toml"), "not valid TOML"),
+    "unknown field": (("expose", "LIGHT", "-o", "OUT", "--set", "adc.bitz=14"), "Did you mean 'adc.bits'"),
+    "field without value": (("expose", "LIGHT", "-o", "OUT", "--set", "adc.bits"), "--set NAME=VALUE"),
+    "negative full well": (("expose", "LIGHT", "-o", "OUT", "--set", "pixel.full_well_e=-3"), "full_well_e is -3"),
+    "NaN in a field": (("expose", "LIGHT", "-o", "OUT", "--set", "pixel.prnu=nan"), "prnu is nan"),
+    "text in a field": (("expose", "LIGHT", "-o", "OUT", "--set", "adc.bits=many"), "adc.bits is 'many'"),
+    "too many bits": (("expose", "LIGHT", "-o", "OUT", "--set", "adc.bits=25"), "adc.bits is 25"),
+    "negative exposure": (("expose", "LIGHT", "-o", "OUT", "--exposure-s", "-1"), "time_s is -1"),
+    "NaN exposure": (("expose", "LIGHT", "-o", "OUT", "--exposure-s", "nan"), "time_s is nan"),
+    "infinite exposure": (("expose", "LIGHT", "-o", "OUT", "--exposure-s", "inf"), "time_s is inf"),
+    "negative temperature": (("expose", "LIGHT", "-o", "OUT", "--temperature-k", "-5"), "temperature_k is -5"),
+    "negative seed": (("expose", "LIGHT", "-o", "OUT", "--seed", "-1"), "seed is -1"),
+    "negative serial": (("expose", "LIGHT", "-o", "OUT", "--serial", "-1"), "serial is -1"),
+    "no frames": (("expose", "LIGHT", "-o", "OUT", "--frames", "0"), "--frames"),
+    "word for a number": (("expose", "LIGHT", "-o", "OUT", "--exposure-s", "long"), "--exposure-s"),
+    "no output folder": (("expose", "LIGHT"), "-o"),
+    "unknown chain": (
+        ("expose", "LIGHT", "-o", "OUT", "--chain", "matlab"),
+        "chain is 'matlab'; it must be 'physical'",
+    ),
+    "cube for the published chain": (("expose", "LIGHT", "-o", "OUT", "--chain", "konnik2014"), "knows one wavelength"),
+    "no such patterns": (("expose", "LIGHT", "-o", "OUT", "--fpn-maps", "TMP/none.npz"), "none.npz cannot be read"),
+    "patterns of another kind": (("render", "SCENE", "-o", "OUT", "--fpn-maps", "SCENE"), "no .npz of numbers"),
+    "patterns into no folder": (("patterns", "-o", "OUT/chip.npz", "--rows", "2", "--columns", "2"), "cannot write"),
+    "patterns of no rows": (("patterns", "-o", "OUT", "--rows", "0"), "--rows"),
+    "patterns without a file": (("patterns",), "-o"),
+    "too hot": (("expose", "LIGHT", "-o", "OUT", "--temperature-k", "1e9"), "temperature_k is 1000000000.0"),
+    "too long": (("expose", "LIGHT", "-o", "OUT", "--exposure-s", "1e13"), "time_s is 10000000000000.0"),
+    "a gain that overflows": (("plan", "LIGHT", "--set", "readout.cds_gain=1e-320"), "cds_gain is 1e-320"),
+    "plan of nothing": (("plan", "TMP/none.exr"), "none.exr"),
+    "negative tolerance": (("plan", "LIGHT", "--tolerance-dn", "-1"), "tolerance_dn"),
+    "show an unknown camera": (("cameras", "show", "bayer"), "Did you mean 'bayer_2mp'"),
+    "unknown command": (("rendr", "SCENE"), "rendr"),
+}
+
+
+@pytest.fixture
+def places(tmp_path: Path, scene_file: Path, light_file: Path) -> dict[str, str]:
+    """Folders and files that the cases speak of."""
+    scene = scene_file.read_text(encoding="utf-8")
+    infrared = scene.replace('<spectrum name="radiance" value="$level"/>', DARK_SCENE_IN_THE_INFRARED_ONLY)
+    camera = (CAMERAS / "konnik_table1.toml").read_text(encoding="utf-8")
+    for name, text in {
+        "malformed.xml": MALFORMED,
+        "infrared.xml": infrared,
+        "millimetres.toml": camera.replace("pitch_x_um", "pitch_x_mm"),
+        "text.toml": camera.replace("full_well_e = ", 'full_well_e = "33000 e-" #'),
+        "broken.toml": camera.replace("]", ""),
+    }.items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    return {
+        "TMP": str(tmp_path),
+        "SCENE": str(scene_file),
+        "LIGHT": str(light_file),
+        "OUT": str(tmp_path / "new" / "out"),
+    }
+
+
+def fill(word: str, places: dict[str, str]) -> str:
+    for name, place in places.items():
+        word = word.replace(name, place)
+    return word
+
+
+def sentence(stderr: str) -> str:
+    """Typer frames its own complaints; without the frame and its line breaks they read as one text."""
+    return " ".join(stderr.replace("│", " ").split())
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_mistake_is_one_sentence_exit_2_and_no_file(
+    case: str, places: dict[str, str], cli: Callable[..., Any]
+) -> None:
+    words, said = CASES[case]
+    done = cli(*(fill(word, places) for word in words))
+    assert done.exit_code == 2, (done.exception, done.stderr)
+    assert said in sentence(done.stderr), done.stderr
+    assert "Traceback" not in done.stderr and done.stdout == ""
+    if done.stderr.startswith("error: "):
+        assert len(done.stderr.strip().splitlines()) == 1
+    assert not (Path(places["TMP"]) / "new").exists()
+
+
+@pytest.mark.parametrize("where", ["file", "below a file", "proc", "folder in the way"])
+def test_a_place_that_takes_no_files_is_found_before_the_render(
+    where: str, tmp_path: Path, scene_file: Path, cli: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").write_text("kept")
+    (tmp_path / "folder" / "frame.json").mkdir(parents=True)
+    place = {
+        "file": tmp_path / "file",
+        "below a file": tmp_path / "file" / "out",
+        "proc": Path("/proc/nowhere/out"),
+        "folder in the way": tmp_path / "folder",
+    }[where]
+    monkeypatch.setattr(
+        ms, "render", lambda *_, **__: pytest.fail("rendered before looking at the folder"), raising=False
+    )
+    done = cli("render", scene_file, "-o", place)
+    assert done.exit_code == 2 and len(done.stderr.strip().splitlines()) == 1, done.stderr
+    assert str(place) in done.stderr
+    assert (tmp_path / "file").read_text() == "kept"
+    assert [path.name for path in (tmp_path / "folder").iterdir()] == ["frame.json"]
+
+
+@pytest.mark.parametrize("writer", ["write_tiff", "write_png", "write_json"])
+def test_a_disk_that_fills_up_leaves_the_older_result_alone(
+    writer: str, light_file: Path, tmp_path: Path, cli: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "out"
+    assert cli("expose", light_file, "-o", out).exit_code == 0
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+
+    def full(path: Path, *_: Any) -> None:
+        with files.disk_sentences(path):
+            raise OSError(errno.ENOSPC, "No space left on device", str(path))
+
+    monkeypatch.setattr(files, writer, full)
+    done = cli("expose", light_file, "-o", out, "--seed", 2)
+    assert done.exit_code == 2 and "No space left on device" in done.stderr
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+
+
+def test_running_out_of_memory_is_a_sentence(
+    light_file: Path, tmp_path: Path, cli: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def huge(*_: Any, **__: Any) -> None:
+        raise MemoryError("Unable to allocate 1 TiB")
+
+    monkeypatch.setattr(ms, "expose", huge)
+    done = cli("expose", light_file, "-o", tmp_path / "out")
+    assert done.exit_code == 2 and "Unable to allocate 1 TiB" in done.stderr
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,180 @@
+"""Scenes of other people: what must render does, and what is broken is refused in one sentence with exit code 2."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.scenes import BALL, PERSPECTIVE, SKY, both_variants, scene_text, skip_unless_usable, write_scene
+
+from mitsuba_sensor.core.errors import InputError
+from mitsuba_sensor.optics.f_number_law import aperture_f_number, magnification, solid_angle_sr
+from mitsuba_sensor.render.bands import box_bands
+from mitsuba_sensor.render.scene import load_scene
+from mitsuba_sensor.render.variants import choose_variant, use
+from mitsuba_sensor.sensor.camera import load_camera
+
+CAMERA = load_camera("konnik_table1")
+BANDS = box_bands(CAMERA, np.array([400.0, 500.0, 600.0, 700.0]))
+RGB_SKY = '<emitter type="constant"><rgb name="radiance" value="0.5"/></emitter>'
+WALL = """<shape type="rectangle">{bsdf}<transform name="to_world">
+<scale value="9"/><rotate y="1" angle="180"/><translate z="4"/></transform></shape>"""
+PICTURE = """<bsdf type="diffuse"><texture type="bitmap" name="reflectance">
+<string name="filename" value="{name}"/>{more}</texture></bsdf>"""
+LOOK_AT = '<transform name="toWorld"><lookAt origin="0, 0, 1" target="0, 0, 0"/></transform>'
+HEX = '<bsdf type="diffuse"><srgb name="reflectance" value="#fff"/></bsdf>'
+FLAT = '<emitter type="constant"><spectrum name="radiance" value="360:1, 830:1"/></emitter>'
+
+
+def ready(variant: str = "scalar_spectral") -> Any:
+    return use(choose_variant(skip_unless_usable(variant)))
+
+
+def render_frames(folder: Path, text: str, spp: int = 64, **options: Any) -> np.ndarray:
+    """Mean radiance in each band [W m⁻² sr⁻¹ nm⁻¹], (8, 12, 3)."""
+    scene = load_scene(write_scene(folder, text), BANDS, {}, **options)
+    return scene.render(1, spp, (0, 8)).astype(float) / BANDS.bandwidths_nm
+
+
+@both_variants
+def test_an_rgb_film_with_a_gaussian_filter_renders_as_spectral_bands(tmp_path: Path, variant: str) -> None:
+    """A red ball under an rgb sky, film and sampler as in most scenes of the web: red above blue, nothing negative."""
+    ready(variant)
+    red = BALL.format(bsdf='<bsdf type="diffuse"><rgb name="reflectance" value="0.8, 0.1, 0.1"/></bsdf>')
+    text = scene_text(RGB_SKY, red, '<integrator type="path"/>', film='<rfilter type="gaussian"/>')
+    light = render_frames(tmp_path, text)
+    assert (light > 0).all() and light[4, 6, 2] > 3 * light[4, 6, 0]
+
+
+@both_variants
+def test_an_even_environment_map_is_an_even_sky(tmp_path: Path, variant: str) -> None:
+    """A picture of 0.5 everywhere shines as <rgb value="0.5"> does, in every band (both good to 1 %, 64 samples)."""
+    mi = ready(variant)
+    mi.Bitmap(np.full((4, 8, 3), 0.5, np.float32)).write(str(tmp_path / "sky.exr"))
+    sky = '<emitter type="envmap"><string name="filename" value="sky.exr"/></emitter>'
+    mapped, even = (render_frames(tmp_path, scene_text(e), 256).mean(axis=(0, 1)) for e in (sky, RGB_SKY))
+    np.testing.assert_allclose(mapped, even, rtol=0.02)
+
+
+@both_variants
+def test_textures_colour_the_wall(tmp_path: Path, variant: str) -> None:
+    """A wall under a sky of radiance 1 is as bright as its reflectance: 0.2 in the left half, 0.6 in the right."""
+    mi = ready(variant)
+    picture = np.full((2, 2, 3), 0.2, np.float32)
+    picture[:, 1] = 0.6
+    mi.Bitmap(picture).write(str(tmp_path / "halves.exr"))
+    nearest = '<string name="filter_type" value="nearest"/>'
+    wall = WALL.format(bsdf=PICTURE.format(name="halves.exr", more=nearest))
+    light = render_frames(tmp_path, scene_text(FLAT, wall), 256)
+    halves = sorted((light[:, :6].mean(), light[:, 6:].mean()))
+    np.testing.assert_allclose(halves, (0.2, 0.6), rtol=0.02)
+
+
+@both_variants
+def test_a_scene_in_millimetres_gives_the_light_of_the_same_scene_in_metres(tmp_path: Path, variant: str) -> None:
+    """A thin lens close up, where the magnification of 0.19 takes 30 % of the light; scene_unit says what 1 is."""
+    ready(variant)
+
+    def text(unit: float) -> str:
+        lens = '<float name="aperture_radius" value="{}"/><float name="focus_distance" value="{}"/>'
+        lens = lens.format(1e-5 / unit, 0.001 / unit)
+        film = '<film type="hdrfilm"><integer name="width" value="12"/><integer name="height" value="8"/></film>'
+        sensor = f'<sensor type="thinlens"><float name="fov" value="20"/>{lens}{film}</sensor>'
+        ball = f'<point name="center" value="0, 0, {4 / unit}"/><float name="radius" value="{1 / unit}"/>'
+        return scene_text(SKY, f'<shape type="sphere">{ball}</shape>', sensor=sensor)
+
+    metres = load_scene(write_scene(tmp_path, text(1)), BANDS, {}, scene_unit="m")
+    millimetres = load_scene(write_scene(tmp_path, text(1e-3)), BANDS, {}, scene_unit="mm")
+    assert magnification(millimetres.view, CAMERA) == pytest.approx(magnification(metres.view, CAMERA), rel=1e-6)
+    assert magnification(metres.view, CAMERA) == pytest.approx(0.19, abs=0.01)
+    numbers = [aperture_f_number(scene.view, CAMERA) for scene in (metres, millimetres)]
+    assert numbers[0] == pytest.approx(numbers[1], rel=1e-6)
+    np.testing.assert_allclose(solid_angle_sr(millimetres.view, CAMERA), solid_angle_sr(metres.view, CAMERA), rtol=1e-6)
+    a, b = (scene.render(1, 64, (0, 8)) for scene in (metres, millimetres))
+    np.testing.assert_allclose(a.mean(axis=(0, 1)), b.mean(axis=(0, 1)), rtol=0.01)
+
+
+def test_a_scene_without_a_sensor_is_told_one_that_works_when_pasted(tmp_path: Path) -> None:
+    ready()
+    with pytest.raises(InputError, match="has no sensor; add one") as caught:
+        load_scene(write_scene(tmp_path, scene_text(SKY, sensor="")), BANDS, {})
+    element = re.search(r"<sensor.*</sensor>", str(caught.value))
+    assert element
+    pasted = scene_text(SKY, element[0], sensor="")
+    assert load_scene(write_scene(tmp_path, pasted), BANDS, {}).view.half_width > 0
+
+
+def test_only_the_first_sensor_is_built(tmp_path: Path) -> None:
+    """A second one of any kind does no harm, nor does a meter on a shape, which Mitsuba lists before both."""
+    ready()
+    film = '<film type="specfilm"><spectrum name="band" value="400:1, 700:1"/><rfilter type="box"/></film>'
+    meter = BALL.format(bsdf=f'<sensor type="irradiancemeter">{film}</sensor>')
+    ours = PERSPECTIVE.format(film="", more="")
+    text = scene_text(meter, SKY, ours, '<sensor type="fisheye"/>', sensor="")
+    scene = load_scene(write_scene(tmp_path, text), BANDS, {})
+    assert scene.view.size == (12, 8) and any("2 sensors" in note for note in scene.notes)
+
+
+def test_an_old_scene_that_mitsuba_can_upgrade_renders(tmp_path: Path) -> None:
+    """Format 0.6: toWorld, maxDepth and fovAxis are understood."""
+    ready()
+    old = '<integrator type="path"><integer name="maxDepth" value="8"/></integrator>'
+    text = scene_text(SKY, old, more='<string name="fovAxis" value="y"/>').replace("3.0.0", "0.6.0")
+    assert load_scene(write_scene(tmp_path, text), BANDS, {}).view.half_width == pytest.approx(1.5 * np.tan(np.pi / 6))
+
+
+def test_gradient_integrators_render_where_they_exist(tmp_path: Path) -> None:
+    """prb is there in llvm variants; a scalar one says what to take instead."""
+    text = scene_text(SKY, '<integrator type="prb"/>')
+    ready()
+    with pytest.raises(InputError, match="'path' gives the same picture"):
+        load_scene(write_scene(tmp_path, text), BANDS, {})
+    ready("llvm_ad_spectral")
+    np.testing.assert_allclose(render_frames(tmp_path, text).mean(), 2e-4, rtol=0.05)
+
+
+BROKEN = [
+    (scene_text(SKY, '<shape type="ply"><string name="filename" value="bunny.ply"/></shape>'), "bunny.ply"),
+    (scene_text(SKY, '<shape type="obj"><string name="filename" value="bunny.obj"/></shape>'), "bunny.obj"),
+    (scene_text(SKY, BALL.format(bsdf=PICTURE.format(name="wood.png", more=""))), "wood.png"),
+    (scene_text('<emitter type="envmap"><string name="filename" value="sky.hdr"/></emitter>'), "sky.hdr"),
+    (scene_text(SKY, '<shape type="spher"/>'), "Did you mean 'sphere'?"),
+    (scene_text(SKY, BALL.format(bsdf='<bsdf type="rough_plastic"/>')), "Did you mean 'roughplastic'?"),
+    (scene_text(SKY, '<integrator type="pathtracer"/>'), "Did you mean 'ptracer'?"),
+    (scene_text(SKY, '<shape type="diffuse"/>'), "does not match the expected type"),
+    (scene_text(SKY, more=LOOK_AT).replace("3.0.0", "0.5.0"), "format of Mitsuba 0.5.0"),
+    (scene_text(SKY, BALL.format(bsdf=HEX)).replace("3.0.0", "0.5.0"), "format of Mitsuba 0.5.0"),
+    (scene_text(SKY, BALL.format(bsdf='<bsdf type="ward"/>')).replace("3.0.0", "0.6.0"), "format of Mitsuba 0.6.0"),
+    (scene_text(SKY, BALL.format(bsdf='<bsdf type="polarizer"/>')), "acts on polarised light, which is not simulated"),
+    (scene_text(SKY, BALL.format(bsdf='<bsdf type="circular"/>')), "line 2: 'circular' acts on polarised light"),
+    (scene_text(SKY, BALL.format(bsdf='<bsdf type="retarder"/>')), "acts on polarised light"),
+    (scene_text(SKY, BALL.format(bsdf='<bsdf type="measured_polarized"/>')), "use 'measured'"),
+    (scene_text(SKY, '<integrator type="ptracer"/>'), "use 'path'"),
+    (scene_text(SKY, '<integrator type="depth"/>'), "use 'path'"),
+    (scene_text(SKY, '<shape type="sphere"><float name="radius" value="$size"/></shape>'), "-D name=value"),
+    (scene_text(SKY, sensor=""), '<sensor type="perspective">'),
+    (scene_text(SKY, sensor='<sensor type="fisheye"/>'), "must be one of perspective"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "words"), BROKEN)
+def test_a_broken_scene_is_one_sentence_and_exit_code_2(
+    tmp_path: Path, cli: Callable[..., Any], text: str, words: str
+) -> None:
+    done = cli("lint", write_scene(tmp_path, text), "--variant", "scalar_spectral")
+    said = " ".join(done.stderr.split())
+    assert done.exit_code == 2 and words in said and said.startswith("error: "), done.output
+    assert "Traceback" not in said and str(tmp_path) not in said and said.endswith((".", "?"))
+
+
+def test_render_refuses_it_with_the_same_sentence(tmp_path: Path, cli: Callable[..., Any]) -> None:
+    """Before anything is rendered or written."""
+    path = write_scene(tmp_path, BROKEN[4][0])
+    calls = ("lint", path), ("render", path, "-o", tmp_path / "out")
+    done = [cli(*words, "--variant", "scalar_spectral") for words in calls]
+    assert [one.exit_code for one in done] == [2, 2] and done[0].stderr == done[1].stderr
+    assert not (tmp_path / "out").exists()

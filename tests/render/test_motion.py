@@ -1,0 +1,439 @@
+"""Motion during an exposure: blur and skew against closed forms, weights that add up, poses that come back.
+
+The picture is a bright half plane on black, seen by a perspective sensor of 24 columns and 60°: one metre beside the
+axis, at distance Z, is f/Z = 20.78/Z pixels. A column of the ramp has, with 8 passes of 16 samples and random instants,
+a standard error of at most 0.01 of the brightness, an edge found from a row of it at most 0.03 px: every bound below is
+more than five of them, and the seeds are fixed.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.scenes import SCENES, SKY, both_variants, scene_text, skip_unless_usable, write_scene
+from numpy.typing import NDArray
+
+from mitsuba_sensor.core.errors import InputError
+from mitsuba_sensor.core.exposure import Exposure
+from mitsuba_sensor.core.llvm import drjit
+from mitsuba_sensor.optics.shutter import STEP_PX, Shutter, shutter_of, subframes
+from mitsuba_sensor.render.bands import choose_bands
+from mitsuba_sensor.render.motion import Body, Motion, read_motion
+from mitsuba_sensor.render.moving_scene import MovingScene, Poses, deal
+from mitsuba_sensor.render.passes import hashed_seed
+from mitsuba_sensor.render.scene import Scene, load_scene
+from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
+from mitsuba_sensor.sensor.camera import load_camera
+
+GLOBAL = load_camera("konnik_table1")
+ROLLING = GLOBAL.replace(**{"sensor.shutter": "rolling", "sensor.row_time_us": 1000.0})
+COLUMNS, ROWS, FOCAL_PX = 24, 16, 12 / math.tan(math.radians(30))
+SENSOR = f"""<sensor type="perspective"><float name="fov" value="60"/>{{more}}<film type="hdrfilm">
+<integer name="width" value="{COLUMNS}"/><integer name="height" value="{ROWS}"/>{{film}}</film></sensor>"""
+GLOW = '<emitter type="area"><spectrum name="radiance" value="360:1, 830:1"/></emitter>'
+EDGE = f"""<shape type="rectangle" id="edge"><transform name="to_world"><scale x="50" y="50"/>
+<rotate y="1" angle="180"/><translate x="50" z="4"/></transform>{GLOW}</shape>"""
+SPEED_M_PER_S = 10.0
+SPEED_PX_PER_S = SPEED_M_PER_S * FOCAL_PX / 4
+RIGHT = {  # what moves the edge to the right of the picture: world −x, because a camera's x axis points to the left
+    "camera": read_motion({"camera": {"velocity_m_per_s": [SPEED_M_PER_S, 0, 0]}}),
+    "object": read_motion({"objects": {"edge": {"velocity_m_per_s": [-SPEED_M_PER_S, 0, 0]}}}),
+}
+
+
+def loaded(folder: Path, *elements: str, film: str = "", variant: str = "scalar_spectral") -> Scene:
+    use(choose_variant(skip_unless_usable(variant)))
+    text = scene_text(*elements, sensor=SENSOR, film=film)
+    return load_scene(write_scene(folder, text), choose_bands(GLOBAL, 550.0, 10.0, "auto"), {})
+
+
+def picture(scene: Scene | MovingScene, passes: int = 8, samples: int = 16) -> NDArray[np.float64]:
+    """Mean of some passes over the brightness of the edge, (rows, columns)."""
+    rows = (0, scene.view.crop_size[1])
+    frames = [scene.render(hashed_seed(1, 0, k), samples, rows)[..., 0] for k in range(passes)]
+    return np.mean(frames, axis=0, dtype=np.float64) / 10.0  # L dλ over 10 nm
+
+
+def ramp(edge_px: NDArray[np.float64], blur_px: float) -> NDArray[np.float64]:
+    """Mean over the pixels of an edge, bright on its left, that moves by ``blur_px`` to end at ``edge_px``."""
+    fine = (np.arange(COLUMNS * 64) + 0.5) / 64
+    shade = np.clip((np.asarray(edge_px)[..., None] - fine) / blur_px, 0, 1)
+    return shade.reshape(*shade.shape[:-1], COLUMNS, 64).mean(axis=-1)
+
+
+def width_px(row: NDArray[np.float64]) -> float:
+    """Length of the ramp: that of a box with the second moment of the slope, less the pixel's own 1/12."""
+    slope, at = -np.diff(row), np.arange(len(row) - 1)
+    mean = np.average(at, weights=slope)
+    return math.sqrt(12 * np.average((at - mean) ** 2, weights=slope) - 2)  # a difference of two pixels: 1/12 twice
+
+
+@both_variants
+@pytest.mark.parametrize("who", ["camera", "object"])
+def test_a_moving_edge_blurs_by_speed_times_time(tmp_path: Path, who: str, variant: str) -> None:
+    """10 m/s at 4 m in 0.1 s: 5.2 px, within 0.25 px, and every pixel of the ramp within 0.05 of the closed form."""
+    moving = MovingScene(loaded(tmp_path, EDGE, variant=variant), RIGHT[who], GLOBAL, Exposure(0.1))
+    mean = picture(moving).mean(axis=0)
+    blur = SPEED_PX_PER_S * 0.1
+    assert width_px(mean) == pytest.approx(blur, abs=0.25)
+    np.testing.assert_allclose(mean, ramp(np.array(COLUMNS / 2 + blur), blur), atol=0.05)
+
+
+@both_variants
+def test_a_rolling_shutter_skews_by_speed_times_row_time_times_rows(tmp_path: Path, variant: str) -> None:
+    """15 rows of 1 ms at 52 px/s: 0.78 px from top to bottom, times ten; each row to 0.25 px, and blurred by v·t."""
+    fast = read_motion({"objects": {"edge": {"velocity_m_per_s": [-60.0, 0, 0]}}})
+    speed = 60 * FOCAL_PX / 4
+    moving = MovingScene(loaded(tmp_path, EDGE, variant=variant), fast, ROLLING, Exposure(0.008))
+    frame = picture(moving)
+    edges = frame.sum(axis=1)
+    skew = np.polyfit(np.arange(ROWS), edges, 1)[0] * ROWS
+    assert skew == pytest.approx(speed * 1e-3 * ROWS, abs=0.25)
+    ends = COLUMNS / 2 + speed * (np.arange(ROWS) * 1e-3 + 0.008)
+    np.testing.assert_allclose(edges, ends - speed * 0.008 / 2, atol=0.25)
+    np.testing.assert_allclose(frame, ramp(ends, speed * 0.008), atol=0.2)
+    aligned = np.mean(
+        [
+            np.interp(np.arange(-6, 7) + edge, np.arange(COLUMNS) + 0.5, row)
+            for edge, row in zip(edges, frame, strict=True)
+        ],
+        axis=0,
+    )
+    assert width_px(aligned) == pytest.approx(speed * 0.008, abs=0.5)
+
+
+def test_sub_frames_leave_no_ghosts_in_the_mean_of_the_passes(tmp_path: Path) -> None:
+    """Two sub-frames 6.5 px apart, 64 passes: the smooth ramp to 0.15 (4.8 standard errors); ghosts are 0.25 off."""
+    scene = loaded(tmp_path, EDGE)
+    before = picture(scene, 1, 4)
+    moving = MovingScene(scene, RIGHT["camera"], GLOBAL, Exposure(0.25), subframes=2)
+    blur = SPEED_PX_PER_S * 0.25
+    mean = np.mean([picture_of(moving, k) for k in range(64)], axis=(0, 1))
+    np.testing.assert_allclose(mean, np.minimum(ramp(np.array(COLUMNS / 2 + blur), blur), 1), atol=0.15)
+    np.testing.assert_array_equal(picture(scene, 1, 4), before)
+
+
+def picture_of(scene: Scene | MovingScene, number: int) -> NDArray[np.float64]:
+    """One small pass over the brightness of the edge."""
+    return scene.render(hashed_seed(2, 0, number), 2, (0, 4))[..., 0].astype(np.float64) / 10
+
+
+def test_an_exposure_shorter_than_a_row_is_skewed_as_much_and_hardly_blurred(tmp_path: Path) -> None:
+    """Rows share the sub-frames within half a pixel of motion: each edge to 0.25 px, in at most three per pixel."""
+    moving = MovingScene(loaded(tmp_path, EDGE), RIGHT["object"], ROLLING, Exposure(1e-5))
+    edges = picture(moving).sum(axis=1)
+    np.testing.assert_allclose(edges, COLUMNS / 2 + SPEED_PX_PER_S * np.arange(ROWS) * 1e-3, atol=0.25)
+    frozen = MovingScene(loaded(tmp_path, EDGE), RIGHT["object"], GLOBAL, Exposure(0.0))
+    np.testing.assert_allclose(picture(frozen), picture(loaded(tmp_path, EDGE)), atol=1e-6)
+
+
+def test_a_crop_sees_the_rows_of_the_full_frame_at_their_own_times(tmp_path: Path) -> None:
+    """Row r of the film opens at r·t_row, whichever rows are rendered."""
+    crop = "".join(
+        f'<integer name="crop_{k}" value="{v}"/>'
+        for k, v in (("width", COLUMNS), ("height", 4), ("offset_x", 0), ("offset_y", 10))
+    )
+    fast = read_motion({"objects": {"edge": {"velocity_m_per_s": [-60.0, 0, 0]}}})
+    moving = MovingScene(loaded(tmp_path, EDGE, film=crop), fast, ROLLING, Exposure(0.004))
+    middle_s = np.arange(10, 14) * 1e-3 + 0.002
+    np.testing.assert_allclose(picture(moving).sum(axis=1), COLUMNS / 2 + 60 * FOCAL_PX / 4 * middle_s, atol=0.25)
+
+
+@both_variants
+@pytest.mark.parametrize("camera", [GLOBAL, ROLLING], ids=["global", "rolling"])
+def test_motion_through_even_light_changes_nothing(tmp_path: Path, camera: Any, variant: str) -> None:
+    """Energy is kept: under a uniform sky each pixel of each pass is what it is at rest, to float32."""
+    still = loaded(tmp_path, SKY, variant=variant)
+    motion = read_motion({"camera": {"velocity_m_per_s": [3, 2, 1], "rotate_deg_per_s": 900, "axis": [1, 1, 0]}})
+    moving = MovingScene(still, motion, camera, Exposure(0.02))
+    np.testing.assert_allclose(picture(moving, 1, 9), picture(still, 1, 9), rtol=1e-6)
+
+
+def test_an_infinite_value_saturates_its_own_rows_only(tmp_path: Path) -> None:
+    """Rows 8 and on are infinite whenever they are looked at; the rows above, closed or open, are not touched."""
+    moving = MovingScene(loaded(tmp_path, SKY), RIGHT["camera"], ROLLING, Exposure(0.02))
+    render = moving.scene.render
+
+    class Glaring:
+        view = moving.view
+
+        def render(self, seed: int, samples: int, rows: tuple[int, int]) -> NDArray[np.float32]:
+            frame = render(seed, samples, rows)
+            frame[max(8 - rows[0], 0) :] = np.inf
+            return frame
+
+    moving.scene = Glaring()  # type: ignore[assignment]
+    frame = moving.render(1, 4, (0, ROWS))
+    assert np.isfinite(frame[:8]).all() and np.isposinf(frame[8:]).all()
+
+
+def test_the_weights_of_every_row_add_up_to_one_and_lie_in_its_own_exposure() -> None:
+    shutter, rows = Shutter(open_s=0.01, row_time_s=0.0007), (5, 45)
+    for count in (1, 3, 8):
+        step = shutter.step_s(count, math.inf, rows)
+        for phase in (0.0, 0.37, 0.999999):
+            cut = subframes(shutter, rows, count, step, phase)
+            weights = cut.weights()
+            assert (weights.sum(axis=1) == pytest.approx(1.0, abs=1e-15)) and weights.shape == (40, len(cut.times_s))
+            assert weights[:, 0].any() and weights[:, -1].any()
+            late = cut.times_s - shutter.start_s(np.arange(*rows))[:, None]
+            assert (late[weights > 0] > -1e-12).all() and (late[weights > 0] < 0.01 + 1e-12).all()
+
+
+@pytest.mark.parametrize("row_time_s", [0.0, 0.0007])
+def test_over_the_passes_every_instant_of_an_exposure_has_the_same_chance(row_time_s: float) -> None:
+    """With 50 even phases the instants of a row are (i + ½)·t/(50·m) from its start: no ghosts, no preferred time."""
+    shutter, count = Shutter(0.01, row_time_s), 4
+    step = shutter.step_s(count, math.inf, (0, 20))
+    cuts = [subframes(shutter, (0, 20), count, step, (j + 0.5) / 50) for j in range(50)]
+    for row in (0, 7, 19):
+        instants = np.sort(np.concatenate([cut.times_s[cut.weights()[row] > 0] for cut in cuts]))
+        even = row * row_time_s + (np.arange(200) + 0.5) * 0.01 / 200
+        np.testing.assert_allclose(instants, even, atol=0.01 / 200 / 2 + 1e-12)
+        assert instants.mean() == pytest.approx(row * row_time_s + 0.005, abs=0.01 / 400)
+
+
+def test_rows_share_a_sub_frame_where_the_picture_moves_less_than_half_a_pixel() -> None:
+    """Centred on the middle of the exposure, over the phases; and never more sub-frames than motion asks for."""
+    shutter, speed = Shutter(1e-4, 1e-3), 20.0
+    step = shutter.step_s(1, speed, (0, 200))
+    assert step == STEP_PX / speed
+    cuts = [subframes(shutter, (0, 200), 1, step, (j + 0.5) / 64) for j in range(64)]
+    seen = np.mean([cut.times_s[cut.first] for cut in cuts], axis=0)
+    np.testing.assert_allclose(seen, np.arange(200) * 1e-3 + 5e-5, atol=step / 64)
+    assert all(len(cut.times_s) <= 200e-3 / step + 2 for cut in cuts)
+    assert shutter.step_s(1, 0.0, (0, 200)) == pytest.approx(199e-3 + 1e-4)
+
+
+def test_sub_frames_share_the_samples_of_a_pass_evenly() -> None:
+    """The next count that divides them and leaves each a grid of the sampler; at most one sub-frame for each sample."""
+    assert [deal(n, 16) for n in (1, 2, 3, 5, 9, 16, 400)] == [1, 2, 4, 8, 16, 16, 16]
+    assert [deal(n, 12) for n in (1, 2, 4, 5, 7)] == [1, 2, 4, 6, 12]
+    assert [deal(n, 20) for n in (1, 2, 4, 5, 6)] == [1, 5, 5, 5, 10]  # 2 × 10 and 4 × 5 are no grids
+    assert deal(3, 1) == 1
+
+
+def test_the_camera_says_how_it_opens() -> None:
+    assert shutter_of(GLOBAL, Exposure(0.1)) == Shutter(0.1, 0.0)
+    assert shutter_of(ROLLING, Exposure(0.1)) == Shutter(0.1, 1e-3)
+    within_float32 = ROLLING.replace(**{"sensor.shutter": "global"})
+    assert within_float32.sensor.row_time_us == 1000 and shutter_of(within_float32, Exposure(0.1)).row_time_s == 0
+    with pytest.raises(InputError, match="a rolling shutter needs row_time_us"):
+        GLOBAL.replace(**{"sensor.shutter": "rolling"})
+
+
+@pytest.mark.parametrize("who", ["camera", "object"])
+def test_the_fastest_thing_decides_how_many_sub_frames(tmp_path: Path, who: str) -> None:
+    """52 px/s: in 0.1 s 5.2 px, 11 sub-frames of half a pixel, 16 of the 16 samples; the notes tell."""
+    moving = MovingScene(loaded(tmp_path, EDGE), RIGHT[who], GLOBAL, Exposure(0.1))
+    assert moving.speed_px_per_s == pytest.approx(SPEED_PX_PER_S, rel=0.01)
+    moving.render(1, 16, (0, 2))
+    assert moving.notes[-1] == (
+        "16 sub-frames per exposure and pass; the picture moves up to 5.2 px while a row is open"
+    )
+    few = MovingScene(loaded(tmp_path, EDGE), RIGHT[who], GLOBAL, Exposure(0.1), subframes=3)
+    few.render(1, 16, (0, 2))
+    assert few.notes[-1].startswith("4 sub-frames") and "11 would be smooth" in few.notes[-1]
+
+
+def test_a_thing_too_small_for_the_probing_rays_is_still_seen_to_move(tmp_path: Path) -> None:
+    place = '<point name="center" value="0.2,0.2,4"/><float name="radius" value="0.01"/>'
+    dot = f'<shape type="sphere" id="dot">{place}{GLOW}</shape>'
+    motion = read_motion({"objects": {"dot": {"velocity_m_per_s": [10, 0, 0]}}})
+    assert MovingScene(loaded(tmp_path, dot), motion, GLOBAL, Exposure(0.01)).speed_px_per_s == pytest.approx(
+        52, rel=0.02
+    )
+
+
+KINDS = {
+    "sphere": '<shape type="sphere" id="it"><point name="center" value="0,0,5"/>{glow}</shape>',
+    "mesh": '<shape type="cube" id="it"><transform name="to_world"><translate z="5"/></transform>{glow}</shape>',
+    "flat": '<shape type="rectangle" id="it"><transform name="to_world"><translate z="4"/></transform>{glow}</shape>',
+    "instance": '<shape type="shapegroup" id="group"><shape type="cube"/></shape><shape type="instance" id="it">'
+    '<ref id="group"/><transform name="to_world"><translate z="5"/></transform></shape>',
+}
+
+
+def distance_m(scene: Scene) -> float:
+    mi = mitsuba()
+    hit = scene.native.ray_intersect(mi.Ray3f(mi.Point3f(0, 0, 0), mi.Vector3f(0, 0, 1)))
+    return float(np.ravel(hit.t)[0])
+
+
+@both_variants
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_of_shape_moves_turns_and_comes_back(tmp_path: Path, kind: str, variant: str) -> None:
+    """One metre away in 0.1 s, and a quarter turn about a pivot beside it takes it out of the ray."""
+    scene = loaded(tmp_path, SKY, KINDS[kind].format(glow=GLOW), variant=variant)
+    before = distance_m(scene)
+    away = read_motion({"objects": {"it": {"velocity_m_per_s": [0, 0, 10]}}})
+    with Poses(scene, away) as poses:
+        poses.put(0.1)
+        assert distance_m(scene) == pytest.approx(before + 1, abs=1e-4)
+    assert distance_m(scene) == pytest.approx(before, abs=1e-6)
+    turn = {"rotate_deg_per_s": 90, "axis": [0, 1, 0], "pivot_m": [20, 0, 5]}
+    with Poses(scene, read_motion({"objects": {"it": turn}})) as poses:
+        poses.put(1.0)
+        assert math.isinf(distance_m(scene))
+    assert distance_m(scene) == pytest.approx(before, abs=1e-6)
+
+
+def test_two_things_of_one_material_move_apart(tmp_path: Path) -> None:
+    """Meshes of one material stay shapes with names of their own."""
+    place = '<transform name="to_world"><translate x="{}" z="5"/></transform>'
+    cube = f'<shape type="cube" id="{{}}">{place}<ref id="m"/></shape>'
+    pair = '<bsdf type="diffuse" id="m"/>' + cube.format("it", 0) + cube.format("other", 9)
+    scene = loaded(tmp_path, SKY, pair)
+    with Poses(scene, read_motion({"objects": {"other": {"velocity_m_per_s": [-90, 0, -10]}}})) as poses:
+        poses.put(0.1)
+        assert distance_m(scene) == pytest.approx(3.0, abs=1e-4)
+
+
+def test_all_poses_share_one_kernel(tmp_path: Path) -> None:
+    """Passes after the first, at other instants, run no kernel that the first did not (LLVM compiles 1 to 4 s)."""
+    scene = loaded(tmp_path, EDGE, KINDS["sphere"].format(glow=GLOW), SKY, variant="llvm_ad_spectral")
+    both = {"edge": {"velocity_m_per_s": [-10, 0, 0]}, "it": {"velocity_m_per_s": [0, 1, 0]}}
+    moving = MovingScene(
+        scene, read_motion({"camera": {"velocity_m_per_s": [1, 0, 0]}, "objects": both}), GLOBAL, Exposure(0.1)
+    )
+    dr = drjit()
+
+    def kernels(seed: int) -> set[Any]:
+        dr.kernel_history_clear()
+        moving.render(seed, 4, (0, ROWS))
+        return {entry["hash"] for entry in dr.kernel_history() if entry["type"] == dr.KernelType.JIT}
+
+    before = dr.flag(dr.JitFlag.KernelHistory)
+    dr.set_flag(dr.JitFlag.KernelHistory, True)
+    try:
+        kernels(1)
+        first, second = kernels(2), kernels(3)
+    finally:
+        dr.set_flag(dr.JitFlag.KernelHistory, before)
+    assert first and second <= first
+
+
+def test_steady_velocities_have_their_closed_form() -> None:
+    """A quarter turn about z through (1, 0, 0) takes the origin to (1, −1, 0); then the shift is added."""
+    body = read_motion(
+        {
+            "objects": {
+                "it": {"rotate_deg_per_s": 90, "axis": [0, 0, 2], "pivot_m": [1, 0, 0], "velocity_m_per_s": [0, 0, 3]}
+            }
+        }
+    ).objects["it"]
+    np.testing.assert_allclose(body.displacement(1.0) @ [0, 0, 0, 1], [1, -1, 3, 1], atol=1e-12)
+    np.testing.assert_array_equal(body.displacement(0.0), np.eye(4))
+    assert body == Body((0.0, 0.0, 3.0), (0.0, 0.0, math.pi / 2), (1.0, 0.0, 0.0))
+
+
+def test_keys_are_joined_by_straight_lines_and_shorter_arcs_and_held_at_the_ends() -> None:
+    keys = [{"time_s": 0.0}, {"time_s": 2.0, "move_m": [4, 0, 0], "turn_deg": 90, "axis": [0, 0, 1]}]
+    body = read_motion({"objects": {"it": {"pivot_m": [0, 1, 0], "keys": keys}}}).objects["it"]
+    half = body.displacement(1.0)
+    np.testing.assert_allclose(half @ [0, 1, 0, 1], [2, 1, 0, 1], atol=1e-12)
+    np.testing.assert_allclose(half[:2, :2], np.array([[1, -1], [1, 1]]) / math.sqrt(2), atol=1e-12)
+    np.testing.assert_array_equal(body.displacement(-1.0), body.displacement(0.0))
+    np.testing.assert_array_equal(body.displacement(9.0), body.displacement(2.0))
+    within_float32 = read_motion({"camera": {"keys": [{"time_s": 0, "move_m": [1, 2, 3]}]}}).camera
+    assert within_float32 is not None
+    np.testing.assert_array_equal(within_float32.displacement(5.0)[:3, 3], [1, 2, 3])
+
+
+def test_a_camera_key_is_the_pose_that_mitsuba_makes_of_the_same_words() -> None:
+    """Whatever pose, zoom or mirror the scene's camera begins with."""
+    mi = use(choose_variant("scalar_spectral"))
+    look = {"origin": [1, 2, 3], "target": [0, 0.5, -1], "up": [0, 0, 1]}
+    wanted = np.array(mi.ScalarTransform4f().look_at(**look).matrix)
+    words = {"time_s": 0, "origin_m": look["origin"], "target_m": look["target"], "up": look["up"]}
+    for zoom in (np.eye(4), np.diag([2.0, 2.0, 1.0, 1.0]), np.diag([-1.0, 1.0, 1.0, 1.0])):
+        base = np.array(mi.ScalarTransform4f().look_at(origin=[5, 0, 1], target=[0, 1, 0], up=[0, 1, 0]).matrix) @ zoom
+        for key in (words, {"time_s": 0, "to_world": wanted.tolist()}):
+            camera = read_motion({"camera": {"keys": [key]}}).camera
+            assert camera is not None
+            np.testing.assert_allclose(camera.displacement(3.0, base) @ base, wanted @ zoom, atol=1e-6)
+
+
+def test_a_camera_turns_about_its_own_place() -> None:
+    camera = read_motion({"camera": {"rotate_deg_per_s": 180, "axis": [0, 1, 0]}}).camera
+    base = np.eye(4)
+    base[:3, 3] = [7, 8, 9]
+    assert camera is not None
+    np.testing.assert_allclose((camera.displacement(1.0, base) @ base)[:3, 3], [7, 8, 9], atol=1e-12)
+
+
+TURN = {"rotate_deg_per_s": 90, "axis": [0, 1, 0]}
+MISTAKES: dict[str, tuple[Any, str]] = {
+    "a number": (3, "motion is 3; pass a TOML file, a mapping of its fields, or a Motion"),
+    "nothing": ({}, r"moves nothing; give it a table \[camera\] or \[objects\.ID\]"),
+    "a wrong table": ({"camra": {}}, r"has no 'camra'; it may have camera, objects\. Did you mean 'camera'\?"),
+    "a wrong field": ({"camera": {"velocity": [1, 0, 0]}}, "Did you mean 'velocity_m_per_s'"),
+    "no table": ({"camera": 3}, "camera is 3; it must be a table"),
+    "an empty body": ({"camera": {}}, "must have either velocity_m_per_s or rotate_deg_per_s, or keys, and not both"),
+    "both ways": ({"camera": {**TURN, "keys": [{"time_s": 0}]}}, "or keys, and not both"),
+    "two numbers": ({"camera": {"velocity_m_per_s": [1, 0]}}, r"velocity_m_per_s is \[1, 0\]; it must be three finite"),
+    "a word": ({"camera": {"velocity_m_per_s": [1, "x", 0]}}, "must be three finite numbers"),
+    "not a number": ({"camera": {"velocity_m_per_s": [1, math.nan, 0]}}, "must be three finite numbers"),
+    "no axis": ({"camera": {"rotate_deg_per_s": 9}}, "has rotate_deg_per_s and no axis; a turn needs both"),
+    "no angle": ({"camera": {"axis": [0, 1, 0]}}, "has axis and no rotate_deg_per_s"),
+    "a null axis": ({"camera": {"rotate_deg_per_s": 9, "axis": [0, 0, 0]}}, r"axis is \[0, 0, 0\]; give a direction"),
+    "no pivot": ({"objects": {"fan": TURN}}, r"objects\.fan turns and has no pivot_m; give the point that stays"),
+    "no time": ({"camera": {"keys": [{"move_m": [0, 0, 1]}]}}, r"camera\.keys\[0\] has no time_s"),
+    "no list": ({"camera": {"keys": {"time_s": 0}}}, "must be a list of tables with time_s"),
+    "an order": ({"camera": {"keys": [{"time_s": 1}, {"time_s": 1}]}}, "has time_s 1 after 1; the times must increase"),
+    "a place of an object": (
+        {"objects": {"it": {"keys": [{"time_s": 0, "to_world": [[1]]}]}}},
+        "has to_world, which belongs to the camera",
+    ),
+    "half a place": (
+        {"camera": {"keys": [{"time_s": 0, "origin_m": [0, 0, 0]}]}},
+        "one of move_m and turn_deg, origin_m",
+    ),
+    "no matrix": ({"camera": {"keys": [{"time_s": 0, "to_world": [[1, 2]]}]}}, "must be four rows of four numbers"),
+    "a stretch": (
+        {"camera": {"keys": [{"time_s": 0, "to_world": np.diag([2.0, 1, 1, 1]).tolist()}]}},
+        "is no rotation with a place; a camera cannot be stretched or mirrored",
+    ),
+    "up": (
+        {"camera": {"keys": [{"time_s": 0, "origin_m": [0, 0, 0], "target_m": [0, 1, 0]}]}},
+        "the camera looks along its up, or at its own place",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_every_mistake_in_a_motion_has_its_sentence(name: str) -> None:
+    data, sentence = MISTAKES[name]
+    with pytest.raises(InputError, match=sentence):
+        read_motion(data)
+    assert read_motion(RIGHT["camera"]) is RIGHT["camera"]
+
+
+def test_a_motion_file_that_is_not_there_or_not_toml_or_not_of_this_scene_is_said_so(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"motion file '.*none\.toml' cannot be read: No such file"):
+        read_motion(tmp_path / "none.toml")
+    (tmp_path / "bad.toml").write_text("camera = [", encoding="utf-8")
+    with pytest.raises(InputError, match="is not valid TOML"):
+        read_motion(tmp_path / "bad.toml")
+    wrong = read_motion({"objects": {"edg": {"velocity_m_per_s": [1, 0, 0]}}})
+    with pytest.raises(
+        InputError, match=r"'edg', which is no shape of the scene; the ids .* edge\. Did you mean 'edge'"
+    ):
+        MovingScene(loaded(tmp_path, EDGE), wrong, GLOBAL, Exposure(0.1))
+    for bad in (0, 2.5, "many"):
+        with pytest.raises(InputError, match="subframes is"):
+            MovingScene(loaded(tmp_path, EDGE), RIGHT["camera"], GLOBAL, Exposure(0.1), subframes=bad)  # type: ignore[arg-type]
+
+
+def test_the_shipped_example_is_a_fan_that_turns(tmp_path: Path) -> None:
+    motion = read_motion(SCENES / "rolling_fan.toml")
+    use(choose_variant("scalar_spectral"))
+    small = load_scene(
+        SCENES / "rolling_fan.xml", choose_bands(GLOBAL, 550.0, 10.0, "auto"), {"width": 24, "height": 16}
+    )
+    frame = picture(MovingScene(small, motion, ROLLING.replace(**{"sensor.row_time_us": 15.0}), Exposure(0.002)), 1, 4)
+    assert isinstance(motion, Motion) and motion.objects and frame.min() > 0

@@ -1,0 +1,370 @@
+"""<sensor type="camera"> and <film type="photosensor">: one file holds scene, lens, sensor, exposure and seeds."""
+
+from __future__ import annotations
+
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers import CAMERAS
+from helpers.scenes import BALL, SCENES, SKY, both_variants, skip_unless_usable, write_scene
+
+from mitsuba_sensor.core.errors import InputError
+from mitsuba_sensor.core.exposure import Exposure
+from mitsuba_sensor.optics.f_number_law import aperture_f_number, image_distance_m, magnification
+from mitsuba_sensor.render import plugins
+from mitsuba_sensor.render.bands import box_bands, channel_bands
+from mitsuba_sensor.render.irradiance import render
+from mitsuba_sensor.render.scene import Scene, load_scene
+from mitsuba_sensor.render.scene_settings import read_setup
+from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
+from mitsuba_sensor.sensor.camera import load_camera
+
+CAMERA = load_camera("konnik_table1")
+PITCH_M = CAMERA.pixel.pitch_x_um * 1e-6
+BANDS = box_bands(CAMERA, np.array([400.0, 550.0, 700.0]))
+LENS = '<float name="focal_length_mm" value="0.05"/>'  # 12 pixels of 5.7 µm see 69°
+FOCUS = '<float name="focus_distance_m" value="3"/><float name="f_number" value="2"/>'
+NAME = '<string name="camera" value="konnik_table1"/>'
+SIZE = '<integer name="width" value="12"/><integer name="height" value="8"/>'
+NEAR_BALL = BALL.format(bsdf='<bsdf type="diffuse"/>')
+
+
+def one_file(lens: str = LENS, film: str = NAME + SIZE, *elements: str) -> str:
+    """A ball under an even sky, with our two elements on lines 2 and 3."""
+    body = "".join(elements) or SKY + NEAR_BALL
+    return (
+        f'<scene version="3.0.0">\n<sensor type="camera">{lens}\n<film type="photosensor">{film}</film></sensor>\n'
+        f'<integrator type="path"/>{body}</scene>'
+    )
+
+
+def by_hand(kind: str, parameters: dict[str, float], film: str = SIZE) -> str:
+    """The same scene with Mitsuba's own sensor and film."""
+    floats = "".join(f'<float name="{name}" value="{value!r}"/>' for name, value in parameters.items())
+    sensor = f'<sensor type="{kind}">{floats}<film type="hdrfilm">{film}</film></sensor>'
+    return f'<scene version="3.0.0">{sensor}{SKY}{NEAR_BALL}</scene>'
+
+
+def fov_deg(image_m: float, columns: int = 12) -> float:
+    return 2 * math.degrees(math.atan(columns * PITCH_M / (2 * image_m)))
+
+
+def plain(path: Path, **parameters: str) -> Any:
+    """What a Mitsuba user does."""
+    plugins.register()
+    return mitsuba().load_file(str(path), **parameters)
+
+
+def ready(variant: str) -> Any:
+    return use(choose_variant(skip_unless_usable(variant)))
+
+
+@both_variants
+def test_plain_mitsuba_renders_the_two_elements_as_its_own_objects(tmp_path: Path, variant: str) -> None:
+    """mi.load_file and mi.render; every pixel of an even sky is L·Δλ in every one of 30 bands.
+
+    96 pixels of 256 samples know a band to 1.7 % (independent sampler), so that 8 % fails for one seed in 10 000.
+    """
+    mi = ready(variant)
+    scene = plain(write_scene(tmp_path, one_file(LENS, NAME + SIZE, SKY)))
+    assert type(scene.sensors()[0].film()).__name__ == "Film"
+    image = np.array(mi.render(scene, spp=256, seed=1))
+    assert image.shape == (8, 12, 30)
+    np.testing.assert_allclose(image.mean(axis=(0, 1)), 2e-4 * 10, rtol=0.08)
+
+
+@both_variants
+def test_a_camera_without_focus_is_a_perspective_of_the_focal_length(tmp_path: Path, variant: str) -> None:
+    """Field of view 2·atan(columns·pitch/2f): the same numbers, bit for bit, as a perspective written by hand."""
+    ready(variant)
+    ours = load_scene(write_scene(tmp_path, one_file()), BANDS, {})
+    hand = load_scene(write_scene(tmp_path, by_hand("perspective", {"fov": fov_deg(0.05e-3)})), BANDS, {})
+    assert ours.view == hand.view and ours.notes == ()
+    np.testing.assert_array_equal(ours.render(1, 16, (0, 8)), hand.render(1, 16, (0, 8)))
+
+
+@both_variants
+@pytest.mark.parametrize(("unit", "metres"), [("m", 1.0), ("mm", 1e-3), ("2.5", 2.5)])
+def test_a_camera_in_focus_is_a_thin_lens_in_scene_units(
+    tmp_path: Path, variant: str, unit: str, metres: float
+) -> None:
+    """Aperture radius f/2N and focus distance in units, field of view from s = f·d/(d − f): bit for bit by hand."""
+    ready(variant)
+    lens = LENS + FOCUS + f'<string name="scene_unit" value="{unit}"/>'
+    ours = load_scene(write_scene(tmp_path, one_file(lens)), BANDS, {})
+    focal, focus = 0.05e-3, 3.0
+    parameters = {
+        "fov": fov_deg(focal * focus / (focus - focal)),
+        "aperture_radius": focal / (2 * 2.0) / metres,
+        "focus_distance": focus / metres,
+    }
+    hand = load_scene(write_scene(tmp_path, by_hand("thinlens", parameters)), BANDS, {}, scene_unit=unit)
+    assert ours.view == hand.view
+    np.testing.assert_array_equal(ours.render(1, 16, (0, 8)), hand.render(1, 16, (0, 8)))
+
+
+@pytest.mark.parametrize(
+    ("lens", "name", "value"),
+    [(LENS + FOCUS, "aperture_radius", 0.05e-3 / 4), (LENS, "principal_point_offset_x", 0.1)],
+)
+def test_plain_mitsuba_gets_the_same_sensor_as_our_own_door(tmp_path: Path, lens: str, name: str, value: float) -> None:
+    """The factory and the rewriting agree on every parameter, also on those that are passed along."""
+    mi = ready("scalar_spectral")
+    more = '<float name="near_clip" value="0.5"/><transform name="to_world"><translate x="1" z="-2"/></transform>'
+    if name == "principal_point_offset_x":
+        more += f'<float name="{name}" value="{value}"/>'
+    path = write_scene(tmp_path, one_file(lens + more))
+    ours, theirs = (mi.traverse(s) for s in (load_scene(path, BANDS, {}).sensor, plain(path).sensors()[0]))
+    same = {key for key, _ in ours if not key.startswith("film.band")}
+    assert {"x_fov", "near_clip", "far_clip", "to_world", name} < same
+    assert all(str(ours[key]) == str(theirs[key]) for key in same)
+    assert ours["near_clip"] == 0.5 and ours[name] == pytest.approx(value, rel=1e-6)
+
+
+def test_f_number_and_magnification_come_back_from_the_built_sensor(tmp_path: Path) -> None:
+    """N from aperture and focus, m = f/(d − f), s = f·(1 + m); close up, where the image distance matters most."""
+    ready("scalar_spectral")
+    lens = '<float name="focal_length_mm" value="25"/><float name="f_number" value="4"/>'
+    lens += '<float name="focus_distance_m" value="0.1"/><string name="scene_unit" value="cm"/>'
+    path = write_scene(tmp_path, one_file(lens))
+    camera = read_setup(path, {}).camera
+    assert camera is not None and camera.lens.f_number == 4
+    view = load_scene(path, BANDS, {}, camera).view
+    assert aperture_f_number(view, camera) == pytest.approx(4, rel=1e-6)
+    assert magnification(view, camera) == pytest.approx(25 / 75, rel=1e-6)
+    assert image_distance_m(view, camera) == pytest.approx(0.025 * (1 + 25 / 75), rel=1e-6)
+
+
+def test_a_whole_render_of_one_file_is_that_of_the_scene_by_hand(tmp_path: Path) -> None:
+    ready("scalar_spectral")
+    options: dict[str, Any] = {"spp": 8, "bandwidth_nm": 100, "variant": "scalar_spectral"}
+    ours = render(write_scene(tmp_path, one_file()), CAMERA, Exposure(0.1), **options)
+    hand = render(
+        write_scene(tmp_path, by_hand("perspective", {"fov": fov_deg(0.05e-3)})), CAMERA, Exposure(0.1), **options
+    )
+    np.testing.assert_array_equal(ours.data, hand.data)
+
+
+def test_the_film_is_the_whole_sensor_unless_it_says_less(tmp_path: Path) -> None:
+    ready("scalar_spectral")
+    small = '<integer name="sensor.columns" value="24"/><integer name="sensor.rows" value="6"/>'
+    path = write_scene(tmp_path, one_file(LENS, NAME + small))
+    assert load_scene(path, BANDS, {}).view.size == (24, 6)
+    assert tuple(plain(path).sensors()[0].film().size()) == (24, 6)
+    crop = '<integer name="crop_width" value="3"/><integer name="crop_offset_x" value="2"/>'
+    view = load_scene(write_scene(tmp_path, one_file(LENS, NAME + SIZE + crop)), BANDS, {}).view
+    assert (view.size, view.crop_size, view.crop_offset) == ((12, 8), (3, 8), (2, 0))
+
+
+def test_two_films_keep_their_own_pixels(tmp_path: Path) -> None:
+    """Nothing is shared between loads: each sensor finds the pitch of its own film, whichever was loaded last."""
+    mi = ready("scalar_spectral")
+    pitch = '<float name="pixel.pitch_x_um" value="{0}"/><float name="pixel.pitch_y_um" value="{0}"/>'
+    scenes = [plain(write_scene(tmp_path, one_file(LENS, NAME + SIZE + pitch.format(um)))) for um in (2.0, 8.0)]
+    for scene, um in zip(scenes, (2.0, 8.0), strict=True):
+        expected = 2 * math.degrees(math.atan(12 * um * 1e-6 / (2 * 0.05e-3)))
+        assert float(mi.traverse(scene.sensors()[0])["x_fov"]) == pytest.approx(expected, rel=1e-6)
+
+
+def test_channels_of_the_film_hold_the_transmission_of_the_sensor_around_it(tmp_path: Path) -> None:
+    """The response is T(λ)·QE(λ)·λ/λ_ref with the spectrum that the sensor element gives."""
+    mi = ready("scalar_spectral")
+    through = '<spectrum name="transmission" value="400:0.5, 700:0.9"/>'
+    spectral = '<string name="spectral" value="channels"/>'
+    path = write_scene(tmp_path, one_file(LENS + through, NAME + SIZE + spectral))
+    film = mi.traverse(plain(path).sensors()[0].film())
+    lens = {"lens.transmission_curve": (0.5, 0.9), "lens.transmission_wavelengths_nm": (400.0, 700.0)}
+    expected = channel_bands(CAMERA.replace(**lens)).responses[0]["values"]
+    values = [float(word) for word in expected.split(",")]
+    np.testing.assert_allclose(np.array(film["band0000.values"]), values, rtol=1e-6)
+    assert values[-1] / values[0] == pytest.approx(0.9 / 0.5 * 700 / 400, rel=1e-3)
+
+
+def test_wavelengths_are_drawn_from_the_mended_density(tmp_path: Path) -> None:
+    """Whole numbers from 1 to 64, as for the films of our own door: neighbours are equal or clearly different."""
+    mi = ready("scalar_spectral")
+    spectral = '<string name="spectral" value="channels"/>'
+    film = plain(write_scene(tmp_path, one_file(LENS, NAME + SIZE + spectral))).sensors()[0].film()
+    density = np.array(mi.traverse(film.sensor_response_function())["values"])
+    assert density.max() == 64 and density.min() >= 1 and (density == np.round(density)).all()
+
+
+def test_defaults_and_given_parameters_reach_both_elements(tmp_path: Path) -> None:
+    mi = ready("scalar_spectral")
+    default = '<default name="f" value="0.05"/><default name="bits" value="10"/>'
+    film = NAME + SIZE + '<integer name="adc.bits" value="$bits"/>'
+    text = one_file('<float name="focal_length_mm" value="$f"/>', film).replace("<sensor", f"{default}<sensor", 1)
+    path = write_scene(tmp_path, text)
+    for parameters, focal, bits in (({}, 0.05, 10), ({"f": "0.1", "bits": "14"}, 0.1, 14)):
+        setup = read_setup(path, parameters)
+        assert setup.camera is not None and setup.camera.adc.bits == bits and setup.focal_length_mm == focal
+        view = float(mi.traverse(plain(path, **parameters).sensors()[0])["x_fov"])
+        assert view == pytest.approx(fov_deg(focal * 1e-3), rel=1e-6)
+
+
+def test_setup_holds_what_the_file_says(tmp_path: Path) -> None:
+    lens = (
+        LENS + FOCUS + '<string name="pupil_convention" value="planar"/><float name="pupil_magnification" value="1.5"/>'
+    )
+    film = NAME + SIZE + (
+        '<float name="exposure_s" value="0.02"/><float name="temperature_k" value="310"/>'
+        '<integer name="seed" value="7"/><integer name="serial" value="9"/><float name="wavelength_nm" value="600"/>'
+        '<float name="bandwidth_nm" value="5"/><string name="spectral" value="cube"/>'
+        '<float name="pixel.prnu" value="0.02"/>'
+    )  # fmt: skip
+    lens += '<float name="transmission" value="0.8"/>'
+    setup = read_setup(write_scene(tmp_path, one_file(lens, film)), {})
+    assert setup.exposure == Exposure(0.02, 310.0)
+    assert (setup.seed, setup.serial, setup.wavelength_nm, setup.bandwidth_nm) == (7, 9, 600.0, 5.0)
+    assert (setup.spectral, setup.focus_distance_m, setup.unit_m) == ("cube", 3.0, None)
+    expected = {"lens.f_number": 2.0, "lens.convention": "planar", "lens.pupil_magnification": 1.5}
+    assert setup.camera == CAMERA.replace(**expected, **{"lens.transmission": 0.8, "pixel.prnu": 0.02})
+
+
+def test_setup_is_empty_where_the_file_says_nothing() -> None:
+    setup = read_setup(SCENES / "cornell_box.xml", {})
+    assert setup.camera is setup.exposure is setup.seed is setup.serial is setup.spectral is None
+    assert not setup.fields and setup.on(CAMERA) == CAMERA
+
+
+def test_fields_of_the_file_fit_another_camera_too(tmp_path: Path) -> None:
+    """A camera from elsewhere takes the lens of the scene; a prescription takes focal length and focus too."""
+    setup = read_setup(write_scene(tmp_path, one_file(LENS + FOCUS, SIZE)), {})
+    other = load_camera("eev_44_82")
+    assert setup.camera is None and setup.on(other).lens.f_number == 2 and setup.on(other).pixel == other.pixel
+    lens = setup.on(other.replace(**{"lens.prescription": "double_gauss"})).lens
+    assert (lens.focal_length_mm, lens.focus_m) == (0.05, 3.0)
+
+
+def test_a_camera_file_lies_beside_the_scene(tmp_path: Path) -> None:
+    """Found from any folder, by our door and by plain Mitsuba."""
+    mi = ready("scalar_spectral")
+    shipped = CAMERAS / "konnik_table1.toml"
+    text = (
+        shipped.read_text(encoding="utf-8")
+        .replace('"konnik_table1"', '"mine"')
+        .replace("pitch_x_um = 5.7", "pitch_x_um = 11.4")
+    )
+    (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
+    path = write_scene(tmp_path, one_file(LENS, '<string name="camera" value="mine.toml"/>' + SIZE))
+    assert not Path("mine.toml").exists()
+    setup = read_setup(path, {})
+    assert setup.camera is not None and setup.camera.name == "mine"
+    assert float(mi.traverse(plain(path).sensors()[0])["x_fov"]) == pytest.approx(
+        2 * math.degrees(math.atan(12 * 11.4e-6 / 1e-4)), rel=1e-6
+    )
+
+
+def test_files_of_inline_fields_lie_beside_the_scene(tmp_path: Path) -> None:
+    (tmp_path / "qe.csv").write_text("wavelength_nm,mono_fraction\n420,0.1\n680,0.3\n", encoding="utf-8")
+    film = NAME + SIZE + '<string name="quantum_efficiency.file" value="qe.csv"/>'
+    camera = read_setup(write_scene(tmp_path, one_file(LENS, film)), {}).camera
+    assert camera is not None and camera.qe([420.0, 680.0]).tolist() == [[0.1, 0.3]]
+
+
+def test_registering_works_before_any_variant_is_set() -> None:
+    """In a fresh process, the order of a Mitsuba user: register, set a variant, load; and another variant later."""
+    code = (
+        "from mitsuba_sensor.render import plugins\n"
+        "plugins.register(); plugins.register()\n"
+        "import mitsuba as mi\n"
+        "assert mi.variant() is None, 'a variant was set'\n"
+        "for variant in ('scalar_spectral', 'scalar_rgb', 'scalar_spectral'):\n"
+        "    mi.set_variant(variant)\n"
+        f"assert mi.load_file({str(SCENES / 'one_file.xml')!r}, width='8', height='6').sensors()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=dict(os.environ))
+    assert done.returncode == 0, done.stderr
+
+
+TYPING_ERRORS = [
+    (LENS + '<float name="f_nubmer" value="2"/>', NAME + SIZE, "f_nubmer", 2),
+    (LENS, NAME + SIZE + '<float name="exposure" value="2"/>', "exposure", 3),
+    (LENS, NAME + SIZE + '<integer name="adc.bit" value="2"/>', "adc.bit", 3),
+    (LENS, NAME + SIZE + '<float name="adc.bits" value="2.5"/>', "adc.bits", 3),
+    (LENS, NAME + SIZE + '<rfilter type="gaussian"/>', "_arg", 3),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("lens", "film", "word", "line"), TYPING_ERRORS)
+def test_a_typing_error_is_told_with_its_line(tmp_path: Path, lens: str, film: str, word: str, line: int) -> None:
+    """By plain Mitsuba, when nothing is rendered, and by our own door, which names the nearest word."""
+    ready("scalar_spectral")
+    path = write_scene(tmp_path, one_file(lens, film))
+    with pytest.raises(RuntimeError, match=rf"(?s)line {line}.*{word}"):
+        plain(path)
+    for door in (lambda: read_setup(path, {}), lambda: load_scene(path, BANDS, {}, CAMERA)):
+        with pytest.raises(InputError, match=rf"line {line}.*{word}") as caught:
+            door()
+        assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("lens", "film", "words"),
+    [
+        ("", NAME + SIZE, "focal_length_mm"),
+        (LENS + '<float name="focus_distance_m" value="0.00005"/>', NAME + SIZE, "more than the focal length, 5e-05 m"),
+        (LENS + '<float name="focus_distance_m" value="-1"/>', NAME + SIZE, "focus_distance_m is -1"),
+        (LENS + '<string name="scene_unit" value="ell"/>', NAME + SIZE, "scene_unit is 'ell'"),
+        (LENS + FOCUS, NAME + SIZE + '<float name="lens.f_number" value="2"/>', "in one of the two"),
+        (LENS + '<float name="transmission" value="2"/>', NAME + SIZE, "lens.transmission is 2"),
+        (LENS + '<texture type="uniform" name="transmission"/>', NAME + SIZE, "pairs"),
+        (LENS + '<string name="pupil_convention" value="round"/>', NAME + SIZE, "lens.convention is 'round'"),
+        (LENS, NAME + SIZE + '<float name="exposure_s" value="-1"/>', "time_s is -1"),
+        (LENS, NAME + SIZE + '<float name="seed" value="1.5"/>', "seed is 1.5"),
+        (LENS, NAME + SIZE + '<string name="spectral" value="rgb"/>', "spectral is 'rgb'"),
+        (LENS, NAME + SIZE + '<point name="adc.bits" value="1, 2, 3"/>', "must be a <string>"),
+        (LENS, '<string name="camera" value="nikon"/>' + SIZE, "no camera that ships"),
+        (LENS, '<string name="camera" value="gone.toml"/>' + SIZE, "cannot be read"),
+        (LENS, SIZE, "names it"),
+    ],
+)  # fmt: skip
+def test_wrong_values_are_refused_in_one_sentence(tmp_path: Path, lens: str, film: str, words: str) -> None:
+    """By our door; and plain Mitsuba does not build it either."""
+    ready("scalar_spectral")
+    path = write_scene(tmp_path, one_file(lens, film))
+    with pytest.raises(InputError) as caught:
+        load_scene(path, BANDS, {})
+    assert words in str(caught.value) and "\n" not in str(caught.value)
+    with pytest.raises(RuntimeError):
+        plain(path)
+
+
+def test_a_camera_around_another_film_takes_its_pixels_from_the_camera_that_renders(tmp_path: Path) -> None:
+    """Our door knows the camera; plain Mitsuba cannot, and says so."""
+    ready("scalar_spectral")
+    path = write_scene(tmp_path, one_file().replace('type="photosensor"', 'type="hdrfilm"').replace(NAME, ""))
+    view = load_scene(path, BANDS, {}, CAMERA).view
+    assert 2 * math.degrees(math.atan(view.half_width)) == pytest.approx(fov_deg(0.05e-3), rel=1e-6)
+    with pytest.raises(RuntimeError, match="needs a <film"):
+        plain(path)
+
+
+def test_a_variant_without_spectra_is_refused(tmp_path: Path) -> None:
+    mi = ready("scalar_spectral")
+    path = write_scene(tmp_path, one_file())
+    mi.set_variant("scalar_rgb")
+    try:
+        with pytest.raises(RuntimeError, match="needs a spectral variant"):
+            plain(path)
+    finally:
+        mi.set_variant("scalar_spectral")
+
+
+@both_variants
+def test_the_example_loads_in_plain_mitsuba_and_says_everything(variant: str) -> None:
+    """scenes/one_file.xml: built by both doors without a note, and in focus where the near ball stands."""
+    mi = ready(variant)
+    path, small = SCENES / "one_file.xml", {"width": "16", "height": "12"}
+    assert np.array(mi.render(plain(path, **small), spp=4)).shape == (12, 16, 15)
+    setup = read_setup(path, small)
+    assert setup.camera is not None and setup.exposure == Exposure(0.1, 298.15)
+    assert None not in (setup.seed, setup.serial, setup.spectral, setup.bandwidth_nm, setup.unit_m)
+    scene: Scene = load_scene(path, BANDS, small)
+    assert scene.notes == () and scene.view.focus_m == pytest.approx(0.3, rel=1e-6)

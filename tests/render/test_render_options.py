@@ -1,0 +1,155 @@
+"""What comes through the door of the light: crops, units, lenses and words that contradict each other."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.scenes import PERSPECTIVE, SCENES, SKY, both_variants, scene_text, skip_unless_usable, write_scene
+
+from mitsuba_sensor.core.errors import InputError
+from mitsuba_sensor.core.exposure import Exposure
+from mitsuba_sensor.io.exr import read_irradiance_exr, write_irradiance_exr
+from mitsuba_sensor.render.aovs import render_aovs
+from mitsuba_sensor.render.irradiance import render
+from mitsuba_sensor.render.per_frame import render_frames
+from mitsuba_sensor.render.photons import collect
+from mitsuba_sensor.sensor.camera import load_camera
+from mitsuba_sensor.sensor.expose import expose
+
+TABLE1, BAYER, EXPOSURE = load_camera("konnik_table1"), load_camera("bayer_2mp"), Exposure(0.02)
+ONE_FILE = SCENES / "one_file.xml"
+SMALL = {"width": 16, "height": 12}
+Cli = Callable[..., Any]
+
+
+def cropped(x: int, y: int) -> str:
+    words = {"crop_width": 6, "crop_height": 4, "crop_offset_x": x, "crop_offset_y": y}
+    return "".join(f'<integer name="{name}" value="{value}"/>' for name, value in words.items())
+
+
+@pytest.mark.parametrize("spectral", ["cube", "channels"])
+def test_a_crop_of_a_mosaic_is_the_mosaic_of_the_crop(tmp_path: Path, spectral: str) -> None:
+    """The frame of a crop window at odd offsets is the window of the full frame: filters, patterns and noise.
+
+    Light without render noise: one wavelength per band would not do for three filters, so the light of the full
+    render is cut by hand and both are exposed; the film's window only has to say where it lies.
+    """
+    words = {"spectral": spectral, "spp": 16, "variant": "scalar_spectral"}
+    part = render(write_scene(tmp_path, scene_text(SKY, film=cropped(3, 1))), BAYER, EXPOSURE, **words)
+    assert part.origin == (1, 3)
+    photons = collect(part, BAYER, EXPOSURE)
+    whole = np.zeros((8, 12, photons.mean.shape[2]))
+    whole[1:5, 3:9] = photons.mean
+    full = expose(type(photons)(whole, photons.wavelengths_nm, None, photons.detected), BAYER, EXPOSURE)
+    np.testing.assert_array_equal(expose(photons, BAYER, EXPOSURE).digital[0], full.digital[0, 1:5, 3:9])
+
+
+def test_where_a_crop_lies_survives_the_file(tmp_path: Path) -> None:
+    path = write_scene(tmp_path, scene_text(SKY, film=cropped(3, 1)))
+    light = render(path, BAYER, EXPOSURE, bandwidth_nm=100, spp=16, variant="scalar_spectral")
+    write_irradiance_exr(tmp_path / "light.exr", light)
+    assert read_irradiance_exr(tmp_path / "light.exr").origin == (1, 3)
+
+
+def test_a_scene_unit_that_is_given_holds_for_the_camera_of_the_file_too() -> None:
+    """Focal length and f-number are the camera's own, whatever the unit; the scene's lengths are what changes."""
+    words = {"parameters": SMALL, "spp": 16, "wavelength_nm": 550, "variant": "scalar_spectral"}
+    for unit in (None, "cm", "m"):
+        found = render(ONE_FILE, scene_unit=unit, **words).statistics
+        assert found.intrinsics is not None
+        assert found.intrinsics["focal_length_mm"] == pytest.approx(2.5, rel=1e-3)
+        assert found.aperture_f_number == pytest.approx(2.8, rel=1e-3)
+
+
+@both_variants
+def test_parallel_rays_have_a_ground_truth(tmp_path: Path, variant: str) -> None:
+    """A wall before an orthographic sensor: one depth and one normal everywhere."""
+    sensor = PERSPECTIVE.replace("perspective", "orthographic").replace('<float name="fov" value="60"/>', "")
+    wall = '<shape type="rectangle"><transform name="to_world"><scale value="9"/><translate z="4"/></transform></shape>'
+    path = write_scene(tmp_path, scene_text(SKY, wall, sensor=sensor))
+    found = render_aovs(path, TABLE1, variant=skip_unless_usable(variant))
+    np.testing.assert_allclose(found.depth_m, 4.0, rtol=1e-6)
+    np.testing.assert_allclose(np.abs(found.normal[..., 2]), 1.0, rtol=1e-6)
+    assert found.depth_m.shape == (8, 12)
+
+
+def test_a_camera_that_overrules_the_lens_of_the_file_is_told(tmp_path: Path) -> None:
+    words = {"parameters": SMALL, "spp": 16, "wavelength_nm": 550, "variant": "scalar_spectral"}
+    given = render(ONE_FILE, TABLE1.replace(**{"lens.f_number": 8.0}), **words).statistics
+    assert any("overruled" in note and "lens.f_number" in note for note in given.notes)
+    assert not any("overruled" in note for note in render(ONE_FILE, **words).statistics.notes)
+
+
+def test_a_width_that_is_given_means_bands_also_where_channels_are_usual() -> None:
+    words = {"parameters": SMALL, "spp": 16, "variant": "scalar_spectral", "render_noise": "per-frame"}
+    scene = SCENES / "cornell_box.xml"
+    assert next(render_frames(scene, TABLE1, EXPOSURE, **words)).light.statistics.spectral == "channels"
+    assert next(render_frames(scene, TABLE1, EXPOSURE, bandwidth_nm=100, **words)).light.statistics.spectral == "cube"
+
+
+def test_a_quantum_yield_has_bands_with_a_render_for_every_frame() -> None:
+    camera = TABLE1.replace(**{"quantum_efficiency.quantum_yield": [2.0, 1.0]})
+    words = {"parameters": SMALL, "spp": 16, "variant": "scalar_spectral"}
+    take = next(render_frames(SCENES / "cornell_box.xml", camera, EXPOSURE, render_noise="per-frame", **words))
+    assert take.light.statistics.spectral == "cube"
+    with pytest.raises(InputError, match="take render_noise 'per-frame'"):
+        render_frames(SCENES / "cornell_box.xml", camera, EXPOSURE, render_noise="compensated", **words)
+
+
+def test_the_ratio_is_that_of_the_lit_pixels(tmp_path: Path) -> None:
+    """A small ball in the dark: nine pixels of ten have no light and no error, and do not count."""
+    area = '<shape type="rectangle"><transform name="to_world"><translate x="3" y="3" z="3"/></transform>'
+    area += '<emitter type="area"><spectrum name="radiance" value="360:1, 830:1"/></emitter></shape>'
+    ball = '<shape type="sphere"><point name="center" value="0, 0, 9"/></shape>'
+    path = write_scene(tmp_path, scene_text(area, ball))
+    light = render(path, TABLE1, EXPOSURE, wavelength_nm=550, noise_ratio=0.5, variant="scalar_spectral")
+    lit = light.data[..., 0] > 0
+    assert lit.mean() < 0.5
+    assert 0 < light.statistics.noise_ratio_median <= 0.55
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ({"subframes": 4}, "nothing moves"),
+        ({"denoise": "no"}, "denoise is 'no'"),
+        ({"variant": 3}, "variant is 3"),
+    ],
+)
+def test_words_without_an_effect_are_refused(words: dict[str, Any], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        render(SCENES / "flat_field.xml", TABLE1, EXPOSURE, **words)
+
+
+@pytest.mark.parametrize("size", ["width", "height"])
+def test_a_film_without_pixels_is_one_sentence(size: str, tmp_path: Path, cli: Cli) -> None:
+    done = cli("render", SCENES / "cornell_box.xml", "-o", tmp_path / "out", "-D", f"{size}=0")
+    assert done.exit_code == 2 and "at least 1 × 1" in " ".join(done.stderr.split())
+
+
+@pytest.mark.parametrize("command", ["expose", "plan"])
+def test_another_lens_comes_too_late_for_light_that_is_rendered(
+    command: str, light_file: Path, tmp_path: Path, cli: Cli
+) -> None:
+    words = ("-o", tmp_path / "out") if command == "expose" else ()
+    done = cli(command, light_file, *words, "--set", "lens.f_number=16")
+    assert done.exit_code == 2 and "comes too late" in " ".join(done.stderr.split())
+
+
+def test_plan_takes_camera_and_exposure_of_the_scene(cli: Cli) -> None:
+    small = ("-D", "width=8", "-D", "height=6", "--spp", "16", "--variant", "scalar_spectral", "--json")
+    done = cli("plan", ONE_FILE, "-D", "camera=bayer_2mp", "-D", "exposure_s=0.5", *small)
+    assert done.exit_code == 0, done.stderr
+    assert json.loads(done.stdout)["camera"] == "bayer_2mp"
+
+
+def test_a_prescription_by_set_takes_focal_length_and_focus_of_the_scene(tmp_path: Path, cli: Cli) -> None:
+    words = ("-D", "width=8", "-D", "height=6", "--spp", "16", "--wavelength-nm", "550", "--json")
+    done = cli("render", ONE_FILE, "-o", tmp_path, "--set", "lens.prescription=double_gauss", *words)
+    assert done.exit_code == 0, done.stderr
+    assert json.loads(done.stdout)["render"]["intrinsics"]["focal_length_mm"] == pytest.approx(2.5, rel=1e-3)

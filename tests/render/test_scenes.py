@@ -1,0 +1,253 @@
+"""Scenes: ours have the exposure they promise, anybody else's load, and broken ones are refused in one sentence."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.scenes import BALL, SCENES, SHIPPED, SKY, scene_text, write_scene
+
+from mitsuba_sensor.core.errors import InputError
+from mitsuba_sensor.core.exposure import Exposure
+from mitsuba_sensor.render.bands import box_bands
+from mitsuba_sensor.render.irradiance import Irradiance, render
+from mitsuba_sensor.render.photons import collect
+from mitsuba_sensor.render.scene import load_scene
+from mitsuba_sensor.render.scene_settings import read_setup
+from mitsuba_sensor.render.variants import choose_variant, use
+from mitsuba_sensor.sensor.camera import load_camera
+
+CAMERA = load_camera("konnik_table1")
+BANDS = box_bands(CAMERA, np.array([400.0, 550.0, 700.0]))
+
+
+def fill(light: Irradiance) -> np.ndarray:
+    """Detected electrons over full well, at 0.1 s, (H, W)."""
+    photons = collect(light, CAMERA, Exposure(0.1))
+    return (photons.mean * CAMERA.qe(light.wavelengths_nm)[0]).sum(axis=-1) / CAMERA.pixel.full_well_e
+
+
+def render_frames(name: str, spp: int, size: tuple[int, int], **parameters: object) -> np.ndarray:
+    options = {"width": size[0], "height": size[1], **parameters}
+    return fill(
+        render(
+            SCENES / f"{name}.xml",
+            CAMERA,
+            Exposure(0.1),
+            spp=spp,
+            bandwidth_nm=50,
+            parameters=options,
+            variant="scalar_spectral",
+        )
+    )
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_shipped_scenes_load_without_a_note_and_in_plain_mitsuba(name: str) -> None:
+    """Nothing of ours has to be replaced, and nothing is black in 360 to 830 nm."""
+    mi = use(choose_variant("scalar_spectral"))
+    assert (
+        load_scene(SCENES / f"{name}.xml", box_bands(CAMERA, np.array([360.0, 830.0])), {"width": 8, "height": 8}).notes
+        == ()
+    )
+    assert mi.load_file(str(SCENES / f"{name}.xml"), width="8", height="8").sensors()
+
+
+@pytest.mark.parametrize("name", (*SHIPPED, "one_file"))
+def test_every_parameter_of_a_shipped_scene_is_explained(name: str) -> None:
+    """Each <default> follows a comment, or another <default> of the same comment; size and level are among them."""
+    text = (SCENES / f"{name}.xml").read_text(encoding="utf-8")
+    names = re.findall(r'<default name="(\w+)"', text)
+    explained = re.findall(r"-->\s*((?:<default[^>]*/>\s*)+)", text)
+    assert re.findall(r'<default name="(\w+)"', "".join(explained)) == names
+    assert {"width", "height"} < set(names)
+
+
+def test_cornell_walls_are_well_exposed_and_the_lamp_saturates() -> None:
+    """White back wall at 30 to 50 % of full well, the lamp far above it (64 × 64, wall mean good to 1 %)."""
+    well = render_frames("cornell_box", 64, (64, 64))
+    assert 0.30 < well[16:40, 36:48].mean() < 0.50
+    assert well[7:9, 28:36].min() > 5
+
+
+def test_step_wedge_is_linear_from_dark_to_beyond_saturation() -> None:
+    """64 equal steps: exactly 0, then a straight line to 1.2 full wells, every step within 1 % (0.1 % of error)."""
+    steps = render_frames("step_wedge", 256, (64, 16)).mean(axis=0)
+    assert steps[0] == 0 and steps[-1] == pytest.approx(1.2, abs=0.02)
+    rise = steps[1:] / np.arange(1, 64)
+    np.testing.assert_allclose(rise, rise.mean(), rtol=1e-2)
+
+
+def test_flat_field_stands_at_half_a_well() -> None:
+    assert render_frames("flat_field", 64, (16, 16)).mean() == pytest.approx(0.49, abs=0.01)
+
+
+def test_color_checker_white_stands_below_saturation() -> None:
+    well = render_frames("color_checker", 64, (24, 16))
+    assert well[13:15, 1:3].mean() == pytest.approx(0.77, abs=0.03)
+
+
+def test_still_life_is_well_exposed() -> None:
+    """The median pixel stands between a tenth and a half of full well, under a tenth of the pixels saturate."""
+    well = render_frames("still_life", 36, (36, 24))
+    assert 0.1 < np.median(well) < 0.5 and (well > 1).mean() < 0.1
+
+
+def test_one_file_is_well_exposed_by_its_own_camera() -> None:
+    """The median pixel stands between a tenth and a half of full well, nothing saturates."""
+    setup = read_setup(SCENES / "one_file.xml", {})
+    assert setup.camera is not None and setup.exposure is not None
+    light = render(
+        SCENES / "one_file.xml", setup.camera, setup.exposure, spp=8, bandwidth_nm=50, variant="scalar_spectral"
+    )
+    photons = collect(light, setup.camera, setup.exposure)
+    well = (photons.mean * setup.camera.qe(light.wavelengths_nm)[0]).sum(axis=-1) / setup.camera.pixel.full_well_e
+    assert 0.1 < np.median(well) < 0.5 and np.percentile(well, 99) < 1
+
+
+def test_light_level_scales_the_picture() -> None:
+    a, b = (render_frames("flat_field", 16, (4, 4), radiance=level) for level in (1e-4, 3e-4))
+    np.testing.assert_allclose(b, 3 * a, rtol=1e-5)
+
+
+def test_written_charts_are_what_their_script_writes() -> None:
+    spec = importlib.util.spec_from_file_location("make_charts", SCENES / "make_charts.py")
+    assert spec and spec.loader
+    charts = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(charts)
+    assert (SCENES / "color_checker.xml").read_text(encoding="utf-8") == charts.color_checker()
+    assert (SCENES / "step_wedge.xml").read_text(encoding="utf-8") == charts.step_wedge()
+
+
+def test_foreign_rgb_scene_renders_and_the_user_is_told(tmp_path: Path) -> None:
+    """rgb colours, hdrfilm, gaussian filter, independent sampler, two sensors, an aov integrator: all still loads."""
+    text = scene_text(
+        '<emitter type="constant"><rgb name="radiance" value="0.01, 0.01, 0.01"/></emitter>',
+        BALL.format(bsdf='<bsdf type="diffuse"><rgb name="reflectance" value="0.8, 0.1, 0.1"/></bsdf>'),
+        '<integrator type="aov"><string name="aovs" value="d:depth"/><integrator type="path"/></integrator>',
+        '<sensor type="perspective"/>',
+        film='<rfilter type="gaussian"/>',
+        more='<sampler type="independent"/>',
+    )
+    light = render(
+        write_scene(tmp_path, text), CAMERA, Exposure(0.1), spp=16, bandwidth_nm=100, variant="scalar_spectral"
+    )
+    notes = "\n".join(light.statistics.notes)
+    for word in ("'hdrfilm' replaced", "'gaussian' replaced", "'independent' replaced", "'aov' replaced", "2 sensors"):
+        assert word in notes
+    assert light.data.shape == (8, 12, 3) and (light.data > 0).all()
+    assert light.data[4, 6, 2] > 3 * light.data[4, 6, 0], "the ball is red: 650 nm far above 450 nm"
+
+
+def test_spectra_that_end_inside_the_band_are_told(tmp_path: Path) -> None:
+    use(choose_variant("scalar_spectral"))
+    short = '<bsdf type="diffuse"><spectrum name="reflectance" value="450:0.5, 650:0.5"/></bsdf>'
+    path = write_scene(tmp_path, scene_text(SKY, BALL.format(bsdf=short), BALL.format(bsdf=short)))
+    notes = load_scene(path, BANDS, {}).notes
+    assert any("'reflectance' in 2 places is black outside 450 to 650 nm" in note for note in notes)
+    notes = load_scene(path, box_bands(CAMERA, np.array([380.0, 1000.0])), {}).notes
+    assert any("light in 1 place is black outside 360 to 830 nm" in note for note in notes)
+
+
+def test_parameters_reach_the_scene_and_its_fingerprint(tmp_path: Path) -> None:
+    use(choose_variant("scalar_spectral"))
+    path = SCENES / "flat_field.xml"
+    small, same, large = (load_scene(path, BANDS, {"width": w}) for w in (4, "4", 5))
+    assert (small.view.size, large.view.size) == ((4, 256), (5, 256))
+    assert small.sha256 == same.sha256 != large.sha256
+
+
+def test_assets_beside_the_scene_are_found_and_the_search_path_is_restored(tmp_path: Path) -> None:
+    """A texture is looked for beside the scene file, and a later scene elsewhere does not see it."""
+    mi = use(choose_variant("scalar_spectral"))
+    mi.Bitmap(np.full((2, 2, 3), 128, np.uint8)).write(str(tmp_path / "grey.png"))
+    texture = (
+        '<bsdf type="diffuse"><texture type="bitmap" name="reflectance">'
+        '<string name="filename" value="grey.png"/></texture></bsdf>'
+    )
+    text = scene_text(SKY, BALL.format(bsdf=texture))
+    assert load_scene(write_scene(tmp_path, text), BANDS, {})
+    (tmp_path / "elsewhere").mkdir()
+    with pytest.raises(InputError, match=r"grey\.png"):
+        load_scene(write_scene(tmp_path / "elsewhere", text), BANDS, {})
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "No document element"),
+        ('<scene version="3.0.0"><sensor', "Error parsing"),
+        ("<scene></scene>", "version"),
+        ('<bsdf version="3.0.0" type="diffuse"/>', "holds no scene"),
+        ('<scene version="3.0.0"></scene>', "add one, e.g. <sensor"),
+        (scene_text(), "add an emitter"),
+        (scene_text(SKY, '<shape type="blob"/>'), '"blob" not found'),
+        (scene_text(SKY, "<blob/>"), "<blob>"),
+        (scene_text(SKY, '<shape type="sphere"><float name="radios" value="3"/></shape>'), "radios"),
+        (scene_text(SKY, '<shape type="sphere"><float name="radius" value="$r"/></shape>'), "-D name=value"),
+        (scene_text(SKY, '<shape type="sphere"><float name="radius" value="abc"/></shape>'), "abc"),
+        (scene_text(SKY, '<shape type="sphere"><ref id="gone"/></shape>'), "gone"),
+        (scene_text(SKY, '<shape type="ply"><string name="filename" value="no.ply"/></shape>'), "no.ply"),
+        (scene_text(SKY, '<include filename="no.xml"/>'), "no.xml"),
+        (scene_text(SKY, film='<integer name="crop_width" value="99"/>'), "crop"),
+        (scene_text(SKY, '<integrator type="depth"/>'), "sees no light"),
+        (scene_text(SKY, sensor='<sensor type="irradiancemeter"/>'), "must be one of perspective"),
+        (scene_text(SKY.replace("360:", "750:")), "no light in the bands"),
+    ],
+)
+def test_broken_scenes_are_refused_in_one_sentence(tmp_path: Path, text: str, words: str) -> None:
+    use(choose_variant("scalar_spectral"))
+    with pytest.raises(InputError) as caught:
+        load_scene(write_scene(tmp_path, text), BANDS, {})
+    assert words in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_black_picture_is_refused(tmp_path: Path) -> None:
+    """A light that nothing in view receives: known only after rendering, but still one sentence."""
+    dark = '<emitter type="constant"><spectrum name="radiance" value="0"/></emitter>'
+    with pytest.raises(InputError, match="is black from 400 to 700 nm"):
+        render(
+            write_scene(tmp_path, scene_text(dark)),
+            CAMERA,
+            Exposure(0.1),
+            spp=8,
+            bandwidth_nm=100,
+            variant="scalar_spectral",
+        )
+
+
+@pytest.mark.parametrize("path", ["no_such_scene.xml", ".", ""])
+def test_missing_scene_is_refused(path: str) -> None:
+    use(choose_variant("scalar_spectral"))
+    with pytest.raises(InputError, match="is not a file"):
+        load_scene(path, BANDS, {})
+
+
+def test_fewer_columns_are_the_same_view(tmp_path: Path) -> None:
+    """A ball in the sky: half the columns show the mean of two by two pixels, rows and the crop in proportion."""
+    use(choose_variant("scalar_spectral"))
+    path = write_scene(tmp_path, scene_text(SKY, BALL.format(bsdf='<bsdf type="diffuse"/>')))
+    exposure = Exposure(0.1)
+    wide, narrow = (
+        render(path, CAMERA, exposure, spp=1024, wavelength_nm=550, columns=c).data[..., 0] for c in (12, 6)
+    )
+    binned = wide.reshape(4, 2, 6, 2).mean(axis=(1, 3))
+    assert narrow.shape == binned.shape and np.ptp(binned) > 0.2 * binned.max()
+    np.testing.assert_allclose(narrow, binned, rtol=0.05)
+    crop = "".join(
+        f'<integer name="{k}" value="{v}"/>'
+        for k, v in {"crop_width": 6, "crop_height": 4, "crop_offset_x": 4, "crop_offset_y": 2}.items()
+    )
+    view = load_scene(write_scene(tmp_path, scene_text(SKY, film=crop)), BANDS, {}, columns=6).view
+    assert (view.size, view.crop_size, view.crop_offset) == ((6, 4), (3, 2), (2, 1))
+
+
+@pytest.mark.parametrize("columns", [0, 13, 2.5, True, "6"])
+def test_columns_are_at_most_those_of_the_film(tmp_path: Path, columns: object) -> None:
+    use(choose_variant("scalar_spectral"))
+    path = write_scene(tmp_path, scene_text(SKY))
+    with pytest.raises(InputError, match=r"columns is .*whole number from 1 to the film's own 12"):
+        render(path, CAMERA, Exposure(0.1), columns=columns)

@@ -1,0 +1,124 @@
+"""When a render ends: a number of samples, a noise ratio, a time; and what it tells on its way."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.scenes import SCENES
+
+from mitsuba_sensor.core.errors import InputError
+from mitsuba_sensor.core.exposure import Exposure
+from mitsuba_sensor.render.irradiance import Irradiance, render
+from mitsuba_sensor.render.passes import FEWEST, MOST_SPP, whole_grid
+from mitsuba_sensor.render.stop_criterion import PASS_SPP, StopCriterion, stop_criterion_of
+from mitsuba_sensor.sensor.camera import load_camera
+
+CAMERA, EXPOSURE = load_camera("konnik_table1"), Exposure(0.02)
+BOX = SCENES / "cornell_box.xml"  # noise in every pixel
+FAST = {"wavelength_nm": 550, "variant": "scalar_spectral", "parameters": {"width": 12, "height": 8}}
+
+
+def test_a_noise_ratio_is_reached_and_the_certificate_says_so() -> None:
+    light = render(BOX, CAMERA, EXPOSURE, noise_ratio=3.0, **FAST)
+    found = light.statistics
+    assert (found.ended_by, found.noise_ratio_asked) == ("noise_ratio", 3.0)
+    assert found.noise_ratio_median <= 3.0 and found.passes >= FEWEST
+
+
+def test_the_ratio_that_is_reached_is_true() -> None:
+    """Two renders of one ratio differ by what they say: the variance of their difference is the sum of theirs.
+
+    Rationale: a render that stops when its ratio happens to be low would promise too much. Medians over 1536 pixels of
+    squares: a standard deviation of 4 %, the bound is 15 %.
+    """
+    words = {**FAST, "parameters": {"width": 48, "height": 32}}
+    one, two = (render(BOX, CAMERA, EXPOSURE, noise_ratio=2.0, seed=s, **words) for s in (1, 2))
+    claimed = one.standard_error.astype(float) ** 2 + two.standard_error.astype(float) ** 2
+    z = (one.data - two.data).astype(float) ** 2 / claimed
+    assert np.median(z) / 0.47 == pytest.approx(1.0, abs=0.15)  # F of 1 and about 50 degrees of freedom
+    assert one.statistics.noise_ratio_median <= 2.0
+
+
+def test_a_render_ends_at_its_most_samples_and_says_that_the_ratio_was_missed() -> None:
+    light = render(BOX, CAMERA, EXPOSURE, noise_ratio=1e-6, max_spp=512, **FAST)
+    assert light.statistics.ended_by == "max_spp"
+    assert light.statistics.samples_per_pixel <= 512
+    assert light.statistics.noise_ratio_median > 1e-6
+
+
+@pytest.mark.parametrize("words", [{}, {"noise_ratio": 1e-6}, {"spp": 10**6}])
+def test_a_render_ends_when_its_time_is_up(words: dict[str, Any]) -> None:
+    """At most one pass longer than a second, loading apart; two passes are always made."""
+    started = time.monotonic()
+    light = render(BOX, CAMERA, EXPOSURE, max_seconds=0.5, **words, **FAST)
+    assert light.statistics.ended_by == "max_seconds"
+    assert light.statistics.passes >= 2
+    assert time.monotonic() - started < 10
+
+
+def test_no_time_at_all_still_gives_two_passes_and_no_trust() -> None:
+    light = render(BOX, CAMERA, EXPOSURE, max_seconds=0.0, **FAST)
+    assert light.statistics.passes == 2 and not light.statistics.reliable
+    assert any("error bars are guesses" in note for note in light.statistics.notes)
+
+
+def test_progress_tells_the_falling_ratio_and_a_forecast_from_the_first_pass_on() -> None:
+    """The forecast after the first pass is within a factor of four of what it took, the last one exact."""
+    steps: list[Any] = []
+    light = render(BOX, CAMERA, EXPOSURE, noise_ratio=1.0, progress=steps.append, **FAST)
+    assert steps[0].done == 0 and math.isnan(steps[0].noise_ratio)
+    first = next(step for step in steps if step.done == 1)
+    total = light.statistics.samples_per_pixel
+    assert total / 4 <= first.expected * PASS_SPP <= total * 4
+    assert first.seconds_left > 0
+    assert steps[-1].done == steps[-1].expected and steps[-1].seconds_left == 0
+    late = [step.noise_ratio for step in steps if step.done >= FEWEST]
+    assert late[-1] <= 1.0
+
+
+def test_the_size_of_the_passes_follows_the_need_and_stays_on_the_sampler_s_grid() -> None:
+    """About 32 passes for what one pass of 16 samples says is needed, at most 1024 samples each."""
+    for ratio in (0.02, 1.0, 50.0, 1e5):
+        sized = stop_criterion_of(None, 0.01, None, None).sized_by(ratio, 1.0)
+        assert sized.samples == whole_grid(sized.samples) <= MOST_SPP
+        assert PASS_SPP <= sized.samples <= max(PASS_SPP, PASS_SPP * ratio / 0.01 / 32)
+
+
+def test_a_forecast_is_what_a_variance_does_that_falls_as_one_over_the_passes() -> None:
+    budget = StopCriterion(1000, 16, goal=0.01)
+    assert budget.expected(20, 0.05, 10.0, 0.5) == 100
+    assert StopCriterion(1000, 16, goal=0.01, max_seconds=20).expected(20, 0.05, 10.0, 0.5) == 40
+    assert StopCriterion(30, 16, goal=0.01).expected(20, 0.05, 10.0, 0.5) == 30
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ({"noise_ratio": 0}, "noise_ratio is 0"),
+        ({"noise_ratio": -0.1}, "noise_ratio is -0.1"),
+        ({"noise_ratio": math.nan}, "noise_ratio is nan"),
+        ({"noise_ratio": 0.01, "spp": 64}, "give one"),
+        ({"spp": 64, "max_spp": 128}, "spp is exact"),
+        ({"max_seconds": -1}, "max_seconds is -1"),
+        ({"max_spp": 1}, "max_spp is 1"),
+        ({"spectral": "colours"}, "spectral is 'colours'"),
+        ({"spectral": "channels", "wavelength_nm": 550}, "one wavelength has no colour filters"),
+    ],
+)
+def test_contradictory_budgets_are_refused_in_one_sentence(words: dict[str, Any], said: str) -> None:
+    with pytest.raises(InputError) as caught:
+        render(SCENES / "flat_field.xml", CAMERA, EXPOSURE, variant="scalar_spectral", **words)
+    assert said in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_a_fixed_number_of_samples_is_the_same_render_with_or_without_time_to_spare() -> None:
+    def bits(light: Irradiance) -> bytes:
+        return light.data.tobytes()
+
+    assert bits(render(BOX, CAMERA, EXPOSURE, spp=32, **FAST)) == bits(
+        render(BOX, CAMERA, EXPOSURE, spp=32, max_seconds=1e6, **FAST)
+    )

@@ -1,0 +1,284 @@
+"""A datasheet that contradicts itself: one sentence with the file, the field, the value or range, and the way out.
+
+(Single fields out of range are generated elsewhere; these are the pairs and triples that exclude each other.)
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers import CAMERAS
+
+import mitsuba_sensor as ms
+
+TABLE1 = ms.load_camera("konnik_table1")
+TOML = (CAMERAS / "konnik_table1.toml").read_text(encoding="utf-8")
+UNIFORM = {"weight": 0.6, "family": "uniform", "low": 45, "high": 440, "unit": "dn"}
+NORMAL = {"weight": 0.6, "family": "normal", "mean": 18, "sigma": 4, "unit": "e"}
+
+# What is set, the field the sentence must name, and what it must say: value or range, and what to do instead.
+CASES: dict[str, tuple[dict[str, Any], str, str]] = {
+    "k1 and A_SN": (
+        {"readout.ve_k1_c": 1e-14, "readout.ve_nonlinearity": 1.0},
+        "readout",
+        "give either sense_gain_uv_per_e or ve_k1_c, which implies it, and not both",
+    ),
+    "neither k1 nor A_SN": (
+        {"readout.sense_gain_uv_per_e": None},
+        "readout",
+        "give either sense_gain_uv_per_e or ve_k1_c",
+    ),
+    "k1 of a linear node": (
+        {"readout.sense_gain_uv_per_e": None, "readout.ve_k1_c": 1e-14},
+        "readout",
+        "ve_k1_c belongs to the V/e- non-linearity; set ve_nonlinearity, e.g. 1.0",
+    ),
+    "alpha above one": (
+        {"readout.ve_nonlinearity": 1.1},
+        "readout.ve_nonlinearity",
+        "is 1.1; it must be less than or equal to 1",
+    ),
+    "V/V of one half": (
+        {"source_follower.vv_nonlinearity": 0.5},
+        "source_follower.vv_nonlinearity",
+        "greater than 0.5",
+    ),
+    "gamma of e": ({"adc.gamma": 2.718281828459045}, "adc.gamma", "is 2.718281828459045; it must be less than 2.718"),
+    "gamma above e": ({"adc.gamma": 3.0}, "adc.gamma", "is 3.0; it must be less than 2.718"),
+    "gamma and ile": (
+        {"adc.gamma": 1.04, "adc.ile": 0.0099},
+        "adc",
+        "give either gamma or ile, and not both; gamma = 1.04",
+    ),
+    "ile too large": ({"adc.ile": 0.25}, "adc.ile", "is 0.25; it must be less than 0.25"),
+    "DNL below -1": ({"adc.dnl_lsb": {"7": -1.5}}, "adc.dnl_lsb.7", "is -1.5; it must be greater than or equal to -1"),
+    "DNL of a code above the range": ({"adc.dnl_lsb": {"300": 0.1}, "adc.bits": 8}, "adc", "'300'; .* from 1 to 254"),
+    "DNL of the first code": ({"adc.dnl_lsb": {"0": 0.1}}, "adc", "'0'; .* from 1 to 4094"),
+    "DNL of no code": ({"adc.dnl_lsb": {"last": 0.1}}, "adc", "'last'; .* from 1 to 4094"),
+    **{
+        f"{field} of one half": ({field: 0.5}, field, "is 0.5; it must be less than or equal to 0.4999")
+        for field in ("readout.dsnu_col_coupling", "readout.dsnu_row_coupling", "readout.prnu_col_coupling")
+    },
+    **{
+        f"{field} of one half": ({field: 0.5}, field, "is 0.5; it must be less than or equal to 0.45")
+        for field in ("pixel.prnu_coupling", "pixel.dsnu_coupling", "dark_current.coupling")
+    },
+    "coupling of a family without": (
+        {"dark_current.coupling": 0.1},
+        "dark_current",
+        'coupling belongs to distribution = "ar"',
+    ),
+    "two dark laws": (
+        {"dark_current.rate_e_per_s": 5.0, "dark_current.at_temperature_k": 300.0},
+        "dark_current",
+        r"give either fom_na_per_cm2 or rate_e_per_s \(with at_temperature_k\), and not both",
+    ),
+    "no dark law": (
+        {"dark_current.fom_na_per_cm2": None},
+        "dark_current",
+        "give either fom_na_per_cm2 or rate_e_per_s",
+    ),
+    "a rate of no temperature": (
+        {"dark_current.fom_na_per_cm2": None, "dark_current.rate_e_per_s": 5.0},
+        "dark_current",
+        "rate_e_per_s and at_temperature_k go together; one of them is missing",
+    ),
+    "a temperature of no rate": ({"dark_current.at_temperature_k": 300.0}, "dark_current", "go together"),
+    "a rate measured at 4 K": (
+        {"dark_current.fom_na_per_cm2": None, "dark_current.rate_e_per_s": 5.0, "dark_current.at_temperature_k": 4.0},
+        "dark_current.at_temperature_k",
+        "is 4.0; it must be greater than or equal to 50",
+    ),
+    "doubling of a figure of merit": (
+        {"dark_current.doubling_k": 7.0},
+        "dark_current",
+        "doubling_k needs rate_e_per_s",
+    ),
+    "mpp of a rate": (
+        {
+            "dark_current.fom_na_per_cm2": None,
+            "dark_current.rate_e_per_s": 5.0,
+            "dark_current.at_temperature_k": 300.0,
+            "dark_current.diffusion_fom_na_per_cm2": 1.0,
+        },
+        "dark_current",
+        "diffusion_fom_na_per_cm2 stands beside fom_na_per_cm2.*give both",
+    ),
+    "weights above one": (
+        {"dark_current.components": [UNIFORM, NORMAL]},
+        "dark_current",
+        "weights of components add up to 1.2; at most 1",
+    ),
+    "one weight above one": (
+        {"dark_current.components": [UNIFORM | {"weight": 1.5}]},
+        "dark_current.components.0.weight",
+        "is 1.5; .* less than or equal to 1",
+    ),
+    "a uniform part with a mean": (
+        {"dark_current.components": [UNIFORM | {"mean": 3}]},
+        "dark_current.components.0",
+        "a uniform part has low and high, and neither mean",
+    ),
+    "a normal part with an end": (
+        {"dark_current.components": [NORMAL | {"low": 3}]},
+        "dark_current.components.0",
+        "a normal part has mean and sigma, and neither low",
+    ),
+    "a uniform part of one end": (
+        {"dark_current.components": [UNIFORM | {"high": None}]},
+        "dark_current.components.0",
+        "a uniform part has low and high",
+    ),
+    "a part upside down": (
+        {"dark_current.components": [UNIFORM | {"low": 500}]},
+        "dark_current.components.0",
+        "low is 500 and high is 440; high must be the larger",
+    ),
+    "a part of unknown unit": (
+        {"dark_current.components": [UNIFORM | {"unit": "adu"}]},
+        "dark_current.components.0.unit",
+        "is 'adu'; it must be 'e_per_s', 'e' or 'dn'",
+    ),
+    "a trap that switches never": (
+        {"dark_current.rts_switching": 0.0},
+        "dark_current.rts_switching",
+        "is 0.0; .* 0.0001",
+    ),
+    "two read noises": (
+        {"source_follower.read_noise_e": 3.0},
+        "source_follower",
+        "give either read_noise_e or white_nv_per_rthz",
+    ),
+    "no read noise": (
+        {"source_follower.white_nv_per_rthz": None},
+        "source_follower",
+        "give either read_noise_e or white",
+    ),
+    "a band upside down": (
+        {"source_follower.band_hz": [1e6, 10.0]},
+        "source_follower",
+        r"band_hz is \[1000000.0, 10.0\]; its second frequency must be the higher",
+    ),
+    "value and file": (
+        {"quantum_efficiency.value": 0.5, "quantum_efficiency.file": "qe.csv"},
+        "quantum_efficiency",
+        "give either value or file, and not both",
+    ),
+    "value and other curves": (
+        {"quantum_efficiency.value": 0.5, "quantum_efficiency.curves": {"mono": [0.6, 0.6]}},
+        "quantum_efficiency",
+        "give either value or curves, and not both",
+    ),
+    "value above one": (
+        {"quantum_efficiency.value": 60.0, "quantum_efficiency.curves": None},
+        "quantum_efficiency",
+        "is 60.0; it must be less than or equal to 1",
+    ),
+    "yield below one": (
+        {"quantum_efficiency.quantum_yield": [0.9, 1.0]},
+        "quantum_efficiency.quantum_yield.0",
+        "is 0.9; .* greater than or equal to 1",
+    ),
+    "yield of another length": (
+        {"quantum_efficiency.quantum_yield": [1.0]},
+        "quantum_efficiency",
+        "quantum_yield has 1 values for 2 wavelengths_nm",
+    ),
+    "curve of another length": (
+        {"quantum_efficiency.curves": {"mono": [0.6]}},
+        "quantum_efficiency",
+        "curves.mono has 1 values for 2 wavelengths_nm",
+    ),
+    "wavelengths that fall": (
+        {"quantum_efficiency.wavelengths_nm": [700.0, 400.0]},
+        "quantum_efficiency",
+        "wavelengths_nm must increase",
+    ),
+    "curves without a tile": (
+        {"quantum_efficiency.curves": {"R": [0.6, 0.6], "G": [0.5, 0.5]}},
+        "quantum_efficiency",
+        "several curves need a tile",
+    ),
+    "a tile of unknown filters": (
+        {"quantum_efficiency.tile": [["mono", "B"]]},
+        "quantum_efficiency",
+        r"tile names 'B', which has no curve; there are \['mono'\]",
+    ),
+    "a ragged tile": (
+        {"quantum_efficiency.tile": [["mono", "mono"], ["mono"]]},
+        "quantum_efficiency",
+        "tile must be a rectangle",
+    ),
+}
+
+
+def toml_of(value: Any) -> str:
+    if isinstance(value, dict):
+        return "{" + ", ".join(f'"{k}" = {toml_of(v)}' for k, v in value.items() if v is not None) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(toml_of(v) for v in value) + "]"
+    return f'"{value}"' if isinstance(value, str) else repr(value)
+
+
+def file_with(changes: dict[str, Any], folder: Path) -> Path:
+    """Table 1 as a file with some fields set, or left out where the value is None."""
+    text = TOML.split("[sources]")[0]
+    for dotted, value in changes.items():
+        section, field = dotted.split(".")
+        text = re.sub(rf"(?m)(^\[{section}\]\n(?:[^\[].*\n|\n)*?){field}(?:\.\w+)? = .*\n", r"\1", text)
+        if value is not None:
+            text = text.replace(f"[{section}]\n", f"[{section}]\n{field} = {toml_of(value)}\n")
+    path = folder / "mine.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_contradiction_in_a_file_is_one_sentence_with_file_field_and_remedy(case: str, tmp_path: Path) -> None:
+    changes, field, said = CASES[case]
+    path = file_with(changes, tmp_path)
+    with pytest.raises(ms.InputError) as caught:
+        ms.load_camera(path)
+    sentence = str(caught.value)
+    assert sentence.startswith(f"{path}: {field}"), sentence
+    assert re.search(said, sentence), sentence
+    assert "\n" not in sentence and sentence.endswith(".") and not sentence.endswith("..") and len(sentence) < 400
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_replace_refuses_the_same_with_the_name_of_the_camera(case: str) -> None:
+    changes, field, said = CASES[case]
+    with pytest.raises(ms.InputError, match=said) as caught:
+        TABLE1.replace(**changes)
+    assert str(caught.value).startswith(f"konnik_table1: {field}")
+
+
+def test_the_file_that_the_cases_are_made_from_is_a_camera(tmp_path: Path) -> None:
+    """So that no case above fails for another reason than its own."""
+    same = ms.load_camera(file_with({"adc.bits": 12}, tmp_path))
+    assert same == TABLE1.model_copy(update={"sources": {}})
+
+
+EDGES: dict[str, dict[str, Any]] = {
+    "gamma just below e": {"adc.gamma": 2.7182818},
+    "missing code": {"adc.dnl_lsb": {"7": -1.0}},
+    "last code with two edges": {"adc.dnl_lsb": {"4094": 0.1}},
+    "coupling at its end": {"readout.dsnu_col_coupling": 0.4999, "pixel.prnu_coupling": 0.45},
+    "weights of one": {"dark_current.components": [UNIFORM, NORMAL | {"weight": 0.4}]},
+    "k1 instead of A_SN": {
+        "readout.sense_gain_uv_per_e": None,
+        "readout.ve_k1_c": 10.909e-15,
+        "readout.ve_nonlinearity": 1.0,
+    },
+    "mpp": {"dark_current.diffusion_fom_na_per_cm2": 0.0},
+    "value": {"quantum_efficiency.value": 1.0},
+}
+
+
+@pytest.mark.parametrize("case", EDGES)
+def test_what_just_does_not_contradict_itself_is_a_camera_that_works(case: str) -> None:
+    camera = TABLE1.replace(**EDGES[case])
+    assert ms.expose([[1000.0, 2000.0]], camera, ms.Exposure(0.1)).digital.shape == (1, 1, 2)

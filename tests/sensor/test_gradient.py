@@ -1,0 +1,495 @@
+"""Derivatives of frames: values unchanged; means and variances against closed forms and frames with equal words.
+
+How far off they are (in % of the derivative of the mean, and of the variance, of the digital numbers with respect to
+the light; 8 e-/DN, read noise r), where the noise does not hide the steps of the converter:
+
+    light        r = 1 e-               r = 2 e-               r = 4 e-
+        3 e-     -36  -69  (0.46 DN)    -18  -56  (0.49 DN)    -0.6  -7.4  (0.62 DN)
+       10 e-    -2.6  -56  (0.51 DN)   -1.1  -39  (0.55 DN)     0.0  -2.7  (0.70 DN)
+       30 e-     0.0  0.8  (0.75 DN)    0.0  0.3  (0.78 DN)     0.0   0.0  (0.90 DN)
+      100 e-     0.0  0.0  (1.29 DN)    0.0  0.0  (1.31 DN)     0.0   0.0  (1.38 DN)
+    1000 … 20 000 e-: below 1e-4.  In brackets σ, all noise and patterns together.
+
+Seeds are fixed. A comparison fails by chance beyond 5 standard errors, 6e-7 of the time; there are about 500.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers import BENCHMARKS
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.core import arrays
+from mitsuba_sensor.core.frame import Frame
+from mitsuba_sensor.core.llvm import backend_problem
+from mitsuba_sensor.core.moments import Moments
+from mitsuba_sensor.core.sensor_window import SensorWindow
+from mitsuba_sensor.sensor.chain import chain
+from mitsuba_sensor.sensor.gradient import differentiable
+
+problem = backend_problem("llvm")
+pytestmark = pytest.mark.skipif(problem is not None, reason=f"derivatives need LLVM: {problem}")
+
+BENCHMARK = BENCHMARKS / "gradients.py"
+EXPOSURE = ms.Exposure(0.1, 298.15)
+PLAIN = ms.load_camera("konnik_table1")
+RICH = PLAIN.replace(
+    **{
+        "source_follower.white_nv_per_rthz": None,
+        "source_follower.corner_hz": 0.0,
+        "source_follower.read_noise_e": 6.0,
+        "source_follower.gain": 0.9,
+        "source_follower.vv_nonlinearity": 1.02,
+        "dark_current.fom_na_per_cm2": None,
+        "dark_current.rate_e_per_s": 20.0,
+        "dark_current.at_temperature_k": 298.15,
+        "dark_current.cv": 0.2,
+        "pixel.dsnu_e": 3.0,
+        "readout.reset": "hard",
+        "readout.ktc_residual": 0.05,
+        "readout.prnu_col": 0.004,
+        "readout.dsnu_col": 0.0002,
+        "readout.ve_nonlinearity": 0.05,
+        "adc.full_scale_v": 0.165,
+        "adc.black_level_dn": 100.0,
+        "adc.gamma": 1.02,
+    }
+)
+"""Nearly everything that a camera has, and a pedestal that does not jump."""
+
+QE = 0.6
+PARAMETERS = (
+    "photons",
+    "readout.sense_gain_uv_per_e",
+    "pixel.prnu",
+    "pixel.full_well_e",
+    "pixel.dsnu_e",
+    "dark_current.rate_e_per_s",
+    "dark_current.cv",
+    "source_follower.read_noise_e",
+    "source_follower.gain",
+    "source_follower.vv_nonlinearity",
+    "readout.ktc_residual",
+    "readout.dsnu_col",
+    "readout.prnu_col",
+    "readout.v_ref_v",
+    "readout.ve_nonlinearity",
+    "adc.full_scale_v",
+    "adc.black_level_dn",
+    "adc.gamma",
+    "exposure.time_s",
+    "exposure.temperature_k",
+)
+LEVELS = (3, 30, 1000, 20000)
+SHAPE = (64, 4096)
+SURE = 5.0
+
+
+def value_of(name: str, camera: ms.Camera = RICH, exposure: ms.Exposure = EXPOSURE) -> float:
+    found: Any = exposure if name.startswith("exposure.") else camera
+    for part in name.removeprefix("exposure.").split("."):
+        found = getattr(found, part)
+    return found
+
+
+def changed(name: str, factor: float, camera: ms.Camera = RICH) -> tuple[float, ms.Camera, ms.Exposure]:
+    """(factor for the photons, camera, exposure), one of them changed."""
+    if name == "photons":
+        return factor, camera, EXPOSURE
+    value = value_of(name, camera) * factor
+    if name.startswith("exposure."):
+        return 1.0, camera, replace(EXPOSURE, **{name.removeprefix("exposure."): value})
+    return 1.0, camera.replace(**{name: value}), EXPOSURE
+
+
+def theory(photons: Any, camera: ms.Camera, exposure: ms.Exposure) -> np.ndarray:
+    """Closed-form mean and variance of the digital numbers at every light level, (2, L)."""
+    levels = np.atleast_1d(np.asarray(photons, dtype=float))[None, :]
+    m = Moments(ms.Photons(levels), 0.0, 0.0, Frame(exposure, SensorWindow(0, levels.shape)))
+    for stage in chain(camera):
+        m = stage.moments(m)
+    return np.array([np.broadcast_to(x, levels.shape)[0] for x in (m.mean, m.temporal + m.spatial)])
+
+
+def theory_slope(name: str, photons: Any, camera: ms.Camera = RICH) -> np.ndarray:
+    """d theory/d ln(parameter), (2, L), to fourth order."""
+    step = 1e-4
+    at = {}
+    for k in (-2, -1, 1, 2):
+        factor, other, exposure = changed(name, 1 + k * step, camera)
+        at[k] = theory(np.multiply(photons, factor), other, exposure)
+    return (8 * (at[1] - at[-1]) - (at[2] - at[-2])) / (12 * step)
+
+
+@cache
+def sampled(level: int) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Digital numbers (H, W) of flat light of ``level`` electrons, and their derivatives by ln(parameter)."""
+    photons = np.full(SHAPE, level / QE)
+    frame = differentiable(photons, RICH, EXPOSURE, PARAMETERS, seed=4, serial=9).frame(2)
+    frame.store()
+    slopes = {name: frame.forward(name).astype(float) for name in PARAMETERS}
+    scale = {name: value_of(name) if name != "photons" else level / QE for name in PARAMETERS}
+    return frame.codes.astype(float), {name: slope * scale[name] for name, slope in slopes.items()}
+
+
+def by_columns(x: np.ndarray) -> tuple[float, float]:
+    """Mean and its standard error, when pixels of a column share offsets and gains."""
+    columns = x.mean(axis=0)
+    return float(columns.mean()), float(columns.std() / np.sqrt(columns.size))
+
+
+@pytest.mark.parametrize("level", LEVELS)
+@pytest.mark.parametrize("name", PARAMETERS)
+def test_mean_and_variance_follow_the_closed_forms(name: str, level: int) -> None:
+    mean, _ = theory(level / QE, RICH, EXPOSURE)[:, 0]
+    wanted = theory_slope(name, [level / QE])[:, 0]
+    digital, slopes = sampled(level)
+    signal = mean - RICH.adc.black_level_dn
+    for what, moved in zip(wanted, (slopes[name], 2 * (digital - mean) * slopes[name]), strict=True):
+        found, error = by_columns(moved)
+        assert abs(found - what) < SURE * error + 2e-4 * abs(what) + 1e-6 * signal, (found, what, error)
+
+
+@pytest.mark.parametrize("level", LEVELS)
+@pytest.mark.parametrize("name", PARAMETERS)
+def test_the_mean_follows_frames_with_equal_words(name: str, level: int) -> None:
+    step = 1e-3 if name == "exposure.temperature_k" else 1e-2
+    ends = []
+    for sign in (1, -1):
+        factor, camera, exposure = changed(name, 1 + sign * step)
+        photons = np.full(SHAPE, level / QE * factor)
+        shot = ms.expose(photons, camera, exposure, seed=4, serial=9, first_frame=2, engine="drjit")
+        ends.append(shot.digital[0].astype(float))
+    digital, slopes = sampled(level)
+    found, error = by_columns((ends[0] - ends[1]) / (2 * step) - slopes[name])
+    assert abs(found) < SURE * error + 2e-3 * abs(slopes[name].mean()) + 1e-6 * digital.mean()
+
+
+@pytest.mark.parametrize("name", ["photons", "pixel.prnu", "readout.sense_gain_uv_per_e", "adc.black_level_dn"])
+def test_backward_adds_up_what_forward_says(name: str) -> None:
+    frames = differentiable(np.full((37, 41), 900.0), RICH, EXPOSURE, PARAMETERS, seed=4, serial=9)
+    frame = frames.frame()
+    weights = np.linspace(-1.0, 2.0, 37 * 41, dtype=np.float32)
+    found = frame.backward(frame.digital * type(frame.digital)(weights))
+    again = frames.frame()
+    again.store()
+    squares = again.backward((again.digital - 150.0) * (again.digital - 150.0) * 0.5)
+    slope = frame.forward(name).astype(float)
+    digital = frame.codes.astype(float)
+    for derivative, weight in ((found[name], weights.reshape(37, 41)), (squares[name], digital - 150.0)):
+        wanted = slope * weight if name == "photons" else np.sum(slope * weight)
+        assert derivative == pytest.approx(wanted, rel=1e-5, abs=1e-6 * np.abs(slope * weight).sum())
+
+
+COLOURS = {
+    "quantum_efficiency.wavelengths_nm": [400.0, 550.0, 700.0],
+    "quantum_efficiency.curves": {"R": [0.1, 0.3, 0.5], "G": [0.2, 0.6, 0.2]},
+    "quantum_efficiency.tile": [["R", "G"], ["G", "R"]],
+}
+PART = {"weight": 0.1, "family": "normal", "mean": 18.0, "sigma": 4.0, "unit": "dn"}
+CAMERAS: dict[str, dict[str, Any]] = {
+    "rich": {},
+    "wald, steps": {
+        "dark_current.distribution": "wald",
+        "adc.dnl_lsb": {"101": -1.0, "140": 0.7},
+        "dark_current.components": [PART],
+    },
+    "gamma, yield": {"dark_current.distribution": "gamma", "quantum_efficiency.quantum_yield": [2.0, 1.0]},
+    "ar, colours": {
+        "dark_current.distribution": "ar",
+        "dark_current.coupling": 0.25,
+        "pixel.prnu_distribution": "lognormal",
+        "readout.dsnu_row": 1e-4,
+        "readout.dsnu_row_coupling": 0.2,
+        **COLOURS,
+    },
+    "logistic, blinking": {
+        "dark_current.distribution": "logistic",
+        "dark_current.rts_fraction": 0.2,
+        "dark_current.rts_amplitude_e_per_s": 900.0,
+    },
+}
+
+
+@pytest.mark.parametrize("kind", CAMERAS)
+def test_values_are_those_of_expose_bit_by_bit(kind: str) -> None:
+    camera = RICH.replace(**CAMERAS[kind])
+    shape = (45, 67)
+    photons = np.geomspace(1.0, 6e4, shape[0] * shape[1]).reshape(shape)
+    photons[0, :5] = 0.0, 1e-12, 1e9, np.inf, 3.0
+    given: dict[str, Any] = {"seed": 5, "serial": 3, "origin": (6, 2)}
+    if kind == "ar, colours":
+        given |= {"wavelengths_nm": [500.0, 600.0], "maps": {"prnu": np.full((1, 1), 1.01)}}
+        photons = np.stack([photons, photons / 3], axis=-1)
+    if kind == "gamma, yield":
+        given |= {"wavelengths_nm": [450.0]}
+    wanted = ms.expose(photons, camera, EXPOSURE, frames=3, engine="drjit", **given).digital
+    names = [name for name in PARAMETERS if name != "pixel.prnu" or "maps" not in given]
+    frames = differentiable(photons, camera, EXPOSURE, names, **given)
+    for index in (2, 0):
+        frame = frames.frame(index)
+        derivatives = frame.backward(frame.digital)
+        assert np.array_equal(frame.codes, wanted[index])
+        assert all(np.isfinite(x).all() for x in derivatives.values()), derivatives
+        assert derivatives["photons"].shape == photons.shape
+        assert np.array_equal(frames.frame(index).codes, wanted[index])
+
+
+def test_one_pixel_has_derivatives_too() -> None:
+    frame = differentiable(np.full((1, 1), 1000.0), RICH, EXPOSURE, ("photons", "pixel.full_well_e")).frame()
+    found = frame.backward(frame.digital)
+    assert found["photons"][0, 0] == pytest.approx(0.067, rel=0.1)
+    assert frame.codes.shape == found["photons"].shape == (1, 1)
+
+
+def test_photons_of_every_band_count_by_their_quantum_efficiency() -> None:
+    camera = RICH.replace(**COLOURS)
+    photons = np.full((8, 8, 2), 5000.0)
+    frame = differentiable(photons, camera, EXPOSURE, "photons", wavelengths_nm=[400.0, 550.0]).frame()
+    found = frame.backward(frame.digital)["photons"]
+    red = camera.filter_index((8, 8)) == 0
+    assert np.allclose(found[red][:, 1] / found[red][:, 0], 3.0, rtol=1e-6)
+    assert np.allclose(found[~red][:, 1] / found[~red][:, 0], 3.0, rtol=1e-6)
+    assert found[~red].mean() == pytest.approx(2 * found[red].mean(), rel=0.05)
+
+
+@pytest.mark.parametrize("pattern", ["gaussian", "lognormal", "gamma", "wald", "logistic"])
+def test_every_family_of_patterns_follows_its_coefficient_of_variation(pattern: str) -> None:
+    camera = RICH.replace(
+        **{
+            "dark_current.distribution": pattern,
+            "dark_current.cv": 0.25,
+            "dark_current.rate_e_per_s": 3e4,
+            "source_follower.vv_nonlinearity": 1.0,
+            "readout.ve_nonlinearity": 0.0,
+            "readout.prnu_col": 0.0,
+            "readout.dsnu_col": 0.0,
+            "adc.gamma": 1.0,
+        }
+    )
+    mean, variance = theory(500.0, camera, EXPOSURE)[:, 0]
+    wanted = theory_slope("dark_current.cv", [500.0], camera)[:, 0]
+    frame = differentiable(np.full((512, 512), 500.0), camera, EXPOSURE, "dark_current.cv", serial=3).frame()
+    frame.store()
+    slope, digital = frame.forward("dark_current.cv").astype(float) * 0.25, frame.codes.astype(float)
+    for moved, what in ((slope, wanted[0]), (2 * (digital - mean) * slope, wanted[1])):
+        assert abs(moved.mean() - what) < SURE * moved.std() / 512 + 2e-4 * np.sqrt(variance)
+
+
+@pytest.mark.parametrize("name", ["photons", "quantum_efficiency.fano_factor"])
+def test_a_quantum_yield_is_followed(name: str) -> None:
+    camera = PLAIN.replace(
+        **{
+            "quantum_efficiency.quantum_yield": [4.0, 1.0],
+            "pixel.prnu": 0.0,
+            "readout.dsnu_col": 0.0,
+            "adc.full_scale_v": 0.02,
+            "adc.black_level_dn": 100.0,
+            "dark_current.cv": 0.0,
+        }
+    )
+    photons = np.full((512, 512), 100.0)
+    mean, _ = theory(100.0, camera, EXPOSURE)[:, 0]
+    wanted = theory_slope(name, [100.0], camera)[:, 0]
+    frame = differentiable(photons, camera, EXPOSURE, name).frame()
+    frame.store()
+    slope = frame.forward(name).astype(float) * (100.0 if name == "photons" else value_of(name, camera))
+    for moved, what in zip((slope, 2 * (frame.codes - mean) * slope), wanted, strict=True):
+        assert abs(moved.mean() - what) < SURE * moved.std() / 512 + 1e-3 * abs(what)
+
+
+WIDE = RICH.replace(
+    **{
+        "dark_current.rate_e_per_s": None,
+        "dark_current.at_temperature_k": None,
+        "dark_current.fom_na_per_cm2": 1.0,
+        "dark_current.diffusion_fom_na_per_cm2": 0.3,
+        "dark_current.rts_fraction": 0.3,
+        "dark_current.rts_amplitude_e_per_s": 4e4,
+        "dark_current.components": [PART],
+        "pixel.prnu_distribution": "ar",
+        "pixel.prnu_coupling": 0.25,
+        "readout.dsnu_col_coupling": 0.25,
+        "readout.dsnu_row": 2e-3,
+        "readout.dsnu_residual": 0.5,
+        "source_follower.read_noise_e": None,
+        "source_follower.white_nv_per_rthz": 150.0,
+        "source_follower.corner_hz": 1e6,
+        "source_follower.rtn_uv": 20.0,
+        "readout.cds_gain": 1.1,
+    }
+)
+FIELDS = [
+    f"{section}.{field}"
+    for section, table in WIDE.model_dump().items()
+    if isinstance(table, dict) and section != "lens"
+    for field, value in table.items()
+    if isinstance(value, float) and value
+]
+NO_SLOPE = (
+    "dark_current.rts_fraction",
+    "dark_current.rts_switching",
+    "dark_current.rts_duty",
+    "pixel.prnu_coupling",
+    "readout.dsnu_col_coupling",
+    "pixel.fill_factor",
+    "quantum_efficiency.reference_nm",
+    "quantum_efficiency.fano_factor",
+)
+"""Fields that choose pixels, that bend maps on the host, or that do not matter to this camera and its photons."""
+
+WIDE_LIGHT = np.full((48, 64), 8000.0)
+
+
+@cache
+def wide() -> Any:
+    frame = differentiable(WIDE_LIGHT, WIDE, EXPOSURE, [name for name in FIELDS if name not in NO_SLOPE]).frame()
+    frame.store()
+    return frame
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_every_field_moves_every_pixel_as_its_derivative_says_or_is_refused(name: str) -> None:
+    if name in NO_SLOPE:
+        with pytest.raises(ms.InputError, match="no number of this chain follows smoothly"):
+            differentiable(WIDE_LIGHT[:1, :1], WIDE, EXPOSURE, name)
+        return
+    step = 5e-3
+    ends = [changed(name, 1 + sign * step, WIDE)[1] for sign in (1, -1)]
+    shots = [ms.expose(WIDE_LIGHT, camera, EXPOSURE, engine="drjit").digital[0].astype(float) for camera in ends]
+    missed = shots[0] - shots[1] - 2 * step * value_of(name, WIDE) * wide().forward(name)
+    assert np.sqrt(np.mean(missed**2)) < 0.75  # two roundings: 0.41; counts of electrons jump as well
+
+
+def test_what_is_clipped_does_not_move() -> None:
+    names = ("photons", "pixel.prnu", "pixel.full_well_e", "adc.full_scale_v")
+    full = differentiable(np.full((32, 32), 1e6), RICH, EXPOSURE, names).frame()
+    found = full.backward(full.digital)
+    assert not found["photons"].any()
+    assert found["pixel.prnu"] == 0
+    assert found["pixel.full_well_e"] / 1024 == pytest.approx(theory_full_well(), rel=0.01)
+    narrow = RICH.replace(**{"adc.full_scale_v": 0.05})
+    top = differentiable(np.full((32, 32), 4e4), narrow, EXPOSURE, names).frame()
+    assert not any(np.any(x) for x in top.backward(top.digital).values())
+    low = differentiable(np.full((32, 32), 1.0), RICH.replace(**{"adc.black_level_dn": 0.0}), EXPOSURE, names).frame()
+    slope = low.forward("photons")
+    assert np.all(slope[low.codes > 0] > 0)
+    assert np.mean(slope[low.codes == 0] > 0) == pytest.approx(0.5, abs=0.35)  # those above 0 before rounding
+
+
+def theory_full_well() -> float:
+    ends = [theory(1e6, changed("pixel.full_well_e", 1 + x)[1], EXPOSURE)[0, 0] for x in (1e-3, -1e-3)]
+    return float(ends[0] - ends[1]) / 2e-3 / value_of("pixel.full_well_e")
+
+
+def test_no_light_and_hardly_any_have_the_right_mean_derivative() -> None:
+    photons = np.full((512, 512), 0.0)
+    photons[256:] = 1e-11
+    frame = differentiable(photons, PLAIN.replace(**{"pixel.prnu": 0.0}), EXPOSURE, "photons").frame()
+    slope = frame.backward(frame.digital)["photons"]
+    gain = 4096 / 33000 * QE
+    assert np.allclose(slope, gain, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("electrons", "read", "mean_percent", "variance_percent"),
+    [(3, 1, -36, -69), (10, 1, -2.6, -56), (30, 1, 0.0, 0.8), (3, 2, -18, -56), (30, 2, 0, 0.3),
+     (3, 4, -0.6, -7.4), (10, 4, 0, -2.7), (100, 4, 0, 0), (1000, 1, 0, 0), (20000, 4, 0, 0)],
+)  # fmt: skip
+def test_the_bias_is_what_the_table_says(
+    electrons: float, read: float, mean_percent: float, variance_percent: float
+) -> None:
+    camera = PLAIN.replace(
+        **{
+            "source_follower.white_nv_per_rthz": None,
+            "source_follower.corner_hz": 0.0,
+            "source_follower.read_noise_e": float(read),
+            "dark_current.fom_na_per_cm2": 0.0,
+            "pixel.prnu": 0.0,
+            "readout.dsnu_col": 0.0,
+            "pixel.full_well_e": 32768.0,
+            "adc.black_level_dn": 64.0,
+        }
+    )
+    mean, variance = theory(electrons / QE, camera, EXPOSURE)[:, 0]
+    wanted = theory_slope("photons", [electrons / QE], camera)[:, 0]
+    frame = differentiable(np.full((512, 512), electrons / QE), camera, EXPOSURE, "photons").frame()
+    frame.store()
+    slope, x = frame.forward("photons").ravel() * (electrons / QE), frame.codes.ravel().astype(float) - mean
+    known = np.column_stack([np.ones(x.size), x, x * x - variance])  # what has mean 0 by theory takes the noise away
+    for moved, what, percent in ((slope, wanted[0], mean_percent), (2 * x * slope, wanted[1], variance_percent)):
+        found = np.linalg.lstsq(known, moved, rcond=None)[0]
+        error = np.std(moved - known @ found) / 512
+        assert abs(found[0] / what - 1 - percent / 100) < SURE * error / what + 5e-3 * abs(percent) / 10 + 1e-4
+
+
+@pytest.mark.parametrize(
+    ("name", "camera", "reason"),
+    [
+        ("pixel.prnoo", {}, "no field of camera or exposure. Did you mean 'pixel.prnu'"),
+        ("adc.bits", {}, "which is 12; only a number that can change by a little"),
+        ("readout.ve_k1_c", {}, "which is None; only a number"),
+        ("lens.f_number", {}, "no number of this chain follows smoothly"),
+        ("dark_current.coupling", {"dark_current.distribution": "ar", "dark_current.coupling": 0.2}, "no number"),
+        ("pixel.prnu", {"pixel.prnu": 0.0}, "which is 0, where the chain leaves a stage out; start beside it"),
+        ("readout.cds_gain", {"readout.cds_gain": 1.0}, "which is 1, where the chain leaves a stage out"),
+        ((), {}, "parameters is empty"),
+    ],
+)
+def test_what_has_no_derivative_is_refused_in_one_sentence(name: Any, camera: dict[str, Any], reason: str) -> None:
+    with pytest.raises(ms.InputError, match="(?s)" + reason.replace("(", r"\(")) as error:
+        differentiable(np.ones((4, 4)), RICH.replace(**camera), EXPOSURE, name)
+    assert "\n" not in str(error.value)
+
+
+def test_a_jump_of_the_default_pedestal_is_seen() -> None:
+    def noisy(read_noise_e: float) -> ms.Camera:
+        return RICH.replace(**{"adc.black_level_dn": None, "source_follower.read_noise_e": read_noise_e})
+
+    low, high = 3.0, 60.0  # [e-]: the pedestal jumps from one whole number to the next somewhere between
+    start = chain(noisy(low))[-1].black_level_dn
+    while high - low > 1e-7:
+        middle = (low + high) / 2
+        low, high = (middle, high) if chain(noisy(middle))[-1].black_level_dn == start else (low, middle)
+    camera = noisy(low)
+    with pytest.raises(ms.InputError, match="jumps"):
+        differentiable(np.ones((4, 4)), camera, EXPOSURE, "source_follower.read_noise_e")
+
+
+def test_the_other_refusals() -> None:
+    light = np.ones((4, 4))
+    with pytest.raises(ms.InputError, match="derivatives need a compiled one"):
+        differentiable(light, RICH, EXPOSURE, "photons", engine="numpy")  # type: ignore[arg-type]
+    frame = differentiable(light, RICH, EXPOSURE, "photons").frame()
+    with pytest.raises(ms.InputError, match="must be one of the parameters: photons"):
+        frame.forward("pixel.prnu")
+    with pytest.raises(ms.InputError, match="loss has no derivative"):
+        frame.backward(type(frame.digital)(1.0))
+    uv = RICH.replace(**{"quantum_efficiency.quantum_yield": [2.0, 1.0]})
+    with pytest.raises(ms.InputError, match="pass one band"):
+        differentiable(np.ones((4, 4, 2)), uv, EXPOSURE, "photons", wavelengths_nm=[450.0, 500.0])
+
+
+def test_arrays_without_derivatives_pay_nothing() -> None:
+    import drjit as dr
+
+    line = lambda *_: pytest.fail("nobody asked for a derivative")  # noqa: E731
+    for x in (np.float32(2.0), np.ones(3, np.float32), dr.llvm.Float32(2.0), dr.llvm.ad.Float32(2.0)):
+        assert np.all(np.asarray(arrays.along(line, lambda x: x + 1, x)) == np.asarray(x) + 1)
+
+
+def test_the_benchmark_runs() -> None:
+    words = [sys.executable, str(BENCHMARK), "--mpx", "0.01", "--turns", "1", "--json"]
+    done = subprocess.run(words, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    (row,) = json.loads(done.stdout)["rows"]
+    assert set(row["tasks"]) == {"plain", "ten_parameters", "all_photons", "both"}
+    assert all(task["times_plain"] > 0 and task["seconds"] > 0 for task in row["tasks"].values())

@@ -1,0 +1,184 @@
+"""Lens tables: our own JSON, PBRT's and ISET3d's, and what is wrong with the others, in one sentence."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers.lens_oracle import DOUBLE_GAUSS
+
+from mitsuba_sensor.core.errors import InputError
+from mitsuba_sensor.sensor.camera import Camera, load_camera
+from mitsuba_sensor.sensor.lens_file import list_lenses
+
+CAMERA = load_camera("konnik_table1")
+TABLE = "\n".join(f"{r}\t{t}\t{0 if r == 0 else n}\t{d}" for r, t, n, d in DOUBLE_GAUSS)
+
+
+def with_lens(**fields: Any) -> Camera:
+    return CAMERA.replace(**{f"lens.{name}": value for name, value in fields.items()})
+
+
+def surfaces(camera: Camera) -> Any:
+    assert camera.lens.prescription is not None
+    return camera.lens.prescription.surfaces
+
+
+def test_the_shipped_double_gauss_is_the_published_table() -> None:
+    found = surfaces(with_lens(prescription="double_gauss"))
+    assert [(s.radius_mm or 0, s.thickness_mm, s.index, 2 * s.semi_diameter_mm) for s in found] == list(DOUBLE_GAUSS)
+    assert [s.stop for s in found].index(True) == 5
+
+
+@pytest.mark.parametrize("name", list_lenses())
+def test_every_shipped_lens_names_its_source(name: str) -> None:
+    assert len(with_lens(prescription=name, f_number=8.0).lens.prescription.source) > 40
+
+
+@pytest.mark.parametrize("before", ["# D-GAUSS F/2\n# US patent 2,673,491\n", "# focal length\n50\n", "\ufeff"])
+def test_a_dat_table_is_the_same_lens(tmp_path: Path, before: str) -> None:
+    """Four columns as PBRT has them; comments are the source, a lone number is passed over."""
+    path = tmp_path / "dgauss.dat"
+    path.write_text(before + TABLE, encoding="utf-8")
+    read, shipped = (surfaces(with_lens(prescription=lens)) for lens in (str(path), "double_gauss"))
+    assert [s.model_copy(update={"abbe": None}) for s in shipped] == list(read)
+
+
+def test_a_fifth_column_is_the_abbe_number(tmp_path: Path) -> None:
+    path = tmp_path / "lens.dat"
+    path.write_text("0 2 0 6 0\n25.8 5.3 1.5168 25.4 64.17\n0, 0, 1, 25.4, 0", encoding="utf-8")
+    found = surfaces(with_lens(prescription=str(path), f_number=9.0))
+    assert [(s.abbe, s.stop) for s in found] == [(None, True), (64.17, False), (None, False)]
+
+
+def test_an_iset_table_is_the_same_lens(tmp_path: Path) -> None:
+    rows = [
+        {"radius": r, "thickness": t, "ior": n, "semi_aperture": [d / 2, d / 2], "conic_constant": [0.0, 0.0]}
+        for r, t, n, d in DOUBLE_GAUSS
+    ]
+    path = tmp_path / "dgauss.json"
+    path.write_text(json.dumps({"description": "from a book", "name": "D-Gauss", "surfaces": rows}), encoding="utf-8")
+    read = with_lens(prescription=str(path))
+    shipped = surfaces(with_lens(prescription="double_gauss"))
+    assert [s.model_copy(update={"abbe": None}) for s in shipped] == list(surfaces(read))
+    assert (read.lens.prescription.name, read.lens.prescription.source) == ("D-Gauss", "from a book")
+
+
+def test_a_camera_file_finds_its_lens_beside_it_and_keeps_it(tmp_path: Path) -> None:
+    """The camera holds the surfaces, not the path: it is the same when the file is gone."""
+    from mitsuba_sensor.sensor.camera import SHIPPED
+
+    text = (SHIPPED / "konnik_table1.toml").read_text("utf-8").replace("[lens]", '[lens]\nprescription = "mine.dat"')
+    (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
+    (tmp_path / "mine.dat").write_text(TABLE, encoding="utf-8")
+    camera = load_camera(tmp_path / "mine.toml")
+    (tmp_path / "mine.dat").unlink()
+    changed = camera.replace(**{"adc.bits": 10})
+    assert changed.lens == camera.lens and len(surfaces(changed)) == 11
+
+
+FILES = {
+    "missing.dat": (None, "cannot be read: No such file"),
+    "short.dat": ("1 2 3", "has a line of 3 numbers; each must be radius, thickness, index, diameter"),
+    "words.dat": ("s 2 1 4", "has a line that is not numbers"),
+    "stopless.dat": ("50 2 1.5 20\n-50 0 1 20", "has no aperture stop; add a line with radius 0"),
+    "broken.json": ("{", "is not valid JSON"),
+    "list.json": ("[]", "has no list of surfaces"),
+    "iset.json": ('{"surfaces": [{"semi_aperture": 3, "radius": 1, "thickness": 1}]}', "not numbers for radius"),
+    "oval.json": (
+        '{"surfaces": [{"semi_aperture": [3, 4], "radius": 1, "thickness": 1, "ior": 1}]}',
+        "not numbers for radius",
+    ),
+    "typo.json": ('{"surfaces": [{"semi_diameter_mm": 1, "radius": 3}, {"semi_diameter_mm": 1}]}', "is not a field"),
+    "two.json": (
+        '{"surfaces": [{"semi_diameter_mm": 1, "stop": true}, {"semi_diameter_mm": 1, "stop": true}]}',
+        "2 surfaces are the aperture stop; mark exactly one",
+    ),
+    "immersed.json": (
+        '{"surfaces": [{"semi_diameter_mm": 1, "stop": true}, {"semi_diameter_mm": 1, "index": 1.5}]}',
+        "the sensor is in air",
+    ),
+    "zero.json": (
+        '{"surfaces": [{"semi_diameter_mm": 1, "stop": true}, {"semi_diameter_mm": 1, "radius_mm": 0}]}',
+        "leave it out for a plane",
+    ),
+    "glass.json": (
+        '{"surfaces": [{"semi_diameter_mm": 1, "stop": true, "index": 1.5, "sellmeier": [1, 0, 0, 0, 0, 0]}, '
+        '{"semi_diameter_mm": 1}]}',
+        "either sellmeier, or index and abbe",
+    ),
+    "vacuum.json": (
+        '{"surfaces": [{"semi_diameter_mm": 1, "stop": true, "abbe": 30}, {"semi_diameter_mm": 1}]}',
+        "abbe",
+    ),
+    "lens.zmx": ("", "no .json or .dat file"),
+}
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_wrong_lens_file_is_one_sentence(name: str, tmp_path: Path) -> None:
+    text, says = FILES[name]
+    if text is not None:
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        with_lens(prescription=str(tmp_path / name))
+    message = str(caught.value)
+    assert says in message and message.startswith("konnik_table1: lens.prescription") and "\n" not in message
+
+
+HEIGHTS = {"distortion_heights_mm": (0.0, 3.0), "relative_illumination_heights_mm": (0.0, 3.0)}
+CONTRADICTIONS: dict[str, tuple[dict[str, Any], str]] = {
+    "curve without wavelengths": ({"transmission_curve": [0.5, 1.0]}, "go together; one is missing"),
+    "wavelengths without curve": ({"transmission_wavelengths_nm": [400, 700]}, "go together; one is missing"),
+    "unequal curve": (
+        {"transmission_curve": [0.5, 1.0, 1.0], "transmission_wavelengths_nm": [400, 700]},
+        "has 3 values for 2",
+    ),
+    "falling wavelengths": (
+        {"transmission_curve": [0.5, 1.0], "transmission_wavelengths_nm": [700, 400]},
+        "must increase",
+    ),
+    "illumination without heights": ({"relative_illumination": [1.0, 0.5]}, "go together"),
+    "dim axis": (
+        {"relative_illumination": [0.9, 0.5], "relative_illumination_heights_mm": [0.0, 1.0]},
+        "must start with 1 at the height 0",
+    ),
+    "starts off the axis": (
+        {"distortion_percent": [0.0, 1.0], "distortion_heights_mm": [1.0, 2.0]},
+        "must start with 0 at the height 0",
+    ),
+    "two distortions": (
+        {"distortion": [0.1, 0, 0, 0, 0], "distortion_percent": [0.0, 1.0], "distortion_heights_mm": [0.0, 2.0]},
+        "either distortion or distortion_percent",
+    ),
+    "focus of nothing": ({"focus_m": 2.0}, "focus_m belongs to a prescription"),
+    "dispersion of nothing": ({"dispersion": True}, "dispersion belongs to a prescription"),
+    "distortion of a prescription": (
+        {"prescription": "double_gauss", "distortion": [0.1, 0, 0, 0, 0]},
+        "has its own distortion, which is traced",
+    ),
+    "fall-off of a prescription": (
+        {"prescription": "double_gauss", "relative_illumination": [1, 0.5], "relative_illumination_heights_mm": [0, 9]},
+        "has its own relative_illumination",
+    ),
+    "dispersion without glass": (
+        {
+            "dispersion": True,
+            "prescription": {
+                "name": "hole",
+                "surfaces": [{"semi_diameter_mm": 1, "stop": True}, {"semi_diameter_mm": 1}],
+            },
+        },
+        "needs glasses with abbe or sellmeier",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CONTRADICTIONS)
+def test_fields_that_contradict_each_other_are_refused(name: str) -> None:
+    fields, says = CONTRADICTIONS[name]
+    with pytest.raises(InputError, match=says) as caught:
+        with_lens(**fields)
+    assert "\n" not in str(caught.value)

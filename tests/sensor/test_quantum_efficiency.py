@@ -1,0 +1,291 @@
+"""How many electrons a photon frees: a number, a table, a file; one curve per filter; and more than one per photon."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers import CAMERAS
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.core.frame import Frame
+from mitsuba_sensor.core.moments import Moments
+from mitsuba_sensor.core.sensor_window import SensorWindow
+from mitsuba_sensor.core.signals import Electrons, Photons
+from mitsuba_sensor.sensor.chain import collection
+from mitsuba_sensor.sensor.electrons import Detection, QuantumYield, ShotNoise
+
+TABLE1 = ms.load_camera("konnik_table1")
+BAYER = ms.load_camera("bayer_2mp")
+EXPOSURE = ms.Exposure(0.1)
+TOML = (CAMERAS / "konnik_table1.toml").read_text(encoding="utf-8")
+
+
+def camera_file(folder: Path, quantum_efficiency: str) -> Path:
+    """Table 1 with another [quantum_efficiency] table."""
+    head, rest = TOML.split("[quantum_efficiency]\n")
+    tail = "[dark_current]" + rest.split("[dark_current]")[1]
+    path = folder / "camera.toml"
+    text = head + f"[quantum_efficiency]\n{quantum_efficiency}\n" + tail.split("[sources]")[0]
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def detected(camera: ms.Camera, photons: Any, wavelengths_nm: Any = None, origin: tuple[int, int] = (0, 0)) -> Any:
+    """Mean light electrons (H, W)."""
+    mean = np.asarray(photons, dtype=float)
+    lengths = None if wavelengths_nm is None else np.asarray(wavelengths_nm, dtype=float)
+    frame = Frame(EXPOSURE, SensorWindow(1, mean.shape[:2], origin))
+    return collection(camera)[0](Photons(mean, lengths), frame).light
+
+
+def test_one_value_holds_over_the_whole_band_and_nowhere_else() -> None:
+    camera = TABLE1.replace(**{"quantum_efficiency.value": 0.45})
+    np.testing.assert_array_equal(camera.qe([399.9, 400, 550, 700, 700.1]), [[0, 0.45, 0.45, 0.45, 0]])
+    assert camera.band_nm == (400.0, 700.0)
+
+
+def test_the_three_ways_to_give_a_curve_are_one_camera(tmp_path: Path) -> None:
+    """value, curves, file: the same chain. The file lies beside the camera, wherever the program runs."""
+    (tmp_path / "qe.csv").write_text("wavelength_nm,mono_fraction\n400,0.6\n700,0.6\n")
+    ways = [
+        "wavelengths_nm = [400, 700]\ncurves.mono = [0.6, 0.6]\nreference_nm = 550",
+        "wavelengths_nm = [400, 700]\nvalue = 0.6\nreference_nm = 550",
+        'file = "qe.csv"\nreference_nm = 550',
+    ]
+    chains = {collection(ms.load_camera(camera_file(tmp_path, way))) for way in ways}
+    assert chains == {collection(TABLE1)}
+
+
+def test_a_later_word_on_the_qe_stands_in_for_an_earlier_one(tmp_path: Path) -> None:
+    """replace() of a value by curves, of curves by a value, of either by a file."""
+    (tmp_path / "qe.csv").write_text("wavelength_nm,mono_percent\n300,20\n800,30\n")
+    file = {"quantum_efficiency.file": str(tmp_path / "qe.csv")}
+    value = {"quantum_efficiency.value": 0.3}
+    curves = {"quantum_efficiency.curves": {"mono": [0.1, 0.2]}}
+    for first in (value, curves, file):
+        camera = TABLE1.replace(**first)
+        assert camera.replace(**value).qe([400, 700]).tolist() == [[0.3, 0.3]]
+        assert camera.replace(**file).qe([300, 800]).tolist() == [[0.2, pytest.approx(0.3)]]
+        ends = list(camera.quantum_efficiency.wavelengths_nm)
+        assert camera.replace(**curves).qe(ends).tolist() == [[0.1, 0.2]]
+
+
+@pytest.mark.parametrize(
+    ("header", "scale_nm", "scale_qe"),
+    [
+        ("wavelength_nm,R_fraction,G_fraction", 1, 1),
+        ("wavelength_um,R_fraction,G_fraction", 1e-3, 1),
+        ("wavelength_µm,R_percent,G_percent", 1e-3, 100),
+        ("wavelength_nm, R_percent , G_fraction", 1, (100, 1)),
+    ],
+)
+def test_files_in_nm_and_um_in_fractions_and_percents_say_the_same(
+    header: str, scale_nm: float, scale_qe: Any, tmp_path: Path
+) -> None:
+    """A comment, an empty line, a byte order mark and spaces do no harm."""
+    points = np.array([[420, 0.1, 0.3], [530, 0.4, 0.6], [680, 0.2, 0.1]]) * [scale_nm, *np.broadcast_to(scale_qe, 2)]
+    lines = ["# from the datasheet", header, "", *(", ".join(f"{x:.6g}" for x in row) for row in points)]
+    (tmp_path / "qe.csv").write_text("\n".join(lines), encoding="utf-8-sig")
+    camera = ms.load_camera(camera_file(tmp_path, 'file = "qe.csv"\ntile = [["R", "G"]]\nreference_nm = 550'))
+    assert camera.filter_names == ("R", "G")
+    np.testing.assert_allclose(
+        camera.qe([420, 475, 530, 680, 700]), [[0.1, 0.25, 0.4, 0.2, 0], [0.3, 0.45, 0.6, 0.1, 0]], rtol=1e-9
+    )
+
+
+FILES = {
+    "unit of length missing": ("wavelength,mono_percent\n400,60\n700,60\n", "column 1 is called 'wavelength'"),
+    "unit of length unknown": ("wavelength_m,mono_percent\n400,60\n700,60\n", "wavelength_nm or wavelength_um"),
+    "not a wavelength": ("energy_nm,mono_percent\n400,60\n700,60\n", "column 1 is called 'energy_nm'"),
+    "fraction or percent?": (
+        "wavelength_nm,mono\n400,0.6\n700,0.6\n",
+        "call it NAME_fraction or NAME_percent, so that",
+    ),
+    "no header": ("400,0.6\n500,0.6\n700,0.6\n", "column 1 is called '400'"),
+    "no name": ("wavelength_nm,_percent\n400,60\n700,60\n", "column 2 is called '_percent'"),
+    "percents called fractions": ("wavelength_nm,mono_fraction\n400,60\n700,60\n", "less than or equal to 1"),
+    "nm called um": ("wavelength_nm,mono_percent\n400,60\n300,60\n", "wavelengths_nm must increase"),
+    "one line": ("wavelength_nm,mono_percent\n400,60\n", "needs a header and at least two lines"),
+    "one column": ("wavelength_nm\n400\n700\n", "at least one curve, separated by commas"),
+    "semicolons": ("wavelength_nm;mono_percent\n400;60\n700;60\n", "column 1 is called 'wavelength_nm;mono_percent'"),
+    "ragged": ("wavelength_nm,mono_percent\n400,60\n700\n", "has a line that is not 2 numbers"),
+    "words": ("wavelength_nm,mono_percent\n400,high\n700,60\n", "has a line that is not 2 numbers"),
+    "NaN": ("wavelength_nm,mono_percent\n400,nan\n700,60\n", "finite number"),
+    "negative": ("wavelength_nm,mono_percent\n400,-1\n700,60\n", "greater than or equal to 0"),
+    "twice the same name": (
+        "wavelength_nm,G_percent,G_percent\n400,60,10\n700,60,10\n",
+        "names a curve twice; give each of ['G'] one",
+    ),
+    "none": (None, "file 'qe.csv' cannot be read: No such file"),
+}
+
+
+@pytest.mark.parametrize("case", FILES)
+def test_a_file_that_leaves_doubt_is_refused_in_one_sentence(case: str, tmp_path: Path) -> None:
+    """Camera file, field, what is wrong, what to write instead."""
+    text, said = FILES[case]
+    if text is not None:
+        (tmp_path / "qe.csv").write_text(text)
+    with pytest.raises(ms.InputError) as caught:
+        ms.load_camera(camera_file(tmp_path, 'file = "qe.csv"'))
+    sentence = str(caught.value)
+    assert said in sentence and "camera.toml: quantum_efficiency" in sentence and "\n" not in sentence
+
+
+# Colour filters.
+
+RGBI = [["R", "G"], ["I", "B"]]
+RGB_IR_4X4 = [["B", "G", "R", "G"], ["G", "I", "G", "I"], ["R", "G", "B", "G"], ["G", "I", "G", "I"]]
+CURVES = {"R": [0.1, 0.0], "G": [0.2, 0.0], "B": [0.3, 0.0], "I": [0.4, 0.5]}
+
+
+@pytest.mark.parametrize("origin", [(0, 0), (1, 2), (7, 9)], ids=str)
+@pytest.mark.parametrize(
+    "tile", [RGBI, RGB_IR_4X4, [["R", "G", "B"]], [["R"], ["G"], ["I"]], [["G", "R", "I"], ["B", "B", "G"]]], ids=str
+)
+def test_every_pixel_takes_the_curve_of_its_own_filter(tile: list[list[str]], origin: tuple[int, int]) -> None:
+    """Any rectangle that repeats, seen through any window: by index arithmetic written out here."""
+    camera = TABLE1.replace(
+        **{
+            "quantum_efficiency.curves": CURVES,
+            "quantum_efficiency.tile": tile,
+            "quantum_efficiency.wavelengths_nm": [500.0, 600.0],
+        }
+    )
+    light = np.full((6, 7, 2), 1000.0)
+    light[..., 1] = 100.0
+    seen = detected(camera, light, [500, 600], origin)
+    for y in range(6):
+        for x in range(7):
+            name = tile[(y + origin[0]) % len(tile)][(x + origin[1]) % len(tile[0])]
+            assert seen[y, x] == pytest.approx(1000 * CURVES[name][0] + 100 * CURVES[name][1], rel=1e-12)
+
+
+def test_infrared_reaches_the_infrared_pixels_of_an_rgb_ir_sensor_only() -> None:
+    camera = TABLE1.replace(
+        **{
+            "quantum_efficiency.curves": {**CURVES},
+            "quantum_efficiency.tile": RGB_IR_4X4,
+            "quantum_efficiency.wavelengths_nm": [600.0, 850.0],
+        }
+    )
+    seen = detected(camera, np.full((8, 8), 1000.0), [850])
+    infrared = np.array(RGB_IR_4X4) == "I"
+    np.testing.assert_array_equal(seen > 0, np.tile(infrared, (2, 2)))
+    digital = ms.expose(np.full((8, 8), 50_000.0), camera, EXPOSURE, wavelengths_nm=[850]).digital[0]
+    assert digital[np.tile(infrared, (2, 2))].min() > 2 * digital[~np.tile(infrared, (2, 2))].max()
+
+
+def test_a_wavelength_outside_the_curve_frees_nothing() -> None:
+    """Also of infinite light, and between bands that are seen."""
+    for wavelength in (200.0, 399.999, 700.001, 1100.0):
+        assert detected(TABLE1, [[1e6]], [wavelength])[0, 0] == 0.0
+        assert detected(TABLE1, [[np.inf]], [wavelength])[0, 0] == 0.0
+    assert detected(TABLE1, [[[1e6, 100.0, 1e6]]], [200, 550, 1100])[0, 0] == pytest.approx(60.0)
+
+
+def test_between_its_points_a_curve_is_straight() -> None:
+    camera = TABLE1.replace(**{"quantum_efficiency.curves": {"mono": [0.2, 0.8]}})
+    for share in (0.0, 0.25, 0.5, 1.0):
+        assert detected(camera, [[1000.0]], [400 + 300 * share])[0, 0] == pytest.approx(1000 * (0.2 + 0.6 * share))
+
+
+# Quantum yield: several electrons per photon in the ultraviolet.
+
+LAM = 1000.0
+
+
+def yielding(eta: float, fano: float = 0.1, qe: float = 0.5) -> ms.Camera:
+    return TABLE1.replace(
+        **{
+            "quantum_efficiency.curves": {"mono": [qe, qe]},
+            "quantum_efficiency.quantum_yield": [eta, eta],
+            "quantum_efficiency.fano_factor": fano,
+        }
+    )
+
+
+def counted(camera: ms.Camera, photons: Photons, shape: tuple[int, int] = (400, 500)) -> tuple[Any, Moments]:
+    """Electrons of one frame and their theory; detection, shot noise and yield alone."""
+    frame = Frame(EXPOSURE, SensorWindow(3, shape))
+    signal: Any = photons
+    m = Moments(photons, 0.0, 0.0, frame)
+    for stage in collection(camera):
+        if isinstance(stage, Detection | ShotNoise | QuantumYield):
+            signal, m = stage(signal, frame), stage.moments(m)
+    return np.broadcast_to(signal.light, shape), m
+
+
+@pytest.mark.parametrize("fano", [0.0, 0.1, 1.0])
+@pytest.mark.parametrize("eta", [1.0, 1.3, 2.0, 3.5])
+def test_a_yield_multiplies_the_mean_and_has_the_variance_of_a_compound_law(eta: float, fano: float) -> None:
+    """λ interactions: mean η·λ, variance η²·λ + F·η·λ (+ 1/12 of rounding to whole electrons); λ alone at η = 1.
+
+    200 000 pixels: 5 se are 0.04 % of the mean and 1.6 % of the variance (0.8 % of σ).
+    """
+    camera = yielding(eta, fano)
+    electrons, m = counted(camera, Photons(np.full((400, 500), LAM / 0.5)))
+    variance = LAM if eta == 1 else LAM * (eta**2 + fano * eta) + 1 / 12
+    assert float(np.mean(m.mean)) == pytest.approx(eta * LAM, rel=1e-12)
+    assert float(np.mean(m.temporal)) == pytest.approx(variance, rel=1e-12)
+    assert electrons.mean() == pytest.approx(eta * LAM, abs=5 * math.sqrt(variance / electrons.size))
+    assert electrons.var() == pytest.approx(variance, rel=5 * math.sqrt(2 / electrons.size))
+    np.testing.assert_array_equal(electrons, np.floor(electrons))
+    assert electrons.min() >= 0
+
+
+def test_a_yield_of_one_everywhere_changes_no_bit() -> None:
+    light = np.linspace(0, 50_000, 600).reshape(20, 30)
+    one = TABLE1.replace(**{"quantum_efficiency.quantum_yield": [1.0, 1.0]})
+    np.testing.assert_array_equal(ms.expose(light, one, EXPOSURE).digital, ms.expose(light, TABLE1, EXPOSURE).digital)
+
+
+def test_two_bands_of_different_yield_add_their_spread() -> None:
+    """600 interactions of η = 3 and 400 of η = 1: mean 2200, variance Σλ(η² + F·η̄) by the mean and spread of η.
+
+    var = λ(η̄² + F·η̄ + var η) + 1/12 = 1000·(2.2² + 0.22 + 0.96) + 1/12; 5 se of 200 000 pixels: 1.6 %.
+    """
+    camera = yielding(1.0).replace(**{"quantum_efficiency.quantum_yield": [3.0, 1.0]})
+    light = np.broadcast_to([1200.0, 800.0], (400, 500, 2))
+    electrons, m = counted(camera, Photons(light, np.array([400.0, 700.0])))
+    assert float(np.mean(m.mean)) == pytest.approx(2200)
+    assert float(np.mean(m.temporal)) == pytest.approx(1000 * (2.2**2 + 0.22 + 0.96) + 1 / 12)
+    assert electrons.mean() == pytest.approx(2200, abs=5 * math.sqrt(6020 / electrons.size))
+    assert electrons.var() == pytest.approx(float(np.mean(m.temporal)), rel=0.016)
+
+
+def test_dark_electrons_do_not_multiply() -> None:
+    """The yield belongs to photons: no light, and a hot dark current, is the same frame with and without it."""
+    hot = {"dark_current.fom_na_per_cm2": 50.0}
+    for camera in (TABLE1, yielding(3.0)):
+        kept = ms.expose(np.zeros((20, 30)), camera.replace(**hot), EXPOSURE, keep=["electrons", "dark_electrons"])
+        np.testing.assert_array_equal(kept.electrons, kept.dark_electrons)
+        assert kept.electrons.mean() == pytest.approx(50 * 174.158, rel=0.02)
+
+
+def test_prnu_acts_on_the_interactions_and_the_yield_multiplies_its_pattern() -> None:
+    """Fixed variance after the yield: (η·P_N·λ)²."""
+    stages = collection(yielding(2.0).replace(**{"pixel.prnu": 0.01, "dark_current.fom_na_per_cm2": 0.0}))
+    frame = Frame(EXPOSURE, SensorWindow(3, (1, 1)))
+    m = Moments(Photons(np.full((1, 1), 2000.0)), 0.0, 0.0, frame)
+    for stage in stages:
+        m = stage.moments(m)
+    assert float(np.mean(m.spatial)) == pytest.approx((2 * 0.01 * 1000) ** 2, rel=1e-9)
+
+
+def test_few_interactions_never_give_a_negative_number_of_electrons() -> None:
+    """λ = 0.5, η = 1.2, F = 1: the normal spread of a single burst is cut at 0, and no interaction frees nothing."""
+    n = Electrons(np.array([[0.0, 1.0, 2.0] * 1000]), yield_mean=1.2, yield_variance=0.0)
+    after = QuantumYield(1.0)(n, Frame(EXPOSURE, SensorWindow(3, (1, 3000)))).light
+    assert after.min() >= 0
+    np.testing.assert_array_equal(after[0, ::3], 0.0)
+
+
+def test_the_bayer_camera_that_ships_has_green_twice() -> None:
+    index = BAYER.filter_index((2, 2))
+    names = [BAYER.filter_names[i] for i in index.ravel()]
+    assert len(set(names)) == 3 and max(names.count(name) for name in names) == 2

@@ -1,0 +1,172 @@
+"""The sensor of Konnik & Welsh 2014, Table 1, against closed-form expectations: theory and frames.
+
+data/table1_expectations.json holds mean, temporal and spatial σ at dark, 10, 50 and 90 % of the well. Frames are
+600 000 columns wide, because the column offsets dominate and there is only one per column: their σ is then known to
+0.09 % and their mean to 0.005 DN, so that 1 % and 0.1 % are 11 and 4 standard errors or more.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers import DATA
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.core.frame import Frame
+from mitsuba_sensor.core.moments import Moments
+from mitsuba_sensor.core.sensor_window import SensorWindow
+from mitsuba_sensor.core.signals import Electrons, Photons
+from mitsuba_sensor.sensor.chain import black_level_dn, chain, gain_dn_per_e
+from mitsuba_sensor.sensor.digital import Adc
+from mitsuba_sensor.sensor.electrons import DarkCurrent, Detection, FullWell, Prnu, ShotNoise
+from mitsuba_sensor.sensor.volts import DsnuColumn, ResetNoise, SourceFollowerNoise
+
+EXPECTED = json.loads((DATA / "table1_expectations.json").read_text("utf-8"))["rows"]
+LEVELS = [row["level"] for row in EXPECTED]
+EXPOSURE = ms.Exposure(time_s=0.1, temperature_k=298.15)
+CAMERA = ms.load_camera("konnik_table1")
+HARD = CAMERA.replace(**{"readout.reset": "hard"})
+QE = 0.60
+
+ALONE = {
+    "photon_shot": ShotNoise,
+    "prnu": Prnu,
+    "dark_fpn": DarkCurrent,
+    "source_follower": SourceFollowerNoise,
+    "kTC_full": ResetNoise,
+    "column_offset_0p1pct_FW": DsnuColumn,
+}
+"""Term of the expectations → the stage that adds it."""
+
+
+def photons(row: dict[str, Any], shape: tuple[int, int] = (1, 1)) -> Photons:
+    return Photons(np.full(shape, row["light_e"] / QE))
+
+
+def theory(camera: ms.Camera, row: dict[str, Any]) -> Moments:
+    m = Moments(photons(row), 0.0, 0.0, Frame(EXPOSURE, SensorWindow(1, (1, 1))))
+    for stage in chain(camera):
+        m = stage.moments(m)
+    return m
+
+
+@pytest.fixture(scope="module")
+def digital() -> dict[float, Any]:
+    """Level → two frames of 1 × 600 000 pixels, pedestal taken off [DN]."""
+    levels = np.array([[row["light_e"] / QE] for row in EXPECTED])
+    wide = np.broadcast_to(levels, (len(LEVELS), 600_000))
+    frames = ms.expose(wide, CAMERA, EXPOSURE, frames=2).digital.astype(np.float64) - black_level_dn(CAMERA)
+    return {level: frames[:, i] for i, level in enumerate(LEVELS)}
+
+
+@pytest.mark.parametrize("row", EXPECTED, ids=LEVELS)
+def test_theory_of_the_chain_is_that_of_table_1(row: dict[str, Any]) -> None:
+    """Mean within 0.01 %, temporal and spatial σ within 0.1 %, with and without the reset noise."""
+    m = theory(CAMERA, row)
+    assert m.mean.item() - black_level_dn(CAMERA) == pytest.approx(row["mean_DN_no_pedestal"], rel=1e-4)
+    assert math.sqrt(m.temporal.item()) == pytest.approx(row["temporal_std_DN_no_kTC"], rel=1e-3)
+    assert m.sigma == pytest.approx(row["spatial_std_DN_no_kTC"], rel=1e-3)
+    hard = theory(HARD.replace(**{"adc.full_scale_v": 0.17, "pixel.full_well_e": 34_000.0}), row)
+    scale = 0.17 / 0.165
+    assert math.sqrt(hard.temporal.item()) * scale == pytest.approx(row["temporal_std_DN_with_kTC_full"], rel=1e-3)
+
+
+@pytest.mark.parametrize("row", EXPECTED, ids=LEVELS)
+def test_mean_of_frames_is_that_of_table_1_within_a_thousandth(row: dict[str, Any], digital: dict[float, Any]) -> None:
+    """Smallest margin: dark, 0.1 % of 21.6 DN against 0.0056 DN of standard error, 3.9 of them: 1e-4 of the seeds."""
+    assert digital[row["level"]].mean() == pytest.approx(row["mean_DN_no_pedestal"], rel=1e-3)
+
+
+@pytest.mark.parametrize("row", EXPECTED, ids=LEVELS)
+def test_temporal_sigma_of_frames_is_that_of_table_1_within_1_percent(
+    row: dict[str, Any], digital: dict[float, Any]
+) -> None:
+    """From the difference of two frames over √2: 0.09 % standard error, so 1 % is 11 of them."""
+    first, second = digital[row["level"]]
+    assert (second - first).std() / math.sqrt(2) == pytest.approx(row["temporal_std_DN_no_kTC"], rel=0.01)
+
+
+@pytest.mark.parametrize("row", EXPECTED, ids=LEVELS)
+def test_spatial_sigma_of_a_frame_is_that_of_table_1_within_1_percent(
+    row: dict[str, Any], digital: dict[float, Any]
+) -> None:
+    """σ over the pixels of one frame, temporal noise in it: 0.09 % standard error."""
+    assert digital[row["level"]][0].std() == pytest.approx(row["spatial_std_DN_no_kTC"], rel=0.01)
+
+
+@pytest.mark.parametrize("row", EXPECTED, ids=LEVELS)
+def test_hard_reset_adds_the_whole_ktc_noise_to_the_temporal_sigma(row: dict[str, Any]) -> None:
+    """√(k_B·T/C_SN) = 71.68 e-. 200 000 pixels, two frames: 0.16 % standard error, 1 % is 6 of them."""
+    first, second = ms.expose(photons(row, (1, 200_000)), HARD, EXPOSURE, frames=2).digital.astype(np.float64)
+    assert (second - first).std() / math.sqrt(2) == pytest.approx(row["temporal_std_DN_with_kTC_full"], rel=0.01)
+
+
+@pytest.mark.parametrize("row", EXPECTED, ids=LEVELS)
+def test_every_term_of_the_error_budget_has_its_size(row: dict[str, Any]) -> None:
+    """Each stage's own contribution in electrons², one by one, so that no two errors can cancel in a sum."""
+    m = Moments(photons(row), 0.0, 0.0, Frame(EXPOSURE, SensorWindow(1, (1, 1))))
+    added = {}
+    for stage in chain(HARD):
+        before, m = m, stage.moments(m)
+        unit = 1.0 if stage.domain == "electrons" else 5e-6
+        if type(stage) in ALONE.values():
+            added[type(stage)] = (
+                float(np.sum(m.temporal + m.spatial) - np.sum(before.temporal + before.spatial)) / unit**2
+            )
+    budget = row["var_e"]
+    added[ShotNoise] -= budget["dark_shot"]
+    for term, stage_type in ALONE.items():
+        assert added[stage_type] == pytest.approx(budget[term], rel=1e-5, abs=1e-4), term
+
+
+def test_the_conversion_gain_is_that_of_table_1() -> None:
+    assert gain_dn_per_e(CAMERA) == pytest.approx(0.1241212, rel=1e-6)
+
+
+def test_the_dark_rate_is_that_of_table_1() -> None:
+    row = EXPECTED[0]
+    dark = next(stage for stage in chain(CAMERA) if isinstance(stage, DarkCurrent))
+    assert dark.mean_e(Frame(EXPOSURE, SensorWindow(1, (1, 1)))) == pytest.approx(row["dark_e"], rel=1e-6)
+
+
+def test_27500_photons_give_16500_electrons_with_the_noise_of_detected_electrons() -> None:
+    """σ = √16500 = 128.45; Poisson before QE would give 99.5. 10⁶ draws: mean ± 0.13, σ ± 0.09, tested at 5 of them."""
+    frame = Frame(EXPOSURE, SensorWindow(1, (1000, 1000)))
+    signal: Any = Photons(np.full((1000, 1000), 27_500.0))
+    for stage in (Detection(CAMERA.curves, CAMERA.tile, 550.0), ShotNoise(), FullWell(33_000.0)):
+        signal = stage(signal, frame)
+    assert isinstance(signal, Electrons)
+    assert signal.total.mean() == pytest.approx(16_500, abs=0.65)
+    assert signal.total.std() == pytest.approx(128.45, abs=0.46)
+    assert signal.total.var() / signal.total.mean() == pytest.approx(1, abs=0.0071)
+
+
+def test_the_photon_transfer_slope_is_k() -> None:
+    """Temporal variance against mean at 12 levels up to 70 % of the well: slope 0.1241212 DN/e-.
+
+    Differences of two frames of 80 000 pixels: each variance is good to 0.5 %, the slope to 0.2 %; 1 % is 5 of them.
+    """
+    levels = np.linspace(500, 23_000, 12)[:, None] / QE
+    first, second = ms.expose(np.broadcast_to(levels, (12, 80_000)), CAMERA, EXPOSURE, frames=2).digital.astype(float)
+    mean = (first + second).mean(axis=1) / 2
+    variance = (second - first).var(axis=1) / 2
+    slope, _ = np.polyfit(mean, variance, 1, w=1 / variance)
+    assert slope == pytest.approx(0.1241212, rel=0.01)
+
+
+def test_less_than_half_an_electron_is_seen() -> None:
+    """Photons are not rounded: 0.49 mean electrons leave exp(−0.49) of the pixels empty, not all of them."""
+    camera = CAMERA.replace(**{"pixel.prnu": 0.0, "dark_current.fom_na_per_cm2": 0.0})
+    electrons = ms.expose(np.full((500, 1000), 0.49 / QE), camera, EXPOSURE, keep=("electrons",)).electrons
+    assert np.mean(electrons == 0) == pytest.approx(math.exp(-0.49), abs=5 * math.sqrt(0.24 / 5e5))
+
+
+def test_the_saturated_frame_reads_the_highest_code_everywhere() -> None:
+    digital = ms.expose(np.full((100, 1000), 2 * 33_000 / QE), CAMERA, EXPOSURE).digital
+    adc = next(stage for stage in chain(CAMERA) if isinstance(stage, Adc))
+    assert adc.highest == 4095
+    assert np.mean(digital == 4095) > 0.6 and digital.min() > 4095 - 40

@@ -1,0 +1,348 @@
+"""Error of a render against its time: the blocks, the slopes, the frames, the journal, and what is recommended.
+
+The whole study is run once on a floor under an even sky in ``scalar_spectral``: six bands and a mosaic of three
+colours, 24 × 16 pixels, 32 passes a run whatever the clock says. So its errors are the same in every run of the tests,
+and the bounds below, which chance would break less than once in 100 with other seeds, either hold or do not.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.scenes import scene_text, write_scene
+from numpy.typing import NDArray
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.core.errors import InputError
+from mitsuba_sensor.render.bands import choose_bands
+from mitsuba_sensor.render.irradiance import RenderOptions, prepare
+from mitsuba_sensor.render.passes import pass_plan
+from mitsuba_sensor.render.renderer import Renderer
+from mitsuba_sensor.render.stop_criterion import StopCriterion
+from mitsuba_sensor.render.variants import Variant
+from mitsuba_sensor.study.error_time import error_time
+from mitsuba_sensor.study.fits import slope_of_runs
+from mitsuba_sensor.study.page import Plot, Study, Table
+from mitsuba_sensor.study.render import frames as render_frames
+from mitsuba_sensor.study.render import measure as render_time
+from mitsuba_sensor.study.render import reference as render_reference
+from mitsuba_sensor.study.render import series as render_series
+from mitsuba_sensor.study.render.choice import Choice, Law, corrected, sample_counts
+from mitsuba_sensor.study.render.errors import Block, Blocks
+from mitsuba_sensor.study.render.results import Result
+from mitsuba_sensor.study.render.series import Setting, Subject, settings, usable_variants
+from mitsuba_sensor.study.sensor import measure as sensor_time
+from mitsuba_sensor.study.side import Side
+
+FLOOR = (
+    '<shape type="rectangle"><transform name="to_world"><scale value="9"/></transform><bsdf type="diffuse">'
+    '<spectrum name="reflectance" value="360:0.5, 830:0.5"/></bsdf></shape>'
+    '<emitter type="constant"><spectrum name="radiance" value="360:2.5e-3, 830:2.5e-3"/></emitter>'
+    '<integrator type="path"><integer name="max_depth" value="2"/></integrator>'
+)
+TELECENTRIC = """<sensor type="orthographic">{more}
+<transform name="to_world"><lookat origin="0, 0, 3" target="0, 0, 0" up="0, 1, 0"/></transform>
+<film type="hdrfilm"><integer name="width" value="24"/><integer name="height" value="16"/>{film}</film></sensor>"""
+CAMERA = ms.load_camera("bayer_2mp")
+EXPOSURE = ms.Exposure(0.05)
+PASSES, SEEDS = 32, 3
+Pass = NDArray[np.float64]
+
+
+def mosaic() -> ms.Camera:
+    """Six bands of 10 nm behind three filters."""
+    return CAMERA.replace(
+        **{
+            "quantum_efficiency.wavelengths_nm": [520, 580],
+            "quantum_efficiency.curves": {"R": [0.1, 0.4], "G": [0.6, 0.5], "B": [0.2, 0.1]},
+            "quantum_efficiency.reference_nm": 550,
+        }
+    )
+
+
+@pytest.fixture(scope="module")
+def floor(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_scene(tmp_path_factory.mktemp("floor"), scene_text(FLOOR, sensor=TELECENTRIC))
+
+
+@pytest.fixture(scope="module")
+def quick() -> Any:
+    """Numbers of passes that no clock decides."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("FEWEST_PASSES", "FEWEST_FRAMED", "MOST_PASSES"):
+            patch.setattr(render_time, name, PASSES)
+        patch.setattr(render_reference, "REFERENCE_S", 0.0)
+        patch.setattr(render_series, "SIZES", (4, 36))
+        patch.setattr(render_series, "SAMPLERS", {"independent": 16})
+        yield
+
+
+def study_of(scene: Path, done: dict[str, Any], **words: Any) -> Study:
+    given = {"seeds": SEEDS, "variants": ["scalar_spectral"], "sides": ["render"], **words}
+    return error_time(scene, mosaic(), EXPOSURE, done=done, **given)
+
+
+@pytest.fixture(scope="module")
+def studied(floor: Path, quick: None) -> tuple[Study, dict[str, Any]]:
+    done: dict[str, Any] = {}
+    return study_of(floor, done), done
+
+
+def test_blocks_are_the_means_and_variances_of_their_passes() -> None:
+    """Of 8 passes 8, 4, 2 and 1 blocks; NumPy says what is in them."""
+    rng = np.random.default_rng(1)
+    passes, blocks = rng.normal(5, 1, size=(8, 3, 2)), list[Block]()
+    joined = Blocks(blocks.append)
+    for k, electrons in enumerate(passes):
+        joined.take(0.1 * (k + 1), electrons[..., None] * 2, electrons)
+    assert sorted(block.passes for block in blocks) == [1] * 8 + [2] * 4 + [4] * 2 + [8]
+    last = blocks[-1]
+    assert last.seconds == pytest.approx(3.6)
+    np.testing.assert_allclose(last.electrons, passes.mean(axis=0), rtol=1e-12)
+    np.testing.assert_allclose(last.irradiance[..., 0], 2 * passes.mean(axis=0), rtol=1e-12)
+    np.testing.assert_allclose(last.variance_e2, passes.var(axis=0, ddof=1) / 8, rtol=1e-12)
+    np.testing.assert_allclose(next(b for b in blocks if b.passes == 4).electrons, passes[:4].mean(axis=0), rtol=1e-12)
+
+
+def slope_of_blocks(runs: list[NDArray[np.float64]]) -> Any:
+    """Of the rms error of blocks of passes (P, N) whose truth is 0, against passes."""
+    found = []
+    for passes in runs:
+        squares = dict[int, list[float]]()
+        joined = Blocks(
+            lambda block, into=squares: into.setdefault(block.passes, []).append(np.mean(block.electrons**2))
+        )
+        for electrons in passes:
+            joined.take(1.0, None, electrons)
+        found.append((list(squares), [math.sqrt(np.mean(many)) for many in squares.values()]))
+    return slope_of_runs(found)
+
+
+def test_passes_with_rare_bright_paths_have_the_slope_of_the_theory() -> None:
+    """One value in 2000 is 300 times as large as the others: a fifth of the blocks of 4 × 500 would show none.
+
+    Over 20 seeds the slope is −0.5 with a spread of 0.008: a bound of 0.03 is far above chance.
+    """
+    rng = np.random.default_rng(3)
+    runs = [rng.normal(size=(64, 2000)) * np.where(rng.random((64, 2000)) < 5e-4, 300, 1) for _ in range(4)]
+    assert slope_of_blocks(runs).value == pytest.approx(-0.5, abs=0.03)
+
+
+def test_passes_that_repeat_each_other_do_not_get_better() -> None:
+    """The slope is 0: what all passes share stays, be it one seed for all of them or a bias."""
+    rng = np.random.default_rng(4)
+    runs = [np.repeat(rng.normal(size=(1, 500)), 16, axis=0) for _ in range(2)]
+    assert slope_of_blocks(runs).value == pytest.approx(0, abs=1e-12)
+
+
+def series(study: Study) -> dict[str, dict[str, Any]]:
+    return {one["label"]: one for one in study.data["render"]["series"]}
+
+
+def test_every_setting_is_compared_one_factor_at_a_time(studied: tuple[Study, Any]) -> None:
+    assert list(series(studied[0])) == [
+        "as shipped", "independent", "4 per pass", "36 per pass", "cube", "channels", "band by band",
+    ]  # fmt: skip
+
+
+def test_errors_fall_as_the_square_root_of_time(studied: tuple[Study, Any]) -> None:
+    """Slopes of irradiance and electrons within 0.05 of −1/2 in every setting."""
+    for label, one in series(studied[0]).items():
+        for measure in ("irradiance", "electrons"):
+            if (slope := one["slopes"].get(f"plain {measure}")) is not None:
+                assert slope["value"] == pytest.approx(-0.5, abs=0.05), (label, measure)
+        assert one["verdict"] == "holds"
+    assert "irradiance" not in str(list(series(studied[0])["channels"]["slopes"]))
+
+
+def test_spent_frames_have_the_right_noise_where_plain_ones_have_too_much(studied: tuple[Study, Any]) -> None:
+    """With 8 passes, whose noise is a sixth of the shot noise: σ within three standard errors, and beyond them."""
+    sigma = series(studied[0])["as shipped"]["sigma"]
+    plain, spent = sigma["plain"][0], sigma["spend"][0]
+    assert plain["passes"] == 8
+    assert plain["error"] > 3 * plain["spread"]
+    assert abs(spent["error"]) < 3 * spent["spread"] < 0.1
+
+
+def test_runs_have_seeds_of_their_own(studied: tuple[Study, Any]) -> None:
+    done = studied[1]
+    errors = {done[f"render run scalar_spectral multijitter 16 auto {k}"]["plain"][0]["electrons"] for k in (1, 2, 3)}
+    assert len(errors) == SEEDS
+
+
+def test_a_denoised_render_does_not_follow_the_law(studied: tuple[Study, Any]) -> None:
+    """Its bias stays: from 1 to 32 passes the error falls by less than half of √32."""
+    points = series(studied[0])["as shipped"]["points"]["denoised electrons"]
+    assert points[0]["error"] / points[-1]["error"] < 0.5 * math.sqrt(32)
+
+
+def test_recommended_words_keep_the_tolerance_when_rendered(studied: tuple[Study, Any]) -> None:
+    study = studied[0]
+    best = study.data["render"]["checks"][-1]
+    assert best["found"]["error"] <= 0.01
+    assert best["words"] in study.findings[0] and best["words"].startswith("--spp ")
+    fewest = next(part for part in study.parts if isinstance(part, Table) and part.title == "What reaches 0.01")
+    assert fewest.rows[0][0] == best["words"] and fewest.marks[0] == "best"
+
+
+def test_rings_are_on_points_that_no_other_beats(studied: tuple[Study, Any]) -> None:
+    plot = next(part for part in studied[0].parts if isinstance(part, Plot))
+    every = [(x, y) for line in plot.lines for x, y in zip(line.x, line.y, strict=True)]
+    ringed = {(line.x[k], line.y[k]) for line in plot.lines for k in line.ringed}
+    assert ringed == {p for p in every if not any(q != p and q[0] <= p[0] and q[1] <= p[1] for q in every)}
+
+
+def test_a_study_that_goes_on_measures_nothing_twice(
+    floor: Path, quick: None, studied: tuple[Study, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From the journal as JSON has it: the same study, and no pass is rendered."""
+    study, done = studied
+
+    def refuse(*_: Any) -> None:
+        raise AssertionError("rendered again")
+
+    monkeypatch.setattr(Renderer, "run", refuse)
+    again = study_of(floor, json.loads(json.dumps(done)))
+    assert json.dumps(again.to_dict()) == json.dumps(study.to_dict())
+
+
+def test_a_study_that_was_stopped_measures_only_what_is_missing(
+    floor: Path, quick: None, studied: tuple[Study, Any]
+) -> None:
+    study, done = studied
+    less, told = dict(done), list[str]()
+    missing = "render run scalar_spectral multijitter 4 auto 2"
+    del less[missing]
+    again = study_of(floor, less, progress=lambda done_s, all_s, words: told.append(words))
+    assert [words for words in told if words != "done"] == ["4 per pass, 32 passes, run 2 of 3"]
+    for name, value in less[missing]["plain"][0].items():
+        if name not in ("seconds", "frames"):
+            assert value == pytest.approx(done[missing]["plain"][0][name], rel=1e-6), name
+    assert set(less) == set(done) and again.passed == study.passed
+
+
+def test_the_journal_is_plain_json_and_so_is_the_study(studied: tuple[Study, Any]) -> None:
+    study, done = studied
+    json.dumps(done, allow_nan=False)
+    json.dumps(study.to_dict(), allow_nan=False)
+
+
+def test_both_sides_make_one_study_and_the_frames_get_the_light_of_the_reference(
+    floor: Path, quick: None, studied: tuple[Study, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Seconds of the second side follow those of the first, and what either says stands in the order of the sides."""
+    seen, told = list[Any](), list[tuple[float, float]]()
+
+    def frames(photons: Any, camera: Any, exposure: Any, *, done: Any, progress: Any) -> Side:
+        seen.append(photons)
+        progress(1.0, 2.0, "frames")
+        return Side(("Frames are quick.",), False, (), {"sensor": 1})
+
+    monkeypatch.setattr(sensor_time, "sensor_side", frames)
+    study = study_of(
+        floor, dict(studied[1]), sides=["render", "sensor"], progress=lambda *told_: told.append(told_[:2])
+    )
+    assert study.findings == (*studied[0].findings, "Frames are quick.") and not study.passed
+    assert set(study.data) == {"render", "sensor"}
+    assert told[-1][1] == pytest.approx(told[-2][0] + 2.0)
+    light = seen[0].mean.mean(axis=(0, 1)) / EXPOSURE.time_s
+    assert light.shape == (6,) and (light > 0).all()
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ({"variants": ["scalar_spectrum"]}, "variant is 'scalar_spectrum'; it must be one of .*scalar_spectral"),
+        ({"variants": "scalar_spectral"}, "pass a list of names"),
+        ({"seeds": 1}, "seeds is 1; it must be from 2 to 64"),
+        ({"tolerance": 0.0}, "tolerance is 0.0; it must be from 1e-06 to 1"),
+        ({"sides": ["lens"]}, "it must be one or both of render, sensor"),
+    ],
+)
+def test_what_cannot_be_studied_is_one_sentence(floor: Path, words: dict[str, Any], told: str) -> None:
+    given = {"variants": ["scalar_spectral"], "sides": ["render"], **words}
+    with pytest.raises(InputError, match=told) as caught:
+        error_time(floor, mosaic(), EXPOSURE, **given)
+    assert str(caught.value).count(".\n") == 0
+
+
+def test_one_band_has_no_channels_and_no_loop() -> None:
+    base, llvm = Setting("scalar_spectral"), Variant("llvm_ad_spectral", "llvm", "")
+    scalar = Variant("scalar_spectral", "scalar", "")
+    one = settings(base, (scalar, llvm), choose_bands(mosaic(), 550.0, 10.0, "auto"), channels=False)
+    assert {setting.banding for setting in one} == {"auto"}
+    assert [setting.variant for setting in one].count("llvm_ad_spectral") == 1
+    assert [variant.name for variant in usable_variants(["scalar_spectral"])] == ["scalar_spectral"]
+
+
+def test_the_sampler_that_was_drawn_from_stands_in_the_certificate(floor: Path) -> None:
+    job = prepare(floor, mosaic(), EXPOSURE, RenderOptions(variant="scalar_spectral"), sampler="independent")
+    light = job.irradiance(1, StopCriterion(2, 1), lambda step: None, 0.0)
+    assert light.statistics.sampler == "independent"
+    assert "Independent" in str(job.scene.sensor.sampler())
+
+
+def test_band_by_band_finds_the_light_of_all_bands_together(floor: Path) -> None:
+    """Two ways to the same mean: over the picture within 1 %, five standard errors of 16 samples in 384 pixels."""
+    subject, means = Subject(floor, mosaic(), EXPOSURE), list[NDArray[np.float64]]()
+    for banding in ("auto", "loop"):
+        opened, kept = subject.ready(Setting("scalar_spectral", banding=banding)), list[Pass]()
+        opened.each_pass(5, 2, lambda seconds, irradiance, electrons, into=kept: into.append(irradiance))
+        means.append(np.mean(kept, axis=(0, 1, 2)))
+    np.testing.assert_allclose(means[0], means[1], rtol=0.01)
+
+
+def law(groups: int = 1) -> Law:
+    """Passes of 4, 16 and 64 samples: a pass costs as many times more, and error² falls as n^−3/2."""
+    results = [_result(samples) for samples in (4, 16, 64)]
+    return Law(results[1], results, groups)
+
+
+def _result(samples: int, floor: float = 0.0) -> Result:
+    """A pass of n samples takes n ms and has error² = n^−3/2; floor : the variance of the reference."""
+    rungs = [
+        {"passes": k, "blocks": 1, "seconds": 1e-3 * samples * k, "electrons": samples**-1.5 / k + floor, "frames": {}}
+        for k in (1, 2, 4, 8)
+    ]
+    ladder = {"samples": samples, "groups": 1, "pass_s": 1e-3 * samples, "framed": None}
+    own = dict.fromkeys(("irradiance", "electrons", "dn"), floor)
+    setting = Setting("scalar_spectral", samples=samples)
+    return Result(setting, "", ladder, [{"plain": rungs}, {"plain": rungs}], own)
+
+
+def test_the_references_own_error_is_taken_off() -> None:
+    """16^−3/2 / k and a floor of 1/500: the slope is exact, and the rung whose error is below the floor is left out."""
+    result = _result(16, floor=1 / 500)
+    assert [point.passes for point in result.points("electrons")] == [1, 2, 4]
+    assert result.points("electrons")[1].error == pytest.approx(math.sqrt(1 / 128), rel=1e-9)
+    assert result.slope("electrons").value == pytest.approx(-0.5, abs=1e-9)
+
+
+@pytest.mark.parametrize("spp", [16, 256, 512, 1024, 4096, 65536])
+def test_predictions_follow_the_passes_that_a_number_of_samples_is_made_of(spp: int) -> None:
+    """n ms for a pass of n samples, so spp ms; error² = n^−3/2 / passes, also between and beyond the sizes."""
+    passes, samples = pass_plan(spp)
+    seconds, error = law().predict(spp)
+    assert seconds == pytest.approx(1e-3 * passes * samples, rel=1e-9)
+    assert error == pytest.approx(math.sqrt(samples**-1.5 / passes), rel=1e-9)
+
+
+def test_a_missed_tolerance_asks_for_the_samples_that_its_error_says() -> None:
+    """Twice the error: four times the samples and a margin, rounded up to what is tried."""
+    choice = Choice("auto", 512, False, "scalar_spectral", True, 1.0, 0.01)
+    more = corrected(choice, 0.02, 0.01)
+    assert more.spp == next(count for count in sample_counts() if count >= 4 * 1.1 * 512)
+    assert more.words == f"--spp {more.spp} --spectral auto"
+
+
+def test_frames_are_dimmed_until_their_renders_can_be_spent(studied: tuple[Study, Any]) -> None:
+    """So that 8 passes, an eighth of a run or more, are just enough."""
+    framed = series(studied[0])["as shipped"]["framed"]
+    assert framed["time_s"] == pytest.approx(framed["share"] * EXPOSURE.time_s)
+    assert framed["share"] < 1
+    assert framed["compensable"] == pytest.approx(render_frames.FEWEST_SPENT)
