@@ -141,6 +141,6 @@ def _write_truth(folder: Path, scene: Path, shot: Shot, wish: dict[str, Any]) ->
     """Depth, position, normals, albedo, shapes and flow of the same pixels, in a pass of its own."""
     from ..render.aovs import render_aovs
 
-    words = {name: wish[name] for name in ("motion", "parameters", "scene_unit", "columns", "variant")}
-    found = render_aovs(scene, shot.camera, exposure=shot.exposure, **words)
+    words = {name: wish[name] for name in ("motion", "parameters", "scene_unit", "variant")}
+    found = render_aovs(scene, shot.camera, exposure=shot.exposure, width=wish["columns"], **words)
     exr.write_aovs_exr(folder / TRUTH, found)

@@ -72,13 +72,13 @@ def render_aovs(
     motion: str | os.PathLike[str] | Mapping[str, Any] | Motion | None = None,
     exposure: Exposure | None = None,
     scene_unit: str | float | None = None,
-    columns: int | None = None,
+    width: int | None = None,
     progress: Progress | None = None,
 ) -> Aovs:
     """The ground truth of a scene file, for the frame that :func:`render.irradiance.render` makes of it.
 
     motion : what moves, see render/motion.py; exposure : for how long the shutter is open, which a motion needs.
-    scene_unit, columns : as for :func:`render.irradiance.render`.
+    scene_unit, width : as for :func:`render.irradiance.render`.
     progress : called with (rows done, rows in all), also once before the first.
     In scalar variants rays are traced one by one: 0.3 ms per pixel with a motion, and 0.01 ms in LLVM.
     Raises InputError.
@@ -91,7 +91,7 @@ def render_aovs(
     moves = Motion() if motion is None else read_motion(motion)
     use(choose_variant(variant))
     bands = choose_bands(camera, None, LONGEST_NM - SHORTEST_NM, "auto")  # one is enough: only rays are traced
-    loaded = load_scene(scene, bands, parameters or {}, camera, scene_unit, columns=columns)
+    loaded = load_scene(scene, bands, parameters or {}, camera, scene_unit, width=width)
     metres = unit_m(scene_unit if scene_unit is not None else read_setup(scene, parameters or {}).unit_m or 1.0)
     shutter = shutter_of(camera, exposure or Exposure(0.0))
     with Poses(loaded, moves, metres) as poses:

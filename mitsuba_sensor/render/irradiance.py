@@ -264,7 +264,7 @@ def prepare(
     camera, exposure = _camera_and_exposure(setup, camera, exposure)
     bands = options.bands(setup, camera, usual)
     loaded: Scene | MovingScene = load_scene(
-        scene, bands, parameters, camera, options.scene_unit, columns=options.columns, sampler=sampler
+        scene, bands, parameters, camera, options.scene_unit, width=options.columns, sampler=sampler
     )
     if options.motion is not None:
         metres = unit_m(first_given(options.scene_unit, setup.unit_m, 1.0))

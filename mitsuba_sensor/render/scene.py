@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 SENSORS = ("perspective", "thinlens", "orthographic", SENSOR)
 FILM_ID = "sensor"  # of the film that is put in, by which its sensor is known again
-COLUMNS, ROWS = 768, 576  # of Mitsuba's films by default
+WIDTH, HEIGHT = 768, 576  # of Mitsuba's films by default
 # What cannot be rendered here, and what to do about it.
 UNSUITABLE = {
     "depth": "sees no light; use 'path'",
@@ -85,7 +85,7 @@ def load_scene(
     camera: Camera | None = None,
     scene_unit: str | float | None = None,
     *,
-    columns: int | None = None,
+    width: int | None = None,
     sampler: str = SAMPLER,
 ) -> Scene:
     """Load ``path`` with a film of these channels; the variant must be set.
@@ -93,7 +93,7 @@ def load_scene(
     bands : what its channels respond to.  parameters : values for the scene's ``<default>`` names.
     camera : whose lens stands before the film; by default the one that the scene file names, if any.
     scene_unit : "m", "mm", … or metres per unit; by default what the scene file says, else metres.
-    columns : the same view in so many columns, and rows in proportion; by default what the scene file says.
+    width : the same view in so many columns of pixels, and rows in proportion; by default what the scene file says.
     sampler : the Mitsuba plugin that the light paths are drawn with.
     Raises InputError, one sentence, for whatever is wrong with the file.
     """
@@ -106,7 +106,7 @@ def load_scene(
         why = f"{findings[0].what}; give it an emitter with a spectrum there"
         raise InputError(f"scene {scene.path.name!r} has no light in the bands: {why}.")
     _put_camera(scene, replace(setup, unit_m=metres), camera)
-    _put_film(scene, bands, film_size(scene, camera, columns), sampler)
+    _put_film(scene, bands, film_size(scene, camera, width), sampler)
     _unwrap_integrator(scene)
     native = scene.build()
     if not native.emitters():
@@ -169,10 +169,10 @@ def _put_camera(scene: SceneFile, setup: SceneSettings, camera: Camera | None) -
     where = f"scene {scene.path.name!r}, {scene.where(node)}"
     if camera is None:
         raise InputError(f'{where}: a camera needs a <film type="{FILM}"> that names it, or --camera.')
-    default = camera.sensor.columns if film and film.props.plugin_name() == FILM else COLUMNS
-    columns = film.props["width"] if film and "width" in film.props else default
+    default = camera.sensor.columns if film and film.props.plugin_name() == FILM else WIDTH
+    width = film.props["width"] if film and "width" in film.props else default
     try:
-        kind, view = built_in(setup, camera, columns)
+        kind, view = built_in(setup, camera, width)
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
     for name in SENSOR_FIELDS:
@@ -183,20 +183,20 @@ def _put_camera(scene: SceneFile, setup: SceneSettings, camera: Camera | None) -
         node.props[name] = value
 
 
-def film_size(scene: SceneFile, camera: Camera | None, columns: int | None) -> dict[str, int]:
-    """Width, height and crop of the first sensor's film, in the words of Mitsuba; scaled to so many ``columns``."""
+def film_size(scene: SceneFile, camera: Camera | None, width: int | None) -> dict[str, int]:
+    """Width, height and crop of the first sensor's film, by the names of Mitsuba's parameters; scaled to ``width``."""
     film, size = scene.film(), {}
     if film is not None:
         if film.props.plugin_name() == FILM and camera is not None:
             size = {"width": camera.sensor.columns, "height": camera.sensor.rows}
         size |= {k: v for k, v in film.props.items() if k in SIZE}
-    if columns is None:
+    if width is None:
         return size
-    most = size.get("width", COLUMNS)
-    if isinstance(columns, bool) or not hasattr(columns, "__index__") or not 1 <= columns <= most:
-        raise InputError(f"columns is {columns!r}; it must be a whole number from 1 to the film's own {most}.")
-    whole = {"width": most, "height": size.get("height", ROWS), **size}
-    return {k: max(round(v * columns / most), 0 if "offset" in k else 1) for k, v in whole.items()}
+    full = size.get("width", WIDTH)
+    if isinstance(width, bool) or not hasattr(width, "__index__") or not 1 <= width <= full:
+        raise InputError(f"width is {width!r}; it must be a whole number from 1 to the film's own {full}.")
+    whole = {"width": full, "height": size.get("height", HEIGHT), **size}
+    return {k: max(round(v * width / full), 0 if "offset" in k else 1) for k, v in whole.items()}
 
 
 def _put_film(scene: SceneFile, bands: Bands, size: dict[str, int], sampler: str) -> None:

@@ -132,7 +132,7 @@ def test_the_words_of_the_command_reach_the_study(monkeypatch: pytest.MonkeyPatc
         (("--side", "both"), "sides is ('both',)"),
         (("--tolerance", "0"), "tolerance is 0"),
         (("--variant", "scalar_rgb"), "scalar_rgb"),
-        (("--columns", "0"), "columns is 0"),
+        (("--columns", "0"), "width is 0"),
     ],
 )
 def test_what_cannot_be_studied_is_one_sentence(

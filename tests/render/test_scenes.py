@@ -241,7 +241,7 @@ def test_fewer_columns_are_the_same_view(tmp_path: Path) -> None:
         f'<integer name="{k}" value="{v}"/>'
         for k, v in {"crop_width": 6, "crop_height": 4, "crop_offset_x": 4, "crop_offset_y": 2}.items()
     )
-    view = load_scene(write_scene(tmp_path, scene_text(SKY, film=crop)), BANDS, {}, columns=6).view
+    view = load_scene(write_scene(tmp_path, scene_text(SKY, film=crop)), BANDS, {}, width=6).view
     assert (view.size, view.crop_size, view.crop_offset) == ((6, 4), (3, 2), (2, 1))
 
 
@@ -249,5 +249,5 @@ def test_fewer_columns_are_the_same_view(tmp_path: Path) -> None:
 def test_columns_are_at_most_those_of_the_film(tmp_path: Path, columns: object) -> None:
     use(choose_variant("scalar_spectral"))
     path = write_scene(tmp_path, scene_text(SKY))
-    with pytest.raises(InputError, match=r"columns is .*whole number from 1 to the film's own 12"):
+    with pytest.raises(InputError, match=r"width is .*whole number from 1 to the film's own 12"):
         render(path, CAMERA, Exposure(0.1), columns=columns)

@@ -194,7 +194,7 @@ def _truth(subject: Subject) -> dict[str, Any]:
         start = time.perf_counter()
         render_aovs(
             subject.scene, subject.camera, parameters=words.parameters, variant=words.variant,
-            scene_unit=words.scene_unit, columns=words.columns, exposure=subject.exposure,
+            scene_unit=words.scene_unit, width=words.columns, exposure=subject.exposure,
         )  # fmt: skip
         seconds.append(time.perf_counter() - start)
     zeros = dict.fromkeys(("mean_dn", "mean_error", "rms_dn", "rms_error", "worst_dn", "worst_error"), 0.0)
