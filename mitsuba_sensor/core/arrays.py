@@ -151,8 +151,8 @@ def wide_product(x: Any, factor: int) -> tuple[Any, Any]:
     return _drjit().mul_hi(x, type(x)(factor)), x * type(x)(factor)
 
 
-def mixed(fresh: Any, x: Any, key: Any) -> Any:
-    """fresh ^ x ^ key, in the memory of ``fresh`` where that is large enough."""
+def xor3(fresh: Any, x: Any, key: Any) -> Any:
+    """fresh ^ x ^ key, written into the memory of ``fresh`` where that has the shape of the result."""
     if not isinstance(fresh, np.ndarray) or fresh.shape != np.broadcast_shapes(fresh.shape, np.shape(x)):
         return fresh ^ x ^ key
     fresh ^= x

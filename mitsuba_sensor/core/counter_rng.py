@@ -1,27 +1,34 @@
-"""Random words at named places: the same question always gets the same 32 bits.
+"""Counter-based random number generator (RNG), Philox4x32-10: 32 random bits per noise source, pixel and frame.
 
-Philox4x32-10 (Salmon et al., SC'11) is a function from a key and a counter to four words, without any state. The key is
-the seed; the counter is (x, y, frame, block) in *sensor* coordinates. So a crop of a frame is the frame of the crop,
-frame 12 can be made alone, and a noise source that is switched off takes no word from another.
+Philox (Salmon et al., SC'11) is a function of a key and a counter that returns four 32-bit integers; it has no state.
+The key is the seed (temporal noise) or the serial number (FPN maps), the counter is (x, y, frame, block) in *sensor*
+coordinates. Hence the crop of a frame equals the frame of the crop, frame 12 can be computed without frames 0 to 11,
+and switching one noise source off leaves the random bits of all others as they are.
 """
 
 from __future__ import annotations
 
-from typing import Any
+import zlib
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .arrays import mixed, wide_product
+from .arrays import wide_product, xor3
+from .types import Array
 
-RandomBits = NDArray[np.uint32]
+RandomBits: TypeAlias = NDArray[np.uint32]
+Counter: TypeAlias = tuple[Array, Array, Array, Array]
 
 _M0, _M1 = 0xD2511F53, 0xCD9E8D57
 _W0, _W1 = 0x9E3779B9, 0xBB67AE85
-_ALL = 0xFFFF_FFFF
+_MASK = 0xFFFF_FFFF
 
 FIXED_PATTERN = 0x8000_0000
-"""Bit of the block number that sets a camera's fixed patterns apart from the noise of its frames."""
+"""Bit of the block number that is set for FPN maps and clear for temporal noise."""
+
+FROM_NAME = 0x4000_0000
+"""Bit of the block number of sources that are not in ``STREAMS``; the 30 bits below it are a hash of the name."""
 
 STREAMS = {
     "photon_shot": (0, 0),
@@ -42,41 +49,52 @@ STREAMS = {
     "quantum_yield": (1, 2),
     "compensation": (1, 3),
 }
-"""Noise source → (block, word). A place is for ever: adding a source adds a line and moves nothing."""
+"""Noise source → stream (block, slot 0 … 3). Never change a line: the frames of a seed depend on it."""
 
 
-def philox(counter: tuple[Any, ...], key: tuple[Any, Any]) -> tuple[Any, Any, Any, Any]:
-    """The four words at a counter of four 32-bit values, under a key of two; arrays broadcast together.
+def stream_of(source: str, fixed: bool = False) -> tuple[int, int]:
+    """Stream (block, slot) of a noise source; one that is not in ``STREAMS`` gets a block of its own from its name.
 
-    NumPy carries 32-bit values in uint64, Dr.Jit in uint32.
+    fixed : whether the source is an FPN map (one value per camera) and not temporal noise.
+    """
+    if source in STREAMS:
+        return STREAMS[source]
+    block = FROM_NAME | (zlib.crc32(source.encode()) & (FROM_NAME - 1))
+    return (block | FIXED_PATTERN if fixed else block), 0
+
+
+def philox(counter: Counter, key: tuple[Array, Array]) -> Counter:
+    """Four random 32-bit integers at a counter of four 32-bit integers, under a key of two; arrays broadcast.
+
+    NumPy holds the 32-bit integers in uint64, Dr.Jit in uint32.
     """
     x0, x1, x2, x3 = counter
     k0, k1 = key
     for _ in range(10):
         (high0, low0), (high1, low1) = wide_product(x0, _M0), wide_product(x2, _M1)
-        x0, x1, x2, x3 = mixed(high1, x1, k0), low1, mixed(high0, x3, k1), low0
-        k0, k1 = (k0 + _W0) & _ALL, (k1 + _W1) & _ALL
+        x0, x1, x2, x3 = xor3(high1, x1, k0), low1, xor3(high0, x3, k1), low0
+        k0, k1 = (k0 + _W0) & _MASK, (k1 + _W1) & _MASK
     return x0, x1, x2, x3
 
 
-def key_halves(key: int) -> tuple[int, int]:
-    """A 64-bit key as Philox takes it: lower and upper half."""
-    return key & _ALL, key >> 32
+def split_key(key: int) -> tuple[int, int]:
+    """Lower and upper 32 bits of a 64-bit key."""
+    return key & _MASK, key >> 32
 
 
 def random_bits_at(
-    number: int, rows: NDArray[Any], columns: NDArray[Any], frame: int, key: int
+    block: int, rows: NDArray[np.integer], columns: NDArray[np.integer], frame: int, key: int
 ) -> tuple[RandomBits, RandomBits, RandomBits, RandomBits]:
-    """The four words of block ``number`` at pixels (rows, columns), which broadcast together, on NumPy."""
-    x, y = columns.astype(np.uint64) & np.uint64(_ALL), rows.astype(np.uint64) & np.uint64(_ALL)
-    bits = philox((x, y, np.uint64(frame), np.uint64(number)), key_halves(key))
+    """Four random 32-bit integers of ``block`` at the pixels (rows, columns), which broadcast together, on NumPy."""
+    x, y = columns.astype(np.uint64) & np.uint64(_MASK), rows.astype(np.uint64) & np.uint64(_MASK)
+    drawn = philox((x, y, np.uint64(frame), np.uint64(block)), split_key(key))
     shape = np.broadcast_shapes(x.shape, y.shape)
-    w0, w1, w2, w3 = (np.broadcast_to(w, shape).astype(np.uint32) for w in bits)
-    return w0, w1, w2, w3
+    b0, b1, b2, b3 = (np.broadcast_to(b, shape).astype(np.uint32) for b in drawn)
+    return b0, b1, b2, b3
 
 
 def random_bits(
-    number: int, rows: NDArray[np.int64], columns: NDArray[np.int64], frame: int, key: int
+    block: int, rows: NDArray[np.int64], columns: NDArray[np.int64], frame: int, key: int
 ) -> tuple[RandomBits, RandomBits, RandomBits, RandomBits]:
-    """The four words of block ``number`` for every pixel (rows[:, None], columns[None, :]) of a window, each (H, W)."""
-    return random_bits_at(number, rows[:, None], columns[None, :], frame, key)
+    """Four random 32-bit integers of ``block`` for every pixel (rows[:, None], columns[None, :]), each (H, W)."""
+    return random_bits_at(block, rows[:, None], columns[None, :], frame, key)

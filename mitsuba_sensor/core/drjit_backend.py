@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .backend import BRIGHTEST, Job, NumpyFloat32, within_float32
-from .counter_rng import key_halves, philox
+from .counter_rng import philox, split_key
 from .llvm import drjit
 from .quantiles import poisson
 from .sensor_window import SensorWindow
@@ -71,7 +71,7 @@ class DrJitBackend(NumpyFloat32):
         """The four words of block ``number`` for every pixel of the window."""
         column, row = self._coordinates(window)
         x, y = column + self._whole(window.origin[1]), row + self._whole(window.origin[0])
-        low, high = (self._whole(half) for half in key_halves(key))
+        low, high = (self._whole(half) for half in split_key(key))
         return philox((x, y, self._whole(frame), self.uint(number)), (low, high))
 
     def poisson(self, bits: Any, mean: Any) -> Any:

@@ -6,14 +6,15 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
 from . import distributions
 from .backend import Backend
-from .counter_rng import STREAMS, random_bits_at
+from .counter_rng import RandomBits, random_bits_at, stream_of
 from .errors import require_seed
 from .exposure import Exposure
 from .sensor_window import SensorWindow
+from .types import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,10 +42,40 @@ class Frame:
 
     def random_bits(self, source: str) -> Any:
         """The random bits of ``source`` in this frame, (H, W)."""
-        number, slot = STREAMS[source]
-        if number not in self._blocks:
-            self._blocks[number] = self.window.backend.random_bits(number, self.window, self.index, self.seed)
-        return self._blocks[number][slot]
+        block, slot = stream_of(source)
+        if block not in self._blocks:
+            self._blocks[block] = self.window.backend.random_bits(block, self.window, self.index, self.seed)
+        return self._blocks[block][slot]
+
+    def random_bits_at(self, source: str, rows: ArrayLike, columns: ArrayLike, frame_index: int) -> RandomBits:
+        """The random bits of ``source`` in frame ``frame_index`` at some pixels of the sensor, on NumPy.
+
+        rows, columns : pixel coordinates on the sensor (not in the window); they broadcast together.
+        """
+        block, slot = stream_of(source)
+        return random_bits_at(block, np.asarray(rows), np.asarray(columns), frame_index, self.seed)[slot]
+
+    def row_normal(self, source: str, rows: ArrayLike | None = None) -> Array:
+        """One standard normal per row of the window, new in every frame, (H, 1).
+
+        rows : row numbers on the sensor; with them the result is a NumPy float64 array of their shape, to be filtered
+            on the host and passed to ``backend.from_numpy(line[:, None], window)``. Every row of the sensor has its
+            own value in every frame, which no crop changes; rows outside the sensor, also negative ones, have one too.
+        """
+        window = self.window
+        if rows is not None:
+            return distributions.normal(self.random_bits_at(source, rows, [0], self.index))
+        return window.backend.from_numpy(self.row_normal(source, window.rows)[:, None], window)
+
+    def column_normal(self, source: str, columns: ArrayLike | None = None) -> Array:
+        """One standard normal per column of the window, new in every frame, (1, W).
+
+        columns : column numbers on the sensor, as ``rows`` of :meth:`row_normal`.
+        """
+        window = self.window
+        if columns is not None:
+            return distributions.normal(self.random_bits_at(source, [0], columns, self.index))
+        return window.backend.from_numpy(self.column_normal(source, window.columns)[None, :], window)
 
     def telegraph(self, site: Any, switching: float, duty: float) -> Any:
         """Whether the trap of each ``site`` (above 0) is on in this frame, 1 or 0, (H, W).
@@ -58,18 +89,12 @@ class Frame:
         rows, columns = window.once("sites", lambda: np.nonzero(window.backend.to_numpy(site, window)))
         index = self.index
         while rows.size:
-            switch, on = (
-                self._at("rts_switch", rows, columns, index),
-                self._at("rts_state", rows, columns, index),
-            )
+            place = window.rows[rows], window.columns[columns], index
+            switch, on = self.random_bits_at("rts_switch", *place), self.random_bits_at("rts_state", *place)
             drawn = (distributions.survival(switch) < switching) | (index == 0)
             state[rows[drawn], columns[drawn]] = distributions.survival(on[drawn]) < duty
             rows, columns, index = rows[~drawn], columns[~drawn], index - 1
         return window.backend.from_numpy(state, window)
-
-    def _at(self, source: str, rows: NDArray[np.intp], columns: NDArray[np.intp], frame: int) -> Any:
-        number, slot = STREAMS[source]
-        return random_bits_at(number, self.window.rows[rows], self.window.columns[columns], frame, self.seed)[slot]
 
     def normal(self, source: str) -> Any:
         """Standard normal noise of ``source``, new in every frame, (H, W)."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from . import distributions
 from .backend import NUMPY_FLOAT64, Backend
-from .counter_rng import STREAMS, random_bits_at
+from .counter_rng import random_bits_at, stream_of
 from .errors import require_seed
 
 
@@ -82,7 +82,7 @@ class SensorWindow:
 
     def fixed_map(self, source: str, law: Callable[[Backend, Any], Any]) -> Any:
         """FPN map of ``source``, (H, W): ``law`` turns its random bits into values, once per window."""
-        number, slot = STREAMS[source]
+        number, slot = stream_of(source, fixed=True)
         return self.once(
             (source, law), lambda: law(self.backend, self.backend.random_bits(number, self, 0, self.serial)[slot])
         )
@@ -127,7 +127,7 @@ class SensorWindow:
         return distributions.isotropic_ar(distributions.normal(self._bits_at(source, *place)), coupling, margin)
 
     def _bits_at(self, source: str, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Any:
-        number, slot = STREAMS[source]
+        number, slot = stream_of(source, fixed=True)
         return random_bits_at(number, rows, columns, 0, self.serial)[slot]
 
     def once(self, key: Any, make: Callable[[], Any]) -> Any:

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from mitsuba_sensor.core.counter_rng import FIXED_PATTERN, STREAMS, key_halves, philox, random_bits, random_bits_at
+from mitsuba_sensor.core.counter_rng import FIXED_PATTERN, STREAMS, philox, random_bits, random_bits_at, split_key
 
 ONES = 0xFFFFFFFF
 KNOWN_ANSWERS = [
@@ -24,13 +24,13 @@ KNOWN_ANSWERS = [
 
 @pytest.mark.parametrize(("counter", "key", "answer"), KNOWN_ANSWERS, ids=["zeros", "ones", "pi"])
 def test_philox_gives_the_known_answers_of_random123(counter: tuple[int, ...], key: int, answer: str) -> None:
-    words = philox(tuple(np.array([c], dtype=np.uint64) for c in counter), key_halves(key))
+    words = philox(tuple(np.array([c], dtype=np.uint64) for c in counter), split_key(key))
     assert " ".join(f"{int(word[0]):08x}" for word in words) == answer
 
 
 def test_a_key_is_taken_as_its_lower_and_upper_half() -> None:
-    assert key_halves(0x0123456789ABCDEF) == (0x89ABCDEF, 0x01234567)
-    assert key_halves(7) == (7, 0)
+    assert split_key(0x0123456789ABCDEF) == (0x89ABCDEF, 0x01234567)
+    assert split_key(7) == (7, 0)
 
 
 def test_a_window_holds_the_words_of_its_own_place_on_the_sensor() -> None:
@@ -38,7 +38,7 @@ def test_a_window_holds_the_words_of_its_own_place_on_the_sensor() -> None:
     rows, columns = np.array([3, 4]), np.array([7, 8, 9])
     window = random_bits(5, rows, columns, frame=12, key=99)
     for (i, y), (j, x) in itertools.product(enumerate(rows), enumerate(columns)):
-        alone = philox(tuple(np.array([c], dtype=np.uint64) for c in (x, y, 12, 5)), key_halves(99))
+        alone = philox(tuple(np.array([c], dtype=np.uint64) for c in (x, y, 12, 5)), split_key(99))
         assert [int(word[i, j]) for word in window] == [int(word[0]) for word in alone]
 
 
@@ -57,7 +57,7 @@ def test_every_part_of_the_question_changes_all_four_words() -> None:
     changes = [(0, 1), (1, 1), (2, 1), (3, 1), (3, FIXED_PATTERN), (4, 1), (4, 1 << 32), (4, 1 << 63)]
     for place, change in [(0, 0), *changes]:
         question = [value + change * (place == i) for i, value in enumerate(base)]
-        words = philox(tuple(np.array([c], dtype=np.uint64) for c in question[:4]), key_halves(question[4]))
+        words = philox(tuple(np.array([c], dtype=np.uint64) for c in question[:4]), split_key(question[4]))
         answers.update(int(word[0]) for word in words)
     assert len(answers) == 4 * (len(changes) + 1)
 

@@ -21,7 +21,7 @@ from scipy import special, stats
 
 from mitsuba_sensor.core import arrays, distributions, quantiles
 from mitsuba_sensor.core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
-from mitsuba_sensor.core.counter_rng import key_halves, philox
+from mitsuba_sensor.core.counter_rng import philox, split_key
 from mitsuba_sensor.core.llvm import backend_problem
 
 EDGES = (0, 1, 2, 3, 2**30, 2**31 - 2, 2**31 - 1, 2**31, 2**31 + 1, 3 * 2**30, 2**32 - 3, 2**32 - 2, 2**32 - 1)
@@ -358,7 +358,7 @@ def test_philox_on_llvm_gives_the_known_answers_of_random123(llvm: Any) -> None:
 
 def test_philox_gives_the_same_words_on_numpy_and_on_llvm(llvm: Any) -> None:
     counter = np.random.default_rng(8).integers(0, 2**32, (4, 1001), dtype=np.uint32)
-    key = key_halves(0xFEDCBA9876543210)
+    key = split_key(0xFEDCBA9876543210)
     expected = philox(tuple(counter.astype(np.uint64)), key)
     found = philox(tuple(llvm.uint(line) for line in counter), tuple(llvm.uint(half) for half in key))
     for one, other in zip(found, expected, strict=True):

@@ -10,7 +10,10 @@ import pytest
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, Backend
+from mitsuba_sensor.core.drjit_backend import DrJitBackend
+from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.llvm import backend_problem, drjit
+from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.sensor import run
 
 problem = backend_problem("llvm")
@@ -189,6 +192,30 @@ def test_a_changed_number_compiles_nothing_and_a_source_left_out_does() -> None:
         dr.kernel_history_clear()
         ms.expose(light, camera, EXPOSURE, engine="drjit")
         assert dr.kernel_history([dr.KernelType.JIT])[-1]["hash"] != shorter["hash"]
+
+
+@compiled
+def test_temporal_lines_are_the_same_bytes_on_both_engines_and_compile_no_kernel_per_frame() -> None:
+    """A row and a column of normals per frame, also filtered by the user: data of one kernel, whatever the frame."""
+    dr, window = drjit(), SensorWindow(7, (40, 64), (5, 9))
+    kernel = DrJitBackend()
+
+    def sum_of_lines(frame: Frame) -> Any:
+        spectrum = frame.row_normal("banding", np.arange(5 - 2, 45))
+        filtered = spectrum[2:] + 0.5 * spectrum[1:-1] + 0.25 * spectrum[:-2]
+        backend = frame.window.backend
+        lines = backend.from_numpy(filtered[:, None], frame.window) + frame.row_normal("row_noise")
+        return backend.to_numpy(lines * frame.column_normal("column_noise") + frame.normal("reset"), frame.window)
+
+    compiled_kernels = []
+    for index in range(4):
+        frame = Frame(EXPOSURE, window, 3, index)
+        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+            dr.kernel_history_clear()
+            fast = sum_of_lines(frame.on(kernel))
+            compiled_kernels.append(sum(not one["cache_hit"] for one in dr.kernel_history([dr.KernelType.JIT])))
+        np.testing.assert_array_equal(fast, sum_of_lines(frame.on(NUMPY_FLOAT32)))
+    assert compiled_kernels[1:] == [0, 0, 0]
 
 
 @compiled

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core import counter_rng, distributions
-from mitsuba_sensor.core.counter_rng import FIXED_PATTERN, STREAMS
+from mitsuba_sensor.core.backend import Backend
+from mitsuba_sensor.core.counter_rng import FIXED_PATTERN, STREAMS, stream_of
 from mitsuba_sensor.core.distributions import AR_BLOCK
 from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.sensor_window import SensorWindow
@@ -42,7 +43,7 @@ OFF: dict[str, dict[str, Any]] = {
 def words_used(camera: ms.Camera, light: Any = LIGHT, monkey: Any = None) -> dict[str, NDArray[Any]]:
     """The words that each source drew in one frame: the bits themselves, before any arithmetic could hide them."""
     drawn: dict[str, NDArray[Any]] = {}
-    temporal, fixed, line, at = Frame.random_bits, SensorWindow.fixed_map, SensorWindow.line_map, Frame._at
+    temporal, fixed, line, at = Frame.random_bits, SensorWindow.fixed_map, SensorWindow.line_map, Frame.random_bits_at
 
     def temporal_words(self: Frame, source: str) -> Any:
         drawn[source] = temporal(self, source)
@@ -63,7 +64,7 @@ def words_used(camera: ms.Camera, light: Any = LIGHT, monkey: Any = None) -> dic
     monkey.setattr(Frame, "random_bits", temporal_words)
     monkey.setattr(SensorWindow, "fixed_map", pattern)
     monkey.setattr(SensorWindow, "line_map", line_pattern)
-    monkey.setattr(Frame, "_at", words_at)
+    monkey.setattr(Frame, "random_bits_at", words_at)
     ms.expose(light, camera, EXPOSURE, seed=4, serial=9)
     monkey.undo()
     return drawn
@@ -267,6 +268,40 @@ def test_the_same_serial_has_the_same_patterns_under_every_seed_and_another_has_
     ]
     same, other = (np.corrcoef(mean[0].ravel(), x.ravel())[0, 1] for x in mean[1:])
     assert same > 0.9 and abs(other) < 0.25
+
+
+def test_a_source_of_ones_own_has_a_stream_of_its_own() -> None:
+    """A name that the package does not list: a block outside the listed ones, FPN apart from temporal noise."""
+    assert stream_of("photon_shot") == STREAMS["photon_shot"]
+    block, slot = stream_of("banding")
+    assert 0x4000_0000 <= block < 0x8000_0000 and slot == 0
+    assert stream_of("banding", fixed=True) == (block | FIXED_PATTERN, 0)
+    assert len({stream_of(f"source {i}") for i in range(1000)}) == 1000
+    window = SensorWindow(4, (64, 64))
+    frame = Frame(EXPOSURE, window, 4)
+    own, fixed = frame.normal("banding"), window.fixed_map("banding", Backend.normal)
+    correlated = window.correlated("banding of pixels", 0.2)
+    for a, b in itertools.combinations((own, fixed, correlated, frame.normal("photon_shot")), 2):
+        assert abs(np.mean(a * b)) < 5 / 64
+
+
+@pytest.mark.parametrize("lines", [Frame.row_normal, Frame.column_normal])
+def test_temporal_lines_belong_to_their_row_or_column_and_frame(lines: Any) -> None:
+    """One standard normal per line: |mean| < 5/√n and |variance − 1| < 5·√(2/n); independent of window and crop."""
+    n, by_row = 2**16, lines is Frame.row_normal
+    window = SensorWindow(1, (n, 1) if by_row else (1, n))
+    line = lines(Frame(EXPOSURE, window, 4, 3), "line_noise")
+    assert line.shape == window.shape
+    assert abs(line.mean()) < 5 / 2**8 and abs(line.var() - 1) < 5 * np.sqrt(2 / n)
+    crop = SensorWindow(7, (50, 60), (1000, 1000))
+    part = lines(Frame(EXPOSURE, crop, 4, 3), "line_noise")
+    assert part.shape == ((50, 1) if by_row else (1, 60))
+    np.testing.assert_array_equal(part.ravel(), line.ravel()[1000 : 1000 + part.size])
+    for seed, index, name in ((4, 4, "line_noise"), (5, 3, "line_noise"), (4, 3, "other_noise")):
+        assert abs(np.mean(line * lines(Frame(EXPOSURE, window, seed, index), name))) < 5 / 2**8
+    explicit = lines(Frame(EXPOSURE, crop, 4, 3), "line_noise", np.arange(-3, n))
+    assert explicit.dtype == np.float64 and np.isfinite(explicit).all()
+    np.testing.assert_array_equal(explicit[3:], line.ravel())
 
 
 def test_the_seed_is_all_64_bits() -> None:
