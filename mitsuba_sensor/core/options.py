@@ -1,0 +1,168 @@
+"""Options declared once: signature, check, command-line flag and metadata entry follow from one TypedDict.
+
+A module of options declares type, meaning, default and range of each one (without ``from __future__ import
+annotations``, so that the declarations are there at run time):
+
+    class RenderOptions(TypedDict, total=False):
+        spp: Annotated[int | None, Option("Light paths per pixel.", low=1, high=2**24, example="256")]
+
+A function takes them as ``**options: Unpack[RenderOptions]``, which mypy checks; ``@documents(RenderOptions)`` shows
+them in ``help()``; ``complete(RenderOptions, options)`` checks them and fills in the defaults.
+"""
+
+from __future__ import annotations
+
+import inspect
+import types
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from math import inf
+from pathlib import PurePath
+from typing import Any, Literal, TypeVar, Union, cast, get_args, get_origin
+
+import numpy as np
+
+from .errors import InputError, nearest, require
+
+Options = TypeVar("Options")
+Function = TypeVar("Function", bound=Callable[..., object])
+NAMES = {bool: "True or False", str: "a text"}
+
+
+@dataclass(frozen=True)
+class Option:
+    """What is to be known of one option beside its name and its type.
+
+    help : what it does, in one or two sentences, with the unit; shown by ``help()`` and ``--help``.
+    default : the value of an option that is not given; None means "not given" everywhere.
+    low, high : the allowed range of a number, both included.  example : a good value, for the error's remedy.
+    check : called with name and value instead of the check of type and range; returns the value to use.
+    flag : on the command line, where it is not ``--name``; None where it has none.
+    metavar : what stands for its value in ``--help``.
+    text : its type on the command line, where it is read from a text there, e.g. Path for a file's name.
+    """
+
+    help: str
+    default: Any = None
+    low: float = -inf
+    high: float = inf
+    example: str = ""
+    check: Callable[[str, Any], object] | None = None
+    flag: str | None = ""
+    metavar: str | None = None
+    text: Any = None
+
+
+@dataclass(frozen=True)
+class Declared:
+    """One option as it was declared: its name, its type and its :class:`Option`."""
+
+    name: str
+    type: Any
+    option: Option
+
+    @property
+    def kinds(self) -> tuple[Any, ...]:
+        """The types that it may have, without None."""
+        union = get_origin(self.type) in (Union, types.UnionType)
+        return tuple(kind for kind in (get_args(self.type) if union else (self.type,)) if kind is not types.NoneType)
+
+    @property
+    def choices(self) -> tuple[Any, ...]:
+        """The values that a Literal allows; none for another type."""
+        return tuple(value for kind in self.kinds if get_origin(kind) is Literal for value in get_args(kind))
+
+    def checked(self, value: Any) -> Any:
+        """The value to use. Raises InputError with the value, what is allowed, and an example."""
+        if value is None and self.option.default is None:
+            return None
+        if self.option.check is not None:
+            return self.option.check(self.name, value)
+        if self.choices and value not in self.choices:
+            allowed = ", ".join(map(str, self.choices))
+            raise InputError(
+                f"{self.name} is {value!r}; it must be one of {allowed}.{nearest(str(value), self.choices)}"
+            )
+        if self.kinds in ((int,), (float,)):
+            return self._number(value)
+        if len(self.kinds) == 1 and self.kinds[0] in NAMES and not isinstance(value, self.kinds[0]):
+            raise InputError(f"{self.name} is {value!r}; it must be {NAMES[self.kinds[0]]}{self._example()}.")
+        return value
+
+    def _number(self, value: Any) -> float:
+        whole = self.kinds == (int,)
+        remedy = (
+            f"{'a whole number' if whole else 'a number'}{f', e.g. {self.option.example}' * bool(self.option.example)}"
+        )
+        number = require(self.name, value, self.option.low, self.option.high, remedy)
+        if isinstance(value, bool) or (whole and number != int(number)):
+            raise InputError(
+                f"{self.name} is {value!r}; it must be {'a whole number' * whole or 'a number'}{self._example()}."
+            )
+        return int(value) if whole else number
+
+    def _example(self) -> str:
+        return f" (e.g. {self.option.example})" if self.option.example else ""
+
+
+def declared(kind: type) -> Iterator[Declared]:
+    """The options of a TypedDict in their order, those of its bases first."""
+    for name, annotation in kind.__annotations__.items():
+        if not isinstance(getattr(annotation, "__metadata__", (None,))[0], Option):
+            raise TypeError(f"{kind.__name__}.{name} must be declared as Annotated[type, Option(...)]")
+        yield Declared(name, annotation.__origin__, annotation.__metadata__[0])
+
+
+def complete(kind: type[Options], given: Mapping[str, object]) -> Options:
+    """All options of this kind: those given, checked, and the default of every other one. Raises InputError."""
+    refuse_unknown(given, (one.name for one in declared(kind)))
+    found = {one.name: one.checked(given.get(one.name, one.option.default)) for one in declared(kind)}
+    return cast(Options, found)
+
+
+def refuse_unknown(given: Iterable[str], known: Iterable[str]) -> None:
+    """Raise InputError for a name that is no option."""
+    names = tuple(known)
+    for name in given:
+        if name not in names:
+            raise InputError(f"{name!r} is not an option; the options are {', '.join(names)}.{nearest(name, names)}")
+
+
+def part_of(kind: type[Options], options: Mapping[str, Any]) -> Options:
+    """Those of the options that this kind has: what to pass on to a function that takes fewer of them."""
+    return cast(Options, {one.name: options[one.name] for one in declared(kind) if one.name in options})
+
+
+def used(kind: type, options: Mapping[str, object]) -> dict[str, object]:
+    """The options by name as plain values for a file of metadata; arrays by their names alone."""
+    return {one.name: _plain(options.get(one.name, one.option.default)) for one in declared(kind)}
+
+
+def documents(*kinds: type) -> Callable[[Function], Function]:
+    """Show the options behind a function's ``**options`` in its signature and its docstring."""
+
+    def with_signature(function: Function) -> Function:
+        found = {one.name: one for kind in kinds for one in declared(kind)}
+        own = [p for p in inspect.signature(function).parameters.values() if p.kind is not p.VAR_KEYWORD]
+        parameters = [
+            inspect.Parameter(one.name, inspect.Parameter.KEYWORD_ONLY, default=one.option.default, annotation=one.type)
+            for one in found.values()
+        ]
+        signature = inspect.signature(function).replace(parameters=[*own, *parameters])
+        lines = "\n".join(f"    {one.name} : {one.option.help}" for one in found.values())
+        function.__signature__ = signature  # type: ignore[attr-defined]
+        function.__doc__ = f"{inspect.cleandoc(function.__doc__ or '')}\n\nOptions:\n{lines}"
+        return function
+
+    return with_signature
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, Mapping):
+        arrays = any(isinstance(item, np.ndarray) for item in value.values())
+        return sorted(value) if arrays else {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, str | bool | int | float | None):
+        return value
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return str(value) if isinstance(value, PurePath) else repr(value)

@@ -1,0 +1,135 @@
+"""The options of a render: samples and stop criterion, bands, size, motion, denoiser, scene parameters, variant."""
+
+# Without `from __future__ import annotations`: core/options.py reads these declarations at run time.
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypedDict
+
+from ..core.errors import require_seed
+from ..core.options import Option
+from ..sensor.options import SensorOptions
+from .bands import LONGEST_NM, NARROWEST_NM, SHORTEST_NM
+from .motion import Motion
+from .passes import MOST_IN_ALL, MOST_SPP
+
+
+class RenderOptions(TypedDict, total=False):
+    """How a scene is rendered, beside scene, camera, exposure and seed."""
+
+    spp: Annotated[
+        int | None,
+        Option(
+            "Samples (light paths) per pixel over all passes; 4 × as many halve the render noise. Default: 128.",
+            low=1,
+            high=MOST_IN_ALL,
+            example="256",
+        ),
+    ]
+    noise_ratio: Annotated[
+        float | None,
+        Option(
+            "Instead of --spp: render until the median over the pixels of render variance over sensor variance is "
+            "below this; 0.01 makes a frame 0.5 % too noisy.",
+            low=1e-9,
+            high=1e9,
+            example="0.01",
+        ),
+    ]
+    max_seconds: Annotated[
+        float | None, Option("Render no longer than this, in seconds.", low=0.0, metavar="SECONDS", example="60")
+    ]
+    max_spp: Annotated[
+        int | None,
+        Option(
+            "With --noise-ratio: take no more samples per pixel than this.", low=2, high=MOST_IN_ALL, example="4096"
+        ),
+    ]
+    wavelength_nm: Annotated[
+        float | None,
+        Option(
+            "Render one band only, about this wavelength in nm. Default: all that the camera detects.",
+            low=SHORTEST_NM,
+            high=LONGEST_NM,
+            example="550",
+        ),
+    ]
+    bandwidth_nm: Annotated[
+        float | None,
+        Option(
+            "Width of a spectral band in nm. Default: the scene file's, else 10.",
+            low=NARROWEST_NM,
+            high=LONGEST_NM - SHORTEST_NM,
+            example="10",
+        ),
+    ]
+    spectral: Annotated[
+        Literal["auto", "cube", "channels"] | None,
+        Option(
+            "auto: bands with the least noise in this camera's frame; cube: the same bands with the least noise in "
+            "each of them, for other cameras; channels: only what this camera's filters detect."
+        ),
+    ]
+    scene_unit: Annotated[
+        str | float | None,
+        Option("What a length of 1 in the scene is: m, mm, … or metres. Default: the scene file's, else m.", text=str),
+    ]
+    width: Annotated[
+        int | None,
+        Option(
+            "Render the same view with this many columns of pixels, and rows in proportion; behind a lens "
+            "prescription, whose pixels keep their size, a window of it.",
+            metavar="PIXELS",
+        ),
+    ]
+    motion: Annotated[
+        str | os.PathLike[str] | Mapping[str, Any] | Motion | None,
+        Option("What moves while the shutter is open: a file, see docs/light.md.", metavar="FILE.toml", text=Path),
+    ]
+    subframes: Annotated[
+        int | None,
+        Option(
+            "Instants of one exposure at which moving things are rendered. Default: one per half pixel of motion.",
+            low=1,
+            high=MOST_SPP,
+            example="16",
+        ),
+    ]
+    denoise: Annotated[
+        bool,
+        Option(
+            "Denoise the irradiance with Open Image Denoise; its bias is measured. Needs the extra 'denoise'.", False
+        ),
+    ]
+    parameters: Annotated[
+        Mapping[str, Any] | None,
+        Option("Values for the <default> names of the scene file.", flag="-D", metavar="NAME=VALUE", text=list[str]),
+    ]
+    variant: Annotated[
+        str | None,
+        Option(
+            "Spectral Mitsuba variant. Default: the one that is set, else the fastest that works.",
+            example="scalar_spectral",
+        ),
+    ]
+
+
+class FrameOptions(RenderOptions, SensorOptions, total=False):
+    """Which frames are made of a scene: how often, by which camera and with which random numbers."""
+
+    seed: Annotated[
+        int | None,
+        Option("Seed of the render and of all temporal noise. Default: the scene file's, else 1.", check=require_seed),
+    ]
+    serial: Annotated[
+        int | None,
+        Option(
+            "Serial number of the camera: seed of its fixed-pattern noise. Default: the scene file's, else 1.",
+            check=require_seed,
+        ),
+    ]
+    frames: Annotated[int, Option("How many frames: the pages of one TIFF.", 1, low=1, high=2**32 - 1, example="8")]
+    first_frame: Annotated[
+        int,
+        Option("Number of the first frame; frame 12 is the same made alone or after others.", 0, low=0, high=2**32 - 1),
+    ]

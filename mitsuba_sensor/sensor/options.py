@@ -1,0 +1,65 @@
+"""The options of an exposure: fixed-pattern maps, signals to keep, plan, chain, engine, precision."""
+
+# Without `from __future__ import annotations`: core/options.py reads these declarations at run time.
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal, TypedDict
+
+from numpy.typing import ArrayLike
+
+from ..core.options import Option
+
+if TYPE_CHECKING:
+    from .plan import Plan
+
+Engine = Literal["auto", "numpy", "drjit", "cuda"]
+Precision = Literal["auto", "float32", "float64"]
+Chain = Literal["physical", "konnik2014"]
+
+
+class SensorOptions(TypedDict, total=False):
+    """How photons become digital numbers: options that the command line has too."""
+
+    maps: Annotated[
+        Mapping[str, ArrayLike] | None,
+        Option(
+            "Measured fixed-pattern noise (FPN) maps by name, as `fpn-maps` makes them, in place of the serial "
+            "number's own; of this window, or of the whole sensor.",
+            flag="--fpn-maps",
+            metavar="FILE.npz",
+            text=Path,
+        ),
+    ]
+    chain: Annotated[
+        Chain,
+        Option("physical, or konnik2014: the paper's released code, for comparison (one band only).", "physical"),
+    ]
+    engine: Annotated[
+        Engine,
+        Option("numpy, drjit (one compiled kernel, the same bytes), cuda, or auto: whichever is faster.", "auto"),
+    ]
+    precision: Annotated[
+        Precision,
+        Option("float32, float64 (numpy only), or auto: float32 while it can count single electrons.", "auto"),
+    ]
+
+
+class ExposeOptions(SensorOptions, total=False):
+    """All options of :func:`expose` and :func:`stream`."""
+
+    keep: Annotated[
+        Iterable[str],
+        Option(
+            "Intermediate signals to return: photons, photoelectrons, dark_electrons, electrons, volts.", (), flag=None
+        ),
+    ]
+    plan: Annotated["Plan | None", Option("What plan() left of the chain; the whole chain without one.", flag=None)]
+    wavelengths_nm: Annotated[
+        ArrayLike | None, Option("Centres of the bands of an array (H, W, B) of photons, in nm.", flag=None)
+    ]
+    origin: Annotated[
+        tuple[int, int] | None,
+        Option(
+            "(row, column) of the first pixel on the sensor; by default that of the photons, else (0, 0).", flag=None
+        ),
+    ]
