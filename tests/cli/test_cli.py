@@ -216,7 +216,12 @@ def test_looking_at_cameras_does_not_load_the_renderer() -> None:
 def test_interrupting_a_render_leaves_no_file(scene_file: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     words = ["render", str(scene_file), "-o", str(out), "--spp", "1000000", "--variant", "scalar_spectral"]
-    child = subprocess.Popen([sys.executable, "-m", "mitsuba_sensor", *words], stderr=subprocess.PIPE, text=True)
+    child = subprocess.Popen(
+        [sys.executable, "-m", "mitsuba_sensor", *words],
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a shell's background jobs ignore it
+    )
     try:
         deadline = time.monotonic() + 60
         while not out.exists() and time.monotonic() < deadline:

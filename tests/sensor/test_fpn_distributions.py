@@ -16,6 +16,7 @@ from scipy import integrate, stats
 
 from mitsuba_sensor.core import distributions
 from mitsuba_sensor.core.backend import NUMPY_FLOAT64
+from mitsuba_sensor.core.moments import rectified_normal
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.sensor.fpn_distributions import (
     Autoregressive,
@@ -165,3 +166,13 @@ def test_neighbours_along_rows_and_columns_correlate_by_twice_the_coupling(famil
         assert abs(tiles.mean()) < 5 * tiles.std(ddof=1) / 8
     seam = np.concatenate([x[:, 511] * x[:, 512], x[511] * x[512]])
     assert seam.mean() == pytest.approx(2 * coupling, abs=5 * 1.5 * math.sqrt((1 + 2 * coupling) / 2048 * 4))
+
+
+@pytest.mark.parametrize("cv", [0.0, 1e-12, 0.01, 0.1, 0.4, 1.0, 10.0])
+def test_dark_pattern_variance_is_that_of_the_rectified_law(cv: float) -> None:
+    """A Gaussian cut at 0 and made unit-mean again: cv² as long as nothing is cut, and known when much is."""
+    assert LogNormal(cv).variance == pytest.approx(cv**2)
+    mean, variance = rectified_normal(cv)
+    assert Gaussian(cv).variance == pytest.approx(variance / mean**2, abs=1e-300)
+    if cv <= 0.1:
+        assert Gaussian(cv).variance == pytest.approx(cv**2, rel=1e-6)

@@ -33,7 +33,7 @@ HARD = CAMERA.replace(**{"readout.reset": "hard"})
 QE = 0.60
 
 ALONE = {
-    "photon_shot": ShotNoise,
+    "light_shot": ShotNoise,
     "prnu": Prnu,
     "dark_fpn": DarkCurrent,
     "source_follower": SourceFollowerNoise,

@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.stage_tests import StageTests
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.moments import Moments
 from mitsuba_sensor.core.sensor_window import SensorWindow
-from mitsuba_sensor.sensor.chain import chain
+from mitsuba_sensor.sensor.chain import black_level_dn, chain, gain_dn_per_e
 from mitsuba_sensor.sensor.digital import Adc, AdcWithSteps
 
 TABLE1 = ms.load_camera("konnik_table1")
@@ -118,3 +119,58 @@ def test_unequal_steps_keep_the_moments_that_they_say(level: float) -> None:
     codes = adc(x, HERE)
     assert codes.mean() == pytest.approx(float(m.mean), abs=0.15 + 5 * sigma / math.sqrt(x.size))
     assert codes.var() == pytest.approx(float(m.temporal), rel=0.05)
+
+
+class TestAdc(StageTests):
+    stage = Adc
+    camera = TABLE1.replace(**{"adc.bits": 16})
+
+
+class TestAdcOf8Bits(TestAdc):
+    camera = TABLE1.replace(**{"adc.bits": 8})
+    level = 0.5
+
+
+class TestAdcWithoutABlackLevel(TestAdc):
+    camera = TABLE1.replace(**{"adc.black_level_dn": 0.0, "adc.bits": 14})
+    level = 0.0
+
+
+class TestAdcThatClipsBeforeTheWell(TestAdc):
+    camera = TABLE1.replace(**{"pixel.full_well_e": 50_000.0, "adc.full_scale_v": 0.165})
+    level = 0.657
+
+
+class TestAdcWithSteps(StageTests):
+    """A wide step, a missing code and a narrow one; the noise covers many codes, so the moments hold."""
+
+    stage = AdcWithSteps
+    camera = TABLE1.replace(**{"adc.dnl_lsb": {"100": 0.5, "511": -1.0, "900": 0.3}})
+
+
+def test_the_full_well_spans_the_whole_code_range_whatever_the_gains() -> None:
+    """K = A_SN·A_SF·A_CDS·2^bits/V_FS, and V_FS is the swing of a full well unless the datasheet says otherwise."""
+    camera = ms.load_camera("konnik_table1")
+    assert gain_dn_per_e(camera) == pytest.approx(0.1241212, rel=1e-6)
+    gains = camera.replace(**{"source_follower.gain": 0.8, "readout.cds_gain": 4.0, "adc.bits": 14})
+    assert gain_dn_per_e(gains) == pytest.approx(2**14 / 33_000, rel=1e-12)
+    fixed = gains.replace(**{"adc.full_scale_v": 1.0})
+    assert gain_dn_per_e(fixed) == pytest.approx(5e-6 * 0.8 * 4 * 2**14, rel=1e-12)
+
+
+def test_the_converter_rounds_half_up_and_stops_at_both_ends() -> None:
+    adc = Adc(4, 1.0, 2.0)
+    volts = np.array([[-9.0, -2.5, -1.51, -1.5, -0.5, 0.49, 0.5, 12.49, 12.5, 13.0, 99.0, np.inf, -np.inf]])
+    np.testing.assert_array_equal(adc(volts, HERE), [[0, 0, 0, 1, 2, 2, 3, 14, 15, 15, 15, 15, 0]])
+
+
+@pytest.mark.parametrize("name", ms.list_cameras())
+@pytest.mark.parametrize("change", [{}, {"readout.reset": "hard"}, {"adc.bits": 16}, {"adc.bits": 8}], ids=str)
+def test_the_default_pedestal_is_a_whole_number_that_keeps_the_dark_uncut(name: str, change: dict[str, Any]) -> None:
+    """≥ 4σ of a zero exposure: less than 1e-4 of the pixels read 0; without it the dark mean would be 0.4σ too high."""
+    camera = ms.load_camera(name).replace(**change)
+    pedestal = black_level_dn(camera)
+    assert pedestal == int(pedestal) and pedestal >= 1
+    digital = ms.expose(np.zeros((4, 20_000)), camera, ms.Exposure(0.0)).digital
+    assert np.mean(digital == 0) < 3e-4 or camera.adc.bits == 8
+    assert digital.mean() == pytest.approx(pedestal, abs=0.05 * digital.std() + 0.02)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.stage_tests import StageTests
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.frame import Frame
@@ -249,3 +250,34 @@ def test_the_second_order_of_a_curve_is_the_integral_over_a_normal_law(
     assert (m.mean, m.temporal, m.spatial) == pytest.approx((mean, temporal, fixed), rel=accuracy)
     slope_only = stage(Electrons(level) if isinstance(stage, NonlinearSenseNode) else level, HERE)
     assert m.mean - slope_only == pytest.approx(mean - slope_only, rel=max(accuracy, 0.02))
+
+
+class TestNonlinearSenseNode(StageTests):
+    stage = NonlinearSenseNode
+    camera = TABLE1.replace(
+        **{"readout.ve_nonlinearity": 1.0, "readout.v_ref_v": 1.0, "pixel.prnu": 0.01},
+    )
+    level = 0.6
+
+
+class TestSenseNodeOfAGivenK1(StageTests):
+    stage = NonlinearSenseNode
+    camera = TABLE1.replace(
+        **{"readout.sense_gain_uv_per_e": None, "readout.ve_k1_c": 10.909e-15, "readout.ve_nonlinearity": 0.5},
+        **{"pixel.full_well_e": 20_000.0},
+    )
+    level = 0.5
+
+
+class TestIntegralNonlinearity(StageTests):
+    stage = IntegralNonlinearity
+    camera = TABLE1.replace(**{"adc.gamma": 1.16, "readout.cds_gain": 2.0})
+    neutral = (IntegralNonlinearity(1.0, 0.165),)
+    level = 0.5
+
+
+class TestIntegralNonlinearityOfAGivenIle(TestIntegralNonlinearity):
+    camera = TABLE1.replace(
+        **{"adc.ile": 0.02, "adc.bits": 14, "readout.ve_nonlinearity": 0.8, "source_follower.vv_nonlinearity": 0.9},
+        **{"readout.reset": "hard"},
+    )

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.stage_tests import SQUARE, StageTests
 from scipy import stats
 
 import mitsuba_sensor as ms
@@ -19,6 +20,7 @@ from mitsuba_sensor.sensor.chain import chain, dark_components, dark_current_mod
 from mitsuba_sensor.sensor.dark_components import DarkComponent, mixture_moments
 from mitsuba_sensor.sensor.dark_current_models import Doubling, FigureOfMerit, Measured, Mpp, band_gap_ev
 from mitsuba_sensor.sensor.electrons import DarkCurrent, RtsPixels
+from mitsuba_sensor.sensor.fpn_distributions import Gaussian, LogNormal
 
 TABLE1 = ms.load_camera("konnik_table1")
 FAMILIES = ["gaussian", "lognormal", "gamma", "wald", "logistic", "ar"]
@@ -278,3 +280,68 @@ def test_no_share_of_blinking_pixels_is_no_stage_and_traps_that_are_always_on_ar
     np.testing.assert_array_equal(stage(Electrons(np.zeros((4, 5))), frame).dark, 20.0)
     m = stage.moments(Moments(0.0, 0.0, 0.0, frame))
     assert (m.mean, m.temporal, m.spatial) == (20.0, 0.0, 0.0)
+
+
+class TestGaussianDarkPattern(StageTests):
+    stage = DarkCurrent
+    camera = TABLE1.replace(**{"dark_current.distribution": "gaussian", "dark_current.cv": 0.4})
+    without = {"dark_current.fom_na_per_cm2": 0.0}
+    neutral = (DarkCurrent(FigureOfMerit(0.0, 3e-7), LogNormal(0.4)),)
+    level = 0.25
+
+
+class TestGaussianDarkPatternCutAtZero(TestGaussianDarkPattern):
+    camera = TABLE1.replace(**{"dark_current.distribution": "gaussian", "dark_current.cv": 1.0})
+
+
+class TestLogNormalDarkPattern(TestGaussianDarkPattern):
+    camera = TABLE1.replace(**{"dark_current.distribution": "lognormal", "dark_current.cv": 1.0})
+
+
+class TestLogisticDarkPattern(TestGaussianDarkPattern):
+    camera = TABLE1.replace(**{"dark_current.distribution": "logistic", "dark_current.cv": 0.4})
+
+
+class TestGammaDarkPatternWithAUniformComponent(TestGaussianDarkPattern):
+    camera = TABLE1.replace(
+        **{"dark_current.distribution": "gamma", "dark_current.cv": 0.4},
+        **{"dark_current.components": [{"weight": 0.2, "family": "uniform", "low": 100, "high": 900, "unit": "e"}]},
+    )
+
+
+class TestWaldDarkPatternWithComponentsInTwoUnits(TestGaussianDarkPattern):
+    camera = TABLE1.replace(
+        **{"dark_current.distribution": "wald", "dark_current.cv": 0.4, "dark_current.fom_na_per_cm2": None},
+        **{"dark_current.rate_e_per_s": 3000.0, "dark_current.at_temperature_k": 293.15},
+        **{
+            "dark_current.doubling_k": 8.0,
+            "dark_current.components": [
+                {"weight": 0.1, "family": "normal", "mean": 60, "sigma": 20, "unit": "dn"},
+                {"weight": 0.1, "family": "uniform", "low": 1000, "high": 3000, "unit": "e_per_s"},
+            ],
+        },
+    )
+    without = {"dark_current.rate_e_per_s": 0.0, "dark_current.components": []}
+    level = 0.1
+
+
+class TestDarkPatternOfCorrelatedNeighbours(TestGaussianDarkPattern):
+    camera = TABLE1.replace(
+        **{"dark_current.distribution": "ar", "dark_current.cv": 0.4, "dark_current.coupling": 0.2},
+        **{"readout.dsnu_col": 0.0},
+    )
+    without = {"dark_current.fom_na_per_cm2": 0.0}
+    shape = SQUARE
+
+
+class TestDarkCurrentOfAnMppSensor(TestGaussianDarkPattern):
+    camera = TABLE1.replace(**{"dark_current.diffusion_fom_na_per_cm2": 0.5})
+
+
+@pytest.mark.parametrize("family", [Gaussian, LogNormal])
+def test_a_dark_pattern_of_no_width_is_one_number(family: Any) -> None:
+    dark = DarkCurrent(FigureOfMerit(1.0, 5.7e-4**2), family(0.0))
+    frame = Frame(ms.Exposure(0.1), SensorWindow(3, (4, 50)))
+    after = dark(Electrons(np.zeros((4, 50))), frame)
+    np.testing.assert_array_equal(after.dark, dark.mean_e(frame))
+    assert float(np.mean(dark.moments(Moments(0.0, 0.0, 0.0, frame)).spatial)) == 0.0

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.stage_tests import SQUARE, TALL, StageTests
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.frame import Frame
@@ -207,3 +208,39 @@ def test_a_lit_frame_less_a_zero_exposure_is_the_light_without_the_pattern() -> 
     assert lit.mean(axis=0).std() > 0.9 * 66 * k * 0.8
     assert (lit - zero).mean(axis=0).std() == pytest.approx(temporal / 20, rel=5 / math.sqrt(200))
     assert (lit - zero).mean() == pytest.approx(k * (6000 + 174.16), abs=5 * temporal / 200)
+
+
+class TestDsnuColumn(StageTests):
+    stage = DsnuColumn
+    camera = TABLE1.replace(**{"readout.dsnu_col": 0.002, "readout.dsnu_col_coupling": 0.25})
+    without = {"readout.dsnu_col": 0.0}
+    neutral = (DsnuColumn(0.0, 5e-6, 0.25), DsnuColumn(33.0, 5e-6, 0.25, residual=0.0))
+
+
+class TestDsnuColumnWithAResidual(TestDsnuColumn):
+    camera = TABLE1.replace(**{"readout.dsnu_residual": 0.4, "readout.dsnu_col": 0.004, "pixel.dsnu_e": 50.0})
+    without = {"readout.dsnu_col": 0.0}
+
+
+class TestDsnuRow(StageTests):
+    stage = DsnuRow
+    camera = TABLE1.replace(**{"readout.dsnu_row": 0.002, "readout.dsnu_row_coupling": 0.45, "readout.dsnu_col": 0.0})
+    without = {"readout.dsnu_row": 0.0}
+    neutral = (DsnuRow(0.0, 5e-6, 0.25),)
+    shape = TALL
+
+
+class TestDsnuPixel(StageTests):
+    stage = DsnuPixel
+    camera = TABLE1.replace(**{"pixel.dsnu_e": 30.0, "pixel.dsnu_coupling": 0.25, "readout.dsnu_col": 0.0})
+    without = {"pixel.dsnu_e": 0.0}
+    neutral = (DsnuPixel(0.0, 5e-6, 0.25),)
+    shape = SQUARE
+
+
+class TestPrnuColumn(StageTests):
+    stage = PrnuColumn
+    camera = TABLE1.replace(**{"readout.prnu_col": 0.005, "readout.prnu_col_coupling": 0.2})
+    without = {"readout.prnu_col": 0.0}
+    neutral = (PrnuColumn(0.0, 0.25),)
+    level = 0.5

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import CAMERAS
+from helpers.stage_tests import StageTests
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.frame import Frame
@@ -289,3 +290,15 @@ def test_the_bayer_camera_that_ships_has_green_twice() -> None:
     index = BAYER.filter_index((2, 2))
     names = [BAYER.filter_names[i] for i in index.ravel()]
     assert len(set(names)) == 3 and max(names.count(name) for name in names) == 2
+
+
+class TestQuantumYield(StageTests):
+    stage = QuantumYield
+    camera = TABLE1.replace(
+        **{"quantum_efficiency.quantum_yield": [1.8, 1.8], "quantum_efficiency.fano_factor": 0.2, "pixel.prnu": 0.02}
+    )
+    level = 0.25
+
+
+class TestQuantumYieldOfTwo(TestQuantumYield):
+    camera = TABLE1.replace(**{"quantum_efficiency.quantum_yield": [2.0, 2.0]})

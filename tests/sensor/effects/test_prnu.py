@@ -1,0 +1,51 @@
+"""Photo-response non-uniformity (PRNU): every family of gain maps, and what no map may do."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from helpers.stage_tests import SQUARE, StageTests
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.core.frame import Frame
+from mitsuba_sensor.core.sensor_window import SensorWindow
+from mitsuba_sensor.core.signals import Electrons
+from mitsuba_sensor.sensor.electrons import Prnu
+from mitsuba_sensor.sensor.fpn_distributions import Rectified
+
+BASE = ms.load_camera("konnik_table1")
+SMALL = Frame(ms.Exposure(0.1), SensorWindow(3, (4, 50)))
+CHARGE = Electrons(np.linspace(0, 4e4, 200).reshape(4, 50), np.full((4, 50), 174.0))
+
+
+class TestPrnu(StageTests):
+    stage = Prnu
+    camera = BASE.replace(**{"pixel.prnu": 0.4, "pixel.full_well_e": 2e5})
+    without = {"pixel.prnu": 0.0}
+    neutral = (Prnu(Rectified(0.0)),)
+
+
+class TestLogNormalPrnu(TestPrnu):
+    camera = BASE.replace(**{"pixel.prnu_distribution": "lognormal", "pixel.prnu": 0.05})
+
+
+class TestPrnuOfCorrelatedNeighbours(TestPrnu):
+    camera = BASE.replace(
+        **{"pixel.prnu_distribution": "ar", "pixel.prnu": 0.03, "pixel.prnu_coupling": 0.25, "readout.dsnu_col": 0.0}
+    )
+    without = {"pixel.prnu": 0.0}
+    shape = SQUARE
+
+
+def test_prnu_multiplies_light_and_leaves_the_dark_alone() -> None:
+    after = Prnu(Rectified(0.1))(CHARGE, SMALL)
+    assert after.dark is CHARGE.dark
+    gain = after.light[CHARGE.light > 0] / CHARGE.light[CHARGE.light > 0]
+    assert gain.std() == pytest.approx(0.1, rel=0.3)
+    np.testing.assert_array_equal(after.light[CHARGE.light == 0], 0.0)
+
+
+def test_no_pixel_has_negative_gain_however_strong_the_prnu() -> None:
+    window = SensorWindow(3, (100, 100))
+    after = Prnu(Rectified(10.0))(Electrons(np.ones((100, 100))), Frame(ms.Exposure(0.1), window))
+    assert after.light.min() == 0.0 and np.isfinite(after.light).all()

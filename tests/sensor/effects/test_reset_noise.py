@@ -1,0 +1,47 @@
+"""kTC noise of the sense node, and what each way of resetting leaves of it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from helpers.stage_tests import StageTests
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.core.frame import Frame
+from mitsuba_sensor.core.sensor_window import SensorWindow
+from mitsuba_sensor.sensor.chain import chain
+from mitsuba_sensor.sensor.volts import ResetNoise
+
+BASE = ms.load_camera("konnik_table1")
+SMALL = Frame(ms.Exposure(0.1), SensorWindow(3, (4, 50)))
+
+
+class TestResetNoise(StageTests):
+    stage = ResetNoise
+    camera = BASE.replace(**{"readout.reset": "hard"})
+    without = {"readout.reset": "true_cds"}
+    neutral = (ResetNoise(5e-6, 0.0),)
+    level = 0.0
+
+
+class TestResetNoiseOfASoftReset(TestResetNoise):
+    camera = BASE.replace(**{"readout.reset": "soft"})
+
+
+class TestResetNoiseOfAGivenResidual(TestResetNoise):
+    camera = BASE.replace(**{"readout.ktc_residual": 0.3})
+
+
+def stage_of(camera: ms.Camera, kind: type) -> Any:
+    """The one stage of that kind in a camera's chain."""
+    return next(stage for stage in chain(camera) if isinstance(stage, kind))
+
+
+@pytest.mark.parametrize(("reset", "electrons"), [("hard", 71.6835), ("soft", 50.6879), ("true_cds", 0.0)])
+def test_reset_noise_is_ktc_or_what_the_reset_leaves_of_it(reset: str, electrons: float) -> None:
+    """√(k_B·T/C_SN) at 298.15 K with C_SN = q/A_SN = 32.04 fF: 358.417 µV; 1/√2 of it after a soft reset."""
+    stage = stage_of(ms.load_camera("konnik_table1").replace(**{"readout.reset": reset}), ResetNoise)
+    assert stage.sigma_v(SMALL) / 5e-6 == pytest.approx(electrons, rel=1e-5)
+    cold = Frame(ms.Exposure(0.1, 298.15 / 4), SensorWindow(3, (1, 1)))
+    assert stage.sigma_v(cold) == pytest.approx(stage.sigma_v(SMALL) / 2, rel=1e-12)
