@@ -1,1 +1,1 @@
-"""What the physics stands on: quantities, arrays, named random words, quantile functions, moments, one frame."""
+"""What every stage is computed with: units, signals, arrays, random numbers, backends, moments, frames, errors."""

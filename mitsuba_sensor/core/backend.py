@@ -1,162 +1,165 @@
-"""Who does the arithmetic on pixels: NumPy in float64 (the reference), NumPy in float32, or one compiled kernel.
+"""Backends that compute pixels: NumPy in float64 (the reference), NumPy in float32; drjit_backend.py has the third.
 
-All ask the same words (words.py). The two float32 engines share every formula (quantiles.py) and agree bit for bit; the
-reference asks SciPy's exact quantile functions (draws.py) and says how far float32 is off.
+All draw the same random bits (counter_rng.py). The two float32 backends share every formula (quantiles.py) and agree
+bit for bit; the reference uses SciPy's quantile functions (distributions.py) and shows the error of float32.
 """
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from . import arrays, counter_rng, distributions, quantiles
+from .types import Array, NumpyArray
 
 if TYPE_CHECKING:
     from .sensor_window import SensorWindow
 
 BRIGHTEST = 1e30
-"""Means above this, and +inf, are taken for it: every well overflows long before, and no infinity meets a zero."""
+"""Means above this, and +inf, are set to it: every pixel saturates long before, and ∞·0 cannot occur."""
 
 
-class Job:
-    """A strip's digital numbers on their way. On the host they have arrived, and there is nothing to do."""
+class PendingStrip:
+    """Digital numbers of a row strip that a backend may still be computing. On NumPy they are ready at once."""
 
     def launch(self) -> None:
-        """Let others begin to compute them."""
+        """Start the computation in other threads."""
 
     def wait(self) -> None:
-        """Until they are computed."""
+        """Return when they are computed."""
 
     def deliver(self) -> None:
-        """Put them where they are wanted."""
+        """Copy them to the output array."""
+
+
+Job = PendingStrip  # the old name, until nobody imports it
 
 
 class Backend:
-    """What an engine must offer; this one is the reference: NumPy, float64, the exact quantile of every law."""
+    """What a backend provides; this one is the reference: NumPy, float64, exact quantile functions."""
 
     precision: Literal["float32", "float64"] = "float64"
     on_host: bool = True
     strip: int = 2**17
-    """Pixels that are in flight at a time. Fewer, and threads wait for each other at every operation; more, and what
-    they need leaves the cache."""
+    """Pixels that are computed at a time. Fewer, and threads wait for each other at every operation; more, and the
+    temporary arrays leave the cache."""
 
-    def number(self, value: float) -> Any:
-        """A number of the camera, as it meets the pixels."""
+    def number(self, value: float) -> Array:
+        """A parameter of the camera in the precision of the pixels."""
         return value
 
-    def from_numpy(self, values: Any, window: SensorWindow) -> Any:
-        """Numbers of the host, (H, W), (1, W), (H, 1) or one, as this engine holds them; none is above 1e30."""
+    def from_numpy(self, values: Array, window: SensorWindow) -> Array:
+        """NumPy values, (H, W), (1, W), (H, 1) or one, as an array of this backend, limited to 1e30."""
         return np.minimum(np.asarray(values, dtype=np.float64), BRIGHTEST)
 
-    def to_numpy(self, signal: Any, window: SensorWindow) -> NDArray[Any]:
-        """What the engine holds, as an array (H, W) of the host."""
+    def to_numpy(self, signal: Array, window: SensorWindow) -> NumpyArray:
+        """An array of this backend as a NumPy array (H, W)."""
         return np.broadcast_to(np.asarray(signal), window.shape)
 
-    def job(self, signal: Any, window: SensorWindow, out: NDArray[Any]) -> Job:
-        """How to get digital numbers into ``out``, (H, W) of a whole-number type."""
+    def job(self, signal: Array, window: SensorWindow, out: NumpyArray) -> PendingStrip:
+        """Digital numbers that go into ``out``, (H, W) of an integer type."""
         out[...] = signal
-        return Job()
+        return PendingStrip()
 
     def evaluate(self, window: SensorWindow) -> None:
-        """Compute the device's maps now, once."""
+        """Compute the FPN maps of the window now, once."""
 
-    def random_bits(self, number: int, window: SensorWindow, frame: int, key: int) -> tuple[Any, Any, Any, Any]:
-        """The four words of block ``number`` for every pixel of the window."""
-        return counter_rng.random_bits(number, window.rows, window.columns, frame, key)
+    def random_bits(self, block: int, window: SensorWindow, frame: int, key: int) -> tuple[Array, Array, Array, Array]:
+        """Four random 32-bit integers of ``block`` for every pixel of the window."""
+        return counter_rng.random_bits(block, window.rows, window.columns, frame, key)
 
-    def uniform(self, bits: Any) -> Any:
-        """(word + ½)/2³²."""
+    def uniform(self, bits: Array) -> Array:
+        """Uniform between 0 and 1: (bits + ½)/2³²."""
         return distributions.survival(bits)
 
-    def normal(self, bits: Any) -> Any:
+    def normal(self, bits: Array) -> Array:
         """Standard normal, mean 0 and variance 1."""
         return distributions.normal(bits)
 
-    def normal_of(self, survival_probability: Any) -> Any:
-        """The standard normal above which this share of the draws lies."""
+    def normal_of(self, survival_probability: Array) -> Array:
+        """The value that a standard normal exceeds with this probability."""
         return distributions.normal_of(survival_probability)
 
-    def lognormal(self, bits: Any, cv: float) -> Any:
+    def lognormal(self, bits: Array, cv: float) -> Array:
         """Log-normal of mean 1."""
         return distributions.lognormal(bits, cv)
 
-    def gamma(self, bits: Any, cv: float) -> Any:
+    def gamma(self, bits: Array, cv: float) -> Array:
         """Gamma of mean 1."""
         return distributions.gamma(bits, cv)
 
-    def logistic(self, bits: Any) -> Any:
+    def logistic(self, bits: Array) -> Array:
         """Standard logistic, variance π²/3."""
         return distributions.logistic(bits)
 
-    def wald(self, z: Any, pick: Any, cv: float) -> Any:
+    def wald(self, z: Array, u: Array, cv: float) -> Array:
         """Inverse Gaussian of mean 1, from a normal and a uniform."""
-        return distributions.wald(z, pick, cv)
+        return distributions.wald(z, u, cv)
 
-    def poisson(self, bits: Any, mean: Any) -> Any:
-        """Poisson counts about ``mean``, one or one per pixel."""
+    def poisson(self, bits: Array, mean: Array) -> Array:
+        """Poisson counts of this ``mean``, one for all or one per pixel."""
         return distributions.poisson(bits, mean)
 
-    def bernoulli(self, bits: Any, chance: Any) -> Any:
-        """1 with this ``chance``, one per pixel, else 0."""
-        return arrays.where(self.uniform(bits) < chance, 1.0, chance * 0.0)
+    def bernoulli(self, bits: Array, probability: Array) -> Array:
+        """1 with this ``probability``, one per pixel, else 0."""
+        return arrays.where(self.uniform(bits) < probability, 1.0, probability * 0.0)
 
 
 class NumpyFloat32(Backend):
-    """NumPy in float32, one row strip at a time: every draw by the quantile functions of quantiles.py."""
+    """NumPy in float32, one row strip at a time, with the quantile functions of quantiles.py."""
 
     precision: Literal["float32", "float64"] = "float32"
 
-    def number(self, value: float) -> Any:
+    def number(self, value: float) -> Array:
         """The nearest float32."""
         return np.float32(within_float32(value))
 
-    def from_numpy(self, values: Any, window: SensorWindow) -> Any:
+    def from_numpy(self, values: Array, window: SensorWindow) -> Array:
         """The nearest float32s."""
         return np.minimum(values, BRIGHTEST).astype(np.float32)
 
-    def uniform(self, bits: Any) -> Any:
+    def uniform(self, bits: Array) -> Array:
         return quantiles.uniform(bits)
 
-    def normal(self, bits: Any) -> Any:
+    def normal(self, bits: Array) -> Array:
         return quantiles.normal(bits)
 
-    def normal_of(self, survival_probability: Any) -> Any:
+    def normal_of(self, survival_probability: Array) -> Array:
         return quantiles.normal_of(survival_probability)
 
-    def lognormal(self, bits: Any, cv: float) -> Any:
+    def lognormal(self, bits: Array, cv: float) -> Array:
         variance = math.log1p(cv * cv)
         return quantiles.lognormal(bits, self.number(math.sqrt(variance)), self.number(0.5 * variance))
 
-    def gamma(self, bits: Any, cv: float) -> Any:
-        series = distributions.gamma_series(cv, quantiles.CURVE_REACH, quantiles.CURVE_TERMS)
-        return quantiles.curve(bits, [self.number(c) for c in series])
+    def gamma(self, bits: Array, cv: float) -> Array:
+        series = distributions.gamma_series(cv, quantiles.CHEBYSHEV_REACH, quantiles.CHEBYSHEV_TERMS)
+        return quantiles.exp_chebyshev(bits, [self.number(c) for c in series])
 
-    def logistic(self, bits: Any) -> Any:
+    def logistic(self, bits: Array) -> Array:
         return quantiles.logistic(bits)
 
-    def wald(self, z: Any, pick: Any, cv: float) -> Any:
-        return quantiles.wald(z, pick, self.number(cv))
+    def wald(self, z: Array, u: Array, cv: float) -> Array:
+        return quantiles.wald(z, u, self.number(cv))
 
-    def poisson(self, bits: Any, mean: Any) -> Any:
+    def poisson(self, bits: Array, mean: Array) -> Array:
         return quantiles.poisson(bits, np.broadcast_to(np.asarray(mean, dtype=np.float32), bits.shape))
 
 
 def within_float32(value: float) -> float:
-    """A number that float32 can hold with room to multiply: between −1e30 and 1e30."""
+    """``value`` limited to −1e30 … 1e30, so that float32 products of it stay finite."""
     return min(max(value, -BRIGHTEST), BRIGHTEST)
 
 
 NUMPY_FLOAT64, NUMPY_FLOAT32 = Backend(), NumpyFloat32()
 
 
-def normals(backend: Backend, bits: Any) -> Any:
-    """The plainest pattern: standard normals."""
+def normals(backend: Backend, bits: Array) -> Array:
+    """Standard normals, as a distribution of an FPN map."""
     return backend.normal(bits)
 
 
-def uniforms(backend: Backend, bits: Any) -> Any:
-    """Survival probabilities between 0 and 1."""
+def uniforms(backend: Backend, bits: Array) -> Array:
+    """Uniforms between 0 and 1, as a distribution of an FPN map."""
     return backend.uniform(bits)

@@ -1,18 +1,20 @@
-"""Checks of what comes through the front door, shared by the rooms for light and for electrons."""
+"""Checks of the arguments of public functions that both rendering and the sensor use."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .errors import InputError
 from .exposure import Exposure
+from .types import Float64Array
+
+Value = TypeVar("Value")
 
 
-def check_types(camera: Any, exposure: Any, optional: bool = False) -> None:
-    """Raise InputError for a name or a number where a Camera or an Exposure belongs.
+def check_types(camera: object, exposure: object, optional: bool = False) -> None:
+    """Raise InputError unless ``camera`` is a Camera and ``exposure`` an Exposure.
 
     optional : whether either may be None.
     """
@@ -22,17 +24,17 @@ def check_types(camera: Any, exposure: Any, optional: bool = False) -> None:
         raise InputError(f"exposure is {exposure!r}; pass an Exposure, e.g. Exposure(time_s=0.1).")
 
 
-def numbers(name: str, values: Any, way_out: str) -> NDArray[np.float64]:
-    """``values`` as float64; InputError for text, complex numbers, ragged lists and None."""
+def numbers(name: str, values: object, remedy: str) -> Float64Array:
+    """``values`` as float64; InputError for text, complex numbers, ragged lists and None.  remedy : what to pass."""
     try:
         array = np.asarray(values)
     except ValueError:
         array = np.asarray("ragged")
     if array.dtype.kind not in "biuf":
-        raise InputError(f"{name} is not numeric; pass {way_out}.")
+        raise InputError(f"{name} is not numeric; pass {remedy}.")
     return np.asarray(array, dtype=np.float64)
 
 
-def first_given(*values: Any) -> Any:
+def first_given(*values: Value | None) -> Value | None:
     """The first value that is not None; None if all are."""
     return next((value for value in values if value is not None), None)

@@ -1,25 +1,21 @@
-"""One 32-bit word → one draw, through the quantile function of the law. No rejection, no state.
+"""Quantile functions in float64: one 32-bit random integer → one random number of a distribution, by SciPy.
 
-A word w stands for the survival probability s = (w + ½)/2³², so both tails are as fine as the middle and the largest
-draw of a normal is 6.3 σ. Exact special functions come from SciPy.
+A random integer r is read as the survival probability s = (r + ½)/2³², so both tails are as fine as the centre and the
+largest normal that can be drawn is 6.3 σ. No rejection loop, no state.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import NDArray
 from scipy import special
 
-from .counter_rng import RandomBits
-
-Float64Array = NDArray[np.float64]
+from .types import Array, Float64Array, RandomBits
 
 SEARCH_BELOW = 10.0
-"""Poisson means below this are searched from zero; above, an expansion is checked against the exact distribution."""
+"""Poisson means below this are summed up from 0; above, an expansion is checked against the exact distribution."""
 
 EXACT_BELOW = 1e6
 """Above this mean the expansion alone is used: it is off by less than 1e-5 of a count, while SciPy's incomplete gamma
@@ -27,7 +23,7 @@ function loses its upper tail (3 % of the probability beyond 5σ at a mean of 1e
 
 
 def survival(bits: RandomBits) -> Float64Array:
-    """P(X > x) that the word asks for: (w + ½)/2³², never 0 and never 1, exact in float64."""
+    """The survival probability P(X > x) of the number that is drawn: (bits + ½)/2³², never 0 or 1, exact in float64."""
     return (bits.astype(np.float64) + 0.5) * 2.0**-32
 
 
@@ -36,9 +32,10 @@ def normal(bits: RandomBits) -> Float64Array:
     return normal_of(survival(bits))
 
 
-def normal_of(survival_probability: Any) -> Float64Array:
-    """The standard normal above which this share of the draws lies."""
-    return -special.ndtri(survival_probability)
+def normal_of(survival_probability: Array) -> Float64Array:
+    """The value that a standard normal exceeds with this probability."""
+    z: Float64Array = special.ndtri(survival_probability)
+    return -z
 
 
 def lognormal(bits: RandomBits, cv: float) -> Float64Array:
@@ -51,7 +48,8 @@ def gamma(bits: RandomBits, cv: float) -> Float64Array:
     """Gamma of mean 1 and coefficient of variation ``cv``: shape cv⁻², scale cv²."""
     if cv < 1e-6:  # normal to 1e-12
         return 1 + cv * normal(bits)
-    return special.gammainccinv(cv**-2, survival(bits)) * cv**2
+    x: Float64Array = special.gammainccinv(cv**-2, survival(bits))
+    return x * cv**2
 
 
 def gamma_series(cv: float, reach: float, terms: int) -> list[float]:
@@ -71,7 +69,8 @@ def _log_gamma(z: Float64Array, cv: float) -> Float64Array:
     x = np.where(z > 0, special.gammainccinv(shape, special.ndtr(-z)), special.gammaincinv(shape, special.ndtr(z)))
     small = (special.log_ndtr(z) + special.gammaln(shape + 1)) / shape  # P(X < x) = x^k/Γ(k + 1) for x → 0
     with np.errstate(divide="ignore"):
-        return np.where((x > 1e-290) & (small > -600), np.log(x), small) + 2 * math.log(cv)
+        logarithm: Float64Array = np.where((x > 1e-290) & (small > -600), np.log(x), small)
+    return logarithm + 2 * math.log(cv)
 
 
 def logistic(bits: RandomBits) -> Float64Array:
@@ -80,14 +79,14 @@ def logistic(bits: RandomBits) -> Float64Array:
     return np.log1p(-s) - np.log(s)
 
 
-def wald(z: Float64Array, pick: Float64Array, cv: float) -> Float64Array:
+def wald(z: Float64Array, u: Float64Array, cv: float) -> Float64Array:
     """Inverse Gaussian of mean 1 and shape cv⁻² from a normal and a uniform (Michael, Schucany & Haas 1976).
 
     The smaller root is written 1/(1 + a + √(a(a+2))), a = (cv·z)²/2; the textbook difference goes negative in float32.
     """
     a = 0.5 * (cv * z) ** 2
     root = 1 / (1 + a + np.sqrt(a * (a + 2)))
-    return np.where(pick * (1 + root) <= 1, root, 1 / root)
+    return np.where(u * (1 + root) <= 1, root, 1 / root)
 
 
 def rectified_logistic(scale: float) -> tuple[float, float]:
@@ -105,10 +104,10 @@ def _dilogarithm_of_minus_exp(x: float) -> float:
     return -(math.pi**2) / 6 - x * x / 2 - float(special.spence(1 + math.exp(-x)))
 
 
-def poisson(bits: RandomBits, mean: Any) -> Float64Array:
+def poisson(bits: RandomBits, mean: Array) -> Float64Array:
     """Poisson counts (whole numbers in float64): the smallest n with P(N > n) ≤ s. Mean 0 gives 0, +inf gives +inf.
 
-    mean : scalar or shape of ``words``, ≥ 0 [events].
+    mean : scalar or shape of ``bits``, ≥ 0 [events].
     Expansion and its error bound: Giles, *Algorithm 955*, ACM TOMS 42 (2016) 7.
     """
     s = survival(bits).ravel()
@@ -140,19 +139,19 @@ def _search(u: Float64Array, lam: Float64Array) -> Float64Array:
 
 
 def _expand(s: Float64Array, lam: Float64Array) -> Float64Array:
-    """Normal expansion of the quantile; wherever its error bound straddles a whole number, the exact law decides."""
-    z = -special.ndtri(s)
+    """Normal expansion of the quantile; where its error bound contains a whole number, by the exact distribution."""
+    z: Float64Array = -special.ndtri(s)
     root = np.sqrt(lam)
     x = lam + root * z + (1 / 3 + z * z / 6) - z * (1 / 36 + z * z / 72) / root
     bound = 4.0 * (1 / 40 + z * z / 80 + z**4 / 160) / lam
     count = np.maximum(np.floor(x), 0.0)
     doubt = np.flatnonzero((np.floor(x - bound) != np.floor(x + bound)) & (lam < EXACT_BELOW))
-    count[doubt] = _settle(count[doubt], s[doubt], lam[doubt])
+    count[doubt] = _correct(count[doubt], s[doubt], lam[doubt])
     return count
 
 
-def _settle(n: Float64Array, s: Float64Array, lam: Float64Array) -> Float64Array:
-    """Move n to the smallest count with P(N > n) ≤ s, by the regularised incomplete gamma function."""
+def _correct(n: Float64Array, s: Float64Array, lam: Float64Array) -> Array:
+    """The smallest count with P(N > n) ≤ s, from a first guess n, by the regularised incomplete gamma function."""
     while (up := special.gammainc(n + 1.0, lam) > s).any():
         n = n + up
     while (down := (n > 0) & (special.gammainc(np.maximum(n, 1.0), lam) <= s)).any():
@@ -162,23 +161,23 @@ def _settle(n: Float64Array, s: Float64Array, lam: Float64Array) -> Float64Array
 
 AR_BLOCK = 4096
 AR_WARM_UP = 2048
-"""Columns before and after a block that the recursion runs through: φ^2048 < 2e-18 for every allowed coupling."""
+"""Columns that are filtered at a time, and as many on both sides of them as the filter remembers: φ^2048 < 2e-18."""
 
 AR_MAP_BLOCK, AR_MAP_MARGIN = 512, 96
-"""The same for maps, whose coupling is 0.45 at most: φ^96 < 4e-20."""
+"""The same for maps (H, W), whose coupling is 0.45 at most: φ^96 < 4e-20."""
 
 
 def isotropic_ar(normals: Float64Array, coupling: float, margin: int) -> Float64Array:
-    """Variance 1 with x_j = a(x_{j−1} + x_{j+1}) + U_j, from white normals with a warm-up on both sides.
+    """Variance 1 with x_j = a(x_{j−1} + x_{j+1}) + U_j, from white normals U with a margin on both sides.
 
     normals : (…, n + 2·margin) → (…, n), along the last axis.
     coupling a : 0 … 0.4999; neighbours then correlate by ρ₁ = 2a.
     El Gamal et al. 1998 (paper eq. 28 on a vector of its own), solved as one forward and one backward AR(1) pass.
     """
-    from scipy.signal import lfilter  # takes half a second to import, and few cameras have stripes
+    from scipy.signal import lfilter  # takes half a second to import, and few cameras need it
 
     phi = 2 * coupling / (1 + math.sqrt((1 - 2 * coupling) * (1 + 2 * coupling)))
     forward = lfilter([1.0], [1.0, -phi], normals)
-    both = lfilter([1.0], [1.0, -phi], forward[..., ::-1])[..., ::-1]
-    gain = (phi / coupling if coupling else 1.0) * (1 - 4 * coupling * coupling) ** 0.75
+    both: Float64Array = lfilter([1.0], [1.0, -phi], forward[..., ::-1])[..., ::-1]
+    gain: float = (phi / coupling if coupling else 1.0) * (1 - 4 * coupling * coupling) ** 0.75
     return gain * both[..., margin:-margin]

@@ -1,6 +1,6 @@
-"""The one error a user can cause, and the checks that raise it.
+"""InputError, the one error that wrong input raises, and range checks that raise it.
 
-A message is one sentence with the value, the allowed range and the way out; the command line prints it and exits 2.
+A message is one sentence with the value, the allowed range and the remedy; the command line prints it and exits 2.
 """
 
 from __future__ import annotations
@@ -11,16 +11,16 @@ from collections.abc import Iterable
 
 
 class InputError(ValueError):
-    """Something that was asked for cannot be done; the message says what, why, and what to do instead."""
+    """Wrong input: the message says what was given, why it cannot be computed, and what to pass instead."""
 
 
 def require(name: str, value: float, low: float, high: float, remedy: str) -> float:
     """Return ``value`` if it is a number in [low, high], else raise :class:`InputError`.
 
-    ``name`` carries the unit (``time_s``), ``remedy`` is the way out (``e.g. 0.1``).
+    ``name`` carries the unit (``time_s``), ``remedy`` says what to pass (``e.g. 0.1``).
     """
     try:
-        number = float(value + 0)  # a string is no number, even when it spells one
+        number = float(value + 0)  # refuses a string such as "0.1"
     except (TypeError, ValueError):
         raise InputError(f"{name} is {value!r}; it must be a number ({remedy}).") from None
     if math.isnan(number) or not low <= number <= high:
@@ -29,14 +29,14 @@ def require(name: str, value: float, low: float, high: float, remedy: str) -> fl
 
 
 def require_seed(name: str, value: int) -> int:
-    """Return ``value`` if it is a whole number that fits the 64-bit key of the random words."""
+    """Return ``value`` if it is a whole number that fits the 64-bit key of the random number generator."""
     if isinstance(value, bool) or not hasattr(value, "__index__") or not 0 <= int(value) < 2**64:
         raise InputError(f"{name} is {value!r}; it must be a whole number from 0 to 2^64 - 1 (e.g. 1).")
     return int(value)
 
 
 def span(low: float, high: float) -> str:
-    """The allowed range in words."""
+    """The allowed range as text."""
     if math.isinf(high) and math.isinf(low):
         return "a finite number"
     if math.isinf(high):
@@ -47,6 +47,6 @@ def span(low: float, high: float) -> str:
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
-    """`` Did you mean …?`` when something close is known, else an empty string."""
+    """`` Did you mean …?`` with the known name closest to ``word``, or an empty string if none is close."""
     match = difflib.get_close_matches(word, list(known), n=1, cutoff=0.5)
     return f" Did you mean {match[0]!r}?" if match else ""

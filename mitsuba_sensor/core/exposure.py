@@ -1,4 +1,4 @@
-"""Exposure: how long the shutter is open [s], and how warm the sensor is [K]."""
+"""Exposure time [s] and sensor temperature [K] of a frame."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ LONGEST_S, HOTTEST_K = 1e12, 1e4
 
 @dataclass(frozen=True)
 class Exposure:
-    """How long the shutter is open, and how warm the sensor is.
+    """Exposure time and sensor temperature.
 
     time_s : 0 … 1e12 [s].  temperature_k : 0 … 1e4 [K]; 298.15 K (+25 °C) as in Konnik & Welsh 2014.
     Raises InputError otherwise.

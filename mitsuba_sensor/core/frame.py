@@ -1,9 +1,8 @@
-"""One frame: random numbers of every temporal noise source, keyed by seed, frame number, source and pixel."""
+"""Random numbers of one frame: temporal noise, keyed by seed, frame number, noise source and pixel."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,7 +24,7 @@ class Frame:
     window: SensorWindow
     seed: int = 1
     index: int = 0
-    _blocks: dict[int, Any] = field(default_factory=dict)
+    _blocks: dict[int, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         require_seed("seed", self.seed)
@@ -36,11 +35,11 @@ class Frame:
         other = SensorWindow(window.serial, window.shape, window.origin, window.given, backend)
         return Frame(self.exposure, other, self.seed, self.index)
 
-    def number(self, value: float) -> Any:
+    def number(self, value: float) -> Array:
         """A parameter of the camera in the precision of the backend."""
         return self.window.number(value)
 
-    def random_bits(self, source: str) -> Any:
+    def random_bits(self, source: str) -> Array:
         """The random bits of ``source`` in this frame, (H, W)."""
         block, slot = stream_of(source)
         if block not in self._blocks:
@@ -58,9 +57,10 @@ class Frame:
     def row_normal(self, source: str, rows: ArrayLike | None = None) -> Array:
         """One standard normal per row of the window, new in every frame, (H, 1).
 
-        rows : row numbers on the sensor; with them the result is a NumPy float64 array of their shape, to be filtered
-            on the host and passed to ``backend.from_numpy(line[:, None], window)``. Every row of the sensor has its
-            own value in every frame, which no crop changes; rows outside the sensor, also negative ones, have one too.
+        rows : row numbers on the sensor, also negative ones; with them the result is a NumPy float64 array of their
+            shape, which a filter can give a spectrum before ``window.backend.from_numpy(line[:, None], window)``.
+
+        The value depends on seed, source, frame and row number only, so a crop of the frame has the same rows.
         """
         window = self.window
         if rows is not None:
@@ -77,7 +77,7 @@ class Frame:
             return distributions.normal(self.random_bits_at(source, [0], columns, self.index))
         return window.backend.from_numpy(self.column_normal(source, window.columns)[None, :], window)
 
-    def telegraph(self, site: Any, switching: float, duty: float) -> Any:
+    def telegraph(self, site: Array, switching: float, duty: float) -> Array:
         """Whether the trap of each ``site`` (above 0) is on in this frame, 1 or 0, (H, W).
 
         A trap is drawn anew with chance ``switching`` per frame and is then on with chance ``duty``; its state is that
@@ -96,14 +96,14 @@ class Frame:
             rows, columns, index = rows[~drawn], columns[~drawn], index - 1
         return window.backend.from_numpy(state, window)
 
-    def normal(self, source: str) -> Any:
+    def normal(self, source: str) -> Array:
         """Standard normal noise of ``source``, new in every frame, (H, W)."""
         return self.window.backend.normal(self.random_bits(source))
 
-    def poisson(self, source: str, mean: Any) -> Any:
-        """Poisson counts of ``source`` about ``mean`` (scalar or (H, W)), (H, W)."""
+    def poisson(self, source: str, mean: Array) -> Array:
+        """Poisson counts of ``source`` with this ``mean`` (scalar or (H, W)), (H, W)."""
         return self.window.backend.poisson(self.random_bits(source), mean)
 
-    def bernoulli(self, source: str, chance: Any) -> Any:
-        """1 with this ``chance`` (0 … 1, (H, W)), else 0, (H, W)."""
-        return self.window.backend.bernoulli(self.random_bits(source), chance)
+    def bernoulli(self, source: str, probability: Array) -> Array:
+        """1 with this ``probability`` (0 … 1, (H, W)), else 0, (H, W)."""
+        return self.window.backend.bernoulli(self.random_bits(source), probability)

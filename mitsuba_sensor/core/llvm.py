@@ -1,8 +1,8 @@
-"""Which LLVM Dr.Jit may load, and Dr.Jit itself.
+"""Choice of the LLVM library that Dr.Jit loads, and the import of Dr.Jit.
 
-Dr.Jit initialises LLVM while it is *imported*, so the library is chosen before: versions are read from file names and
-ELF sonames, never by loading. drjit 1.5.0 refuses LLVM 14, and 15 and 16 abort the process (they cannot select
-``llvm.maximum``); 19 and 22 are known to work. Every ``import drjit`` of this package goes through :func:`drjit`.
+Dr.Jit initialises LLVM when it is *imported*, so the library is chosen before: versions are read from file names and
+ELF sonames, without loading a library. drjit 1.5.0 refuses LLVM 14, and 15 and 16 abort the process (they cannot select
+``llvm.maximum``); 19 and 22 are known to work. This package imports Dr.Jit through :func:`drjit` only.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from types import ModuleType
 
 OLDEST_LLVM = 17
 LLVM_PATH = "DRJIT_LIBLLVM_PATH"
-NO_LIBRARY = os.devnull  # what Dr.Jit is pointed to when no LLVM may be loaded: it then finds none and says so
+NO_LIBRARY = os.devnull  # the path that Dr.Jit gets when no LLVM is usable; it then finds none and says so
 
-# Dr.Jit looks in /usr/lib/<triplet> only; the others are where distributions, Conda and Homebrew put it.
+# Dr.Jit searches /usr/lib/<triplet> only; Linux distributions, Conda and Homebrew use the others.
 FOLDERS = (
     "/usr/lib/x86_64-linux-gnu",
     "/usr/lib/aarch64-linux-gnu",
@@ -40,7 +40,7 @@ NAMES = ("libLLVM.dylib", "libLLVM-*.dylib") if sys.platform == "darwin" else ("
 
 @dataclass(frozen=True)
 class LlvmLibrary:
-    """One LLVM library file on this machine. version : major version, or 0 where it cannot be told."""
+    """One LLVM library file on this machine. version : major version, 0 if unknown."""
 
     path: str
     version: int
@@ -51,7 +51,7 @@ class LlvmLibrary:
 def find_llvm(folders: tuple[str, ...] | None = None) -> list[LlvmLibrary]:
     """All LLVM libraries, $DRJIT_LIBLLVM_PATH first, then the newest first; none of them is loaded.
 
-    folders : where to look (glob patterns); the usual places by default.
+    folders : glob patterns of the folders to search; ``FOLDERS`` by default.
     """
     patterns = [os.path.join(f, n) for f in (FOLDERS if folders is None else folders) for n in NAMES]
     found = {os.path.realpath(p): p for pattern in patterns for p in sorted(glob.glob(pattern))}
@@ -62,17 +62,17 @@ def find_llvm(folders: tuple[str, ...] | None = None) -> list[LlvmLibrary]:
 
 
 def inspect_llvm(path: str) -> LlvmLibrary:
-    """Judge one library file by its name and its bytes."""
+    """Version and usability of one library file, from its name and its bytes."""
     real = os.path.realpath(path)
     try:
         with open(real, "rb") as file:
-            if not _same_machine(file.read(20)):
+            if not _same_architecture(file.read(20)):
                 return LlvmLibrary(real, 0, False, "not a shared library for this processor")
         version = _version_in(os.path.basename(real)) or _version_inside(real)
     except (OSError, ValueError) as error:
         return LlvmLibrary(real, 0, False, f"cannot be read ({error})")
     if not version:
-        return LlvmLibrary(real, 0, False, "does not say which LLVM it is")
+        return LlvmLibrary(real, 0, False, "has no LLVM version in its name or soname")
     if version < OLDEST_LLVM:
         return LlvmLibrary(real, version, False, f"older than {OLDEST_LLVM}: Dr.Jit refuses it or aborts the process")
     return LlvmLibrary(real, version, True, "usable")
@@ -91,8 +91,8 @@ def _version_inside(path: str) -> int:
         return int(match.group(1) or match.group(2)) if match else 0
 
 
-def _same_machine(head: bytes) -> bool:
-    """True if an ELF header has the word size, byte order and processor of this very interpreter."""
+def _same_architecture(head: bytes) -> bool:
+    """True if an ELF header has the address size, byte order and processor of this Python interpreter."""
     if sys.platform != "linux":
         return len(head) == 20
     with open(os.path.realpath("/proc/self/exe"), "rb") as file:
@@ -101,14 +101,14 @@ def _same_machine(head: bytes) -> bool:
 
 
 def guard_llvm() -> LlvmLibrary | None:
-    """Point Dr.Jit, not yet imported, to the first usable library, or to nothing; return that library."""
+    """Tell Dr.Jit, before its import, to load the first usable library, or none; return that library."""
     library = next((one for one in find_llvm() if one.usable), None)
     os.environ[LLVM_PATH] = library.path if library else NO_LIBRARY
     return library
 
 
 def drjit() -> ModuleType:
-    """Import Dr.Jit with the guard in front of it."""
+    """Dr.Jit, imported after :func:`guard_llvm`."""
     if "drjit" in sys.modules:
         return importlib.import_module("drjit")
     with _silence(guard_llvm() is None):
@@ -117,7 +117,7 @@ def drjit() -> ModuleType:
 
 @contextlib.contextmanager
 def _silence(wanted: bool) -> Iterator[None]:
-    """Keep what C code writes to file 2 off the screen: Dr.Jit's complaint about the LLVM we do not let it have."""
+    """Suppress what C code writes to stderr: Dr.Jit's warning about the LLVM library that it does not find."""
     if not wanted:
         yield
         return
@@ -147,6 +147,6 @@ def backend_problem(backend: str) -> str | None:
         version = llvm_version()
         if version == 0:
             return f"no LLVM {OLDEST_LLVM} or newer on this machine"
-        if version < OLDEST_LLVM:  # somebody imported Mitsuba before us, without the guard
+        if version < OLDEST_LLVM:  # Mitsuba was imported before this package, without guard_llvm
             return f"only LLVM {version} in Dr.Jit, which aborts the process; import mitsuba_sensor before mitsuba"
     return None

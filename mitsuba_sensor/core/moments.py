@@ -1,15 +1,16 @@
-"""What a signal must be on average: the theory that every stage writes below its sample."""
+"""Mean, temporal and spatial variance of a signal, and how they change: the theory that every stage provides."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import special
 
 from .rounding import rounded
+from .types import Array
 
 if TYPE_CHECKING:
     from .frame import Frame
@@ -22,30 +23,30 @@ class Moments:
     mean : what enters the first stage (:class:`Photons`), then the mean signal, scalar or (H, W).
     temporal : variance from frame to frame at one pixel, averaged over cameras.
     spatial : variance from pixel to pixel (camera to camera) of the mean over frames.
-    frame : the conditions: exposure, window; a stage's theory reads them and draws nothing.
-    light : the light's part of this signal, from the stage on that adds the dark current.
+    frame : the conditions, exposure and window; no random number is drawn from it.
+    light : the part of the signal that is photoelectrons, from the stage on that adds the dark current.
     yield_mean, yield_variance, variance_e2 : as in :class:`Electrons`.
     """
 
-    mean: Any
-    temporal: Any
-    spatial: Any
+    mean: Array
+    temporal: Array
+    spatial: Array
     frame: Frame
     light: Moments | None = None
-    yield_mean: Any = 1.0
-    yield_variance: Any = 0.0
-    variance_e2: Any = None
+    yield_mean: Array = 1.0
+    yield_variance: Array = 0.0
+    variance_e2: Array = None
 
-    def add(self, *, mean: Any = 0.0, temporal: Any = 0.0, spatial: Any = 0.0) -> Moments:
-        """An independent part is added: all three add."""
+    def add(self, *, mean: Array = 0.0, temporal: Array = 0.0, spatial: Array = 0.0) -> Moments:
+        """An independent signal is added: all three add."""
         return replace(self, mean=self.mean + mean, temporal=self.temporal + temporal, spatial=self.spatial + spatial)
 
-    def scale(self, gain: Any) -> Moments:
+    def scale(self, gain: Array) -> Moments:
         """The signal is multiplied by a constant."""
         return replace(self, mean=self.mean * gain, temporal=self.temporal * gain**2, spatial=self.spatial * gain**2)
 
-    def through(self, value: Any, slope: Any, curvature: Any) -> Moments:
-        """The signal goes through a smooth curve f: f, f′ and f″ at the mean; second order in the noise."""
+    def through(self, value: Array, slope: Array, curvature: Array) -> Moments:
+        """A smooth function of the signal, by value, slope and curvature at the mean; second order in the noise."""
         total = self.temporal + self.spatial
         bend = 0.5 * curvature**2
         return replace(
@@ -61,22 +62,22 @@ class Moments:
         return replace(self, mean=mean, temporal=temporal, spatial=spatial)
 
     def clip(self, low: float, high: float) -> Moments:
-        """The signal is cut to [low, high]; exact for a normal signal that reaches only one of the two edges.
+        """The signal is clipped to [low, high]; exact for a normal signal that reaches only one of the two limits.
 
-        What is deep above ``high`` is taken for log-normal, so that no part of a wide dark pattern counts as negative.
+        A mean far above ``high`` is taken as that of a log-normal signal, which has no negative values however wide.
         """
-        upper = _cut_above(self, high)
-        mirrored = _cut_above(replace(upper, mean=-upper.mean), -low)
+        upper = _clip_above(self, high)
+        mirrored = _clip_above(replace(upper, mean=-upper.mean), -low)
         return replace(mirrored, mean=-mirrored.mean)
 
     @property
     def sigma(self) -> float:
-        """Root of the total variance averaged over the window: what the residual of one frame must show."""
+        """Root of the total variance averaged over the window: σ of one frame minus its mean."""
         return math.sqrt(float(np.mean(self.temporal)) + float(np.mean(self.spatial)))
 
 
 SATURATED = 2.0
-"""Times the edge from which a mean is deep above it. A normal law that wide would reach below zero."""
+"""Means above this times the limit are far above it: a normal signal that wide would have negative values."""
 
 
 def rectified_normal(sigma: float) -> tuple[float, float]:
@@ -89,8 +90,8 @@ def rectified_normal(sigma: float) -> tuple[float, float]:
     return mean, (1 + sigma**2) * above + sigma * density - mean**2
 
 
-def _cut_above(m: Moments, edge: float) -> Moments:
-    """min(x, edge) for normal x; a fixed part stays fixed by Price's theorem.
+def _clip_above(m: Moments, edge: float) -> Moments:
+    """Moments of min(x, edge) for normal x; the spatial variance follows from Price's theorem.
 
     With c = (edge − mean)/s the covariance of two frames of one pixel, correlated by ρ = spatial/s², is
     s²·∫₀^ρ P(z₁ < c, z₂ < c; r) dr, and Φ₂(c, c; r) = Φ(c) − 2·OwenT(c, √((1−r)/(1+r))).
@@ -118,7 +119,7 @@ def _cut_above(m: Moments, edge: float) -> Moments:
     return replace(m, mean=mean, temporal=temporal, spatial=spatial)
 
 
-def _saturated(mean: Any, sigma: Any, edge: float) -> tuple[Any, Any]:
+def _saturated(mean: Array, sigma: Array, edge: float) -> tuple[Array, Array]:
     """Mean and variance of min(x, edge) for log-normal x, from the moments of (edge − x)⁺."""
     spread = np.maximum((sigma / mean) ** 2, np.finfo(float).tiny)
     width = np.sqrt(np.log1p(spread))
@@ -129,7 +130,7 @@ def _saturated(mean: Any, sigma: Any, edge: float) -> tuple[Any, Any]:
     return edge - shortfall, np.maximum(squared - shortfall**2, 0.0)
 
 
-def _correlated(c: Any, rho: Any, below: Any) -> Any:
+def _correlated(c: Array, rho: Array, below: Array) -> Array:
     """∫₀^ρ Φ₂(c, c; r) dr, by eight-point Gauss-Legendre quadrature in r = sin θ, which is smooth at ρ = 1."""
     nodes, weights = np.polynomial.legendre.leggauss(8)
     integral, end = np.zeros_like(c), np.arcsin(rho)

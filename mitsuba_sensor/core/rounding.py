@@ -1,4 +1,4 @@
-"""Moments of a rounded normal, also where the noise is too small to hide the steps of the converter.
+"""Moments of a normal signal after rounding, also where its noise is smaller than a step of the ADC.
 
 round(x) = x + e with e = Σ_k c_k·sin(2πkx), c_k = (−1)^k/(πk). Every moment of e is a sum of Gaussian characteristic
 functions (Widrow & Kollár, *Quantization Noise*, 2008, ch. 5 and 9), for one frame and for two frames of one pixel.
@@ -6,46 +6,43 @@ functions (Widrow & Kollár, *Quantization Noise*, 2008, ch. 5 and 9), for one f
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
+
+from .types import Array, Float64Array
 
 SMOOTH_FROM = 1.0
-"""σ in steps above which the phase of the mean no longer shows: its weight is exp(−2π²σ²) < 3e-9."""
+"""σ in steps above which the result does not depend on the fraction of the mean: its weight exp(−2π²σ²) is < 3e-9."""
 
 FINEST = 0.1
-"""Temporal σ below this, unless 0, is taken as this, so that eight harmonics are enough [steps]."""
+"""A temporal σ below this, unless 0, is set to this, so that eight harmonics are enough [steps]."""
 
 HARMONICS = np.arange(1, 9)
 
 
-def rounded(mean: Any, temporal: Any, spatial: Any) -> tuple[Any, Any, Any]:
+def rounded(mean: Array, temporal: Array, spatial: Array) -> tuple[Array, Array, Array]:
     """Mean, temporal and spatial variance after rounding to whole numbers, all in steps; scalars or (H, W)."""
     shape = np.broadcast_shapes(*(np.shape(x) for x in (mean, temporal, spatial)))
     mean, temporal, spatial = (
         np.broadcast_to(np.asarray(x, dtype=np.float64), shape).ravel() for x in (mean, temporal, spatial)
     )
-    still, stays = temporal == 0, _still_part(temporal)
-    out = mean.copy(), np.where(still, 0.0, temporal + 1 / 12 - stays), spatial + np.where(still, 1 / 12, stays)
+    noiseless, same = temporal == 0, _spatial_part(temporal)
+    out = mean.copy(), np.where(noiseless, 0.0, temporal + 1 / 12 - same), spatial + np.where(noiseless, 1 / 12, same)
     rough = temporal + spatial < SMOOTH_FROM**2
     if rough.any():
-        noise = np.where(still[rough], 0.0, np.maximum(temporal[rough], FINEST**2))
+        noise = np.where(noiseless[rough], 0.0, np.maximum(temporal[rough], FINEST**2))
         for whole, part in zip(out, _with_phase(mean[rough], noise, spatial[rough]), strict=True):
             whole[rough] = part
     return out[0].reshape(shape), out[1].reshape(shape), out[2].reshape(shape)
 
 
-def _still_part(temporal: NDArray[np.float64]) -> Any:
-    """The part of 1/12 that stays the same from frame to frame: Σ exp(−4π²k²T)/(2π²k²)."""
+def _spatial_part(temporal: Float64Array) -> Array:
+    """The part of the variance 1/12 that is the same in every frame: Σ exp(−4π²k²T)/(2π²k²)."""
     k = HARMONICS[:3]
     return np.sum(np.exp(-4 * (np.pi * k) ** 2 * temporal[..., None]) / (2 * (np.pi * k) ** 2), axis=-1)
 
 
-def _with_phase(
-    m: NDArray[np.float64], temporal: NDArray[np.float64], spatial: NDArray[np.float64]
-) -> tuple[Any, Any, Any]:
-    """The same for pixels whose noise is below a step, so that it matters where between two steps the mean lies."""
+def _with_phase(m: Float64Array, temporal: Float64Array, spatial: Float64Array) -> tuple[Array, Array, Array]:
+    """As :func:`rounded`, for noise below a step, where the fraction of the mean m matters."""
     noiseless = temporal + spatial == 0
     total = np.maximum(temporal + spatial, FINEST**2)
     k, sign = HARMONICS, (-1.0) ** HARMONICS
@@ -61,8 +58,8 @@ def _with_phase(
     return mean, np.where(noiseless, 0.0, variance - shared), np.where(noiseless, 0.0, shared)
 
 
-def _shared(m: NDArray[np.float64], temporal: NDArray[np.float64], spatial: NDArray[np.float64]) -> Any:
-    """E[e₁·e₂] of two frames of one pixel."""
+def _shared(m: Float64Array, temporal: Float64Array, spatial: Float64Array) -> Array:
+    """E[e₁·e₂], the rounding errors of two frames of one pixel."""
     total = np.zeros_like(m)
     for k in HARMONICS:
         for n in HARMONICS:

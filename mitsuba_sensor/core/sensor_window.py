@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,9 @@ from . import distributions
 from .backend import NUMPY_FLOAT64, Backend
 from .counter_rng import random_bits_at, stream_of
 from .errors import require_seed
+from .types import Array, Float64Array, RandomBits
+
+Value = TypeVar("Value")
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,11 +31,11 @@ class SensorWindow:
     serial: int
     shape: tuple[int, int]
     origin: tuple[int, int] = (0, 0)
-    given: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    given: Mapping[str, Float64Array] = field(default_factory=dict)
     backend: Backend = NUMPY_FLOAT64
-    _maps: dict[Any, Any] = field(default_factory=dict)
-    _tiles: dict[Any, Any] = field(default_factory=dict)
-    _lock: Any = field(default_factory=threading.Lock)
+    _maps: dict[Hashable, Array] = field(default_factory=dict)
+    _tiles: dict[Hashable, tuple[int, Float64Array]] = field(default_factory=dict)
+    _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def __post_init__(self) -> None:
         require_seed("serial", self.serial)
@@ -48,60 +51,62 @@ class SensorWindow:
         return np.arange(self.origin[1], self.origin[1] + self.shape[1])
 
     def rows_only(self, rows: slice) -> SensorWindow:
-        """The same camera seen through ``rows`` of this window."""
+        """The window of the same camera that has only ``rows`` of this one."""
         height = rows.stop - rows.start
         given = {name: x if len(x) == 1 else x[rows] for name, x in self.given.items()}
         origin = self.origin[0] + rows.start, self.origin[1]
         shape = height, self.shape[1]
         return SensorWindow(self.serial, shape, origin, given, self.backend, _tiles=self._tiles, _lock=self._lock)
 
-    def given_or(self, name: str, make: Callable[[], Any]) -> Any:
-        """The map called ``name``: the measured one where one was given, else ``make()``."""
+    def given_or(self, name: str, make: Callable[[], Array]) -> Array:
+        """The FPN map called ``name``: the measured one if one was given, else ``make()``."""
         if name in self.given:
             return self.once(("given", name), lambda: self.backend.from_numpy(self.given[name], self))
         return make()
 
-    def number(self, value: float) -> Any:
+    def number(self, value: float) -> Array:
         """A parameter of the camera in the precision of the backend."""
         return self.backend.number(value)
 
     @property
-    def maps_made(self) -> dict[Any, Any]:
+    def maps_made(self) -> dict[Hashable, Array]:
         """Everything that was computed once for this window so far, FPN maps among it, by key."""
         return dict(self._maps)
 
-    def store(self, key: Any, values: Any) -> None:
-        """Replace what was computed under ``key`` by equal values in another memory."""
+    def store(self, key: Hashable, values: Array) -> None:
+        """Replace what was computed under ``key`` by equal values in other memory."""
         self._maps[key] = values
 
     def map_moments(self, name: str, mean: float, variance: float) -> tuple[float, float]:
-        """Mean and variance of that map over the window: the measured one's where one was given."""
+        """Mean and variance of the FPN map ``name`` over the window: of the measured one if one was given."""
         if name not in self.given:
             return mean, variance
         return float(np.mean(self.given[name])), float(np.var(self.given[name]))
 
-    def fixed_map(self, source: str, law: Callable[[Backend, Any], Any]) -> Any:
-        """FPN map of ``source``, (H, W): ``law`` turns its random bits into values, once per window."""
-        number, slot = stream_of(source, fixed=True)
-        return self.once(
-            (source, law), lambda: law(self.backend, self.backend.random_bits(number, self, 0, self.serial)[slot])
-        )
+    def fixed_map(self, source: str, distribution: Callable[[Backend, Array], Array]) -> Array:
+        """FPN map of ``source``, (H, W): ``distribution`` turns its random bits into values, once per window."""
+        block, slot = stream_of(source, fixed=True)
 
-    def correlated(self, source: str, coupling: float) -> Any:
-        """Standard normals (H, W) whose neighbours along rows and columns correlate by 2·coupling (separable AR)."""
+        def make() -> Array:
+            return distribution(self.backend, self.backend.random_bits(block, self, 0, self.serial)[slot])
+
+        return self.once((source, distribution), make)
+
+    def correlated(self, source: str, coupling: float) -> Array:
+        """Standard normals (H, W) whose neighbours in rows and columns have correlation 2·coupling (separable AR)."""
         margin = distributions.AR_MAP_MARGIN
 
-        def make() -> Any:
-            rows, row_slice = _aligned(self.rows, distributions.AR_MAP_BLOCK)
-            columns, column_slice = _aligned(self.columns, distributions.AR_MAP_BLOCK)
+        def make() -> Array:
+            rows, row_slice = _blocks(self.rows, distributions.AR_MAP_BLOCK)
+            columns, column_slice = _blocks(self.columns, distributions.AR_MAP_BLOCK)
             with self._lock:
                 tiles = [[self._ar_tile(source, y, x, coupling, margin) for x in columns] for y in rows]
             return self.backend.from_numpy(np.block(tiles)[row_slice, column_slice], self)
 
         return self.once((source, coupling), make)
 
-    def _ar_tile(self, source: str, y: int, x: int, coupling: float, margin: int) -> Any:
-        """One tile at a fixed place of the sensor, so that every window sees the same bits; the last one is kept."""
+    def _ar_tile(self, source: str, y: int, x: int, coupling: float, margin: int) -> Float64Array:
+        """One tile of a fixed grid on the sensor, so that every window has the same values; the last one is kept."""
         if self._tiles.get((source, coupling, x), (None,))[0] != y:
             size = distributions.AR_MAP_BLOCK
             rows, columns = np.arange(y - margin, y + size + margin), np.arange(x - margin, x + size + margin)
@@ -110,34 +115,36 @@ class SensorWindow:
             self._tiles[source, coupling, x] = y, tile
         return self._tiles[source, coupling, x][1]
 
-    def line_map(self, source: str, coupling: float, axis: int = 1) -> Any:
-        """A fixed offset of every column (axis 1: (1, W)) or row (axis 0: (H, 1)): mean 0, variance 1, AR-coupled."""
+    def line_map(self, source: str, coupling: float, axis: int = 1) -> Array:
+        """FPN of every column (axis 1: (1, W)) or row (axis 0: (H, 1)): standard normals, coupled as an AR process."""
 
-        def make() -> Any:
-            starts, window = _aligned((self.rows, self.columns)[axis], distributions.AR_BLOCK)
+        def make() -> Array:
+            starts, window = _blocks((self.rows, self.columns)[axis], distributions.AR_BLOCK)
             line = np.concatenate([self._ar_line(source, start, coupling, axis) for start in starts])[window]
             return self.backend.from_numpy(line[None, :] if axis else line[:, None], self)
 
         return self.once((source, coupling, axis), make)
 
-    def _ar_line(self, source: str, start: int, coupling: float, axis: int) -> Any:
+    def _ar_line(self, source: str, start: int, coupling: float, axis: int) -> Float64Array:
         margin, zero = distributions.AR_WARM_UP, np.zeros(1, dtype=np.int64)
         along = np.arange(start - margin, start + distributions.AR_BLOCK + margin)
         place = (zero, along) if axis else (along, zero)
         return distributions.isotropic_ar(distributions.normal(self._bits_at(source, *place)), coupling, margin)
 
-    def _bits_at(self, source: str, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Any:
-        number, slot = stream_of(source, fixed=True)
-        return random_bits_at(number, rows, columns, 0, self.serial)[slot]
+    def _bits_at(self, source: str, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> RandomBits:
+        block, slot = stream_of(source, fixed=True)
+        return random_bits_at(block, rows, columns, 0, self.serial)[slot]
 
-    def once(self, key: Any, make: Callable[[], Any]) -> Any:
+    def once(self, key: Hashable, make: Callable[[], Value]) -> Value:
         """What ``make`` returns, computed once per window."""
         if key not in self._maps:
             self._maps[key] = make()
-        return self._maps[key]
+        value: Value = self._maps[key]
+        return value
 
 
-def _aligned(places: NDArray[np.int64], size: int) -> tuple[list[int], slice]:
-    """Starts of the blocks of ``size`` that cover ``places``, and where those lie in the joined blocks."""
-    first = int(places[0]) // size * size
-    return list(range(first, int(places[-1]) + 1, size)), slice(int(places[0]) - first, int(places[-1]) + 1 - first)
+def _blocks(numbers: NDArray[np.int64], size: int) -> tuple[list[int], slice]:
+    """Starts of the aligned blocks of ``size`` that cover these rows or columns, and their slice in the blocks."""
+    low, high = int(numbers[0]), int(numbers[-1]) + 1
+    first = low // size * size
+    return list(range(first, high, size)), slice(low - first, high - first)

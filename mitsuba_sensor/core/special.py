@@ -1,4 +1,4 @@
-"""Special functions of Python numbers, in float64: the one place where the physics meets SciPy's."""
+"""Special functions, roots, maxima and integrals of Python numbers, in float64, by SciPy."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ EULER_GAMMA = 0.5772156649015329
 
 
 def sinh_integrals(x: float) -> float:
-    """½[e^(−x)·Ei(x) − e^(x)·E₁(x)] for x > 0; 1/x² + 6/x⁴ once the parts would overflow."""
+    """½[e^(−x)·Ei(x) − e^(x)·E₁(x)] for x > 0; 1/x² + 6/x⁴ where the factors would overflow."""
     if x > 500.0:
         return 1 / x**2 + 6 / x**4
     return 0.5 * float(math.exp(-x) * special.expi(x) - math.exp(x) * special.exp1(x))
 
 
 def root(f: Callable[[float], float], low: float, high: float) -> float:
-    """Where f crosses zero between ``low`` and ``high`` (Brent)."""
+    """The zero of f between ``low`` and ``high`` (Brent)."""
     return float(optimize.brentq(f, low, high, xtol=1e-15))
 
 

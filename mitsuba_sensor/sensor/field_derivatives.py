@@ -1,7 +1,7 @@
-"""How the numbers that meet the pixels change with a camera's fields: numeric derivatives, on the host, in float64.
+"""Derivatives of the numbers that the stages use by the fields of a camera: finite differences in float64.
 
-Every number of a camera goes through ``number()``, always in the same order, so that the numbers of a changed camera
-can be laid beside those of the camera itself.
+Every number of a camera that meets a pixel passes ``number()``, always in the same order, so that the numbers of a
+changed camera can be compared one by one with those of the camera itself.
 """
 
 from __future__ import annotations
@@ -9,17 +9,16 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..core.differentiable import Number, Recorder
+from ..core.differentiable import CameraNumber, RecordingBackend
 from ..core.errors import InputError, nearest
 from ..core.exposure import Exposure
 from ..core.frame import Frame
 from ..core.sensor_window import SensorWindow
 from ..core.signals import Photons
+from ..core.types import Float64Array
 from .camera import Camera
 from .chain import chain
 from .datasheet_errors import fields_of
@@ -27,11 +26,11 @@ from .run import begin, run_chain
 
 TIME, TEMPERATURE = "exposure.time_s", "exposure.temperature_k"
 
-DECIDES = ("dark_current.rts_fraction",)
-"""Numbers that random words are compared with: how many pixels they choose jumps from one to the next."""
+THRESHOLDS = ("dark_current.rts_fraction",)
+"""Fields that random numbers are compared with: the pixels that they select change in jumps."""
 
 STEP = 1e-4
-"""Distance of the places at which a slope is looked for, as a part of the value."""
+"""Step of the finite differences, relative to the value."""
 
 SCHEMES = {
     tuple(weights): weights
@@ -41,20 +40,20 @@ SCHEMES = {
         {0: 25 / 12, -1: -4.0, -2: 3.0, -3: -4 / 3, -4: 1 / 4},
     )
 }
-"""Places → their weights in a slope to fourth order: about the value, or to one side where the other is forbidden."""
+"""Steps → weights of a slope of fourth order: central, or one-sided where the other side is out of range."""
 
 ROUNDING = 1e-12
-"""Part of a number that is lost where it is computed; what changes less does not change."""
+"""Relative rounding error of a number; smaller changes count as none."""
 
 SMOOTH = 0.05
-"""How much the slopes of a short and of a long secant may differ, as a part of the larger."""
+"""Largest allowed difference of the slopes over one step and over two steps, relative to the larger."""
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """What one pixel of a run asks of its camera.
+    """One pixel of a run, whose stages are run to record the numbers that they use.
 
-    light : one pixel, (1, 1) or (1, 1, B).  first : its frame, whose device holds one pixel of every given map.
+    light : one pixel, (1, 1) or (1, 1, B).  first : its frame, whose window has one pixel of every measured map.
     """
 
     light: Photons
@@ -63,56 +62,56 @@ class Recording:
 
     @classmethod
     def of(cls, light: Photons, camera: Camera, first: Frame) -> Recording:
-        """The first pixel of a run stands for all: numbers are the same everywhere."""
+        """The first pixel of a run: the numbers are the same for all pixels."""
         given = {name: x[:1, :1] for name, x in first.window.given.items()}
         window = SensorWindow(first.window.serial, (1, 1), first.window.origin, given)
         corner = Photons(light.mean[:1, :1], light.wavelengths_nm)
         return cls(corner, camera, replace(first, window=window, _blocks={}))
 
-    def by(self, names: tuple[str, ...]) -> list[Number]:
-        """Every number of the camera, with its slopes by these names.
+    def by(self, names: tuple[str, ...]) -> list[CameraNumber]:
+        """Every number of the camera, with its slopes by these parameters.
 
-        Raises InputError for a name that is no field of camera and exposure, one that is no number, and one that no
-        number follows smoothly.
+        Raises InputError for a name that is no field of camera or exposure, a field that is no number, and one on which
+        no number depends smoothly.
         """
-        home = self.numbers(self.camera, self.first.exposure)
-        slopes = {name: self.slope(name, len(home)) for name in names}
+        unchanged = self.numbers(self.camera, self.first.exposure)
+        slopes = {name: self.slope(name, len(unchanged)) for name in names}
         for name, slope in slopes.items():
-            if not slope.any() or name in DECIDES:
+            if not slope.any() or name in THRESHOLDS:
                 raise InputError(
-                    f"parameters names {name!r}, which no number of this chain follows smoothly; leave it out, "
+                    f"parameters names {name!r}, on which no number of this chain depends smoothly; leave it out, "
                     "and compare frames of two values instead."
                 )
         return [
-            Number(value, {name: float(slope[i]) for name, slope in slopes.items() if slope[i]})
-            for i, value in enumerate(home)
+            CameraNumber(value, {name: float(slope[i]) for name, slope in slopes.items() if slope[i]})
+            for i, value in enumerate(unchanged)
         ]
 
-    def slope(self, name: str, count: int) -> NDArray[np.float64]:
+    def slope(self, name: str, count: int) -> Float64Array:
         """d number/d ``name`` of each of the ``count`` numbers."""
         value = self.value(name)
         step = STEP * (abs(value) or 1.0)
-        places, changed = self._around(name, value, step)
+        steps, changed = self._around(name, value, step)
         rows = [self.numbers(*each) for each in changed]
         if {len(row) for row in rows} != {count}:
             raise InputError(
                 f"parameters names {name!r}, which is {value:g}, where the chain leaves a stage out; "
-                f"start beside it, e.g. at {value + 1e-3 * (abs(value) or 1.0):g}."
+                f"choose a value beside it, e.g. {value + 1e-3 * (abs(value) or 1.0):g}."
             )
-        there = dict(zip(places, np.array(rows), strict=True))
-        slope = sum(weight * there[place] for place, weight in SCHEMES[places].items()) / step
-        size = np.abs(there[places[1]])
+        there = dict(zip(steps, np.array(rows), strict=True))
+        slope = sum(weight * there[at] for at, weight in SCHEMES[steps].items()) / step
+        size = np.abs(there[steps[1]])
         near, far = (_secant(there, reach) / step for reach in (1, 2))
         unsure = SMOOTH * np.maximum(np.abs(near), np.abs(far)) + 10 * ROUNDING * np.maximum(size, 1.0) / step
         if (np.abs(near - far) > unsure).any():
             raise InputError(
-                f"parameters names {name!r}, and the camera jumps where it is {value:g}; move it a little."
+                f"parameters names {name!r}, which is {value:g}, where the camera jumps; change it a little."
             )
         return np.where(np.abs(slope) > ROUNDING * size / step, slope, 0.0)
 
     def value(self, name: str) -> float:
-        """What the field is now."""
-        found: Any = self.first if name in (TIME, TEMPERATURE) else self.camera
+        """The value of the field."""
+        found: object = self.first if name in (TIME, TEMPERATURE) else self.camera
         known = (TIME, TEMPERATURE, *fields_of(Camera))
         if name not in known:
             raise InputError(f"parameters names {name!r}, no field of camera or exposure.{nearest(str(name), known)}")
@@ -126,18 +125,18 @@ class Recording:
         return found
 
     def numbers(self, camera: Camera, exposure: Exposure) -> list[float]:
-        """Every number of this camera, in the order in which they meet the pixels."""
-        backend, stages = Recorder(), chain(camera)
+        """Every number of this camera, in the order in which the stages use them."""
+        backend, stages = RecordingBackend(), chain(camera)
         frame = replace(self.first, exposure=exposure, window=replace(self.first.window, backend=backend, _maps={}))
         run_chain(stages[1:], begin(stages, self.light, frame), replace(frame, _blocks={}))
         return backend.numbers
 
     def _around(self, name: str, value: float, step: float) -> tuple[tuple[int, ...], list[tuple[Camera, Exposure]]]:
-        """The first places that the field's range allows, in steps from the value, and the cameras there."""
-        for places in SCHEMES:
+        """The first scheme that stays in the range of the field, and the cameras and exposures at its steps."""
+        for steps in SCHEMES:
             with contextlib.suppress(InputError):
-                return places, [self._changed(name, value + place * step) for place in places]
-        raise InputError(f"parameters names {name!r}, which is {value:g} and cannot change here; leave it out.")
+                return steps, [self._changed(name, value + count * step) for count in steps]
+        raise InputError(f"parameters names {name!r}, which is {value:g} and cannot be changed; leave it out.")
 
     def _changed(self, name: str, value: float) -> tuple[Camera, Exposure]:
         if name in (TIME, TEMPERATURE):
@@ -145,7 +144,7 @@ class Recording:
         return self.camera.replace(**{name: value}), self.first.exposure
 
 
-def _secant(there: Mapping[int, Any], reach: int) -> Any:
-    """Slope between the two places that lie ``reach`` steps from the value, or between the one and the value."""
-    a, b = (place if place in there else 0 for place in (reach, -reach))
+def _secant(there: Mapping[int, Float64Array], reach: int) -> Float64Array:
+    """Slope between ``reach`` steps above and below the value, or between the value and the one that is in range."""
+    a, b = (at if at in there else 0 for at in (reach, -reach))
     return (there[a] - there[b]) / (a - b)

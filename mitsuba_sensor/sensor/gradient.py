@@ -1,4 +1,4 @@
-"""How digital numbers change with the light and with the camera: derivatives of frames whose values do not change."""
+"""Derivatives of digital numbers by the photons, the exposure and the numbers of a camera (Dr.Jit)."""
 
 from __future__ import annotations
 
@@ -8,16 +8,17 @@ from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..core.backend import NUMPY_FLOAT32
 from ..core.checks import check_types
-from ..core.differentiable import SLOTS, Differentiable
+from ..core.differentiable import SLOTS, DifferentiableBackend
 from ..core.errors import InputError
 from ..core.exposure import Exposure
 from ..core.frame import Frame
 from ..core.sensor_window import SensorWindow
-from ..core.signals import Photons
+from ..core.signals import Electrons, Photons
+from ..core.types import Array, Float32Array
 from .camera import Camera
 from .chain import chain
 from .checks import as_photons, check_numbers, checked_maps, checked_origin
@@ -25,7 +26,7 @@ from .field_derivatives import Recording
 from .run import begin, choose_backend, run_chain
 
 PHOTONS = "photons"
-"""The name of the light among the parameters."""
+"""The name of the mean photons among the parameters."""
 
 BACKENDS = {"drjit": "llvm", "cuda": "cuda"}
 
@@ -34,21 +35,21 @@ BACKENDS = {"drjit": "llvm", "cuda": "cuda"}
 class DifferentiableFrame:
     """One frame and its derivatives.
 
-    digital : digital numbers as floats, in one long array of Dr.Jit (H·W), from which a loss is made.
+    digital : digital numbers as floats, one Dr.Jit array (H·W), to compute a loss from.
     """
 
-    digital: Any
+    digital: Array
     of: DifferentiableFrames = field(repr=False)
-    backend: Differentiable = field(repr=False)
+    backend: DifferentiableBackend = field(repr=False)
 
-    def backward(self, loss: Any) -> dict[str, Any]:
-        """d Σloss/d parameter: a number for a field, good to about six digits, and for the photons one each.
+    def backward(self, loss: Array) -> dict[str, Array]:
+        """d Σloss/d parameter: a number for a field, to about six digits, and for the photons one per pixel and band.
 
-        loss : an array of Dr.Jit made from ``digital``. Leave it one element per pixel: it is added up here, and runs
-            in one kernel with the frame. Where it needs all pixels first, as a variance does, :meth:`hold` the frame.
+        loss : a Dr.Jit array computed from ``digital``, best with one element per pixel: it is summed here, in one
+            kernel with the frame. If it needs all pixels first, as a variance does, call :meth:`store` before.
         """
         if not self.backend.dr.grad_enabled(loss):
-            raise InputError("loss has no derivative; make it from this frame's digital, e.g. digital * 1.0.")
+            raise InputError("loss has no derivative; compute it from this frame's digital, e.g. digital * 1.0.")
         found = self.backend.backward(loss)
         light = found.pop(PHOTONS, None)
         sums = self.backend.totals(found) if found else self.digital
@@ -57,58 +58,61 @@ class DifferentiableFrame:
         named = dict.fromkeys(self.of.parameters, 0.0) | dict(zip(found, totals, strict=False))
         return named if light is None else named | {PHOTONS: self._per_photon(light)}
 
-    def forward(self, name: str) -> NDArray[np.float32]:
-        """d DN/d parameter of every pixel, (H, W); for the photons, by a pixel's own, in their shape."""
+    def forward(self, name: str) -> Float32Array:
+        """d DN/d parameter of every pixel, (H, W); for ``"photons"`` by those of the same pixel, in their shape."""
         known = self.of.parameters
         if name not in known:
             raise InputError(f"name is {name!r}; it must be one of the parameters: {', '.join(known)}.")
         (found,) = self.backend.forward(name, self.digital)
-        return self._per_photon(found) if name == PHOTONS else self._on_host(found)
+        return self._per_photon(found) if name == PHOTONS else self._to_numpy(found)
 
     def store(self) -> None:
-        """Compute the frame now and keep what was drawn for it, so that no derivative draws again."""
-        self.backend.dr.eval(self.digital, self.backend.distributions)
+        """Compute the frame now and keep its random numbers, so that no derivative computes them again."""
+        self.backend.dr.eval(self.digital, self.backend.random_numbers)
 
     @property
-    def codes(self) -> NDArray[np.float32]:
+    def codes(self) -> Float32Array:
         """Digital numbers (H, W) [DN]."""
-        return self._on_host(self.backend.dr.detach(self.digital))
+        return self._to_numpy(self.backend.dr.detach(self.digital))
 
-    def _on_host(self, x: Any) -> NDArray[np.float32]:
-        return self.backend.to_numpy(x, self.of.first.window)
+    def _to_numpy(self, x: Array) -> Float32Array:
+        values: Float32Array = self.backend.to_numpy(x, self.of.first.window)
+        return values
 
-    def _per_photon(self, per_electron: Any) -> NDArray[np.float32]:
-        """A derivative by the mean electrons of light → by the photons of every band."""
-        x, efficiency = self._on_host(per_electron), self.of.efficiency
+    def _per_photon(self, per_electron: Array) -> Float32Array:
+        """A derivative by the mean photoelectrons → by the photons of every band."""
+        x, efficiency = self._to_numpy(per_electron), self.of.efficiency
         return x[..., None] * efficiency if efficiency.ndim == 3 else x * efficiency
 
 
 @dataclass(frozen=True, eq=False)
 class DifferentiableFrames:
-    """Frames of one camera under one light, with derivatives by ``parameters``."""
+    """Frames of one camera and one array of photons, with derivatives by ``parameters``."""
 
     parameters: tuple[str, ...]
     light: Photons
     stages: tuple[Any, ...] = field(repr=False)
     first: Frame = field(repr=False)
-    start: Any = field(repr=False)
+    start: Electrons = field(repr=False)
 
     def frame(self, index: int = 0) -> DifferentiableFrame:
         """Frame ``index``, whose digital numbers are those of ``expose(engine="drjit", first_frame=index)``."""
         check_numbers(1, index, self.first.seed)
-        backend, window = self.first.window.backend.renewed(self.first.window)  # type: ignore[attr-defined]
+        assert isinstance(self.first.window.backend, DifferentiableBackend)
+        backend, window = self.first.window.backend.renewed(self.first.window)
         start = self.start
         if PHOTONS in self.parameters:
-            start = replace(start, light=backend.follow(start.light, {PHOTONS: 1.0}))
+            start = replace(start, light=backend.with_slopes(start.light, {PHOTONS: 1.0}))
         digital = run_chain(self.stages[1:], start, replace(self.first, index=index, window=window, _blocks={}))
         return DifferentiableFrame(digital, self, backend)
 
     @cached_property
-    def efficiency(self) -> NDArray[np.float32]:
+    def efficiency(self) -> Float32Array:
         """Mean electrons (interactions, where there is a yield) per photon, in the shape of the photons."""
         frame, shape, bands = self.first.on(NUMPY_FLOAT32), self.light.mean.shape, self.light.wavelengths_nm
         if bands is None or len(shape) == 2:
-            return self.stages[0](Photons(np.ones(shape), bands), frame).light
+            light: Float32Array = self.stages[0](Photons(np.ones(shape), bands), frame).light
+            return light
         ones = [Photons(np.ones((*shape[:2], 1)), np.array([nm])) for nm in bands]
         return np.stack([self.stages[0](one, frame).light for one in ones], axis=-1)
 
@@ -126,12 +130,12 @@ def differentiable(
     maps: Mapping[str, ArrayLike] | None = None,
     engine: Literal["drjit", "cuda"] = "drjit",
 ) -> DifferentiableFrames:
-    """Frames of :func:`expose` that know how their digital numbers change with some parameters.
+    """Frames of :func:`expose` with the derivatives of their digital numbers by some parameters.
 
     parameters : names of fields of the camera (``"readout.sense_gain_uv_per_e"``), ``"exposure.time_s"`` and
         ``"exposure.temperature_k"`` at the same photons, and ``"photons"`` for the mean photons of every pixel.
-    The rest as for :func:`expose`. Derivatives of means and of variances come out right where the noise hides the steps
-    of the converter: to 1 % if σ is ¾ DN or more; tests/sensor/test_gradient.py has a table.
+    The rest as for :func:`expose`. Derivatives of means and of variances are right where the noise hides the steps of
+    the ADC: to 1 % if σ is ¾ DN or more; tests/sensor/test_gradient.py has a table.
     Raises InputError for what ``expose`` refuses, and for a parameter that has no derivative.
     """
     check_types(camera, exposure)
@@ -144,18 +148,18 @@ def differentiable(
     window = replace(window, given=checked_maps({} if maps is None else maps, stages, window, camera))
     first = Frame(exposure, window, seed)
     numbers = Recording.of(light, camera, first).by(tuple(name for name in names if name != PHOTONS))
-    first = first.on(Differentiable(BACKENDS[engine], numbers))
+    first = first.on(DifferentiableBackend(BACKENDS[engine], numbers))
     return DifferentiableFrames(names, light, stages, first, begin(stages, light, first))
 
 
 def _check(names: tuple[str, ...], engine: str, light: Photons, camera: Camera) -> None:
-    """Raise InputError for names or an engine that give no derivatives at all."""
+    """Raise InputError for parameters, an engine or photons that have no derivatives."""
     if not names:
         raise InputError("parameters is empty; name what to differentiate by, e.g. 'photons' or 'pixel.prnu'.")
     if engine not in BACKENDS:
         raise InputError(f"engine is {engine!r}; derivatives need a compiled one: drjit or cuda.")
     if light.detected:
-        raise InputError("photons is in channels, which hold the QE already; render a cube (spectral='cube').")
+        raise InputError("photons is in channels, to which the QE is applied already; render a cube (spectral='cube').")
     bands = light.mean.shape[2] if light.mean.ndim == 3 else 1
     if PHOTONS in names and bands > 1 and camera.quantum_efficiency.quantum_yield:
         raise InputError(

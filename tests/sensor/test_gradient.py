@@ -359,7 +359,7 @@ def wide() -> Any:
 @pytest.mark.parametrize("name", FIELDS)
 def test_every_field_moves_every_pixel_as_its_derivative_says_or_is_refused(name: str) -> None:
     if name in NO_SLOPE:
-        with pytest.raises(ms.InputError, match="no number of this chain follows smoothly"):
+        with pytest.raises(ms.InputError, match="no number of this chain depends smoothly"):
             differentiable(WIDE_LIGHT[:1, :1], WIDE, EXPOSURE, name)
         return
     step = 5e-3
@@ -437,9 +437,9 @@ def test_the_bias_is_what_the_table_says(
         ("pixel.prnoo", {}, "no field of camera or exposure. Did you mean 'pixel.prnu'"),
         ("adc.bits", {}, "which is 12; only a number that can change by a little"),
         ("readout.ve_k1_c", {}, "which is None; only a number"),
-        ("lens.f_number", {}, "no number of this chain follows smoothly"),
+        ("lens.f_number", {}, "no number of this chain depends smoothly"),
         ("dark_current.coupling", {"dark_current.distribution": "ar", "dark_current.coupling": 0.2}, "no number"),
-        ("pixel.prnu", {"pixel.prnu": 0.0}, "which is 0, where the chain leaves a stage out; start beside it"),
+        ("pixel.prnu", {"pixel.prnu": 0.0}, "which is 0, where the chain leaves a stage out; choose a value beside it"),
         ("readout.cds_gain", {"readout.cds_gain": 1.0}, "which is 1, where the chain leaves a stage out"),
         ((), {}, "parameters is empty"),
     ],
@@ -483,7 +483,7 @@ def test_arrays_without_derivatives_pay_nothing() -> None:
 
     line = lambda *_: pytest.fail("nobody asked for a derivative")  # noqa: E731
     for x in (np.float32(2.0), np.ones(3, np.float32), dr.llvm.Float32(2.0), dr.llvm.ad.Float32(2.0)):
-        assert np.all(np.asarray(arrays.along(line, lambda x: x + 1, x)) == np.asarray(x) + 1)
+        assert np.all(np.asarray(arrays.with_derivative_of(line, lambda x: x + 1, x)) == np.asarray(x) + 1)
 
 
 def test_the_benchmark_runs() -> None:
