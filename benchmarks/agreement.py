@@ -1,4 +1,4 @@
-"""Do two stacks of frames of the same light have the same means and the same noise? Told in standard errors."""
+"""Compare the means and the temporal variances of two stacks of frames, in standard errors."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 LIMIT = 5.0
-"""Standard errors; chance alone goes beyond once in 1.7 million comparisons."""
+"""Standard errors; exceeded by chance once in 1.7 million comparisons."""
 
 BANDS = 8
-"""Bands of columns that are compared one by one, so that a ramp is compared at as many levels."""
+"""Bands of columns, each compared separately: with a ramp these are different signal levels."""
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """The largest distance of any band, in standard errors of the difference.
+    """The largest difference of any band, in standard errors of the difference.
 
-    mean_z : of the means.  variance_z : of the variances from frame to frame.
-    mean_difference_dn, sigma_ratio : of the whole frames, for people.
+    mean_z : difference of the means.  variance_z : difference of the temporal variances.
+    mean_difference_dn, sigma_ratio : for whole frames, for information.
     """
 
     mean_z: float
@@ -34,7 +34,7 @@ class Agreement:
         return self.mean_z < LIMIT and self.variance_z < LIMIT
 
     def as_json(self) -> dict[str, Any]:
-        """The numbers, and what they say."""
+        """The numbers, and whether the stacks agree."""
         return asdict(self) | {"agrees": bool(self)}
 
 
@@ -62,7 +62,7 @@ def _bands(frames: NDArray[Any]) -> list[NDArray[Any]]:
 
 
 def _distance(one: NDArray[Any], other: NDArray[Any]) -> tuple[float, float]:
-    """How far apart the means and the variances of one band are, in standard errors."""
+    """Differences of the means and of the temporal variances of one band, in standard errors."""
     frames, pixels = len(one), one[0].size
     variances = [x.var(axis=0, ddof=1) for x in (one, other)]
     mean_error = np.sqrt(sum(v.mean() for v in variances) / (frames * pixels))
@@ -74,5 +74,5 @@ def _distance(one: NDArray[Any], other: NDArray[Any]) -> tuple[float, float]:
 
 
 def _standard_errors(difference: float, error: float) -> float:
-    """0 where both are the same constant, as in a saturated band."""
+    """0 if both are the same constant, as in a saturated band."""
     return float(abs(difference) / error) if error else (0.0 if difference == 0 else float("inf"))

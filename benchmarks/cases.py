@@ -1,4 +1,4 @@
-"""What the benchmarks expose: two cameras, and photon maps of a chosen size, level and content."""
+"""Define the test cases of the benchmarks: three cameras, and photon maps of a given size, level and content."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ EXPOSURE = ms.Exposure(time_s=0.1)
 
 
 def full_chain() -> ms.Camera:
-    """Table 1 with everything switched on: kTC noise, a bent sense node, a bent amplifier, a bent converter."""
+    """Table 1 with all options: kTC noise, and non-linear sense node, source follower and ADC."""
     return ms.load_camera("konnik_table1").replace(
         **{
             "readout.reset": "hard",
@@ -26,20 +26,20 @@ def full_chain() -> ms.Camera:
 
 
 def shot_read_quantise() -> ms.Camera:
-    """Table 1 with only Poisson light, read noise and the converter left."""
+    """Table 1 with photon shot noise, read noise and quantisation only."""
     return ms.load_camera("konnik_table1").replace(
         **{"pixel.prnu": 0.0, "dark_current.fom_na_per_cm2": 0.0, "readout.dsnu_col": 0.0}
     )
 
 
 def shape_of(mpx: float) -> tuple[int, int]:
-    """(rows, columns) of about so many million pixels, 3 : 4."""
+    """(rows, columns) of about ``mpx`` million pixels, 3 : 4."""
     rows = max(round(math.sqrt(mpx * 1e6 * 3 / 4)), 1)
     return rows, max(round(mpx * 1e6 / rows), 1)
 
 
 def reference_qe(camera: ms.Camera) -> float:
-    """Electrons per photon of photons that come without a wavelength."""
+    """Quantum efficiency at the reference wavelength, for photons without a wavelength."""
     return float(camera.qe([camera.quantum_efficiency.reference_nm or 0.0])[0, 0])
 
 
@@ -60,16 +60,16 @@ CONTENTS: dict[str, Callable[[tuple[int, int]], NDArray[np.float64]]] = {
     "ramp": _ramp,
     "random": _random,
 }
-"""Light of mean 1: the same everywhere, 0 to 2 from left to right, and 0 to 2 by chance."""
+"""Relative light of mean 1: constant, a ramp from 0 to 2 from left to right, and uniform random from 0 to 2."""
 
 
 def photon_map(camera: ms.Camera, electrons: float, content: str, shape: tuple[int, int]) -> NDArray[np.float64]:
-    """Mean photons per pixel that free ``electrons`` of light on average, (H, W)."""
+    """Mean photons per pixel that give ``electrons`` photoelectrons on average, (H, W)."""
     return CONTENTS[content](shape) * (electrons / reference_qe(camera))
 
 
 def shot_dark_read_quantise() -> ms.Camera:
-    """Table 1 without its fixed patterns: what Pyxel and this package both do."""
+    """Table 1 without fixed-pattern noise: the stages that Pyxel has too."""
     return ms.load_camera("konnik_table1").replace(
         **{"pixel.prnu": 0.0, "dark_current.cv": 0.0, "readout.dsnu_col": 0.0}
     )

@@ -1,9 +1,9 @@
-"""How long does the README's first command take, and how much memory: the whole process, scalar and LLVM.
+"""Measure time and memory of the README's first command, as a whole process, scalar and LLVM.
 
     python benchmarks/first_command.py [--runs 5] [--size 256] [--json]
 
-The variants take turns, so that a machine that slows down slows both; the first turn (cold caches, kernels compiled) is
-told apart from the median of the others. Peak memory is the kernel's ru_maxrss of the child.
+The variants run alternately, so that other load on the machine affects both. The first run (cold caches, compilation of
+kernels) is reported separately from the median of the others. Peak memory is ru_maxrss of the child process.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ VARIANTS = ("scalar_spectral", "llvm_ad_spectral")
 
 
 def main() -> None:
-    """Parse the options, run, print."""
+    """Parse the options, measure, print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=5, help="warm runs of each variant (default 5)")
-    parser.add_argument("--size", type=int, default=256, help="columns and rows of the picture (default 256)")
-    parser.add_argument("--json", action="store_true", help="only JSON")
+    parser.add_argument("--size", type=int, default=256, help="width and height in pixels (default 256)")
+    parser.add_argument("--json", action="store_true", help="print JSON only")
     options = parser.parse_args()
     turns = [{name: once(name, options.size) for name in VARIANTS} for _ in range(options.runs + 1)]
     results = {name: digest([turn[name] for turn in turns]) for name in VARIANTS}
@@ -49,18 +49,18 @@ def main() -> None:
 
 
 def once(variant: str, size: int) -> dict[str, Any]:
-    """One whole process: seconds, peak memory, and the seconds of them that were rendering."""
-    with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryFile() as said:
-        words = ["render", str(ROOT / "scenes" / "cornell_box.xml"), "-o", folder, "--variant", variant]
-        words += ["-D", f"width={size}", "-D", f"height={size}"]
+    """One whole process: seconds, seconds of rendering, and peak memory."""
+    with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryFile() as output:
+        arguments = ["render", str(ROOT / "scenes" / "cornell_box.xml"), "-o", folder, "--variant", variant]
+        arguments += ["-D", f"width={size}", "-D", f"height={size}"]
         start = time.perf_counter()
-        child = subprocess.Popen([sys.executable, "-m", "mitsuba_sensor", *words], stdout=said, stderr=said)
+        child = subprocess.Popen([sys.executable, "-m", "mitsuba_sensor", *arguments], stdout=output, stderr=output)
         _, status, usage = os.wait4(child.pid, 0)
         seconds = time.perf_counter() - start
         child.returncode = os.waitstatus_to_exitcode(status)
         if child.returncode:
-            said.seek(0)
-            return {"error": said.read().decode().strip().splitlines()[-1]}
+            output.seek(0)
+            return {"error": output.read().decode().strip().splitlines()[-1]}
         report = json.loads((Path(folder) / "frame.json").read_text(encoding="utf-8"))
         cpu = usage.ru_utime + usage.ru_stime
         return {
@@ -72,7 +72,7 @@ def once(variant: str, size: int) -> dict[str, Any]:
 
 
 def digest(runs: list[dict[str, Any]]) -> dict[str, Any]:
-    """The first run apart, the median of the others."""
+    """The first run, and the median of the others."""
     for run in runs:
         if "error" in run:
             return run

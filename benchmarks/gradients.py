@@ -1,11 +1,11 @@
-"""What do derivatives cost? The next frame of an open stream against a frame with its gradient.
+"""Measure the time of a frame with gradients, compared with the next frame of an open stream.
 
     python benchmarks/gradients.py [--mpx 1 4] [--electrons 1000] [--turns 9] [--json]
 
-plain           a frame of the full chain by the compiled engine, uint16 on the host
-ten_parameters  a frame and the gradient of a squared error by ten numbers of the camera
-all_photons     a frame and the gradient of a squared error by the photons of every pixel
-both            all of these at once
+plain           a frame of the full chain from the compiled backend, uint16 in NumPy
+ten_parameters  a frame, and the gradient of a squared error with respect to ten camera parameters
+all_photons     a frame, and the gradient of a squared error with respect to the photons of every pixel
+both            all of these together
 
 Times are medians of turns; ``times_plain`` is the median of the ratios to the plain frame of the same turn.
 """
@@ -19,9 +19,9 @@ from collections.abc import Callable
 from typing import Any
 
 from cases import EXPOSURE, full_chain, photon_map, shape_of
-from engines import next_frame
+from frame_sources import next_frame
 from numpy.typing import NDArray
-from turns import ratio, take_turns
+from timing import alternate, ratio
 
 from mitsuba_sensor.io.metadata import machine
 from mitsuba_sensor.sensor.gradient import differentiable
@@ -42,12 +42,12 @@ TASKS = {"ten_parameters": TEN, "all_photons": ("photons",), "both": ("photons",
 
 
 def main() -> None:
-    """Parse the options, run, print."""
+    """Parse the options, measure, print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--mpx", type=float, nargs="+", default=[1, 4], help="million pixels")
-    parser.add_argument("--electrons", type=float, default=1000, help="mean electrons of light")
-    parser.add_argument("--turns", type=int, default=9, help="turns that count (default 9)")
-    parser.add_argument("--json", action="store_true", help="only JSON")
+    parser.add_argument("--electrons", type=float, default=1000, help="mean photoelectrons")
+    parser.add_argument("--turns", type=int, default=9, help="measured turns (default 9)")
+    parser.add_argument("--json", action="store_true", help="print JSON only")
     options = parser.parse_args()
     rows = [row(mpx, options.electrons, options.turns) for mpx in options.mpx]
     if options.json:
@@ -60,12 +60,12 @@ def main() -> None:
 
 
 def row(mpx: float, electrons: float, turns: int) -> dict[str, Any]:
-    """All tasks at one size."""
+    """Times of all tasks for one size."""
     camera = full_chain()
     photons = photon_map(camera, electrons, "ramp", shape_of(mpx))
     tasks: dict[str, Callable[[], object]] = {"plain": next_frame("drjit", photons, camera)}
     tasks |= {name: gradient(photons, parameters) for name, parameters in TASKS.items()}
-    seconds = take_turns(tasks, turns)
+    seconds = alternate(tasks, turns)
     found = {
         name: {"seconds": statistics.median(those), "times_plain": ratio(those, seconds["plain"])}
         for name, those in seconds.items()

@@ -1,11 +1,11 @@
-"""How much longer does a render take through a real lens, or a distorting one, than through Mitsuba's thin lens?
+"""Measure the time of a render with distortion or a sequential lens, compared with the thin lens of Mitsuba.
 
     python benchmarks/lens_cost.py [--size 256] [--samples 16] [--turns 7] [--quick] [--json]
 
-The still life, one band, the same samples, field of view, focus and pupil: through the thin lens of the scene, with the
-distortion of a wide-angle lens on top, through a double Gauss of eleven surfaces, and with its dispersion. One pass is
-timed, in llvm_ad_spectral; the lenses take turns, and the first turn, in which kernels are compiled, does not count.
-Below 1.1 is what we promise.
+The still life, one band, equal samples, field of view, focus and pupil: with the thin lens of the scene, with the
+distortion of a wide-angle lens in addition, with a double Gauss lens of eleven surfaces, and with its dispersion. One
+pass is timed in llvm_ad_spectral. The lenses run alternately; the first turn, in which kernels are compiled, is not
+counted. The ratio must be below 1.1.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from turns import lines, ratio, take_turns
+from timing import alternate, lines, ratio
 
 from mitsuba_sensor.io.metadata import machine
 from mitsuba_sensor.optics.paraxial import cardinal
@@ -30,28 +30,26 @@ from mitsuba_sensor.sensor.camera import Camera, load_camera
 SCENE = Path(__file__).resolve().parent.parent / "scenes" / "still_life.xml"
 VARIANT = "llvm_ad_spectral"
 FOCUS_M = 0.1
-"""What the still life is focused on by default."""
+"""Default focus distance of the still life."""
 F_NUMBER = 5.6
-"""Where the double Gauss has next to no vignetting: rays that are stopped would be cheap."""
-BENT = [-0.2, 0.05, 0.001, -0.001, 0.0]
+"""The double Gauss has almost no vignetting here; blocked rays would take less time."""
+DISTORTION = [-0.2, 0.05, 0.001, -0.001, 0.0]
 """k1, k2, p1, p2, k3: the barrel distortion of a common wide-angle lens."""
 
 
 def main() -> None:
-    """Parse the options, run, print."""
+    """Parse the options, measure, print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--size", type=int, default=256, help="columns and rows of the picture (default 256)")
+    parser.add_argument("--size", type=int, default=256, help="width and height in pixels (default 256)")
     parser.add_argument("--samples", type=int, default=16, help="samples per pixel of a pass (default 16)")
     parser.add_argument("--turns", type=int, default=7, help="passes through each lens (default 7)")
-    parser.add_argument("--quick", action="store_true", help="a tiny picture, one turn")
-    parser.add_argument("--json", action="store_true", help="only JSON")
+    parser.add_argument("--quick", action="store_true", help="a very small picture: a check of the script")
+    parser.add_argument("--json", action="store_true", help="print JSON only")
     options = parser.parse_args()
     if options.quick:
         options.size, options.samples, options.turns = 16, 4, 1
     use(choose_variant(VARIANT))
-    seconds = take_turns(
-        {name: one_pass(scene, options) for name, scene in scenes(options.size).items()}, options.turns
-    )
+    seconds = alternate({name: one_pass(scene, options) for name, scene in scenes(options.size).items()}, options.turns)
     found = {
         name: {"seconds": statistics.median(those), "ratio_to_thin_lens": ratio(those, seconds["thin_lens"])}
         for name, those in seconds.items()
@@ -61,14 +59,14 @@ def main() -> None:
 
 
 def scenes(size: int) -> dict[str, Scene]:
-    """The still life through every lens, with the field of view of the scene."""
+    """The still life with every lens, with the field of view of the scene."""
     thin = load_camera("konnik_table1").replace(**{"lens.f_number": F_NUMBER})
     bands = box_bands(thin, np.array([545.0, 555.0]))
     half_width = load_scene(SCENE, bands, {"width": size, "height": size}, thin).view.half_width
     real = double_gauss(thin, 0.5e-3 * size * thin.pixel.pitch_x_um / half_width)
     cameras = {
         "thin_lens": thin,
-        "distortion": thin.replace(**{"lens.distortion": BENT}),
+        "distortion": thin.replace(**{"lens.distortion": DISTORTION}),
         "double_gauss": real,
         "dispersion": real.replace(**{"lens.dispersion": True}),
     }
@@ -78,7 +76,7 @@ def scenes(size: int) -> dict[str, Scene]:
 
 
 def double_gauss(camera: Camera, distance_mm: float) -> Camera:
-    """The camera with a double Gauss of such a focal length that its picture is as large as the thin lens's."""
+    """The camera with a double Gauss whose focal length gives the same image size as the thin lens."""
     focal_length_mm = distance_mm
     for _ in range(20):  # converges by a factor f/focus, about 40, each time
         real = camera.replace(**{"lens.prescription": "double_gauss", "lens.focal_length_mm": focal_length_mm})

@@ -1,4 +1,4 @@
-"""GalSim with the numbers of one of our cameras: CCDNoise (shot and read noise), pedestal, quantize, uint16."""
+"""Simulate a camera with GalSim: CCDNoise (shot noise and read noise), black level, quantisation, uint16."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ VERSION = galsim.__version__
 
 
 def frames(photons: NDArray[np.float64], camera: ms.Camera, exposure: ms.Exposure) -> Iterator[NDArray[Any]]:
-    """Endless frames (H, W) uint16. GalSim has no converter's ends, so the clip is NumPy's; images are float32."""
+    """Endless frames (H, W) uint16. GalSim does not clip at the ends of the ADC range, so NumPy does."""
     qe = reference_qe(camera)
     dn_per_e, black_level_dn = chain.gain_dn_per_e(camera), chain.black_level_dn(camera)
     read_noise_e = chain.follower_sigma_v(camera) / chain.sense_gain_v_per_e(camera)

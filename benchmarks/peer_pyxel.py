@@ -1,8 +1,8 @@
-"""Pyxel (ESA) with the numbers of one of our cameras: photons of an array, shot noise, QE, dark current, well, ADC.
+"""Simulate a camera with Pyxel (ESA): photons from an array, shot noise, QE, dark current, full well, ADC.
 
-Left out is what the two do differently: Pyxel's dark pattern is one number for the whole frame, and its PRNU doubles
-the signal. Its dark current here is Poisson about our camera's rate; its converter truncates, and a range that begins
-half a code lower makes that our rounding.
+Stages that the two packages define differently are not used: in Pyxel the dark-current FPN is one number for the whole
+frame, and PRNU doubles the signal. The dark current is a Poisson count with the mean of our camera. The ADC of Pyxel
+truncates; an input range that starts half a code lower makes it round.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ VERSION = pyxel.__version__
 
 
 def frames(photons: NDArray[np.float64], camera: ms.Camera, exposure: ms.Exposure) -> Iterator[NDArray[Any]]:
-    """Endless frames (H, W) uint16, each by a call of ``run_mode``; detector and pipeline are built once."""
+    """Endless frames (H, W) uint16, one call of ``run_mode`` each; detector and pipeline are built once."""
     np.random.seed(2)
     mode = Exposure(Readout(times=[exposure.time_s]))
     detector, pipeline = detector_of(camera, photons.shape, exposure), pipeline_of(camera, photons, exposure)
@@ -35,7 +35,7 @@ def frames(photons: NDArray[np.float64], camera: ms.Camera, exposure: ms.Exposur
 
 
 def detector_of(camera: ms.Camera, shape: tuple[int, ...], exposure: ms.Exposure) -> CMOS:
-    """The numbers that Pyxel keeps with the detector."""
+    """The detector parameters of Pyxel."""
     bits, dn_per_v = camera.adc.bits, chain.adc_gain_dn_per_v(camera)
     lowest_v = -(chain.black_level_dn(camera) + 0.5) / dn_per_v
     return CMOS(
@@ -52,7 +52,7 @@ def detector_of(camera: ms.Camera, shape: tuple[int, ...], exposure: ms.Exposure
 
 
 def pipeline_of(camera: ms.Camera, photons: NDArray[np.float64], exposure: ms.Exposure) -> DetectionPipeline:
-    """The models in their order."""
+    """The models in the order of the pipeline."""
     dark_e_per_s = chain.dark_current_model(camera).rate_e_per_s(exposure.temperature_k)
     read_noise_v = chain.follower_sigma_v(camera) * camera.source_follower.gain * camera.readout.cds_gain
     return DetectionPipeline(
@@ -77,10 +77,10 @@ def pipeline_of(camera: ms.Camera, photons: NDArray[np.float64], exposure: ms.Ex
 
 
 def model(function: str, **arguments: Any) -> ModelFunction:
-    """A model that is called as its function is."""
+    """A Pyxel model with the name of its function."""
     return ModelFunction(function, function.rpartition(".")[2], arguments)
 
 
 def collect(detector: CMOS, photons: NDArray[np.float64]) -> None:
-    """A model of ours: light from an array, where Pyxel's own reads a file."""
+    """A Pyxel model that adds photons from an array; Pyxel's own reads a file."""
     detector.photon += photons

@@ -1,8 +1,8 @@
-"""The yardstick: the same stages as straightforward NumPy, float64, whole arrays, one thread; and that it is right.
+"""A simple chain of the same stages in NumPy (float64, whole arrays, one thread), and a check of its results.
 
     python benchmarks/plain_chain.py [--mpx 0.25] [--electrons 1000] [--frames 16] [--json]
 
-The command compares its means and its noise, band by band along a ramp, with those of ``ms.expose``.
+The command compares means and noise with those of ``ms.expose``, for bands of columns along a ramp.
 """
 
 from __future__ import annotations
@@ -27,25 +27,25 @@ STAGES = {
     *("SourceFollowerNoise", "SourceFollower", "NonlinearSourceFollower", "ColumnOffset", "CdsGain"),
     *("IntegralNonlinearity", "Adc"),
 }
-"""What the plain chain does."""
+"""The stages of the simple chain."""
 
 IDLE = {"RowOffset": "sigma_e", "PixelOffset": "sigma_e", "ColumnGain": "cv"}
-"""What it leaves out, which must therefore be 0."""
+"""Stages that it does not have; this field of them must be 0."""
 
 
 def stages_of(camera: ms.Camera) -> dict[str, Any]:
-    """The stages of a camera by name; ValueError where one of them does something that the plain chain does not."""
+    """The stages of a camera by name; ValueError if the simple chain lacks one of them."""
     stages = {type(stage).__name__: stage for stage in chain(camera)}
     for name, stage in stages.items():
         if name not in STAGES and (name not in IDLE or getattr(stage, IDLE[name])):
-            raise ValueError(f"{camera.name} has a stage {name}, which the plain chain leaves out.")
+            raise ValueError(f"{camera.name} has a stage {name}, which the simple chain does not have.")
     return stages
 
 
 class PlainChain:
-    """An endless iterator of frames (H, W) uint16; the numbers are the camera's, and fixed maps are made once, here.
+    """An endless iterator of frames (H, W) uint16 with the parameters of a camera; FPN maps are computed once.
 
-    It is monochrome, its PRNU is normal, its dark pattern log-normal, and its columns are independent.
+    Monochrome, with normal PRNU, log-normal dark-current FPN and independent columns.
     """
 
     def __init__(self, photons: NDArray[np.float64], camera: ms.Camera, exposure: ms.Exposure, seed: int = 1) -> None:
@@ -53,7 +53,7 @@ class PlainChain:
         self.photons, self.random = photons, np.random.default_rng(seed)
         self.qe = reference_qe(camera)
         self.full_well_e = stages["FullWell"].full_well_e
-        self._fixed_patterns(stages["Prnu"], stages["DarkCurrent"], stages["ColumnOffset"])
+        self._make_fpn_maps(stages["Prnu"], stages["DarkCurrent"], stages["ColumnOffset"])
         frame = Frame(exposure, SensorWindow(0, (1, 1)), seed)
         self.dark_e = stages["DarkCurrent"].mean_e(frame)
         self.reset_v = stages["ResetNoise"].sigma_v(frame)
@@ -62,8 +62,8 @@ class PlainChain:
         adc = stages["Adc"]
         self.dn_per_v, self.black_level_dn, self.highest_dn = adc.gain_dn_per_v, adc.black_level_dn, adc.highest
 
-    def _fixed_patterns(self, prnu: Any, dark: Any, columns: Any) -> None:
-        """Gain and dark current of every pixel, offset of every column, by the names of ``ms.fpn_maps``."""
+    def _make_fpn_maps(self, prnu: Any, dark: Any, columns: Any) -> None:
+        """Gain and dark current of every pixel and offset of every column, by the names of ``ms.fpn_maps``."""
         shape, normal = self.photons.shape, self.random.standard_normal
         log_variance = math.log1p(dark.pattern.cv**2)
         self.maps = {
@@ -72,19 +72,19 @@ class PlainChain:
             "dsnu_col_e": columns.sigma_e * normal((1, shape[1])),
         }
         self.has_prnu, self.has_columns = prnu.pattern.cv > 0, columns.sigma_e > 0
-        self.column_offset_v = columns.residual * columns.gain_v_per_e * self.maps["dsnu_col_e"]
+        self.dsnu_col_v = columns.residual * columns.gain_v_per_e * self.maps["dsnu_col_e"]
 
     def _curves(self, stages: dict[str, Any]) -> None:
-        """Gains and their bends; a bend of 0 is a straight line."""
+        """Gains and non-linearities; 0 means linear."""
         node = stages.get("NonlinearSenseNode") or stages["SenseNode"]
         self.v_per_e, alpha = node.gain_v_per_e, getattr(node, "alpha", 0.0)
         self.node_swing_v = node.v_ref_v / alpha if alpha else 0.0
         follower = stages.get("NonlinearSourceFollower") or stages["SourceFollower"]
         self.gain = follower.gain
-        self.bend_per_v = (follower.ratio - 1) / follower.full_swing_v if hasattr(follower, "ratio") else 0.0
+        self.vv_per_v = (follower.ratio - 1) / follower.full_swing_v if hasattr(follower, "ratio") else 0.0
         self.cds_gain = stages["CdsGain"].gain
-        sag = stages.get("IntegralNonlinearity")
-        self.sag_per_v = math.log(sag.gamma) / sag.full_scale_v if sag else 0.0
+        inl = stages.get("IntegralNonlinearity")
+        self.inl_per_v = math.log(inl.gamma) / inl.full_scale_v if inl else 0.0
 
     def __iter__(self) -> PlainChain:
         return self
@@ -95,16 +95,16 @@ class PlainChain:
 
     def _electrons(self) -> NDArray[np.float64]:
         """Detection, PRNU, dark current, shot noise, full well."""
-        light = self.photons * self.qe
+        photoelectrons = self.photons * self.qe
         if self.has_prnu:
-            light *= self.maps["prnu"]
-        electrons = self.random.poisson(light).astype(np.float64)
+            photoelectrons *= self.maps["prnu"]
+        electrons = self.random.poisson(photoelectrons).astype(np.float64)
         if self.dark_e:
             electrons += self.random.poisson(self.dark_e * self.maps["dark_fpn"])
         return np.minimum(electrons, self.full_well_e, out=electrons)
 
     def _swing_v(self, electrons: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Sense node, reset noise, source follower, column offsets, CDS gain, integral non-linearity."""
+        """Sense node, reset noise, source follower, column DSNU, CDS gain, integral non-linearity."""
         swing = self.v_per_e * electrons
         if self.node_swing_v:
             swing = -self.node_swing_v * np.expm1(swing / -self.node_swing_v)
@@ -112,22 +112,22 @@ class PlainChain:
             swing += self.reset_v * self.random.standard_normal(swing.shape)
         if self.follower_v:
             swing += self.follower_v * self.random.standard_normal(swing.shape)
-        swing *= self.gain * (1 + self.bend_per_v * swing) if self.bend_per_v else self.gain
+        swing *= self.gain * (1 + self.vv_per_v * swing) if self.vv_per_v else self.gain
         if self.has_columns:
-            swing += self.column_offset_v
+            swing += self.dsnu_col_v
         swing *= self.cds_gain
-        if self.sag_per_v:
-            swing *= np.exp(-self.sag_per_v * swing)
+        if self.inl_per_v:
+            swing *= np.exp(-self.inl_per_v * swing)
         return swing
 
     def _digital(self, swing_v: NDArray[np.float64]) -> NDArray[np.uint16]:
-        """The converter."""
+        """The ADC."""
         code = np.floor(self.black_level_dn + self.dn_per_v * swing_v + 0.5)
         return np.clip(code, 0, self.highest_dn).astype(np.uint16)
 
 
 def compare(camera: ms.Camera, electrons: float, mpx: float, frames: int) -> Agreement:
-    """The plain chain against ``ms.expose`` with the same fixed maps, along a ramp from 0 to twice ``electrons``."""
+    """Compare the simple chain with ``ms.expose`` for the same FPN maps and a ramp from 0 to twice ``electrons``."""
     photons = photon_map(camera, electrons, "ramp", shape_of(mpx))
     plain = PlainChain(photons, camera, EXPOSURE, seed=2)
     ours = ms.expose(photons, camera, EXPOSURE, frames=frames, maps=plain.maps)
@@ -138,9 +138,9 @@ def main() -> None:
     """Parse the options, compare both cameras, print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--mpx", type=float, default=0.25, help="million pixels of a frame (default 0.25)")
-    parser.add_argument("--electrons", type=float, default=1000, help="mean electrons of light (default 1000)")
+    parser.add_argument("--electrons", type=float, default=1000, help="mean photoelectrons (default 1000)")
     parser.add_argument("--frames", type=int, default=16, help="frames of each stack, 2 or more (default 16)")
-    parser.add_argument("--json", action="store_true", help="only JSON")
+    parser.add_argument("--json", action="store_true", help="print JSON only")
     options = parser.parse_args()
     cameras = {"full_chain": full_chain(), "shot_read_quantise": shot_read_quantise()}
     results = {
@@ -153,7 +153,7 @@ def main() -> None:
     for name, result in results.items():
         print(
             f"{name:18} means differ by at most {result['mean_z']:.1f} and variances by {result['variance_z']:.1f} "
-            f"standard errors in any band: {'agrees' if result['agrees'] else f'beyond {LIMIT:g}, which is not chance'}"
+            f"standard errors in any band: {'agrees' if result['agrees'] else f'above the limit of {LIMIT:g}'}"
         )
 
 

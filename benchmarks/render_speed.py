@@ -1,18 +1,18 @@
-"""A 31-band cube against plain Mitsuba, one band at a time: seconds to the same error.
+"""Measure the time of a 31-band render, compared with plain Mitsuba band by band, at equal error.
 
     python benchmarks/render_speed.py [--scenes S …] [--size 64] [--spp 1024] [--turns 3] [--quick] [--json]
 
-Plain is what the manual shows: the scene loaded with ``mi.load_file``, a specfilm with one channel for one band,
-Mitsuba's default sampler (independent), ``mi.render``, 31 times, one seed each. Ours is ``mitsuba_sensor.render`` of
-the cube, from the scene file to standard errors and certificate. Same scene, variant, size and bands (400 to 710 nm in
-steps of 10).
+Plain Mitsuba is used as in its manual: the scene is loaded with ``mi.load_file``, with a specfilm of one channel for
+one band and the default sampler (independent); ``mi.render`` runs 31 times with different seeds. This package runs
+``mitsuba_sensor.render`` of the cube, from the scene file to standard errors and render statistics. Scene, variant,
+size and bands (400 to 710 nm in steps of 10 nm) are the same.
 
-The error of a picture is the root mean square over pixels and bands, relative to the mean of its band, from two renders
-with seeds of their own. A first pair of plain renders tells the samples with which its error will be ours; the two are
-then timed in turns, at errors that are printed and lie within some percent of each other; ``at_equal_error`` makes good
-what is left of the difference by error² × seconds. ``plain_error2_spp_over_first`` is 1 where error² falls as one over
-the samples. Kernels are compiled before; the first call of each, which compiles whatever Dr.Jit has not kept from
-earlier runs, stands by itself. Wall clock, and processor seconds of all threads.
+The error is the root mean square over pixels and bands, relative to the mean of the band, from two renders with
+different seeds. A first pair of plain renders gives the number of samples for equal error. Then the two are timed
+alternately. Their errors are printed and differ by some percent; ``at_equal_error`` corrects the difference with
+error² × seconds. ``plain_error2_spp_over_first`` is 1 if error² is inversely proportional to the samples. Kernels are
+compiled before; the first call, with the compilation that Dr.Jit has not cached, is reported separately. Times are wall
+clock and processor seconds of all threads.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from turns import lines, ratio
+from timing import lines, ratio
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.io.metadata import machine
@@ -48,17 +48,19 @@ Render = Callable[[int], np.ndarray]
 
 
 def main() -> None:
-    """Parse the options, run, print."""
+    """Parse the options, measure, print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenes", nargs="+", default=SCENES, choices=SCENES)
-    parser.add_argument("--size", type=int, default=64, help="columns and rows (default 64)")
-    parser.add_argument("--spp", type=int, default=1024, help="our samples per pixel (default 1024)")
-    parser.add_argument("--bands", type=int, default=31, help="from 400 to 710 nm (default 31)")
+    parser.add_argument("--size", type=int, default=64, help="width and height in pixels (default 64)")
+    parser.add_argument("--spp", type=int, default=1024, help="samples per pixel of this package (default 1024)")
+    parser.add_argument("--bands", type=int, default=31, help="number of bands from 400 to 710 nm (default 31)")
     parser.add_argument("--turns", type=int, default=3, help="pairs of renders of each (default 3)")
     parser.add_argument(
-        "--quick", action="store_true", help="a tiny picture of two bands, one turn: shows that it runs"
+        "--quick",
+        action="store_true",
+        help="a very small picture: a check of the script",
     )
-    parser.add_argument("--json", action="store_true", help="only JSON")
+    parser.add_argument("--json", action="store_true", help="print JSON only")
     options = parser.parse_args()
     if options.quick:
         options.scenes, options.size, options.spp, options.bands, options.turns = ("cornell_box",), 8, 32, 2, 1
@@ -71,14 +73,14 @@ def main() -> None:
 
 
 def ours(scene: str, size: int, bands: int, spp: int) -> Render:
-    """All that a user calls."""
-    words = {"parameters": {"width": size, "height": size}, "bandwidth_nm": (HIGH_NM - LOW_NM) / bands}
-    words |= {"spp": spp, "spectral": "cube"}
-    return lambda seed: ms.render(ROOT / "scenes" / f"{scene}.xml", CAMERA, EXPOSURE, seed=seed, **words).data
+    """The render of this package."""
+    arguments = {"parameters": {"width": size, "height": size}, "bandwidth_nm": (HIGH_NM - LOW_NM) / bands}
+    arguments |= {"spp": spp, "spectral": "cube"}
+    return lambda seed: ms.render(ROOT / "scenes" / f"{scene}.xml", CAMERA, EXPOSURE, seed=seed, **arguments).data
 
 
 def plain(scene: str, size: int, bands: int, spp: int) -> Render:
-    """One render per band, into a film of one channel, divided by its width."""
+    """One render per band with plain Mitsuba, divided by the width of the band."""
     mi, edges = use(choose_variant()), np.linspace(LOW_NM, HIGH_NM, bands + 1)
 
     def render(seed: int) -> np.ndarray:
@@ -93,31 +95,31 @@ def plain(scene: str, size: int, bands: int, spp: int) -> Render:
 
 
 def sensor(mi: Any, loaded: Any, size: int, band: tuple[float, float]) -> Any:
-    """The scene's own sensor, with a film for one band and the default sampler."""
+    """The sensor of the scene, with a film for one band and the default sampler."""
     old = loaded.sensors()[0]
-    known = mi.traverse(old)
-    place = mi.ScalarTransform4f(np.array(old.world_transform().matrix).reshape(4, 4))
-    words: dict[str, Any] = {"type": "orthographic", "to_world": place}
-    if "x_fov" in known:
-        words |= {"type": "perspective", "fov": float(np.ravel(known["x_fov"])[0])}
-    if "aperture_radius" in known:
-        lens = {name: float(np.ravel(known[name])[0]) for name in ("aperture_radius", "focus_distance")}
-        words |= {"type": "thinlens", **lens}
-    if "near_clip" in known:
-        words |= {name: float(np.ravel(known[name])[0]) for name in ("near_clip", "far_clip")}
+    parameters = mi.traverse(old)
+    to_world = mi.ScalarTransform4f(np.array(old.world_transform().matrix).reshape(4, 4))
+    settings: dict[str, Any] = {"type": "orthographic", "to_world": to_world}
+    if "x_fov" in parameters:
+        settings |= {"type": "perspective", "fov": float(np.ravel(parameters["x_fov"])[0])}
+    if "aperture_radius" in parameters:
+        lens = {name: float(np.ravel(parameters[name])[0]) for name in ("aperture_radius", "focus_distance")}
+        settings |= {"type": "thinlens", **lens}
+    if "near_clip" in parameters:
+        settings |= {name: float(np.ravel(parameters[name])[0]) for name in ("near_clip", "far_clip")}
     box = {"type": "regular", "wavelength_min": band[0], "wavelength_max": band[1], "values": "1, 1"}
     film = {"type": "specfilm", "width": size, "height": size, "component_format": "float32", "band": box}
-    return mi.load_dict({**words, "film": {**film, "rfilter": {"type": "box"}}, "sampler": {"type": "independent"}})
+    return mi.load_dict({**settings, "film": {**film, "rfilter": {"type": "box"}}, "sampler": {"type": "independent"}})
 
 
 def compared(scene: str, options: argparse.Namespace) -> dict[str, Any]:
-    """Samples for equal errors, times in turns, and what the errors then were."""
+    """Samples for equal error, times of alternating runs, and the measured errors."""
     mine, seconds = ours(scene, options.size, options.bands, options.spp), {}
     target, seconds["ours"] = pilot(mine)
     base, seconds["plain"] = pilot(plain(scene, options.size, options.bands, PILOT))
     spp = max(round(PILOT * base / target), 1)
     both = {"plain": plain(scene, options.size, options.bands, spp), "ours": mine}
-    for render in both.values():  # compiles for this number of samples
+    for render in both.values():  # compile for this number of samples
         render(0)
     wall: dict[str, list[float]] = {name: [] for name in both}
     processor: dict[str, list[float]] = {name: [] for name in both}
@@ -130,14 +132,14 @@ def compared(scene: str, options: argparse.Namespace) -> dict[str, Any]:
             processor[name].append((time.process_time() - started) / 2)
             squares[name].append(squared_error(*pair))
     error = {name: math.sqrt(np.mean(those)) for name, those in squares.items()}
-    made_good = (error["plain"] / error["ours"]) ** 2
+    correction = (error["plain"] / error["ours"]) ** 2
     return {
         **{f"{name}_spp": samples for name, samples in (("plain", spp), ("ours", options.spp))},
         **{f"{name}_error": value for name, value in error.items()},
         **{f"{name}_s": statistics.median(those) for name, those in wall.items()},
         "times_faster": ratio(wall["plain"], wall["ours"]),
         "times_fewer_processor_s": ratio(processor["plain"], processor["ours"]),
-        "times_fewer_processor_s_at_equal_error": ratio(processor["plain"], processor["ours"]) * made_good,
+        "times_fewer_processor_s_at_equal_error": ratio(processor["plain"], processor["ours"]) * correction,
         "plain_error2_spp_over_first": error["plain"] ** 2 * spp / (base * PILOT),
         **{f"{name}_first_call_s": value for name, value in seconds.items()},
     }
@@ -152,7 +154,7 @@ def pilot(render: Render) -> tuple[float, float]:
 
 
 def squared_error(one: np.ndarray, other: np.ndarray) -> float:
-    """Of either of two renders, relative to the mean of each band: mean over pixels and bands."""
+    """Squared error of one of two renders, relative to the mean of each band: mean over pixels and bands."""
     mean = 0.5 * (one + other).mean(axis=(0, 1), dtype=np.float64)
     return float(np.mean(0.5 * (one.astype(np.float64) - other) ** 2 / mean**2))
 

@@ -1,8 +1,8 @@
-"""One render, many exposures: the light is rendered once, then the camera looks at it for shorter and longer times.
+"""Expose one render with several exposure times and print signal, noise and clipping.
 
     python examples/exposure_sweep.py [FOLDER]
 
-Prints how signal, noise and clipping change; with FOLDER, writes a raw TIFF of each exposure into it.
+With FOLDER it also writes a raw TIFF of each exposure into this folder.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from mitsuba_sensor.io.files import write_tiff
 SCENE = Path(__file__).resolve().parent.parent / "scenes" / "cornell_box.xml"
 
 camera = ms.load_camera("konnik_table1")
-light = ms.render(SCENE, camera, ms.Exposure(0.1), spp=64, parameters={"width": 64, "height": 64})
+irradiance = ms.render(SCENE, camera, ms.Exposure(0.1), spp=64, parameters={"width": 64, "height": 64})
 
-print("exposure s   mean DN   σ DN (theory, noise only)   pixels at full well")
+print("exposure s   mean DN   σ DN (theory, noise only)   saturated pixels")
 for time_s in (0.001, 0.01, 0.1, 1.0):
     exposure = ms.Exposure(time_s)
-    frames = ms.expose(ms.collect(light, camera, exposure), camera, exposure)
+    frames = ms.expose(ms.collect(irradiance, camera, exposure), camera, exposure)
     last, counts = frames.report["stages"][-1], frames.report["counts"]
-    print(f"{time_s:10g} {last['mean_frame']:9.1f} {last['sigma_expected']:11.2f} {counts['clipped_full_well']:33d}")
+    print(f"{time_s:10g} {last['mean_frame']:9.1f} {last['sigma_expected']:11.2f} {counts['clipped_full_well']:29d}")
     if len(sys.argv) > 1:
         Path(sys.argv[1]).mkdir(parents=True, exist_ok=True)
         write_tiff(Path(sys.argv[1]) / f"exposure_{time_s:g}s.tiff", frames.digital)

@@ -1,9 +1,8 @@
-"""Frames without a renderer: mean photons per pixel may come from anywhere, here from a NumPy ramp.
+"""Expose a NumPy ramp of mean photons, without a renderer, and print the photon transfer curve of the camera.
 
     python examples/photons_from_an_array.py
 
-Prints the photon-transfer curve of the camera: the variance over frames grows with the mean, and the slope is the
-system gain K, until the full well cuts both.
+The temporal variance grows linearly with the mean. The slope is the overall system gain K. At saturation both end.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ photons = np.tile(ramp, (64, 1))
 frames = ms.expose(photons, camera, exposure, seed=1, serial=7, frames=32)
 
 mean = frames.digital.mean(axis=0)
-variance = frames.digital.var(axis=0, ddof=1)  # over frames: fixed patterns drop out
+variance = frames.digital.var(axis=0, ddof=1)  # over frames: temporal noise only, no fixed-pattern noise
 print(f"K by theory: {frames.report['K_dn_per_e']:.4f} DN/e-")
 print("mean DN   variance DN²")
 for column in range(0, 512, 64):

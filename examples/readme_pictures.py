@@ -1,9 +1,9 @@
-"""The three pictures of the README: the still life clean, raw, and raw at a hundredth of the exposure.
+"""Make the three pictures of the README: the still life without noise, one raw frame, and one of 1/100 exposure.
 
     mitsuba-sensor render scenes/still_life.xml -o out/ --camera bayer_2mp --spp 512
     python examples/readme_pictures.py out/irradiance.exr docs/images
 
-Clean is the mean of 64 cameras of different serial numbers; the darkest picture is shown 100 × brighter.
+The picture without noise is the mean of 64 cameras with different serials. The last picture is shown 100 × brighter.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from mitsuba_sensor.io.preview import preview
 TIME_S, CAMERAS = 0.1, 64
 
 
-def main(light_file: str, folder: str) -> None:
-    """Read the light, expose three times, write three PNGs."""
-    camera, light = ms.load_camera("bayer_2mp"), read_irradiance_exr(light_file)
+def main(irradiance_file: str, folder: str) -> None:
+    """Read the irradiance, expose three times, write three PNG files."""
+    camera, irradiance = ms.load_camera("bayer_2mp"), read_irradiance_exr(irradiance_file)
     pictures = Path(folder)
     pictures.mkdir(parents=True, exist_ok=True)
     full, short = ms.Exposure(TIME_S), ms.Exposure(TIME_S / 100)
-    photons = ms.collect(light, camera, full)
+    photons = ms.collect(irradiance, camera, full)
     clean = np.mean([ms.expose(photons, camera, full, seed=s, serial=s).digital[0] for s in range(CAMERAS)], axis=0)
     raw = ms.expose(photons, camera, full).digital[0]
-    dark = ms.expose(ms.collect(light, camera, short), camera, short).digital[0]
+    dark = ms.expose(ms.collect(irradiance, camera, short), camera, short).digital[0]
     write_png(pictures / "still_life_clean.png", preview(clean, camera))
     write_png(pictures / "still_life_raw.png", preview(raw, camera))
     write_png(pictures / "still_life_hundredth.png", preview(dark, camera, gain=100.0))

@@ -1,6 +1,6 @@
-"""Two timings inside the compiled engine: tasks for ``take_turns``, or None for an engine without kernels.
+"""Tasks that time parts of the compiled backend: the kernel alone, and the random numbers alone.
 
-Both work on what is already on the device, and wait until it is done.
+Both use data that Dr.Jit holds already, and wait for the result. They are None for a backend without kernels.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from engines import FRAMES_A_TURN
+from frame_sources import FRAMES_PER_TURN
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
@@ -24,7 +24,7 @@ EXPOSURE = ms.Exposure(0.1)
 
 
 def kernel_only(engine: str, photons: NDArray[np.float64], camera: ms.Camera) -> Callable[[], object] | None:
-    """One frame of this camera without its way in from NumPy and out to NumPy."""
+    """One frame of this camera without the conversion from NumPy and to NumPy."""
     if engine != "drjit":
         return None
     backend: Any = choose_backend(engine, "float32", 0)
@@ -35,17 +35,17 @@ def kernel_only(engine: str, photons: NDArray[np.float64], camera: ms.Camera) ->
         parts.append((begin(stages, Photons(photons[rows]), frame), frame))
 
     def run() -> None:
-        for start, frame in parts * FRAMES_A_TURN:
+        for start, frame in parts * FRAMES_PER_TURN:
             codes = backend.uint(run_chain(stages[1:], start, Frame(EXPOSURE, frame.window)))
             drjit().eval(codes)
         drjit().sync_thread()
 
-    run.runs = FRAMES_A_TURN  # type: ignore[attr-defined]
+    run.runs = FRAMES_PER_TURN  # type: ignore[attr-defined]
     return run
 
 
-def generator_floor(engine: str, shape: tuple[int, int]) -> Callable[[], object] | None:
-    """The random words of one frame and four normals of them, and no camera."""
+def random_numbers_only(engine: str, shape: tuple[int, int]) -> Callable[[], object] | None:
+    """The random bits of one frame and four normal deviates from them, without a camera."""
     if engine != "drjit":
         return None
     backend: Any = choose_backend(engine, "float32", 0)
@@ -53,10 +53,10 @@ def generator_floor(engine: str, shape: tuple[int, int]) -> Callable[[], object]
     parts = [window.rows_only(rows) for rows in row_strips_of(shape, backend.strip)]
 
     def run() -> None:
-        for part in parts * FRAMES_A_TURN:
-            one, two, three, four = (backend.normal(words) for words in backend.random_bits(0, part, 0, 1))
+        for part in parts * FRAMES_PER_TURN:
+            one, two, three, four = (backend.normal(bits) for bits in backend.random_bits(0, part, 0, 1))
             drjit().eval(one + two + three + four)
         drjit().sync_thread()
 
-    run.runs = FRAMES_A_TURN  # type: ignore[attr-defined]
+    run.runs = FRAMES_PER_TURN  # type: ignore[attr-defined]
     return run

@@ -1,9 +1,9 @@
-"""Do the error bars hold? Coverage of the standard errors against a reference of at least a hundred times the samples.
+"""Measure the coverage of the standard errors of a render, with a reference of a hundred times the samples.
 
-    python benchmarks/coverage.py --size 32          # a table of three scenes (about 10 minutes)
-    python benchmarks/coverage.py --write FILE.npz   # the reference of the Cornell box in tests/data (10 minutes)
+    python benchmarks/error_bar_coverage.py --size 32          # a table of three scenes (10 minutes)
+    python benchmarks/error_bar_coverage.py --write FILE.npz   # the reference in tests/data (10 minutes)
 
-The reference is plain Mitsuba: its own film and sampler, passes of 1024 samples added up in float64.
+The reference is plain Mitsuba with its own film and sampler: passes of 1024 samples, summed in float64.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from mitsuba_sensor.render.variants import choose_variant, use
 
 ROOT = Path(__file__).parent.parent
 SIZE, BAND_NM = 64, (545.0, 555.0)
-PASSES = 114  # of 1024 samples: a hundred times 1152 and more
+PASSES = 114  # of 1024 samples: more than a hundred times 1152
 SCENES = ("cornell_box", "still_life", "caustic")
 CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.02)
 
@@ -50,12 +50,12 @@ def reference(scene: str, passes: int, size: int) -> np.ndarray:
     return total / passes
 
 
-def coverage(scene: str, spp: int, truth: np.ndarray, seed: int = 7) -> tuple[float, float, ms.Irradiance]:
-    """Shares of the pixels with |z| < 1 and < 2 for a reference radiance, and the render."""
-    path, size = ROOT / "scenes" / f"{scene}.xml", {"width": len(truth), "height": len(truth)}
+def coverage(scene: str, spp: int, radiance: np.ndarray, seed: int = 7) -> tuple[float, float, ms.Irradiance]:
+    """Fractions of the pixels with |z| < 1 and < 2 for a reference radiance, and the render."""
+    path, size = ROOT / "scenes" / f"{scene}.xml", {"width": len(radiance), "height": len(radiance)}
     light = ms.render(path, CAMERA, EXPOSURE, spp=spp, wavelength_nm=550, seed=seed, parameters=size)
     view = load_scene(path, choose_bands(CAMERA, 550.0, 10.0, "auto"), size).view
-    expected = truth * solid_angle_sr(view, CAMERA) * CAMERA.lens.transmission / (BAND_NM[1] - BAND_NM[0])
+    expected = radiance * solid_angle_sr(view, CAMERA) * CAMERA.lens.transmission / (BAND_NM[1] - BAND_NM[0])
     error = light.standard_error[..., 0].astype(float)
     z = np.abs(light.data[..., 0] - expected)[error > 0] / error[error > 0]
     return float((z < 1).mean()), float((z < 2).mean()), light
@@ -64,27 +64,29 @@ def coverage(scene: str, spp: int, truth: np.ndarray, seed: int = 7) -> tuple[fl
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--write", type=Path, help="write the reference of the Cornell box into this .npz and stop")
-    parser.add_argument("--size", type=int, default=SIZE, help="columns and rows of the pictures of the table")
-    parser.add_argument("--quick", action="store_true", help="a small reference: shows that it runs, proves nothing")
-    parser.add_argument("--json", action="store_true", help="only JSON on stdout")
-    words = parser.parse_args()
-    if words.write:
-        np.savez_compressed(words.write, radiance=reference("cornell_box", PASSES, SIZE).astype(np.float32))
+    parser.add_argument("--size", type=int, default=SIZE, help="width and height of the renders in pixels")
+    parser.add_argument("--quick", action="store_true", help="a small reference: a check of the script")
+    parser.add_argument("--json", action="store_true", help="print JSON only")
+    options = parser.parse_args()
+    if options.write:
+        np.savez_compressed(options.write, radiance=reference("cornell_box", PASSES, SIZE).astype(np.float32))
         return
-    size, passes = (12, 4) if words.quick else (words.size, PASSES)
+    size, passes = (12, 4) if options.quick else (options.size, PASSES)
     rows = []
     for scene in SCENES:
-        truth = reference(scene, passes, size)
+        radiance = reference(scene, passes, size)
         for spp in (64, 128, 256, 1152):
-            one, two, light = coverage(scene, spp, truth)
-            share, reliable = light.statistics.firefly_fraction, light.statistics.reliable
-            rows.append({"scene": scene, "spp": spp, "z1": one, "z2": two, "one_pass": share, "reliable": reliable})
-    if words.json:
+            one, two, light = coverage(scene, spp, radiance)
+            fraction, reliable = light.statistics.firefly_fraction, light.statistics.reliable
+            rows.append(
+                {"scene": scene, "spp": spp, "z1": one, "z2": two, "firefly_fraction": fraction, "reliable": reliable}
+            )
+    if options.json:
         print(json.dumps(rows))
         return
-    print(f"{'scene':<14}{'samples':>8}{'|z| < 1':>9}{'|z| < 2':>9}{'one-pass share':>16}  reliable")
+    print(f"{'scene':<14}{'samples':>8}{'|z| < 1':>9}{'|z| < 2':>9}{'firefly fraction':>18}  reliable")
     for row in rows:
-        print("{scene:<14}{spp:>8}{z1:>9.3f}{z2:>9.3f}{one_pass:>16.4f}  {reliable}".format(**row))
+        print("{scene:<14}{spp:>8}{z1:>9.3f}{z2:>9.3f}{firefly_fraction:>18.4f}  {reliable}".format(**row))
 
 
 if __name__ == "__main__":

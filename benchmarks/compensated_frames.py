@@ -1,17 +1,18 @@
-"""Frames that spend their render's noise: how many times cheaper than a render of noise ratio 0.01, and how ideal?
+"""Measure time and variance of frames with compensated render noise, compared with a low-noise render.
 
-    python benchmarks/spend_frames.py [--size 32] [--frames 200] [--exposure-s 0.02] [--turns 3] [--quick] [--json]
+    python benchmarks/compensated_frames.py [--size 32] [--frames 200] [--exposure-s 0.02] [--turns 3]
+                                           [--quick] [--json]
 
-The Cornell box into the colour channels of konnik_table1, about 1000 electrons a pixel, so that shot noise is nearly
-all there is. First the time: of a frame, its render included, against one render of noise ratio 0.01, in turns; wall
-clock, and processor seconds of all threads. The first of each, which compiles and finds the size of the passes of all
-frames, does not count.
+The scene is the Cornell box with the camera konnik_table1, about 1000 electrons per pixel, so that shot noise
+dominates. First, the time of a frame with its own render is compared with the time of one render with noise ratio 0.01.
+The two run alternately; times are wall clock and processor seconds of all threads. The first run of each, which
+compiles kernels and finds the size of the passes, is not counted.
 
-Then the electrons of so many frames, each from a render of its own. Ideal is Poisson's law: in every pixel a variance
-over frames equal to the mean. Pixels within six σ of the full well are left out, for a clipped count has no variance of
-its own. Printed are the mean over the pixels of variance over mean, with its standard error by chance; the same without
-the noisiest 1 % of the pixels (by their renders, not by the result); the share of the pixels that chance explains
-(χ², two-sided 5 %); and the correlation of neighbours, after each pixel is normalised over frames.
+Then the electrons of many frames are recorded, each with its own render. For a Poisson distribution the temporal
+variance of every pixel is equal to its mean. Pixels within six σ of the full well are excluded, because clipping
+changes the variance. The results are the mean of variance/mean over the pixels with its standard error; the same
+without the noisiest 1 % of the pixels (by their renders, not by the result); the share of pixels within the χ² limits
+(two-sided 5 %); and the correlation of neighbouring pixels after normalisation of each pixel over frames.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from typing import Any
 
 import numpy as np
 from scipy import stats
-from turns import lines, ratio
+from timing import lines, ratio
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.io.metadata import machine
@@ -40,14 +41,18 @@ TRIMMED = 0.01
 
 
 def main() -> None:
-    """Parse the options, run, print."""
+    """Parse the options, measure, print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--size", type=int, default=32, help="columns and rows (default 32)")
-    parser.add_argument("--frames", type=int, default=200, help="for the statistics (default 200)")
-    parser.add_argument("--exposure-s", type=float, default=0.02, help="about 1000 e- at 0.02 s (default)")
-    parser.add_argument("--turns", type=int, default=3, help="frames and renders that are timed (default 3)")
-    parser.add_argument("--quick", action="store_true", help="a tiny, dark picture and few frames: shows that it runs")
-    parser.add_argument("--json", action="store_true", help="only JSON")
+    parser.add_argument("--size", type=int, default=32, help="width and height in pixels (default 32)")
+    parser.add_argument("--frames", type=int, default=200, help="frames for the statistics (default 200)")
+    parser.add_argument("--exposure-s", type=float, default=0.02, help="exposure time (default 0.02: about 1000 e-)")
+    parser.add_argument("--turns", type=int, default=3, help="measured turns (default 3)")
+    parser.add_argument(
+        "--quick",
+        action="store_true",
+        help="a small, dark picture, few frames: a check of the script",
+    )
+    parser.add_argument("--json", action="store_true", help="print JSON only")
     options = parser.parse_args()
     if options.quick:
         options.size, options.frames, options.exposure_s, options.turns = 8, 12, 1e-4, 1
@@ -60,8 +65,8 @@ def main() -> None:
     print(json.dumps(results) if options.json else "\n".join(lines(results)))
 
 
-def takes(exposure: ms.Exposure, size: int, frames: int) -> Iterator[FrameOfRender]:
-    """Spent frames that keep their electrons."""
+def compensated_frames(exposure: ms.Exposure, size: int, frames: int) -> Iterator[FrameOfRender]:
+    """Frames with compensated render noise that keep their electrons."""
     parameters = {"width": size, "height": size}
     return ms.render_frames(
         SCENE, CAMERA, exposure, frames=frames, exposing={"keep": ("electrons",)}, parameters=parameters
@@ -69,8 +74,8 @@ def takes(exposure: ms.Exposure, size: int, frames: int) -> Iterator[FrameOfRend
 
 
 def timed(exposure: ms.Exposure, options: argparse.Namespace) -> dict[str, Any]:
-    """A frame and a render of noise ratio 0.01, each after a first one, which compiles."""
-    frames = takes(exposure, options.size, options.turns + 1)
+    """Times of a frame and of a render with noise ratio 0.01, after a first run that compiles."""
+    frames = compensated_frames(exposure, options.size, options.turns + 1)
     parameters = {"width": options.size, "height": options.size}
     tasks = {
         "frame": lambda seed: next(frames).light,
@@ -98,17 +103,17 @@ def timed(exposure: ms.Exposure, options: argparse.Namespace) -> dict[str, Any]:
 
 
 def measured(exposure: ms.Exposure, options: argparse.Namespace) -> dict[str, Any]:
-    """Statistics of the electrons over frames, against Poisson's law."""
+    """Statistics of the electrons over frames, compared with the Poisson distribution."""
     electrons, noise, uncompensated = [], [], []
-    for take in takes(exposure, options.size, options.frames):
-        electrons.append(take.frames.electrons[0])
-        noise.append(take.photons.variance_e2)
-        uncompensated.append(take.uncompensated)
+    for frame in compensated_frames(exposure, options.size, options.frames):
+        electrons.append(frame.frames.electrons[0])
+        noise.append(frame.photons.variance_e2)
+        uncompensated.append(frame.uncompensated)
     counts = np.array(electrons)
     mean, variance = counts.mean(axis=0), counts.var(axis=0, ddof=1)
     free = (mean > 0) & (mean + CLIP_SIGMAS * np.sqrt(mean) < CAMERA.pixel.full_well_e)
     share, render = variance[free] / mean[free], (np.mean(noise, axis=0)[free] / mean[free])
-    calm = render <= np.quantile(render, 1 - TRIMMED)
+    quiet = render <= np.quantile(render, 1 - TRIMMED)
     degrees = len(counts) - 1
     chance = stats.chi2.cdf(share * degrees, degrees)
     normal = np.where(free, (counts - mean) / np.sqrt(np.maximum(variance, 1e-9)), 0.0)
@@ -121,7 +126,7 @@ def measured(exposure: ms.Exposure, options: argparse.Namespace) -> dict[str, An
         "median_render_variance_over_mean": float(np.median(render)),
         "variance_over_mean": float(share.mean()),
         "standard_error": float(np.sqrt(2 / degrees / share.size)),
-        "without_noisiest_1_percent": float(share[calm].mean()),
+        "without_noisiest_1_percent": float(share[quiet].mean()),
         "median_variance_over_mean": float(np.median(share) * degrees / stats.chi2.median(degrees)),
         "largest": float(share.max()),
         "share_within_chance": float(((chance > 0.025) & (chance < 0.975)).mean()),

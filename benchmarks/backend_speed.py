@@ -1,17 +1,17 @@
-"""How fast are the engines, in Mpx/s, against a straightforward NumPy chain of the same stages.
+"""Measure the speed of the backends in Mpx/s, compared with a simple NumPy chain of the same stages.
 
-    python benchmarks/engine_speed.py [--mpx 1 4 12] [--electrons 1 1000 30000] [--content flat ramp random]
-        [--turns 5] [--engines numpy drjit numpy64] [--parts cases short conversion floor first changed] [--json]
+    python benchmarks/backend_speed.py [--mpx 1 4 12] [--electrons 1 1000 30000] [--content flat ramp random]
+        [--turns 5] [--engines numpy drjit numpy64] [--parts cases short conversion rng first changed] [--json]
 
-cases       frames of the full chain, every size × level × content; a stream stays open, and its next frame is timed
-short       shot noise, read noise and converter alone, against the full chain
-conversion  NumPy in and uint16 out, against the kernel alone
-floor       the full chain, against its random words and four normals alone
+cases       frames of the full chain for every size × level × content; the time of the next frame of an open stream
+short       shot noise, read noise and ADC only, compared with the full chain
+conversion  NumPy input to uint16 output, compared with the kernel alone
+rng         the full chain, compared with its random bits and four normal deviates alone
 first       the first frame of a process, with and without compiled kernels on disk
-changed     the first frame after a parameter changed, in a process that has made one before
+changed     the first frame after a change of a parameter, in a process that has computed a frame before
 
-All but ``cases`` take the middle one of the sizes and levels, and a ramp. Ratios are medians over turns that lie next
-to each other, and above 1 where the engine is the faster one.
+All parts but ``cases`` use the median size and level, and a ramp. Ratios are medians of the ratios of single turns; a
+ratio above 1 means that the backend is faster.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from collections.abc import Callable
 from itertools import product
 from typing import Any
 
-import hooks
+import kernel_timings
 import numpy as np
 from cases import CONTENTS, EXPOSURE, full_chain, photon_map, shape_of, shot_read_quantise
-from engines import ENGINES, PLAIN, next_frame, open_stream, refusal
+from frame_sources import ENGINES, PLAIN, next_frame, open_stream, refusal
 from numpy.typing import NDArray
-from turns import in_child, lines, ratio, seconds_of, speeds, take_turns
+from timing import alternate, in_child, lines, ratio, seconds_of, speeds
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.llvm import drjit
@@ -39,7 +39,7 @@ from mitsuba_sensor.io.metadata import machine
 
 
 def main() -> None:
-    """Parse the options, run the parts, print."""
+    """Parse the options, run the parts, print the results."""
     options = parsed()
     refused = {name: why for name in options.engines if (why := refusal(name, full_chain()))}
     options.engines = [name for name in options.engines if name not in refused]
@@ -58,25 +58,27 @@ def main() -> None:
 
 
 def parsed() -> argparse.Namespace:
-    """The options."""
+    """The command-line options."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--mpx", type=float, nargs="+", default=[1, 4, 12], help="million pixels")
-    parser.add_argument("--electrons", type=float, nargs="+", default=[1, 1000, 30000], help="mean electrons of light")
-    parser.add_argument("--content", nargs="+", default=list(CONTENTS), choices=CONTENTS, help="what the light is like")
-    parser.add_argument("--turns", type=int, default=5, help="turns that count (default 5)")
+    parser.add_argument("--electrons", type=float, nargs="+", default=[1, 1000, 30000], help="mean photoelectrons")
+    parser.add_argument(
+        "--content", nargs="+", default=list(CONTENTS), choices=CONTENTS, help="spatial distribution of the light"
+    )
+    parser.add_argument("--turns", type=int, default=5, help="measured turns (default 5)")
     parser.add_argument("--engines", nargs="+", default=["numpy", "drjit", "numpy64"], choices=ENGINES)
     parser.add_argument("--parts", nargs="+", default=list(PARTS), choices=PARTS, help="what to measure (default all)")
-    parser.add_argument("--json", action="store_true", help="only JSON")
+    parser.add_argument("--json", action="store_true", help="print JSON only")
     return parser.parse_args()
 
 
 def cases(options: argparse.Namespace) -> dict[str, Any]:
-    """Every size, level and content, and the smallest and the median ratio of every engine."""
+    """Speed for every size, level and content; the smallest and the median ratio of every backend."""
     rows = []
     for mpx, electrons, content in product(options.mpx, options.electrons, options.content):
         photons = photon_map(full_chain(), electrons, content, shape_of(mpx))
         tasks = {name: next_frame(name, photons, full_chain()) for name in (PLAIN, *options.engines)}
-        found = speeds(take_turns(tasks, options.turns), photons.size, PLAIN)
+        found = speeds(alternate(tasks, options.turns), photons.size, PLAIN)
         rows.append({"mpx": mpx, "electrons": electrons, "content": content, "engines": found})
     ratios = {name: [row["engines"][name]["ratio_to_plain"] for row in rows] for name in options.engines}
     summary = {name: {"min_ratio": min(all_), "median_ratio": statistics.median(all_)} for name, all_ in ratios.items()}
@@ -84,39 +86,43 @@ def cases(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def short(options: argparse.Namespace) -> dict[str, Any]:
-    """How much faster a camera is that has nothing but shot noise, read noise and a converter."""
+    """Speed of a camera with shot noise, read noise and ADC only, compared with the full chain."""
     cameras = {"full_chain": full_chain(), "shot_read_quantise": shot_read_quantise()}
     found = {}
     for engine in (PLAIN, *options.engines):
         tasks = {name: next_frame(engine, middle_light(options), camera) for name, camera in cameras.items()}
-        found[engine] = speeds(take_turns(tasks, options.turns), middle_light(options).size, "full_chain")
+        found[engine] = speeds(alternate(tasks, options.turns), middle_light(options).size, "full_chain")
     return found
 
 
 def conversion(options: argparse.Namespace) -> dict[str, Any]:
-    """Frame against kernel, where the engine lets us at its kernel."""
-    return against(options, "kernel_only", lambda name: hooks.kernel_only(name, middle_light(options), full_chain()))
+    """Time of a frame compared with the time of its kernel, for backends with kernels."""
+    return compared(
+        options, "kernel_only", lambda name: kernel_timings.kernel_only(name, middle_light(options), full_chain())
+    )
 
 
-def floor(options: argparse.Namespace) -> dict[str, Any]:
-    """Frame against random numbers, where the engine lets us at them."""
-    return against(options, "generator", lambda name: hooks.generator_floor(name, middle_light(options).shape))
+def rng(options: argparse.Namespace) -> dict[str, Any]:
+    """Time of a frame compared with the time of its random numbers, for backends with kernels."""
+    return compared(
+        options, "random_numbers", lambda name: kernel_timings.random_numbers_only(name, middle_light(options).shape)
+    )
 
 
-def against(
-    options: argparse.Namespace, label: str, hook: Callable[[str], Callable[[], object] | None]
+def compared(
+    options: argparse.Namespace, label: str, task_of: Callable[[str], Callable[[], object] | None]
 ) -> dict[str, Any]:
-    """Whole frames of each engine against a part of their work, or None where the part has no door."""
+    """Times of whole frames and of a part of their computation; None where the part cannot run alone."""
     found: dict[str, Any] = {}
     for engine in options.engines:
-        part, photons = hook(engine), middle_light(options)
+        part, photons = task_of(engine), middle_light(options)
         tasks = {"frame": next_frame(engine, photons, full_chain())} | ({label: part} if part else {})
-        found[engine] = speeds(take_turns(tasks, options.turns), photons.size, "frame") if part else None
+        found[engine] = speeds(alternate(tasks, options.turns), photons.size, "frame") if part else None
     return found
 
 
 def first(options: argparse.Namespace) -> dict[str, Any]:
-    """First frames of new processes: with nothing compiled, and with the kernels of such a process on disk."""
+    """First frames of new processes, without and with compiled kernels on disk."""
     mpx, electrons = middle(options.mpx), middle(options.electrons)
     found = {}
     for engine in options.engines:
@@ -124,7 +130,7 @@ def first(options: argparse.Namespace) -> dict[str, Any]:
         for _ in range(options.turns):
             with tempfile.TemporaryDirectory() as home:
                 fresh, cached = (
-                    in_child("engine_speed", "first_frame", engine, mpx, electrons, home=home) for _ in "12"
+                    in_child("backend_speed", "first_frame", engine, mpx, electrons, home=home) for _ in "12"
                 )
             turns.append((fresh, cached))
         found[engine] = {
@@ -138,9 +144,9 @@ def first(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def first_frame(engine: str, mpx: float, electrons: float) -> dict[str, float]:
-    """In a child: the first frame with all that is loaded and made for it, the median of three later ones.
+    """In a child process: seconds of the first frame, of its compilation, and the median of three later frames.
 
-    And what of the first went into kernels by Dr.Jit's own record: writing, compiling or reading them from disk.
+    The compilation time is Dr.Jit's own record: writing, compiling or reading kernels.
     """
     photons = photon_map(full_chain(), electrons, "ramp", shape_of(mpx))
     kernels: list[dict[str, Any]] = []
@@ -153,32 +159,32 @@ def first_frame(engine: str, mpx: float, electrons: float) -> dict[str, float]:
     if engine in ("drjit", "cuda"):
         kernels = drjit().kernel_history([drjit().KernelType.JIT])
     compile_s = 1e-3 * sum(one["codegen_time"] + one["backend_time"] for one in kernels)
-    steady_s = statistics.median(take_turns({"": frame}, 3)[""])
+    steady_s = statistics.median(alternate({"": frame}, 3)[""])
     return {"first_s": first_s, "compile_s": compile_s, "steady_s": steady_s}
 
 
 def changed(options: argparse.Namespace) -> dict[str, Any]:
-    """The first frame of a new stream, unchanged and with one thing changed, in a child that has nothing compiled."""
+    """The first frame of a new stream, unchanged and with one change, in a child process without compiled kernels."""
     found = {}
     for engine in options.engines:
         with tempfile.TemporaryDirectory() as home:
             arguments = engine, middle(options.mpx), middle(options.electrons), options.turns
-            found[engine] = in_child("engine_speed", "changed_frames", *arguments, home=home)
+            found[engine] = in_child("backend_speed", "changed_frames", *arguments, home=home)
     return found
 
 
 def changed_frames(engine: str, mpx: float, electrons: float, turns: int) -> dict[str, Any]:
-    """In a child: seconds of the first frames of new streams, and how many kernels they compiled."""
+    """In a child process: seconds of the first frames of new streams, and the number of kernels they compiled."""
     tasks = new_streams(engine, photon_map(full_chain(), electrons, "ramp", shape_of(mpx)))
     first_s = seconds_of(tasks["unchanged"])
     count = compiled_kernels()
-    tasks["unchanged"]()  # Dr.Jit compiles once more when its record is switched on
+    tasks["unchanged"]()  # Dr.Jit compiles once more when the kernel history is switched on
     count()
     kernels = {}
     for name, task in tasks.items():
         task()
         kernels[name] = count()
-    seconds = take_turns(tasks, turns)
+    seconds = alternate(tasks, turns)
     rows = {
         name: {
             "seconds": statistics.median(seconds[name]),
@@ -191,7 +197,7 @@ def changed_frames(engine: str, mpx: float, electrons: float, turns: int) -> dic
 
 
 def new_streams(engine: str, photons: NDArray[np.float64]) -> dict[str, Callable[[], object]]:
-    """The first frame of a new stream, of the full chain and of what differs from it in one thing."""
+    """The first frame of new streams: the full chain, and the full chain with one change."""
     camera, brighter = full_chain(), photons * 1.5
     longer = ms.Exposure(EXPOSURE.time_s * 2, EXPOSURE.temperature_k + 12)
     gain = camera.replace(**{"readout.sense_gain_uv_per_e": 6.0})
@@ -208,9 +214,9 @@ def new_streams(engine: str, photons: NDArray[np.float64]) -> dict[str, Callable
 
 
 def compiled_kernels() -> Callable[[], int | None]:
-    """Starts Dr.Jit's own record; each call says how many kernels were compiled or read from disk since the last.
+    """A function that returns the number of kernels compiled or read from disk since its last call.
 
-    Where Dr.Jit is not loaded there is nothing to compile, and the answer is None.
+    It returns None if Dr.Jit is not loaded.
     """
     drjit = sys.modules.get("drjit")
     if drjit is None:
@@ -221,12 +227,12 @@ def compiled_kernels() -> Callable[[], int | None]:
 
 
 def middle(values: list[float]) -> float:
-    """The middle one, or the smaller of the two."""
+    """The median, or the smaller of the two middle values."""
     return statistics.median_low(values)
 
 
 def middle_light(options: argparse.Namespace) -> NDArray[np.float64]:
-    """A ramp of the middle size and level."""
+    """A ramp of the median size and level."""
     return photon_map(full_chain(), middle(options.electrons), "ramp", shape_of(middle(options.mpx)))
 
 
@@ -234,7 +240,7 @@ PARTS: dict[str, Callable[[argparse.Namespace], dict[str, Any]]] = {
     "cases": cases,
     "short": short,
     "conversion": conversion,
-    "floor": floor,
+    "rng": rng,
     "first": first,
     "changed": changed,
 }

@@ -1,4 +1,4 @@
-"""Everything that makes frames, by the name it has in the benchmarks, as an endless iterator that is kept open."""
+"""Open endless streams of frames from each backend and from the simple NumPy chain, by name."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ ENGINES: dict[str, dict[str, Any]] = {
     "numpy64": {"engine": "numpy", "precision": "float64"},
     "cuda": {"engine": "cuda", "precision": "float32"},
 }
-"""Benchmark name → engine and precision of ``ms.stream``."""
+"""Name in the benchmarks → backend and precision of ``ms.stream``."""
 
 PLAIN = "plain"
-"""The yardstick of ``plain_chain.py``."""
+"""Name of the simple chain of ``plain_chain.py``."""
 
-FRAMES_A_TURN = 8
-"""Frames of a compiled engine per turn, about half of the time that the plain chain takes for one; divided out."""
+FRAMES_PER_TURN = 8
+"""Frames of a compiled backend per turn; times are divided by it. They take half the time of one plain frame."""
 
 ENDLESS = 2**31
-"""More frames than any benchmark takes."""
+"""More frames than any benchmark uses."""
 
 
 def open_stream(
@@ -41,33 +41,33 @@ def open_stream(
     seed: int = 1,
     serial: int = 1,
 ) -> Iterator[NDArray[Any]]:
-    """Frames (H, W), one per ``next()``; light and fixed maps are made here."""
+    """Frames (H, W), one per ``next()``. FPN maps are computed here."""
     if name == PLAIN:
         return PlainChain(photons, camera, exposure, seed)
     return ms.stream(photons, camera, exposure, seed=seed, serial=serial, frames=ENDLESS, **ENGINES[name])
 
 
 def next_frame(name: str, photons: NDArray[np.float64], camera: ms.Camera) -> Callable[[], NDArray[Any]]:
-    """A task for ``take_turns``: the next frame of a stream that stays open.
+    """A task for ``alternate``: the next frame of an open stream.
 
-    A compiled engine takes several frames a turn, as a stream does: while one is computed the next is traced. The one
-    that it has begun at the end is waited for: nobody works in another's turn.
+    A compiled backend computes several frames per turn, as in a stream, where one frame is computed while the next is
+    traced. At the end of the turn the task waits for the frame that has begun, so that turns do not overlap.
     """
     frames = open_stream(name, photons, camera)
     if name not in ("drjit", "cuda"):
         return partial(next, frames)
 
     def task() -> NDArray[Any]:
-        *_, frame = (next(frames) for _ in range(FRAMES_A_TURN))
+        *_, frame = (next(frames) for _ in range(FRAMES_PER_TURN))
         drjit().sync_thread()
         return frame
 
-    task.runs = FRAMES_A_TURN  # type: ignore[attr-defined]
+    task.runs = FRAMES_PER_TURN  # type: ignore[attr-defined]
     return task
 
 
 def refusal(name: str, camera: ms.Camera) -> str | None:
-    """Why this engine makes no frames on this machine, or None where it does."""
+    """Why this backend does not work on this machine, or None if it does."""
     try:
         next(open_stream(name, np.ones((4, 4)), camera))
     except ms.InputError as error:

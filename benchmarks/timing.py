@@ -1,6 +1,7 @@
-"""How the benchmarks measure: tasks take turns, so that a machine that slows down slows all of them; medians; children.
+"""Measure tasks alternately, compute medians of ratios, run functions in child processes, print nested results.
 
-A ratio is the median of the turns' own ratios: the two times of one turn lie next to each other.
+Tasks run alternately so that other load on the machine affects all of them. A ratio is the median of the ratios of
+single turns, because the two times of one turn were measured one after the other.
 """
 
 from __future__ import annotations
@@ -18,8 +19,8 @@ from typing import Any
 HERE = Path(__file__).resolve().parent
 
 
-def take_turns(tasks: Mapping[str, Callable[[], object]], turns: int) -> dict[str, list[float]]:
-    """Seconds of every task in every turn, after one turn that does not count."""
+def alternate(tasks: Mapping[str, Callable[[], object]], turns: int) -> dict[str, list[float]]:
+    """Seconds of every task in every turn, after one turn that is not counted."""
     seconds: dict[str, list[float]] = {name: [] for name in tasks}
     for turn in range(turns + 1):
         for name, task in tasks.items():
@@ -30,19 +31,19 @@ def take_turns(tasks: Mapping[str, Callable[[], object]], turns: int) -> dict[st
 
 
 def seconds_of(task: Callable[[], object]) -> float:
-    """Seconds of one call, or of one of the ``task.runs`` runs that a call makes."""
+    """Seconds of one call, divided by ``task.runs`` if the call makes several runs."""
     start = time.perf_counter()
     task()
     return (time.perf_counter() - start) / getattr(task, "runs", 1)
 
 
 def ratio(slow: list[float], fast: list[float]) -> float:
-    """How many times faster the second is than the first."""
+    """Median of slow/fast over the turns."""
     return statistics.median(one / other for one, other in zip(slow, fast, strict=True))
 
 
 def speeds(seconds: Mapping[str, list[float]], pixels: int, base: str) -> dict[str, dict[str, float]]:
-    """Median seconds, Mpx/s, and times faster than ``base``, of every task."""
+    """Median seconds, Mpx/s, and the speed relative to ``base``, of every task."""
     return {
         name: {
             "seconds": statistics.median(those),
@@ -54,21 +55,21 @@ def speeds(seconds: Mapping[str, list[float]], pixels: int, base: str) -> dict[s
 
 
 def in_child(module: str, function: str, *arguments: Any, home: str | None = None) -> Any:
-    """What a function of a benchmark returns in a process of its own.
+    """The return value of a function of a benchmark, run in a child process.
 
-    home : a folder to stand in for ~, below which Dr.Jit keeps its compiled kernels.
+    home : the folder to use as ~, in which Dr.Jit stores compiled kernels.
     """
     code = f"import json, sys, {module}; print(json.dumps({module}.{function}(*json.loads(sys.argv[1]))))"
     environment = os.environ | ({"HOME": home} if home else {})
-    words = [sys.executable, "-c", code, json.dumps(arguments)]
-    done = subprocess.run(words, cwd=HERE, env=environment, capture_output=True, text=True)
+    command = [sys.executable, "-c", code, json.dumps(arguments)]
+    done = subprocess.run(command, cwd=HERE, env=environment, capture_output=True, text=True)
     if done.returncode:
         raise SystemExit(f"{module}.{function} failed in its child process:\n{done.stderr}")
     return json.loads(done.stdout.splitlines()[-1])
 
 
 def lines(tree: Any, path: str = "") -> Iterator[str]:
-    """Nested results as text: a line for every table of plain values, after the words that lead to it."""
+    """Nested results as text: one line per group of values, after the keys that lead to it."""
     if isinstance(tree, list):
         for row in tree:
             yield from lines(row, path)
