@@ -24,12 +24,12 @@ from mitsuba_sensor.sensor.chain import chain
 
 STAGES = {
     *("Detection", "Prnu", "DarkCurrent", "ShotNoise", "FullWell", "SenseNode", "NonlinearSenseNode", "ResetNoise"),
-    *("SourceFollowerNoise", "SourceFollower", "NonlinearSourceFollower", "ColumnOffset", "CdsGain"),
+    *("SourceFollowerNoise", "SourceFollower", "NonlinearSourceFollower", "DsnuColumn", "CdsGain"),
     *("IntegralNonlinearity", "Adc"),
 }
 """The stages of the simple chain."""
 
-IDLE = {"RowOffset": "sigma_e", "PixelOffset": "sigma_e", "ColumnGain": "cv"}
+IDLE = {"DsnuRow": "sigma_e", "DsnuPixel": "sigma_e", "PrnuColumn": "cv"}
 """Stages that it does not have; this field of them must be 0."""
 
 
@@ -53,7 +53,7 @@ class PlainChain:
         self.photons, self.random = photons, np.random.default_rng(seed)
         self.qe = reference_qe(camera)
         self.full_well_e = stages["FullWell"].full_well_e
-        self._make_fpn_maps(stages["Prnu"], stages["DarkCurrent"], stages["ColumnOffset"])
+        self._make_fpn_maps(stages["Prnu"], stages["DarkCurrent"], stages["DsnuColumn"])
         frame = Frame(exposure, SensorWindow(0, (1, 1)), seed)
         self.dark_e = stages["DarkCurrent"].mean_e(frame)
         self.reset_v = stages["ResetNoise"].sigma_v(frame)

@@ -33,9 +33,9 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "PRNU_col": {"readout.prnu_col": 0.01},
     "DSNU_row, DSNU_pixel": {"readout.dsnu_row": 1e-3, "pixel.dsnu_e": 10.0},
     "quantum yield": {"quantum_efficiency.quantum_yield": [2.0, 2.0]},
-    "all of them": {},
+    "all non-linearities": {},
 }
-OPTIONS["all of them"] = {key: value for change in list(OPTIONS.values())[1:5] for key, value in change.items()}
+OPTIONS["all non-linearities"] = {key: value for change in list(OPTIONS.values())[1:5] for key, value in change.items()}
 
 
 def main() -> None:

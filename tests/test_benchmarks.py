@@ -49,8 +49,8 @@ TINY = ("--mpx", "0.01", "--content", "ramp", "--turns", "1")
 
 
 def test_every_case_has_a_speed_and_a_ratio_and_parts_are_timed_against_the_whole() -> None:
-    words = "--electrons 1 1000 --engines numpy drjit --parts cases short conversion floor"
-    speed = run("engine_speed.py", *TINY, *words.split())
+    words = "--electrons 1 1000 --engines numpy drjit --parts cases short conversion rng"
+    speed = run("backend_speed.py", *TINY, *words.split())
     engines = {"numpy", "drjit"} - set(speed["refused"])
     assert [row["electrons"] for row in speed["cases"]["rows"]] == [1, 1000]
     for row in speed["cases"]["rows"]:
@@ -59,7 +59,7 @@ def test_every_case_has_a_speed_and_a_ratio_and_parts_are_timed_against_the_whol
     assert_speeds(speed["cases"]["summary"], *engines)
     for engine in ("plain", *engines):
         assert_speeds(speed["short"][engine], "full_chain", "shot_read_quantise")
-    for part in ("conversion", "floor"):
+    for part in ("conversion", "rng"):
         assert set(speed[part]) == engines
         for found in filter(None, speed[part].values()):
             assert_speeds(found, "frame")
@@ -73,7 +73,7 @@ def test_float32_is_compared_with_float64_for_every_option() -> None:
 
 def test_first_and_changed_frames_are_timed_in_new_processes() -> None:
     words = "--electrons 1000 --engines drjit --parts first changed"
-    speed = run("engine_speed.py", *TINY, *words.split())
+    speed = run("backend_speed.py", *TINY, *words.split())
     if speed["refused"]:
         pytest.skip(speed["refused"]["drjit"])
     first, changed = speed["first"]["drjit"], speed["changed"]["drjit"]
@@ -121,7 +121,7 @@ def test_lenses_are_timed_against_the_thin_lens() -> None:
 
 
 def test_coverage_of_the_error_bars_is_a_share_of_the_pixels() -> None:
-    for row in run("coverage.py", "--quick"):
+    for row in run("error_bar_coverage.py", "--quick"):
         assert 0 <= row["z1"] <= row["z2"] <= 1, row
 
 
@@ -138,7 +138,7 @@ def assert_positive(tree: Any) -> None:
 
 
 def test_passes_of_every_sampler_and_size_have_a_cost() -> None:
-    rows = run("passes.py", "--quick")["rows"]
+    rows = run("render_passes.py", "--quick")["rows"]
     assert {(row["sampler"], row["samples"]) for row in rows} == {
         (sampler, samples) for sampler in ("independent", "multijitter") for samples in (4, 16)
     }
@@ -150,6 +150,6 @@ def test_a_cube_is_timed_against_plain_mitsuba_at_equal_error() -> None:
 
 
 def test_spent_frames_are_timed_and_held_against_poissons_law() -> None:
-    found = run("spend_frames.py", "--quick")
+    found = run("compensated_frames.py", "--quick")
     assert_positive(found["time"])
     assert found["frames"]["variance_over_mean"] == pytest.approx(1, abs=5 * found["frames"]["standard_error"])

@@ -91,7 +91,7 @@ def test_the_examples_run(example: Path, first_picture: Path) -> None:
     """An example that wants files gets the first picture's light and a folder to leave pictures in."""
     folder = first_picture.parent / example.stem
     folder.mkdir()
-    words = f"out/irradiance.exr {folder.name}" if "light_file" in example.read_text(encoding="utf-8") else ""
+    words = f"out/irradiance.exr {folder.name}" if "irradiance_file" in example.read_text(encoding="utf-8") else ""
     said = run(f'"{sys.executable}" "{example}" {words}', first_picture.parent)
     assert said.strip() or list(folder.iterdir())
 

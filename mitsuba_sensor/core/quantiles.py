@@ -3,7 +3,7 @@
 Written with the operations of arrays.py, so NumPy and Dr.Jit return the same bits. No rejection loop, no state, no
 threshold above which another distribution is used. distributions.py has the same functions in float64.
 
-benchmarks/fit_quantiles.py fits the coefficients; benchmarks/enumerate_draws.py passes all 2³² integers through and
+benchmarks/fit_quantiles.py fits the coefficients; benchmarks/enumerate_quantiles.py passes all 2³² integers through and
 compares with the exact distributions.
 """
 

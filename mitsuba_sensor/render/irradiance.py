@@ -249,7 +249,7 @@ def prepare(
     """Check all that was asked for, read what was not from the scene file, and load the scene.
 
     usual : "auto" or "channels", where nobody asks for anything.  sampler : see :func:`render.scene.load_scene`; not an
-    option of :func:`render`, because no other is better (benchmarks/passes.py).  Raises InputError.
+    option of :func:`render`, because no other is better (benchmarks/render_passes.py).  Raises InputError.
     """
     parameters = {} if options.parameters is None else options.parameters
     check_types(camera, exposure, optional=True)

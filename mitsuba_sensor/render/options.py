@@ -84,7 +84,7 @@ class RenderOptions(TypedDict, total=False):
     ]
     motion: Annotated[
         str | os.PathLike[str] | Mapping[str, Any] | Motion | None,
-        Option("What moves while the shutter is open: a file, see docs/light.md.", metavar="FILE.toml", text=Path),
+        Option("What moves while the shutter is open: a file, see docs/rendering.md.", metavar="FILE.toml", text=Path),
     ]
     subframes: Annotated[
         int | None,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..core.errors import InputError, require
 
 FEWEST, MOST = 16, 32  # Student's t of 15 degrees of freedom: |z| < 1 in 66.7 %, |z| < 2 in 93.6 % of the pixels
-FEWEST_SAMPLES = 16  # per pass, before passes are added instead: benchmarks/passes.py
+FEWEST_SAMPLES = 16  # per pass, before passes are added instead: benchmarks/render_passes.py
 MOST_SPP = 1024  # per pass: the float32 film loses about 1e-8 per sample
 MOST_IN_ALL = 2**24
 MOST_IN_FLIGHT = 2**22  # samples per pass: 45 MB a million in LLVM variants

@@ -14,7 +14,7 @@ from .passes import FEWEST
 MOST_ONE_PASS_SHARE = 0.01
 """Above it the error bars are not to be trusted. Cornell box and still life, 64 to 1152 samples: 0 to 0.003; a glass
 ball's caustic under a small lamp: 0.017 to 0.085, where |z| < 1 holds in 0.30 to 0.44 of the pixels instead of 0.68
-(benchmarks/coverage.py)."""
+(benchmarks/error_bar_coverage.py)."""
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ LIMIT = 1 / 3
 
 What is drawn must hide the shape of the render's noise. Renders should aim at half of this, v = 0.16·μ: where v comes
 from eight passes, it is measured as more than the double in one pixel of twenty. Then the total has the variance of
-Poisson's law to 1 % and its third moment to 38 %, from 1 e- up (benchmarks/spending.py).
+Poisson's law to 1 % and its third moment to 38 %, from 1 e- up (benchmarks/compensation.py).
 """
 
 

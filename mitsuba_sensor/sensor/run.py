@@ -28,7 +28,7 @@ PRECISIONS = ("auto", "float32", "float64")
 
 WORTH_COMPILING = 2**23
 """Pixels in all frames together from which on "auto" compiles a kernel. NumPy needs a second for them on two
-processors, and so long does a new process need for Dr.Jit, the kernel and the maps (benchmarks/engine_speed.py)."""
+processors, and so long does a new process need for Dr.Jit, the kernel and the maps (benchmarks/backend_speed.py)."""
 
 Sinks = dict[str, NDArray[Any]]
 

@@ -385,11 +385,11 @@ def test_the_tables_are_what_their_fit_gives() -> None:
 
 
 def test_the_laws_are_enumerated(llvm: Any) -> None:
-    found = script("enumerate_draws.py", "--stride", "4096", "--means", "0.3", "10", "1e6")
-    assert found["words"] == 2**20
+    found = script("enumerate_quantiles.py", "--stride", "4096", "--means", "0.3", "10", "1e6")
+    assert found["inputs"] == 2**20
     assert found["zero_mean_is_zero"]
     assert [row["electrons"] for row in found["poisson"]] == pytest.approx([0.3, 10, 1e6])
-    assert all(row["good"] for row in (*found["poisson"], found["normal"]))
+    assert all(row["within_limits"] for row in (*found["poisson"], found["normal"]))
 
 
 def test_the_reference_draws_are_the_exact_ones() -> None:

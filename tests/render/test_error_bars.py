@@ -27,10 +27,10 @@ def at_550(scene: str, size: int, **words: object) -> Irradiance:
 def test_standard_errors_cover_a_reference_of_a_hundred_times_the_samples() -> None:
     """Cornell box, 64 × 64, 1152 samples: |z| < 1 in 0.65 … 0.70 of the pixels, |z| < 2 in 0.92 … 0.96.
 
-    The reference is plain Mitsuba with its own sampler and 116 736 samples (benchmarks/coverage.py --write). Student's
-    t of 31 degrees of freedom has 0.675 and 0.946; the light of the box is skewed, which costs 0.02 of both. Three
-    seeds, 12 288 pixels: standard deviations of 0.004 and 0.002 about 0.656 and 0.929, so that other seeds would fail
-    the first bound once in a dozen times, and never the others. In scalar variants it would take minutes.
+    The reference is plain Mitsuba with its own sampler and 116 736 samples (benchmarks/error_bar_coverage.py).
+    Student's t of 31 degrees of freedom has 0.675 and 0.946; the light of the box is skewed, which costs 0.02 of both.
+    Three seeds, 12 288 pixels: standard deviations of 0.004 and 0.002 about 0.656 and 0.929, so that other seeds would
+    fail the first bound once in a dozen times, and never the others. In scalar variants it would take minutes.
     """
     variant = skip_unless_usable("llvm_ad_spectral")
     size = {"width": 64, "height": 64}

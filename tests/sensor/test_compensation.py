@@ -29,7 +29,7 @@ from mitsuba_sensor.sensor.fpn_distributions import Rectified
 problem = backend_problem("llvm")
 compiled = pytest.mark.skipif(problem is not None, reason=str(problem))
 
-BENCHMARK = BENCHMARKS / "spending.py"
+BENCHMARK = BENCHMARKS / "compensation.py"
 EXPOSURE = ms.Exposure(0.1)
 TABLE1 = ms.load_camera("konnik_table1")
 QE = float(TABLE1.qe([TABLE1.quantum_efficiency.reference_nm])[0, 0])
@@ -190,7 +190,7 @@ def test_frames_with_renders_of_their_own_have_the_mean_and_variance_of_shot_noi
 def test_the_shape_is_nearer_to_poissons_than_without_and_the_limit_is_where_the_table_says() -> None:
     """Variance and third cumulant over the mean (Poisson: 1) and the distance to Poisson's law, added up exactly.
 
-    A few corners of the table of benchmarks/spending.py. Fireflies hide their variance from eight passes.
+    A few corners of the table of benchmarks/compensation.py. Fireflies hide their variance from eight passes.
     """
     words = "--means 1 10 --ratios 0.16 0.63 --json"
     done = subprocess.run([sys.executable, str(BENCHMARK), *words.split()], capture_output=True, text=True)
@@ -198,16 +198,16 @@ def test_the_shape_is_nearer_to_poissons_than_without_and_the_limit_is_where_the
     found = json.loads(done.stdout)
     assert found["limit"] == LIMIT
     for row in found["rows"]:
-        plain, spent = row["plain"], row["spent"]
-        assert plain["variance"] == pytest.approx(1 + row["ratio"], rel=0.05)
+        before, after = row["uncompensated"], row["compensated"]
+        assert before["variance"] == pytest.approx(1 + row["ratio"], rel=0.05)
         for name in ("variance", "third"):
-            assert spent[name] < plain[name], row
-        assert spent["distance"] < plain["distance"], row
+            assert after[name] < before[name], row
+        assert after["distance"] < before["distance"], row
         if row["ratio"] == 0.63:
-            assert spent["variance"] > 1.2
-        elif row["law"] != "fireflies":
-            assert spent["variance"] == pytest.approx(1, abs=0.01)
-            assert spent["third"] < 1.38 and spent["distance"] < 0.017
+            assert after["variance"] > 1.2
+        elif row["distribution"] != "fireflies":
+            assert after["variance"] == pytest.approx(1, abs=0.01)
+            assert after["third"] < 1.38 and after["distance"] < 0.017
 
 
 # What cannot be spent

@@ -41,7 +41,7 @@ from mitsuba_sensor.study.side import Side
 CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.1)
 LIGHT = as_photons(np.geomspace(3.0, 40_000.0, 24 * 32).reshape(24, 32), CAMERA)
 NUMPY = {sampler: Setting("numpy", "float32", sampler) for sampler in (QUANTILE, GAUSSIAN, MEAN_ONLY, GENERATOR)}
-DOCS = ROOT / "docs" / "engines.md"
+DOCS = ROOT / "docs" / "backends.md"
 TOLERANCES_DN = (0.0, 0.2)
 
 needs_llvm = pytest.mark.skipif(bool(backend_problem("llvm")), reason="no LLVM here")
