@@ -1,4 +1,4 @@
-"""The released MATLAB code of Konnik & Welsh 2014 as a chain of stages: what was published, for comparison.
+"""The chain of the released MATLAB code of Konnik & Welsh 2014, for comparison with published results.
 
     settings = Konnik2014Settings.from_camera(load_camera("konnik_table1"), reset_factor=0.8)
     signal = photons
@@ -6,12 +6,13 @@
         signal = stage(signal, frame)
 
 Where the paper's formula and the released code differ, this is the code; where both differ from physics, see
-``docs/konnik2014.md``. The paper's three formulas that cannot run are refused with the reason.
+``docs/konnik2014.md``. The three formulas of the paper that give no image are refused with the reason.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any, Self
 
@@ -19,20 +20,28 @@ from ...core.errors import InputError, nearest, require
 from ..camera import Camera
 from ..chain import RESET_RESIDUAL, sense_gain_v_per_e
 from .electrons import (
-    Dark,
-    DarkMean,
-    DarkPattern,
-    DarkShot,
-    FollowerNoise,
-    LightPattern,
-    PhotonShot,
-    PublishedFollower,
-    QuantumEfficiency,
-    RoundPhotons,
-    Well,
+    DarkStep,
+    PublishedDarkFpn,
+    PublishedDarkMean,
+    PublishedDarkShot,
+    PublishedDarkSignal,
+    PublishedFollowerSpectrum,
+    PublishedPhotons,
+    PublishedPhotonShot,
+    PublishedPrnu,
+    PublishedQuantumEfficiency,
+    PublishedReadNoise,
+    PublishedWell,
 )
-from .fpn_distributions import FAMILIES, Family, White
-from .volts import Adc, ColumnGain, ExponentialNode, NonlinearFollower, ResetNoise, SenseNode
+from .fpn_distributions import FPN_DISTRIBUTIONS, FpnDistribution, PublishedNormal
+from .volts import (
+    PublishedAdc,
+    PublishedColumnFpn,
+    PublishedExponentialNode,
+    PublishedFollower,
+    PublishedResetNoise,
+    PublishedSenseNode,
+)
 
 PAPER_ONLY = {
     ("dark_fpn", "paper_eq18"): (
@@ -49,12 +58,12 @@ PAPER_ONLY = {
         "released code does"
     ),
 }
-"""(setting, value) → why that formula of the paper is refused, and what to use."""
+"""(setting, value) → why that formula of the paper is refused, and what to use instead."""
 
 CHOICES = {
     "technology": ("cmos", "ccd"),
-    "dark_fpn": tuple(FAMILIES),
-    "column_pattern": tuple(FAMILIES),
+    "dark_fpn": tuple(FPN_DISTRIBUTIONS),
+    "column_fpn": tuple(FPN_DISTRIBUTIONS),
     "reset": ("lognormal_minus_one",),
     "adc_reference": ("reset_level",),
 }
@@ -72,7 +81,7 @@ RANGES = {
     "reset_factor": (0.0, 1.0, "1 for all of the kTC noise, 0 for none"),
     "ve_alpha": (0.0, 1.0, "0 is linear, e.g. 0.05"),
     "vv_gamma": (0.5, 2.0, "1 is linear, e.g. 1.05"),
-    "column_factor": (0.0, 1.0, "a fraction of the full-well swing, e.g. 0.001"),
+    "column_fpn_factor": (0.0, 1.0, "a fraction of the full-well swing, e.g. 0.001"),
     "adc_bits": (1, 24, "bits, e.g. 12"),
     "adc_gamma": (0.5, 2.0, "1 is linear, e.g. 1.04"),
 }
@@ -87,14 +96,14 @@ PARAMETER_RANGES = {
 
 @dataclass(frozen=True)
 class Konnik2014Settings:
-    """All that the published chain can be told. Defaults: the released code's *simple* parameters on Table 1's sensor.
+    """Settings of the published chain. Defaults: the *simple* parameters of the released code, for Table 1's sensor.
 
-    Neutral values leave a stage out: 0 for noises and patterns, 1 for the gammas, False for the shots.
-    dark_fpn, column_pattern : "gaussian" | "lognormal" | "wald" | "ar" with their number in ``…_parameter``.
-    Raises InputError for a value out of its range, and for the paper's formulas that cannot run (``PAPER_ONLY``).
+    Neutral values leave a stage out: 0 for noise and FPN, 1 for the gammas, False for the shot noises.
+    dark_fpn, column_fpn : "gaussian" | "lognormal" | "wald" | "ar" with their number in ``…_parameter``.
+    Raises InputError for a value out of its range, and for the formulas of the paper in ``PAPER_ONLY``.
     """
 
-    technology: str = "cmos"  # a CCD has no reset noise and no column pattern
+    technology: str = "cmos"  # a CCD has no reset noise and no column FPN
     quantum_efficiency: float = 0.6  # Table 1
     photon_shot: bool = True
     prnu: float = 0.005  # Table 1
@@ -104,7 +113,7 @@ class Konnik2014Settings:
     dark_fpn: str = "gaussian"  # released parameters, simple
     dark_fpn_factor: float = 0.01  # Table 1, D_N
     dark_fpn_parameter: float = 0.0
-    source_follower_e: float = 0.0  # released parameters, simple; advanced: PublishedFollower().sigma_e(5.0)
+    source_follower_e: float = 0.0  # released parameters, simple; advanced: PublishedFollowerSpectrum().sigma_e(5.0)
     full_well_e: float = 33000.0  # Table 1
     sense_gain_uv_per_e: float = 5.0  # Table 1
     reference_v: float = 3.1  # released parameters
@@ -112,9 +121,9 @@ class Konnik2014Settings:
     reset_factor: float = 0.8  # released parameters
     ve_alpha: float = 0.0
     vv_gamma: float = 1.0
-    column_pattern: str = "gaussian"
-    column_factor: float = 0.001  # Table 1
-    column_pattern_parameter: float = 0.0
+    column_fpn: str = "gaussian"
+    column_fpn_factor: float = 0.001  # Table 1
+    column_fpn_parameter: float = 0.0
     adc_bits: int = 12  # Table 1
     adc_gamma: float = 1.0
     adc_reference: str = "reset_level"
@@ -130,28 +139,28 @@ class Konnik2014Settings:
             require(name, getattr(self, name), low, high, remedy)
         if self.adc_bits != int(self.adc_bits):
             raise InputError(f"adc_bits is {self.adc_bits!r}; it must be a whole number (e.g. 12).")
-        for which in ("dark_fpn", "column_pattern"):
+        for which in ("dark_fpn", "column_fpn"):
             require(f"{which}_parameter", getattr(self, f"{which}_parameter"), *PARAMETER_RANGES[getattr(self, which)])
 
     @classmethod
     def from_camera(cls, camera: Camera, **overrides: Any) -> Self:
-        """What the published chain takes from our camera; ``overrides`` are settings by name and win.
+        """Settings from a camera of the physical chain; ``overrides`` are settings by name and take precedence.
 
-        It knows no pedestal, no full scale but the full well's, no CDS gain: those of the camera are not used. Raises
-        InputError for what it cannot express (colour filters, a measured dark rate, a gain A_SF) and is not overridden.
+        Black level, full scale and CDS gain of the camera are not used: the published chain has none. Raises InputError
+        for what it cannot express (colour filters, a measured dark rate, a gain A_SF) and ``overrides`` does not set.
         """
         known = {field.name for field in fields(cls)}
         for name in overrides:
             if name not in known:
                 raise InputError(f"{name} is no setting of the published chain.{nearest(name, known)}")
-        taken = {
+        taken: dict[str, float | str] = {
             "technology": camera.sensor.technology,
             "prnu": camera.pixel.prnu,
             "pixel_area_cm2": camera.pixel.pitch_x_um * camera.pixel.pitch_y_um * 1e-8,
             "full_well_e": camera.pixel.full_well_e,
             "sense_gain_uv_per_e": sense_gain_v_per_e(camera) * 1e6,
             "reset_factor": RESET_RESIDUAL[camera.readout.reset],
-            "column_factor": camera.readout.dsnu_col,
+            "column_fpn_factor": camera.readout.dsnu_col,
             "adc_bits": camera.adc.bits,
         }
         for names, take in _TAKEN.items():
@@ -173,80 +182,81 @@ class Konnik2014Settings:
 def chain_of(settings: Konnik2014Settings) -> tuple[Any, ...]:
     """The published stages in their order, from photons to digital numbers."""
     s = settings
-    light: list[Any] = [RoundPhotons()]
+    stages: list[Any] = [PublishedPhotons()]
     if s.photon_shot:
-        light.append(PhotonShot())
-    light.append(QuantumEfficiency(s.quantum_efficiency))
+        stages.append(PublishedPhotonShot())
+    stages.append(PublishedQuantumEfficiency(s.quantum_efficiency))
     if s.prnu:
-        light.append(LightPattern(s.prnu, White()))
-    dark = _dark(s)
-    return (*light, *((Dark(dark),) if dark else ()), Well(s.full_well_e), *_volts(s))
+        stages.append(PublishedPrnu(s.prnu, PublishedNormal()))
+    if dark := _dark(s):
+        stages.append(PublishedDarkSignal(dark))
+    return (*stages, PublishedWell(s.full_well_e), *_volts(s))
 
 
-def _dark(s: Konnik2014Settings) -> tuple[Any, ...]:
-    steps: list[Any] = []
+def _dark(s: Konnik2014Settings) -> tuple[DarkStep, ...]:
+    steps: list[DarkStep] = []
     if s.dark_fom_na_per_cm2:
-        steps.append(DarkMean(s.dark_fom_na_per_cm2, s.pixel_area_cm2))
+        steps.append(PublishedDarkMean(s.dark_fom_na_per_cm2, s.pixel_area_cm2))
         if s.dark_shot:
-            steps.append(DarkShot())
+            steps.append(PublishedDarkShot())
         if s.dark_fpn_factor:
-            steps.append(DarkPattern(s.dark_fpn_factor, _family(s.dark_fpn, s.dark_fpn_parameter)))
+            steps.append(PublishedDarkFpn(s.dark_fpn_factor, _distribution(s.dark_fpn, s.dark_fpn_parameter)))
     if s.source_follower_e:
-        steps.append(FollowerNoise(s.source_follower_e))
+        steps.append(PublishedReadNoise(s.source_follower_e))
     return tuple(steps)
 
 
 def _volts(s: Konnik2014Settings) -> tuple[Any, ...]:
     gain, cmos = s.sense_gain_uv_per_e * 1e-6, s.technology == "cmos"
-    reset = ResetNoise(gain, s.reset_factor if cmos else 0.0)
-    stages: list[Any] = [SenseNode(s.reference_v, gain, reset)]
+    reset = PublishedResetNoise(gain, s.reset_factor if cmos else 0.0)
+    stages: list[Any] = [PublishedSenseNode(s.reference_v, gain, reset)]
     if s.ve_alpha:
-        stages = [ExponentialNode(s.reference_v, s.ve_alpha, reset)]
+        stages = [PublishedExponentialNode(s.reference_v, s.ve_alpha, reset)]
     if s.vv_gamma != 1:
-        stages.append(NonlinearFollower(s.reference_v, s.full_well_v, s.vv_gamma))
-    if s.column_factor and cmos:
-        family = _family(s.column_pattern, s.column_pattern_parameter)
-        stages.append(ColumnGain(s.column_factor * s.full_well_v, family))
-    adc = Adc(s.adc_bits, s.adc_gain_dn_per_v, s.reference_v, s.full_well_v, s.adc_gamma)
+        stages.append(PublishedFollower(s.reference_v, s.full_well_v, s.vv_gamma))
+    if s.column_fpn_factor and cmos:
+        distribution = _distribution(s.column_fpn, s.column_fpn_parameter)
+        stages.append(PublishedColumnFpn(s.column_fpn_factor * s.full_well_v, distribution))
+    adc = PublishedAdc(s.adc_bits, s.adc_gain_dn_per_v, s.reference_v, s.full_well_v, s.adc_gamma)
     return (*stages, adc)
 
 
-def _family(name: str, parameter: float) -> Family:
-    return White() if name == "gaussian" else FAMILIES[name](parameter)
+def _distribution(name: str, parameter: float) -> FpnDistribution:
+    return PublishedNormal() if name == "gaussian" else FPN_DISTRIBUTIONS[name](parameter)
 
 
-def _quantum_efficiency(camera: Camera) -> tuple[Any, ...]:
+def _quantum_efficiency(camera: Camera) -> tuple[float]:
     reference = camera.quantum_efficiency.reference_nm
     if reference is None or len(camera.filter_names) > 1:
         raise InputError(
             f"{camera.name} has {len(camera.filter_names)} colour filter(s) and quantum_efficiency.reference_nm "
-            f"{reference}; the published chain knows one number: pass quantum_efficiency=0.6, say."
+            f"{reference}; the published chain has one QE: pass e.g. quantum_efficiency=0.6."
         )
     return (float(camera.qe([reference])[0, 0]),)
 
 
-def _dark_fom(camera: Camera) -> tuple[Any, ...]:
+def _dark_fom(camera: Camera) -> tuple[float]:
     if camera.dark_current.fom_na_per_cm2 is None:
         raise InputError(
-            f"{camera.name} gives its dark current as a rate; the published chain knows the figure of merit alone: "
-            f"pass dark_fom_na_per_cm2=1.0, say."
+            f"{camera.name} gives its dark current as a rate; the published chain has only the figure of merit: "
+            f"pass e.g. dark_fom_na_per_cm2=1.0."
         )
     return (camera.dark_current.fom_na_per_cm2,)
 
 
-def _dark_pattern(camera: Camera) -> tuple[Any, ...]:
-    """The released code's log-normal is always LogNormal(0, 0.4) times D_N, whatever D_N is."""
+def _dark_fpn(camera: Camera) -> tuple[str, float, float]:
+    """The log-normal of the released code is LogNormal(0, 0.4) times D_N for every D_N."""
     numbers = {"gaussian": 0.0, "lognormal": 0.4}
-    pattern = camera.dark_current.distribution
-    if pattern not in numbers:
+    name = camera.dark_current.distribution
+    if name not in numbers:
         raise InputError(
-            f"{camera.name} has dark_current.distribution {pattern!r}, which the published chain has not; "
-            f"pass dark_fpn='lognormal', dark_fpn_factor=0.01, dark_fpn_parameter=0.4, say."
+            f"{camera.name} has dark_current.distribution {name!r}, which the published chain lacks; "
+            f"pass e.g. dark_fpn='lognormal', dark_fpn_factor=0.01, dark_fpn_parameter=0.4."
         )
-    return pattern, camera.dark_current.cv, numbers[pattern]
+    return name, camera.dark_current.cv, numbers[name]
 
 
-def _source_follower(camera: Camera) -> tuple[Any, ...]:
+def _source_follower(camera: Camera) -> tuple[float]:
     follower = camera.source_follower
     if follower.gain != 1:
         raise InputError(
@@ -255,7 +265,7 @@ def _source_follower(camera: Camera) -> tuple[Any, ...]:
         )
     if follower.read_noise_e is not None:
         return (follower.read_noise_e,)
-    published = PublishedFollower(
+    published = PublishedFollowerSpectrum(
         white_nv_per_rthz=follower.white_nv_per_rthz or 0.0,
         corner_hz=follower.corner_hz,
         sample_s=follower.cds_sample_s,
@@ -266,20 +276,20 @@ def _source_follower(camera: Camera) -> tuple[Any, ...]:
     return (published.sigma_e(sense_gain_v_per_e(camera) * 1e6),)
 
 
-def _column_pattern(camera: Camera) -> tuple[Any, ...]:
+def _column_fpn(camera: Camera) -> tuple[str, float]:
     if camera.readout.dsnu_col_coupling:
         raise InputError(
             f"{camera.name} has readout.dsnu_col_coupling {camera.readout.dsnu_col_coupling}, an isotropic process "
-            f"that the published chain has not; pass column_pattern='ar', column_pattern_parameter=0.5, say."
+            f"that the published chain lacks; pass e.g. column_fpn='ar', column_fpn_parameter=0.5."
         )
     return "gaussian", 0.0
 
 
-_TAKEN = {
+_TAKEN: dict[tuple[str, ...], Callable[[Camera], tuple[float | str, ...]]] = {
     ("quantum_efficiency",): _quantum_efficiency,
     ("dark_fom_na_per_cm2",): _dark_fom,
-    ("dark_fpn", "dark_fpn_factor", "dark_fpn_parameter"): _dark_pattern,
+    ("dark_fpn", "dark_fpn_factor", "dark_fpn_parameter"): _dark_fpn,
     ("source_follower_e",): _source_follower,
-    ("column_pattern", "column_pattern_parameter"): _column_pattern,
+    ("column_fpn", "column_fpn_parameter"): _column_fpn,
 }
-"""Settings → how to read them from a camera, asked only when they are not all given."""
+"""Settings → function that reads them from a camera, called unless all of them are given."""

@@ -1,15 +1,15 @@
-"""Photons and electrons as the released MATLAB code of Konnik & Welsh 2014 makes them, on NumPy float64.
+"""Photon and electron stages of the released MATLAB code of Konnik & Welsh 2014, on NumPy float64.
 
-Written from the paper, from descriptions and from numbers measured on that code, never from its text (it has no
-licence). The stages reproduce its *behaviour*, also where physics says otherwise: ``docs/konnik2014.md`` lists every
-such place with its size.
+Written from the paper, from descriptions and from numbers measured on that code, not from its text (it has no
+licence). The stages reproduce its *behaviour*, also where it differs from physics: ``docs/konnik2014.md`` lists every
+difference with its size.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar, TypeAlias
 
 import numpy as np
 
@@ -17,44 +17,45 @@ from ...core.errors import InputError
 from ...core.frame import Frame
 from ...core.moments import Moments
 from ...core.signals import Electrons, Photons
+from ...core.types import Array
 from ..dark_current_models import band_gap_ev
-from .fpn_distributions import Family, fixed, times_pattern
+from .fpn_distributions import FpnDistribution, fpn_map, times_fpn
 
 BOLTZMANN_EV_PER_K = 8.617343e-5
-"""CODATA 2006, as that code has it: with the value of today its dark signal would be 2.4e-5 lower."""
+"""CODATA 2006, as in that code; with the value of SI 2019 its dark signal would be 2.4e-5 lower."""
 
 DARK_CONSTANT = 2.55e15
-"""Stands where P_A·D_FM/q·(300 K)^−1.5·exp(E_g/2kT) belongs: e-/s per nA at 1 K^1.5; 0.8 % low (released code)."""
+"""In place of (300 K)^−1.5·exp(E_g/2kT)/q: e-/s per nA at 1 K^1.5; 0.8 % too low (released code)."""
 
 
 @dataclass(frozen=True)
-class RoundPhotons:
-    """Mean photons are rounded to whole ones: floor(Λ + ½) (paper eq. 12); Λ = 0.49 becomes black."""
+class PublishedPhotons:
+    """Mean photons are rounded to integers: floor(Λ + ½) (paper eq. 12); Λ = 0.49 becomes 0."""
 
     domain: ClassVar[str] = "photons"
 
     def __call__(self, photons: Photons, frame: Frame) -> Photons:
-        """Mean photons at one wavelength, (H, W) or (H, W, 1) → whole mean photons (H, W)."""
+        """Mean photons at one wavelength, (H, W) or (H, W, 1) → rounded mean photons (H, W)."""
         if photons.mean.ndim == 3 and photons.mean.shape[2] > 1:
             raise InputError(
-                f"photons has {photons.mean.shape[2]} bands and the published code knows one wavelength; "
+                f"photons has {photons.mean.shape[2]} bands and the published code has one wavelength; "
                 f"pass (H, W) photons, or use the physical chain."
             )
         return Photons(np.floor(photons.total + 0.5))
 
     def moments(self, m: Moments) -> Moments:
-        """The whole number itself; nothing is random yet."""
+        """The rounded mean; nothing is random yet."""
         return Moments(self(m.mean, m.frame).mean, 0.0, 0.0, m.frame)
 
 
 @dataclass(frozen=True)
-class PhotonShot:
-    """*Photons* are counted: Poisson(Λ) (paper eq. 13). After the QE var/mean is QE where it must be 1."""
+class PublishedPhotonShot:
+    """Poisson(Λ) *photons* (paper eq. 13). After the QE the variance is QE times the mean; it should be the mean."""
 
     domain: ClassVar[str] = "photons"
 
     def __call__(self, photons: Photons, frame: Frame) -> Photons:
-        """Mean photons → whole photons (H, W)."""
+        """Mean photons → photon counts (H, W)."""
         return Photons(frame.poisson("photon_shot", photons.mean))
 
     def moments(self, m: Moments) -> Moments:
@@ -63,14 +64,14 @@ class PhotonShot:
 
 
 @dataclass(frozen=True)
-class QuantumEfficiency:
-    """Photons × QE are electrons, not whole (paper eq. 14).  value : QE, 0 … 1 [e- per photon]."""
+class PublishedQuantumEfficiency:
+    """Electrons = photons × QE, not rounded (paper eq. 14).  value : QE, 0 … 1 [e- per photon]."""
 
     value: float
     domain: ClassVar[str] = "electrons"
 
     def __call__(self, photons: Photons, frame: Frame) -> Electrons:
-        """Photons → light electrons (H, W)."""
+        """Photons → photoelectrons (H, W)."""
         return Electrons(light=photons.mean * self.value)
 
     def moments(self, m: Moments) -> Moments:
@@ -79,25 +80,25 @@ class QuantumEfficiency:
 
 
 @dataclass(frozen=True)
-class LightPattern:
-    """The *noisy* count is multiplied by 1 + factor·z, not cut at 0 (paper eq. 15).  factor : PRNU, dimensionless."""
+class PublishedPrnu:
+    """The *noisy* count times 1 + factor·z, not clipped at 0 (paper eq. 15).  factor : PRNU, dimensionless."""
 
     factor: float
-    family: Family
+    distribution: FpnDistribution
     domain: ClassVar[str] = "electrons"
 
     def __call__(self, electrons: Electrons, frame: Frame) -> Electrons:
-        """Light electrons with the camera's gain pattern."""
-        gain = 1 + self.factor * fixed(frame.window, "prnu", self.family)
+        """Photoelectrons times the gain map of the camera."""
+        gain = 1 + self.factor * fpn_map(frame.window, "prnu", self.distribution)
         return Electrons(electrons.light * gain, electrons.dark)
 
     def moments(self, m: Moments) -> Moments:
-        """Product with an independent fixed gain."""
-        return times_pattern(m, self.factor, self.family)
+        """Product with an independent gain map."""
+        return times_fpn(m, self.factor, self.distribution)
 
 
 @dataclass(frozen=True)
-class DarkMean:
+class PublishedDarkMean:
     """t·D_R(T), D_R = 2.55e15·P_A·D_FM·T^1.5·exp(−E_g/2kT) [e-] (paper eq. 1, 16); 172.742 e- for Table 1 at 0.1 s.
 
     fom_na_per_cm2 : D_FM [nA/cm²].  area_cm2 : P_A, the whole pixel [cm²].
@@ -106,8 +107,8 @@ class DarkMean:
     fom_na_per_cm2: float
     area_cm2: float
 
-    def __call__(self, dark: Any, frame: Frame) -> Any:
-        """The mean dark electrons of this exposure, added to ``dark``."""
+    def __call__(self, dark: Array, frame: Frame) -> Array:
+        """``dark`` plus the mean dark electrons of this exposure."""
         return dark + self.mean_e(frame)
 
     def moments(self, m: Moments) -> Moments:
@@ -120,16 +121,16 @@ class DarkMean:
         if kelvin == 0:
             return 0.0
         boltzmann = math.exp(-band_gap_ev(kelvin) / kelvin / (2 * BOLTZMANN_EV_PER_K))
-        rate = DARK_CONSTANT * self.area_cm2 * self.fom_na_per_cm2 * kelvin**1.5 * boltzmann
+        rate: float = DARK_CONSTANT * self.area_cm2 * self.fom_na_per_cm2 * kelvin**1.5 * boltzmann
         return frame.exposure.time_s * rate
 
 
 @dataclass(frozen=True)
-class DarkShot:
-    """Dark electrons are counted *before* the pattern: Poisson(t·D_R) (paper eq. 17)."""
+class PublishedDarkShot:
+    """Poisson(t·D_R) dark electrons, counted *before* the dark FPN (paper eq. 17)."""
 
-    def __call__(self, dark: Any, frame: Frame) -> Any:
-        """Mean dark electrons → whole dark electrons (H, W)."""
+    def __call__(self, dark: Array, frame: Frame) -> Array:
+        """Mean dark electrons → dark electron counts (H, W)."""
         return frame.poisson("dark_shot", dark)
 
     def moments(self, m: Moments) -> Moments:
@@ -138,31 +139,31 @@ class DarkShot:
 
 
 @dataclass(frozen=True)
-class DarkPattern:
-    """The noisy dark count is multiplied by 1 + factor·X, one X per pixel per camera (paper eq. 18 with σ = D_N).
+class PublishedDarkFpn:
+    """The noisy dark count times 1 + factor·X, one X per pixel of a camera (paper eq. 18 with σ = D_N).
 
-    factor : D_N, dimensionless.  family : X; its mean is not 0 (LogNormal(0, 0.4): 1.083), so it adds to the mean.
+    factor : D_N, dimensionless.  distribution : of X; its mean may differ from 0 (log-normal (0, 0.4): 1.083).
     """
 
     factor: float
-    family: Family
+    distribution: FpnDistribution
 
-    def __call__(self, dark: Any, frame: Frame) -> Any:
-        """Dark electrons with the camera's dark pattern, (H, W)."""
-        return dark * (1 + self.factor * fixed(frame.window, "dark_fpn", self.family))
+    def __call__(self, dark: Array, frame: Frame) -> Array:
+        """Dark electrons times the dark FPN map, (H, W)."""
+        return dark * (1 + self.factor * fpn_map(frame.window, "dark_fpn", self.distribution))
 
     def moments(self, m: Moments) -> Moments:
-        """Product with an independent fixed gain."""
-        return times_pattern(m, self.factor, self.family)
+        """Product with an independent gain map."""
+        return times_fpn(m, self.factor, self.distribution)
 
 
 @dataclass(frozen=True)
-class FollowerNoise:
-    """The source follower's noise is added to the dark electrons, not rounded (paper eq. 23).  sigma_e : [e- rms]."""
+class PublishedReadNoise:
+    """Source-follower noise, added to the dark electrons and not rounded (paper eq. 23).  sigma_e : [e- rms]."""
 
     sigma_e: float
 
-    def __call__(self, dark: Any, frame: Frame) -> Any:
+    def __call__(self, dark: Array, frame: Frame) -> Array:
         """Dark electrons with signed noise, (H, W)."""
         return dark + self.sigma_e * frame.normal("source_follower")
 
@@ -172,15 +173,15 @@ class FollowerNoise:
 
 
 CLOCK_HZ = 20e6
-"""Table 1; no camera file has a readout clock, because the closed forms do not need one."""
+"""Table 1; camera files have no readout clock, because the closed forms of the physical chain need none."""
 
 
 @dataclass(frozen=True)
-class PublishedFollower:
-    """σ of the source follower as the released code sums it: every 10 kHz from 1 Hz to the clock (paper eq. 19–22).
+class PublishedFollowerSpectrum:
+    """σ of the source follower, summed as in the released code: every 10 kHz from 1 Hz to the clock (paper eq. 19–22).
 
-    Good for t_s = 1 µs (6.0945 e-; all frequencies: 6.1051), hopeless when t_s is a multiple of 1/10 kHz, where every
-    point of the sum falls on a zero of the CDS (100 µs: 0.218 e-; all frequencies: 5.193).
+    Accurate for t_s = 1 µs (6.0945 e-; all frequencies: 6.1051), wrong when t_s is a multiple of 1/10 kHz, where every
+    point of the sum is a zero of the CDS (100 µs: 0.218 e-; all frequencies: 5.193).
 
     rtn_step : ΔI, added to V² as if it were volts.  All defaults: released parameters.
     """
@@ -204,22 +205,25 @@ class PublishedFollower:
         return math.sqrt(self.grid_hz * float(np.sum(density * cds))) / (sense_gain_uv_per_e * 1e-6 * settled)
 
 
-@dataclass(frozen=True)
-class Dark:
-    """Everything that does not come from light, made apart and then added (paper eq. 25).  steps : in their order."""
+DarkStep: TypeAlias = PublishedDarkMean | PublishedDarkShot | PublishedDarkFpn | PublishedReadNoise
 
-    steps: tuple[DarkMean | DarkShot | DarkPattern | FollowerNoise, ...]
+
+@dataclass(frozen=True)
+class PublishedDarkSignal:
+    """Dark electrons and read noise, added to the photoelectrons (paper eq. 25).  steps : in their order."""
+
+    steps: tuple[DarkStep, ...]
     domain: ClassVar[str] = "electrons"
 
     def __call__(self, electrons: Electrons, frame: Frame) -> Electrons:
-        """Light electrons → light and dark electrons."""
-        dark: Any = 0.0
+        """Photoelectrons → photoelectrons and dark electrons."""
+        dark: Array = 0.0
         for step in self.steps:
             dark = step(dark, frame)
         return Electrons(electrons.light, dark)
 
     def moments(self, m: Moments) -> Moments:
-        """The sum of two independent signals."""
+        """Sum of two independent signals."""
         dark = Moments(0.0, 0.0, 0.0, m.frame)
         for step in self.steps:
             dark = step.moments(dark)
@@ -227,8 +231,8 @@ class Dark:
 
 
 @dataclass(frozen=True)
-class Well:
-    """Clipped to 0 … full well, then *floored* (paper eq. 26 rounds): half an electron is lost, and all negative noise.
+class PublishedWell:
+    """Clipped to 0 … full well, then *floored* (paper eq. 26 rounds): loses half an electron and all negative noise.
 
     full_well_e : saturation capacity [e-].
     """
@@ -237,7 +241,7 @@ class Well:
     domain: ClassVar[str] = "electrons"
 
     def __call__(self, electrons: Electrons, frame: Frame) -> Electrons:
-        """Light and dark electrons → their whole sum."""
+        """Photoelectrons and dark electrons → their sum, a whole number."""
         return Electrons(np.floor(np.clip(electrons.total, 0.0, self.full_well_e)))
 
     def moments(self, m: Moments) -> Moments:

@@ -1,33 +1,34 @@
-"""Volts and digital numbers as the released MATLAB code of Konnik & Welsh 2014 makes them, on NumPy float64.
+"""Voltage and ADC stages of the released MATLAB code of Konnik & Welsh 2014, on NumPy float64.
 
-As in ``konnik2014.electrons`` the behaviour is reproduced, not the text. The volts here are *node voltages* V_REF − S,
-as published, not swings: a few of the published effects exist only because of that.
+As in ``electrons.py`` the behaviour is reproduced, not the text. The volts here are *node voltages* V_REF − S, as
+published, not the swing S of the physical chain; some of the published effects exist only because of that.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from ...core.frame import Frame
 from ...core.moments import Moments
 from ...core.signals import Electrons
-from .fpn_distributions import Family, fixed, times_pattern
+from ...core.types import Array
+from .fpn_distributions import FpnDistribution, fpn_map, times_fpn
 
 ELEMENTARY_CHARGE_C = 1.602176487e-19
 BOLTZMANN_J_PER_K = 1.3806504e-23
-"""CODATA 2006, as that code has them."""
+"""CODATA 2006, as in that code."""
 
 K1_C = 10.909e-15
-"""k₁ of the V/e non-linearity [C] (paper eq. 8); with V_REF = 3.1 V it implies 45.5 µV/e-, whatever A_SN says."""
+"""k₁ of the V/e non-linearity [C] (paper eq. 8); with V_REF = 3.1 V it implies 45.5 µV/e-, independent of A_SN."""
 
 
 @dataclass(frozen=True)
-class ResetNoise:
-    """factor·(exp(σz) − 1) [V], σ = √(k_B·T·A_SN/q) (paper eq. 7, and 27 less the +1 V that its log-normal adds).
+class PublishedResetNoise:
+    """factor·(exp(σz) − 1) [V], σ = √(k_B·T·A_SN/q) (paper eq. 7, and 27 without the +1 V that its log-normal adds).
 
     gain_v_per_e : A_SN [V/e-].  factor : 0 for a CCD, 0.8 in the released parameters.
     """
@@ -35,8 +36,8 @@ class ResetNoise:
     gain_v_per_e: float
     factor: float
 
-    def __call__(self, frame: Frame) -> Any:
-        """What is added to V_REF, (H, W) [V]."""
+    def __call__(self, frame: Frame) -> Array:
+        """Noise that is added to V_REF, (H, W) [V]."""
         if self.factor == 0:
             return 0.0
         return self.factor * np.expm1(self.sigma(frame) * frame.normal("reset"))
@@ -56,26 +57,26 @@ class ResetNoise:
 
 
 @dataclass(frozen=True)
-class SenseNode:
+class PublishedSenseNode:
     """V = V_REF + reset − A_SN·N (paper eq. 29, 30).  reference_v : V_REF [V].  gain_v_per_e : A_SN [V/e-]."""
 
     reference_v: float
     gain_v_per_e: float
-    reset: ResetNoise
+    reset: PublishedResetNoise
     domain: ClassVar[str] = "volts"
 
-    def __call__(self, electrons: Electrons, frame: Frame) -> Any:
+    def __call__(self, electrons: Electrons, frame: Frame) -> Array:
         """Electrons → node voltage (H, W) [V]."""
         return self.reference_v + self.reset(frame) - self.gain_v_per_e * electrons.total
 
     def moments(self, m: Moments) -> Moments:
-        """Linear, plus the reset's own mean and variance."""
+        """Linear, plus mean and variance of the reset noise."""
         mean = self.reference_v + self.reset.mean(m.frame)
         return m.scale(-self.gain_v_per_e).add(mean=mean, temporal=self.reset.variance(m.frame))
 
 
 @dataclass(frozen=True)
-class ExponentialNode:
+class PublishedExponentialNode:
     """V = (V_REF + reset)·exp(−α·q·N/k₁) (paper eq. 33): A_SN does not enter, α = 0.05 reads 0.45 of the signal.
 
     reference_v : V_REF [V].  alpha : coefficient of non-linearity, above 0.
@@ -83,10 +84,10 @@ class ExponentialNode:
 
     reference_v: float
     alpha: float
-    reset: ResetNoise
+    reset: PublishedResetNoise
     domain: ClassVar[str] = "volts"
 
-    def __call__(self, electrons: Electrons, frame: Frame) -> Any:
+    def __call__(self, electrons: Electrons, frame: Frame) -> Array:
         """Electrons → node voltage (H, W) [V]."""
         return (self.reference_v + self.reset(frame)) * np.exp(-self.per_e * electrons.total)
 
@@ -104,7 +105,7 @@ class ExponentialNode:
 
 
 @dataclass(frozen=True)
-class NonlinearFollower:
+class PublishedFollower:
     """V·(1 + (γ − 1)·(V_REF − V)/(V_FW·V_REF)): the gain grows with the swing but multiplies the *node voltage*.
 
     (Paper eq. 9, 34.) γ = 1.05 takes 29 % to 30 % of the signal away.  full_well_v : V_FW [V].  gamma : above 0.
@@ -115,7 +116,7 @@ class NonlinearFollower:
     gamma: float
     domain: ClassVar[str] = "volts"
 
-    def __call__(self, volts: Any, frame: Frame) -> Any:
+    def __call__(self, volts: Array, frame: Frame) -> Array:
         """Node voltage → voltage after the source follower (H, W) [V]."""
         return volts * (1 + self.bend * (self.reference_v - volts))
 
@@ -130,28 +131,28 @@ class NonlinearFollower:
 
 
 @dataclass(frozen=True)
-class ColumnGain:
+class PublishedColumnFpn:
     """V·(1 + D·V_FW·x_j), x_j per column (paper eq. 28, 32 *add*): 512 µV where D·V_FW = 165 µV is meant.
 
-    factor : D·V_FW, taken as a number without unit.  family : x.
+    factor : D·V_FW, used as a number without unit.  distribution : of x.
     """
 
     factor: float
-    family: Family
+    distribution: FpnDistribution
     domain: ClassVar[str] = "volts"
 
-    def __call__(self, volts: Any, frame: Frame) -> Any:
-        """Voltage with the camera's column stripes (H, W) [V]."""
-        return volts * (1 + self.factor * fixed(frame.window, "dsnu_col", self.family))
+    def __call__(self, volts: Array, frame: Frame) -> Array:
+        """Voltage times the column FPN map, (H, W) [V]."""
+        return volts * (1 + self.factor * fpn_map(frame.window, "dsnu_col", self.distribution))
 
     def moments(self, m: Moments) -> Moments:
-        """Product with an independent fixed gain."""
-        return times_pattern(m, self.factor, self.family)
+        """Product with an independent gain map."""
+        return times_fpn(m, self.factor, self.distribution)
 
 
 @dataclass(frozen=True)
-class Adc:
-    """round(A·S·γ^(−S/V_FW)), S = V_REF − V, clipped to 0 … 2^bits: one code too many, no pedestal (paper eq. 35–37).
+class PublishedAdc:
+    """round(A·S·γ^(−S/V_FW)), S = V_REF − V, clipped to 0 … 2^bits: a code too many, no black level (paper eq. 35–37).
 
     gain_dn_per_v : A = 2^bits/(V_FW − A_SN²) [DN/V].  full_well_v : V_FW [V].  gamma : 1 is linear.
     """
@@ -163,28 +164,28 @@ class Adc:
     gamma: float = 1.0
     domain: ClassVar[str] = "DN"
 
-    def __call__(self, volts: Any, frame: Frame) -> Any:
+    def __call__(self, volts: Array, frame: Frame) -> Array:
         """Voltage [V] → whole digital numbers (H, W)."""
         return np.clip(np.floor(self._code(self.reference_v - volts) + 0.5), 0.0, self.highest)
 
     def moments(self, m: Moments) -> Moments:
-        """To second order, then rounding's 1/12 DN² and the clip at both ends."""
+        """To second order, then 1/12 DN² for the rounding, clipped at both ends."""
         swing = self.reference_v - m.mean
         bend = math.log(self.gamma) / self.full_well_v
         factor = self.gain_dn_per_v * self.gamma ** (-swing / self.full_well_v)
         slope, curvature = factor * (1 - bend * swing), factor * bend * (bend * swing - 2)
         return through(m, self._code(swing), slope, curvature).add(temporal=1 / 12).clip(0.0, self.highest)
 
-    def _code(self, swing: Any) -> Any:
+    def _code(self, swing: Array) -> Array:
         return self.gain_dn_per_v * swing * self.gamma ** (-swing / self.full_well_v)
 
     @property
     def highest(self) -> int:
         """The largest code, 2^bits."""
-        return 2**self.bits
+        return 1 << self.bits
 
 
-def through(m: Moments, value: Any, slope: Any, curvature: Any) -> Moments:
+def through(m: Moments, value: Array, slope: Array, curvature: Array) -> Moments:
     """A smooth function with this value, slope and curvature at the mean."""
     mean = value + 0.5 * curvature * (m.temporal + m.spatial)
     return Moments(mean, m.temporal * slope**2, m.spatial * slope**2, m.frame)

@@ -52,7 +52,7 @@ def test_the_account_names_every_stage_and_theory_and_frame_agree() -> None:
     """10 000 pixels of half a well; the column stripes are one number per column, so the mean is looked at loosely."""
     frames = ms.expose(np.full((20, 500), 25_000.0), TABLE1, EXPOSURE, **PUBLISHED)
     report = json.loads(to_json(frames.report))
-    assert [line["name"] for line in report["stages"]][-1] == "adc"
+    assert [line["name"] for line in report["stages"]][-1] == "published adc"
     assert len(report["stages"]) == len(frames.stages)
     for line in report["stages"]:
         error = 5 * line["sigma_expected"] / np.sqrt(500)
@@ -87,7 +87,7 @@ CANNOT: dict[str, tuple[Any, str, dict[str, Any], str]] = {
         np.ones((3, 4, 2)),
         "konnik_table1",
         {**PUBLISHED, "wavelengths_nm": [500.0, 600.0]},
-        "2 bands and the published code knows one",
+        "2 bands and the published code has one",
     ),
     "colour filters": (LIGHT, "bayer_2mp", PUBLISHED, r"3 colour filter\(s\)"),
     "measured maps": (LIGHT, "konnik_table1", {**PUBLISHED, "maps": {"prnu": np.ones((15, 20))}}, "draws its own"),
@@ -126,5 +126,5 @@ def test_the_command_line_renders_one_wavelength_with_the_published_chain(
 
 def test_the_command_line_refuses_a_cube_with_a_sentence(light_file: Path, tmp_path: Path, cli: Any) -> None:
     done = cli("expose", light_file, "-o", tmp_path / "out", "--chain", "konnik2014")
-    assert done.exit_code == 2 and "3 bands and the published code knows one wavelength" in done.stderr
+    assert done.exit_code == 2 and "3 bands and the published code has one wavelength" in done.stderr
     assert not (tmp_path / "out").exists()

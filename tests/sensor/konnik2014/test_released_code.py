@@ -28,9 +28,25 @@ from mitsuba_sensor.sensor.camera import load_camera
 from mitsuba_sensor.sensor.cds import CdsNoise
 from mitsuba_sensor.sensor.dark_current_models import FigureOfMerit
 from mitsuba_sensor.sensor.konnik2014 import Konnik2014Settings, chain_of
-from mitsuba_sensor.sensor.konnik2014.electrons import Dark, DarkMean, PublishedFollower, Well
-from mitsuba_sensor.sensor.konnik2014.fpn_distributions import Autoregressive, LogNormal, WaldPlusUniform, White, fixed
-from mitsuba_sensor.sensor.konnik2014.volts import Adc, ExponentialNode, NonlinearFollower, ResetNoise
+from mitsuba_sensor.sensor.konnik2014.electrons import (
+    PublishedDarkMean,
+    PublishedDarkSignal,
+    PublishedFollowerSpectrum,
+    PublishedWell,
+)
+from mitsuba_sensor.sensor.konnik2014.fpn_distributions import (
+    PublishedAr,
+    PublishedLogNormal,
+    PublishedNormal,
+    PublishedWald,
+    fpn_map,
+)
+from mitsuba_sensor.sensor.konnik2014.volts import (
+    PublishedAdc,
+    PublishedExponentialNode,
+    PublishedFollower,
+    PublishedResetNoise,
+)
 from mitsuba_sensor.sensor.volts import ResetNoise as SignedResetNoise
 
 REFERENCE = json.loads((DATA / "released_code.json").read_text("utf-8"))
@@ -46,7 +62,7 @@ ADVANCED = replace(
     SIMPLE,
     dark_fpn="lognormal",
     dark_fpn_parameter=0.4,
-    source_follower_e=PublishedFollower().sigma_e(5.0),
+    source_follower_e=PublishedFollowerSpectrum().sigma_e(5.0),
 )
 OFF = replace(
     SIMPLE,
@@ -56,7 +72,7 @@ OFF = replace(
     dark_shot=False,
     dark_fpn_factor=0.0,
     reset_factor=0.0,
-    column_factor=0.0,
+    column_fpn_factor=0.0,
 )
 
 
@@ -70,7 +86,7 @@ def dark(name: str, parameter: float, factor: float) -> dict[str, Any]:
 
 
 def column(name: str, parameter: float) -> dict[str, Any]:
-    return {"column_pattern": name, "column_pattern_parameter": parameter, "column_factor": 0.001}
+    return {"column_fpn": name, "column_fpn_parameter": parameter, "column_fpn_factor": 0.001}
 
 
 FULL = {
@@ -93,7 +109,7 @@ ALONE: dict[str, dict[str, Any]] = {
     "dark_mean+FPN_lognormal(0,0.4)_DN0.3": dark("lognormal", 0.4, 0.3),
     "dark_mean+FPN_wald2_DN0.3": dark("wald", 2.0, 0.3),
     "dark_mean+FPN_AR[1 0.5]_DN0.3": dark("ar", 0.5, 0.3),
-    "source_follower": {"source_follower_e": PublishedFollower().sigma_e(5.0)},
+    "source_follower": {"source_follower_e": PublishedFollowerSpectrum().sigma_e(5.0)},
     "kTC_factor1": {"reset_factor": 1.0},
     "kTC_factor0.8": {"reset_factor": 0.8},
     "column_gauss_0.001": column("gaussian", 0.0),
@@ -106,21 +122,21 @@ ALONE: dict[str, dict[str, Any]] = {
 }
 SETTINGS = FULL | {f"alone/{name}": replace(OFF, **changes) for name, changes in ALONE.items()}
 LEAVES = {
-    "RoundPhotons": ("photons", "light_e", "light_e_prnu"),
-    "PhotonShot": ("photons",),
-    "QuantumEfficiency": ("light_e", "light_e_prnu", "electrons_raw"),
-    "LightPattern": ("light_e_prnu", "electrons_raw"),
-    "DarkMean": ("dark_shot", "dark_fpn", "dark_total"),
-    "DarkShot": ("dark_shot", "dark_fpn", "dark_total"),
-    "DarkPattern": ("dark_fpn", "dark_total"),
-    "FollowerNoise": ("dark_total",),
-    "Dark": ("electrons_raw",),
-    "Well": ("electrons",),
-    "SenseNode": ("volts_sense_node", "volts_source_follower", "volts_cds"),
-    "ExponentialNode": ("volts_sense_node", "volts_source_follower", "volts_cds"),
-    "NonlinearFollower": ("volts_source_follower", "volts_cds"),
-    "ColumnGain": ("volts_cds",),
-    "Adc": ("DN",),
+    "PublishedPhotons": ("photons", "light_e", "light_e_prnu"),
+    "PublishedPhotonShot": ("photons",),
+    "PublishedQuantumEfficiency": ("light_e", "light_e_prnu", "electrons_raw"),
+    "PublishedPrnu": ("light_e_prnu", "electrons_raw"),
+    "PublishedDarkMean": ("dark_shot", "dark_fpn", "dark_total"),
+    "PublishedDarkShot": ("dark_shot", "dark_fpn", "dark_total"),
+    "PublishedDarkFpn": ("dark_fpn", "dark_total"),
+    "PublishedReadNoise": ("dark_total",),
+    "PublishedDarkSignal": ("electrons_raw",),
+    "PublishedWell": ("electrons",),
+    "PublishedSenseNode": ("volts_sense_node", "volts_source_follower", "volts_cds"),
+    "PublishedExponentialNode": ("volts_sense_node", "volts_source_follower", "volts_cds"),
+    "PublishedFollower": ("volts_source_follower", "volts_cds"),
+    "PublishedColumnFpn": ("volts_cds",),
+    "PublishedAdc": ("DN",),
 }
 """What leaves a stage, in the names of the records; a stage that is off leaves what entered."""
 
@@ -139,7 +155,7 @@ class Deviation:
 def settings_of(record: dict[str, Any]) -> Konnik2014Settings:
     changes: dict[str, Any] = {"technology": record["sensor"].lower()}
     if record["sensor"] == "CCD" and "advanced" in record["config"]:
-        changes["source_follower_e"] = PublishedFollower(rtn_step=0.0).sigma_e(5.0)
+        changes["source_follower_e"] = PublishedFollowerSpectrum(rtn_step=0.0).sigma_e(5.0)
     return replace(SETTINGS[record["config"]], **changes)
 
 
@@ -161,7 +177,7 @@ def trace(stages: tuple[Any, ...], photons: Photons, frame: Frame) -> dict[str, 
     seen: dict[str, Any] = {}
     signal: Any = photons
     for stage in stages:
-        if isinstance(stage, Dark):
+        if isinstance(stage, PublishedDarkSignal):
             step_signal: Any = 0.0
             for step in stage.steps:
                 step_signal = step(step_signal, frame)
@@ -171,7 +187,7 @@ def trace(stages: tuple[Any, ...], photons: Photons, frame: Frame) -> dict[str, 
             signal = stage(signal, frame)
         value = signal.total if isinstance(signal, (Electrons, Photons)) else signal
         seen |= dict.fromkeys(LEAVES[type(stage).__name__], value)
-    full_well = next(stage.full_well_e for stage in stages if isinstance(stage, Well))
+    full_well = next(stage.full_well_e for stage in stages if isinstance(stage, PublishedWell))
     seen["frac_fullwell"] = seen["electrons_raw"] >= full_well
     seen["frac_neg_e"] = seen["electrons_raw"] < 0
     seen["frac_DN_0"] = seen["DN"] <= 0
@@ -260,7 +276,7 @@ def test_every_stage_of_every_record_is_met_within_4_standard_errors() -> None:
         ("volts_sense_node mean", {"ve_alpha": 0.0505}, "alone/Ve_nonlin_0.05 CMOS 0.5"),
         ("volts_source_follower mean", {"vv_gamma": 1.0505}, "alone/VV_nonlin_1.05 CMOS 0.5"),
         ("DN mean", {"adc_gamma": 1.0404}, "alone/ADC_nonlin_1.04 CMOS 1"),
-        ("volts_cds std", {"column_factor": 0.00115}, "alone/column_gauss_0.001 CMOS 0.5"),
+        ("volts_cds std", {"column_fpn_factor": 0.00115}, "alone/column_gauss_0.001 CMOS 0.5"),
     ],
 )
 def test_an_error_of_1_percent_is_seen(what: str, changes: dict[str, Any], record: str) -> None:
@@ -280,7 +296,7 @@ def theory(stages: tuple[Any, ...], photons: Photons, frame: Frame) -> dict[str,
     """Moments of every intermediate signal under the names of the records."""
     m, seen = Moments(photons, 0.0, 0.0, frame), {}
     for stage in stages:
-        if isinstance(stage, Dark):
+        if isinstance(stage, PublishedDarkSignal):
             part = Moments(0.0, 0.0, 0.0, frame)
             for step in stage.steps:
                 part = step.moments(part)
@@ -362,9 +378,11 @@ def test_the_constants_are_the_released_ones_to_the_last_digit() -> None:
     assert SIMPLE.reference_v == parameters["V_REF"]
     assert SIMPLE.reset_factor == parameters["sn_reset_Factor"]
     dark_e = RECORDS[0]["stats"]["dark_mean_e"]
-    assert DarkMean(1.0, SIMPLE.pixel_area_cm2).mean_e(frame) == pytest.approx(dark_e, rel=1e-14)
-    assert ResetNoise(5e-6, 1.0).sigma(frame) == pytest.approx(derived["sigma_ktc_V_298K"], rel=1e-14)
-    assert PublishedFollower().sigma_e(5.0) == pytest.approx(derived["sigma_SF_e"]["code_10kHz_grid"], rel=1e-14)
+    assert PublishedDarkMean(1.0, SIMPLE.pixel_area_cm2).mean_e(frame) == pytest.approx(dark_e, rel=1e-14)
+    assert PublishedResetNoise(5e-6, 1.0).sigma(frame) == pytest.approx(derived["sigma_ktc_V_298K"], rel=1e-14)
+    assert PublishedFollowerSpectrum().sigma_e(5.0) == pytest.approx(
+        derived["sigma_SF_e"]["code_10kHz_grid"], rel=1e-14
+    )
 
 
 def test_a_published_camera_is_the_advanced_parameter_set() -> None:
@@ -404,8 +422,8 @@ def test_what_the_published_chain_cannot_express_is_refused(
 
 def test_an_override_stands_for_what_the_camera_cannot_say() -> None:
     camera = load_camera("konnik_table1").replace(**{"readout.dsnu_col_coupling": 0.25})
-    settings = Konnik2014Settings.from_camera(camera, column_pattern="ar", column_pattern_parameter=0.5)
-    assert settings.column_pattern == "ar"
+    settings = Konnik2014Settings.from_camera(camera, column_fpn="ar", column_fpn_parameter=0.5)
+    assert settings.column_fpn == "ar"
 
 
 @pytest.mark.parametrize(
@@ -418,7 +436,7 @@ def test_an_override_stands_for_what_the_camera_cannot_say() -> None:
         ({"full_well_e": -3.0}, "full_well_e is -3"),
         ({"prnu": float("nan")}, "prnu is nan"),
         ({"adc_bits": 12.5}, "whole number"),
-        ({"column_pattern": "ar", "column_pattern_parameter": 0.7}, "column_pattern_parameter is 0.7"),
+        ({"column_fpn": "ar", "column_fpn_parameter": 0.7}, "column_fpn_parameter is 0.7"),
     ],
 )
 def test_a_wrong_setting_is_refused_with_a_way_out(changes: dict[str, Any], words: str) -> None:
@@ -428,20 +446,18 @@ def test_a_wrong_setting_is_refused_with_a_way_out(changes: dict[str, Any], word
 
 def test_colours_are_refused() -> None:
     frame = Frame(EXPOSURE, SensorWindow(1, (2, 2)))
-    with pytest.raises(InputError, match="knows one wavelength"):
+    with pytest.raises(InputError, match="has one wavelength"):
         chain_of(SIMPLE)[0](Photons(np.ones((2, 2, 3)), np.array([450.0, 550.0, 650.0])), frame)
 
 
 def test_what_is_switched_off_has_no_stage() -> None:
     names = [type(stage).__name__ for stage in chain_of(OFF)]
-    assert names == ["RoundPhotons", "QuantumEfficiency", "Well", "SenseNode", "Adc"]
+    assert names == [f"Published{name}" for name in ("Photons", "QuantumEfficiency", "Well", "SenseNode", "Adc")]
 
 
 def test_a_crop_of_a_frame_is_the_frame_of_the_crop() -> None:
     """… with autoregressive patterns too, to the last bit: their past reaches out of the crop."""
-    settings = replace(
-        ADVANCED, dark_fpn="ar", dark_fpn_parameter=0.5, column_pattern="ar", column_pattern_parameter=-0.4
-    )
+    settings = replace(ADVANCED, dark_fpn="ar", dark_fpn_parameter=0.5, column_fpn="ar", column_fpn_parameter=-0.4)
     whole = SensorWindow(7, (40, 90), (0, 4060))
     crop = SensorWindow(7, (12, 30), (20, 4090))
 
@@ -457,22 +473,24 @@ def test_a_crop_of_a_frame_is_the_frame_of_the_crop() -> None:
 
 
 @pytest.mark.parametrize(
-    "family", [White(), LogNormal(0.4), WaldPlusUniform(2.0), WaldPlusUniform(0.2), Autoregressive(0.5)], ids=repr
+    "distribution",
+    [PublishedNormal(), PublishedLogNormal(0.4), PublishedWald(2.0), PublishedWald(0.2), PublishedAr(0.5)],
+    ids=repr,
 )
-def test_a_pattern_has_its_mean_and_variance(family: Any) -> None:
+def test_a_pattern_has_its_mean_and_variance(distribution: Any) -> None:
     """Half a million samples, 4 standard errors of mean and variance; chance fails a case in 1 of 8000 seeds."""
-    x = fixed(SensorWindow(11, (500, 1000)), "dark_fpn", family).ravel()
-    correlated = 1.3 if isinstance(family, Autoregressive) else 1.0
-    squares = (x - family.mean) ** 2
-    assert abs(x.mean() - family.mean) < LIMIT * x.std() / math.sqrt(x.size)
-    assert abs(squares.mean() - family.variance) < LIMIT * correlated * squares.std() / math.sqrt(x.size)
+    x = fpn_map(SensorWindow(11, (500, 1000)), "dark_fpn", distribution).ravel()
+    correlated = 1.3 if isinstance(distribution, PublishedAr) else 1.0
+    squares = (x - distribution.mean) ** 2
+    assert abs(x.mean() - distribution.mean) < LIMIT * x.std() / math.sqrt(x.size)
+    assert abs(squares.mean() - distribution.variance) < LIMIT * correlated * squares.std() / math.sqrt(x.size)
 
 
 FRAME = Frame(EXPOSURE, SensorWindow(1, (1, 1)))
-FULL_SWING = NonlinearFollower(3.1, 0.165, 1.05)
-DARK_MEAN = DarkMean(1.0, 3.249e-7).mean_e(FRAME)
+FULL_SWING = PublishedFollower(3.1, 0.165, 1.05)
+DARK_MEAN = PublishedDarkMean(1.0, 3.249e-7).mean_e(FRAME)
 OURS_DARK = FigureOfMerit(1.0, 3.249e-7)
-LOGNORMAL = LogNormal(0.4)
+LOGNORMAL = PublishedLogNormal(0.4)
 
 
 def physical_dark_e(kelvin: float) -> float:
@@ -480,14 +498,16 @@ def physical_dark_e(kelvin: float) -> float:
 
 
 def published_dark_e(kelvin: float) -> float:
-    return DarkMean(1.0, 3.249e-7).mean_e(Frame(Exposure(1.0, kelvin), SensorWindow(1, (1, 1))))
+    return PublishedDarkMean(1.0, 3.249e-7).mean_e(Frame(Exposure(1.0, kelvin), SensorWindow(1, (1, 1))))
 
 
 def clipped_noise(part: int) -> float:
     """Mean (0) and σ (1) of max(0, σ_SF·z) floored, as quantiles of a fine grid of the normal."""
     from scipy.special import ndtri
 
-    x = np.floor(np.maximum(0, PublishedFollower().sigma_e(5.0) * ndtri((np.arange(2_000_000) + 0.5) / 2_000_000)))
+    x = np.floor(
+        np.maximum(0, PublishedFollowerSpectrum().sigma_e(5.0) * ndtri((np.arange(2_000_000) + 0.5) / 2_000_000))
+    )
     return float((x.mean(), x.std())[part])
 
 
@@ -496,7 +516,7 @@ def bent(level: float) -> float:
 
 
 def exponential(electrons: float) -> float:
-    node = ExponentialNode(3.1, 0.05, ResetNoise(5e-6, 0.0))
+    node = PublishedExponentialNode(3.1, 0.05, PublishedResetNoise(5e-6, 0.0))
     return (3.1 - float(node(Electrons(electrons), FRAME))) / (5e-6 * electrons)
 
 
@@ -513,17 +533,17 @@ PAGE = {
     "174.61": lambda: DARK_MEAN * (1 + 0.01 * LOGNORMAL.mean),
     "0.7795": lambda: DARK_MEAN * 0.01 * math.sqrt(LOGNORMAL.variance),
     "1.7416": lambda: 0.01 * 0.1 * physical_dark_e(298.15),
-    "250.48": lambda: DARK_MEAN * (1 + 0.3 * WaldPlusUniform(2.0).mean),
+    "250.48": lambda: DARK_MEAN * (1 + 0.3 * PublishedWald(2.0).mean),
     "1.60": lambda: 1 + 0.3 * 2,
-    "6.0945": lambda: PublishedFollower().sigma_e(5.0),
+    "6.0945": lambda: PublishedFollowerSpectrum().sigma_e(5.0),
     "6.1051": lambda: CdsNoise(15.0, 1e6, 1e-6, 0.5e-6).sigma_v / 5e-6,
-    "0.218": lambda: PublishedFollower(sample_s=1e-4, dominant_s=0.5e-4, rtn_step=0.0).sigma_e(5.0),
+    "0.218": lambda: PublishedFollowerSpectrum(sample_s=1e-4, dominant_s=0.5e-4, rtn_step=0.0).sigma_e(5.0),
     "5.193": lambda: CdsNoise(15.0, 1e6, 1e-4, 0.5e-4).sigma_v / 5e-6,
     "2.19": lambda: clipped_noise(0),
     "3.39": lambda: clipped_noise(1),
-    "57.3": lambda: math.sqrt(ResetNoise(5e-6, 0.8).variance(FRAME)) / 5e-6,
+    "57.3": lambda: math.sqrt(PublishedResetNoise(5e-6, 0.8).variance(FRAME)) / 5e-6,
     "71.7": lambda: SignedResetNoise(5e-6, 1.0).sigma_v(FRAME) / 5e-6,
-    "0.0103": lambda: ResetNoise(5e-6, 0.8).mean(FRAME) / 5e-6,
+    "0.0103": lambda: PublishedResetNoise(5e-6, 0.8).mean(FRAME) / 5e-6,
     "0.455": lambda: exponential(3300),
     "0.450": lambda: exponential(33000),
     "0.699": lambda: bent(0.1),
@@ -531,7 +551,7 @@ PAGE = {
     "12.70": lambda: 3.1 * 0.001 * 0.165 * 4096 / 0.165,
     "12.02": lambda: 2.935 * 0.001 * 0.165 * 4096 / 0.165,
     "4.096": lambda: 0.001 * 4096,
-    "4096": lambda: float(Adc(12, 24824.0, 3.1, 0.165).highest),
+    "4096": lambda: float(PublishedAdc(12, 24824.0, 3.1, 0.165).highest),
     "7.54 %": lambda: 100 * RECORDS[0]["stats"]["frac_DN_0"],
 }
 """Every number on the page, as printed there, and where it comes from."""
