@@ -25,7 +25,7 @@ class Moments:
     spatial : variance from pixel to pixel (camera to camera) of the mean over frames.
     frame : the conditions, exposure and window; no random number is drawn from it.
     light : the part of the signal that is photoelectrons, from the stage on that adds the dark current.
-    yield_mean, yield_variance, variance_e2 : as in :class:`Electrons`.
+    yield_mean, yield_variance, variance_e2 : as in :class:`signals.Electrons`.
     """
 
     mean: Array

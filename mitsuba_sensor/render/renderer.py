@@ -177,7 +177,7 @@ class Renderer:
         return np.where(infinite, np.inf, self._noise.ratio(*self.electrons()))
 
     def firefly_fraction(self) -> float:
-        """See :func:`certificate.firefly_fraction`."""
+        """See :func:`statistics.RenderStatistics.firefly_fraction`."""
         brightest = np.concatenate([strip.brightest for strip in self.strips])
         sums = (s.electrons.mean * s.electrons.count for s in self.strips)
         total = np.concatenate([np.where(s.infinite, np.inf, e) for s, e in zip(self.strips, sums, strict=True)])

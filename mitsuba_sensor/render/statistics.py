@@ -24,7 +24,7 @@ class RenderStatistics:
     noise_ratio_* : render variance over the sensor's own temporal variance, both as electrons at the input: median,
         95th percentile and largest of the lit pixels. Above 1 the noise is more the renderer's than the sensor's.
     noise_ratio_asked, ended_by : the ratio that it worked towards (None if none), and what ended it: "spp",
-        "noise_ratio", "compensable" (see :func:`render.per_frame.shoot`), "max_seconds" or "max_spp".
+        "noise_ratio", "compensable" (see :func:`render_frames`), "max_seconds" or "max_spp".
     reliable, firefly_fraction : whether the error bars can be trusted, and the share of the lit pixels that owe more
         than half of their light to one single pass: rare paths (caustics) that most pixels have not seen yet.
     spectral : "cube", "single" or "channels".

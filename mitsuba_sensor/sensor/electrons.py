@@ -222,7 +222,7 @@ class ShotNoise:
     Thinning a Poisson stream of photons by QE leaves a Poisson stream, so var/mean = 1 here, not QE.
 
     Where the mean is that of a render with a known variance, one render per frame, the counts vary by that much less
-    about it (spending.py). Over frames with renders of their own var/mean is 1 again; about its own render it is less.
+    about it (compensation.py). Over frames with renders of their own var/mean is 1 again; it is less for one render.
     """
 
     domain: ClassVar[str] = "electrons"

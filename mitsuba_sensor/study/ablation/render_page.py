@@ -24,7 +24,7 @@ SHOWN = 0.05
 
 @dataclass(frozen=True)
 class Feature:
-    """One feature, off. found : as :func:`render_ablation.change_without` gives it.  said : by the plan, or nothing."""
+    """One feature, off. found : as :func:`ablation.render.change_without` gives it.  said : by the plan, or nothing."""
 
     name: str
     found: Mapping[str, Any]

@@ -79,7 +79,7 @@ class Subject:
     columns: int | None = None
 
     def job(self, setting: Setting, **options: Any) -> Job:
-        """The scene, loaded for a setting. wish : other words of :class:`render.irradiance.Wish`."""
+        """The scene, loaded for a setting. wish : other words of :class:`render.irradiance.RenderOptions`."""
         words = RenderOptions(
             scene_unit=self.scene_unit, columns=self.columns, parameters=self.parameters, variant=setting.variant,
             **options,
