@@ -29,6 +29,11 @@ SCENE = """
 """
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The slowest tests begin first, so that every processor has work to the end."""
+    items.sort(key=lambda item: item.path.name not in ("test_readme.py", "test_benchmarks.py"))
+
+
 @pytest.fixture(params=("float64", "numpy", "drjit"))
 def backend(request: pytest.FixtureRequest) -> Any:
     """Every engine in turn: the reference, NumPy in float32, and the compiled kernel where LLVM is usable."""
