@@ -46,7 +46,7 @@ def span(low: float, high: float) -> str:
     return f"from {low:g} to {high:g}"
 
 
-def nearest(word: str, known: Iterable[str]) -> str:
-    """`` Did you mean …?`` with the known name closest to ``word``, or an empty string if none is close."""
-    match = difflib.get_close_matches(word, list(known), n=1, cutoff=0.5)
+def nearest(name: str, known: Iterable[str]) -> str:
+    """`` Did you mean …?`` with the known name closest to ``name``, or an empty string if none is close."""
+    match = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
     return f" Did you mean {match[0]!r}?" if match else ""

@@ -1,4 +1,4 @@
-"""The random words: Philox4x32-10 in sensor coordinates."""
+"""The counter-based RNG: Philox4x32-10 in sensor coordinates."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ KNOWN_ANSWERS = [
         "d16cfe09 94fdcceb 5001e420 24126ea1",
     ),
 ]
-"""Counter, key (first word in the low half) → output: the kat_vectors file of Random123 (Salmon et al., SC'11)."""
+"""Counter, key (lower 32 bits first) → output: the kat_vectors file of Random123 (Salmon et al., SC'11)."""
 
 
 @pytest.mark.parametrize(("counter", "key", "answer"), KNOWN_ANSWERS, ids=["zeros", "ones", "pi"])
-def test_philox_gives_the_known_answers_of_random123(counter: tuple[int, ...], key: int, answer: str) -> None:
-    words = philox(tuple(np.array([c], dtype=np.uint64) for c in counter), split_key(key))
-    assert " ".join(f"{int(word[0]):08x}" for word in words) == answer
+def test_philox_gives_the_known_results_of_random123(counter: tuple[int, ...], key: int, answer: str) -> None:
+    integers = philox(tuple(np.array([c], dtype=np.uint64) for c in counter), split_key(key))
+    assert " ".join(f"{int(integer[0]):08x}" for integer in integers) == answer
 
 
 def test_a_key_is_taken_as_its_lower_and_upper_half() -> None:
@@ -33,16 +33,16 @@ def test_a_key_is_taken_as_its_lower_and_upper_half() -> None:
     assert split_key(7) == (7, 0)
 
 
-def test_a_window_holds_the_words_of_its_own_place_on_the_sensor() -> None:
-    """The counter is (x, y, frame, block), so each pixel can be asked for alone, by the plain function."""
+def test_a_window_has_the_random_bits_of_its_pixels_on_the_sensor() -> None:
+    """The counter is (x, y, frame, block), so the random bits of each pixel can be computed alone."""
     rows, columns = np.array([3, 4]), np.array([7, 8, 9])
     window = random_bits(5, rows, columns, frame=12, key=99)
     for (i, y), (j, x) in itertools.product(enumerate(rows), enumerate(columns)):
         alone = philox(tuple(np.array([c], dtype=np.uint64) for c in (x, y, 12, 5)), split_key(99))
-        assert [int(word[i, j]) for word in window] == [int(word[0]) for word in alone]
+        assert [int(integer[i, j]) for integer in window] == [int(integer[0]) for integer in alone]
 
 
-def test_scattered_pixels_have_the_words_that_a_window_has_there() -> None:
+def test_scattered_pixels_have_the_random_bits_that_a_window_has_there() -> None:
     rows, columns = np.array([3, 0, 4]), np.array([7, 9, 2])
     window = random_bits(5, np.arange(5), np.arange(10), frame=12, key=99)
     for scattered, whole in zip(random_bits_at(5, rows, columns, frame=12, key=99), window, strict=True):
@@ -50,39 +50,39 @@ def test_scattered_pixels_have_the_words_that_a_window_has_there() -> None:
         np.testing.assert_array_equal(scattered, whole[rows, columns])
 
 
-def test_every_part_of_the_question_changes_all_four_words() -> None:
-    """x, y, frame, block, low key, high key: one bit more in any of them gives four other words."""
+def test_every_part_of_at_changes_all_four_integers() -> None:
+    """x, y, frame, block, low key, high key: one bit more in any of them gives four other integers."""
     base = [0, 0, 0, 0, 0]
-    answers = set()
+    results = set()
     changes = [(0, 1), (1, 1), (2, 1), (3, 1), (3, FIXED_PATTERN), (4, 1), (4, 1 << 32), (4, 1 << 63)]
     for place, change in [(0, 0), *changes]:
-        question = [value + change * (place == i) for i, value in enumerate(base)]
-        words = philox(tuple(np.array([c], dtype=np.uint64) for c in question[:4]), split_key(question[4]))
-        answers.update(int(word[0]) for word in words)
-    assert len(answers) == 4 * (len(changes) + 1)
+        at = [value + change * (place == i) for i, value in enumerate(base)]
+        integers = philox(tuple(np.array([c], dtype=np.uint64) for c in at[:4]), split_key(at[4]))
+        results.update(int(integer[0]) for integer in integers)
+    assert len(results) == 4 * (len(changes) + 1)
 
 
-def test_no_two_sources_share_a_place() -> None:
+def test_no_two_sources_share_a_stream() -> None:
     assert len(set(STREAMS.values())) == len(STREAMS)
-    assert all(0 <= number < 2**32 and word in range(4) for number, word in STREAMS.values())
+    assert all(0 <= number < 2**32 and integer in range(4) for number, integer in STREAMS.values())
 
 
-def test_fixed_and_temporal_sources_never_share_a_random_bits() -> None:
-    """So that a serial and a seed of the same number give unrelated words."""
+def test_fpn_and_temporal_noise_never_share_random_bits() -> None:
+    """So that a serial and a seed of the same number give unrelated integers."""
     fixed = {name for name, (number, _) in STREAMS.items() if number & FIXED_PATTERN}
     temporal = {"photon_shot", "dark_shot", "source_follower", "reset", "quantum_yield", "compensation"}
     assert fixed == set(STREAMS) - temporal - {"rts_switch", "rts_state"}
 
 
-def test_words_are_uniform_in_every_bit() -> None:
-    """Each of the 32 bits is set in half of 2^16 words: |z| < 5 for 128 bits, chance fails in 7e-5 of the seeds."""
-    words = np.array(random_bits(0, np.arange(256), np.arange(256), frame=0, key=1))
-    bits = (words[..., None] >> np.arange(32, dtype=np.uint32)) & 1
+def test_random_bits_are_uniform_in_every_bit() -> None:
+    """Each of the 32 bits is set in half of 2^16 integers: |z| < 5 for 128 bits, chance fails in 7e-5 of the seeds."""
+    integers = np.array(random_bits(0, np.arange(256), np.arange(256), frame=0, key=1))
+    bits = (integers[..., None] >> np.arange(32, dtype=np.uint32)) & 1
     z = (bits.mean(axis=(1, 2)) - 0.5) * 2 * 256
     assert np.abs(z).max() < 5
 
 
 def test_windows_at_the_edge_of_the_counter_keep_their_shape() -> None:
-    """The stripes' warm-up reaches to columns below 0; they wrap to the far end of the counter."""
-    words = random_bits(FIXED_PATTERN + 1, np.zeros(1, dtype=np.int64), np.arange(-3, 2), 0, 1)[0]
-    assert words.shape == (1, 5) and words.dtype == np.uint32 and len(set(words[0].tolist())) == 5
+    """The filter of coupled columns starts at columns below 0; they wrap to the far end of the counter."""
+    integers = random_bits(FIXED_PATTERN + 1, np.zeros(1, dtype=np.int64), np.arange(-3, 2), 0, 1)[0]
+    assert integers.shape == (1, 5) and integers.dtype == np.uint32 and len(set(integers[0].tolist())) == 5

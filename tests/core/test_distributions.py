@@ -1,7 +1,7 @@
-"""One word → one draw: the quantile functions against SciPy's, closed forms and their own definition.
+"""Quantile functions of random integers in float64: against SciPy's, closed forms and their own definition.
 
-Seeds are fixed. Where a test compares an average with its law, the docstring says how often chance alone would fail it
-under other seeds.
+Seeds are fixed. Where a test compares an average with its expectation, the docstring says how often chance alone
+would fail it under other seeds.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ POISSON_MEANS = (1e-12, 1e-6, 1e-3, 0.1, 0.49, 1.0, 3.0, 9.99, 10.0, 10.5, 12.0,
 MOMENT_MEANS = (1e-6, 0.1, 1.0, 9.99, 10.0, 30.0, 1e3, 1e5, 1e7)
 
 
-def words(size: int, seed: int = 5) -> NDArray[np.uint32]:
+def integers(size: int, seed: int = 5) -> NDArray[np.uint32]:
     """Words that have nothing to do with ours."""
     return np.random.default_rng(seed).integers(0, 2**32, size, dtype=np.uint32)
 
 
 def with_edges(size: int) -> NDArray[np.uint32]:
-    return np.concatenate([np.array(EDGES, dtype=np.uint32), words(size)])
+    return np.concatenate([np.array(EDGES, dtype=np.uint32), integers(size)])
 
 
 def even_words(bits: int) -> NDArray[np.uint32]:
-    """2^bits words, evenly spread: averages over them have no sampling error, only that of the coarser grid."""
+    """2^bits integers, evenly spread: averages over them have no sampling error, only that of the coarser grid."""
     return (np.arange(2**bits, dtype=np.uint64) * 2 ** (32 - bits) + 2 ** (31 - bits)).astype(np.uint32)
 
 
@@ -50,8 +50,8 @@ def test_normal_is_the_quantile_function_of_scipy_and_odd_about_the_middle() -> 
     assert distributions.normal(np.array([0], dtype=np.uint32))[0] == pytest.approx(6.3379, abs=1e-3)
 
 
-def test_normal_has_mean_0_variance_1_and_the_higher_moments_of_its_law() -> None:
-    """2^20 even words: the cut at 2^-21 on each side costs 4e-5 of the variance, by integration."""
+def test_normal_has_mean_0_variance_1_and_the_higher_moments_of_its_distribution() -> None:
+    """2^20 even integers: the cut at 2^-21 on each side costs 4e-5 of the variance, by integration."""
     z = distributions.normal(even_words(20))
     assert abs(z.mean()) < 1e-8
     assert np.mean(z**2) == pytest.approx(1, abs=1e-4)
@@ -72,36 +72,36 @@ def test_lognormal_has_unit_mean_its_cv_and_never_reaches_0(cv: float) -> None:
 
 
 @pytest.mark.parametrize("mean", POISSON_MEANS)
-def test_poisson_equals_scipys_quantile_word_for_word(mean: float) -> None:
-    """100 000 random words (3000 where SciPy searches slowly), the ends and the middle; no chance is left."""
+def test_poisson_equals_scipys_quantile_integer_for_integer(mean: float) -> None:
+    """100 000 random integers (3000 where SciPy searches slowly), the ends and the middle; no chance is left."""
     w = with_edges(100_000 if mean < 1e4 else 3_000)
     np.testing.assert_array_equal(distributions.poisson(w, mean), stats.poisson.isf(distributions.survival(w), mean))
 
 
 def test_poisson_equals_scipys_quantile_where_the_mean_differs_from_pixel_to_pixel() -> None:
     """Means from 1e-3 to 1e3, all three ways of finding the count in one array, in any shape."""
-    w = words(60_000).reshape(200, 300)
+    w = integers(60_000).reshape(200, 300)
     means = 10 ** np.random.default_rng(8).uniform(-3, 3, w.shape)
     np.testing.assert_array_equal(distributions.poisson(w, means), stats.poisson.isf(distributions.survival(w), means))
 
 
 @pytest.mark.parametrize("mean", [1e6, 1e7])
 def test_poisson_of_a_large_mean_equals_scipys_quantile_but_for_scipys_own_tail(mean: float) -> None:
-    """From 1e6 our expansion may differ in 1e-5 of the words; beyond +4.3σ SciPy is wrong (next test), stop there."""
-    w = words(1_000)
+    """From 1e6 our expansion may differ in 1e-5 of the integers; beyond +4.3σ SciPy is wrong (next test)."""
+    w = integers(1_000)
     s = distributions.survival(w := w[w > 2**32 * 1e-5])
     np.testing.assert_array_equal(distributions.poisson(w, mean), stats.poisson.isf(s, mean))
 
 
 @pytest.mark.parametrize("mean", [11.0, 1e3, 1e6, 1e7, 1e8])
-@pytest.mark.parametrize("word", [0, 1, 17, 1000])
-def test_poisson_tail_is_right_where_scipys_gamma_function_is_not(word: int, mean: float) -> None:
+@pytest.mark.parametrize("integer", [0, 1, 17, 1000])
+def test_poisson_tail_is_right_where_scipys_gamma_function_is_not(integer: int, mean: float) -> None:
     """By definition P(N > n) ≤ s < P(N > n − 1). The sums are made term by term, the first in 50 digits.
 
     (SciPy's incomplete gamma function is 3 % low 5σ above a mean of 1e7, and 27 % at 1e8.)
     """
-    n = int(distributions.poisson(np.array([word], dtype=np.uint32), mean)[0])
-    s = (word + 0.5) / 2**32
+    n = int(distributions.poisson(np.array([integer], dtype=np.uint32), mean)[0])
+    s = (integer + 0.5) / 2**32
     assert upper_tail(n, mean) <= s < upper_tail(n - 1, mean)
 
 
@@ -109,14 +109,14 @@ def test_poisson_tail_is_right_where_scipys_gamma_function_is_not(word: int, mea
 def test_poisson_steps_by_one_where_the_mean_passes_a_boundary(start: float) -> None:
     """In the last bit before and after a step, where the expansion is in doubt, the count is right to one electron.
 
-    The word 1 is 6.2σ up: SciPy's tail is wrong by 400 electrons there at a mean of 1e8.
+    The integer 1 is 6.2σ up: SciPy's tail is wrong by 400 electrons there at a mean of 1e8.
     """
-    word = np.array([1], dtype=np.uint32)
+    integer = np.array([1], dtype=np.uint32)
     low, high = start, start + 3
-    first = distributions.poisson(word, low)[0]
+    first = distributions.poisson(integer, low)[0]
     while low < (middle := (low + high) / 2) < high:
-        low, high = (middle, high) if distributions.poisson(word, middle)[0] <= first else (low, middle)
-    before, after = (distributions.poisson(word, mean)[0] for mean in (low, high))
+        low, high = (middle, high) if distributions.poisson(integer, middle)[0] <= first else (low, middle)
+    before, after = (distributions.poisson(integer, mean)[0] for mean in (low, high))
     assert after - before == 1
     s = (1 + 0.5) / 2**32
     assert upper_tail(int(before) + 1, low) <= s <= upper_tail(int(before) - 1, low)
@@ -140,12 +140,12 @@ def poisson_pmf(n: int, mean: float) -> float:
     return float((m * lam.ln() - lam - (m + Decimal("0.5")) * m.ln() + m - two_pi.ln() / 2 - series).exp())
 
 
-def test_poisson_of_no_light_is_exactly_0_for_every_word() -> None:
+def test_poisson_of_no_light_is_exactly_0_for_every_integer() -> None:
     np.testing.assert_array_equal(distributions.poisson(with_edges(1000), 0.0), 0.0)
 
 
 def test_poisson_of_1e_minus_12_is_0_in_a_million_pixels() -> None:
-    assert not distributions.poisson(words(1_000_000), 1e-12).any()
+    assert not distributions.poisson(integers(1_000_000), 1e-12).any()
     assert not distributions.poisson(np.array(EDGES, dtype=np.uint32), 1e-12).any()
 
 
@@ -167,21 +167,21 @@ def test_poisson_never_falls_when_the_mean_or_the_wanted_quantile_rises() -> Non
     """Quantiles are monotone; a step at the seam at 10 would show here."""
     means = np.concatenate([np.linspace(0, 40, 4001), [9.999999999, 10.0, 10.000000001]])
     means.sort()
-    for word in (*EDGES, 2**30, 3 * 2**30):
-        counts = distributions.poisson(np.full(means.shape, word, dtype=np.uint32), means)
+    for integer in (*EDGES, 2**30, 3 * 2**30):
+        counts = distributions.poisson(np.full(means.shape, integer, dtype=np.uint32), means)
         assert (np.diff(counts) >= 0).all()
     for mean in (3.0, 12.0, 1e5):
-        assert (np.diff(distributions.poisson(np.sort(words(10_000)), mean)) <= 0).all()
+        assert (np.diff(distributions.poisson(np.sort(integers(10_000)), mean)) <= 0).all()
 
 
 @pytest.mark.parametrize("mean", MOMENT_MEANS)
-def test_poisson_has_mean_variance_and_skewness_of_its_law(mean: float) -> None:
-    """Mean λ, variance λ, skewness λ^(−½), from 2^20 random words; 5 standard errors, 2e-6 false alarms each.
+def test_poisson_has_mean_variance_and_skewness_of_its_distribution(mean: float) -> None:
+    """Mean λ, variance λ, skewness λ^(−½), from 2^20 random integers; 5 standard errors, 2e-6 false alarms each.
 
     Standard errors: of the mean √(λ/n), of the variance √((λ + 2λ²)/n), of the third moment √(μ₆ − …) ≤ √(15λ³ + …)/n.
     """
     count = 2**20
-    n = distributions.poisson(words(count, seed=11), mean)
+    n = distributions.poisson(integers(count, seed=11), mean)
     e = n - mean
     assert abs(e.mean()) < 5 * math.sqrt(mean / count)
     assert abs(np.mean(e**2) - mean) < 5 * math.sqrt((mean + 2 * mean**2) / count)
@@ -193,7 +193,7 @@ def test_poisson_has_mean_variance_and_skewness_of_its_law(mean: float) -> None:
 def test_poisson_passes_chi_squared_with_a_million_draws(mean: float) -> None:
     """Cells of at least 20 expected counts; p > 1e-4, so each of the 7 cases fails in 1e-4 of the seeds."""
     count = 2**20
-    n = distributions.poisson(words(count, seed=12), mean)
+    n = distributions.poisson(integers(count, seed=12), mean)
     low, high = stats.poisson.ppf([25 / count, 1 - 25 / count], mean).astype(int)
     edges = np.unique(np.linspace(low, high, min(high - low + 1, 400)).astype(int))
     below = np.concatenate([[0.0], stats.poisson.cdf(edges, mean), [1.0]])
@@ -208,7 +208,7 @@ def test_poisson_passes_chi_squared_with_a_million_draws(mean: float) -> None:
 
 
 def test_less_than_half_an_electron_is_not_black() -> None:
-    """Rounding 0.49 to 0 before the draw would give P(0) = 1; it is exp(−0.49) = 0.6126. 2^20 even words: ± 1e-6."""
+    """Rounding 0.49 to 0 before the draw would give P(0) = 1; it is exp(−0.49) = 0.6126. 2^20 even integers: ± 1e-6."""
     n = distributions.poisson(even_words(20), 0.49)
     assert np.mean(n == 0) == pytest.approx(math.exp(-0.49), abs=2e-6)
 

@@ -44,7 +44,7 @@ def fake_library(folder: Path, name: str, inside: bytes = b"") -> Path:
     return path
 
 
-def ask(folder: Path, **environment: str) -> tuple[list, str]:
+def import_drjit(folder: Path, **environment: str) -> tuple[list, str]:
     """What a fresh process chooses when it looks for LLVM in ``folder`` alone; and what it wrote to stderr."""
     env = {k: v for k, v in os.environ.items() if k != LLVM_PATH} | environment
     command = [sys.executable, "-c", REPORT, str(folder)]
@@ -66,7 +66,7 @@ def poison(folder: Path) -> Path:
 @linux
 def test_llvm_15_alone_is_never_loaded_and_scalar_renders(tmp_path: Path) -> None:
     poison(tmp_path)
-    (name, hint, reason, loaded), errors = ask(tmp_path)
+    (name, hint, reason, loaded), errors = import_drjit(tmp_path)
     assert (name, loaded, errors) == ("scalar_spectral", [], "")
     assert "libllvm19" in hint and "three times faster" in hint and "\n" not in hint
     assert "17" in reason
@@ -74,14 +74,14 @@ def test_llvm_15_alone_is_never_loaded_and_scalar_renders(tmp_path: Path) -> Non
 
 @linux
 def test_without_any_llvm_scalar_renders_with_the_same_hint(tmp_path: Path) -> None:
-    (name, hint, _, loaded), errors = ask(tmp_path)
+    (name, hint, _, loaded), errors = import_drjit(tmp_path)
     assert (name, loaded, errors) == ("scalar_spectral", [], "")
     assert "libllvm19" in hint
 
 
 @linux
 def test_llvm_15_named_in_the_environment_is_overridden(tmp_path: Path) -> None:
-    (name, _, _, loaded), errors = ask(tmp_path, **{LLVM_PATH: str(poison(tmp_path))})
+    (name, _, _, loaded), errors = import_drjit(tmp_path, **{LLVM_PATH: str(poison(tmp_path))})
     assert (name, loaded, errors) == ("scalar_spectral", [], "")
 
 
@@ -92,7 +92,7 @@ def test_newest_usable_llvm_is_loaded_beside_the_poison(tmp_path: Path) -> None:
         pytest.skip("no LLVM 17 or newer on this machine")
     poison(tmp_path)
     (tmp_path / os.path.basename(usable[0].path)).symlink_to(usable[0].path)
-    (name, hint, _, loaded), errors = ask(tmp_path)
+    (name, hint, _, loaded), errors = import_drjit(tmp_path)
     assert name == "llvm_ad_spectral" and hint == "" and errors == ""
     assert [os.path.realpath(path) for path in loaded] == [usable[0].path]
 

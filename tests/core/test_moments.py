@@ -1,4 +1,4 @@
-"""The theory's own arithmetic: adding, scaling, and cutting normal laws, against quadrature."""
+"""Moments of sums, products and clipped normal signals, against quadrature."""
 
 from __future__ import annotations
 

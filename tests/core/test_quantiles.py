@@ -1,7 +1,7 @@
-"""One word → one float32 draw, on NumPy and on Dr.Jit: against the exact float64 draws, closed forms and each other.
+"""Quantile functions in float32, on NumPy and on Dr.Jit: against the float64 ones, closed forms and each other.
 
-Seeds are fixed. Where a test compares an average with its law, the docstring says how often chance alone would fail it
-under other seeds.
+Seeds are fixed. Where a test compares an average with its expectation, the docstring says how often chance alone
+would fail it under other seeds.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ EXPANDED = (10.0, 10.5, 12.0, 17.0, 22.0, 30.0, 100.0, 1e3, 1e4, 1e5, 1e6)
 CVS = (1e-7, 0.01, 0.4, 1.0, 3.0)
 
 
-def words(size: int, seed: int = 5) -> NDArray[np.uint32]:
-    """Edge words first, then random ones."""
+def integers(size: int, seed: int = 5) -> NDArray[np.uint32]:
+    """Edge integers first, then random ones."""
     rest = np.random.default_rng(seed).integers(0, 2**32, max(size - len(EDGES), 0), dtype=np.uint32)
     return np.concatenate([np.array(EDGES, dtype=np.uint32), rest])[:size]
 
 
 def even_words(bits: int) -> NDArray[np.uint32]:
-    """2^bits words, evenly spread: averages over them have no sampling error, only that of the coarser grid."""
+    """2^bits integers, evenly spread: averages over them have no sampling error, only that of the coarser grid."""
     return (np.arange(2**bits, dtype=np.uint64) * 2 ** (32 - bits) + 2 ** (31 - bits)).astype(np.uint32)
 
 
@@ -55,11 +55,11 @@ def assert_single_and_close(found: Any, exact: Any, relative: float, absolute: f
     np.testing.assert_allclose(found.astype(np.float64), exact, rtol=relative, atol=absolute)
 
 
-W = words(200_000)
-"""What the laws are asked."""
+W = integers(200_000)
+"""Random integers, edges first."""
 
 
-# The laws but Poisson's, word for word against the exact draws
+# The distributions but Poisson's, integer by integer against float64
 
 
 def test_normal_is_exact_to_2e_6_of_itself_in_both_tails() -> None:
@@ -74,8 +74,8 @@ def test_logistic_is_exact_to_2e_7() -> None:
     assert_single_and_close(quantiles.logistic(W), distributions.logistic(W), 2e-7, 5e-7)
 
 
-def test_the_normal_of_a_probability_is_scipys_and_never_beyond_the_last_word() -> None:
-    """Small probabilities keep their digits: 2⁻³³ is 6.338σ. 0 and 1, to which words may round, are the last ones."""
+def test_the_normal_of_a_probability_is_scipys_and_never_beyond_the_last_integer() -> None:
+    """Small probabilities keep their digits: 2⁻³³ is 6.338σ. 0 and 1, to which they may round, are the last."""
     s = single(np.concatenate([np.geomspace(2.0**-33, 0.5, 1001), np.linspace(0.5, 1 - 2.0**-24, 1001)]))
     assert_single_and_close(quantiles.normal_of(s), -special.ndtri(s.astype(np.float64)), 2.5e-6)
     last = -special.ndtri(2.0**-33)
@@ -100,7 +100,7 @@ def test_gamma_is_exact_to_its_logarithm(cv: float, relative: float) -> None:
 
 @pytest.mark.parametrize("cv", [0.4, 1.0, 3.0])
 def test_gamma_keeps_mean_and_variance_up_to_a_cv_of_3(cv: float) -> None:
-    """Against the exact draws of the same 2^16 even words, so that their coarse grid cancels."""
+    """Against the exact draws of the same 2^16 even integers, so that their coarse grid cancels."""
     w = even_words(16)
     found, exact = NUMPY_FLOAT32.gamma(w, cv).astype(np.float64), distributions.gamma(w, cv)
     assert found.mean() == pytest.approx(exact.mean(), rel=2e-5)
@@ -148,14 +148,14 @@ def test_exp_beyond_its_range_stays_at_its_ends() -> None:
 
 @pytest.mark.parametrize("mean", SEARCHED)
 def test_poisson_below_10_is_the_exact_draw(mean: float) -> None:
-    """But for two of 200 000 words, by one count: its sums are good to a tenth of a word, and edge words are asked."""
+    """But for two of 200 000 integers, by one count: the sums are accurate to a tenth of an integer."""
     apart = np.abs(poisson(W, mean) - distributions.poisson(W, float(np.float32(mean))))
     assert apart.max() <= 1
     assert np.count_nonzero(apart) <= 2
 
 
 @pytest.mark.parametrize("mean", EXPANDED)
-def test_poisson_from_10_on_is_one_count_off_for_one_word_in_a_thousand_at_most(mean: float) -> None:
+def test_poisson_from_10_on_is_one_count_off_for_one_integer_in_a_thousand_at_most(mean: float) -> None:
     apart = np.abs(poisson(W, mean) - distributions.poisson(W, float(np.float32(mean))))
     assert apart.max() <= 1
     assert np.mean(apart) < (1e-4 if mean <= 1e5 else 5e-4)
@@ -181,7 +181,7 @@ def test_poisson_passes_chi_squared_with_a_million_draws(mean: float) -> None:
 
 
 @pytest.mark.parametrize("mean", [0.01, 1.0, 9.9, 10.0, 12.0, 17.0, 30.0, 1e3, 1e5])
-def test_poisson_law_of_a_million_even_words_is_the_exact_law(mean: float) -> None:
+def test_poisson_distribution_of_a_million_even_integers_is_the_exact_distribution(mean: float) -> None:
     """Total variation 2e-5, and what the coarse grid costs each of the ±6σ cells; mean and variance likewise."""
     w, mean = even_words(20), float(np.float32(mean))
     n = poisson(w, mean).astype(np.int64)
@@ -195,8 +195,8 @@ def test_poisson_law_of_a_million_even_words_is_the_exact_law(mean: float) -> No
 
 
 @pytest.mark.parametrize("mean", [10.0, 12.0, 15.0, 17.5, 18.0, 19.0, 20.0, 21.0, 22.0])
-def test_the_count_0_keeps_its_words_up_to_the_mean_that_has_none_left(mean: float) -> None:
-    """2³²·e^(−mean) words ask for it, 195 000 at 10 and one at 22: a fifth more or fewer, and one word."""
+def test_the_count_0_keeps_its_integers_up_to_the_mean_that_has_none_left(mean: float) -> None:
+    """2³²·e^(−mean) integers give a count of 0, 195 000 at 10 and one at 22: a fifth more or fewer, and one integer."""
     expected = 2.0**32 * math.exp(-mean)
     last = (2**32 - 1 - np.arange(int(2 * expected) + 10)).astype(np.uint32)
     zeros = np.count_nonzero(poisson(last, mean) == 0)
@@ -204,7 +204,7 @@ def test_the_count_0_keeps_its_words_up_to_the_mean_that_has_none_left(mean: flo
 
 
 @pytest.mark.parametrize("mean", [0.0, 5e-324, 1e-40, 1e-30])
-def test_poisson_of_no_light_is_exactly_0_for_every_word(mean: float) -> None:
+def test_poisson_of_no_light_is_exactly_0_for_every_integer(mean: float) -> None:
     np.testing.assert_array_equal(poisson(W, mean), 0.0)
 
 
@@ -217,13 +217,13 @@ def test_poisson_never_falls_by_more_than_one_count_when_the_quantile_rises() ->
 
 
 def test_poisson_never_falls_by_more_than_one_count_when_the_mean_rises() -> None:
-    for word in EDGES:
+    for integer in EDGES:
         for means in (np.linspace(0, 40, 4001), np.geomspace(40, 1e6, 4001)):
-            assert np.diff(poisson(np.full(means.shape, word, dtype=np.uint32), means)).min() >= -1
+            assert np.diff(poisson(np.full(means.shape, integer, dtype=np.uint32), means)).min() >= -1
 
 
 def test_mean_and_variance_of_poisson_rise_with_the_mean() -> None:
-    """Even words: the mean follows in steps of a hundredth from 9 to 11, over the seam at 10."""
+    """Even integers: the mean follows in steps of a hundredth from 9 to 11, across 10, where the method changes."""
     w, means = even_words(16), np.linspace(9, 11, 201)
     drawn = [poisson(w, mean) for mean in means]
     assert np.diff([n.mean(dtype=np.float64) for n in drawn]) == pytest.approx(0.01, abs=2e-4)
@@ -231,7 +231,7 @@ def test_mean_and_variance_of_poisson_rise_with_the_mean() -> None:
 
 
 def test_poisson_just_below_10_and_at_10_draw_the_same_counts() -> None:
-    """In all but one word of ten thousand, and there it is one count: the search and the expansion meet."""
+    """In all but one integer of ten thousand, and there it is one count: the search and the expansion meet."""
     below, at = poisson(W, np.nextafter(np.float32(10), np.float32(0))), poisson(W, 10.0)
     assert np.abs(at - below).max() <= 1
     assert np.mean(at != below) < 1e-4
@@ -282,7 +282,7 @@ LAWS: dict[str, Callable[[Any, Any], Any]] = {
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_every_law_has_the_same_bits_on_numpy_and_on_llvm(name: str, llvm: Any) -> None:
+def test_every_distribution_has_the_same_bits_on_numpy_and_on_llvm(name: str, llvm: Any) -> None:
     assert_same_bits(LAWS[name](llvm, llvm.uint(W)), LAWS[name](NUMPY_FLOAT32, W))
 
 
@@ -297,7 +297,7 @@ def test_mixed_means_have_the_same_bits_for_any_number_of_pixels(size: int, llvm
     """Means from 0 to 20, some exactly 0 or 10: neighbours take the search and the expansion, centre and tail."""
     means = single(np.random.default_rng(3).uniform(0, 20, size))
     means[::5], means[2::7] = 0, 10
-    w = words(size, seed=4)
+    w = integers(size, seed=4)
     assert_same_bits(llvm.poisson(llvm.uint(w), llvm.float(means)), NUMPY_FLOAT32.poisson(w, means))
 
 
@@ -352,11 +352,11 @@ def test_philox_on_llvm_gives_the_known_answers_of_random123(llvm: Any) -> None:
         "d16cfe09 94fdcceb 5001e420 24126ea1",
     )
     x, y, frame, block, low, high = (llvm.uint(list(column)) for column in zip(*asked, strict=True))
-    found = np.array([word.numpy() for word in philox((x, y, frame, block), (low, high))])
+    found = np.array([integer.numpy() for integer in philox((x, y, frame, block), (low, high))])
     assert [" ".join(f"{w:08x}" for w in column) for column in found.T] == list(answers)
 
 
-def test_philox_gives_the_same_words_on_numpy_and_on_llvm(llvm: Any) -> None:
+def test_philox_gives_the_same_integers_on_numpy_and_on_llvm(llvm: Any) -> None:
     counter = np.random.default_rng(8).integers(0, 2**32, (4, 1001), dtype=np.uint32)
     key = split_key(0xFEDCBA9876543210)
     expected = philox(tuple(counter.astype(np.uint64)), key)
@@ -365,7 +365,7 @@ def test_philox_gives_the_same_words_on_numpy_and_on_llvm(llvm: Any) -> None:
         np.testing.assert_array_equal(one.numpy(), other.astype(np.uint32))
 
 
-# The scripts that make and judge the tables
+# The scripts that compute and check the tables
 
 
 def script(name: str, *arguments: str) -> Any:
@@ -384,7 +384,7 @@ def test_the_tables_are_what_their_fit_gives() -> None:
         assert fits[name]["error"] < limit
 
 
-def test_the_laws_are_enumerated(llvm: Any) -> None:
+def test_the_distributions_are_enumerated(llvm: Any) -> None:
     found = script("enumerate_quantiles.py", "--stride", "4096", "--means", "0.3", "10", "1e6")
     assert found["inputs"] == 2**20
     assert found["zero_mean_is_zero"]

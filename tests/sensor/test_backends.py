@@ -34,7 +34,7 @@ BENT = {
 }
 UNIFORM = {"weight": 0.2, "family": "uniform", "low": 45, "high": 440, "unit": "dn"}
 NORMAL = {"weight": 0.3, "family": "normal", "mean": 400, "sigma": 50, "unit": "e_per_s"}
-BLINKING = {"rts_fraction": 0.2, "rts_amplitude_e_per_s": 900.0, "rts_switching": 0.5}
+RTS = {"rts_fraction": 0.2, "rts_amplitude_e_per_s": 900.0, "rts_switching": 0.5}
 OPTIONS: dict[str, dict[str, Any]] = {
     "as shipped": {},
     "8 bit": {"adc.bits": 8},
@@ -50,7 +50,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "logistic dark": {"dark_current.distribution": "logistic", "dark_current.cv": 0.6},
     "coupled dark": {"dark_current.distribution": "ar", "dark_current.coupling": 0.3},
     "parts": {"dark_current.components": [UNIFORM, NORMAL]},
-    "blinking": {f"dark_current.{key}": value for key, value in BLINKING.items()},
+    "RTS": {f"dark_current.{key}": value for key, value in RTS.items()},
     "offsets": {"readout.dsnu_row": 1e-3, "readout.dsnu_row_coupling": 0.2, "pixel.dsnu_e": 10.0},
     "coupled pixels": {"pixel.dsnu_e": 10.0, "pixel.dsnu_coupling": 0.3},
     "prnu column": {"readout.prnu_col": 0.02, "readout.prnu_col_coupling": 0.1},
@@ -255,7 +255,7 @@ def test_cuda_has_the_same_words_and_at_most_1_dn() -> None:
     assert np.abs(one - other).max() <= 1
 
 
-def test_float64_is_the_twin_of_float32_with_the_same_words() -> None:
+def test_float64_is_the_twin_of_float32_with_the_same_random_bits() -> None:
     """12 bits: fewer than 1 % of the pixels move, and by 1 DN; the plan finds that without the frames."""
     camera, light = TABLE1.replace(**BENT), dark_to_saturation(TABLE1)
     single, double = (

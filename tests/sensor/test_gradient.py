@@ -1,4 +1,4 @@
-"""Derivatives of frames: values unchanged; means and variances against closed forms and frames with equal words.
+"""Derivatives of frames: values unchanged; means and variances against closed forms and frames with equal random bits.
 
 How far off they are (in % of the derivative of the mean, and of the variance, of the digital numbers with respect to
 the light; 8 e-/DN, read noise r), where the noise does not hide the steps of the converter:
@@ -63,7 +63,7 @@ RICH = PLAIN.replace(
         "adc.gamma": 1.02,
     }
 )
-"""Nearly everything that a camera has, and a pedestal that does not jump."""
+"""Nearly everything that a camera has, and a black level that does not jump."""
 
 QE = 0.6
 PARAMETERS = (
@@ -211,7 +211,7 @@ CAMERAS: dict[str, dict[str, Any]] = {
         "readout.dsnu_row_coupling": 0.2,
         **COLOURS,
     },
-    "logistic, blinking": {
+    "logistic, RTS": {
         "dark_current.distribution": "logistic",
         "dark_current.rts_fraction": 0.2,
         "dark_current.rts_amplitude_e_per_s": 900.0,
@@ -344,7 +344,7 @@ NO_SLOPE = (
     "quantum_efficiency.reference_nm",
     "quantum_efficiency.fano_factor",
 )
-"""Fields that choose pixels, that bend maps on the host, or that do not matter to this camera and its photons."""
+"""Fields that select pixels, that shape maps on NumPy, or that do not matter to this camera and its photons."""
 
 WIDE_LIGHT = np.full((48, 64), 8000.0)
 
@@ -454,7 +454,7 @@ def test_a_jump_of_the_default_pedestal_is_seen() -> None:
     def noisy(read_noise_e: float) -> ms.Camera:
         return RICH.replace(**{"adc.black_level_dn": None, "source_follower.read_noise_e": read_noise_e})
 
-    low, high = 3.0, 60.0  # [e-]: the pedestal jumps from one whole number to the next somewhere between
+    low, high = 3.0, 60.0  # [e-]: the black level jumps from one whole number to the next somewhere between
     start = chain(noisy(low))[-1].black_level_dn
     while high - low > 1e-7:
         middle = (low + high) / 2
@@ -487,8 +487,8 @@ def test_arrays_without_derivatives_pay_nothing() -> None:
 
 
 def test_the_benchmark_runs() -> None:
-    words = [sys.executable, str(BENCHMARK), "--mpx", "0.01", "--turns", "1", "--json"]
-    done = subprocess.run(words, capture_output=True, text=True)
+    command = [sys.executable, str(BENCHMARK), "--mpx", "0.01", "--turns", "1", "--json"]
+    done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     (row,) = json.loads(done.stdout)["rows"]
     assert set(row["tasks"]) == {"plain", "ten_parameters", "all_photons", "both"}

@@ -1,4 +1,4 @@
-"""Randomness by name: what one noise source does never depends on the others, on the window, or on the company."""
+"""Random streams by name: a noise source never depends on the others, on the window or on other frames."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ CAMERA = ms.load_camera("konnik_table1").replace(
     **{"readout.reset": "hard", "readout.dsnu_col_coupling": 0.25, "dark_current.cv": 0.4, "pixel.prnu": 0.01},
     **{"adc.black_level_dn": 64},
 )
-"""Every source on; the pedestal given, because by default it follows the noise."""
+"""Every source on; the black level given, because by default it depends on the noise."""
 EXPOSURE = ms.Exposure(0.1)
 SHAPE = (24, 40)
 LIGHT = np.linspace(100.0, 20_000.0, SHAPE[0] * SHAPE[1]).reshape(SHAPE)
@@ -40,40 +40,40 @@ OFF: dict[str, dict[str, Any]] = {
 """Noise source → how a datasheet switches it off. (The shot noise of light goes with the light.)"""
 
 
-def words_used(camera: ms.Camera, light: Any = LIGHT, monkey: Any = None) -> dict[str, NDArray[Any]]:
-    """The words that each source drew in one frame: the bits themselves, before any arithmetic could hide them."""
+def bits_used(camera: ms.Camera, light: Any = LIGHT, monkey: Any = None) -> dict[str, NDArray[Any]]:
+    """The random bits of each source in one frame, before any arithmetic."""
     drawn: dict[str, NDArray[Any]] = {}
     temporal, fixed, line, at = Frame.random_bits, SensorWindow.fixed_map, SensorWindow.line_map, Frame.random_bits_at
 
-    def temporal_words(self: Frame, source: str) -> Any:
+    def temporal_bits(self: Frame, source: str) -> Any:
         drawn[source] = temporal(self, source)
         return drawn[source]
 
-    def pattern(self: SensorWindow, source: str, law: Any) -> Any:
+    def pattern(self: SensorWindow, source: str, distribution: Any) -> Any:
         drawn[source] = fixed(self, source, lambda backend, bits: bits)
-        return fixed(self, source, law)
+        return fixed(self, source, distribution)
 
     def line_pattern(self: SensorWindow, source: str, coupling: float, axis: int = 1) -> Any:
         drawn[source] = line(self, source, coupling, axis)
         return drawn[source]
 
-    def words_at(self: Frame, source: str, *place: Any) -> Any:
+    def bits_at(self: Frame, source: str, *place: Any) -> Any:
         drawn.setdefault(source, at(self, source, *place))
         return at(self, source, *place)
 
-    monkey.setattr(Frame, "random_bits", temporal_words)
+    monkey.setattr(Frame, "random_bits", temporal_bits)
     monkey.setattr(SensorWindow, "fixed_map", pattern)
     monkey.setattr(SensorWindow, "line_map", line_pattern)
-    monkey.setattr(Frame, "random_bits_at", words_at)
+    monkey.setattr(Frame, "random_bits_at", bits_at)
     ms.expose(light, camera, EXPOSURE, seed=4, serial=9)
     monkey.undo()
     return drawn
 
 
-def test_the_chain_draws_from_every_place_that_has_a_name(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A camera with everything in it asks every place, and none that has no name.
+def test_the_chain_draws_from_every_listed_stream(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A camera with every effect draws from every listed stream and from no other.
 
-    Only a render's noise cannot be spent where electrons come in bursts.
+    Only compensated render noise is drawn by another camera: it is not possible with a quantum yield.
     """
     everything = CAMERA.replace(
         **{
@@ -87,14 +87,14 @@ def test_the_chain_draws_from_every_place_that_has_a_name(monkeypatch: pytest.Mo
             "quantum_efficiency.quantum_yield": [2.0, 1.0],
         }
     )
-    asked = set(words_used(everything, monkey=monkeypatch))
-    spent = words_used(CAMERA, Photons(LIGHT, variance_e2=0.1 * LIGHT), monkey=monkeypatch)
-    assert asked | set(spent) == set(STREAMS) and "compensation" not in asked
+    asked = set(bits_used(everything, monkey=monkeypatch))
+    compensated = bits_used(CAMERA, Photons(LIGHT, variance_e2=0.1 * LIGHT), monkey=monkeypatch)
+    assert asked | set(compensated) == set(STREAMS) and "compensation" not in asked
 
 
-def test_spending_the_renders_noise_leaves_every_bit_of_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = words_used(CAMERA, Photons(LIGHT, variance_e2=0.1 * LIGHT), monkey=monkeypatch)
-    rest = words_used(CAMERA, monkey=monkeypatch)
+def test_compensating_render_noise_leaves_every_bit_of_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = bits_used(CAMERA, Photons(LIGHT, variance_e2=0.1 * LIGHT), monkey=monkeypatch)
+    rest = bits_used(CAMERA, monkey=monkeypatch)
     assert set(whole) == set(rest) | {"compensation"}
     for name, drawn in rest.items():
         np.testing.assert_array_equal(drawn, whole[name])
@@ -102,17 +102,17 @@ def test_spending_the_renders_noise_leaves_every_bit_of_the_others(monkeypatch: 
 
 @pytest.mark.parametrize("source", OFF)
 def test_switching_a_source_off_leaves_every_bit_of_the_others(source: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The datasheet without it draws the same words for all that is left, and fewer of them."""
-    whole = words_used(CAMERA, monkey=monkeypatch)
-    rest = words_used(CAMERA.replace(**OFF[source]), monkey=monkeypatch)
+    """The datasheet without it draws the same random bits for all other sources, and fewer of them."""
+    whole = bits_used(CAMERA, monkey=monkeypatch)
+    rest = bits_used(CAMERA.replace(**OFF[source]), monkey=monkeypatch)
     assert set(rest) < set(whole)
     for name, drawn in rest.items():
         np.testing.assert_array_equal(drawn, whole[name])
 
 
 def test_switching_the_light_off_leaves_every_bit_of_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = words_used(CAMERA, monkey=monkeypatch)
-    rest = words_used(CAMERA, np.zeros(SHAPE), monkey=monkeypatch)
+    whole = bits_used(CAMERA, monkey=monkeypatch)
+    rest = bits_used(CAMERA, np.zeros(SHAPE), monkey=monkeypatch)
     for name, drawn in rest.items():
         np.testing.assert_array_equal(drawn, whole[name])
 
@@ -193,9 +193,9 @@ def test_coupled_columns_do_not_feel_the_border_of_a_block(coupling: float) -> N
     Its values at the border are compared with those of the same equation solved in one piece over both blocks.
     """
     line = SensorWindow(3, (1, 2 * AR_BLOCK)).line_map("dsnu_col", coupling)[0]
-    number, word = STREAMS["dsnu_col"]
+    block, slot = STREAMS["dsnu_col"]
     columns = np.arange(-distributions.AR_WARM_UP, 2 * AR_BLOCK + distributions.AR_WARM_UP)
-    white = distributions.normal(counter_rng.random_bits(number, np.zeros(1, dtype=np.int64), columns, 0, 3)[word])[0]
+    white = distributions.normal(counter_rng.random_bits(block, np.zeros(1, dtype=np.int64), columns, 0, 3)[slot])[0]
     np.testing.assert_allclose(line, distributions.isotropic_ar(white, coupling, distributions.AR_WARM_UP), atol=1e-10)
 
 

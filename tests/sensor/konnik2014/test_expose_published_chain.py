@@ -1,4 +1,4 @@
-"""expose(chain="konnik2014"): the published chain through the front door and on the command line.
+"""expose(chain="konnik2014"): the published chain through expose() and on the command line.
 
 (Its numbers against the records of the released code are in test_konnik2014.)
 """
@@ -111,8 +111,8 @@ def test_a_plan_is_for_the_physical_chain_only() -> None:
 def test_the_command_line_renders_one_wavelength_with_the_published_chain(
     scene_file: Path, tmp_path: Path, cli: Callable[..., Any]
 ) -> None:
-    words = ("--chain", "konnik2014", "--wavelength-nm", 550, "--spp", 16)
-    done = cli("render", scene_file, "-o", tmp_path / "out", *words)
+    options = ("--chain", "konnik2014", "--wavelength-nm", 550, "--spp", 16)
+    done = cli("render", scene_file, "-o", tmp_path / "out", *options)
     assert done.exit_code == 0, (done.exception, done.stderr)
     assert "photon shot" in " ".join(done.stdout.split())
     report = json.loads((tmp_path / "out" / "frame.json").read_text(encoding="utf-8"))

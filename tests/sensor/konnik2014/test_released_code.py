@@ -394,7 +394,7 @@ def test_a_published_camera_is_the_advanced_parameter_set() -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "overrides", "words"),
+    ("changes", "overrides", "message"),
     [
         ({"source_follower.gain": 0.9}, {}, "source_follower.gain 0.9"),
         ({"readout.dsnu_col_coupling": 0.25}, {}, "dsnu_col_coupling 0.25"),
@@ -413,21 +413,21 @@ def test_a_published_camera_is_the_advanced_parameter_set() -> None:
     ],
 )
 def test_what_the_published_chain_cannot_express_is_refused(
-    changes: dict[str, Any], overrides: dict[str, Any], words: str
+    changes: dict[str, Any], overrides: dict[str, Any], message: str
 ) -> None:
     camera = load_camera("konnik_table1").replace(**changes)
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=message):
         Konnik2014Settings.from_camera(camera, **overrides)
 
 
-def test_an_override_stands_for_what_the_camera_cannot_say() -> None:
+def test_an_override_replaces_what_the_camera_does_not_have() -> None:
     camera = load_camera("konnik_table1").replace(**{"readout.dsnu_col_coupling": 0.25})
     settings = Konnik2014Settings.from_camera(camera, column_fpn="ar", column_fpn_parameter=0.5)
     assert settings.column_fpn == "ar"
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("changes", "message"),
     [
         ({"dark_fpn": "paper_eq18"}, "941 e- where 174 is meant"),
         ({"reset": "paper_eq27"}, "rises by a volt"),
@@ -439,8 +439,8 @@ def test_an_override_stands_for_what_the_camera_cannot_say() -> None:
         ({"column_fpn": "ar", "column_fpn_parameter": 0.7}, "column_fpn_parameter is 0.7"),
     ],
 )
-def test_a_wrong_setting_is_refused_with_a_way_out(changes: dict[str, Any], words: str) -> None:
-    with pytest.raises(InputError, match=words):
+def test_a_wrong_setting_is_refused_with_a_remedy(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
         replace(SIMPLE, **changes)
 
 
