@@ -30,8 +30,11 @@ class PendingStrip:
     def wait(self) -> None:
         """Return when they are computed."""
 
-    def deliver(self) -> None:
+    def copy(self) -> None:
         """Copy them to the output array."""
+
+    def deliver(self) -> None:  # the old name, until nobody uses it
+        self.copy()
 
 
 Job = PendingStrip  # the old name, until nobody imports it
@@ -41,10 +44,15 @@ class Backend:
     """What a backend provides; this one is the reference: NumPy, float64, exact quantile functions."""
 
     precision: Literal["float32", "float64"] = "float64"
-    on_host: bool = True
+    compiled: bool = False
+    """Whether the stages are traced once and run as a kernel, not computed step by step."""
     strip: int = 2**17
     """Pixels that are computed at a time. Fewer, and threads wait for each other at every operation; more, and the
     temporary arrays leave the cache."""
+
+    @property
+    def on_host(self) -> bool:  # the old name, until nobody uses it
+        return not self.compiled
 
     def number(self, value: float) -> Array:
         """A parameter of the camera in the precision of the pixels."""
@@ -58,10 +66,13 @@ class Backend:
         """An array of this backend as a NumPy array (H, W)."""
         return np.broadcast_to(np.asarray(signal), window.shape)
 
-    def job(self, signal: Array, window: SensorWindow, out: NumpyArray) -> PendingStrip:
+    def pending(self, signal: Array, window: SensorWindow, out: NumpyArray) -> PendingStrip:
         """Digital numbers that go into ``out``, (H, W) of an integer type."""
         out[...] = signal
         return PendingStrip()
+
+    def job(self, signal: Array, window: SensorWindow, out: NumpyArray) -> PendingStrip:  # the old name
+        return self.pending(signal, window, out)
 
     def evaluate(self, window: SensorWindow) -> None:
         """Compute the FPN maps of the window now, once."""

@@ -24,7 +24,7 @@ from .types import Array, DrJitModule, NumpyArray
 class DrJitBackend(NumpyFloat32):
     """Dr.Jit in float32.  backend : "llvm" or "cuda".  differentiable : use the types that carry derivatives."""
 
-    on_host = False
+    compiled = True
     strip = 2**22
     """Pixels per kernel launch: a map then has exactly 16 MiB, and Dr.Jit rounds memory up to powers of two."""
 
@@ -59,7 +59,7 @@ class DrJitBackend(NumpyFloat32):
         found = signal.numpy()
         return np.broadcast_to(found[0], window.shape) if found.size == 1 else found.reshape(window.shape)
 
-    def job(self, signal: Array, window: SensorWindow, out: NumpyArray) -> PendingStrip:
+    def pending(self, signal: Array, window: SensorWindow, out: NumpyArray) -> PendingStrip:
         """Digital numbers that one kernel launch computes."""
         return KernelLaunch(self.dr, self.uint(signal), out)
 
@@ -84,7 +84,7 @@ class DrJitBackend(NumpyFloat32):
 
     def _coordinates(self, window: SensorWindow) -> tuple[Array, Array]:
         """Column and row of every pixel in the window."""
-        return window.once("coordinates", lambda: self._column_and_row(*window.shape))
+        return window.cached("coordinates", lambda: self._column_and_row(*window.shape))
 
     def _column_and_row(self, height: int, width: int) -> tuple[Array, Array]:
         """Pixel index modulo and divided by the width; the division is a product with 2³²/width."""
@@ -122,5 +122,5 @@ class KernelLaunch(PendingStrip):
     def wait(self) -> None:
         self.computed = self.codes.numpy()
 
-    def deliver(self) -> None:
+    def copy(self) -> None:
         np.copyto(self.out, self.computed.reshape(self.out.shape), casting="unsafe")

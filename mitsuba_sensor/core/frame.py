@@ -86,7 +86,7 @@ class Frame:
         """
         window = self.window
         state = np.zeros(window.shape)
-        rows, columns = window.once("sites", lambda: np.nonzero(window.backend.to_numpy(site, window)))
+        rows, columns = window.cached("sites", lambda: np.nonzero(window.backend.to_numpy(site, window)))
         index = self.index
         while rows.size:
             place = window.rows[rows], window.columns[columns], index

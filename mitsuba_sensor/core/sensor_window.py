@@ -50,7 +50,7 @@ class SensorWindow:
         """Column numbers of the window, in sensor coordinates."""
         return np.arange(self.origin[1], self.origin[1] + self.shape[1])
 
-    def rows_only(self, rows: slice) -> SensorWindow:
+    def crop_rows(self, rows: slice) -> SensorWindow:
         """The window of the same camera that has only ``rows`` of this one."""
         height = rows.stop - rows.start
         given = {name: x if len(x) == 1 else x[rows] for name, x in self.given.items()}
@@ -58,10 +58,10 @@ class SensorWindow:
         shape = height, self.shape[1]
         return SensorWindow(self.serial, shape, origin, given, self.backend, _tiles=self._tiles, _lock=self._lock)
 
-    def given_or(self, name: str, make: Callable[[], Array]) -> Array:
+    def measured_or(self, name: str, make: Callable[[], Array]) -> Array:
         """The FPN map called ``name``: the measured one if one was given, else ``make()``."""
         if name in self.given:
-            return self.once(("given", name), lambda: self.backend.from_numpy(self.given[name], self))
+            return self.cached(("given", name), lambda: self.backend.from_numpy(self.given[name], self))
         return make()
 
     def number(self, value: float) -> Array:
@@ -90,7 +90,7 @@ class SensorWindow:
         def make() -> Array:
             return distribution(self.backend, self.backend.random_bits(block, self, 0, self.serial)[slot])
 
-        return self.once((source, distribution), make)
+        return self.cached((source, distribution), make)
 
     def correlated(self, source: str, coupling: float) -> Array:
         """Standard normals (H, W) whose neighbours in rows and columns have correlation 2·coupling (separable AR)."""
@@ -103,7 +103,7 @@ class SensorWindow:
                 tiles = [[self._ar_tile(source, y, x, coupling, margin) for x in columns] for y in rows]
             return self.backend.from_numpy(np.block(tiles)[row_slice, column_slice], self)
 
-        return self.once((source, coupling), make)
+        return self.cached((source, coupling), make)
 
     def _ar_tile(self, source: str, y: int, x: int, coupling: float, margin: int) -> Float64Array:
         """One tile of a fixed grid on the sensor, so that every window has the same values; the last one is kept."""
@@ -123,7 +123,7 @@ class SensorWindow:
             line = np.concatenate([self._ar_line(source, start, coupling, axis) for start in starts])[window]
             return self.backend.from_numpy(line[None, :] if axis else line[:, None], self)
 
-        return self.once((source, coupling, axis), make)
+        return self.cached((source, coupling, axis), make)
 
     def _ar_line(self, source: str, start: int, coupling: float, axis: int) -> Float64Array:
         margin, zero = distributions.AR_WARM_UP, np.zeros(1, dtype=np.int64)
@@ -135,12 +135,14 @@ class SensorWindow:
         block, slot = stream_of(source, fixed=True)
         return random_bits_at(block, rows, columns, 0, self.serial)[slot]
 
-    def once(self, key: Hashable, make: Callable[[], Value]) -> Value:
+    def cached(self, key: Hashable, make: Callable[[], Value]) -> Value:
         """What ``make`` returns, computed once per window."""
         if key not in self._maps:
             self._maps[key] = make()
         value: Value = self._maps[key]
         return value
+
+    once, rows_only, given_or = cached, crop_rows, measured_or  # old names, until nobody uses them
 
 
 def _blocks(numbers: NDArray[np.int64], size: int) -> tuple[list[int], slice]:

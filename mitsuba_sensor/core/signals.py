@@ -33,10 +33,12 @@ class Photons:
         """Photons per pixel over all bands, (H, W)."""
         return self.mean if self.mean.ndim == 2 else self.mean.sum(axis=-1)
 
-    def rows_only(self, rows: slice) -> Photons:
+    def crop_rows(self, rows: slice) -> Photons:
         """The photons of ``rows`` of the window."""
         variance_e2 = None if self.variance_e2 is None else self.variance_e2[rows]
         return replace(self, mean=self.mean[rows], variance_e2=variance_e2)
+
+    rows_only = crop_rows  # the old name, until nobody uses it
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NumpyArray:
         return np.array(self.mean, dtype=dtype, copy=copy)

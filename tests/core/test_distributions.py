@@ -23,7 +23,7 @@ MOMENT_MEANS = (1e-6, 0.1, 1.0, 9.99, 10.0, 30.0, 1e3, 1e5, 1e7)
 
 
 def integers(size: int, seed: int = 5) -> NDArray[np.uint32]:
-    """Words that have nothing to do with ours."""
+    """Random integers of NumPy, unrelated to the RNG under test."""
     return np.random.default_rng(seed).integers(0, 2**32, size, dtype=np.uint32)
 
 
@@ -31,7 +31,7 @@ def with_edges(size: int) -> NDArray[np.uint32]:
     return np.concatenate([np.array(EDGES, dtype=np.uint32), integers(size)])
 
 
-def even_words(bits: int) -> NDArray[np.uint32]:
+def even_integers(bits: int) -> NDArray[np.uint32]:
     """2^bits integers, evenly spread: averages over them have no sampling error, only that of the coarser grid."""
     return (np.arange(2**bits, dtype=np.uint64) * 2 ** (32 - bits) + 2 ** (31 - bits)).astype(np.uint32)
 
@@ -52,7 +52,7 @@ def test_normal_is_the_quantile_function_of_scipy_and_odd_about_the_middle() -> 
 
 def test_normal_has_mean_0_variance_1_and_the_higher_moments_of_its_distribution() -> None:
     """2^20 even integers: the cut at 2^-21 on each side costs 4e-5 of the variance, by integration."""
-    z = distributions.normal(even_words(20))
+    z = distributions.normal(even_integers(20))
     assert abs(z.mean()) < 1e-8
     assert np.mean(z**2) == pytest.approx(1, abs=1e-4)
     assert np.mean(z**4) == pytest.approx(3, abs=4e-3)
@@ -61,7 +61,7 @@ def test_normal_has_mean_0_variance_1_and_the_higher_moments_of_its_distribution
 @pytest.mark.parametrize("cv", [1e-9, 0.01, 0.4, 1.0, 10.0])
 def test_lognormal_has_unit_mean_its_cv_and_never_reaches_0(cv: float) -> None:
     """Moments of ln X, which converge for every cv: −½ln(1+cv²) and ln(1+cv²)."""
-    x = distributions.lognormal(even_words(18), cv)
+    x = distributions.lognormal(even_integers(18), cv)
     variance = math.log1p(cv * cv)
     assert (x > 0).all()
     assert np.log(x).mean() == pytest.approx(-variance / 2, rel=1e-6, abs=1e-16)
@@ -209,7 +209,7 @@ def test_poisson_passes_chi_squared_with_a_million_draws(mean: float) -> None:
 
 def test_less_than_half_an_electron_is_not_black() -> None:
     """Rounding 0.49 to 0 before the draw would give P(0) = 1; it is exp(−0.49) = 0.6126. 2^20 even integers: ± 1e-6."""
-    n = distributions.poisson(even_words(20), 0.49)
+    n = distributions.poisson(even_integers(20), 0.49)
     assert np.mean(n == 0) == pytest.approx(math.exp(-0.49), abs=2e-6)
 
 

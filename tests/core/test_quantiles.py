@@ -36,7 +36,7 @@ def integers(size: int, seed: int = 5) -> NDArray[np.uint32]:
     return np.concatenate([np.array(EDGES, dtype=np.uint32), rest])[:size]
 
 
-def even_words(bits: int) -> NDArray[np.uint32]:
+def even_integers(bits: int) -> NDArray[np.uint32]:
     """2^bits integers, evenly spread: averages over them have no sampling error, only that of the coarser grid."""
     return (np.arange(2**bits, dtype=np.uint64) * 2 ** (32 - bits) + 2 ** (31 - bits)).astype(np.uint32)
 
@@ -101,7 +101,7 @@ def test_gamma_is_exact_to_its_logarithm(cv: float, relative: float) -> None:
 @pytest.mark.parametrize("cv", [0.4, 1.0, 3.0])
 def test_gamma_keeps_mean_and_variance_up_to_a_cv_of_3(cv: float) -> None:
     """Against the exact draws of the same 2^16 even integers, so that their coarse grid cancels."""
-    w = even_words(16)
+    w = even_integers(16)
     found, exact = NUMPY_FLOAT32.gamma(w, cv).astype(np.float64), distributions.gamma(w, cv)
     assert found.mean() == pytest.approx(exact.mean(), rel=2e-5)
     assert found.var() == pytest.approx(exact.var(), rel=2e-4)
@@ -183,7 +183,7 @@ def test_poisson_passes_chi_squared_with_a_million_draws(mean: float) -> None:
 @pytest.mark.parametrize("mean", [0.01, 1.0, 9.9, 10.0, 12.0, 17.0, 30.0, 1e3, 1e5])
 def test_poisson_distribution_of_a_million_even_integers_is_the_exact_distribution(mean: float) -> None:
     """Total variation 2e-5, and what the coarse grid costs each of the ±6σ cells; mean and variance likewise."""
-    w, mean = even_words(20), float(np.float32(mean))
+    w, mean = even_integers(20), float(np.float32(mean))
     n = poisson(w, mean).astype(np.int64)
     share = np.bincount(n) / n.size
     k = np.arange(share.size)
@@ -224,7 +224,7 @@ def test_poisson_never_falls_by_more_than_one_count_when_the_mean_rises() -> Non
 
 def test_mean_and_variance_of_poisson_rise_with_the_mean() -> None:
     """Even integers: the mean follows in steps of a hundredth from 9 to 11, across 10, where the method changes."""
-    w, means = even_words(16), np.linspace(9, 11, 201)
+    w, means = even_integers(16), np.linspace(9, 11, 201)
     drawn = [poisson(w, mean) for mean in means]
     assert np.diff([n.mean(dtype=np.float64) for n in drawn]) == pytest.approx(0.01, abs=2e-4)
     assert np.diff([n.var(dtype=np.float64) for n in drawn]) == pytest.approx(0.01, abs=2e-3)
@@ -344,7 +344,7 @@ def test_whole_numbers_are_counted_between_levels_as_numpy_counts_them(llvm: Any
 
 
 def test_philox_on_llvm_gives_the_known_answers_of_random123(llvm: Any) -> None:
-    """As in test_words: zeros, ones and digits of π."""
+    """As in test_counter_rng.py: zeros, ones and digits of π."""
     asked = [(0,) * 6, (2**32 - 1,) * 6, (0x243F6A88, 0x85A308D3, 0x13198A2E, 0x03707344, 0xA4093822, 0x299F31D0)]
     answers = (
         "6627e8d5 e169c58d bc57ac4c 9b00dbd8",

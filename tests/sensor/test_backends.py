@@ -26,7 +26,7 @@ SHAPE = (231, 217)
 """Fifty thousand pixels, and no multiple of a vector of 8."""
 
 RAMP = np.linspace(0.0, 1.0, SHAPE[0] * SHAPE[1]).reshape(SHAPE) ** 3
-BENT = {
+NONLINEAR = {
     "readout.reset": "hard",
     "readout.ve_nonlinearity": 0.05,
     "source_follower.vv_nonlinearity": 1.05,
@@ -39,7 +39,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "as shipped": {},
     "8 bit": {"adc.bits": 8},
     "16 bit": {"adc.bits": 16},
-    "16 bit, everything bent": {"adc.bits": 16, **BENT},
+    "16 bit, everything non-linear": {"adc.bits": 16, **NONLINEAR},
     "small well": {"pixel.full_well_e": 1000.0},
     "low gain": {"adc.full_scale_v": 5.0},
     "coupled maps": {"pixel.prnu_distribution": "ar", "pixel.prnu_coupling": 0.25, "readout.dsnu_col_coupling": 0.4},
@@ -100,7 +100,7 @@ def test_bands_and_given_maps_are_the_same_on_both() -> None:
 @compiled
 @pytest.mark.parametrize("keep", ["photoelectrons", "dark_electrons", "electrons", "volts"])
 def test_the_signals_on_the_way_are_the_same_bits_too(keep: str) -> None:
-    camera = TABLE1.replace(**BENT)
+    camera = TABLE1.replace(**NONLINEAR)
     light = dark_to_saturation(camera)
     one, other = (
         getattr(ms.expose(light, camera, EXPOSURE, keep=keep, engine=engine), keep) for engine in ("numpy", "drjit")
@@ -110,7 +110,7 @@ def test_the_signals_on_the_way_are_the_same_bits_too(keep: str) -> None:
 
 @compiled
 def test_one_thread_and_two_deliver_the_same_bytes(monkeypatch: pytest.MonkeyPatch) -> None:
-    camera, light = TABLE1.replace(**BENT), np.tile(dark_to_saturation(TABLE1), (4, 1))
+    camera, light = TABLE1.replace(**NONLINEAR), np.tile(dark_to_saturation(TABLE1), (4, 1))
     threads = drjit().thread_count()
     try:
         frames = []
@@ -126,7 +126,7 @@ def test_one_thread_and_two_deliver_the_same_bytes(monkeypatch: pytest.MonkeyPat
 @compiled
 def test_a_crop_is_the_crop_of_the_frame_in_any_order_and_batch() -> None:
     """Frames 3 … 5 of a window, alone, together, backwards and streamed."""
-    camera = TABLE1.replace(**BENT, **{"pixel.dsnu_e": 10.0})
+    camera = TABLE1.replace(**NONLINEAR, **{"pixel.dsnu_e": 10.0})
     light = dark_to_saturation(camera)
     whole = frame(camera, light, "drjit", frames=3, first_frame=3)
     rows, columns = slice(101, 190), slice(7, 100)
@@ -142,7 +142,7 @@ def test_a_crop_is_the_crop_of_the_frame_in_any_order_and_batch() -> None:
 def test_more_than_one_launch_makes_the_same_frame(monkeypatch: pytest.MonkeyPatch) -> None:
     from mitsuba_sensor.core.drjit_backend import DrJitBackend
 
-    camera, light = TABLE1.replace(**BENT), dark_to_saturation(TABLE1)
+    camera, light = TABLE1.replace(**NONLINEAR), dark_to_saturation(TABLE1)
     whole = frame(camera, light, "drjit", frames=2)
     monkeypatch.setattr(DrJitBackend, "strip", 3000)
     np.testing.assert_array_equal(frame(camera, light, "drjit", frames=2), whole)
@@ -170,7 +170,7 @@ def test_windows_of_any_shape_are_the_same(shape: tuple[int, int]) -> None:
 def test_a_changed_number_compiles_nothing_and_a_source_left_out_does() -> None:
     """Numbers go in as data. (Kernels are counted by Dr.Jit itself.)"""
     dr, light = drjit(), dark_to_saturation(TABLE1)
-    camera = TABLE1.replace(**BENT)
+    camera = TABLE1.replace(**NONLINEAR)
 
     def compiles(changed: ms.Camera, exposure: ms.Exposure = EXPOSURE, **how: Any) -> int:
         with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
@@ -249,15 +249,15 @@ def test_without_llvm_the_compiled_engine_says_what_to_do(monkeypatch: pytest.Mo
 
 
 @pytest.mark.skipif(no_cuda is not None, reason=f"{no_cuda}")
-def test_cuda_has_the_same_words_and_at_most_1_dn() -> None:
+def test_cuda_has_the_same_random_bits_and_at_most_1_dn() -> None:
     light = dark_to_saturation(TABLE1)
-    one, other = (frame(TABLE1.replace(**BENT), light, engine).astype(int) for engine in ("numpy", "cuda"))
+    one, other = (frame(TABLE1.replace(**NONLINEAR), light, engine).astype(int) for engine in ("numpy", "cuda"))
     assert np.abs(one - other).max() <= 1
 
 
-def test_float64_is_the_twin_of_float32_with_the_same_random_bits() -> None:
+def test_float64_differs_little_from_float32_with_the_same_random_bits() -> None:
     """12 bits: fewer than 1 % of the pixels move, and by 1 DN; the plan finds that without the frames."""
-    camera, light = TABLE1.replace(**BENT), dark_to_saturation(TABLE1)
+    camera, light = TABLE1.replace(**NONLINEAR), dark_to_saturation(TABLE1)
     single, double = (
         ms.expose(light, camera, EXPOSURE, engine="numpy", precision=precision).digital.astype(int)
         for precision in ("float32", "float64")

@@ -160,7 +160,7 @@ def test_mean_and_variance_follow_the_closed_forms(name: str, level: int) -> Non
 
 @pytest.mark.parametrize("level", LEVELS)
 @pytest.mark.parametrize("name", PARAMETERS)
-def test_the_mean_follows_frames_with_equal_words(name: str, level: int) -> None:
+def test_the_mean_follows_frames_with_equal_random_bits(name: str, level: int) -> None:
     step = 1e-3 if name == "exposure.temperature_k" else 1e-2
     ends = []
     for sign in (1, -1):
@@ -450,7 +450,7 @@ def test_what_has_no_derivative_is_refused_in_one_sentence(name: Any, camera: di
     assert "\n" not in str(error.value)
 
 
-def test_a_jump_of_the_default_pedestal_is_seen() -> None:
+def test_a_jump_of_the_default_black_level_is_seen() -> None:
     def noisy(read_noise_e: float) -> ms.Camera:
         return RICH.replace(**{"adc.black_level_dn": None, "source_follower.read_noise_e": read_noise_e})
 

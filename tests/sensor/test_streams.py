@@ -32,7 +32,7 @@ ALL = ("electrons", "volts")
 OFF: dict[str, dict[str, Any]] = {
     "Prnu": {"pixel.prnu": 0.0},
     "DarkCurrent": {"dark_current.fom_na_per_cm2": 0.0},
-    "dark pattern": {"dark_current.cv": 0.0},
+    "dark FPN": {"dark_current.cv": 0.0},
     "ResetNoise": {"readout.reset": "true_cds"},
     "SourceFollowerNoise": {"source_follower.white_nv_per_rthz": 0.0},
     "DsnuColumn": {"readout.dsnu_col": 0.0},
@@ -241,7 +241,7 @@ def test_two_sources_are_uncorrelated(one: str, two: str) -> None:
 
 
 @pytest.mark.parametrize("source", STREAMS)
-def test_neighbours_frames_and_devices_are_uncorrelated(source: str) -> None:
+def test_neighbours_frames_and_cameras_are_uncorrelated(source: str) -> None:
     """|ρ| < 5/√n between a pixel and its neighbours, the next frame, the next seed, the next serial."""
     shape = {None: (256, 256), 1: (1, 2**16), 0: (2**16, 1)}[LINES.get(source)]
     one = normals(source, SensorWindow(4, shape))

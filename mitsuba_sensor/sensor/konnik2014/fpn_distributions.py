@@ -136,7 +136,7 @@ def fpn_map(window: SensorWindow, source: str, distribution: FpnDistribution) ->
         wide = SensorWindow(window.serial, (rows, columns + distribution.margin), (top, left - distribution.margin))
         return distribution(wide.line_map(source, 0.0) if source == "dsnu_col" else wide.fixed_map(source, normals))
 
-    return window.once((source, distribution), make)
+    return window.cached((source, distribution), make)
 
 
 def times_fpn(m: Moments, factor: float, distribution: FpnDistribution) -> Moments:

@@ -1,6 +1,6 @@
-"""expose(chain="konnik2014"): the published chain through expose() and on the command line.
+"""The published chain by expose(chain="konnik2014") and on the command line.
 
-(Its numbers against the records of the released code are in test_konnik2014.)
+(Its numbers against the records of the released code are in test_released_code.py.)
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ PUBLISHED: dict[str, Any] = {"chain": "konnik2014"}
 
 
 @pytest.mark.parametrize("changes", [{}, {"adc.bits": 8}, {"readout.reset": "hard", "pixel.prnu": 0.02}], ids=str)
-def test_the_front_door_gives_the_numbers_of_the_published_chain(changes: dict[str, Any]) -> None:
+def test_expose_gives_the_numbers_of_the_published_chain(changes: dict[str, Any]) -> None:
     camera = TABLE1.replace(**changes)
     frames = ms.expose(LIGHT, camera, EXPOSURE, seed=5, serial=9, frames=2, first_frame=3, origin=(7, 11), **PUBLISHED)
     stages = chain_of(Konnik2014Settings.from_camera(camera))
@@ -48,7 +48,7 @@ def test_it_is_another_chain_than_the_default_which_is_physics() -> None:
     assert parameter.default == "physical" and "konnik2014" in str(parameter.annotation)
 
 
-def test_the_account_names_every_stage_and_theory_and_frame_agree() -> None:
+def test_the_noise_budget_names_every_stage_and_theory_and_frame_agree() -> None:
     """10 000 pixels of half a well; the column stripes are one number per column, so the mean is looked at loosely."""
     frames = ms.expose(np.full((20, 500), 25_000.0), TABLE1, EXPOSURE, **PUBLISHED)
     report = json.loads(to_json(frames.report))

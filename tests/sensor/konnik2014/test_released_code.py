@@ -167,7 +167,7 @@ def photons_of(record: dict[str, Any], shape: tuple[int, int]) -> Photons:
 
 
 @cache
-def device_of(config: str, rows: int, serial: int) -> SensorWindow:
+def window_of(config: str, rows: int, serial: int) -> SensorWindow:
     """Like the records: the levels of one configuration share their fixed patterns."""
     return SensorWindow(serial + 1000 * list(SETTINGS).index(config), (rows, COLUMNS))
 
@@ -231,7 +231,7 @@ def deviations(rows: int = ROWS, seed: int = 1, records: list[dict[str, Any]] = 
     """All comparisons of all records; with rows=1300 the frames are as large as the records'."""
     for number, record in enumerate(records):
         stages = chain_of(settings_of(record))
-        frame = Frame(EXPOSURE, device_of(record["config"], rows, seed), seed=seed + 1000 * number)
+        frame = Frame(EXPOSURE, window_of(record["config"], rows, seed), seed=seed + 1000 * number)
         seen = trace(stages, photons_of(record, (rows, COLUMNS)), frame)
         label = f"{record['config']} {record['sensor']} {record['level']:g}"
         for what, stats in record["stats"].items():
@@ -511,7 +511,7 @@ def clipped_noise(part: int) -> float:
     return float((x.mean(), x.std())[part])
 
 
-def bent(level: float) -> float:
+def signal_kept(level: float) -> float:
     return (3.1 - float(FULL_SWING(3.1 - 0.165 * level, FRAME))) / (0.165 * level)
 
 
@@ -546,8 +546,8 @@ PAGE = {
     "0.0103": lambda: PublishedResetNoise(5e-6, 0.8).mean(FRAME) / 5e-6,
     "0.455": lambda: exponential(3300),
     "0.450": lambda: exponential(33000),
-    "0.699": lambda: bent(0.1),
-    "0.713": lambda: bent(1.0),
+    "0.699": lambda: signal_kept(0.1),
+    "0.713": lambda: signal_kept(1.0),
     "12.70": lambda: 3.1 * 0.001 * 0.165 * 4096 / 0.165,
     "12.02": lambda: 2.935 * 0.001 * 0.165 * 4096 / 0.165,
     "4.096": lambda: 0.001 * 4096,
