@@ -30,7 +30,7 @@ IMPORTED_IN = {
     "OpenEXR": ("io/exr.py",),
     "tifffile": ("io/files.py",),
     "PIL": ("io/files.py",),
-    "matplotlib": ("study/plots.py",),
+    "matplotlib": ("study/drawing.py",),
     "colour": ("render/spectra.py",),
     "typer": ("cli/",),
     "rich": ("cli/",),

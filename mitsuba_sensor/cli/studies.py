@@ -1,32 +1,26 @@
-"""study: error against run time, stiff and extreme cases, and what was left out."""
+"""study: error against run time, what can be left out, and stiff and extreme cases."""
 
 from __future__ import annotations
 
+import inspect
 import shlex
 import sys
-import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import typer
 
-import mitsuba_sensor as ms
-
+from ..core.checks import first_given
 from ..io import files
-from ..io.journal import Journal
+from ..io.measurements import Measurements
 from ..io.metadata import machine, versions
-from ..study.html import html
-from ..study.page import Bars, Grid, Plot, Progress, Study
 from . import options
 from .app import app, err, scene_camera, scene_exposure, scene_setup, show
 from .study_tables import seconds_bar, sheet
 
-JOURNAL, PAGE, NUMBERS = "measurements.jsonl", "study.html", "study.json"
-SPENT = "seconds spent"
-"""In the journal: of all runs of the study together."""
+PAGE, NUMBERS, MEASUREMENTS = "study.html", "study.json", "measurements"
 
 study = typer.Typer(
     no_args_is_help=True,
@@ -37,181 +31,171 @@ study = typer.Typer(
 app.add_typer(study, name="study")
 
 
-@study.command("error-time", epilog="Example: mitsuba-sensor study error-time scenes/step_wedge.xml --side sensor")
-def error_time(
-    scene: options.Scene,
-    out_dir: options.StudyOut = Path("study/error-time"),
-    camera: options.CameraOrScene = None,
-    exposure_s: options.ExposureOrScene = None,
-    temperature_k: options.TemperatureOrScene = None,
-    tolerance: options.Tolerance = 0.01,
-    seeds: options.Seeds = 4,
-    sides: options.Sides = None,
-    variants: options.Variants = None,
-    settings: options.Settings = None,
-    parameters: options.Parameters = None,
-    scene_unit: options.SceneUnit = None,
-    columns: options.Columns = None,
-    again: options.Again = False,
-    as_json: options.Json = False,
-) -> None:
+@dataclass(frozen=True)
+class StudyOptions:
+    """Of every study."""
+
+    out_dir: options.StudyOut = Path("study")
+    force: options.Again = False
+    as_json: options.Json = False
+
+
+@dataclass(frozen=True)
+class SceneOptions:
+    """Of a study of a scene."""
+
+    scene: options.Scene
+    out_dir: options.StudyOut = Path("study")
+    camera: options.CameraOrScene = None
+    exposure_s: options.ExposureOrScene = None
+    temperature_k: options.TemperatureOrScene = None
+    settings: options.Settings = None
+    parameters: options.Parameters = None
+    scene_unit: options.SceneUnit = None
+    columns: options.Columns = None
+    force: options.Again = False
+    as_json: options.Json = False
+
+
+@dataclass(frozen=True)
+class WorkPrecisionOptions(SceneOptions):
+    """Of work-precision."""
+
+    tolerance: options.Tolerance = 0.01
+    seeds: options.Seeds = 4
+    sides: options.Sides = None
+    variants: options.Variants = None
+
+
+@dataclass(frozen=True)
+class AblationOptions(SceneOptions):
+    """Of ablation."""
+
+    tolerance_dn: options.PlanDn = 0.02
+    frames: options.StudyFrames = 24
+    spp: options.Samples = 32
+    seed: options.SeedOrScene = None
+    serial: options.SerialOrScene = None
+    variant: options.Variant = None
+
+
+def command(name: str, asked: type, example: str) -> Callable[[Callable[[Any], None]], None]:
+    """A command whose options are the fields of a dataclass, which its function is given."""
+
+    def add(run: Callable[[Any], None]) -> None:
+        def called(**given: Any) -> None:
+            run(asked(**given))
+
+        hints = get_type_hints(asked, include_extras=True)
+        parameters = [one.replace(annotation=hints[one.name]) for one in inspect.signature(asked).parameters.values()]
+        called.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        called.__annotations__, called.__doc__ = {}, run.__doc__
+        study.command(name, epilog=f"Example: mitsuba-sensor study {name} {example}")(called)
+
+    return add
+
+
+@command("work-precision", WorkPrecisionOptions, "scenes/step_wedge.xml --side sensor")
+def work_precision(asked: WorkPrecisionOptions) -> None:
     """Error against run time of SCENE, of the render and of the sensor, and the setting to take.
 
     Samplers, sizes of passes, variants, bands, and what is done about the render's noise, against a reference of known
     error; engines, precisions, samplers of the Poisson law and plans of the sensor. Small pictures do (-D width=48).
     """
-    from ..study.error_time import error_time as measured
+    from ..study.work_precision import SIDES
+    from ..study.work_precision import work_precision as measured
 
-    words = {
-        "tolerance": tolerance,
-        "seeds": seeds,
-        "sides": tuple(sides or ("render", "sensor")),
-        "variants": variants,
-    }
-    subject = _subject(scene, camera, (exposure_s, temperature_k), settings, parameters, (variants or [None])[0])
-    given = {**words, "parameters": subject.parameters, "scene_unit": scene_unit, "columns": columns}
-    run = lambda done, progress: measured(  # noqa: E731
-        scene, subject.camera, subject.exposure, **given, done=done, progress=progress
-    )
-    _tell(_measured(out_dir, run, subject.question("error-time", given), again), out_dir, as_json)
+    given = {"tolerance": asked.tolerance, "seeds": asked.seeds, "variants": asked.variants}
+    subject, question, _ = _subject(asked, (asked.variants or [None])[0], {})
+    sides = tuple(asked.sides or SIDES)
+    _run(asked, "work-precision", {**question, **given}, lambda kit: measured(kit, subject, sides=sides, **given))
 
 
-@study.command("left-out", epilog="Example: mitsuba-sensor study left-out scenes/still_life.xml --exposure-s 0.001")
-def left_out(
-    scene: options.Scene,
-    out_dir: options.StudyOut = Path("study/left-out"),
-    camera: options.CameraOrScene = None,
-    exposure_s: options.ExposureOrScene = None,
-    temperature_k: options.TemperatureOrScene = None,
-    tolerance_dn: options.PlanDn = 0.02,
-    frames: options.StudyFrames = None,
-    spp: options.Samples = None,
-    seed: options.SeedOrScene = None,
-    serial: options.SerialOrScene = None,
-    settings: options.Settings = None,
-    parameters: options.Parameters = None,
-    scene_unit: options.SceneUnit = None,
-    columns: options.Columns = None,
-    variant: options.Variant = None,
-    again: options.Again = False,
-    as_json: options.Json = False,
-) -> None:
+@command("ablation", AblationOptions, "scenes/still_life.xml --exposure-s 0.001")
+def ablation(asked: AblationOptions) -> None:
     """What each stage of the sensor and each feature of the render does to SCENE, and what leaving it out would save.
 
     Every change is predicted from theory and measured on frames; the two must agree within three standard errors.
     """
-    from ..core.checks import first_given
-    from ..study.left_out import left_out as measured
+    from ..study.ablation import ablation as measured
 
-    subject = _subject(scene, camera, (exposure_s, temperature_k), settings, parameters, variant)
-    asked = {name: value for name, value in (("spp", spp), ("frames", frames)) if value is not None}
-    given: dict[str, Any] = {
-        "tolerance_dn": tolerance_dn, "seed": first_given(seed, subject.seed, 1),
-        "serial": first_given(serial, subject.serial, 1), "parameters": subject.parameters, "variant": variant,
-        "scene_unit": scene_unit, "columns": columns, **asked,
-    }  # fmt: skip
-    run = lambda done, progress: measured(  # noqa: E731
-        scene, subject.camera, subject.exposure, **given, done=done, progress=progress
-    )
-    _tell(_measured(out_dir, run, subject.question("left-out", given), again), out_dir, as_json)
+    subject, question, setup = _subject(asked, asked.variant, {"spp": asked.spp, "variant": asked.variant})
+    given = {
+        "tolerance_dn": asked.tolerance_dn,
+        "frames": asked.frames,
+        "seed": first_given(asked.seed, setup.seed, 1),
+        "serial": first_given(asked.serial, setup.serial, 1),
+    }
+    _run(asked, "ablation", {**question, **given}, lambda kit: measured(kit, subject, **given))
 
 
-@study.command(epilog="Example: mitsuba-sensor study extremes -o study/extremes")
-def extremes(out_dir: options.StudyOut = Path("study/extremes"), as_json: options.Json = False) -> None:
+@command("stress", StudyOptions, "-o study/stress")
+def stress(asked: StudyOptions) -> None:
     """Stiff and extreme cases of every stage on every engine: input, expected, got, verdict; and condition numbers."""
-    from ..study.extremes import extremes as measured
+    from ..study.stress import stress as measured
 
-    _tell(_measured(out_dir, lambda done, progress: measured(progress=progress), None, False), out_dir, as_json)
-
-
-@dataclass(frozen=True, eq=False)
-class Subject:
-    """What a study is about."""
-
-    scene: Path
-    camera: ms.Camera
-    exposure: ms.Exposure
-    parameters: dict[str, str]
-    sha256: str
-    seed: int | None
-    serial: int | None
-
-    def question(self, name: str, words: dict[str, Any]) -> dict[str, Any]:
-        """All that decides what is measured."""
-        camera = self.camera.model_dump()
-        return {
-            "study": name, "scene": str(self.scene), "scene_sha256": self.sha256, "camera": camera,
-            "exposure": asdict(self.exposure), **words, "machine": machine(), "versions": versions(),
-        }  # fmt: skip
+    _run(asked, "stress", {}, measured)
 
 
-def _subject(
-    scene: Path, camera: str | None, exposure: tuple[float | None, float | None], settings: list[str] | None,
-    parameters: list[str] | None, variant: str | None,
-) -> Subject:  # fmt: skip
-    """The scene with the camera and exposure that are asked for, or that it names itself."""
+def _subject(asked: SceneOptions, variant: str | None, more: dict[str, Any]) -> tuple[Any, dict[str, Any], Any]:
+    """The scene with the camera and exposure that are asked for, or that it names itself; all that decides what is
+    measured of it; and the scene's settings. more : options of the render."""
     from ..render.scene_file import parse_scene
+    from ..study.subject import Subject
 
-    given = options.pairs("-D", parameters)
-    setup = scene_setup(scene, given, variant)
-    sha256 = parse_scene(scene, given).digest()
-    chosen, shot = scene_camera(camera, setup, settings), scene_exposure(*exposure, setup)
-    return Subject(scene, chosen, shot, given, sha256, setup.seed, setup.serial)
+    given = options.pairs("-D", asked.parameters)
+    setup = scene_setup(asked.scene, given, variant)
+    camera = scene_camera(asked.camera, setup, asked.settings)
+    exposure = scene_exposure(asked.exposure_s, asked.temperature_k, setup)
+    render = {"parameters": given, "scene_unit": asked.scene_unit, "columns": asked.columns, **more}
+    about = {"scene": str(asked.scene), "scene_sha256": parse_scene(asked.scene, given).digest()}
+    question = {**about, "camera": camera.model_dump(), "exposure": asdict(exposure), "render": render}
+    return Subject(asked.scene, camera, exposure, render), question, setup
 
 
-def _measured(
-    out_dir: Path, run: Callable[[Any, Progress], Study], question: dict[str, Any] | None, again: bool
-) -> Study:
+def _run(
+    asked: StudyOptions | SceneOptions, name: str, question: dict[str, Any], measure: Callable[[Any], Any]
+) -> None:
     """Run the study and write what it found; what was measured stays, even if the rest is stopped."""
-    started = time.monotonic()
-    done: Any = {} if question is None else Journal(out_dir / JOURNAL, question, again)
-    before = len(done)
-    with seconds_bar(err) as progress, _kept(done, out_dir):
-        found = run(done, progress)
-    made = {
-        "command": _command(sys.argv[1:]), "machine": machine(), "versions": versions(),
-        "seconds": round(done.get(SPENT, time.monotonic() - started), 1), "resumed_measurements": before,
-    }  # fmt: skip
-    found = replace(found, data={**found.data, **made})
-    picture = next((part for part in found.parts if isinstance(part, Plot | Bars | Grid)), None)
-    with files.output_folder(out_dir, (PAGE, NUMBERS, f"{found.name}.png")) as folder:
+    from ..study.drawing import png
+    from ..study.html import html
+    from ..study.kit import Kit
+    from ..study.page import Table
+
+    out_dir = Path("study") / name if asked.out_dir == Path("study") else asked.out_dir
+    made: dict[str, Any] = {"machine": machine(), "versions": versions()}
+    known = Measurements(out_dir / MEASUREMENTS, {"study": name, **question, **made}, asked.force)
+    before = len(known)
+    with seconds_bar(err) as progress:
+        kit = Kit(known, progress)
+        try:
+            found = measure(kit)
+        except KeyboardInterrupt:
+            if kit.new:
+                kept = f"{len(known)} measurements are kept in {known.folder}; the same command goes on from there"
+                err.print(kept, highlight=False, soft_wrap=True)
+            raise
+    about = {"scene": question.get("scene"), "camera": question.get("camera", {}).get("name")}
+    about |= {"command": _command(), **made, "seconds": round(kit.seconds, 1), "resumed_measurements": before}
+    exposure = {"exposure": question["exposure"]} if "exposure" in question else {}
+    found = replace(found, data={**found.data, **{k: v for k, v in about.items() if v is not None}, **exposure})
+    picture = next((part for part in found.parts if not isinstance(part, Table)), None)
+    with files.output_folder(out_dir, (PAGE, NUMBERS, f"{name}.png")) as folder:
         files.write_page(folder / PAGE, html(found))
         files.write_json(folder / NUMBERS, found.to_dict())
         if picture is not None:
-            from ..study.plots import png
-
-            files.write_drawing(folder / f"{found.name}.png", png(picture))
-    return found
-
-
-@contextmanager
-def _kept(done: Any, out_dir: Path) -> Iterator[None]:
-    """Add up the seconds of whatever measures something; tell those who stop a study that it need not begin again."""
-    started, before = time.monotonic(), len(done)
-    try:
-        yield
-    except KeyboardInterrupt:
-        if len(done) > before:
-            words = f"{len(done)} measurements are kept in {out_dir / JOURNAL}; the same command goes on from there"
-            err.print(words, highlight=False)
-        raise
-    finally:
-        if len(done) > before:
-            done[SPENT] = done.get(SPENT, 0.0) + time.monotonic() - started
+            files.write_drawing(folder / f"{name}.png", png(picture))
+    show(found.to_dict() if asked.as_json else sheet(found, str(out_dir / PAGE)), asked.as_json)
+    if not found.passed:
+        raise typer.Exit(1)
 
 
-def _command(words: Sequence[str]) -> str:
+def _command() -> str:
     """What was asked, without where its answer went."""
-    kept, left = ["mitsuba-sensor"], iter(words)
+    kept, left = ["mitsuba-sensor"], iter(sys.argv[1:])
     for word in left:
         if word in ("-o", "--out"):
             next(left, None)
         elif word not in ("--json", "--force"):
             kept.append(word)
     return shlex.join(kept)
-
-
-def _tell(found: Study, out_dir: Path, as_json: bool) -> None:
-    show(found.to_dict() if as_json else sheet(found, str(out_dir / PAGE)), as_json)
-    if not found.passed:
-        raise typer.Exit(1)

@@ -9,7 +9,6 @@ from typing import Any
 
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
 from rich.text import Text
 
 from ..study import page
@@ -24,29 +23,23 @@ WIDEST, GAP = 30, 2
 
 
 @contextmanager
-def seconds_bar(console: Console) -> Iterator[page.Progress]:
-    """A bar over the seconds that a study expects to take, and what it does now. Yields what a study reports to."""
-    columns = (
-        BarColumn(), TextColumn("{task.percentage:>3.0f} %"), TimeElapsedColumn(), TextColumn("{task.fields[left]}"),
-        TextColumn("{task.description}", style="dim"),
-    )  # fmt: skip
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+def seconds_bar(console: Console) -> Iterator[Any]:
+    """A bar over the seconds that a study expects to take, and what it does now. Yields what a kit reports to."""
+    columns = (BarColumn(), TextColumn("{task.percentage:>3.0f} %"), TimeElapsedColumn())
+    texts = TextColumn("{task.fields[left]}"), TextColumn("{task.description}", style="dim")
+    with Progress(*columns, *texts, console=console, transient=True, disable=not console.is_terminal) as progress:
         task, told = progress.add_task("", total=None, left=""), False
 
-        def tell(done_s: float, expected_s: float, words: str) -> None:
+        def tell(done_s: float, expected_s: float, now: str) -> None:
             nonlocal told
-            left = about(max(expected_s - done_s, 0.0))
+            left_s = max(expected_s - done_s, 0.0)
+            left = f"about {left_s / 60:.0f} min" if left_s > 90 else f"about {left_s:.0f} s"
             if not told:
                 console.print(f"this takes {left}", highlight=False)
                 told = True
-            progress.update(task, completed=done_s, total=expected_s, description=words, left=f"{left} left")
+            progress.update(task, completed=done_s, total=expected_s, description=now, left=f"{left} left")
 
         yield tell
-
-
-def about(seconds: float) -> str:
-    """How long, as people say it."""
-    return f"about {seconds / 60:.0f} min" if seconds > 90 else f"about {seconds:.0f} s"
 
 
 def sheet(study: page.Study, folder: str) -> RenderableType:
@@ -74,49 +67,37 @@ class Fitted:
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """The table, and what of it stands only in the page."""
-        rows, hidden_rows = _shown_rows(self.table)
-        cells = [[_brief(value) for value in row] for _, row in rows]
+        rows = list(zip(self.table.marks or ("",) * len(self.table.rows), self.table.rows, strict=True))
+        shown = rows if len(rows) <= LONGEST else [row for row in rows if row[0] in ("bad", "best")][:LONGEST]
+        cells = [[f"{v:.3g}" if isinstance(v, float) else text(v) for v in row] for _, row in shown]
         count = _fitting(self.table.columns, cells, options.max_width)
         yield Text(f"\n{self.table.title}", style="bold")
         drawn = columns_table(*self.table.columns[:count])
         for index, column in enumerate(drawn.columns):
-            if rows and all(isinstance(row[index], int | float | None) for _, row in rows):
+            if shown and all(isinstance(row[index], int | float | None) for _, row in shown):
                 column.justify = "right"
-        for (mark, _), texts in zip(rows, cells, strict=True):
+        for (mark, _), texts in zip(shown, cells, strict=True):
             drawn.add_row(*map(Text, texts[:count]), style=STYLES[mark])
         yield drawn
-        hidden = {"rows": hidden_rows, "columns": len(self.table.columns) - count}
+        hidden = {"rows": len(rows) - len(shown), "columns": len(self.table.columns) - count}
         if more := " and ".join(f"{number} more {name}" for name, number in hidden.items() if number):
             yield Text(f"{more} stand in the page", style="dim")
-
-
-def _shown_rows(table: page.Table) -> tuple[list[tuple[page.Mark, tuple[Any, ...]]], int]:
-    """Rows with their marks, and how many are not among them."""
-    rows = list(zip(table.marks or ("",) * len(table.rows), table.rows, strict=True))
-    shown = rows if len(rows) <= LONGEST else [row for row in rows if row[0] in ("bad", "best")][:LONGEST]
-    return shown, len(rows) - len(shown)
 
 
 def _fitting(headings: Sequence[str], cells: Sequence[Sequence[str]], width: int) -> int:
     """How many columns fit; the first always does. Headings break at spaces, long texts anywhere."""
     used = 0
     for index, heading in enumerate(headings):
-        words = max(map(len, heading.split()), default=0)
-        used += min(max([words, *(len(row[index]) for row in cells)]), WIDEST) + GAP
+        longest = max([*map(len, heading.split()), *(len(row[index]) for row in cells)], default=0)
+        used += min(longest, WIDEST) + GAP
         if used > width:
             return max(index, 1)
     return len(headings)
 
 
-def _brief(value: Any) -> str:
-    """Three digits do in a terminal."""
-    return f"{value:.3g}" if isinstance(value, float) else text(value)
-
-
-def _grid(grid: page.Grid) -> Table:
+def _grid(grid: page.Grid) -> RenderableType:
     drawn = columns_table("", *grid.columns)
     drawn.title, drawn.title_justify, drawn.title_style = grid.title, "left", "bold"
-    words = grid.words or tuple(tuple(str(mark) for mark in row) for row in grid.marks)
-    for name, marks, cells in zip(grid.rows, grid.marks, words, strict=True):
-        drawn.add_row(name, *(Text(cell, style=STYLES[mark]) for cell, mark in zip(cells, marks, strict=True)))
+    for name, marks, texts in zip(grid.rows, grid.marks, grid.texts, strict=True):
+        drawn.add_row(name, *(Text(cell, style=STYLES[mark]) for cell, mark in zip(texts, marks, strict=True)))
     return drawn

@@ -1,1 +1,1 @@
-"""Studies of the tool itself: error against run time, stiff and extreme cases, and what was left out."""
+"""Studies of the tool itself: error against run time, what can be left out, stiff and extreme cases."""

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from html import escape
 from typing import Any
 
+from .drawing import svg
 from .page import Mark, Part, Study, Table
 
 STYLE = """
@@ -23,74 +23,54 @@ td.number { text-align: right; white-space: nowrap; }
 footer { margin: 2.5rem 0 1rem; color: #555; font-size: .85rem; border-top: 1px solid #ddd; padding-top: .6rem; }
 """.strip()
 
+ORIGIN = ("command", "scene", "camera", "exposure", "machine", "versions", "seconds", "date")
+"""What of a study's data stands at the foot of the page: what it was made with and how long that took."""
+
 
 def html(study: Study) -> str:
-    """The whole page. What it was made with and how long that took stand at its foot."""
+    """The whole page."""
     verdict: Mark = "good" if study.passed else "bad"
-    words = "everything that must hold does" if study.passed else "something that must hold does not"
+    told = "everything that must hold does" if study.passed else "something that must hold does not"
     findings = "".join(f"<li>{escape(finding)}</li>" for finding in study.findings)
-    made = "".join(f"<div>{escape(name)}: {escape(text(value))}</div>" for name, value in _made(study))
+    made = "".join(f"<div>{name}: {escape(text(study.data[name]))}</div>" for name in ORIGIN if name in study.data)
     return (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(study.title)}</title>\n'
         f"<style>\n{STYLE}\n</style></head><body>\n<h1>{escape(study.title)}</h1>\n"
-        f'<p><span class="verdict {verdict}">{words}</span></p>\n<ul class="findings">{findings}</ul>\n'
+        f'<p><span class="verdict {verdict}">{told}</span></p>\n<ul class="findings">{findings}</ul>\n'
         f"{''.join(_part(part) for part in study.parts)}<footer>{made}</footer>\n</body></html>\n"
     )
 
 
 def text(value: Any) -> str:
     """A value for people: numbers with four digits, lists joined, nothing for None."""
-    if value is None:
-        return "–"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, float):
-        return _number(value)
-    if isinstance(value, dict):
-        return ", ".join(f"{key} {text(one)}" for key, one in value.items())
-    if isinstance(value, list | tuple):
-        return ", ".join(text(one) for one in value)
+    match value:
+        case None:
+            return "–"
+        case bool():
+            return "yes" if value else "no"
+        case float():
+            plain = value == 0 or 1e-3 <= abs(value) < 1e5
+            return f"{value:.4g}" if plain or not math.isfinite(value) else f"{value:.3g}"
+        case dict():
+            return ", ".join(f"{key} {text(one)}" for key, one in value.items())
+        case list() | tuple():
+            return ", ".join(text(one) for one in value)
     return str(value)
 
 
-def _number(value: float) -> str:
-    if not math.isfinite(value):
-        return str(value)
-    plain = value == 0 or 1e-3 <= abs(value) < 1e5
-    return f"{value:.4g}" if plain else f"{value:.3g}"
-
-
-def _made(study: Study) -> Iterator[tuple[str, Any]]:
-    """Scalars and small tables of ``data`` that tell where the study comes from."""
-    for name in ("command", "scene", "camera", "exposure", "machine", "versions", "seconds", "date"):
-        if name in study.data:
-            yield name, study.data[name]
-
-
 def _part(part: Part) -> str:
-    inside = _table(part) if isinstance(part, Table) else _drawing(part)
+    inside = _table(part) if isinstance(part, Table) else f"<div>{svg(part)}</div>"
     note = f'<p class="note">{escape(part.note)}</p>' if part.note else ""
     return f"<section><h2>{escape(part.title)}</h2>{note}{inside}</section>\n"
-
-
-def _drawing(part: Any) -> str:
-    from .plots import svg
-
-    return f"<div>{svg(part)}</div>"
 
 
 def _table(table: Table) -> str:
     heads = "".join(f"<th>{escape(column)}</th>" for column in table.columns)
     marks = table.marks or ("",) * len(table.rows)
     rows = "".join(
-        f'<tr class="{mark}">{_cells(row)}</tr>' if mark else f"<tr>{_cells(row)}</tr>"
-        for mark, row in zip(marks, table.rows, strict=True)
+        f'<tr class="{mark}">{"".join(map(_cell, row))}</tr>' for mark, row in zip(marks, table.rows, strict=True)
     )
     return f'<div class="wide"><table><thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table></div>'
-
-
-def _cells(row: tuple[Any, ...]) -> str:
-    return "".join(_cell(value) for value in row)
 
 
 def _cell(value: Any) -> str:

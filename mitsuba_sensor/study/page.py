@@ -1,16 +1,13 @@
-"""What a study hands over: tables and plots as plain values, for a terminal, a program and a page alike."""
+"""What a study hands over: findings, tables and plots as plain values, for a terminal, a program and a page alike."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 Mark = Literal["", "good", "bad", "best", "dim"]
 """How a row or a cell is meant: as it must be, not as it must be, the one to take, of no weight."""
-
-Progress = Callable[[float, float, str], None]
-"""What a study calls as it goes: seconds of work done, seconds expected in all, and what is being done now."""
 
 
 @dataclass(frozen=True)
@@ -26,6 +23,13 @@ class Table:
     rows: tuple[tuple[Any, ...], ...]
     marks: tuple[Mark, ...] = ()
     note: str = ""
+
+
+def table(title: str, headings: str, rows: Iterable[tuple[Mark, Sequence[Any]]], note: str = "") -> Table:
+    """A table whose headings are separated by `` | ``, of rows with their marks."""
+    marked = list(rows)
+    columns, marks = tuple(headings.split(" | ")), tuple(mark for mark, _ in marked)
+    return Table(title, columns, tuple(tuple(row) for _, row in marked), marks if any(marks) else (), note)
 
 
 @dataclass(frozen=True)
@@ -47,7 +51,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Plot:
-    """Lines over two axes. level : (value, words) of a horizontal line to compare with, or None."""
+    """Lines over two axes. level : (value, text) of a horizontal line to compare with, or None."""
 
     title: str
     x_label: str
@@ -69,8 +73,8 @@ class Bars:
     title: str
     x_label: str
     labels: tuple[str, ...]
-    series: dict[str, tuple[float | None, ...]]
-    error: dict[str, tuple[float | None, ...]] = field(default_factory=dict)
+    series: Mapping[str, Sequence[float | None]]
+    error: Mapping[str, Sequence[float | None]] = field(default_factory=dict)
     log_x: bool = False
     level: tuple[float, str] | None = None
     note: str = ""
@@ -78,40 +82,54 @@ class Bars:
 
 @dataclass(frozen=True)
 class Grid:
-    """Verdicts: rows × columns of marks, a coloured cell each; ``words`` are what stands in the cells."""
+    """Verdicts: rows × columns of marks, a coloured cell each; ``texts`` are what stands in the cells."""
 
     title: str
     rows: tuple[str, ...]
     columns: tuple[str, ...]
     marks: tuple[tuple[Mark, ...], ...]
-    words: tuple[tuple[str, ...], ...] = ()
+    texts: tuple[tuple[str, ...], ...]
     note: str = ""
 
 
-Part = Table | Plot | Bars | Grid
+Picture = Plot | Bars | Grid
+Part = Table | Picture
 
 
 @dataclass(frozen=True)
-class Study:
-    """The outcome of a study.
+class Section:
+    """What one part of a study found.
 
-    name : "error-time", "extremes" or "left-out".  title : of the page.
     findings : sentences that answer the question, the most important first, each with its numbers.
     passed : whether everything that must hold does.  parts : in the order of reading.
-    data : every measured number, ready for JSON.
+    """
+
+    findings: tuple[str, ...]
+    passed: bool
+    parts: tuple[Part, ...]
+
+
+@dataclass(frozen=True)
+class Study(Section):
+    """The outcome of a study.
+
+    name : "work-precision", "ablation" or "stress".  title : of the page.  data : what it was made with, and what was
+    measured, ready for JSON.
     """
 
     name: str
     title: str
-    findings: tuple[str, ...]
-    passed: bool
-    parts: tuple[Part, ...]
-    data: dict[str, Any]
+    data: Mapping[str, Any]
 
     def to_dict(self) -> dict[str, Any]:
         """study.json."""
-        tables = [{"kind": type(part).__name__.lower(), **asdict(part)} for part in self.parts]
-        return {
-            "study": self.name, "title": self.title, "findings": list(self.findings), "passed": self.passed,
-            **self.data, "parts": tables,
-        }  # fmt: skip
+        parts = [{"kind": type(part).__name__.lower(), **asdict(part)} for part in self.parts]
+        about = {"study": self.name, "title": self.title, "findings": list(self.findings), "passed": self.passed}
+        return {**about, **self.data, "parts": parts}
+
+
+def study_of(name: str, title: str, sections: Sequence[Section], **data: Any) -> Study:
+    """Sections as one study."""
+    findings = tuple(finding for section in sections for finding in section.findings)
+    parts = tuple(part for section in sections for part in section.parts)
+    return Study(findings, all(section.passed for section in sections), parts, name, title, data)

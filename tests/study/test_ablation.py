@@ -1,8 +1,10 @@
-"""study left-out: each stage and each feature off in turn, in theory and in frames."""
+"""study ablation: each stage and each feature off in turn, in theory and in frames."""
 
 from __future__ import annotations
 
+import copy
 import json
+import pickle
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -17,75 +19,82 @@ from mitsuba_sensor.core.signals import Photons
 from mitsuba_sensor.optics.f_number_law import transmittance
 from mitsuba_sensor.render.requirements import grouped_electrons
 from mitsuba_sensor.sensor.chain import gain_dn_per_e, mean_dark_e
-from mitsuba_sensor.study.ablation import seconds as ablation_seconds
+from mitsuba_sensor.study import ablation as package
 from mitsuba_sensor.study.ablation.render import compared
-from mitsuba_sensor.study.ablation.stages import EQUAL_WORDS, PLAN, THEORY, WHOLE, Ablation, Replicas
-from mitsuba_sensor.study.ablation.stages_results import Results, as_normal, gather, is_whole, z_limit
-from mitsuba_sensor.study.left_out import left_out
-from mitsuba_sensor.study.page import Bars, Table
+from mitsuba_sensor.study.ablation.sensor import PLAN, SENSORS, WHOLE, SensorAblation, SensorResults
+from mitsuba_sensor.study.frames import Replicas
+from mitsuba_sensor.study.kit import Kit
+from mitsuba_sensor.study.page import Bars, Study, Table
+from mitsuba_sensor.study.subject import Subject
 
 EXPOSURE = ms.Exposure(0.1)
-REPLICAS = Replicas(frames=2, seed=1, serial=1)
+REPLICAS = Replicas(SENSORS, frames=2, seed=1)
 RAMP = np.tile(np.geomspace(30.0, 50_000.0, 24), (24, 1))
 TABLE1 = ms.load_camera("konnik_table1")
 
 
-def ablation(camera: ms.Camera, light: Any = RAMP, tolerance_dn: float = 0.02) -> Ablation:
+def ablation(
+    camera: ms.Camera, light: Any = RAMP, tolerance_dn: float = 0.02, kit: Kit | None = None
+) -> SensorAblation:
+    """Untimed, of half the light as electrons behind every filter."""
     filters = len(camera.filter_names)
     mean = np.repeat(0.5 * np.asarray(light)[..., None], filters, axis=2)
-    photons = Photons(mean, np.full(filters, 550.0), detected=True)
-    return Ablation(camera, EXPOSURE, lambda: photons, tolerance_dn, REPLICAS)
+    found = SensorAblation(kit or Kit(), Subject("none.xml", camera, EXPOSURE), None, tolerance_dn, REPLICAS)
+    vars(found)["photons"] = Photons(mean, np.full(filters, 550.0), detected=True)
+    found.engines = []
+    return found
 
 
-def journal_of(found: Ablation, cases: tuple[str, ...] | None = None) -> dict[str, Any]:
-    """Theory and frames of these chains, by way of a file; without seconds."""
-    done: dict[str, Any] = {THEORY: found.theory(), EQUAL_WORDS: found.equal_words()}
-    for case in found.cases:
-        if cases is not None and case not in (WHOLE, *cases):
-            del done[THEORY]["cases"][case]
-        else:
-            done[REPLICAS.key(case)] = None if case != WHOLE and is_whole(done, case) else found.measured(case)
-    return json.loads(json.dumps(done))  # type: ignore[no-any-return]
-
-
-def results(found: Ablation, cases: tuple[str, ...] | None = None) -> Results:
-    return gather(journal_of(found, cases), REPLICAS, ())
+def results(found: SensorAblation, cases: tuple[str, ...] | None = None) -> SensorResults:
+    """Theory and frames of these chains."""
+    found.names = found.names if cases is None else [WHOLE, *cases]
+    found.kit.take(found.steps(RAMP.size))
+    return SensorResults(found)
 
 
 @lru_cache
-def shipped(name: str) -> str:
-    """The journal of a shipped camera under the ramp, as text: measured once."""
-    return json.dumps(journal_of(ablation(ms.load_camera(name))))
+def shipped(name: str) -> dict[str, Any]:
+    """What is measured of a shipped camera under the ramp."""
+    found = ablation(ms.load_camera(name))
+    results(found)
+    return found.kit.known
+
+
+def results_of(name: str, known: dict[str, Any] | None = None) -> SensorResults:
+    return SensorResults(ablation(ms.load_camera(name), kit=Kit(known or shipped(name))))
 
 
 @pytest.mark.parametrize("name", ms.list_cameras())
 def test_theory_and_frames_agree_for_every_stage_of_every_shipped_camera(name: str) -> None:
     """From 15 to 25 000 e-, with the read noise on and off: in one run of a hundred chance would raise one alarm."""
-    found = gather(json.loads(shipped(name)), REPLICAS, ())
+    found = results_of(name)
     assert len(found.compared) >= 15
-    assert abs(found.furthest.z) <= found.limit, found.furthest
+    assert found.agree and abs(found.furthest.z) <= found.limit, found.furthest
     assert 3.3 < found.limit < 3.8
 
 
 def test_a_stage_that_changes_nothing_is_left_out_and_its_frames_are_the_same_bytes() -> None:
-    found = gather(json.loads(shipped("konnik_table1")), REPLICAS, ())
+    found = results_of("konnik_table1")
     for stage in ("cds gain", "source follower", "reset noise", "dsnu row"):
         assert stage in found.left_out
     assert found.looked["cds gain"]["share_of_pixels"] == found.looked["full well"]["largest_dn"] == 0
     assert all(one.measured_dn == one.error_dn == one.z == 0 for one in found.changes["cds gain"])
 
 
-@pytest.mark.parametrize("case, name, wrong", [
-    ("source follower noise", "mean_dn", 0.05),
-    ("source follower noise", "temporal_dn2", 0.8),
-    ("prnu", "spatial_dn2", 10.0),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("case", "name", "wrong"),
+    [
+        ("source follower noise", "mean_dn", 0.05),
+        ("source follower noise", "temporal_dn2", 0.8),
+        ("prnu", "spatial_dn2", 10.0),
+    ],
+)
 def test_a_theory_that_is_wrong_is_found_out(case: str, name: str, wrong: float) -> None:
-    """A mean that is 0.05 DN off; a temporal variance by 0.8 of 110 DN²; a fixed one by 10 of 17 DN²."""
-    done = json.loads(shipped("konnik_table1"))
-    done[THEORY]["cases"][case]["moments"][WHOLE][name] += wrong
-    found = gather(done, REPLICAS, ())
-    assert abs(found.furthest.z) > found.limit and found.furthest.case == case
+    """A mean that is 0.05 DN off; a temporal variance by 0.8 of 110 DN²; a spatial one by 10 of 17 DN²."""
+    known = copy.deepcopy(shipped("konnik_table1"))
+    known["moments of every pixel"][0]["cases"][case]["moments"][WHOLE][name] += wrong
+    found = results_of("konnik_table1", known)
+    assert abs(found.furthest.z) > found.limit and found.furthest.case == case and not found.agree
 
 
 def test_without_shot_noise_the_temporal_variance_falls_by_what_poisson_says() -> None:
@@ -111,14 +120,14 @@ def test_a_stage_that_moves_the_mean_is_seen_to_move_it() -> None:
     assert found.theory["cases"]["dark current"]["of"] == "mean"
 
 
-def test_pixels_that_blink_are_measured_as_theory_means_them() -> None:
+def test_pixels_with_a_random_telegraph_signal_are_measured_as_theory_means_them() -> None:
     """States of neighbouring frames are alike; every frame is the first of a seed of its own, so here they are not."""
     camera = TABLE1.replace(**{
         "dark_current.rts_fraction": 0.3, "dark_current.rts_amplitude_e_per_s": 5e3,
         "dark_current.rts_switching": 0.01, "dark_current.rts_duty": 0.5,
     })  # fmt: skip
-    found = results(ablation(camera), cases=("blinking pixels",))
-    assert found.changes["blinking pixels"][1].predicted_dn < -0.5
+    found = results(ablation(camera), cases=("rts pixels",))
+    assert found.changes["rts pixels"][1].predicted_dn < -0.5
     assert abs(found.furthest.z) <= found.limit
 
 
@@ -128,12 +137,6 @@ def test_the_plan_keeps_its_word_at_every_pixel() -> None:
         assert found.theory["cases"][PLAN]["worst_dn"] <= 1.05 * tolerance_dn
         worst = found.worst[PLAN]
         assert abs(worst.measured_dn) <= 1.05 * tolerance_dn + 4 * worst.error_dn
-
-
-def test_students_t_counts_as_the_normal_that_is_as_unlikely() -> None:
-    """Tables: |t| > 3.460 has a chance of 0.1 % at 63 − 2 = 61 degrees of freedom; that of a normal law is 3.2905."""
-    assert as_normal(-3.457, 63) == pytest.approx(-3.29, abs=0.02) and as_normal(0.0, 63) == 0
-    assert z_limit(1) == pytest.approx(2.5758, abs=1e-4) and z_limit(45) == pytest.approx(3.69, abs=0.02)
 
 
 def test_the_rms_of_a_change_is_freed_of_the_noise_and_the_worst_pixels_are_not_picked_for_it() -> None:
@@ -169,68 +172,67 @@ ROOM = scene_text(
 
 
 @pytest.fixture(scope="module")
-def journal(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any], Any]:
-    """A whole study of 12 × 8 pixels, its journal and the study."""
-    scene, done = write_scene(tmp_path_factory.mktemp("room"), ROOM), dict[str, Any]()
+def studied(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any], Study]:
+    """A whole study of 12 × 8 pixels, what was measured and the study."""
+    scene, known = write_scene(tmp_path_factory.mktemp("room"), ROOM), dict[str, Any]()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(ablation_seconds, "SHAPE", {"numpy": (64, 64), "drjit": (64, 64)})
-        patch.setattr("mitsuba_sensor.study.left_out.SHAPE", ablation_seconds.SHAPE)
-        return scene, done, study_of(scene, done)
+        patch.setattr(package.sensor, "SHAPE", {"numpy": (64, 64), "drjit": (64, 64)})
+        return scene, known, study_of(scene, known)
 
 
-def study_of(scene: Path, done: dict[str, Any], **words: Any) -> Any:
+def study_of(scene: Path, known: dict[str, Any], progress: Any = None, **given: Any) -> Study:
     camera = TABLE1.replace(**{"quantum_efficiency.curves": {"mono": [0.3, 0.6]}})
-    words = {"frames": 2, "spp": 64, "variant": "scalar_spectral", **words}
-    return left_out(scene, camera, ms.Exposure(0.02), done=done, **words)
+    subject = Subject(scene, camera, ms.Exposure(0.02), {"spp": 64, "variant": "scalar_spectral"})
+    return package.ablation(Kit(known, progress), subject, **{"frames": 2, **given})
 
 
-def test_a_study_says_what_the_plan_saves_and_what_it_costs(journal: Any) -> None:
-    study = journal[2]
-    assert study.passed and study.name == "left-out"
+def test_a_study_says_what_the_plan_saves_and_what_it_costs(studied: Any) -> None:
+    study = studied[2]
+    assert study.passed and study.name == "ablation"
     assert study.findings[0].startswith("The plan at 0.02 DN leaves out ") and "% " in study.findings[0]
     kinds = [type(part) for part in study.parts]
     assert kinds.count(Table) == 3 and kinds.count(Bars) == 4
     json.dumps(study.to_dict(), allow_nan=False)
     assert [row[0] for row in study.parts[0].rows][:3] == [WHOLE, "prnu", "dark current"]
-    assert study.data["sensor"]["detection_ns_per_pixel"]["median"] > 0
+    assert "Detecting the light takes" in study.parts[1].note
+    assert {len(row) for row in study.parts[1].rows} == {len(study.parts[1].columns)}
 
 
 def test_a_resumed_study_measures_nothing_twice_and_is_the_same_study(
-    journal: Any, monkeypatch: pytest.MonkeyPatch
+    studied: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    scene, done, study = journal
-    kept = json.loads(json.dumps(done))
-    monkeypatch.setattr("mitsuba_sensor.study.ablation.features.prepare", None)
+    scene, known, study = studied
+    kept = pickle.loads(pickle.dumps(known))
+    monkeypatch.setattr("mitsuba_sensor.study.subject.prepare", None)
     assert json.dumps(study_of(scene, kept).to_dict()) == json.dumps(study.to_dict())
     monkeypatch.undo()
-    key = REPLICAS.key("prnu")
+    key, told = f"frames of {SENSORS} sensors: prnu", list[str]()
     del kept[key]
-    told: list[str] = []
-    again = study_of(scene, kept, progress=lambda spent, expected, words: told.append(words))
-    assert told == ["loading the scene", "frames of 64 devices: without prnu", "done"]
-    assert kept[key] == done[key] and again.to_dict() == study.to_dict()
+    again = study_of(scene, kept, lambda spent, expected, now: told.append(now))
+    assert [now for now in told if now != "done"] == [key]
+    assert kept[key][0] == known[key][0] and again.to_dict() == study.to_dict()
 
 
-def test_the_time_is_estimated_before_anything_is_measured(journal: Any) -> None:
+def test_the_time_is_estimated_before_anything_is_measured(studied: Any) -> None:
     class Enough(Exception):
         pass
 
     told: list[tuple[float, float]] = []
 
-    def progress(spent_s: float, expected_s: float, words: str) -> None:
+    def progress(spent_s: float, expected_s: float, now: str) -> None:
         told.append((spent_s, expected_s))
-        if words == "moments of every pixel":
+        if now == "moments of every pixel":
             raise Enough
 
     with pytest.raises(Enough):
-        study_of(journal[0], {}, progress=progress)
-    assert told[0][0] == 0 and told[1][1] > 10
+        study_of(studied[0], {}, progress)
+    assert told[0][0] == 0 and told[2][1] > 10
 
 
-def test_features_of_the_render_change_the_picture_as_theory_says(journal: Any) -> None:
+def test_features_of_the_render_change_the_picture_as_theory_says(studied: Any) -> None:
     """A slope of reflectance and of QE: fewer bands move the mean, by the regrouped cube; the corners are darker by
     cos⁴; without the light that comes by way of the floor the ball is darker; equal seeds cancel the noise of both."""
-    features = journal[2].data["render"]["features"]
+    features = {k.removeprefix("render: "): v for k, (v, _) in studied[1].items() if k.startswith("render: ")}
     for name in ("15 bands", "5 bands", "one band", "lens fall-off"):
         found = features[name]
         assert found["mean_dn"] == pytest.approx(found["predicted"]["mean_dn"], abs=4 * found["mean_error"] + 1e-9)
@@ -256,18 +258,25 @@ def test_a_coarser_band_has_the_transmission_of_its_own_middle(light: Any) -> No
     np.testing.assert_allclose(joined, coarse, rtol=1e-12)
 
 
-def test_what_a_scene_has_not_is_said_in_one_line(journal: Any) -> None:
-    missing = journal[2].data["render"]["not_in_this_scene"]
+def test_what_a_scene_has_not_is_said_in_one_line(studied: Any) -> None:
+    missing = studied[1]["loading the scene"][0]["missing"]
     assert set(missing) == {"lens distortion", "lens transmission curve", "lens prescription", "motion and subframes"}
-    (table,) = (part for part in journal[2].parts if part.title.startswith("What changes when the render"))
+    (table,) = (part for part in studied[2].parts if part.title.startswith("What changes when the render"))
     assert "Not in this scene: lens distortion" in table.note
 
 
 @pytest.mark.parametrize(
-    "words, what",
-    [({"frames": 1}, "frames is 1"), ({"tolerance_dn": -1.0}, "tolerance_dn is"), ({"spp": 0}, "spp is"),
-     ({"spp": 3}, "spp is 3"), ({"seed": -1}, "seed is"), ({"serial": 0.5}, "serial is")],
-)  # fmt: skip
-def test_what_cannot_be_studied_is_refused_before_anything_is_loaded(words: dict[str, Any], what: str) -> None:
+    ("given", "what"),
+    [
+        ({"frames": 1}, "frames is 1"),
+        ({"tolerance_dn": -1.0}, "tolerance_dn is"),
+        ({"spp": 0}, "spp is"),
+        ({"spp": 3}, "spp is 3"),
+        ({"seed": -1}, "seed is"),
+        ({"serial": 0.5}, "serial is"),
+    ],
+)
+def test_what_cannot_be_studied_is_refused_before_anything_is_loaded(given: dict[str, Any], what: str) -> None:
+    options = {"spp": given.pop("spp")} if "spp" in given else {}
     with pytest.raises(ms.InputError, match=what):
-        left_out("no_such_scene.xml", TABLE1, EXPOSURE, **words)
+        package.ablation(Kit(), Subject("no_such_scene.xml", TABLE1, EXPOSURE, options), **given)

@@ -1,4 +1,4 @@
-"""study/page, html and plots: one file that needs nothing else, and drawings that hold what was measured."""
+"""study/page, html and drawing: one file that needs nothing else, and drawings that hold what was measured."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from rich.console import Console
 
 from mitsuba_sensor.cli.study_tables import LONGEST, seconds_bar, sheet
 from mitsuba_sensor.io.files import to_json
+from mitsuba_sensor.study.drawing import png, svg
 from mitsuba_sensor.study.html import html, text
-from mitsuba_sensor.study.page import Bars, Grid, Line, Plot, Study, Table
-from mitsuba_sensor.study.plots import png, svg
+from mitsuba_sensor.study.page import Bars, Grid, Line, Plot, Section, Study, Table, study_of, table
 
 TABLE = Table(
     "Series <all>", ("name", "ms", "error"), (("a & b", 1.23456, None), ("c", 2.0, 1e-9)), ("good", "bad"), "read me"
@@ -34,12 +34,24 @@ PICTURES = (
 )
 
 
-def study_of(*parts: object, passed: bool = True) -> Study:
-    return Study("extremes", "A <title>", ("1 < 2", "done"), passed, parts, {"machine": {"cpus": 2}})  # type: ignore[arg-type]
+def study(*parts: object, passed: bool = True) -> Study:
+    section = Section(("1 < 2", "done"), passed, parts)  # type: ignore[arg-type]
+    return study_of("stress", "A <title>", [section], machine={"cpus": 2})
+
+
+def test_a_study_is_its_sections_one_after_the_other() -> None:
+    whole = study_of("stress", "t", [Section(("a",), True, (TABLE,)), Section(("b",), False, PICTURES[:1])])
+    assert (whole.findings, whole.passed, whole.parts) == (("a", "b"), False, (TABLE, PICTURES[0]))
+
+
+def test_a_table_has_a_column_for_each_heading_and_marks_only_where_there_are_any() -> None:
+    made = table("t", "name | ± | ±", [("", ("a", 1.0, 2.0)), ("bad", ("b", 3.0, None))], "note")
+    assert made.columns == ("name", "±", "±") and made.marks == ("", "bad") and made.rows[1] == ("b", 3.0, None)
+    assert table("t", "name", [("", ("a",))]).marks == ()
 
 
 def test_a_page_asks_the_network_for_nothing_and_is_well_formed() -> None:
-    page = html(study_of(TABLE, *PICTURES))
+    page = html(study(TABLE, *PICTURES))
     assert not re.search(r"(src|href)\s*=\s*[\"'](?!#)", page) and "<script" not in page and "@import" not in page
     assert "url(http" not in page
     body = page[page.index("<body>") : page.index("</body>") + len("</body>")]
@@ -85,34 +97,34 @@ def test_numbers_are_shown_with_four_digits(value: object, words: str) -> None:
 def test_study_json_holds_the_numbers_of_every_part() -> None:
     import json
 
-    found = json.loads(to_json(study_of(TABLE, *PICTURES).to_dict()))
+    found = json.loads(to_json(study(TABLE, *PICTURES).to_dict()))
     assert found["passed"] is True and found["machine"] == {"cpus": 2}
     kinds = [part["kind"] for part in found["parts"]]
     assert kinds == ["table", "plot", "plot", "plot", "bars", "bars", "grid"]
     assert found["parts"][0]["rows"] == [["a & b", 1.23456, None], ["c", 2.0, 1e-9]]
 
 
-def shown(study: Study) -> str:
+def shown(found: Study) -> str:
     console = Console(record=True, width=140, file=io.StringIO())
-    console.print(sheet(study, "here/study.html"))
+    console.print(sheet(found, "here/study.html"))
     return console.export_text()
 
 
 def test_the_terminal_shows_verdict_findings_and_tables() -> None:
-    said = shown(study_of(TABLE, *PICTURES, passed=False))
+    said = shown(study(TABLE, *PICTURES, passed=False))
     for words in ("not all holds", "here/study.html", "1 < 2", "Series <all>", "1.23", "verdicts", "1/2"):
         assert words in said
 
 
 def test_of_a_table_where_all_holds_the_terminal_says_so_and_no_more() -> None:
-    said = shown(study_of(Table("whole", ("case", "n"), (("one", 1), ("two", 2)), ("good", "good"))))
+    said = shown(study(Table("whole", ("case", "n"), (("one", 1), ("two", 2)), ("good", "good"))))
     assert "whole: all 2 rows as they must be" in said and "two" not in said
 
 
 def test_of_a_long_table_the_terminal_shows_what_is_not_as_it_must_be() -> None:
     rows = tuple((f"case {i}", i) for i in range(LONGEST + 1))
     marks = tuple("bad" if i == 7 else "good" for i in range(len(rows)))
-    said = shown(study_of(Table("long", ("case", "n"), rows, marks)))  # type: ignore[arg-type]
+    said = shown(study(Table("long", ("case", "n"), rows, marks)))  # type: ignore[arg-type]
     assert "case 7" in said and "case 8" not in said and f"{LONGEST} more rows" in said
 
 
@@ -129,7 +141,7 @@ def test_a_wide_table_shows_the_columns_that_fit_and_says_so(width: int, columns
     names = tuple(f"column {i:02}" for i in range(12))
     table = Table("wide", names, (tuple("1234567890" for _ in names),))
     console = Console(record=True, width=width, file=io.StringIO())
-    console.print(sheet(study_of(table), "here"))
+    console.print(sheet(study(table), "here"))
     said = console.export_text()
     assert said.count("1234567890") == columns
     assert (f"{12 - columns} more columns" in " ".join(said.split())) == (columns < 12)

@@ -1,4 +1,4 @@
-"""Error of a render against its time: the blocks, the slopes, the frames, the journal, and what is recommended.
+"""Error of a render against its time: the blocks, the slopes, the frames, what is measured, and what is recommended.
 
 The whole study is run once on a floor under an even sky in ``scalar_spectral``: six bands and a mosaic of three
 colours, 24 × 16 pixels, 32 passes a run whatever the clock says. So its errors are the same in every run of the tests,
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import math
+import pickle
 from pathlib import Path
 from typing import Any
 
@@ -25,19 +26,19 @@ from mitsuba_sensor.render.passes import pass_plan
 from mitsuba_sensor.render.renderer import Renderer
 from mitsuba_sensor.render.stop_criterion import StopCriterion
 from mitsuba_sensor.render.variants import Variant
-from mitsuba_sensor.study.error_time import error_time
-from mitsuba_sensor.study.fits import slope_of_runs
-from mitsuba_sensor.study.page import Plot, Study, Table
-from mitsuba_sensor.study.render import frames as render_frames
-from mitsuba_sensor.study.render import measure as render_time
-from mitsuba_sensor.study.render import reference as render_reference
-from mitsuba_sensor.study.render import series as render_series
-from mitsuba_sensor.study.render.choice import Choice, Law, corrected, sample_counts
-from mitsuba_sensor.study.render.errors import Block, Blocks
-from mitsuba_sensor.study.render.results import Result
-from mitsuba_sensor.study.render.series import Setting, Subject, settings, usable_variants
-from mitsuba_sensor.study.sensor import measure as sensor_time
-from mitsuba_sensor.study.side import Side
+from mitsuba_sensor.study.kit import Kit
+from mitsuba_sensor.study.page import Plot, Section, Study
+from mitsuba_sensor.study.statistics import slope_of_runs
+from mitsuba_sensor.study.subject import Subject
+from mitsuba_sensor.study.work_precision import reference as reference_module
+from mitsuba_sensor.study.work_precision import render as render_module
+from mitsuba_sensor.study.work_precision import series as series_module
+from mitsuba_sensor.study.work_precision import work_precision
+from mitsuba_sensor.study.work_precision.choice import Choice, Law, corrected, sample_counts
+from mitsuba_sensor.study.work_precision.errors import Block, in_blocks
+from mitsuba_sensor.study.work_precision.per_frame import FEWEST_COMPENSATED
+from mitsuba_sensor.study.work_precision.render_results import Ladder, Result
+from mitsuba_sensor.study.work_precision.series import Setting, all_settings, loaded, usable_variants
 
 FLOOR = (
     '<shape type="rectangle"><transform name="to_world"><scale value="9"/></transform><bsdf type="diffuse">'
@@ -75,31 +76,35 @@ def quick() -> Any:
     """Numbers of passes that no clock decides."""
     with pytest.MonkeyPatch.context() as patch:
         for name in ("FEWEST_PASSES", "FEWEST_FRAMED", "MOST_PASSES"):
-            patch.setattr(render_time, name, PASSES)
-        patch.setattr(render_reference, "REFERENCE_S", 0.0)
-        patch.setattr(render_series, "SIZES", (4, 36))
-        patch.setattr(render_series, "SAMPLERS", {"independent": 16})
+            patch.setattr(render_module, name, PASSES)
+        patch.setattr(reference_module, "REFERENCE_S", 0.0)
+        patch.setattr(series_module, "SIZES", (4, 36))
+        patch.setattr(series_module, "SAMPLERS", {"independent": 16})
         yield
 
 
-def study_of(scene: Path, done: dict[str, Any], **words: Any) -> Study:
-    given = {"seeds": SEEDS, "variants": ["scalar_spectral"], "sides": ["render"], **words}
-    return error_time(scene, mosaic(), EXPOSURE, done=done, **given)
+Known = dict[str, Any]
+Studied = tuple[Study, Known]
+
+
+def study_of(scene: Path, known: Known, progress: Any = None, **given: Any) -> Study:
+    given = {"seeds": SEEDS, "variants": ["scalar_spectral"], "sides": ["render"], **given}
+    return work_precision(Kit(known, progress), Subject(scene, mosaic(), EXPOSURE), **given)
 
 
 @pytest.fixture(scope="module")
-def studied(floor: Path, quick: None) -> tuple[Study, dict[str, Any]]:
-    done: dict[str, Any] = {}
-    return study_of(floor, done), done
+def studied(floor: Path, quick: None) -> Studied:
+    known: Known = {}
+    return study_of(floor, known), known
 
 
 def test_blocks_are_the_means_and_variances_of_their_passes() -> None:
     """Of 8 passes 8, 4, 2 and 1 blocks; NumPy says what is in them."""
     rng = np.random.default_rng(1)
     passes, blocks = rng.normal(5, 1, size=(8, 3, 2)), list[Block]()
-    joined = Blocks(blocks.append)
+    joined = in_blocks(blocks.append)
     for k, electrons in enumerate(passes):
-        joined.take(0.1 * (k + 1), electrons[..., None] * 2, electrons)
+        joined(0.1 * (k + 1), electrons[..., None] * 2, electrons)
     assert sorted(block.passes for block in blocks) == [1] * 8 + [2] * 4 + [4] * 2 + [8]
     last = blocks[-1]
     assert last.seconds == pytest.approx(3.6)
@@ -114,11 +119,11 @@ def slope_of_blocks(runs: list[NDArray[np.float64]]) -> Any:
     found = []
     for passes in runs:
         squares = dict[int, list[float]]()
-        joined = Blocks(
+        joined = in_blocks(
             lambda block, into=squares: into.setdefault(block.passes, []).append(np.mean(block.electrons**2))
         )
         for electrons in passes:
-            joined.take(1.0, None, electrons)
+            joined(1.0, None, electrons)
         found.append((list(squares), [math.sqrt(np.mean(many)) for many in squares.values()]))
     return slope_of_runs(found)
 
@@ -140,57 +145,72 @@ def test_passes_that_repeat_each_other_do_not_get_better() -> None:
     assert slope_of_blocks(runs).value == pytest.approx(0, abs=1e-12)
 
 
-def series(study: Study) -> dict[str, dict[str, Any]]:
-    return {one["label"]: one for one in study.data["render"]["series"]}
+def results_of(known: Known) -> dict[str, Result]:
+    """Every setting by its label, from what was measured."""
+    base, found = Setting("scalar_spectral"), {}
+    for key, (ladder, _) in known.items():
+        if key.startswith("first passes: "):
+            variant, sampler, samples, banding = key.removeprefix("first passes: ").split()
+            setting = Setting(variant, sampler, int(samples), banding)
+            runs = [known[f"run {k}: {setting.key}"][0] for k in range(1, SEEDS + 1)]
+            electrons = known["reference: channels" if banding == "channels" else "reference: auto"][0].squares
+            bands = known["reference: channels" if banding == "channels" else "reference: cube"][0].squares
+            own = {**electrons, "irradiance": bands["irradiance"]}
+            found[setting.label(base)] = Result(setting, setting.label(base), ladder, runs, own)
+    return found
 
 
-def test_every_setting_is_compared_one_factor_at_a_time(studied: tuple[Study, Any]) -> None:
-    assert list(series(studied[0])) == [
-        "as shipped", "independent", "4 per pass", "36 per pass", "cube", "channels", "band by band",
-    ]  # fmt: skip
+def part_of(study: Study, title: str) -> Any:
+    return next(part for part in study.parts if part.title == title)
 
 
-def test_errors_fall_as_the_square_root_of_time(studied: tuple[Study, Any]) -> None:
+def test_every_setting_is_compared_one_factor_at_a_time(studied: Studied) -> None:
+    labels = ["as shipped", "independent", "4 per pass", "36 per pass", "cube", "channels", "band by band"]
+    assert [row[0] for row in part_of(studied[0], "Settings").rows] == list(results_of(studied[1])) == labels
+
+
+def test_errors_fall_as_the_square_root_of_time(studied: Studied) -> None:
     """Slopes of irradiance and electrons within 0.05 of −1/2 in every setting."""
-    for label, one in series(studied[0]).items():
-        for measure in ("irradiance", "electrons"):
-            if (slope := one["slopes"].get(f"plain {measure}")) is not None:
-                assert slope["value"] == pytest.approx(-0.5, abs=0.05), (label, measure)
-        assert one["verdict"] == "holds"
-    assert "irradiance" not in str(list(series(studied[0])["channels"]["slopes"]))
+    found = results_of(studied[1])
+    for label, one in found.items():
+        for slope in one.slopes:
+            assert slope.value == pytest.approx(-0.5, abs=0.05), label
+        assert one.verdict == "holds"
+    assert found["channels"].slope("irradiance") is None
+    assert all(row[-1] == "holds" for row in part_of(studied[0], "Settings").rows)
 
 
-def test_spent_frames_have_the_right_noise_where_plain_ones_have_too_much(studied: tuple[Study, Any]) -> None:
+def test_compensated_frames_have_the_right_noise_where_plain_ones_have_too_much(studied: Studied) -> None:
     """With 8 passes, whose noise is a sixth of the shot noise: σ within three standard errors, and beyond them."""
-    sigma = series(studied[0])["as shipped"]["sigma"]
-    plain, spent = sigma["plain"][0], sigma["spend"][0]
-    assert plain["passes"] == 8
-    assert plain["error"] > 3 * plain["spread"]
-    assert abs(spent["error"]) < 3 * spent["spread"] < 0.1
+    one = results_of(studied[1])["as shipped"]
+    plain, compensated = one.sigma("plain")[0], one.sigma("compensated")[0]
+    assert plain.passes == 8
+    assert plain.error > 3 * plain.spread
+    assert abs(compensated.error) < 3 * compensated.spread < 0.1
 
 
-def test_runs_have_seeds_of_their_own(studied: tuple[Study, Any]) -> None:
-    done = studied[1]
-    errors = {done[f"render run scalar_spectral multijitter 16 auto {k}"]["plain"][0]["electrons"] for k in (1, 2, 3)}
-    assert len(errors) == SEEDS
+def test_runs_have_seeds_of_their_own(studied: Studied) -> None:
+    runs = [studied[1][f"run {k}: scalar_spectral multijitter 16 auto"][0] for k in (1, 2, 3)]
+    assert len({run["plain"][0]["electrons"] for run in runs}) == SEEDS
 
 
-def test_a_denoised_render_does_not_follow_the_law(studied: tuple[Study, Any]) -> None:
+def test_a_denoised_render_does_not_follow_the_law(studied: Studied) -> None:
     """Its bias stays: from 1 to 32 passes the error falls by less than half of √32."""
-    points = series(studied[0])["as shipped"]["points"]["denoised electrons"]
-    assert points[0]["error"] / points[-1]["error"] < 0.5 * math.sqrt(32)
+    points = results_of(studied[1])["as shipped"].points("electrons", "denoised")
+    assert points[0].error / points[-1].error < 0.5 * math.sqrt(32)
 
 
-def test_recommended_words_keep_the_tolerance_when_rendered(studied: tuple[Study, Any]) -> None:
-    study = studied[0]
-    best = study.data["render"]["checks"][-1]
-    assert best["found"]["error"] <= 0.01
-    assert best["words"] in study.findings[0] and best["words"].startswith("--spp ")
-    fewest = next(part for part in study.parts if isinstance(part, Table) and part.title == "What reaches 0.01")
-    assert fewest.rows[0][0] == best["words"] and fewest.marks[0] == "best"
+def test_recommended_options_keep_the_tolerance_when_rendered(studied: Studied) -> None:
+    study, known = studied
+    checks = {key: value for key, (value, _) in known.items() if key.startswith("check: ")}
+    options, found = list(checks.items())[-1]
+    assert found["error"] <= 0.01
+    assert options.removeprefix("check: ") in study.findings[0] and options.startswith("check: --spp ")
+    fewest = part_of(study, "What reaches 0.01")
+    assert fewest.rows[0][0] == options.removeprefix("check: ") and fewest.marks[0] == "best"
 
 
-def test_rings_are_on_points_that_no_other_beats(studied: tuple[Study, Any]) -> None:
+def test_rings_are_on_points_that_no_other_beats(studied: Studied) -> None:
     plot = next(part for part in studied[0].parts if isinstance(part, Plot))
     every = [(x, y) for line in plot.lines for x, y in zip(line.x, line.y, strict=True)]
     ringed = {(line.x[k], line.y[k]) for line in plot.lines for k in line.ringed}
@@ -198,58 +218,55 @@ def test_rings_are_on_points_that_no_other_beats(studied: tuple[Study, Any]) -> 
 
 
 def test_a_study_that_goes_on_measures_nothing_twice(
-    floor: Path, quick: None, studied: tuple[Study, Any], monkeypatch: pytest.MonkeyPatch
+    floor: Path, quick: None, studied: Studied, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """From the journal as JSON has it: the same study, and no pass is rendered."""
-    study, done = studied
+    """From measurements as files have them: the same study, and no pass is rendered."""
+    study, known = studied
 
     def refuse(*_: Any) -> None:
         raise AssertionError("rendered again")
 
     monkeypatch.setattr(Renderer, "run", refuse)
-    again = study_of(floor, json.loads(json.dumps(done)))
+    again = study_of(floor, pickle.loads(pickle.dumps(known)))
     assert json.dumps(again.to_dict()) == json.dumps(study.to_dict())
 
 
-def test_a_study_that_was_stopped_measures_only_what_is_missing(
-    floor: Path, quick: None, studied: tuple[Study, Any]
-) -> None:
-    study, done = studied
-    less, told = dict(done), list[str]()
-    missing = "render run scalar_spectral multijitter 4 auto 2"
+def test_a_study_that_was_stopped_measures_only_what_is_missing(floor: Path, quick: None, studied: Studied) -> None:
+    study, known = studied
+    less, told = dict(known), list[str]()
+    missing = "run 2: scalar_spectral multijitter 4 auto"
     del less[missing]
-    again = study_of(floor, less, progress=lambda done_s, all_s, words: told.append(words))
-    assert [words for words in told if words != "done"] == ["4 per pass, 32 passes, run 2 of 3"]
-    for name, value in less[missing]["plain"][0].items():
+    again = study_of(floor, less, lambda done_s, all_s, now: told.append(now))
+    assert [now for now in told if now != "done"] == [missing]
+    for name, value in less[missing][0]["plain"][0].items():
         if name not in ("seconds", "frames"):
-            assert value == pytest.approx(done[missing]["plain"][0][name], rel=1e-6), name
-    assert set(less) == set(done) and again.passed == study.passed
+            assert value == pytest.approx(known[missing][0]["plain"][0][name], rel=1e-6), name
+    assert set(less) == set(known) and again.passed == study.passed
 
 
-def test_the_journal_is_plain_json_and_so_is_the_study(studied: tuple[Study, Any]) -> None:
-    study, done = studied
-    json.dumps(done, allow_nan=False)
-    json.dumps(study.to_dict(), allow_nan=False)
+def test_a_study_is_plain_json(studied: Studied) -> None:
+    json.dumps(studied[0].to_dict(), allow_nan=False)
 
 
 def test_both_sides_make_one_study_and_the_frames_get_the_light_of_the_reference(
-    floor: Path, quick: None, studied: tuple[Study, Any], monkeypatch: pytest.MonkeyPatch
+    floor: Path, quick: None, studied: Studied, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Seconds of the second side follow those of the first, and what either says stands in the order of the sides."""
-    seen, told = list[Any](), list[tuple[float, float]]()
+    """What either side says stands in the order of the sides."""
+    seen = list[Any]()
 
-    def frames(photons: Any, camera: Any, exposure: Any, *, done: Any, progress: Any) -> Side:
-        seen.append(photons)
-        progress(1.0, 2.0, "frames")
-        return Side(("Frames are quick.",), False, (), {"sensor": 1})
+    class Frames:
+        def __init__(self, kit: Kit, camera: Any, exposure: Any, photons: Any) -> None:
+            seen.append(photons)
 
-    monkeypatch.setattr(sensor_time, "sensor_side", frames)
-    study = study_of(
-        floor, dict(studied[1]), sides=["render", "sensor"], progress=lambda *told_: told.append(told_[:2])
-    )
+        def measure(self) -> None:
+            """Nothing."""
+
+    package = "mitsuba_sensor.study.work_precision."
+    monkeypatch.setattr(package + "Sensor", Frames)
+    monkeypatch.setattr(package + "Results", lambda sensor: sensor)
+    monkeypatch.setattr(package + "sensor_section", lambda results: Section(("Frames are quick.",), False, ()))
+    study = study_of(floor, dict(studied[1]), sides=["render", "sensor"])
     assert study.findings == (*studied[0].findings, "Frames are quick.") and not study.passed
-    assert set(study.data) == {"render", "sensor"}
-    assert told[-1][1] == pytest.approx(told[-2][0] + 2.0)
     light = seen[0].mean.mean(axis=(0, 1)) / EXPOSURE.time_s
     assert light.shape == (6,) and (light > 0).all()
 
@@ -267,20 +284,20 @@ def test_both_sides_make_one_study_and_the_frames_get_the_light_of_the_reference
 def test_what_cannot_be_studied_is_one_sentence(floor: Path, words: dict[str, Any], told: str) -> None:
     given = {"variants": ["scalar_spectral"], "sides": ["render"], **words}
     with pytest.raises(InputError, match=told) as caught:
-        error_time(floor, mosaic(), EXPOSURE, **given)
+        work_precision(Kit(), Subject(floor, mosaic(), EXPOSURE), **given)  # type: ignore[arg-type]
     assert str(caught.value).count(".\n") == 0
 
 
 def test_one_band_has_no_channels_and_no_loop() -> None:
     base, llvm = Setting("scalar_spectral"), Variant("llvm_ad_spectral", "llvm", "")
     scalar = Variant("scalar_spectral", "scalar", "")
-    one = settings(base, (scalar, llvm), choose_bands(mosaic(), 550.0, 10.0, "auto"), channels=False)
+    one = all_settings(base, (scalar, llvm), choose_bands(mosaic(), 550.0, 10.0, "auto"), channels=False)
     assert {setting.banding for setting in one} == {"auto"}
     assert [setting.variant for setting in one].count("llvm_ad_spectral") == 1
     assert [variant.name for variant in usable_variants(["scalar_spectral"])] == ["scalar_spectral"]
 
 
-def test_the_sampler_that_was_drawn_from_stands_in_the_certificate(floor: Path) -> None:
+def test_the_sampler_that_was_drawn_from_stands_in_the_statistics(floor: Path) -> None:
     job = prepare(floor, mosaic(), EXPOSURE, RenderOptions(variant="scalar_spectral"), sampler="independent")
     light = job.irradiance(1, StopCriterion(2, 1), lambda step: None, 0.0)
     assert light.statistics.sampler == "independent"
@@ -291,16 +308,16 @@ def test_band_by_band_finds_the_light_of_all_bands_together(floor: Path) -> None
     """Two ways to the same mean: over the picture within 1 %, five standard errors of 16 samples in 384 pixels."""
     subject, means = Subject(floor, mosaic(), EXPOSURE), list[NDArray[np.float64]]()
     for banding in ("auto", "loop"):
-        opened, kept = subject.ready(Setting("scalar_spectral", banding=banding)), list[Pass]()
-        opened.each_pass(5, 2, lambda seconds, irradiance, electrons, into=kept: into.append(irradiance))
+        series, kept = loaded(subject, Setting("scalar_spectral", banding=banding)), list[Pass]()
+        series.each_pass(5, 2, lambda seconds, irradiance, electrons, into=kept: into.append(irradiance))
         means.append(np.mean(kept, axis=(0, 1, 2)))
     np.testing.assert_allclose(means[0], means[1], rtol=0.01)
 
 
-def law(groups: int = 1) -> Law:
+def law() -> Law:
     """Passes of 4, 16 and 64 samples: a pass costs as many times more, and error² falls as n^−3/2."""
     results = [_result(samples) for samples in (4, 16, 64)]
-    return Law(results[1], results, groups)
+    return Law(results[1], results)
 
 
 def _result(samples: int, floor: float = 0.0) -> Result:
@@ -309,7 +326,7 @@ def _result(samples: int, floor: float = 0.0) -> Result:
         {"passes": k, "blocks": 1, "seconds": 1e-3 * samples * k, "electrons": samples**-1.5 / k + floor, "frames": {}}
         for k in (1, 2, 4, 8)
     ]
-    ladder = {"samples": samples, "groups": 1, "pass_s": 1e-3 * samples, "framed": None}
+    ladder = Ladder(samples, 1, 0.0, 1e-3 * samples, 8, None)
     own = dict.fromkeys(("irradiance", "electrons", "dn"), floor)
     setting = Setting("scalar_spectral", samples=samples)
     return Result(setting, "", ladder, [{"plain": rungs}, {"plain": rungs}], own)
@@ -337,12 +354,12 @@ def test_a_missed_tolerance_asks_for_the_samples_that_its_error_says() -> None:
     choice = Choice("auto", 512, False, "scalar_spectral", True, 1.0, 0.01)
     more = corrected(choice, 0.02, 0.01)
     assert more.spp == next(count for count in sample_counts() if count >= 4 * 1.1 * 512)
-    assert more.words == f"--spp {more.spp} --spectral auto"
+    assert more.options == f"--spp {more.spp} --spectral auto"
 
 
-def test_frames_are_dimmed_until_their_renders_can_be_spent(studied: tuple[Study, Any]) -> None:
+def test_frames_are_dimmed_until_the_noise_of_their_renders_can_be_compensated(studied: Studied) -> None:
     """So that 8 passes, an eighth of a run or more, are just enough."""
-    framed = series(studied[0])["as shipped"]["framed"]
-    assert framed["time_s"] == pytest.approx(framed["share"] * EXPOSURE.time_s)
-    assert framed["share"] < 1
-    assert framed["compensable"] == pytest.approx(render_frames.FEWEST_SPENT)
+    framed = results_of(studied[1])["as shipped"].ladder.framed
+    assert framed is not None and framed.share < 1
+    assert framed.exposure.time_s == pytest.approx(framed.share * EXPOSURE.time_s)
+    assert framed.compensable == pytest.approx(FEWEST_COMPENSATED)

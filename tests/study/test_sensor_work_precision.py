@@ -6,8 +6,8 @@ Seeds are fixed. Where chance could fail a test under other seeds, its docstring
 from __future__ import annotations
 
 import copy
-import json
 import math
+import pickle
 import re
 from typing import Any
 
@@ -19,24 +19,30 @@ from scipy import special, stats
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.backend import NUMPY_FLOAT32
 from mitsuba_sensor.core.errors import InputError
-from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.llvm import backend_problem
-from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.sensor.chain import chain
 from mitsuba_sensor.sensor.checks import as_photons
 from mitsuba_sensor.sensor.electrons import ShotNoise
-from mitsuba_sensor.sensor.theory import final_moments
-from mitsuba_sensor.study import timing
-from mitsuba_sensor.study.page import Plot, Table
-from mitsuba_sensor.study.sensor import changes
-from mitsuba_sensor.study.sensor import frames as sensor_frames
-from mitsuba_sensor.study.sensor import measure as sensor_time
-from mitsuba_sensor.study.sensor import page as sensor_page
-from mitsuba_sensor.study.sensor import results as sensor_results
-from mitsuba_sensor.study.sensor.frames import REFERENCE, Chains
-from mitsuba_sensor.study.sensor.poisson_law import Law, law_of, law_of_counts
-from mitsuba_sensor.study.sensor.samplers import EXACT, GAUSSIAN, GENERATOR, MEAN_ONLY, QUANTILE, Setting, draws_of
-from mitsuba_sensor.study.side import Side
+from mitsuba_sensor.study import frames as study_frames
+from mitsuba_sensor.study import kit as study_kit
+from mitsuba_sensor.study.frames import Replicas, averages, expected_moments, resized
+from mitsuba_sensor.study.kit import Kit, Step, one_turn, ratio, spread
+from mitsuba_sensor.study.page import Plot, Section, Table
+from mitsuba_sensor.study.work_precision import sensor as measured
+from mitsuba_sensor.study.work_precision.poisson_law import Law, law_of, law_of_counts
+from mitsuba_sensor.study.work_precision.samplers import (
+    EXACT,
+    GAUSSIAN,
+    GENERATOR,
+    MEAN_ONLY,
+    QUANTILE,
+    REFERENCE,
+    Setting,
+    counts_of,
+)
+from mitsuba_sensor.study.work_precision.sensor import Sensor
+from mitsuba_sensor.study.work_precision.sensor_page import findings, sensor_section
+from mitsuba_sensor.study.work_precision.sensor_results import Change, Planned, Results, change
 
 CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.1)
 LIGHT = as_photons(np.geomspace(3.0, 40_000.0, 24 * 32).reshape(24, 32), CAMERA)
@@ -49,7 +55,7 @@ needs_llvm = pytest.mark.skipif(bool(backend_problem("llvm")), reason="no LLVM h
 
 def law(setting: Setting, mean: float) -> Law:
     backend = setting.backend()
-    return law_of(lambda words: draws_of(backend, words, mean), mean)
+    return law_of(lambda words: counts_of(backend, words, mean), mean)
 
 
 # The Poisson law
@@ -84,7 +90,7 @@ def test_the_law_by_bisection_is_that_of_all_words() -> None:
 def test_the_law_by_bisection_is_that_of_evenly_spaced_words(sampler: str, mean: float) -> None:
     """Mean and variance of a million of them, each of which stands for 4096."""
     words = (np.arange(2**20, dtype=np.uint64) * 2**12 + 2**11).astype(np.uint32)
-    counts = draws_of(NUMPY[sampler].backend(), words, mean)
+    counts = counts_of(NUMPY[sampler].backend(), words, mean)
     found, cells = law(NUMPY[sampler], mean), 12 * math.sqrt(mean) + 10
     assert found.mean == pytest.approx(counts.mean() / mean - 1, abs=cells / (mean * 2**20))
     assert found.variance == pytest.approx(counts.var() / mean - 1, abs=cells**2 / (mean * 2**20))
@@ -117,7 +123,7 @@ def test_the_mean_alone_has_no_variance(mean: float) -> None:
 def test_a_third_partys_draws_are_as_far_off_as_chance_says(mean: float) -> None:
     """Five standard deviations of the total variation, at most 0.3/√draws: once in 7000 under other seeds."""
     words = np.random.default_rng(3).integers(0, 2**32, 2**18, dtype=np.uint32)
-    found = law_of_counts(draws_of(NUMPY[GENERATOR].backend(), words, mean), mean)
+    found = law_of_counts(counts_of(NUMPY[GENERATOR].backend(), words, mean), mean)
     assert found.variation == pytest.approx(found.resolution, abs=1.5 / math.sqrt(words.size))
     assert found.mean == pytest.approx(0, abs=5 / math.sqrt(mean * words.size))
 
@@ -147,94 +153,127 @@ def test_only_exact_and_quantile_are_offered() -> None:
     assert [REFERENCE.offered, *(NUMPY[s].offered for s in NUMPY)] == [True, True, False, False, False]
 
 
-def test_settings_of_different_kind_have_different_names() -> None:
-    settings = sensor_time.all_settings(["numpy", "drjit"], {0.0: "float32", 0.02: "float32", 5.0: "float64"})
+# Frames
+
+
+@pytest.fixture
+def sensor(monkeypatch: pytest.MonkeyPatch) -> Sensor:
+    monkeypatch.setattr(measured, "LARGE", (192, 256))
+    return Sensor(Kit(), CAMERA, EXPOSURE, LIGHT, TOLERANCES_DN)
+
+
+def planned(sensor: Sensor, here: list[str], precisions: dict[float, str]) -> list[Setting]:
+    sensor.tolerances_dn = tuple(precisions)
+    engines = {engine: None if engine in here else "not here" for engine in measured.ENGINES}
+    plans = {f"plan: {dn:g} DN": ({"precision": precision}, 0.0) for dn, precision in precisions.items()}
+    sensor.kit.known |= {"engines": (engines, 0.0), **plans}
+    return sensor.settings
+
+
+def test_settings_of_different_kind_have_different_names(sensor: Sensor) -> None:
+    settings = planned(sensor, ["numpy", "drjit"], {0.0: "float32", 0.02: "float32", 5.0: "float64"})
     assert len({setting.name for setting in settings}) == len(settings)
     assert [s.engine for s in settings if s.tolerance_dn == 0.02] == ["numpy", "drjit"]
     assert [s for s in settings if s.tolerance_dn == 5.0] == [Setting("numpy", "float64", EXACT, 5.0)]
 
 
-# Frames
-
-
-@pytest.fixture
-def chains(monkeypatch: pytest.MonkeyPatch) -> Chains:
-    monkeypatch.setattr(sensor_frames, "LARGE", (192, 256))
-    return Chains(CAMERA, EXPOSURE, LIGHT)
-
-
 @needs_llvm
 @pytest.mark.parametrize("sampler", [QUANTILE, GAUSSIAN, MEAN_ONLY])
 @pytest.mark.parametrize("tolerance_dn", [None, 0.2])
-def test_with_equal_words_drjit_and_numpy_differ_nowhere(
-    chains: Chains, sampler: str, tolerance_dn: float | None
+def test_with_equal_random_bits_drjit_and_numpy_differ_nowhere(
+    sensor: Sensor, sampler: str, tolerance_dn: float | None
 ) -> None:
-    setting = Setting("drjit", "float32", sampler, tolerance_dn)
-    assert sensor_frames.difference(chains, setting)["share_of_numpy"] == 0
+    assert sensor.pixels(Setting("drjit", "float32", sampler, tolerance_dn))["share_of_numpy"] == 0
 
 
-def test_a_kernel_that_differs_from_numpy_is_found_out(chains: Chains, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_kernel_that_differs_from_numpy_is_found_out(sensor: Sensor, monkeypatch: pytest.MonkeyPatch) -> None:
     """One pixel in four differs from NumPy, and that is 3 DN off."""
 
-    def frame(_: Chains, setting: Setting) -> Any:
+    def frame(_: Sensor, setting: Setting) -> Any:
         return np.array([[3 if setting.compiled else 0, 0], [0, 0]])
 
-    monkeypatch.setattr(Chains, "frame", frame)
-    found = sensor_frames.difference(chains, Setting("drjit", "float32", QUANTILE))
+    monkeypatch.setattr(Sensor, "frame", frame)
+    found = sensor.pixels(Setting("drjit", "float32", QUANTILE))
     assert found == {"share_of_pixels": 0.25, "largest_dn": 3.0, "rms_dn": 1.5, "share_of_numpy": 0.25}
 
 
-def test_the_reference_differs_from_itself_nowhere_and_float32_hardly(chains: Chains) -> None:
-    assert set(sensor_frames.difference(chains, REFERENCE).values()) == {0.0}
-    found = sensor_frames.difference(chains, NUMPY[QUANTILE])
+def test_the_reference_differs_from_itself_nowhere_and_float32_hardly(sensor: Sensor) -> None:
+    assert set(sensor.pixels(REFERENCE).values()) == {0.0}
+    found = sensor.pixels(NUMPY[QUANTILE])
     assert 0 <= found["share_of_pixels"] < 1e-3
     assert found["largest_dn"] <= 1
-    assert sensor_frames.difference(chains, NUMPY[MEAN_ONLY])["rms_dn"] > 1
+    assert sensor.pixels(NUMPY[MEAN_ONLY])["rms_dn"] > 1
 
 
-def test_frames_of_the_study_are_those_of_the_product(chains: Chains) -> None:
-    large = sensor_frames.filled(LIGHT, sensor_frames.LARGE)
+def test_frames_of_the_study_are_those_of_the_package(sensor: Sensor) -> None:
+    large = resized(LIGHT, measured.LARGE)
     frame = ms.expose(large, CAMERA, EXPOSURE, engine="numpy", precision="float64").digital[0]
-    np.testing.assert_array_equal(chains.reference_frame, frame)
+    np.testing.assert_array_equal(sensor.frame(REFERENCE), frame)
 
 
 def test_a_scene_fills_a_window_of_any_size_with_its_own_light() -> None:
     light = ms.Photons(np.arange(12.0).reshape(3, 4), variance_e2=np.ones((3, 4)), origin=(5, 7))
-    large, small = sensor_frames.filled(light, (30, 40)), sensor_frames.filled(light, (2, 2))
+    large, small = resized(light, (30, 40)), resized(light, (2, 2))
     assert large.mean.shape == (30, 40)
     assert set(large.mean.ravel()) == set(range(12))
-    np.testing.assert_array_equal(sensor_frames.filled(light, (1, 10)).mean, [[0, 0, 1, 1, 1, 2, 2, 2, 3, 3]])
+    np.testing.assert_array_equal(resized(light, (1, 10)).mean, [[0, 0, 1, 1, 1, 2, 2, 2, 3, 3]])
     np.testing.assert_array_equal(small.mean, [[0, 3], [8, 11]])
     assert (large.variance_e2, large.origin) == (None, (0, 0))
 
 
-def test_frames_have_the_moments_of_theory(chains: Chains) -> None:
-    """Fifteen values against moments(), once in a thousand outside under other seeds; and no value is loose."""
-    theory = sensor_frames.predicted(chains, None)
-    off = changes.from_theory(sensor_frames.measured(chains, REFERENCE), theory)
+def test_moments_of_frames_are_those_that_numpy_finds_in_their_stack() -> None:
+    """Three frames of each of two sensors: mean, variance, and what the means are off their theory, less the noise."""
+    photons = resized(LIGHT, (12, 16))
+    light = study_frames.Illuminated(photons, EXPOSURE, REFERENCE.backend())
+    stages, group = chain(CAMERA), {"all": np.arange(12 * 16)}
+    expected = expected_moments(stages, photons, EXPOSURE)
+    found = light.measured_moments(stages, Replicas(sensors=2, frames=3, seed=5, serial=4), expected, group)["all"]
+    for k in range(2):
+        frames = [
+            ms.expose(photons, CAMERA, EXPOSURE, seed=5 + 3 * k + i, serial=4 + k, precision="float64").digital[0]
+            for i in range(3)
+        ]
+        stack = np.array(frames, dtype=float)
+        mean, temporal = stack.mean(axis=0), stack.var(axis=0, ddof=1)
+        assert found["mean_dn"][k] == pytest.approx(mean.mean(), rel=1e-12)
+        assert found["temporal_dn2"][k] == pytest.approx(temporal.mean(), rel=1e-9)
+        assert found["spatial_dn2"][k] == pytest.approx(np.mean((mean - expected[0]) ** 2 - temporal / 3), rel=1e-6)
+
+
+def test_frames_have_the_moments_of_theory(sensor: Sensor) -> None:
+    """Fifteen values against theory, once in a thousand outside under other seeds; and no value is loose."""
+    theory = sensor.theory(None)["levels"]
+    off = change(sensor.moments(REFERENCE), theory, theory, theory)
     assert off.within(0.0)
-    assert (off.error_dn[1] < 0.02 * np.sqrt(theory["temporal_dn2"]) + 1e-6).all()
+    temporal = [level["temporal_dn2"] for level in theory.values()]
+    assert (off.error_dn[1] < 0.02 * np.sqrt(temporal) + 1e-6).all()
 
 
-def test_without_draws_only_the_rest_of_the_noise_is_left(chains: Chains) -> None:
+def test_without_draws_only_the_rest_of_the_noise_is_left(sensor: Sensor) -> None:
     """Temporal σ falls to that of the chain without its shot noise; once in a thousand outside under other seeds."""
     stages = tuple(stage for stage in chain(CAMERA) if not isinstance(stage, ShotNoise))
-    _, m = final_moments(stages, chains.small, Frame(EXPOSURE, SensorWindow(0, sensor_frames.SMALL)))
-    left_dn2 = np.broadcast_to(m.temporal, sensor_frames.SMALL)
-    found = sensor_frames.measured(chains, NUMPY[MEAN_ONLY])
-    theory = sensor_frames.predicted(chains, None) | {"temporal_dn2": chains.by_level(left_dn2)}
-    off = changes.from_theory(found, theory)
+    left = averages(expected_moments(stages, resized(LIGHT, measured.SMALL), EXPOSURE), sensor.groups)
+    off = change(sensor.moments(NUMPY[MEAN_ONLY]), left, left, left)
     assert (np.abs(off.value_dn[1]) <= off.limit * off.error_dn[1]).all()
+
+
+def test_pixels_are_in_the_level_of_their_brightness(sensor: Sensor) -> None:
+    means = [level["mean_dn"] for level in sensor.theory(None)["levels"].values()]
+    assert len(means) == measured.LEVELS and (np.diff(means) > 0).all()
+    assert {len(group) for group in sensor.groups.values()} <= {3276, 3277}
 
 
 # Changes
 
 
+def levels(mean: Any, temporal: Any, spatial: Any) -> Any:
+    return {"level 1": {"mean_dn": mean, "temporal_dn2": temporal, "spatial_dn2": spatial}}
+
+
 def test_changes_of_roots_are_differences_of_standard_deviations() -> None:
-    ones = np.ones((8, 1))
-    found = {"mean_dn": 7 * ones, "temporal_dn2": 9 * ones, "spatial_dn2": 4 * ones}
-    other = {"mean_dn": 5 * ones, "temporal_dn2": 4 * ones, "spatial_dn2": 1 * ones}
-    off = changes.change(found, other, ([4.0], [1.0]))
+    ones = np.ones(8)
+    found, other = levels(7 * ones, 9 * ones, 4 * ones), levels(5 * ones, 4 * ones, 1 * ones)
+    off = change(found, other, levels(7.0, 9.0, 4.0), levels(5.0, 4.0, 1.0))
     np.testing.assert_allclose(off.value_dn, [[2], [1], [1]])
     assert off.worst == (2.0, 0.0, "mean of level 1")
     assert off.within(2.0) and not off.within(1.999)
@@ -242,164 +281,158 @@ def test_changes_of_roots_are_differences_of_standard_deviations() -> None:
 
 def test_a_variance_that_is_not_resolved_has_a_root_that_is_not() -> None:
     """Where theory says 0, noise of ±1e-2 DN² is ±0.1 DN and not infinitely many."""
-    noise = np.random.default_rng(1).normal(0, 1e-2, (400, 1))
-    zero = np.zeros((400, 1))
-    found = {"mean_dn": zero, "temporal_dn2": zero, "spatial_dn2": noise}
-    off = changes.change(found, dict.fromkeys(found, zero), ([0.0], [0.0]))
+    noise, zero = np.random.default_rng(1).normal(0, 1e-2, 400), np.zeros(400)
+    none = levels(0.0, 0.0, 0.0)
+    off = change(levels(zero, zero, noise), levels(zero, zero, zero), none, none)
     assert off.within(0.0)
     assert abs(off.value_dn[2, 0]) <= math.sqrt(abs(noise.mean())) + 1e-12
     assert off.value_dn[1, 0] == 0
 
 
 def test_the_limit_is_that_of_students_t_for_all_values_together() -> None:
-    off = changes.Change(np.zeros((3, 5)), np.ones((3, 5)), 32)
+    off = Change(np.zeros((3, 5)), np.ones((3, 5)), 32)
     assert 2 * 15 * stats.t.sf(off.limit, 31) == pytest.approx(1e-3)
 
 
-# Bookkeeping
+# The kit
 
 
-def test_steps_that_are_done_are_not_measured_again_and_the_estimate_follows_the_clock() -> None:
-    calls: list[str] = []
+def test_steps_that_are_known_are_not_measured_again_and_the_estimate_follows_the_clock() -> None:
+    """Three steps of ten seconds each, which take next to none: the second estimate is that of a quick machine."""
     told: list[tuple[float, float, str]] = []
-    steps = [timing.Step(key, 10.0, key, lambda key=key: calls.append(key) or key) for key in "abc"]  # type: ignore
-    done: dict[str, Any] = {"b": "kept"}
-    timing.take_steps(steps, done, lambda *words: told.append(words))
-    assert calls == ["a", "c"]
-    assert done == {"a": "a", "b": "kept", "c": "c"}
-    assert told[0][1] == pytest.approx(20.0, rel=1e-3)  # two of three are left, ten seconds each
-    assert told[1][1] < 1.0  # the first took next to nothing
-    assert [words for *_, words in told] == ["a", "c", "done"]
-    assert told[-1][0] == told[-1][1]
+    kit = Kit({"b": ("kept", 3.0)}, lambda *now: told.append(now))
+    kit.take((Step(key, 10.0, lambda key=key: key) for key in "abc"), after_s=5.0)  # type: ignore[misc]
+    assert [kit[key] for key in "abc"] == ["a", "kept", "c"] and kit.new == 2
+    assert told[0][1] == pytest.approx(25.0) and told[0][2] == "a"  # two of three are left, ten seconds each
+    assert told[1][1] < 6.0  # the first took next to nothing
+    assert [key for *_, key in told] == ["a", "c", "done"]
+    assert 3.0 <= kit.seconds < 4.0, "of this run and those before"
 
 
-def test_timings_take_turns_in_ever_new_orders(monkeypatch: pytest.MonkeyPatch) -> None:
-    settings, order = [NUMPY[QUANTILE], NUMPY[GAUSSIAN], NUMPY[MEAN_ONLY]], []
+def test_seconds_of_a_second_part_follow_those_of_the_first() -> None:
+    told: list[tuple[float, float, str]] = []
+    kit = Kit(progress=lambda *now: told.append(now))
+    assert kit.measure("a", 1.0, lambda: 7) == 7 and kit.measure("a", 1.0, lambda: 8) == 7
+    kit.take([Step("b", 2.0, lambda: 8)])
+    assert told[-2][1] == pytest.approx(told[-2][0] + 2.0) and told[-2][0] == pytest.approx(kit.known["a"][1])
 
-    def frames(_: Chains, setting: Setting, count: int) -> Any:
-        for _ in range(count):
-            order.append(setting.sampler)
-            yield None
 
-    monkeypatch.setattr(Chains, "frames", frames)
-    streams = sensor_time.Streams(Chains(CAMERA, EXPOSURE, LIGHT))
-    for setting in settings:
-        streams.first(setting)
-    order.clear()
-    for turn in range(8):
-        assert set(streams.turn(turn, settings)) == {setting.name for setting in settings}
-    turns = [tuple(order[i : i + 3]) for i in range(0, 24, 3)]
-    assert all(set(turn) == {setting.sampler for setting in settings} for turn in turns)  # each once in every turn
+def test_tasks_take_turns_in_ever_new_orders() -> None:
+    order: list[str] = []
+    tasks = {name: lambda name=name: order.append(name) or 1 for name in "abc"}  # type: ignore[misc]
+    found = study_kit.in_turns(tasks, 8)  # type: ignore[arg-type]
+    turns = [tuple(order[i : i + 3]) for i in range(0, 27, 3)]
+    assert all(set(turn) == set("abc") for turn in turns), "each once in every turn"
     assert len(set(turns)) > 3
+    assert {name: len(seconds) for name, seconds in found.items()} == dict.fromkeys("abc", 8), "the first one compiles"
 
 
 def test_a_task_that_works_several_times_is_divided() -> None:
-    clock = iter([0.0, 8.0, 8.0, 9.0])
+    clock = iter([0.0, 8.0, 8.0, 16.0])
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(timing.time, "perf_counter", lambda: next(clock))
-        assert timing.one_turn({"eight": lambda: 8, "one": lambda: 1}) == {"eight": 1.0, "one": 1.0}
+        patch.setattr(study_kit.time, "perf_counter", lambda: next(clock))
+        assert one_turn({"eight": lambda: 8, "two": lambda: 2}, 0) == {"eight": 1.0, "two": 4.0}
+
+
+def test_a_ratio_is_the_median_of_the_turns_own_and_a_spread_has_their_quartiles() -> None:
+    assert ratio([2.0, 30.0, 4.0], [1.0, 10.0, 1.0]) == 3.0
+    assert spread([1.0, 2.0, 3.0, 4.0, 5.0]) == study_kit.Spread(3.0, 2.0, 4.0)
 
 
 # The whole side
 
 
-Told = list[tuple[float, float, str]]
-
-
 @pytest.fixture(scope="module")
 def small() -> Any:
-    """The study in small: windows of 256 × 256, 16 devices, two turns, three means."""
+    """The study in small: windows of 256 × 256, 16 sensors, two turns, three means."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sensor_frames, "LARGE", (256, 256))
-        patch.setattr(sensor_results, "PIXELS", 2**16)
-        patch.setattr(sensor_frames, "DEVICES", 16)
-        patch.setattr(sensor_time, "TURNS", 2)
-        patch.setattr(sensor_time, "MEANS", (1.0, 10.0, 1e6))
+        patch.setattr(measured, "LARGE", (256, 256))
+        patch.setattr(measured, "REPLICAS", Replicas(sensors=16, frames=2, seed=2))
+        patch.setattr(measured, "TURNS", 2)
+        patch.setattr(measured, "MEANS", (1.0, 10.0, 1e6))
         yield patch
 
 
-def run(done: dict[str, Any], told: Told | None = None) -> Side:
-    progress = (lambda *_: None) if told is None else lambda *words: told.append(words)
-    return sensor_time.sensor_side(
-        LIGHT, CAMERA, EXPOSURE, tolerances_dn=TOLERANCES_DN, done=done, progress=progress
-    )  # fmt: skip
+Known = dict[str, Any]
+
+
+def results_of(known: Known, told: Any = None) -> Results:
+    sensor = Sensor(Kit(known, told), CAMERA, EXPOSURE, LIGHT, TOLERANCES_DN)
+    sensor.measure()
+    return Results(sensor)
+
+
+def run(known: Known, told: Any = None) -> Section:
+    return sensor_section(results_of(known, told))
 
 
 @pytest.fixture(scope="module")
-def journal(small: Any) -> dict[str, Any]:
-    done: dict[str, Any] = {}
+def known(small: Any) -> Known:
+    done: Known = {}
     run(done)
     return done
 
 
-def results_of(journal: dict[str, Any]) -> sensor_results.Results:
-    here = [engine for engine, problem in journal[sensor_results.ENGINES_KEY].items() if problem is None]
-    precisions = {x: journal[sensor_results.plan_key(x)]["precision"] for x in TOLERANCES_DN}
-    settings = sensor_time.all_settings(here, precisions)
-    return sensor_results.gather(journal, settings, TOLERANCES_DN, sensor_time.MEANS, sensor_time.TURNS)
-
-
-def test_a_resumed_study_measures_nothing_twice(journal: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
-    """From a journal that went through JSON comes the same study, though nothing can be measured any more."""
-    for module, name in ((timing, "one_turn"), (sensor_frames, "run_chain"), (sensor_frames, "Run")):
+def test_a_resumed_study_measures_nothing_twice(known: Known, monkeypatch: pytest.MonkeyPatch) -> None:
+    """From measurements that went through files comes the same study, though nothing can be measured any more."""
+    for module, name in ((measured, "one_turn"), (study_frames, "run_chain"), (study_frames, "Run")):
         monkeypatch.setattr(module, name, None)
-    monkeypatch.setattr(sensor_time, "law_of", None)
-    again = run(json.loads(json.dumps(journal)))
-    assert json.dumps(again.data, allow_nan=False) == json.dumps(run(journal).data)
-    assert again.findings == run(journal).findings
+    monkeypatch.setattr(measured, "drawn_law", lambda *_: 1 / 0)
+    again, once = run(pickle.loads(pickle.dumps(known))), run(known)
+    assert again.findings == once.findings and again.parts == once.parts
 
 
-def test_an_interrupted_study_goes_on_where_it_was(journal: dict[str, Any]) -> None:
+def test_an_interrupted_study_goes_on_where_it_was(known: Known) -> None:
     """All but the last third is there: that third is told, measured and, where it is not a time, the same again."""
-    keys = list(journal)
-    done = {key: journal[key] for key in keys[: 2 * len(keys) // 3]}
-    told: Told = []
-    run(done, told)
+    keys, told = list(known), []
+    done = {key: known[key] for key in keys[: 2 * len(keys) // 3]}
+    run(done, lambda *now: told.append(now))
     assert list(done) == keys
-    assert len(told) == len(keys) - 2 * len(keys) // 3 + 1
-    assert {key: x for key, x in done.items() if "turn" not in key} == {
-        key: x for key, x in journal.items() if "turn" not in key
+    assert [now[2] for now in told if now[2] != "done"] == keys[2 * len(keys) // 3 :]
+    assert {key: x for key, (x, _) in done.items() if "turn" not in key} == {
+        key: x for key, (x, _) in known.items() if "turn" not in key
     }
 
 
-def test_everything_that_must_hold_does(journal: dict[str, Any]) -> None:
-    side = run(journal)
-    assert side.passed, side.findings
-    assert len(side.data["sensor"]["promises"]) >= 5
+def test_everything_that_must_hold_does(known: Known) -> None:
+    assert run(known).passed, run(known).findings
+    assert len(results_of(known).requirements) >= 5
 
 
 @pytest.mark.parametrize(
     ("part", "words"),
     [
-        ("sensor/law/numpy float32, quantile/10", "total variation"),
-        ("sensor/pixels/numpy float32, quantile", "float32"),
-        ("sensor/moments/numpy float32, quantile, plan 0.2 DN", "the plan for 0.2 DN"),
+        ("Poisson law, mean 10: numpy float32, quantile", "total variation"),
+        ("pixels: numpy float32, quantile", "float32"),
+        ("moments: numpy float32, quantile, plan 0.2 DN", "the plan for 0.2 DN"),
     ],
 )
-def test_what_does_not_hold_is_said_first(journal: dict[str, Any], part: str, words: str) -> None:
+def test_what_does_not_hold_is_said_first(known: Known, part: str, words: str) -> None:
     """A law off by 3e-5, 2 % of the pixels moved, a plan that moves the mean by 0.3 DN."""
-    broken = copy.deepcopy(journal)
+    broken = copy.deepcopy(known)
+    value = broken[part][0]
     if "law" in part:
-        broken[part]["variation"] = 3e-5
+        value["variation"] = 3e-5
     elif "pixels" in part:
-        broken[part]["share_of_pixels"] = 0.02
+        value["share_of_pixels"] = 0.02
     else:
-        broken[part]["mean_dn"] = (np.asarray(broken[part]["mean_dn"]) + 0.3).tolist()
+        for level in value.values():
+            level["mean_dn"] = (np.asarray(level["mean_dn"]) + 0.3).tolist()
     side = run(broken)
     assert not side.passed
     assert side.findings[0].startswith("Not as it must be") and words in side.findings[0]
 
 
-def test_nothing_on_the_front_is_beaten(journal: dict[str, Any]) -> None:
-    results = results_of(journal)
+def test_nothing_on_the_front_is_beaten(known: Known) -> None:
+    results = results_of(known)
     points = [(row.ns.median, row.error_dn) for row in results.rows]
     for i, (x, y) in enumerate(points):
         beaten = any(a <= x and b <= y and (a, b) != (x, y) for a, b in points)
         assert (i in results.front) != beaten
 
 
-def test_what_is_recommended_is_offered_keeps_the_tolerance_and_is_fastest(journal: dict[str, Any]) -> None:
-    results = results_of(journal)
+def test_what_is_recommended_is_offered_keeps_the_tolerance_and_is_fastest(known: Known) -> None:
+    results = results_of(known)
     for plan in results.plans:
         best = results.recommended(plan)
         assert best.setting.offered and best.change.within(plan.tolerance_dn)
@@ -408,25 +441,25 @@ def test_what_is_recommended_is_offered_keeps_the_tolerance_and_is_fastest(journ
                 assert best.ns.median <= row.ns.high or not row.change.within(plan.tolerance_dn)
 
 
-def test_where_a_plan_asks_for_float64_no_float32_is_recommended(journal: dict[str, Any]) -> None:
-    results = results_of(journal)
-    strict = sensor_results.Planned(0.2, (), 15, "float64", np.zeros((3, 5)), 0.0)
+def test_where_a_plan_asks_for_float64_no_float32_is_recommended(known: Known) -> None:
+    results = results_of(known)
+    strict = Planned(0.2, (), 15, "float64", np.zeros((3, 5)), 0.0)
     assert results.recommended(strict).setting == REFERENCE
 
 
-def test_every_engine_has_its_rows_or_is_said_not_to_be_here(journal: dict[str, Any]) -> None:
-    table = next(p for p in run(journal).parts if isinstance(p, Table) and p.title == "Settings of the sensor")
+def test_every_engine_has_its_rows_or_is_said_not_to_be_here(known: Known) -> None:
+    table = next(p for p in run(known).parts if isinstance(p, Table) and p.title == "Settings of the sensor")
     names = [row[0] for row in table.rows]
-    for engine, problem in journal[sensor_results.ENGINES_KEY].items():
+    for engine, problem in known["engines"][0].items():
         words = f"{engine} float32, quantile" if problem is None else f"{engine}: not here ({problem})"
         assert words in names
-    assert results_of(journal).row(NUMPY[GENERATOR]).pixels is None  # its words are others
+    assert results_of(known).row(NUMPY[GENERATOR]).pixels is None  # its words are others
     assert len(table.marks) == len(table.rows)
     assert {len(row) for row in table.rows} == {len(table.columns)}
 
 
-def test_plots_have_a_line_per_sampler_and_rings_on_the_front(journal: dict[str, Any]) -> None:
-    side, results = run(journal), results_of(journal)
+def test_plots_have_a_line_per_sampler_and_rings_on_the_front(known: Known) -> None:
+    side, results = run(known), results_of(known)
     errors, _, laws = (part for part in side.parts if isinstance(part, Plot))
     assert sum(len(line.ringed) for line in errors.lines) == len(results.front)
     assert sum(len(line.x) for line in errors.lines) == len(results.rows)
@@ -435,9 +468,9 @@ def test_plots_have_a_line_per_sampler_and_rings_on_the_front(journal: dict[str,
     assert all(min(line.x) > 0 and min(line.y) > 0 for line in (*errors.lines, *laws.lines))
 
 
-def test_a_plan_that_leaves_out_more_is_predicted_and_measured_to_change_the_same(journal: dict[str, Any]) -> None:
+def test_a_plan_that_leaves_out_more_is_predicted_and_measured_to_change_the_same(known: Known) -> None:
     """0.2 DN leaves out noise of the source follower; theory and frames agree within the limit of one in a thousand."""
-    results = results_of(journal)
+    results = results_of(known)
     plan = results.plans[1]
     row = results.row(Setting("numpy", "float32", QUANTILE, 0.2))
     assert "source follower noise" in plan.left_out
@@ -445,20 +478,18 @@ def test_a_plan_that_leaves_out_more_is_predicted_and_measured_to_change_the_sam
     assert (np.abs(row.of_plan.value_dn - plan.predicted) <= row.of_plan.limit * row.of_plan.error_dn + 1e-6).all()
 
 
-def test_findings_are_sentences_with_numbers(journal: dict[str, Any]) -> None:
-    for finding in sensor_page.findings(results_of(journal), ()):
+def test_findings_are_sentences_with_numbers(known: Known) -> None:
+    for finding in findings(results_of(known)):
         assert finding[0].isupper() and finding.endswith(".")
-    assert any(re.search(r"ns/pixel", finding) for finding in run(journal).findings)
+    assert any(re.search(r"ns/pixel", finding) for finding in run(known).findings)
 
 
 @pytest.mark.parametrize("bad", [-0.1, math.nan])
 def test_a_tolerance_below_zero_is_refused(bad: float) -> None:
     with pytest.raises(InputError, match="tolerances_dn"):
-        sensor_time.sensor_side(
-            LIGHT, CAMERA, EXPOSURE, tolerances_dn=(bad,), done={}, progress=lambda *_: None
-        )  # fmt: skip
+        Sensor(Kit(), CAMERA, EXPOSURE, LIGHT, (bad,))
 
 
 def test_photons_that_expose_would_refuse_are_refused() -> None:
     with pytest.raises(InputError, match="photons"):
-        sensor_time.sensor_side(np.full((2, 2), -1.0), CAMERA, EXPOSURE, done={}, progress=lambda *_: None)
+        Sensor(Kit(), CAMERA, EXPOSURE, np.full((2, 2), -1.0))  # type: ignore[arg-type]

@@ -1,1 +1,95 @@
-"""Each stage of the sensor and each feature of the render off in turn."""
+"""``study ablation``: each stage of the sensor and each feature of the render off in turn, beside the seconds saved."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import asdict
+from functools import cache, partial
+from typing import Any
+
+from ...core.errors import InputError, require, require_seed
+from ...render.irradiance import Irradiance
+from ...render.requirements import render_requirements
+from ...render.stop_criterion import stop_criterion_of
+from ...sensor.chain import gain_dn_per_e
+from ..frames import Replicas
+from ..kit import Kit, Step
+from ..page import Study, study_of
+from ..subject import Subject
+from .features import AOVS, ERROR_BARS, Features
+from .render import WHOLE_RENDERS, change_without
+from .render_page import render_section
+from .sensor import CALL_S, KERNEL_S, SENSORS, SensorAblation, SensorResults
+from .sensor_page import sensor_section
+
+FRAMES = 24
+"""Of each of the sensors: 1536 frames of each chain."""
+SPP = 32
+"""Samples per pixel of each render. Most of their noise is in both pictures that are compared."""
+FEWEST_PASSES = 4
+"""Two in each half, so that both have a standard error."""
+SAMPLE_NS = 4000.0
+"""Per light path (30 bands), on two cores of an AMD EPYC: for the estimate before anything is measured."""
+
+
+def ablation(
+    kit: Kit, subject: Subject, *, tolerance_dn: float = 0.02, frames: int = FRAMES, seed: int = 1, serial: int = 1
+) -> Study:
+    """What each stage and each feature does to the picture, in theory and in frames, and what it costs.
+
+    kit : measures, and knows what is measured already.  tolerance_dn : of the plan [DN].
+    frames : of each of the 64 sensors, at least 2.  seed, serial : of the first frame and the first sensor.
+    Raises InputError.
+    """
+    require("tolerance_dn", tolerance_dn, 0.0, float("inf"), "digital numbers, e.g. 0.02")
+    if require_seed("frames", frames) < 2:
+        raise InputError(f"frames is {frames}; a sensor needs at least 2 frames to show its temporal noise (e.g. 16).")
+    replicas = Replicas(SENSORS, frames, require_seed("seed", seed), require_seed("serial", serial))
+    spp = subject.options.get("spp", SPP)
+    criterion = stop_criterion_of(spp, None, None, None)
+    if criterion.passes < FEWEST_PASSES:
+        raise InputError(f"spp is {spp}; the study compares halves of the passes: ask for at least {FEWEST_PASSES}.")
+
+    @cache
+    def light() -> Irradiance:
+        return subject.job.irradiance(seed, criterion, lambda step: None, time.monotonic())
+
+    @cache
+    def features() -> Features:
+        return Features(subject)
+
+    def scene() -> dict[str, Any]:
+        (columns, rows), (here, missing) = subject.job.scene.view.crop_size, features().found()
+        return {"features": here, "missing": missing, "columns": columns, "rows": rows}
+
+    def requirements() -> list[dict[str, Any]]:
+        k = gain_dn_per_e(subject.camera)
+        return [asdict(x) for x in render_requirements(light(), subject.camera, subject.exposure, k, tolerance_dn)]
+
+    found = kit.measure("loading the scene", 60.0, scene)
+    pixels = found["columns"] * found["rows"]
+    render_s = criterion.passes * (CALL_S + 1e-9 * SAMPLE_NS * pixels * criterion.samples)
+    sensor = SensorAblation(kit, subject, light, tolerance_dn, replicas)
+
+    def renders() -> Iterator[Step]:
+        special = {AOVS: 1.0, ERROR_BARS: KERNEL_S + 2 * (WHOLE_RENDERS + 1) * render_s}
+        for name in found["features"]:
+            measure = partial(_without, features, name, criterion, seed)
+            yield Step(f"render: {name}", special.get(name, KERNEL_S + 2 * render_s), measure)
+
+    kit.take([Step("rendering the scene", KERNEL_S + render_s, requirements), *sensor.steps(pixels), *renders()])
+    changes = {name: kit[f"render: {name}"] for name in found["features"]}
+    sections = (
+        sensor_section(SensorResults(sensor), replicas, tolerance_dn),
+        render_section(changes, found["missing"], kit["rendering the scene"], tolerance_dn),
+    )
+    title = (
+        f"What {subject.name} and {subject.camera.name} can do without ({found['columns']} × {found['rows']} pixels, "
+        f"{subject.exposure.time_s:g} s, {subject.exposure.temperature_k:g} K)"
+    )
+    return study_of("ablation", title, sections)
+
+
+def _without(features: Any, name: str, criterion: Any, seed: int) -> dict[str, Any]:
+    return change_without(features(), name, criterion, seed)

@@ -1,0 +1,42 @@
+"""Measurements that outlive the process that made them: a file each, kept apart by all that decides their values."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import pickle
+import shutil
+from pathlib import Path
+from typing import Any
+
+from .files import appearing, disk_sentences, plain_values
+
+
+class Measurements(dict[str, Any]):
+    """A dict of measurements by name whose values are also files; a study that was stopped finds there what it had.
+
+    folder : of the files; made with the first measurement.
+    question : all that decides what is measured, as plain values. The files of each question lie in a folder of their
+        own, so that measurements of another camera, scene, version or machine are never read.
+    force : forget what there is for this question.
+    """
+
+    def __init__(self, folder: Path, question: object, force: bool = False) -> None:
+        super().__init__()
+        text = json.dumps(plain_values(question, finite=False), sort_keys=True)
+        self.folder = folder / hashlib.sha256(text.encode()).hexdigest()[:16]
+        if force:
+            shutil.rmtree(self.folder, ignore_errors=True)
+        for path in sorted(self.folder.glob("*.pickle")):
+            try:
+                name, value = pickle.loads(path.read_bytes())
+            except Exception:
+                continue
+            super().__setitem__(name, value)
+
+    def __setitem__(self, name: str, value: Any) -> None:
+        super().__setitem__(name, value)
+        with disk_sentences(self.folder):
+            self.folder.mkdir(parents=True, exist_ok=True)
+        with appearing(self.folder / f"{hashlib.sha256(name.encode()).hexdigest()[:24]}.pickle") as path:
+            path.write_bytes(pickle.dumps((name, value)))

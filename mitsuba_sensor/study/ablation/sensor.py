@@ -1,0 +1,309 @@
+"""The sensor with one stage off at a time, and with all that the plan leaves out: in theory, in frames, in seconds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.backend import Backend
+from ...core.frame import Frame
+from ...core.sensor_window import SensorWindow
+from ...core.signals import Photons
+from ...render.photons import collect
+from ...sensor.chain import chain
+from ...sensor.digital import IntegralNonlinearity
+from ...sensor.electrons import FullWell
+from ...sensor.noise_budget import stage_name
+from ...sensor.plan import INDISPENSABLE, Plan, plan, without
+from ...sensor.run import choose_backend, run_chain
+from ...sensor.theory import hidden_well
+from ...sensor.volts import NonlinearSenseNode, NonlinearSourceFollower
+from ..frames import (
+    FRAMES_A_TURN,
+    MOMENTS,
+    QUANTITIES,
+    Illuminated,
+    Replicas,
+    Stages,
+    averages,
+    expected_moments,
+    in_dn,
+    pixel_difference,
+    problem_of,
+    resized,
+)
+from ..kit import Kit, Spread, Step, in_turns, spread
+from ..statistics import Array, as_normal, standard_error, z_limit
+from ..subject import Subject
+
+WHOLE, PLAN, DETECTION = "whole chain", "the plan", "detection"
+SENSORS = 64
+"""Serial numbers whose frames are measured: independent values, from whose spread the standard errors come."""
+WORST, FEWEST_PIXELS = 0.01, 16
+"""Share of the pixels that are "the worst": those in which theory says that a chain moves most; of a small picture so
+many. One pixel alone has one fixed pattern per sensor, and its variance would be known to a sixth at best."""
+LOOKED_AT = 8
+"""Frames, each of a sensor of its own, whose pixels are compared one by one with those of the whole chain."""
+SHAPE = {"numpy": (256, 512), "drjit": (1024, 1024)}
+"""Pixels of the frames that are timed, however small the render: one strip of NumPy's, and enough for a kernel."""
+TURNS = {"numpy": 15, "drjit": 7}
+"""In each of which every chain makes frames."""
+CURVED = (NonlinearSenseNode, NonlinearSourceFollower, IntegralNonlinearity)
+RARE = 2.0
+"""Events that are the standard error where none was seen: of 3 · 2 expected, none is seen in 1 of 400 cases, 3 σ."""
+NUMPY_NS, DRJIT_NS, CALL_S, KERNEL_S = 120.0, 12.0, 1.5e-3, 3.0
+"""Per pixel and frame, per call of a chain, per kernel, on two cores of an AMD EPYC: for the estimate at first."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One quantity of one chain, over all pixels or the worst, less that of the whole chain [DN].
+
+    z : how many standard errors the measurement is from the prediction, as the normal law that is as unlikely counts
+        them (Student's t has a wider tail); 0 where nothing changes in theory nor in frames.
+    """
+
+    case: str
+    quantity: str
+    predicted_dn: float
+    measured_dn: float
+    error_dn: float
+    z: float
+
+
+class SensorAblation:
+    """A camera under the light of a scene, and what a kit measures of its chains: whole, without a stage, planned."""
+
+    def __init__(self, kit: Kit, subject: Subject, light: Any, tolerance_dn: float, replicas: Replicas) -> None:
+        self.kit, self._subject, self._light, self._replicas = kit, subject, light, replicas
+        self.tolerance_dn = tolerance_dn
+        self.names = [WHOLE, *(stage_name(s) for s in chain(subject.camera) if not isinstance(s, INDISPENSABLE)), PLAN]
+        self.engines = [engine for engine in SHAPE if problem_of(engine) is None]
+
+    def steps(self, pixels: int) -> Iterator[Step]:
+        """All measurements of so many pixels."""
+        frame_s = CALL_S + 1e-9 * NUMPY_NS * pixels
+        yield Step("moments of every pixel", 1.0, self._theory)
+        yield Step("frames with equal random bits", LOOKED_AT * len(self.names) * frame_s, self._equal_bits)
+        for case in self.names:
+            seconds = self._replicas.sensors * self._replicas.frames * frame_s
+            yield Step(f"frames of {self._replicas.sensors} sensors: {case}", seconds, partial(self._frames, case))
+        for engine in self.engines:
+            cases = self.names if engine == "numpy" else [WHOLE, PLAN]  # where each chain has to be compiled
+            size, turns = SHAPE[engine][0] * SHAPE[engine][1], TURNS[engine] + 1
+            each = NUMPY_NS if engine == "numpy" else FRAMES_A_TURN * DRJIT_NS
+            seconds = len(cases) * (1e-9 * each * size * turns + (engine != "numpy") * KERNEL_S)
+            yield Step(f"seconds, {engine}", seconds, partial(self._nanoseconds, engine, cases))
+
+    @cached_property
+    def photons(self) -> Photons:
+        """Mean photons of every pixel, taken as exact."""
+        return replace(collect(self._light(), self._subject.camera, self._subject.exposure), variance_e2=None)
+
+    @cached_property
+    def plan(self) -> Plan:
+        """As :func:`mitsuba_sensor.plan` makes it for this light."""
+        return plan(self._subject.camera, self._subject.exposure, self.photons, self.tolerance_dn)
+
+    @cached_property
+    def cases(self) -> dict[str, Stages]:
+        """Every chain, by its name."""
+        whole = self.plan.whole
+        off = {stage_name(s): without(whole, {s}) for s in whole if not isinstance(s, INDISPENSABLE)}
+        return {WHOLE: whole, **off, PLAN: self.plan.stages}
+
+    @cached_property
+    def illuminated(self) -> Illuminated:
+        """That light, for NumPy in the precision that the plan asks for."""
+        return Illuminated(self.photons, self._subject.exposure, self.backend)
+
+    @property
+    def backend(self) -> Backend:
+        """NumPy in the precision that the plan asks for."""
+        return choose_backend("numpy", self.plan.precision, 0)
+
+    @cached_property
+    def expected(self) -> dict[str, Array]:
+        """Moments of every pixel by chain, (3, H, W)."""
+        return {case: expected_moments(s, self.photons, self._subject.exposure) for case, s in self.cases.items()}
+
+    def moved(self, case: str) -> Array:
+        """By how far theory says that mean, temporal σ and spatial σ of every pixel move, (3, pixels) [DN]."""
+        return np.abs(in_dn(self.expected[WHOLE], self.expected[case])).reshape(3, -1)
+
+    @cached_property
+    def groups(self) -> dict[str, NDArray[np.intp]]:
+        """Pixels whose averages are looked at: all, and by chain those that it moves most, the worst last."""
+        pixels = self.expected[WHOLE][0].size
+        count = min(max(int(WORST * pixels), FEWEST_PIXELS), pixels)
+        found = {WHOLE: np.arange(pixels)}
+        for case in self.names[1:]:
+            moved = self.moved(case)
+            found[case] = np.argsort(moved[int(np.argmax(moved.max(axis=1)))], kind="stable")[-count:]
+        return found
+
+    def _own_groups(self, case: str) -> dict[str, NDArray[np.intp]]:
+        """All pixels and the chain's worst; of the whole chain the worst of every chain."""
+        return self.groups if case == WHOLE else {WHOLE: self.groups[WHOLE], case: self.groups[case]}
+
+    def _theory(self) -> dict[str, Any]:
+        """What the plan says, and the moments of every chain, averaged over groups of pixels."""
+        cases: dict[str, Any] = {
+            case: {"moments": averages(self.expected[case], self._own_groups(case))} for case in self.names
+        }
+        for case in self.names[1:]:
+            moved = self.moved(case)
+            row = int(np.argmax(moved.max(axis=1)))
+            cases[case] |= {"worst_dn": float(moved[row].max()), "of": QUANTITIES[row]}
+        sizes = {case: len(group) for case, group in self.groups.items()}
+        effects = [asdict(effect) for effect in self.plan.effects]
+        return {"plan": effects, "sizes": sizes, "limits": self._limits(), "cases": cases}
+
+    def _limits(self) -> list[str]:
+        """Where the theory of this chain is known to be approximate."""
+        whole = self.plan.whole
+        found = ["counts are taken for a normal law where full well or converter cut them"]
+        well = hidden_well(whole, Frame(self._subject.exposure, SensorWindow(0, (1, 1))))
+        if well is None and any(isinstance(stage, FullWell) for stage in whole):
+            found.append(
+                "full well and converter cut one after the other, and the second cut takes what is left of the "
+                "first for a normal law"
+            )
+        if any(isinstance(stage, CURVED) for stage in whole):
+            found.append("curved stages are taken to second order in the noise")
+        return found
+
+    def _equal_bits(self) -> dict[str, dict[str, float]]:
+        """Pixels of each chain's frames beside those of the whole chain that were drawn with the same random bits."""
+        frames: dict[str, list[Array]] = {case: [] for case in self.names}
+        for number in range(LOOKED_AT):
+            sensor = self.illuminated.sensor(self._replicas.serial + number)
+            start = self.illuminated.electrons(self.cases[WHOLE], sensor)
+            for case in self.names:
+                frames[case].append(
+                    self.illuminated.frame(self.cases[case], start, sensor, self._replicas.seed + number)
+                )
+        whole = np.array(frames.pop(WHOLE))
+        return {case: pixel_difference(np.array(stack), whole) for case, stack in frames.items()}
+
+    def is_whole(self, case: str) -> bool:
+        """Whether theory and every frame that was looked at say that the chain is the whole one: nothing to measure."""
+        looked = self.kit["frames with equal random bits"]
+        theory = self.kit["moments of every pixel"]["cases"]
+        return case != WHOLE and theory[case]["worst_dn"] == 0 and looked[case]["share_of_pixels"] == 0
+
+    def _frames(self, case: str) -> Any:
+        """Moments of frames over groups of pixels; None where the chain is the whole one."""
+        if self.is_whole(case):
+            return None
+        whole, groups = self.expected[case], self._own_groups(case)
+        return self.illuminated.measured_moments(self.cases[case], self._replicas, whole, groups)
+
+    def _nanoseconds(self, engine: str, cases: list[str]) -> dict[str, list[float]]:
+        """Per pixel of each chain behind the detection, turn by turn; on NumPy also of the detection.
+
+        Nothing for a compiled engine where the plan asks for float64, which it has not.
+        """
+        if engine == "numpy":
+            light = Illuminated(resized(self.photons, SHAPE[engine]), self._subject.exposure, self.backend)
+            detection, sensor = self.plan.whole[0], light.sensor(1)
+            start = light.electrons(self.plan.whole, sensor)
+
+            def once(stages: Stages, signal: Any) -> int:
+                run_chain(stages, signal, Frame(light.exposure, sensor))
+                return 1
+
+            tasks: dict[str, Any] = {case: partial(once, self.cases[case][1:], start) for case in cases}
+            tasks[DETECTION] = partial(once, (detection,), light.photons)
+        elif self.plan.precision == "float32":
+            compiled = replace(self.illuminated, photons=self._few_layers(SHAPE[engine]))
+            compiled = replace(compiled, backend=choose_backend(engine, "float32", 0))
+            tasks = {case: compiled.stream(self.cases[case]).turn for case in cases}
+        else:
+            return {}
+        pixels = SHAPE[engine][0] * SHAPE[engine][1]
+        return {name: [1e9 * s / pixels for s in turns] for name, turns in in_turns(tasks, TURNS[engine]).items()}
+
+    def _few_layers(self, shape: tuple[int, int]) -> Photons:
+        """The scene's electrons on a window of another size, the same behind every filter: a cube would fill memory."""
+        light = self.illuminated.electrons(self.plan.whole, self.illuminated.sensor(1)).light
+        mean = resized(Photons(np.asarray(light)), shape).mean
+        filters = len(self._subject.camera.filter_names)
+        return Photons(np.repeat(mean[..., None], filters, axis=2), detected=True)
+
+
+class SensorResults:
+    """All that was measured about the sensor, compared.
+
+    changes : by chain, of mean, temporal and spatial σ over all pixels; of the whole chain these themselves.
+    worst : by chain, of what it changes most, over the worst pixels.  theory, looked : as measured.
+    turns : by engine and chain, nanoseconds per pixel turn by turn.
+    """
+
+    def __init__(self, ablation: SensorAblation) -> None:
+        self._ablation, kit, names = ablation, ablation.kit, ablation.names
+        self.theory: Mapping[str, Any] = kit["moments of every pixel"]
+        self.looked: Mapping[str, Any] = kit["frames with equal random bits"]
+        self.changes = {case: [self._compare(case, WHOLE, k) for k in range(3)] for case in names}
+        of = {case: QUANTITIES.index(self.theory["cases"][case]["of"]) for case in names[1:]}
+        self.worst = {case: self._compare(case, case, row) for case, row in of.items()}
+        timed = {engine: kit[f"seconds, {engine}"] for engine in ablation.engines}
+        self.turns: dict[str, dict[str, list[float]]] = {engine: turns for engine, turns in timed.items() if turns}
+        every = [*(one for row in self.changes.values() for one in row), *self.worst.values()]
+        self.compared = [one for one in every if one.error_dn > 0]
+        self.limit = z_limit(len(self.compared))
+        self.left_out = [effect["stage"] for effect in self.theory["plan"] if not effect["kept"]]
+
+    @property
+    def furthest(self) -> Comparison:
+        """The comparison with the largest |z|."""
+        return max(self.compared, key=lambda one: abs(one.z))
+
+    @property
+    def agree(self) -> bool:
+        """Whether theory and frames do."""
+        return not self.compared or abs(self.furthest.z) <= self.limit
+
+    def saved(self, engine: str, case: str, share: bool = False) -> Spread | None:
+        """What leaving out saves, over the turns [ns/pixel], or as a share of the whole chain's time."""
+        turns = self.turns.get(engine, {})
+        if case not in turns:
+            return None
+        pairs = zip(turns[WHOLE], turns[case], strict=True)
+        return spread((whole - other) / (whole if share else 1.0) for whole, other in pairs)
+
+    def _compare(self, case: str, group: str, row: int) -> Comparison:
+        """Variances are compared, because they average; to DN they come by the predicted σ: Δσ = ΔV/(σ + σ′)."""
+        name, of = MOMENTS[row], QUANTITIES[row]
+        now = self.theory["cases"][case]["moments"][group][name]
+        before = 0.0 if case == WHOLE else self.theory["cases"][WHOLE]["moments"][group][name]
+        predicted_dn = now - before if row == 0 else math.sqrt(now) - math.sqrt(before)
+        if self._ablation.is_whole(case):
+            return Comparison(case, of, 0.0, 0.0, 0.0, 0.0)
+        key = f"frames of {SENSORS} sensors: "
+        measured, unseen = self._ablation.kit[key + case][group], False
+        found = np.array(measured[name])
+        if case != WHOLE:
+            other = self._ablation.kit[key + WHOLE][group]
+            found, unseen = found - np.array(other[name]), all(measured[one] == other[one] for one in MOMENTS[:2])
+        error = standard_error(found)
+        if unseen or error == 0:
+            error = self._least_error(group, row, len(found))
+        off = float(found.mean()) - (now - before)
+        roots = math.sqrt(now) + math.sqrt(now if case == WHOLE else before)
+        unit = 1.0 if row == 0 else max(roots, math.sqrt(error))  # an unresolved variance has no resolved root
+        z = as_normal(off / error, len(found) - 1)
+        return Comparison(case, of, predicted_dn, predicted_dn + off / unit, error / unit, z)
+
+    def _least_error(self, group: str, row: int, sensors: int) -> float:
+        """Where no frame differs: the next event may be a whole line of a sensor, which shares a pattern."""
+        whole = self.theory["cases"][WHOLE]["moments"][group]
+        sigma = math.sqrt(sum(whole[one] for one in MOMENTS[1:]))
+        step = 1.0 if row == 0 else 1.0 + 2.0 * sigma  # what a pixel that reads one code more adds
+        return RARE * step / (sensors * math.sqrt(self.theory["sizes"][group]))

@@ -1,0 +1,179 @@
+"""Frames of one camera under one scene's light: their moments in theory and measured, their pixels, their seconds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.backend import Backend
+from ..core.exposure import Exposure
+from ..core.frame import Frame
+from ..core.llvm import backend_problem, drjit
+from ..core.sensor_window import SensorWindow
+from ..core.signals import Photons
+from ..sensor.run import Run, run_chain
+from ..sensor.theory import final_moments
+from .statistics import Array
+
+QUANTITIES = ("mean", "temporal σ", "spatial σ")
+MOMENTS = ("mean_dn", "temporal_dn2", "spatial_dn2")
+"""The quantities as they are averaged: variances, not their roots."""
+
+BACKENDS = {"drjit": "llvm", "cuda": "cuda"}
+"""Compiled engine → back end of Dr.Jit."""
+
+ENDLESS = 2**31
+"""More frames than any stream is asked for."""
+
+FRAMES_A_TURN = 8
+"""Of a compiled engine, which traces a frame while it computes the one before: several show what a stream costs."""
+
+Stages = tuple[Any, ...]
+
+
+def problem_of(engine: str) -> str | None:
+    """Why this engine is not on this machine, or None where it is."""
+    return backend_problem(BACKENDS[engine]) if engine in BACKENDS else None
+
+
+def resized(photons: Photons, shape: tuple[int, int]) -> Photons:
+    """The same light on a window of another size, each pixel that of the nearest; without the render's variance."""
+    rows, columns = (
+        np.linspace(0, there - 1, here).round().astype(int)
+        for there, here in zip(photons.mean.shape[:2], shape, strict=True)
+    )
+    mean = np.ascontiguousarray(photons.mean[rows][:, columns])
+    return replace(photons, mean=mean, variance_e2=None, origin=(0, 0))
+
+
+def expected_moments(stages: Stages, photons: Photons, exposure: Exposure) -> Array:
+    """Mean, temporal and spatial variance of every pixel in theory, (3, H, W) [DN, DN², DN²]."""
+    shape = photons.mean.shape[0], photons.mean.shape[1]
+    m = final_moments(stages, photons, Frame(exposure, SensorWindow(0, shape, photons.origin)))[1]
+    return np.array([np.broadcast_to(x, shape) for x in (m.mean, m.temporal, m.spatial)])
+
+
+def in_dn(moments: Array, other: Array) -> Array:
+    """Change of mean, temporal σ and spatial σ from the other moments to these, (3, …) [DN]."""
+    return np.concatenate([moments[:1] - other[:1], np.sqrt(moments[1:]) - np.sqrt(other[1:])])
+
+
+def averages(values: Array, groups: Mapping[str, NDArray[np.intp]]) -> dict[str, dict[str, float]]:
+    """Moments (3, H, W) averaged over groups of pixels: by group and moment."""
+    flat = values.reshape(3, -1)
+    return {
+        name: dict(zip(MOMENTS, flat[:, pixels].mean(axis=1).tolist(), strict=True)) for name, pixels in groups.items()
+    }
+
+
+@dataclass(frozen=True)
+class Replicas:
+    """What is repeated. sensors : of serial numbers ``serial``, ``serial`` + 1, …: their fixed patterns differ.
+
+    frames : of each sensor, at least 2.  seed : of the first frame; every frame has one of its own.
+    """
+
+    sensors: int
+    frames: int
+    seed: int
+    serial: int = 1
+
+
+@dataclass(frozen=True, eq=False)
+class Illuminated:
+    """A scene's light on a camera. photons : mean photons per pixel.  backend : who does the arithmetic."""
+
+    photons: Photons
+    exposure: Exposure
+    backend: Backend
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(rows, columns) of the window."""
+        return self.photons.mean.shape[0], self.photons.mean.shape[1]
+
+    def sensor(self, serial: int) -> SensorWindow:
+        """The window of one sensor."""
+        return SensorWindow(serial % 2**64, self.shape, self.photons.origin, backend=self.backend)
+
+    def electrons(self, stages: Stages, sensor: SensorWindow) -> Any:
+        """Mean electrons that a sensor detects, from which frames of the stages behind the first one can start."""
+        return stages[0](self.photons, Frame(self.exposure, sensor))
+
+    def frame(self, stages: Stages, start: Any, sensor: SensorWindow, seed: int) -> Array:
+        """The first frame of a seed, (H, W) [DN]; start : detected electrons."""
+        codes = run_chain(stages[1:], start, Frame(self.exposure, sensor, seed % 2**64))
+        return np.asarray(codes, dtype=np.float64)
+
+    def measured_moments(
+        self, stages: Stages, replicas: Replicas, expected: Array, groups: Mapping[str, NDArray[np.intp]]
+    ) -> dict[str, dict[str, list[float]]]:
+        """Moments of frames averaged over groups of pixels: by group and moment, one value per sensor.
+
+        The spatial variance is the squared distance of the mean over a sensor's frames from its theory, expected[0],
+        less what the noise adds to it. Every frame is the first of a seed of its own, so that states that last from
+        frame to frame (random telegraph signals) are independent too.
+        """
+        count = replicas.frames
+        found: dict[str, dict[str, list[float]]] = {name: {one: [] for one in MOMENTS} for name in groups}
+        for number in range(replicas.sensors):
+            sensor = self.sensor(replicas.serial + number)
+            start, total, squares = self.electrons(stages, sensor), np.zeros(self.shape), np.zeros(self.shape)
+            for k in range(count):
+                codes = self.frame(stages, start, sensor, replicas.seed + number * count + k)
+                total += codes
+                squares += codes**2  # whole numbers: exact
+            mean, temporal = total / count, (squares - total**2 / count) / (count - 1)
+            spatial = (mean - expected[0]) ** 2 - temporal / count
+            for name, values in averages(np.array([mean, temporal, spatial]), groups).items():
+                for one in MOMENTS:
+                    found[name][one].append(values[one])
+        return found
+
+    def stream(self, stages: Stages) -> Stream:
+        """Frames of these stages, one after the other."""
+        return Stream(stages, self)
+
+
+class Stream:
+    """Frames of one sensor, kept going from turn to turn, so that maps and kernels are made once."""
+
+    def __init__(self, stages: Stages, light: Illuminated) -> None:
+        sensor, dtype = light.sensor(1), np.min_scalar_type(stages[-1].highest)
+        run = Run(stages, light.photons, Frame(light.exposure, sensor))
+        self._frames = run.frames(0, ENDLESS, lambda _: {"digital": np.empty(light.shape, dtype)})
+        self._compiled = light.backend.compiled
+
+    def __iter__(self) -> Iterator[NDArray[Any]]:
+        return self
+
+    def __next__(self) -> NDArray[Any]:
+        """The next frame, (H, W) [DN]."""
+        return next(self._frames)["digital"]
+
+    def turn(self) -> int:
+        """The frames of one turn of a timing; how many. A kernel's work is waited for before another's turn."""
+        count = FRAMES_A_TURN if self._compiled else 1
+        for _ in range(count):
+            next(self)
+        if self._compiled:
+            drjit().sync_thread()
+        return count
+
+    def close(self) -> None:
+        """Let threads and maps go."""
+        self._frames.close()  # type: ignore[attr-defined]
+
+
+def pixel_difference(frame: NDArray[Any], reference: NDArray[Any]) -> dict[str, float]:
+    """How far frames are from others drawn with equal random bits: share of pixels; rms and largest step [DN]."""
+    step = np.abs(frame.astype(np.float64) - reference)
+    return {
+        "share_of_pixels": float(np.mean(step > 0)),
+        "largest_dn": float(step.max()),
+        "rms_dn": float(np.sqrt(np.mean(step**2))),
+    }

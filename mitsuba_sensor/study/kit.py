@@ -1,0 +1,116 @@
+"""The measuring kit: steps that are measured once, with the time that is left; tasks that are timed in turns."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+Progress = Callable[[float, float, str], None]
+"""What a study calls as it goes: seconds of work done, seconds expected in all, and what is measured now."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """One measurement. key : names it, also for the progress bar.  seconds : expected.  measure : gives its value."""
+
+    key: str
+    seconds: float
+    measure: Callable[[], Any]
+
+
+class Kit:
+    """Measures what is not measured yet, and says how long that will take.
+
+    known : (value, seconds that it took) by key; values that are files go on where a study was stopped
+        (io/measurements.py).  new : how many were measured by this kit.
+    """
+
+    def __init__(self, known: dict[str, Any] | None = None, progress: Progress | None = None) -> None:
+        self.known = {} if known is None else known
+        self.new, self._spent_s = 0, 0.0
+        self._progress = progress or (lambda *_: None)
+
+    def __getitem__(self, key: str) -> Any:
+        """A value that is measured already."""
+        return self.known[key][0]
+
+    @property
+    def seconds(self) -> float:
+        """Spent on all measurements, also by the runs before this one."""
+        return float(sum(seconds for _, seconds in self.known.values()))
+
+    def take(self, steps: Iterable[Step], after_s: float = 0.0) -> None:
+        """Measure every step that is not known yet, in order.
+
+        What is left is expected to take as much longer or shorter as the steps so far did. after_s : seconds that are
+        expected of the study behind these steps.
+        """
+        left = [step for step in steps if step.key not in self.known]
+        before_s, hoped_s = self._spent_s, 0.0
+        for number, step in enumerate(left):
+            pace = (self._spent_s - before_s) / hoped_s if hoped_s else 1.0
+            rest_s = pace * sum(one.seconds for one in left[number:])
+            self._progress(self._spent_s, self._spent_s + rest_s + after_s, step.key)
+            started = time.perf_counter()
+            value = step.measure()
+            seconds = time.perf_counter() - started
+            self.known[step.key] = value, seconds
+            self.new, self._spent_s, hoped_s = self.new + 1, self._spent_s + seconds, hoped_s + step.seconds
+        self._progress(self._spent_s, self._spent_s + after_s, "done")
+
+    def measure(self, key: str, seconds: float, measure: Callable[[], Any]) -> Any:
+        """One step, and its value."""
+        self.take([Step(key, seconds, measure)])
+        return self[key]
+
+
+Task = Callable[[], int]
+"""Something to be timed; returns how many times it did its work."""
+
+
+def one_turn(tasks: Mapping[str, Task], number: int) -> dict[str, float]:
+    """Seconds of every task's work, one task after the other, in an order of its own for every turn.
+
+    A machine that slows down then slows all tasks alike, and no task always follows the same one.
+    """
+    names, seconds = list(tasks), {}
+    for place in np.random.default_rng(number).permutation(len(names)):
+        start = time.perf_counter()
+        runs = tasks[names[place]]()
+        seconds[names[place]] = (time.perf_counter() - start) / runs
+    return seconds
+
+
+def in_turns(tasks: Mapping[str, Task], turns: int) -> dict[str, list[float]]:
+    """Seconds of every task in each of so many turns, after one that compiles and does not count."""
+    found: dict[str, list[float]] = {name: [] for name in tasks}
+    for number in range(turns + 1):
+        seconds = one_turn(tasks, number)
+        for name in tasks if number else ():
+            found[name].append(seconds[name])
+    return found
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Median of what several turns gave, and the quartiles."""
+
+    median: float
+    low: float
+    high: float
+
+
+def spread(values: Iterable[float]) -> Spread:
+    """Of two values or more."""
+    low, middle, high = statistics.quantiles(values, n=4, method="inclusive")
+    return Spread(middle, low, high)
+
+
+def ratio(slow: Iterable[float], fast: Iterable[float]) -> float:
+    """How many times as fast the second is: the median of the turns' own ratios, whose times lie next to each other."""
+    return statistics.median(one / other for one, other in zip(slow, fast, strict=True))

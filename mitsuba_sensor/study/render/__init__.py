@@ -1,1 +1,0 @@
-"""The render side of the work-precision diagrams: series of passes held against a reference."""

@@ -1,0 +1,93 @@
+"""Estimates with intervals: means and slopes of independent runs, fronts of two costs, how far chance may reach."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri, stdtr, stdtrit
+
+from ..core.errors import InputError
+
+Array = NDArray[np.float64]
+
+CONFIDENCE = 0.95
+"""Of every interval."""
+
+
+@dataclass(frozen=True)
+class Slope:
+    """d log y / d log x with its interval.
+
+    value : the mean of the runs' own slopes.  half_width : of the 95 % interval, Student's t over the runs.
+    """
+
+    value: float
+    half_width: float
+    runs: int
+
+    def within(self, theory: float, distance: float) -> bool:
+        """Whether the slope lies no farther than ``distance`` from theory."""
+        return abs(self.value - theory) <= distance
+
+
+def log_slope(x: Sequence[float], y: Sequence[float]) -> float:
+    """Slope of the straight line of least squares through (log x, log y)."""
+    return float(np.polyfit(np.log(x), np.log(y), 1)[0])
+
+
+def mean_of_runs(values: Sequence[float]) -> tuple[float, float]:
+    """Mean of a value that independent runs gave, and half the width of its 95 % interval (Student's t).
+
+    Raises InputError for fewer than two runs: one has no spread.
+    """
+    count = len(values)
+    if count < 2:
+        raise InputError(f"there is {count} run; an interval needs at least 2.")
+    return float(np.mean(values)), float(stdtrit(count - 1, 0.5 + CONFIDENCE / 2)) * standard_error(np.array(values))
+
+
+def slope_of_runs(runs: Sequence[tuple[Sequence[float], Sequence[float]]]) -> Slope:
+    """One slope per run of (x, y), and what they say together.
+
+    The points of one run share their samples, so residuals about the line would give too narrow an interval; runs with
+    seeds of their own do not share any.
+    """
+    value, half_width = mean_of_runs([log_slope(x, y) for x, y in runs])
+    return Slope(value, half_width, len(runs))
+
+
+def pareto(points: Sequence[tuple[float, float]]) -> tuple[int, ...]:
+    """Indices of the points that no other beats: none is as small in both and smaller in one; the smallest x first.
+
+    Equal points stay together; a point with NaN is never among them.
+    """
+    known = [i for i, point in enumerate(points) if not any(math.isnan(v) for v in point)]
+    front: list[int] = []
+    for i in sorted(known, key=lambda i: points[i]):
+        if not front or points[i][1] < points[front[-1]][1] or points[i] == points[front[-1]]:
+            front.append(i)
+    return tuple(front)
+
+
+def standard_error(values: Array) -> float:
+    """Of the mean of independent values."""
+    return float(values.std(ddof=1)) / math.sqrt(len(values))
+
+
+def t_limit(freedom: int, false_alarm: float, comparisons: int) -> float:
+    """|t| that none of so many right comparisons exceeds, but in this share of all studies (Student, Bonferroni)."""
+    return float(stdtrit(freedom, 1 - false_alarm / (2 * comparisons)))
+
+
+def z_limit(comparisons: int, false_alarm: float = 0.01) -> float:
+    """|z| that none of so many right independent comparisons exceeds, but in this share of all studies."""
+    return float(-ndtri(0.5 * (1 - (1 - false_alarm) ** (1 / max(comparisons, 1)))))
+
+
+def as_normal(t: float, freedom: int) -> float:
+    """The standard normal that is as unlikely as this Student's t."""
+    return math.copysign(-float(ndtri(max(stdtr(freedom, -abs(t)), 1e-300))), t) if t else 0.0

@@ -1,0 +1,47 @@
+"""What a study of a scene is about: the scene, the camera, the exposure, and how the scene is rendered."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+from ..core.checks import check_types
+from ..core.exposure import Exposure
+from ..render.irradiance import Irradiance, Job, RenderOptions, prepare, render
+from ..render.lint import SAMPLER
+from ..sensor.camera import Camera
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """Fields as in :func:`mitsuba_sensor.render`. options : of the render, by name, as given there."""
+
+    scene: str | os.PathLike[str]
+    camera: Camera
+    exposure: Exposure
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        check_types(self.camera, self.exposure)
+
+    @property
+    def name(self) -> str:
+        """Of the scene."""
+        return os.path.splitext(os.path.basename(os.fspath(self.scene)))[0]
+
+    @cached_property
+    def job(self) -> Job:
+        """The scene as it is."""
+        return self.job_with()
+
+    def job_with(self, camera: Camera | None = None, sampler: str = SAMPLER, **options: Any) -> Job:
+        """The scene, loaded for another camera, with another sampler or with other options."""
+        changed = RenderOptions(**{**self.options, **options})
+        return prepare(self.scene, camera or self.camera, self.exposure, changed, sampler=sampler)
+
+    def render(self, seed: int, **options: Any) -> Irradiance:
+        """One render, with these options changed."""
+        return render(self.scene, self.camera, self.exposure, seed=seed, **{**self.options, **options})
