@@ -1,4 +1,4 @@
-"""What several tests share: a tiny scene, light made by hand, and the command line called in this process."""
+"""Fixtures of several tests: a tiny scene, light without a render, the backends, the command line in this process."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(params=("float64", "numpy", "drjit"))
 def backend(request: pytest.FixtureRequest) -> Any:
-    """Every engine in turn: the reference, NumPy in float32, and the compiled kernel where LLVM is usable."""
+    """Every backend in turn: the reference, NumPy in float32, and the compiled kernel where LLVM is usable."""
     if request.param == "float64":
         return NUMPY_FLOAT64
     if request.param == "drjit" and (problem := backend_problem("llvm")):
@@ -57,7 +57,7 @@ def cli() -> Callable[..., Any]:
     """Call the command line in this process: cli("render", scene, "-o", folder).exit_code, .stdout, .stderr."""
     from mitsuba_sensor.cli import app
 
-    return lambda *words: CliRunner().invoke(app, [str(word) for word in words])
+    return lambda *arguments: CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
 @pytest.fixture(scope="session")

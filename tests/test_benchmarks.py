@@ -16,16 +16,16 @@ from helpers import BENCHMARKS
 from mitsuba_sensor.core.llvm import backend_problem
 
 
-def run(script: str, *words: str) -> Any:
+def run(script: str, *arguments: str) -> Any:
     """What a benchmark prints with --json."""
-    command = [sys.executable, str(BENCHMARKS / script), *words, "--json"]
+    command = [sys.executable, str(BENCHMARKS / script), *arguments, "--json"]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 
 
 def numbers(tree: Any, path: str = "") -> Iterator[tuple[str, float]]:
-    """Every number of a result, with the words that lead to it."""
+    """Every number of a result, with the path that leads to it."""
     if isinstance(tree, dict | list):
         for key, value in tree.items() if isinstance(tree, dict) else enumerate(tree):
             yield from numbers(value, f"{path}/{key}")
@@ -49,8 +49,8 @@ TINY = ("--mpx", "0.01", "--content", "ramp", "--turns", "1")
 
 
 def test_every_case_has_a_speed_and_a_ratio_and_parts_are_timed_against_the_whole() -> None:
-    words = "--electrons 1 1000 --engines numpy drjit --parts cases short conversion rng"
-    speed = run("backend_speed.py", *TINY, *words.split())
+    arguments = "--electrons 1 1000 --engines numpy drjit --parts cases short conversion rng"
+    speed = run("backend_speed.py", *TINY, *arguments.split())
     engines = {"numpy", "drjit"} - set(speed["refused"])
     assert [row["electrons"] for row in speed["cases"]["rows"]] == [1, 1000]
     for row in speed["cases"]["rows"]:
@@ -72,8 +72,8 @@ def test_float32_is_compared_with_float64_for_every_option() -> None:
 
 
 def test_first_and_changed_frames_are_timed_in_new_processes() -> None:
-    words = "--electrons 1000 --engines drjit --parts first changed"
-    speed = run("backend_speed.py", *TINY, *words.split())
+    arguments = "--electrons 1000 --engines drjit --parts first changed"
+    speed = run("backend_speed.py", *TINY, *arguments.split())
     if speed["refused"]:
         pytest.skip(speed["refused"]["drjit"])
     first, changed = speed["first"]["drjit"], speed["changed"]["drjit"]
@@ -98,8 +98,8 @@ def test_a_peer_agrees_or_says_how_to_install_it(peer: str) -> None:
 
 @pytest.mark.skipif(not Path("/proc/self/clear_refs").exists(), reason="resident memory is read from Linux's /proc")
 def test_streams_have_a_speed_and_a_resident_memory() -> None:
-    words = "--shape 60 80 --frames 8 --peak-mpx 0.1 --runs 1 --engines numpy"
-    result = run("streaming.py", *words.split())
+    arguments = "--shape 60 80 --frames 8 --peak-mpx 0.1 --runs 1 --engines numpy"
+    result = run("streaming.py", *arguments.split())
     for kind in ("kept", "dropped"):
         found = result["stream"]["numpy"][kind]
         assert found["frames_per_s"] > 0 and found["steady_frames_per_s"] > 0
@@ -149,7 +149,7 @@ def test_a_cube_is_timed_against_plain_mitsuba_at_equal_error() -> None:
     assert_positive(run("render_speed.py", "--quick")["cornell_box"])
 
 
-def test_spent_frames_are_timed_and_held_against_poissons_law() -> None:
+def test_compensated_frames_are_timed_and_held_against_poissons_law() -> None:
     found = run("compensated_frames.py", "--quick")
     assert_positive(found["time"])
     assert found["frames"]["variance_over_mean"] == pytest.approx(1, abs=5 * found["frames"]["standard_error"])

@@ -1,4 +1,4 @@
-"""The README's table of stages tells the truth: every stage is in it, with fields, modules and tests that exist."""
+"""The README's table of stages is right: every stage is in it, with fields, modules and tests that exist."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ABSTRACT = {"Offset", "Gain"}
 
 
 def stages_of(module: str) -> set[str]:
-    """Names of the stages that a module of the sensor defines: dataclasses that have a room."""
+    """Names of the stages that a module of the sensor defines: dataclasses that have a domain."""
     found = vars(import_module(f"mitsuba_sensor.sensor.{module}"))
     here = f"mitsuba_sensor.sensor.{module}"
     return {

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy import special, stats
 
 from mitsuba_sensor.core import arrays, control_flow, distributions, quantiles
-from mitsuba_sensor.core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
+from mitsuba_sensor.core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, Backend
 from mitsuba_sensor.core.counter_rng import philox, split_key
 from mitsuba_sensor.core.llvm import backend_problem
 
@@ -161,11 +161,12 @@ def test_poisson_from_10_on_is_one_count_off_for_one_integer_in_a_thousand_at_mo
     assert np.mean(apart) < (1e-4 if mean <= 1e5 else 5e-4)
 
 
+@pytest.mark.parametrize("backend", [NUMPY_FLOAT64, NUMPY_FLOAT32], ids=["float64", "float32"])
 @pytest.mark.parametrize("mean", [1e-6, 1e-3, 0.3, 3.0, 9.99, 10.0, 12.0, 17.0, 100.0, 1e4, 1e6])
-def test_poisson_passes_chi_squared_with_a_million_draws(mean: float) -> None:
-    """At most 400 cells of at least 5 expected counts, p > 1e-4: each of the 11 cases fails in 1e-4 of the seeds."""
+def test_poisson_passes_chi_squared_with_a_million_draws(mean: float, backend: Backend) -> None:
+    """At most 400 cells of at least 5 expected counts, p > 1e-4: each of the 22 cases fails in 1e-4 of the seeds."""
     count, mean = 10**6, float(np.float32(mean))
-    seen = poisson(np.random.default_rng(12).integers(0, 2**32, count, dtype=np.uint32), mean)
+    seen = backend.poisson(np.random.default_rng(12).integers(0, 2**32, count, dtype=np.uint32), mean)
     low, high = stats.poisson.ppf([1e-4, 1 - 1e-4], mean)
     ends = np.unique(np.linspace(low, high, 400).astype(int))
     expected = np.diff(np.concatenate([[0], stats.poisson.cdf(ends, mean), [1]])) * count

@@ -59,8 +59,8 @@ def _through(steps: list, p: Array, d: Array, stop: float) -> tuple[Array, Array
         else:
             p, normal, good = _sphere(p, d, z, radius)
             good &= np.hypot(p[:, 0], p[:, 1]) <= diameter / 2
-            d, bent = _snell(d, normal, before / after)
-            good &= bent
+            d, refracted = _snell(d, normal, before / after)
+            good &= refracted
         unvignetted[index[~good]] = False
         index = index[good]
         points[index], ways[index] = p[good], d[good]

@@ -1,4 +1,4 @@
-"""io/files.py: what is written can be read back, and appears whole or not at all."""
+"""Files that are written can be read back, and appear whole or not at all."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def test_irradiance_comes_back_exactly(light: Any, light_file: Path) -> None:
     back = exr.read_irradiance_exr(light_file)
     assert back.statistics == light.statistics
     for field in fields(light):
-        if field.name != "certificate":
+        if field.name != "statistics":
             np.testing.assert_array_equal(getattr(back, field.name), getattr(light, field.name), err_msg=field.name)
 
 
@@ -153,7 +153,7 @@ except InputError as error:
 
 
 @pytest.mark.parametrize("what", ["out.tiff", "out.png", "out.json", "out.exr"])
-def test_a_disk_without_room_is_one_sentence_and_no_file(light: Any, tmp_path: Path, what: str) -> None:
+def test_a_disk_that_is_full_is_one_sentence_and_no_file(light: Any, tmp_path: Path, what: str) -> None:
     """The kernel refuses to let a file grow beyond 1000 bytes, as a full disk would."""
     exr.write_irradiance_exr(tmp_path / "light.exr", light)
     command = [sys.executable, "-c", WRITE_WITHIN_1000_BYTES, str(tmp_path), what]
@@ -162,8 +162,8 @@ def test_a_disk_without_room_is_one_sentence_and_no_file(light: Any, tmp_path: P
     assert [path.name for path in tmp_path.iterdir()] == ["light.exr"]
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="the device that is always full exists on Linux only")
-def test_an_exr_that_openexr_loses_without_a_word_is_noticed(light: Any, tmp_path: Path) -> None:
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="the file that is always full exists on Linux only")
+def test_an_exr_that_openexr_loses_without_an_error_is_noticed(light: Any, tmp_path: Path) -> None:
     """OpenEXR 3.5 reports no error when a file below 4 kB meets a full disk: it is lost when its buffer is closed."""
     corner = {name: getattr(light, name)[:2, :2] for name in ("data", "standard_error", "relative_error")}
     (tmp_path / f".x.exr.{os.getpid()}").symlink_to("/dev/full")

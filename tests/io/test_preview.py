@@ -1,4 +1,4 @@
-"""io/preview.py: the picture for the eye shows what the raw numbers say, and nothing else."""
+"""The preview shows the raw digital numbers, and nothing else."""
 
 from __future__ import annotations
 
@@ -47,9 +47,9 @@ def test_demosaicing_keeps_what_was_measured() -> None:
 def test_demosaicing_is_exact_on_planes_inside_the_picture(slope: tuple[float, float]) -> None:
     rows, columns = np.mgrid[:8, :10]
     plane = 0.1 + slope[0] * rows + slope[1] * columns
-    truth = np.stack([plane, 2 * plane, 3 * plane], axis=-1)
-    mosaic = np.take_along_axis(truth, BAYER[..., None], axis=-1)[..., 0]
-    np.testing.assert_allclose(demosaic(mosaic, BAYER, 3)[1:-1, 1:-1], truth[1:-1, 1:-1], rtol=1e-12)
+    colours = np.stack([plane, 2 * plane, 3 * plane], axis=-1)
+    mosaic = np.take_along_axis(colours, BAYER[..., None], axis=-1)[..., 0]
+    np.testing.assert_allclose(demosaic(mosaic, BAYER, 3)[1:-1, 1:-1], colours[1:-1, 1:-1], rtol=1e-12)
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 7), (7, 1), (2, 2)])

@@ -1,7 +1,7 @@
-"""Families of fixed maps against the laws whose names they bear.
+"""Families of FPN maps against the distributions whose names they have.
 
-Where a family is a quantile function its oracle is scipy's inverse survival function at evenly spread words: no chance
-at all. What is left to chance has a fixed seed and 5 standard errors (one other seed in 2 million would fail a line).
+Where a family is a quantile function its oracle is scipy's inverse survival function at evenly spread integers: no
+chance at all. The rest has a fixed seed and 5 standard errors (one other seed in 2 million would fail a line).
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ CVS = [0.0, 0.01, 0.4, 1.0, 10.0]
 HEAVY = [(family, 10.0) for family in (LogNormal, Gamma, Wald)]
 """Their variance estimate does not converge: a few pixels carry all of it. Their exact law is tested instead."""
 
-WORDS = ((np.arange(4000) + 0.5) / 4000 * 2**32).astype(np.uint32)
-SURVIVAL = distributions.survival(WORDS)
+INTEGERS = ((np.arange(4000) + 0.5) / 4000 * 2**32).astype(np.uint32)
+SURVIVAL = distributions.survival(INTEGERS)
 SHAPE = (300, 500)
 
 
@@ -81,12 +81,12 @@ def test_mean_and_variance_are_those_of_its_own_theory(family: Any, cv: float) -
     ids=["LogNormal", "Gamma", "Rectified", "Gaussian", "Logistic"],
 )
 def test_a_family_is_the_quantile_function_of_its_law(family: Any, law: Any, cv: float) -> None:
-    """Every word gives scipy's quantile, cut at zero and over the mean of what is cut: no chance, 1e-9."""
+    """Every integer gives scipy's quantile, cut at zero and over the mean of what is cut: no chance, 1e-9."""
     raw = np.maximum(law(cv).isf(SURVIVAL), 0.0)
     mean = 1.0
     if family in (Gaussian, Logistic):
         mean = integrate.quad(law(cv).sf, 0, 1, epsabs=1e-13)[0] + integrate.quad(law(cv).sf, 1, math.inf)[0]
-    np.testing.assert_allclose(family(cv).from_bits(NUMPY_FLOAT64, WORDS), raw / mean, rtol=1e-7, atol=1e-12)
+    np.testing.assert_allclose(family(cv).from_bits(NUMPY_FLOAT64, INTEGERS), raw / mean, rtol=1e-7, atol=1e-12)
 
 
 @pytest.mark.parametrize("cv", CVS[1:])
@@ -169,7 +169,7 @@ def test_neighbours_along_rows_and_columns_correlate_by_twice_the_coupling(famil
 
 
 @pytest.mark.parametrize("cv", [0.0, 1e-12, 0.01, 0.1, 0.4, 1.0, 10.0])
-def test_dark_pattern_variance_is_that_of_the_rectified_law(cv: float) -> None:
+def test_the_variance_of_dark_current_fpn_is_that_of_the_rectified_distribution(cv: float) -> None:
     """A Gaussian cut at 0 and made unit-mean again: cv² as long as nothing is cut, and known when much is."""
     assert LogNormal(cv).variance == pytest.approx(cv**2)
     mean, variance = rectified_normal(cv)

@@ -25,7 +25,7 @@ def test_fixed_patterns_cancel_exactly_where_nothing_is_temporal() -> None:
     assert not frames.minus(reference).any()
 
 
-def test_another_device_does_not_cancel() -> None:
+def test_another_camera_does_not_cancel() -> None:
     frames, reference = (ms.expose(DARKNESS, SILENT, ZERO, serial=serial) for serial in (1, 2))
     assert frames.minus(reference).std() > 100
 

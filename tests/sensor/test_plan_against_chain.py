@@ -1,4 +1,4 @@
-"""The plan keeps its word: thirty random cameras and scenes, the plan's frames against the whole chain's."""
+"""Plans are right: thirty random cameras and scenes, the plan's frames against the whole chain's."""
 
 from __future__ import annotations
 
