@@ -39,7 +39,7 @@ TIMES_S = (1e-9, 5e-8, 1e-7, 1e-6, 1e-5, 1e-3, 1.0)
 DISTANCES = (0.0, 1e-15, 1e-12, 1e-9, 1e-6, 0.99e-4, 1.01e-4, 1e-3)
 """Of τ_RTN from 2τ_D, relative, on both sides of where the series takes over (1e-4)."""
 TABLED = ((5e-8, 6.6102), (1e-6, 17.8268), (1e-5, 10.1226), (1e-3, 1.1012), (1.0, 0.034855))
-"""τ_RTN [s] and electrons, printed in tests/test_cds.py; 1e-6 s is the singularity itself."""
+"""τ_RTN [s] and electrons, printed in tests/sensor/test_cds.py; 1e-6 s is the singularity itself."""
 
 
 def noise_of(**changes: Any) -> CdsNoise:

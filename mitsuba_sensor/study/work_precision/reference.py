@@ -30,7 +30,7 @@ REFERENCE_S = 15.0
 FEWEST_PASSES = 8
 """Of a reference: its variance is the spread of its passes, averaged over all pixels."""
 SAMPLES, SAMPLES_OF_FOUR = 256, 64
-"""Per pass, of all bands together and of four at a time: large passes have less noise (benchmarks/passes.py)."""
+"""Per pass, of all bands together and of four at a time: large passes have less noise (benchmarks/render_passes.py)."""
 SEED = 0
 """Of the references; runs have 1, 2, …"""
 DARKEST = 0.1
