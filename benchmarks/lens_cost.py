@@ -21,7 +21,7 @@ import numpy as np
 from timing import alternate, lines, ratio
 
 from mitsuba_sensor.io.metadata import machine
-from mitsuba_sensor.optics.paraxial import cardinal
+from mitsuba_sensor.optics.paraxial import cardinal_points
 from mitsuba_sensor.render.bands import box_bands
 from mitsuba_sensor.render.scene import Scene, load_scene
 from mitsuba_sensor.render.variants import choose_variant, use
@@ -70,7 +70,7 @@ def scenes(size: int) -> dict[str, Scene]:
         "double_gauss": real,
         "dispersion": real.replace(**{"lens.dispersion": True}),
     }
-    radius_m = cardinal(real.lens).entrance_radius * 1e-3
+    radius_m = cardinal_points(real.lens).entrance_radius * 1e-3
     parameters = {"width": size, "height": size, "aperture_radius": radius_m, "focus_distance": FOCUS_M}
     return {name: load_scene(SCENE, bands, parameters, camera) for name, camera in cameras.items()}
 
@@ -80,7 +80,7 @@ def double_gauss(camera: Camera, distance_mm: float) -> Camera:
     focal_length_mm = distance_mm
     for _ in range(20):  # converges by a factor f/focus, about 40, each time
         real = camera.replace(**{"lens.prescription": "double_gauss", "lens.focal_length_mm": focal_length_mm})
-        focal_length_mm *= distance_mm / cardinal(real.lens).principal_distance(FOCUS_M)
+        focal_length_mm *= distance_mm / cardinal_points(real.lens).principal_distance(FOCUS_M)
     return real
 
 

@@ -28,7 +28,7 @@ import numpy as np
 import mitsuba_sensor as ms
 from mitsuba_sensor.io.metadata import machine
 from mitsuba_sensor.render.irradiance import Job, RenderOptions, prepare
-from mitsuba_sensor.render.lint import SAMPLER
+from mitsuba_sensor.render.passes import SAMPLER
 from mitsuba_sensor.render.stop_criterion import PASS_SPP, StopCriterion
 from mitsuba_sensor.render.variants import choose_variant, use
 

@@ -60,11 +60,11 @@ def chosen_shot(camera: str, settings: list[str] | None, exposure: ms.Exposure, 
 
 def scene_setup(scene: Path, parameters: dict[str, str], variant: str | None) -> SceneSettings:
     """What the scene file says of camera, exposure and seeds."""
-    from ..render.scene_settings import read_setup
+    from ..render.scene_settings import read_settings
     from ..render.variants import choose_variant, use
 
     use(choose_variant(variant))
-    return read_setup(scene, parameters)
+    return read_settings(scene, parameters)
 
 
 def scene_camera(name: str | None, setup: SceneSettings, settings: list[str] | None = None) -> ms.Camera:
@@ -74,7 +74,7 @@ def scene_camera(name: str | None, setup: SceneSettings, settings: list[str] | N
     """
     base = setup.camera if name is None and setup.camera is not None else None
     base = base or ms.load_camera(options.DEFAULT_CAMERA if name is None else name)
-    return changed(setup.on(changed(base, settings)), settings)
+    return changed(setup.applied_to(changed(base, settings)), settings)
 
 
 def scene_exposure(exposure_s: float | None, temperature_k: float | None, setup: SceneSettings) -> ms.Exposure:

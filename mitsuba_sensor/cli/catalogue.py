@@ -46,12 +46,12 @@ def schema() -> None:
 @cameras.command()
 def lenses(as_json: options.Json = False) -> None:
     """The lens prescriptions that come along, for --set lens.prescription=NAME."""
-    from ..optics.paraxial import cardinal
+    from ..optics.paraxial import cardinal_points
     from ..sensor.lens_file import list_lenses
 
     default = ms.load_camera(options.DEFAULT_CAMERA).replace(**{"lens.f_number": 64.0})  # every lens can close so far
     known = [default.replace(**{"lens.prescription": name}).lens for name in list_lenses()]
-    rows = [(one.prescription, cardinal(one).focal_length) for one in known if one.prescription is not None]
+    rows = [(one.prescription, cardinal_points(one).focal_length) for one in known if one.prescription is not None]
     if as_json:
         found = [
             {"name": x.name, "focal_length_mm": f, "surfaces": len(x.surfaces), "source": x.source} for x, f in rows

@@ -1,1 +1,1 @@
-"""Real lenses: surfaces of glass traced ray by ray, and the distortion of lenses that are known by measurement."""
+"""Lens models without Mitsuba: f-number law, measured distortion, sequential ray trace; and the shutter."""

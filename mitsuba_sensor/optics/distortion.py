@@ -1,6 +1,6 @@
-"""Distortion of a lens that is known by measurement: coefficients of Brown and Conrady, or a table of image heights.
+"""Measured distortion of a lens: the coefficients of Brown and Conrady (OpenCV), or a table of image heights.
 
-Points are image heights over the image distance, (x, y) = tangents of the angle before the lens where nothing is bent;
+Points are image heights over the image distance; without distortion (x, y) are the tangents of the field angle.
 x to the right, y down, as in OpenCV.
 """
 
@@ -10,34 +10,36 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
 from ..core.errors import InputError
+from ..core.types import Float64Array
 
 if TYPE_CHECKING:
     from ..sensor.lens_datasheet import LensSection
 
-NEWTON_STEPS = 30  # five do for a usual lens; near a fold they are slow
-RESIDUAL = 1e-9  # of a tangent: a thousandth of a pixel on a picture a hundred thousand pixels wide
-BLOCK = 2**14  # points at a time: their arrays stay in the processor's cache
-Array = NDArray[np.float64]
+NEWTON_STEPS = 30  # five are enough for a usual lens; convergence is slow near a fold
+RESIDUAL = 1e-9  # of a tangent: a thousandth of a pixel on an image a hundred thousand pixels wide
+BLOCK = 2**14  # points at a time, so that their arrays fit into the processor's cache
 
 
 @dataclass(frozen=True, eq=False)
 class Distortion:
     """Ideal → real image point, and back.
 
-    coefficients : k1, k2, p1, p2, k3.  growth : real over ideal height, less 1, against the ideal height as a tangent;
-    monotone cubics through the table, straight on beyond its end at ``covered``.
+    coefficients : k1, k2, p1, p2, k3.
+    growth : real over ideal height minus 1, against the ideal height as a tangent: monotone cubics through the table,
+        extrapolated linearly beyond its end at ``table_end``.
     """
 
     coefficients: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
     growth: PchipInterpolator | None = None
-    covered: float = np.inf
+    table_end: float = np.inf
 
-    def real(self, x: Array, y: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
-        """Where an ideal point comes to lie, and the derivatives ∂x′/∂x, ∂x′/∂y, ∂y′/∂x, ∂y′/∂y.
+    def real(
+        self, x: Float64Array, y: Float64Array
+    ) -> tuple[Float64Array, Float64Array, Float64Array, Float64Array, Float64Array, Float64Array]:
+        """The real point of an ideal one, and the derivatives ∂x′/∂x, ∂x′/∂y, ∂y′/∂x, ∂y′/∂y.
 
         x′ = x·g + 2·p1·xy + p2·(r² + 2x²), y′ = y·g + p1·(r² + 2y²) + 2·p2·xy, g = 1 + k1·r² + k2·r⁴ + k3·r⁶
         (OpenCV's model), or g from the table.
@@ -55,26 +57,27 @@ class Distortion:
             g + 2 * slope * y * y + 6 * p1 * y + 2 * p2 * x,
         )
 
-    def ideal(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
+    def ideal(self, x: Float64Array, y: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
         """The ideal point of a real one, and the real area over the ideal one there.
 
-        Raises InputError where the distortion folds the picture, or the table ends.
+        Raises InputError where the distortion is not invertible, or the table ends.
         """
-        shape, flat = np.shape(x), (np.ravel(x).astype(float), np.ravel(y).astype(float))
-        found = np.empty((3, flat[0].size))
-        for start in range(0, flat[0].size, BLOCK):
+        flat_x, flat_y = np.ravel(x).astype(float), np.ravel(y).astype(float)
+        found = np.empty((3, flat_x.size))
+        for start in range(0, flat_x.size, BLOCK):
             block = slice(start, start + BLOCK)
-            found[:, block] = self._solved(flat[0][block], flat[1][block])
+            found[:, block] = self._invert(flat_x[block], flat_y[block])
         highest = float(np.hypot(found[0], found[1]).max(initial=0.0))
-        if highest > self.covered * (1 + RESIDUAL):
+        if highest > self.table_end * (1 + RESIDUAL):
             raise InputError(
                 "lens.distortion_heights_mm ends too early: the sensor's corner has an ideal image height "
-                f"{highest / self.covered:.4g} times the last one; extend the table."
+                f"{highest / self.table_end:.4g} times the last one; extend the table."
             )
-        return tuple(values.reshape(shape) for values in found)
+        u, v, area = found.reshape(3, *np.shape(x))
+        return u, v, area
 
-    def _solved(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
-        """The same for points (n,), by Newton's method from the real ones."""
+    def _invert(self, x: Float64Array, y: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
+        """The same for points (n,), by Newton's method that starts at the real points."""
         u, v = x, y
         with np.errstate(all="ignore"):
             for _ in range(NEWTON_STEPS):
@@ -86,18 +89,18 @@ class Distortion:
                 u, v = u - (d * ex - b * ey) / area, v - (a * ey - c * ex) / area
         where = float(np.hypot(x, y)[~good].min())
         raise InputError(
-            f"lens.distortion folds the picture at {where:.3g} image distances from the axis; it must grow steadily "
-            "as far as the sensor's corner: check its coefficients, or take a smaller field of view."
+            f"lens.distortion folds the image at {where:.3g} image distances from the axis; real heights must increase "
+            "with ideal ones up to the sensor's corner: check the coefficients, or take a smaller field of view."
         )
 
-    def _radial(self, square: Array) -> tuple[Array, Array]:
+    def _radial(self, square: Float64Array) -> tuple[Float64Array, Float64Array]:
         """g and its derivative by r²."""
         if self.growth is None:
             k1, k2, _, _, k3 = self.coefficients
             g = 1 + square * (k1 + square * (k2 + square * k3))
             return g, k1 + square * (2 * k2 + square * 3 * k3)
         radius = np.sqrt(square)
-        inside = np.minimum(radius, self.covered)
+        inside = np.minimum(radius, self.table_end)
         slope = self.growth(inside, 1)
         return 1 + self.growth(inside) + slope * (radius - inside), slope / np.maximum(2 * radius, 1e-12)
 
@@ -105,7 +108,7 @@ class Distortion:
 def distortion_of(lens: LensSection, image_distance_mm: float) -> Distortion | None:
     """The distortion of a camera's lens at this image distance, or None if it has none.
 
-    Raises InputError for an infinite one: a telecentric sensor has no field angle that could be distorted.
+    Raises InputError for an infinite distance: a telecentric sensor has no field angle that could be distorted.
     """
     if not any(lens.distortion or lens.distortion_percent or ()):
         return None
@@ -116,6 +119,6 @@ def distortion_of(lens: LensSection, image_distance_mm: float) -> Distortion | N
         )
     if lens.distortion is not None:
         return Distortion(coefficients=lens.distortion)
-    heights = np.array(lens.distortion_heights_mm) / image_distance_mm
-    growth = PchipInterpolator(heights, np.array(lens.distortion_percent) / 100)
-    return Distortion(growth=growth, covered=float(heights[-1]))
+    heights = np.asarray(lens.distortion_heights_mm, dtype=float) / image_distance_mm
+    growth = PchipInterpolator(heights, np.asarray(lens.distortion_percent, dtype=float) / 100)
+    return Distortion(growth=growth, table_end=float(heights[-1]))

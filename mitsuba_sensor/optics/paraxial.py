@@ -1,7 +1,7 @@
-"""First-order optics of a prescription: focal length, focal points, pupils, and where the sensor must be.
+"""Paraxial optics of a prescription: focal length, focal points, pupils, stop radius, and distance of the sensor.
 
-Light runs from the scene to the sensor; a ray is (height y, angle u), a surface of radius R between n and n′ makes
-n′u′ = nu − y(n′ − n)/R, a gap t makes y′ = y + tu. Every distance is in mm, positive towards the sensor.
+Light runs from the scene to the sensor; a ray is (height y, angle u). A surface of radius R between n and n′ gives
+n′u′ = nu − y(n′ − n)/R, a gap t gives y′ = y + tu. Every distance is in mm, positive towards the sensor.
 """
 
 from __future__ import annotations
@@ -13,27 +13,26 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.errors import InputError
+from ..core.types import Float64Array
 from .glass import D_NM, glass_behind
-from .ray_trace import Ray, Surface, stopped_down, surfaces_of, to_stop, trace
+from .ray_trace import Ray, Surface, lens_surfaces, stopped_down, surfaces_to_stop, trace
 
 if TYPE_CHECKING:
     from ..sensor.lens_datasheet import LensSection, SurfaceSection
 
-FAN = 2048  # rays from the axis by which the widest opening is found, if it must be told
-Array = NDArray[np.float64]
+AXIAL_RAYS = 2048  # by which the largest aperture is found for the error message
 
 
 @dataclass(frozen=True)
-class Cardinal:
-    """Where a lens has its points [mm].
+class CardinalPoints:
+    """Focal points and pupils of a lens [mm].
 
     front_focus, entrance_pupil : behind the first vertex.  back_focus, exit_pupil : behind the last vertex.
     entrance_radius, exit_radius : of the pupils.  length : from the first to the last vertex.
-    scale : what the lengths of the prescription were multiplied by.
-    stop_radius : of the opening, which is set by a traced ray; see :func:`cardinal`.
+    scale : factor on all lengths of the prescription.
+    stop_radius : of the aperture stop, which a traced ray determines; see :func:`cardinal_points`.
     """
 
     focal_length: float
@@ -51,62 +50,64 @@ class Cardinal:
     def f_number(self) -> float:
         """Focal length over the diameter of the paraxial entrance pupil.
 
-        The camera's own f-number is that of the light; they differ by the spherical aberration of the pupil, for the
-        double Gauss by 1.2 % at f/2.1, 0.5 % at f/2.8, 0.2 % at f/4.
+        The camera's own f-number is that of the irradiance on the axis; they differ by the spherical aberration of the
+        pupil, for the double Gauss by 1.2 % at f/2.1, 0.5 % at f/2.8, 0.2 % at f/4.
         """
         return self.focal_length / (2 * self.entrance_radius)
 
     def image_distance(self, focus_m: float) -> float:
-        """From the last vertex to the sensor [mm] when what is ``focus_m`` before the entrance pupil is sharp.
+        """From the last vertex to the sensor [mm] for an object in focus at ``focus_m`` before the entrance pupil.
 
         Newton: x·x′ = −f², with x from the front focal point to the object, x′ from the back one to its image.
         """
-        return self.back_focus + self.focal_length**2 / self._beyond_focus(focus_m)
+        return self.back_focus + self.focal_length**2 / self._object_distance(focus_m)
 
     def principal_distance(self, focus_m: float) -> float:
-        """Image height over the tangent of the field angle before the lens [mm]: the focal length of the K matrix.
+        """Image height over the tangent of the field angle [mm]: the focal length of the K matrix.
 
         Magnification times focus distance, |m| = f/|x|; f for a lens that is focused at infinity.
         """
         if math.isinf(focus_m):
             return self.focal_length
-        return self.focal_length * focus_m * 1e3 / self._beyond_focus(focus_m)
+        return self.focal_length * focus_m * 1e3 / self._object_distance(focus_m)
 
-    def _beyond_focus(self, focus_m: float) -> float:
-        """How far the object lies beyond the front focal point [mm]."""
-        beyond = focus_m * 1e3 - self.entrance_pupil + self.front_focus
-        if beyond <= 0:
+    def _object_distance(self, focus_m: float) -> float:
+        """From the front focal point to the object [mm]."""
+        distance = focus_m * 1e3 - self.entrance_pupil + self.front_focus
+        if distance <= 0:
             nearest_m = (self.entrance_pupil - self.front_focus) * 1e-3
             raise InputError(
-                f"the lens is to focus on {focus_m:g} m, and has no real image of anything nearer than "
-                f"{nearest_m:.3g} m; set lens.focus_m or the scene's focus_distance farther away."
+                f"the focus distance is {focus_m:g} m, and the lens has no real image of objects nearer than "
+                f"{nearest_m:.3g} m; set lens.focus_m or the scene's focus_distance to a larger value."
             )
-        return beyond
+        return distance
 
 
 @lru_cache(maxsize=32)
-def cardinal(lens: LensSection) -> Cardinal:
-    """The first-order data of a camera's prescription at 587.56 nm, scaled and closed to its f-number.
+def cardinal_points(lens: LensSection) -> CardinalPoints:
+    """Paraxial data of a camera's prescription at 587.56 nm, scaled and stopped down to its f-number.
 
-    The stop is opened until the cone of light on the axis, of a lens focused at infinity, has sin u′ = 1/(2N): the real
-    one, so that its irradiance is π·L/(4N²) as that of every other lens here.
-    Raises InputError if the lens does not gather light, or does not open so far.
+    The stop has the radius at which the real cone of light on the axis, of a lens focused at infinity, has
+    sin u′ = 1/(2N), so that its irradiance is π·L/(4N²) as in the f-number law.
+    Raises InputError if the lens has no positive focal length, or cannot be opened so far.
     """
     prescription = lens.prescription
     assert prescription is not None
     steps = [(s, s.thickness_mm) for s in prescription.surfaces[:-1]] + [(prescription.surfaces[-1], 0.0)]
     a, _, c, d = _matrix(steps)
     if c >= 0:
-        raise InputError(f"the lens {prescription.name!r} does not gather light; it needs a positive focal length.")
+        raise InputError(
+            f"the lens {prescription.name!r} has a negative or infinite focal length; it must be positive."
+        )
     stop = next(number for number, (surface, _) in enumerate(steps) if surface.stop)
     fa, fb, _, _ = _matrix(steps[:stop])
     ra, rb, rc, rd = _matrix(steps[stop:], _index(steps[stop - 1][0]) if stop else 1.0)
     if fa == 0 or rd == 0 or a <= 0:
-        raise InputError(f"the lens {prescription.name!r} has a pupil or its picture at infinity; move its stop.")
+        raise InputError(f"the lens {prescription.name!r} has a pupil or an image at infinity; move its stop.")
     scale = 1.0 if lens.focal_length_mm is None else lens.focal_length_mm * -c
     back_focus = -scale * a / c
-    radius = _stop_radius(surfaces_of(prescription, scale), back_focus, lens)
-    return Cardinal(
+    radius = _stop_radius(lens_surfaces(prescription, scale), back_focus, lens)
+    return CardinalPoints(
         focal_length=-scale / c,
         front_focus=scale * d / c,
         back_focus=back_focus,
@@ -120,30 +121,30 @@ def cardinal(lens: LensSection) -> Cardinal:
     )
 
 
-def opened(lens: LensSection) -> tuple[Surface, ...]:
-    """The surfaces of a camera's prescription from the sensor to the scene, scaled and closed to its f-number."""
+def surfaces_at_f_number(lens: LensSection) -> tuple[Surface, ...]:
+    """The surfaces of a camera's prescription from the sensor to the scene, scaled and stopped down to its f-number."""
     assert lens.prescription is not None
-    points = cardinal(lens)
-    return stopped_down(surfaces_of(lens.prescription, points.scale), points.stop_radius)
+    points = cardinal_points(lens)
+    return stopped_down(lens_surfaces(lens.prescription, points.scale), points.stop_radius)
 
 
 def _stop_radius(surfaces: tuple[Surface, ...], back_focus: float, lens: LensSection) -> float:
-    """How far the stop is open for the camera's f-number [mm], if the lens opens so far."""
+    """Radius of the stop at the camera's f-number [mm]; InputError if the lens is vignetted before that."""
 
-    def axial(sine: Array) -> Ray:
+    def axial_rays(sine: Float64Array) -> Ray:
         return Ray(0 * sine, 0 * sine, -back_focus, sine, 0 * sine, np.sqrt(1 - sine**2), sine > 0)
 
-    sines = np.append(np.linspace(0.0, 1.0, FAN, endpoint=False)[1:], min(0.5 / lens.f_number, 1.0))
-    with np.errstate(all="ignore"):  # of rays that miss
-        passes = trace(surfaces, axial(sines)).unvignetted
-        radius = abs(trace(to_stop(surfaces), axial(sines[-1:])).x[0])
-    if not passes[-1]:
-        blocked = np.flatnonzero(~passes[:-1])
-        name, opens = getattr(lens.prescription, "name", ""), 0.5 / sines[max(blocked[0] - 1, 0)]
-        opens = math.ceil(opens * 100) / 100
+    sines = np.append(np.linspace(0.0, 1.0, AXIAL_RAYS, endpoint=False)[1:], min(0.5 / lens.f_number, 1.0))
+    with np.errstate(all="ignore"):  # rays that miss a surface give NaN
+        unvignetted = trace(surfaces, axial_rays(sines)).unvignetted
+        radius = abs(trace(surfaces_to_stop(surfaces), axial_rays(sines[-1:])).x[0])
+    if not unvignetted[-1]:
+        blocked = np.flatnonzero(~unvignetted[:-1])
+        name = getattr(lens.prescription, "name", "")
+        fastest = math.ceil(0.5 / sines[max(blocked[0] - 1, 0)] * 100) / 100
         raise InputError(
-            f"lens.f_number is {lens.f_number:g}, and the lens {name!r} opens to f/{opens:g} at most; "
-            f"set lens.f_number to {opens:g} or more."
+            f"lens.f_number is {lens.f_number:g}, and the lens {name!r} opens to f/{fastest:g} at most; "
+            f"set lens.f_number to {fastest:g} or more."
         )
     return float(radius)
 
@@ -153,9 +154,9 @@ def _index(surface: SurfaceSection) -> float:
 
 
 def _matrix(steps: Sequence[tuple[SurfaceSection, float]], index: float = 1.0) -> tuple[float, float, float, float]:
-    """(A, B, C, D) from before the first surface to the end of the last gap.
+    """Ray-transfer matrix (A, B, C, D) from before the first surface to the end of the last gap.
 
-    steps : surfaces, each with the gap behind it [mm].  index : before the first one.
+    steps : surfaces, each with the gap behind it [mm].  index : refractive index before the first one.
     """
     a, b, c, d = 1.0, 0.0, 0.0, 1.0
     for surface, gap in steps:

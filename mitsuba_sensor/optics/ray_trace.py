@@ -1,61 +1,62 @@
-"""Rays through a lens, from the sensor to the scene, with the same lines for NumPy and Dr.Jit.
+"""Sequential ray trace through a lens prescription, from the sensor to the scene, for NumPy and Dr.Jit alike.
 
-The lens's own frame has its axis along z, towards the scene; every surface is met in a frame whose origin is its own
-vertex, so that float32 carries numbers of the size of the lens only. Lengths are in mm.
+The z axis is the optical axis, towards the scene. Each surface is intersected in a frame whose origin is its vertex, so
+that float32 holds numbers of the size of the lens only. Lengths are in mm.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from ..core.arrays import maximum, sqrt
+from ..core.types import Array
 from .glass import AIR, D_NM, Glass, glass_behind
 
 if TYPE_CHECKING:
     from ..sensor.lens_datasheet import PrescriptionSection
 
-NEWTON_STEPS = 6  # to a general asphere, from its conic: quadratic convergence, float64 in four or five
+NEWTON_STEPS = 6  # from the conic to the asphere: converges quadratically, float64 needs four or five
+Vector = tuple[Array, Array, Array]
 
 
 class Ray(NamedTuple):
-    """Points and unit directions, by component; ``alive`` where nothing has stopped it."""
+    """Points [mm] and unit directions, by component; unvignetted : True where no aperture has stopped the ray."""
 
-    x: Any
-    y: Any
-    z: Any
-    dx: Any
-    dy: Any
-    dz: Any
-    unvignetted: Any
+    x: Array
+    y: Array
+    z: Array
+    dx: Array
+    dy: Array
+    dz: Array
+    unvignetted: Array
 
 
 @dataclass(frozen=True)
 class Surface:
-    """One surface, seen from the sensor.
+    """One surface, in the order from the sensor to the scene.
 
     curvature : 1/radius [1/mm], positive if the centre is towards the scene.  gap : to the next surface towards the
     scene [mm].  conic, aspheric : the sag is that of the conic plus Σ aspheric[k]·r^(2k + 4).  beyond : the medium
-    towards the scene.
+    on the side of the scene.
     """
 
     curvature: float
     conic: float
     aspheric: tuple[float, ...]
-    semi_diameter: Any
+    semi_diameter: Array
     gap: float
     beyond: Glass
     stop: bool
 
 
-def surfaces_of(prescription: PrescriptionSection, scale: float) -> tuple[Surface, ...]:
-    """The surfaces of a prescription, all lengths times ``scale``, from the sensor to the scene, its stop wide open."""
-    listed = prescription.surfaces
-    found = []
-    for number, surface in reversed(list(enumerate(listed))):
-        before = listed[number - 1] if number else None
-        found.append(
+def lens_surfaces(prescription: PrescriptionSection, scale: float) -> tuple[Surface, ...]:
+    """The surfaces of a prescription, from the sensor to the scene, all lengths times ``scale``, its stop wide open."""
+    surfaces: list[Surface] = []
+    for number, surface in reversed(list(enumerate(prescription.surfaces))):
+        before = prescription.surfaces[number - 1] if number else None
+        surfaces.append(
             Surface(
                 curvature=0.0 if surface.radius_mm is None else -1 / (surface.radius_mm * scale),
                 conic=surface.conic,
@@ -66,28 +67,28 @@ def surfaces_of(prescription: PrescriptionSection, scale: float) -> tuple[Surfac
                 stop=surface.stop,
             )
         )
-    return tuple(found)
+    return tuple(surfaces)
 
 
-def to_stop(surfaces: tuple[Surface, ...]) -> tuple[Surface, ...]:
-    """The surfaces between the sensor and the stop, and the stop."""
+def surfaces_to_stop(surfaces: tuple[Surface, ...]) -> tuple[Surface, ...]:
+    """The surfaces from the sensor up to and including the stop."""
     return surfaces[: next(number for number, surface in enumerate(surfaces) if surface.stop) + 1]
 
 
-def stopped_down(surfaces: tuple[Surface, ...], stop_radius: Any) -> tuple[Surface, ...]:
-    """The same with another opening of the stop [mm]."""
+def stopped_down(surfaces: tuple[Surface, ...], stop_radius: Array) -> tuple[Surface, ...]:
+    """The same surfaces with another radius of the stop [mm]."""
     return tuple(replace(s, semi_diameter=stop_radius) if s.stop else s for s in surfaces)
 
 
-def trace(surfaces: tuple[Surface, ...], ray: Ray, wavelength_nm: Any = D_NM) -> Ray:
-    """Follow rays that start in air before the last vertex (z < 0) until they leave the first surface.
+def trace(surfaces: tuple[Surface, ...], ray: Ray, wavelength_nm: Array = D_NM) -> Ray:
+    """Trace rays that start in air before the last vertex (z < 0) until they leave the first surface.
 
-    wavelength_nm : of every ray, or one for all. The points that come back lie on the first surface, with z from the
-    last vertex; a ray that missed, was stopped or totally reflected is not alive and its numbers mean nothing.
+    wavelength_nm : of every ray, or one for all. The returned points lie on the first surface, with z from the last
+    vertex. The numbers of a ray that missed a surface, was vignetted or totally reflected are undefined.
     """
     medium, index, length = AIR, 1.0, 0.0
     for surface in surfaces:
-        ray = _meet(surface, ray)
+        ray = _intersect(surface, ray)
         if surface.beyond != medium:
             beyond = surface.beyond.index(wavelength_nm)
             ray = _refract(surface, ray, index / beyond)
@@ -97,8 +98,8 @@ def trace(surfaces: tuple[Surface, ...], ray: Ray, wavelength_nm: Any = D_NM) ->
     return ray._replace(z=ray.z + length)
 
 
-def _meet(surface: Surface, ray: Ray) -> Ray:
-    """Where the rays meet the surface, if they do within its clear aperture (Welford 1986, section 4.3 and 4.6)."""
+def _intersect(surface: Surface, ray: Ray) -> Ray:
+    """Intersections with the surface within its clear aperture (Welford 1986, sections 4.3 and 4.6)."""
     x, y, z, dx, dy, dz, unvignetted = ray
     away = -z / dz
     x, y, z = x + away * dx, y + away * dy, 0.0
@@ -114,8 +115,8 @@ def _meet(surface: Surface, ray: Ray) -> Ray:
     return Ray(x, y, z, dx, dy, dz, unvignetted & (x * x + y * y <= surface.semi_diameter * surface.semi_diameter))
 
 
-def _to_asphere(surface: Surface, x: Any, y: Any, z: Any, dx: Any, dy: Any, dz: Any) -> tuple[Any, Any, Any]:
-    """On from the conic to the asphere, by Newton's method along the ray."""
+def _to_asphere(surface: Surface, x: Array, y: Array, z: Array, dx: Array, dy: Array, dz: Array) -> Vector:
+    """Intersection with the asphere from that with its conic, by Newton's method along the ray."""
     for _ in range(NEWTON_STEPS):
         sag, slope = _sag(surface, x * x + y * y)
         away = (sag - z) / (dz - 2.0 * slope * (x * dx + y * dy))
@@ -123,10 +124,10 @@ def _to_asphere(surface: Surface, x: Any, y: Any, z: Any, dx: Any, dy: Any, dz: 
     return x, y, z
 
 
-def _sag(surface: Surface, square: Any) -> tuple[Any, Any]:
+def _sag(surface: Surface, square: Array) -> tuple[Array, Array]:
     """z of the surface at r², and its derivative by r²."""
     c = surface.curvature
-    root = _root(1.0 - (1.0 + surface.conic) * c * c * square) + 1e-9  # where a conic ends no ray is alive
+    root = _root(1.0 - (1.0 + surface.conic) * c * c * square) + 1e-9  # beyond the edge of a conic rays are vignetted
     sag, slope, power = c * square / (1.0 + root), 0.5 * c / root, square
     for k, a in enumerate(surface.aspheric):
         slope, power = slope + (k + 2) * a * power, power * square
@@ -134,7 +135,7 @@ def _sag(surface: Surface, square: Any) -> tuple[Any, Any]:
     return sag, slope
 
 
-def _refract(surface: Surface, ray: Ray, ratio: Any) -> Ray:
+def _refract(surface: Surface, ray: Ray, ratio: Array) -> Ray:
     """Snell's law, ratio = n/n′: d′ = ratio·d + (cos θ′ − ratio·cos θ)·normal."""
     x, y, z, dx, dy, dz, unvignetted = ray
     nx, ny, nz = _normal(surface, x, y, z)
@@ -146,7 +147,7 @@ def _refract(surface: Surface, ray: Ray, ratio: Any) -> Ray:
     )
 
 
-def _normal(surface: Surface, x: Any, y: Any, z: Any) -> tuple[Any, Any, Any]:
+def _normal(surface: Surface, x: Array, y: Array, z: Array) -> Vector:
     """Unit normal, towards the scene."""
     c = surface.curvature
     if surface.aspheric:
@@ -160,6 +161,6 @@ def _normal(surface: Surface, x: Any, y: Any, z: Any) -> tuple[Any, Any, Any]:
     return nx * size, ny * size, nz * size
 
 
-def _root(x: Any) -> Any:
-    """√x, and 0 below 0."""
-    return math.sqrt(max(x, 0.0)) if isinstance(x, float) else sqrt(maximum(x, 0.0))  # one ray at a time: no NumPy
+def _root(x: Array) -> Array:
+    """√x, and 0 below 0; of a float in scalar variants, which trace single rays."""
+    return math.sqrt(max(x, 0.0)) if isinstance(x, float) else sqrt(maximum(x, 0.0))

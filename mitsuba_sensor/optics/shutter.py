@@ -1,10 +1,10 @@
-"""When each row of the film is open, and from which instants its picture is made.
+"""Global and rolling shutter: when each row of the film is open, and which sub-frames at which instants make its image.
 
-A frame is made of sub-frames: renders of the scene as it stands at instants t_k = t_0 + (k + u)·Δ, with u from 0 to 1
-drawn anew for every pass. Every row takes the m that follow each other about the middle of its own exposure, each with
-weight 1/m. With Δ = exposure/m exactly m of the instants fall into an exposure, wherever it begins, so that the weights
-of every row add up to 1 in every pass, and over the passes every instant of the exposure has the same chance: the blur
-is that of the open shutter, without ghosts of the sub-frames (systematic sampling with a random start).
+A frame is the weighted sum of sub-frames: renders of the scene at the instants t_k = t_0 + (k + u)·Δ, with a new random
+u from 0 to 1 for every pass. Every row takes the m consecutive ones about the middle of its own exposure, each with
+weight 1/m. With Δ = exposure/m exactly m of the instants fall into an exposure, wherever it starts, so that the weights
+of every row add up to 1 in every pass, and over the passes every instant of the exposure has the same probability: the
+blur is that of the open shutter, without ghosts of the sub-frames (systematic sampling with a random start).
 
 Global shutter: all rows open at time 0. Rolling: row r of the film opens at r·t_row, read from top to bottom.
 """
@@ -18,36 +18,38 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core.types import Float64Array
+
 if TYPE_CHECKING:
     from ..core.exposure import Exposure
     from ..sensor.camera import Camera
 
-STEP_PX = 0.5  # the picture moves by no more from one sub-frame to the next: half of what a pixel averages anyway
+STEP_PX = 0.5  # largest motion of the image from one sub-frame to the next: half of what a pixel averages anyway
 
 
 @dataclass(frozen=True)
 class Shutter:
-    """open_s : how long a row is open.  row_time_s : from the start of a row to that of the next; 0 is global."""
+    """open_s : exposure time of a row [s].  row_time_s : from the start of a row to that of the next; 0 is global."""
 
     open_s: float
     row_time_s: float = 0.0
 
-    def start_s(self, rows: ArrayLike) -> NDArray[np.float64]:
+    def start_s(self, rows: ArrayLike) -> Float64Array:
         """When rows of the film open [s]; row 0 at time 0."""
-        return np.asarray(rows) * self.row_time_s
+        return np.asarray(rows, dtype=float) * self.row_time_s
 
     def span_s(self, rows: tuple[int, int]) -> tuple[float, float]:
         """From the start of the first of the rows [first, last) to the end of the last [s]."""
         return rows[0] * self.row_time_s, (rows[1] - 1) * self.row_time_s + self.open_s
 
-    def wanted(self, speed_px_per_s: float) -> int:
-        """How many sub-frames an exposure needs when the picture moves this fast; at least 1."""
+    def subframes_needed(self, speed_px_per_s: float) -> int:
+        """How many sub-frames an exposure needs when the image moves this fast; at least 1."""
         return max(math.ceil(self.open_s * speed_px_per_s / STEP_PX - 1e-9), 1)
 
     def step_s(self, count: int, speed_px_per_s: float, rows: tuple[int, int]) -> float:
         """Δ [s] between the sub-frames of the rows [first, last), ``count`` of them in an exposure.
 
-        Where the picture hardly moves while a row is open, neighbouring rows of a rolling shutter share a sub-frame:
+        Where the image hardly moves while a row is open, neighbouring rows of a rolling shutter share a sub-frame:
         those that open within the time in which it moves by STEP_PX, at most all of them.
         """
         first, last = self.span_s(rows)
@@ -62,26 +64,26 @@ class Subframes:
     times_s : (K,) instants.  first : (rows,) number of the first sub-frame of each row, which takes ``count`` of them.
     """
 
-    times_s: NDArray[np.float64]
+    times_s: Float64Array
     first: NDArray[np.intp]
     count: int
 
-    def weights(self) -> NDArray[np.float64]:
+    def weights(self) -> Float64Array:
         """(rows, K) share of each sub-frame in each row; every row adds up to 1."""
-        behind = np.arange(len(self.times_s)) - self.first[:, None]
-        return np.where((behind >= 0) & (behind < self.count), 1 / self.count, 0.0)
+        offset = np.arange(len(self.times_s)) - self.first[:, None]
+        return np.asarray(np.where((offset >= 0) & (offset < self.count), 1 / self.count, 0.0))
 
 
 def subframes(shutter: Shutter, rows: tuple[int, int], count: int, step_s: float, phase: float) -> Subframes:
     """Sub-frames Δ = ``step_s`` apart for the rows [first, last) of the film, ``count`` for each row.
 
-    phase : u, from 0 to 1. Averaged over it, a row sees ``count``·Δ about the middle of its exposure evenly.
+    phase : u, from 0 to 1. Averaged over u, a row weights the time ``count``·Δ about the middle of its exposure evenly.
     """
-    begins = shutter.start_s(np.arange(*rows)) + (shutter.open_s - count * step_s) / 2
-    at = (begins - begins[0]) / step_s if step_s else np.zeros(len(begins))
+    starts = shutter.start_s(np.arange(*rows)) + (shutter.open_s - count * step_s) / 2
+    at = (starts - starts[0]) / step_s if step_s else np.zeros(len(starts))
     first = np.ceil(at - phase).astype(np.intp)
     numbers = np.arange(first[0], first[-1] + count)
-    return Subframes(begins[0] + (numbers + phase) * step_s, first - first[0], count)
+    return Subframes(starts[0] + (numbers + phase) * step_s, first - first[0], count)
 
 
 def shutter_of(camera: Camera, exposure: Exposure) -> Shutter:

@@ -1,1 +1,1 @@
-"""Light: from a scene to photons. The only room that knows Mitsuba, and variants.py is its one door to it."""
+"""A Mitsuba scene to spectral irradiance and photons; the only package that imports Mitsuba."""

@@ -1,4 +1,4 @@
-"""What the channels of a render respond to: adjacent bands, one band, or the sensor's own colour filters."""
+"""Choice of bands: the spectral responses of a render's channels, as adjacent bands, one band or colour filters."""
 
 from __future__ import annotations
 
@@ -6,57 +6,57 @@ import hashlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.errors import InputError, require
+from ..core.types import Float64Array
 from ..optics.f_number_law import transmittance
 
 if TYPE_CHECKING:
     from ..sensor.camera import Camera
 
-SHORTEST_NM, LONGEST_NM = 200.0, 1100.0  # silicon behind its windows
+SHORTEST_NM, LONGEST_NM = 200.0, 1100.0  # range of silicon sensors
 NARROWEST_NM = 0.5  # below it the float32 nodes of a band lose accuracy
-GROUP = 4  # wavelengths that Mitsuba draws for one path
-NODES = 17  # of a box in a cube: the density of wavelengths has a node wherever a response has one
+GROUP = 4  # wavelengths that Mitsuba samples for one path
+NODES = 17  # of a box in a cube; the density of wavelengths has the same nodes
 RESPONSE_STEP_NM = 1.0  # of tabulated responses; linear in between
 SPECTRAL = ("auto", "cube", "channels")
-Kind = Literal["cube", "single", "channels"]
+BandKind = Literal["cube", "single", "channels"]
 
 
 @dataclass(frozen=True, eq=False)
 class Bands:
     """The channels of one film.
 
-    kind : "cube" or "single", boxes of height 1 and of the lens's transmission afterwards; or "channels", one response
-        T(λ)·QE(λ)·λ/λ_ref per colour filter, which makes a channel's ∫E dλ at λ_ref the electrons that are detected.
+    kind : "cube" or "single", boxes of height 1, with the lens's transmission still to be applied; or "channels", one
+        response T(λ)·QE(λ)·λ/λ_ref per colour filter, so that ∫E dλ of a channel at λ_ref gives the photoelectrons.
     edges_nm : (B + 1,) of the boxes; for channels the two ends of the camera's band.
     wavelengths_nm, bandwidths_nm : (B,) centres and widths; λ_ref and 1 nm for every channel.
-    response : None, or the fingerprint of QE and transmission that went into the channels.
-    apart : whether each band is to be as exact as can be, at the cost of their sum.
     responses : (B,) Mitsuba spectra.  transmission : (B,) of the lens, still to be applied; 1 for channels.
+    response : None, or the fingerprint of the QE and transmission in the channels.
+    grouped : whether bands are rendered in groups of four: less noise in each band, more in their sum.
     """
 
-    kind: Kind
-    edges_nm: NDArray[np.float64]
-    wavelengths_nm: NDArray[np.float64]
-    bandwidths_nm: NDArray[np.float64]
-    responses: tuple[Mapping[str, Any], ...]
-    transmission: NDArray[np.float64]
+    kind: BandKind
+    edges_nm: Float64Array
+    wavelengths_nm: Float64Array
+    bandwidths_nm: Float64Array
+    responses: tuple[Mapping[str, object], ...]
+    transmission: Float64Array
     response: str | None = None
-    apart: bool = False
+    grouped: bool = False
 
     @property
     def groups(self) -> tuple[slice, ...]:
-        """The channels that share light paths: four bands at a time where they stand ``apart``, else all.
+        """The channels that share light paths: four bands at a time where they are ``grouped``, else all.
 
-        Mitsuba draws four wavelengths per path, evenly apart. Spread over four equal bands, each gets exactly one; over
-        thirty, most get none, and that is noise of each band even where the light is exact; but the sum over all bands,
-        which a frame of this camera sees, is then the quieter.
+        Mitsuba samples four equidistant wavelengths per path. Of four equal bands each gets exactly one; of thirty,
+        most get none, which is noise of each band even where the radiance is exact; but the sum over all bands, which
+        a frame of this camera measures, then has less noise.
         """
-        if not self.apart or len(self) <= GROUP:
+        if not self.grouped or len(self) <= GROUP:
             return (slice(0, len(self)),)
         return tuple(slice(k, min(k + GROUP, len(self))) for k in range(0, len(self), GROUP))
 
@@ -75,9 +75,9 @@ class Bands:
 
 
 def choose_bands(camera: Camera, wavelength_nm: float | None, bandwidth_nm: float, spectral: str) -> Bands:
-    """The channels that a render of this camera needs.
+    """The channels for a render of this camera.
 
-    wavelength_nm : one band about it.
+    wavelength_nm : centre of a single band.
     spectral : "auto", adjacent bands of ``bandwidth_nm`` over the camera's band, least noise in this camera's frame;
         "cube", the same bands, least noise in each; "channels", its colour filters.
     Raises InputError.
@@ -86,16 +86,16 @@ def choose_bands(camera: Camera, wavelength_nm: float | None, bandwidth_nm: floa
         raise InputError(f"spectral is {spectral!r}; it must be one of {', '.join(SPECTRAL)}.")
     if spectral == "channels":
         if wavelength_nm is not None:
-            raise InputError("spectral is 'channels' and wavelength_nm is given; one wavelength has no colour filters.")
+            raise InputError("spectral is 'channels' and wavelength_nm is given; a single band has no colour filters.")
         return channel_bands(camera)
     bands = box_bands(camera, band_edges_nm(camera, wavelength_nm, bandwidth_nm))
-    return replace(bands, apart=spectral == "cube" and bands.kind == "cube")
+    return replace(bands, grouped=spectral == "cube" and bands.kind == "cube")
 
 
-def box_bands(camera: Camera, edges_nm: NDArray[np.float64]) -> Bands:
-    """Adjacent boxes of height 1 between the edges: ∫L dλ over each.
+def box_bands(camera: Camera, edges_nm: Float64Array) -> Bands:
+    """Adjacent boxes of height 1 between the edges, (B + 1,): ∫L dλ over each.
 
-    A box is a ``regular`` spectrum: an ``irregular`` one costs a search for every sample and band (a 30-band film was
+    A box is a ``regular`` spectrum: an ``irregular`` one needs a search for every sample and band (a 30-band film was
     1.5 to 1.7 times slower with it), and ``uniform`` cannot be a response.
     """
     edges = edges_nm.tolist()
@@ -105,12 +105,12 @@ def box_bands(camera: Camera, edges_nm: NDArray[np.float64]) -> Bands:
         for low, high in zip(edges[:-1], edges[1:], strict=True)
     )
     centres = (edges_nm[:-1] + edges_nm[1:]) / 2
-    kind: Kind = "cube" if len(boxes) > 1 else "single"
+    kind: BandKind = "cube" if len(boxes) > 1 else "single"
     return Bands(kind, edges_nm, centres, np.diff(edges_nm), boxes, transmittance(camera, centres))
 
 
 def channel_bands(camera: Camera) -> Bands:
-    """One response per colour filter: what a pixel behind it detects, T(λ)·QE(λ)·λ/λ_ref (paper eq. 12 and 14)."""
+    """One response per colour filter, T(λ)·QE(λ)·λ/λ_ref, of the pixels behind it (paper eq. 12 and 14)."""
     if camera.quantum_efficiency.quantum_yield is not None:
         raise InputError("spectral is 'channels' and the camera has a quantum_yield, which needs bands; take 'cube'.")
     low, high = (float(v) for v in camera.band_nm)
@@ -120,19 +120,19 @@ def channel_bands(camera: Camera) -> Bands:
     responses = tuple(_regular(low, high, curve.tolist()) for curve in curves)
     ones = np.ones(len(responses))
     ends = np.array([low, high])
-    return Bands("channels", ends, reference_nm * ones, ones, responses, ones, response_of(camera))
+    return Bands("channels", ends, reference_nm * ones, ones, responses, ones, response_fingerprint(camera))
 
 
-def response_of(camera: Camera) -> str:
-    """A fingerprint of all that "channels" hold of a camera: QE curves and the transmission of the lens."""
+def response_fingerprint(camera: Camera) -> str:
+    """A hash of what "channels" contain of a camera: QE curves and the transmission of the lens."""
     section = camera.quantum_efficiency
     lens = camera.lens.transmission, camera.lens.transmission_curve, camera.lens.transmission_wavelengths_nm
-    said = repr((section.wavelengths_nm, sorted(section.curves.items()), lens))
-    return hashlib.blake2b(said.encode(), digest_size=8).hexdigest()
+    text = repr((section.wavelengths_nm, sorted(section.curves.items()), lens))
+    return hashlib.blake2b(text.encode(), digest_size=8).hexdigest()
 
 
-def band_edges_nm(camera: Camera, wavelength_nm: float | None, bandwidth_nm: float) -> NDArray[np.float64]:
-    """Edges of the bands, (B + 1,): one band about a wavelength, else adjacent ones over the camera's own band.
+def band_edges_nm(camera: Camera, wavelength_nm: float | None, bandwidth_nm: float) -> Float64Array:
+    """Edges of the bands, (B + 1,): one band centred on a wavelength, else adjacent ones over the camera's band.
 
     The last band of a cube is narrower where the width does not divide the camera's band.
     """
@@ -145,6 +145,7 @@ def band_edges_nm(camera: Camera, wavelength_nm: float | None, bandwidth_nm: flo
     return np.append(low + width * np.arange(count), high)
 
 
-def _regular(low_nm: float, high_nm: float, values: list[float]) -> dict[str, Any]:
+def _regular(low_nm: float, high_nm: float, values: list[float]) -> dict[str, object]:
+    """A Mitsuba spectrum of equidistant nodes."""
     text = ", ".join(repr(float(v)) for v in values)
     return {"type": "regular", "wavelength_min": low_nm, "wavelength_max": high_nm, "values": text}

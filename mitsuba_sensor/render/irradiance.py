@@ -14,14 +14,16 @@ from numpy.typing import NDArray
 from ..core.checks import check_types, first_given
 from ..core.errors import InputError, require_seed
 from ..core.exposure import Exposure
-from ..optics.f_number_law import aperture_f_number, intrinsics
+from ..optics.intrinsics import intrinsics
+from ..optics.view import aperture_f_number
 from .bands import Bands, choose_bands
 from .denoise import denoised, library
 from .motion import Motion, read_motion
 from .moving_scene import MovingScene
+from .passes import SAMPLER
 from .renderer import Criterion, Progress, Renderer
-from .scene import SAMPLER, Scene, load_scene
-from .scene_settings import SceneSettings, read_setup, unit_m
+from .scene import Scene, load_scene
+from .scene_settings import SceneSettings, read_settings, unit_m
 from .statistics import RenderStatistics, summary_of, trusted, why_not_trusted
 from .stop_criterion import End, StopCriterion, stop_criterion_of
 from .variants import Variant, choose_variant, use
@@ -226,7 +228,7 @@ class Job:
 
     def _overruled(self) -> list[str]:
         """A note where the camera has another value than the scene file in a field that the file sets."""
-        mine, file = self.camera.model_dump(), self.setup.on(self.camera).model_dump()
+        mine, file = self.camera.model_dump(), self.setup.applied_to(self.camera).model_dump()
         fields = [name for name in self.setup.fields if _value(mine, name) != _value(file, name)]
         return [f"{', '.join(fields)} of the scene file overruled by the camera that was given"] if fields else []
 
@@ -260,7 +262,7 @@ def prepare(
     options.check()
     chosen = choose_variant(options.variant)
     use(chosen)
-    setup = read_setup(scene, parameters)
+    setup = read_settings(scene, parameters)
     camera, exposure = _camera_and_exposure(setup, camera, exposure)
     bands = options.bands(setup, camera, usual)
     loaded: Scene | MovingScene = load_scene(

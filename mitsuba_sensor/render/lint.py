@@ -1,40 +1,41 @@
-"""Say, before anything is rendered, what in a scene will not be what its author thinks.
+"""Checks a scene, before rendering, for what differs from what its author probably expects.
 
-Outside 360 to 830 nm Mitsuba's own light is zero unless told otherwise (d65, rgb and float emitters, environment maps,
-sun and sky, blackbody); a table is zero outside its nodes. Units, clip planes, shutters and integrators have traps of
-their own. Nothing in Mitsuba warns of any of them.
+Outside 360 to 830 nm Mitsuba's own emitters are zero by default (d65, rgb and float emitters, environment maps, sun and
+sky, blackbody); a table is zero outside its nodes. There are similar problems with units, clip planes, shutters and
+integrators. Mitsuba warns of none of them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
+from .passes import SAMPLER
 from .scene_file import SceneFile
 from .scene_settings import FILM
-from .scene_spectra import MITSUBA_NM, Spectra
-from .variants import mitsuba
+from .scene_spectra import MITSUBA_NM, SceneSpectra
+from .variants import MitsubaObject, mitsuba
 
-SAMPLER = "multijitter"  # at 64 samples per pixel a quarter of the noise of "independent", at the same cost
 WRAPPERS = ("aov", "moment", "stokes")  # integrators that add channels; with specfilm they corrupt memory (#1189)
-POSITIONAL = ("point", "spot", "projector")  # lights whose effect falls with the square of a distance in scene units
-WORTH = 0.01  # of the light: what a path may lose at its end before somebody is told
-FLAT = 0.01  # thickness over width: patches that lie on their board do not light each other
+POSITIONAL = ("point", "spot", "projector")  # emitters whose irradiance depends on a distance in scene units
+LOSS = 0.01  # of the radiance: what cut paths may lose without a finding
+FLAT = 0.01  # thickness over width: patches on a plane do not illuminate each other
 ROUNDING = 1e-5  # of float32 coordinates
-ALBEDO = 0.5  # of a mid-grey room, to judge how much light a cut path loses
+ALBEDO = 0.5  # of a closed grey scene, to estimate the radiance that cut paths lose
 MOST_LINES = 4  # named in one finding
 ORDER = ("black", "wrong", "note")
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing in a scene.
+    """One result of the check.
 
-    level : "black", light that is missing; "wrong", something that is not what it looks like; "note", worth knowing.
-    where : its lines in the scene file.  what : is the matter.  remedy : what to do, or what was done.
+    level : "black", radiance that is missing; "wrong", a value with another meaning than expected; "note", other
+        information.
+    where : lines in the scene file.  what : description.  remedy : what to do, or what was done.
     """
 
     level: Literal["black", "wrong", "note"]
@@ -50,10 +51,10 @@ class Finding:
         return asdict(self)
 
 
-def lint(scene: SceneFile, spectra: Spectra, low_nm: float, high_nm: float, unit_m: float | None) -> list[Finding]:
-    """Findings in a parsed scene for a sensor that sees from ``low_nm`` to ``high_nm``, the gravest first.
+def lint(scene: SceneFile, spectra: SceneSpectra, low_nm: float, high_nm: float, unit_m: float | None) -> list[Finding]:
+    """Findings in a parsed scene for a sensor with a band from ``low_nm`` to ``high_nm``, most serious first.
 
-    spectra : of the same scene.  unit_m : metres per scene unit; None if nobody knows.
+    spectra : of the same scene.  unit_m : metres per scene unit; None if unknown.
     """
     found = [
         *_dark(scene, spectra, low_nm, high_nm),
@@ -65,24 +66,24 @@ def lint(scene: SceneFile, spectra: Spectra, low_nm: float, high_nm: float, unit
         *_film(scene),
         *_sensors(scene),
     ]
-    return gravest_first(found)
+    return most_serious_first(found)
 
 
-def gravest_first(findings: Iterable[Finding]) -> list[Finding]:
+def most_serious_first(findings: Iterable[Finding]) -> list[Finding]:
     """The findings, black before wrong before notes."""
     return sorted(findings, key=lambda finding: ORDER.index(finding.level))
 
 
-def lint_built(scene: SceneFile, native: Any, sensor: Any) -> list[Finding]:
-    """Findings that need the shapes: what the clip planes cut, and paths that end too soon."""
-    box = native.bbox()
+def lint_built(scene: SceneFile, built: MitsubaObject, sensor: MitsubaObject) -> list[Finding]:
+    """Findings that need the shapes: what the clip planes cut off, and paths that end too early."""
+    box = built.bbox()
     return [*_clip_planes(scene, box, sensor), *_short_paths(scene, box)] if box.valid() else []
 
 
-def _clip_planes(scene: SceneFile, box: Any, sensor: Any) -> Iterator[Finding]:
-    """What near_clip and far_clip cut off the box around all shapes; depths are along the view, in scene units.
+def _clip_planes(scene: SceneFile, box: MitsubaObject, sensor: MitsubaObject) -> Iterator[Finding]:
+    """What near_clip and far_clip cut off the bounding box of all shapes; depths are along the view, in scene units.
 
-    A sensor within the box may have anything before it, so that only what is far is judged.
+    Nothing is known of the near depths of a sensor inside the box; there only far_clip is checked.
     """
     parameters, where = mitsuba().traverse(sensor), scene.where(scene.sensor())
     if "near_clip" not in parameters:
@@ -94,81 +95,84 @@ def _clip_planes(scene: SceneFile, box: Any, sensor: Any) -> Iterator[Finding]:
     depths = (corners - to_world[:3, 3]) @ axis
     first, last = depths.min(), depths.max()
     if 0 < first < near * (1 - ROUNDING) or 0 < last < near:
-        what = f"near_clip is {near:g} and the scene begins at {max(first, 0.0):.4g}: what is nearer is cut off"
+        what = f"near_clip is {near:g} and the scene begins at {max(first, 0.0):.4g}: nearer parts are cut off"
         yield Finding("black", where, what, "give the sensor a smaller near_clip")
     if last > far * (1 + ROUNDING):
-        what = f"far_clip is {far:g} and the scene reaches to {last:.4g}: what is farther is cut off"
+        what = f"far_clip is {far:g} and the scene extends to {last:.4g}: farther parts are cut off"
         yield Finding("black", where, what, "give the sensor a larger far_clip")
 
 
-def _short_paths(scene: SceneFile, box: Any) -> Iterator[Finding]:
-    """An integrator that ends paths while they still carry light; in a flat scene there is nowhere to go on to."""
+def _short_paths(scene: SceneFile, box: MitsubaObject) -> Iterator[Finding]:
+    """An integrator that ends paths which still carry radiance; a flat scene has no longer paths."""
     sides = sorted(float(side) for side in np.ravel(box.extents()))
     for node in _integrators(scene):
         depth = node.props.get("max_depth", 2 if node.props.plugin_name() == "direct" else -1)
-        if depth >= 0 and ALBEDO**depth > WORTH and sides[0] > FLAT * sides[-1]:
+        if depth >= 0 and ALBEDO**depth > LOSS and sides[0] > FLAT * sides[-1]:
             what = (
-                f"light paths end after {depth} segments, which loses {ALBEDO**depth:.2g} of the light in a grey room"
+                f"light paths end after {depth} segments, which loses {ALBEDO**depth:.2g} of the radiance in a closed "
+                "grey scene"
             )
             remedy = "take 'path' with max_depth 16 or more, or without it"
             yield Finding("note", scene.where(node), what, remedy)
 
 
-def _integrators(scene: SceneFile) -> list[Any]:
-    """The nodes of the scene's integrator and of those inside it, parsed or already unwrapped."""
+def _integrators(scene: SceneFile) -> list[MitsubaObject]:
+    """The nodes of the scene's integrator and of those inside it, before or after unwrapping."""
     return [node for node in scene.state.nodes if node.type == mitsuba().ObjectType.Integrator]
 
 
-def _lines(scene: SceneFile, nodes: list[Any]) -> str:
-    """``line 3``, ``lines 3, 9 and 4 more``; only what is named is looked up, because that reads the file."""
-    words = list(dict.fromkeys(scene.where(node).removeprefix("line ") for node in nodes[:MOST_LINES]))
+def _lines(scene: SceneFile, nodes: list[MitsubaObject]) -> str:
+    """``line 3``, ``lines 3, 9 and 4 more``; a look-up reads the file, so only the named ones are looked up."""
+    lines = list(dict.fromkeys(scene.where(node).removeprefix("line ") for node in nodes[:MOST_LINES]))
     more = f" and {len(nodes) - MOST_LINES} more" if len(nodes) > MOST_LINES else ""
-    return f"line{'s' * (len(words) > 1)} {', '.join(words)}{more}"
+    return f"line{'s' * (len(lines) > 1)} {', '.join(lines)}{more}"
 
 
 def _places(count: int) -> str:
     return f"{count} place{'s' * (count > 1)}"
 
 
-def _dark(scene: SceneFile, spectra: Spectra, low_nm: float, high_nm: float) -> Iterator[Finding]:
-    """Spectra that do not reach from one end of the bands to the other."""
-    for (name, low, high), nodes in spectra.short(low_nm, high_nm).items():
+def _dark(scene: SceneFile, spectra: SceneSpectra, low_nm: float, high_nm: float) -> Iterator[Finding]:
+    """Spectra that do not extend over all bands."""
+    for (name, low, high), nodes in spectra.incomplete(low_nm, high_nm).items():
         what = (
             f"{name} in {_places(len(nodes))} is black outside {low:g} to {high:g} nm; "
-            f"the bands go from {low_nm:g} to {high_nm:g} nm"
+            f"the bands extend from {low_nm:g} to {high_nm:g} nm"
         )
         remedy = f"give it pairs of wavelength and value from {low_nm:g} to {high_nm:g} nm"
         yield Finding("black", _lines(scene, nodes), what, remedy)
 
 
-def _colours(scene: SceneFile, spectra: Spectra, low_nm: float, high_nm: float) -> Iterator[Finding]:
-    """Reflectances given as colours or pictures, where no colour exists."""
+def _colours(scene: SceneFile, spectra: SceneSpectra, low_nm: float, high_nm: float) -> Iterator[Finding]:
+    """Reflectances given as rgb colours or images, outside the range where rgb is defined."""
     low, high = MITSUBA_NM
     if spectra.colours and (low_nm < low or high_nm > high):
         what = f"rgb in {_places(len(spectra.colours))} is extrapolated outside {low:g} to {high:g} nm, to 0 or to 1"
         yield Finding("wrong", _lines(scene, spectra.colours), what, "give measured spectra")
 
 
-def _float_lights(scene: SceneFile, spectra: Spectra) -> Iterator[Finding]:
-    """Lights given as one number, which Mitsuba takes for so much D65 (#1579)."""
+def _float_lights(scene: SceneFile, spectra: SceneSpectra) -> Iterator[Finding]:
+    """Emitters given as one number, which Mitsuba multiplies by D65 (#1579)."""
     if spectra.float_lights:
-        what = f"a float makes {_places(len(spectra.float_lights))} shine with the spectrum of D65, not with a flat one"
+        what = f"a float in {_places(len(spectra.float_lights))} gives the spectrum of D65, not a flat one"
         remedy = 'write <spectrum name="radiance" value="..."/> for the same value at every wavelength'
         yield Finding("wrong", _lines(scene, spectra.float_lights), what, remedy)
 
 
 def _units(scene: SceneFile, unit_m: float | None) -> Iterator[Finding]:
-    """Lights that are a point: their distance counts in scene units (#1426)."""
+    """Emitters that are a point: their distance is taken in scene units (#1426)."""
     emitters = (n for n in scene.state.nodes if n.type == mitsuba().ObjectType.Emitter)
     nodes = [n for n in emitters if n.props.plugin_name() in POSITIONAL]
     if not nodes or unit_m == 1.0:
         return
     kinds = ", ".join(sorted({n.props.plugin_name() for n in nodes}))
     if unit_m is None:
-        what = f"{kinds} light in {_places(len(nodes))} is right only if the scene unit is the metre, which is not said"
-        yield Finding("note", _lines(scene, nodes), what, "say scene_unit")
+        what = (
+            f"{kinds} light in {_places(len(nodes))} is right only if the scene unit is the metre, which is not known"
+        )
+        yield Finding("note", _lines(scene, nodes), what, "give scene_unit")
         return
-    what = f"{kinds} light in {_places(len(nodes))} counts distances in units of {unit_m:g} m, as if they were metres"
+    what = f"{kinds} light in {_places(len(nodes))} takes distances in units of {unit_m:g} m, as if they were metres"
     yield Finding("wrong", _lines(scene, nodes), what, f"multiply its intensity by {unit_m**-2:g}")
 
 
@@ -180,42 +184,42 @@ def _shutter(scene: SceneFile) -> Iterator[Finding]:
 
 
 def _integrator(scene: SceneFile) -> Iterator[Finding]:
-    """Integrators that hide light, or add channels."""
+    """Integrators that hide emitters, or add channels."""
     for node in _integrators(scene):
         props, where, kind = node.props, scene.where(node), node.props.plugin_name()
         if kind in WRAPPERS:
             inner = any(n.type == node.type for _, n in scene.children(props))
             remedy = f"integrator {kind!r} replaced by {'the one inside it' if inner else 'path'}"
-            yield Finding("note", where, f"integrator {kind!r} adds channels that the sensor has no use for", remedy)
+            yield Finding("note", where, f"integrator {kind!r} adds channels that the sensor does not use", remedy)
         if props.get("hide_emitters"):
-            what = "hide_emitters makes lights black that the sensor looks at"
-            yield Finding("wrong", where, what, "leave it out: a sensor sees lamps and sky")
+            what = "hide_emitters makes visible emitters black"
+            yield Finding("wrong", where, what, "leave it out: a sensor images lamps and sky")
 
 
 def _film(scene: SceneFile) -> Iterator[Finding]:
-    """What load_scene replaces in film and sampler, and what the film would do in plain Mitsuba."""
+    """What load_scene replaces in film and sampler, and the effect of the film in plain Mitsuba."""
     film = scene.film()
     kind = film.props.plugin_name() if film else "hdrfilm"
     where = scene.where(film or scene.sensor())
     if kind == "specfilm" and film.props.get("component_format", "float16") == "float16":
-        what = "a specfilm stores float16 unless told otherwise, and loses all above 65504"
+        what = "a specfilm stores float16 by default, and values above 65504 overflow"
         yield Finding("note", where, what, 'float32 taken; write <string name="component_format" value="float32"/>')
     if kind not in ("specfilm", FILM):
         what = f"film {kind!r} does not keep spectra"
         remedy = f"film {kind!r} replaced by the spectral bands of the sensor (specfilm, float32)"
         yield Finding("note", where, what, remedy)
     if kind != FILM and (wide := _filter(scene, film)) != "box":
-        what = f"filter {wide!r} is wider than a pixel and makes the noise of neighbours alike"
-        yield Finding("note", where, what, f"filter {wide!r} replaced by 'box': a pixel sees itself only")
+        what = f"filter {wide!r} is wider than a pixel and correlates the noise of neighbouring pixels"
+        yield Finding("note", where, what, f"filter {wide!r} replaced by 'box', which is one pixel wide")
     if film and any(name.startswith("crop") for name in film.props):
-        yield Finding("note", where, "only the crop window of the film is rendered", "leave it out to see all")
+        yield Finding("note", where, "only the crop window of the film is rendered", "leave it out to render all")
     for _, sampler in scene.children(scene.sensor().props):
         if sampler.type == mitsuba().ObjectType.Sampler and (name := sampler.props.plugin_name()) != SAMPLER:
             what, remedy = f"sampler {name!r} is noisier", f"sampler {name!r} replaced by {SAMPLER!r}"
             yield Finding("note", scene.where(sampler), what, remedy)
 
 
-def _filter(scene: SceneFile, film: Any) -> str:
+def _filter(scene: SceneFile, film: MitsubaObject) -> str:
     """The reconstruction filter of a film; Mitsuba's default is a Gaussian."""
     nested = scene.children(film.props) if film else ()
     kinds = [n.props.plugin_name() for _, n in nested if n.type == mitsuba().ObjectType.ReconstructionFilter]

@@ -1,4 +1,4 @@
-"""How many passes of how many samples, from which seeds, over which rows; and how passes become a mean and an error."""
+"""Render passes: their number, samples, seeds and strips of rows; mean and variance of equal passes (Welford)."""
 
 from __future__ import annotations
 
@@ -10,8 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import InputError, require
+from ..core.types import Float64Array
 
-FEWEST, MOST = 16, 32  # Student's t of 15 degrees of freedom: |z| < 1 in 66.7 %, |z| < 2 in 93.6 % of the pixels
+SAMPLER = "multijitter"  # at 64 samples per pixel a quarter of the noise of "independent", at the same cost
+# Passes; Student's t of 15 degrees of freedom: |z| < 1 in 66.7 %, |z| < 2 in 93.6 % of the pixels.
+FEWEST, MOST = 16, 32
 FEWEST_SAMPLES = 16  # per pass, before passes are added instead: benchmarks/render_passes.py
 MOST_SPP = 1024  # per pass: the float32 film loses about 1e-8 per sample
 MOST_IN_ALL = 2**24
@@ -22,9 +25,9 @@ MOST_VALUES = 2**23  # pixels × bands per strip: 64 MB for each float64 array o
 def pass_plan(spp: int) -> tuple[int, int]:
     """(passes, samples per pixel and pass) whose product comes closest to ``spp``; at least two passes.
 
-    Multijitter fills a grid of about equal sides, so that it accepts 1, 2, 4, 6, 9, 12, 16 … samples and rounds the
-    rest up; only counts that it keeps are chosen, among 16 to 32 passes (more only to stay at 1024 samples per pass).
-    Of equal plans the one with more passes is taken, as long as each has 16 samples.
+    Multijitter fills a grid of about equal sides, so that it accepts 1, 2, 4, 6, 9, 12, 16 … samples and rounds other
+    counts up; only counts that it keeps are chosen, with 16 to 32 passes (more only to stay at 1024 samples per pass).
+    Of equal plans the one with more passes is chosen, as long as each has 16 samples.
     """
     if require("spp", spp, 1, MOST_IN_ALL, "samples per pixel, e.g. 256") != int(spp):
         raise InputError(f"spp is {spp!r}; it must be a whole number of samples per pixel (e.g. 256).")
@@ -32,18 +35,18 @@ def pass_plan(spp: int) -> tuple[int, int]:
     if spp < FEWEST:
         return max(spp, 2), 1
     fewest = max(FEWEST, math.ceil(spp / MOST_SPP))
-    plans = [(k, n) for k in range(fewest, max(MOST, 2 * fewest) + 1) for n in _neighbours(spp / k)]
-    return min(plans, key=lambda plan: (abs(plan[0] * plan[1] - spp), _worth(plan)))
+    plans = [(k, n) for k in range(fewest, max(MOST, 2 * fewest) + 1) for n in _kept_counts(spp / k)]
+    return min(plans, key=lambda plan: (abs(plan[0] * plan[1] - spp), _preference(plan)))
 
 
-def _worth(plan: tuple[int, int]) -> tuple[bool, int]:
-    """Sorts plans of equal size: enough samples per pass first, then many passes; else few passes."""
+def _preference(plan: tuple[int, int]) -> tuple[bool, int]:
+    """Sort key of plans of equal size: enough samples per pass first, then many passes; else few passes."""
     passes, samples = plan
     enough = samples >= FEWEST_SAMPLES
     return not enough, -passes if enough else passes
 
 
-def _neighbours(samples: float) -> list[int]:
+def _kept_counts(samples: float) -> list[int]:
     """Counts near ``samples`` that multijitter keeps, at most 1024: r², r(r+1) and r(r+2) for r about the root."""
     root = math.isqrt(int(samples))
     grids = [rows * (rows + more) for rows in (root - 1, root, root + 1) if rows > 0 for more in (0, 1, 2)]
@@ -52,7 +55,7 @@ def _neighbours(samples: float) -> list[int]:
 
 def whole_grid(samples: float) -> int:
     """The largest count up to ``samples`` (1 … 1024) that multijitter keeps."""
-    return max([n for n in _neighbours(min(samples, MOST_SPP)) if n <= samples], default=1)
+    return max([n for n in _kept_counts(min(samples, MOST_SPP)) if n <= samples], default=1)
 
 
 def row_strips(size: tuple[int, int], bands: int, samples: int) -> list[tuple[int, int]]:
@@ -73,14 +76,14 @@ def hashed_seed(seed: int, strip: int, number: int) -> int:
 class Cleaned:
     """Values without NaN, −inf and negatives, which became 0; +inf became 0 too and is marked, to saturate later."""
 
-    values: NDArray[np.float64]
+    values: Float64Array
     infinite: NDArray[np.bool_] | None
     negative: int
     non_finite: int
 
 
 def clean(raw: NDArray[np.floating]) -> Cleaned:
-    """Take out what a renderer may give but light cannot be, and count it."""
+    """Replace NaN, −inf and negative radiance by 0 and +inf by a mark, and count them."""
     values = np.array(raw, dtype=np.float64)
     if values.min() >= 0 and np.isfinite(values.sum()):  # nearly always
         return Cleaned(values, None, 0, 0)
@@ -98,8 +101,8 @@ class Welford:
         self.mean = np.zeros(shape)
         self._squares = np.zeros(shape)
 
-    def add(self, values: NDArray[np.float64]) -> None:
-        """Take in one pass; ``values`` are used up."""
+    def add(self, values: Float64Array) -> None:
+        """Add one pass; ``values`` is overwritten."""
         self.count += 1
         delta = values - self.mean
         values -= self.mean
@@ -109,11 +112,11 @@ class Welford:
         self._squares += values
 
     @property
-    def variance_of_mean(self) -> NDArray[np.float64]:
-        """Variance of the mean of the passes; 0 as long as there is one."""
+    def variance_of_mean(self) -> Float64Array:
+        """Variance of the mean of the passes; 0 for a single pass."""
         return self._squares / max(self.count * (self.count - 1), 1)
 
     @property
-    def standard_error(self) -> NDArray[np.float64]:
+    def standard_error(self) -> Float64Array:
         """Standard error of the mean of the passes."""
-        return np.sqrt(self.variance_of_mean)
+        return np.asarray(np.sqrt(self.variance_of_mean))

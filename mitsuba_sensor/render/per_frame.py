@@ -144,7 +144,7 @@ def _takes(
 def _size(job: Job, measure: Criterion) -> int:
     """Samples per pass with which the fewest passes are just enough; a variance falls as one over the samples."""
     renderer = job.renderer
-    needed = renderer.passes * renderer.samples * measure(*renderer.judged())
+    needed = renderer.passes * renderer.samples * measure(*renderer.noise_estimate())
     return min(whole_grid(max(MARGIN * needed / FEWEST, 1.0)), renderer.samples)
 
 

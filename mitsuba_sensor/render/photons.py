@@ -1,19 +1,21 @@
-"""Irradiance → mean photons per pixel, from a render, a map, a spectral cube or a complex optical field."""
+"""Mean photons per pixel from irradiance: a render, a map, a spectral cube or a complex optical field."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypeGuard
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..core.checks import check_types, numbers
 from ..core.errors import InputError, require, require_seed
 from ..core.exposure import Exposure
 from ..core.signals import Photons
+from ..core.types import Float64Array
 from ..core.units import photon_energy_j
-from .bands import response_of
+from .bands import response_fingerprint
 
 if TYPE_CHECKING:
     from ..sensor.camera import Camera
@@ -23,36 +25,37 @@ if TYPE_CHECKING:
 
 def photons_per_irradiance(
     camera: Camera, exposure: Exposure, wavelengths_nm: ArrayLike, bandwidths_nm: ArrayLike
-) -> NDArray[np.float64]:
-    """Photons per pixel that 1 W m⁻² nm⁻¹ in each band gives: Δλ·w·h·FF·t·λ/(hc), (B,) (paper eq. 12).
+) -> Float64Array:
+    """Photons per pixel of 1 W m⁻² nm⁻¹ in each band: Δλ·w·h·FF·t·λ/(hc), (B,) (paper eq. 12).
 
     One band of 1 nm at 550 nm on Table 1's pixel (5.7 µm, 50 %) in 0.1 s gives 4.4978e6.
     """
     area_m2 = camera.pixel.pitch_x_um * camera.pixel.pitch_y_um * 1e-12 * camera.pixel.fill_factor
     energy_j = photon_energy_j(np.asarray(wavelengths_nm, dtype=np.float64))
-    return np.asarray(bandwidths_nm, dtype=np.float64) * area_m2 * exposure.time_s / energy_j
+    per_band = np.asarray(bandwidths_nm, dtype=np.float64) * area_m2 * exposure.time_s / energy_j
+    return np.asarray(per_band)
 
 
-def electrons_per_irradiance(camera: Camera, exposure: Exposure, bands: Bands) -> NDArray[np.float64]:
-    """Light electrons behind each colour filter that 1 W m⁻² nm⁻¹ in each band detects, (F, B) (paper eq. 12, 14)."""
+def electrons_per_irradiance(camera: Camera, exposure: Exposure, bands: Bands) -> Float64Array:
+    """Photoelectrons behind each colour filter from 1 W m⁻² nm⁻¹ in each band, (F, B) (paper eq. 12, 14)."""
     photons = photons_per_irradiance(camera, exposure, bands.wavelengths_nm, bands.bandwidths_nm)
     detected = np.eye(len(bands)) if bands.kind == "channels" else camera.qe(bands.wavelengths_nm)
     return np.asarray(detected * photons)
 
 
 def collect(
-    light: Irradiance | NDArray[Any],
+    light: Irradiance | ArrayLike,
     camera: Camera,
     exposure: Exposure,
     *,
     wavelengths_nm: ArrayLike | None = None,
     bandwidths_nm: ArrayLike | None = None,
 ) -> Photons:
-    """Mean photons per pixel and band, (H, W, B); not rounded, because a mean is no count.
+    """Mean photons per pixel and band, (H, W, B); not rounded, because they are means.
 
-    light : what :func:`render` returns; or an irradiance map (H, W) [W m⁻²] at one wavelength; or a complex field U
+    light : the result of :func:`render`; or an irradiance map (H, W) [W m⁻²] at one wavelength; or a complex field U
         (H, W) with |U|² in W m⁻² (wavefront sensing); or a cube (H, W, B) [W m⁻² nm⁻¹] with ``wavelengths_nm``.
-    The lens is in the light: a camera with another one gets the light of the lens it was rendered with.
+    The irradiance already includes the lens of the camera it was rendered for; the lens of ``camera`` is not used.
     wavelengths_nm : (B,) band centres; one for a map or field, the camera's reference wavelength by default.
     bandwidths_nm : (B,) of a cube; the spacing of the wavelengths by default.
     Raises InputError for shapes that do not fit and for negative or NaN irradiance.
@@ -60,73 +63,92 @@ def collect(
     check_types(camera, exposure)
     if isinstance(light, Photons):
         raise InputError("light is Photons already; pass it to expose(), or an irradiance to collect().")
-    if not isinstance(light, np.ndarray) and hasattr(light, "bandwidths_nm"):
-        if light.response not in (None, response_of(camera)):
-            raise InputError(
-                "light was rendered into the channels of a camera with another quantum efficiency or lens; "
-                "render it again for this one, or with spectral='cube', which serves any camera."
-            )
-        data = np.asarray(light.data, dtype=np.float64)
-        photons = _photons(data, light.wavelengths_nm, light.bandwidths_nm, camera, exposure)
-        return replace(photons, detected=light.filters is not None, origin=light.origin)
+    if _is_render(light):
+        return _photons_of_render(light, camera, exposure)
+    values = _irradiance_values(light)
+    if values.ndim == 2:
+        centre = camera.quantum_efficiency.reference_nm if wavelengths_nm is None else wavelengths_nm
+        if centre is None or np.size(centre) != 1:
+            raise InputError("light is a map at one wavelength; pass that one as wavelengths_nm, e.g. 550.")
+        return _photons(values[..., None], _centres(centre), np.ones(1), camera, exposure)
+    if wavelengths_nm is None or np.size(wavelengths_nm) != values.shape[2]:
+        raise InputError(f"light has {values.shape[2]} bands; pass wavelengths_nm with that many centres.")
+    centres = _centres(wavelengths_nm)
+    return _photons(values, centres, _widths(centres, bandwidths_nm), camera, exposure)
+
+
+def _is_render(light: object) -> TypeGuard[Irradiance]:
+    return not isinstance(light, np.ndarray) and hasattr(light, "bandwidths_nm")
+
+
+def _photons_of_render(light: Irradiance, camera: Camera, exposure: Exposure) -> Photons:
+    if light.response not in (None, response_fingerprint(camera)):
+        raise InputError(
+            "light was rendered into the channels of a camera with another quantum efficiency or lens; "
+            "render it again for this one, or with spectral='cube', which can be used with any camera."
+        )
+    data = np.asarray(light.data, dtype=np.float64)
+    photons = _photons(data, light.wavelengths_nm, light.bandwidths_nm, camera, exposure)
+    return replace(photons, detected=light.filters is not None, origin=light.origin)
+
+
+def _irradiance_values(light: object) -> Float64Array:
+    """A map (H, W) or cube (H, W, B), checked; |U|² of a complex field U."""
     if getattr(light, "dtype", np.dtype(float)).kind == "c":
-        values = np.abs(np.asarray(light)) ** 2
+        values: Float64Array = np.abs(np.asarray(light)) ** 2
     else:
         values = numbers("light", light, "irradiance (H, W) or (H, W, bands), or a complex field (H, W)")
     if values.ndim not in (2, 3) or 0 in values.shape:
         raise InputError(f"light has shape {values.shape}; pass (H, W) in W/m², or (H, W, bands) in W/m²/nm.")
-    bad = ~(values >= 0)
+    bad = np.asarray(~(values >= 0))
     if bad.any():
         first = tuple(int(i) for i in np.argwhere(bad)[0])
         raise InputError(
             f"light is negative or NaN in {int(bad.sum())} place(s), first at {first}; irradiance is 0 or more."
         )
-    if values.ndim == 2:
-        centre = camera.quantum_efficiency.reference_nm if wavelengths_nm is None else wavelengths_nm
-        if centre is None or np.size(centre) != 1:
-            raise InputError("light is a map at one wavelength; pass that one as wavelengths_nm, e.g. 550.")
-        return _photons(values[..., None], _lengths(centre), np.ones(1), camera, exposure)
-    if wavelengths_nm is None or np.size(wavelengths_nm) != values.shape[2]:
-        raise InputError(f"light has {values.shape[2]} bands; pass wavelengths_nm with that many centres.")
-    centres = _lengths(wavelengths_nm)
-    return _photons(values, centres, _widths(centres, bandwidths_nm), camera, exposure)
+    return values
 
 
-def uniform_light(irradiance_w_per_m2: float, shape: tuple[int, int]) -> NDArray[np.float64]:
+def uniform_light(irradiance_w_per_m2: float, shape: tuple[int, int]) -> Float64Array:
     """The same irradiance everywhere, (H, W) [W m⁻²]: a flat field for :func:`collect`."""
     level = require("irradiance_w_per_m2", irradiance_w_per_m2, 0.0, np.inf, "W/m², e.g. 0.01")
-    return np.full(_window(shape), level)
+    return np.full(_shape(shape), level)
 
 
-def gradient_light(low_w_per_m2: float, high_w_per_m2: float, shape: tuple[int, int]) -> NDArray[np.float64]:
-    """Irradiance that rises linearly from the first column to the last, (H, W) [W m⁻²]: the paper's PTC scene."""
+def gradient_light(low_w_per_m2: float, high_w_per_m2: float, shape: tuple[int, int]) -> Float64Array:
+    """Irradiance that rises linearly from the first column to the last, (H, W) [W m⁻²]: scene of the paper's PTC."""
     low = require("low_w_per_m2", low_w_per_m2, 0.0, np.inf, "W/m², e.g. 0")
     high = require("high_w_per_m2", high_w_per_m2, 0.0, np.inf, "W/m², e.g. 0.012")
-    size = _window(shape)
+    size = _shape(shape)
     return np.broadcast_to(np.linspace(low, high, size[1]), size).copy()
 
 
-def _window(shape: Any) -> tuple[int, int]:
+def _shape(shape: Sequence[int]) -> tuple[int, int]:
+    """(rows, columns), checked."""
     if not isinstance(shape, tuple | list) or len(shape) != 2 or 0 in shape:
         raise InputError(f"shape is {shape!r}; it must be (rows, columns), e.g. (480, 640).")
     return require_seed("shape", shape[0]), require_seed("shape", shape[1])
 
 
-def _photons(data: NDArray[Any], centres: Any, widths: Any, camera: Camera, exposure: Exposure) -> Photons:
+def _photons(
+    data: Float64Array, centres: Float64Array, widths: Float64Array, camera: Camera, exposure: Exposure
+) -> Photons:
+    """Photons of irradiance (H, W, B); 0 where the factor is 0, also of infinite irradiance."""
     factor = photons_per_irradiance(camera, exposure, centres, widths)
     with np.errstate(invalid="ignore"):
         mean = np.where(factor == 0, 0.0, data * factor)
     return Photons(mean, np.asarray(centres, dtype=np.float64))
 
 
-def _lengths(wavelengths_nm: Any) -> NDArray[np.float64]:
-    lengths = [
+def _centres(wavelengths_nm: ArrayLike) -> Float64Array:
+    """Band centres, checked."""
+    centres = [
         require("wavelengths_nm", x, 1.0, 1e5, "nanometres, e.g. 550") for x in np.ravel(wavelengths_nm).tolist()
     ]
-    return np.array(lengths, dtype=np.float64)
+    return np.array(centres, dtype=np.float64)
 
 
-def _widths(centres: NDArray[np.float64], bandwidths_nm: ArrayLike | None) -> NDArray[np.float64]:
+def _widths(centres: Float64Array, bandwidths_nm: ArrayLike | None) -> Float64Array:
     """The given widths, or the spacing of evenly spaced centres."""
     if bandwidths_nm is not None:
         if not isinstance(bandwidths_nm, str) and np.size(bandwidths_nm) not in (1, centres.size):

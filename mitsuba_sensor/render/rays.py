@@ -1,112 +1,112 @@
-"""One ray through each pixel and the centre of the pupil: what it hits, and which pixel sees a given point.
+"""Intersections of one ray per pixel with the scene, and projection of scene points onto pixels.
 
-The rays are the sensor's own, so they go through whatever lens the scene has. In scalar variants they are traced one by
-one, in LLVM and CUDA all at once.
+The rays are sampled by the sensor itself at the centre of the pupil, so they include whatever lens the scene has.
+Scalar variants trace them one by one, LLVM and CUDA variants all at once.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.llvm import drjit
+from ..core.types import Array, Float64Array
 from .scene import Scene
-from .variants import mitsuba
+from .variants import MitsubaObject, mitsuba
 
-Floats = NDArray[np.float64]
 RGB_NM = ((600.0, 700.0), (500.0, 600.0), (400.0, 500.0))  # thirds of the visible, about the sensor's red, green, blue
-ROUNDS, CLOSE_PX, LOST_PX = 8, 1e-3, 0.1  # of the search in project; float32 rays hold 1e-4 px over 1000 columns
+NEWTON_STEPS = 8  # of project
+CONVERGED_PX, LOST_PX = 1e-3, 0.1  # of project; float32 rays are accurate to 1e-4 px over 1000 columns
 NO_SHAPE = -1
 
 
 @dataclass(frozen=True, eq=False)
-class Hits:
-    """What rays meet first, glass and the shapes of emitters included.
+class SurfaceHits:
+    """The first surfaces that rays meet, glass and the shapes of emitters included.
 
-    found : (N,) whether there is anything.  position : (N, 3) [m].  normal : (N, 3) shading normal, as the surface has
-    it (outwards; not turned to the camera).  shape : (N,) place in the order of the scene file, −1 for nothing.
+    found : (N,) whether there is a surface.  position : (N, 3) in scene units, NaN without a surface.
+    normal : (N, 3) shading normal as the surface has it (outwards; not turned to the camera).
+    shape : (N,) index in the order of the scene file, −1 without a surface.
     albedo : (N, 3) diffuse reflectance, mean over 600–700, 500–600 and 400–500 nm; 0 for metals and clear glass.
     """
 
     found: NDArray[np.bool_]
-    position: Floats
-    normal: Floats
+    position: Float64Array
+    normal: Float64Array
     shape: NDArray[np.intp]
-    albedo: Floats
+    albedo: Float64Array
 
 
-def pose_of(sensor: Any) -> Floats:
-    """4×4 from the camera's frame (x left, y up, z forward) to the world, as the sensor stands now."""
-    return matrix_of(mitsuba().traverse(sensor)["to_world"])
+def camera_to_world(sensor: MitsubaObject) -> Float64Array:
+    """4×4 from the camera's frame (x left, y up, z forward) to the world, at the sensor's present pose."""
+    return matrix4(mitsuba().traverse(sensor)["to_world"])
 
 
-def matrix_of(transform: Any) -> Floats:
+def matrix4(transform: MitsubaObject) -> Float64Array:
     """A Mitsuba transform as 4×4 float64."""
     return np.array(transform.matrix, dtype=np.float64).reshape(4, 4)
 
 
-def pixel_rays(scene: Scene, pixels: Floats) -> tuple[Floats, Floats]:
-    """Origins and directions, (N, 3), in the camera's frame; NaN where the lens lets no light through to a pixel.
+def pixel_rays(scene: Scene, pixels: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """Origins and directions, (N, 3), in the camera's frame; NaN where the lens passes no light to a pixel.
 
-    pixels : (N, 2) places on the whole film, x to the right and y down; the first pixel's centre is (0.5, 0.5).
+    pixels : (N, 2) positions on the whole film, x to the right and y down; the first pixel's centre is (0.5, 0.5).
     """
     mi, film = mitsuba(), scene.sensor.film()
     size, offset = np.array(film.crop_size(), float), np.array(film.crop_offset(), float)
-    places, centre = (pixels - offset.ravel()) / size.ravel(), mi.Point2f(0.5, 0.5)
+    positions, pupil_centre = (pixels - offset.ravel()) / size.ravel(), mi.Point2f(0.5, 0.5)
 
-    def ray(x: Any, y: Any) -> tuple[Any, ...]:
-        made, _ = scene.sensor.sample_ray(0.0, 0.5, mi.Point2f(x, y), centre)
-        return made.o, made.d, made.maxt
+    def sample_ray(x: Array, y: Array) -> tuple[Array, ...]:
+        ray, _ = scene.sensor.sample_ray(0.0, 0.5, mi.Point2f(x, y), pupil_centre)
+        return ray.o, ray.d, ray.maxt
 
-    origins, directions, reach = _each(ray, places)
-    back = np.linalg.inv(pose_of(scene.sensor))
-    directions = np.where(reach.reshape(-1, 1) > 0, directions, np.nan)  # a traced lens stops rays so
-    return origins @ back[:3, :3].T + back[:3, 3], directions @ back[:3, :3].T
+    origins, directions, maxt = _evaluate(sample_ray, positions)
+    to_camera = np.linalg.inv(camera_to_world(scene.sensor))
+    directions = np.where(maxt.reshape(-1, 1) > 0, directions, np.nan)  # 0 marks rays that a lens vignettes
+    return origins @ to_camera[:3, :3].T + to_camera[:3, 3], directions @ to_camera[:3, :3].T
 
 
-def intersect(scene: Scene, origins: Floats, directions: Floats, albedo: bool = True) -> Hits:
-    """What rays in world space meet, as the scene stands now; a direction of NaN meets nothing.
+def intersect(scene: Scene, origins: Float64Array, directions: Float64Array, albedo: bool = True) -> SurfaceHits:
+    """First surfaces along rays in world space, (N, 3), at the scene's present pose; none for a direction of NaN.
 
     albedo : False leaves it at 0.
     """
-    mi, shapes = mitsuba(), list(scene.native.shapes())
-    handle, table = _numbering(mi, shapes)
+    mi, shapes = mitsuba(), list(scene.mitsuba_scene.shapes())
+    handle_of, index_of_handle = _shape_numbering(shapes)
 
-    def look(*ray: Any) -> tuple[Any, ...]:
-        hit = scene.native.ray_intersect(mi.Ray3f(mi.Point3f(*ray[:3]), mi.Vector3f(*ray[3:])))
-        colour = _albedo(mi, hit) if albedo else (0.0, 0.0, 0.0)
-        return hit.is_valid(), hit.p, hit.sh_frame.n, handle(hit), *colour
+    def first_surface(*ray: Array) -> tuple[Array, ...]:
+        hit = scene.mitsuba_scene.ray_intersect(mi.Ray3f(mi.Point3f(*ray[:3]), mi.Vector3f(*ray[3:])))
+        colour = _albedo(hit) if albedo else (0.0, 0.0, 0.0)
+        return hit.is_valid(), hit.p, hit.sh_frame.n, handle_of(hit), *colour
 
-    open_ = np.isfinite(directions).all(axis=1)
-    rays = np.concatenate([origins, np.where(open_[:, None], directions, (0.0, 0.0, 1.0))], axis=1)
-    found, position, normal, handles, *colour = _each(look, rays)
-    there = found.astype(bool).ravel() & open_
-    rgb = np.stack([np.broadcast_to(c.ravel(), there.shape) for c in colour], axis=-1)
-    keep = there[:, None]
-    return Hits(
-        there,
-        np.where(keep, position, np.nan),
-        np.where(keep, normal, 0.0),
-        np.where(there, table[handles.ravel().astype(np.intp)], NO_SHAPE),
-        np.where(keep, rgb, 0.0),
+    finite = np.asarray(np.isfinite(directions).all(axis=1))
+    rays = np.concatenate([origins, np.where(finite[:, None], directions, (0.0, 0.0, 1.0))], axis=1)
+    valid, position, normal, handles, *colour = _evaluate(first_surface, rays)
+    found = valid.astype(bool).ravel() & finite
+    rgb = np.stack([np.broadcast_to(c.ravel(), found.shape) for c in colour], axis=-1)
+    return SurfaceHits(
+        found,
+        np.where(found[:, None], position, np.nan),
+        np.where(found[:, None], normal, 0.0),
+        np.where(found, index_of_handle[handles.ravel().astype(np.intp)], NO_SHAPE),
+        np.where(found[:, None], rgb, 0.0),
     )
 
 
-def project(scene: Scene, points: Floats, guess: Floats) -> Floats:
-    """Pixel places (N, 2) that see points of the camera's frame; NaN where none does.
+def project(scene: Scene, points: Float64Array, guess: Float64Array) -> Float64Array:
+    """Positions on the film (N, 2) [pixels] of points in the camera's frame; NaN where a point is not imaged.
 
-    points : (N, 4) homogeneous; a last component of 0 is a direction, infinitely far.  guess : (N, 2) near the answer.
-    Newton's method on the sensor's own rays (one round for a pinhole or thin lens, whose film is flat): the ray through
+    points : (N, 4) homogeneous; a last component of 0 is a direction, infinitely far.  guess : (N, 2) first estimate.
+    Newton's method on the sensor's own rays (one step for a pinhole or thin lens, whose film is flat): the ray through
     the answer passes through the point.
     """
     pixels, ahead = np.array(guess, dtype=float), points[:, 2] > 0
     pixels[~ahead] = np.nan
     slope, rest, step = None, np.flatnonzero(ahead), np.zeros((0, 2))
-    for _ in range(ROUNDS):
+    for _ in range(NEWTON_STEPS):
         if not rest.size:
             break
         miss = _miss(scene, points[rest], pixels[rest])
@@ -114,51 +114,53 @@ def project(scene: Scene, points: Floats, guess: Floats) -> Floats:
             slope = _inverse(*(_miss(scene, points[rest], pixels[rest] + side) - miss for side in np.eye(2)))
         step = np.einsum("nij,nj->ni", slope, miss)
         pixels[rest] -= step
-        far = np.abs(step).max(axis=1) > CLOSE_PX
+        far = np.asarray(np.abs(step).max(axis=1) > CONVERGED_PX)
         rest, slope, step = rest[far], slope[far], step[far]
     pixels[rest[np.abs(step).max(axis=1, initial=0) > LOST_PX]] = np.nan
     return pixels
 
 
-def _inverse(x: Floats, y: Floats) -> Floats:
+def _inverse(x: Float64Array, y: Float64Array) -> Float64Array:
     """(N, 2, 2) inverses of the matrices with these columns, (N, 2); not finite where there is none."""
     with np.errstate(divide="ignore", invalid="ignore"):
         scale = 1 / (x[:, 0] * y[:, 1] - y[:, 0] * x[:, 1])
-        return np.array([[y[:, 1], -y[:, 0]], [-x[:, 1], x[:, 0]]]).transpose(2, 0, 1) * scale[:, None, None]
+        inverse: Float64Array = np.array([[y[:, 1], -y[:, 0]], [-x[:, 1], x[:, 0]]]).transpose(2, 0, 1)
+        return inverse * scale[:, None, None]
 
 
-def _miss(scene: Scene, points: Floats, pixels: Floats) -> Floats:
-    """(N, 2) by which the rays of the pixels pass points beside them, in their plane."""
+def _miss(scene: Scene, points: Float64Array, pixels: Float64Array) -> Float64Array:
+    """(N, 2) transverse distance of the rays of the pixels from the points, in the plane of each point."""
     origins, directions = pixel_rays(scene, pixels)
     along = (points[:, 2] - points[:, 3] * origins[:, 2]) / directions[:, 2]
     passed = points[:, 3:] * origins[:, :2] + along[:, None] * directions[:, :2]
     return passed - points[:, :2]
 
 
-def _each(function: Any, inputs: Floats) -> list[Floats]:
-    """Outputs, (N, …), of a function of Mitsuba's numbers at (N, k) inputs: at once, or one by one in scalar."""
+def _evaluate(function: Callable[..., tuple[Array, ...]], inputs: Float64Array) -> list[Float64Array]:
+    """Outputs, (N, …), of a function of Mitsuba's numbers at (N, k) inputs: all at once, or one by one in scalar."""
     mi = mitsuba()
     if not mi.variant().startswith("scalar"):
-        # From a list they lie where a vector may start; NumPy's may not, and each case compiles a kernel (0.7 s).
+        # Made from lists the arrays are aligned; NumPy's may not be, and each alignment compiles a kernel (0.7 s).
         outputs = function(*(mi.Float(column.tolist()) for column in inputs.T))
         drjit().eval(outputs)
         arrays = [np.atleast_1d(np.array(out, dtype=np.float64).T) for out in outputs]
-        return [np.broadcast_to(x, (len(inputs), *x.shape[1:])) for x in arrays]  # parallel rays are given once
+        return [np.broadcast_to(x, (len(inputs), *x.shape[1:])) for x in arrays]  # of parallel rays there is one only
     rows = [[np.array(out, dtype=np.float64) for out in function(*row)] for row in inputs.tolist()]
     return [np.array(column) for column in zip(*rows, strict=True)]
 
 
-def _numbering(mi: Any, shapes: list[Any]) -> tuple[Callable[[Any], Any], NDArray[np.intp]]:
-    """A function from a hit to a handle, and the place of each handle among the shapes of the scene.
+def _shape_numbering(shapes: list[MitsubaObject]) -> tuple[Callable[[MitsubaObject], Array], NDArray[np.intp]]:
+    """A function from an intersection to the handle of its shape, and the index in the scene of each handle.
 
-    An instance counts, not the shape inside it. Handle 0 is nothing.
+    Of an instance the instance counts, not the shape inside it. Handle 0 is no shape.
     """
+    mi = mitsuba()
     if mi.variant().startswith("scalar"):
         handles = {shape: k + 1 for k, shape in enumerate(shapes)}
         return lambda hit: handles[hit.instance or hit.shape] if hit.is_valid() else 0, np.arange(len(shapes) + 1) - 1
     dr = drjit()
 
-    def handle(hit: Any) -> Any:
+    def handle(hit: MitsubaObject) -> Array:
         instance = dr.reinterpret_array(mi.UInt32, hit.instance)
         return dr.select(instance != 0, instance, dr.reinterpret_array(mi.UInt32, hit.shape))
 
@@ -168,19 +170,19 @@ def _numbering(mi: Any, shapes: list[Any]) -> tuple[Callable[[Any], Any], NDArra
     return handle, table
 
 
-def _albedo(mi: Any, hit: Any) -> tuple[Any, ...]:
-    """Diffuse reflectance in three bands: each the mean of the middles of its four quarters, under equal energy.
+def _albedo(hit: MitsubaObject) -> tuple[Array, ...]:
+    """Diffuse reflectance in three bands: each the mean of the centres of its four quarters, under equal energy.
 
     Only of materials with a diffuse part: of others Mitsuba would give the value of the lobe, which may be far above 1.
     """
-    there, colour = hit.is_valid(), []
-    if there is False:  # a scalar ray into the void, which has no surface to ask
+    mi, valid = mitsuba(), hit.is_valid()
+    if valid is False:  # a scalar ray without a surface, which has no material
         return (0.0, 0.0, 0.0)
-    bsdf, scalar = hit.bsdf(), there is True
+    bsdf, scalar, colour = hit.bsdf(), valid is True, []
     diffuse = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse)
     for low, high in RGB_NM:
         hit.wavelengths = mi.Spectrum([low + (k + 0.5) * (high - low) / 4 for k in range(4)])
-        quarters = bsdf.eval_diffuse_reflectance(hit, there)
+        quarters = bsdf.eval_diffuse_reflectance(hit, valid)
         mean = (quarters[0] + quarters[1] + quarters[2] + quarters[3]) / 4
         colour.append(min(mean, 1.0) * diffuse if scalar else drjit().select(diffuse, drjit().minimum(mean, 1.0), 0.0))
     return tuple(colour)

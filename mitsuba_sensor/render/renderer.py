@@ -1,48 +1,53 @@
-"""A scene that is loaded once, and rendered in passes as often as asked.
+"""Renders a loaded scene in passes, until a stop criterion is met, into mean and variance per pixel and band.
 
-Every pass has a hashed seed; passes are combined in float64, because Mitsuba's film adds up in float32, which costs
-1e-8 per sample, and their spread is the variance of the result. Large films are cut into strips of rows, so that no
-pass has more than a few million samples in flight.
+Every pass has a hashed seed. Passes are combined in float64, because Mitsuba's film accumulates in float32, which loses
+1e-8 per sample; the spread of the passes gives the variance of the result. Large films are cut into strips of rows, so
+that no pass has more than a few million samples in memory.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.exposure import Exposure
+from ..core.types import Float64Array
 from ..optics.f_number_law import solid_angle_sr
 from ..sensor.input_noise import input_noise
 from .bands import Bands
 from .passes import Welford, clean, hashed_seed, row_strips
 from .photons import electrons_per_irradiance
+from .scene import RenderableScene
 from .statistics import firefly_fraction, median_bias
 from .stop_criterion import End, Step, StopCriterion
 
 if TYPE_CHECKING:
     from ..sensor.camera import Camera
 
-Map = NDArray[np.float64]
+Map = Float64Array
 Progress = Callable[[Step], None]
 Criterion = Callable[[Map, Map, int], float]
 
 
-class Strip:
-    """The passes of some rows: per band, and as the electrons that each pixel detects behind its own filter."""
+class RowStrip:
+    """Accumulated passes of some rows: per band, and as photoelectrons of each pixel behind its own filter.
+
+    even : sum of the passes 0, 2, 4, … per band, or None.  brightest : largest photoelectrons of any pass, (H, W).
+    """
 
     def __init__(self, rows: slice, columns: int, bands: int, halves: bool) -> None:
         shape = (rows.stop - rows.start, columns)
         self.rows = rows
         self.bands, self.electrons = Welford((*shape, bands)), Welford(shape)
         self.brightest, self.infinite = np.zeros(shape), np.zeros(shape, bool)
-        self.even = np.zeros((*shape, bands), np.float32) if halves else None  # sum of every other pass
+        self.even = np.zeros((*shape, bands), np.float32) if halves else None
 
-    def add(self, irradiance: NDArray[np.float64], electrons: NDArray[np.float64]) -> None:
-        """Take in one pass; both arrays are used up."""
+    def add(self, irradiance: Float64Array, electrons: Float64Array) -> None:
+        """Add one pass; both arrays are overwritten."""
         if self.even is not None and self.bands.count % 2 == 0:
             self.even += irradiance
         np.maximum(self.brightest, electrons, out=self.brightest)
@@ -50,8 +55,8 @@ class Strip:
         self.electrons.add(electrons)
 
 
-class Meter:
-    """Watches the clock of a render and tells ``progress`` where it stands."""
+class ProgressMeter:
+    """Times a render, forecasts its end, and reports to ``progress``."""
 
     def __init__(self, progress: Progress) -> None:
         self._progress, self._started = progress, time.monotonic()
@@ -67,30 +72,32 @@ class Meter:
         return time.monotonic() - self._started
 
     def per_pass(self, passes: int) -> float:
-        """Seconds that each of so many passes took."""
+        """Seconds per pass since :meth:`begin`."""
         return (time.monotonic() - self._began) / max(passes, 1)
 
     def forecast(self, budget: StopCriterion, passes: int, value: float) -> None:
-        """So many passes are done, and the yardstick shows ``value``."""
+        """So many passes are done, and the criterion has this value."""
         per_pass = self.per_pass(passes)
         self._expected = budget.expected(passes, value, self.seconds, per_pass)
         self._value, self._left_s = value, (self._expected - passes) * per_pass if passes else np.nan
-        self.tell(passes * self._strips)
+        self.report(passes * self._strips)
 
-    def tell(self, place: int) -> None:
+    def report(self, strips: int) -> None:
         """So many strips of all passes are done."""
-        self._progress(Step(place, self._expected * self._strips, self._value, self.seconds, self._left_s))
+        self._progress(Step(strips, self._expected * self._strips, self._value, self.seconds, self._left_s))
 
 
 class Renderer:
-    """One scene, camera, exposure and set of bands.
+    """Renders one scene for one camera, exposure and set of bands.
 
-    scene : what ``load_scene`` returns, or anything else with its ``render`` and ``view``.
     passes, samples, groups : of the last render; samples per pixel, pass and group of bands.
-    negative, non_finite : values of it that were set to 0 (+inf is kept: it saturates its pixel).
+    negative, non_finite : its values that were set to 0 (+inf is kept: it saturates its pixel).
+    halves : whether to keep two half-sets of the passes.
     """
 
-    def __init__(self, scene: Any, camera: Camera, exposure: Exposure, bands: Bands, halves: bool = False) -> None:
+    def __init__(
+        self, scene: RenderableScene, camera: Camera, exposure: Exposure, bands: Bands, halves: bool = False
+    ) -> None:
         (columns, rows), (column, row) = scene.view.crop_size, scene.view.crop_offset
         self.scene, self.bands, self._halves = scene, bands, halves
         self._weights = electrons_per_irradiance(camera, exposure, bands)
@@ -101,43 +108,44 @@ class Renderer:
         self.negative = self.non_finite = self.passes = self.samples = 0
 
     def run(self, seed: int, budget: StopCriterion, progress: Progress, criterion: Criterion | None = None) -> End:
-        """Render until the budget ends it; returns why.
+        """Render until ``budget`` is used up or its goal is met; returns which.
 
-        yardstick : of what :meth:`judged` returns, what the budget's goal is for; by default the median noise ratio.
+        criterion : function of :meth:`noise_estimate` that the goal is for; by default the median noise ratio.
         """
-        measure, meter = criterion or self.median_ratio, Meter(progress)
+        measure, meter = criterion or self.median_ratio, ProgressMeter(progress)
         self.groups = self.bands.groups if budget.grouped else (slice(0, len(self.bands)),)
         self._begin(budget.samples, meter)
         meter.forecast(budget, 0, np.nan)
         while True:
             self._pass(seed, meter)
-            value = measure(*self.judged())
+            value = measure(*self.noise_estimate())
             meter.forecast(budget, self.passes, value)
             if budget.sized:
                 if end := budget.finished(self.passes, value, meter.seconds, meter.per_pass(self.passes)):
                     return end
                 continue
             budget = budget.sized_by(value, meter.seconds)
-            if budget.samples != self.samples:  # passes of another size cannot be mixed: begin again
+            if budget.samples != self.samples:  # passes of different sizes cannot be combined: start again
                 self._begin(budget.samples, meter)
 
-    def _begin(self, samples: int, meter: Meter) -> None:
+    def _begin(self, samples: int, meter: ProgressMeter) -> None:
         """Empty strips for passes of so many samples per pixel."""
         columns, count = self.scene.view.crop_size[0], len(self.bands)
         rows = row_strips(self.scene.view.crop_size, count, samples)
-        self.strips = [Strip(slice(*edges), columns, count, self._halves) for edges in rows]
+        self.strips = [RowStrip(slice(*edges), columns, count, self._halves) for edges in rows]
         self.samples, self.passes, self.negative, self.non_finite = samples, 0, 0, 0
         meter.begin(len(rows))
 
-    def _pass(self, seed: int, meter: Meter) -> None:
+    def _pass(self, seed: int, meter: ProgressMeter) -> None:
         """One pass of all strips."""
         for s, strip in enumerate(self.strips):
             self._render(strip, hashed_seed(seed, s, self.passes))
             if s + 1 < len(self.strips):
-                meter.tell(self.passes * len(self.strips) + s + 1)
+                meter.report(self.passes * len(self.strips) + s + 1)
         self.passes += 1
 
-    def _render(self, strip: Strip, seed: int) -> None:
+    def _render(self, strip: RowStrip, seed: int) -> None:
+        """One pass of one strip."""
         radiance = clean(self._radiance(seed, (strip.rows.start, strip.rows.stop)))
         self.negative += radiance.negative
         self.non_finite += radiance.non_finite
@@ -153,11 +161,11 @@ class Renderer:
         """One pass of some rows, the groups of bands one after the other, (rows, columns, bands)."""
         if len(self.groups) == 1:
             if self.bands.kind == "cube":
-                self.scene.focus(self.bands.low_nm, self.bands.high_nm)
+                self.scene.restrict_wavelengths(self.bands.low_nm, self.bands.high_nm)
             return np.asarray(self.scene.render(seed, self.samples, rows))
         parts = []
         for number, group in enumerate(self.groups):
-            self.scene.focus(self.bands.edges_nm[group.start], self.bands.edges_nm[group.stop])
+            self.scene.restrict_wavelengths(self.bands.edges_nm[group.start], self.bands.edges_nm[group.stop])
             parts.append(self.scene.render(hashed_seed(seed, number, 0), self.samples, rows)[..., group])
         return np.concatenate(parts, axis=-1)
 
@@ -166,13 +174,13 @@ class Renderer:
         """Light paths per pixel of the last render, of all passes and groups."""
         return self.passes * self.samples * len(self.groups)
 
-    def electrons(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Mean detected light electrons of one exposure, and the variance of that mean, (H, W) each."""
+    def electrons(self) -> tuple[Float64Array, Float64Array]:
+        """Mean photoelectrons of one exposure, and the variance of that mean, (H, W) each."""
         mean = np.concatenate([strip.electrons.mean for strip in self.strips])
         return mean, np.concatenate([strip.electrons.variance_of_mean for strip in self.strips])
 
-    def noise_ratios(self) -> NDArray[np.float64]:
-        """Render variance over sensor variance of every pixel, (H, W); infinite where the light is."""
+    def noise_ratios(self) -> Float64Array:
+        """Render variance over sensor variance of every pixel, (H, W); infinite where the irradiance is."""
         infinite = np.concatenate([strip.infinite for strip in self.strips])
         return np.where(infinite, np.inf, self._noise.ratio(*self.electrons()))
 
@@ -183,27 +191,27 @@ class Renderer:
         total = np.concatenate([np.where(s.infinite, np.inf, e) for s, e in zip(self.strips, sums, strict=True)])
         return firefly_fraction(brightest, total)
 
-    def judged(self) -> tuple[Map, Map, int]:
-        """Mean electrons, the variance of that mean, and the degrees of freedom of the latter.
+    def noise_estimate(self) -> tuple[Map, Map, int]:
+        """Mean photoelectrons, the variance of that mean, (H, W) each, and the degrees of freedom of the variance.
 
-        One pass has no spread of its own; there, half the squared difference of two neighbours behind the same filter
-        takes its place, which is right where the picture is smooth.
+        A single pass has no spread; its variance is estimated by half the squared difference of two neighbours behind
+        the same filter, which is correct where the image is smooth.
         """
         mean, variance = self.electrons()
         if self.passes > 1 or mean.shape[1] <= self._tile_columns:
             return mean, variance, max(self.passes - 1, 1)
-        near = mean[:, self._tile_columns :], mean[:, : -self._tile_columns]
-        return near[0], 0.5 * (near[0] - near[1]) ** 2, 1
+        right, left = mean[:, self._tile_columns :], mean[:, : -self._tile_columns]
+        return right, 0.5 * (right - left) ** 2, 1
 
     def median_ratio(self, mean_e: Map, variance_e2: Map, freedom: int) -> float:
-        """Median noise ratio of the lit pixels, freed of the bias that a median of few degrees of freedom has (χ²)."""
+        """Median noise ratio of the lit pixels, corrected for the bias of a median of few degrees of freedom (χ²)."""
         ratio = self._noise.ratio(mean_e, variance_e2)[mean_e > 0]
         return float(np.median(ratio)) * median_bias(freedom + 1) if ratio.size else 0.0
 
     def result(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
         """Mean and standard error per band, (H, W, B), and relative standard error of the electrons, (H, W).
 
-        A pixel with an infinite band is infinite in all. Strips are given up as they are copied, to spare memory.
+        A pixel with an infinite band is infinite in all. Strips are freed as they are copied, to save memory.
         """
         columns, rows = self.scene.view.crop_size
         data = np.empty((rows, columns, len(self.bands)), np.float32)
@@ -217,10 +225,11 @@ class Renderer:
             strip.bands = Welford((0,))
         return data, error, relative
 
-    def halves(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def halves(self) -> tuple[Float64Array, Float64Array]:
         """Means of the even and of the odd passes, (H, W, B) each: two independent renders of half the samples."""
         even, odd = [], []
         for strip in self.strips:
+            assert strip.even is not None  # halves=True
             first = (strip.bands.count + 1) // 2
             total = strip.bands.mean * strip.bands.count
             even.append(strip.even / first)

@@ -1,14 +1,14 @@
-"""What this scene and camera need of the renderer, measured on a render of it."""
+"""Requirements: which options of the renderer a scene and camera need, measured on a render of them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.exposure import Exposure
+from ..core.types import Float64Array
 from ..optics.f_number_law import transmittance
 from .photons import photons_per_irradiance
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Requirement:
-    """One thing a render can have or leave out, with what it changes at most [DN]; None where that was not measured."""
+    """An option of a render, whether it is needed, and its largest effect [DN]; None where that was not measured."""
 
     what: str
     kept: bool
@@ -30,60 +30,61 @@ class Requirement:
 def render_requirements(
     light: Irradiance, camera: Camera, exposure: Exposure, k_dn_per_e: float, tolerance_dn: float
 ) -> tuple[Requirement, ...]:
-    """Bands, depth of field and ground truth: kept or left out.
+    """Whether bands, depth of field and AOVs are needed.
 
     light : a render of the scene, at any quality.  k_dn_per_e : the camera's overall gain.
     """
     bands = _CHANNELS if light.filters else _bands(light, camera, exposure, k_dn_per_e, tolerance_dn)
-    return (bands, _depth_of_field(light), _GROUND_TRUTH)
+    return (bands, _depth_of_field(light), _AOVS)
 
 
 _CHANNELS = Requirement(
-    "colour channels", True, None, "the render holds what this camera's filters detect, and no bands"
+    "colour channels", True, None, "the render contains the channels of this camera's filters, and no bands"
 )
-_GROUND_TRUTH = Requirement("ground truth", False, 0.0, "no depth, normals or albedo were asked for")
+_AOVS = Requirement("AOVs", False, 0.0, "no depth, normals or albedo were asked for")
 
 
 def _depth_of_field(light: Irradiance) -> Requirement:
     number = light.statistics.aperture_f_number
     if number is None:
-        return Requirement("depth of field", False, 0.0, "the scene's camera is a pinhole: no lens samples are drawn")
+        return Requirement("depth of field", False, 0.0, "the scene's camera is a pinhole, which samples no lens")
     return Requirement("depth of field", True, None, f"the scene's thin lens is f/{number:.3g} on this sensor")
 
 
 def _bands(
     light: Irradiance, camera: Camera, exposure: Exposure, k_dn_per_e: float, tolerance_dn: float
 ) -> Requirement:
-    """The fewest equal groups of bands that move no pixel's mean signal by more than the tolerance."""
+    """The fewest equal groups of bands that change no pixel's mean signal by more than the tolerance."""
     count = len(light.wavelengths_nm)
     full = camera.pixel.full_well_e
     reference = np.minimum(grouped_electrons(light, camera, exposure, 1), full)
-    moved = 0.0
+    change = 0.0
     for size in (s for s in range(count, 1, -1) if count % s == 0):
         coarse = np.minimum(grouped_electrons(light, camera, exposure, size), full)
-        moved = k_dn_per_e * float(np.max(np.abs(coarse - reference)))
-        if moved <= tolerance_dn:
-            reason = f"{count // size} do: --bandwidth-nm {_width(light, size):g}"
-            return Requirement(f"{count} bands", False, moved, reason)
-    return Requirement(f"{count} bands", True, moved, "fewer bands would change the picture by more than the tolerance")
+        change = k_dn_per_e * float(np.max(np.abs(coarse - reference)))
+        if change <= tolerance_dn:
+            reason = f"{count // size} are enough: --bandwidth-nm {_width(light, size):g}"
+            return Requirement(f"{count} bands", False, change, reason)
+    return Requirement(f"{count} bands", True, change, "fewer bands would change the image by more than the tolerance")
 
 
 def _width(light: Irradiance, size: int) -> float:
     return float(np.sum(light.bandwidths_nm[:size]))
 
 
-def grouped_electrons(light: Irradiance, camera: Camera, exposure: Exposure, size: int) -> NDArray[Any]:
-    """Mean light electrons of every pixel when ``size`` neighbouring bands are one, (H, W).
+def grouped_electrons(light: Irradiance, camera: Camera, exposure: Exposure, size: int) -> Float64Array:
+    """Mean photoelectrons of every pixel with ``size`` neighbouring bands merged into one, (H, W).
 
-    The lens's transmission is then that of the middle of the coarser band, as a render with such bands has it.
+    The lens's transmission is that at the centre of the merged band, as in a render with such bands.
     """
     widths = np.asarray(light.bandwidths_nm, dtype=np.float64)
     starts = np.arange(0, len(widths), size)
     grouped = np.add.reduceat(widths, starts)
     centres = np.add.reduceat(light.wavelengths_nm * widths, starts) / grouped
-    through = transmittance(camera, light.wavelengths_nm)
-    given = np.where(through > 0, light.data / np.where(through > 0, through, 1.0), 0.0)  # before the lens
-    finite = np.where(np.isfinite(given), given, 0.0)
+    transmission = transmittance(camera, light.wavelengths_nm)
+    safe = np.where(transmission > 0, transmission, 1.0)
+    before_lens = np.where(transmission > 0, light.data / safe, 0.0)
+    finite = np.where(np.isfinite(before_lens), before_lens, 0.0)
     data = np.add.reduceat(finite * widths, starts, axis=2) / grouped
     per_irradiance = photons_per_irradiance(camera, exposure, centres, grouped) * camera.qe(centres)
     per_irradiance = per_irradiance * transmittance(camera, centres)

@@ -1,7 +1,7 @@
-"""Load any Mitsuba 3 scene file and put the sensor's own film into it.
+"""Loads any Mitsuba 3 scene file and replaces its film by one of spectral bands.
 
-The file is parsed, not yet built, when film and sampler of its first sensor are replaced: a scene that has no idea of
-us (rgb, any film, any filter) renders as spectral irradiance. Nothing else is touched, and notes tell what was.
+Film and sampler of the first sensor are replaced after parsing and before building, so that any scene (rgb, any film,
+any filter) renders as spectral irradiance. Nothing else is changed, and notes say what was replaced.
 """
 
 from __future__ import annotations
@@ -10,33 +10,35 @@ import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import InputError
-from ..optics.f_number_law import View
+from ..core.types import Array
+from ..optics.view import View
 from .bands import Bands, box_bands
-from .film import focus_wavelengths, response_film
-from .lens_sensor import put_lens
-from .lint import SAMPLER, WRAPPERS, Finding, gravest_first, lint, lint_built
-from .plugins import built_in
-from .scene_file import SceneFile, in_one_sentence, parse_scene, plain
-from .scene_settings import FILM, SENSOR, SENSOR_FIELDS, SIZE, SceneSettings, setup_of, unit_m
-from .scene_spectra import Spectra
-from .variants import mitsuba
+from .film import response_film, restrict_wavelengths
+from .lens_sensor import with_lens
+from .lint import WRAPPERS, Finding, lint, lint_built, most_serious_first
+from .passes import SAMPLER
+from .plugins import built_in_sensor
+from .scene_file import SceneFile, as_input_error, parse_scene, plain_message
+from .scene_settings import FILM, SENSOR, SENSOR_FIELDS, SIZE, SceneSettings, settings_of, unit_m
+from .scene_spectra import SceneSpectra
+from .variants import MitsubaObject, mitsuba
 
 if TYPE_CHECKING:
     from ..sensor.camera import Camera
 
 SENSORS = ("perspective", "thinlens", "orthographic", SENSOR)
-FILM_ID = "sensor"  # of the film that is put in, by which its sensor is known again
-WIDTH, HEIGHT = 768, 576  # of Mitsuba's films by default
-# What cannot be rendered here, and what to do about it.
+FILM_ID = "sensor"  # id of the new film, by which its sensor is found in the built scene
+WIDTH, HEIGHT = 768, 576  # default of Mitsuba's films
+# Plugins that cannot be used, and what to do instead.
 UNSUITABLE = {
-    "depth": "sees no light; use 'path'",
-    "ptracer": "starts its paths at the lamps and cannot write spectral bands; use 'path'",
+    "depth": "computes no radiance; use 'path'",
+    "ptracer": "starts its paths at the emitters and cannot write spectral bands; use 'path'",
     "circular": "acts on polarised light, which is not simulated; leave it out",
     "polarizer": "acts on polarised light, which is not simulated; leave it out",
     "retarder": "acts on polarised light, which is not simulated; leave it out",
@@ -44,44 +46,58 @@ UNSUITABLE = {
 }
 
 
+class RenderableScene(Protocol):
+    """What a renderer needs of a scene; see :class:`Scene`."""
+
+    @property
+    def view(self) -> View: ...
+    @property
+    def sha256(self) -> str: ...
+    @property
+    def notes(self) -> tuple[str, ...]: ...
+    def restrict_wavelengths(self, low_nm: float, high_nm: float) -> None: ...
+    def render(self, seed: int, samples: int, rows: tuple[int, int]) -> NDArray[np.float32]: ...
+
+
 @dataclass(frozen=True, eq=False)
 class Scene:
     """A scene ready to render into bands.
 
-    view : what its sensor sees.  notes : what was replaced, what will be black.  findings : the same, one by one.
+    view : what its sensor images.  notes : what was replaced, what will be black.  findings : the same, one by one.
+    sha256 : of the scene file, its includes and its parameters.
     """
 
-    native: Any
-    integrator: Any
-    sensor: Any
+    mitsuba_scene: MitsubaObject
+    integrator: MitsubaObject
+    sensor: MitsubaObject
     view: View
     sha256: str
     notes: tuple[str, ...]
     findings: tuple[Finding, ...] = ()
 
-    def focus(self, low_nm: float, high_nm: float) -> None:
-        """From now on draw wavelengths between two edges of the bands only."""
-        focus_wavelengths(mitsuba(), self.sensor.film(), low_nm, high_nm)
+    def restrict_wavelengths(self, low_nm: float, high_nm: float) -> None:
+        """From now on sample wavelengths between two edges of the bands only."""
+        restrict_wavelengths(self.sensor.film(), low_nm, high_nm)
 
     def render(self, seed: int, samples: int, rows: tuple[int, int]) -> NDArray[np.float32]:
         """One pass over rows [first, last) of the crop: ∫response·L dλ [W m⁻² sr⁻¹], (rows, columns, channels)."""
         (columns, _), (x, y) = self.view.crop_size, self.view.crop_offset
-        film, size, place = self.sensor.film(), (columns, rows[1] - rows[0]), (x, y + rows[0])
-        if tuple(film.crop_size()) != size or tuple(film.crop_offset()) != place:
+        film, size, offset = self.sensor.film(), (columns, rows[1] - rows[0]), (x, y + rows[0])
+        if tuple(film.crop_size()) != size or tuple(film.crop_offset()) != offset:
             parameters = mitsuba().traverse(self.sensor)
-            parameters["film.crop_size"], parameters["film.crop_offset"] = list(size), list(place)
+            parameters["film.crop_size"], parameters["film.crop_offset"] = list(size), list(offset)
             parameters.update()
         try:
-            image = self.integrator.render(self.native, sensor=self.sensor, seed=seed, spp=samples)
+            image = self.integrator.render(self.mitsuba_scene, sensor=self.sensor, seed=seed, spp=samples)
         except RuntimeError as error:
-            raise InputError(f"the scene cannot be rendered: {plain(error)}.") from error
+            raise InputError(f"the scene cannot be rendered: {plain_message(error)}.") from error
         return np.array(image, dtype=np.float32).reshape(size[1], size[0], -1)
 
 
 def load_scene(
     path: str | os.PathLike[str],
     bands: Bands,
-    parameters: Mapping[str, Any],
+    parameters: Mapping[str, object],
     camera: Camera | None = None,
     scene_unit: str | float | None = None,
     *,
@@ -90,65 +106,64 @@ def load_scene(
 ) -> Scene:
     """Load ``path`` with a film of these channels; the variant must be set.
 
-    bands : what its channels respond to.  parameters : values for the scene's ``<default>`` names.
-    camera : whose lens stands before the film; by default the one that the scene file names, if any.
-    scene_unit : "m", "mm", … or metres per unit; by default what the scene file says, else metres.
-    width : the same view in so many columns of pixels, and rows in proportion; by default what the scene file says.
-    sampler : the Mitsuba plugin that the light paths are drawn with.
-    Raises InputError, one sentence, for whatever is wrong with the file.
+    bands : spectral responses of its channels.  parameters : values for the scene's ``<default>`` names.
+    camera : whose lens is used; by default the one that the scene file names, if any.
+    scene_unit : "m", "mm", … or metres per unit; by default that of the scene file, else metres.
+    width : the same view in so many columns of pixels, and rows in proportion; by default that of the scene file.
+    sampler : Mitsuba plugin that samples the light paths.
+    Raises InputError, one sentence, for anything wrong with the file.
     """
     scene = parse_scene(path, parameters)
     _refuse_unsuitable(scene)
-    setup = setup_of(scene)
-    camera, metres = camera or setup.camera, _unit(setup, scene_unit)
+    settings = settings_of(scene)
+    camera, metres = camera or settings.camera, _unit(settings, scene_unit)
     findings, dark = _findings(scene, bands, metres)
     if dark:
         why = f"{findings[0].what}; give it an emitter with a spectrum there"
         raise InputError(f"scene {scene.path.name!r} has no light in the bands: {why}.")
-    _put_camera(scene, replace(setup, unit_m=metres), camera)
-    _put_film(scene, bands, film_size(scene, camera, width), sampler)
+    _replace_camera(scene, replace(settings, unit_m=metres), camera)
+    _replace_film(scene, bands, film_size(scene, camera, width), sampler)
     _unwrap_integrator(scene)
-    native = scene.build()
-    if not native.emitters():
+    built = scene.build()
+    if not built.emitters():
         raise InputError(f'scene {scene.path.name!r} has no light; add an emitter, e.g. <emitter type="constant"/>.')
-    sensor = next(one for one in native.sensors() if one.film().id() == FILM_ID)
-    integrator = native.integrator() or mitsuba().load_dict({"type": "path"})
-    findings = gravest_first([*findings, *lint_built(scene, native, sensor)])
-    view = _view(mitsuba(), sensor, metres or 1.0)
-    sensor, view, bent = put_lens(sensor, view, camera, metres or 1.0)
-    notes = (*(str(finding) for finding in findings), *bent)
-    return Scene(native, integrator, sensor, view, scene.digest(), notes, tuple(findings))
+    sensor = next(one for one in built.sensors() if one.film().id() == FILM_ID)
+    integrator = built.integrator() or mitsuba().load_dict({"type": "path"})
+    findings = most_serious_first([*findings, *lint_built(scene, built, sensor)])
+    sensor, view, lens_notes = with_lens(sensor, _view(sensor, metres or 1.0), camera, metres or 1.0)
+    notes = (*(str(finding) for finding in findings), *lens_notes)
+    return Scene(built, integrator, sensor, view, scene.digest(), notes, tuple(findings))
 
 
 def inspect_scene(
     path: str | os.PathLike[str],
     camera: Camera,
-    parameters: Mapping[str, Any],
+    parameters: Mapping[str, object],
     scene_unit: str | float | None = None,
 ) -> tuple[Finding, ...]:
-    """Everything worth knowing about a scene before ``camera`` looks at it; the variant must be set.
+    """Findings about a scene for ``camera``, without rendering; the variant must be set.
 
-    The scene is built too, so that a missing mesh is an InputError here and not after an hour.
+    The scene is built too, so that a missing mesh is an InputError here and not later.
     """
     bands = box_bands(camera, np.array(camera.band_nm, dtype=float))
     scene = parse_scene(path, parameters)
-    findings, dark = _findings(scene, bands, _unit(setup_of(scene), scene_unit))
+    findings, dark = _findings(scene, bands, _unit(settings_of(scene), scene_unit))
     return tuple(findings) if dark else load_scene(path, bands, parameters, camera, scene_unit).findings
 
 
 def _findings(scene: SceneFile, bands: Bands, metres: float | None) -> tuple[list[Finding], bool]:
-    """What lint finds before building, and whether no light of the scene reaches the bands."""
-    spectra = Spectra(mitsuba(), scene.state)
+    """What lint finds before building, and whether the scene has no light in the bands."""
+    spectra = SceneSpectra(scene.state)
     findings = lint(scene, spectra, bands.low_nm, bands.high_nm, metres)
-    return findings, bool(spectra.lights) and not spectra.lit(bands.low_nm, bands.high_nm)
+    return findings, bool(spectra.lights) and not spectra.has_light(bands.low_nm, bands.high_nm)
 
 
-def _unit(setup: SceneSettings, scene_unit: str | float | None) -> float | None:
-    return setup.unit_m if scene_unit is None else unit_m(scene_unit)
+def _unit(settings: SceneSettings, scene_unit: str | float | None) -> float | None:
+    return settings.unit_m if scene_unit is None else unit_m(scene_unit)
 
 
 def _refuse_unsuitable(scene: SceneFile) -> None:
-    """InputError for a sensor, integrator or material that cannot give this picture."""
+    """InputError for a sensor, integrator or material that cannot be rendered into spectral bands."""
     mi, sensor = mitsuba(), scene.sensor()
     kind = sensor.props.plugin_name()
     if kind not in SENSORS:
@@ -161,8 +176,8 @@ def _refuse_unsuitable(scene: SceneFile) -> None:
             raise InputError(f"{what} {UNSUITABLE[kind]}.")
 
 
-def _put_camera(scene: SceneFile, setup: SceneSettings, camera: Camera | None) -> None:
-    """A <sensor type="camera"> becomes the sensor of Mitsuba that it stands for."""
+def _replace_camera(scene: SceneFile, settings: SceneSettings, camera: Camera | None) -> None:
+    """Replace a <sensor type="camera"> by Mitsuba's perspective or thinlens."""
     node, film = scene.sensor(), scene.film()
     if node.props.plugin_name() != SENSOR:
         return
@@ -172,7 +187,7 @@ def _put_camera(scene: SceneFile, setup: SceneSettings, camera: Camera | None) -
     default = camera.sensor.columns if film and film.props.plugin_name() == FILM else WIDTH
     width = film.props["width"] if film and "width" in film.props else default
     try:
-        kind, view = built_in(setup, camera, width)
+        kind, view = built_in_sensor(settings, camera, width)
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
     for name in SENSOR_FIELDS:
@@ -199,14 +214,14 @@ def film_size(scene: SceneFile, camera: Camera | None, width: int | None) -> dic
     return {k: max(round(v * width / full), 0 if "offset" in k else 1) for k, v in whole.items()}
 
 
-def _put_film(scene: SceneFile, bands: Bands, size: dict[str, int], sampler: str) -> None:
-    """Replace film and sampler of the first sensor; the others go."""
+def _replace_film(scene: SceneFile, bands: Bands, size: dict[str, int], sampler: str) -> None:
+    """Replace film and sampler of the first sensor; remove the other sensors."""
     mi, node = mitsuba(), scene.sensor()
     for name, child in list(scene.children(node.props)):
         if child.type in (mi.ObjectType.Film, mi.ObjectType.Sampler):
             del node.props[name]
-    with in_one_sentence(scene.path):
-        node.props["film"] = response_film(mi, bands.responses, {**size, "id": FILM_ID})
+    with as_input_error(scene.path):
+        node.props["film"] = response_film(bands.responses, {**size, "id": FILM_ID})
     node.props["sampler"] = mi.load_dict({"type": sampler})
     for name, child in list(scene.children(scene.root)):
         if child.type == mi.ObjectType.Sensor and child != node:
@@ -222,17 +237,17 @@ def _unwrap_integrator(scene: SceneFile) -> None:
             scene.root[name] = inner[0] if inner else mi.load_dict({"type": "path"})
 
 
-def _view(mi: Any, sensor: Any, metres: float) -> View:
-    """The geometry of a built sensor; Mitsuba has already turned fov_axis or focal_length into x_fov.
+def _view(sensor: MitsubaObject, metres: float) -> View:
+    """The view of a built sensor; Mitsuba has already converted fov_axis or focal_length into x_fov.
 
     metres : per scene unit.
     """
-    parameters, film = mi.traverse(sensor), sensor.film()
+    parameters, film = mitsuba().traverse(sensor), sensor.film()
 
     def value(name: str, default: float) -> float:  # Dr.Jit scalars are arrays of one
         return float(np.ravel(parameters[name])[0]) if name in parameters else default
 
-    def pair(vector: Any) -> tuple[int, int]:
+    def pair(vector: Array) -> tuple[int, int]:
         return int(vector[0]), int(vector[1])
 
     if 0 in pair(film.crop_size()):

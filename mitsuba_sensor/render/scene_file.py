@@ -1,4 +1,4 @@
-"""A scene file, parsed but not built: its nodes, where each of them stands, and its errors in one sentence."""
+"""Parses a scene file without building it: its nodes, their line numbers, and its errors as one sentence."""
 
 from __future__ import annotations
 
@@ -10,83 +10,82 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from ..core.errors import InputError, nearest
-from .variants import mitsuba
+from .variants import MitsubaObject, mitsuba
 
-# Something to paste into a scene that has no sensor.
-A_SENSOR = (
+# Example for the message about a scene without sensor.
+EXAMPLE_SENSOR = (
     '<sensor type="perspective"><float name="fov" value="40"/><transform name="to_world">'
     '<lookat origin="0, 1, 4" target="0, 1, 0" up="0, 1, 0"/></transform></sensor>'
 )
-# Integrators in Python, which are there in llvm and cuda variants only.
-GRADIENTS = ("prb", "prb_basic", "prb_projective", "prbvolpath", "direct_projective")
-OUR_PLUGINS = ("camera", "photosensor")
+# Integrators in Python, which exist in llvm and cuda variants only.
+DIFFERENTIABLE = ("prb", "prb_basic", "prb_projective", "prbvolpath", "direct_projective")
+OWN_PLUGINS = ("camera", "photosensor")
 
 
 @dataclass(frozen=True, eq=False)
 class SceneFile:
     """A parsed scene.
 
-    state : Mitsuba's parser state; nodes[0] is the scene.  values : what was given for its ``<default>`` names.
+    state : Mitsuba's parser state; nodes[0] is the scene.  values : of its ``<default>`` names, as given.
     """
 
     path: Path
-    config: Any
-    state: Any
+    config: MitsubaObject
+    state: MitsubaObject
     values: Mapping[str, str]
 
     @property
-    def root(self) -> Any:
+    def root(self) -> MitsubaObject:
         """The properties of the scene itself."""
         return self.state.nodes[0].props
 
-    def children(self, props: Any) -> Iterator[tuple[str, Any]]:
+    def children(self, props: MitsubaObject) -> Iterator[tuple[str, MitsubaObject]]:
         """(name, node) of the objects nested in a node."""
         for name in list(props.keys()):
             if props.type(name) == mitsuba().Properties.Type.ResolvedReference:
                 yield name, self.state.nodes[props[name].index()]
 
-    def where(self, node: Any) -> str:
+    def where(self, node: MitsubaObject) -> str:
         """``line 12``, with the name of the file if it is an included one."""
-        text = mitsuba().parser.file_location(self.state, node)
+        text: str = mitsuba().parser.file_location(self.state, node)
         found = re.fullmatch(r"(.*) \(line (\d+), col \d+\)", text)
         if not found:
             return text
         return f"line {found[2]}" if node.file_index == 0 else f"{Path(found[1]).name} line {found[2]}"
 
-    def sensor(self) -> Any:
+    def sensor(self) -> MitsubaObject:
         """The node of the scene's first sensor; raises InputError if there is none."""
         sensors = [node for _, node in self.children(self.root) if node.type == mitsuba().ObjectType.Sensor]
         if not sensors:
-            raise InputError(f"scene {self.path.name!r} has no sensor; add one, e.g. {A_SENSOR}.")
+            raise InputError(f"scene {self.path.name!r} has no sensor; add one, e.g. {EXAMPLE_SENSOR}.")
         return sensors[0]
 
-    def film(self) -> Any:
-        """The node of that sensor's film; None where it has Mitsuba's own."""
+    def film(self) -> MitsubaObject:
+        """The node of that sensor's film; None where it has Mitsuba's default."""
         nested = (node for _, node in self.children(self.sensor().props))
         return next((node for node in nested if node.type == mitsuba().ObjectType.Film), None)
 
     def digest(self) -> str:
-        """SHA-256 over the parameters, the scene file and its includes; not over meshes and pictures."""
+        """SHA-256 over the parameters, the scene file and its includes; not over meshes and textures."""
         digest = hashlib.sha256(json.dumps(sorted(self.values.items())).encode())
         for file in self.state.files:
             digest.update(Path(str(file)).read_bytes())
         return digest.hexdigest()
 
-    def build(self) -> Any:
+    def build(self) -> MitsubaObject:
         """The scene itself; raises InputError for whatever is missing or wrong."""
         mi = mitsuba()
         state = mi.parser.ParserState(self.state)  # a copy, because the transforms leave nothing where it was
-        with folder_of(self.path), in_one_sentence(self.path):
+        with folder_of(self.path), as_input_error(self.path):
             mi.parser.transform_all(self.config, state)
             built = mi.parser.instantiate(self.config, state)
         return built[0] if isinstance(built, list) else built
 
 
-def parse_scene(path: str | os.PathLike[str], parameters: Mapping[str, Any]) -> SceneFile:
-    """Parse a scene file. No variant need be set, unless colours and transforms are to be read.
+def parse_scene(path: str | os.PathLike[str], parameters: Mapping[str, object]) -> SceneFile:
+    """Parse a scene file. No variant need be set, except to read colours and transforms.
 
     parameters : values for the scene's ``<default>`` names.  Raises InputError, one sentence.
     """
@@ -97,7 +96,7 @@ def parse_scene(path: str | os.PathLike[str], parameters: Mapping[str, Any]) -> 
     _check_parameters(file, values)
     config = mi.parser.ParserConfig(mi.variant() or "scalar_spectral")
     config.merge_meshes = False  # a merged mesh has lost its name: nothing could move or number it
-    with folder_of(file), in_one_sentence(file):
+    with folder_of(file), as_input_error(file):
         state = mi.parser.parse_file(config, str(file), **values)
         mi.parser.transform_upgrade(config, state)
         mi.parser.transform_resolve(config, state)
@@ -107,7 +106,7 @@ def parse_scene(path: str | os.PathLike[str], parameters: Mapping[str, Any]) -> 
 
 
 def _check_parameters(file: Path, values: Mapping[str, str]) -> None:
-    """A parameter that the scene does not have is a typing error. (Names in included files are left to Mitsuba.)"""
+    """InputError for a parameter that the scene does not have. (Names in included files are left to Mitsuba.)"""
     text = _text(file)
     known = sorted(set(re.findall(r'<default\s+name="(\w+)"', text)) | set(re.findall(r"\$\{?(\w+)", text)))
     for name in values:
@@ -118,12 +117,12 @@ def _check_parameters(file: Path, values: Mapping[str, str]) -> None:
 
 @contextlib.contextmanager
 def folder_of(file: Path) -> Iterator[None]:
-    """Let Mitsuba find meshes and pictures beside the scene file, and forget the folder afterwards."""
+    """Let Mitsuba find meshes and textures beside the scene file inside the ``with`` block."""
     mi = mitsuba()
     before = mi.file_resolver()
-    mine = type(before)(before)
-    mine.prepend(str(file.resolve().parent))
-    mi.set_file_resolver(mine)
+    extended = type(before)(before)
+    extended.prepend(str(file.resolve().parent))
+    mi.set_file_resolver(extended)
     try:
         yield
     finally:
@@ -131,42 +130,42 @@ def folder_of(file: Path) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def in_one_sentence(file: Path) -> Iterator[None]:
-    """Turn what Mitsuba raises about a file into an InputError."""
+def as_input_error(file: Path) -> Iterator[None]:
+    """Turn Mitsuba's RuntimeError about a file into an InputError."""
     try:
         yield
     except RuntimeError as error:
         begin, name = "At|While loading|Error while loading|Parsing of XML file", re.escape(str(file))
         where = rf'(?:{begin}) "?(?:{name}|{re.escape(str(file.resolve()))})"?(?: failed)?:? '
-        text = re.sub(where, "", plain(error))
+        text = re.sub(where, "", plain_message(error))
         raise InputError(f"scene {file.name!r} cannot be loaded: {text}{_remedy(text, file)}") from error
 
 
-def plain(error: BaseException) -> str:
+def plain_message(error: BaseException) -> str:
     """Mitsuba's message without its source lines and line breaks."""
     text = re.sub(r"\[\w+\.(?:cpp|h|py):\d+\]\s*", "", str(error))
     return re.sub(r"\s+", " ", text).strip().rstrip(".!")
 
 
 def _remedy(message: str, file: Path) -> str:
-    """What to do about it, from the full stop or semicolon on."""
+    """The way out that belongs to Mitsuba's message, from the full stop or semicolon on."""
     version = re.search(r'<scene\s[^>]*version="(0\.[\d.]+)"', _text(file))
     if version and re.search("unsupported|unexpected|unreferenced|Plugin", message):
-        return f"; the file has the format of Mitsuba {version[1]}: bring it to version 3.0.0 first."
+        return f"; the file has the format of Mitsuba {version[1]}: convert it to version 3.0.0 first."
     if "undefined parameter" in message:
         return "; give it a value (-D name=value)."
     unknown = re.search(r'Plugin "(\w+)" not found', message)
-    if unknown and unknown[1] in GRADIENTS:
-        return "; it computes gradients and needs an llvm or cuda variant: 'path' gives the same picture."
+    if unknown and unknown[1] in DIFFERENTIABLE:
+        return "; it computes gradients and needs an llvm or cuda variant: 'path' gives the same image."
     if unknown:
         return f".{nearest(unknown[1], _plugins())}"
     return "."
 
 
 def _plugins() -> list[str]:
-    """Names of the plugins that come with Mitsuba, and ours."""
+    """Names of Mitsuba's plugins, and of this package's."""
     folder = Path(str(mitsuba().__file__)).parent / "plugins"
-    return sorted({file.stem for file in folder.iterdir()} | set(OUR_PLUGINS))
+    return sorted({file.stem for file in folder.iterdir()} | set(OWN_PLUGINS))
 
 
 def _text(file: Path) -> str:

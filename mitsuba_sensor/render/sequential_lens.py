@@ -1,105 +1,114 @@
-"""A lens of many surfaces: every ray is traced from the sensor through all of them into the scene.
+"""Rays through a sequential lens: from each point of the sensor through all surfaces of a prescription into the scene.
 
-A pixel's irradiance is E = ∫ L·cos θ dω over the back of the lens, with dω = cos³θ dA/Z² for the plane of the last
-vertex at the distance Z. A ray through a point drawn evenly from the ellipse that light can pass has the weight
-A·cos⁴θ/Z², or 0 if something stops it; so the rays carry E/L, and neither a closed form nor cos⁴ comes on top.
+A pixel's irradiance is E = ∫ L·cos θ dω over the rear of the lens, with dω = cos³θ dA/Z² for the plane of the last
+vertex at the distance Z. A ray through a point sampled uniformly from the ellipse of area A that light can pass has the
+weight A·cos⁴θ/Z², or 0 if it is vignetted. So the rays carry E/L, and the f-number law must not be applied again.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..core.llvm import drjit
+from ..core.types import Array
+from ..optics.exit_pupil import ExitPupilBounds, exit_pupil_bounds
 from ..optics.glass import D_NM
-from ..optics.paraxial import cardinal, opened
-from ..optics.pupil import Pupil, find_pupil
+from ..optics.paraxial import cardinal_points, surfaces_at_f_number
 from ..optics.ray_trace import Ray, stopped_down, trace
+from .variants import MitsubaObject, mitsuba
 
 if TYPE_CHECKING:
-    from ..optics.f_number_law import View
+    from ..optics.view import View
     from ..sensor.camera import Camera
 
-NO_HEIGHT = 1e-9  # below it an image point lies on the axis [mm]
+NO_HEIGHT = 1e-9  # below it an image point is on the axis [mm]
 
 
 class SequentialLens:
-    """Rays through the camera's prescription. The middle of its entrance pupil stands where the scene's camera does.
+    """Rays through the camera's prescription; the centre of its entrance pupil is where the scene's sensor is.
 
-    view : what the sensor sees through it.  highest_mm, lit_mm : the image height of the farthest corner of the film,
-    and that up to which there is light.
+    view : what the sensor images through it.
+    highest_mm, lit_mm : image height of the farthest corner of the film, and the largest one that receives light.
     """
 
-    def __init__(self, mi: Any, camera: Camera, view: View, unit_m: float) -> None:
-        lens, dr = camera.lens, drjit()
-        points, focus_m = cardinal(lens), lens.focus_m or view.focus_m
-        surfaces, distance = opened(lens), points.image_distance(focus_m)
+    def __init__(self, camera: Camera, view: View, unit_m: float) -> None:
+        lens, mi, dr = camera.lens, mitsuba(), drjit()
+        points, focus_m = cardinal_points(lens), lens.focus_m or view.focus_m
+        surfaces, distance = surfaces_at_f_number(lens), points.image_distance(focus_m)
         self._pitch_mm = (camera.pixel.pitch_x_um * 1e-3, camera.pixel.pitch_y_um * 1e-3)
-        half_width = 0.5 * view.size[0] * self._pitch_mm[0] / points.principal_distance(focus_m)
         self.view = replace(
             view,
-            half_width=half_width,
+            half_width=0.5 * view.size[0] * self._pitch_mm[0] / points.principal_distance(focus_m),
             focus_m=focus_m,
             aperture_radius_m=points.entrance_radius * 1e-3,
-            traced=True,
+            sequential=True,
         )
-        band = (*camera.band_nm, D_NM) if lens.dispersion else (D_NM,)
+        wavelengths_nm = (*camera.band_nm, D_NM) if lens.dispersion else (D_NM,)
         reach = [max(a, n - a) * p for a, n, p in zip(view.axis, view.size, self._pitch_mm, strict=True)]
-        pupil = find_pupil(surfaces, distance, math.hypot(*reach), band)
-        self.highest_mm, lit = pupil.highest, np.flatnonzero(pupil.radial)
-        self.lit_mm = min(lit[-1] + 1, len(pupil.radial) - 1) / (len(pupil.radial) - 1) * pupil.highest
-        self._mi, self._dr, self._dispersion = mi, dr, lens.dispersion
-        self._behind_mm = points.length - points.entrance_pupil  # the entrance pupil, from the last vertex
+        bounds = exit_pupil_bounds(surfaces, distance, math.hypot(*reach), wavelengths_nm)
+        last, lit = len(bounds.radial) - 1, np.flatnonzero(bounds.radial)
+        self.highest_mm, self.lit_mm = bounds.highest, min(int(lit[-1]) + 1, last) / last * bounds.highest
+        self._dispersion = lens.dispersion
+        self._entrance_pupil_mm = points.length - points.entrance_pupil  # from the last vertex
         self._units_per_mm = 1e-3 / unit_m
-        # What changes with focus and f-number is data to the compiled kernel; the glass is part of it.
+        # Focus and f-number are data of the compiled kernel, so that it serves all of them; the glass is part of it.
         self._surfaces = stopped_down(surfaces, dr.opaque(mi.Float, points.stop_radius))
         self._distance = dr.opaque(mi.Float, distance)
-        self._pupil, self._per_mm = _texture(mi, pupil), dr.opaque(mi.Float, 1 / pupil.highest)
+        self._bounds, self._per_mm = _texture(bounds), dr.opaque(mi.Float, 1 / bounds.highest)
 
-    def sample(self, sensor: Any, samples: tuple[Any, Any, Any, Any], active: Any) -> tuple[Any, Any]:
-        """The ray of a place on the film [pixels] and a place in the pupil, and its E/L."""
-        mi, dr = self._mi, self._dr
-        time, wavelength, place, aperture = samples
+    def sample(
+        self, sensor: MitsubaObject, samples: tuple[Array, Array, Array, Array], active: Array
+    ) -> tuple[MitsubaObject, Array]:
+        """A ray and its weight E/L, per wavelength.
+
+        samples : time, wavelength sample, position on the film [pixels], and aperture sample.
+        """
+        mi, dr = mitsuba(), drjit()
+        time, wavelength, position, aperture = samples
         lengths, weight = sensor.inner.sample_wavelengths(dr.zeros(mi.SurfaceInteraction3f), wavelength, active)
-        start, share = self._start(place, aperture)
-        if self._dispersion:  # the first wavelength is traced, and stands for the others
+        start, solid_angle = self._start(position, aperture)
+        if self._dispersion:  # only the first wavelength is traced, and represents the others
             weight = weight * mi.Spectrum(len(lengths), *[0.0] * (len(lengths) - 1))
         end = trace(self._surfaces, start, lengths[0] if self._dispersion else D_NM)
         to_world, unvignetted = sensor.world_transform(), mi.Mask(end.unvignetted & active)
         mm = self._units_per_mm
-        middle = mi.Point3f(end.x * mm, end.y * mm, (end.z - self._behind_mm) * mm)
-        origin = dr.select(unvignetted, middle, mi.Point3f(0.0))
+        exit_point = mi.Point3f(end.x * mm, end.y * mm, (end.z - self._entrance_pupil_mm) * mm)
+        origin = dr.select(unvignetted, exit_point, mi.Point3f(0.0))
         direction = dr.select(unvignetted, mi.Vector3f(end.dx, end.dy, end.dz), mi.Vector3f(0.0, 0.0, 1.0))
         ray = mi.Ray3f(to_world @ origin, dr.normalize(to_world @ direction), time, lengths)
-        ray.maxt = dr.select(unvignetted, ray.maxt, 0.0)  # a ray that was stopped meets nothing
-        return ray, weight * dr.select(unvignetted, share, 0.0)
+        ray.maxt = dr.select(unvignetted, ray.maxt, 0.0)  # a vignetted ray intersects nothing
+        return ray, weight * dr.select(unvignetted, solid_angle, 0.0)
 
-    def _start(self, place: Any, aperture: Any) -> tuple[Ray, Any]:
-        """From the film to the plane of the last vertex; and the projected solid angle that the ray stands for [sr]."""
-        dr, (axis_x, axis_y), (pitch_x, pitch_y) = self._dr, self.view.axis, self._pitch_mm
-        x, y, z = (place.x - axis_x) * pitch_x, (place.y - axis_y) * pitch_y, self._distance
+    def _start(self, position: Array, aperture: Array) -> tuple[Ray, Array]:
+        """A ray from the film to the plane of the last vertex, and the projected solid angle it represents [sr]."""
+        dr, (axis_x, axis_y), (pitch_x, pitch_y) = drjit(), self.view.axis, self._pitch_mm
+        x, y, z = (position.x - axis_x) * pitch_x, (position.y - axis_y) * pitch_y, self._distance
         height = dr.sqrt(x * x + y * y)
         on_axis, inverse = height < NO_HEIGHT, 1.0 / dr.maximum(height, NO_HEIGHT)
         ux, uy = dr.select(on_axis, 1.0, x * inverse), y * inverse
         centre, radial, tangential = self._ellipse(height)
-        disk = self._mi.warp.square_to_uniform_disk_concentric(aperture)
+        disk = mitsuba().warp.square_to_uniform_disk_concentric(aperture)
         along, across = centre + radial * disk.x, tangential * disk.y
         dx, dy = along * ux - across * uy - x, along * uy + across * ux - y
         inverse = dr.rsqrt(dx * dx + dy * dy + z * z)
         cosine = z * inverse
-        share = (math.pi * radial * tangential) * (cosine * cosine / z) ** 2
-        return Ray(x, y, -z, dx * inverse, dy * inverse, cosine, True), share
+        solid_angle = (math.pi * radial * tangential) * (cosine * cosine / z) ** 2
+        return Ray(x, y, -z, dx * inverse, dy * inverse, cosine, True), solid_angle
 
-    def _ellipse(self, height: Any) -> Any:
-        cells = self._pupil.shape[0] - 1
+    def _ellipse(self, height: Array) -> tuple[Array, Array, Array]:
+        """Centre, radial and tangential half axis of the exit-pupil bounds at an image height [mm]."""
+        cells = self._bounds.shape[0] - 1
         at = height * self._per_mm * (cells / (cells + 1)) + 0.5 / (cells + 1)
-        return self._pupil.eval(at)
+        centre, radial, tangential = self._bounds.eval(at)
+        return centre, radial, tangential
 
 
-def _texture(mi: Any, pupil: Pupil) -> Any:
-    """The table, to be looked up with linear interpolation."""
-    values = np.stack([pupil.centre, pupil.radial, pupil.tangential], axis=-1).astype(np.float32)
+def _texture(bounds: ExitPupilBounds) -> MitsubaObject:
+    """The table of the bounds, to be evaluated with linear interpolation."""
+    mi = mitsuba()
+    values = np.stack([bounds.centre, bounds.radial, bounds.tangential], axis=-1).astype(np.float32)
     return mi.Texture1f(mi.TensorXf(values), use_accel=False)

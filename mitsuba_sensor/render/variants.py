@@ -1,13 +1,17 @@
-"""Which Mitsuba variant renders. Every ``import mitsuba`` of this package goes through :func:`mitsuba`."""
+"""Chooses the Mitsuba variant that renders; every ``import mitsuba`` of the package goes through :func:`mitsuba`."""
 
 from __future__ import annotations
 
 import importlib
 from dataclasses import dataclass
 from types import ModuleType
+from typing import Any, TypeAlias
 
 from ..core.errors import InputError, nearest
 from ..core.llvm import backend_problem, drjit, llvm_version
+
+MitsubaObject: TypeAlias = Any
+"""An object of Mitsuba: a scene, sensor, film, ray, transform, properties … Its class depends on the variant."""
 
 FASTER = "up to about three times faster with LLVM, depending on the processor: apt-get install libllvm19"
 
@@ -23,7 +27,7 @@ class Variant:
 
 
 def mitsuba() -> ModuleType:
-    """Import Mitsuba, and Dr.Jit before it with its guard. Sets no variant."""
+    """Import Mitsuba, and Dr.Jit with its guard before it. Sets no variant."""
     drjit()
     return importlib.import_module("mitsuba")
 
@@ -31,11 +35,10 @@ def mitsuba() -> ModuleType:
 def choose_variant(requested: str | None = None) -> Variant:
     """Choose a spectral variant: the requested one, else the one already set, else cuda, guarded llvm, scalar.
 
-    Nothing is set; see :func:`use`. Raises InputError for an unknown or non-spectral variant, or one whose back end
-    is not there.
+    Sets no variant; see :func:`use`. Raises InputError for an unknown or non-spectral variant, or one whose back end is
+    not available.
     """
-    mi = mitsuba()
-    current = mi.variant()
+    current = mitsuba().variant()
     if requested is not None:
         return _checked(requested, "asked for", f"variant is {requested!r}")
     if current is not None:

@@ -1,9 +1,9 @@
-"""The lens of a camera file: how much light, how it falls off and bends, or the surfaces of a real lens."""
+"""Datasheet section [lens]: f-number, transmission, relative illumination, distortion, or a lens prescription."""
 
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, ValidationInfo, model_validator
 
@@ -23,7 +23,7 @@ ON_AXIS = {"relative_illumination": 1.0, "distortion_percent": 0.0}
 
 
 class SurfaceSection(Section):
-    """One surface of a lens and what lies behind it, towards the sensor."""
+    """One surface of a lens and the medium behind it, towards the sensor."""
 
     radius_mm: Number | None = Field(
         None, description="radius, positive if its centre is towards the sensor; none for a plane [mm]", examples=[29.5]
@@ -57,10 +57,10 @@ class SurfaceSection(Section):
 
 
 class PrescriptionSection(Section):
-    """A lens, surface by surface from the scene to the sensor; both ends are in air."""
+    """A lens prescription, surface by surface from the scene to the sensor; both ends are in air."""
 
-    name: str = Field(description="how the lens is called", examples=["double_gauss"])
-    source: str = Field("", description="where its numbers come from", examples=["US patent 2,673,491"])
+    name: str = Field(description="name of the lens", examples=["double_gauss"])
+    source: str = Field("", description="source of its numbers", examples=["US patent 2,673,491"])
     surfaces: Annotated[tuple[SurfaceSection, ...], Field(min_length=2, max_length=99)] = Field(
         description="from the scene to the sensor",
         examples=[[{"semi_diameter_mm": 3, "thickness_mm": 2, "stop": True}, {"radius_mm": 50, "semi_diameter_mm": 9}]],
@@ -68,7 +68,7 @@ class PrescriptionSection(Section):
 
     @model_validator(mode="before")
     @classmethod
-    def _from_file(cls, data: Any, info: ValidationInfo) -> Any:
+    def _from_file(cls, data: object, info: ValidationInfo) -> object:
         return read_lens(data, (info.context or {}).get("folder", ".")) if isinstance(data, str) else data
 
     @model_validator(mode="after")
@@ -83,12 +83,12 @@ class PrescriptionSection(Section):
 
 
 class LensSection(Section):
-    """The camera's lens decides the light; the scene's own thin lens, or the prescription, decides the blur."""
+    """The camera's lens determines the irradiance; the scene's own thin lens, or the prescription, the blur."""
 
     f_number: Positive = Field(2.8, description="focal length over pupil diameter N", examples=[2.8])
-    transmission: Fraction = Field(1.0, description="share of the light that passes", examples=[0.95])
+    transmission: Fraction = Field(1.0, description="fraction of the light that passes", examples=[0.95])
     transmission_curve: tuple[Chance, ...] | None = Field(
-        None, description="what transmission is multiplied by at each wavelength", examples=[[0.8, 1.0, 0.9]]
+        None, description="factor on transmission at each wavelength", examples=[[0.8, 1.0, 0.9]]
     )
     transmission_wavelengths_nm: tuple[Positive, ...] | None = Field(
         None, description="wavelengths of transmission_curve, increasing [nm]", examples=[[400, 550, 700]]
@@ -118,14 +118,14 @@ class LensSection(Section):
     )
     prescription: PrescriptionSection | None = Field(
         None,
-        description="a real lens: name of one that ships, path of a .json or .dat file, or its table",
+        description="sequential lens: name of a built-in one, path of a .json or .dat file, or its table",
         examples=["double_gauss"],
     )
     focal_length_mm: Positive | None = Field(
         None, description="scale the prescription to this focal length [mm]", examples=[25.0]
     )
     focus_m: Positive | None = Field(
-        None, description="what the prescription focuses on, instead of the scene's focus distance [m]", examples=[2.0]
+        None, description="focus distance of the prescription, instead of the scene's [m]", examples=[2.0]
     )
     dispersion: Flag = Field(False, description="trace every wavelength with its own index", examples=[True])
 
@@ -138,25 +138,25 @@ class LensSection(Section):
             for name in ("focal_length_mm", "focus_m", "dispersion"):
                 if getattr(self, name):
                     raise ValueError(f"{name} belongs to a prescription; give one, e.g. prescription = 'double_gauss'")
-        else:
-            for name in ("relative_illumination", "distortion", "distortion_percent"):
-                if getattr(self, name) is not None:
-                    raise ValueError(f"a prescription has its own {name}, which is traced; leave {name} out")
-        if self.dispersion and not any(s.abbe or s.sellmeier for s in self.prescription.surfaces):  # type: ignore[union-attr]
+            return self
+        for name in ("relative_illumination", "distortion", "distortion_percent"):
+            if getattr(self, name) is not None:
+                raise ValueError(f"a prescription has its own {name}, which is traced; leave {name} out")
+        if self.dispersion and not any(s.abbe or s.sellmeier for s in self.prescription.surfaces):
             raise ValueError("dispersion needs glasses with abbe or sellmeier, and the prescription has none")
         return self
 
     def _tables(self) -> None:
-        """Every table has as many places as values; heights start on the axis, where there is nothing to correct."""
-        for name, places_name in TABLES:
-            values, places = getattr(self, name), getattr(self, places_name)
-            if (values is None) != (places is None):
-                raise ValueError(f"{name} and {places_name} go together; one is missing")
+        """Every table has as many positions as values; heights start on the axis, where the correction is none."""
+        for name, axis_name in TABLES:
+            values, axis = getattr(self, name), getattr(self, axis_name)
+            if (values is None) != (axis is None):
+                raise ValueError(f"{name} and {axis_name} go together; one is missing")
             if values is None:
                 continue
-            if len(values) != len(places) or len(values) < 2:
-                raise ValueError(f"{name} has {len(values)} values for {len(places)} {places_name}; at least 2 each")
-            if any(b <= a for a, b in pairwise(places)):
-                raise ValueError(f"{places_name} must increase from each point to the next")
-            if name in ON_AXIS and (places[0], values[0]) != (0, ON_AXIS[name]):
+            if len(values) != len(axis) or len(values) < 2:
+                raise ValueError(f"{name} has {len(values)} values for {len(axis)} {axis_name}; at least 2 each")
+            if any(b <= a for a, b in pairwise(axis)):
+                raise ValueError(f"{axis_name} must increase from each point to the next")
+            if name in ON_AXIS and (axis[0], values[0]) != (0, ON_AXIS[name]):
                 raise ValueError(f"{name} must start with {ON_AXIS[name]:g} at the height 0, the axis")

@@ -1,10 +1,10 @@
-"""Lens tables: our own JSON, and the tables that other renderers use, made into it.
+"""Reads lens prescriptions: the package's own JSON, ISET3d's JSON and PBRT's .dat tables.
 
-* Ours: ``{"name": …, "source": …, "surfaces": [{"radius_mm": …, "thickness_mm": …, "semi_diameter_mm": …}, …]}``, the
-  fields of a prescription in a camera file.
+* Own JSON: ``{"name": …, "source": …, "surfaces": [{"radius_mm": …, "thickness_mm": …, "semi_diameter_mm": …}, …]}``,
+  the fields of a prescription in a camera file.
 * ``.json`` with ``radius``, ``thickness``, ``ior`` and ``semi_aperture`` for each surface, as ISET3d writes them [mm].
 * ``.dat`` with four columns, as PBRT reads them: radius, thickness, index behind, diameter [mm]; a fifth one, the Abbe
-  number, may follow. A lone number before them (ISET's focal length) is passed over. The stop has radius 0 and air on
+  number, may follow. A single number before them (ISET's focal length) is ignored. The stop has radius 0 and air on
   both sides.
 """
 
@@ -13,28 +13,27 @@ from __future__ import annotations
 import json
 from importlib import resources
 from pathlib import Path
-from typing import Any
 
-SHIPPED = resources.files(__package__) / "lenses"
+BUILT_IN = resources.files(__package__) / "lenses"
 COLUMNS = "radius, thickness, index, diameter and perhaps the Abbe number"
 
 
 def list_lenses() -> list[str]:
-    """Names of the lenses that ship with the package."""
-    return sorted(file.name.removesuffix(".json") for file in SHIPPED.iterdir() if file.name.endswith(".json"))
+    """Names of the lenses that the package contains."""
+    return sorted(file.name.removesuffix(".json") for file in BUILT_IN.iterdir() if file.name.endswith(".json"))
 
 
-def read_lens(name: str, folder: str) -> dict[str, Any]:
-    """The prescription of a shipped lens, or of a .json or .dat file found from ``folder``, that of the camera file.
+def read_lens(name: str, folder: str) -> dict[str, object]:
+    """The prescription of a built-in lens, or of a .json or .dat file, relative to ``folder``, that of the camera file.
 
-    Raises ValueError, one sentence, if there is no such lens or the file is none.
+    Raises ValueError, one sentence, if there is no such lens or the file is not a prescription.
     """
     if name in list_lenses():
-        return dict(json.loads((SHIPPED / f"{name}.json").read_text("utf-8")))
+        return dict(json.loads((BUILT_IN / f"{name}.json").read_text("utf-8")))
     path = Path(folder) / name
     if path.suffix not in (".json", ".dat"):
         raise ValueError(
-            f"{name!r} is no lens that ships ({', '.join(list_lenses())}) and no .json or .dat file, e.g. 'singlet'"
+            f"{name!r} is not a built-in lens ({', '.join(list_lenses())}) and not a .json or .dat file, e.g. 'singlet'"
         )
     try:
         text = path.read_text("utf-8-sig")
@@ -43,8 +42,8 @@ def read_lens(name: str, folder: str) -> dict[str, Any]:
     return from_dat(text, path.stem) if path.suffix == ".dat" else from_json(text, path.stem)
 
 
-def from_json(text: str, name: str) -> dict[str, Any]:
-    """A prescription from JSON, ours or ISET3d's."""
+def from_json(text: str, name: str) -> dict[str, object]:
+    """A prescription from JSON, the package's own or ISET3d's."""
     try:
         data = json.loads(text)
     except json.JSONDecodeError as error:
@@ -54,33 +53,33 @@ def from_json(text: str, name: str) -> dict[str, Any]:
         raise ValueError(f"the lens {name!r} has no list of surfaces; it must be {{'surfaces': [{{…}}, …]}}")
     if any("semi_aperture" in surface for surface in surfaces):
         rows = [_iset_row(surface, name) for surface in surfaces]
-        said = {"name": data.get("name") or name, "source": data.get("description") or ""}
-        return {**{k: str(v) for k, v in said.items()}, "surfaces": _surfaces(rows, name)}
+        names = {"name": str(data.get("name") or name), "source": str(data.get("description") or "")}
+        return {**names, "surfaces": _surfaces(rows, name)}
     return {"name": name, **data}
 
 
-def from_dat(text: str, name: str) -> dict[str, Any]:
-    """A prescription from PBRT's columns; the source is what its comments say."""
+def from_dat(text: str, name: str) -> dict[str, object]:
+    """A prescription from PBRT's columns; its comments become the source."""
     lines = [line.strip() for line in text.splitlines() if line.strip()]
-    said = [line.lstrip("# \t") for line in lines if line.startswith("#")]
+    comments = [line.lstrip("# \t") for line in lines if line.startswith("#")]
     rows = [line.replace(",", " ").split() for line in lines if not line.startswith("#")]
     if rows and len(rows[0]) == 1:
         rows = rows[1:]
     try:
-        numbers = [tuple(float(word) for word in row) for row in rows]
+        numbers = [tuple(float(number) for number in row) for row in rows]
     except ValueError:
         raise ValueError(f"the lens {name!r} has a line that is not numbers; each must be {COLUMNS}") from None
     for row in numbers:
         if len(row) not in (4, 5):
             raise ValueError(f"the lens {name!r} has a line of {len(row)} numbers; each must be {COLUMNS}")
     flat = [(r[0], r[1], r[2], r[3] / 2, r[4] if len(r) == 5 else None, 0.0) for r in numbers]
-    return {"name": name, "source": "; ".join(said), "surfaces": _surfaces(flat, name)}
+    return {"name": name, "source": "; ".join(comments), "surfaces": _surfaces(flat, name)}
 
 
 Row = tuple[float, float, float, float, float | None, float]
 
 
-def _iset_row(surface: dict[str, Any], name: str) -> Row:
+def _iset_row(surface: dict[str, object], name: str) -> Row:
     """radius, thickness, index, semi-diameter, Abbe number (none), conic constant."""
     try:
         radius, semi, conic = (_number(surface.get(key, 0.0)) for key in ("radius", "semi_aperture", "conic_constant"))
@@ -91,18 +90,20 @@ def _iset_row(surface: dict[str, Any], name: str) -> Row:
         ) from None
 
 
-def _number(value: Any) -> float:
-    """A number, or the one that a pair of equal numbers, of a surface that is round, stands for."""
+def _number(value: object) -> float:
+    """A number, or the value of a list of equal numbers (ISET3d gives x and y of a round surface)."""
     if isinstance(value, list):
         first, *others = value
         if any(other != first for other in others):
             raise ValueError
         value = first
+    if not isinstance(value, int | float | str):
+        raise TypeError
     return float(value)
 
 
-def _surfaces(rows: list[Row], name: str) -> list[dict[str, Any]]:
-    """Our fields; the first plane in air is the stop, and 0 for an index is air."""
+def _surfaces(rows: list[Row], name: str) -> list[dict[str, object]]:
+    """Fields of a prescription; the first plane in air is the stop, and an index of 0 is air."""
     behind = [row[2] if row[2] > 0 else 1.0 for row in rows]
     before = [1.0, *behind[:-1]]
     planes = [i for i, row in enumerate(rows) if row[0] == 0 and before[i] == behind[i] == 1.0]

@@ -147,14 +147,14 @@ def test_plan_says_what_the_render_needs_and_what_time_is_saved(light_file: Path
     done = cli("plan", light_file, "--exposure-s", 0.001, "--tolerance-dn", 0.5)
     assert done.exit_code == 0, done.stderr
     said = " ".join(done.stdout.split())
-    for text in ("3 bands", "depth of field", "ground truth", "left out", "s a frame with the whole chain"):
+    for text in ("3 bands", "depth of field", "AOVs", "left out", "s a frame with the whole chain"):
         assert text in said, text
 
 
 def test_plan_as_json_holds_the_stages_the_render_and_the_seconds(light_file: Path, cli: Callable[..., Any]) -> None:
     found = json.loads(cli("plan", light_file, "--tolerance-dn", 0.5, "--json").stdout)
     assert {"camera", "tolerance_dn", "stages", "render", "seconds_per_frame"} <= set(found)
-    assert [need["what"] for need in found["render"]] == ["3 bands", "depth of field", "ground truth"]
+    assert [need["what"] for need in found["render"]] == ["3 bands", "depth of field", "AOVs"]
     assert all({"what", "kept", "effect_dn", "reason"} == set(need) and need["reason"] for need in found["render"])
     seconds = found["seconds_per_frame"]
     assert set(seconds) == {"whole_chain", "plan"} and all(0 < value < 10 for value in seconds.values())

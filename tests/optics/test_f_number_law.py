@@ -14,15 +14,9 @@ from helpers.scenes import SKY, both_variants, scene_text, skip_unless_usable, w
 
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
-from mitsuba_sensor.optics.f_number_law import (
-    View,
-    aperture_f_number,
-    cos4,
-    intrinsics,
-    magnification,
-    solid_angle_sr,
-    transmittance,
-)
+from mitsuba_sensor.optics.f_number_law import cos4, solid_angle_sr, transmittance
+from mitsuba_sensor.optics.intrinsics import intrinsics
+from mitsuba_sensor.optics.view import View, aperture_f_number, magnification
 from mitsuba_sensor.render.bands import box_bands
 from mitsuba_sensor.render.irradiance import render
 from mitsuba_sensor.render.scene import Scene, load_scene
@@ -226,7 +220,7 @@ def test_a_distorted_pixel_gathers_the_light_of_what_it_sees(tmp_path: Path, kin
         outline = np.array([seen(scene, column + x, row + y) for xs, ys in sides for x, y in zip(xs, ys, strict=True)])
         x, y, _ = outline.T
         area = abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))) / 2
-        expected = math.pi / (4 * 2.8**2) * area / scene.view.step**2
+        expected = math.pi / (4 * 2.8**2) * area / scene.view.tangent_per_pixel**2
         assert solid_angle[row, column] == pytest.approx(expected, rel=2e-3)
     undistorted = solid_angle_sr(scene.view, CAMERA)
     assert abs(solid_angle[0, 0] / undistorted[0, 0] - 1) > 0.1
@@ -235,7 +229,7 @@ def test_a_distorted_pixel_gathers_the_light_of_what_it_sees(tmp_path: Path, kin
 @pytest.mark.parametrize(
     ("fields", "says"),
     [
-        ({"lens.distortion": [-0.9, 0, 0, 0, 0]}, "lens.distortion folds the picture at"),
+        ({"lens.distortion": [-0.9, 0, 0, 0, 0]}, "lens.distortion folds the image at"),
         (
             {"lens.distortion_percent": [0.0, -1.0], "lens.distortion_heights_mm": [0.0, 0.02]},
             "lens.distortion_heights_mm ends too early: the sensor's corner has an ideal image height 2.* extend the",

@@ -11,7 +11,7 @@ from helpers.lens_oracle import DOUBLE_GAUSS, forward, vertices
 
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.optics.glass import C_NM, D_NM, F_NM, Glass, glass_behind
-from mitsuba_sensor.optics.paraxial import Cardinal, cardinal
+from mitsuba_sensor.optics.paraxial import CardinalPoints, cardinal_points
 from mitsuba_sensor.sensor.camera import load_camera
 from mitsuba_sensor.sensor.lens_datasheet import LensSection
 
@@ -35,7 +35,7 @@ def test_a_thick_lens_has_the_focal_points_of_the_lensmakers_equation() -> None:
     """1/f = (n − 1)·(2/R − (n − 1)·t/(n·R²)); back focus f·(1 − (n − 1)·t/(n·R)); the stop is its entrance pupil."""
     n, r, t = 1.5, 10.0, 3.0
     focal = 1 / ((n - 1) * (2 / r - (n - 1) * t / (n * r * r)))
-    found = cardinal(lens(prescription=glass_ball(), f_number=20.0))
+    found = cardinal_points(lens(prescription=glass_ball(), f_number=20.0))
     assert found.focal_length == pytest.approx(focal, rel=1e-12)
     assert found.back_focus == pytest.approx(focal * (1 - (n - 1) * t / (n * r)), rel=1e-12)
     assert found.front_focus == pytest.approx(4.0 - focal * (1 - (n - 1) * t / (n * r)), rel=1e-12)
@@ -49,7 +49,7 @@ def traced_double_gauss(heights: np.ndarray, stop: float) -> tuple[np.ndarray, n
 
 def test_paraxial_focal_length_and_back_focus_of_a_double_gauss_are_those_of_traced_rays() -> None:
     """Rays 0.5 mm from the axis; asked for within 0.5 %, found within 0.01 %."""
-    found = cardinal(lens())
+    found = cardinal_points(lens())
     points, ways, _ = traced_double_gauss(np.array([0.5]), 8.0)
     slope = ways[0, 0] / ways[0, 2]
     assert -0.5 / slope == pytest.approx(found.focal_length, rel=1e-4)
@@ -64,7 +64,7 @@ def test_the_f_number_of_a_double_gauss_is_that_of_the_traced_beam(f_number: flo
     The stop's first-order image, the paraxial pupil, gives the f-number within 0.5 % at f/2.8 and above; wide open
     the pupil's own spherical aberration makes it 1.2 %.
     """
-    found = cardinal(lens(f_number=f_number))
+    found = cardinal_points(lens(f_number=f_number))
     heights = np.linspace(0.9, 1.1, 4001) * found.entrance_radius
     _, _, passed = traced_double_gauss(heights, found.stop_radius)
     beam = heights[passed].max()
@@ -76,7 +76,7 @@ def test_the_middle_of_the_stop_seen_from_outside_is_the_entrance_pupil_and_from
     """Rays that start in the middle of the stop with a small slope, traced both ways by other code."""
     from helpers.lens_oracle import backward
 
-    found, slope, z = cardinal(lens()), 1e-3, vertices(DOUBLE_GAUSS)
+    found, slope, z = cardinal_points(lens()), 1e-3, vertices(DOUBLE_GAUSS)
     start = np.array([[0.0, 0.0, z[5]]])
     way = np.array([[slope, 0.0, math.sqrt(1 - slope**2)]])
     front, behind = DOUBLE_GAUSS[:6], ((0.0, 4.5, 1.0, 17.1), *DOUBLE_GAUSS[6:])
@@ -89,7 +89,7 @@ def test_the_middle_of_the_stop_seen_from_outside_is_the_entrance_pupil_and_from
 @pytest.mark.parametrize("focus_m", [0.3, 1.0, 20.0])
 def test_a_point_in_focus_is_imaged_on_the_sensor_at_the_principal_distance_times_its_tangent(focus_m: float) -> None:
     """Near-axis rays from a point 1 mrad off the axis, ``focus_m`` before the entrance pupil, by other code."""
-    found = cardinal(lens(f_number=8.0))
+    found = cardinal_points(lens(f_number=8.0))
     point = np.array([focus_m * 1e3 * 1e-3, 0.0, found.entrance_pupil - focus_m * 1e3])
     entrance = np.array([[x, 0.0, found.entrance_pupil] for x in (-0.2, 0.2)])
     ways = (entrance - point) / np.linalg.norm(entrance - point, axis=1, keepdims=True)
@@ -101,7 +101,10 @@ def test_a_point_in_focus_is_imaged_on_the_sensor_at_the_principal_distance_time
 
 
 def test_scaling_scales_every_length_and_no_f_number() -> None:
-    plain, half = cardinal(lens()), cardinal(lens(focal_length_mm=cardinal(lens()).focal_length / 2))
+    plain, half = (
+        cardinal_points(lens()),
+        cardinal_points(lens(focal_length_mm=cardinal_points(lens()).focal_length / 2)),
+    )
     for name in ("focal_length", "front_focus", "back_focus", "entrance_pupil", "exit_pupil", "stop_radius", "length"):
         assert getattr(half, name) == pytest.approx(getattr(plain, name) / 2, rel=1e-9)
     assert half.f_number == pytest.approx(plain.f_number, rel=1e-9)
@@ -112,21 +115,23 @@ def test_scaling_scales_every_length_and_no_f_number() -> None:
     [
         ({"f_number": 1.4}, r"lens.f_number is 1.4, and the lens 'double_gauss' opens to f/2.03 at most"),
         ({"f_number": 0.3}, "opens to f/2.03 at most; set lens.f_number to 2.03 or more"),
-        ({"prescription": glass_ball(-10.0)}, "does not gather light; it needs a positive focal length"),
+        ({"prescription": glass_ball(-10.0)}, "has a negative or infinite focal length; it must be positive"),
     ],
 )
 def test_a_lens_that_cannot_be_is_refused(fields: dict[str, Any], says: str) -> None:
     with pytest.raises(InputError, match=says):
-        cardinal(lens(**fields))
+        cardinal_points(lens(**fields))
 
 
 def test_it_opens_as_far_as_it_says() -> None:
-    assert cardinal(lens(f_number=2.03)).stop_radius < 8.55
+    assert cardinal_points(lens(f_number=2.03)).stop_radius < 8.55
 
 
 def test_nothing_nearer_than_the_front_focal_point_can_be_in_focus() -> None:
-    found: Cardinal = cardinal(lens())
-    with pytest.raises(InputError, match=r"focus on 0.04 m, and has no real image of anything nearer than 0.0471 m"):
+    found: CardinalPoints = cardinal_points(lens())
+    with pytest.raises(
+        InputError, match=r"focus distance is 0.04 m, and the lens has no real image of objects nearer than 0.0471 m"
+    ):
         found.image_distance(0.04)
 
 

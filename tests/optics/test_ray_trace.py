@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from helpers.lens_oracle import DOUBLE_GAUSS, backward, vertices
 
-from mitsuba_sensor.optics.chief_ray import chief_heights
-from mitsuba_sensor.optics.paraxial import cardinal, opened
-from mitsuba_sensor.optics.pupil import find_pupil, ray_to
+from mitsuba_sensor.optics.chief_ray import chief_ray_heights
+from mitsuba_sensor.optics.exit_pupil import exit_pupil_bounds, ray_to
+from mitsuba_sensor.optics.paraxial import cardinal_points, surfaces_at_f_number
 from mitsuba_sensor.optics.ray_trace import Ray, trace
 from mitsuba_sensor.sensor.camera import load_camera
 from mitsuba_sensor.sensor.lens_datasheet import LensSection
@@ -38,9 +38,9 @@ def as_ray(film: np.ndarray, ways: np.ndarray) -> Ray:
 def test_every_ray_through_a_double_gauss_is_that_of_other_code() -> None:
     """20 000 rays from all over the sensor to all of the back: the same pass, to the same place and way (1e-9)."""
     section = lens()
-    points = cardinal(section)
+    points = cardinal_points(section)
     film, ways = rays(20_000, points.back_focus)
-    found = trace(opened(section), as_ray(film, ways))
+    found = trace(surfaces_at_f_number(section), as_ray(film, ways))
     flip, rear = np.array([1.0, 1.0, -1.0]), vertices(DOUBLE_GAUSS)[-1]
     start = film * flip + [0, 0, rear]
     p, d, passed = backward(DOUBLE_GAUSS, start, ways * flip, points.stop_radius)
@@ -61,8 +61,10 @@ def plano(conic: float, aspheric: tuple[float, ...] = ()) -> dict[str, Any]:
 def slopes(section: LensSection) -> np.ndarray:
     """Slopes towards the scene of a fan of rays from the focal point, up to 10 degrees."""
     sine = np.linspace(0.01, 0.17, 15)
-    start = Ray(0 * sine, 0 * sine, -cardinal(section).back_focus, sine, 0 * sine, np.sqrt(1 - sine**2), sine > 0)
-    end = trace(opened(section), start)
+    start = Ray(
+        0 * sine, 0 * sine, -cardinal_points(section).back_focus, sine, 0 * sine, np.sqrt(1 - sine**2), sine > 0
+    )
+    end = trace(surfaces_at_f_number(section), start)
     assert end.unvignetted.all()
     return np.asarray(end.dx / end.dz)
 
@@ -94,8 +96,8 @@ def test_a_scaled_asphere_bends_rays_at_scaled_heights_by_the_same_angles() -> N
 def test_no_ray_that_passes_lies_outside_the_ellipses_and_most_inside_them_pass(name: str, f_number: float) -> None:
     """Any ray outside would be light that is lost. 300 000 rays over the whole back from 200 image heights."""
     section = lens(prescription=name, f_number=f_number)
-    surfaces, distance = opened(section), cardinal(section).image_distance(np.inf)
-    pupil, random = find_pupil(surfaces, distance, 22.0), np.random.default_rng(11)
+    surfaces, distance = surfaces_at_f_number(section), cardinal_points(section).image_distance(np.inf)
+    pupil, random = exit_pupil_bounds(surfaces, distance, 22.0), np.random.default_rng(11)
     heights = np.repeat(random.uniform(0, 22.0, 200), 1500)
     nodes = np.linspace(0, pupil.highest, len(pupil.centre))
     centre, a, b = (np.interp(heights, nodes, v) for v in (pupil.centre, pupil.radial, pupil.tangential))
@@ -115,8 +117,8 @@ def test_a_double_gauss_has_the_distortion_of_its_traced_chief_rays(focus_m: flo
     Near the lens the height where it meets the plane in focus counts, not its slope: 0.5 % between them at 0.3 m.
     """
     section = lens()
-    points = cardinal(section)
-    ideal, real = chief_heights(section, focus_m, 17.0)
+    points = cardinal_points(section)
+    ideal, real = chief_ray_heights(section, focus_m, 17.0)
     rear, height = vertices(DOUBLE_GAUSS)[-1], 15.0
     low, high = -8.0, 12.0
     for _ in range(60):

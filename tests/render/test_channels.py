@@ -11,7 +11,7 @@ from helpers.scenes import BALL, SCENES, SKY, both_variants, scene_text, skip_un
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.io.exr import read_irradiance_exr, write_irradiance_exr
-from mitsuba_sensor.render.bands import channel_bands, choose_bands, response_of
+from mitsuba_sensor.render.bands import channel_bands, choose_bands, response_fingerprint
 from mitsuba_sensor.render.irradiance import render
 from mitsuba_sensor.render.photons import collect
 from mitsuba_sensor.sensor.camera import load_camera
@@ -64,7 +64,7 @@ def test_channels_are_the_integral_of_qe_over_the_spectrum(tmp_path: Path) -> No
 def test_the_bands_of_a_camera_know_their_response() -> None:
     bands = channel_bands(BAYER)
     assert bands.kind == "channels" and len(bands) == 3
-    assert bands.response == response_of(BAYER) != response_of(load_camera("rgbir_2mp"))
+    assert bands.response == response_fingerprint(BAYER) != response_fingerprint(load_camera("rgbir_2mp"))
     assert choose_bands(BAYER, None, 10.0, "cube").response is None
 
 

@@ -10,7 +10,7 @@ from helpers.scenes import SCENES
 
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
-from mitsuba_sensor.render.denoise import judged
+from mitsuba_sensor.render.denoise import denoising_errors
 from mitsuba_sensor.render.irradiance import render
 from mitsuba_sensor.sensor.camera import load_camera
 
@@ -47,7 +47,7 @@ def test_the_judge_finds_no_bias_in_a_perfect_denoiser_and_no_gain_in_an_idle_on
     """Perfect: the truth itself. Idle: the half as it is. 36 864 values see 1 % of the error."""
     raw = halves(np.random.default_rng(1), 1.0)
     truth = halves(np.random.default_rng(1), 0.0)
-    perfect, idle = judged(raw, truth), judged(raw, raw)
+    perfect, idle = denoising_errors(raw, truth), denoising_errors(raw, raw)
     assert perfect["error_after"] < 0.02 and perfect["bias_blocks"] < 0.01
     assert abs(perfect["bias_mean"]) < 0.002
     assert idle["error_after"] == pytest.approx(idle["error_before"], rel=0.03) == pytest.approx(0.1, rel=0.03)
@@ -58,7 +58,7 @@ def test_the_judge_finds_a_bias_that_is_put_in(bias: float) -> None:
     """A denoiser that darkens everything by 5 %: bias_mean says so, and the blocks and the error too."""
     raw = halves(np.random.default_rng(2), 0.5)
     truth = halves(np.random.default_rng(2), 0.0)
-    found = judged(raw, truth * (1 + bias))
+    found = denoising_errors(raw, truth * (1 + bias))
     assert found["bias_mean"] == pytest.approx(bias, abs=0.002)
     assert found["bias_blocks"] == pytest.approx(abs(bias), rel=0.05)
     assert found["error_after"] == pytest.approx(abs(bias), rel=0.1)
@@ -68,7 +68,7 @@ def test_the_judge_finds_blur_where_its_mean_is_right() -> None:
     """Stripes of 8 pixels that a denoiser wipes out: no bias of the mean, all of it in the blocks."""
     stripes = np.where(np.arange(96) // 8 % 2, 1.2, 0.8)[:, None, None] * np.ones((96, 96, 4))
     raw = stripes + 0.1 * np.random.default_rng(3).standard_normal((2, 96, 96, 4))
-    found = judged(raw, np.ones((2, 96, 96, 4)))
+    found = denoising_errors(raw, np.ones((2, 96, 96, 4)))
     assert abs(found["bias_mean"]) < 0.002
     assert found["bias_blocks"] == pytest.approx(0.2, rel=0.03)
 

@@ -12,7 +12,8 @@ import pytest
 from helpers.scenes import BALL, PERSPECTIVE, SKY, both_variants, scene_text, skip_unless_usable, write_scene
 
 from mitsuba_sensor.core.errors import InputError
-from mitsuba_sensor.optics.f_number_law import aperture_f_number, magnification, solid_angle_sr
+from mitsuba_sensor.optics.f_number_law import solid_angle_sr
+from mitsuba_sensor.optics.view import aperture_f_number, magnification
 from mitsuba_sensor.render.bands import box_bands
 from mitsuba_sensor.render.scene import load_scene
 from mitsuba_sensor.render.variants import choose_variant, use
@@ -131,7 +132,7 @@ def test_gradient_integrators_render_where_they_exist(tmp_path: Path) -> None:
     """prb is there in llvm variants; a scalar one says what to take instead."""
     text = scene_text(SKY, '<integrator type="prb"/>')
     ready()
-    with pytest.raises(InputError, match="'path' gives the same picture"):
+    with pytest.raises(InputError, match="'path' gives the same image"):
         load_scene(write_scene(tmp_path, text), BANDS, {})
     ready("llvm_ad_spectral")
     np.testing.assert_allclose(render_frames(tmp_path, text).mean(), 2e-4, rtol=0.05)

@@ -116,13 +116,13 @@ def test_adjacent_bands_of_nearly_equal_height_are_unbiased(
     """
     mi = use(choose_variant(skip_unless_usable(variant)))
     if not mended:
-        monkeypatch.setattr(film, "mend_wavelength_sampling", lambda *_: None)
+        monkeypatch.setattr(film, "round_wavelength_density", lambda *_: None)
     edges, random = np.linspace(400, 710, 32).tolist(), np.random.default_rng(3)
     responses = []
     for low, high in zip(edges[:-1], edges[1:], strict=True):
         height = 1 + 3e-7 * random.standard_normal()
         responses.append({"type": "irregular", "wavelengths": f"{low}, {high}", "values": f"{height!r}, {height!r}"})
-    sensor = {"type": "orthographic", "film": film.response_film(mi, responses, {"width": 16, "height": 16})}
+    sensor = {"type": "orthographic", "film": film.response_film(responses, {"width": 16, "height": 16})}
     sky = {"type": "regular", "wavelength_min": 360.0, "wavelength_max": 830.0, "values": "1, 1"}
     scene = mi.load_dict(
         {
@@ -144,7 +144,7 @@ def test_every_film_of_bands_is_mended(monkeypatch: pytest.MonkeyPatch) -> None:
     """The film that a scene gets passes through the repair: its density has only whole values from 1 to 64."""
     mi = use(choose_variant("scalar_spectral"))
     bands = box_bands(CAMERA, np.array([400.0, 410.0, 425.0, 500.0]))
-    built = film.response_film(mi, bands.responses, {"width": 1, "height": 1})
+    built = film.response_film(bands.responses, {"width": 1, "height": 1})
     values = np.array(mi.traverse(built.sensor_response_function())["values"])
     assert values.max() == 64 and values.min() >= 1
     np.testing.assert_array_equal(values, np.round(values))

@@ -16,9 +16,11 @@ from helpers.lens_oracle import DOUBLE_GAUSS, irradiance
 from helpers.scenes import SKY, both_variants, scene_text, skip_unless_usable, write_scene
 
 from mitsuba_sensor.core.errors import InputError
-from mitsuba_sensor.optics.chief_ray import chief_heights
-from mitsuba_sensor.optics.f_number_law import aperture_f_number, intrinsics, solid_angle_sr
-from mitsuba_sensor.optics.paraxial import cardinal
+from mitsuba_sensor.optics.chief_ray import chief_ray_heights
+from mitsuba_sensor.optics.f_number_law import solid_angle_sr
+from mitsuba_sensor.optics.intrinsics import intrinsics
+from mitsuba_sensor.optics.paraxial import cardinal_points
+from mitsuba_sensor.optics.view import aperture_f_number
 from mitsuba_sensor.render.bands import box_bands
 from mitsuba_sensor.render.scene import Scene, load_scene
 from mitsuba_sensor.render.variants import choose_variant, use
@@ -67,7 +69,7 @@ def test_vignetting_from_the_axis_to_the_corner_is_that_of_counted_rays(tmp_path
     lens: 300 000 for each pixel, a million for the corner (0.3 % of standard error).
     """
     cam = camera(3.0)
-    points, image = cardinal(cam.lens), relative(load(tmp_path, cam), 4096)
+    points, image = cardinal_points(cam.lens), relative(load(tmp_path, cam), 4096)
     for (row, column), rays in {(4, 6): 300_000, (4, 8): 300_000, (4, 11): 300_000, (7, 11): 1_000_000}.items():
         corners = (3.0 * (column - 6), 3.0 * (row - 4)), (3.0 * (column - 5), 3.0 * (row - 3))
         counted, error = irradiance(DOUBLE_GAUSS, corners, points.back_focus, points.stop_radius, rays)
@@ -84,11 +86,11 @@ def test_a_lens_closed_far_falls_off_with_cos4_over_the_area_of_its_distortion(t
     """
     cam = camera(0.5, f_number=16.0)
     image = relative(load(tmp_path, cam, size=(36, 2)), 8192).mean(axis=0) * 4 * 16**2 / math.pi
-    ideal, real = chief_heights(cam.lens, math.inf, 10.0)
+    ideal, real = chief_ray_heights(cam.lens, math.inf, 10.0)
     bend = np.polynomial.Polynomial.fit(real**2, ideal / real, 2)  # ideal = real·bend(real²)
     square = (0.5 * (np.arange(36) - 17.5)) ** 2 + 0.5**2
     area = bend(square) * (bend(square) + 2 * square * bend.deriv()(square))
-    tangent2 = square * bend(square) ** 2 / cardinal(cam.lens).focal_length ** 2
+    tangent2 = square * bend(square) ** 2 / cardinal_points(cam.lens).focal_length ** 2
     cos4 = (1 + tangent2) ** -2
     np.testing.assert_allclose(image, cos4 * area, rtol=6e-3)
     assert np.abs(image / cos4 - 1).max() > 9e-3
@@ -118,7 +120,7 @@ def test_what_is_in_focus_is_sharp_and_what_is_nearer_is_blurred_by_the_pupil(tm
     for z in (2.0, 1.0):
         at = origins + ways * ((z - origins[:, 2]) / ways[:, 2])[:, None]
         spread.append(np.hypot(at[:, 0], at[:, 1]).max())
-    pupil_m = cardinal(cam.lens).entrance_radius * 1e-3
+    pupil_m = cardinal_points(cam.lens).entrance_radius * 1e-3
     assert spread[0] < 0.02 * pupil_m
     assert spread[1] == pytest.approx(pupil_m / 2, rel=0.06)
 
@@ -126,7 +128,7 @@ def test_what_is_in_focus_is_sharp_and_what_is_nearer_is_blurred_by_the_pupil(tm
 def test_the_scenes_own_focus_distance_is_used(tmp_path: Path) -> None:
     thin = '<float name="aperture_radius" value="0.01"/><float name="focus_distance" value="3"/>'
     own = load(tmp_path, camera(0.75), kind="thinlens", more=thin)
-    assert (own.view.focus_m, own.view.traced) == (3.0, True)
+    assert (own.view.focus_m, own.view.sequential) == (3.0, True)
     assert load(tmp_path, camera(0.75)).view.focus_m == math.inf
     assert load(tmp_path, camera(0.75, focus_m=5.0), kind="thinlens", more=thin).view.focus_m == 5.0
 
@@ -154,7 +156,7 @@ def test_a_sensor_that_is_moved_takes_its_lens_along(tmp_path: Path, variant: st
     scene = load(tmp_path, camera(0.75, **lens), variant)
     mi = use(choose_variant(variant))
     start, ahead, _ = rays(scene, (0.3, 0.4), EDGE[:1])
-    for number, owner in enumerate((scene.sensor, scene.native.sensors()[0]), start=1):
+    for number, owner in enumerate((scene.sensor, scene.mitsuba_scene.sensors()[0]), start=1):
         parameters = mi.traverse(owner)
         parameters["to_world"] = type(parameters["to_world"])(
             mi.ScalarTransform4f().translate([0.0, 5.0 * number, 0.0]).rotate([0, 1, 0], 90)
@@ -204,7 +206,7 @@ def test_rays_carry_the_solid_angle_and_the_view_says_so(tmp_path: Path) -> None
     view = load(tmp_path, cam).view
     assert (solid_angle_sr(view, cam) == 1).all() and solid_angle_sr(view, cam).shape == (8, 12)
     assert aperture_f_number(view, cam) == 2.8
-    assert view.half_width == pytest.approx(18.0 / cardinal(cam.lens).focal_length, rel=1e-12)
+    assert view.half_width == pytest.approx(18.0 / cardinal_points(cam.lens).focal_length, rel=1e-12)
 
 
 def test_rays_start_in_the_units_of_the_scene(tmp_path: Path) -> None:
@@ -215,7 +217,7 @@ def test_rays_start_in_the_units_of_the_scene(tmp_path: Path) -> None:
     (start, way, _), (start_mm, way_mm, _) = (rays(scene, (0.4, 0.6), EDGE[1:2]) for scene in (in_metres, in_mm))
     np.testing.assert_allclose(start_mm, start * 1000, rtol=1e-5)
     np.testing.assert_allclose(way_mm, way, rtol=1e-5)
-    assert start_mm[0, 2] == pytest.approx(cardinal(cam.lens).entrance_pupil, rel=0.2)
+    assert start_mm[0, 2] == pytest.approx(cardinal_points(cam.lens).entrance_pupil, rel=0.2)
 
 
 def test_pixels_that_are_not_square_have_two_focal_lengths_in_k(tmp_path: Path) -> None:
@@ -229,10 +231,10 @@ def test_pixels_that_are_not_square_have_two_focal_lengths_in_k(tmp_path: Path) 
     np.testing.assert_allclose(back[:2], [9.0, 6.0], atol=0.01)
 
 
-def test_the_notes_say_what_the_lens_decides_and_what_it_leaves_dark(tmp_path: Path) -> None:
+def test_the_notes_say_what_the_lens_determines_and_where_it_passes_no_light(tmp_path: Path) -> None:
     notes = load(tmp_path, camera(3.0, focus_m=2.0)).notes
-    expected = r"the lens 'double_gauss' decides the field of view, 38.5 degrees across instead of the scene's 60"
-    assert any(note.startswith(expected) and "focused on 2 m" in note for note in notes)
+    expected = r"the lens 'double_gauss' determines the field of view, 38.5 degrees across instead of the scene's 60"
+    assert any(note.startswith(expected) and "focused at 2 m" in note for note in notes)
     dark = [note for note in load(tmp_path, camera(8.0)).notes if "no light comes through" in note]
     assert len(dark) == 1 and "the sensor's corner is at 57.7 mm" in dark[0]
 

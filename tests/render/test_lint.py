@@ -173,7 +173,7 @@ def test_raw_pictures_are_no_colours(tmp_path: Path) -> None:
 def test_a_float_light_is_d65_and_is_told(tmp_path: Path) -> None:
     """Found, and true: Mitsuba's float light has the ratio of D65 between two wavelengths, its spectrum is flat."""
     (found,) = findings(tmp_path, light('<float name="radiance" value="1"/>'))
-    assert found.level == "wrong" and "a float makes 1 place shine with the spectrum of D65" in found.what
+    assert found.level == "wrong" and "a float in 1 place gives the spectrum of D65" in found.what
     mi = use(choose_variant("scalar_spectral"))
 
     def ratio(value: str) -> float:
@@ -193,7 +193,7 @@ def test_a_point_light_needs_the_scene_unit(tmp_path: Path, lamp: str) -> None:
     text = clean(lamp)
     (unknown,) = findings(tmp_path, text)
     (wrong,) = findings(tmp_path, text, scene_unit="mm")
-    assert unknown.level == "note" and "not said" in unknown.what
+    assert unknown.level == "note" and "not known" in unknown.what
     assert wrong.level == "wrong" and wrong.remedy == "multiply its intensity by 1e+06"
     assert findings(tmp_path, text, scene_unit="m") == ()
 
@@ -215,7 +215,7 @@ def test_the_factor_of_the_point_light_is_right(tmp_path: Path) -> None:
 CLIPPED = [
     ('<float name="near_clip" value="3.5"/>', "near_clip is 3.5 and the scene begins at 3"),
     ('<float name="near_clip" value="6"/>', "near_clip is 6"),
-    ('<float name="far_clip" value="4.5"/>', "far_clip is 4.5 and the scene reaches to 5"),
+    ('<float name="far_clip" value="4.5"/>', "far_clip is 4.5 and the scene extends to 5"),
 ]
 
 
@@ -231,7 +231,7 @@ def test_clip_planes_that_cut_nothing_are_not_told(tmp_path: Path) -> None:
     assert findings(tmp_path, clean(more=more)) == ()
     turned = '<transform name="to_world"><lookat origin="0, 0, 20" target="0, 0, 0" up="0, 1, 0"/></transform>'
     (found,) = findings(tmp_path, clean(more=turned + '<float name="far_clip" value="16"/>'))
-    assert "reaches to 17" in found.what, "depths are along the view, not along z"
+    assert "extends to 17" in found.what, "depths are along the view, not along z"
 
 
 @both_variants

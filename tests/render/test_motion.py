@@ -21,9 +21,10 @@ from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.core.llvm import drjit
 from mitsuba_sensor.optics.shutter import STEP_PX, Shutter, shutter_of, subframes
+from mitsuba_sensor.render.animated_transforms import AnimatedTransforms
 from mitsuba_sensor.render.bands import choose_bands
-from mitsuba_sensor.render.motion import Body, Motion, read_motion
-from mitsuba_sensor.render.moving_scene import MovingScene, Poses, deal
+from mitsuba_sensor.render.motion import Motion, RigidMotion, read_motion
+from mitsuba_sensor.render.moving_scene import MovingScene, subframes_of_pass
 from mitsuba_sensor.render.passes import hashed_seed
 from mitsuba_sensor.render.scene import Scene, load_scene
 from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
@@ -211,10 +212,10 @@ def test_rows_share_a_sub_frame_where_the_picture_moves_less_than_half_a_pixel()
 
 def test_sub_frames_share_the_samples_of_a_pass_evenly() -> None:
     """The next count that divides them and leaves each a grid of the sampler; at most one sub-frame for each sample."""
-    assert [deal(n, 16) for n in (1, 2, 3, 5, 9, 16, 400)] == [1, 2, 4, 8, 16, 16, 16]
-    assert [deal(n, 12) for n in (1, 2, 4, 5, 7)] == [1, 2, 4, 6, 12]
-    assert [deal(n, 20) for n in (1, 2, 4, 5, 6)] == [1, 5, 5, 5, 10]  # 2 × 10 and 4 × 5 are no grids
-    assert deal(3, 1) == 1
+    assert [subframes_of_pass(n, 16) for n in (1, 2, 3, 5, 9, 16, 400)] == [1, 2, 4, 8, 16, 16, 16]
+    assert [subframes_of_pass(n, 12) for n in (1, 2, 4, 5, 7)] == [1, 2, 4, 6, 12]
+    assert [subframes_of_pass(n, 20) for n in (1, 2, 4, 5, 6)] == [1, 5, 5, 5, 10]  # 2 × 10 and 4 × 5 are no grids
+    assert subframes_of_pass(3, 1) == 1
 
 
 def test_the_camera_says_how_it_opens() -> None:
@@ -232,9 +233,7 @@ def test_the_fastest_thing_decides_how_many_sub_frames(tmp_path: Path, who: str)
     moving = MovingScene(loaded(tmp_path, EDGE), RIGHT[who], GLOBAL, Exposure(0.1))
     assert moving.speed_px_per_s == pytest.approx(SPEED_PX_PER_S, rel=0.01)
     moving.render(1, 16, (0, 2))
-    assert moving.notes[-1] == (
-        "16 sub-frames per exposure and pass; the picture moves up to 5.2 px while a row is open"
-    )
+    assert moving.notes[-1] == ("16 sub-frames per exposure and pass; the image moves up to 5.2 px while a row is open")
     few = MovingScene(loaded(tmp_path, EDGE), RIGHT[who], GLOBAL, Exposure(0.1), subframes=3)
     few.render(1, 16, (0, 2))
     assert few.notes[-1].startswith("4 sub-frames") and "11 would be smooth" in few.notes[-1]
@@ -260,7 +259,7 @@ KINDS = {
 
 def distance_m(scene: Scene) -> float:
     mi = mitsuba()
-    hit = scene.native.ray_intersect(mi.Ray3f(mi.Point3f(0, 0, 0), mi.Vector3f(0, 0, 1)))
+    hit = scene.mitsuba_scene.ray_intersect(mi.Ray3f(mi.Point3f(0, 0, 0), mi.Vector3f(0, 0, 1)))
     return float(np.ravel(hit.t)[0])
 
 
@@ -271,13 +270,13 @@ def test_every_kind_of_shape_moves_turns_and_comes_back(tmp_path: Path, kind: st
     scene = loaded(tmp_path, SKY, KINDS[kind].format(glow=GLOW), variant=variant)
     before = distance_m(scene)
     away = read_motion({"objects": {"it": {"velocity_m_per_s": [0, 0, 10]}}})
-    with Poses(scene, away) as poses:
-        poses.put(0.1)
+    with AnimatedTransforms(scene, away) as transforms:
+        transforms.set_time(0.1)
         assert distance_m(scene) == pytest.approx(before + 1, abs=1e-4)
     assert distance_m(scene) == pytest.approx(before, abs=1e-6)
     turn = {"rotate_deg_per_s": 90, "axis": [0, 1, 0], "pivot_m": [20, 0, 5]}
-    with Poses(scene, read_motion({"objects": {"it": turn}})) as poses:
-        poses.put(1.0)
+    with AnimatedTransforms(scene, read_motion({"objects": {"it": turn}})) as transforms:
+        transforms.set_time(1.0)
         assert math.isinf(distance_m(scene))
     assert distance_m(scene) == pytest.approx(before, abs=1e-6)
 
@@ -288,8 +287,10 @@ def test_two_things_of_one_material_move_apart(tmp_path: Path) -> None:
     cube = f'<shape type="cube" id="{{}}">{place}<ref id="m"/></shape>'
     pair = '<bsdf type="diffuse" id="m"/>' + cube.format("it", 0) + cube.format("other", 9)
     scene = loaded(tmp_path, SKY, pair)
-    with Poses(scene, read_motion({"objects": {"other": {"velocity_m_per_s": [-90, 0, -10]}}})) as poses:
-        poses.put(0.1)
+    with AnimatedTransforms(
+        scene, read_motion({"objects": {"other": {"velocity_m_per_s": [-90, 0, -10]}}})
+    ) as transforms:
+        transforms.set_time(0.1)
         assert distance_m(scene) == pytest.approx(3.0, abs=1e-4)
 
 
@@ -328,7 +329,7 @@ def test_steady_velocities_have_their_closed_form() -> None:
     ).objects["it"]
     np.testing.assert_allclose(body.displacement(1.0) @ [0, 0, 0, 1], [1, -1, 3, 1], atol=1e-12)
     np.testing.assert_array_equal(body.displacement(0.0), np.eye(4))
-    assert body == Body((0.0, 0.0, 3.0), (0.0, 0.0, math.pi / 2), (1.0, 0.0, 0.0))
+    assert body == RigidMotion((0.0, 0.0, 3.0), (0.0, 0.0, math.pi / 2), (1.0, 0.0, 0.0))
 
 
 def test_keys_are_joined_by_straight_lines_and_shorter_arcs_and_held_at_the_ends() -> None:
@@ -378,10 +379,10 @@ MISTAKES: dict[str, tuple[Any, str]] = {
     "two numbers": ({"camera": {"velocity_m_per_s": [1, 0]}}, r"velocity_m_per_s is \[1, 0\]; it must be three finite"),
     "a word": ({"camera": {"velocity_m_per_s": [1, "x", 0]}}, "must be three finite numbers"),
     "not a number": ({"camera": {"velocity_m_per_s": [1, math.nan, 0]}}, "must be three finite numbers"),
-    "no axis": ({"camera": {"rotate_deg_per_s": 9}}, "has rotate_deg_per_s and no axis; a turn needs both"),
+    "no axis": ({"camera": {"rotate_deg_per_s": 9}}, "has rotate_deg_per_s and no axis; a rotation needs both"),
     "no angle": ({"camera": {"axis": [0, 1, 0]}}, "has axis and no rotate_deg_per_s"),
     "a null axis": ({"camera": {"rotate_deg_per_s": 9, "axis": [0, 0, 0]}}, r"axis is \[0, 0, 0\]; give a direction"),
-    "no pivot": ({"objects": {"fan": TURN}}, r"objects\.fan turns and has no pivot_m; give the point that stays"),
+    "no pivot": ({"objects": {"fan": TURN}}, r"objects\.fan rotates and has no pivot_m; give its fixed point"),
     "no time": ({"camera": {"keys": [{"move_m": [0, 0, 1]}]}}, r"camera\.keys\[0\] has no time_s"),
     "no list": ({"camera": {"keys": {"time_s": 0}}}, "must be a list of tables with time_s"),
     "an order": ({"camera": {"keys": [{"time_s": 1}, {"time_s": 1}]}}, "has time_s 1 after 1; the times must increase"),
@@ -396,11 +397,11 @@ MISTAKES: dict[str, tuple[Any, str]] = {
     "no matrix": ({"camera": {"keys": [{"time_s": 0, "to_world": [[1, 2]]}]}}, "must be four rows of four numbers"),
     "a stretch": (
         {"camera": {"keys": [{"time_s": 0, "to_world": np.diag([2.0, 1, 1, 1]).tolist()}]}},
-        "is no rotation with a place; a camera cannot be stretched or mirrored",
+        "is not a rotation and a translation; remove scale, shear and mirroring",
     ),
     "up": (
         {"camera": {"keys": [{"time_s": 0, "origin_m": [0, 0, 0], "target_m": [0, 1, 0]}]}},
-        "the camera looks along its up, or at its own place",
+        "target_m is at origin_m, or up is along the view",
     ),
 }
 

@@ -16,12 +16,12 @@ from helpers.scenes import BALL, SCENES, SKY, both_variants, skip_unless_usable,
 
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
-from mitsuba_sensor.optics.f_number_law import aperture_f_number, image_distance_m, magnification
+from mitsuba_sensor.optics.view import aperture_f_number, image_distance_m, magnification
 from mitsuba_sensor.render import plugins
 from mitsuba_sensor.render.bands import box_bands, channel_bands
 from mitsuba_sensor.render.irradiance import render
 from mitsuba_sensor.render.scene import Scene, load_scene
-from mitsuba_sensor.render.scene_settings import read_setup
+from mitsuba_sensor.render.scene_settings import read_settings
 from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
 from mitsuba_sensor.sensor.camera import load_camera
 
@@ -133,7 +133,7 @@ def test_f_number_and_magnification_come_back_from_the_built_sensor(tmp_path: Pa
     lens = '<float name="focal_length_mm" value="25"/><float name="f_number" value="4"/>'
     lens += '<float name="focus_distance_m" value="0.1"/><string name="scene_unit" value="cm"/>'
     path = write_scene(tmp_path, one_file(lens))
-    camera = read_setup(path, {}).camera
+    camera = read_settings(path, {}).camera
     assert camera is not None and camera.lens.f_number == 4
     view = load_scene(path, BANDS, {}, camera).view
     assert aperture_f_number(view, camera) == pytest.approx(4, rel=1e-6)
@@ -202,8 +202,8 @@ def test_defaults_and_given_parameters_reach_both_elements(tmp_path: Path) -> No
     text = one_file('<float name="focal_length_mm" value="$f"/>', film).replace("<sensor", f"{default}<sensor", 1)
     path = write_scene(tmp_path, text)
     for parameters, focal, bits in (({}, 0.05, 10), ({"f": "0.1", "bits": "14"}, 0.1, 14)):
-        setup = read_setup(path, parameters)
-        assert setup.camera is not None and setup.camera.adc.bits == bits and setup.focal_length_mm == focal
+        settings = read_settings(path, parameters)
+        assert settings.camera is not None and settings.camera.adc.bits == bits and settings.focal_length_mm == focal
         view = float(mi.traverse(plain(path, **parameters).sensors()[0])["x_fov"])
         assert view == pytest.approx(fov_deg(focal * 1e-3), rel=1e-6)
 
@@ -219,26 +219,30 @@ def test_setup_holds_what_the_file_says(tmp_path: Path) -> None:
         '<float name="pixel.prnu" value="0.02"/>'
     )  # fmt: skip
     lens += '<float name="transmission" value="0.8"/>'
-    setup = read_setup(write_scene(tmp_path, one_file(lens, film)), {})
-    assert setup.exposure == Exposure(0.02, 310.0)
-    assert (setup.seed, setup.serial, setup.wavelength_nm, setup.bandwidth_nm) == (7, 9, 600.0, 5.0)
-    assert (setup.spectral, setup.focus_distance_m, setup.unit_m) == ("cube", 3.0, None)
+    settings = read_settings(write_scene(tmp_path, one_file(lens, film)), {})
+    assert settings.exposure == Exposure(0.02, 310.0)
+    assert (settings.seed, settings.serial, settings.wavelength_nm, settings.bandwidth_nm) == (7, 9, 600.0, 5.0)
+    assert (settings.spectral, settings.focus_distance_m, settings.unit_m) == ("cube", 3.0, None)
     expected = {"lens.f_number": 2.0, "lens.convention": "planar", "lens.pupil_magnification": 1.5}
-    assert setup.camera == CAMERA.replace(**expected, **{"lens.transmission": 0.8, "pixel.prnu": 0.02})
+    assert settings.camera == CAMERA.replace(**expected, **{"lens.transmission": 0.8, "pixel.prnu": 0.02})
 
 
 def test_setup_is_empty_where_the_file_says_nothing() -> None:
-    setup = read_setup(SCENES / "cornell_box.xml", {})
-    assert setup.camera is setup.exposure is setup.seed is setup.serial is setup.spectral is None
-    assert not setup.fields and setup.on(CAMERA) == CAMERA
+    settings = read_settings(SCENES / "cornell_box.xml", {})
+    assert settings.camera is settings.exposure is settings.seed is settings.serial is settings.spectral is None
+    assert not settings.fields and settings.applied_to(CAMERA) == CAMERA
 
 
 def test_fields_of_the_file_fit_another_camera_too(tmp_path: Path) -> None:
     """A camera from elsewhere takes the lens of the scene; a prescription takes focal length and focus too."""
-    setup = read_setup(write_scene(tmp_path, one_file(LENS + FOCUS, SIZE)), {})
+    settings = read_settings(write_scene(tmp_path, one_file(LENS + FOCUS, SIZE)), {})
     other = load_camera("eev_44_82")
-    assert setup.camera is None and setup.on(other).lens.f_number == 2 and setup.on(other).pixel == other.pixel
-    lens = setup.on(other.replace(**{"lens.prescription": "double_gauss"})).lens
+    assert (
+        settings.camera is None
+        and settings.applied_to(other).lens.f_number == 2
+        and settings.applied_to(other).pixel == other.pixel
+    )
+    lens = settings.applied_to(other.replace(**{"lens.prescription": "double_gauss"})).lens
     assert (lens.focal_length_mm, lens.focus_m) == (0.05, 3.0)
 
 
@@ -254,8 +258,8 @@ def test_a_camera_file_lies_beside_the_scene(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
     path = write_scene(tmp_path, one_file(LENS, '<string name="camera" value="mine.toml"/>' + SIZE))
     assert not Path("mine.toml").exists()
-    setup = read_setup(path, {})
-    assert setup.camera is not None and setup.camera.name == "mine"
+    settings = read_settings(path, {})
+    assert settings.camera is not None and settings.camera.name == "mine"
     assert float(mi.traverse(plain(path).sensors()[0])["x_fov"]) == pytest.approx(
         2 * math.degrees(math.atan(12 * 11.4e-6 / 1e-4)), rel=1e-6
     )
@@ -264,7 +268,7 @@ def test_a_camera_file_lies_beside_the_scene(tmp_path: Path) -> None:
 def test_files_of_inline_fields_lie_beside_the_scene(tmp_path: Path) -> None:
     (tmp_path / "qe.csv").write_text("wavelength_nm,mono_fraction\n420,0.1\n680,0.3\n", encoding="utf-8")
     film = NAME + SIZE + '<string name="quantum_efficiency.file" value="qe.csv"/>'
-    camera = read_setup(write_scene(tmp_path, one_file(LENS, film)), {}).camera
+    camera = read_settings(write_scene(tmp_path, one_file(LENS, film)), {}).camera
     assert camera is not None and camera.qe([420.0, 680.0]).tolist() == [[0.1, 0.3]]
 
 
@@ -299,7 +303,7 @@ def test_a_typing_error_is_told_with_its_line(tmp_path: Path, lens: str, film: s
     path = write_scene(tmp_path, one_file(lens, film))
     with pytest.raises(RuntimeError, match=rf"(?s)line {line}.*{word}"):
         plain(path)
-    for door in (lambda: read_setup(path, {}), lambda: load_scene(path, BANDS, {}, CAMERA)):
+    for door in (lambda: read_settings(path, {}), lambda: load_scene(path, BANDS, {}, CAMERA)):
         with pytest.raises(InputError, match=rf"line {line}.*{word}") as caught:
             door()
         assert "\n" not in str(caught.value)
@@ -363,8 +367,8 @@ def test_the_example_loads_in_plain_mitsuba_and_says_everything(variant: str) ->
     mi = ready(variant)
     path, small = SCENES / "one_file.xml", {"width": "16", "height": "12"}
     assert np.array(mi.render(plain(path, **small), spp=4)).shape == (12, 16, 15)
-    setup = read_setup(path, small)
-    assert setup.camera is not None and setup.exposure == Exposure(0.1, 298.15)
-    assert None not in (setup.seed, setup.serial, setup.spectral, setup.bandwidth_nm, setup.unit_m)
+    settings = read_settings(path, small)
+    assert settings.camera is not None and settings.exposure == Exposure(0.1, 298.15)
+    assert None not in (settings.seed, settings.serial, settings.spectral, settings.bandwidth_nm, settings.unit_m)
     scene: Scene = load_scene(path, BANDS, small)
     assert scene.notes == () and scene.view.focus_m == pytest.approx(0.3, rel=1e-6)

@@ -66,7 +66,7 @@ def test_a_flat_light_on_a_flat_curve_needs_one_band(make: Any) -> None:
     """Photons grow linearly with λ, so the middle of the band stands for all of it, exactly."""
     need = bands_of(make(np.full(30, 1e-5), 400, 700), TABLE1, 1e-6)
     assert not need.kept and need.effect_dn < 1e-6
-    assert need.reason == "1 do: --bandwidth-nm 300"
+    assert need.reason == "1 are enough: --bandwidth-nm 300"
 
 
 def test_a_narrow_line_under_a_mosaic_needs_all_bands(make: Any) -> None:
@@ -98,7 +98,7 @@ def test_the_bands_that_are_left_out_move_no_pixel_by_more_than_the_tolerance(
     need = bands_of(light, camera, tolerance_dn)
     assert need.kept == (size == 1)
     if size > 1:
-        assert need.reason == f"{36 // size} do: --bandwidth-nm {10 * size:g}"
+        assert need.reason == f"{36 // size} are enough: --bandwidth-nm {10 * size:g}"
         assert need.effect_dn == pytest.approx(moved[size], rel=1e-6, abs=1e-9)
         assert need.effect_dn <= tolerance_dn
 
@@ -122,9 +122,9 @@ def test_infinite_light_is_not_looked_at(make: Any) -> None:
 
 def test_a_pinhole_needs_no_depth_of_field_and_a_lens_does(light: Any) -> None:
     gain = gain_dn_per_e(TABLE1)
-    _, pinhole, truth = render_requirements(light, TABLE1, EXPOSURE, gain, 0.1)
+    _, pinhole, aovs = render_requirements(light, TABLE1, EXPOSURE, gain, 0.1)
     assert pinhole.what == "depth of field" and not pinhole.kept and "pinhole" in pinhole.reason
-    assert truth.what == "ground truth" and not truth.kept
+    assert aovs.what == "AOVs" and not aovs.kept
     lens = replace(light, statistics=replace(light.statistics, aperture_f_number=2.8))
     _, depth, _ = render_requirements(lens, TABLE1, EXPOSURE, gain, 0.1)
     assert depth.kept and "f/2.8" in depth.reason

@@ -16,7 +16,7 @@ from mitsuba_sensor.render.bands import box_bands
 from mitsuba_sensor.render.irradiance import Irradiance, render
 from mitsuba_sensor.render.photons import collect
 from mitsuba_sensor.render.scene import load_scene
-from mitsuba_sensor.render.scene_settings import read_setup
+from mitsuba_sensor.render.scene_settings import read_settings
 from mitsuba_sensor.render.variants import choose_variant, use
 from mitsuba_sensor.sensor.camera import load_camera
 
@@ -98,13 +98,13 @@ def test_still_life_is_well_exposed() -> None:
 
 def test_one_file_is_well_exposed_by_its_own_camera() -> None:
     """The median pixel stands between a tenth and a half of full well, nothing saturates."""
-    setup = read_setup(SCENES / "one_file.xml", {})
-    assert setup.camera is not None and setup.exposure is not None
+    settings = read_settings(SCENES / "one_file.xml", {})
+    assert settings.camera is not None and settings.exposure is not None
     light = render(
-        SCENES / "one_file.xml", setup.camera, setup.exposure, spp=8, bandwidth_nm=50, variant="scalar_spectral"
+        SCENES / "one_file.xml", settings.camera, settings.exposure, spp=8, bandwidth_nm=50, variant="scalar_spectral"
     )
-    photons = collect(light, setup.camera, setup.exposure)
-    well = (photons.mean * setup.camera.qe(light.wavelengths_nm)[0]).sum(axis=-1) / setup.camera.pixel.full_well_e
+    photons = collect(light, settings.camera, settings.exposure)
+    well = (photons.mean * settings.camera.qe(light.wavelengths_nm)[0]).sum(axis=-1) / settings.camera.pixel.full_well_e
     assert 0.1 < np.median(well) < 0.5 and np.percentile(well, 99) < 1
 
 
@@ -193,7 +193,7 @@ def test_assets_beside_the_scene_are_found_and_the_search_path_is_restored(tmp_p
         (scene_text(SKY, '<shape type="ply"><string name="filename" value="no.ply"/></shape>'), "no.ply"),
         (scene_text(SKY, '<include filename="no.xml"/>'), "no.xml"),
         (scene_text(SKY, film='<integer name="crop_width" value="99"/>'), "crop"),
-        (scene_text(SKY, '<integrator type="depth"/>'), "sees no light"),
+        (scene_text(SKY, '<integrator type="depth"/>'), "computes no radiance"),
         (scene_text(SKY, sensor='<sensor type="irradiancemeter"/>'), "must be one of perspective"),
         (scene_text(SKY.replace("360:", "750:")), "no light in the bands"),
     ],

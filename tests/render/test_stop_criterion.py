@@ -106,7 +106,7 @@ def test_a_forecast_is_what_a_variance_does_that_falls_as_one_over_the_passes() 
         ({"max_seconds": -1}, "max_seconds is -1"),
         ({"max_spp": 1}, "max_spp is 1"),
         ({"spectral": "colours"}, "spectral is 'colours'"),
-        ({"spectral": "channels", "wavelength_nm": 550}, "one wavelength has no colour filters"),
+        ({"spectral": "channels", "wavelength_nm": 550}, "a single band has no colour filters"),
     ],
 )
 def test_contradictory_budgets_are_refused_in_one_sentence(words: dict[str, Any], said: str) -> None:

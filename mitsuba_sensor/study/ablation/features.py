@@ -51,12 +51,12 @@ class Features:
         none = "the camera's lens has none"
         return {
             CHANNELS: self._no_channels(),
-            APERTURE: None if view.aperture_radius_m > 0 and not view.traced else "no thin lens",
+            APERTURE: None if view.aperture_radius_m > 0 and not view.sequential else "no thin lens",
             INDIRECT: None if self._integrator else "the integrator follows no path beyond the first surface",
-            FALL_OFF: None if view.half_width > 0 and not view.traced else "telecentric, or traced through its lens",
+            FALL_OFF: None if view.half_width > 0 and not view.sequential else "telecentric, or a sequential lens",
             "lens distortion": None if curved else none,
             "lens transmission curve": None if lens.transmission_curve is not None else none,
-            "lens prescription": None if view.traced else none,
+            "lens prescription": None if view.sequential else none,
             "motion and subframes": "nothing moves unless a motion is given",
             ERROR_BARS: None,
             AOVS: None,

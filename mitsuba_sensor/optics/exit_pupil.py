@@ -1,0 +1,142 @@
+"""Exit-pupil bounds of a sequential lens: the part of its rear that passes light, for each image height.
+
+Vignetting and the slant of the pupil leave only a few per cent of the rear of a lens unvignetted for the corner of an
+image. A grid of rays is traced from each of many image heights, and an ellipse in the plane of the last vertex is found
+that contains all unvignetted rays; the renderer then samples that ellipse. The lens is rotationally symmetric, so each
+height is traced along one radius, for one half of the plane.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.errors import InputError
+from ..core.types import Float64Array
+from .glass import D_NM
+from .ray_trace import Ray, Surface, trace
+
+INTERVALS = 32  # of the table; the ellipses also contain what passes half-way between its entries
+GRID = 64  # rays across the window, in each refinement
+REFINEMENTS = 3
+WINDOW = 1.5  # of the last clear aperture: where a slanting ray that hits it may cross the plane of its vertex
+TINY = 1e-150  # half axis of an empty ellipse; its square is still above 0
+
+
+@dataclass(frozen=True, eq=False)
+class ExitPupilBounds:
+    """An ellipse in the plane of the last vertex for each image height, (INTERVALS + 1,) [mm].
+
+    highest : image height of the last entry; the first is the axis.
+    centre : on the line through axis and image point, positive on the side of the point.
+    radial, tangential : half axes along that line and across; 0 where no light passes.
+    """
+
+    highest: float
+    centre: Float64Array
+    radial: Float64Array
+    tangential: Float64Array
+
+
+@dataclass(frozen=True, eq=False)
+class _RayGrid:
+    """Rays of one refinement, in the plane of the last vertex [mm].
+
+    heights : (H,) of the image points.  radial, tangential : (H, GRID) and (H, GRID/2) coordinates of the cells.
+    cell, row : (H,) radial and tangential size of a cell.
+    """
+
+    heights: Float64Array
+    radial: Float64Array
+    tangential: Float64Array
+    cell: Float64Array
+    row: Float64Array
+
+
+def ray_to(distance: float, height: Float64Array, radial: Float64Array, tangential: Float64Array) -> Ray:
+    """The ray from an image point at (height, 0), ``distance`` before the last vertex, to a point in its plane [mm]."""
+    dx, dy = np.broadcast_arrays(radial - height, tangential)
+    length = np.sqrt(dx * dx + dy * dy + distance * distance)
+    unvignetted = np.ones(dx.shape, dtype=bool)
+    return Ray(height + 0.0 * dx, 0.0 * dy, -distance, dx / length, dy / length, distance / length, unvignetted)
+
+
+def exit_pupil_bounds(
+    surfaces: tuple[Surface, ...], distance: float, highest: float, wavelengths_nm: tuple[float, ...] = (D_NM,)
+) -> ExitPupilBounds:
+    """The bounds for a sensor ``distance`` behind the last vertex, up to the image height ``highest`` [mm].
+
+    wavelengths_nm : rays that pass at any of them are inside.
+    """
+    heights = np.linspace(0.0, highest, 2 * INTERVALS + 1)
+    high = np.full(heights.shape, WINDOW * surfaces[0].semi_diameter)
+    low, top = -high, high
+    for _ in range(REFINEMENTS):
+        cell, row = (high - low) / GRID, top / (GRID // 2)
+        radial = low[:, None] + cell[:, None] * (np.arange(GRID) + 0.5)
+        tangential = row[:, None] * (np.arange(GRID // 2) + 0.5)
+        grid = _RayGrid(heights, radial, tangential, cell, row)
+        passes = _unvignetted(surfaces, distance, grid, wavelengths_nm)
+        along, across = np.asarray(passes.any(axis=2)), np.asarray(passes.any(axis=1))
+        low, high = high - cell * _cells_to_last(along[:, ::-1]), low + cell * _cells_to_last(along)
+        top = row * _cells_to_last(across)
+    if not passes[0].any():
+        raise InputError("no ray on the axis passes this lens; set lens.f_number to a smaller value, e.g. 8.")
+    return _ellipses(passes, grid, low, high, top)
+
+
+def _unvignetted(
+    surfaces: tuple[Surface, ...], distance: float, grid: _RayGrid, wavelengths_nm: tuple[float, ...]
+) -> NDArray[np.bool_]:
+    """Which rays of the grid pass at any of the wavelengths, (heights, GRID, GRID/2)."""
+    start = ray_to(distance, grid.heights[:, None, None], grid.radial[:, :, None], grid.tangential[:, None, :])
+    with np.errstate(all="ignore"):  # rays that miss a surface give NaN
+        passes = [trace(surfaces, start, wavelength_nm).unvignetted for wavelength_nm in wavelengths_nm]
+    return np.asarray(np.logical_or.reduce(passes))
+
+
+def _cells_to_last(passes: NDArray[np.bool_]) -> Float64Array:
+    """Cells up to the last that passes, and one more: (heights, cells) → (heights,); 0 if none does."""
+    count = passes.shape[1]
+    cells = np.where(passes.any(axis=1), count - np.argmax(passes[:, ::-1], axis=1) + 1.0, 0.0)
+    return np.asarray(cells, dtype=float)
+
+
+def _ellipses(
+    passes: NDArray[np.bool_], grid: _RayGrid, low: Float64Array, high: Float64Array, top: Float64Array
+) -> ExitPupilBounds:
+    """Ellipses as wide as the windows, enlarged until the corners of all cells that pass are inside.
+
+    What passes half-way between two entries of the table must be inside the mean of their ellipses: both are enlarged.
+    """
+    lit = np.asarray(passes.any(axis=(1, 2)))
+    lit_rows = np.flatnonzero(lit)
+    nearest = np.abs(lit_rows[None, :] - np.arange(len(lit))[:, None]).argmin(axis=1)
+    centre = ((low + high) / 2)[lit_rows[nearest]]
+    radial = np.asarray(np.where(lit, (high - low) / 2, 0.0))
+    tangential = np.asarray(np.where(lit, top, 0.0))
+    at, between = slice(0, None, 2), slice(1, None, 2)
+    scale = _enlargement(passes, grid, at, centre[at], radial[at], tangential[at])
+    centre, radial, tangential = centre[at], radial[at] * scale, tangential[at] * scale
+    mean_c, mean_r, mean_t = ((v[1:] + v[:-1]) / 2 for v in (centre, radial, tangential))
+    middle = _enlargement(passes, grid, between, mean_c, mean_r, mean_t)
+    scale = np.maximum(np.maximum(np.append(middle, 1.0), np.insert(middle, 0, 1.0)), 1.0)
+    return ExitPupilBounds(float(grid.heights[-1]), centre, radial * scale, tangential * scale)
+
+
+def _enlargement(
+    passes: NDArray[np.bool_],
+    grid: _RayGrid,
+    rows: slice,
+    centre: Float64Array,
+    radial: Float64Array,
+    tangential: Float64Array,
+) -> Float64Array:
+    """The factors at which ellipses of these rows of the grid contain all cells that pass."""
+    x = np.abs(grid.radial[rows] - centre[:, None]) + grid.cell[rows, None] / 2
+    y = grid.tangential[rows] + grid.row[rows, None] / 2
+    along, across = x / np.maximum(radial, TINY)[:, None], y / np.maximum(tangential, TINY)[:, None]
+    size = along[:, :, None] ** 2 + across[:, None] ** 2
+    return np.asarray(np.sqrt(np.where(passes[rows], size, 0.0).max(axis=(1, 2))))
