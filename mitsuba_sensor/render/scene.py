@@ -50,13 +50,22 @@ class RenderableScene(Protocol):
     """What a renderer needs of a scene; see :class:`Scene`."""
 
     @property
-    def view(self) -> View: ...
+    def view(self) -> View:
+        """What its sensor images."""
+
     @property
-    def sha256(self) -> str: ...
+    def sha256(self) -> str:
+        """Of the scene file."""
+
     @property
-    def notes(self) -> tuple[str, ...]: ...
-    def restrict_wavelengths(self, low_nm: float, high_nm: float) -> None: ...
-    def render(self, seed: int, samples: int, rows: tuple[int, int]) -> NDArray[np.float32]: ...
+    def notes(self) -> tuple[str, ...]:
+        """What was replaced, what will be black."""
+
+    def restrict_wavelengths(self, low_nm: float, high_nm: float) -> None:
+        """Sample wavelengths between two edges of the bands only."""
+
+    def render(self, seed: int, samples: int, rows: tuple[int, int]) -> NDArray[np.float32]:
+        """One pass over rows [first, last) of the crop, (rows, columns, channels)."""
 
 
 @dataclass(frozen=True, eq=False)

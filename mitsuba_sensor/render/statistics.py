@@ -33,7 +33,7 @@ class RenderStatistics:
     scene_sha256 : of the scene file, its includes and its parameters.
     aperture_f_number : what the scene's own thin-lens aperture means on this sensor, None where it has none. It makes
         the blur; the camera's f-number makes the light.
-    intrinsics : how the picture is a projection of the world, see :func:`optics.f_number_law.intrinsics`.
+    intrinsics : how the picture is a projection of the world, see :func:`optics.intrinsics.intrinsics`.
     denoised : what a denoiser did and the bias that two half-sets show, or None: nothing was denoised.
     """
 

@@ -11,7 +11,7 @@ from typing import Any
 from ..core.checks import check_types
 from ..core.exposure import Exposure
 from ..render.irradiance import Irradiance, Job, RenderOptions, prepare, render
-from ..render.lint import SAMPLER
+from ..render.passes import SAMPLER
 from ..sensor.camera import Camera
 
 

@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ...render.lint import SAMPLER
-from ...render.passes import FEWEST, MOST_IN_ALL
+from ...render.passes import FEWEST, MOST_IN_ALL, SAMPLER
 from ...render.photons import collect
 from ...render.stop_criterion import stop_criterion_of
 from ..subject import Subject

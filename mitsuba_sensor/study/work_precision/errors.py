@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...render.aovs import guides_of
+from ...render.aovs import denoising_guides
 from ...render.denoise import smoothed
 from ...render.passes import Welford
 from ...sensor.chain import chain
@@ -119,7 +119,7 @@ class Run:
 
     def measure(self) -> dict[str, list[dict[str, Any]]]:
         """Rungs of every treatment, the shortest first."""
-        self._guides = guides_of(self.series.scene) if self.smooth else None
+        self._guides = denoising_guides(self.series.scene) if self.smooth else None
         self._rungs: dict[str, dict[int, Rung]] = {"plain": {}, "denoised": {}}
         self._made = 0
         self.series.each_pass(self.number, self.passes, in_blocks(self._block))

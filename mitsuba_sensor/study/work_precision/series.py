@@ -18,8 +18,7 @@ from ...core.errors import InputError
 from ...core.signals import Photons
 from ...render.bands import GROUP, NARROWEST_NM, Bands
 from ...render.irradiance import Job
-from ...render.lint import SAMPLER
-from ...render.passes import hashed_seed
+from ...render.passes import SAMPLER, hashed_seed
 from ...render.photons import photons_per_irradiance
 from ...render.scene import Scene
 from ...render.stop_criterion import PASS_SPP, StopCriterion
