@@ -60,9 +60,8 @@ def missing_files(text: str) -> list[str]:
     """Python and Markdown files, and paths below the folders of the repository, that a text names and nobody has."""
     named = re.findall(r"(?<![\w./*-])[\w./-]*\w\.(?:py|md)\b", text)
     named += re.findall(rf"(?<![\w./*-])(?:{'|'.join(FOLDERS)})/[\w./-]+\.\w+", text)
-    return [
-        name for name in named if not any(file.endswith("/" + re.sub(r"^(\.{1,2}/)+", "", name)) for file in files())
-    ]
+    paths = {name: "/" + re.sub(r"^(\.{1,2}/)+", "", name) for name in named}
+    return [name for name, path in paths.items() if not any(file.endswith(path) for file in files())]
 
 
 @cache
