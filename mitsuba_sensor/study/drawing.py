@@ -18,8 +18,7 @@ CELL: dict[Mark, str] = {"good": "#BFE3CF", "bad": "#F2B6A0", "best": "#8CCBA8",
 INK, FAINT, GRID_LINE = "#222222", "#888888", "#E4E4E4"
 WIDTH_IN, HEIGHT_IN, BAR_IN, CELL_IN = 8.4, 4.6, 0.2, 0.3
 PNG_DPI = 120
-PLAIN_FROM, PLAIN_TO = 1e-3, 1e4
-"""Between these a tick says its number in digits, beyond them as a power of ten."""
+PLAIN_FROM, PLAIN_TO = 1e-3, 1e4  # between these a tick says its number in digits, beyond them as a power of ten
 STYLE: dict[str, Any] = {
     "font.size": 9.5,
     "axes.edgecolor": FAINT,

@@ -20,15 +20,9 @@ from ..sensor.theory import final_moments
 from .statistics import Array
 
 QUANTITIES = ("mean", "temporal σ", "spatial σ")
-MOMENTS = ("mean_dn", "temporal_dn2", "spatial_dn2")
-"""The quantities as they are averaged: variances, not their roots."""
-
-BACKENDS = {"drjit": "llvm", "cuda": "cuda"}
-"""Compiled engine → back end of Dr.Jit."""
-
-ENDLESS = 2**31
-"""More frames than any stream is asked for."""
-
+MOMENTS = ("mean_dn", "temporal_dn2", "spatial_dn2")  # the quantities as they are averaged: variances, not their roots
+BACKENDS = {"drjit": "llvm", "cuda": "cuda"}  # compiled engine → back end of Dr.Jit
+ENDLESS = 2**31  # more frames than any stream is asked for
 FRAMES_A_TURN = 8
 """Of a compiled engine, which traces a frame while it computes the one before: several show what a stream costs."""
 

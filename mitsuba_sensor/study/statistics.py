@@ -14,8 +14,7 @@ from ..core.errors import InputError
 
 Array = NDArray[np.float64]
 
-CONFIDENCE = 0.95
-"""Of every interval."""
+CONFIDENCE = 0.95  # of every interval
 
 
 @dataclass(frozen=True)

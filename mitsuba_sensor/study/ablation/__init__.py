@@ -23,12 +23,9 @@ from .render_page import render_section
 from .sensor import CALL_S, KERNEL_S, SENSORS, SensorAblation, SensorResults
 from .sensor_page import sensor_section
 
-FRAMES = 24
-"""Of each of the sensors: 1536 frames of each chain."""
-SPP = 32
-"""Samples per pixel of each render. Most of their noise is in both pictures that are compared."""
-FEWEST_PASSES = 4
-"""Two in each half, so that both have a standard error."""
+FRAMES = 24  # of each of the sensors: 1536 frames of each chain
+SPP = 32  # samples per pixel of each render. Most of their noise is in both pictures that are compared
+FEWEST_PASSES = 4  # two in each half, so that both have a standard error
 SAMPLE_NS = 4000.0
 """Per light path (30 bands), on two cores of an AMD EPYC: for the estimate before anything is measured."""
 

@@ -17,13 +17,9 @@ from ..subject import Subject
 
 WITH_DEPTH = ("path", "volpath", "volpathmis")
 """Integrators of Mitsuba whose ``max_depth`` cuts off the light that comes by way of other surfaces."""
-PASSED = ("max_depth", "hide_emitters")
-"""What an integrator without indirect light takes from the scene's own."""
-STOPPED_DOWN = 1e-6
-"""Of the scene's aperture: what is left of it. Mitsuba refuses an aperture of 0."""
-FLAT_TO_MM = 1e6
-"""To this image height a lens without fall-off is as bright as on its axis: beyond any sensor."""
-
+PASSED = ("max_depth", "hide_emitters")  # what an integrator without indirect light takes from the scene's own
+STOPPED_DOWN = 1e-6  # of the scene's aperture: what is left of it. Mitsuba refuses an aperture of 0
+FLAT_TO_MM = 1e6  # to this image height a lens without fall-off is as bright as on its axis: beyond any sensor
 CHANNELS, FALL_OFF, INDIRECT = "channels instead of bands", "lens fall-off", "indirect light"
 APERTURE, ERROR_BARS, AOVS = "depth of field", "error bars", "ground truth"
 

@@ -24,8 +24,7 @@ from .sensor import FEWEST_PIXELS, WORST
 
 WHOLE_RENDERS = 3
 """How often the render is made in full, with and without error bars: no pass of the one is one of the other."""
-LAST_DIGIT = 1e-6
-"""Of the mean signal: below it a change is one of float32 films."""
+LAST_DIGIT = 1e-6  # of the mean signal: below it a change is one of float32 films
 AS_IT_IS, WITHOUT = "as it is", "without"
 
 

@@ -43,17 +43,14 @@ from ..statistics import Array, as_normal, standard_error, z_limit
 from ..subject import Subject
 
 WHOLE, PLAN, DETECTION = "whole chain", "the plan", "detection"
-SENSORS = 64
-"""Serial numbers whose frames are measured: independent values, from whose spread the standard errors come."""
+SENSORS = 64  # serial numbers whose frames are measured: independent values, from whose spread the standard errors come
 WORST, FEWEST_PIXELS = 0.01, 16
 """Share of the pixels that are "the worst": those in which theory says that a chain moves most; of a small picture so
 many. One pixel alone has one fixed pattern per sensor, and its variance would be known to a sixth at best."""
-LOOKED_AT = 8
-"""Frames, each of a sensor of its own, whose pixels are compared one by one with those of the whole chain."""
+LOOKED_AT = 8  # frames, each of a sensor of its own, whose pixels are compared one by one with those of the whole chain
 SHAPE = {"numpy": (256, 512), "drjit": (1024, 1024)}
 """Pixels of the frames that are timed, however small the render: one strip of NumPy's, and enough for a kernel."""
-TURNS = {"numpy": 15, "drjit": 7}
-"""In each of which every chain makes frames."""
+TURNS = {"numpy": 15, "drjit": 7}  # in each of which every chain makes frames
 CURVED = (NonlinearSenseNode, NonlinearSourceFollower, IntegralNonlinearity)
 RARE = 2.0
 """Events that are the standard error where none was seen: of 3 · 2 expected, none is seen in 1 of 400 cases, 3 σ."""

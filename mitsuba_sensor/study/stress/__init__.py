@@ -16,12 +16,9 @@ from . import chains, electrons, light, volts, whole
 from .case import ENGINES, ONCE, RENDERERS, Case, Engine, Verdict, verdict_of
 from .conditions import NOTICED_DN, Sensitivity, sensitivities, strongest
 
-ASKED = (ONCE, *ENGINES, *RENDERERS)
-"""Columns of the grid."""
-CONDITIONS_S = 2.5
-"""How long the condition numbers take on two cores [s]."""
-SHOWN, BARS = 5, 3
-"""Condition numbers of each camera in the table and in the plot."""
+ASKED = (ONCE, *ENGINES, *RENDERERS)  # columns of the grid
+CONDITIONS_S = 2.5  # how long the condition numbers take on two cores [s]
+SHOWN, BARS = 5, 3  # condition numbers of each camera in the table and in the plot
 THEMES = (
     *(chains.chain_cases, electrons.counted_cases, electrons.dark_cases, volts.follower_cases),
     *(volts.node_and_column_cases, volts.converter_cases, light.light_cases, whole.refusal_cases, whole.frame_cases),

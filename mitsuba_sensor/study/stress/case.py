@@ -101,9 +101,7 @@ class Engine:
         return self.give([signal.total if isinstance(signal, Electrons) else signal], frame)[0]
 
 
-ONCE = Engine("no engine", "", "float64")
-"""Formulas of Python numbers, and what is refused before anybody computes."""
-
+ONCE = Engine("no engine", "", "float64")  # formulas of Python numbers, and what is refused before anybody computes
 ENGINES = (
     Engine("NumPy float64", "numpy", "float64"),
     Engine("NumPy float32", "numpy"),

@@ -24,12 +24,9 @@ from ..statistics import Array
 from .case import table1
 from .chains import CURVES, NODE_OPTIONS
 
-NOTICED_DN = 0.1
-"""A change of a mean that a careful measurement shows: a tenth of a code."""
-LEVELS = {"dark": 0.0, "10 %": 0.1, "50 %": 0.5, "90 %": 0.9}
-"""Shares of the full well of the most sensitive filter."""
-EXPOSURES = (Exposure(0.1), Exposure(10.0))
-"""At 25 °C; the longer one lets the dark current fill a good part of a well."""
+NOTICED_DN = 0.1  # A change of a mean that a careful measurement shows: a tenth of a code
+LEVELS = {"dark": 0.0, "10 %": 0.1, "50 %": 0.5, "90 %": 0.9}  # shares of the full well of the most sensitive filter
+EXPOSURES = (Exposure(0.1), Exposure(10.0))  # at 25 °C; the longer one lets the dark current fill a good part of a well
 CURVED = {**NODE_OPTIONS, **CURVES, "adc.bits": 16, "source_follower.rtn_uv": 100.0}
 UNUSED = ("name", "description", "sources", "lens", "sensor")
 """Of a datasheet: what no number of the chain follows, and the lens, which is in the photons already."""

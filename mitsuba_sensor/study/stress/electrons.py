@@ -125,8 +125,7 @@ def gap_over_kt(kelvin: Decimal) -> Decimal:
 
 
 KELVINS = (0.0, 5e-324, 4.0, 77.0, 133.0, 300.0, 400.0, 600.0)
-ROUNDED = 1e-12
-"""Exponents reach 1700 at 4 K, and an exponential loses that many unit roundoffs: 4e-13."""
+ROUNDED = 1e-12  # exponents reach 1700 at 4 K, and an exponential loses that many unit roundoffs: 4e-13
 NANOAMPERE = Decimal("1e-9") * Decimal(5.7e-4**2) / Decimal(ELEMENTARY_CHARGE_C)
 """Electrons per second of 1 nA/cm² on Table 1's pixel of 5.7 µm."""
 WARM = Decimal("298.15")
@@ -180,8 +179,7 @@ HEAVY = ("log-normal", "gamma", "inverse Gaussian")
 SHAPE = (256, 256)
 COUPLED = (1 - 4 * 0.25**2) ** 0.75 / (1 - 2 * 0.25)
 """By this much, squared and for each axis, the mean of a coupled map varies more: its spectrum at frequency 0."""
-SMALLEST_COMPARED = 1e-25
-"""float32 engines hold e^(−69) at least; what is below is next to nothing anyway."""
+SMALLEST_COMPARED = 1e-25  # float32 engines hold e^(−69) at least; what is below is next to nothing anyway
 
 
 def through_patterns(engine: Engine, light: float, *stages: Any) -> tuple[Array, Moments]:

@@ -27,16 +27,11 @@ from ..statistics import Array
 from .case import FLOAT32, ONLY_ONCE, RENDERERS, SIGMAS, TENTH, Case, Engine, cases_of, table1
 from .got import Got, agree, holds, relative, together
 
-F_NUMBER = 2.8
-"""Of Table 1's lens (cameras/konnik_table1.toml)."""
-LEVEL = 0.07
-"""Radiance [W m⁻² sr⁻¹ nm⁻¹]; no multiple of it is exact in float32, so that sums are rounded."""
-EDGES_NM = np.linspace(400, 710, 32)
-"""Of 31 bands of 10 nm."""
-SPP = 16
-"""Samples per pixel where their number is not the question."""
-LARGEST_PASS = 1024
-"""Samples per pixel that a pass may have, so that it loses 3e-5 at most."""
+F_NUMBER = 2.8  # of Table 1's lens (cameras/konnik_table1.toml)
+LEVEL = 0.07  # radiance [W m⁻² sr⁻¹ nm⁻¹]; no multiple of it is exact in float32, so that sums are rounded
+EDGES_NM = np.linspace(400, 710, 32)  # of 31 bands of 10 nm
+SPP = 16  # samples per pixel where their number is not the question
+LARGEST_PASS = 1024  # samples per pixel that a pass may have, so that it loses 3e-5 at most
 
 
 def camera() -> Camera:
@@ -129,8 +124,7 @@ def adjacent(engine: Engine) -> Got:
     return together(*(relative(x, irradiance(LEVEL), lost(SPP), " W/m²/nm") for x in (sums, wide.data)))
 
 
-NEARLY = 3e-7
-"""Relative spread of the nodes; float32 numbers next to 1 are 1.2e-7 apart."""
+NEARLY = 3e-7  # relative spread of the nodes; float32 numbers next to 1 are 1.2e-7 apart
 FILM, SAMPLES = 16, 400
 
 

@@ -18,10 +18,8 @@ from .reference import Target, electrons_of
 from .render_results import Result
 
 FEWEST_SPP = 16
-CHECK_SEEDS = (1001, 1002)
-"""No run and no reference has them. The first compiles, the second is timed."""
-MARGIN = 1.1
-"""On the samples that a check asks for: its error is known to some percent."""
+CHECK_SEEDS = (1001, 1002)  # no run and no reference has them. The first compiles, the second is timed
+MARGIN = 1.1  # on the samples that a check asks for: its error is known to some percent
 
 
 @dataclass(frozen=True)

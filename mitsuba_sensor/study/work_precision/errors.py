@@ -30,10 +30,8 @@ from .series import Series
 
 MOST_BLOCKS = 16
 """Blocks of a size up to which digital numbers are looked at; their moments and frames take as long as a pass."""
-MOST_SMOOTHED = 4
-"""Blocks of a size that are denoised."""
-SMOOTHINGS = 3
-"""Pictures that the package smooths: the render, and two halves of it for the bias."""
+MOST_SMOOTHED = 4  # blocks of a size that are denoised
+SMOOTHINGS = 3  # pictures that the package smooths: the render, and two halves of it for the bias
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,12 +24,10 @@ from ..subject import Subject
 from .reference import Target
 from .series import Series
 
-PILOT = 8
-"""Passes whose spread tells how noisy one is."""
+PILOT = 8  # passes whose spread tells how noisy one is
 FEWEST_COMPENSATED = 8
 """Passes from which a measured variance can be compensated (7 degrees of freedom, render/per_frame.py)."""
-COMPENSATED = 8
-"""Or one in so many of a run's passes, with which the noise of a render shall just be compensable."""
+COMPENSATED = 8  # or one in so many of a run's passes, with which the noise of a render shall just be compensable
 DIMMER, DIMMEST = 2.0**-0.25, 2.0**-30
 """Steps in which the exposure is shortened, and where that ends: the noise of any render is compensable there."""
 

@@ -25,18 +25,14 @@ from ..statistics import Array
 from ..subject import Subject
 from .series import Layers, Series, Setting, loaded
 
-REFERENCE_S = 15.0
-"""Seconds that each reference may take, as its first passes tell."""
-FEWEST_PASSES = 8
-"""Of a reference: its variance is the spread of its passes, averaged over all pixels."""
+REFERENCE_S = 15.0  # seconds that each reference may take, as its first passes tell
+FEWEST_PASSES = 8  # of a reference: its variance is the spread of its passes, averaged over all pixels
 SAMPLES, SAMPLES_OF_FOUR = 256, 64
 """Per pass, of all bands together and of four at a time: large passes have less noise (benchmarks/render_passes.py)."""
-SEED = 0
-"""Of the references; runs have 1, 2, …"""
+SEED = 0  # of the references; runs have 1, 2, …
 DARKEST = 0.1
 """Of the mean: errors of darker pixels are relative to this level, or a few pixels in the dark would be all of it."""
-STEP = 0.01
-"""Relative step of the light by which the slope of the digital numbers is found."""
+STEP = 0.01  # relative step of the light by which the slope of the digital numbers is found
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,18 +23,14 @@ from .reference import REFERENCE_S, Reference, Target, render_reference
 from .render_results import Ladder, Result
 from .series import Series, Setting, all_settings, loaded, usable_variants
 
-RUN_S = 2.5
-"""Seconds that the passes of one run may take: so long is its ladder."""
+RUN_S = 2.5  # seconds that the passes of one run may take: so long is its ladder
 FEWEST_PASSES, FEWEST_FRAMED, MOST_PASSES = 4, 32, 256
 """Of a run: three rungs; two sizes of blocks of which frames are made; nine rungs, more than enough for a slope."""
-PILOT = 2
-"""Passes that tell the time of one, after the first has compiled."""
+PILOT = 2  # passes that tell the time of one, after the first has compiled
 COMPILE_S, COMPARING = 6.0, 1.4
 """Seconds until the first pass of a setting; seconds of a run over those of its passes. Cornell box, two cores."""
-CHECK_S = 15.0
-"""A recommendation that takes longer is not checked."""
-CHECKS = 3
-"""Renders of the recommended options, with more samples after each that missed."""
+CHECK_S = 15.0  # A recommendation that takes longer is not checked
+CHECKS = 3  # renders of the recommended options, with more samples after each that missed
 
 
 class Render:

@@ -14,16 +14,11 @@ from ..statistics import Slope, slope_of_runs
 from .per_frame import FrameExposure
 from .series import Setting
 
-THEORY = -0.5
-"""Slope of an unbiased mean of independent passes; of its variance, twice that."""
-WITHIN = 0.05
-"""How near a slope must come."""
-FEWEST_RUNGS = 3
-"""That make a slope."""
-FRAME_SIGMA = 0.01
-"""How much too large the temporal σ of a frame may be."""
-CLEAR = 3.0
-"""Standard errors above zero from which a difference is fitted."""
+THEORY = -0.5  # slope of an unbiased mean of independent passes; of its variance, twice that
+WITHIN = 0.05  # how near a slope must come
+FEWEST_RUNGS = 3  # that make a slope
+FRAME_SIGMA = 0.01  # how much too large the temporal σ of a frame may be
+CLEAR = 3.0  # standard errors above zero from which a difference is fitted
 
 
 @dataclass(frozen=True)

@@ -20,14 +20,9 @@ from .poisson_law import law_of, law_of_counts
 
 EXACT, QUANTILE, GAUSSIAN, MEAN_ONLY, GENERATOR = "exact", "quantile", "Gaussian", "mean only", "NumPy Generator"
 SAMPLERS = (EXACT, QUANTILE, GAUSSIAN, MEAN_ONLY, GENERATOR)
-OWN = SAMPLERS[:2]
-"""What the package offers: in float64 SciPy's exact quantile, in float32 its own quantile function."""
-
-LARGEST_MEAN = 9.2e18
-"""``Generator.poisson`` refuses means that int64 cannot count: those above 9.22e18."""
-
-DRAWS = 2**21
-"""Draws of a third party's generator for each mean."""
+OWN = SAMPLERS[:2]  # what the package offers: in float64 SciPy's exact quantile, in float32 its own quantile function
+LARGEST_MEAN = 9.2e18  # ``Generator.poisson`` refuses means that int64 cannot count: those above 9.22e18
+DRAWS = 2**21  # draws of a third party's generator for each mean
 
 
 @dataclass(frozen=True)
@@ -65,8 +60,7 @@ class Setting:
         return other
 
 
-REFERENCE = Setting("numpy", "float64", EXACT)
-"""What all others are compared with: the whole chain, every law exact."""
+REFERENCE = Setting("numpy", "float64", EXACT)  # what all others are compared with: the whole chain, every law exact
 
 
 def gaussian(backend: Backend, bits: Any, mean: Any) -> Any:

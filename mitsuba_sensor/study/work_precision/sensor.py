@@ -37,21 +37,15 @@ from ..statistics import Array
 from .samplers import EXACT, GAUSSIAN, GENERATOR, MEAN_ONLY, QUANTILE, REFERENCE, Setting, drawn_law
 
 ENGINES = ("numpy", "drjit", "cuda")
-TOLERANCES_DN = (0.0, 0.02, 0.2, 1.0, 5.0)
-"""Of the plans that are tried."""
-MEANS = (0.01, 0.1, 1.0, 10.0, 100.0, 1e4, 1e6)
-"""Of the Poisson laws that are compared [events]."""
-TURNS = 9
-"""In each of which every setting makes frames."""
+TOLERANCES_DN = (0.0, 0.02, 0.2, 1.0, 5.0)  # of the plans that are tried
+MEANS = (0.01, 0.1, 1.0, 10.0, 100.0, 1e4, 1e6)  # of the Poisson laws that are compared [events]
+TURNS = 9  # in each of which every setting makes frames
 LARGE = (1024, 1024)
 """Pixels of the frames that are timed and compared pixel by pixel: 1.05 Mpx, however small the render."""
-SMALL = (128, 128)
-"""Pixels of the frames whose moments are measured, on each sensor."""
+SMALL = (128, 128)  # pixels of the frames whose moments are measured, on each sensor
 REPLICAS = Replicas(sensors=32, frames=2, seed=2)
 """Each sensor has fixed patterns of its own, so the spread between them is the standard error."""
-LEVELS = 5
-"""Groups of equally many pixels, from the darkest to the brightest, whose moments are averaged."""
-
+LEVELS = 5  # groups of equally many pixels, from the darkest to the brightest, whose moments are averaged
 EXPECTED_NS = {"numpy float64": 450.0, "numpy float32": 120.0, "drjit float32": 15.0, "cuda float32": 2.0}
 BAND_NS, OPENING_S, SHORT_S = 3.0, 0.5, 0.1
 """For the estimate before anything is measured, on two cores of an AMD EPYC: per pixel of each engine; per pixel and

@@ -13,9 +13,7 @@ from . import sensor as measured
 from .samplers import GAUSSIAN, GENERATOR, QUANTILE, REFERENCE, SAMPLERS, Setting
 from .sensor_results import LEAST_DN, Planned, Results, Row
 
-USUAL_DN = 0.02
-"""The tolerance that the first finding is about, where it was tried."""
-
+USUAL_DN = 0.02  # the tolerance that the first finding is about, where it was tried
 NANOSECONDS = "time [ns/pixel]"
 CHANGE = "change of mean, temporal σ or spatial σ [DN]"
 SINGLE = Setting("numpy", "float32", QUANTILE)

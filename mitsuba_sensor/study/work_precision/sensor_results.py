@@ -20,11 +20,8 @@ from .sensor import Sensor, theory_key
 VARIATION, VARIATION_UP_TO = 2e-5, 1e4
 """The float32 Poisson law is as near as this to the exact one up to this mean [events]; its fit was accepted by it."""
 
-LEAST_DN = 1e-5
-"""No change below this is told apart: 0 has no place on a logarithmic axis."""
-
-FALSE_ALARM = 1e-3
-"""Chance that some measured change of one setting passes its limit although the true one does not."""
+LEAST_DN = 1e-5  # no change below this is told apart: 0 has no place on a logarithmic axis
+FALSE_ALARM = 1e-3  # chance that some measured change of one setting passes its limit although the true one does not
 
 
 @dataclass(frozen=True, eq=False)

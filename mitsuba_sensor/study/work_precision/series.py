@@ -28,8 +28,7 @@ from ..subject import Subject
 
 SAMPLERS = {"independent": 16, "stratified": 16, "orthogonal": 25, "ldsampler": 16}
 """Mitsuba's others, with a number of samples per pass that each keeps: orthogonal wants the square of a prime."""
-SIZES = (4, 64, 256)
-"""Samples per pass beside the package's first 16 (render/stop_criterion.py)."""
+SIZES = (4, 64, 256)  # samples per pass beside the package's first 16 (render/stop_criterion.py)
 ORDER = ("cuda", "llvm", "scalar")
 """Of the back ends, the quickest first, as :func:`render.variants.choose_variant` has it."""
 
