@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.study.frames import pixel_difference
 
 BITS, FULL_WELLS_E = (8, 12, 14, 16), (1e3, 1e4, 33_000.0, 1e5, 1e6)
 EXPOSURE = ms.Exposure(0.1)
@@ -70,16 +71,16 @@ def compared(camera: ms.Camera, case: str, pixels: int) -> dict[str, Any]:
     width = 1000
     light = np.linspace(0, 1.1 * camera.pixel.full_well_e / 0.3, pixels // width * width).reshape(-1, width)
     single, double = (
-        ms.expose(light, camera, EXPOSURE, engine="numpy", precision=precision).digital.astype(np.int64)
+        ms.expose(light, camera, EXPOSURE, engine="numpy", precision=precision).digital
         for precision in ("float32", "float64")
     )
-    difference = np.abs(single - double)
+    difference = pixel_difference(single, double)
     return {
         "case": case,
         "bits": camera.adc.bits,
         "full_well_e": camera.pixel.full_well_e,
-        "share_of_pixels": float(np.mean(difference > 0)),
-        "largest_dn": int(difference.max()),
+        "share_of_pixels": difference["share_of_pixels"],
+        "largest_dn": int(difference["largest_dn"]),
         "plan": ms.plan(camera, EXPOSURE, light).precision,
     }
 

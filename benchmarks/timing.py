@@ -13,21 +13,25 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
+
+from mitsuba_sensor.study.kit import in_turns, ratio
+
+__all__ = ["alternate", "in_child", "lines", "ratio", "seconds_of", "speeds"]
 
 HERE = Path(__file__).resolve().parent
 
 
 def alternate(tasks: Mapping[str, Callable[[], object]], turns: int) -> dict[str, list[float]]:
-    """Seconds of every task in every turn, after one turn that is not counted."""
-    seconds: dict[str, list[float]] = {name: [] for name in tasks}
-    for turn in range(turns + 1):
-        for name, task in tasks.items():
-            elapsed = seconds_of(task)
-            if turn:
-                seconds[name].append(elapsed)
-    return seconds
+    """Seconds of every task in every turn, after one turn that is not counted; divided by ``task.runs``, if any."""
+
+    def counted(task: Callable[[], object]) -> int:
+        task()
+        return getattr(task, "runs", 1)
+
+    return in_turns({name: partial(counted, task) for name, task in tasks.items()}, turns)
 
 
 def seconds_of(task: Callable[[], object]) -> float:
@@ -35,11 +39,6 @@ def seconds_of(task: Callable[[], object]) -> float:
     start = time.perf_counter()
     task()
     return (time.perf_counter() - start) / getattr(task, "runs", 1)
-
-
-def ratio(slow: list[float], fast: list[float]) -> float:
-    """Median of slow/fast over the turns."""
-    return statistics.median(one / other for one, other in zip(slow, fast, strict=True))
 
 
 def speeds(seconds: Mapping[str, list[float]], pixels: int, base: str) -> dict[str, dict[str, float]]:

@@ -443,7 +443,7 @@ def test_what_is_recommended_is_offered_keeps_the_tolerance_and_is_fastest(known
 
 def test_where_a_plan_asks_for_float64_no_float32_is_recommended(known: Known) -> None:
     results = results_of(known)
-    strict = Planned(0.2, (), 15, "float64", np.zeros((3, 5)), 0.0)
+    strict = Planned(0.2, [], 15, "float64", np.zeros((3, 5)), 0.0)
     assert results.recommended(strict).setting == REFERENCE
 
 

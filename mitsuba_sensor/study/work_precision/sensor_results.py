@@ -117,7 +117,7 @@ class Planned:
     """One plan. predicted : change of every level, (3, levels) [DN].  worst_pixel_dn : of any pixel, in theory."""
 
     tolerance_dn: float
-    left_out: tuple[str, ...]
+    left_out: list[str]
     stages: int
     precision: str
     predicted: Array
@@ -171,10 +171,10 @@ class Results:
         )
 
     def _planned(self, tolerance_dn: float) -> Planned:
-        plan, theory = self._kit[f"plan: {tolerance_dn:g} DN"], self._kit[theory_key(tolerance_dn)]
-        predicted = in_dn(stacked(theory["levels"]), stacked(self._kit[theory_key(None)]["levels"]))
-        left_out = tuple(plan["left_out"])
-        return Planned(tolerance_dn, left_out, plan["stages"], plan["precision"], predicted, theory["worst_pixel_dn"])
+        theory, whole = self._kit[theory_key(tolerance_dn)], self._kit[theory_key(None)]
+        predicted = in_dn(stacked(theory["levels"]), stacked(whole["levels"]))
+        made = self._kit[f"plan: {tolerance_dn:g} DN"]
+        return Planned(tolerance_dn, **made, predicted=predicted, worst_pixel_dn=theory["worst_pixel_dn"])
 
     def row(self, setting: Setting) -> Row:
         """That of a setting."""
