@@ -18,7 +18,8 @@ from mitsuba_sensor.core.llvm import drjit
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.core.signals import Photons
 from mitsuba_sensor.sensor.chain import chain
-from mitsuba_sensor.sensor.run import begin, choose_backend, row_strips_of, run_chain
+from mitsuba_sensor.sensor.run import begin, choose_backend, row_strips_of
+from mitsuba_sensor.sensor.stage import sample
 
 EXPOSURE = ms.Exposure(0.1)
 
@@ -36,7 +37,7 @@ def kernel_only(engine: str, photons: NDArray[np.float64], camera: ms.Camera) ->
 
     def run() -> None:
         for start, frame in parts * FRAMES_PER_TURN:
-            codes = backend.uint(run_chain(stages[1:], start, Frame(EXPOSURE, frame.window)))
+            codes = backend.uint(sample(stages[1:], start, Frame(EXPOSURE, frame.window)))
             drjit().eval(codes)
         drjit().sync_thread()
 

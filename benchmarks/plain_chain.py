@@ -23,7 +23,16 @@ from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.sensor.chain import chain
 
 STAGES = {
-    *("Detection", "Prnu", "DarkCurrent", "ShotNoise", "FullWell", "SenseNode", "NonlinearSenseNode", "ResetNoise"),
+    *(
+        "QuantumEfficiency",
+        "Prnu",
+        "DarkCurrent",
+        "ShotNoise",
+        "FullWell",
+        "SenseNode",
+        "NonlinearSenseNode",
+        "ResetNoise",
+    ),
     *("SourceFollowerNoise", "SourceFollower", "NonlinearSourceFollower", "DsnuColumn", "CdsGain"),
     *("IntegralNonlinearity", "Adc"),
 }
@@ -94,7 +103,7 @@ class PlainChain:
         return self._digital(self._swing_v(self._electrons()))
 
     def _electrons(self) -> NDArray[np.float64]:
-        """Detection, PRNU, dark current, shot noise, full well."""
+        """QuantumEfficiency, PRNU, dark current, shot noise, full well."""
         photoelectrons = self.photons * self.qe
         if self.has_prnu:
             photoelectrons *= self.maps["prnu"]
@@ -131,7 +140,7 @@ def compare(camera: ms.Camera, electrons: float, mpx: float, frames: int) -> Agr
     photons = photon_map(camera, electrons, "ramp", shape_of(mpx))
     plain = PlainChain(photons, camera, EXPOSURE, seed=2)
     ours = ms.expose(photons, camera, EXPOSURE, frames=frames, maps=plain.maps)
-    return agreement(stack(plain, frames), ours.digital)
+    return agreement(stack.sample(plain, frames), ours.digital)
 
 
 def main() -> None:

@@ -10,7 +10,7 @@ import mitsuba_sensor as ms
 
 from ..core.checks import first_given
 from ..io import exr, files
-from ..sensor.chain import gain_dn_per_e
+from ..sensor.gains import gain_dn_per_e
 from . import options, terminal
 from .app import app, changed, chosen_shot, err, refuse_lens, scene_camera, scene_exposure, scene_setup, show
 

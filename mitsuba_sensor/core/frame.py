@@ -77,25 +77,6 @@ class Frame:
             return distributions.normal(self.random_bits_at(source, [0], columns, self.index))
         return window.backend.from_numpy(self.column_normal(source, window.columns)[None, :], window)
 
-    def telegraph(self, site: Array, switching: float, duty: float) -> Array:
-        """Whether the trap of each ``site`` (above 0) is on in this frame, 1 or 0, (H, W).
-
-        A trap is drawn anew with chance ``switching`` per frame and is then on with chance ``duty``; its state is that
-        of the latest such frame, which is looked for backwards, so any frame can be made alone. Traps are few: they are
-        followed on the host.
-        """
-        window = self.window
-        state = np.zeros(window.shape)
-        rows, columns = window.cached("sites", lambda: np.nonzero(window.backend.to_numpy(site, window)))
-        index = self.index
-        while rows.size:
-            place = window.rows[rows], window.columns[columns], index
-            switch, on = self.random_bits_at("rts_switch", *place), self.random_bits_at("rts_state", *place)
-            drawn = (distributions.survival(switch) < switching) | (index == 0)
-            state[rows[drawn], columns[drawn]] = distributions.survival(on[drawn]) < duty
-            rows, columns, index = rows[~drawn], columns[~drawn], index - 1
-        return window.backend.from_numpy(state, window)
-
     def normal(self, source: str) -> Array:
         """Standard normal noise of ``source``, new in every frame, (H, W)."""
         return self.window.backend.normal(self.random_bits(source))

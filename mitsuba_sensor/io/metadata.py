@@ -16,7 +16,6 @@ import numpy as np
 
 from ..core.backend import NUMPY_FLOAT64
 from ..render.statistics import summary_of
-from ..sensor.chain import chain
 from ..sensor.input_noise import input_noise
 
 if TYPE_CHECKING:
@@ -114,7 +113,7 @@ def render_noise(light: Irradiance, frames: Frames) -> dict[str, float]:
 
     The certificate has the same for the exposure of the render; a longer exposure of the same light shows more of it.
     """
-    electrons = chain(frames.camera)[0](frames.light, frames.first.on(NUMPY_FLOAT64)).total
+    electrons = frames.camera.stages[0].sample(frames.light, frames.first.on(NUMPY_FLOAT64)).total
     with np.errstate(invalid="ignore"):
         variance_e2 = (light.relative_error.astype(np.float64) * electrons) ** 2
     ratio = input_noise(frames.camera, frames.first.exposure).ratio(electrons, variance_e2)

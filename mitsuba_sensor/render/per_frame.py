@@ -15,9 +15,9 @@ from ..core.checks import first_given
 from ..core.errors import InputError, require_seed
 from ..core.exposure import Exposure
 from ..core.signals import Photons
-from ..sensor.chain import mean_dark_e
 from ..sensor.checks import check_numbers
 from ..sensor.compensation import LIMIT, compensable
+from ..sensor.effects.dark_current import mean_dark_e
 from ..sensor.expose import Frames, expose
 from .irradiance import Irradiance, Job, RenderOptions, prepare
 from .passes import FEWEST, hashed_seed, whole_grid

@@ -1,4 +1,4 @@
-"""The datasheet, checked once at the door."""
+"""The datasheet of a camera: the tables of the effects put together, checked once when it is read."""
 
 from __future__ import annotations
 
@@ -6,29 +6,46 @@ import tomllib
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, PrivateAttr, ValidationError, create_model, model_validator
 
 from ..core.errors import InputError, nearest
-from .datasheet import (
-    AdcSection,
-    DarkCurrentSection,
-    PixelSection,
-    QuantumEfficiencySection,
-    ReadoutSection,
-    Section,
-    SensorSection,
-    SourceFollowerSection,
-)
+from .chain import ORDER, chain
+from .datasheet import PixelGeometry, Section, SensorSection, Table
 from .datasheet_errors import fields_of, sentence
-from .electrons import QeCurve
+from .effects.quantum_efficiency import SpectralCurve
 from .lens_datasheet import LensSection
+from .stage import Chain, Stage
 
 QE_WAYS = ("value", "file", "curves")
 SHIPPED = resources.files(__package__) / "cameras"
+
+
+def _table(name: str, description: str, base: type[Table] = Table) -> type[Table]:
+    """The table of this name with the fields of every effect that belong there, in the order of the chain."""
+    kinds = dict.fromkeys(effect.fields for effect in ORDER if effect.fields is not None and effect.table == name)
+    kind = create_model(f"{name.title().replace('_', '')}Table", __base__=(*reversed(kinds), base))
+    kind.__doc__ = description
+    return kind
+
+
+if TYPE_CHECKING:
+    PixelTable: TypeAlias = PixelGeometry
+    QuantumEfficiencyTable: TypeAlias = Table
+    DarkCurrentTable: TypeAlias = Table
+    SourceFollowerTable: TypeAlias = Table
+    ReadoutTable: TypeAlias = Table
+    AdcTable: TypeAlias = Table
+else:
+    PixelTable = _table("pixel", "One pixel.", PixelGeometry)
+    QuantumEfficiencyTable = _table("quantum_efficiency", "Electrons per photon, and the colour filters.")
+    DarkCurrentTable = _table("dark_current", "Electrons that come without light.")
+    SourceFollowerTable = _table("source_follower", "Noise and gain of the pixel's amplifier.")
+    ReadoutTable = _table("readout", "From charge to the voltage that the converter measures.")
+    AdcTable = _table("adc", "The analogue-to-digital converter.")
 
 
 class Camera(Section):
@@ -37,18 +54,19 @@ class Camera(Section):
     name: str = Field(description="how the camera is called", examples=["konnik_table1"])
     description: str = Field("", description="one line for people", examples=["the sensor of the paper"])
     sensor: SensorSection
-    pixel: PixelSection
-    quantum_efficiency: QuantumEfficiencySection
-    dark_current: DarkCurrentSection
-    source_follower: SourceFollowerSection
-    readout: ReadoutSection
-    adc: AdcSection
+    pixel: PixelTable
+    quantum_efficiency: QuantumEfficiencyTable
+    dark_current: DarkCurrentTable
+    source_follower: SourceFollowerTable
+    readout: ReadoutTable
+    adc: AdcTable
     lens: LensSection = LensSection()
     sources: dict[str, str] = Field(
         default_factory=dict,
         description="dotted field → where its number comes from",
         examples=[{"adc.bits": "Table 1"}],
     )
+    _added: tuple[tuple[str, Stage], ...] = PrivateAttr(())
 
     @model_validator(mode="after")
     def _sources_name_fields(self) -> Camera:
@@ -76,13 +94,45 @@ class Camera(Section):
                         table.pop(other, None)
             if path:
                 data["sources"][dotted] = "set by the user"
-        return _checked(data, self.name)
+        camera = _checked(data, self.name)
+        camera._added = self._added
+        return camera
+
+    def with_stage(self, stage: Stage, *, after: str) -> Camera:
+        """The same camera with a stage of yours in its chain: ``camera.with_stage(Banding(...), after="reset_noise")``.
+
+        after : key of the stage in front of it (the class name in small letters), whether this camera has it or not.
+        Raises InputError for an unknown place, and where the stage does not deliver the unit that is expected there.
+        """
+        places = {effect.key(): effect for effect in ORDER[:-1]}
+        if not isinstance(stage, Stage):
+            raise InputError(f"stage is {stage!r}; pass an instance of a class derived from mitsuba_sensor.Stage.")
+        if after not in places:
+            raise InputError(f"after is {after!r}; it must be one of {', '.join(places)}.{nearest(str(after), places)}")
+        if stage.domain != places[after].domain:
+            raise InputError(
+                f"{type(stage).__name__} delivers {stage.domain}, and behind {after} are {places[after].domain}; "
+                f"put it after another stage, or set its domain to {places[after].domain!r}."
+            )
+        camera = self.model_copy()
+        camera.__dict__.pop("stages", None)
+        camera._added = (*self._added, (after, stage))
+        return camera
+
+    def added_after(self, key: str) -> tuple[Stage, ...]:
+        """The stages that :meth:`with_stage` put behind this one."""
+        return tuple(stage for after, stage in self._added if after == key)
 
     @cached_property
-    def curves(self) -> tuple[QeCurve, ...]:
+    def stages(self) -> Chain:
+        """The signal chain of this camera, from photons to digital numbers."""
+        return chain(self)
+
+    @cached_property
+    def curves(self) -> tuple[SpectralCurve, ...]:
         """One QE curve per colour filter, in the order of :attr:`filter_names`."""
         section = self.quantum_efficiency
-        return tuple(QeCurve(section.wavelengths_nm, section.curves[name]) for name in self.filter_names)
+        return tuple(SpectralCurve(section.wavelengths_nm, section.curves[name]) for name in self.filter_names)
 
     @property
     def filter_names(self) -> tuple[str, ...]:

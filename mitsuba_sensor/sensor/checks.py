@@ -1,4 +1,4 @@
-"""What may be asked of expose() and plan(), checked once: each refusal holds the value, the range and the way out."""
+"""Checks of the arguments of expose() and plan(); each error has the value, the allowed range and the remedy."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from ..core.errors import InputError, nearest, require_seed
 from ..core.sensor_window import SensorWindow
 from ..core.signals import Photons
 from .camera import Camera
-from .electrons import ShotNoise
+from .stage import Chain
 
 
 def check_numbers(frames: Any, first_frame: Any, seed: Any) -> None:
-    """Raise InputError unless these are whole numbers that the counters of the random words can hold."""
+    """Raise InputError unless these are whole numbers that the counters of the random number generator can hold."""
     for name, number in (("frames", frames), ("first_frame", first_frame), ("seed", seed)):
         require_seed(name, number)
     if frames < 1 or first_frame + frames > 2**32:
@@ -34,24 +34,19 @@ def checked_names(keep: Any, known: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def checked_maps(
-    maps: Mapping[str, ArrayLike], stages: tuple[Any, ...], window: SensorWindow, camera: Camera
+    maps: Mapping[str, ArrayLike], stages: Chain, window: SensorWindow, camera: Camera
 ) -> dict[str, NDArray[np.float64]]:
     """Measured maps that fit the window, cut from the sensor's; a column's is (1, W), a row's (H, 1)."""
     shape, sensor = window.shape, (camera.sensor.rows, camera.sensor.columns)
     if not isinstance(maps, Mapping):
-        raise InputError(f"maps is a {type(maps).__name__}; pass a dict of name → array, as patterns() returns.")
+        raise InputError(f"maps is a {type(maps).__name__}; pass a dict of name → array, as fpn_maps() returns.")
     if not maps:
         return {}
-    known = {
-        name: value.shape
-        for s in stages
-        if hasattr(s, "maps")
-        for name, value in s.maps(SensorWindow(0, (2, 2))).items()
-    }
+    known = {name: value.shape for stage in stages for name, value in stage.fpn_maps(SensorWindow(0, (2, 2))).items()}
     checked = {}
     for name, values in maps.items():
         if name not in known:
-            there = ", ".join(known) or "none: the published chain draws its own"
+            there = ", ".join(known) or "none: the published chain makes its own"
             raise InputError(f"maps names {name!r}; this camera's maps are {there}.{nearest(str(name), known)}")
         array = numbers(f"maps[{name!r}]", values, "an array of numbers")
         for axis, places in enumerate((window.rows, window.columns)):
@@ -63,7 +58,7 @@ def checked_maps(
                 f"maps[{name!r}] has shape {array.shape}; it must be {fits}, or 1 along an axis, or the sensor's."
             )
         if not np.isfinite(array).all() or (not name.endswith("_e") and (array < 0).any()):
-            raise InputError(f"maps[{name!r}] holds NaN, infinite or negative values; mend the bad pixels first.")
+            raise InputError(f"maps[{name!r}] holds NaN, infinite or negative values; correct the bad pixels first.")
         checked[name] = array
     return checked
 
@@ -127,11 +122,11 @@ def _checked_variance(values: Any, mean: NDArray[np.float64], camera: Camera) ->
     return variance_e2
 
 
-def check_compensation(light: Photons, stages: tuple[Any, ...], frames: int) -> None:
+def check_compensation(light: Photons, stages: Chain, frames: int) -> None:
     """Raise InputError where the render's variance cannot be counted within the shot noise of each frame."""
     if light.variance_e2 is None:
         return
-    if not any(isinstance(stage, ShotNoise) for stage in stages):
+    if not any(stage.counts_electrons for stage in stages):
         raise InputError(
             "photons has variance_e2 and this chain has no shot noise to count it in; pass photons without it, or take "
             "the physical chain with a plan of a smaller tolerance_dn."
@@ -148,7 +143,7 @@ def _refuse(bad: NDArray[np.bool_], kind: str) -> None:
         first = tuple(int(i) for i in np.argwhere(bad)[0])
         raise InputError(
             f"photons is {kind} in {int(bad.sum())} place(s), first at {first}; a mean number of photons is 0 or more: "
-            f"clamp or mend them before expose()."
+            f"clamp or correct them before expose()."
         )
 
 

@@ -4,13 +4,41 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import accumulate
-from typing import Any, Literal
+from typing import Any, Literal, Self
+
+from pydantic import Field, model_validator
 
 from ..core import arrays
 from ..core.backend import Backend, uniforms
 from ..core.frame import Frame
 from ..core.moments import rectified_normal
 from ..core.sensor_window import SensorWindow
+from .datasheet import Chance, NotNegative, Positive, Section
+
+
+class DarkComponentSection(Section):
+    """A share of the pixels whose mean dark signal has a distribution of its own."""
+
+    weight: Chance = Field(description="share of the pixels", examples=[0.001])
+    family: Literal["uniform", "normal"] = Field(description="distribution of the component", examples=["uniform"])
+    low: NotNegative | None = Field(None, description="lower end of a uniform component [unit]", examples=[45])
+    high: Positive | None = Field(None, description="upper end of a uniform component [unit]", examples=[440])
+    mean: Positive | None = Field(None, description="mean of a normal component [unit]", examples=[18])
+    sigma: NotNegative | None = Field(None, description="σ of a normal component [unit]", examples=[4])
+    unit: Literal["e_per_s", "e", "dn"] = Field(description="unit of the numbers of this component", examples=["dn"])
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        wanted, other = (("low", "high"), ("mean", "sigma"))[:: 1 if self.family == "uniform" else -1]
+        if any(getattr(self, name) is None for name in wanted) or any(
+            getattr(self, name) is not None for name in other
+        ):
+            raise ValueError(
+                f"a {self.family} component has {wanted[0]} and {wanted[1]}, and neither {other[0]} nor {other[1]}"
+            )
+        if self.low is not None and self.high is not None and self.high <= self.low:
+            raise ValueError(f"low is {self.low:g} and high is {self.high:g}; high must be the larger")
+        return self
 
 
 @dataclass(frozen=True)
@@ -61,10 +89,10 @@ def superimpose(parts: tuple[DarkComponent, ...], main: Any, frame: Frame) -> An
 
 def component_maps(parts: tuple[DarkComponent, ...], window: SensorWindow) -> dict[str, Any]:
     """``dark_component``: number of the pixel's component; ``dark_component_quantile``: its quantile there."""
-    edges = tuple(accumulate(part.weight for part in parts))
+    number = _Number(tuple(accumulate(part.weight for part in parts)))
     return {
-        "dark_component": window.given_or("dark_component", lambda: window.fixed_map("dark_component", _Number(edges))),
-        "dark_component_quantile": window.given_or(
+        "dark_component": window.measured_or("dark_component", lambda: window.fixed_map("dark_component", number)),
+        "dark_component_quantile": window.measured_or(
             "dark_component_quantile", lambda: window.fixed_map("dark_fpn", uniforms)
         ),
     }

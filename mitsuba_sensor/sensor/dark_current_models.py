@@ -96,3 +96,6 @@ class Doubling:
     def rate_e_per_s(self, temperature_k: float) -> float:
         """Dark electrons per second."""
         return self.rate * math.exp2(min((temperature_k - self.at_temperature_k) / self.doubling_k, 400.0))
+
+
+DarkCurrentModel = FigureOfMerit | Mpp | Measured | Doubling

@@ -1,11 +1,11 @@
-"""expose(): photons in, digital numbers out."""
+"""expose(): mean photons per pixel → raw frames in digital numbers."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,15 +15,18 @@ from ..core.checks import check_types
 from ..core.errors import InputError, require_seed
 from ..core.exposure import Exposure
 from ..core.frame import Frame
+from ..core.options import complete, documents
 from ..core.sensor_window import SensorWindow
 from ..core.signals import Photons
 from .camera import Camera
-from .chain import adc_gain_dn_per_v
-from .chain import chain as physical_chain
 from .checks import as_photons, check_compensation, check_numbers, checked_maps, checked_names, checked_origin
+from .gains import adc_gain_dn_per_v
 from .konnik2014 import Konnik2014Settings, chain_of
-from .noise_budget import NoiseBudget, noise_budget_of, stage_report
-from .run import PRECISIONS, Engine, Precision, Run, choose_backend
+from .noise_budget import NoiseBudget, noise_budget
+from .options import ExposeOptions, Precision
+from .report import frame_report
+from .run import FrameRunner, choose_backend
+from .stage import Chain, converter_of
 
 if TYPE_CHECKING:
     from .plan import Plan
@@ -45,11 +48,11 @@ class Frames:
     photons, photoelectrons, dark_electrons, electrons, volts : (N, H, W) float64 if asked for by ``keep``, else None.
     """
 
-    digital: NDArray[Any]
+    digital: NDArray[np.unsignedinteger]
     camera: Camera
     light: Photons
     first: Frame
-    stages: tuple[Any, ...]
+    stages: Chain
     photons: NDArray[np.float64] | None = None
     photoelectrons: NDArray[np.float64] | None = None
     dark_electrons: NDArray[np.float64] | None = None
@@ -58,8 +61,8 @@ class Frames:
 
     @cached_property
     def report(self) -> dict[str, Any]:
-        """The first frame's account, ready for JSON: what every stage must do on average, and what it did."""
-        return stage_report(self.light, self.camera, self.first, self.stages)
+        """Theory and sample of every stage in the first frame, ready for JSON (see report.py)."""
+        return frame_report(self.light, self.camera, self.first, self.stages).values
 
     def minus(self, reference: Frames) -> NDArray[np.int64]:
         """Signed difference to a zero-exposure frame or a stack of as many, (N, H, W) [DN]: the paper's CDS.
@@ -74,11 +77,12 @@ class Frames:
             raise InputError(f"the reference has shape {other}; it must be {one}, or (1, {one[1]}, {one[2]}).")
         return self.digital.astype(np.int64) - reference.digital.astype(np.int64)
 
-    def noise_budget_of(self) -> NoiseBudget:
-        """What every source put into each pixel of the first frame, in DN; the parts add up to the frame."""
-        return noise_budget_of(self.light, self.first, self.stages)
+    def noise_budget(self) -> NoiseBudget:
+        """What every source contributes to each pixel of the first frame, in DN; the sum is the frame."""
+        return noise_budget(self.light, self.first, self.stages)
 
 
+@documents(ExposeOptions)
 def expose(
     photons: Photons | ArrayLike,
     camera: Camera,
@@ -88,48 +92,20 @@ def expose(
     serial: int = 1,
     frames: int = 1,
     first_frame: int = 0,
-    keep: Iterable[str] = (),
-    wavelengths_nm: ArrayLike | None = None,
-    origin: tuple[int, int] | None = None,
-    maps: Mapping[str, ArrayLike] | None = None,
-    plan: Plan | None = None,
-    chain: Literal["physical", "konnik2014"] = "physical",
-    engine: Engine = "auto",
-    precision: Precision = "auto",
+    **options: Unpack[ExposeOptions],
 ) -> Frames:
     """Raw frames that ``camera`` delivers for these mean photons per pixel.
 
     photons : what :func:`collect` returns, or an array: a scalar (the whole sensor), (H, W), or (H, W, B) with
         ``wavelengths_nm`` of length B.
-    seed : all noise that changes from frame to frame.  serial : the device, that is all patterns that never change.
+    seed : all noise that changes from frame to frame.  serial : which chip, that is all fixed-pattern noise.
     frames, first_frame : how many, and the number of the first; frame 12 is the same made alone or after eleven others.
-    keep : any of "photons", "photoelectrons", "dark_electrons", "electrons", "volts".
-    maps : measured fixed patterns in place of the serial's own, by the names that :func:`fpn_maps` returns; of this
-        window, or of the whole sensor.
-    origin : (row, column) of the first pixel on the sensor, by default that of the photons: a crop of a frame is the
-        frame of the crop.
-    plan : what :func:`plan` left of the chain; the whole chain without one.
-    chain : "physical", or "konnik2014" for the published code's behaviour (comparison only; docs/konnik2014.md).
-    engine : "numpy", "drjit" (one kernel for LLVM, the same bytes), "cuda" (the same words; how near its bytes are
-        is not measured yet), or "auto", which compiles for LLVM where that is quicker.
-    precision : "float32", "float64" (NumPy only; the reference), or "auto": what the plan found
-        to be enough; without a plan float32, unless the full well or the codes go beyond 2^24, where it stops counting,
-        or the gain of the converter beyond 1e30 DN/V.
     Raises InputError for NaN or negative photons, naming how many there are and where the first one is.
     """
-    wanted = checked_names(keep, KEEP)
-    run = _prepared(
-        photons, camera, exposure, seed, serial, frames, first_frame, wavelengths_nm, origin, maps, plan, chain,
-        engine, precision,
-    )  # fmt: skip
-    shape, code_type = run.first.window.shape, np.min_scalar_type(run.stages[-1].highest)
-    kept = {name: np.empty((frames, *shape)) for name in wanted} | {"digital": np.empty((frames, *shape), code_type)}
-    for _ in run.frames(first_frame, frames, lambda i: {name: x[i - first_frame] for name, x in kept.items()}):
-        pass
-    backend = NUMPY_FLOAT64 if run.first.window.backend is NUMPY_FLOAT64 else NUMPY_FLOAT32
-    return Frames(kept.pop("digital"), camera, run.light, run.first.on(backend), run.stages, **kept)
+    return prepared(photons, camera, exposure, (seed, serial), (first_frame, frames), options).frames()
 
 
+@documents(ExposeOptions)
 def stream(
     photons: Photons | ArrayLike,
     camera: Camera,
@@ -139,47 +115,135 @@ def stream(
     serial: int = 1,
     frames: int = 1,
     first_frame: int = 0,
-    wavelengths_nm: ArrayLike | None = None,
-    origin: tuple[int, int] | None = None,
-    maps: Mapping[str, ArrayLike] | None = None,
-    plan: Plan | None = None,
-    chain: Literal["physical", "konnik2014"] = "physical",
-    engine: Engine = "auto",
-    precision: Precision = "auto",
-) -> Iterator[NDArray[Any]]:
+    **options: Unpack[ExposeOptions],
+) -> Iterator[NDArray[np.unsignedinteger]]:
     """The frames of :func:`expose` one at a time, each (H, W) [DN]: for more of them than memory holds.
 
     Everything is checked at once; light and maps are made with the first frame that is asked for.
     """
-    run = _prepared(
-        photons, camera, exposure, seed, serial, frames, first_frame, wavelengths_nm, origin, maps, plan, chain,
-        engine, precision,
-    )  # fmt: skip
-    shape, code_type = run.first.window.shape, np.min_scalar_type(run.stages[-1].highest)
-    done = run.frames(first_frame, frames, lambda _: {"digital": np.empty(shape, code_type)})
-    return (sinks.pop("digital") for sinks in done)  # popped: nobody here holds a frame that was delivered
+    return prepared(photons, camera, exposure, (seed, serial), (first_frame, frames), options).stream()
 
 
-def _prepared(
-    photons: Any, camera: Camera, exposure: Exposure, seed: int, serial: int, frames: int, first_frame: int,
-    wavelengths_nm: Any, origin: Any, maps: Any, plan: Plan | None, chain: str, engine: str, precision: str,
-) -> Run:  # fmt: skip
-    """All that was asked for, checked, and ready to run."""
+@dataclass(frozen=True, eq=False)
+class PreparedExposure:
+    """Everything that an exposure needs but the light, checked: ``prepare_exposure(…).of(photons).frames()``.
+
+    first : the first frame, whose window has the backend and the given FPN maps.  keep : names of signals to return.
+    count : how many frames.
+    """
+
+    camera: Camera
+    stages: Chain
+    first: Frame
+    count: int
+    keep: tuple[str, ...]
+    light: Photons | None = None
+
+    def of(self, light: Photons) -> PreparedExposure:
+        """With this light, of the shape of the window. Raises InputError where its variance cannot be compensated."""
+        check_compensation(light, self.stages, self.count)
+        return replace(self, light=light)
+
+    def frames(self) -> Frames:
+        """All frames at once."""
+        kept = {name: np.empty((self.count, *self.first.window.shape)) for name in self.keep}
+        kept["digital"] = np.empty((self.count, *self.first.window.shape), self._code_type)
+        first = self.first.index
+        done = self._runner.frames(first, self.count, lambda i: {name: x[i - first] for name, x in kept.items()})
+        for _ in done:
+            pass
+        return self._frames(kept)
+
+    def frames_with_report(self) -> Frames:
+        """The same, with the report of the first frame made along with it: each frame is computed once."""
+        light, reported = self._light, frame_report(self._light, self.camera, self._on_numpy, self.stages)
+        rest = replace(self, first=replace(self.first, index=self.first.index + 1, _blocks={}), count=self.count - 1)
+        others = rest.frames() if rest.count else None
+        kept = {}
+        for name in (*self.keep, "digital"):
+            one = reported.signals[name] if name != "photons" else light.total
+            one = np.asarray(one, self._code_type if name == "digital" else np.float64)[None]
+            kept[name] = one if others is None else np.concatenate([one, getattr(others, name)])
+        frames = self._frames(kept)
+        frames.__dict__["report"] = reported.values
+        return frames
+
+    def stream(self) -> Iterator[NDArray[np.unsignedinteger]]:
+        """One frame at a time."""
+        shape, code_type = self.first.window.shape, self._code_type
+        done = self._runner.frames(self.first.index, self.count, lambda _: {"digital": np.empty(shape, code_type)})
+        return (sinks.pop("digital") for sinks in done)  # popped: nobody here keeps a frame that was delivered
+
+    @property
+    def _light(self) -> Photons:
+        if self.light is None:
+            raise TypeError("an exposure needs its light: prepare_exposure(…).of(photons)")
+        return self.light
+
+    @property
+    def _runner(self) -> FrameRunner:
+        return FrameRunner(self.stages, self._light, self.first)
+
+    @property
+    def _code_type(self) -> np.dtype[np.unsignedinteger]:
+        return np.min_scalar_type(converter_of(self.stages).highest)
+
+    @property
+    def _on_numpy(self) -> Frame:
+        """The first frame on the NumPy backend of the same precision, which has the same bytes."""
+        return self.first.on(NUMPY_FLOAT64 if self.first.window.backend is NUMPY_FLOAT64 else NUMPY_FLOAT32)
+
+    def _frames(self, kept: dict[str, NDArray[Any]]) -> Frames:
+        return Frames(kept.pop("digital"), self.camera, self._light, self._on_numpy, self.stages, **kept)
+
+
+def prepared(
+    photons: Photons | ArrayLike,
+    camera: Camera,
+    exposure: Exposure,
+    seeds: tuple[int, int],
+    numbers: tuple[int, int],
+    options: ExposeOptions,
+) -> PreparedExposure:
+    """An exposure with its light.  seeds : seed and serial.  numbers : first frame and how many. Raises InputError."""
     check_types(camera, exposure)
-    light = as_photons(photons, camera, wavelengths_nm)
+    light = as_photons(photons, camera, options.get("wavelengths_nm"))
+    height, width = light.mean.shape[:2]
+    given = options.get("origin")
+    origin = checked_origin(light.origin if given is None else given)
+    return prepare_exposure(camera, exposure, (height, width), origin, seeds, numbers, options).of(light)
+
+
+def prepare_exposure(
+    camera: Camera,
+    exposure: Exposure,
+    shape: tuple[int, int],
+    origin: tuple[int, int],
+    seeds: tuple[int, int],
+    numbers: tuple[int, int],
+    options: ExposeOptions,
+) -> PreparedExposure:
+    """Check all that does not depend on the light, and build the chain.
+
+    shape, origin : (rows, columns) of the window and its first pixel.  seeds : seed and serial.
+    numbers : number of the first frame and how many frames.  Raises InputError.
+    """
+    check_types(camera, exposure)
+    (seed, serial), (first_frame, frames) = seeds, numbers
     check_numbers(frames, first_frame, seed)
-    stages = _stages(camera, plan, chain)
-    check_compensation(light, stages, frames)
-    shape = light.mean.shape[0], light.mean.shape[1]
-    window = SensorWindow(serial, shape, checked_origin(light.origin if origin is None else origin))
-    backend = choose_backend(engine, _precision(precision, camera, plan, chain), frames * shape[0] * shape[1])
-    window = replace(window, given=checked_maps({} if maps is None else maps, stages, window, camera), backend=backend)
-    return Run(stages, light, Frame(exposure, window, seed, first_frame))
+    chosen = complete(ExposeOptions, options)
+    keep = checked_names(chosen["keep"], KEEP)
+    stages = _stages(camera, chosen["plan"], chosen["chain"])
+    precision = _precision(chosen["precision"], camera, chosen["plan"], chosen["chain"])
+    backend = choose_backend(chosen["engine"], precision, frames * shape[0] * shape[1])
+    window = SensorWindow(serial, shape, origin)
+    given = checked_maps({} if chosen["maps"] is None else chosen["maps"], stages, window, camera)
+    window = replace(window, given=given, backend=backend)
+    return PreparedExposure(camera, stages, Frame(exposure, window, seed, first_frame), frames, keep)
 
 
 def _precision(asked: str, camera: Camera, plan: Plan | None, chain: str) -> str:
-    if asked not in PRECISIONS:
-        raise InputError(f"precision is {asked!r}; it must be one of {', '.join(PRECISIONS)}.")
+    """ "float32" or "float64": as asked, else as the plan found, else float32 while it can count single electrons."""
     if chain == "konnik2014":  # a comparison, in the precision of the published code
         if asked == "float32":
             raise InputError("precision is 'float32' and chain konnik2014 is float64 only; leave the precision out.")
@@ -198,19 +262,17 @@ def _precision(asked: str, camera: Camera, plan: Plan | None, chain: str) -> str
     return "float32" if countable and gain <= BRIGHTEST else "float64"
 
 
-def _stages(camera: Camera, plan: Plan | None, chain: str) -> tuple[Any, ...]:
+def _stages(camera: Camera, plan: Plan | None, chain: str) -> Chain:
     """What the plan left of this camera's chain, or the whole chain of that name."""
     if plan is None:
         if chain == "konnik2014":
             return chain_of(Konnik2014Settings.from_camera(camera))
-        if chain != "physical":
-            raise InputError(f"chain is {chain!r}; it must be 'physical', or 'konnik2014' for the published code.")
-        return physical_chain(camera)
+        return camera.stages
     if not hasattr(plan, "whole"):
         raise InputError(f"plan is {plan!r}; pass what plan(camera, exposure, photons) returns.")
     if chain != "physical":
         raise InputError(f"chain is {chain!r} and a plan is given; a plan is for the physical chain: pass one of them.")
-    if plan.whole != physical_chain(camera):
+    if plan.whole != camera.stages:
         raise InputError(
             f"plan was made for another camera, {plan.camera}; make one for this one with plan(camera, …)."
         )
@@ -218,23 +280,25 @@ def _stages(camera: Camera, plan: Plan | None, chain: str) -> tuple[Any, ...]:
 
 
 def fpn_maps(
-    camera: Camera, shape: tuple[int, int] | None = None, *, serial: int = 1, origin: tuple[int, int] = (0, 0),
+    camera: Camera,
+    shape: tuple[int, int] | None = None,
+    *,
+    serial: int = 1,
+    origin: tuple[int, int] = (0, 0),
     precision: Precision = "auto",
-) -> dict[str, NDArray[np.float64]]:  # fmt: skip
-    """Every fixed pattern of one device, by name: gains (1 on average), dark factors (1), offsets in electrons (0).
+) -> dict[str, NDArray[np.float64]]:
+    """Every FPN map of one chip, by name: gains (1 on average), dark current factors (1), offsets in electrons (0).
 
-    shape : (rows, columns) of the window; the whole sensor by default. What comes out goes into ``expose(maps=…)``.
-    precision : of :func:`expose`, so that these are the very maps that it draws.
+    shape : (rows, columns) of the window; the whole sensor by default. The result fits ``expose(maps=…)``.
+    precision : of :func:`expose`, so that these are the very maps that it uses.
     """
     check_types(camera, Exposure(0.0))
     size = (camera.sensor.rows, camera.sensor.columns) if shape is None else shape
     if not isinstance(size, tuple | list) or len(size) != 2 or 0 in size:
         raise InputError(f"shape is {size!r}; it must be (rows, columns) of the window, e.g. (480, 640).")
     height, width = require_seed("shape", size[0]), require_seed("shape", size[1])
-    backend = choose_backend("numpy", _precision(precision, camera, None, "physical"), 0)
+    asked = complete(ExposeOptions, {"precision": precision})["precision"]
+    backend = choose_backend("numpy", _precision(asked, camera, None, "physical"), 0)
     window = SensorWindow(serial, (height, width), checked_origin(origin), backend=backend)
-    found: dict[str, NDArray[np.float64]] = {}
-    for stage in physical_chain(camera):
-        if hasattr(stage, "maps"):
-            found |= {name: np.asarray(x, dtype=np.float64) for name, x in stage.maps(window).items()}
-    return found
+    found = [stage.fpn_maps(window) for stage in camera.stages]
+    return {name: np.asarray(x, dtype=np.float64) for maps in found for name, x in maps.items()}

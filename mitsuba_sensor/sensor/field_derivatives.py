@@ -22,7 +22,8 @@ from ..core.types import Float64Array
 from .camera import Camera
 from .chain import chain
 from .datasheet_errors import fields_of
-from .run import begin, run_chain
+from .run import begin
+from .stage import sample
 
 TIME, TEMPERATURE = "exposure.time_s", "exposure.temperature_k"
 
@@ -128,7 +129,7 @@ class Recording:
         """Every number of this camera, in the order in which the stages use them."""
         backend, stages = RecordingBackend(), chain(camera)
         frame = replace(self.first, exposure=exposure, window=replace(self.first.window, backend=backend, _maps={}))
-        run_chain(stages[1:], begin(stages, self.light, frame), replace(frame, _blocks={}))
+        sample(stages[1:], begin(stages, self.light, frame), replace(frame, _blocks={}))
         return backend.numbers
 
     def _around(self, name: str, value: float, step: float) -> tuple[tuple[int, ...], list[tuple[Camera, Exposure]]]:

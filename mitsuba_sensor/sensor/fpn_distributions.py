@@ -61,7 +61,7 @@ class Wald(FpnDistribution):
 
     def map_of(self, window: SensorWindow, source: str) -> Any:
         """The camera's map, (H, W): the two roots of a χ² draw, and a second word that picks one."""
-        return window.once((source, self), lambda: self._from(window, source))
+        return window.cached((source, self), lambda: self._from(window, source))
 
     def _from(self, window: SensorWindow, source: str) -> Any:
         z, pick = window.fixed_map(source, normals), window.fixed_map(f"{source}_pick", uniforms)

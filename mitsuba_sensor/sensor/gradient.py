@@ -23,7 +23,8 @@ from .camera import Camera
 from .chain import chain
 from .checks import as_photons, check_numbers, checked_maps, checked_origin
 from .field_derivatives import Recording
-from .run import begin, choose_backend, run_chain
+from .run import begin, choose_backend
+from .stage import sample
 
 PHOTONS = "photons"
 """The name of the mean photons among the parameters."""
@@ -103,7 +104,7 @@ class DifferentiableFrames:
         start = self.start
         if PHOTONS in self.parameters:
             start = replace(start, light=backend.with_slopes(start.light, {PHOTONS: 1.0}))
-        digital = run_chain(self.stages[1:], start, replace(self.first, index=index, window=window, _blocks={}))
+        digital = sample(self.stages[1:], start, replace(self.first, index=index, window=window, _blocks={}))
         return DifferentiableFrame(digital, self, backend)
 
     @cached_property
@@ -111,10 +112,10 @@ class DifferentiableFrames:
         """Mean electrons (interactions, where there is a yield) per photon, in the shape of the photons."""
         frame, shape, bands = self.first.on(NUMPY_FLOAT32), self.light.mean.shape, self.light.wavelengths_nm
         if bands is None or len(shape) == 2:
-            light: Float32Array = self.stages[0](Photons(np.ones(shape), bands), frame).light
+            light: Float32Array = self.stages[0].sample(Photons(np.ones(shape), bands), frame).light
             return light
         ones = [Photons(np.ones((*shape[:2], 1)), np.array([nm])) for nm in bands]
-        return np.stack([self.stages[0](one, frame).light for one in ones], axis=-1)
+        return np.stack([self.stages[0].sample(one, frame).light for one in ones], axis=-1)
 
 
 def differentiable(

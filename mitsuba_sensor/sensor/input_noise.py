@@ -12,8 +12,7 @@ from ..core.frame import Frame
 from ..core.moments import Moments
 from ..core.sensor_window import SensorWindow
 from .camera import Camera
-from .chain import adc_gain_dn_per_v, analogue, black_level_dn, collection
-from .electrons import FullWell
+from .stage import converter_of, propagate
 
 LEVELS = 513  # light levels of the table, evenly spaced in ln(1 + μ): 3 % apart at a full well of 33 000 e-
 BEYOND_WELL = 4.0  # the table ends at so many full wells; nothing is left of the light there
@@ -43,12 +42,10 @@ def input_noise(camera: Camera, exposure: Exposure) -> InputNoise:
     """
     most = BEYOND_WELL * camera.pixel.full_well_e
     levels = np.expm1(np.linspace(0.0, np.log1p(most), LEVELS))
-    stages = (*collection(camera)[1:], FullWell(camera.pixel.full_well_e), *analogue(camera))
-    m = Moments(levels[None, :], 0.0, 0.0, Frame(exposure, SensorWindow(0, (1, LEVELS))))
-    for stage in stages:
-        m = stage.moments(m)
-    gain = adc_gain_dn_per_v(camera)
+    dark = Moments(levels[None, :], 0.0, 0.0, Frame(exposure, SensorWindow(0, (1, LEVELS))))
+    m, converter = propagate(camera.stages[1:-1], dark), converter_of(camera.stages)
+    gain = converter.gain_dn_per_v
     signal, variance = np.ravel(m.mean) * gain, np.ravel(np.broadcast_to(m.temporal, (1, LEVELS))) * gain**2 + 1 / 12
     slope = np.gradient(signal, levels)
-    slope[signal + black_level_dn(camera) >= 2**camera.adc.bits - 1] = 0.0
+    slope[signal + converter.black_level_dn >= converter.highest] = 0.0
     return InputNoise(levels, slope**2 / variance)

@@ -20,18 +20,11 @@ from ..core.moments import Moments
 from ..core.sensor_window import SensorWindow
 from ..core.signals import Photons
 from .camera import Camera
-from .chain import chain
 from .checks import as_photons
-from .digital import Adc
-from .electrons import Detection
-from .noise_budget import stage_name
 from .precision import Float32, float32_effect
-from .run import row_strips_of, run_chain
+from .run import row_strips_of
+from .stage import Chain, Stage, sample
 from .theory import FinalMoments, final_moments
-from .volts import NonlinearSenseNode, SenseNode
-
-INDISPENSABLE = (Detection, SenseNode, NonlinearSenseNode, Adc)
-"""These change the unit of the signal: without them there is no next room."""
 
 RUNS = 5
 """Timed runs of each chain; they take turns, so that a machine that slows down slows both."""
@@ -63,15 +56,17 @@ class Plan:
     camera: str
     tolerance_dn: float
     effects: tuple[Effect, ...]
-    stages: tuple[Any, ...] = field(repr=False)
-    whole: tuple[Any, ...] = field(repr=False)
+    stages: Chain = field(repr=False)
+    whole: Chain = field(repr=False)
     float32: Float32
     photons: Photons = field(repr=False)
     frame: Frame = field(repr=False)
 
     def explain(self) -> str:
         """A table for people."""
-        head = f"{'stage':<23}{'':<10}{'mean':>11}{'temporal σ':>12}{'fixed σ':>11}   what it changes here at most [DN]"
+        head = (
+            f"{'stage':<23}{'':<10}{'mean':>11}{'temporal σ':>12}{'spatial σ':>11}   what it changes here at most [DN]"
+        )
         lines = [f"Plan for {self.camera}: a stage is left out if all that is left out moves no level by more than "
                  f"{self.tolerance_dn:g} DN.", head]  # fmt: skip
         for e in self.effects:
@@ -91,14 +86,14 @@ class Plan:
     def seconds(self) -> tuple[float, float]:
         """Measured seconds per frame, whole chain and plan: medians of interleaved runs of the scene's top strip."""
         rows = next(row_strips_of(self.frame.window.shape, NUMPY_FLOAT64.strip))
-        strip = replace(self.photons.rows_only(rows), variance_e2=None)
+        strip = replace(self.photons.crop_rows(rows), variance_e2=None)
         frame = self.frame.on(NUMPY_FLOAT32 if self.precision == "float32" else NUMPY_FLOAT64)
-        part = replace(frame, window=frame.window.rows_only(rows))
+        part = replace(frame, window=frame.window.crop_rows(rows))
         times: tuple[list[float], list[float]] = ([], [])
         for run in range(RUNS + 1):
             for spent, stages in zip(times, (self.whole, self.stages), strict=True):
                 started = time.perf_counter()
-                run_chain(stages, strip, replace(part, index=run, _blocks={}))
+                sample(stages, strip, replace(part, index=run, _blocks={}))
                 spent.append(time.perf_counter() - started)
         share = (rows.stop - rows.start) / self.frame.window.shape[0]
         whole_s, planned_s = (statistics.median(spent[1:]) / share for spent in times)  # the first makes the maps
@@ -115,10 +110,13 @@ class Plan:
 
 
 def plan(
-    camera: Camera, exposure: Exposure, photons: Photons | ArrayLike, tolerance_dn: float = 0.0,
+    camera: Camera,
+    exposure: Exposure,
+    photons: Photons | ArrayLike,
+    tolerance_dn: float = 0.0,
     wavelengths_nm: ArrayLike | None = None,
-) -> Plan:  # fmt: skip
-    """Which stages this exposure needs, by walking the moments of the chain over the scene's light levels.
+) -> Plan:
+    """Which stages this exposure needs, from the moments of the chain at the scene's light levels.
 
     photons, wavelengths_nm : as for :func:`expose`.
     tolerance_dn : how far the stages left out may together move mean, temporal σ or fixed σ at any level [DN];
@@ -129,11 +127,11 @@ def plan(
     require("tolerance_dn", tolerance_dn, 0.0, float("inf"), "digital numbers, e.g. 0.02")
     light = as_photons(photons, camera, wavelengths_nm)
     levels, frame = _levels(light, camera, exposure)
-    whole = chain(camera)
+    whole = camera.stages
     full = final_moments(whole, levels, frame)
-    free = [stage for stage in whole if not isinstance(stage, INDISPENSABLE)]
+    free = [stage for stage in whole if not stage.required]
     alone = {stage: _distance(full, final_moments(without(whole, {stage}), levels, frame)) for stage in free}
-    out: set[Any] = set()
+    out: set[Stage] = set()
     for stage in sorted((s for s in free if max(alone[s]) <= tolerance_dn), key=lambda s: max(alone[s])):
         if max(_distance(full, final_moments(without(whole, out | {stage}), levels, frame))) <= tolerance_dn:
             out.add(stage)
@@ -143,14 +141,14 @@ def plan(
     return Plan(camera.name, tolerance_dn, effects, kept, whole, float32_effect(kept, levels, frame), light, scene)
 
 
-def _effect(stage: Any, moved: tuple[float, float, float] | None, left_out: bool) -> Effect:
+def _effect(stage: Stage, moved: tuple[float, float, float] | None, left_out: bool) -> Effect:
     if moved is None:
-        return Effect(stage_name(stage), True, 0.0, 0.0, 0.0, "changes the unit; always needed")
+        return Effect(stage.label, True, 0.0, 0.0, 0.0, "changes the unit; always needed")
     reason = IDLE if max(moved) == 0 else "below the tolerance" if left_out else ""
-    return Effect(stage_name(stage), not left_out, *moved, reason)
+    return Effect(stage.label, not left_out, *moved, reason)
 
 
-def without(stages: tuple[Any, ...], out: set[Any]) -> tuple[Any, ...]:
+def without(stages: Chain, out: set[Stage]) -> Chain:
     """The chain without these stages."""
     return tuple(stage for stage in stages if stage not in out)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
 from ..core.frame import Frame
 from ..core.sensor_window import SensorWindow
 from ..core.signals import Photons
-from .run import run_chain
+from .stage import Chain, converter_of, sample
 
 SHARE, LARGEST_DN = 0.01, 1.0
 """More pixels than this, or a larger step, and float64 is the better choice."""
@@ -45,7 +45,7 @@ class Float32:
         return f"float32: {share} differ from float64, by at most {self.largest_dn:g} DN; {end}"
 
 
-def float32_effect(stages: tuple[Any, ...], levels: Photons, frame: Frame) -> Float32:
+def float32_effect(stages: Chain, levels: Photons, frame: Frame) -> Float32:
     """Compare both precisions on the light levels of a scene, as often as makes PIXELS of them.
 
     levels : one window (H, W) or (H, W, B).  frame : whose exposure, serial and seed to take.
@@ -55,8 +55,8 @@ def float32_effect(stages: tuple[Any, ...], levels: Photons, frame: Frame) -> Fl
     light = replace(levels, mean=np.concatenate([levels.mean] * times))
     window = Frame(frame.exposure, SensorWindow(frame.window.serial, (height * times, width)), frame.seed)
     with np.errstate(over="ignore", invalid="ignore"):
-        single, double = (run_chain(stages, light, window.on(backend)) for backend in (NUMPY_FLOAT32, NUMPY_FLOAT64))
+        single, double = (sample(stages, light, window.on(backend)) for backend in (NUMPY_FLOAT32, NUMPY_FLOAT64))
     moved = np.abs(np.subtract(single, double, dtype=np.float64))
-    moved = np.where(np.isfinite(moved), moved, stages[-1].highest)
-    electron_dn = np.floor(np.prod([getattr(stage, "nominal_gain", 1.0) for stage in stages]))
+    moved = np.where(np.isfinite(moved), moved, converter_of(stages).highest)
+    electron_dn = np.floor(np.prod([stage.nominal_gain for stage in stages]))
     return Float32(float(np.mean(moved > 0)), float(max(moved.max(), electron_dn)))

@@ -1,30 +1,29 @@
-"""How a frame is run: in strips of rows, on the threads of the host or by a compiled kernel."""
+"""Frames of one window and light: computed strip by strip of rows, on threads of the host or by a compiled kernel."""
 
 from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Hashable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, Backend, Job
+from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, Backend, PendingStrip
 from ..core.errors import InputError, nearest
 from ..core.frame import Frame
 from ..core.llvm import backend_problem
 from ..core.sensor_window import SensorWindow
 from ..core.signals import Electrons, Photons
-from .noise_budget import plain
+from ..core.types import Array
+from .options import Engine, Precision
+from .stage import Chain, Stage, sample, total
 
-Engine = Literal["auto", "numpy", "drjit", "cuda"]
-Precision = Literal["auto", "float32", "float64"]
-
-ENGINES = ("auto", "numpy", "drjit", "cuda")
-PRECISIONS = ("auto", "float32", "float64")
+ENGINES = get_args(Engine)
+PRECISIONS = get_args(Precision)
 
 WORTH_COMPILING = 2**23
 """Pixels in all frames together from which on "auto" compiles a kernel. NumPy needs a second for them on two
@@ -34,7 +33,7 @@ Sinks = dict[str, NDArray[Any]]
 
 
 def choose_backend(engine: str, precision: str, pixels: int) -> Backend:
-    """The engine for so many pixels. precision : "float32" or "float64"; the latter is NumPy's.
+    """The backend for so many pixels. precision : "float32" or "float64"; the latter is NumPy's.
 
     Raises InputError for an unknown engine, one that is not on this machine, and float64 on a compiled engine.
     """
@@ -74,23 +73,23 @@ def row_strips_of(shape: tuple[int, int], pixels: int) -> Iterator[slice]:
 
 
 @dataclass(eq=False)
-class Run:
-    """Frames of one device and one light, strip by strip of rows; maps stay with their strips between the frames.
+class FrameRunner:
+    """Frames of one window and one light, strip by strip of rows; FPN maps stay with their strips between the frames.
 
     On NumPy as many strips as there are processors are in flight; a compiled kernel shares them out by itself.
     """
 
-    stages: tuple[Any, ...]
+    stages: Chain
     light: Photons
     first: Frame
-    _parts: dict[int, tuple[SensorWindow, Any]] = field(default_factory=dict)
-    _maps: dict[Any, NDArray[Any]] = field(default_factory=dict)
-    _lock: Any = field(default_factory=threading.Lock)
+    _parts: dict[int, tuple[SensorWindow, Electrons | None]] = field(default_factory=dict)
+    _maps: dict[Hashable, NDArray[Any]] = field(default_factory=dict)
+    _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def __post_init__(self) -> None:
         backend = self.first.window.backend
         self._rows = list(row_strips_of(self.first.window.shape, backend.strip))
-        workers = min(processors(), len(self._rows)) if backend.on_host else 1
+        workers = min(processors(), len(self._rows)) if not backend.compiled else 1
         self._pool = ThreadPoolExecutor(workers) if workers > 1 else None
 
     def frames(self, first: int, count: int, sinks_of: Callable[[int], Sinks]) -> Iterator[Sinks]:
@@ -98,31 +97,31 @@ class Run:
 
         A compiled engine traces the next strip while it computes one; there a frame comes when the next has begun.
         """
-        before, ready = Job(), None
+        before, ready = PendingStrip(), None
         try:
             for index in range(first, first + count):
                 sinks = sinks_of(index)
                 for job in self._jobs(index, sinks, index + 1 == first + count):
                     before.wait()
                     job.launch()
-                    before.deliver()
+                    before.copy()
                     before = job
                     if ready is not None:
                         yield ready
                         ready = None
                 ready = sinks
-                if self.first.window.backend.on_host:
+                if not self.first.window.backend.compiled:
                     yield ready
                     ready = None
             before.wait()
-            before.deliver()
+            before.copy()
             if ready is not None:
                 yield ready
         finally:  # also when nobody asks for the rest
             self._close()
 
-    def _jobs(self, index: int, sinks: Sinks, last: bool) -> Iterator[Job]:
-        """One job after the other, a strip each; on the host they are done."""
+    def _jobs(self, index: int, sinks: Sinks, last: bool) -> Iterator[PendingStrip]:
+        """One job per strip; on the host they are done."""
         numbers = range(len(self._rows))
         if self._pool is None:
             yield from (self._strip(number, index, sinks, last) for number in numbers)
@@ -131,15 +130,15 @@ class Run:
                 yield done.result()
 
     def _close(self) -> None:
-        """Let the threads and the maps go."""
+        """Release the threads and the maps."""
         self._parts.clear()
         self._maps.clear()
         if self._pool:
             self._pool.shutdown()
 
-    def _strip(self, number: int, index: int, sinks: Sinks, last: bool) -> Job:
+    def _strip(self, number: int, index: int, sinks: Sinks, last: bool) -> PendingStrip:
         rows = self._rows[number]
-        strip = self.light.rows_only(rows)
+        strip = self.light.crop_rows(rows)
         new = number not in self._parts
         window, start = self._part(strip, rows) if new else self._parts.pop(number)
         frame = Frame(self.first.exposure, window, self.first.seed, index)
@@ -149,15 +148,15 @@ class Run:
             if name == "digital":
                 if not last:
                     self._keep(number, window, start, new)
-                return window.backend.job(signal, window, sinks[name][rows])
+                return window.backend.pending(signal, window, sinks[name][rows])
             if name in sinks:
                 sinks[name][rows] = window.backend.to_numpy(signal, window)
         raise AssertionError("the last stage of a chain delivers digital numbers")
 
-    def _keep(self, number: int, window: SensorWindow, start: Any, new: bool) -> None:
+    def _keep(self, number: int, window: SensorWindow, start: Electrons | None, new: bool) -> None:
         """Keep a strip's maps for the next frame; on the host in one array per map, whole, so that memory stays so."""
         self._parts[number] = window, start
-        if not (new and window.backend.on_host):
+        if not (new and not window.backend.compiled):
             return
         shape, rows = self.first.window.shape, self._rows[number]
         for key, strip in window.maps_made.items():
@@ -169,27 +168,27 @@ class Run:
                 whole[rows] = strip
                 window.store(key, whole[rows])
 
-    def _part(self, strip: Photons, rows: slice) -> tuple[SensorWindow, Any]:
-        """The strip's device with its maps, and for a compiled engine the light that it has detected."""
-        window = self.first.window.rows_only(rows)
-        if window.backend.on_host:
+    def _part(self, strip: Photons, rows: slice) -> tuple[SensorWindow, Electrons | None]:
+        """The strip's window with its maps, and for a compiled backend its photoelectrons."""
+        window = self.first.window.crop_rows(rows)
+        if not window.backend.compiled:
             return window, None
         return window, begin(self.stages, strip, replace(self.first, window=window))
 
 
-def begin(stages: tuple[Any, ...], light: Photons, frame: Frame) -> Electrons:
-    """What a compiled engine does once for many frames: it detects the light and makes the maps that are asked for."""
+def begin(stages: Chain, light: Photons, frame: Frame) -> Electrons:
+    """What a compiled backend computes once for many frames: mean photoelectrons, and all FPN maps."""
     electrons = detected(stages[0], light, frame)
-    run_chain(stages[1:], electrons, replace(frame, _blocks={}))  # traced and thrown away, but for its maps
+    sample(stages[1:], electrons, replace(frame, _blocks={}))  # traced and discarded: this makes the maps
     frame.window.backend.evaluate(frame.window)
     return electrons
 
 
-def detected(detection: Any, light: Photons, frame: Frame) -> Electrons:
-    """Mean electrons for a compiled engine, by way of the host, a few rows at a time."""
+def detected(detection: Stage, light: Photons, frame: Frame) -> Electrons:
+    """Mean photoelectrons for a compiled backend: computed on the host, a few rows at a time."""
     window, host = frame.window, frame.on(NUMPY_FLOAT32).window
     parts = [
-        detection(light.rows_only(rows), replace(frame, window=host.rows_only(rows), _blocks={}))
+        detection.sample(light.crop_rows(rows), replace(frame, window=host.crop_rows(rows), _blocks={}))
         for rows in row_strips_of(window.shape, NUMPY_FLOAT32.strip)
     ]
     layers = {
@@ -201,27 +200,25 @@ def detected(detection: Any, light: Photons, frame: Frame) -> Electrons:
 
 
 LAYERS = ("light", "yield_mean", "yield_variance", "variance_e2")
-"""What a detection makes one of per pixel, where it makes it."""
+"""Fields of :class:`Electrons` that can have one value per pixel before the shot noise."""
 
 
-def run_chain(stages: tuple[Any, ...], light: Photons | Electrons, frame: Frame) -> Any:
-    """One frame through these stages: digital numbers (H, W), as floats."""
-    signal: Any = light
-    for stage in stages:
-        signal = stage(signal, frame)
-    return signal
-
-
-def signals(stages: tuple[Any, ...], start: Any, frame: Frame) -> Iterator[tuple[str, Any]]:
-    """One frame through the chain, from photons or from the electrons detected; (name, signal) at each room's door."""
-    signal: Any = start
+def signals(stages: Chain, start: Photons | Electrons, frame: Frame) -> Iterator[tuple[str, Array]]:
+    """One frame through the chain, from photons or from photoelectrons; (name, signal) where the unit changes."""
+    signal: Array = start
     left = stages if isinstance(start, Photons) else stages[1:]
     for stage, following in zip(left, (*left[1:], None), strict=True):
-        signal = stage(signal, frame)
-        if following is None:
-            yield "digital", signal
-        elif following.domain != stage.domain and stage.domain != "photons":
-            if isinstance(signal, Electrons):
-                yield "photoelectrons", signal.light
-                yield "dark_electrons", signal.dark
-            yield stage.domain, plain(signal)
+        signal = stage.sample(signal, frame)
+        if following is None or following.domain != stage.domain:
+            yield from named(stage, signal, last=following is None)
+
+
+def named(stage: Stage, signal: Array, last: bool) -> Iterator[tuple[str, Array]]:
+    """The signal behind the last stage of a domain, under the names that ``expose(keep=…)`` knows."""
+    if last:
+        yield "digital", signal
+    elif stage.domain != "photons":
+        if isinstance(signal, Electrons):
+            yield "photoelectrons", signal.light
+            yield "dark_electrons", signal.dark
+        yield stage.domain, total(signal)

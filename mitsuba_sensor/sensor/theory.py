@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +21,8 @@ from ..core.frame import Frame
 from ..core.moments import Moments
 from ..core.sensor_window import SensorWindow
 from ..core.signals import Photons
-from .digital import Adc
-from .electrons import FullWell, QuantumYield, ShotNoise
+from ..core.types import Array
+from .stage import Chain, Converter, converter_of
 
 HIDDEN = 4.0
 """A well is hidden if it is so many σ of the noise behind it above the converter's end; what the cut in the well then
@@ -40,16 +39,17 @@ FinalMoments = tuple[Moments, Moments]
 """Without and with the converter's rounding, which can hide a change and can blow it up [DN]."""
 
 
-def final_moments(stages: tuple[Any, ...], light: Photons, frame: Frame) -> FinalMoments:
+def final_moments(stages: Chain, light: Photons, frame: Frame) -> FinalMoments:
     """Moments of the digital numbers that these stages make of ``light``, at every pixel of the window."""
     well = hidden_well(stages, frame)
     m, counts, full_share = Moments(light, 0.0, 0.0, frame), None, None
-    *analogue, converter = stages
+    *analogue, _ = stages
+    converter = converter_of(stages)
     for stage in analogue:
-        if isinstance(stage, ShotNoise):
+        if stage.counts_electrons:
             counts = m
-        if well is not None and isinstance(stage, FullWell):
-            full_share = _share_above(m, stage.full_well_e)
+        if well is not None and stage.saturation_e is not None:
+            full_share = _share_above(m, stage.saturation_e)
         else:
             m = stage.moments(m)
     ends = _converted(converter, m)
@@ -58,18 +58,18 @@ def final_moments(stages: tuple[Any, ...], light: Photons, frame: Frame) -> Fina
     return ends if counts is None else (ends[0], _with_beat(ends[1], stages, counts))
 
 
-def _converted(converter: Any, m: Moments) -> FinalMoments:
+def _converted(converter: Converter, m: Moments) -> FinalMoments:
     smooth = m.scale(converter.gain_dn_per_v).add(mean=converter.black_level_dn).clip(0.0, converter.highest)
     return smooth, converter.moments(m)
 
 
-def hidden_well(stages: tuple[Any, ...], frame: Frame) -> FinalMoments | None:
+def hidden_well(stages: Chain, frame: Frame) -> FinalMoments | None:
     """What a pixel whose well is full reads, less the highest code [DN]; None if the converter does not end below."""
-    place = next((k for k, stage in enumerate(stages) if isinstance(stage, FullWell)), None)
+    place = next((k for k, stage in enumerate(stages) if stage.saturation_e is not None), None)
     if place is None:
         return None
     pixel = replace(frame, window=SensorWindow(0, (1, 1), given=frame.window.given))
-    m, converter = Moments(stages[place].full_well_e, 0.0, 0.0, pixel), stages[-1]
+    m, converter = Moments(stages[place].saturation_e, 0.0, 0.0, pixel), converter_of(stages)
     for stage in stages[place + 1 : -1]:
         m = stage.moments(m)
     top = m.scale(converter.gain_dn_per_v).add(mean=converter.black_level_dn)
@@ -79,7 +79,7 @@ def hidden_well(stages: tuple[Any, ...], frame: Frame) -> FinalMoments | None:
     return smooth, rounded
 
 
-def _share_above(m: Moments, edge: float) -> Any:
+def _share_above(m: Moments, edge: float) -> Array:
     """The chance that a signal is above ``edge``."""
     sigma = np.sqrt(np.asarray(m.temporal + m.spatial, dtype=np.float64))
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -87,18 +87,18 @@ def _share_above(m: Moments, edge: float) -> Any:
     return np.where((sigma > 0) & np.isfinite(sigma), chance, np.asarray(m.mean) > edge)
 
 
-def _mixed(end: Moments, full: Moments, share: Any) -> Moments:
+def _mixed(end: Moments, full: Moments, share: Array) -> Moments:
     """``end``, where so often the well is full: the noise behind it may then reach below the last code."""
     return end.add(mean=share * full.mean, temporal=share * full.temporal, spatial=share * full.spatial)
 
 
-def _with_beat(rounded: Moments, stages: tuple[Any, ...], counts: Moments) -> Moments:
+def _with_beat(rounded: Moments, stages: Chain, counts: Moments) -> Moments:
     """The mean of rounded codes of whole electrons.
 
     round(x) = x + Σ (−1)^k/(πk)·sin 2πkx (core/rounding.py); for x = a + K·n + noise, n ~ Poisson(λ) and λ itself of
     variance V, each sine has the characteristic functions of both as its factor, where rounding took that of a normal.
     """
-    place = next(k for k, stage in enumerate(stages) if isinstance(stage, ShotNoise))
+    place = next(k for k, stage in enumerate(stages) if stage.counts_electrons)
     line = _line_behind(stages, place, counts)
     if line is None:
         return rounded
@@ -114,11 +114,11 @@ def _with_beat(rounded: Moments, stages: tuple[Any, ...], counts: Moments) -> Mo
         normal = np.exp(2j * math.pi * k * pitch * mean - 2 * (math.pi * k * pitch) ** 2 * (mean + spread))
         wave = np.exp(2j * math.pi * k * start) * (counted - normal)
         beat += (-1) ** k / (math.pi * k) * left * np.imag(wave)
-    inside = (rounded.mean > 0.5) & (rounded.mean < stages[-1].highest - 0.5)
+    inside = (rounded.mean > 0.5) & (rounded.mean < converter_of(stages).highest - 0.5)
     return rounded.add(mean=np.where(inside, beat, 0.0))
 
 
-def _of_counts(turn: float, mean: Any, spread: Any) -> Any:
+def _of_counts(turn: float, mean: Array, spread: Array) -> Array:
     """E exp(i·turn·n) of n ~ Poisson(λ), λ ~ Normal(mean, spread); 0 where the spread leaves no phase."""
     step = np.exp(1j * turn) - 1
     exponent = step * mean + 0.5 * step**2 * spread
@@ -126,16 +126,16 @@ def _of_counts(turn: float, mean: Any, spread: Any) -> Any:
     return np.where(turn**2 * spread < 9.0, np.exp(exponent), 0.0)
 
 
-def _line_behind(stages: tuple[Any, ...], place: int, counts: Moments) -> tuple[float, float, Any] | None:
+def _line_behind(stages: Chain, place: int, counts: Moments) -> tuple[float, float, Array] | None:
     """Code of no electron, codes per electron, and variance behind the counting [DN²]; None for a curved chain."""
-    converter = stages[-1]
-    if type(converter) is not Adc or any(isinstance(stage, QuantumYield) for stage in stages):
+    converter = converter_of(stages)
+    if not all(stage.even_codes for stage in stages):
         return None
 
-    def behind(electrons: Any) -> Moments:
+    def behind(electrons: Array) -> Moments:
         m = replace(counts, mean=electrons, temporal=0.0, spatial=0.0, light=None, variance_e2=None)
         for stage in stages[place + 1 : -1]:
-            if not isinstance(stage, FullWell):
+            if not stage.saturation_e is not None:
                 m = stage.moments(m)
         return m.scale(converter.gain_dn_per_v).add(mean=converter.black_level_dn)
 
@@ -147,6 +147,6 @@ def _line_behind(stages: tuple[Any, ...], place: int, counts: Moments) -> tuple[
     return none, pitch, np.asarray(m.temporal + m.spatial, dtype=np.float64)
 
 
-def _finite(values: Any) -> NDArray[np.float64]:
+def _finite(values: Array) -> NDArray[np.float64]:
     """0 where the light is infinite: such a pixel is saturated, and nothing beats there."""
     return np.where(np.isfinite(values), values, 0.0)

@@ -15,7 +15,8 @@ from ..core.frame import Frame
 from ..core.llvm import backend_problem, drjit
 from ..core.sensor_window import SensorWindow
 from ..core.signals import Photons
-from ..sensor.run import Run, run_chain
+from ..sensor.run import FrameRunner
+from ..sensor.stage import sample
 from ..sensor.theory import final_moments
 from .statistics import Array
 
@@ -96,11 +97,11 @@ class Illuminated:
 
     def electrons(self, stages: Stages, sensor: SensorWindow) -> Any:
         """Mean electrons that a sensor detects, from which frames of the stages behind the first one can start."""
-        return stages[0](self.photons, Frame(self.exposure, sensor))
+        return stages[0].sample(self.photons, Frame(self.exposure, sensor))
 
     def frame(self, stages: Stages, start: Any, sensor: SensorWindow, seed: int) -> Array:
         """The first frame of a seed, (H, W) [DN]; start : detected electrons."""
-        codes = run_chain(stages[1:], start, Frame(self.exposure, sensor, seed % 2**64))
+        codes = sample(stages[1:], start, Frame(self.exposure, sensor, seed % 2**64))
         return np.asarray(codes, dtype=np.float64)
 
     def measured_moments(
@@ -138,7 +139,7 @@ class Stream:
 
     def __init__(self, stages: Stages, light: Illuminated) -> None:
         sensor, dtype = light.sensor(1), np.min_scalar_type(stages[-1].highest)
-        run = Run(stages, light.photons, Frame(light.exposure, sensor))
+        run = FrameRunner(stages, light.photons, Frame(light.exposure, sensor))
         self._frames = run.frames(0, ENDLESS, lambda _: {"digital": np.empty(light.shape, dtype)})
         self._compiled = light.backend.compiled
 

@@ -77,7 +77,7 @@ def test_theory_and_frame_agree_stage_by_stage(report: dict[str, Any]) -> None:
     """12 × 16 pixels: the mean of a stage is within 6 standard errors, which chance breaks once in 5e8."""
     for stage in report["stages"]:
         error = 6 * stage["sigma_expected"] / np.sqrt(12 * 16)
-        if stage["name"] != "dsnu column" and stage["sigma_spatial_expected"] < stage["sigma_temporal_expected"]:
+        if stage["name"] != "DSNU column" and stage["sigma_spatial_expected"] < stage["sigma_temporal_expected"]:
             assert stage["mean_frame"] == pytest.approx(stage["mean_expected"], abs=max(error, 1e-12)), stage["name"]
 
 
@@ -139,7 +139,7 @@ def test_the_summary_names_every_stage_and_every_note(light: Any, light_file: Pa
 def test_plan_says_what_each_stage_does(light_file: Path, cli: Callable[..., Any]) -> None:
     assert "shot noise" in cli("plan", light_file).stdout
     stages = json.loads(cli("plan", light_file, "--tolerance-dn", 0.02, "--json").stdout)["stages"]
-    assert [stage["stage"] for stage in stages][-1] == "adc"
+    assert [stage["stage"] for stage in stages][-1] == "ADC"
 
 
 def test_plan_says_what_the_render_needs_and_what_time_is_saved(light_file: Path, cli: Callable[..., Any]) -> None:

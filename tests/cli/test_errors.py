@@ -59,9 +59,9 @@ CASES: dict[str, tuple[Sequence[str], str]] = {
     "no output folder": (("expose", "LIGHT"), "-o"),
     "unknown chain": (
         ("expose", "LIGHT", "-o", "OUT", "--chain", "matlab"),
-        "chain is 'matlab'; it must be 'physical'",
+        "chain is 'matlab'; it must be one of physical",
     ),
-    "cube for the published chain": (("expose", "LIGHT", "-o", "OUT", "--chain", "konnik2014"), "knows one wavelength"),
+    "cube for the published chain": (("expose", "LIGHT", "-o", "OUT", "--chain", "konnik2014"), "has one wavelength"),
     "no such patterns": (("expose", "LIGHT", "-o", "OUT", "--fpn-maps", "TMP/none.npz"), "none.npz cannot be read"),
     "patterns of another kind": (("render", "SCENE", "-o", "OUT", "--fpn-maps", "SCENE"), "no .npz of numbers"),
     "patterns into no folder": (("patterns", "-o", "OUT/chip.npz", "--rows", "2", "--columns", "2"), "cannot write"),

@@ -88,7 +88,7 @@ def test_a_study_that_was_stopped_goes_on_where_it_was(
 def test_measurements_of_another_camera_exposure_or_scene_are_not_used(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, change: tuple[str, ...]
 ) -> None:
-    text = scene_text(SKY).replace("3.0.0\">", '3.0.0"><default name="light" value="2"/>', 1)
+    text = scene_text(SKY).replace('3.0.0">', '3.0.0"><default name="light" value="2"/>', 1)
     scene = write_scene(tmp_path, text.replace("360:2e-4", "360:$light"))
     words = ("ablation", str(scene), "-o", str(tmp_path / "out"))
     assert study(monkeypatch, Recorder(), *words).exit_code == 0

@@ -75,7 +75,7 @@ def dark_to_saturation(camera: ms.Camera, shape: tuple[int, int]) -> Photons:
 
 def apply(stage: Any, signal: Signal, frame: Frame) -> Signal:
     """The signal behind the stage."""
-    return stage(signal, frame)
+    return stage.sample(signal, frame)
 
 
 def arrays_of(signal: Signal, frame: Frame) -> Sampled:

@@ -25,7 +25,9 @@ from mitsuba_sensor.render.photons import photons_per_irradiance
 from mitsuba_sensor.render.scene import Scene
 from mitsuba_sensor.render.variants import choose_variant, use
 from mitsuba_sensor.sensor.camera import load_camera
-from mitsuba_sensor.sensor.chain import follower_sigma_v, gain_dn_per_e, mean_dark_e, sense_gain_v_per_e
+from mitsuba_sensor.sensor.effects.dark_current import mean_dark_e
+from mitsuba_sensor.sensor.effects.source_follower_noise import SourceFollowerNoise
+from mitsuba_sensor.sensor.gains import gain_dn_per_e, sense_gain_v_per_e
 
 CAMERA = load_camera("konnik_table1")
 EXPOSURE = Exposure(0.1)
@@ -191,8 +193,8 @@ def test_noise_ratio_is_render_variance_over_the_variance_of_the_sensor() -> Non
     options = {"spp": 64, "bandwidth_nm": 60, "parameters": SMALL, "variant": "scalar_spectral"}
     light = render(SCENES / "flat_field.xml", camera, EXPOSURE, **options)
     electrons = 0.6 * (light.data @ photons_per_irradiance(camera, EXPOSURE, light.wavelengths_nm, light.bandwidths_nm))
-    k = gain_dn_per_e(camera)
-    noise = electrons + mean_dark_e(camera, EXPOSURE) + (follower_sigma_v(camera) / sense_gain_v_per_e(camera)) ** 2
+    k, read_noise = gain_dn_per_e(camera), SourceFollowerNoise.from_camera(camera, ())
+    noise = electrons + mean_dark_e(camera, EXPOSURE) + (read_noise.sigma_v / sense_gain_v_per_e(camera)) ** 2
     ratio = (light.relative_error.astype(float) * electrons) ** 2 / (noise + 1 / 12 / k**2)
     found = light.statistics
     assert found.noise_ratio_median == pytest.approx(np.median(ratio) * 15 / 14.339, rel=2e-3)  # χ² of 15

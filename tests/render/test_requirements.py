@@ -10,7 +10,7 @@ import pytest
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.render.requirements import render_requirements
-from mitsuba_sensor.sensor.chain import gain_dn_per_e
+from mitsuba_sensor.sensor.gains import gain_dn_per_e
 
 TABLE1 = ms.load_camera("konnik_table1")
 BAYER = ms.load_camera("bayer_2mp")

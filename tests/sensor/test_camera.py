@@ -16,8 +16,10 @@ import pytest
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.sensor.camera import SHIPPED, Camera, camera_schema
-from mitsuba_sensor.sensor.chain import chain, dark_current_model, gain_dn_per_e
+from mitsuba_sensor.sensor.chain import chain
 from mitsuba_sensor.sensor.datasheet_errors import fields_of
+from mitsuba_sensor.sensor.effects.dark_current import dark_current_model
+from mitsuba_sensor.sensor.gains import gain_dn_per_e
 
 TABLE1 = tomllib.loads((SHIPPED / "konnik_table1.toml").read_text("utf-8"))
 REMEDY = r"(e\.g\. .+|add the table \[\w+\])"
@@ -361,7 +363,7 @@ def test_each_pixel_of_a_mosaic_takes_the_curve_of_its_own_filter() -> None:
     wavelengths = np.array([450.0, 530.0, 620.0])
     light = np.broadcast_to([100.0, 200.0, 300.0], (4, 6, 3))
     frame = Frame(Exposure(0.1), SensorWindow(1, (4, 6), (1, 0)))
-    electrons = detection(Photons(light, wavelengths), frame).light
+    electrons = detection.sample(Photons(light, wavelengths), frame).light
     expected = (camera.qe(wavelengths) @ [100.0, 200.0, 300.0])[camera.filter_index((4, 6), (1, 0))]
     np.testing.assert_allclose(electrons, expected, rtol=1e-12)
 

@@ -21,10 +21,13 @@ from mitsuba_sensor.core.moments import Moments
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.core.signals import Electrons, Photons
 from mitsuba_sensor.sensor import expose, run
-from mitsuba_sensor.sensor.chain import chain, gain_dn_per_e
-from mitsuba_sensor.sensor.compensation import LIMIT, compensable, counted, room_e2
-from mitsuba_sensor.sensor.electrons import DarkCurrent, Prnu, ShotNoise
+from mitsuba_sensor.sensor.chain import chain
+from mitsuba_sensor.sensor.compensation import LIMIT, compensable, counted, largest_e2
+from mitsuba_sensor.sensor.effects.dark_current import DarkCurrent
+from mitsuba_sensor.sensor.effects.prnu import Prnu
+from mitsuba_sensor.sensor.effects.shot_noise import ShotNoise
 from mitsuba_sensor.sensor.fpn_distributions import Rectified
+from mitsuba_sensor.sensor.gains import gain_dn_per_e
 
 problem = backend_problem("llvm")
 compiled = pytest.mark.skipif(problem is not None, reason=str(problem))
@@ -86,7 +89,7 @@ SHARES = (0.0, 1e-9, 0.05, 0.16, 0.3, 1 / 3)
 @pytest.mark.parametrize("share", SHARES)
 def test_the_law_has_exactly_the_mean_and_what_the_render_leaves_of_the_variance(mean: float, share: float) -> None:
     """All counts added up: to 1e-10, from a thousandth of an electron to a million. (SciPy's law is as good at 1e6.)"""
-    variance = min(share * mean, float(room_e2(np.float64(mean))))
+    variance = min(share * mean, float(largest_e2(np.float64(mean))))
     n, law = law_of(mean, variance)
     tolerance = 1e-10 if mean < 1e5 else 1e-8
     assert law.sum() == pytest.approx(1, abs=tolerance) and n[0] >= 0
@@ -100,7 +103,7 @@ def test_the_law_has_exactly_the_mean_and_what_the_render_leaves_of_the_variance
 def test_a_mean_has_room_for_as_much_as_its_law_can_give_up(mean: float) -> None:
     """Its Poisson part is used up there: one more would be negative. Below 1 e- that is the bound of every whole law:
     0 or 1 with mean μ has variance μ − μ², and no law has less."""
-    most = float(room_e2(np.float64(mean)))
+    most = float(largest_e2(np.float64(mean)))
     parts: Any = Parts()
     counted("photon_shot", np.float64(mean), np.float64(most), parts)
     assert parts.rest == pytest.approx(0, abs=1e-7)
@@ -127,7 +130,7 @@ def test_every_engine_draws_whole_electrons_of_that_mean_and_variance(backend: B
     frame = frame_of(mean.shape, backend)
     light, variance = (backend.from_numpy(x, frame.window) for x in (mean, noise))
     dark = frame.number(dark_e) if dark_e else 0.0
-    after = ShotNoise()(Electrons(light, dark, variance_e2=variance), frame)
+    after = ShotNoise().sample(Electrons(light, dark, variance_e2=variance), frame)
     for drawn, about, spent in ((after.light, mean, noise), (after.dark, np.full_like(mean, dark_e), 0 * noise)):
         n = np.asarray(backend.to_numpy(drawn, frame.window), dtype=np.float64)
         assert (n >= 0).all() and (n == np.floor(n)).all()
@@ -147,9 +150,9 @@ def test_the_theory_of_a_frame_about_its_own_render_is_the_mean_less_what_is_spe
     shape, mean, noise = (1, 2**20), 400.0, 64.0
     gain = Prnu(Rectified(0.2))
     frame = frame_of(shape)
-    before = gain(Electrons(np.full(shape, mean), variance_e2=np.full(shape, noise)), frame)
+    before = gain.sample(Electrons(np.full(shape, mean), variance_e2=np.full(shape, noise)), frame)
     np.testing.assert_allclose(before.variance_e2, noise * (before.light / mean) ** 2, rtol=1e-12)
-    after = ShotNoise()(before, frame)
+    after = ShotNoise().sample(before, frame)
     m = ShotNoise().moments(gain.moments(Moments(mean, 0.0, 0.0, frame, variance_e2=noise)))
     assert float(m.temporal) == pytest.approx(mean - noise * 1.04, rel=1e-6) and m.variance_e2 is None
     assert np.mean((after.light - before.light) ** 2) == pytest.approx(float(m.temporal), rel=5 * (2 / 2**20) ** 0.5)
@@ -220,7 +223,7 @@ def test_a_limit_is_kept_and_what_is_left_is_counted_and_reported() -> None:
     report = ms.expose(rendered(light_e, noise), BARE, EXPOSURE, precision="float64").report
     spent = np.array([20.0, 100 / 3, 0.04, 0.0])
     assert report["counts"]["compensated_short"] == 2
-    found = report["spending"]
+    found = report["compensation"]
     assert found["limit"] == LIMIT
     assert found["variance_e2"] == pytest.approx(noise.mean())
     assert found["compensated_e2"] == pytest.approx(spent.mean())
@@ -232,7 +235,7 @@ def test_a_limit_is_kept_and_what_is_left_is_counted_and_reported() -> None:
 
 def test_light_of_an_exact_mean_reports_nothing_of_it() -> None:
     report = ms.expose(rendered(LIGHT_E), TABLE1, EXPOSURE).report
-    assert "spending" not in report and "compensated_short" not in report["counts"]
+    assert "compensation" not in report and "compensated_short" not in report["counts"]
 
 
 def test_dark_current_pays_where_the_light_has_no_room() -> None:
@@ -241,7 +244,7 @@ def test_dark_current_pays_where_the_light_has_no_room() -> None:
     np.testing.assert_array_equal(by_light, [[0.0, 3.0]])
     np.testing.assert_array_equal(by_dark, [[3.0, 0.0]])
     shape = (1, 2**19)
-    after = ShotNoise()(Electrons(np.full(shape, 2.0), 30.0, variance_e2=np.full(shape, 3.0)), frame_of(shape))
+    after = ShotNoise().sample(Electrons(np.full(shape, 2.0), 30.0, variance_e2=np.full(shape, 3.0)), frame_of(shape))
     size = shape[1] ** 0.5
     for n, mean, variance in ((after.light, 2, 2), (after.dark, 30, 27), (after.total, 32, 29)):
         assert n.mean() == pytest.approx(mean, abs=5 * variance**0.5 / size)
@@ -341,14 +344,14 @@ def test_float32_is_the_twin_of_float64() -> None:
 @pytest.mark.parametrize("name", CAMERAS)
 def test_the_ledger_adds_up_to_the_frame_and_to_the_moments(name: str) -> None:
     frames = ms.expose(rendered(LIGHT_E, NOISE_E2), CAMERAS[name], EXPOSURE, precision="float64")
-    noise_budget_of = frames.noise_budget_of()
-    assert np.abs(noise_budget_of.total - frames.digital[0]).max() < 1e-6
+    noise_budget = frames.noise_budget()
+    assert np.abs(noise_budget.total - frames.digital[0]).max() < 1e-6
     m = Moments(frames.light, 0.0, 0.0, frames.first)
     for stage in frames.stages:
         m = stage.moments(m)
-    size = sum(abs(e.temporal_dn2) + abs(e.spatial_dn2) for e in noise_budget_of.entries)
-    assert sum(e.temporal_dn2 for e in noise_budget_of.entries) == pytest.approx(np.mean(m.temporal), abs=1e-9 * size)
-    assert sum(e.spatial_dn2 for e in noise_budget_of.entries) == pytest.approx(np.mean(m.spatial), abs=1e-9 * size)
+    size = sum(abs(e.temporal_dn2) + abs(e.spatial_dn2) for e in noise_budget.entries)
+    assert sum(e.temporal_dn2 for e in noise_budget.entries) == pytest.approx(np.mean(m.temporal), abs=1e-9 * size)
+    assert sum(e.spatial_dn2 for e in noise_budget.entries) == pytest.approx(np.mean(m.spatial), abs=1e-9 * size)
 
 
 def test_a_plan_takes_the_mean_for_exact_and_exposes_with_it() -> None:
@@ -398,7 +401,7 @@ def test_infinite_light_spends_nothing_and_needs_no_variance() -> None:
     light_e[3, 4], noise[3, 4] = np.inf, np.nan
     frames = ms.expose(rendered(light_e, noise), TABLE1, EXPOSURE)
     assert frames.digital[0, 3, 4] == frames.digital.max()
-    assert 0 < frames.report["spending"]["left_over_shot"] < 1
+    assert 0 < frames.report["compensation"]["left_over_shot"] < 1
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.core.signals import Electrons
 from mitsuba_sensor.core.units import photon_energy_j
 from mitsuba_sensor.sensor.dark_current_models import Doubling, FigureOfMerit, band_gap_ev
-from mitsuba_sensor.sensor.electrons import DarkCurrent
+from mitsuba_sensor.sensor.effects.dark_current import DarkCurrent
 from mitsuba_sensor.sensor.fpn_distributions import Gaussian, LogNormal
 
 TABLE1 = FigureOfMerit(fom_na_per_cm2=1.0, area_cm2=(5.7e-4) ** 2)
@@ -76,7 +76,7 @@ def test_the_dark_pattern_keeps_the_mean_and_has_its_cv_at_every_time(pattern: o
     """
     size = 400_000
     frame = Frame(Exposure(time_s, 300.0), SensorWindow(11, (1, size)))
-    dark = DarkCurrent(TABLE1, pattern)(Electrons(np.zeros((1, size))), frame).dark  # type: ignore[arg-type]
+    dark = DarkCurrent(TABLE1, pattern).sample(Electrons(np.zeros((1, size))), frame).dark  # type: ignore[arg-type]
     mean, cv = time_s * 2027.8665, math.sqrt(pattern.variance)  # type: ignore[attr-defined]
     x = dark / mean
     assert x.min() >= 0
@@ -91,7 +91,7 @@ def test_the_dark_pattern_keeps_the_mean_and_has_its_cv_at_every_time(pattern: o
 def test_no_pixel_has_a_negative_rate_and_the_mean_stays_however_wide_the_pattern(family: type, cv: float) -> None:
     """250 000 pixels; a log-normal of cv 10 converges slowly: its logarithm is looked at elsewhere (test_draws)."""
     frame = Frame(Exposure(0.1, 300.0), SensorWindow(2, (500, 500)))
-    dark = DarkCurrent(TABLE1, family(cv))(Electrons(np.zeros((500, 500))), frame).dark
+    dark = DarkCurrent(TABLE1, family(cv)).sample(Electrons(np.zeros((500, 500))), frame).dark
     assert np.min(dark) >= 0 and np.isfinite(dark).all()
     tolerance = 5 * math.sqrt(family(cv).variance) / 500 + 1e-9
     assert np.mean(dark) == pytest.approx(202.78665, rel=tolerance + 1e-6)

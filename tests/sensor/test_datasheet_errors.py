@@ -120,17 +120,17 @@ CASES: dict[str, tuple[dict[str, Any], str, str]] = {
     "a uniform part with a mean": (
         {"dark_current.components": [UNIFORM | {"mean": 3}]},
         "dark_current.components.0",
-        "a uniform part has low and high, and neither mean",
+        "a uniform component has low and high, and neither mean",
     ),
     "a normal part with an end": (
         {"dark_current.components": [NORMAL | {"low": 3}]},
         "dark_current.components.0",
-        "a normal part has mean and sigma, and neither low",
+        "a normal component has mean and sigma, and neither low",
     ),
     "a uniform part of one end": (
         {"dark_current.components": [UNIFORM | {"high": None}]},
         "dark_current.components.0",
-        "a uniform part has low and high",
+        "a uniform component has low and high",
     ),
     "a part upside down": (
         {"dark_current.components": [UNIFORM | {"low": 500}]},

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.sensor.chain import chain, gain_dn_per_e
-from mitsuba_sensor.sensor.noise_budget import stage_name
+from mitsuba_sensor.sensor.chain import chain
+from mitsuba_sensor.sensor.gains import gain_dn_per_e
 
 EXPOSURE = ms.Exposure(0.1)
 CAMERA = ms.load_camera("konnik_table1")
@@ -208,7 +208,7 @@ def test_the_account_holds_every_stage_with_theory_and_sample_that_agree(name: s
     camera = ms.load_camera(name)
     light = 0.4 * camera.pixel.full_well_e / camera.qe([camera.quantum_efficiency.reference_nm]).max()
     report = ms.expose(np.full((4, 12_500), light * 0.5), camera, EXPOSURE).report
-    assert [stage["name"] for stage in report["stages"]] == [stage_name(stage) for stage in chain(camera)]
+    assert [stage["name"] for stage in report["stages"]] == [stage.label for stage in chain(camera)]
     assert {stage["unit"] for stage in report["stages"]} == {"e-", "V", "DN"}
     for stage in report["stages"]:
         sigma = stage["sigma_expected"]

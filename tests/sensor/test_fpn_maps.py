@@ -57,7 +57,7 @@ def test_giving_a_device_its_own_maps_changes_nothing(option: str) -> None:
     maps = ms.fpn_maps(camera, SHAPE, serial=7)
     given = ms.expose(LIGHT, camera, EXPOSURE, serial=7, maps=maps)
     assert given.digital.tobytes() == ms.expose(LIGHT, camera, EXPOSURE, serial=7).digital.tobytes()
-    assert np.abs(given.noise_budget_of().total - given.digital[0]).max() < 1e-6
+    assert np.abs(given.noise_budget().total - given.digital[0]).max() < 1e-6
 
 
 @pytest.mark.parametrize("name", ["prnu", "dark_fpn", "dsnu_col_e", "dsnu_row_e", "dsnu_pixel_e", "prnu_col"])
@@ -85,7 +85,7 @@ def test_the_report_of_a_given_map_expects_what_the_map_says() -> None:
     """Mean and fixed variance of the theory are the map's own: 6000 e- · 1.5, σ 6000·0.1."""
     gain = 1.5 + 0.1 * np.where(np.indices(SHAPE).sum(axis=0) % 2, 1.0, -1.0)
     frames = ms.expose(np.full(SHAPE, 10_000.0), TABLE1, EXPOSURE, maps={"prnu": gain})
-    line = next(line for line in frames.report["stages"] if line["name"] == "prnu")
+    line = next(line for line in frames.report["stages"] if line["name"] == "PRNU")
     assert line["mean_expected"] == pytest.approx(6000 * gain.mean())
     assert line["sigma_spatial_expected"] == pytest.approx(6000 * gain.std())
     assert line["mean_frame"] == pytest.approx(line["mean_expected"])
@@ -130,7 +130,7 @@ BAD = {
     "text": ({"prnu": "flat"}, r"maps\['prnu'\] is not numeric"),
     "a row of nothing": ({"prnu": np.ones(17)}, r"has shape \(17,\)"),
     "a stack": ({"prnu": np.ones((1, 12, 17))}, r"has shape \(1, 12, 17\)"),
-    "NaN": ({"prnu": np.full(SHAPE, np.nan)}, r"maps\['prnu'\] holds NaN, infinite or negative values; mend"),
+    "NaN": ({"prnu": np.full(SHAPE, np.nan)}, r"maps\['prnu'\] holds NaN, infinite or negative values; correct"),
     "infinite": ({"dsnu_col_e": np.full((1, 17), np.inf)}, r"maps\['dsnu_col_e'\] holds NaN, infinite"),
     "negative gain": (
         {"dark_fpn": np.full(SHAPE, -0.1)},

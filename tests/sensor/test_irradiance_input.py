@@ -34,7 +34,7 @@ def test_the_irradiance_of_the_paper_fills_the_well_of_table_1() -> None:
     assert photons.mean.shape == (3, 4, 1) and list(photons.wavelengths_nm) == [550.0]
     np.testing.assert_allclose(photons.total, 55_000, rtol=2e-7)
     frames = ms.expose(photons, TABLE1.replace(**{"pixel.prnu": 0.0, "pixel.full_well_e": 1e6}), EXPOSURE)
-    line = next(line for line in frames.report["stages"] if line["name"] == "detection")
+    line = next(line for line in frames.report["stages"] if line["name"] == "quantum efficiency")
     assert line["mean_frame"] == pytest.approx(33_000, rel=3e-7)
 
 

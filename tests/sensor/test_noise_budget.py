@@ -10,7 +10,7 @@ import pytest
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.moments import Moments
-from mitsuba_sensor.sensor.chain import gain_dn_per_e
+from mitsuba_sensor.sensor.gains import gain_dn_per_e
 from mitsuba_sensor.sensor.noise_budget import Contribution, NoiseBudget
 
 TABLE1 = ms.load_camera("konnik_table1").replace(**{"adc.black_level_dn": 200.0, "readout.reset": "soft"})
@@ -37,8 +37,8 @@ def frames_of(camera: ms.Camera, light: float = 20_000.0, **how: Any) -> ms.Fram
     return ms.expose(np.full(SHAPE, light), camera, EXPOSURE, precision="float64", **how)
 
 
-def entries(noise_budget_of: NoiseBudget) -> dict[str, Contribution]:
-    return {entry.source: entry for entry in noise_budget_of.entries}
+def entries(noise_budget: NoiseBudget) -> dict[str, Contribution]:
+    return {entry.source: entry for entry in noise_budget.entries}
 
 
 @pytest.mark.parametrize("light", [0.0, 20_000.0, 70_000.0])
@@ -46,36 +46,36 @@ def entries(noise_budget_of: NoiseBudget) -> dict[str, Contribution]:
 def test_contributions_add_up_to_the_frame_and_variances_to_the_moments(name: str, light: float) -> None:
     """To 1e-6 DN in every pixel, in darkness, at half a well, and where well and converter clip."""
     frames = frames_of(CAMERAS[name], light)
-    noise_budget_of = frames.noise_budget_of()
-    assert np.abs(noise_budget_of.total - frames.digital[0]).max() < 1e-6
+    noise_budget = frames.noise_budget()
+    assert np.abs(noise_budget.total - frames.digital[0]).max() < 1e-6
     m = Moments(frames.light, 0.0, 0.0, frames.first)
     for stage in frames.stages:
         m = stage.moments(m)
-    size = sum(abs(e.temporal_dn2) + abs(e.spatial_dn2) for e in noise_budget_of.entries)
-    assert sum(e.temporal_dn2 for e in noise_budget_of.entries) == pytest.approx(np.mean(m.temporal), abs=1e-9 * size)
-    assert sum(e.spatial_dn2 for e in noise_budget_of.entries) == pytest.approx(np.mean(m.spatial), abs=1e-9 * size)
+    size = sum(abs(e.temporal_dn2) + abs(e.spatial_dn2) for e in noise_budget.entries)
+    assert sum(e.temporal_dn2 for e in noise_budget.entries) == pytest.approx(np.mean(m.temporal), abs=1e-9 * size)
+    assert sum(e.spatial_dn2 for e in noise_budget.entries) == pytest.approx(np.mean(m.spatial), abs=1e-9 * size)
 
 
 def test_a_colour_camera_balances_its_books_too() -> None:
     camera = ms.load_camera("bayer_2mp")
     frames = ms.expose(np.full((20, 30, 2), 2000.0), camera, EXPOSURE, wavelengths_nm=[480, 620])
-    assert np.abs(frames.noise_budget_of().total - frames.digital[0]).max() < 1e-6
+    assert np.abs(frames.noise_budget().total - frames.digital[0]).max() < 1e-6
 
 
 OFF = {
-    "prnu": {"pixel.prnu": 0.0},
+    "PRNU": {"pixel.prnu": 0.0},
     "dark current": {"dark_current.fom_na_per_cm2": 0.0},
     "reset noise": {"readout.ktc_residual": 0.0},
     "source follower noise": {"source_follower.white_nv_per_rthz": 0.0},
-    "dsnu column": {"readout.dsnu_col": 0.0},
-    "dsnu row": {"readout.dsnu_row": 0.0},
-    "dsnu pixel": {"pixel.dsnu_e": 0.0},
-    "prnu column": {"readout.prnu_col": 0.0},
+    "DSNU column": {"readout.dsnu_col": 0.0},
+    "DSNU row": {"readout.dsnu_row": 0.0},
+    "DSNU pixel": {"pixel.dsnu_e": 0.0},
+    "PRNU column": {"readout.prnu_col": 0.0},
 }
 FOLLOWS = {
-    "prnu": {"photon shot noise", "prnu column"},
-    "dark current": {"dark shot noise", "prnu column"},
-    **{name: {"prnu column"} for name in OFF if name not in ("prnu", "dark current")},
+    "PRNU": {"photon shot noise", "PRNU column"},
+    "dark current": {"dark shot noise", "PRNU column"},
+    **{name: {"PRNU column"} for name in OFF if name not in ("PRNU", "dark current")},
 }
 """What must change along: a source's own shot noise, and the gain that multiplies all that stands before it."""
 
@@ -88,13 +88,13 @@ def test_switching_a_source_off_changes_its_own_entry_only(source: str) -> None:
     and clips see the sum and are left out.
     """
     on = TABLE1.replace(**{key: value for key, value in RICH.items() if "blinking" not in key})
-    before, after = (entries(frames_of(camera).noise_budget_of()) for camera in (on, on.replace(**OFF[source])))
+    before, after = (entries(frames_of(camera).noise_budget()) for camera in (on, on.replace(**OFF[source])))
     assert list(before) == list(after)
     names = list(before)
     assert before[source].dn.std() > 0.01
     np.testing.assert_array_equal(after[source].dn, 0.0)
     assert after[source].temporal_dn2 == pytest.approx(0, abs=1e-9)
-    for name in set(names) - {source, "adc", "full well"} - FOLLOWS[source]:
+    for name in set(names) - {source, "ADC", "full well"} - FOLLOWS[source]:
         if names.index(name) < names.index(source):
             np.testing.assert_array_equal(before[name].dn, after[name].dn)
         else:
@@ -106,46 +106,46 @@ def test_switching_a_source_off_changes_its_own_entry_only(source: str) -> None:
 def test_random_sources_are_as_strong_as_they_must_be() -> None:
     """rms of each entry over 60 000 pixels within 5 σ (1.5 %) of closed forms written out here."""
     frames = frames_of(TABLE1.replace(**{"adc.bits": 14, "adc.black_level_dn": 800.0, "pixel.prnu": 0.01}))
-    books, k = entries(frames.noise_budget_of()), gain_dn_per_e(frames.camera)
+    books, k = entries(frames.noise_budget()), gain_dn_per_e(frames.camera)
     light, dark = 12_000.0, 174.158
     expected = {
-        "prnu": 0.01 * light,
+        "PRNU": 0.01 * light,
         "photon shot noise": math.sqrt(light * (1 + 0.0)),
         "dark shot noise": math.sqrt(dark),
         "reset noise": math.sqrt(0.5 * 1.380649e-23 * 298.15 * 1.602176634e-19 / 5e-6) / 1.602176634e-19,
         "source follower noise": 6.105069,
-        "adc": math.sqrt(1 / 12) / k,
+        "ADC": math.sqrt(1 / 12) / k,
     }
     for name, electrons in expected.items():
-        dn = books[name].dn - (800.0 if name == "adc" else 0.0)
+        dn = books[name].dn - (800.0 if name == "ADC" else 0.0)
         assert np.sqrt(np.mean(dn**2)) == pytest.approx(k * electrons, rel=5 / math.sqrt(2 * dn.size) + 3e-4), name
         assert abs(dn.mean()) < 5 * k * electrons / math.sqrt(dn.size), name
-        variance = books[name].spatial_dn2 if name == "prnu" else books[name].temporal_dn2
+        variance = books[name].spatial_dn2 if name == "PRNU" else books[name].temporal_dn2
         assert variance == pytest.approx((k * electrons) ** 2, rel=1e-4), name
-    assert books["detection"].dn.mean() == pytest.approx(k * light, rel=1e-12)
+    assert books["quantum efficiency"].dn.mean() == pytest.approx(k * light, rel=1e-12)
     assert books["dark current"].dn.mean() == pytest.approx(k * dark, rel=1e-3)
-    assert books["dsnu column"].spatial_dn2 == pytest.approx((33 * k) ** 2, rel=1e-9)
+    assert books["DSNU column"].spatial_dn2 == pytest.approx((33 * k) ** 2, rel=1e-9)
 
 
 def test_entries_of_two_sources_are_not_correlated() -> None:
     """|ρ| < 5/√n for all pairs of temporal sources."""
-    books = entries(frames_of(TABLE1).noise_budget_of())
-    noises = ("photon shot noise", "dark shot noise", "reset noise", "source follower noise", "prnu", "dark current")
+    books = entries(frames_of(TABLE1).noise_budget())
+    noises = ("photon shot noise", "dark shot noise", "reset noise", "source follower noise", "PRNU", "dark current")
     rho = np.corrcoef([books[name].dn.ravel() for name in noises]) - np.eye(len(noises))
     assert np.abs(rho).max() < 5 / math.sqrt(SHAPE[0] * SHAPE[1])
 
 
 def test_a_full_well_is_booked_as_what_it_took_away() -> None:
     """Far above saturation: detection puts in more than the range, the full well takes it, and noise before it dies."""
-    books = entries(frames_of(TABLE1, 200_000.0).noise_budget_of())
+    books = entries(frames_of(TABLE1, 200_000.0).noise_budget())
     k = gain_dn_per_e(TABLE1)
-    assert books["detection"].dn.mean() == pytest.approx(120_000 * k)
+    assert books["quantum efficiency"].dn.mean() == pytest.approx(120_000 * k)
     assert books["full well"].dn.mean() == pytest.approx((33_000 - 120_000 - 174.158) * k, rel=1e-3)
     assert books["full well"].temporal_dn2 < 0
 
 
 def test_a_ledger_of_frame_3_is_of_frame_3_and_explains_itself() -> None:
     frames = frames_of(TABLE1, first_frame=3)
-    assert np.abs(frames.noise_budget_of().total - frames_of(TABLE1, frames=4).digital[3]).max() < 1e-6
-    text = frames.noise_budget_of().explain()
-    assert len(text.splitlines()) == 1 + len(frames.noise_budget_of().entries) and "photon shot noise" in text
+    assert np.abs(frames.noise_budget().total - frames_of(TABLE1, frames=4).digital[3]).max() < 1e-6
+    text = frames.noise_budget().explain()
+    assert len(text.splitlines()) == 1 + len(frames.noise_budget().entries) and "photon shot noise" in text

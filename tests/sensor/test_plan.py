@@ -15,13 +15,11 @@ from mitsuba_sensor.core.moments import Moments
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.sensor.chain import chain
 from mitsuba_sensor.sensor.checks import as_photons
-from mitsuba_sensor.sensor.noise_budget import stage_name
-from mitsuba_sensor.sensor.plan import INDISPENSABLE
 
 EXPOSURE = ms.Exposure(0.1)
 CAMERA = ms.load_camera("konnik_table1")
 SCENE = np.geomspace(1.0, 40_000.0, 600).reshape(20, 30)
-UNITS = {stage_name(stage) for stage in chain(CAMERA) if isinstance(stage, INDISPENSABLE)}
+UNITS = {stage.label for stage in chain(CAMERA) if stage.required}
 
 
 def kept(plan: ms.Plan) -> set[str]:
@@ -82,24 +80,24 @@ def test_a_larger_tolerance_never_keeps_more() -> None:
 def test_stages_stay_in_their_order_and_the_report_names_every_one_of_the_chain() -> None:
     plan = ms.plan(CAMERA, EXPOSURE, SCENE, 1.0)
     whole = chain(CAMERA)
-    assert [effect.stage for effect in plan.effects] == [stage_name(stage) for stage in whole]
+    assert [effect.stage for effect in plan.effects] == [stage.label for stage in whole]
     assert plan.stages == tuple(s for s, e in zip(whole, plan.effects, strict=True) if e.kept)
 
 
 def test_a_picture_in_the_dark_needs_no_prnu_and_no_full_well_and_a_bright_one_does() -> None:
     """The full well shows only where the converter reaches beyond it; by default the pedestal makes it clip first."""
     dark = kept(ms.plan(CAMERA, EXPOSURE, np.zeros((4, 4)), 0.01))
-    assert not {"prnu", "full well"} & dark
-    assert {"dark current", "shot noise", "dsnu column", "source follower noise"} <= dark
+    assert not {"PRNU", "full well"} & dark
+    assert {"dark current", "shot noise", "DSNU column", "source follower noise"} <= dark
     bright = np.full((4, 4), 54_000.0)
-    assert {"prnu", "full well"} <= kept(ms.plan(CAMERA.replace(**{"adc.full_scale_v": 0.25}), EXPOSURE, bright, 0.01))
-    assert "prnu" in kept(ms.plan(CAMERA, EXPOSURE, bright, 0.01))
+    assert {"PRNU", "full well"} <= kept(ms.plan(CAMERA.replace(**{"adc.full_scale_v": 0.25}), EXPOSURE, bright, 0.01))
+    assert "PRNU" in kept(ms.plan(CAMERA, EXPOSURE, bright, 0.01))
 
 
 def test_neutral_stages_are_left_out_with_that_reason() -> None:
     plan = ms.plan(CAMERA, EXPOSURE, SCENE)
     reasons = {effect.stage: effect.reason for effect in plan.effects}
-    for stage in ("reset noise", "source follower", "cds gain"):
+    for stage in ("reset noise", "source follower", "CDS gain"):
         assert stage not in kept(plan) and reasons[stage] == "changes nothing"
 
 
@@ -112,8 +110,8 @@ def test_the_effect_of_a_stage_is_its_size_in_digital_numbers() -> None:
     """Column offsets 4.096 DN fixed; PRNU at half a well 0.5 % of 2048 DN beside them; dark current 21.6 DN of mean."""
     effects = {effect.stage: effect for effect in ms.plan(CAMERA, EXPOSURE, np.full((2, 2), 27_500.0)).effects}
     prnu = 0.005 * 16_500 * 4096 / 33_000
-    assert effects["dsnu column"].spatial_dn == pytest.approx(np.hypot(4.096, prnu) - prnu, rel=0.01)
-    assert effects["prnu"].spatial_dn == pytest.approx(np.hypot(4.096, prnu) - 4.096, rel=0.01)
+    assert effects["DSNU column"].spatial_dn == pytest.approx(np.hypot(4.096, prnu) - prnu, rel=0.01)
+    assert effects["PRNU"].spatial_dn == pytest.approx(np.hypot(4.096, prnu) - 4.096, rel=0.01)
     assert effects["dark current"].mean_dn == pytest.approx(21.6167, rel=1e-3)
     assert effects["shot noise"].temporal_dn == pytest.approx(16.048 - 0.8, abs=0.3)
 

@@ -13,9 +13,11 @@ import pytest
 from helpers.stage_tests import WIDE, assert_step_agrees, backend_of, photons, steps
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.sensor.chain import Stage, chain
-from mitsuba_sensor.sensor.digital import AdcWithSteps
-from mitsuba_sensor.sensor.volts import DsnuColumn, ResetNoise
+from mitsuba_sensor.sensor.chain import chain
+from mitsuba_sensor.sensor.effects.adc import AdcWithDnl
+from mitsuba_sensor.sensor.effects.dsnu_column import DsnuColumn
+from mitsuba_sensor.sensor.effects.reset_noise import ResetNoise
+from mitsuba_sensor.sensor.stage import Stage
 
 BASE = ms.load_camera("konnik_table1")
 UNIFORM = [{"weight": 0.2, "family": "uniform", "low": 100, "high": 900, "unit": "e"}]
@@ -81,7 +83,7 @@ def test_stages_are_frozen_equal_by_value_hashable_and_say_what_they_do(name: st
     assert domains == sorted(domains, key=["electrons", "volts", "DN"].index)
     for stage in one:
         face: Stage = stage
-        assert face.__doc__ and face.__call__.__doc__ and face.moments.__doc__
+        assert face.__doc__ and face.sample.__doc__ and face.moments.__doc__
         with pytest.raises(AttributeError):
             stage.a_new_attribute = 1
 
@@ -133,4 +135,4 @@ def test_a_crop_and_a_single_frame_of_the_richest_camera_are_cut_from_the_whole(
     whole = ms.expose(light, camera, ms.Exposure(0.1), frames=3, origin=(500, 4090)).digital
     part = ms.expose(light[5:20, 3:28], camera, ms.Exposure(0.1), first_frame=2, origin=(505, 4093)).digital
     np.testing.assert_array_equal(part[0], whole[2, 5:20, 3:28])
-    assert any(isinstance(stage, AdcWithSteps) for stage in chain(camera))
+    assert any(isinstance(stage, AdcWithDnl) for stage in chain(camera))

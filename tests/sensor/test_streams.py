@@ -123,12 +123,12 @@ def contributions(camera: ms.Camera, frame: Frame, light: NDArray[Any] = LIGHT) 
     swing = np.full(SHAPE, 0.05)
     out = {}
     for stage in chain(camera):
-        into: Any = Photons(light) if type(stage).__name__ == "Detection" else swing
+        into: Any = Photons(light) if type(stage).__name__ == "QuantumEfficiency" else swing
         if stage.domain == "electrons" and not isinstance(into, Photons):
             into = charge
         if type(stage).__name__ == "SenseNode":
             into = charge
-        after = stage(into, frame)
+        after = stage.sample(into, frame)
         out[type(stage).__name__] = (after.light, after.dark) if isinstance(after, Electrons) else (after,)
     return out
 

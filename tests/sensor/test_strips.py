@@ -14,6 +14,7 @@ from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.sensor import expose, run
 from mitsuba_sensor.sensor.chain import chain
+from mitsuba_sensor.sensor.stage import sample
 
 TABLE1 = ms.load_camera("konnik_table1")
 SHAPE = (13, 17)
@@ -89,7 +90,7 @@ def test_a_frame_in_strips_is_the_frame_that_the_chain_makes_without_them(
     monkeypatch.setattr(Backend, "strip", 1)
     digital = ms.expose(light, camera, ms.Exposure(0.3), serial=7, origin=TILE_EDGE).digital[0]
     window = SensorWindow(7, SHAPE, TILE_EDGE)
-    whole = run.run_chain(chain(camera), ms.Photons(light), Frame(ms.Exposure(0.3), window))
+    whole = sample(chain(camera), ms.Photons(light), Frame(ms.Exposure(0.3), window))
     np.testing.assert_array_equal(digital, whole)
     below = ms.expose(light[6:], camera, ms.Exposure(0.3), serial=7, origin=(512, TILE_EDGE[1])).digital[0]
     np.testing.assert_array_equal(digital[6:], below)

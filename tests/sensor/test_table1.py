@@ -20,10 +20,17 @@ from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.moments import Moments
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.core.signals import Electrons, Photons
-from mitsuba_sensor.sensor.chain import black_level_dn, chain, gain_dn_per_e
-from mitsuba_sensor.sensor.digital import Adc
-from mitsuba_sensor.sensor.electrons import DarkCurrent, Detection, FullWell, Prnu, ShotNoise
-from mitsuba_sensor.sensor.volts import DsnuColumn, ResetNoise, SourceFollowerNoise
+from mitsuba_sensor.sensor.chain import black_level_dn, chain
+from mitsuba_sensor.sensor.effects.adc import Adc
+from mitsuba_sensor.sensor.effects.dark_current import DarkCurrent
+from mitsuba_sensor.sensor.effects.dsnu_column import DsnuColumn
+from mitsuba_sensor.sensor.effects.full_well import FullWell
+from mitsuba_sensor.sensor.effects.prnu import Prnu
+from mitsuba_sensor.sensor.effects.quantum_efficiency import QuantumEfficiency
+from mitsuba_sensor.sensor.effects.reset_noise import ResetNoise
+from mitsuba_sensor.sensor.effects.shot_noise import ShotNoise
+from mitsuba_sensor.sensor.effects.source_follower_noise import SourceFollowerNoise
+from mitsuba_sensor.sensor.gains import gain_dn_per_e
 
 EXPECTED = json.loads((DATA / "table1_expectations.json").read_text("utf-8"))["rows"]
 LEVELS = [row["level"] for row in EXPECTED]
@@ -137,8 +144,8 @@ def test_27500_photons_give_16500_electrons_with_the_noise_of_detected_electrons
     """σ = √16500 = 128.45; Poisson before QE would give 99.5. 10⁶ draws: mean ± 0.13, σ ± 0.09, tested at 5 of them."""
     frame = Frame(EXPOSURE, SensorWindow(1, (1000, 1000)))
     signal: Any = Photons(np.full((1000, 1000), 27_500.0))
-    for stage in (Detection(CAMERA.curves, CAMERA.tile, 550.0), ShotNoise(), FullWell(33_000.0)):
-        signal = stage(signal, frame)
+    for stage in (QuantumEfficiency(CAMERA.curves, CAMERA.tile, 550.0), ShotNoise(), FullWell(33_000.0)):
+        signal = stage.sample(signal, frame)
     assert isinstance(signal, Electrons)
     assert signal.total.mean() == pytest.approx(16_500, abs=0.65)
     assert signal.total.std() == pytest.approx(128.45, abs=0.46)

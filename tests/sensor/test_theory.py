@@ -15,10 +15,10 @@ from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.moments import Moments
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.core.signals import Photons
-from mitsuba_sensor.sensor.chain import black_level_dn, chain, gain_dn_per_e
-from mitsuba_sensor.sensor.noise_budget import stage_name
+from mitsuba_sensor.sensor.chain import black_level_dn, chain
+from mitsuba_sensor.sensor.gains import gain_dn_per_e
 from mitsuba_sensor.sensor.plan import without
-from mitsuba_sensor.sensor.run import run_chain
+from mitsuba_sensor.sensor.stage import sample
 from mitsuba_sensor.sensor.theory import final_moments, hidden_well
 
 EXPOSURE = ms.Exposure(0.1)
@@ -46,7 +46,7 @@ def test_a_pixel_about_to_fill_its_well_has_the_moments_of_its_frames(electrons:
     found = []
     for serial in range(1, 33):
         window = SensorWindow(serial, shape, backend=NUMPY_FLOAT32)
-        frames = np.array([run_chain(stages, light, Frame(EXPOSURE, window, serial, k)) for k in range(4)], float)
+        frames = np.array([sample(stages, light, Frame(EXPOSURE, window, serial, k)) for k in range(4)], float)
         temporal = frames.var(axis=0, ddof=1).mean()
         fixed = ((frames.mean(axis=0) - m.mean) ** 2).mean() - temporal / 4
         found.append((frames.mean(), temporal, fixed))
@@ -85,7 +85,7 @@ def test_a_bright_picture_needs_no_full_well_where_the_converter_ends_first() ->
     plan = ms.plan(TABLE1, EXPOSURE, ramp, 0.02)
     effects = {effect.stage: effect for effect in plan.effects}
     assert not effects["full well"].kept and 0 < effects["full well"].spatial_dn < 0.01
-    well = {stage for stage in plan.whole if stage_name(stage) == "full well"}
+    well = {stage for stage in plan.whole if stage.label == "full well"}
     ways = (replace(plan, stages=stages) for stages in (plan.whole, without(plan.whole, well)))
     whole, planned = (ms.expose(ramp, TABLE1, EXPOSURE, frames=4, plan=way) for way in ways)
     np.testing.assert_array_equal(whole.digital, planned.digital)
@@ -95,8 +95,8 @@ def test_a_bright_picture_needs_no_full_well_where_the_converter_ends_first() ->
 @pytest.mark.parametrize("electrons", [0.3, 2.0, 5.0, 20.0, 100.0, 400.0])
 def test_the_mean_of_rounded_whole_electrons_is_that_of_every_count_with_its_chance(electrons: float) -> None:
     """bayer_2mp without read noise: 0.125 DN per electron, smeared by column offsets of 0.04 DN. By enumeration."""
-    off = ("source follower noise", "prnu", "dark current")
-    stages: Any = tuple(stage for stage in chain(BAYER) if stage_name(stage) not in off)
+    off = ("source follower noise", "PRNU", "dark current")
+    stages: Any = tuple(stage for stage in chain(BAYER) if stage.label not in off)
     light = Photons(np.full((1, 1, 3), electrons), detected=True)
     found = float(final_moments(stages, light, frame((1, 1)))[1].mean[0, 0])
     counts = np.arange(int(electrons + 12 * np.sqrt(electrons) + 30))

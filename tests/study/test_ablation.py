@@ -18,7 +18,8 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.core.signals import Photons
 from mitsuba_sensor.optics.f_number_law import transmittance
 from mitsuba_sensor.render.requirements import grouped_electrons
-from mitsuba_sensor.sensor.chain import gain_dn_per_e, mean_dark_e
+from mitsuba_sensor.sensor.effects.dark_current import mean_dark_e
+from mitsuba_sensor.sensor.gains import gain_dn_per_e
 from mitsuba_sensor.study import ablation as package
 from mitsuba_sensor.study.ablation.render import compared
 from mitsuba_sensor.study.ablation.sensor import PLAN, SENSORS, WHOLE, SensorAblation, SensorResults
@@ -75,10 +76,10 @@ def test_theory_and_frames_agree_for_every_stage_of_every_shipped_camera(name: s
 
 def test_a_stage_that_changes_nothing_is_left_out_and_its_frames_are_the_same_bytes() -> None:
     found = results_of("konnik_table1")
-    for stage in ("cds gain", "source follower", "reset noise", "dsnu row"):
+    for stage in ("CDS gain", "source follower", "reset noise", "DSNU row"):
         assert stage in found.left_out
-    assert found.looked["cds gain"]["share_of_pixels"] == found.looked["full well"]["largest_dn"] == 0
-    assert all(one.measured_dn == one.error_dn == one.z == 0 for one in found.changes["cds gain"])
+    assert found.looked["CDS gain"]["share_of_pixels"] == found.looked["full well"]["largest_dn"] == 0
+    assert all(one.measured_dn == one.error_dn == one.z == 0 for one in found.changes["CDS gain"])
 
 
 @pytest.mark.parametrize(
@@ -86,7 +87,7 @@ def test_a_stage_that_changes_nothing_is_left_out_and_its_frames_are_the_same_by
     [
         ("source follower noise", "mean_dn", 0.05),
         ("source follower noise", "temporal_dn2", 0.8),
-        ("prnu", "spatial_dn2", 10.0),
+        ("PRNU", "spatial_dn2", 10.0),
     ],
 )
 def test_a_theory_that_is_wrong_is_found_out(case: str, name: str, wrong: float) -> None:
@@ -126,8 +127,8 @@ def test_pixels_with_a_random_telegraph_signal_are_measured_as_theory_means_them
         "dark_current.rts_fraction": 0.3, "dark_current.rts_amplitude_e_per_s": 5e3,
         "dark_current.rts_switching": 0.01, "dark_current.rts_duty": 0.5,
     })  # fmt: skip
-    found = results(ablation(camera), cases=("rts pixels",))
-    assert found.changes["rts pixels"][1].predicted_dn < -0.5
+    found = results(ablation(camera), cases=("RTS pixels",))
+    assert found.changes["RTS pixels"][1].predicted_dn < -0.5
     assert abs(found.furthest.z) <= found.limit
 
 
@@ -193,7 +194,7 @@ def test_a_study_says_what_the_plan_saves_and_what_it_costs(studied: Any) -> Non
     kinds = [type(part) for part in study.parts]
     assert kinds.count(Table) == 3 and kinds.count(Bars) == 4
     json.dumps(study.to_dict(), allow_nan=False)
-    assert [row[0] for row in study.parts[0].rows][:3] == [WHOLE, "prnu", "dark current"]
+    assert [row[0] for row in study.parts[0].rows][:3] == [WHOLE, "PRNU", "dark current"]
     assert "Detecting the light takes" in study.parts[1].note
     assert {len(row) for row in study.parts[1].rows} == {len(study.parts[1].columns)}
 
@@ -206,7 +207,7 @@ def test_a_resumed_study_measures_nothing_twice_and_is_the_same_study(
     monkeypatch.setattr("mitsuba_sensor.study.subject.prepare", None)
     assert json.dumps(study_of(scene, kept).to_dict()) == json.dumps(study.to_dict())
     monkeypatch.undo()
-    key, told = f"frames of {SENSORS} sensors: prnu", list[str]()
+    key, told = f"frames of {SENSORS} sensors: PRNU", list[str]()
     del kept[key]
     again = study_of(scene, kept, lambda spent, expected, now: told.append(now))
     assert [now for now in told if now != "done"] == [key]

@@ -22,7 +22,7 @@ from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.llvm import backend_problem
 from mitsuba_sensor.sensor.chain import chain
 from mitsuba_sensor.sensor.checks import as_photons
-from mitsuba_sensor.sensor.electrons import ShotNoise
+from mitsuba_sensor.sensor.effects.shot_noise import ShotNoise
 from mitsuba_sensor.study import frames as study_frames
 from mitsuba_sensor.study import kit as study_kit
 from mitsuba_sensor.study.frames import Replicas, averages, expected_moments, resized
@@ -375,7 +375,7 @@ def known(small: Any) -> Known:
 
 def test_a_resumed_study_measures_nothing_twice(known: Known, monkeypatch: pytest.MonkeyPatch) -> None:
     """From measurements that went through files comes the same study, though nothing can be measured any more."""
-    for module, name in ((measured, "one_turn"), (study_frames, "run_chain"), (study_frames, "Run")):
+    for module, name in ((measured, "one_turn"), (study_frames, "sample"), (study_frames, "FrameRunner")):
         monkeypatch.setattr(module, name, None)
     monkeypatch.setattr(measured, "drawn_law", lambda *_: 1 / 0)
     again, once = run(pickle.loads(pickle.dumps(known))), run(known)

@@ -20,8 +20,9 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.core.moments import Moments
 from mitsuba_sensor.core.units import BOLTZMANN_EV_PER_K
 from mitsuba_sensor.render.variants import mitsuba
-from mitsuba_sensor.sensor.chain import adc_gain_dn_per_v, gain_dn_per_e, mean_dark_e
 from mitsuba_sensor.sensor.dark_current_models import band_gap_ev
+from mitsuba_sensor.sensor.effects.dark_current import mean_dark_e
+from mitsuba_sensor.sensor.gains import adc_gain_dn_per_v, gain_dn_per_e
 from mitsuba_sensor.study import stress as package
 from mitsuba_sensor.study.kit import Kit
 from mitsuba_sensor.study.stress import ENGINES, ONCE, RENDERERS, Case, Engine, stress_cases, verdict_of, volts

@@ -3,7 +3,7 @@
     settings = Konnik2014Settings.from_camera(load_camera("konnik_table1"), reset_factor=0.8)
     signal = photons
     for stage in chain_of(settings):
-        signal = stage(signal, frame)
+        signal = stage.sample(signal, frame)
 
 Where the paper's formula and the released code differ, this is the code; where both differ from physics, see
 ``docs/konnik2014.md``. The three formulas of the paper that give no image are refused with the reason.
@@ -18,7 +18,8 @@ from typing import Any, Self
 
 from ...core.errors import InputError, nearest, require
 from ..camera import Camera
-from ..chain import RESET_RESIDUAL, sense_gain_v_per_e
+from ..effects.reset_noise import RESET_RESIDUAL
+from ..gains import sense_gain_v_per_e
 from .electrons import (
     DarkStep,
     PublishedDarkFpn,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from ...core.moments import Moments
 from ...core.signals import Electrons, Photons
 from ...core.types import Array
 from ..dark_current_models import band_gap_ev
+from ..stage import Stage
 from .fpn_distributions import FpnDistribution, fpn_map, times_fpn
 
 BOLTZMANN_EV_PER_K = 8.617343e-5
@@ -29,12 +30,12 @@ DARK_CONSTANT = 2.55e15
 
 
 @dataclass(frozen=True)
-class PublishedPhotons:
+class PublishedPhotons(Stage):
     """Mean photons are rounded to integers: floor(Λ + ½) (paper eq. 12); Λ = 0.49 becomes 0."""
 
-    domain: ClassVar[str] = "photons"
+    domain = "photons"
 
-    def __call__(self, photons: Photons, frame: Frame) -> Photons:
+    def sample(self, photons: Photons, frame: Frame) -> Photons:
         """Mean photons at one wavelength, (H, W) or (H, W, 1) → rounded mean photons (H, W)."""
         if photons.mean.ndim == 3 and photons.mean.shape[2] > 1:
             raise InputError(
@@ -45,16 +46,16 @@ class PublishedPhotons:
 
     def moments(self, m: Moments) -> Moments:
         """The rounded mean; nothing is random yet."""
-        return Moments(self(m.mean, m.frame).mean, 0.0, 0.0, m.frame)
+        return Moments(self.sample(m.mean, m.frame).mean, 0.0, 0.0, m.frame)
 
 
 @dataclass(frozen=True)
-class PublishedPhotonShot:
+class PublishedPhotonShot(Stage):
     """Poisson(Λ) *photons* (paper eq. 13). After the QE the variance is QE times the mean; it should be the mean."""
 
-    domain: ClassVar[str] = "photons"
+    domain = "photons"
 
-    def __call__(self, photons: Photons, frame: Frame) -> Photons:
+    def sample(self, photons: Photons, frame: Frame) -> Photons:
         """Mean photons → photon counts (H, W)."""
         return Photons(frame.poisson("photon_shot", photons.mean))
 
@@ -64,13 +65,13 @@ class PublishedPhotonShot:
 
 
 @dataclass(frozen=True)
-class PublishedQuantumEfficiency:
+class PublishedQuantumEfficiency(Stage):
     """Electrons = photons × QE, not rounded (paper eq. 14).  value : QE, 0 … 1 [e- per photon]."""
 
     value: float
-    domain: ClassVar[str] = "electrons"
+    domain = "electrons"
 
-    def __call__(self, photons: Photons, frame: Frame) -> Electrons:
+    def sample(self, photons: Photons, frame: Frame) -> Electrons:
         """Photons → photoelectrons (H, W)."""
         return Electrons(light=photons.mean * self.value)
 
@@ -80,14 +81,14 @@ class PublishedQuantumEfficiency:
 
 
 @dataclass(frozen=True)
-class PublishedPrnu:
+class PublishedPrnu(Stage):
     """The *noisy* count times 1 + factor·z, not clipped at 0 (paper eq. 15).  factor : PRNU, dimensionless."""
 
     factor: float
     distribution: FpnDistribution
-    domain: ClassVar[str] = "electrons"
+    domain = "electrons"
 
-    def __call__(self, electrons: Electrons, frame: Frame) -> Electrons:
+    def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
         """Photoelectrons times the gain map of the camera."""
         gain = 1 + self.factor * fpn_map(frame.window, "prnu", self.distribution)
         return Electrons(electrons.light * gain, electrons.dark)
@@ -98,7 +99,7 @@ class PublishedPrnu:
 
 
 @dataclass(frozen=True)
-class PublishedDarkMean:
+class PublishedDarkMean(Stage):
     """t·D_R(T), D_R = 2.55e15·P_A·D_FM·T^1.5·exp(−E_g/2kT) [e-] (paper eq. 1, 16); 172.742 e- for Table 1 at 0.1 s.
 
     fom_na_per_cm2 : D_FM [nA/cm²].  area_cm2 : P_A, the whole pixel [cm²].
@@ -106,8 +107,9 @@ class PublishedDarkMean:
 
     fom_na_per_cm2: float
     area_cm2: float
+    domain = "electrons"
 
-    def __call__(self, dark: Array, frame: Frame) -> Array:
+    def sample(self, dark: Array, frame: Frame) -> Array:
         """``dark`` plus the mean dark electrons of this exposure."""
         return dark + self.mean_e(frame)
 
@@ -126,10 +128,12 @@ class PublishedDarkMean:
 
 
 @dataclass(frozen=True)
-class PublishedDarkShot:
+class PublishedDarkShot(Stage):
     """Poisson(t·D_R) dark electrons, counted *before* the dark FPN (paper eq. 17)."""
 
-    def __call__(self, dark: Array, frame: Frame) -> Array:
+    domain = "electrons"
+
+    def sample(self, dark: Array, frame: Frame) -> Array:
         """Mean dark electrons → dark electron counts (H, W)."""
         return frame.poisson("dark_shot", dark)
 
@@ -139,7 +143,7 @@ class PublishedDarkShot:
 
 
 @dataclass(frozen=True)
-class PublishedDarkFpn:
+class PublishedDarkFpn(Stage):
     """The noisy dark count times 1 + factor·X, one X per pixel of a camera (paper eq. 18 with σ = D_N).
 
     factor : D_N, dimensionless.  distribution : of X; its mean may differ from 0 (log-normal (0, 0.4): 1.083).
@@ -147,8 +151,9 @@ class PublishedDarkFpn:
 
     factor: float
     distribution: FpnDistribution
+    domain = "electrons"
 
-    def __call__(self, dark: Array, frame: Frame) -> Array:
+    def sample(self, dark: Array, frame: Frame) -> Array:
         """Dark electrons times the dark FPN map, (H, W)."""
         return dark * (1 + self.factor * fpn_map(frame.window, "dark_fpn", self.distribution))
 
@@ -158,12 +163,13 @@ class PublishedDarkFpn:
 
 
 @dataclass(frozen=True)
-class PublishedReadNoise:
+class PublishedReadNoise(Stage):
     """Source-follower noise, added to the dark electrons and not rounded (paper eq. 23).  sigma_e : [e- rms]."""
 
     sigma_e: float
+    domain = "electrons"
 
-    def __call__(self, dark: Array, frame: Frame) -> Array:
+    def sample(self, dark: Array, frame: Frame) -> Array:
         """Dark electrons with signed noise, (H, W)."""
         return dark + self.sigma_e * frame.normal("source_follower")
 
@@ -209,17 +215,17 @@ DarkStep: TypeAlias = PublishedDarkMean | PublishedDarkShot | PublishedDarkFpn |
 
 
 @dataclass(frozen=True)
-class PublishedDarkSignal:
+class PublishedDarkSignal(Stage):
     """Dark electrons and read noise, added to the photoelectrons (paper eq. 25).  steps : in their order."""
 
     steps: tuple[DarkStep, ...]
-    domain: ClassVar[str] = "electrons"
+    domain = "electrons"
 
-    def __call__(self, electrons: Electrons, frame: Frame) -> Electrons:
+    def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
         """Photoelectrons → photoelectrons and dark electrons."""
         dark: Array = 0.0
         for step in self.steps:
-            dark = step(dark, frame)
+            dark = step.sample(dark, frame)
         return Electrons(electrons.light, dark)
 
     def moments(self, m: Moments) -> Moments:
@@ -231,19 +237,23 @@ class PublishedDarkSignal:
 
 
 @dataclass(frozen=True)
-class PublishedWell:
+class PublishedWell(Stage):
     """Clipped to 0 … full well, then *floored* (paper eq. 26 rounds): loses half an electron and all negative noise.
 
     full_well_e : saturation capacity [e-].
     """
 
     full_well_e: float
-    domain: ClassVar[str] = "electrons"
+    domain = "electrons"
 
-    def __call__(self, electrons: Electrons, frame: Frame) -> Electrons:
+    def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
         """Photoelectrons and dark electrons → their sum, a whole number."""
         return Electrons(np.floor(np.clip(electrons.total, 0.0, self.full_well_e)))
 
     def moments(self, m: Moments) -> Moments:
         """floor and clip commute; a signal that is continuous and wider than 1 e- loses ½ and gains 1/12."""
         return m.add(mean=-0.5, temporal=1 / 12).clip(0.0, math.floor(self.full_well_e))
+
+    def counts(self, signal: Array, maps: dict[str, Array]) -> dict[str, int]:
+        """Pixels that are full."""
+        return {"clipped_full_well": int(np.sum(signal >= self.full_well_e))}

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from ...core.frame import Frame
 from ...core.moments import Moments
 from ...core.signals import Electrons
 from ...core.types import Array
+from ..stage import Converter, Stage
 from .fpn_distributions import FpnDistribution, fpn_map, times_fpn
 
 ELEMENTARY_CHARGE_C = 1.602176487e-19
@@ -57,15 +57,15 @@ class PublishedResetNoise:
 
 
 @dataclass(frozen=True)
-class PublishedSenseNode:
+class PublishedSenseNode(Stage):
     """V = V_REF + reset − A_SN·N (paper eq. 29, 30).  reference_v : V_REF [V].  gain_v_per_e : A_SN [V/e-]."""
 
     reference_v: float
     gain_v_per_e: float
     reset: PublishedResetNoise
-    domain: ClassVar[str] = "volts"
+    domain = "volts"
 
-    def __call__(self, electrons: Electrons, frame: Frame) -> Array:
+    def sample(self, electrons: Electrons, frame: Frame) -> Array:
         """Electrons → node voltage (H, W) [V]."""
         return self.reference_v + self.reset(frame) - self.gain_v_per_e * electrons.total
 
@@ -76,7 +76,7 @@ class PublishedSenseNode:
 
 
 @dataclass(frozen=True)
-class PublishedExponentialNode:
+class PublishedExponentialNode(Stage):
     """V = (V_REF + reset)·exp(−α·q·N/k₁) (paper eq. 33): A_SN does not enter, α = 0.05 reads 0.45 of the signal.
 
     reference_v : V_REF [V].  alpha : coefficient of non-linearity, above 0.
@@ -85,9 +85,9 @@ class PublishedExponentialNode:
     reference_v: float
     alpha: float
     reset: PublishedResetNoise
-    domain: ClassVar[str] = "volts"
+    domain = "volts"
 
-    def __call__(self, electrons: Electrons, frame: Frame) -> Array:
+    def sample(self, electrons: Electrons, frame: Frame) -> Array:
         """Electrons → node voltage (H, W) [V]."""
         return (self.reference_v + self.reset(frame)) * np.exp(-self.per_e * electrons.total)
 
@@ -105,7 +105,7 @@ class PublishedExponentialNode:
 
 
 @dataclass(frozen=True)
-class PublishedFollower:
+class PublishedFollower(Stage):
     """V·(1 + (γ − 1)·(V_REF − V)/(V_FW·V_REF)): the gain grows with the swing but multiplies the *node voltage*.
 
     (Paper eq. 9, 34.) γ = 1.05 takes 29 % to 30 % of the signal away.  full_well_v : V_FW [V].  gamma : above 0.
@@ -114,9 +114,9 @@ class PublishedFollower:
     reference_v: float
     full_well_v: float
     gamma: float
-    domain: ClassVar[str] = "volts"
+    domain = "volts"
 
-    def __call__(self, volts: Array, frame: Frame) -> Array:
+    def sample(self, volts: Array, frame: Frame) -> Array:
         """Node voltage → voltage after the source follower (H, W) [V]."""
         return volts * (1 + self.bend * (self.reference_v - volts))
 
@@ -131,7 +131,7 @@ class PublishedFollower:
 
 
 @dataclass(frozen=True)
-class PublishedColumnFpn:
+class PublishedColumnFpn(Stage):
     """V·(1 + D·V_FW·x_j), x_j per column (paper eq. 28, 32 *add*): 512 µV where D·V_FW = 165 µV is meant.
 
     factor : D·V_FW, used as a number without unit.  distribution : of x.
@@ -139,9 +139,9 @@ class PublishedColumnFpn:
 
     factor: float
     distribution: FpnDistribution
-    domain: ClassVar[str] = "volts"
+    domain = "volts"
 
-    def __call__(self, volts: Array, frame: Frame) -> Array:
+    def sample(self, volts: Array, frame: Frame) -> Array:
         """Voltage times the column FPN map, (H, W) [V]."""
         return volts * (1 + self.factor * fpn_map(frame.window, "dsnu_col", self.distribution))
 
@@ -151,7 +151,7 @@ class PublishedColumnFpn:
 
 
 @dataclass(frozen=True)
-class PublishedAdc:
+class PublishedAdc(Converter):
     """round(A·S·γ^(−S/V_FW)), S = V_REF − V, clipped to 0 … 2^bits: a code too many, no black level (paper eq. 35–37).
 
     gain_dn_per_v : A = 2^bits/(V_FW − A_SN²) [DN/V].  full_well_v : V_FW [V].  gamma : 1 is linear.
@@ -162,9 +162,8 @@ class PublishedAdc:
     reference_v: float
     full_well_v: float
     gamma: float = 1.0
-    domain: ClassVar[str] = "DN"
 
-    def __call__(self, volts: Array, frame: Frame) -> Array:
+    def sample(self, volts: Array, frame: Frame) -> Array:
         """Voltage [V] → whole digital numbers (H, W)."""
         return np.clip(np.floor(self._code(self.reference_v - volts) + 0.5), 0.0, self.highest)
 

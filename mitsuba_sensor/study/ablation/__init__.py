@@ -12,7 +12,7 @@ from ...core.errors import InputError, require, require_seed
 from ...render.irradiance import Irradiance
 from ...render.requirements import render_requirements
 from ...render.stop_criterion import stop_criterion_of
-from ...sensor.chain import gain_dn_per_e
+from ...sensor.gains import gain_dn_per_e
 from ..frames import Replicas
 from ..kit import Kit, Step
 from ..page import Study, study_of

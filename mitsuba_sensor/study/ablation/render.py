@@ -16,7 +16,7 @@ from ...render.irradiance import Irradiance, Job
 from ...render.passes import hashed_seed, whole_grid
 from ...render.requirements import grouped_electrons
 from ...render.stop_criterion import StopCriterion
-from ...sensor.chain import gain_dn_per_e
+from ...sensor.gains import gain_dn_per_e
 from ..kit import Task, in_turns, one_turn
 from ..statistics import Array, standard_error
 from .features import AOVS, ERROR_BARS, FALL_OFF, Features

@@ -17,13 +17,10 @@ from ...core.sensor_window import SensorWindow
 from ...core.signals import Photons
 from ...render.photons import collect
 from ...sensor.chain import chain
-from ...sensor.digital import IntegralNonlinearity
-from ...sensor.electrons import FullWell
-from ...sensor.noise_budget import stage_name
-from ...sensor.plan import INDISPENSABLE, Plan, plan, without
-from ...sensor.run import choose_backend, run_chain
+from ...sensor.plan import Plan, plan, without
+from ...sensor.run import choose_backend
+from ...sensor.stage import sample
 from ...sensor.theory import hidden_well
-from ...sensor.volts import NonlinearSenseNode, NonlinearSourceFollower
 from ..frames import (
     FRAMES_A_TURN,
     MOMENTS,
@@ -51,7 +48,6 @@ LOOKED_AT = 8  # frames, each of a sensor of its own, whose pixels are compared 
 SHAPE = {"numpy": (256, 512), "drjit": (1024, 1024)}
 """Pixels of the frames that are timed, however small the render: one strip of NumPy's, and enough for a kernel."""
 TURNS = {"numpy": 15, "drjit": 7}  # in each of which every chain makes frames
-CURVED = (NonlinearSenseNode, NonlinearSourceFollower, IntegralNonlinearity)
 RARE = 2.0
 """Events that are the standard error where none was seen: of 3 · 2 expected, none is seen in 1 of 400 cases, 3 σ."""
 NUMPY_NS, DRJIT_NS, CALL_S, KERNEL_S = 120.0, 12.0, 1.5e-3, 3.0
@@ -80,7 +76,7 @@ class SensorAblation:
     def __init__(self, kit: Kit, subject: Subject, light: Any, tolerance_dn: float, replicas: Replicas) -> None:
         self.kit, self._subject, self._light, self._replicas = kit, subject, light, replicas
         self.tolerance_dn = tolerance_dn
-        self.names = [WHOLE, *(stage_name(s) for s in chain(subject.camera) if not isinstance(s, INDISPENSABLE)), PLAN]
+        self.names = [WHOLE, *(s.label for s in chain(subject.camera) if not s.required), PLAN]
         self.engines = [engine for engine in SHAPE if problem_of(engine) is None]
 
     def steps(self, pixels: int) -> Iterator[Step]:
@@ -112,7 +108,7 @@ class SensorAblation:
     def cases(self) -> dict[str, Stages]:
         """Every chain, by its name."""
         whole = self.plan.whole
-        off = {stage_name(s): without(whole, {s}) for s in whole if not isinstance(s, INDISPENSABLE)}
+        off = {s.label: without(whole, {s}) for s in whole if not s.required}
         return {WHOLE: whole, **off, PLAN: self.plan.stages}
 
     @cached_property
@@ -167,12 +163,12 @@ class SensorAblation:
         whole = self.plan.whole
         found = ["counts are taken for a normal law where full well or converter cut them"]
         well = hidden_well(whole, Frame(self._subject.exposure, SensorWindow(0, (1, 1))))
-        if well is None and any(isinstance(stage, FullWell) for stage in whole):
+        if well is None and any(stage.saturation_e is not None for stage in whole):
             found.append(
                 "full well and converter cut one after the other, and the second cut takes what is left of the "
                 "first for a normal law"
             )
-        if any(isinstance(stage, CURVED) for stage in whole):
+        if any(stage.curved for stage in whole):
             found.append("curved stages are taken to second order in the noise")
         return found
 
@@ -213,7 +209,7 @@ class SensorAblation:
             start = light.electrons(self.plan.whole, sensor)
 
             def once(stages: Stages, signal: Any) -> int:
-                run_chain(stages, signal, Frame(light.exposure, sensor))
+                sample(stages, signal, Frame(light.exposure, sensor))
                 return 1
 
             tasks: dict[str, Any] = {case: partial(once, self.cases[case][1:], start) for case in cases}

@@ -19,7 +19,6 @@ from ...core.sensor_window import SensorWindow
 from ...core.signals import Electrons
 from ...sensor.camera import Camera, load_camera
 from ...sensor.chain import chain
-from ...sensor.noise_budget import stage_name
 from ...sensor.run import choose_backend
 from ..statistics import Array
 from .got import Got, shown
@@ -41,7 +40,7 @@ def table1(**changes: Any) -> Camera:
 
 def stage_of(name: str, **changes: Any) -> Any:
     """One stage of that camera, by its name."""
-    return next(stage for stage in chain(table1(**changes)) if stage_name(stage) == name)
+    return next(stage for stage in chain(table1(**changes)) if stage.label.lower() == name)
 
 
 @dataclass(frozen=True)
@@ -97,7 +96,7 @@ class Engine:
         signal = self.take(values, frame)
         signal = Electrons(signal) if electrons else signal
         for stage in stages:
-            signal = stage(signal, frame)
+            signal = stage.sample(signal, frame)
         return self.give([signal.total if isinstance(signal, Electrons) else signal], frame)[0]
 
 

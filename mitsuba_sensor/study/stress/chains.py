@@ -18,7 +18,6 @@ from ...core.sensor_window import SensorWindow
 from ...core.signals import Electrons, Photons
 from ...sensor.camera import Camera, list_cameras, load_camera
 from ...sensor.chain import chain
-from ...sensor.noise_budget import stage_name
 from .case import RARE, SIGMAS, TENTH, Case, Engine, cases_of
 from .got import Got, holds
 
@@ -103,7 +102,7 @@ def seen_behind(name: str, condition: Condition, engine: Engine) -> dict[str, Se
     signal: Any = Photons(np.full(SHAPE, condition.light(camera)))
     signals = []
     for stage in stages:
-        signal = stage(signal, frame)
+        signal = stage.sample(signal, frame)
         signals.append(signal.total if isinstance(signal, Electrons) else signal)
     lit = camera.qe([camera.quantum_efficiency.reference_nm or 0.0])[camera.filter_index(SHAPE), 0] > 0
     tile = Frame(condition.exposure, SensorWindow(7, TILE))
@@ -111,10 +110,10 @@ def seen_behind(name: str, condition: Condition, engine: Engine) -> dict[str, Se
     lines, unit, found = False, 1.0, {}
     for stage, values in zip(stages, engine.give(signals, frame), strict=True):
         theory = stage.moments(theory)
-        unit *= getattr(stage, "nominal_gain", 1.0)
-        lines = lines or not {"column", "row"}.isdisjoint(stage_name(stage).split())
+        unit *= stage.nominal_gain
+        lines = lines or not {"column", "row"}.isdisjoint(stage.label.split())
         off = standard_errors(values, theory, lines, RARE * unit, engine)
-        found[stage_name(stage)] = Seen(float(values[lit].min()), float(values[lit].max()), off)
+        found[stage.label] = Seen(float(values[lit].min()), float(values[lit].max()), off)
     return found
 
 
@@ -159,7 +158,7 @@ def exactly(conditions: tuple[Condition, ...], stage: str, value: Callable[[Came
 
 def chain_cases() -> list[Case]:
     """Light, time, warmth: a case per stage, the first of which makes the frames that the others look at."""
-    stages = {stage_name(stage): stage.domain for name in reversed(cameras()) for stage in chain(camera_of(name))}
+    stages = {stage.label: stage.domain for name in reversed(cameras()) for stage in chain(camera_of(name))}
     shipped = f"{len(list_cameras())} shipped cameras and one with every option"
     found = []
     for theme, given, conditions in (

@@ -16,7 +16,7 @@ from ...core.moments import Moments
 from ...core.sensor_window import SensorWindow
 from ...core.signals import Electrons
 from ...core.units import BOLTZMANN_J_PER_K, ELEMENTARY_CHARGE_C
-from ...sensor.chain import mean_dark_e
+from ...sensor.effects.dark_current import mean_dark_e
 from ...sensor.expose import expose
 from ..statistics import Array
 from .case import FLOAT32, ONLY_ONCE, RARE, SIGMAS, Case, Engine, cases_of, stage_of, table1
@@ -50,8 +50,8 @@ def three_moments(engine: Engine, mean: float) -> Got:
 def filled(engine: Engine, mean: float) -> Got:
     """Counts beyond any well: finite, about their mean, and then the full well exactly."""
     frame = engine.frame((64, 64))
-    electrons = stage_of("shot noise")(Electrons(engine.take(np.full((64, 64), mean), frame)), frame)
-    full = stage_of("full well", pixel__full_well_e=33_000.0)(electrons, frame)
+    electrons = stage_of("shot noise").sample(Electrons(engine.take(np.full((64, 64), mean), frame)), frame)
+    full = stage_of("full well", pixel__full_well_e=33_000.0).sample(electrons, frame)
     counted, total = engine.give([electrons.light, full.total], frame)
     return together(
         relative(counted, min(mean, 1e30), 1e-5, " counted"), agree(total, 33_000.0, unit=" e- in the well")
@@ -76,7 +76,7 @@ def overflow(engine: Engine, full_well_e: float) -> Got:
     dark = [0.0, 1.0, 1.0, 0.0, 3.0, 1e12, 7.0, full_well_e + 5, full_well_e]
     frame = engine.frame((1, len(dark)))
     electrons = Electrons(engine.take([light], frame), engine.take([dark], frame))
-    after = stage_of("full well", pixel__full_well_e=full_well_e)(electrons, frame)
+    after = stage_of("full well", pixel__full_well_e=full_well_e).sample(electrons, frame)
     total, *parts = engine.give([after.total, after.light, after.dark], frame)
     exact = 0.0 if engine.precision == "float64" or full_well_e < 1 / FLOAT32 else 2 * FLOAT32 * full_well_e
     sums = agree(total, np.minimum(np.add(light, dark), full_well_e)[None], exact, " e-")

@@ -11,8 +11,8 @@ import numpy as np
 
 from ...core import distributions
 from ...core.exposure import Exposure
-from ...sensor.cds import CdsNoise, flicker_integral
 from ...sensor.chain import chain
+from ...sensor.effects.source_follower_noise import CdsNoise, flicker_integral
 from ...sensor.expose import expose
 from ..statistics import standard_error
 from .case import ONLY_ONCE, SIGMAS, Case, Engine, cases_of, stage_of, table1
@@ -212,8 +212,7 @@ BITS = {1: "uint8", 8: "uint8", 9: "uint16", 12: "uint16", 16: "uint16", 17: "ui
 
 def adc_of(bits: int, black_level_dn: float = 0.0, **more: object) -> Any:
     """A converter of 1 DN/V."""
-    name = "adc with steps" if more else "adc"
-    return stage_of(name, adc__bits=bits, adc__full_scale_v=2.0**bits, adc__black_level_dn=black_level_dn, **more)
+    return stage_of("adc", adc__bits=bits, adc__full_scale_v=2.0**bits, adc__black_level_dn=black_level_dn, **more)
 
 
 def resolved(engine: Engine, bits: int, *_: object) -> Got:

@@ -15,8 +15,9 @@ from ...core.exposure import Exposure
 from ...io.files import to_json
 from ...render.passes import clean
 from ...render.photons import collect
-from ...sensor.chain import adc_gain_dn_per_v, black_level_dn
+from ...sensor.chain import black_level_dn
 from ...sensor.expose import expose
+from ...sensor.gains import adc_gain_dn_per_v
 from ...sensor.plan import plan
 from .case import NAME, ONLY_ONCE, SIGMAS, TENTH, Case, Engine, cases_of, table1
 from .chains import EVERY_OPTION, camera_of

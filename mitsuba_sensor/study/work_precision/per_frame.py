@@ -15,8 +15,9 @@ from ...render.passes import Welford
 from ...render.per_frame import AIM, NOISIEST, UNCOMPENSATED
 from ...render.statistics import median_bias
 from ...sensor.camera import Camera
-from ...sensor.chain import chain, mean_dark_e
+from ...sensor.chain import chain
 from ...sensor.compensation import compensable
+from ...sensor.effects.dark_current import mean_dark_e
 from ...sensor.expose import expose
 from ..frames import expected_moments
 from ..statistics import Array

@@ -19,7 +19,8 @@ from ...core.frame import Frame
 from ...core.sensor_window import SensorWindow
 from ...core.signals import Photons
 from ...render.stop_criterion import StopCriterion
-from ...sensor.chain import chain, mean_dark_e
+from ...sensor.chain import chain
+from ...sensor.effects.dark_current import mean_dark_e
 from ..frames import expected_moments
 from ..statistics import Array
 from ..subject import Subject
@@ -152,7 +153,7 @@ def electrons_of(photons: Photons, subject: Subject) -> Array:
     """Mean photoelectrons that every pixel detects, (H, W)."""
     shape = photons.mean.shape[0], photons.mean.shape[1]
     frame = Frame(subject.exposure, SensorWindow(0, shape, photons.origin))
-    return np.asarray(chain(subject.camera)[0](photons, frame).light)
+    return np.asarray(chain(subject.camera)[0].sample(photons, frame).light)
 
 
 def _dn_per_electron(subject: Subject, photons: Photons, electrons: Array) -> Array:

@@ -17,7 +17,6 @@ from ...core.signals import Photons
 from ...sensor.camera import Camera
 from ...sensor.chain import chain
 from ...sensor.checks import as_photons
-from ...sensor.noise_budget import stage_name
 from ...sensor.plan import Plan, plan
 from ..frames import (
     FRAMES_A_TURN,
@@ -146,8 +145,8 @@ class Sensor:
     def _planned(self, tolerance_dn: float) -> dict[str, Any]:
         """What the plan leaves out, and the precision that it asks for."""
         found = self._plan(tolerance_dn)
-        kept = {stage_name(stage) for stage in found.stages}
-        left_out = [name for stage in found.whole if (name := stage_name(stage)) not in kept]
+        kept = {stage.label for stage in found.stages}
+        left_out = [name for stage in found.whole if (name := stage.label) not in kept]
         return {"left_out": left_out, "stages": len(found.whole), "precision": found.precision}
 
     def illuminated(self, setting: Setting, shape: tuple[int, int]) -> Illuminated:

@@ -13,8 +13,9 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.moments import Moments
 from mitsuba_sensor.core.sensor_window import SensorWindow
-from mitsuba_sensor.sensor.chain import black_level_dn, chain, gain_dn_per_e
-from mitsuba_sensor.sensor.digital import Adc, AdcWithSteps
+from mitsuba_sensor.sensor.chain import black_level_dn, chain
+from mitsuba_sensor.sensor.effects.adc import Adc, AdcWithDnl
+from mitsuba_sensor.sensor.gains import gain_dn_per_e
 
 TABLE1 = ms.load_camera("konnik_table1")
 DARKNESS = {"dark_current.fom_na_per_cm2": 0.0}
@@ -38,7 +39,7 @@ def some_dnl(bits: int) -> tuple[float, ...]:
 def test_quantisation_error_on_a_ramp_is_0_288675_lsb_at_every_resolution(bits: int) -> None:
     """1/√12 of a step, mean 0, no code outside 0 … 2^bits − 1: an exact sum over the ramp (100 places per code)."""
     x = ramp(bits, 100)
-    codes = Adc(bits, 1.0, 0.0)(x, HERE)
+    codes = Adc(bits, 1.0, 0.0).sample(x, HERE)
     assert np.std(codes - x) == pytest.approx(0.288675, rel=1e-4)
     assert abs(np.mean(codes - x)) < 1e-9
     np.testing.assert_array_equal(np.bincount(codes.astype(int)), 100)
@@ -47,8 +48,8 @@ def test_quantisation_error_on_a_ramp_is_0_288675_lsb_at_every_resolution(bits: 
 @pytest.mark.parametrize("bits", range(1, 17))
 def test_steps_of_no_dnl_are_the_equal_steps_bit_for_bit(bits: int) -> None:
     gain, x = 2.0**bits / 0.165, np.linspace(-0.01, 0.18, 20_001)
-    steps = AdcWithSteps(bits, gain, 3.0, (0.0,) * 2**bits)
-    np.testing.assert_array_equal(steps(x, HERE), Adc(bits, gain, 3.0)(x, HERE))
+    steps = AdcWithDnl(bits, gain, 3.0, (0.0,) * 2**bits)
+    np.testing.assert_array_equal(steps.sample(x, HERE), Adc(bits, gain, 3.0).sample(x, HERE))
 
 
 @pytest.mark.parametrize("bits", [2, 4, 8, 10])
@@ -58,7 +59,7 @@ def test_a_code_density_ramp_gives_the_dnl_back(bits: int) -> None:
     (To two places: transitions and ramp are sums of decimal fractions and may round to either side.)
     """
     dnl, x = some_dnl(bits), ramp(bits)
-    codes = AdcWithSteps(bits, 1.0, 0.0, dnl)(x, HERE).astype(int)
+    codes = AdcWithDnl(bits, 1.0, 0.0, dnl).sample(x, HERE).astype(int)
     hits = np.bincount(codes, minlength=2**bits)
     np.testing.assert_allclose(hits / PER_CODE - 1, dnl, atol=2.1 / PER_CODE)
     assert (np.diff(codes) >= 0).all()
@@ -67,12 +68,12 @@ def test_a_code_density_ramp_gives_the_dnl_back(bits: int) -> None:
 def test_transitions_lie_at_k_less_a_half_plus_the_running_sum_of_the_dnl() -> None:
     """T_k = (k − ½ + INL_k)·LSB, written out for three bits."""
     dnl = (0.5, 0.0, -0.5, 0.25, 0.0, -0.25, 0.0, 0.0)
-    adc = AdcWithSteps(3, 2.0, 1.0, dnl)
+    adc = AdcWithDnl(3, 2.0, 1.0, dnl)
     transitions = [1.0, 2.0, 2.5, 3.75, 4.75, 5.5, 6.5]
     for code, level in enumerate(transitions):
         for above in (0, 1):
             swing = (level + (above - 0.5) * 2e-9 - 1.0) / 2.0
-            assert float(adc(np.array([[swing]]), HERE)[0, 0]) == code + above
+            assert float(adc.sample(np.array([[swing]]), HERE)[0, 0]) == code + above
 
 
 @pytest.mark.parametrize("missing", [1, 7, 100, 254])
@@ -80,7 +81,7 @@ def test_a_code_of_dnl_minus_one_never_appears_and_its_neighbours_do(missing: in
     """On a ramp and through a whole camera, whose 20 000 noisy pixels cross all 256 codes."""
     camera = TABLE1.replace(**{"adc.bits": 8, "adc.dnl_lsb": {str(missing): -1.0}, "adc.black_level_dn": 2.0})
     adc = chain(camera)[-1]
-    seen = set(np.unique((adc(np.linspace(-0.01, 0.2, 50_000), HERE)).astype(int)))
+    seen = set(np.unique((adc.sample(np.linspace(-0.01, 0.2, 50_000), HERE)).astype(int)))
     assert set(range(256)) - seen == {missing}
     light = np.broadcast_to(np.linspace(0, 60_000, 2000), (10, 2000))
     digital = ms.expose(light, camera, ms.Exposure(0.1)).digital
@@ -113,10 +114,10 @@ def test_unequal_steps_keep_the_moments_that_they_say(level: float) -> None:
     The theory moves the mean by the INL of one code, where noise averages the INL of forty; that is the difference.
     """
     dnl = tuple(float(x) for x in np.random.default_rng(2).normal(0, 0.02, 1024))
-    adc, mean, sigma = AdcWithSteps(10, 1.0, 0.0, dnl), 1024 * level, 10.0
+    adc, mean, sigma = AdcWithDnl(10, 1.0, 0.0, dnl), 1024 * level, 10.0
     x = mean + sigma * np.random.default_rng(3).standard_normal(200_000)
     m = adc.moments(Moments(mean, sigma**2, 0.0, HERE))
-    codes = adc(x, HERE)
+    codes = adc.sample(x, HERE)
     assert codes.mean() == pytest.approx(float(m.mean), abs=0.15 + 5 * sigma / math.sqrt(x.size))
     assert codes.var() == pytest.approx(float(m.temporal), rel=0.05)
 
@@ -144,7 +145,7 @@ class TestAdcThatClipsBeforeTheWell(TestAdc):
 class TestAdcWithSteps(StageTests):
     """A wide step, a missing code and a narrow one; the noise covers many codes, so the moments hold."""
 
-    stage = AdcWithSteps
+    stage = AdcWithDnl
     camera = TABLE1.replace(**{"adc.dnl_lsb": {"100": 0.5, "511": -1.0, "900": 0.3}})
 
 
@@ -161,7 +162,7 @@ def test_the_full_well_spans_the_whole_code_range_whatever_the_gains() -> None:
 def test_the_converter_rounds_half_up_and_stops_at_both_ends() -> None:
     adc = Adc(4, 1.0, 2.0)
     volts = np.array([[-9.0, -2.5, -1.51, -1.5, -0.5, 0.49, 0.5, 12.49, 12.5, 13.0, 99.0, np.inf, -np.inf]])
-    np.testing.assert_array_equal(adc(volts, HERE), [[0, 0, 0, 1, 2, 2, 3, 14, 15, 15, 15, 15, 0]])
+    np.testing.assert_array_equal(adc.sample(volts, HERE), [[0, 0, 0, 1, 2, 2, 3, 14, 15, 15, 15, 15, 0]])
 
 
 @pytest.mark.parametrize("name", ms.list_cameras())

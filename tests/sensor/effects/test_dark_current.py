@@ -16,11 +16,13 @@ from mitsuba_sensor.core.moments import Moments
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.core.signals import Electrons
 from mitsuba_sensor.core.units import BOLTZMANN_EV_PER_K, ELEMENTARY_CHARGE_C
-from mitsuba_sensor.sensor.chain import chain, dark_components, dark_current_model, gain_dn_per_e
+from mitsuba_sensor.sensor.chain import chain
 from mitsuba_sensor.sensor.dark_components import DarkComponent, mixture_moments
 from mitsuba_sensor.sensor.dark_current_models import Doubling, FigureOfMerit, Measured, Mpp, band_gap_ev
-from mitsuba_sensor.sensor.electrons import DarkCurrent, RtsPixels
+from mitsuba_sensor.sensor.effects.dark_current import DarkCurrent, dark_components, dark_current_model
+from mitsuba_sensor.sensor.effects.rts_pixels import RtsPixels
 from mitsuba_sensor.sensor.fpn_distributions import Gaussian, LogNormal
+from mitsuba_sensor.sensor.gains import gain_dn_per_e
 
 TABLE1 = ms.load_camera("konnik_table1")
 FAMILIES = ["gaussian", "lognormal", "gamma", "wald", "logistic", "ar"]
@@ -36,7 +38,7 @@ def dark_stage(camera: ms.Camera) -> DarkCurrent:
 def dark_map(camera: ms.Camera, time_s: float, shape: tuple[int, int] = SHAPE) -> Any:
     """Mean dark electrons of every pixel."""
     frame = Frame(ms.Exposure(time_s, 300.0), SensorWindow(7, shape))
-    return np.broadcast_to(dark_stage(camera)(Electrons(np.zeros(shape)), frame).dark, shape)
+    return np.broadcast_to(dark_stage(camera).sample(Electrons(np.zeros(shape)), frame).dark, shape)
 
 
 def dark_moments(camera: ms.Camera, time_s: float) -> Moments:
@@ -142,7 +144,7 @@ def test_a_normal_part_is_cut_at_zero_and_its_moments_know() -> None:
     """N(18, 40) cut at 0, the whole sensor: no negative rate, and the mean rises from 18 to 26.0 (5 se: 1.3 %)."""
     part = DarkComponent(1.0, "normal", 18.0, 40.0)
     frame = Frame(ms.Exposure(1.0), SensorWindow(3, SHAPE))
-    x = DarkCurrent(Measured(5.0, 300.0), TABLE1_PATTERN, (part,))(Electrons(np.zeros(SHAPE)), frame).dark
+    x = DarkCurrent(Measured(5.0, 300.0), TABLE1_PATTERN, (part,)).sample(Electrons(np.zeros(SHAPE)), frame).dark
     mean, variance = mixture_moments((part,), 5.0, 0.0, frame)
     cut = stats.norm(18, 40)
     assert mean == pytest.approx(cut.expect(lambda v: v, lb=0), rel=1e-8)
@@ -151,7 +153,7 @@ def test_a_normal_part_is_cut_at_zero_and_its_moments_know() -> None:
     assert x.var() == pytest.approx(variance, rel=0.02)
 
 
-TABLE1_PATTERN = dark_stage(TABLE1).pattern
+TABLE1_PATTERN = dark_stage(TABLE1).distribution
 
 
 def test_weights_of_one_leave_no_pixel_to_the_main_law() -> None:
@@ -226,7 +228,7 @@ def states(share: float, switching: float, indices: Any, shape: tuple[int, int] 
     """(N, H, W) electrons of the traps in some frames."""
     stage, window = RtsPixels(share, STEP / 2, switching, DUTY), SensorWindow(7, shape)
     frames = [Frame(ms.Exposure(2.0), window, 5, index) for index in indices]
-    return np.array([np.broadcast_to(stage(Electrons(np.zeros(shape)), frame).dark, shape) for frame in frames])
+    return np.array([np.broadcast_to(stage.sample(Electrons(np.zeros(shape)), frame).dark, shape) for frame in frames])
 
 
 def test_blinking_pixels_have_the_mean_and_variances_that_the_stage_says() -> None:
@@ -277,7 +279,7 @@ def test_no_share_of_blinking_pixels_is_no_stage_and_traps_that_are_always_on_ar
     assert not any(isinstance(stage, RtsPixels) for stage in chain(TABLE1))
     stage = RtsPixels(1.0, 10.0, 0.1, 1.0)
     frame = Frame(ms.Exposure(2.0), SensorWindow(7, (4, 5)), 5, 3)
-    np.testing.assert_array_equal(stage(Electrons(np.zeros((4, 5))), frame).dark, 20.0)
+    np.testing.assert_array_equal(stage.sample(Electrons(np.zeros((4, 5))), frame).dark, 20.0)
     m = stage.moments(Moments(0.0, 0.0, 0.0, frame))
     assert (m.mean, m.temporal, m.spatial) == (20.0, 0.0, 0.0)
 
@@ -342,6 +344,6 @@ class TestDarkCurrentOfAnMppSensor(TestGaussianDarkPattern):
 def test_a_dark_pattern_of_no_width_is_one_number(family: Any) -> None:
     dark = DarkCurrent(FigureOfMerit(1.0, 5.7e-4**2), family(0.0))
     frame = Frame(ms.Exposure(0.1), SensorWindow(3, (4, 50)))
-    after = dark(Electrons(np.zeros((4, 50))), frame)
+    after = dark.sample(Electrons(np.zeros((4, 50))), frame)
     np.testing.assert_array_equal(after.dark, dark.mean_e(frame))
     assert float(np.mean(dark.moments(Moments(0.0, 0.0, 0.0, frame)).spatial)) == 0.0

@@ -5,15 +5,15 @@ from __future__ import annotations
 from helpers.stage_tests import StageTests
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.sensor.electrons import Detection
+from mitsuba_sensor.sensor.effects.quantum_efficiency import QuantumEfficiency
 
 
 class TestDetection(StageTests):
-    stage = Detection
+    stage = QuantumEfficiency
     camera = ms.load_camera("bayer_2mp")
 
 
 class TestDetectionBehindInfraredFilters(StageTests):
-    stage = Detection
+    stage = QuantumEfficiency
     camera = ms.load_camera("rgbir_2mp")
     level = 0.1

@@ -12,8 +12,12 @@ from helpers.stage_tests import SQUARE, TALL, StageTests
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.sensor_window import SensorWindow
-from mitsuba_sensor.sensor.chain import chain, gain_dn_per_e
-from mitsuba_sensor.sensor.volts import DsnuColumn, DsnuPixel, DsnuRow, PrnuColumn
+from mitsuba_sensor.sensor.chain import chain
+from mitsuba_sensor.sensor.effects.dsnu_column import DsnuColumn
+from mitsuba_sensor.sensor.effects.dsnu_pixel import DsnuPixel
+from mitsuba_sensor.sensor.effects.dsnu_row import DsnuRow
+from mitsuba_sensor.sensor.effects.prnu_column import PrnuColumn
+from mitsuba_sensor.sensor.gains import gain_dn_per_e
 
 TABLE1 = ms.load_camera("konnik_table1")
 EXPOSURE = ms.Exposure(0.1)
@@ -78,7 +82,7 @@ def test_lines_have_the_sigma_asked_for_at_every_coupling(kind: Any, coupling: f
     n = 100_000
     window = SensorWindow(3, (n, 1) if kind is DsnuRow else (1, n))
     stage = PrnuColumn(0.002, coupling) if kind is PrnuColumn else kind(33.0, 5e-6, coupling)
-    (values,) = stage.maps(window).values()
+    (values,) = stage.fpn_maps(window).values()
     assert values.shape == window.shape
     mean, sigma = (1.0, 0.002) if kind is PrnuColumn else (0.0, 33.0)
     x = (values.ravel() - mean) / sigma
@@ -93,7 +97,7 @@ def test_lines_have_the_sigma_asked_for_at_every_coupling(kind: Any, coupling: f
 @pytest.mark.parametrize("coupling", [0.0, 0.25])
 def test_pixel_offsets_have_the_sigma_asked_for_and_neighbours_that_are_alike(coupling: float) -> None:
     """512 × 512 pixels in 64 tiles: 5 standard errors are 1.4 % of the variance for white ones, 2.5 % for a = 0.25."""
-    x = DsnuPixel(33.0, 5e-6, coupling).maps(SensorWindow(3, (512, 512)))["dsnu_pixel_e"] / 33.0
+    x = DsnuPixel(33.0, 5e-6, coupling).fpn_maps(SensorWindow(3, (512, 512)))["dsnu_pixel_e"] / 33.0
     for values, expected in (
         (x, 0.0),
         (x * x, 1.0),
@@ -137,10 +141,10 @@ def test_a_column_gain_multiplies_the_swing_and_leaves_darkness_alone() -> None:
     """The ratio of two levels less darkness is the gain, per column, whatever the light."""
     frame = Frame(EXPOSURE, SensorWindow(3, SHAPE))
     stage = PrnuColumn(0.01)
-    gain = stage.maps(frame.window)["prnu_col"]
+    gain = stage.fpn_maps(frame.window)["prnu_col"]
     swing = np.linspace(0, 0.165, SHAPE[0] * SHAPE[1]).reshape(SHAPE)
-    np.testing.assert_array_equal(stage(swing, frame), swing * gain)
-    np.testing.assert_array_equal(stage(np.zeros(SHAPE), frame), 0.0)
+    np.testing.assert_array_equal(stage.sample(swing, frame), swing * gain)
+    np.testing.assert_array_equal(stage.sample(np.zeros(SHAPE), frame), 0.0)
     assert gain.shape == (1, SHAPE[1])
 
 
@@ -148,7 +152,7 @@ def test_the_four_patterns_of_one_camera_are_independent() -> None:
     """|ρ| < 5/√n between any two sources' lines and between neighbouring serials."""
     n = 20_000
     lines = [
-        stage.maps(SensorWindow(serial, (1, n) if axis else (n, 1)))[name].ravel()
+        stage.fpn_maps(SensorWindow(serial, (1, n) if axis else (n, 1)))[name].ravel()
         for serial in (1, 2)
         for stage, name, axis in (
             (DsnuColumn(1.0, 1.0), "dsnu_col_e", 1),
@@ -189,7 +193,7 @@ def test_subtracting_a_zero_exposure_frame_removes_the_offsets_and_adds_the_temp
     frames = ms.expose(np.zeros(shape), camera, ms.Exposure(0.0), frames=2)
     one, zero = frames.digital.astype(np.int64)
     stages = {line["name"]: line for line in frames.report["stages"]}
-    sigma = stages["adc"]["sigma_temporal_expected"]
+    sigma = stages["ADC"]["sigma_temporal_expected"]
     difference = one - zero
     assert difference.min() < 0 < difference.max()
     assert difference.std() == pytest.approx(math.sqrt(2) * sigma, rel=5 / math.sqrt(2 * one.size))

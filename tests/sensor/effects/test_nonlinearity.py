@@ -17,10 +17,13 @@ from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.moments import Moments
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.core.signals import Electrons, Photons
-from mitsuba_sensor.sensor.chain import chain, gain_dn_per_e, sense_gain_v_per_e
-from mitsuba_sensor.sensor.digital import Adc, IntegralNonlinearity, end_point_ile, gamma_of_ile
-from mitsuba_sensor.sensor.electrons import FullWell
-from mitsuba_sensor.sensor.volts import NonlinearSenseNode, NonlinearSourceFollower, SenseNode, SourceFollower
+from mitsuba_sensor.sensor.chain import chain
+from mitsuba_sensor.sensor.effects.adc import Adc
+from mitsuba_sensor.sensor.effects.full_well import FullWell
+from mitsuba_sensor.sensor.effects.integral_nonlinearity import IntegralNonlinearity, end_point_ile, gamma_of_ile
+from mitsuba_sensor.sensor.effects.sense_node import NonlinearSenseNode, SenseNode
+from mitsuba_sensor.sensor.effects.source_follower import NonlinearSourceFollower, SourceFollower
+from mitsuba_sensor.sensor.gains import gain_dn_per_e, sense_gain_v_per_e
 
 TABLE1 = ms.load_camera("konnik_table1")
 HERE = Frame(ms.Exposure(0.1), SensorWindow(3, (1, 5)))
@@ -28,7 +31,7 @@ A_SN, V_REF = 5e-6, 3.1
 
 
 def swing_of(stage: Any, electrons: Any) -> Any:
-    return np.ravel(stage(Electrons(np.atleast_2d(np.asarray(electrons, dtype=float))), HERE))
+    return np.ravel(stage.sample(Electrons(np.atleast_2d(np.asarray(electrons, dtype=float))), HERE))
 
 
 # V/e (4.6)
@@ -88,14 +91,14 @@ def test_the_follower_gains_5_percent_at_full_well_and_half_of_that_half_way() -
     """γ = 1.05: ratio 1 for small signals, 1.025 at half scale, 1.05 at full well; A_SF in front."""
     stage, full = NonlinearSourceFollower(0.9, 1.05, 0.165), 0.165
     for share, ratio in ((1e-9, 1.0), (0.5, 1.025), (1.0, 1.05)):
-        assert float(stage(full * share, HERE)) / (0.9 * full * share) == pytest.approx(ratio, rel=1e-9)
-    assert float(stage(0.0, HERE)) == 0.0
+        assert float(stage.sample(full * share, HERE)) / (0.9 * full * share) == pytest.approx(ratio, rel=1e-9)
+    assert float(stage.sample(0.0, HERE)) == 0.0
 
 
 @pytest.mark.parametrize("gamma", [0.51, 0.9, 1.0, 1.05, 2.0])
 def test_the_follower_is_monotone_up_to_full_well_for_every_ratio_above_one_half(gamma: float) -> None:
     swing = np.linspace(0, 0.165, 1001)
-    assert (np.diff(NonlinearSourceFollower(1.0, gamma, 0.165)(swing, HERE)) > 0).all()
+    assert (np.diff(NonlinearSourceFollower(1.0, gamma, 0.165).sample(swing, HERE)) > 0).all()
 
 
 def test_the_full_swing_of_the_follower_is_that_of_the_cameras_full_well() -> None:
@@ -123,7 +126,7 @@ def test_the_photon_transfer_slope_at_full_well_is_1_10_k_and_the_variance_1_21_
         signal: Any = Photons(np.full((400, 1000), electrons / 0.6))
         frame = Frame(ms.Exposure(0.1), SensorWindow(3, (400, 1000)))
         for stage in stages:
-            signal = stage(signal, frame)
+            signal = stage.sample(signal, frame)
         return signal
 
     low, mid, high = digital(31_350.0), digital(33_000.0), digital(34_650.0)
@@ -137,7 +140,7 @@ def test_the_photon_transfer_slope_at_full_well_is_1_10_k_and_the_variance_1_21_
 def deviation_from_end_points(gamma: float) -> Any:
     """The curve less the straight line through both its ends, over a fine ramp of full scale 1."""
     x = np.linspace(0, 1, 100_001)
-    y = IntegralNonlinearity(gamma, 1.0)(x, HERE)
+    y = IntegralNonlinearity(gamma, 1.0).sample(x, HERE)
     return y - x * y[-1], y[-1]
 
 
@@ -165,10 +168,12 @@ def test_a_gamma_next_to_one_loses_no_digit(offset: float) -> None:
     """S·γ^(−S/V_FS) = S·(1 − ln γ·S/V_FS + …): the deviation itself is right to 1e-7, at any gain, also A = 1."""
     swing = np.linspace(0.01, 1.0, 50)
     log = math.log1p(offset)
-    bent = IntegralNonlinearity(1 + offset, 1.0)(swing, HERE)
+    bent = IntegralNonlinearity(1 + offset, 1.0).sample(swing, HERE)
     np.testing.assert_allclose(bent - swing, -log * swing**2, rtol=1e-7, atol=4e-16)
     for gain in (1.0, 1 + 1e-9, 1e6):
-        np.testing.assert_array_equal(Adc(24, gain, 0.0)(bent, HERE), np.floor(np.minimum(gain * bent, 2**24) + 0.5))
+        np.testing.assert_array_equal(
+            Adc(24, gain, 0.0).sample(bent, HERE), np.floor(np.minimum(gain * bent, 2**24) + 0.5)
+        )
 
 
 def test_a_gain_of_one_is_a_gain_like_any_other() -> None:
@@ -178,13 +183,13 @@ def test_a_gain_of_one_is_a_gain_like_any_other() -> None:
     )
     bend, adc = chain(camera)[-2:]
     assert adc.gain_dn_per_v == 1.0
-    codes = adc(bend(np.array([0.0, 2048.0, 4096.0]), HERE), HERE)
+    codes = adc.sample(bend.sample(np.array([0.0, 2048.0, 4096.0]), HERE), HERE)
     np.testing.assert_array_equal(codes, [0, math.floor(2048 / 1.04**0.5 + 0.5), math.floor(4096 / 1.04 + 0.5)])
 
 
 @pytest.mark.parametrize("gamma", [0.5, 0.9, 1.04, 2.0, 2.718])
 def test_the_converter_is_monotone_for_every_gamma_below_e(gamma: float) -> None:
-    assert (np.diff(IntegralNonlinearity(gamma, 1.0)(np.linspace(0, 1, 1001), HERE)) > 0).all()
+    assert (np.diff(IntegralNonlinearity(gamma, 1.0).sample(np.linspace(0, 1, 1001), HERE)) > 0).all()
 
 
 @pytest.mark.parametrize("gamma", [math.e, 3.0])
@@ -218,7 +223,7 @@ def test_a_curve_has_the_moments_that_it_says_at_every_level(stage: Any, level: 
     sigma_t, sigma_f = math.sqrt(mean + 100), 0.01 * mean + 5
     random = np.random.default_rng(11)
     x = mean + sigma_f * random.standard_normal(n) + sigma_t * random.standard_normal((3, n))
-    y = stage(Electrons(x) if isinstance(stage, NonlinearSenseNode) else x, HERE)
+    y = stage.sample(Electrons(x) if isinstance(stage, NonlinearSenseNode) else x, HERE)
     m = stage.moments(Moments(mean, sigma_t**2, sigma_f**2, HERE))
     temporal = y.var(axis=0, ddof=1)
     fixed = (y.mean(axis=0) - m.mean) ** 2 - temporal / 3
@@ -242,13 +247,13 @@ def test_the_second_order_of_a_curve_is_the_integral_over_a_normal_law(
     nodes, weights = np.polynomial.hermite_e.hermegauss(20)
     weights = weights / weights.sum()
     x = level + 0.05 * nodes[:, None] + 0.08 * nodes
-    y = stage(Electrons(x) if isinstance(stage, NonlinearSenseNode) else x, HERE)
+    y = stage.sample(Electrons(x) if isinstance(stage, NonlinearSenseNode) else x, HERE)
     of_pixel = y @ weights
     mean, fixed = weights @ of_pixel, weights @ of_pixel**2 - (weights @ of_pixel) ** 2
     temporal = weights @ (y**2 @ weights) - weights @ of_pixel**2
     m = stage.moments(Moments(level, 0.08**2, 0.05**2, HERE))
     assert (m.mean, m.temporal, m.spatial) == pytest.approx((mean, temporal, fixed), rel=accuracy)
-    slope_only = stage(Electrons(level) if isinstance(stage, NonlinearSenseNode) else level, HERE)
+    slope_only = stage.sample(Electrons(level) if isinstance(stage, NonlinearSenseNode) else level, HERE)
     assert m.mean - slope_only == pytest.approx(mean - slope_only, rel=max(accuracy, 0.02))
 
 

@@ -10,7 +10,7 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.core.signals import Electrons
-from mitsuba_sensor.sensor.electrons import Prnu
+from mitsuba_sensor.sensor.effects.prnu import Prnu
 from mitsuba_sensor.sensor.fpn_distributions import Rectified
 
 BASE = ms.load_camera("konnik_table1")
@@ -38,7 +38,7 @@ class TestPrnuOfCorrelatedNeighbours(TestPrnu):
 
 
 def test_prnu_multiplies_light_and_leaves_the_dark_alone() -> None:
-    after = Prnu(Rectified(0.1))(CHARGE, SMALL)
+    after = Prnu(Rectified(0.1)).sample(CHARGE, SMALL)
     assert after.dark is CHARGE.dark
     gain = after.light[CHARGE.light > 0] / CHARGE.light[CHARGE.light > 0]
     assert gain.std() == pytest.approx(0.1, rel=0.3)
@@ -47,5 +47,5 @@ def test_prnu_multiplies_light_and_leaves_the_dark_alone() -> None:
 
 def test_no_pixel_has_negative_gain_however_strong_the_prnu() -> None:
     window = SensorWindow(3, (100, 100))
-    after = Prnu(Rectified(10.0))(Electrons(np.ones((100, 100))), Frame(ms.Exposure(0.1), window))
+    after = Prnu(Rectified(10.0)).sample(Electrons(np.ones((100, 100))), Frame(ms.Exposure(0.1), window))
     assert after.light.min() == 0.0 and np.isfinite(after.light).all()

@@ -16,8 +16,9 @@ from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.moments import Moments
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.core.signals import Electrons, Photons
-from mitsuba_sensor.sensor.chain import collection
-from mitsuba_sensor.sensor.electrons import Detection, QuantumYield, ShotNoise
+from mitsuba_sensor.sensor.effects.quantum_efficiency import QuantumEfficiency
+from mitsuba_sensor.sensor.effects.quantum_yield import QuantumYield
+from mitsuba_sensor.sensor.effects.shot_noise import ShotNoise
 
 TABLE1 = ms.load_camera("konnik_table1")
 BAYER = ms.load_camera("bayer_2mp")
@@ -40,7 +41,7 @@ def detected(camera: ms.Camera, photons: Any, wavelengths_nm: Any = None, origin
     mean = np.asarray(photons, dtype=float)
     lengths = None if wavelengths_nm is None else np.asarray(wavelengths_nm, dtype=float)
     frame = Frame(EXPOSURE, SensorWindow(1, mean.shape[:2], origin))
-    return collection(camera)[0](Photons(mean, lengths), frame).light
+    return camera.stages[0].sample(Photons(mean, lengths), frame).light
 
 
 def test_one_value_holds_over_the_whole_band_and_nowhere_else() -> None:
@@ -57,8 +58,8 @@ def test_the_three_ways_to_give_a_curve_are_one_camera(tmp_path: Path) -> None:
         "wavelengths_nm = [400, 700]\nvalue = 0.6\nreference_nm = 550",
         'file = "qe.csv"\nreference_nm = 550',
     ]
-    chains = {collection(ms.load_camera(camera_file(tmp_path, way))) for way in ways}
-    assert chains == {collection(TABLE1)}
+    chains = {ms.load_camera(camera_file(tmp_path, way)).stages for way in ways}
+    assert chains == {TABLE1.stages}
 
 
 def test_a_later_word_on_the_qe_stands_in_for_an_earlier_one(tmp_path: Path) -> None:
@@ -215,9 +216,9 @@ def counted(camera: ms.Camera, photons: Photons, shape: tuple[int, int] = (400, 
     frame = Frame(EXPOSURE, SensorWindow(3, shape))
     signal: Any = photons
     m = Moments(photons, 0.0, 0.0, frame)
-    for stage in collection(camera):
-        if isinstance(stage, Detection | ShotNoise | QuantumYield):
-            signal, m = stage(signal, frame), stage.moments(m)
+    for stage in camera.stages[:6]:
+        if isinstance(stage, QuantumEfficiency | ShotNoise | QuantumYield):
+            signal, m = stage.sample(signal, frame), stage.moments(m)
     return np.broadcast_to(signal.light, shape), m
 
 
@@ -270,7 +271,7 @@ def test_dark_electrons_do_not_multiply() -> None:
 
 def test_prnu_acts_on_the_interactions_and_the_yield_multiplies_its_pattern() -> None:
     """Fixed variance after the yield: (η·P_N·λ)²."""
-    stages = collection(yielding(2.0).replace(**{"pixel.prnu": 0.01, "dark_current.fom_na_per_cm2": 0.0}))
+    stages = yielding(2.0).replace(**{"pixel.prnu": 0.01, "dark_current.fom_na_per_cm2": 0.0}).stages[:5]
     frame = Frame(EXPOSURE, SensorWindow(3, (1, 1)))
     m = Moments(Photons(np.full((1, 1), 2000.0)), 0.0, 0.0, frame)
     for stage in stages:
@@ -281,7 +282,7 @@ def test_prnu_acts_on_the_interactions_and_the_yield_multiplies_its_pattern() ->
 def test_few_interactions_never_give_a_negative_number_of_electrons() -> None:
     """λ = 0.5, η = 1.2, F = 1: the normal spread of a single burst is cut at 0, and no interaction frees nothing."""
     n = Electrons(np.array([[0.0, 1.0, 2.0] * 1000]), yield_mean=1.2, yield_variance=0.0)
-    after = QuantumYield(1.0)(n, Frame(EXPOSURE, SensorWindow(3, (1, 3000)))).light
+    after = QuantumYield(1.0).sample(n, Frame(EXPOSURE, SensorWindow(3, (1, 3000)))).light
     assert after.min() >= 0
     np.testing.assert_array_equal(after[0, ::3], 0.0)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from helpers.stage_tests import StageTests
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.sensor.electrons import RtsPixels
+from mitsuba_sensor.sensor.effects.rts_pixels import RtsPixels
 
 BASE = ms.load_camera("konnik_table1")
 

@@ -10,7 +10,8 @@ from helpers.stage_tests import StageTests
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.sensor.chain import chain
-from mitsuba_sensor.sensor.volts import NonlinearSourceFollower, SourceFollower, SourceFollowerNoise
+from mitsuba_sensor.sensor.effects.source_follower import NonlinearSourceFollower, SourceFollower
+from mitsuba_sensor.sensor.effects.source_follower_noise import SourceFollowerNoise
 
 BASE = ms.load_camera("konnik_table1")
 

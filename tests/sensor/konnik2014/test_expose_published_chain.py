@@ -20,7 +20,7 @@ from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.io.files import to_json
 from mitsuba_sensor.sensor.konnik2014 import Konnik2014Settings, chain_of
-from mitsuba_sensor.sensor.run import run_chain
+from mitsuba_sensor.sensor.stage import sample
 
 TABLE1 = ms.load_camera("konnik_table1")
 EXPOSURE = ms.Exposure(0.1)
@@ -35,7 +35,7 @@ def test_expose_gives_the_numbers_of_the_published_chain(changes: dict[str, Any]
     stages = chain_of(Konnik2014Settings.from_camera(camera))
     window = SensorWindow(9, LIGHT.shape, (7, 11))
     for index in range(2):
-        expected = run_chain(stages, ms.Photons(LIGHT), Frame(EXPOSURE, window, 5, 3 + index))
+        expected = sample(stages, ms.Photons(LIGHT), Frame(EXPOSURE, window, 5, 3 + index))
         np.testing.assert_array_equal(frames.digital[index], expected)
     assert frames.stages == stages
 
@@ -81,7 +81,7 @@ def test_one_wavelength_may_come_as_a_band_and_signals_can_be_kept() -> None:
 
 
 CANNOT: dict[str, tuple[Any, str, dict[str, Any], str]] = {
-    "unknown name": (LIGHT, "konnik_table1", {"chain": "konnik"}, "chain is 'konnik'; it must be 'physical', or 'kon"),
+    "unknown name": (LIGHT, "konnik_table1", {"chain": "konnik"}, "chain is 'konnik'; it must be one of physical, kon"),
     "no name": (LIGHT, "konnik_table1", {"chain": None}, "chain is None; it must be"),
     "a cube": (
         np.ones((3, 4, 2)),
@@ -90,7 +90,7 @@ CANNOT: dict[str, tuple[Any, str, dict[str, Any], str]] = {
         "2 bands and the published code has one",
     ),
     "colour filters": (LIGHT, "bayer_2mp", PUBLISHED, r"3 colour filter\(s\)"),
-    "measured maps": (LIGHT, "konnik_table1", {**PUBLISHED, "maps": {"prnu": np.ones((15, 20))}}, "draws its own"),
+    "measured maps": (LIGHT, "konnik_table1", {**PUBLISHED, "maps": {"prnu": np.ones((15, 20))}}, "makes its own"),
 }
 
 

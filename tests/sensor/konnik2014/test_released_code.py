@@ -25,8 +25,9 @@ from mitsuba_sensor.core.moments import Moments
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.core.signals import Electrons, Photons
 from mitsuba_sensor.sensor.camera import load_camera
-from mitsuba_sensor.sensor.cds import CdsNoise
 from mitsuba_sensor.sensor.dark_current_models import FigureOfMerit
+from mitsuba_sensor.sensor.effects.reset_noise import ResetNoise as SignedResetNoise
+from mitsuba_sensor.sensor.effects.source_follower_noise import CdsNoise
 from mitsuba_sensor.sensor.konnik2014 import Konnik2014Settings, chain_of
 from mitsuba_sensor.sensor.konnik2014.electrons import (
     PublishedDarkMean,
@@ -47,7 +48,6 @@ from mitsuba_sensor.sensor.konnik2014.volts import (
     PublishedFollower,
     PublishedResetNoise,
 )
-from mitsuba_sensor.sensor.volts import ResetNoise as SignedResetNoise
 
 REFERENCE = json.loads((DATA / "released_code.json").read_text("utf-8"))
 RECORDS = REFERENCE["full_chain"] + REFERENCE["single_source"]
@@ -180,11 +180,11 @@ def trace(stages: tuple[Any, ...], photons: Photons, frame: Frame) -> dict[str, 
         if isinstance(stage, PublishedDarkSignal):
             step_signal: Any = 0.0
             for step in stage.steps:
-                step_signal = step(step_signal, frame)
+                step_signal = step.sample(step_signal, frame)
                 seen |= dict.fromkeys(LEAVES[type(step).__name__], step_signal)
             signal = Electrons(signal.light, step_signal)
         else:
-            signal = stage(signal, frame)
+            signal = stage.sample(signal, frame)
         value = signal.total if isinstance(signal, (Electrons, Photons)) else signal
         seen |= dict.fromkeys(LEAVES[type(stage).__name__], value)
     full_well = next(stage.full_well_e for stage in stages if isinstance(stage, PublishedWell))
@@ -447,7 +447,7 @@ def test_a_wrong_setting_is_refused_with_a_remedy(changes: dict[str, Any], messa
 def test_colours_are_refused() -> None:
     frame = Frame(EXPOSURE, SensorWindow(1, (2, 2)))
     with pytest.raises(InputError, match="has one wavelength"):
-        chain_of(SIMPLE)[0](Photons(np.ones((2, 2, 3)), np.array([450.0, 550.0, 650.0])), frame)
+        chain_of(SIMPLE)[0].sample(Photons(np.ones((2, 2, 3)), np.array([450.0, 550.0, 650.0])), frame)
 
 
 def test_what_is_switched_off_has_no_stage() -> None:
@@ -464,7 +464,7 @@ def test_a_crop_of_a_frame_is_the_frame_of_the_crop() -> None:
     def render_frames(window: SensorWindow, stage_count: int) -> Any:
         signal: Any = Photons(np.full(window.shape, 27500.0))
         for stage in chain_of(settings)[:stage_count]:
-            signal = stage(signal, Frame(EXPOSURE, window, seed=3))
+            signal = stage.sample(signal, Frame(EXPOSURE, window, seed=3))
         return signal
 
     count = len(chain_of(settings))
@@ -512,12 +512,12 @@ def clipped_noise(part: int) -> float:
 
 
 def signal_kept(level: float) -> float:
-    return (3.1 - float(FULL_SWING(3.1 - 0.165 * level, FRAME))) / (0.165 * level)
+    return (3.1 - float(FULL_SWING.sample(3.1 - 0.165 * level, FRAME))) / (0.165 * level)
 
 
 def exponential(electrons: float) -> float:
     node = PublishedExponentialNode(3.1, 0.05, PublishedResetNoise(5e-6, 0.0))
-    return (3.1 - float(node(Electrons(electrons), FRAME))) / (5e-6 * electrons)
+    return (3.1 - float(node.sample(Electrons(electrons), FRAME))) / (5e-6 * electrons)
 
 
 PAGE = {

@@ -1,0 +1,157 @@
+"""Analogue-to-digital converter (ADC): volts → codes, with black level, rounding, clipping and DNL."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import accumulate
+from typing import TYPE_CHECKING, Annotated, ClassVar, Self
+
+from pydantic import Field, model_validator
+
+from ...core import arrays
+from ...core.exposure import Exposure
+from ...core.frame import Frame
+from ...core.moments import Moments
+from ...core.sensor_window import SensorWindow
+from ...core.types import Array
+from ..datasheet import NotNegative, Positive, Section
+from ..gains import adc_gain_dn_per_v
+from ..stage import Converter, Stage, propagate
+
+if TYPE_CHECKING:
+    from ..camera import Camera
+
+BLACK_LEVEL_AT = Exposure(time_s=0.0, temperature_k=298.15)
+"""The default black level holds the noise of this exposure."""
+
+
+class AdcFields(Section):
+    """The analogue-to-digital converter."""
+
+    bits: Annotated[int, Field(ge=1, le=24, strict=True)] = Field(description="resolution [bit]", examples=[12])
+    full_scale_v: Positive | None = Field(
+        None, description="swing of the whole code range V_FS [V]; default: the swing of a full well", examples=[0.165]
+    )
+    black_level_dn: NotNegative | None = Field(
+        None, description="the code of darkness [DN]; default: 4σ of the noise of a zero exposure", examples=[64]
+    )
+    dnl_lsb: dict[str, Annotated[float, Field(ge=-1, strict=True)]] = Field(
+        default_factory=dict,
+        description="code → its step's width less one [LSB]; -1 is a missing code",
+        examples=[{"7": -1.0}],
+    )
+
+    @model_validator(mode="after")
+    def _codes_exist(self) -> Self:
+        for code in self.dnl_lsb:
+            if not code.isdecimal() or not 0 < int(code) < 2**self.bits - 1:
+                last = 2**self.bits - 2
+                raise ValueError(f"dnl_lsb names the code {code!r}; codes with two edges run from 1 to {last}")
+        return self
+
+
+@dataclass(frozen=True)
+class Adc(Converter):
+    """floor(black level + A·S + ½), clipped to 0 … 2^bits − 1 (paper eq. 10, 35).
+
+    bits : resolution.  gain_dn_per_v : A = 2^bits/V_FS [DN/V].  black_level_dn : the code of darkness [DN].
+    """
+
+    bits: int
+    gain_dn_per_v: float
+    black_level_dn: float
+    table = "adc"
+    fields = AdcFields
+    paper = "eq. 10, 11, 35; §ADC"
+    label = "ADC"
+
+    @classmethod
+    def from_camera(cls, camera: Camera, before: tuple[Stage, ...]) -> Converter:
+        """With steps of unequal width where the datasheet has a DNL table."""
+        plain = (camera.adc.bits, adc_gain_dn_per_v(camera), default_black_level_dn(camera, before))
+        if not camera.adc.dnl_lsb:
+            return Adc(*plain)
+        table = [0.0] * 2**camera.adc.bits
+        for code, width in camera.adc.dnl_lsb.items():
+            table[int(code)] = width
+        return AdcWithDnl(*plain, dnl_lsb=tuple(table))
+
+    def sample(self, swing: Array, frame: Frame) -> Array:
+        """Swing [V] → whole digital numbers (H, W), rounded half up."""
+        highest = frame.number(self.highest)
+        return arrays.along(
+            self._line,
+            lambda x: arrays.minimum(arrays.maximum(arrays.floor(x + 0.5), 0.0), highest),
+            self._ideal(swing, frame),
+        )
+
+    def moments(self, m: Moments) -> Moments:
+        """Gain and black level, then rounding (1/12 DN² where the noise hides the steps) and the clip at both ends."""
+        return m.scale(self.gain_dn_per_v).add(mean=self.black_level_dn).round().clip(0.0, self.highest)
+
+    @property
+    def nominal_gain(self) -> float:
+        """A [DN/V]."""
+        return self.gain_dn_per_v
+
+    @property
+    def highest(self) -> int:
+        """The largest code, 2^bits − 1."""
+        return 2**self.bits - 1
+
+    def _ideal(self, swing: Array, frame: Frame) -> Array:
+        """The code of a converter with infinitely many bits [DN]."""
+        return frame.number(self.black_level_dn) + frame.number(self.gain_dn_per_v) * swing
+
+    def _line(self, ideal: Array, code: Array) -> Array:
+        """The straight line under the steps, flat at both ends."""
+        return arrays.where(ideal > 0, arrays.where(ideal < self.highest, ideal, self.highest), 0.0)
+
+
+@dataclass(frozen=True)
+class AdcWithDnl(Adc):
+    """Steps of unequal width: transition levels T_k = (k − ½ + INL_k)·LSB, INL the running sum of the DNL.
+
+    dnl_lsb : (2^bits,) width of every code less one [LSB], ≥ −1; −1 is a missing code, which never appears.
+    """
+
+    dnl_lsb: tuple[float, ...] = ()
+    label = "ADC"
+    even_codes: ClassVar[bool] = False
+
+    def sample(self, swing: Array, frame: Frame) -> Array:
+        """Swing [V] → the code whose step contains it (H, W)."""
+        return arrays.along(
+            self._line, lambda x: arrays.count_at_or_below(self._transitions, x), self._ideal(swing, frame)
+        )
+
+    def moments(self, m: Moments) -> Moments:
+        """As a converter of equal steps, moved by the local INL."""
+        ideal = m.scale(self.gain_dn_per_v).add(mean=self.black_level_dn)
+        code = arrays.minimum(arrays.maximum(arrays.floor(ideal.mean + 0.5), 0.0), self.highest)
+        inl = arrays.pick(self._inl, arrays.index(code))
+        return ideal.add(mean=-inl).round().clip(0.0, self.highest)
+
+    @property
+    def _inl(self) -> tuple[float, ...]:
+        """INL at the lower edge of every code [LSB]."""
+        return tuple(accumulate(self.dnl_lsb, initial=0.0))[:-1]
+
+    @property
+    def _transitions(self) -> tuple[float, ...]:
+        """Edges between code k − 1 and k, k = 1 … 2^bits − 1 [DN]."""
+        return tuple(k - 0.5 + inl for k, inl in enumerate(self._inl) if k)
+
+
+def default_black_level_dn(camera: Camera, before: tuple[Stage, ...]) -> float:
+    """As given, else 4σ of a zero exposure, rounded up, but never above 1/8 of the range [DN].
+
+    before : the stages in front of the converter.
+    """
+    if camera.adc.black_level_dn is not None:
+        return float(camera.adc.black_level_dn)
+    dark = Moments(0.0, 0.0, 0.0, Frame(BLACK_LEVEL_AT, SensorWindow(0, (1, 1))))
+    m = propagate((stage for stage in before if stage.domain == "volts"), dark)
+    sigma = math.hypot(m.sigma * adc_gain_dn_per_v(camera), math.sqrt(1 / 12))
+    return float(min(math.ceil(4 * sigma), (2**camera.adc.bits - 1) // 8))

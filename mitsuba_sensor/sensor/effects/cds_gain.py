@@ -1,0 +1,35 @@
+"""CDS gain: the amplifier behind the correlated double sampling, S·A_CDS."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from pydantic import Field
+
+from ..datasheet import Positive, Section
+from ..stage import LinearGain, Stage
+
+if TYPE_CHECKING:
+    from ..camera import Camera
+
+
+class CdsGainFields(Section):
+    """Gain of the CDS amplifier."""
+
+    cds_gain: Positive = Field(1.0, description="A_CDS [V/V]", examples=[1.0])
+
+
+@dataclass(frozen=True)
+class CdsGain(LinearGain):
+    """S·A_CDS, 1 typical."""
+
+    table = "readout"
+    fields = CdsGainFields
+    paper = "§CDS"
+    label = "CDS gain"
+
+    @classmethod
+    def from_camera(cls, camera: Camera, before: tuple[Stage, ...]) -> CdsGain:
+        """The gain of the datasheet."""
+        return cls(camera.readout.cds_gain)

@@ -1,0 +1,163 @@
+"""Dark current and its non-uniformity (DSNU of the dark signal): mean dark electrons = t·D_R(T)·X, X a fixed map."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from ...core import arrays
+from ...core.exposure import Exposure
+from ...core.frame import Frame
+from ...core.moments import Moments
+from ...core.sensor_window import SensorWindow
+from ...core.signals import Electrons
+from ...core.types import Array
+from ..dark_components import DarkComponent, DarkComponentSection, component_maps, mixture_moments, superimpose
+from ..dark_current_models import DarkCurrentModel, Doubling, FigureOfMerit, Measured, Mpp
+from ..datasheet import MapCoupling, NotNegative, Positive, Section
+from ..fpn_distributions import Autoregressive, FpnDistribution, Gamma, Gaussian, Logistic, LogNormal, Wald
+from ..gains import gain_dn_per_e
+from ..stage import Stage, cut_to_zero
+
+if TYPE_CHECKING:
+    from ..camera import Camera
+
+DISTRIBUTIONS = {"gaussian": Gaussian, "lognormal": LogNormal, "gamma": Gamma, "wald": Wald, "logistic": Logistic}
+
+
+class DarkCurrentFields(Section):
+    """Electrons that come without light: a figure of merit at 300 K, or a measured rate."""
+
+    fom_na_per_cm2: NotNegative | None = Field(None, description="figure of merit at 300 K [nA/cm²]", examples=[1.0])
+    diffusion_fom_na_per_cm2: NotNegative | None = Field(
+        None, description="figure of merit of the diffusion part of an MPP pixel at 300 K [nA/cm²]", examples=[0.01]
+    )
+    rate_e_per_s: NotNegative | None = Field(
+        None, description="rate at at_temperature_k [e-/s per pixel]", examples=[5]
+    )
+    at_temperature_k: Annotated[float, Field(ge=50, strict=True)] | None = Field(
+        None, description="temperature of rate_e_per_s [K]", examples=[298.15]
+    )
+    doubling_k: Positive | None = Field(
+        None, description="warming that doubles the rate [K]; without it the rate follows silicon", examples=[7.0]
+    )
+    cv: NotNegative = Field(0.0, description="non-uniformity D_N of the dark current: σ over mean", examples=[0.1])
+    distribution: Literal["gaussian", "lognormal", "gamma", "wald", "logistic", "ar"] = Field(
+        "lognormal", description="distribution of the dark current over the pixels", examples=["lognormal"]
+    )
+    coupling: MapCoupling = Field(0.0, description="coupling a of an ar distribution", examples=[0.25])
+    components: tuple[DarkComponentSection, ...] = Field(
+        (),
+        description="superimposed components of the distribution",
+        examples=[[{"weight": 0.001, "family": "uniform", "low": 45, "high": 440, "unit": "dn"}]],
+    )
+
+    @model_validator(mode="after")
+    def _one_model(self) -> Self:
+        figure, rate = self.fom_na_per_cm2 is not None, self.rate_e_per_s is not None
+        if figure == rate:
+            raise ValueError("give either fom_na_per_cm2 or rate_e_per_s (with at_temperature_k), and not both")
+        if rate != (self.at_temperature_k is not None):
+            raise ValueError("rate_e_per_s and at_temperature_k go together; one of them is missing")
+        if self.doubling_k is not None and not rate:
+            raise ValueError("doubling_k needs rate_e_per_s and at_temperature_k; fom_na_per_cm2 has a law of its own")
+        if self.diffusion_fom_na_per_cm2 is not None and not figure:
+            raise ValueError("diffusion_fom_na_per_cm2 stands beside fom_na_per_cm2, the depletion part; give both")
+        if (weights := sum(component.weight for component in self.components)) > 1:
+            raise ValueError(f"the weights of components add up to {weights:g}; at most 1")
+        if self.distribution != "ar" and self.coupling:
+            raise ValueError('coupling belongs to distribution = "ar"; the others have independent pixels')
+        return self
+
+
+@dataclass(frozen=True)
+class DarkCurrent(Stage):
+    """Adds mean dark electrons t·D_R(T)·X, X a fixed map of mean 1 (paper eq. 16, 18).
+
+    model : D_R(T) in e-/s.  distribution : of X; its coefficient of variation is D_N, 0.1–0.4 typical.
+    components : shares of the pixels that have another distribution instead, also where a map is given.
+    """
+
+    model: DarkCurrentModel
+    distribution: FpnDistribution
+    components: tuple[DarkComponent, ...] = ()
+    domain = "electrons"
+    table = "dark_current"
+    fields = DarkCurrentFields
+    paper = "eq. 1–6, 16, 18"
+
+    @classmethod
+    def from_camera(cls, camera: Camera, before: tuple[Stage, ...]) -> DarkCurrent:
+        """Temperature model, distribution and superimposed components of the datasheet."""
+        dark = camera.dark_current
+        distribution = Autoregressive(dark.cv, dark.coupling) if dark.distribution == "ar" else None
+        return cls(
+            dark_current_model(camera),
+            distribution or DISTRIBUTIONS[dark.distribution](dark.cv),
+            dark_components(camera),
+        )
+
+    def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
+        """Photoelectrons and the mean dark electrons of this exposure."""
+        mean = self.mean_e(frame)
+        flat = self.distribution.cv == 0 and "dark_fpn" not in frame.window.given
+        dark = frame.number(mean) if mean else 0.0
+        if mean and not flat:
+            dark = arrays.product(dark, self.fpn_maps(frame.window)["dark_fpn"])
+        if self.components:
+            dark = superimpose(self.components, dark, frame)
+        return replace(electrons, dark=electrons.dark + dark)
+
+    def moments(self, m: Moments) -> Moments:
+        """The mixture of t·D_R·X with the components: its mean, and its variance from pixel to pixel."""
+        mean = self.mean_e(m.frame)
+        factor, variance = m.frame.window.map_moments("dark_fpn", self.distribution.mean, self.distribution.variance)
+        average, spread = mixture_moments(self.components, mean * factor, mean**2 * variance, m.frame)
+        return replace(m.add(mean=average, spatial=spread), light=m)
+
+    def mean_e(self, frame: Frame) -> float:
+        """Mean dark electrons of a pixel of the main component in this exposure."""
+        return frame.exposure.time_s * self.model.rate_e_per_s(frame.exposure.temperature_k)
+
+    def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
+        """``dark_fpn``: dark current of every pixel over the average; and which pixel belongs to which component."""
+        main = window.measured_or("dark_fpn", lambda: self.distribution.map_of(window, "dark_fpn"))
+        return {"dark_fpn": main} | (component_maps(self.components, window) if self.components else {})
+
+    def counts(self, signal: Array, maps: dict[str, Array]) -> dict[str, int]:
+        """Pixels whose dark current the distribution would have made negative."""
+        return cut_to_zero(maps, "dark_fpn")
+
+
+def mean_dark_e(camera: Camera, exposure: Exposure) -> float:
+    """Mean dark electrons of a pixel of the main component in one exposure."""
+    return exposure.time_s * dark_current_model(camera).rate_e_per_s(exposure.temperature_k)
+
+
+def dark_current_model(camera: Camera) -> DarkCurrentModel:
+    """How this camera's dark current follows the temperature."""
+    dark = camera.dark_current
+    area_cm2 = camera.pixel.pitch_x_um * camera.pixel.pitch_y_um * 1e-8
+    if dark.fom_na_per_cm2 is not None:
+        if dark.diffusion_fom_na_per_cm2 is not None:
+            return Mpp(dark.diffusion_fom_na_per_cm2, dark.fom_na_per_cm2, area_cm2)
+        return FigureOfMerit(dark.fom_na_per_cm2, area_cm2)
+    rate, at = dark.rate_e_per_s or 0.0, dark.at_temperature_k or 300.0
+    return Measured(rate, at) if dark.doubling_k is None else Doubling(rate, at, dark.doubling_k)
+
+
+def dark_components(camera: Camera) -> tuple[DarkComponent, ...]:
+    """The superimposed dark signals, in electrons."""
+    unit = {"e": 1.0, "e_per_s": 1.0, "dn": 1 / gain_dn_per_e(camera)}
+    return tuple(
+        DarkComponent(
+            part.weight,
+            part.family,
+            *((part.low, part.high) if part.family == "uniform" else (part.mean, part.sigma)),
+            e_per_unit=unit[part.unit],
+            per_second=part.unit == "e_per_s",
+        )
+        for part in camera.dark_current.components
+    )

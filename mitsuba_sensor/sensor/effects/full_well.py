@@ -1,0 +1,63 @@
+"""Full well: a pixel holds at most its saturation capacity of electrons (EMVA 1288 μ_e.sat)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+from pydantic import Field
+
+from ...core import arrays
+from ...core.frame import Frame
+from ...core.moments import Moments
+from ...core.signals import Electrons
+from ...core.types import Array
+from ..datasheet import Section
+from ..stage import Stage
+
+if TYPE_CHECKING:
+    from ..camera import Camera
+
+
+class FullWellFields(Section):
+    """Saturation capacity."""
+
+    full_well_e: Annotated[float, Field(ge=1, le=1e30, strict=True)] = Field(
+        description="saturation capacity [e-]", examples=[33000]
+    )
+
+
+@dataclass(frozen=True)
+class FullWell(Stage):
+    """min(N, full well), before any read noise (paper, text after eq. 26).  full_well_e : saturation capacity [e-]."""
+
+    full_well_e: float
+    domain = "electrons"
+    table = "pixel"
+    fields = FullWellFields
+    paper = "text after eq. 26"
+
+    @classmethod
+    def from_camera(cls, camera: Camera, before: tuple[Stage, ...]) -> FullWell:
+        """The saturation capacity of the datasheet."""
+        return cls(camera.pixel.full_well_e)
+
+    @property
+    def saturation_e(self) -> float:
+        """The full well [e-]."""
+        return self.full_well_e
+
+    def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
+        """Clips the sum; the excess is taken from the photoelectrons."""
+        capacity = frame.number(self.full_well_e)
+        dark = arrays.minimum(electrons.dark, capacity)
+        return replace(electrons, light=arrays.minimum(electrons.light, capacity - dark), dark=dark)
+
+    def moments(self, m: Moments) -> Moments:
+        """A clipped normal: shot noise near a full well is one."""
+        return m.clip(-float("inf"), self.full_well_e)
+
+    def counts(self, signal: Array, maps: dict[str, Array]) -> dict[str, int]:
+        """Pixels that are full."""
+        return {"clipped_full_well": int(np.sum(signal >= self.full_well_e))}

@@ -1,0 +1,88 @@
+"""Integral non-linearity of the ADC: a curve with an end-point linearity error (ILE), S·γ^(−S/V_FS)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, ClassVar, Self
+
+from pydantic import Field, model_validator
+
+from ...core import arrays
+from ...core.frame import Frame
+from ...core.moments import Moments
+from ...core.special import largest, root
+from ...core.types import Array
+from ..datasheet import Section
+from ..gains import full_scale_v
+from ..stage import Stage
+
+if TYPE_CHECKING:
+    from ..camera import Camera
+
+
+class IntegralNonlinearityFields(Section):
+    """Curve of the converter."""
+
+    gamma: Annotated[float, Field(gt=0, lt=2.718281828459045, strict=True)] | None = Field(
+        None, description="integral non-linearity γ: gain at zero over gain at full scale, below e", examples=[1.04]
+    )
+    ile: Annotated[float, Field(ge=0, lt=0.25, strict=True)] | None = Field(
+        None, description="the same as an end-point error, a fraction of full scale", examples=[0.0099]
+    )
+
+    @model_validator(mode="after")
+    def _one_curve(self) -> Self:
+        if self.gamma is not None and self.ile is not None:
+            raise ValueError("give either gamma or ile, and not both; gamma = 1.04 is an ile of 0.0099")
+        return self
+
+
+@dataclass(frozen=True)
+class IntegralNonlinearity(Stage):
+    """S·γ^(−S/V_FS), that is A^(1−αV) = A·γ^(−V/V_FS) exactly (paper eq. 36-38).
+
+    gamma : ratio of the gains at zero and at full scale, below e, where the curve stops being monotone; 1.04 is an
+        end-point ILE of 0.99 %.  full_scale_v : V_FS [V].
+    """
+
+    gamma: float
+    full_scale_v: float
+    domain = "volts"
+    curved: ClassVar[bool] = True
+    table = "adc"
+    fields = IntegralNonlinearityFields
+    paper = "eq. 36–38"
+
+    @classmethod
+    def from_camera(cls, camera: Camera, before: tuple[Stage, ...]) -> IntegralNonlinearity | None:
+        """None for a straight converter."""
+        adc = camera.adc
+        gamma = gamma_of_ile(adc.ile) if adc.ile is not None else adc.gamma
+        return None if gamma in (None, 1.0) else cls(gamma, full_scale_v(camera))
+
+    def sample(self, swing: Array, frame: Frame) -> Array:
+        """Swing through the curve; without a logarithm of the gain, so that A = 1 is a gain like any other."""
+        return swing if self.gamma == 1 else swing * arrays.exp(frame.number(-self._rate) * swing)
+
+    def moments(self, m: Moments) -> Moments:
+        """Second order in the noise."""
+        k, fall = self._rate, arrays.exp(-self._rate * m.mean)
+        return m.through(m.mean * fall, (1 - k * m.mean) * fall, (k * m.mean - 2) * k * fall)
+
+    @property
+    def _rate(self) -> float:
+        return arrays.scalar_log(self.gamma) / self.full_scale_v
+
+
+def gamma_of_ile(ile: float) -> float:
+    """γ whose largest distance from the straight line through both ends is ``ile`` of full scale; 0.04 → 1.16633.
+
+    The distance is max over x of x·γ^(1−x) − x.
+    """
+    return root(lambda gamma: end_point_ile(gamma) - ile, 1.0, 2.7) if ile else 1.0
+
+
+def end_point_ile(gamma: float) -> float:
+    """End-point integral linearity error of γ, a fraction of full scale; 1.04 → 0.0099."""
+    k = arrays.scalar_log(gamma)
+    return largest(lambda x: x * arrays.scalar_exp(k * (1 - x)) - x, 0.0, 1.0)

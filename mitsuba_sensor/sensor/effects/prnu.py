@@ -1,0 +1,78 @@
+"""Photo response non-uniformity (PRNU): a fixed gain of every pixel for light, σ/mean = PRNU1288."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal
+
+from pydantic import Field
+
+from ...core import arrays
+from ...core.frame import Frame
+from ...core.moments import Moments
+from ...core.sensor_window import SensorWindow
+from ...core.signals import Electrons
+from ...core.types import Array
+from ..datasheet import MapCoupling, NotNegative, Section
+from ..fpn_distributions import AutoregressiveRectified, FpnDistribution, LogNormal, Rectified
+from ..stage import Stage, cut_to_zero
+
+if TYPE_CHECKING:
+    from ..camera import Camera
+
+
+class PrnuFields(Section):
+    """PRNU of the pixels."""
+
+    prnu: NotNegative = Field(0.0, description="photo response non-uniformity, a fraction of the mean", examples=[0.01])
+    prnu_distribution: Literal["gaussian", "lognormal", "ar"] = Field(
+        "gaussian", description="distribution of the pixels' gains", examples=["gaussian"]
+    )
+    prnu_coupling: MapCoupling = Field(0.0, description="coupling a of an ar gain map", examples=[0.25])
+
+
+@dataclass(frozen=True)
+class Prnu(Stage):
+    """mean' = mean · max(0, 1 + PRNU·z), one z per pixel and camera (paper eq. 15, and other distributions).
+
+    distribution : of the gain; its cv is the PRNU, 0.01–0.02 typical (Janesick 2001).
+    """
+
+    distribution: FpnDistribution
+    domain = "electrons"
+    table = "pixel"
+    fields = PrnuFields
+    paper = "eq. 15"
+    label = "PRNU"
+
+    @classmethod
+    def from_camera(cls, camera: Camera, before: tuple[Stage, ...]) -> Prnu:
+        """The distribution of the gains that the datasheet names."""
+        pixel = camera.pixel
+        if pixel.prnu_distribution == "ar":
+            return cls(AutoregressiveRectified(pixel.prnu, pixel.prnu_coupling))
+        return cls((LogNormal if pixel.prnu_distribution == "lognormal" else Rectified)(pixel.prnu))
+
+    def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
+        """Mean photoelectrons times the gain map."""
+        if self.distribution.cv == 0 and "prnu" not in frame.window.given:
+            return electrons
+        gain, noise = self.fpn_maps(frame.window)["prnu"], electrons.variance_e2
+        noise = None if noise is None else arrays.product(noise, gain * gain)
+        return replace(electrons, light=arrays.product(electrons.light, gain), variance_e2=noise)
+
+    def moments(self, m: Moments) -> Moments:
+        """Spatial variance (PRNU·mean)²; no dark current is in the mean here."""
+        mean, variance = m.frame.window.map_moments("prnu", self.distribution.mean, self.distribution.variance)
+        noise = None if m.variance_e2 is None else m.variance_e2 * (mean**2 + variance)
+        return replace(
+            m, mean=m.mean * mean, spatial=m.spatial + arrays.product(m.mean**2, variance), variance_e2=noise
+        )
+
+    def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
+        """``prnu``: gain of every pixel, 1 on average."""
+        return {"prnu": window.measured_or("prnu", lambda: self.distribution.map_of(window, "prnu"))}
+
+    def counts(self, signal: Array, maps: dict[str, Array]) -> dict[str, int]:
+        """Pixels whose gain the distribution would have made negative."""
+        return cut_to_zero(maps, "prnu")

@@ -1,0 +1,186 @@
+"""Quantum efficiency (QE, η): mean photoelectrons = Σ_k QE(λ_k)·Λ_k, behind each pixel's colour filter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
+
+from pydantic import Field, ValidationInfo, model_validator
+
+from ...core import arrays
+from ...core.errors import InputError
+from ...core.frame import Frame
+from ...core.moments import Moments
+from ...core.signals import Electrons, Photons
+from ...core.types import Array
+from ..datasheet import Chance, Positive, Section
+from ..qe_file import read_curves
+from ..stage import Stage
+
+if TYPE_CHECKING:
+    from ..camera import Camera
+
+Fractions = tuple[Annotated[float, Field(ge=0, le=1, strict=True)], ...]
+
+
+class QuantumEfficiencyFields(Section):
+    """Electrons per photon, a curve per colour filter, and how the filters repeat over the sensor."""
+
+    value: Chance | None = Field(
+        None, description="one QE for all of wavelengths_nm, instead of curves, as a fraction", examples=[0.6]
+    )
+    file: str | None = Field(
+        None, description="CSV file of the curves, instead of wavelengths_nm and curves", examples=["qe.csv"]
+    )
+    wavelengths_nm: Annotated[tuple[Positive, ...], Field(min_length=2)] = Field(
+        description="where the curves are given, increasing [nm]", examples=[[400, 700]]
+    )
+    curves: Annotated[dict[str, Fractions], Field(min_length=1)] = Field(
+        description="filter name → QE at each wavelength, as a fraction", examples=[{"mono": [0.6, 0.6]}]
+    )
+    tile: Annotated[tuple[tuple[str, ...], ...], Field(min_length=1)] | None = Field(
+        None, description="rows of filter names that repeat over the sensor", examples=[[["R", "G"], ["G", "B"]]]
+    )
+    reference_nm: Positive | None = Field(
+        None, description="the wavelength of photons that come without one [nm]", examples=[550]
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_value_or_file(cls, data: Any, info: ValidationInfo) -> Any:
+        if not isinstance(data, dict):
+            return data
+        if not _plausible(data.get("value")) or not isinstance(data.get("file"), str | None):
+            # any curve will do here: the check of value or file itself says what is wrong
+            return data | {"curves": {"mono": [0.0, 1.0]}, "wavelengths_nm": [1.0, 2.0]}
+        ways = [name for name in ("value", "file", "curves") if data.get(name) is not None]
+        if len(ways) > 1:
+            raise ValueError(f"give either {ways[0]} or {ways[1]}, and not both")
+        if ways == ["file"]:
+            return data | {"file": None} | read_curves(data["file"], (info.context or {}).get("folder", "."))
+        if ways != ["value"]:
+            return data
+        points = data.get("wavelengths_nm")
+        if not isinstance(points, list | tuple) or not points:
+            raise ValueError("value needs wavelengths_nm, the band in which it holds, e.g. [400, 700]")
+        return data | {"value": None, "curves": {"mono": [data["value"]] * len(points)}, "tile": None}
+
+    @model_validator(mode="after")
+    def _curves_fit(self) -> Self:
+        points = self.wavelengths_nm
+        if any(b <= a for a, b in pairwise(points)):
+            raise ValueError("wavelengths_nm must increase from each point to the next")
+        for name, curve in self.curves.items():
+            if len(curve) != len(points):
+                raise ValueError(f"curves.{name} has {len(curve)} values for {len(points)} wavelengths_nm")
+        if self.tile is None and len(self.curves) > 1:
+            raise ValueError('several curves need a tile of their names, e.g. [["R", "G"], ["G", "B"]]')
+        for row in self.tile or ():
+            if not row or len(row) != len(self.tile[0]):  # type: ignore[index]
+                raise ValueError("tile must be a rectangle: every row as long as the first, and none empty")
+            for name in row:
+                if name not in self.curves:
+                    raise ValueError(f"tile names {name!r}, which has no curve; there are {sorted(self.curves)}")
+        return self
+
+
+def _plausible(value: Any) -> bool:
+    """Whether a QE is absent or a fraction."""
+    return value is None or (isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value <= 1)
+
+
+@dataclass(frozen=True)
+class SpectralCurve:
+    """A quantity against wavelength: linear between the points, 0 outside them.
+
+    wavelengths_nm : increasing [nm].  values : at each of them; electrons per photon for a QE.
+    """
+
+    wavelengths_nm: tuple[float, ...]
+    values: tuple[float, ...]
+
+    def at(self, wavelengths_nm: Array) -> Array:
+        """Values at these wavelengths, (B,)."""
+        return arrays.interpolate(wavelengths_nm, self.wavelengths_nm, self.values)
+
+
+@dataclass(frozen=True)
+class QuantumEfficiency(Stage):
+    """Mean photoelectrons of each pixel, Σ_k QE(λ_k)·Λ_k (paper eq. 14); not rounded, nothing is random here.
+
+    curves : one QE curve per colour filter.  tile : rows of filter numbers that repeat over the sensor.
+    reference_nm : the wavelength of photons that come without one [nm], or None when they must have one.
+    quantum_yield : electrons per interacting photon against wavelength, or None for one everywhere.
+    """
+
+    curves: tuple[SpectralCurve, ...]
+    tile: tuple[tuple[int, ...], ...] = ((0,),)
+    reference_nm: float | None = None
+    quantum_yield: SpectralCurve | None = None
+    domain = "electrons"
+    table = "quantum_efficiency"
+    fields = QuantumEfficiencyFields
+    paper = "eq. 12, 14"
+    required: ClassVar[bool] = True
+
+    @classmethod
+    def from_camera(cls, camera: Camera, before: tuple[Stage, ...]) -> QuantumEfficiency:
+        """The camera's curves, and its quantum yield where that is not one."""
+        section = camera.quantum_efficiency
+        burst = SpectralCurve(section.wavelengths_nm, section.quantum_yield) if section.quantum_yield else None
+        return cls(camera.curves, camera.tile, section.reference_nm, burst)
+
+    def sample(self, photons: Photons, frame: Frame) -> Electrons:
+        """Mean photons (H, W) or (H, W, B) → mean photoelectrons (H, W); with a yield, mean interactions."""
+        weights = self._weights(photons)
+        if len(self.curves) > 1:
+            rows = frame.window.rows % len(self.tile)
+            columns = frame.window.columns % len(self.tile[0])
+            weights = arrays.pick(weights, arrays.pick(self.tile, (rows[:, None], columns[None, :])))
+        layers = photons.mean if photons.mean.ndim == 3 else photons.mean[..., None]
+        light, window = arrays.weigh(layers, weights), frame.window
+        electrons = window.backend.from_numpy(light, window)
+        if self.quantum_yield is None:
+            noise = photons.variance_e2
+            return Electrons(electrons, variance_e2=None if noise is None else window.backend.from_numpy(noise, window))
+        per_photon = self.quantum_yield.at(self._wavelengths(photons))
+        first = arrays.ratio(arrays.weigh(layers, weights * per_photon), light, 1.0)
+        second = arrays.ratio(arrays.weigh(layers, weights * per_photon**2), light, 1.0)
+        spread = arrays.maximum(second - first**2, 0.0)
+        return Electrons(
+            electrons,
+            yield_mean=window.backend.from_numpy(first, window),
+            yield_variance=window.backend.from_numpy(spread, window),
+        )
+
+    def moments(self, m: Moments) -> Moments:
+        """The mean itself; nothing is random yet."""
+        electrons = self.sample(m.mean, m.frame)
+        return Moments(
+            electrons.light,
+            0.0,
+            0.0,
+            m.frame,
+            yield_mean=electrons.yield_mean,
+            yield_variance=electrons.yield_variance,
+            variance_e2=electrons.variance_e2,
+        )
+
+    def _weights(self, photons: Photons) -> Array:
+        """QE of every filter at the photons' wavelengths, (F, B); (B,) for one filter; 1 if it is applied already."""
+        if photons.detected:
+            return arrays.table([[float(i == j) for j in range(len(self.curves))] for i in range(len(self.curves))])
+        rows = [curve.at(self._wavelengths(photons)) for curve in self.curves]
+        return arrays.table(rows if len(rows) > 1 else rows[0])
+
+    def _wavelengths(self, photons: Photons) -> Array:
+        """(B,) [nm]; the camera's reference where the photons came without."""
+        if photons.wavelengths_nm is not None:
+            return photons.wavelengths_nm
+        if self.reference_nm is None:
+            raise InputError(
+                "photons has no wavelengths_nm and this camera's quantum efficiency depends on wavelength; "
+                "pass wavelengths_nm=[...], one per band, or set quantum_efficiency.reference_nm in the camera."
+            )
+        return (self.reference_nm,)

@@ -1,0 +1,73 @@
+"""Quantum yield: an ultraviolet photon frees η > 1 electrons, with Fano noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
+
+from pydantic import Field, model_validator
+
+from ...core import arrays
+from ...core.frame import Frame
+from ...core.moments import Moments
+from ...core.signals import Electrons
+from ..datasheet import Chance, Section
+from ..stage import Stage
+
+if TYPE_CHECKING:
+    from ..camera import Camera
+
+
+class QuantumYieldFields(Section):
+    """Electrons per interacting photon."""
+
+    quantum_yield: tuple[Annotated[float, Field(ge=1, strict=True)], ...] | None = Field(
+        None, description="electrons per interacting photon at each wavelength, 1 in the visible", examples=[[2.0, 1.0]]
+    )
+    fano_factor: Chance = Field(0.1, description="Fano factor where the yield is above 1", examples=[0.1])
+
+    @model_validator(mode="after")
+    def _one_per_wavelength(self) -> Self:
+        points: tuple[Any, ...] = getattr(self, "wavelengths_nm", ())
+        if self.quantum_yield is not None and len(self.quantum_yield) != len(points):
+            raise ValueError(f"quantum_yield has {len(self.quantum_yield)} values for {len(points)} wavelengths_nm")
+        return self
+
+
+@dataclass(frozen=True)
+class QuantumYield(Stage):
+    """n interactions give n·η ± √(n·(F·η + var η)) electrons, rounded; where η is 1 nothing changes.
+
+    fano : Fano factor F of the pair production, about 0.1 in silicon (Janesick 2001).
+    """
+
+    fano: float
+    domain = "electrons"
+    table = "quantum_efficiency"
+    fields = QuantumYieldFields
+    even_codes: ClassVar[bool] = False
+
+    @classmethod
+    def from_camera(cls, camera: Camera, before: tuple[Stage, ...]) -> QuantumYield | None:
+        """None where the datasheet has no yield."""
+        section = camera.quantum_efficiency
+        return cls(section.fano_factor) if section.quantum_yield else None
+
+    def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
+        """Interactions → electrons; whole numbers stay whole."""
+        n, mean = electrons.light, electrons.yield_mean
+        spread = arrays.sqrt(n * (frame.number(self.fano) * mean + electrons.yield_variance))
+        smooth = n * mean + spread * frame.normal("quantum_yield")
+        burst = arrays.along(lambda x, _: x, lambda x: arrays.floor(x + 0.5), smooth)
+        light = arrays.where(mean == 1, n, arrays.maximum(burst, 0.0))
+        return replace(electrons, light=light, yield_mean=1.0, yield_variance=0.0)
+
+    def moments(self, m: Moments) -> Moments:
+        """var = λ·(η² + F·η + var η) + 1/12 for λ interactions, where η is not 1."""
+        light, mean = m.light or m, m.yield_mean
+        noise = arrays.where(mean == 1, 0.0, self.fano * mean + m.yield_variance)
+        return m.add(
+            mean=light.mean * (mean - 1),
+            temporal=light.mean * (mean**2 - 1 + noise) + arrays.where(mean == 1, 0.0, 1 / 12),
+            spatial=light.spatial * (mean**2 - 1),
+        )

@@ -1,0 +1,73 @@
+"""Reset (kTC) noise of the sense node: residual·√(k_B·T/C_SN), zero-mean and signed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from pydantic import Field
+
+from ...core import arrays
+from ...core.frame import Frame
+from ...core.moments import Moments
+from ...core.types import Array
+from ...core.units import BOLTZMANN_J_PER_K, ELEMENTARY_CHARGE_C
+from ..datasheet import Chance, Section
+from ..gains import sense_gain_v_per_e
+from ..stage import Stage
+
+if TYPE_CHECKING:
+    from ..camera import Camera
+
+RESET_RESIDUAL = {"hard": 1.0, "soft": math.sqrt(0.5), "true_cds": 0.0}
+"""What is left of the kTC noise (paper, sense node reset noise; soft reset: Pain et al. 2000)."""
+
+
+class ResetNoiseFields(Section):
+    """kTC noise."""
+
+    reset: Literal["hard", "soft", "true_cds"] = Field(
+        description="kTC noise: hard leaves all of it, soft 1/√2, true_cds none", examples=["hard"]
+    )
+    ktc_residual: Chance | None = Field(
+        None, description="share of the kTC noise left, instead of what reset implies", examples=[0.05]
+    )
+
+
+@dataclass(frozen=True)
+class ResetNoise(Stage):
+    """Adds residual·√(k_B·T/C_SN)·z, C_SN = q/A_SN (paper eq. 7, 27, 30). A CCD has none.
+
+    gain_v_per_e : A_SN [V/e-].  residual : what the reset and the CDS leave of it; hard reset 1, soft reset 1/√2.
+    """
+
+    gain_v_per_e: float
+    residual: float
+    domain = "volts"
+    table = "readout"
+    fields = ResetNoiseFields
+    paper = "eq. 7, 27, 30"
+
+    @classmethod
+    def from_camera(cls, camera: Camera, before: tuple[Stage, ...]) -> ResetNoise | None:
+        """None for a CCD, whose true CDS takes all of it away."""
+        if camera.sensor.technology == "ccd":
+            return None
+        readout = camera.readout
+        residual = RESET_RESIDUAL[readout.reset] if readout.ktc_residual is None else readout.ktc_residual
+        return cls(sense_gain_v_per_e(camera), residual)
+
+    def sample(self, swing: Array, frame: Frame) -> Array:
+        """Swing with the noise."""
+        sigma = self.sigma_v(frame)
+        return swing + frame.number(sigma) * frame.normal("reset") if sigma else swing
+
+    def moments(self, m: Moments) -> Moments:
+        """Adds σ² to the temporal variance."""
+        return m.add(temporal=self.sigma_v(m.frame) ** 2)
+
+    def sigma_v(self, frame: Frame) -> float:
+        """Noise at this exposure's temperature [V rms]."""
+        squared = BOLTZMANN_J_PER_K * frame.exposure.temperature_k * self.gain_v_per_e / ELEMENTARY_CHARGE_C
+        return self.residual * arrays.scalar_sqrt(squared)

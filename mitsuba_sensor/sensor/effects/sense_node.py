@@ -1,0 +1,113 @@
+"""Sense node: charge becomes a voltage swing, S = A_SN·N, linear or with the V/e non-linearity."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Self
+
+from pydantic import Field, model_validator
+
+from ...core import arrays
+from ...core.frame import Frame
+from ...core.moments import Moments
+from ...core.signals import Electrons
+from ...core.types import Array
+from ..datasheet import Chance, Positive, Section
+from ..gains import sense_gain_v_per_e
+from ..stage import Stage
+
+if TYPE_CHECKING:
+    from ..camera import Camera
+
+LINEAR_BELOW = 1e-100
+"""V/e non-linearities below this are none: 1/α would overflow, and nothing bends."""
+
+
+class SenseNodeFields(Section):
+    """Conversion gain of the sense node."""
+
+    sense_gain_uv_per_e: Positive | None = Field(
+        None, description="sense node conversion gain A_SN [µV/e-]", examples=[5.0]
+    )
+    v_ref_v: Positive = Field(3.1, description="reference voltage of the sense node V_REF [V]", examples=[3.1])
+    ve_nonlinearity: Chance = Field(
+        0.0, description="V/e- non-linearity α of the sense node, 0 is linear", examples=[1.0]
+    )
+    ve_k1_c: Positive | None = Field(
+        None, description="k₁ of the V/e- law of the paper's eq. 8 [C], instead of A_SN", examples=[10.909e-15]
+    )
+
+    @model_validator(mode="after")
+    def _one_sense_gain(self) -> Self:
+        if (self.sense_gain_uv_per_e is None) == (self.ve_k1_c is None):
+            raise ValueError("give either sense_gain_uv_per_e or ve_k1_c, which implies it, and not both")
+        if self.ve_k1_c is not None and not self.ve_nonlinearity:
+            raise ValueError("ve_k1_c belongs to the V/e- non-linearity; set ve_nonlinearity, e.g. 1.0")
+        return self
+
+
+@dataclass(frozen=True)
+class SenseNode(Stage):
+    """S = A_SN·N (paper eq. 29, linear).  gain_v_per_e : A_SN [V/e-], 1–10 µV/e- typical."""
+
+    gain_v_per_e: float
+    domain = "volts"
+    table = "readout"
+    fields = SenseNodeFields
+    paper = "eq. 29; 8, 33"
+    required: ClassVar[bool] = True
+
+    @classmethod
+    def from_camera(cls, camera: Camera, before: tuple[Stage, ...]) -> Stage:
+        """Linear, unless the datasheet has a V/e non-linearity."""
+        gain, readout = sense_gain_v_per_e(camera), camera.readout
+        if readout.ve_nonlinearity > LINEAR_BELOW:
+            return NonlinearSenseNode(gain, readout.v_ref_v, readout.ve_nonlinearity)
+        return SenseNode(gain)
+
+    @property
+    def nominal_gain(self) -> float:
+        """A_SN [V/e-]."""
+        return self.gain_v_per_e
+
+    def sample(self, electrons: Electrons, frame: Frame) -> Array:
+        """Electrons → swing (H, W) [V]."""
+        return frame.number(self.gain_v_per_e) * electrons.total
+
+    def moments(self, m: Moments) -> Moments:
+        """Scaled by A_SN."""
+        return m.scale(self.gain_v_per_e)
+
+
+@dataclass(frozen=True)
+class NonlinearSenseNode(Stage):
+    """S = −(V_REF/α)·expm1(−α·A_SN·N/V_REF): the capacitance grows as the voltage drops (paper eq. 8, 33).
+
+    gain_v_per_e : small-signal A_SN [V/e-].  v_ref_v : V_REF [V].  alpha : strength, above 0 to 1.
+    """
+
+    gain_v_per_e: float
+    v_ref_v: float
+    alpha: float
+    domain = "volts"
+    curved: ClassVar[bool] = True
+    required: ClassVar[bool] = True
+
+    @property
+    def nominal_gain(self) -> float:
+        """Small-signal A_SN [V/e-]."""
+        return self.gain_v_per_e
+
+    def sample(self, electrons: Electrons, frame: Frame) -> Array:
+        """Electrons → swing (H, W) [V], below V_REF/α."""
+        return frame.number(-self.v_ref_v / self.alpha) * arrays.expm1(frame.number(-self._rate) * electrons.total)
+
+    def moments(self, m: Moments) -> Moments:
+        """Second order in the noise; slope A_SN·e^(−αA_SN·N/V_REF)."""
+        fall = arrays.exp(-self._rate * m.mean)
+        value = -(self.v_ref_v / self.alpha) * arrays.expm1(-self._rate * m.mean)
+        return m.through(value, self.gain_v_per_e * fall, -self.gain_v_per_e * self._rate * fall)
+
+    @property
+    def _rate(self) -> float:
+        return self.alpha * self.gain_v_per_e / self.v_ref_v

@@ -1,0 +1,77 @@
+"""Source follower: the amplifier in the pixel, S·A_SF, linear or with the V/V non-linearity."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, ClassVar
+
+from pydantic import Field
+
+from ...core.frame import Frame
+from ...core.moments import Moments
+from ...core.types import Array
+from ..datasheet import Positive, Section
+from ..gains import sense_gain_v_per_e
+from ..stage import LinearGain, Stage
+
+if TYPE_CHECKING:
+    from ..camera import Camera
+
+
+class SourceFollowerFields(Section):
+    """Gain of the pixel's amplifier."""
+
+    gain: Positive = Field(1.0, description="A_SF [V/V]", examples=[1.0])
+    vv_nonlinearity: Annotated[float, Field(gt=0.5, strict=True)] = Field(
+        1.0, description="V/V non-linearity γ: gain at full well over gain at zero", examples=[1.05]
+    )
+
+
+@dataclass(frozen=True)
+class SourceFollower(LinearGain):
+    """S·A_SF, 0.7–1 typical (paper eq. 31)."""
+
+    table = "source_follower"
+    fields = SourceFollowerFields
+    paper = "eq. 31; 9, 34"
+
+    @classmethod
+    def from_camera(cls, camera: Camera, before: tuple[Stage, ...]) -> Stage:
+        """Linear, unless the datasheet has a V/V non-linearity."""
+        follower = camera.source_follower
+        if follower.vv_nonlinearity == 1:
+            return SourceFollower(follower.gain)
+        full_swing_v = camera.pixel.full_well_e * sense_gain_v_per_e(camera)
+        return NonlinearSourceFollower(follower.gain, follower.vv_nonlinearity, full_swing_v)
+
+
+@dataclass(frozen=True)
+class NonlinearSourceFollower(Stage):
+    """A_SF·S·[1 + (γ−1)·S/S_FW]: the gain changes with the swing (paper eq. 9, 34, applied to the swing).
+
+    gain : A_SF for small signals.  ratio : γ, gain at full well over gain at zero, above ½.  full_swing_v : S_FW [V].
+    """
+
+    gain: float
+    ratio: float
+    full_swing_v: float
+    domain = "volts"
+    curved: ClassVar[bool] = True
+
+    @property
+    def nominal_gain(self) -> float:
+        """Small-signal A_SF [V/V]."""
+        return self.gain
+
+    def sample(self, swing: Array, frame: Frame) -> Array:
+        """Swing through the parabola."""
+        return (frame.number(self.gain) * swing) * (1 + frame.number(self._bend) * swing)
+
+    def moments(self, m: Moments) -> Moments:
+        """A parabola: exact for a normal signal. At full well γ = 1.05 multiplies the variance by 1.21."""
+        value = self.gain * m.mean * (1 + self._bend * m.mean)
+        return m.through(value, self.gain * (1 + 2 * self._bend * m.mean), 2 * self.gain * self._bend)
+
+    @property
+    def _bend(self) -> float:
+        return (self.ratio - 1) / self.full_swing_v

@@ -1,0 +1,87 @@
+"""Temporal row and column noise (EMVA 1288 σ_row, σ_col): offsets of whole rows or columns, new in each frame."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self
+
+from pydantic import Field
+
+from ...core.frame import Frame
+from ...core.moments import Moments
+from ...core.types import Array
+from ..datasheet import NotNegative, Section
+from ..gains import sense_gain_v_per_e
+from ..stage import Stage
+
+if TYPE_CHECKING:
+    from ..camera import Camera
+
+
+class TemporalLineNoiseFields(Section):
+    """Noise that the pixels of a row or of a column share."""
+
+    row_noise_e: NotNegative = Field(0.0, description="temporal row noise σ_row [e- rms]", examples=[0.3])
+    column_noise_e: NotNegative = Field(0.0, description="temporal column noise σ_col [e- rms]", examples=[0.2])
+
+
+@dataclass(frozen=True)
+class TemporalLineNoise(Stage):
+    """Adds σ·gain·z, one z per line and frame.
+
+    sigma_e : σ as electrons at the sense node [e- rms].  gain_v_per_e : one electron at this stage [V/e-].
+    """
+
+    sigma_e: float
+    gain_v_per_e: float
+    domain = "volts"
+    table = "readout"
+    fields = TemporalLineNoiseFields
+
+    @abstractmethod
+    def line(self, frame: Frame) -> Array:
+        """Standard normals of this frame, one per line."""
+
+    def sample(self, swing: Array, frame: Frame) -> Array:
+        """Swing with the offsets of this frame."""
+        if self.sigma_e == 0:
+            return swing
+        return swing + frame.number(self.sigma_e * self.gain_v_per_e) * self.line(frame)
+
+    def moments(self, m: Moments) -> Moments:
+        """Adds σ² to the temporal variance of every pixel; the pixels of a line share it."""
+        return m.add(temporal=(self.sigma_e * self.gain_v_per_e) ** 2)
+
+    @classmethod
+    def of(cls, sigma_e: float, camera: Camera) -> Self | None:
+        """None without noise."""
+        return cls(sigma_e, sense_gain_v_per_e(camera) * camera.source_follower.gain) if sigma_e else None
+
+
+@dataclass(frozen=True)
+class TemporalRowNoise(TemporalLineNoise):
+    """Every row has an offset, new in each frame: horizontal stripes that move."""
+
+    @classmethod
+    def from_camera(cls, camera: Camera, before: tuple[Stage, ...]) -> TemporalRowNoise | None:
+        """None where the datasheet has no row noise."""
+        return cls.of(camera.readout.row_noise_e, camera)
+
+    def line(self, frame: Frame) -> Array:
+        """(H, 1)."""
+        return frame.row_normal("temporal_row_noise")
+
+
+@dataclass(frozen=True)
+class TemporalColumnNoise(TemporalLineNoise):
+    """Every column has an offset, new in each frame: vertical stripes that move."""
+
+    @classmethod
+    def from_camera(cls, camera: Camera, before: tuple[Stage, ...]) -> TemporalColumnNoise | None:
+        """None where the datasheet has no column noise."""
+        return cls.of(camera.readout.column_noise_e, camera)
+
+    def line(self, frame: Frame) -> Array:
+        """(1, W)."""
+        return frame.column_normal("temporal_column_noise")

@@ -1,0 +1,187 @@
+"""Stage: the base class of every effect; sample() and propagate() take a signal or its moments through a chain.
+
+A stage has two methods: ``sample`` computes one random frame, ``moments`` the mean and the variances that this frame
+must have. Whatever the rest of the package needs to know of a stage, it reads from the attributes declared here.
+"""
+
+from __future__ import annotations
+
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+import numpy as np
+
+from ..core.frame import Frame
+from ..core.moments import Moments
+from ..core.sensor_window import SensorWindow
+from ..core.signals import Electrons, Photons
+from ..core.types import Array
+from .datasheet import Section
+
+if TYPE_CHECKING:
+    from .camera import Camera
+
+Domain = Literal["photons", "electrons", "volts", "DN"]
+
+UNITS: dict[Domain, str] = {"photons": "photons", "electrons": "e-", "volts": "V", "DN": "DN"}
+
+
+def _spaced(name: str, gap: str) -> str:
+    return re.sub(r"(?<!^)(?=[A-Z])", gap, name).lower()
+
+
+class Stage(ABC):
+    """One effect of the signal chain; subclasses are frozen dataclasses of its parameters.
+
+    domain : what leaves the stage.
+    table, fields : the table of the camera file and the fields there that belong to this effect.
+    paper : equations of Konnik & Welsh 2014.
+    required : whether the stage changes the unit of the signal, so that no plan can leave it out.
+    counts_electrons : whether mean electrons enter and whole electrons leave; where a render has a known variance, the
+        stage compensates it.
+    even_codes : whether the codes of 0, 1, 2 … electrons are still evenly spaced behind this stage.
+    curved : whether the response is not a straight line, so that its moments are of second order in the noise.
+    saturation_e : where the stage clips [e-], None where it does not.
+    """
+
+    domain: ClassVar[Domain]
+    table: ClassVar[str] = ""
+    fields: ClassVar[type[Section] | None] = None
+    paper: ClassVar[str] = "–"
+    required: ClassVar[bool] = False
+    counts_electrons: ClassVar[bool] = False
+    even_codes: ClassVar[bool] = True
+    curved: ClassVar[bool] = False
+    label: ClassVar[str] = ""
+
+    def __init_subclass__(cls) -> None:
+        """``ShotNoise`` gets the label ``shot noise``, unless it has one of its own."""
+        if "label" not in vars(cls):
+            cls.label = _spaced(cls.__name__, " ")
+
+    @classmethod
+    def from_camera(cls, camera: Camera, before: tuple[Stage, ...]) -> Stage | None:
+        """The stage with this camera's parameters, or None where the camera does not have the effect.
+
+        before : the stages in front of it.
+        """
+        return None
+
+    @abstractmethod
+    def sample(self, signal: Array, frame: Frame) -> Array:
+        """The signal of one frame behind this stage, (H, W)."""
+
+    @abstractmethod
+    def moments(self, m: Moments) -> Moments:
+        """Mean, temporal and spatial variance of the signal behind this stage."""
+
+    def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
+        """The fixed-pattern noise maps of this stage, by name."""
+        return {}
+
+    @classmethod
+    def key(cls) -> str:
+        """``ShotNoise`` → ``shot_noise``: the name by which ``Camera.with_stage(after=…)`` finds the stage."""
+        return _spaced(cls.__name__, "_")
+
+    @property
+    def nominal_gain(self) -> float:
+        """Small-signal gain: unit behind the stage per unit in front of it."""
+        return 1.0
+
+    @property
+    def saturation_e(self) -> float | None:
+        """Where the stage clips [e-]."""
+        return None
+
+    def counts(self, signal: Array, maps: dict[str, Array]) -> dict[str, int]:
+        """Numbers of pixels that the report of a frame lists: clipped ones, for example.
+
+        signal : (H, W) behind the stage.  maps : its FPN maps.
+        """
+        return {}
+
+    def noise_sources(self, before: Array, after: Array, m: Moments) -> dict[str, tuple[Array, Array]]:
+        """Label → (contribution (H, W), temporal variance) in the unit of the stage, where it has more than one source.
+
+        before, after : the signal on both sides.  m : the moments in front of the stage.
+        """
+        return {}
+
+
+class Converter(Stage):
+    """The last stage: volts become digital numbers.  gain_dn_per_v : A.  black_level_dn : the code of darkness [DN]."""
+
+    domain = "DN"
+    required = True
+    gain_dn_per_v: float
+    black_level_dn: float
+
+    @property
+    @abstractmethod
+    def highest(self) -> int:
+        """The largest code."""
+
+    def counts(self, signal: Array, maps: dict[str, Array]) -> dict[str, int]:
+        """Pixels at either end of the code range."""
+        low, high = np.sum(signal <= 0), np.sum(signal >= self.highest)
+        return {"clipped_adc_low": int(low), "clipped_adc_high": int(high)}
+
+
+@dataclass(frozen=True)
+class LinearGain(Stage):
+    """An amplifier, S·gain. It acts on the swing, so darkness stays dark for every gain.  gain : [V/V]."""
+
+    gain: float
+    domain = "volts"
+
+    @property
+    def nominal_gain(self) -> float:
+        """The gain [V/V]."""
+        return self.gain
+
+    def sample(self, swing: Array, frame: Frame) -> Array:
+        """Swing times the gain."""
+        return swing if self.gain == 1 else frame.number(self.gain) * swing
+
+    def moments(self, m: Moments) -> Moments:
+        """Scaled by the gain."""
+        return m.scale(self.gain)
+
+
+Chain = tuple[Stage, ...]
+
+
+def converter_of(stages: Chain) -> Converter:
+    """The last stage of a chain."""
+    last = stages[-1]
+    if not isinstance(last, Converter):
+        raise TypeError(f"the last stage of a chain is a Converter, not a {type(last).__name__}")
+    return last
+
+
+def sample(stages: Iterable[Stage], signal: Array, frame: Frame) -> Array:
+    """One frame of a signal behind these stages."""
+    for stage in stages:
+        signal = stage.sample(signal, frame)
+    return signal
+
+
+def propagate(stages: Iterable[Stage], m: Moments) -> Moments:
+    """Moments behind these stages, one stage after the other."""
+    for stage in stages:
+        m = stage.moments(m)
+    return m
+
+
+def total(signal: Array) -> Array:
+    """A signal of any domain as an array: photons of all bands, photoelectrons and dark electrons together."""
+    return signal.total if isinstance(signal, Photons | Electrons) else signal
+
+
+def cut_to_zero(maps: dict[str, Array], name: str) -> dict[str, int]:
+    """``cut_to_zero_<name>``: in how many pixels a map of factors is not positive, as a normal law would have it."""
+    return {f"cut_to_zero_{name}": int(np.sum(maps[name] <= 0))}
