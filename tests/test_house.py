@@ -23,7 +23,7 @@ USERS_OF_THE_PUBLIC_API = ("cli", "study", "dataset", "pipeline")
 
 IMPORTED_IN = {
     "mitsuba": ("render/",),
-    "drjit": ("render/", "optics/", "core/arrays.py", "core/drjit_backend.py", "core/llvm.py"),
+    "drjit": ("core/",),
     "OpenEXR": ("io/exr.py",),
     "tifffile": ("io/files.py",),
     "PIL": ("io/files.py",),

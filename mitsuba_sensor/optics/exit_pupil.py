@@ -9,6 +9,7 @@ height is traced along one radius, for one half of the plane.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,13 +41,8 @@ class ExitPupilBounds:
     tangential: Float64Array
 
 
-@dataclass(frozen=True, eq=False)
-class _RayGrid:
-    """Rays of one refinement, in the plane of the last vertex [mm].
-
-    heights : (H,) of the image points.  radial, tangential : (H, GRID) and (H, GRID/2) coordinates of the cells.
-    cell, row : (H,) radial and tangential size of a cell.
-    """
+class _RayGrid(NamedTuple):
+    """Cells in the plane of the last vertex: image heights (H,), coordinates (H, cells) and sizes (H,) [mm]."""
 
     heights: Float64Array
     radial: Float64Array
@@ -118,23 +114,19 @@ def _ellipses(
     radial = np.asarray(np.where(lit, (high - low) / 2, 0.0))
     tangential = np.asarray(np.where(lit, top, 0.0))
     at, between = slice(0, None, 2), slice(1, None, 2)
-    scale = _enlargement(passes, grid, at, centre[at], radial[at], tangential[at])
+    scale = _enlargement(passes, grid, at, (centre[at], radial[at], tangential[at]))
     centre, radial, tangential = centre[at], radial[at] * scale, tangential[at] * scale
-    mean_c, mean_r, mean_t = ((v[1:] + v[:-1]) / 2 for v in (centre, radial, tangential))
-    middle = _enlargement(passes, grid, between, mean_c, mean_r, mean_t)
+    means = tuple((v[1:] + v[:-1]) / 2 for v in (centre, radial, tangential))
+    middle = _enlargement(passes, grid, between, means)
     scale = np.maximum(np.maximum(np.append(middle, 1.0), np.insert(middle, 0, 1.0)), 1.0)
     return ExitPupilBounds(float(grid.heights[-1]), centre, radial * scale, tangential * scale)
 
 
 def _enlargement(
-    passes: NDArray[np.bool_],
-    grid: _RayGrid,
-    rows: slice,
-    centre: Float64Array,
-    radial: Float64Array,
-    tangential: Float64Array,
+    passes: NDArray[np.bool_], grid: _RayGrid, rows: slice, ellipses: tuple[Float64Array, ...]
 ) -> Float64Array:
-    """The factors at which ellipses of these rows of the grid contain all cells that pass."""
+    """The factors at which ellipses (centre, radial, tangential) of these rows contain all cells that pass."""
+    centre, radial, tangential = ellipses
     x = np.abs(grid.radial[rows] - centre[:, None]) + grid.cell[rows, None] / 2
     y = grid.tangential[rows] + grid.row[rows, None] / 2
     along, across = x / np.maximum(radial, TINY)[:, None], y / np.maximum(tangential, TINY)[:, None]

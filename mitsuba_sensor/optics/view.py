@@ -1,6 +1,6 @@
 """The view of a scene's sensor (film size, crop, field of view), and the thin lens that has it on a camera's pixels.
 
-The scene's sensor decides the field of view, and with its aperture the blur; the camera's lens decides the irradiance.
+The scene's sensor determines the field of view, and with its aperture the blur; the camera's lens the irradiance.
 """
 
 from __future__ import annotations

@@ -21,12 +21,13 @@ from ..sensor.input_noise import input_noise
 from .bands import Bands
 from .passes import Welford, clean, hashed_seed, row_strips
 from .photons import electrons_per_irradiance
-from .scene import RenderableScene
+from .scene import Scene
 from .statistics import firefly_fraction, median_bias
 from .stop_criterion import End, Step, StopCriterion
 
 if TYPE_CHECKING:
     from ..sensor.camera import Camera
+    from .moving_scene import MovingScene
 
 Map = Float64Array
 Progress = Callable[[Step], None]
@@ -96,7 +97,7 @@ class Renderer:
     """
 
     def __init__(
-        self, scene: RenderableScene, camera: Camera, exposure: Exposure, bands: Bands, halves: bool = False
+        self, scene: Scene | MovingScene, camera: Camera, exposure: Exposure, bands: Bands, halves: bool = False
     ) -> None:
         (columns, rows), (column, row) = scene.view.crop_size, scene.view.crop_offset
         self.scene, self.bands, self._halves = scene, bands, halves

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Requirement:
+class RenderRequirement:
     """An option of a render, whether it is needed, and its largest effect [DN]; None where that was not measured."""
 
     what: str
@@ -29,7 +29,7 @@ class Requirement:
 
 def render_requirements(
     light: Irradiance, camera: Camera, exposure: Exposure, k_dn_per_e: float, tolerance_dn: float
-) -> tuple[Requirement, ...]:
+) -> tuple[RenderRequirement, ...]:
     """Whether bands, depth of field and AOVs are needed.
 
     light : a render of the scene, at any quality.  k_dn_per_e : the camera's overall gain.
@@ -38,22 +38,22 @@ def render_requirements(
     return (bands, _depth_of_field(light), _AOVS)
 
 
-_CHANNELS = Requirement(
+_CHANNELS = RenderRequirement(
     "colour channels", True, None, "the render contains the channels of this camera's filters, and no bands"
 )
-_AOVS = Requirement("AOVs", False, 0.0, "no depth, normals or albedo were asked for")
+_AOVS = RenderRequirement("AOVs", False, 0.0, "no depth, normals or albedo were asked for")
 
 
-def _depth_of_field(light: Irradiance) -> Requirement:
+def _depth_of_field(light: Irradiance) -> RenderRequirement:
     number = light.statistics.aperture_f_number
     if number is None:
-        return Requirement("depth of field", False, 0.0, "the scene's camera is a pinhole, which samples no lens")
-    return Requirement("depth of field", True, None, f"the scene's thin lens is f/{number:.3g} on this sensor")
+        return RenderRequirement("depth of field", False, 0.0, "the scene's camera is a pinhole, which samples no lens")
+    return RenderRequirement("depth of field", True, None, f"the scene's thin lens is f/{number:.3g} on this sensor")
 
 
 def _bands(
     light: Irradiance, camera: Camera, exposure: Exposure, k_dn_per_e: float, tolerance_dn: float
-) -> Requirement:
+) -> RenderRequirement:
     """The fewest equal groups of bands that change no pixel's mean signal by more than the tolerance."""
     count = len(light.wavelengths_nm)
     full = camera.pixel.full_well_e
@@ -64,8 +64,8 @@ def _bands(
         change = k_dn_per_e * float(np.max(np.abs(coarse - reference)))
         if change <= tolerance_dn:
             reason = f"{count // size} are enough: --bandwidth-nm {_width(light, size):g}"
-            return Requirement(f"{count} bands", False, change, reason)
-    return Requirement(f"{count} bands", True, change, "fewer bands would change the image by more than the tolerance")
+            return RenderRequirement(f"{count} bands", False, change, reason)
+    return RenderRequirement(f"{count} bands", True, change, "fewer bands would change the image by more than the tolerance")
 
 
 def _width(light: Irradiance, size: int) -> float:

@@ -10,7 +10,7 @@ import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,28 +44,6 @@ UNSUITABLE = {
     "retarder": "acts on polarised light, which is not simulated; leave it out",
     "measured_polarized": "acts on polarised light, which is not simulated; use 'measured'",
 }
-
-
-class RenderableScene(Protocol):
-    """What a renderer needs of a scene; see :class:`Scene`."""
-
-    @property
-    def view(self) -> View:
-        """What its sensor images."""
-
-    @property
-    def sha256(self) -> str:
-        """Of the scene file."""
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What was replaced, what will be black."""
-
-    def restrict_wavelengths(self, low_nm: float, high_nm: float) -> None:
-        """Sample wavelengths between two edges of the bands only."""
-
-    def render(self, seed: int, samples: int, rows: tuple[int, int]) -> NDArray[np.float32]:
-        """One pass over rows [first, last) of the crop, (rows, columns, channels)."""
 
 
 @dataclass(frozen=True, eq=False)
