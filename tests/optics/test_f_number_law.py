@@ -156,7 +156,7 @@ def test_measured_illumination_must_reach_the_corner() -> None:
 
 BROWN = [-0.18, 0.03, 0.004, -0.006, 0.002]
 PERCENT = {"lens.distortion_percent": [0.0, -1.0, -4.0, -9.0], "lens.distortion_heights_mm": [0.0, 0.012, 0.024, 0.046]}
-BENT = {"brown": {"lens.distortion": BROWN}, "table": PERCENT}
+DISTORTED = {"brown": {"lens.distortion": BROWN}, "table": PERCENT}
 
 
 def opencv(point: np.ndarray, matrix: Any, k: Any) -> np.ndarray:
@@ -169,9 +169,9 @@ def opencv(point: np.ndarray, matrix: Any, k: Any) -> np.ndarray:
     return np.stack([u, v, np.ones_like(u)], axis=1) @ np.array(matrix).T[:, :2]
 
 
-def loaded(tmp_path: Path, camera: Camera, variant: str, words: str, film: str = "", *elements: str) -> Scene:
+def loaded(tmp_path: Path, camera: Camera, variant: str, sensor_xml: str, film: str = "", *elements: str) -> Scene:
     use(choose_variant(skip_unless_usable(variant)))
-    text = scene_text(*(elements or (SKY,)), sensor=words, film=film)
+    text = scene_text(*(elements or (SKY,)), sensor=sensor_xml, film=film)
     return load_scene(write_scene(tmp_path, text), box_bands(camera, np.array([500.0, 510.0])), {}, camera)
 
 
@@ -187,7 +187,7 @@ def seen(scene: Scene, x: float, y: float) -> np.ndarray:
 @pytest.mark.parametrize("film", ["", CROP])
 def test_a_distorted_ray_goes_where_opencv_projects_from(tmp_path: Path, variant: str, film: str) -> None:
     """Nine places per film, through an off-centre axis: projected back to 0.004 pixels."""
-    camera = CAMERA.replace(**BENT["brown"])
+    camera = CAMERA.replace(**DISTORTED["brown"])
     scene = loaded(tmp_path, camera, variant, sensor("perspective", axis_fov("x") + SHIFT), film)
     places = [(x, y) for x in (0.2, 2.5, 4.9) for y in (0.1, 1.5, 2.8)]
     found = intrinsics(scene.view, camera)
@@ -207,11 +207,11 @@ def test_a_ray_through_a_table_of_distortion_has_the_ideal_height_of_its_place(t
         np.testing.assert_allclose(way[:2] / way[2] * focal, ideal / 5.7e-3 * np.array([0.8, -0.6]), atol=4e-3)
 
 
-@pytest.mark.parametrize("kind", BENT)
+@pytest.mark.parametrize("kind", DISTORTED)
 def test_a_distorted_pixel_gathers_the_light_of_what_it_sees(tmp_path: Path, kind: str) -> None:
     """Ω is the area of a pixel's outline in direction cosines, ∫cos θ dω, over that of a pixel on the axis of an ideal
     lens, times π/(4N²): the flux through the entrance pupil. Sixteen rays along each side, 0.2 %."""
-    camera = CAMERA.replace(**BENT[kind])
+    camera = CAMERA.replace(**DISTORTED[kind])
     scene = loaded(tmp_path, camera, "scalar_spectral", sensor("perspective", axis_fov("x")))
     solid_angle = solid_angle_sr(scene.view, camera)
     for column, row in ((0, 0), (5, 3), (11, 4), (3, 7)):
@@ -268,9 +268,9 @@ def test_a_point_is_seen_where_k_projects_it(tmp_path: Path, kind: str) -> None:
     Through the traced lens the heights are those of its own table. Edges of a ball of three pixels: about 0.02 pixels
     of Monte Carlo error.
     """
-    fields, words, film = SENSORS[kind]
+    fields, sensor_xml, film = SENSORS[kind]
     camera = CAMERA.replace(**fields, **FINE)
-    dark = loaded(tmp_path, camera, "llvm_ad_spectral", words, film)
+    dark = loaded(tmp_path, camera, "llvm_ad_spectral", sensor_xml, film)
     found, pose = intrinsics(dark.view, camera), np.array(dark.sensor.world_transform().matrix).reshape(4, 4)
     matrix = np.array(found["matrix"])
     (columns, rows), depth = found["image_size"], 3.0
@@ -282,7 +282,7 @@ def test_a_point_is_seen_where_k_projects_it(tmp_path: Path, kind: str) -> None:
             f'<shape type="sphere"><point name="center" value="{x}, {y}, {z}"/><float name="radius" value="{radius}"/>'
             '<emitter type="area"><spectrum name="radiance" value="360:1, 830:1"/></emitter></shape>'
         )
-        image = loaded(tmp_path, camera, "llvm_ad_spectral", words, film, ball).render(1, 256, (0, rows))[..., 0]
+        image = loaded(tmp_path, camera, "llvm_ad_spectral", sensor_xml, film, ball).render(1, 256, (0, rows))[..., 0]
         row, column = np.indices(image.shape)
         centroid = np.array([np.average(column, weights=image), np.average(row, weights=image)])
         np.testing.assert_allclose(centroid, projected(point[None], found), atol=0.1)
@@ -304,8 +304,8 @@ def test_strips_of_rows_make_the_picture_that_the_whole_film_makes(tmp_path: Pat
     ball += '<emitter type="area"><spectrum name="radiance" value="360:1, 830:1"/></emitter></shape>'
     for fields in ({"lens.distortion": BROWN}, {"lens.prescription": "double_gauss"}):
         camera = CAMERA.replace(**fields, **FINE)
-        words = sensor("perspective", axis_fov("x"), 24, 16)
-        scene = loaded(tmp_path, camera, "llvm_ad_spectral", words, "", ball)
+        sensor_xml = sensor("perspective", axis_fov("x"), 24, 16)
+        scene = loaded(tmp_path, camera, "llvm_ad_spectral", sensor_xml, "", ball)
         whole = scene.render(1, 256, (0, 16))
         parts = np.concatenate([scene.render(1, 256, rows) for rows in ((0, 5), (5, 16))])
         np.testing.assert_allclose(parts, whole, rtol=0, atol=0.13 * whole.max())

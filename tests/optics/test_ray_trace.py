@@ -84,7 +84,7 @@ def test_a_conic_written_as_a_polynomial_is_the_same_surface() -> None:
     assert np.abs(slopes(lens(prescription=plano(0.0, tuple(terms)), f_number=2.9))).max() < 1e-9
 
 
-def test_a_scaled_asphere_bends_rays_at_scaled_heights_by_the_same_angles() -> None:
+def test_a_scaled_asphere_refracts_rays_at_scaled_heights_by_the_same_angles() -> None:
     table = plano(-0.5, (2e-5, -3e-8))
     small, large = (lens(prescription=table, f_number=2.9, focal_length_mm=f) for f in (40.0, 80.0))
     np.testing.assert_allclose(slopes(small), slopes(large), atol=1e-12)

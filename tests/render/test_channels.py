@@ -22,7 +22,7 @@ LAMP = '<emitter type="constant"><spectrum name="radiance" value="360:1e-4, 560:
 
 
 def electrons(light: object, camera: object = BAYER) -> np.ndarray:
-    """Mean light electrons, before any noise."""
+    """Mean photoelectrons, before any noise."""
     found = expose(collect(light, camera, EXPOSURE), camera, EXPOSURE, keep="photoelectrons", precision="float64")
     assert found.photoelectrons is not None
     return found.photoelectrons[0]
@@ -100,22 +100,22 @@ def test_bands_of_a_cube_stand_apart_and_are_quieter_each_for_itself(tmp_path: P
     Four at a time, each path has about one wavelength in each band; together, every band gets one by chance.
     """
     path, variant = write_scene(tmp_path, scene_text(SKY)), skip_unless_usable(variant)
-    words = {"spp": 192, "variant": variant}
+    options = {"spp": 192, "variant": variant}
     table1 = load_camera("konnik_table1")
-    apart = render(path, table1, EXPOSURE, spectral="cube", **words)
-    together = render(path, table1, EXPOSURE, **words)
-    assert apart.statistics.samples_per_pixel == together.statistics.samples_per_pixel == 192
+    grouped = render(path, table1, EXPOSURE, spectral="cube", **options)
+    together = render(path, table1, EXPOSURE, **options)
+    assert grouped.statistics.samples_per_pixel == together.statistics.samples_per_pixel == 192
     lens = together.data.mean(axis=2, keepdims=True)  # cos⁴: the same for all bands of a flat spectrum
-    one, other = (np.std(light.data / lens) for light in (apart, together))
+    one, other = (np.std(light.data / lens) for light in (grouped, together))
     assert one < 0.25 * other
-    np.testing.assert_allclose((apart.data / lens).mean(axis=(0, 1)), 1.0, rtol=1e-2)
+    np.testing.assert_allclose((grouped.data / lens).mean(axis=(0, 1)), 1.0, rtol=1e-2)
 
 
 def test_few_samples_are_not_spread_over_groups(tmp_path: Path) -> None:
-    """Twelve bands are three groups of at least 16 passes: 48 samples are the least that stand apart."""
+    """Twelve bands are three groups of at least 16 passes: 48 samples are the least that stand grouped."""
     path, table1 = write_scene(tmp_path, scene_text(SKY)), load_camera("konnik_table1")
-    words = {"bandwidth_nm": 25, "spectral": "cube", "variant": "scalar_spectral"}
-    found = [render(path, table1, EXPOSURE, spp=spp, **words).statistics.samples_per_pixel for spp in (1, 32, 48, 96)]
+    options = {"bandwidth_nm": 25, "spectral": "cube", "variant": "scalar_spectral"}
+    found = [render(path, table1, EXPOSURE, spp=spp, **options).statistics.samples_per_pixel for spp in (1, 32, 48, 96)]
     assert found == [2, 32, 48, 96]
 
 

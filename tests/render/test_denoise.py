@@ -1,4 +1,4 @@
-"""The denoiser: off unless asked for, judged by two half-sets, and its judge against noise and bias of known size."""
+"""Denoising is off by default; its errors from two half-sets agree with noise and bias of known size."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ def test_denoising_lowers_the_error_and_says_by_how_much_it_is_wrong() -> None:
     box = {**BOX, "parameters": {"width": 32, "height": 32, "max_depth": 4}}
     plain = render(SCENES / "cornell_box.xml", CAMERA, EXPOSURE, spp=32, **box)
     smooth = render(SCENES / "cornell_box.xml", CAMERA, EXPOSURE, spp=32, denoise=True, **box)
-    truth = render(SCENES / "cornell_box.xml", CAMERA, EXPOSURE, spp=2048, seed=2, **box).data
-    before, after = (np.mean(((x.data - truth) / truth) ** 2) ** 0.5 for x in (plain, smooth))
+    reference = render(SCENES / "cornell_box.xml", CAMERA, EXPOSURE, spp=2048, seed=2, **box).data
+    before, after = (np.mean(((x.data - reference) / reference) ** 2) ** 0.5 for x in (plain, smooth))
     assert after < 0.8 * before
     found = smooth.statistics.denoised
     assert found is not None and plain.statistics.denoised is None
@@ -39,32 +39,32 @@ def test_denoising_lowers_the_error_and_says_by_how_much_it_is_wrong() -> None:
 
 def halves(rng: np.random.Generator, sigma: float) -> np.ndarray:
     """Two renders (2, 96, 96, 4) of a smooth picture about 10."""
-    truth = 10 + np.sin(np.arange(96) / 9)[:, None, None] + np.zeros((96, 96, 4))
-    return truth + sigma * rng.standard_normal((2, 96, 96, 4))
+    reference = 10 + np.sin(np.arange(96) / 9)[:, None, None] + np.zeros((96, 96, 4))
+    return reference + sigma * rng.standard_normal((2, 96, 96, 4))
 
 
-def test_the_judge_finds_no_bias_in_a_perfect_denoiser_and_no_gain_in_an_idle_one() -> None:
-    """Perfect: the truth itself. Idle: the half as it is. 36 864 values see 1 % of the error."""
+def test_a_perfect_denoiser_has_no_bias_and_an_idle_one_no_gain() -> None:
+    """Perfect: the reference itself. Idle: the half as it is. 36 864 values see 1 % of the error."""
     raw = halves(np.random.default_rng(1), 1.0)
-    truth = halves(np.random.default_rng(1), 0.0)
-    perfect, idle = denoising_errors(raw, truth), denoising_errors(raw, raw)
+    reference = halves(np.random.default_rng(1), 0.0)
+    perfect, idle = denoising_errors(raw, reference), denoising_errors(raw, raw)
     assert perfect["error_after"] < 0.02 and perfect["bias_blocks"] < 0.01
     assert abs(perfect["bias_mean"]) < 0.002
     assert idle["error_after"] == pytest.approx(idle["error_before"], rel=0.03) == pytest.approx(0.1, rel=0.03)
 
 
 @pytest.mark.parametrize("bias", [-0.05, 0.02])
-def test_the_judge_finds_a_bias_that_is_put_in(bias: float) -> None:
+def test_a_known_bias_is_measured(bias: float) -> None:
     """A denoiser that darkens everything by 5 %: bias_mean says so, and the blocks and the error too."""
     raw = halves(np.random.default_rng(2), 0.5)
-    truth = halves(np.random.default_rng(2), 0.0)
-    found = denoising_errors(raw, truth * (1 + bias))
+    reference = halves(np.random.default_rng(2), 0.0)
+    found = denoising_errors(raw, reference * (1 + bias))
     assert found["bias_mean"] == pytest.approx(bias, abs=0.002)
     assert found["bias_blocks"] == pytest.approx(abs(bias), rel=0.05)
     assert found["error_after"] == pytest.approx(abs(bias), rel=0.1)
 
 
-def test_the_judge_finds_blur_where_its_mean_is_right() -> None:
+def test_blur_is_measured_where_the_mean_is_right() -> None:
     """Stripes of 8 pixels that a denoiser wipes out: no bias of the mean, all of it in the blocks."""
     stripes = np.where(np.arange(96) // 8 % 2, 1.2, 0.8)[:, None, None] * np.ones((96, 96, 4))
     raw = stripes + 0.1 * np.random.default_rng(3).standard_normal((2, 96, 96, 4))

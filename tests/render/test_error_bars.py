@@ -19,9 +19,9 @@ CAMERA, EXPOSURE = load_camera("konnik_table1"), Exposure(0.02)
 REFERENCE = DATA / "cornell_box_64.npz"
 
 
-def at_550(scene: str, size: int, **words: object) -> Irradiance:
-    words |= {"wavelength_nm": 550, "parameters": {"width": size, "height": size}}
-    return render(SCENES / f"{scene}.xml", CAMERA, EXPOSURE, **words)
+def at_550(scene: str, size: int, **options: object) -> Irradiance:
+    options |= {"wavelength_nm": 550, "parameters": {"width": size, "height": size}}
+    return render(SCENES / f"{scene}.xml", CAMERA, EXPOSURE, **options)
 
 
 def test_standard_errors_cover_a_reference_of_a_hundred_times_the_samples() -> None:
@@ -36,8 +36,8 @@ def test_standard_errors_cover_a_reference_of_a_hundred_times_the_samples() -> N
     size = {"width": 64, "height": 64}
     lights = [at_550("cornell_box", 64, spp=1152, seed=seed, variant=variant) for seed in (7, 8, 9)]
     view = load_scene(SCENES / "cornell_box.xml", choose_bands(CAMERA, 550.0, 10.0, "auto"), size).view
-    truth = np.load(REFERENCE)["radiance"] * solid_angle_sr(view, CAMERA) / 10.0
-    z = np.abs([(light.data[..., 0] - truth) / light.standard_error[..., 0] for light in lights])
+    reference = np.load(REFERENCE)["radiance"] * solid_angle_sr(view, CAMERA) / 10.0
+    z = np.abs([(light.data[..., 0] - reference) / light.standard_error[..., 0] for light in lights])
     assert 0.65 < (z < 1).mean() < 0.70
     assert 0.92 < (z < 2).mean() < 0.96
     assert all(light.statistics.reliable and light.statistics.passes == 32 for light in lights)
@@ -63,9 +63,9 @@ def test_ordinary_scenes_do_not_raise_it(variant: str, scene: str) -> None:
 def test_a_larger_lamp_makes_the_caustic_reliable() -> None:
     """What the note advises helps: ten times the radius, and the same samples are enough."""
     size = {"width": 24, "height": 24, "lamp_radius": 1.2}
-    words = {"wavelength_nm": 550, "spp": 256, "variant": "scalar_spectral"}
+    options = {"wavelength_nm": 550, "spp": 256, "variant": "scalar_spectral"}
     small = at_550("caustic", 24, spp=256, variant="scalar_spectral").statistics
-    large = render(SCENES / "caustic.xml", CAMERA, EXPOSURE, parameters=size, **words).statistics
+    large = render(SCENES / "caustic.xml", CAMERA, EXPOSURE, parameters=size, **options).statistics
     assert large.firefly_fraction < 0.3 * small.firefly_fraction
 
 

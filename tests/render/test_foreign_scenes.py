@@ -162,13 +162,13 @@ BROKEN = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("text", "words"), BROKEN)
+@pytest.mark.parametrize(("text", "sentence"), BROKEN)
 def test_a_broken_scene_is_one_sentence_and_exit_code_2(
-    tmp_path: Path, cli: Callable[..., Any], text: str, words: str
+    tmp_path: Path, cli: Callable[..., Any], text: str, sentence: str
 ) -> None:
     done = cli("lint", write_scene(tmp_path, text), "--variant", "scalar_spectral")
     said = " ".join(done.stderr.split())
-    assert done.exit_code == 2 and words in said and said.startswith("error: "), done.output
+    assert done.exit_code == 2 and sentence in said and said.startswith("error: "), done.output
     assert "Traceback" not in said and str(tmp_path) not in said and said.endswith((".", "?"))
 
 
@@ -176,6 +176,6 @@ def test_render_refuses_it_with_the_same_sentence(tmp_path: Path, cli: Callable[
     """Before anything is rendered or written."""
     path = write_scene(tmp_path, BROKEN[4][0])
     calls = ("lint", path), ("render", path, "-o", tmp_path / "out")
-    done = [cli(*words, "--variant", "scalar_spectral") for words in calls]
+    done = [cli(*arguments, "--variant", "scalar_spectral") for arguments in calls]
     assert [one.exit_code for one in done] == [2, 2] and done[0].stderr == done[1].stderr
     assert not (tmp_path / "out").exists()

@@ -164,7 +164,7 @@ def test_same_seed_same_bits_and_another_seed_another_noise(tmp_path: Path) -> N
 
 
 def test_error_bars_cover_the_truth() -> None:
-    """Sixteen passes of a flat cube: |electrons − truth| < relative error in 60 to 75 % of pixels (t₁₅: 67 %).
+    """Sixteen passes of a flat cube: |electrons − expected| < relative error in 60 to 75 % of pixels (t₁₅: 67 %).
 
     576 pixels: the fraction has a standard deviation of 2 %, so the bounds are 3.5 away.
     """
@@ -179,8 +179,8 @@ def test_error_bars_cover_the_truth() -> None:
     )
     assert light.statistics.passes == 16
     weights = photons_per_irradiance(CAMERA, EXPOSURE, light.wavelengths_nm, light.bandwidths_nm)
-    truth = math.pi * 2e-4 / (4 * 2.8**2) * weights.sum()
-    covered = np.abs(light.data @ weights - truth) < light.relative_error * truth
+    expected = math.pi * 2e-4 / (4 * 2.8**2) * weights.sum()
+    covered = np.abs(light.data @ weights - expected) < light.relative_error * expected
     assert 0.60 < covered.mean() < 0.75
 
 
@@ -318,7 +318,7 @@ def test_colour_camera_weighs_each_pixel_behind_its_own_filter() -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "sentence"),
     [
         ({"spp": 0}, "spp is 0"),
         ({"spp": 1.5}, "whole number"),
@@ -333,7 +333,7 @@ def test_colour_camera_weighs_each_pixel_behind_its_own_filter() -> None:
         ({"wavelength_nm": 1000}, "no light in the bands"),
     ],
 )
-def test_nonsense_is_refused_in_one_sentence(options: dict[str, object], words: str) -> None:
+def test_nonsense_is_refused_in_one_sentence(options: dict[str, object], sentence: str) -> None:
     with pytest.raises(InputError) as caught:
         render(SCENES / "flat_field.xml", CAMERA, EXPOSURE, **{"variant": "scalar_spectral", **options})
-    assert words in str(caught.value) and "\n" not in str(caught.value)
+    assert sentence in str(caught.value) and "\n" not in str(caught.value)

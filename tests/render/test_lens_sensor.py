@@ -44,9 +44,9 @@ def sensor(kind: str = "perspective", more: str = "", size: tuple[int, int] = (1
     )
 
 
-def load(tmp_path: Path, cam: Camera, variant: str = LLVM, edges_nm: np.ndarray = BAND, **words: Any) -> Scene:
+def load(tmp_path: Path, cam: Camera, variant: str = LLVM, edges_nm: np.ndarray = BAND, **fields: Any) -> Scene:
     use(choose_variant(skip_unless_usable(variant)))
-    path = write_scene(tmp_path, scene_text(SKY, sensor=sensor(**words)))
+    path = write_scene(tmp_path, scene_text(SKY, sensor=sensor(**fields)))
     return load_scene(path, box_bands(cam, edges_nm), {}, cam)
 
 
@@ -168,7 +168,7 @@ def test_a_sensor_that_is_moved_takes_its_lens_along(tmp_path: Path, variant: st
         np.testing.assert_allclose(ways[0], [ahead[0][2], ahead[0][1], -ahead[0][0]], atol=1e-5)
 
 
-def test_dispersion_bends_blue_light_more_by_the_makers_index(tmp_path: Path) -> None:
+def test_dispersion_refracts_blue_light_more_by_the_makers_index(tmp_path: Path) -> None:
     """Slope of a ray of height h from the focus of the d line: h·(1/s − (n − 1)/R), s = f_d − t/n_d + t/n (1 %).
 
     What the same ray has without dispersion, its spherical aberration, is taken off.

@@ -219,11 +219,11 @@ CLIPPED = [
 ]
 
 
-@pytest.mark.parametrize(("more", "words"), CLIPPED)
-def test_clip_planes_that_cut_the_scene_are_told(tmp_path: Path, more: str, words: str) -> None:
+@pytest.mark.parametrize(("more", "sentence"), CLIPPED)
+def test_clip_planes_that_cut_the_scene_are_told(tmp_path: Path, more: str, sentence: str) -> None:
     """A ball of radius 1 stands 4 before the sensor: its box goes from 3 to 5."""
     (found,) = findings(tmp_path, clean(more=more))
-    assert found.level == "black" and words in found.what
+    assert found.level == "black" and sentence in found.what
 
 
 def test_clip_planes_that_cut_nothing_are_not_told(tmp_path: Path) -> None:
@@ -255,10 +255,10 @@ INTEGRATORS = [
 ]
 
 
-@pytest.mark.parametrize(("text", "level", "words"), INTEGRATORS)
-def test_integrators_that_leave_out_light_are_told(tmp_path: Path, text: str, level: str, words: str) -> None:
+@pytest.mark.parametrize(("text", "level", "sentence"), INTEGRATORS)
+def test_integrators_that_leave_out_light_are_told(tmp_path: Path, text: str, level: str, sentence: str) -> None:
     (found,) = findings(tmp_path, clean(text))
-    assert found.level == level and words in found.what
+    assert found.level == level and sentence in found.what
 
 
 @pytest.mark.parametrize(
@@ -290,11 +290,11 @@ FILMS = [
 ]
 
 
-@pytest.mark.parametrize(("film", "level", "words"), FILMS)
-def test_films_that_are_replaced_are_told(tmp_path: Path, film: str, level: str, words: str | None) -> None:
+@pytest.mark.parametrize(("film", "level", "sentence"), FILMS)
+def test_films_that_are_replaced_are_told(tmp_path: Path, film: str, level: str, sentence: str | None) -> None:
     found = findings(tmp_path, clean().replace(FILM, film))
     assert [one.level for one in found] == [level] * bool(level)
-    assert words is None or words in found[0].what
+    assert sentence is None or sentence in found[0].what
 
 
 def test_a_noisier_sampler_is_told(tmp_path: Path) -> None:

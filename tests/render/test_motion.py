@@ -345,15 +345,15 @@ def test_keys_are_joined_by_straight_lines_and_shorter_arcs_and_held_at_the_ends
     np.testing.assert_array_equal(within_float32.displacement(5.0)[:3, 3], [1, 2, 3])
 
 
-def test_a_camera_key_is_the_pose_that_mitsuba_makes_of_the_same_words() -> None:
+def test_a_camera_key_is_the_pose_that_mitsuba_makes_of_the_same_values() -> None:
     """Whatever pose, zoom or mirror the scene's camera begins with."""
     mi = use(choose_variant("scalar_spectral"))
     look = {"origin": [1, 2, 3], "target": [0, 0.5, -1], "up": [0, 0, 1]}
     wanted = np.array(mi.ScalarTransform4f().look_at(**look).matrix)
-    words = {"time_s": 0, "origin_m": look["origin"], "target_m": look["target"], "up": look["up"]}
+    fields = {"time_s": 0, "origin_m": look["origin"], "target_m": look["target"], "up": look["up"]}
     for zoom in (np.eye(4), np.diag([2.0, 2.0, 1.0, 1.0]), np.diag([-1.0, 1.0, 1.0, 1.0])):
         base = np.array(mi.ScalarTransform4f().look_at(origin=[5, 0, 1], target=[0, 1, 0], up=[0, 1, 0]).matrix) @ zoom
-        for key in (words, {"time_s": 0, "to_world": wanted.tolist()}):
+        for key in (fields, {"time_s": 0, "to_world": wanted.tolist()}):
             camera = read_motion({"camera": {"keys": [key]}}).camera
             assert camera is not None
             np.testing.assert_allclose(camera.displacement(3.0, base) @ base, wanted @ zoom, atol=1e-6)
@@ -377,7 +377,7 @@ MISTAKES: dict[str, tuple[Any, str]] = {
     "an empty body": ({"camera": {}}, "must have either velocity_m_per_s or rotate_deg_per_s, or keys, and not both"),
     "both ways": ({"camera": {**TURN, "keys": [{"time_s": 0}]}}, "or keys, and not both"),
     "two numbers": ({"camera": {"velocity_m_per_s": [1, 0]}}, r"velocity_m_per_s is \[1, 0\]; it must be three finite"),
-    "a word": ({"camera": {"velocity_m_per_s": [1, "x", 0]}}, "must be three finite numbers"),
+    "a text": ({"camera": {"velocity_m_per_s": [1, "x", 0]}}, "must be three finite numbers"),
     "not a number": ({"camera": {"velocity_m_per_s": [1, math.nan, 0]}}, "must be three finite numbers"),
     "no axis": ({"camera": {"rotate_deg_per_s": 9}}, "has rotate_deg_per_s and no axis; a rotation needs both"),
     "no angle": ({"camera": {"axis": [0, 1, 0]}}, "has axis and no rotate_deg_per_s"),

@@ -1,4 +1,4 @@
-"""<sensor type="camera"> and <film type="photosensor">: one file holds scene, lens, sensor, exposure and seeds."""
+"""One scene file with scene, lens, sensor, exposure and seeds: <sensor type="camera">, <film type="photosensor">."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def test_a_camera_in_focus_is_a_thin_lens_in_scene_units(
     ("lens", "name", "value"),
     [(LENS + FOCUS, "aperture_radius", 0.05e-3 / 4), (LENS, "principal_point_offset_x", 0.1)],
 )
-def test_plain_mitsuba_gets_the_same_sensor_as_our_own_door(tmp_path: Path, lens: str, name: str, value: float) -> None:
+def test_plain_mitsuba_gets_the_same_sensor_as_load_scene(tmp_path: Path, lens: str, name: str, value: float) -> None:
     """The factory and the rewriting agree on every parameter, also on those that are passed along."""
     mi = ready("scalar_spectral")
     more = '<float name="near_clip" value="0.5"/><transform name="to_world"><translate x="1" z="-2"/></transform>'
@@ -181,13 +181,13 @@ def test_channels_of_the_film_hold_the_transmission_of_the_sensor_around_it(tmp_
     film = mi.traverse(plain(path).sensors()[0].film())
     lens = {"lens.transmission_curve": (0.5, 0.9), "lens.transmission_wavelengths_nm": (400.0, 700.0)}
     expected = channel_bands(CAMERA.replace(**lens)).responses[0]["values"]
-    values = [float(word) for word in expected.split(",")]
+    values = [float(number) for number in expected.split(",")]
     np.testing.assert_allclose(np.array(film["band0000.values"]), values, rtol=1e-6)
     assert values[-1] / values[0] == pytest.approx(0.9 / 0.5 * 700 / 400, rel=1e-3)
 
 
 def test_wavelengths_are_drawn_from_the_mended_density(tmp_path: Path) -> None:
-    """Whole numbers from 1 to 64, as for the films of our own door: neighbours are equal or clearly different."""
+    """Whole numbers from 1 to 64, as for the films of load_scene: neighbours are equal or clearly different."""
     mi = ready("scalar_spectral")
     spectral = '<string name="spectral" value="channels"/>'
     film = plain(write_scene(tmp_path, one_file(LENS, NAME + SIZE + spectral))).sensors()[0].film()
@@ -247,7 +247,7 @@ def test_fields_of_the_file_fit_another_camera_too(tmp_path: Path) -> None:
 
 
 def test_a_camera_file_lies_beside_the_scene(tmp_path: Path) -> None:
-    """Found from any folder, by our door and by plain Mitsuba."""
+    """Found from any folder, by read_settings and by plain Mitsuba."""
     mi = ready("scalar_spectral")
     shipped = CAMERAS / "konnik_table1.toml"
     text = (
@@ -296,21 +296,21 @@ TYPING_ERRORS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("lens", "film", "word", "line"), TYPING_ERRORS)
-def test_a_typing_error_is_told_with_its_line(tmp_path: Path, lens: str, film: str, word: str, line: int) -> None:
-    """By plain Mitsuba, when nothing is rendered, and by our own door, which names the nearest word."""
+@pytest.mark.parametrize(("lens", "film", "name", "line"), TYPING_ERRORS)
+def test_a_typing_error_is_told_with_its_line(tmp_path: Path, lens: str, film: str, name: str, line: int) -> None:
+    """By plain Mitsuba, when nothing is rendered, and by load_scene, which gives the nearest name."""
     ready("scalar_spectral")
     path = write_scene(tmp_path, one_file(lens, film))
-    with pytest.raises(RuntimeError, match=rf"(?s)line {line}.*{word}"):
+    with pytest.raises(RuntimeError, match=rf"(?s)line {line}.*{name}"):
         plain(path)
-    for door in (lambda: read_settings(path, {}), lambda: load_scene(path, BANDS, {}, CAMERA)):
-        with pytest.raises(InputError, match=rf"line {line}.*{word}") as caught:
-            door()
+    for load in (lambda: read_settings(path, {}), lambda: load_scene(path, BANDS, {}, CAMERA)):
+        with pytest.raises(InputError, match=rf"line {line}.*{name}") as caught:
+            load()
         assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("lens", "film", "words"),
+    ("lens", "film", "sentence"),
     [
         ("", NAME + SIZE, "focal_length_mm"),
         (LENS + '<float name="focus_distance_m" value="0.00005"/>', NAME + SIZE, "more than the focal length, 5e-05 m"),
@@ -329,19 +329,19 @@ def test_a_typing_error_is_told_with_its_line(tmp_path: Path, lens: str, film: s
         (LENS, SIZE, "names it"),
     ],
 )  # fmt: skip
-def test_wrong_values_are_refused_in_one_sentence(tmp_path: Path, lens: str, film: str, words: str) -> None:
-    """By our door; and plain Mitsuba does not build it either."""
+def test_wrong_values_are_refused_in_one_sentence(tmp_path: Path, lens: str, film: str, sentence: str) -> None:
+    """By load_scene; and plain Mitsuba does not build it either."""
     ready("scalar_spectral")
     path = write_scene(tmp_path, one_file(lens, film))
     with pytest.raises(InputError) as caught:
         load_scene(path, BANDS, {})
-    assert words in str(caught.value) and "\n" not in str(caught.value)
+    assert sentence in str(caught.value) and "\n" not in str(caught.value)
     with pytest.raises(RuntimeError):
         plain(path)
 
 
 def test_a_camera_around_another_film_takes_its_pixels_from_the_camera_that_renders(tmp_path: Path) -> None:
-    """Our door knows the camera; plain Mitsuba cannot, and says so."""
+    """load_scene is given the camera; plain Mitsuba is not, and raises."""
     ready("scalar_spectral")
     path = write_scene(tmp_path, one_file().replace('type="photosensor"', 'type="hdrfilm"').replace(NAME, ""))
     view = load_scene(path, BANDS, {}, CAMERA).view
@@ -363,7 +363,7 @@ def test_a_variant_without_spectra_is_refused(tmp_path: Path) -> None:
 
 @both_variants
 def test_the_example_loads_in_plain_mitsuba_and_says_everything(variant: str) -> None:
-    """scenes/one_file.xml: built by both doors without a note, and in focus where the near ball stands."""
+    """scenes/one_file.xml: loaded by both without a note, and in focus where the near ball stands."""
     mi = ready(variant)
     path, small = SCENES / "one_file.xml", {"width": "16", "height": "12"}
     assert np.array(mi.render(plain(path, **small), spp=4)).shape == (12, 16, 15)

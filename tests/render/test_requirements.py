@@ -1,4 +1,4 @@
-"""render/requirements.py: how many bands a camera can tell apart, and what else a render may leave out."""
+"""Requirements of a render: how many bands a camera can distinguish, and what else a render may leave out."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def rebinned(light: Any, size: int) -> Any:
 
 
 def signal_dn(light: Any, camera: ms.Camera) -> Any:
-    """Mean signal of every pixel through the front door: photons, then the QE of the pixel's own filter."""
+    """Mean signal of every pixel through the public API: photons, then the QE of the pixel's own filter."""
     photons = ms.collect(light, camera, EXPOSURE)
     qe = camera.qe(photons.wavelengths_nm)[camera.filter_index(SHAPE)]
     return gain_dn_per_e(camera) * (photons.mean * qe).sum(axis=-1)

@@ -1,4 +1,4 @@
-"""Scenes: ours have the exposure they promise, anybody else's load, and broken ones are refused in one sentence."""
+"""Scenes: the shipped ones have their stated exposure, any other one loads, broken ones are refused in one sentence."""
 
 from __future__ import annotations
 
@@ -136,8 +136,8 @@ def test_foreign_rgb_scene_renders_and_the_user_is_told(tmp_path: Path) -> None:
         write_scene(tmp_path, text), CAMERA, Exposure(0.1), spp=16, bandwidth_nm=100, variant="scalar_spectral"
     )
     notes = "\n".join(light.statistics.notes)
-    for word in ("'hdrfilm' replaced", "'gaussian' replaced", "'independent' replaced", "'aov' replaced", "2 sensors"):
-        assert word in notes
+    for note in ("'hdrfilm' replaced", "'gaussian' replaced", "'independent' replaced", "'aov' replaced", "2 sensors"):
+        assert note in notes
     assert light.data.shape == (8, 12, 3) and (light.data > 0).all()
     assert light.data[4, 6, 2] > 3 * light.data[4, 6, 0], "the ball is red: 650 nm far above 450 nm"
 
@@ -176,7 +176,7 @@ def test_assets_beside_the_scene_are_found_and_the_search_path_is_restored(tmp_p
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "sentence"),
     [
         ("", "No document element"),
         ('<scene version="3.0.0"><sensor', "Error parsing"),
@@ -198,11 +198,11 @@ def test_assets_beside_the_scene_are_found_and_the_search_path_is_restored(tmp_p
         (scene_text(SKY.replace("360:", "750:")), "no light in the bands"),
     ],
 )
-def test_broken_scenes_are_refused_in_one_sentence(tmp_path: Path, text: str, words: str) -> None:
+def test_broken_scenes_are_refused_in_one_sentence(tmp_path: Path, text: str, sentence: str) -> None:
     use(choose_variant("scalar_spectral"))
     with pytest.raises(InputError) as caught:
         load_scene(write_scene(tmp_path, text), BANDS, {})
-    assert words in str(caught.value) and "\n" not in str(caught.value)
+    assert sentence in str(caught.value) and "\n" not in str(caught.value)
 
 
 def test_black_picture_is_refused(tmp_path: Path) -> None:

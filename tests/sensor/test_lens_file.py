@@ -82,7 +82,7 @@ def test_a_camera_file_finds_its_lens_beside_it_and_keeps_it(tmp_path: Path) -> 
 FILES = {
     "missing.dat": (None, "cannot be read: No such file"),
     "short.dat": ("1 2 3", "has a line of 3 numbers; each must be radius, thickness, index, diameter"),
-    "words.dat": ("s 2 1 4", "has a line that is not numbers"),
+    "letters.dat": ("s 2 1 4", "has a line that is not numbers"),
     "stopless.dat": ("50 2 1.5 20\n-50 0 1 20", "has no aperture stop; add a line with radius 0"),
     "broken.json": ("{", "is not valid JSON"),
     "list.json": ("[]", "has no list of surfaces"),
@@ -113,7 +113,7 @@ FILES = {
         '{"surfaces": [{"semi_diameter_mm": 1, "stop": true, "abbe": 30}, {"semi_diameter_mm": 1}]}',
         "abbe",
     ),
-    "lens.zmx": ("", "no .json or .dat file"),
+    "lens.zmx": ("", "not a .json or .dat file"),
 }
 
 
