@@ -23,7 +23,6 @@ FILM, SENSOR = "photosensor", "camera"  # plugin names of the two elements
 SIZE = ("width", "height", "crop_width", "crop_height", "crop_offset_x", "crop_offset_y")
 FILES = ("camera", "lens.prescription", "quantum_efficiency.file")  # these may be a path
 EXPOSURE_FIELDS = ("exposure_s", "temperature_k", "seed", "serial", "wavelength_nm", "bandwidth_nm", "spectral")
-Fields = dict[str, Any]
 FILM_FIELDS = ("camera", *EXPOSURE_FIELDS, *SIZE)
 LENS_FIELDS = {
     "f_number": "lens.f_number",
@@ -34,6 +33,7 @@ SENSOR_FIELDS = (*LENS_FIELDS, "transmission", "focal_length_mm", "focus_distanc
 # Parameters of Mitsuba's own sensors, passed on unchanged.
 PASSED_ON = ("to_world", "near_clip", "far_clip", "principal_point_offset_x", "principal_point_offset_y")
 METRES = {"km": 1e3, "m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
+Fields = dict[str, Any]  # parameter name → value, of one element
 
 
 @dataclass(frozen=True, eq=False)
