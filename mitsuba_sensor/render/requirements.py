@@ -65,7 +65,9 @@ def _bands(
         if change <= tolerance_dn:
             reason = f"{count // size} are enough: --bandwidth-nm {_width(light, size):g}"
             return RenderRequirement(f"{count} bands", False, change, reason)
-    return RenderRequirement(f"{count} bands", True, change, "fewer bands would change the image by more than the tolerance")
+    return RenderRequirement(
+        f"{count} bands", True, change, "fewer bands would change the image by more than the tolerance"
+    )
 
 
 def _width(light: Irradiance, size: int) -> float:
