@@ -252,11 +252,21 @@ class StageTests:
             assert_equal(arrays_of(apply(stage, signal, frame), frame), arrays_of(signal, frame))
             assert same(stage.moments(moments), moments)
 
+    def test_report_plan_and_noise_budget_name_it(self) -> None:
+        """By its label, or by the labels of its sources."""
+        stage = next(stage for stage in chain(self.camera) if isinstance(stage, self.stage))
+        light = dark_to_saturation(self.camera, PART)
+        frames = ms.expose(light, self.camera, EXPOSURE)
+        assert stage.label in [line["name"] for line in frames.report["stages"]]
+        assert stage.label in [effect.stage for effect in ms.plan(self.camera, EXPOSURE, light).effects]
+        sources = {entry.source for entry in frames.noise_budget().entries}
+        assert stage.label in sources or any(source.endswith(stage.label) for source in sources)
+
     def test_it_is_a_documented_value(self) -> None:
         """Frozen, hashable, equal to its copy from a second chain of the same camera, and documented."""
         one, two = (next(stage for stage in chain(self.camera) if isinstance(stage, self.stage)) for _ in range(2))
         assert one == two and hash(one) == hash(two)
-        assert self.stage.__doc__ and self.stage.moments.__doc__
+        assert all(part.__doc__ for part in (self.stage, self.stage.sample, self.stage.moments))
         with pytest.raises(AttributeError):
             one.a_new_attribute = 1
 
