@@ -30,8 +30,8 @@ OUTPUTS = {"frame.tiff", "frame.png", "irradiance.exr", "frame.json"}
 def rendered(scene_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The tiny scene, rendered once with two frames."""
     folder = tmp_path_factory.mktemp("rendered") / "out"
-    words = f"--spp 16 --frames 2 -D level=0.0001 --set adc.bits=14 -o {folder}".split()
-    done = CliRunner().invoke(command_line.app, ["render", str(scene_file), *words])
+    arguments = f"--spp 16 --frames 2 -D level=0.0001 --set adc.bits=14 -o {folder}".split()
+    done = CliRunner().invoke(command_line.app, ["render", str(scene_file), *arguments])
     assert done.exit_code == 0, done.stderr
     return folder
 
@@ -81,7 +81,7 @@ def test_theory_and_frame_agree_stage_by_stage(report: dict[str, Any]) -> None:
             assert stage["mean_frame"] == pytest.approx(stage["mean_expected"], abs=max(error, 1e-12)), stage["name"]
 
 
-def test_render_noise_is_that_of_the_certificate_and_grows_with_the_exposure(
+def test_render_noise_is_that_of_the_render_statistics_and_grows_with_the_exposure(
     rendered: Path, report: dict[str, Any], tmp_path: Path, cli: Callable[..., Any]
 ) -> None:
     """In a tenth of the time a tenth of the electrons and the same relative error: less beside the sensor's noise."""
@@ -215,9 +215,9 @@ def test_looking_at_cameras_does_not_load_the_renderer() -> None:
 
 def test_interrupting_a_render_leaves_no_file(scene_file: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    words = ["render", str(scene_file), "-o", str(out), "--spp", "1000000", "--variant", "scalar_spectral"]
+    arguments = ["render", str(scene_file), "-o", str(out), "--spp", "1000000", "--variant", "scalar_spectral"]
     child = subprocess.Popen(
-        [sys.executable, "-m", "mitsuba_sensor", *words],
+        [sys.executable, "-m", "mitsuba_sensor", *arguments],
         stderr=subprocess.PIPE,
         text=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a shell's background jobs ignore it

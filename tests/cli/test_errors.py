@@ -16,7 +16,7 @@ from mitsuba_sensor.io import files
 DARK_SCENE_IN_THE_INFRARED_ONLY = '<spectrum name="radiance" value="900:0.01, 1000:0.01"/>'
 MALFORMED = "<scene version='3.0.0'><sensor type='perspective'></scene>"
 
-# (words of the command, what the sentence must say); SCENE, LIGHT, OUT and TMP are filled in.
+# (arguments of the command, what the sentence must say); SCENE, LIGHT, OUT and TMP are filled in.
 CASES: dict[str, tuple[Sequence[str], str]] = {
     "missing scene": (("render", "TMP/none.xml", "-o", "OUT"), "none.xml"),
     "scene is a folder": (("render", "TMP", "-o", "OUT"), "is not a file"),
@@ -55,7 +55,7 @@ CASES: dict[str, tuple[Sequence[str], str]] = {
     "negative seed": (("expose", "LIGHT", "-o", "OUT", "--seed", "-1"), "seed is -1"),
     "negative serial": (("expose", "LIGHT", "-o", "OUT", "--serial", "-1"), "serial is -1"),
     "no frames": (("expose", "LIGHT", "-o", "OUT", "--frames", "0"), "--frames"),
-    "word for a number": (("expose", "LIGHT", "-o", "OUT", "--exposure-s", "long"), "--exposure-s"),
+    "text for a time": (("expose", "LIGHT", "-o", "OUT", "--exposure-s", "long"), "--exposure-s"),
     "no output folder": (("expose", "LIGHT"), "-o"),
     "unknown chain": (
         ("expose", "LIGHT", "-o", "OUT", "--chain", "matlab"),
@@ -99,10 +99,10 @@ def places(tmp_path: Path, scene_file: Path, light_file: Path) -> dict[str, str]
     }
 
 
-def fill(word: str, places: dict[str, str]) -> str:
+def fill(argument: str, places: dict[str, str]) -> str:
     for name, place in places.items():
-        word = word.replace(name, place)
-    return word
+        argument = argument.replace(name, place)
+    return argument
 
 
 def sentence(stderr: str) -> str:
@@ -114,8 +114,8 @@ def sentence(stderr: str) -> str:
 def test_a_mistake_is_one_sentence_exit_2_and_no_file(
     case: str, places: dict[str, str], cli: Callable[..., Any]
 ) -> None:
-    words, said = CASES[case]
-    done = cli(*(fill(word, places) for word in words))
+    arguments, said = CASES[case]
+    done = cli(*(fill(argument, places) for argument in arguments))
     assert done.exit_code == 2, (done.exception, done.stderr)
     assert said in sentence(done.stderr), done.stderr
     assert "Traceback" not in done.stderr and done.stdout == ""

@@ -1,4 +1,4 @@
-"""The datasheet at the door: every field of every table, walked by the schema, so that a new field is tested too."""
+"""The camera file: every field of every table, by the schema, so that a new field is tested too."""
 
 from __future__ import annotations
 
@@ -198,9 +198,9 @@ def test_every_field_has_a_description_an_example_and_the_example_is_right(dotte
 
 
 CONTRADICTIONS: dict[str, tuple[dict[str, Any], str]] = {
-    "two dark laws": ({"dark_current.rate_e_per_s": 5.0}, "either fom_na_per_cm2 or rate_e_per_s"),
-    "no dark law": ({"dark_current.fom_na_per_cm2": None}, "either fom_na_per_cm2 or rate_e_per_s"),
-    "half a dark law": (
+    "two dark-current models": ({"dark_current.rate_e_per_s": 5.0}, "either fom_na_per_cm2 or rate_e_per_s"),
+    "no dark-current model": ({"dark_current.fom_na_per_cm2": None}, "either fom_na_per_cm2 or rate_e_per_s"),
+    "half a dark-current model": (
         {"dark_current.fom_na_per_cm2": None, "dark_current.rate_e_per_s": 5.0, "dark_current.doubling_k": 7.0},
         "go together",
     ),
@@ -281,7 +281,7 @@ def test_every_number_of_a_shipped_camera_has_a_source(name: str) -> None:
     assert all(len(text) > 8 for text in camera.sources.values())
 
 
-def test_the_cameras_that_ship_are_the_ones_that_were_promised() -> None:
+def test_the_cameras_that_ship_are_the_ones_that_are_listed() -> None:
     """Table 1, a CCD, and a colour sensor with a Bayer mosaic of three curves."""
     cameras = [ms.load_camera(name) for name in ms.list_cameras()]
     assert "konnik_table1" in ms.list_cameras()
@@ -314,7 +314,7 @@ def test_the_gain_of_a_shipped_camera_is_that_of_its_datasheet(name: str, k: flo
     assert gain_dn_per_e(ms.load_camera(name)) == pytest.approx(k, rel=1e-4)
 
 
-def test_the_dark_law_is_the_one_that_was_given() -> None:
+def test_the_dark_current_model_is_the_one_that_was_given() -> None:
     camera = ms.load_camera("bayer_2mp")
     assert dark_current_model(camera).rate_e_per_s(298.15) == pytest.approx(5.0)
     assert dark_current_model(camera).rate_e_per_s(305.15) == pytest.approx(10.0)

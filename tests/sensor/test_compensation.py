@@ -1,4 +1,4 @@
-"""Spending the render's noise: drawn with what the render leaves of it, the total has the variance of Poisson's law."""
+"""Compensated render noise: shot noise is drawn with less variance, and the total is that of Poisson's law."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ BARE = TABLE1.replace(**{"pixel.prnu": 0.0, "dark_current.fom_na_per_cm2": 0.0})
 SHAPE = (53, 47)
 LIGHT_E = np.geomspace(0.05, 40_000.0, SHAPE[0] * SHAPE[1]).reshape(SHAPE)
 NOISE_E2 = LIGHT_E * np.random.default_rng(3).uniform(0.0, 0.6, SHAPE)
-"""From nothing to more than can be spent."""
+"""From nothing to more than can be compensated."""
 
 
 def rendered(light_e: Any, noise_e2: Any = None) -> Photons:
@@ -70,9 +70,9 @@ class Parts:
 
 def law_of(mean: float, variance: float) -> tuple[NDArray[Any], NDArray[Any]]:
     """Every count and its probability, from the parts that are drawn: a Poisson law, shifted and mixed."""
-    spent, _ = compensable(np.float64(mean), 0.0, np.float64(variance))
+    compensated, _ = compensable(np.float64(mean), 0.0, np.float64(variance))
     parts: Any = Parts()
-    whole = float(counted("photon_shot", np.float64(mean), spent, parts))
+    whole = float(counted("photon_shot", np.float64(mean), compensated, parts))
     reach = 12 * np.sqrt(parts.rest) + 40
     n = np.arange(np.floor(max(parts.rest - reach, 0)), parts.rest + reach)
     poisson = stats.poisson.pmf(n, parts.rest)
@@ -100,7 +100,7 @@ def test_the_law_has_exactly_the_mean_and_what_the_render_leaves_of_the_variance
 
 
 @pytest.mark.parametrize("mean", [1e-6, 0.02, 0.2, 0.7, 1.0, 1.5, 2.9, 3.0, 1e3 + 0.25])
-def test_a_mean_has_room_for_as_much_as_its_law_can_give_up(mean: float) -> None:
+def test_a_mean_compensates_as_much_as_its_distribution_can_lose(mean: float) -> None:
     """Its Poisson part is used up there: one more would be negative. Below 1 e- that is the bound of every whole law:
     0 or 1 with mean μ has variance μ − μ², and no law has less."""
     most = float(largest_e2(np.float64(mean)))
@@ -115,7 +115,7 @@ def test_a_mean_has_room_for_as_much_as_its_law_can_give_up(mean: float) -> None
 
 
 CASES_E = ((0.3, 0.09), (1.0, 0.2), (2.5, 0.7), (9.0, 2.25), (12.0, 3.999), (100.0, 16.0), (1e4, 3e3))
-"""Mean light [e-] and the variance of its render [e-²]; all of it can be spent."""
+"""Mean light [e-] and the variance of its render [e-²]; all of it can be compensated."""
 
 DRAWS = 2**19
 
@@ -124,17 +124,17 @@ DRAWS = 2**19
 def test_every_engine_draws_whole_electrons_of_that_mean_and_variance(backend: Backend, dark_e: float) -> None:
     """2^19 draws each: 5 standard errors of the variance are 1.0 % (1.3 % at 0.3 e-), of the mean 0.7 % of σ.
 
-    28 comparisons at P(|z| > 5) = 6e-7: one other seed in 60 000 would fail. (The engines have the same words.)
+    28 comparisons at P(|z| > 5) = 6e-7: one other seed in 60 000 would fail. (The backends have the same random bits.)
     """
     mean, noise = (np.repeat(np.array(x)[:, None], DRAWS, axis=1) for x in zip(*CASES_E, strict=True))
     frame = frame_of(mean.shape, backend)
     light, variance = (backend.from_numpy(x, frame.window) for x in (mean, noise))
     dark = frame.number(dark_e) if dark_e else 0.0
     after = ShotNoise().sample(Electrons(light, dark, variance_e2=variance), frame)
-    for drawn, about, spent in ((after.light, mean, noise), (after.dark, np.full_like(mean, dark_e), 0 * noise)):
+    for drawn, about, compensated in ((after.light, mean, noise), (after.dark, np.full_like(mean, dark_e), 0 * noise)):
         n = np.asarray(backend.to_numpy(drawn, frame.window), dtype=np.float64)
         assert (n >= 0).all() and (n == np.floor(n)).all()
-        expected, sigma = (about - spent)[:, 0], np.sqrt(np.maximum((about - spent)[:, 0], 1e-30))
+        expected, sigma = (about - compensated)[:, 0], np.sqrt(np.maximum((about - compensated)[:, 0], 1e-30))
         away = n - about
         assert (np.abs(away.mean(axis=1)) <= 5 * sigma / np.sqrt(DRAWS) + 1e-6 * about[:, 0]).all()
         error = 5 * np.sqrt(np.maximum((away**4).mean(axis=1) - expected**2, 0) / DRAWS)
@@ -142,8 +142,8 @@ def test_every_engine_draws_whole_electrons_of_that_mean_and_variance(backend: B
     assert after.variance_e2 is None
 
 
-def test_the_theory_of_a_frame_about_its_own_render_is_the_mean_less_what_is_spent() -> None:
-    """With a gain of its own for every pixel, E[g²]·v is spent.
+def test_the_theory_of_a_frame_about_its_own_render_is_the_mean_less_what_is_compensated() -> None:
+    """With a gain of its own for every pixel, E[g²]·v is compensated.
 
     5 standard errors of 1e6 draws are 0.7 % of the variance: P(|z| > 5) = 6e-7.
     """
@@ -168,8 +168,8 @@ def test_frames_with_renders_of_their_own_have_the_mean_and_variance_of_shot_noi
     """240 frames of 64 × 64 pixels, render noise N(μ, ratio·μ) cut at 0, through the whole chain to the well.
 
     5 standard errors of var/mean of 983 040 counts are 0.84 % (√(2 + κ)/√n, excess κ < 0.8); the cut at 0 and the limit
-    leave less than 0.1 % beside it. Neighbours and next frames: |ρ| < 5/√n. Five comparisons at 6e-7 each. Not spent, a
-    render leaves 16 % too much (with Table 1's dark current 12 in 214: 5.6 %).
+    leave less than 0.1 % beside it. Neighbours and next frames: |ρ| < 5/√n. Five comparisons at 6e-7 each.
+    Not compensated, a render leaves 16 % too much (with Table 1's dark current 12 in 214: 5.6 %).
     """
     draw = np.random.default_rng(11)
     shape = (64, 64)
@@ -195,8 +195,8 @@ def test_the_shape_is_nearer_to_poissons_than_without_and_the_limit_is_where_the
 
     A few corners of the table of benchmarks/compensation.py. Fireflies hide their variance from eight passes.
     """
-    words = "--means 1 10 --ratios 0.16 0.63 --json"
-    done = subprocess.run([sys.executable, str(BENCHMARK), *words.split()], capture_output=True, text=True)
+    arguments = "--means 1 10 --ratios 0.16 0.63 --json"
+    done = subprocess.run([sys.executable, str(BENCHMARK), *arguments.split()], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     assert found["limit"] == LIMIT
@@ -213,24 +213,24 @@ def test_the_shape_is_nearer_to_poissons_than_without_and_the_limit_is_where_the
             assert after["third"] < 1.38 and after["distance"] < 0.017
 
 
-# What cannot be spent
+# What cannot be compensated
 
 
 def test_a_limit_is_kept_and_what_is_left_is_counted_and_reported() -> None:
-    """Four pixels: all spent; above the limit; above the square of a small mean; nothing to spend."""
+    """Four pixels: all compensated; above the limit; above the square of a small mean; nothing to compensate."""
     light_e = np.array([[100.0, 100.0, 0.2, 50.0]])
     noise = np.array([[20.0, 90.0, 0.06, 0.0]])
     report = ms.expose(rendered(light_e, noise), BARE, EXPOSURE, precision="float64").report
-    spent = np.array([20.0, 100 / 3, 0.04, 0.0])
+    compensated = np.array([20.0, 100 / 3, 0.04, 0.0])
     assert report["counts"]["compensated_short"] == 2
     found = report["compensation"]
     assert found["limit"] == LIMIT
     assert found["variance_e2"] == pytest.approx(noise.mean())
-    assert found["compensated_e2"] == pytest.approx(spent.mean())
-    assert found["left_e2"] == pytest.approx((noise - spent).mean())
-    assert found["left_over_shot"] == pytest.approx((noise - spent).sum() / 200.2)
+    assert found["compensated_e2"] == pytest.approx(compensated.mean())
+    assert found["left_e2"] == pytest.approx((noise - compensated).mean())
+    assert found["left_over_shot"] == pytest.approx((noise - compensated).sum() / 200.2)
     line = next(line for line in report["stages"] if line["name"] == "shot noise")
-    assert line["sigma_temporal_expected"] ** 2 == pytest.approx((light_e - spent).mean())
+    assert line["sigma_temporal_expected"] ** 2 == pytest.approx((light_e - compensated).mean())
 
 
 def test_light_of_an_exact_mean_reports_nothing_of_it() -> None:
@@ -238,7 +238,7 @@ def test_light_of_an_exact_mean_reports_nothing_of_it() -> None:
     assert "compensation" not in report and "compensated_short" not in report["counts"]
 
 
-def test_dark_current_pays_where_the_light_has_no_room() -> None:
+def test_dark_current_compensates_what_the_light_cannot() -> None:
     """2 e- of light that vary by 3 e-², and 30 e- of dark current: both keep their mean, the sum varies by 29 e-²."""
     by_light, by_dark = compensable(np.array([[2.0, 9.0]]), np.array([[30.0, 30.0]]), np.array([[3.0, 3.0]]))
     np.testing.assert_array_equal(by_light, [[0.0, 3.0]])
@@ -280,21 +280,21 @@ def test_extremes_give_whole_electrons(backend: Backend, light_e: float, noise_e
 
 
 @pytest.mark.parametrize("camera", [TABLE1, BARE], ids=["dark current", "no dark current"])
-def test_no_variance_to_spend_is_the_plain_frame_bit_for_bit(backend: Backend, camera: ms.Camera) -> None:
+def test_no_variance_to_compensate_is_the_plain_frame_bit_for_bit(backend: Backend, camera: ms.Camera) -> None:
     engine = "numpy" if backend.on_host else "drjit"
-    plain, spent = (
+    plain, compensated = (
         ms.expose(light, camera, EXPOSURE, engine=engine, precision=backend.precision, keep=expose.KEEP)  # type: ignore[arg-type]
         for light in (rendered(LIGHT_E), rendered(LIGHT_E, np.zeros(SHAPE)))
     )
     for name in (*expose.KEEP, "digital"):
-        np.testing.assert_array_equal(getattr(plain, name), getattr(spent, name))
+        np.testing.assert_array_equal(getattr(plain, name), getattr(compensated, name))
 
 
 CAMERAS = {
     "table 1": TABLE1,
     "no dark current": BARE,
     "patterns": TABLE1.replace(**{"pixel.prnu": 0.2, "dark_current.cv": 0.4}),
-    "blinking": TABLE1.replace(**{"dark_current.rts_fraction": 0.2, "dark_current.rts_amplitude_e_per_s": 900.0}),
+    "RTS pixels": TABLE1.replace(**{"dark_current.rts_fraction": 0.2, "dark_current.rts_amplitude_e_per_s": 900.0}),
     "strong dark": TABLE1.replace(**{"dark_current.fom_na_per_cm2": 20.0, "dark_current.distribution": "wald"}),
 }
 SIGNALS = ("photoelectrons", "dark_electrons", "electrons", "volts", "digital")
@@ -331,7 +331,7 @@ def test_strips_threads_and_crops_cut_the_variance_with_the_light(engine: Any, m
         np.testing.assert_array_equal(frame(), whole)
 
 
-def test_float32_is_the_twin_of_float64() -> None:
+def test_float32_agrees_with_float64() -> None:
     """Fewer than 1 % of the pixels move, by 1 DN."""
     light = rendered(LIGHT_E, NOISE_E2)
     one, other = (
@@ -342,7 +342,7 @@ def test_float32_is_the_twin_of_float64() -> None:
 
 
 @pytest.mark.parametrize("name", CAMERAS)
-def test_the_ledger_adds_up_to_the_frame_and_to_the_moments(name: str) -> None:
+def test_the_noise_budget_adds_up_to_the_frame_and_to_the_moments(name: str) -> None:
     frames = ms.expose(rendered(LIGHT_E, NOISE_E2), CAMERAS[name], EXPOSURE, precision="float64")
     noise_budget = frames.noise_budget()
     assert np.abs(noise_budget.total - frames.digital[0]).max() < 1e-6
@@ -365,7 +365,7 @@ def test_a_plan_takes_the_mean_for_exact_and_exposes_with_it() -> None:
 @compiled
 @pytest.mark.parametrize(("mean", "noise"), [(30.0, 4.25), (30.8, 11.0), (0.25, 1.0)])
 def test_derivatives_by_the_light_keep_the_mean(mean: float, noise: float) -> None:
-    """d electrons/d light is 1 on average, also at the limit, where what is spent follows the light.
+    """d electrons/d light is 1 on average, also at the limit, where what is compensated follows the light.
 
     40 000 pixels, 5 standard errors of the spread found: P(|z| > 5) = 6e-7.
     """
@@ -377,7 +377,7 @@ def test_derivatives_by_the_light_keep_the_mean(mean: float, noise: float) -> No
     assert slope.mean() == pytest.approx(1, abs=5 * float(slope.std()) / 200)
 
 
-# At the door
+# What is refused
 
 
 @pytest.mark.parametrize(
@@ -396,7 +396,7 @@ def test_a_variance_that_is_none_is_one_sentence(variance: Any, sentence: str) -
         ms.expose(rendered(LIGHT_E, variance), TABLE1, EXPOSURE)
 
 
-def test_infinite_light_spends_nothing_and_needs_no_variance() -> None:
+def test_infinite_light_compensates_nothing_and_needs_no_variance() -> None:
     light_e, noise = LIGHT_E.copy(), NOISE_E2.copy()
     light_e[3, 4], noise[3, 4] = np.inf, np.nan
     frames = ms.expose(rendered(light_e, noise), TABLE1, EXPOSURE)
@@ -412,7 +412,7 @@ def test_infinite_light_spends_nothing_and_needs_no_variance() -> None:
         ({}, {"quantum_efficiency.quantum_yield": [2.0, 1.0]}, "quantum_yield .* leave one of them out"),
     ],
 )
-def test_spending_is_refused_where_it_would_be_wrong(how: dict[str, Any], changes: Any, sentence: str) -> None:
+def test_compensation_is_refused_where_it_would_be_wrong(how: dict[str, Any], changes: Any, sentence: str) -> None:
     """Frames that share a render would be too quiet from one to the next."""
     camera, light = TABLE1.replace(**changes), rendered(LIGHT_E, NOISE_E2)
     for ask in (ms.expose, ms.stream):
@@ -420,7 +420,7 @@ def test_spending_is_refused_where_it_would_be_wrong(how: dict[str, Any], change
             ask(light, camera, EXPOSURE, **how)
 
 
-def test_a_plan_without_shot_noise_has_nothing_to_spend_in() -> None:
+def test_a_plan_without_shot_noise_has_nothing_to_compensate_in() -> None:
     light = rendered(LIGHT_E, NOISE_E2)
     plan = ms.plan(TABLE1, EXPOSURE, light, tolerance_dn=1e6)
     with pytest.raises(ms.InputError, match="smaller tolerance_dn"):

@@ -1,4 +1,4 @@
-"""Dark current against temperature: values worked out by hand, limits, and the dark pattern over time."""
+"""Dark current against temperature: values worked out by hand, limits, and the dark-current FPN over time."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def test_the_doubling_law_doubles() -> None:
     [LogNormal(0.01), LogNormal(0.4), Gaussian(0.01), Gaussian(0.2), Gaussian(0.4), LogNormal(1.0)],
     ids=str,
 )
-def test_the_dark_pattern_keeps_the_mean_and_has_its_cv_at_every_time(pattern: object, time_s: float) -> None:
+def test_dark_current_fpn_keeps_the_mean_and_has_its_cv_at_every_time(pattern: object, time_s: float) -> None:
     """Mean D and σ = D·D_N over 400 000 pixels; the map is the same at every time, so it only scales.
 
     5 standard errors of the mean; of σ with the law's own kurtosis: 6e-7 false alarms each. (D_N = 0.4 of the normal

@@ -71,12 +71,12 @@ CASES: dict[str, tuple[dict[str, Any], str, str]] = {
         "dark_current",
         'coupling belongs to distribution = "ar"',
     ),
-    "two dark laws": (
+    "two dark-current models": (
         {"dark_current.rate_e_per_s": 5.0, "dark_current.at_temperature_k": 300.0},
         "dark_current",
         r"give either fom_na_per_cm2 or rate_e_per_s \(with at_temperature_k\), and not both",
     ),
-    "no dark law": (
+    "no dark-current model": (
         {"dark_current.fom_na_per_cm2": None},
         "dark_current",
         "give either fom_na_per_cm2 or rate_e_per_s",

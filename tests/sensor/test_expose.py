@@ -1,4 +1,4 @@
-"""expose(): what goes in, what comes out, and the account of it."""
+"""Arguments of expose, the frames that it returns, and their report."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def test_intermediate_signals_come_on_request_and_belong_together() -> None:
 
 
 def test_without_noise_the_frame_is_the_closed_form() -> None:
-    """Every source off but the shot noise, which the kept electrons show: DN = round(pedestal + K·N)."""
+    """Every source off but the shot noise, which the kept electrons show: DN = round(black level + K·N)."""
     quiet = CAMERA.replace(
         **{"pixel.prnu": 0.0, "readout.dsnu_col": 0.0, "source_follower.white_nv_per_rthz": 0.0},
         **{"adc.black_level_dn": 50.25},
@@ -80,19 +80,19 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "no frame": ({"frames": 0}, "frames is 0"),
     "minus one frame": ({"frames": -1}, "frames is -1"),
     "half a frame": ({"frames": 1.5}, "frames is 1.5"),
-    "frames in words": ({"frames": "two"}, "frames is 'two'"),
+    "frames as text": ({"frames": "two"}, "frames is 'two'"),
     "frame before the first": ({"first_frame": -1}, "first_frame is -1"),
     "frame after the last": ({"first_frame": 2**32}, "numbered from 0"),
     "negative seed": ({"seed": -1}, "seed is -1"),
     "seed of 65 bits": ({"seed": 2**64}, "seed is 18446744073709551616"),
     "fractional seed": ({"seed": 1.5}, "seed is 1.5"),
-    "serial in words": ({"serial": "A7"}, "serial is 'A7'"),
+    "serial as text": ({"serial": "A7"}, "serial is 'A7'"),
     "unknown signal": ({"keep": ("digits",)}, "electrons, volts"),
     "origin off the sensor": ({"origin": (0, -1)}, "origin is -1"),
     "origin between pixels": ({"origin": (0.5, 0)}, "origin is 0.5"),
     "origin of one number": ({"origin": 3}, r"origin is 3; it must be \(row, column\)"),
     "origin of three": ({"origin": (0, 0, 0)}, r"origin is \(0, 0, 0\)"),
-    "origin in words": ({"origin": "0,0"}, "origin is '0,0'"),
+    "origin as text": ({"origin": "0,0"}, "origin is '0,0'"),
     "no origin": ({"origin": "here"}, "origin is 'here'"),
     "true frames": ({"frames": True}, "frames is True"),
     "no frames": ({"frames": None}, "frames is None"),
@@ -106,9 +106,9 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "a ragged map": ({"maps": {"prnu": [[1.0], [1.0, 2.0]]}}, r"maps\['prnu'\] is not numeric"),
     "a map without a name": ({"maps": {3: np.ones((6, 8))}}, "maps names 3"),
     "maps without names": ({"maps": [np.ones((6, 8))]}, "maps is a list; pass a dict"),
-    "maps in words": ({"maps": "prnu"}, "maps is a str; pass a dict"),
+    "maps as text": ({"maps": "prnu"}, "maps is a str; pass a dict"),
     "maps by their file": ({"maps": np.ones((6, 8))}, "maps is a ndarray; pass a dict"),
-    "a plan in words": ({"plan": "fast"}, "plan is 'fast'; pass what plan"),
+    "a plan as text": ({"plan": "fast"}, "plan is 'fast'; pass what plan"),
     "colour for a wavelength": ({"wavelengths_nm": "green"}, "wavelengths_nm is not numeric; pass numbers in nm"),
     "wavelength as text": ({"wavelengths_nm": "550"}, "wavelengths_nm is not numeric"),
     "no numbers for wavelengths": ({"wavelengths_nm": {"nm": 550}}, "wavelengths_nm is not numeric"),
@@ -200,10 +200,10 @@ def test_a_camera_without_a_reference_wavelength_asks_for_one() -> None:
 
 
 @pytest.mark.parametrize("name", ms.list_cameras())
-def test_the_account_holds_every_stage_with_theory_and_sample_that_agree(name: str) -> None:
+def test_the_report_holds_every_stage_with_theory_and_sample_that_agree(name: str) -> None:
     """50 000 pixels of half a well: mean within 5 standard errors of the report's own σ, σ within 4 %.
 
-    (Column offsets are one number per column: the frame is wide and flat, so that there are 12 500 of them.)
+    (DSNU_col is one number per column: the frame is wide and flat, so that there are 12 500 of them.)
     """
     camera = ms.load_camera(name)
     light = 0.4 * camera.pixel.full_well_e / camera.qe([camera.quantum_efficiency.reference_nm]).max()
@@ -220,7 +220,7 @@ def test_the_account_holds_every_stage_with_theory_and_sample_that_agree(name: s
         assert split == pytest.approx(sigma, rel=1e-9)
 
 
-def test_the_account_is_json_with_photons_gain_and_counts() -> None:
+def test_the_report_is_json_with_photons_gain_and_counts() -> None:
     light = np.full((10, 10), 100.0)
     light[0, :4] = 1e6
     light[1, :3] = 7.0
@@ -235,7 +235,7 @@ def test_the_account_is_json_with_photons_gain_and_counts() -> None:
     assert cut.report["counts"]["clipped_adc_low"] == np.sum(cut.digital == 0) > 500
 
 
-def test_the_account_is_that_of_the_first_frame_that_was_asked_for() -> None:
+def test_the_report_is_that_of_the_first_frame_that_was_asked_for() -> None:
     frames = ms.expose(LIGHT, CAMERA, EXPOSURE, first_frame=5, frames=2, seed=3, serial=8)
     last = frames.report["stages"][-1]
     assert last["mean_frame"] == pytest.approx(frames.digital[0].mean())

@@ -34,14 +34,14 @@ OPTIONS: dict[str, dict[str, Any]] = {
 }
 SITES = {
     "parts": PARTS,
-    "blinking": {"dark_current.rts_fraction": 0.3, "dark_current.rts_amplitude_e_per_s": 900.0},
+    "RTS pixels": {"dark_current.rts_fraction": 0.3, "dark_current.rts_amplitude_e_per_s": 900.0},
 }
-"""Which pixels follow a part or blink is drawn from the serial and stays so, also where maps are given."""
+"""Which pixels follow a component or are RTS pixels follows from the serial, also where maps are given."""
 
 
 @pytest.mark.parametrize("origin", [(0, 0), (506, 1020)], ids=str)
 @pytest.mark.parametrize("option", OPTIONS)
-def test_a_device_is_its_maps_whatever_the_serial(option: str, origin: tuple[int, int], tmp_path: Path) -> None:
+def test_a_sensor_is_its_maps_whatever_the_serial(option: str, origin: tuple[int, int], tmp_path: Path) -> None:
     """patterns() of serial 7, through a file, given to serial 99: the bytes of serial 7."""
     camera = TABLE1.replace(**OPTIONS[option])
     np.savez(tmp_path / "maps.npz", **ms.fpn_maps(camera, SHAPE, serial=7, origin=origin))
@@ -52,7 +52,7 @@ def test_a_device_is_its_maps_whatever_the_serial(option: str, origin: tuple[int
 
 
 @pytest.mark.parametrize("option", [*OPTIONS, *SITES])
-def test_giving_a_device_its_own_maps_changes_nothing(option: str) -> None:
+def test_giving_a_sensor_its_own_maps_changes_nothing(option: str) -> None:
     camera = TABLE1.replace(**(OPTIONS | SITES)[option])
     maps = ms.fpn_maps(camera, SHAPE, serial=7)
     given = ms.expose(LIGHT, camera, EXPOSURE, serial=7, maps=maps)
@@ -107,7 +107,7 @@ def test_patterns_have_the_shape_of_what_they_belong_to_and_the_whole_sensor_by_
 
 @pytest.mark.parametrize("origin", [(0, 0), (2, 5), (8, 3)], ids=str)
 def test_maps_of_the_whole_sensor_are_cut_to_the_window(origin: tuple[int, int]) -> None:
-    """A sensor of 20 × 30, a window of 12 × 17 somewhere on it: the window of that device, byte by byte."""
+    """A sensor of 20 × 30, a window of 12 × 17 somewhere on it: the window of that sensor, byte by byte."""
     rich = {"readout.dsnu_row": 0.01, "pixel.dsnu_e": 20.0, "readout.prnu_col": 0.1, "dark_current.cv": 0.4}
     camera = TABLE1.replace(**rich | {"sensor.rows": 20, "sensor.columns": 30})
     given = ms.expose(LIGHT, camera, EXPOSURE, serial=99, origin=origin, maps=ms.fpn_maps(camera, serial=7))

@@ -24,7 +24,7 @@ def photons_of(irradiance: float, wavelength_nm: float, camera: ms.Camera = TABL
 
 
 def test_the_irradiance_of_the_paper_fills_the_well_of_table_1() -> None:
-    """0.0122280424770 W/m² in 0.1 s: 55 000 photons, 33 000 light electrons.
+    """0.0122280424770 W/m² in 0.1 s: 55 000 photons, 33 000 photoelectrons.
 
     To 2e-7: that number was made with the Planck constant of CODATA 2006, 1.8e-7 below the exact one of 2019. (And 1e-7
     of float32.)
@@ -212,7 +212,7 @@ def test_the_test_lights_refuse_what_is_no_irradiance(level: Any) -> None:
         (lambda: ms.render("x.xml", "x", EXPOSURE), "camera is 'x'"),  # type: ignore[arg-type]
     ],
 )
-def test_nonsense_at_the_door_of_the_light_is_refused_in_one_sentence(asked: Any, said: str) -> None:
+def test_nonsense_as_light_is_refused_in_one_sentence(asked: Any, said: str) -> None:
     with pytest.raises(ms.InputError, match=said) as refused:
         asked()
     assert str(refused.value).count("\n") == 0 and str(refused.value).endswith(".")

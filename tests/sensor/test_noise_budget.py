@@ -1,4 +1,4 @@
-"""The frame's ledger: what every source put into it, to the last digit, and how much that must be."""
+"""The noise budget of a frame: what every source contributes, to the last digit, and how much that must be."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ RICH = {
     "pixel.prnu": 0.01, "dark_current.cv": 0.4, "readout.dsnu_row": 0.001, "pixel.dsnu_e": 10.0,
     "readout.prnu_col": 0.002, "dark_current.rts_fraction": 0.1, "dark_current.rts_amplitude_e_per_s": 500.0,
 }  # fmt: skip
-BENT = {"readout.ve_nonlinearity": 1.0, "source_follower.vv_nonlinearity": 1.05, "adc.gamma": 1.04}
+CURVED = {"readout.ve_nonlinearity": 1.0, "source_follower.vv_nonlinearity": 1.05, "adc.gamma": 1.04}
 YIELD = {"quantum_efficiency.quantum_yield": [1.5, 1.5]}
 PARTS = {"dark_current.components": [{"weight": 0.1, "family": "uniform", "low": 100, "high": 900, "unit": "e"}]}
 CAMERAS = {
     "table 1": TABLE1,
     "everything": TABLE1.replace(**RICH),
-    "non-linear": TABLE1.replace(**RICH | BENT),
+    "non-linear": TABLE1.replace(**RICH | CURVED),
     "quantum yield": TABLE1.replace(**RICH | YIELD | PARTS),
     "steps": TABLE1.replace(**RICH | {"adc.bits": 8, "adc.black_level_dn": 20.0, "adc.dnl_lsb": {"60": -1.0}}),
     "ccd": ms.load_camera("eev_44_82"),
@@ -87,7 +87,7 @@ def test_switching_a_source_off_changes_its_own_entry_only(source: str) -> None:
     (A contribution is a difference of two signals of about 3000 DN, whose float64 step is 4.5e-13.) Rounding to codes
     and clips see the sum and are left out.
     """
-    on = TABLE1.replace(**{key: value for key, value in RICH.items() if "blinking" not in key})
+    on = TABLE1.replace(**{key: value for key, value in RICH.items() if "rts" not in key})
     before, after = (entries(frames_of(camera).noise_budget()) for camera in (on, on.replace(**OFF[source])))
     assert list(before) == list(after)
     names = list(before)
@@ -144,7 +144,7 @@ def test_a_full_well_is_booked_as_what_it_took_away() -> None:
     assert books["full well"].temporal_dn2 < 0
 
 
-def test_a_ledger_of_frame_3_is_of_frame_3_and_explains_itself() -> None:
+def test_a_noise_budget_of_frame_3_is_of_frame_3_and_explains_itself() -> None:
     frames = frames_of(TABLE1, first_frame=3)
     assert np.abs(frames.noise_budget().total - frames_of(TABLE1, frames=4).digital[3]).max() < 1e-6
     text = frames.noise_budget().explain()

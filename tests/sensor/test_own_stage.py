@@ -1,4 +1,4 @@
-"""A stage of a user's own, put into the chain of a camera, passes the shared stage tests without a line in the package."""
+"""A stage of a user's own in the chain of a camera passes the shared stage tests without a line in the package."""
 
 from __future__ import annotations
 

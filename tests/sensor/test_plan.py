@@ -85,7 +85,7 @@ def test_stages_stay_in_their_order_and_the_report_names_every_one_of_the_chain(
 
 
 def test_a_picture_in_the_dark_needs_no_prnu_and_no_full_well_and_a_bright_one_does() -> None:
-    """The full well shows only where the converter reaches beyond it; by default the pedestal makes it clip first."""
+    """The full well shows only where the converter reaches beyond it; by default the ADC clips first."""
     dark = kept(ms.plan(CAMERA, EXPOSURE, np.zeros((4, 4)), 0.01))
     assert not {"PRNU", "full well"} & dark
     assert {"dark current", "shot noise", "DSNU column", "source follower noise"} <= dark
@@ -107,7 +107,7 @@ def test_a_cold_short_exposure_leaves_the_dark_current_out() -> None:
 
 
 def test_the_effect_of_a_stage_is_its_size_in_digital_numbers() -> None:
-    """Column offsets 4.096 DN fixed; PRNU at half a well 0.5 % of 2048 DN beside them; dark current 21.6 DN of mean."""
+    """DSNU_col 4.096 DN fixed; PRNU at half a well 0.5 % of 2048 DN beside them; dark current 21.6 DN of mean."""
     effects = {effect.stage: effect for effect in ms.plan(CAMERA, EXPOSURE, np.full((2, 2), 27_500.0)).effects}
     prnu = 0.005 * 16_500 * 4096 / 33_000
     assert effects["DSNU column"].spatial_dn == pytest.approx(np.hypot(4.096, prnu) - prnu, rel=0.01)
@@ -149,7 +149,7 @@ def test_explain_is_a_table_with_every_stage_and_to_dict_is_json() -> None:
     assert again["tolerance_dn"] == 0.5 and [s["stage"] for s in again["stages"]] == [e.stage for e in plan.effects]
 
 
-def test_the_account_of_a_planned_frame_is_that_of_the_frame_that_was_delivered() -> None:
+def test_the_report_of_a_planned_frame_is_that_of_the_frame_that_was_delivered() -> None:
     plan = ms.plan(CAMERA, EXPOSURE, SCENE, 30.0)
     frames = ms.expose(SCENE, CAMERA, EXPOSURE, plan=plan)
     assert {stage["name"] for stage in frames.report["stages"]} == kept(plan)

@@ -88,7 +88,7 @@ def test_stages_are_frozen_equal_by_value_hashable_and_say_what_they_do(name: st
             stage.a_new_attribute = 1
 
 
-def test_a_ccd_has_no_reset_noise_no_column_offsets_and_no_telegraph_noise() -> None:
+def test_a_ccd_has_no_reset_noise_no_dsnu_and_no_telegraph_noise() -> None:
     """One amplifier and true CDS; asking for them changes nothing."""
     ccd = ms.load_camera("eev_44_82")
     noisy = ccd.replace(**{"readout.reset": "hard", "readout.dsnu_col": 0.1, "source_follower.rtn_uv": 500.0})

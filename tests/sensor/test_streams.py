@@ -16,8 +16,7 @@ from mitsuba_sensor.core.counter_rng import FIXED_PATTERN, STREAMS, stream_of
 from mitsuba_sensor.core.distributions import AR_BLOCK
 from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.sensor_window import SensorWindow
-from mitsuba_sensor.core.signals import Electrons, Photons
-from mitsuba_sensor.sensor.chain import chain
+from mitsuba_sensor.core.signals import Photons
 
 CAMERA = ms.load_camera("konnik_table1").replace(
     **{"readout.reset": "hard", "readout.dsnu_col_coupling": 0.25, "dark_current.cv": 0.4, "pixel.prnu": 0.01},
@@ -117,33 +116,6 @@ def test_switching_the_light_off_leaves_every_bit_of_the_others(monkeypatch: pyt
         np.testing.assert_array_equal(drawn, whole[name])
 
 
-def contributions(camera: ms.Camera, frame: Frame, light: NDArray[Any] = LIGHT) -> dict[str, Any]:
-    """What each stage adds, with the same signal going in however the others are set: stage type → output."""
-    charge = Electrons(light * 0.6, np.full(SHAPE, 174.0))
-    swing = np.full(SHAPE, 0.05)
-    out = {}
-    for stage in chain(camera):
-        into: Any = Photons(light) if type(stage).__name__ == "QuantumEfficiency" else swing
-        if stage.domain == "electrons" and not isinstance(into, Photons):
-            into = charge
-        if type(stage).__name__ == "SenseNode":
-            into = charge
-        after = stage.sample(into, frame)
-        out[type(stage).__name__] = (after.light, after.dark) if isinstance(after, Electrons) else (after,)
-    return out
-
-
-@pytest.mark.parametrize("source", OFF)
-def test_every_other_stage_does_the_same_to_the_same_signal(source: str) -> None:
-    """Bit for bit, stage by stage; only the one that was switched off does something else."""
-    frames = [Frame(EXPOSURE, SensorWindow(9, SHAPE), 4, 0) for _ in range(2)]
-    whole, rest = contributions(CAMERA, frames[0]), contributions(CAMERA.replace(**OFF[source]), frames[1])
-    changed = {
-        name for name in whole if any(not np.array_equal(a, b) for a, b in zip(whole[name], rest[name], strict=True))
-    }
-    assert changed == {source if source in whole else "DarkCurrent"}
-
-
 def test_frame_12_alone_is_frame_12_of_many() -> None:
     many = ms.expose(LIGHT, CAMERA, EXPOSURE, seed=4, serial=9, frames=14, keep=ALL)
     alone = ms.expose(LIGHT, CAMERA, EXPOSURE, seed=4, serial=9, first_frame=12, keep=ALL)
@@ -197,20 +169,6 @@ def test_coupled_columns_do_not_feel_the_border_of_a_block(coupling: float) -> N
     columns = np.arange(-distributions.AR_WARM_UP, 2 * AR_BLOCK + distributions.AR_WARM_UP)
     white = distributions.normal(counter_rng.random_bits(block, np.zeros(1, dtype=np.int64), columns, 0, 3)[slot])[0]
     np.testing.assert_allclose(line, distributions.isotropic_ar(white, coupling, distributions.AR_WARM_UP), atol=1e-10)
-
-
-def test_columns_keep_their_offset_on_every_row_image_and_frame() -> None:
-    """On a constant and on a ramp, from frame to frame, at the top and the bottom of the sensor: one vector."""
-    quiet = CAMERA.replace(
-        **{k: v for name, change in OFF.items() if name != "DsnuColumn" for k, v in change.items()}
-    ).replace(**{"readout.dsnu_col": 0.01})
-    offsets = []
-    for light, frame, row in ((LIGHT * 0, 0, 0), (LIGHT, 3, 0), (LIGHT[::-1] * 0.5, 1, 1200)):
-        frames = ms.expose(light, quiet, EXPOSURE, first_frame=frame, keep=ALL, origin=(row, 0), precision="float64")
-        offsets.append((frames.volts - frames.electrons * 5e-6)[0])
-    for offset in offsets:
-        np.testing.assert_allclose(offset, np.broadcast_to(offsets[0][0], SHAPE), atol=1e-12)
-    assert offsets[0][0].std() > 0
 
 
 LINES = {"dsnu_col": 1, "prnu_col": 1, "dsnu_row": 0}

@@ -1,4 +1,4 @@
-"""expose() works in strips of rows: no byte depends on how high they are, and the memory does not grow with them."""
+"""Strips of rows in which frames are computed: neither bytes nor memory depend on how high they are."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ OPTIONS: dict[str, dict[str, Any]] = {
         "readout.prnu_col": 0.02,
         "readout.prnu_col_coupling": 0.25,
     },
-    "blinking pixels": {"dark_current.rts_fraction": 0.5, "dark_current.rts_amplitude_e_per_s": 9000.0},
-    "superimposed dark parts": {"dark_current.components": [UNIFORM, NORMAL]},
+    "RTS pixels": {"dark_current.rts_fraction": 0.5, "dark_current.rts_amplitude_e_per_s": 9000.0},
+    "superimposed components": {"dark_current.components": [UNIFORM, NORMAL]},
     "inverse Gaussian dark": {"dark_current.distribution": "wald", "dark_current.cv": 0.4},
     "curves and steps": {
         "source_follower.vv_nonlinearity": 1.05,

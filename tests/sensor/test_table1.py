@@ -1,7 +1,7 @@
 """The sensor of Konnik & Welsh 2014, Table 1, against closed-form expectations: theory and frames.
 
 data/table1_expectations.json holds mean, temporal and spatial σ at dark, 10, 50 and 90 % of the well. Frames are
-600 000 columns wide, because the column offsets dominate and there is only one per column: their σ is then known to
+600 000 columns wide, because DSNU_col dominates and there is only one per column: their σ is then known to
 0.09 % and their mean to 0.005 DN, so that 1 % and 0.1 % are 11 and 4 standard errors or more.
 """
 
@@ -63,7 +63,7 @@ def theory(camera: ms.Camera, row: dict[str, Any]) -> Moments:
 
 @pytest.fixture(scope="module")
 def digital() -> dict[float, Any]:
-    """Level → two frames of 1 × 600 000 pixels, pedestal taken off [DN]."""
+    """Level → two frames of 1 × 600 000 pixels, black level subtracted [DN]."""
     levels = np.array([[row["light_e"] / QE] for row in EXPECTED])
     wide = np.broadcast_to(levels, (len(LEVELS), 600_000))
     frames = ms.expose(wide, CAMERA, EXPOSURE, frames=2).digital.astype(np.float64) - black_level_dn(CAMERA)

@@ -1,4 +1,4 @@
-"""sensor/theory.py: moments of chains whose well the converter hides, and of whole electrons on coarse codes."""
+"""Moments of chains whose well the converter hides, and of whole electrons on coarse codes."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def frame(shape: tuple[int, int]) -> Frame:
 
 @pytest.mark.parametrize("electrons", [32_300.0, 32_700.0, 33_000.0])
 def test_a_pixel_about_to_fill_its_well_has_the_moments_of_its_frames(electrons: float) -> None:
-    """32 devices of 2048 pixels, 4 frames each; 4.5 standard errors from device to device: a false alarm in 1e4 runs.
+    """32 cameras of 2048 pixels, 4 frames each; 4.5 standard errors from camera to camera: a false alarm in 1e4 runs.
 
     (One cut after the other in theory is off by 15 % in the temporal variance at 32 700 e-, and by a factor of six at
     33 000 e-.) 2 % are allowed on top: near the edge the skewness of 33 000 counts shows.
@@ -94,7 +94,7 @@ def test_a_bright_picture_needs_no_full_well_where_the_converter_ends_first() ->
 
 @pytest.mark.parametrize("electrons", [0.3, 2.0, 5.0, 20.0, 100.0, 400.0])
 def test_the_mean_of_rounded_whole_electrons_is_that_of_every_count_with_its_chance(electrons: float) -> None:
-    """bayer_2mp without read noise: 0.125 DN per electron, smeared by column offsets of 0.04 DN. By enumeration."""
+    """bayer_2mp without read noise: 0.125 DN per electron, smeared by DSNU_col of 0.04 DN. By enumeration."""
     off = ("source follower noise", "PRNU", "dark current")
     stages: Any = tuple(stage for stage in chain(BAYER) if stage.label not in off)
     light = Photons(np.full((1, 1, 3), electrons), detected=True)

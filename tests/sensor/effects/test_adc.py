@@ -1,4 +1,4 @@
-"""The converter's staircase: equal steps, steps of given widths, missing codes."""
+"""Steps of the ADC: equal steps, steps of given widths, missing codes."""
 
 from __future__ import annotations
 
@@ -167,11 +167,11 @@ def test_the_converter_rounds_half_up_and_stops_at_both_ends() -> None:
 
 @pytest.mark.parametrize("name", ms.list_cameras())
 @pytest.mark.parametrize("change", [{}, {"readout.reset": "hard"}, {"adc.bits": 16}, {"adc.bits": 8}], ids=str)
-def test_the_default_pedestal_is_a_whole_number_that_keeps_the_dark_uncut(name: str, change: dict[str, Any]) -> None:
+def test_the_default_black_level_is_a_whole_number_that_keeps_the_dark_uncut(name: str, change: dict[str, Any]) -> None:
     """≥ 4σ of a zero exposure: less than 1e-4 of the pixels read 0; without it the dark mean would be 0.4σ too high."""
     camera = ms.load_camera(name).replace(**change)
-    pedestal = black_level_dn(camera)
-    assert pedestal == int(pedestal) and pedestal >= 1
+    black_level = black_level_dn(camera)
+    assert black_level == int(black_level) and black_level >= 1
     digital = ms.expose(np.zeros((4, 20_000)), camera, ms.Exposure(0.0)).digital
     assert np.mean(digital == 0) < 3e-4 or camera.adc.bits == 8
-    assert digital.mean() == pytest.approx(pedestal, abs=0.05 * digital.std() + 0.02)
+    assert digital.mean() == pytest.approx(black_level, abs=0.05 * digital.std() + 0.02)

@@ -20,7 +20,6 @@ from mitsuba_sensor.sensor.chain import chain
 from mitsuba_sensor.sensor.dark_components import DarkComponent, mixture_moments
 from mitsuba_sensor.sensor.dark_current_models import Doubling, FigureOfMerit, Measured, Mpp, band_gap_ev
 from mitsuba_sensor.sensor.effects.dark_current import DarkCurrent, dark_components, dark_current_model
-from mitsuba_sensor.sensor.effects.rts_pixels import RtsPixels
 from mitsuba_sensor.sensor.fpn_distributions import Gaussian, LogNormal
 from mitsuba_sensor.sensor.gains import gain_dn_per_e
 
@@ -48,7 +47,7 @@ def dark_moments(camera: ms.Camera, time_s: float) -> Moments:
 
 @pytest.mark.parametrize("time_s", [1e-3, 1.0, 600.0])
 @pytest.mark.parametrize("family", FAMILIES)
-def test_the_dark_pattern_has_mean_t_d_and_sigma_t_d_d_n_at_every_time(family: str, time_s: float) -> None:
+def test_the_dark_current_fpn_has_mean_t_d_and_sigma_t_d_d_n_at_every_time(family: str, time_s: float) -> None:
     """D = 2027.87 e-/s, D_N = 10 %. The theory to 1e-6; 150 000 pixels within 5 se: 0.13 % of D, 1 % of σ.
 
     (The paper's 1 + lnN(0, (t·D·D_N)²) has a mean that grows with the square of the time, and overflows at 10 s.)
@@ -102,26 +101,26 @@ def test_the_superimposed_dark_signal_of_the_paper_has_its_mean_and_sigma() -> N
 
 
 def test_the_superimposed_pixels_are_as_many_and_as_spread_as_they_should_be() -> None:
-    """400 000 pixels: the share within 5 σ of the binomial law, the uniform part by Kolmogorov-Smirnov (P < 1e-6).
+    """400 000 pixels: the share within 5 σ of the binomial model, the uniform part by Kolmogorov-Smirnov (P < 1e-6).
 
     One pixel in a thousand carries 93 % of the variance, so the mixture's own σ is known to 14 % only (5 se); main
     part and uniform part are therefore looked at apart: mean of the main part to 0.03 %, its σ to 0.6 %.
     """
     x = K * dark_map(TABLE1.replace(**LONG), 1.0, (800, 500)).ravel()
     hot = x > 70
-    law = stats.gamma(914.6579, scale=0.0611)
+    model = stats.gamma(914.6579, scale=0.0611)
     expected = 0.001 * (440 - 70) / 395
     assert hot.mean() == pytest.approx(expected, abs=5 * math.sqrt(expected / x.size))
     assert stats.kstest(x[hot], stats.uniform(70, 370).cdf).pvalue > 1e-6
     main = x[~hot]
-    assert main.mean() == pytest.approx(law.mean(), abs=5 * law.std() / math.sqrt(main.size) + 1e-3)
-    assert main.std() == pytest.approx(law.std(), rel=0.006 + 2e-3)
+    assert main.mean() == pytest.approx(model.mean(), abs=5 * model.std() / math.sqrt(main.size) + 1e-3)
+    assert main.std() == pytest.approx(model.std(), rel=0.006 + 2e-3)
     assert x.mean() == pytest.approx(56.0722, abs=5 * 7.1557 / math.sqrt(x.size))
     assert x.std() == pytest.approx(7.1557, rel=0.14)
 
 
 @pytest.mark.parametrize(("unit", "one_e"), [("e", 1.0), ("e_per_s", 2.0), ("dn", 1 / K)])
-def test_parts_in_every_unit_have_the_moments_of_the_mixture(unit: str, one_e: float) -> None:
+def test_components_in_every_unit_have_the_moments_of_the_mixture(unit: str, one_e: float) -> None:
     """0.5·main + 0.3·U[100, 300] + 0.2·N(500, 50) at t = 2 s, each unit by hand; samples within 5 se (0.8 %, 0.9 %)."""
     parts = [
         {"weight": 0.3, "family": "uniform", "low": 100, "high": 300, "unit": unit},
@@ -140,7 +139,7 @@ def test_parts_in_every_unit_have_the_moments_of_the_mixture(unit: str, one_e: f
     assert x.var() == pytest.approx(variance, rel=5 * math.sqrt((fourth - 1) / x.size))
 
 
-def test_a_normal_part_is_cut_at_zero_and_its_moments_know() -> None:
+def test_a_normal_component_is_cut_at_zero_and_its_moments_know() -> None:
     """N(18, 40) cut at 0, the whole sensor: no negative rate, and the mean rises from 18 to 26.0 (5 se: 1.3 %)."""
     part = DarkComponent(1.0, "normal", 18.0, 40.0)
     frame = Frame(ms.Exposure(1.0), SensorWindow(3, SHAPE))
@@ -156,7 +155,7 @@ def test_a_normal_part_is_cut_at_zero_and_its_moments_know() -> None:
 TABLE1_PATTERN = dark_stage(TABLE1).distribution
 
 
-def test_weights_of_one_leave_no_pixel_to_the_main_law() -> None:
+def test_weights_of_one_leave_no_pixel_to_the_main_distribution() -> None:
     parts = [{"weight": 1.0, "family": "uniform", "low": 10, "high": 11, "unit": "e"}]
     x = dark_map(TABLE1.replace(**{"dark_current.components": parts}), 1.0, (50, 60))
     assert x.min() >= 10 and x.max() <= 11
@@ -168,17 +167,17 @@ KELVINS = [77.0, 250.0, 298.15, 300.0, 308.0, 400.0]
 
 def test_the_mpp_law_adds_diffusion_and_depletion_at_300_k_and_separates_them_elsewhere() -> None:
     """Eq. 2 written out in this test; at 300 K the sum is what both figures of merit say; diffusion falls faster."""
-    law = dark_current_model(
+    model = dark_current_model(
         TABLE1.replace(**{"dark_current.diffusion_fom_na_per_cm2": 0.01, "dark_current.fom_na_per_cm2": 0.02})
     )
-    assert law == Mpp(0.01, 0.02, pytest.approx(AREA_CM2))
+    assert model == Mpp(0.01, 0.02, pytest.approx(AREA_CM2))
     per_fom = AREA_CM2 * 1e-9 / ELEMENTARY_CHARGE_C
-    assert law.rate_e_per_s(300.0) == pytest.approx(0.03 * per_fom, rel=1e-12)
+    assert model.rate_e_per_s(300.0) == pytest.approx(0.03 * per_fom, rel=1e-12)
     for t in KELVINS:
         gap = band_gap_ev(300.0) / 300.0 - band_gap_ev(t) / t
         diffusion = 0.01 * (t / 300) ** 3 * math.exp(gap / BOLTZMANN_EV_PER_K)
         depletion = 0.02 * (t / 300) ** 1.5 * math.exp(gap / (2 * BOLTZMANN_EV_PER_K))
-        assert law.rate_e_per_s(t) == pytest.approx(per_fom * (diffusion + depletion), rel=1e-12)
+        assert model.rate_e_per_s(t) == pytest.approx(per_fom * (diffusion + depletion), rel=1e-12)
         assert Mpp(0.0, 0.02, AREA_CM2).rate_e_per_s(t) == FigureOfMerit(0.02, AREA_CM2).rate_e_per_s(t)
         assert Mpp(1.0, 0.0, 1.0).rate_e_per_s(t) * Mpp(1.0, 0.0, 1.0).rate_e_per_s(300.0) == pytest.approx(
             FigureOfMerit(1.0, 1.0).rate_e_per_s(t) ** 2, rel=1e-9
@@ -187,104 +186,41 @@ def test_the_mpp_law_adds_diffusion_and_depletion_at_300_k_and_separates_them_el
 
 def test_a_measured_rate_is_what_was_measured_and_follows_silicon_from_there() -> None:
     """D(308)/D(300) = 1.8930 whatever the temperature of the measurement."""
-    law = Measured(5.0, 298.15)
-    assert law.rate_e_per_s(298.15) == pytest.approx(5.0, rel=1e-12)
-    assert law.rate_e_per_s(308.0) / law.rate_e_per_s(300.0) == pytest.approx(1.8930, abs=5e-5)
-    same = Measured(law.rate_e_per_s(320.0), 320.0)
+    model = Measured(5.0, 298.15)
+    assert model.rate_e_per_s(298.15) == pytest.approx(5.0, rel=1e-12)
+    assert model.rate_e_per_s(308.0) / model.rate_e_per_s(300.0) == pytest.approx(1.8930, abs=5e-5)
+    same = Measured(model.rate_e_per_s(320.0), 320.0)
     for t in KELVINS:
-        assert same.rate_e_per_s(t) == pytest.approx(law.rate_e_per_s(t), rel=1e-12)
+        assert same.rate_e_per_s(t) == pytest.approx(model.rate_e_per_s(t), rel=1e-12)
 
 
 def test_a_doubling_temperature_doubles() -> None:
-    law = dark_current_model(
+    model = dark_current_model(
         TABLE1.replace(**LONG | {"dark_current.rate_e_per_s": 5.0, "dark_current.doubling_k": 7.0})
     )
-    assert law == Doubling(5.0, 300.0, 7.0)
+    assert model == Doubling(5.0, 300.0, 7.0)
     for steps in (-10, -1, 0, 1, 3):
-        assert law.rate_e_per_s(300.0 + 7.0 * steps) == pytest.approx(5.0 * 2.0**steps, rel=1e-12)
+        assert model.rate_e_per_s(300.0 + 7.0 * steps) == pytest.approx(5.0 * 2.0**steps, rel=1e-12)
 
 
-@pytest.mark.parametrize("law", [Measured(5.0, 298.15), Doubling(5.0, 298.15, 7.0), Mpp(0.01, 1.0, AREA_CM2)], ids=str)
+@pytest.mark.parametrize(
+    "model", [Measured(5.0, 298.15), Doubling(5.0, 298.15, 7.0), Mpp(0.01, 1.0, AREA_CM2)], ids=str
+)
 @pytest.mark.parametrize("temperature_k", [0.0, 4.0, 77.0, 300.0, 400.0, 600.0])
-def test_every_law_is_finite_and_not_negative_at_every_temperature(law: Any, temperature_k: float) -> None:
-    rate = law.rate_e_per_s(temperature_k)
+def test_every_model_is_finite_and_not_negative_at_every_temperature(model: Any, temperature_k: float) -> None:
+    rate = model.rate_e_per_s(temperature_k)
     assert math.isfinite(rate) and rate >= 0
-    if temperature_k == 0 and not isinstance(law, Doubling):
+    if temperature_k == 0 and not isinstance(model, Doubling):
         assert rate == 0.0
 
 
-def test_parts_of_the_datasheet_reach_the_stage() -> None:
+def test_components_of_the_datasheet_reach_the_stage() -> None:
     assert dark_components(TABLE1.replace(**LONG)) == (
         DarkComponent(0.001, "uniform", 45.0, 440.0, pytest.approx(1 / K), False),
     )
 
 
-# Blinking pixels: 100 e-/s for 2 s, on for 30 % of the time.
-
-STEP, DUTY = 200.0, 0.3
-
-
-def states(share: float, switching: float, indices: Any, shape: tuple[int, int] = (100, 200)) -> Any:
-    """(N, H, W) electrons of the traps in some frames."""
-    stage, window = RtsPixels(share, STEP / 2, switching, DUTY), SensorWindow(7, shape)
-    frames = [Frame(ms.Exposure(2.0), window, 5, index) for index in indices]
-    return np.array([np.broadcast_to(stage.sample(Electrons(np.zeros(shape)), frame).dark, shape) for frame in frames])
-
-
-def test_blinking_pixels_have_the_mean_and_variances_that_the_stage_says() -> None:
-    """Half of 20 000 pixels in 12 frames so far apart that nothing is left (0.9^100 = 3e-5).
-
-    Means over 120 000 states: 5 se are 1.6 % of the mean; temporal variance 1.5 %; fixed 3 % (binomial laws).
-    """
-    x = states(0.5, 0.1, range(0, 1200, 100))
-    stage = RtsPixels(0.5, STEP / 2, 0.1, DUTY)
-    m = stage.moments(Moments(0.0, 0.0, 0.0, Frame(ms.Exposure(2.0), SensorWindow(7, (1, 1)))))
-    assert (m.mean, m.temporal, m.spatial) == pytest.approx((30.0, 0.5 * 200**2 * 0.21, 0.25 * 60**2), rel=1e-12)
-    assert set(np.unique(x)) == {0.0, STEP}
-    temporal = x.var(axis=0, ddof=1)
-    fixed = (x.mean(axis=0) - m.mean) ** 2 - temporal / 12
-    for seen, expected in ((x.mean(axis=0), m.mean), (temporal, m.temporal), (fixed, m.spatial)):
-        assert abs(seen.mean() - expected) < 5 * seen.std() / math.sqrt(seen.size)
-
-
-@pytest.mark.parametrize("switching", [0.1, 0.5, 1.0])
-def test_the_state_of_a_trap_is_forgotten_by_one_minus_switching_per_frame(switching: float) -> None:
-    """Correlation (1 − switching)^Δ over 40 frames of 20 000 traps, 5 standard errors from the spread of the traps.
-
-    At switching = 0.1 that is 0.004 of the correlation at Δ = 1, and 2.8 % of the number of changes.
-    """
-    x = (states(1.0, switching, range(40)) / STEP - DUTY) / math.sqrt(DUTY * (1 - DUTY))
-    assert np.abs(x[[0, 1, 20, 39]].mean(axis=(1, 2))).max() < 5 / math.sqrt(20_000)
-    for lag in (1, 2, 5, 20):
-        pairs = np.mean(x[lag:] * x[:-lag], axis=0)
-        assert pairs.mean() == pytest.approx((1 - switching) ** lag, abs=5 * pairs.std() / math.sqrt(pairs.size))
-    changes = np.mean(x[1:] != x[:-1], axis=0)
-    expected = switching * 2 * DUTY * (1 - DUTY)
-    assert changes.mean() == pytest.approx(expected, abs=5 * changes.std() / math.sqrt(changes.size))
-
-
-def test_frame_12_alone_is_frame_12_of_the_batch_and_of_the_crop() -> None:
-    camera = TABLE1.replace(
-        **{"dark_current.rts_fraction": 0.3, "dark_current.rts_amplitude_e_per_s": 5000.0,
-           "dark_current.rts_switching": 0.2}
-    )  # fmt: skip
-    light, exposure = np.full((20, 30), 100.0), ms.Exposure(0.1)
-    batch = ms.expose(light, camera, exposure, frames=14).digital
-    np.testing.assert_array_equal(ms.expose(light, camera, exposure, first_frame=12).digital[0], batch[12])
-    crop = ms.expose(light[3:9, 5:20], camera, exposure, first_frame=12, origin=(3, 5)).digital[0]
-    np.testing.assert_array_equal(crop, batch[12, 3:9, 5:20])
-
-
-def test_no_share_of_blinking_pixels_is_no_stage_and_traps_that_are_always_on_are_a_fixed_pattern() -> None:
-    assert not any(isinstance(stage, RtsPixels) for stage in chain(TABLE1))
-    stage = RtsPixels(1.0, 10.0, 0.1, 1.0)
-    frame = Frame(ms.Exposure(2.0), SensorWindow(7, (4, 5)), 5, 3)
-    np.testing.assert_array_equal(stage.sample(Electrons(np.zeros((4, 5))), frame).dark, 20.0)
-    m = stage.moments(Moments(0.0, 0.0, 0.0, frame))
-    assert (m.mean, m.temporal, m.spatial) == (20.0, 0.0, 0.0)
-
-
-class TestGaussianDarkPattern(StageTests):
+class TestGaussianDarkCurrentFpn(StageTests):
     stage = DarkCurrent
     camera = TABLE1.replace(**{"dark_current.distribution": "gaussian", "dark_current.cv": 0.4})
     without = {"dark_current.fom_na_per_cm2": 0.0}
@@ -292,26 +228,26 @@ class TestGaussianDarkPattern(StageTests):
     level = 0.25
 
 
-class TestGaussianDarkPatternCutAtZero(TestGaussianDarkPattern):
+class TestGaussianDarkCurrentFpnCutAtZero(TestGaussianDarkCurrentFpn):
     camera = TABLE1.replace(**{"dark_current.distribution": "gaussian", "dark_current.cv": 1.0})
 
 
-class TestLogNormalDarkPattern(TestGaussianDarkPattern):
+class TestLogNormalDarkCurrentFpn(TestGaussianDarkCurrentFpn):
     camera = TABLE1.replace(**{"dark_current.distribution": "lognormal", "dark_current.cv": 1.0})
 
 
-class TestLogisticDarkPattern(TestGaussianDarkPattern):
+class TestLogisticDarkCurrentFpn(TestGaussianDarkCurrentFpn):
     camera = TABLE1.replace(**{"dark_current.distribution": "logistic", "dark_current.cv": 0.4})
 
 
-class TestGammaDarkPatternWithAUniformComponent(TestGaussianDarkPattern):
+class TestGammaDarkCurrentFpnWithAUniformComponent(TestGaussianDarkCurrentFpn):
     camera = TABLE1.replace(
         **{"dark_current.distribution": "gamma", "dark_current.cv": 0.4},
         **{"dark_current.components": [{"weight": 0.2, "family": "uniform", "low": 100, "high": 900, "unit": "e"}]},
     )
 
 
-class TestWaldDarkPatternWithComponentsInTwoUnits(TestGaussianDarkPattern):
+class TestWaldDarkCurrentFpnWithComponentsInTwoUnits(TestGaussianDarkCurrentFpn):
     camera = TABLE1.replace(
         **{"dark_current.distribution": "wald", "dark_current.cv": 0.4, "dark_current.fom_na_per_cm2": None},
         **{"dark_current.rate_e_per_s": 3000.0, "dark_current.at_temperature_k": 293.15},
@@ -327,7 +263,7 @@ class TestWaldDarkPatternWithComponentsInTwoUnits(TestGaussianDarkPattern):
     level = 0.1
 
 
-class TestDarkPatternOfCorrelatedNeighbours(TestGaussianDarkPattern):
+class TestDarkCurrentFpnOfCorrelatedNeighbours(TestGaussianDarkCurrentFpn):
     camera = TABLE1.replace(
         **{"dark_current.distribution": "ar", "dark_current.cv": 0.4, "dark_current.coupling": 0.2},
         **{"readout.dsnu_col": 0.0},
@@ -336,12 +272,12 @@ class TestDarkPatternOfCorrelatedNeighbours(TestGaussianDarkPattern):
     shape = SQUARE
 
 
-class TestDarkCurrentOfAnMppSensor(TestGaussianDarkPattern):
+class TestDarkCurrentOfAnMppSensor(TestGaussianDarkCurrentFpn):
     camera = TABLE1.replace(**{"dark_current.diffusion_fom_na_per_cm2": 0.5})
 
 
 @pytest.mark.parametrize("family", [Gaussian, LogNormal])
-def test_a_dark_pattern_of_no_width_is_one_number(family: Any) -> None:
+def test_dark_current_fpn_of_no_width_is_one_number(family: Any) -> None:
     dark = DarkCurrent(FigureOfMerit(1.0, 5.7e-4**2), family(0.0))
     frame = Frame(ms.Exposure(0.1), SensorWindow(3, (4, 50)))
     after = dark.sample(Electrons(np.zeros((4, 50))), frame)

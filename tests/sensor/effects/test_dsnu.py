@@ -95,7 +95,7 @@ def test_lines_have_the_sigma_asked_for_at_every_coupling(kind: Any, coupling: f
 
 
 @pytest.mark.parametrize("coupling", [0.0, 0.25])
-def test_pixel_offsets_have_the_sigma_asked_for_and_neighbours_that_are_alike(coupling: float) -> None:
+def test_dsnu_pixel_has_the_sigma_asked_for_and_neighbours_that_are_alike(coupling: float) -> None:
     """512 × 512 pixels in 64 tiles: 5 standard errors are 1.4 % of the variance for white ones, 2.5 % for a = 0.25."""
     x = DsnuPixel(33.0, 5e-6, coupling).fpn_maps(SensorWindow(3, (512, 512)))["dsnu_pixel_e"] / 33.0
     for values, expected in (
@@ -124,7 +124,7 @@ def test_offsets_and_gain_pass_the_follower_and_the_sense_node_once() -> None:
 
 
 @pytest.mark.parametrize("residual", [0.0, 0.25, 1.0])
-def test_the_analogue_cds_leaves_its_share_of_column_and_pixel_offsets_and_all_of_the_rows(residual: float) -> None:
+def test_the_analogue_cds_leaves_its_share_of_dsnu_col_and_dsnu_pixel_and_all_of_dsnu_row(residual: float) -> None:
     """A row's offset comes after the CDS; residual 0 is, bit for bit, a camera without the offsets."""
     dark = np.zeros(SHAPE)
     for name in ("dsnu_col_e", "dsnu_pixel_e", "dsnu_row_e"):
@@ -137,7 +137,7 @@ def test_the_analogue_cds_leaves_its_share_of_column_and_pixel_offsets_and_all_o
             np.testing.assert_array_equal(left, 0.0)
 
 
-def test_a_column_gain_multiplies_the_swing_and_leaves_darkness_alone() -> None:
+def test_prnu_col_multiplies_the_swing_and_leaves_darkness_alone() -> None:
     """The ratio of two levels less darkness is the gain, per column, whatever the light."""
     frame = Frame(EXPOSURE, SensorWindow(3, SHAPE))
     stage = PrnuColumn(0.01)

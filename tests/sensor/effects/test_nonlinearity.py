@@ -155,7 +155,7 @@ def test_gamma_1_04_is_an_end_point_error_of_39_codes_and_4_percent_needs_1_1663
 
 @pytest.mark.parametrize("ile", [0.0, 1e-6, 0.0099, 0.04, 0.1, 0.24])
 def test_an_asked_ile_is_the_ile_of_the_curve(ile: float) -> None:
-    """Parameter in, parameter out; and a camera takes either of the two words."""
+    """Parameter in, parameter out; and a camera takes either of the two."""
     gamma = gamma_of_ile(ile)
     error, end = deviation_from_end_points(gamma)
     assert error.max() / end == pytest.approx(ile, rel=1e-6, abs=1e-15)
@@ -168,11 +168,11 @@ def test_a_gamma_next_to_one_loses_no_digit(offset: float) -> None:
     """S·γ^(−S/V_FS) = S·(1 − ln γ·S/V_FS + …): the deviation itself is right to 1e-7, at any gain, also A = 1."""
     swing = np.linspace(0.01, 1.0, 50)
     log = math.log1p(offset)
-    bent = IntegralNonlinearity(1 + offset, 1.0).sample(swing, HERE)
-    np.testing.assert_allclose(bent - swing, -log * swing**2, rtol=1e-7, atol=4e-16)
+    curved = IntegralNonlinearity(1 + offset, 1.0).sample(swing, HERE)
+    np.testing.assert_allclose(curved - swing, -log * swing**2, rtol=1e-7, atol=4e-16)
     for gain in (1.0, 1 + 1e-9, 1e6):
         np.testing.assert_array_equal(
-            Adc(24, gain, 0.0).sample(bent, HERE), np.floor(np.minimum(gain * bent, 2**24) + 0.5)
+            Adc(24, gain, 0.0).sample(curved, HERE), np.floor(np.minimum(gain * curved, 2**24) + 0.5)
         )
 
 

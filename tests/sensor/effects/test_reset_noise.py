@@ -1,4 +1,4 @@
-"""kTC noise of the sense node, and what each way of resetting leaves of it."""
+"""Reset (kTC) noise of the sense node, and what each way of resetting leaves of it."""
 
 from __future__ import annotations
 

@@ -75,7 +75,7 @@ def test_read_noise_in_electrons_follows_the_gain_of_the_follower_only_where_it_
     assert stage_of(camera.replace(**given), SourceFollowerNoise).sigma_v / 5e-6 == pytest.approx(3.0, rel=1e-12)
 
 
-def test_darkness_stays_at_the_pedestal_for_every_gain_of_the_follower() -> None:
+def test_darkness_stays_at_the_black_level_for_every_gain_of_the_follower() -> None:
     """A_SF acts on the swing: on the node voltage, 0.9 would move darkness by 0.31 V, most of the range."""
     for gain in (0.7, 0.9, 1.0):
         camera = ms.load_camera("konnik_table1").replace(**{"source_follower.gain": gain, "adc.black_level_dn": 100.0})
