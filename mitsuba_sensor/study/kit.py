@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from .statistics import Values
+
 Progress = Callable[[float, float, str], None]
 """What a study calls as it goes: seconds of work done, seconds expected in all, and what is measured now."""
 
@@ -30,7 +32,7 @@ class Kit:
         (io/measurements.py).  new : how many were measured by this kit.
     """
 
-    def __init__(self, known: dict[str, Any] | None = None, progress: Progress | None = None) -> None:
+    def __init__(self, known: Values | None = None, progress: Progress | None = None) -> None:
         self.known = {} if known is None else known
         self.new, self._spent_s = 0, 0.0
         self._progress = progress or (lambda *_: None)

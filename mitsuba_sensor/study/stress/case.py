@@ -20,7 +20,7 @@ from ...core.signals import Electrons
 from ...sensor.camera import Camera, load_camera
 from ...sensor.chain import chain
 from ...sensor.run import choose_backend
-from ..statistics import Array
+from ..statistics import Array, Values
 from .got import Got, shown
 
 FLOAT32, FLOAT64 = 2.0**-24, 2.0**-53
@@ -62,7 +62,7 @@ class Engine:
         return None if self.compiler == "scalar" else backend_problem(self.compiler)
 
     @property
-    def how(self) -> dict[str, Any]:
+    def how(self) -> Values:
         """The options of :func:`expose` that choose it."""
         return {"engine": self.word, "precision": self.precision}
 

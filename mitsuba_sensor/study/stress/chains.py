@@ -18,6 +18,11 @@ from ...core.sensor_window import SensorWindow
 from ...core.signals import Electrons, Photons
 from ...sensor.camera import Camera, list_cameras, load_camera
 from ...sensor.chain import chain
+<<<<<<< HEAD
+=======
+from ...sensor.noise_budget import stage_name
+from ..statistics import Values
+>>>>>>> b9b0360 (Studies name the types of what they measure; no module above 300 lines)
 from .case import RARE, SIGMAS, TENTH, Case, Engine, cases_of
 from .got import Got, holds
 
@@ -30,7 +35,7 @@ FIRST_S = 0.7  # how long the frames of a theme take on one engine [s]
 NODE_OPTIONS = {"readout.reset": "hard", "readout.dsnu_row": 5e-4, "readout.prnu_col": 2e-3, "pixel.dsnu_e": 20.0}
 CURVES = {"readout.ve_nonlinearity": 0.5, "source_follower.vv_nonlinearity": 1.05, "adc.gamma": 1.04}
 EVERY_OPTION = "every option"
-OPTIONS: dict[str, Any] = {
+OPTIONS: Values = {
     **NODE_OPTIONS,
     **CURVES,
     **{"pixel.prnu_distribution": "lognormal", "dark_current.distribution": "gamma", "dark_current.cv": 0.1},

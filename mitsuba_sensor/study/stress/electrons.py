@@ -18,7 +18,7 @@ from ...core.signals import Electrons
 from ...core.units import BOLTZMANN_J_PER_K, ELEMENTARY_CHARGE_C
 from ...sensor.effects.dark_current import mean_dark_e
 from ...sensor.expose import expose
-from ..statistics import Array
+from ..statistics import Array, Values
 from .case import FLOAT32, ONLY_ONCE, RARE, SIGMAS, Case, Engine, cases_of, stage_of, table1
 from .got import Got, agree, holds, refusal, relative, shown, together
 
@@ -131,13 +131,13 @@ NANOAMPERE = Decimal("1e-9") * Decimal(5.7e-4**2) / Decimal(ELEMENTARY_CHARGE_C)
 WARM = Decimal("298.15")
 
 
-def rated(rate_e_per_s: float, kelvin: float, **more: Any) -> dict[str, Any]:
+def rated(rate_e_per_s: float, kelvin: float, **more: Any) -> Values:
     """A datasheet's dark current that was measured at this temperature."""
     names = {"dark_current__rate_e_per_s": rate_e_per_s, "dark_current__at_temperature_k": kelvin}
     return {"dark_current__fom_na_per_cm2": None, **names, **more}
 
 
-MODELS: dict[str, tuple[dict[str, Any], Callable[[Decimal], Decimal]]] = {
+MODELS: dict[str, tuple[Values, Callable[[Decimal], Decimal]]] = {
     "figure of merit, 1 nA/cm²": ({}, lambda t: NANOAMPERE * activation(t)),
     "MPP, 0.1 and 1 nA/cm²": (
         {"dark_current__diffusion_fom_na_per_cm2": 0.1},

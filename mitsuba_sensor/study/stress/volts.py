@@ -14,13 +14,13 @@ from ...core.exposure import Exposure
 from ...sensor.chain import chain
 from ...sensor.effects.source_follower_noise import CdsNoise, flicker_integral
 from ...sensor.expose import expose
-from ..statistics import standard_error
+from ..statistics import Values, standard_error
 from .case import ONLY_ONCE, SIGMAS, Case, Engine, cases_of, stage_of, table1
 from .got import Got, agree, holds, refusal, relative, together
 
 DIGITS = 120  # A float64 has up to 75 of them, so that even τ_RTN/2 is exact
 EULER_GAMMA = Decimal("0.57721566490153286060651209008240243104215933593992359880576723")  # γ_E (DLMF 5.2.3)
-PAPER: dict[str, Any] = {
+PAPER: Values = {
     "white_nv_per_rthz": 15.0,
     "corner_hz": 1e6,
     "sample_s": 1e-6,

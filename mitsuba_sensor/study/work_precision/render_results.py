@@ -6,11 +6,10 @@ import math
 import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from ..statistics import Slope, slope_of_runs
+from ..statistics import Known, Slope, Values, slope_of_runs
 from .per_frame import FrameExposure
 from .series import Setting
 
@@ -58,10 +57,10 @@ class Result:
     setting: Setting
     label: str
     ladder: Ladder
-    runs: Sequence[Mapping[str, Any]]
+    runs: Sequence[Known]
     own: Mapping[str, float]
 
-    def rungs(self, treatment: str = "plain") -> list[list[dict[str, Any]]]:
+    def rungs(self, treatment: str = "plain") -> list[list[Values]]:
         """Rung by rung, what every run has."""
         return [list(rung) for rung in zip(*(run.get(treatment, []) for run in self.runs), strict=True)]
 

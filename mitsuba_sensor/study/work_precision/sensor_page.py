@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from ..page import Line, Mark, Plot, Section, Table, table
+from ..page import Line, Mark, MarkedRow, Plot, Section, Table, table
+from ..statistics import Known
 from . import sensor as measured
 from .samplers import GAUSSIAN, GENERATOR, QUANTILE, REFERENCE, SAMPLERS, Setting
 from .sensor_results import LEAST_DN, Planned, Results, Row
@@ -101,7 +102,7 @@ def _samplers(results: Results) -> str:
 
 def what_to_take(results: Results) -> Table:
     """The recommendation for every tolerance."""
-    rows: list[tuple[Mark, Sequence[Any]]] = []
+    rows: list[MarkedRow] = []
     for plan in results.plans:
         row = results.recommended(plan)
         times = row.ns.median, row.times_faster(results.reference)
@@ -144,7 +145,7 @@ def settings_table(results: Results) -> Table:
         "pixels that differ [%] | largest [DN] | rms [DN] | pixels that differ from NumPy float32 [%] | "
         "change of the moments [DN] | ± [DN] | distance from theory [DN] | ± [DN]"
     )
-    rows: list[tuple[Mark, Sequence[Any]]] = []
+    rows: list[MarkedRow] = []
     for i, row in enumerate(results.rows):
         best: Mark = "best" if i in results.front else ""
         rows.append((best if row.setting.offered else "dim", _settings_row(results, row)))
@@ -183,7 +184,7 @@ def plans_plot(results: Results) -> Plot:
 
 def plans_table(results: Results) -> Table:
     """Every plan: what it leaves out, what theory and frames say of it, what it saves."""
-    rows: list[tuple[Mark, Sequence[Any]]] = []
+    rows: list[MarkedRow] = []
     for plan in results.plans:
         for row in (row for row in results.rows if row.setting.tolerance_dn == plan.tolerance_dn):
             saved, name = results.saved(row), f"{row.setting.engine} {row.setting.precision}"
@@ -202,7 +203,7 @@ def plans_table(results: Results) -> Table:
     )
 
 
-Laws = Mapping[float, Mapping[str, Any]]
+Laws = Mapping[float, Known]
 
 
 def distinct_laws(results: Results) -> list[tuple[str, Laws]]:
