@@ -21,7 +21,7 @@ PASSED = ("max_depth", "hide_emitters")  # what an integrator without indirect l
 STOPPED_DOWN = 1e-6  # of the scene's aperture: what is left of it. Mitsuba refuses an aperture of 0
 FLAT_TO_MM = 1e6  # to this image height a lens without fall-off is as bright as on its axis: beyond any sensor
 CHANNELS, FALL_OFF, INDIRECT = "channels instead of bands", "lens fall-off", "indirect light"
-APERTURE, ERROR_BARS, AOVS = "depth of field", "error bars", "ground truth"
+APERTURE, ERROR_BARS, AOVS = "depth of field", "error bars", "AOVs"
 
 
 class Features:

@@ -48,9 +48,9 @@ def change_without(features: Features, feature: str, criterion: StopCriterion, s
     for number in range(-1, criterion.passes):  # the first compiles
         lights: dict[str, Irradiance] = {}
         own = hashed_seed(seed, -2, max(number, 0))
-        spent = one_turn({name: _task(job, own, one, name, lights) for name, job in jobs.items()}, number + 1)
+        elapsed = one_turn({name: _task(job, own, one, name, lights) for name, job in jobs.items()}, number + 1)
         for name, job in jobs.items() if number >= 0 else ():
-            seconds[name].append(spent[name])
+            seconds[name].append(elapsed[name])
             pictures[name].append(k * job.renderer.electrons()[0])
         expected = _predicted(features, feature, other, lights[AS_IT_IS])
         if number >= 0 and expected is not None:

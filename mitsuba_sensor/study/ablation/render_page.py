@@ -76,7 +76,7 @@ def render_section(
 
 
 def _said(name: str, found: Known, said: Said, tolerance_dn: float) -> str:
-    """What the plan of the render says, in few words."""
+    """What the plan of the render says, in short."""
     for one in said:
         if one["what"] == name and name in (APERTURE, AOVS):
             return f"{'kept' if one['kept'] else 'left out'}: {one['reason']}"

@@ -47,12 +47,12 @@ def stage_of(name: str, **changes: Any) -> Any:
 class Engine:
     """Who computes.
 
-    name : for people.  word, precision : what ``expose`` calls it; of a renderer, its Mitsuba variant.
+    name : for people.  setting, precision : what ``expose`` calls it; of a renderer, its Mitsuba variant.
     compiler : of Dr.Jit, that it needs on this machine.
     """
 
     name: str
-    word: str
+    setting: str
     precision: Literal["float32", "float64"] = "float32"
     compiler: str = "scalar"
 
@@ -64,7 +64,7 @@ class Engine:
     @property
     def how(self) -> Values:
         """The options of :func:`expose` that choose it."""
-        return {"engine": self.word, "precision": self.precision}
+        return {"engine": self.setting, "precision": self.precision}
 
     @property
     def unit(self) -> float:
@@ -74,7 +74,7 @@ class Engine:
     @cached_property
     def arithmetic(self) -> Backend:
         """Who does the arithmetic."""
-        return choose_backend(self.word, self.precision, 0)
+        return choose_backend(self.setting, self.precision, 0)
 
     def frame(self, shape: tuple[int, int], exposure: Exposure = TENTH) -> Frame:
         """A frame whose pixels this engine computes."""

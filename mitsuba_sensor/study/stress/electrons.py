@@ -236,7 +236,7 @@ def next_to_none(engine: Engine, stage: str, family: str) -> Got:
 
 
 def mixed(engine: Engine, cv: float) -> Got:
-    """PRNU and dark pattern: the variance of their sum. A narrow log-normal has an excess of 16·cv²."""
+    """PRNU and dark-current FPN: the variance of their sum. A narrow log-normal has an excess of 16·cv²."""
     names = {"dark_current__cv": cv, "dark_current__distribution": "lognormal"}
     dark = stage_of("dark current", **rated(1e4, 300.0), **names)
     total, theory = through_patterns(engine, 1e4, stage_of("prnu", pixel__prnu=cv), dark)

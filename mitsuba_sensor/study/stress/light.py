@@ -46,7 +46,7 @@ def variant(engine: Engine) -> Iterator[Path]:
     before = mi.variant() or choose_variant().name
     with resources.as_file(resources.files(__package__) / "sky.xml") as path:
         try:
-            use(choose_variant(engine.word))
+            use(choose_variant(engine.setting))
             yield path
         finally:
             if mi.variant() != before:
@@ -57,7 +57,7 @@ def sky(engine: Engine, radiance: float = LEVEL, size: int = 1, **options: Any) 
     """A render of it."""
     with variant(engine) as path:
         given = {"radiance": radiance, "size": size}
-        return render(path, camera(), TENTH, parameters=given, variant=engine.word, **options)
+        return render(path, camera(), TENTH, parameters=given, variant=engine.setting, **options)
 
 
 def one_film(engine: Engine, bands: Bands, samples: int, size: int = 1, touch: Any = None) -> Array:

@@ -182,8 +182,8 @@ class Sensor:
     def pixels(self, setting: Setting) -> dict[str, float]:
         """One frame against the reference's; share_of_numpy : of the pixels that differ from NumPy float32."""
         frame, reference = self.frame(setting), self.once("reference", partial(self.frame, REFERENCE))
-        twin = self.frame(replace(setting, engine="numpy")) if setting.compiled else frame
-        return {**pixel_difference(frame, reference), "share_of_numpy": float(np.mean(frame != twin))}
+        single = self.frame(replace(setting, engine="numpy")) if setting.compiled else frame
+        return {**pixel_difference(frame, reference), "share_of_numpy": float(np.mean(frame != single))}
 
     def _expected(self, tolerance_dn: float | None) -> Array:
         photons = self.once(("light", SMALL), partial(resized, self.photons, SMALL))

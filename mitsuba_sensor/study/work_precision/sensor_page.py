@@ -75,13 +75,13 @@ def _advice(results: Results, plan: Planned) -> str:
 
 def _engines(results: Results) -> Iterator[str]:
     """Every compiled engine against NumPy in float32."""
-    twin = results.row(SINGLE)
+    numpy = results.row(SINGLE)
     for row in results.rows:
         if row.setting.compiled and row.setting == replace(SINGLE, engine=row.setting.engine):
             yield (
                 f"The whole chain takes {row.ns.median:.3g} ns/pixel on {row.setting.engine}, "
-                f"{row.times_faster(twin):.3g} times as fast as NumPy float32 ({twin.ns.median:.3g}); their first "
-                f"frames took {row.first_s:.2g} and {twin.first_s:.2g} s."
+                f"{row.times_faster(numpy):.3g} times as fast as NumPy float32 ({numpy.ns.median:.3g}); their first "
+                f"frames took {row.first_s:.2g} and {numpy.first_s:.2g} s."
             )
     for engine, problem in results.absent.items():
         yield f"The engine {engine} is not here: {problem}."
@@ -164,10 +164,10 @@ def settings_table(results: Results) -> Table:
 
 def _settings_row(results: Results, row: Row) -> tuple[Any, ...]:
     pixels = row.pixels or {}
-    share, twin = pixels.get("share_of_pixels"), pixels.get("share_of_numpy")
+    share, differing = pixels.get("share_of_pixels"), pixels.get("share_of_numpy")
     times = row.ns.median, f"{row.ns.low:.3g} … {row.ns.high:.3g}", row.times_faster(results.reference), row.first_s
     steps = None if share is None else 100 * share, pixels.get("largest_dn"), pixels.get("rms_dn")
-    differ = 100 * twin if twin is not None and row.setting.compiled else None
+    differ = 100 * differing if differing is not None and row.setting.compiled else None
     return (row.setting.name, *times, *steps, differ, *row.change.worst[:2], *row.theory.worst[:2])
 
 

@@ -85,7 +85,7 @@ class Row:
     turns_ns : per pixel, in each turn.  first_s : until the first frame.
     pixels : one frame against the reference's; None where the random bits are not the same.
     change : from the reference.  of_plan : from the whole chain in the same precision.  theory : from the moments of
-        its own stages. All three are those of NumPy's twin for a compiled engine.
+        its own stages. All three are those of NumPy in float32 for a compiled engine.
     """
 
     setting: Setting
