@@ -18,11 +18,7 @@ from ...core.sensor_window import SensorWindow
 from ...core.signals import Electrons, Photons
 from ...sensor.camera import Camera, list_cameras, load_camera
 from ...sensor.chain import chain
-<<<<<<< HEAD
-=======
-from ...sensor.noise_budget import stage_name
 from ..statistics import Values
->>>>>>> b9b0360 (Studies name the types of what they measure; no module above 300 lines)
 from .case import RARE, SIGMAS, TENTH, Case, Engine, cases_of
 from .got import Got, holds
 
