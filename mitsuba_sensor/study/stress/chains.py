@@ -67,7 +67,7 @@ class Condition:
     def light(self, camera: Camera) -> float:
         """Mean photons per pixel."""
         sensitivity = float(camera.qe([camera.quantum_efficiency.reference_nm or 0.0]).max())
-        return self.photons + self.well * camera.pixel.full_well_e / sensitivity
+        return float(self.photons + self.well * camera.pixel.full_well_e / sensitivity)
 
 
 LIGHT = (
