@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import functools
+import importlib
 import os
 import subprocess
 import sys
@@ -11,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import mitsuba_sensor
+from mitsuba_sensor.sensor.stage import Stage
 
 PACKAGE = Path(mitsuba_sensor.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
@@ -180,3 +182,80 @@ def test_importing_the_package_changes_nothing() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=dict(os.environ))
     assert done.returncode == 0, done.stderr
+
+
+# Size and types.
+
+FORMATTED_BY_HAND, ANY = 10, 300
+
+
+def test_at_most_10_places_are_formatted_by_hand() -> None:
+    assert sum(text_of(path).count("# fmt: ") for path in MODULES) <= FORMATTED_BY_HAND
+
+
+def annotations(tree: ast.Module) -> Iterator[ast.AST]:
+    """Annotations of parameters, results and names."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.arg | ast.AnnAssign) and node.annotation is not None:
+            yield node.annotation
+        elif isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and node.returns is not None:
+            yield node.returns
+
+
+def is_any(node: ast.AST) -> bool:
+    return (isinstance(node, ast.Name) and node.id == "Any") or (isinstance(node, ast.Attribute) and node.attr == "Any")
+
+
+def test_any_stands_at_most_300_times_in_annotations() -> None:
+    used = {
+        name_of(path): sum(is_any(node) for annotation in annotations(tree_of(path)) for node in ast.walk(annotation))
+        for path in MODULES
+    }
+    assert sum(used.values()) <= ANY, sorted(used.items(), key=lambda item: -item[1])[:20]
+
+
+# One effect is one file.
+
+EFFECTS = [path for path in MODULES if name_of(path).startswith("sensor/effects/")]
+ORDER_OF_THE_CHAIN = "sensor/chain.py"
+
+
+def stage_classes(path: Path) -> set[str]:
+    """Names of the stages that a module defines."""
+    dotted = ".".join(("mitsuba_sensor", *path.relative_to(PACKAGE).with_suffix("").parts))
+    found = vars(importlib.import_module(dotted)).values()
+    return {
+        one.__name__ for one in found if isinstance(one, type) and issubclass(one, Stage) and one.__module__ == dotted
+    }
+
+
+def names_used(path: Path) -> set[str]:
+    """Every name that a module reads or imports."""
+    used = set()
+    for node in ast.walk(tree_of(path)):
+        if isinstance(node, ast.Name):
+            used.add(node.id)
+        elif isinstance(node, ast.Attribute):
+            used.add(node.attr)
+        elif isinstance(node, ast.alias):
+            used.add(node.name)
+    return used
+
+
+def test_no_module_outside_an_effect_names_its_stage_but_the_order_of_the_chain() -> None:
+    named = {stage: name_of(path) for path in EFFECTS for stage in stage_classes(path)}
+    assert len(named) > 15
+    for path in MODULES:
+        if name_of(path) != ORDER_OF_THE_CHAIN:
+            others = {stage for stage in names_used(path) & set(named) if named[stage] != name_of(path)}
+            assert not others, f"{name_of(path)} names {others}"
+
+
+def test_the_physics_of_an_effect_is_written_once_for_numpy_and_drjit() -> None:
+    wrong = [
+        f"{name_of(path)} imports {imported}"
+        for path in EFFECTS
+        for imported in imports(path)
+        if imported.startswith(("scipy", "mitsuba.", "drjit"))
+    ]
+    assert not wrong, wrong
