@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +16,7 @@ from ..core.differentiable import SLOTS, DifferentiableBackend
 from ..core.errors import InputError
 from ..core.exposure import Exposure
 from ..core.frame import Frame
+from ..core.options import complete, documents
 from ..core.sensor_window import SensorWindow
 from ..core.signals import Electrons, Photons
 from ..core.types import Array, Float32Array
@@ -23,8 +24,9 @@ from .camera import Camera
 from .chain import chain
 from .checks import as_photons, check_numbers, checked_maps, checked_origin
 from .field_derivatives import Recording
+from .options import GradientOptions
 from .run import begin, choose_backend
-from .stage import sample
+from .stage import Chain, sample
 
 PHOTONS = "photons"
 """The name of the mean photons among the parameters."""
@@ -92,7 +94,7 @@ class DifferentiableFrames:
 
     parameters: tuple[str, ...]
     light: Photons
-    stages: tuple[Any, ...] = field(repr=False)
+    stages: Chain = field(repr=False)
     first: Frame = field(repr=False)
     start: Electrons = field(repr=False)
 
@@ -118,6 +120,7 @@ class DifferentiableFrames:
         return np.stack([self.stages[0].sample(one, frame).light for one in ones], axis=-1)
 
 
+@documents(GradientOptions)
 def differentiable(
     photons: Photons | ArrayLike,
     camera: Camera,
@@ -126,10 +129,7 @@ def differentiable(
     *,
     seed: int = 1,
     serial: int = 1,
-    wavelengths_nm: ArrayLike | None = None,
-    origin: tuple[int, int] | None = None,
-    maps: Mapping[str, ArrayLike] | None = None,
-    engine: Literal["drjit", "cuda"] = "drjit",
+    **options: Unpack[GradientOptions],
 ) -> DifferentiableFrames:
     """Frames of :func:`expose` with the derivatives of their digital numbers by some parameters.
 
@@ -140,25 +140,25 @@ def differentiable(
     Raises InputError for what ``expose`` refuses, and for a parameter that has no derivative.
     """
     check_types(camera, exposure)
+    chosen = complete(GradientOptions, options)
     names = (parameters,) if isinstance(parameters, str) else tuple(dict.fromkeys(parameters))
-    light, stages = as_photons(photons, camera, wavelengths_nm), chain(camera)
-    _check(names, engine, light, camera)
+    light, stages = as_photons(photons, camera, chosen["wavelengths_nm"]), chain(camera)
+    _check(names, light, camera)
+    choose_backend(chosen["engine"], "float32", 0)  # refuses one that is not on this machine
     check_numbers(1, 0, seed)
-    first_pixel = checked_origin(light.origin if origin is None else origin)
+    first_pixel = checked_origin(light.origin if chosen["origin"] is None else chosen["origin"])
     window = SensorWindow(serial, (light.mean.shape[0], light.mean.shape[1]), first_pixel)
-    window = replace(window, given=checked_maps({} if maps is None else maps, stages, window, camera))
+    window = replace(window, given=checked_maps(chosen["maps"] or {}, stages, window, camera))
     first = Frame(exposure, window, seed)
     numbers = Recording.of(light, camera, first).by(tuple(name for name in names if name != PHOTONS))
-    first = first.on(DifferentiableBackend(BACKENDS[engine], numbers))
+    first = first.on(DifferentiableBackend(BACKENDS[chosen["engine"]], numbers))
     return DifferentiableFrames(names, light, stages, first, begin(stages, light, first))
 
 
-def _check(names: tuple[str, ...], engine: str, light: Photons, camera: Camera) -> None:
-    """Raise InputError for parameters, an engine or photons that have no derivatives."""
+def _check(names: tuple[str, ...], light: Photons, camera: Camera) -> None:
+    """Raise InputError for parameters or photons that have no derivatives."""
     if not names:
         raise InputError("parameters is empty; name what to differentiate by, e.g. 'photons' or 'pixel.prnu'.")
-    if engine not in BACKENDS:
-        raise InputError(f"engine is {engine!r}; derivatives need a compiled one: drjit or cuda.")
     if light.detected:
         raise InputError("photons is in channels, to which the QE is applied already; render a cube (spectral='cube').")
     bands = light.mean.shape[2] if light.mean.ndim == 3 else 1
@@ -166,4 +166,3 @@ def _check(names: tuple[str, ...], engine: str, light: Photons, camera: Camera) 
         raise InputError(
             f"parameters names {PHOTONS!r}, of {bands} bands, and this camera has a quantum yield; pass one band."
         )
-    choose_backend(engine, "float32", 0)  # refuses one that is not on this machine

@@ -17,8 +17,8 @@ Precision = Literal["auto", "float32", "float64"]
 Chain = Literal["physical", "konnik2014"]
 
 
-class SensorOptions(TypedDict, total=False):
-    """How photons become digital numbers: options that the command line has too."""
+class MapOptions(TypedDict, total=False):
+    """Measured fixed-pattern noise."""
 
     maps: Annotated[
         Mapping[str, ArrayLike] | None,
@@ -30,6 +30,11 @@ class SensorOptions(TypedDict, total=False):
             text=Path,
         ),
     ]
+
+
+class SensorOptions(MapOptions, total=False):
+    """How photons become digital numbers: options that the command line has too."""
+
     chain: Annotated[
         Chain,
         Option("physical, or konnik2014: the paper's released code, for comparison (one band only).", "physical"),
@@ -44,16 +49,9 @@ class SensorOptions(TypedDict, total=False):
     ]
 
 
-class ExposeOptions(SensorOptions, total=False):
-    """All options of :func:`expose` and :func:`stream`."""
+class ArrayOptions(TypedDict, total=False):
+    """What an array of photons does not say by itself."""
 
-    keep: Annotated[
-        Iterable[str],
-        Option(
-            "Intermediate signals to return: photons, photoelectrons, dark_electrons, electrons, volts.", (), flag=None
-        ),
-    ]
-    plan: Annotated["Plan | None", Option("What plan() left of the chain; the whole chain without one.", flag=None)]
     wavelengths_nm: Annotated[
         ArrayLike | None, Option("Centres of the bands of an array (H, W, B) of photons, in nm.", flag=None)
     ]
@@ -63,3 +61,21 @@ class ExposeOptions(SensorOptions, total=False):
             "(row, column) of the first pixel on the sensor; by default that of the photons, else (0, 0).", flag=None
         ),
     ]
+
+
+class ExposeOptions(SensorOptions, ArrayOptions, total=False):
+    """All options of :func:`expose` and :func:`stream`."""
+
+    keep: Annotated[
+        Iterable[str],
+        Option(
+            "Intermediate signals to return: photons, photoelectrons, dark_electrons, electrons, volts.", (), flag=None
+        ),
+    ]
+    plan: Annotated["Plan | None", Option("What plan() left of the chain; the whole chain without one.", flag=None)]
+
+
+class GradientOptions(MapOptions, ArrayOptions, total=False):
+    """All options of :func:`differentiable`."""
+
+    engine: Annotated[Literal["drjit", "cuda"], Option("The compiled backend that computes the derivatives.", "drjit")]
