@@ -31,8 +31,8 @@ def kernel_only(engine: str, photons: NDArray[np.float64], camera: ms.Camera) ->
     backend: Any = choose_backend(engine, "float32", 0)
     whole, stages = Frame(EXPOSURE, SensorWindow(1, photons.shape, backend=backend)), chain(camera)
     parts = []
-    for rows in row_strips_of(photons.shape, backend.strip):
-        frame = Frame(EXPOSURE, whole.window.rows_only(rows))
+    for rows in row_strips_of(photons.shape, backend.strip_pixels):
+        frame = Frame(EXPOSURE, whole.window.crop_rows(rows))
         parts.append((begin(stages, Photons(photons[rows]), frame), frame))
 
     def run() -> None:
@@ -51,7 +51,7 @@ def random_numbers_only(engine: str, shape: tuple[int, int]) -> Callable[[], obj
         return None
     backend: Any = choose_backend(engine, "float32", 0)
     window = SensorWindow(1, shape, backend=backend)
-    parts = [window.rows_only(rows) for rows in row_strips_of(shape, backend.strip)]
+    parts = [window.crop_rows(rows) for rows in row_strips_of(shape, backend.strip_pixels)]
 
     def run() -> None:
         for part in parts * FRAMES_PER_TURN:

@@ -237,7 +237,7 @@ def ratio(x: Array, y: Array, otherwise: float) -> Array:
     return np.where(good, x / np.where(good, y, 1.0), otherwise)
 
 
-def float64_table(rows: Array) -> Array:
+def table_of(rows: Array) -> Array:
     """A small table of Python numbers as a NumPy array."""
     return np.asarray(rows, dtype=np.float64)
 
@@ -249,6 +249,3 @@ def as_index(x: Array) -> Array:
 
 scalar_exp, scalar_log, scalar_sqrt = math.exp, math.log, math.sqrt
 """e^x, ln x and √x of one Python number, in float64."""
-
-along, pick, weigh, table, index = with_derivative_of, look_up, weighted_sum, float64_table, as_index
-"""Old names, until every stage uses the new ones."""

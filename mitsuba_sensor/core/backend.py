@@ -17,8 +17,8 @@ from .types import Array, NumpyArray
 if TYPE_CHECKING:
     from .sensor_window import SensorWindow
 
-BRIGHTEST = 1e30
-"""Means above this, and +inf, are set to it: every pixel saturates long before, and ∞·0 cannot occur."""
+FLOAT32_LIMIT = 1e30
+"""Larger numbers, and +inf, are set to this: every pixel saturates long before, and ∞·0 cannot occur."""
 
 
 class PendingStrip:
@@ -33,12 +33,6 @@ class PendingStrip:
     def copy(self) -> None:
         """Copy them to the output array."""
 
-    def deliver(self) -> None:  # the old name, until nobody uses it
-        self.copy()
-
-
-Job = PendingStrip  # the old name, until nobody imports it
-
 
 class Backend:
     """What a backend provides; this one is the reference: NumPy, float64, exact quantile functions."""
@@ -46,13 +40,9 @@ class Backend:
     precision: Literal["float32", "float64"] = "float64"
     compiled: bool = False
     """Whether the stages are traced once and run as a kernel, not computed step by step."""
-    strip: int = 2**17
+    strip_pixels: int = 2**17
     """Pixels that are computed at a time. Fewer, and threads wait for each other at every operation; more, and the
     temporary arrays leave the cache."""
-
-    @property
-    def on_host(self) -> bool:  # the old name, until nobody uses it
-        return not self.compiled
 
     def number(self, value: float) -> Array:
         """A parameter of the camera in the precision of the pixels."""
@@ -60,7 +50,7 @@ class Backend:
 
     def from_numpy(self, values: Array, window: SensorWindow) -> Array:
         """NumPy values, (H, W), (1, W), (H, 1) or one, as an array of this backend, limited to 1e30."""
-        return np.minimum(np.asarray(values, dtype=np.float64), BRIGHTEST)
+        return np.minimum(np.asarray(values, dtype=np.float64), FLOAT32_LIMIT)
 
     def to_numpy(self, signal: Array, window: SensorWindow) -> NumpyArray:
         """An array of this backend as a NumPy array (H, W)."""
@@ -70,9 +60,6 @@ class Backend:
         """Digital numbers that go into ``out``, (H, W) of an integer type."""
         out[...] = signal
         return PendingStrip()
-
-    def job(self, signal: Array, window: SensorWindow, out: NumpyArray) -> PendingStrip:  # the old name
-        return self.pending(signal, window, out)
 
     def evaluate(self, window: SensorWindow) -> None:
         """Compute the FPN maps of the window now, once."""
@@ -129,7 +116,7 @@ class NumpyFloat32(Backend):
 
     def from_numpy(self, values: Array, window: SensorWindow) -> Array:
         """The nearest float32s."""
-        return np.minimum(values, BRIGHTEST).astype(np.float32)
+        return np.minimum(values, FLOAT32_LIMIT).astype(np.float32)
 
     def uniform(self, bits: Array) -> Array:
         return quantiles.uniform(bits)
@@ -160,7 +147,7 @@ class NumpyFloat32(Backend):
 
 def within_float32(value: float) -> float:
     """``value`` limited to −1e30 … 1e30, so that float32 products of it stay finite."""
-    return min(max(value, -BRIGHTEST), BRIGHTEST)
+    return min(max(value, -FLOAT32_LIMIT), FLOAT32_LIMIT)
 
 
 NUMPY_FLOAT64, NUMPY_FLOAT32 = Backend(), NumpyFloat32()

@@ -150,7 +150,7 @@ class DifferentiableBackend(DrJitBackend):
 
     def evaluate(self, window: SensorWindow) -> None:
         """Compute all FPN maps of the window and their derivatives, once."""
-        dr, maps = self.dr, {key: x for key, x in window.maps_made.items() if isinstance(x, self.float)}
+        dr, maps = self.dr, {key: x for key, x in window.cached_values.items() if isinstance(x, self.float)}
         self._maps = {key: (dr.detach(x), {}) for key, x in maps.items()}
         for name in dict.fromkeys(name for _, slopes in self._leaves for name in slopes):
             for key, slope in zip(maps, self.forward(name, *maps.values()), strict=True):
@@ -163,7 +163,7 @@ class DifferentiableBackend(DrJitBackend):
         height, width = window.shape
         backend = DifferentiableBackend(self._backend, self._numbers, height * width, self._next)
         maps = {key: backend.with_slopes(x, slopes) for key, (x, slopes) in self._maps.items()}
-        return backend, replace(window, backend=backend, _maps={**window.maps_made, **maps})
+        return backend, replace(window, backend=backend, _maps={**window.cached_values, **maps})
 
     def totals(self, pixels: Mapping[str, Array]) -> Array:
         """Sums over all pixels, not evaluated yet: (SLOTS, W) as one array, a column per name and W a power of two.

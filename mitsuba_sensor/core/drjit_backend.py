@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .backend import BRIGHTEST, NumpyFloat32, PendingStrip, within_float32
+from .backend import FLOAT32_LIMIT, NumpyFloat32, PendingStrip, within_float32
 from .counter_rng import philox, split_key
 from .llvm import drjit
 from .quantiles import poisson
@@ -25,7 +25,7 @@ class DrJitBackend(NumpyFloat32):
     """Dr.Jit in float32.  backend : "llvm" or "cuda".  differentiable : use the types that carry derivatives."""
 
     compiled = True
-    strip = 2**22
+    strip_pixels = 2**22
     """Pixels per kernel launch: a map then has exactly 16 MiB, and Dr.Jit rounds memory up to powers of two."""
 
     def __init__(self, backend: str = "llvm", differentiable: bool = False) -> None:
@@ -44,7 +44,7 @@ class DrJitBackend(NumpyFloat32):
     def from_numpy(self, values: Array, window: SensorWindow) -> Array:
         """One value per pixel; a line (1, W) or (H, 1) is looked up by the column or row of each pixel."""
         single = _aligned_float32(np.shape(values))
-        np.minimum(values, BRIGHTEST, out=single, casting="same_kind")
+        np.minimum(values, FLOAT32_LIMIT, out=single, casting="same_kind")
         if single.size == 1:
             return self.constant(float(single.ravel()[0]))
         if single.shape == window.shape:
@@ -65,7 +65,7 @@ class DrJitBackend(NumpyFloat32):
 
     def evaluate(self, window: SensorWindow) -> None:
         """Compute all FPN maps of the window in one kernel, lines too: a look-up is slower than a load."""
-        self.dr.eval([x for x in window.maps_made.values() if isinstance(x, self.float)])
+        self.dr.eval([x for x in window.cached_values.values() if isinstance(x, self.float)])
 
     def random_bits(self, block: int, window: SensorWindow, frame: int, key: int) -> tuple[Array, Array, Array, Array]:
         """Four random 32-bit integers of ``block`` for every pixel of the window."""

@@ -69,11 +69,11 @@ class SensorWindow:
         return self.backend.number(value)
 
     @property
-    def maps_made(self) -> dict[Hashable, Array]:
+    def cached_values(self) -> dict[Hashable, Array]:
         """Everything that was computed once for this window so far, FPN maps among it, by key."""
         return dict(self._maps)
 
-    def store(self, key: Hashable, values: Array) -> None:
+    def replace_cached(self, key: Hashable, values: Array) -> None:
         """Replace what was computed under ``key`` by equal values in other memory."""
         self._maps[key] = values
 
@@ -141,8 +141,6 @@ class SensorWindow:
             self._maps[key] = make()
         value: Value = self._maps[key]
         return value
-
-    once, rows_only, given_or = cached, crop_rows, measured_or  # old names, until nobody uses them
 
 
 def _blocks(numbers: NDArray[np.int64], size: int) -> tuple[list[int], slice]:

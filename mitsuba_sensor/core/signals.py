@@ -38,8 +38,6 @@ class Photons:
         variance_e2 = None if self.variance_e2 is None else self.variance_e2[rows]
         return replace(self, mean=self.mean[rows], variance_e2=variance_e2)
 
-    rows_only = crop_rows  # the old name, until nobody uses it
-
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NumpyArray:
         return np.array(self.mean, dtype=dtype, copy=copy)
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..core.backend import BRIGHTEST, NUMPY_FLOAT32, NUMPY_FLOAT64
+from ..core.backend import FLOAT32_LIMIT, NUMPY_FLOAT32, NUMPY_FLOAT64
 from ..core.checks import check_types
 from ..core.errors import InputError, require_seed
 from ..core.exposure import Exposure
@@ -249,9 +249,9 @@ def _precision(asked: str, camera: Camera, plan: Plan | None, chain: str) -> str
             raise InputError("precision is 'float32' and chain konnik2014 is float64 only; leave the precision out.")
         return "float64"
     gain = adc_gain_dn_per_v(camera)
-    if asked == "float32" and gain > BRIGHTEST:
+    if asked == "float32" and gain > FLOAT32_LIMIT:
         raise InputError(
-            f"precision is 'float32', which holds numbers up to {BRIGHTEST:g}, and the converter of {camera.name} "
+            f"precision is 'float32', which holds numbers up to {FLOAT32_LIMIT:g}, and the converter of {camera.name} "
             f"makes {gain:.3g} DN of a volt; leave the precision out, or mend the gains and adc.full_scale_v."
         )
     if asked != "auto":
@@ -259,7 +259,7 @@ def _precision(asked: str, camera: Camera, plan: Plan | None, chain: str) -> str
     if plan is not None:
         return plan.precision
     countable = camera.pixel.full_well_e <= COUNTABLE and 2**camera.adc.bits <= COUNTABLE
-    return "float32" if countable and gain <= BRIGHTEST else "float64"
+    return "float32" if countable and gain <= FLOAT32_LIMIT else "float64"
 
 
 def _stages(camera: Camera, plan: Plan | None, chain: str) -> Chain:

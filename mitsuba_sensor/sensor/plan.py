@@ -85,7 +85,7 @@ class Plan:
     @cached_property
     def seconds(self) -> tuple[float, float]:
         """Measured seconds per frame, whole chain and plan: medians of interleaved runs of the scene's top strip."""
-        rows = next(row_strips_of(self.frame.window.shape, NUMPY_FLOAT64.strip))
+        rows = next(row_strips_of(self.frame.window.shape, NUMPY_FLOAT64.strip_pixels))
         strip = replace(self.photons.crop_rows(rows), variance_e2=None)
         frame = self.frame.on(NUMPY_FLOAT32 if self.precision == "float32" else NUMPY_FLOAT64)
         part = replace(frame, window=frame.window.crop_rows(rows))

@@ -88,8 +88,8 @@ class FrameRunner:
 
     def __post_init__(self) -> None:
         backend = self.first.window.backend
-        self._rows = list(row_strips_of(self.first.window.shape, backend.strip))
-        workers = min(processors(), len(self._rows)) if not backend.compiled else 1
+        self._rows = list(row_strips_of(self.first.window.shape, backend.strip_pixels))
+        workers = 1 if backend.compiled else min(processors(), len(self._rows))
         self._pool = ThreadPoolExecutor(workers) if workers > 1 else None
 
     def frames(self, first: int, count: int, sinks_of: Callable[[int], Sinks]) -> Iterator[Sinks]:
@@ -156,17 +156,17 @@ class FrameRunner:
     def _keep(self, number: int, window: SensorWindow, start: Electrons | None, new: bool) -> None:
         """Keep a strip's maps for the next frame; on the host in one array per map, whole, so that memory stays so."""
         self._parts[number] = window, start
-        if not (new and not window.backend.compiled):
+        if not new or window.backend.compiled:
             return
         shape, rows = self.first.window.shape, self._rows[number]
-        for key, strip in window.maps_made.items():
+        for key, strip in window.cached_values.items():
             if isinstance(strip, np.ndarray) and strip.shape == window.shape:
                 with self._lock:
                     if key not in self._maps:
                         self._maps[key] = np.empty(shape, strip.dtype)
                     whole = self._maps[key]
                 whole[rows] = strip
-                window.store(key, whole[rows])
+                window.replace_cached(key, whole[rows])
 
     def _part(self, strip: Photons, rows: slice) -> tuple[SensorWindow, Electrons | None]:
         """The strip's window with its maps, and for a compiled backend its photoelectrons."""
@@ -189,7 +189,7 @@ def detected(detection: Stage, light: Photons, frame: Frame) -> Electrons:
     window, host = frame.window, frame.on(NUMPY_FLOAT32).window
     parts = [
         detection.sample(light.crop_rows(rows), replace(frame, window=host.crop_rows(rows), _blocks={}))
-        for rows in row_strips_of(window.shape, NUMPY_FLOAT32.strip)
+        for rows in row_strips_of(window.shape, NUMPY_FLOAT32.strip_pixels)
     ]
     layers = {
         name: window.backend.from_numpy(np.concatenate([getattr(part, name) for part in parts]), window)

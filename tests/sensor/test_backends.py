@@ -144,13 +144,13 @@ def test_more_than_one_launch_makes_the_same_frame(monkeypatch: pytest.MonkeyPat
 
     camera, light = TABLE1.replace(**NONLINEAR), dark_to_saturation(TABLE1)
     whole = frame(camera, light, "drjit", frames=2)
-    monkeypatch.setattr(DrJitBackend, "strip", 3000)
+    monkeypatch.setattr(DrJitBackend, "strip_pixels", 3000)
     np.testing.assert_array_equal(frame(camera, light, "drjit", frames=2), whole)
 
 
 def test_a_stream_that_is_left_lets_its_threads_go(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run, "processors", lambda: 2)
-    monkeypatch.setattr(Backend, "strip", 1000)
+    monkeypatch.setattr(Backend, "strip_pixels", 1000)
     before = threading.active_count()
     stream = ms.stream(RAMP, TABLE1, EXPOSURE, frames=9, engine="numpy")
     next(stream)
@@ -221,7 +221,7 @@ def test_temporal_lines_are_the_same_bytes_on_both_engines_and_compile_no_kernel
 @compiled
 def test_auto_compiles_for_much_work_and_not_for_little(monkeypatch: pytest.MonkeyPatch) -> None:
     assert run.choose_backend("auto", "float32", 1000) is NUMPY_FLOAT32
-    assert not run.choose_backend("auto", "float32", 10**8).on_host
+    assert run.choose_backend("auto", "float32", 10**8).compiled
     assert run.choose_backend("auto", "float64", 10**8) is NUMPY_FLOAT64
     monkeypatch.setattr(run, "backend_problem", lambda backend: "no LLVM")
     assert run.choose_backend("auto", "float32", 10**8) is NUMPY_FLOAT32

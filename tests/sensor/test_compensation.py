@@ -266,7 +266,7 @@ def test_dark_current_compensates_what_the_light_cannot() -> None:
 )
 def test_extremes_give_whole_electrons(backend: Backend, light_e: float, noise_e2: float, short: bool) -> None:
     """Darkness, certainty, noise without end, a mean beyond every well, and light that saturates."""
-    engine = "numpy" if backend.on_host else "drjit"
+    engine = "drjit" if backend.compiled else "numpy"
     light = rendered(np.full((3, 5), light_e), np.full((3, 5), noise_e2))
     frames = ms.expose(light, BARE, EXPOSURE, engine=engine, precision=backend.precision, keep="electrons")  # type: ignore[arg-type]
     n = frames.electrons
@@ -281,7 +281,7 @@ def test_extremes_give_whole_electrons(backend: Backend, light_e: float, noise_e
 
 @pytest.mark.parametrize("camera", [TABLE1, BARE], ids=["dark current", "no dark current"])
 def test_no_variance_to_compensate_is_the_plain_frame_bit_for_bit(backend: Backend, camera: ms.Camera) -> None:
-    engine = "numpy" if backend.on_host else "drjit"
+    engine = "drjit" if backend.compiled else "numpy"
     plain, compensated = (
         ms.expose(light, camera, EXPOSURE, engine=engine, precision=backend.precision, keep=expose.KEEP)  # type: ignore[arg-type]
         for light in (rendered(LIGHT_E), rendered(LIGHT_E, np.zeros(SHAPE)))
@@ -326,8 +326,8 @@ def test_strips_threads_and_crops_cut_the_variance_with_the_light(engine: Any, m
 
     for processors, strip in ((1, 100), (2, 500)):
         monkeypatch.setattr(run, "processors", lambda processors=processors: processors)
-        monkeypatch.setattr(Backend, "strip", strip)
-        monkeypatch.setattr(kernel.DrJitBackend, "strip", strip)
+        monkeypatch.setattr(Backend, "strip_pixels", strip)
+        monkeypatch.setattr(kernel.DrJitBackend, "strip_pixels", strip)
         np.testing.assert_array_equal(frame(), whole)
 
 

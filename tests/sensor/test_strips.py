@@ -67,7 +67,7 @@ CASES: dict[str, tuple[ms.Camera, Any, dict[str, Any]]] = {
 def signals(case: str, strip: int, monkeypatch: pytest.MonkeyPatch, **more: Any) -> dict[str, bytes]:
     """Everything that expose() can return, byte by byte."""
     camera, light, options = CASES[case]
-    monkeypatch.setattr(Backend, "strip", strip)
+    monkeypatch.setattr(Backend, "strip_pixels", strip)
     asked: dict[str, Any] = {"seed": 3, "serial": 7, "frames": 2, "first_frame": 5, "origin": TILE_EDGE}
     frames = ms.expose(light, camera, ms.Exposure(0.3), keep=expose.KEEP, **(asked | options | more))
     return {name: getattr(frames, name).tobytes() for name in (*expose.KEEP, "digital")}
@@ -87,7 +87,7 @@ def test_a_frame_in_strips_is_the_frame_that_the_chain_makes_without_them(
 ) -> None:
     """One row at a time against the whole window at once; and its last rows against those alone, in the next tile."""
     camera, light, _ = CASES[case]
-    monkeypatch.setattr(Backend, "strip", 1)
+    monkeypatch.setattr(Backend, "strip_pixels", 1)
     digital = ms.expose(light, camera, ms.Exposure(0.3), serial=7, origin=TILE_EDGE).digital[0]
     window = SensorWindow(7, SHAPE, TILE_EDGE)
     whole = sample(chain(camera), ms.Photons(light), Frame(ms.Exposure(0.3), window))
@@ -123,11 +123,10 @@ def test_a_plan_goes_through_the_same_strips(monkeypatch: pytest.MonkeyPatch) ->
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 300_000), (300_000, 1), (3, 2**17), (2**17 + 1, 1)])
 def test_the_strips_are_every_row_once_and_in_order(shape: tuple[int, int]) -> None:
-    strips = list(run.row_strips_of(shape, NUMPY_FLOAT32.strip))
+    strips = list(run.row_strips_of(shape, NUMPY_FLOAT32.strip_pixels))
     np.testing.assert_array_equal(np.concatenate([np.arange(shape[0])[rows] for rows in strips]), np.arange(shape[0]))
-    assert all(
-        rows.stop - rows.start == 1 or (rows.stop - rows.start) * shape[1] <= NUMPY_FLOAT32.strip for rows in strips
-    )
+    heights = [rows.stop - rows.start for rows in strips]
+    assert all(height == 1 or height * shape[1] <= NUMPY_FLOAT32.strip_pixels for height in heights)
 
 
 def peak_mib(pixels: int) -> float:

@@ -80,7 +80,7 @@ class Adc(Converter):
     def sample(self, swing: Array, frame: Frame) -> Array:
         """Swing [V] → whole digital numbers (H, W), rounded half up."""
         highest = frame.number(self.highest)
-        return arrays.along(
+        return arrays.with_derivative_of(
             self._line,
             lambda x: arrays.minimum(arrays.maximum(arrays.floor(x + 0.5), 0.0), highest),
             self._ideal(swing, frame),
@@ -122,7 +122,7 @@ class AdcWithDnl(Adc):
 
     def sample(self, swing: Array, frame: Frame) -> Array:
         """Swing [V] → the code whose step contains it (H, W)."""
-        return arrays.along(
+        return arrays.with_derivative_of(
             self._line, lambda x: arrays.count_at_or_below(self._transitions, x), self._ideal(swing, frame)
         )
 
@@ -130,7 +130,7 @@ class AdcWithDnl(Adc):
         """As a converter of equal steps, moved by the local INL."""
         ideal = m.scale(self.gain_dn_per_v).add(mean=self.black_level_dn)
         code = arrays.minimum(arrays.maximum(arrays.floor(ideal.mean + 0.5), 0.0), self.highest)
-        inl = arrays.pick(self._inl, arrays.index(code))
+        inl = arrays.look_up(self._inl, arrays.as_index(code))
         return ideal.add(mean=-inl).round().clip(0.0, self.highest)
 
     @property

@@ -137,16 +137,16 @@ class QuantumEfficiency(Stage):
         if len(self.curves) > 1:
             rows = frame.window.rows % len(self.tile)
             columns = frame.window.columns % len(self.tile[0])
-            weights = arrays.pick(weights, arrays.pick(self.tile, (rows[:, None], columns[None, :])))
+            weights = arrays.look_up(weights, arrays.look_up(self.tile, (rows[:, None], columns[None, :])))
         layers = photons.mean if photons.mean.ndim == 3 else photons.mean[..., None]
-        light, window = arrays.weigh(layers, weights), frame.window
+        light, window = arrays.weighted_sum(layers, weights), frame.window
         electrons = window.backend.from_numpy(light, window)
         if self.quantum_yield is None:
             noise = photons.variance_e2
             return Electrons(electrons, variance_e2=None if noise is None else window.backend.from_numpy(noise, window))
         per_photon = self.quantum_yield.at(self._wavelengths(photons))
-        first = arrays.ratio(arrays.weigh(layers, weights * per_photon), light, 1.0)
-        second = arrays.ratio(arrays.weigh(layers, weights * per_photon**2), light, 1.0)
+        first = arrays.ratio(arrays.weighted_sum(layers, weights * per_photon), light, 1.0)
+        second = arrays.ratio(arrays.weighted_sum(layers, weights * per_photon**2), light, 1.0)
         spread = arrays.maximum(second - first**2, 0.0)
         return Electrons(
             electrons,
@@ -170,9 +170,9 @@ class QuantumEfficiency(Stage):
     def _weights(self, photons: Photons) -> Array:
         """QE of every filter at the photons' wavelengths, (F, B); (B,) for one filter; 1 if it is applied already."""
         if photons.detected:
-            return arrays.table([[float(i == j) for j in range(len(self.curves))] for i in range(len(self.curves))])
+            return arrays.table_of([[float(i == j) for j in range(len(self.curves))] for i in range(len(self.curves))])
         rows = [curve.at(self._wavelengths(photons)) for curve in self.curves]
-        return arrays.table(rows if len(rows) > 1 else rows[0])
+        return arrays.table_of(rows if len(rows) > 1 else rows[0])
 
     def _wavelengths(self, photons: Photons) -> Array:
         """(B,) [nm]; the camera's reference where the photons came without."""

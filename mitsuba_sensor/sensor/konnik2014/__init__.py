@@ -20,8 +20,8 @@ from ...core.errors import InputError, nearest, require
 from ..camera import Camera
 from ..effects.reset_noise import RESET_RESIDUAL
 from ..gains import sense_gain_v_per_e
+from ..stage import Chain, Stage
 from .electrons import (
-    DarkStep,
     PublishedDarkFpn,
     PublishedDarkMean,
     PublishedDarkShot,
@@ -180,10 +180,10 @@ class Konnik2014Settings:
         return 2.0**self.adc_bits / (self.full_well_v - (self.sense_gain_uv_per_e * 1e-6) ** 2)
 
 
-def chain_of(settings: Konnik2014Settings) -> tuple[Any, ...]:
+def chain_of(settings: Konnik2014Settings) -> Chain:
     """The published stages in their order, from photons to digital numbers."""
     s = settings
-    stages: list[Any] = [PublishedPhotons()]
+    stages: list[Stage] = [PublishedPhotons()]
     if s.photon_shot:
         stages.append(PublishedPhotonShot())
     stages.append(PublishedQuantumEfficiency(s.quantum_efficiency))
@@ -194,8 +194,8 @@ def chain_of(settings: Konnik2014Settings) -> tuple[Any, ...]:
     return (*stages, PublishedWell(s.full_well_e), *_volts(s))
 
 
-def _dark(s: Konnik2014Settings) -> tuple[DarkStep, ...]:
-    steps: list[DarkStep] = []
+def _dark(s: Konnik2014Settings) -> Chain:
+    steps: list[Stage] = []
     if s.dark_fom_na_per_cm2:
         steps.append(PublishedDarkMean(s.dark_fom_na_per_cm2, s.pixel_area_cm2))
         if s.dark_shot:
@@ -207,10 +207,10 @@ def _dark(s: Konnik2014Settings) -> tuple[DarkStep, ...]:
     return tuple(steps)
 
 
-def _volts(s: Konnik2014Settings) -> tuple[Any, ...]:
+def _volts(s: Konnik2014Settings) -> Chain:
     gain, cmos = s.sense_gain_uv_per_e * 1e-6, s.technology == "cmos"
     reset = PublishedResetNoise(gain, s.reset_factor if cmos else 0.0)
-    stages: list[Any] = [PublishedSenseNode(s.reference_v, gain, reset)]
+    stages: list[Stage] = [PublishedSenseNode(s.reference_v, gain, reset)]
     if s.ve_alpha:
         stages = [PublishedExponentialNode(s.reference_v, s.ve_alpha, reset)]
     if s.vv_gamma != 1:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from ...core.moments import Moments
 from ...core.signals import Electrons, Photons
 from ...core.types import Array
 from ..dark_current_models import band_gap_ev
-from ..stage import Stage
+from ..stage import Chain, Stage, propagate, sample
 from .fpn_distributions import FpnDistribution, fpn_map, times_fpn
 
 BOLTZMANN_EV_PER_K = 8.617343e-5
@@ -211,28 +210,20 @@ class PublishedFollowerSpectrum:
         return math.sqrt(self.grid_hz * float(np.sum(density * cds))) / (sense_gain_uv_per_e * 1e-6 * settled)
 
 
-DarkStep: TypeAlias = PublishedDarkMean | PublishedDarkShot | PublishedDarkFpn | PublishedReadNoise
-
-
 @dataclass(frozen=True)
 class PublishedDarkSignal(Stage):
     """Dark electrons and read noise, added to the photoelectrons (paper eq. 25).  steps : in their order."""
 
-    steps: tuple[DarkStep, ...]
+    steps: Chain
     domain = "electrons"
 
     def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
         """Photoelectrons → photoelectrons and dark electrons."""
-        dark: Array = 0.0
-        for step in self.steps:
-            dark = step.sample(dark, frame)
-        return Electrons(electrons.light, dark)
+        return Electrons(electrons.light, sample(self.steps, 0.0, frame))
 
     def moments(self, m: Moments) -> Moments:
         """Sum of two independent signals."""
-        dark = Moments(0.0, 0.0, 0.0, m.frame)
-        for step in self.steps:
-            dark = step.moments(dark)
+        dark = propagate(self.steps, Moments(0.0, 0.0, 0.0, m.frame))
         return m.add(mean=dark.mean, temporal=dark.temporal, spatial=dark.spatial)
 
 
@@ -255,5 +246,5 @@ class PublishedWell(Stage):
         return m.add(mean=-0.5, temporal=1 / 12).clip(0.0, math.floor(self.full_well_e))
 
     def counts(self, signal: Array, maps: dict[str, Array]) -> dict[str, int]:
-        """Pixels that are full."""
+        """Saturated pixels."""
         return {"clipped_full_well": int(np.sum(signal >= self.full_well_e))}

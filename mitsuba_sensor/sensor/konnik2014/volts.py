@@ -122,7 +122,7 @@ class PublishedFollower(Stage):
 
     def moments(self, m: Moments) -> Moments:
         """A parabola: exact mean, σ to first order."""
-        return through(m, self(m.mean, m.frame), 1 + self.bend * (self.reference_v - 2 * m.mean), -2 * self.bend)
+        return through(m, self.sample(m.mean, m.frame), 1 + self.bend * (self.reference_v - 2 * m.mean), -2 * self.bend)
 
     @property
     def bend(self) -> float:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ...core.backend import BRIGHTEST
+from ...core.backend import FLOAT32_LIMIT
 from ...core.exposure import Exposure
 from ...core.frame import Frame
 from ...core.moments import Moments
@@ -26,7 +26,9 @@ SHAPE, TILE = (64, 64), (2, 2)
 """4096 pixels: 5 standard errors of a mean are 8 % of a pixel's σ, and 60 % of that of columns or rows. The light is
 the same everywhere, so the theory of one tile of colour filters is that of all."""
 ROUNDINGS = 16  # A number that went through a chain is some unit roundoffs off: one for each operation
-COMPARED = 1e-2 * BRIGHTEST  # above BRIGHTEST engines count no further; no pixel's share of a pattern is a hundredth
+COMPARED = (
+    1e-2 * FLOAT32_LIMIT
+)  # above FLOAT32_LIMIT engines count no further; no pixel's share of a pattern is a hundredth
 FIRST_S = 0.7  # how long the frames of a theme take on one engine [s]
 NODE_OPTIONS = {"readout.reset": "hard", "readout.dsnu_row": 5e-4, "readout.prnu_col": 2e-3, "pixel.dsnu_e": 20.0}
 CURVES = {"readout.ve_nonlinearity": 0.5, "source_follower.vv_nonlinearity": 1.05, "adc.gamma": 1.04}

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ...core.backend import BRIGHTEST
+from ...core.backend import FLOAT32_LIMIT
 from ...core.exposure import Exposure
 from ...io.files import to_json
 from ...render.passes import clean
@@ -150,7 +150,7 @@ def published(edge: str) -> Got:
 def smallest(engine: Engine, field: str, least: float) -> Got:
     """The frame of float64; or a sentence, where float32 cannot hold the converter's gain."""
     camera, light = table1().replace(**{field: least}, **NEEDED.get(field, {})), light_with()
-    if engine.precision == "float32" and adc_gain_dn_per_v(camera) > BRIGHTEST:
+    if engine.precision == "float32" and adc_gain_dn_per_v(camera) > FLOAT32_LIMIT:
         return refusal(lambda: expose(light, camera, TENTH, **engine.how), "precision is 'float32', which holds")
     digital = expose(light, camera, TENTH, **engine.how).digital
     return agree(digital, expose(light, camera, TENTH, precision="float64").digital, 1.0, " DN")
