@@ -1,4 +1,4 @@
-"""mitsuba-sensor study: what it asks of a study, what it leaves in the folder, and how it goes on after a stop."""
+"""The command "study": its arguments, the files that it writes, and how it goes on after a stop."""
 
 from __future__ import annotations
 
@@ -45,10 +45,10 @@ def scene(tmp_path: Path) -> Path:
     return write_scene(tmp_path, scene_text(SKY))
 
 
-def study(monkeypatch: pytest.MonkeyPatch, recorder: Recorder, *words: str) -> Any:
+def study(monkeypatch: pytest.MonkeyPatch, recorder: Recorder, *arguments: str) -> Any:
     monkeypatch.setattr(ablation, "ablation", recorder)
     monkeypatch.setattr(work_precision, "work_precision", recorder)
-    return CliRunner().invoke(app, ["study", *words])
+    return CliRunner().invoke(app, ["study", *arguments])
 
 
 def test_a_study_leaves_a_page_numbers_a_picture_and_its_measurements(
@@ -69,18 +69,18 @@ def test_a_study_leaves_a_page_numbers_a_picture_and_its_measurements(
 def test_a_study_that_was_stopped_goes_on_where_it_was(
     monkeypatch: pytest.MonkeyPatch, scene: Path, tmp_path: Path
 ) -> None:
-    words = ("ablation", str(scene), "-o", str(tmp_path / "out"))
-    stopped = study(monkeypatch, Recorder(stop_before="three"), *words)
+    arguments = ("ablation", str(scene), "-o", str(tmp_path / "out"))
+    stopped = study(monkeypatch, Recorder(stop_before="three"), *arguments)
     assert stopped.exit_code == 130 and "2 measurements are kept" in stopped.output
     again = Recorder()
-    assert study(monkeypatch, again, *words).exit_code == 0
+    assert study(monkeypatch, again, *arguments).exit_code == 0
     assert again.measured == ["three"]
     third = Recorder()
-    assert study(monkeypatch, third, *words).exit_code == 0 and third.measured == []
+    assert study(monkeypatch, third, *arguments).exit_code == 0 and third.measured == []
     numbers = json.loads((tmp_path / "out" / "study.json").read_text(encoding="utf-8"))
     assert numbers["resumed_measurements"] == 3
     anew = Recorder()
-    assert study(monkeypatch, anew, *words, "--force").exit_code == 0
+    assert study(monkeypatch, anew, *arguments, "--force").exit_code == 0
     assert anew.measured == list(STEPS)
 
 
@@ -90,22 +90,22 @@ def test_measurements_of_another_camera_exposure_or_scene_are_not_used(
 ) -> None:
     text = scene_text(SKY).replace('3.0.0">', '3.0.0"><default name="light" value="2"/>', 1)
     scene = write_scene(tmp_path, text.replace("360:2e-4", "360:$light"))
-    words = ("ablation", str(scene), "-o", str(tmp_path / "out"))
-    assert study(monkeypatch, Recorder(), *words).exit_code == 0
+    arguments = ("ablation", str(scene), "-o", str(tmp_path / "out"))
+    assert study(monkeypatch, Recorder(), *arguments).exit_code == 0
     other, first = Recorder(), Recorder()
-    done = study(monkeypatch, other, *words, *change)
+    done = study(monkeypatch, other, *arguments, *change)
     assert done.exit_code == 0, done.output
     assert other.measured == list(STEPS)
-    assert study(monkeypatch, first, *words).exit_code == 0 and first.measured == []
+    assert study(monkeypatch, first, *arguments).exit_code == 0 and first.measured == []
 
 
 def test_a_scene_that_was_changed_is_measured_anew(
     monkeypatch: pytest.MonkeyPatch, scene: Path, tmp_path: Path
 ) -> None:
-    words, again = ("ablation", str(scene), "-o", str(tmp_path / "out")), Recorder()
-    assert study(monkeypatch, Recorder(), *words).exit_code == 0
+    arguments, again = ("ablation", str(scene), "-o", str(tmp_path / "out")), Recorder()
+    assert study(monkeypatch, Recorder(), *arguments).exit_code == 0
     scene.write_text(scene.read_text(encoding="utf-8").replace("constant", "constant "[:8]) + "<!-- -->")
-    assert study(monkeypatch, again, *words).exit_code == 0 and again.measured == list(STEPS)
+    assert study(monkeypatch, again, *arguments).exit_code == 0 and again.measured == list(STEPS)
 
 
 def test_a_study_where_something_fails_says_so_by_its_exit_code(
@@ -136,7 +136,7 @@ def test_the_options_of_the_command_reach_the_study(
 
 
 @pytest.mark.parametrize(
-    ("words", "sentence"),
+    ("arguments", "sentence"),
     [
         (("--side", "both"), "sides is ('both',)"),
         (("--tolerance", "0"), "tolerance is 0"),
@@ -145,8 +145,8 @@ def test_the_options_of_the_command_reach_the_study(
     ],
 )
 def test_what_cannot_be_studied_is_one_sentence(
-    scene: Path, tmp_path: Path, words: tuple[str, ...], sentence: str
+    scene: Path, tmp_path: Path, arguments: tuple[str, ...], sentence: str
 ) -> None:
-    done = CliRunner().invoke(app, ["study", "work-precision", str(scene), "-o", str(tmp_path / "out"), *words])
+    done = CliRunner().invoke(app, ["study", "work-precision", str(scene), "-o", str(tmp_path / "out"), *arguments])
     assert done.exit_code == 2 and sentence in done.output and "Traceback" not in done.output
     assert not (tmp_path / "out").exists()

@@ -1,4 +1,4 @@
-"""io/measurements.py: what was measured is not measured again, and never stands under another question."""
+"""Measurements on disk: what was measured is not measured again, and never stands under another question."""
 
 from __future__ import annotations
 

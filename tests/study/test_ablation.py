@@ -1,4 +1,4 @@
-"""study ablation: each stage and each feature off in turn, in theory and in frames."""
+"""Ablation: each stage and each feature off in turn, in theory and in frames."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ def test_pixels_with_a_random_telegraph_signal_are_measured_as_theory_means_them
     assert abs(found.furthest.z) <= found.limit
 
 
-def test_the_plan_keeps_its_word_at_every_pixel() -> None:
+def test_the_plan_holds_at_every_pixel() -> None:
     for tolerance_dn in (0.2, 5.0):
         found = results(ablation(TABLE1, tolerance_dn=tolerance_dn), cases=(PLAN,))
         assert found.theory["cases"][PLAN]["worst_dn"] <= 1.05 * tolerance_dn
@@ -160,7 +160,7 @@ def test_what_is_above_the_full_well_does_not_count() -> None:
     assert compared(base, changed, None, 55.0)["mean_dn"] == 5
 
 
-ROOM = scene_text(
+INDOORS = scene_text(
     '<integrator type="path"><integer name="max_depth" value="6"/></integrator>', SKY,
     '<shape type="sphere"><point name="center" value="0, 0, 4"/><bsdf type="diffuse">'
     '<spectrum name="reflectance" value="400:0.2, 700:0.8"/></bsdf></shape>'
@@ -175,7 +175,7 @@ ROOM = scene_text(
 @pytest.fixture(scope="module")
 def studied(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any], Study]:
     """A whole study of 12 × 8 pixels, what was measured and the study."""
-    scene, known = write_scene(tmp_path_factory.mktemp("room"), ROOM), dict[str, Any]()
+    scene, known = write_scene(tmp_path_factory.mktemp("indoors"), INDOORS), dict[str, Any]()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(package.sensor, "SHAPE", {"numpy": (64, 64), "drjit": (64, 64)})
         return scene, known, study_of(scene, known)
@@ -209,7 +209,7 @@ def test_a_resumed_study_measures_nothing_twice_and_is_the_same_study(
     monkeypatch.undo()
     key, told = f"frames of {SENSORS} sensors: PRNU", list[str]()
     del kept[key]
-    again = study_of(scene, kept, lambda spent, expected, now: told.append(now))
+    again = study_of(scene, kept, lambda elapsed, expected, now: told.append(now))
     assert [now for now in told if now != "done"] == [key]
     assert kept[key][0] == known[key][0] and again.to_dict() == study.to_dict()
 
@@ -220,8 +220,8 @@ def test_the_time_is_estimated_before_anything_is_measured(studied: Any) -> None
 
     told: list[tuple[float, float]] = []
 
-    def progress(spent_s: float, expected_s: float, now: str) -> None:
-        told.append((spent_s, expected_s))
+    def progress(elapsed_s: float, expected_s: float, now: str) -> None:
+        told.append((elapsed_s, expected_s))
         if now == "moments of every pixel":
             raise Enough
 

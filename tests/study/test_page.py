@@ -1,4 +1,4 @@
-"""study/page, html and drawing: one file that needs nothing else, and drawings that hold what was measured."""
+"""Pages and drawings of a study: one file that needs nothing else, and drawings that hold what was measured."""
 
 from __future__ import annotations
 
@@ -69,10 +69,10 @@ def test_every_drawing_is_a_picture_and_is_drawn_the_same_again(picture: Plot | 
         assert image.width > 400 and len(image.convert("RGB").getcolors(1 << 20) or ()) > 4
 
 
-def test_a_drawing_holds_the_words_of_its_axes_and_lines_as_text() -> None:
+def test_a_drawing_holds_the_labels_of_its_axes_and_lines_as_text() -> None:
     drawn = svg(PICTURES[0])
-    for words in ("seconds", "error", "steep", "wanted"):
-        assert f">{words}</text>" in drawn or f">{words}<" in drawn
+    for label in ("seconds", "error", "steep", "wanted"):
+        assert f">{label}</text>" in drawn or f">{label}<" in drawn
 
 
 def test_steeper_lines_are_drawn_steeper() -> None:
@@ -84,14 +84,14 @@ def test_steeper_lines_are_drawn_steeper() -> None:
 
 
 @pytest.mark.parametrize(
-    ("value", "words"),
+    ("value", "label"),
     [
         (None, "–"), (True, "yes"), (0.0, "0"), (1.23456, "1.235"), (1e-9, "1e-09"), (123456.0, "1.23e+05"), (7, "7"),
         (math.inf, "inf"), ((1.5, "a"), "1.5, a"), ({"time_s": 0.1}, "time_s 0.1"),
     ],
 )  # fmt: skip
-def test_numbers_are_shown_with_four_digits(value: object, words: str) -> None:
-    assert text(value) == words
+def test_numbers_are_shown_with_four_digits(value: object, label: str) -> None:
+    assert text(value) == label
 
 
 def test_study_json_holds_the_numbers_of_every_part() -> None:
@@ -112,8 +112,8 @@ def shown(found: Study) -> str:
 
 def test_the_terminal_shows_verdict_findings_and_tables() -> None:
     said = shown(study(TABLE, *PICTURES, passed=False))
-    for words in ("not all holds", "here/study.html", "1 < 2", "Series <all>", "1.23", "verdicts", "1/2"):
-        assert words in said
+    for label in ("not all holds", "here/study.html", "1 < 2", "Series <all>", "1.23", "verdicts", "1/2"):
+        assert label in said
 
 
 def test_of_a_table_where_all_holds_the_terminal_says_so_and_no_more() -> None:

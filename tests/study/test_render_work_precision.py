@@ -115,7 +115,7 @@ def test_blocks_are_the_means_and_variances_of_their_passes() -> None:
 
 
 def slope_of_blocks(runs: list[NDArray[np.float64]]) -> Any:
-    """Of the rms error of blocks of passes (P, N) whose truth is 0, against passes."""
+    """Of the rms error of blocks of passes (P, N) whose reference is 0, against passes."""
     found = []
     for passes in runs:
         squares = dict[int, list[float]]()
@@ -272,7 +272,7 @@ def test_both_sides_make_one_study_and_the_frames_get_the_light_of_the_reference
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("arguments", "told"),
     [
         ({"variants": ["scalar_spectrum"]}, "variant is 'scalar_spectrum'; it must be one of .*scalar_spectral"),
         ({"variants": "scalar_spectral"}, "pass a list of names"),
@@ -281,8 +281,8 @@ def test_both_sides_make_one_study_and_the_frames_get_the_light_of_the_reference
         ({"sides": ["lens"]}, "it must be one or both of render, sensor"),
     ],
 )
-def test_what_cannot_be_studied_is_one_sentence(floor: Path, words: dict[str, Any], told: str) -> None:
-    given = {"variants": ["scalar_spectral"], "sides": ["render"], **words}
+def test_what_cannot_be_studied_is_one_sentence(floor: Path, arguments: dict[str, Any], told: str) -> None:
+    given = {"variants": ["scalar_spectral"], "sides": ["render"], **arguments}
     with pytest.raises(InputError, match=told) as caught:
         work_precision(Kit(), Subject(floor, mosaic(), EXPOSURE), **given)  # type: ignore[arg-type]
     assert str(caught.value).count(".\n") == 0

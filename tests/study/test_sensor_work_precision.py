@@ -55,7 +55,7 @@ needs_llvm = pytest.mark.skipif(bool(backend_problem("llvm")), reason="no LLVM h
 
 def law(setting: Setting, mean: float) -> Law:
     backend = setting.backend()
-    return law_of(lambda words: counts_of(backend, words, mean), mean)
+    return law_of(lambda integers: counts_of(backend, integers, mean), mean)
 
 
 # The Poisson law
@@ -73,8 +73,8 @@ def test_the_gaussian_law_is_as_far_off_as_its_closed_form_says(mean: float) -> 
         assert variation == pytest.approx(4.02e-2, rel=1e-2)
 
 
-def test_the_law_by_bisection_is_that_of_all_words() -> None:
-    """The documentation's table counted all 2³² words, in a quarter of an hour; 2 % and its two digits apart."""
+def test_the_law_by_bisection_is_that_of_all_integers() -> None:
+    """The documentation's table counted all 2³² integers, in a quarter of an hour; 2 % and its two digits apart."""
     rows = re.findall(r"^\| (1[0e2]\S*|30) \| (\S+) \| \S+ \| (\S+) \|$", DOCS.read_text(encoding="utf-8"), re.M)
     table = {float(mean): (float(one), float(two.replace("−", "-"))) for mean, one, two in rows}
     assert {10.0, 30.0, 100.0, 1e4, 1e6} <= set(table)
@@ -87,10 +87,10 @@ def test_the_law_by_bisection_is_that_of_all_words() -> None:
 
 @pytest.mark.parametrize("mean", [0.5, 12.0, 300.0])
 @pytest.mark.parametrize("sampler", [QUANTILE, GAUSSIAN])
-def test_the_law_by_bisection_is_that_of_evenly_spaced_words(sampler: str, mean: float) -> None:
+def test_the_law_by_bisection_is_that_of_evenly_spaced_integers(sampler: str, mean: float) -> None:
     """Mean and variance of a million of them, each of which stands for 4096."""
-    words = (np.arange(2**20, dtype=np.uint64) * 2**12 + 2**11).astype(np.uint32)
-    counts = counts_of(NUMPY[sampler].backend(), words, mean)
+    integers = (np.arange(2**20, dtype=np.uint64) * 2**12 + 2**11).astype(np.uint32)
+    counts = counts_of(NUMPY[sampler].backend(), integers, mean)
     found, cells = law(NUMPY[sampler], mean), 12 * math.sqrt(mean) + 10
     assert found.mean == pytest.approx(counts.mean() / mean - 1, abs=cells / (mean * 2**20))
     assert found.variance == pytest.approx(counts.var() / mean - 1, abs=cells**2 / (mean * 2**20))
@@ -105,7 +105,7 @@ def test_the_quantile_law_at_30_is_the_poisson_law() -> None:
 
 
 @pytest.mark.parametrize("mean", [0.01, 10.0, 1e4])
-def test_the_exact_law_is_exact_as_far_as_words_can_tell(mean: float) -> None:
+def test_the_exact_law_is_exact_as_far_as_integers_can_tell(mean: float) -> None:
     found = law(REFERENCE, mean)
     assert found.variation <= found.resolution
     assert max(abs(found.mean), abs(found.variance)) < 1e-7
@@ -122,10 +122,10 @@ def test_the_mean_alone_has_no_variance(mean: float) -> None:
 @pytest.mark.parametrize("mean", [0.1, 10.0, 1e4])
 def test_a_third_partys_draws_are_as_far_off_as_chance_says(mean: float) -> None:
     """Five standard deviations of the total variation, at most 0.3/√draws: once in 7000 under other seeds."""
-    words = np.random.default_rng(3).integers(0, 2**32, 2**18, dtype=np.uint32)
-    found = law_of_counts(counts_of(NUMPY[GENERATOR].backend(), words, mean), mean)
-    assert found.variation == pytest.approx(found.resolution, abs=1.5 / math.sqrt(words.size))
-    assert found.mean == pytest.approx(0, abs=5 / math.sqrt(mean * words.size))
+    integers = np.random.default_rng(3).integers(0, 2**32, 2**18, dtype=np.uint32)
+    found = law_of_counts(counts_of(NUMPY[GENERATOR].backend(), integers, mean), mean)
+    assert found.variation == pytest.approx(found.resolution, abs=1.5 / math.sqrt(integers.size))
+    assert found.mean == pytest.approx(0, abs=5 / math.sqrt(mean * integers.size))
 
 
 @needs_llvm
@@ -139,14 +139,14 @@ def test_the_compiled_engine_draws_the_same_law(sampler: str) -> None:
 
 
 def test_another_law_changes_the_counts_and_nothing_else() -> None:
-    words = np.random.default_rng(5).integers(0, 2**32, 1000, dtype=np.uint32)
-    before = NUMPY_FLOAT32.poisson(words, np.float32(20.0))
+    integers = np.random.default_rng(5).integers(0, 2**32, 1000, dtype=np.uint32)
+    before = NUMPY_FLOAT32.poisson(integers, np.float32(20.0))
     other = NUMPY[GAUSSIAN].backend()
-    assert not np.array_equal(other.poisson(words, np.float32(20.0)), before)
-    np.testing.assert_array_equal(other.normal(words), NUMPY_FLOAT32.normal(words))
+    assert not np.array_equal(other.poisson(integers, np.float32(20.0)), before)
+    np.testing.assert_array_equal(other.normal(integers), NUMPY_FLOAT32.normal(integers))
     np.testing.assert_array_equal(
-        NUMPY_FLOAT32.poisson(words, np.float32(20.0)), before
-    )  # the product's lanes are as before
+        NUMPY_FLOAT32.poisson(integers, np.float32(20.0)), before
+    )  # the package's backends are as before
 
 
 def test_only_exact_and_quantile_are_offered() -> None:
@@ -400,14 +400,14 @@ def test_everything_that_must_hold_does(known: Known) -> None:
 
 
 @pytest.mark.parametrize(
-    ("part", "words"),
+    ("part", "said"),
     [
         ("Poisson law, mean 10: numpy float32, quantile", "total variation"),
         ("pixels: numpy float32, quantile", "float32"),
         ("moments: numpy float32, quantile, plan 0.2 DN", "the plan for 0.2 DN"),
     ],
 )
-def test_what_does_not_hold_is_said_first(known: Known, part: str, words: str) -> None:
+def test_what_does_not_hold_is_said_first(known: Known, part: str, said: str) -> None:
     """A law off by 3e-5, 2 % of the pixels moved, a plan that moves the mean by 0.3 DN."""
     broken = copy.deepcopy(known)
     value = broken[part][0]
@@ -420,7 +420,7 @@ def test_what_does_not_hold_is_said_first(known: Known, part: str, words: str) -
             level["mean_dn"] = (np.asarray(level["mean_dn"]) + 0.3).tolist()
     side = run(broken)
     assert not side.passed
-    assert side.findings[0].startswith("Not as it must be") and words in side.findings[0]
+    assert side.findings[0].startswith("Not as it must be") and said in side.findings[0]
 
 
 def test_nothing_on_the_front_is_beaten(known: Known) -> None:
@@ -451,9 +451,9 @@ def test_every_engine_has_its_rows_or_is_said_not_to_be_here(known: Known) -> No
     table = next(p for p in run(known).parts if isinstance(p, Table) and p.title == "Settings of the sensor")
     names = [row[0] for row in table.rows]
     for engine, problem in known["engines"][0].items():
-        words = f"{engine} float32, quantile" if problem is None else f"{engine}: not here ({problem})"
-        assert words in names
-    assert results_of(known).row(NUMPY[GENERATOR]).pixels is None  # its words are others
+        said = f"{engine} float32, quantile" if problem is None else f"{engine}: not here ({problem})"
+        assert said in names
+    assert results_of(known).row(NUMPY[GENERATOR]).pixels is None  # its random bits are others
     assert len(table.marks) == len(table.rows)
     assert {len(row) for row in table.rows} == {len(table.columns)}
 

@@ -53,7 +53,7 @@ def case_of(check: Any, asked: tuple[Engine, ...] = (ONCE,), theme: str = "made 
 
 
 @pytest.mark.parametrize(
-    ("check", "words"),
+    ("check", "texts"),
     [
         (lambda _: Got("what came", False), "what came"),
         (lambda _: Got(str(np.array([-1.0]) ** 0.5), True), "invalid value"),
@@ -61,15 +61,15 @@ def case_of(check: Any, asked: tuple[Engine, ...] = (ONCE,), theme: str = "made 
         (lambda _: 1 / 0, "ZeroDivisionError"),
         (lambda _: agree(math.nan, 1.0, 2.0), "nan"),
         (lambda _: agree([1.0, math.nan], 1.0, 2.0), "nan"),
-        (lambda _: refusal(lambda: None, "words"), "nothing was refused"),
+        (lambda _: refusal(lambda: None, "texts"), "nothing was refused"),
         (lambda _: refusal(lambda: ms.Exposure(-1.0), "another sentence"), "time_s is -1.0"),
     ],
-    ids=["no", "invalid", "overflow", "exception", "NaN", "largest NaN", "no refusal", "other words"],
+    ids=["no", "invalid", "overflow", "exception", "NaN", "largest NaN", "no refusal", "other texts"],
 )
-def test_a_warning_an_exception_a_nan_and_a_no_are_all_verdicts_against(check: Any, words: str) -> None:
+def test_a_warning_an_exception_a_nan_and_a_no_are_all_verdicts_against(check: Any, texts: str) -> None:
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         verdict = verdict_of(case_of(check), ONCE)
-    assert verdict.passed is False and words in verdict.got
+    assert verdict.passed is False and texts in verdict.got
 
 
 def test_the_study_says_what_holds_what_fails_and_who_is_not_here(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -88,14 +88,14 @@ def test_the_study_says_what_holds_what_fails_and_who_is_not_here(monkeypatch: p
     grid, _, _, *tables = study.parts
     assert grid.rows == ("first", "second", "third")  # type: ignore[union-attr]
     names = tuple(engine.name for engine in (ONCE, *ENGINES, *RENDERERS))
-    words = [dict(zip(names, row, strict=True)) for row in grid.texts]  # type: ignore[union-attr]
-    assert words[0]["no engine"] == words[0]["LLVM float32"] == "1/1" and words[1]["no engine"] == "0/1"
-    assert words[2]["CUDA float32"] == "not here" and grid.marks[2][4] == "dim"  # type: ignore[union-attr]
+    texts = [dict(zip(names, row, strict=True)) for row in grid.texts]  # type: ignore[union-attr]
+    assert texts[0]["no engine"] == texts[0]["LLVM float32"] == "1/1" and texts[1]["no engine"] == "0/1"
+    assert texts[2]["CUDA float32"] == "not here" and grid.marks[2][4] == "dim"  # type: ignore[union-attr]
     assert [table.marks for table in tables] == [("good",), ("bad",), ()]  # type: ignore[union-attr]
     engines = "no engine, NumPy float64, NumPy float32, LLVM float32"
     assert tables[0].rows[0][3:] == (engines, "as it must", "holds")  # type: ignore[union-attr]
     json.dumps(study.to_dict(), allow_nan=False)
-    assert len(told) == 7 and all(spent <= expected for spent, expected, _ in told)
+    assert len(told) == 7 and all(elapsed <= expected for elapsed, expected, _ in told)
 
 
 def test_a_render_of_the_study_leaves_the_variant_as_it_was() -> None:
@@ -200,7 +200,7 @@ def test_a_nudge_moves_every_number_of_a_field_by_one_step_and_no_switch() -> No
 
 @pytest.mark.parametrize("engine", ["numpy", "drjit"])
 def test_a_gain_beyond_float32_takes_float64_by_itself_or_says_why_not(engine: Any) -> None:
-    """A_CDS = 1e-30 makes 2.5e34 DN of a volt; in float32 that was 1e30, and every pixel read the pedestal."""
+    """A_CDS = 1e-30 makes 2.5e34 DN of a volt; in float32 that was 1e30, and every pixel read the black level."""
     camera, light = ms.load_camera("konnik_table1").replace(**{"readout.cds_gain": 1e-30}), np.full((2, 40), 1000.0)
     assert adc_gain_dn_per_v(camera) == pytest.approx(2.48e34, rel=1e-3)
     if engine == "drjit":
@@ -211,7 +211,7 @@ def test_a_gain_beyond_float32_takes_float64_by_itself_or_says_why_not(engine: A
     np.testing.assert_array_equal(ms.expose(light, camera, ms.Exposure(0.1), engine=engine).digital, plain)
 
 
-def test_a_bent_node_is_needed_even_in_the_dark() -> None:
+def test_a_nonlinear_node_is_needed_even_in_the_dark() -> None:
     """It changes nothing of nothing, but the unit: a plan that left it out could not be run."""
     camera = ms.load_camera("konnik_table1").replace(**{"readout.ve_nonlinearity": 1.0})
     plan = ms.plan(camera, ms.Exposure(0.0), np.zeros((2, 2)))
@@ -219,12 +219,12 @@ def test_a_bent_node_is_needed_even_in_the_dark() -> None:
     assert node.kept and ms.expose(np.zeros((2, 2)), camera, ms.Exposure(0.0), plan=plan).digital.shape == (1, 2, 2)
 
 
-# … and the theory of a flooded well
+# … and the theory of a saturated well
 
 
 @pytest.mark.parametrize(("time_s", "kelvin"), [(1e6, 298.15), (0.1, 600.0), (600.0, 350.0)])
-def test_a_flooded_well_is_full_in_theory_too(time_s: float, kelvin: float) -> None:
-    """A dark pattern of 40 % has no dark pixels 1000 wells high, where a normal law has 0.6 % below zero.
+def test_a_saturated_well_is_full_in_theory_too(time_s: float, kelvin: float) -> None:
+    """A dark-current FPN of 40 % has no dark pixels 1000 wells high, where a normal law has 0.6 % below zero.
 
     With that one, frame.json expected -3.8e9 ± 6.6e10 e- at 600 K, and the plan a fixed pattern of as much.
     """
