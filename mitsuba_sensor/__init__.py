@@ -18,6 +18,7 @@ from .render.plugins import register as register_plugins
 from .sensor.camera import Camera, list_cameras, load_camera
 from .sensor.expose import Frames, expose, fpn_maps, stream
 from .sensor.plan import Plan, plan
+from .sensor.stage import Stage
 
 __version__ = "0.1.0"
 
@@ -29,6 +30,7 @@ __all__ = [
     "Irradiance",
     "Photons",
     "Plan",
+    "Stage",
     "collect",
     "expose",
     "fpn_maps",

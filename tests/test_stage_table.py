@@ -1,58 +1,27 @@
-"""The README's table of stages is right: every stage is in it, with fields, modules and tests that exist."""
+"""The README's table of stages is the one that the chain makes of its effects, and names every field of the sensor."""
 
 from __future__ import annotations
 
-import dataclasses
-import re
-from importlib import import_module
-
-import pytest
 from helpers import ROOT
 
 from mitsuba_sensor.sensor.camera import Camera
+from mitsuba_sensor.sensor.chain import ORDER, stage_table
 from mitsuba_sensor.sensor.datasheet_errors import fields_of
 
-ROWS = [
-    [cell.strip() for cell in line.strip("|\n").split("|")]
-    for line in (ROOT / "README.md").read_text("utf-8").splitlines()
-    if re.match(r"\| `[A-Z]\w+` \|", line)
-]
-ABSTRACT = {"Offset", "Gain"}
+
+def test_the_readme_has_the_table_that_is_made_of_the_effects() -> None:
+    """`mitsuba-sensor cameras stages --markdown` prints it."""
+    assert stage_table() in (ROOT / "README.md").read_text("utf-8"), stage_table()
 
 
-def stages_of(module: str) -> set[str]:
-    """Names of the stages that a module of the sensor defines: dataclasses that have a domain."""
-    found = vars(import_module(f"mitsuba_sensor.sensor.{module}"))
-    here = f"mitsuba_sensor.sensor.{module}"
-    return {
-        name
-        for name, value in found.items()
-        if dataclasses.is_dataclass(value) and hasattr(value, "domain") and getattr(value, "__module__", "") == here
-    } - ABSTRACT
+def test_every_field_of_the_sensor_belongs_to_an_effect_but_the_description_of_the_chip() -> None:
+    table, geometry = stage_table(), {"pixel.pitch_x_um", "pixel.pitch_y_um", "pixel.fill_factor"}
+    fields = {name for name in fields_of(Camera) if "." in name and name.split(".")[0] not in ("lens", "sensor")}
+    assert {name for name in fields if f"`{name}`" not in table and name.count(".") == 1} == geometry
 
 
-def test_the_table_names_every_stage_in_its_module_and_no_other() -> None:
-    listed = {(row[0].strip("`"), row[3].strip("`")) for row in ROWS}
-    assert listed == {(name, module) for module in ("electrons", "volts", "digital") for name in stages_of(module)}
-
-
-@pytest.mark.parametrize("row", ROWS, ids=lambda row: row[0].strip("`"))
-def test_a_row_names_fields_that_exist_and_a_test_that_speaks_of_the_stage(row: list[str]) -> None:
-    name, equation, options, _, test = row
-    assert equation
-    assert set(re.findall(r"`([^`]+)`", options)) <= set(fields_of(Camera))
-    (file,) = (ROOT / "tests" / "sensor").rglob(f"{test.strip('`')}.py")
-    text = file.read_text("utf-8")
-    fields = [field.rpartition(".")[2] for field in re.findall(r"`([^`]+)`", options)]
-    assert name.strip("`") in text or any(field in text for field in fields)
-
-
-def test_every_option_of_the_sensor_stands_in_the_table() -> None:
-    """But the description of chip and lens, which are the light's business, and what goes with another field."""
-    listed = {field for row in ROWS for field in re.findall(r"`([^`]+)`", row[2])}
-    with_another = {"at_temperature_k", "coupling", "cds_sample_s", "cds_dominant_s", "wavelengths_nm", "reference_nm"}
-    light = {"pitch_x_um", "pitch_y_um", "fill_factor"}
-    for field in fields_of(Camera):
-        table, _, last = field.rpartition(".")
-        if table.split(".")[0] not in ("", "lens", "sensor") and last not in with_another | light:
-            assert field in listed, field
+def test_every_effect_has_a_file_and_a_test_that_names_it() -> None:
+    tests = "".join(path.read_text("utf-8") for path in (ROOT / "tests/sensor").rglob("test_*.py"))
+    for effect in ORDER:
+        assert effect.__module__.startswith("mitsuba_sensor.sensor.effects.")
+        assert effect.__name__ in tests, f"no test in tests/sensor names {effect.__name__}"

@@ -6,7 +6,7 @@ import tomllib
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,9 +27,9 @@ SHIPPED = resources.files(__package__) / "cameras"
 def _table(name: str, description: str, base: type[Table] = Table) -> type[Table]:
     """The table of this name with the fields of every effect that belong there, in the order of the chain."""
     kinds = dict.fromkeys(effect.fields for effect in ORDER if effect.fields is not None and effect.table == name)
-    kind = create_model(f"{name.title().replace('_', '')}Table", __base__=(*reversed(kinds), base))
-    kind.__doc__ = description
-    return kind
+    bases: Any = (*reversed(kinds), base)  # pydantic takes the fields of the last base first
+    title = f"{name.title().replace('_', '')}Table"
+    return cast(type[Table], create_model(title, __base__=bases, __doc__=description))
 
 
 if TYPE_CHECKING:
@@ -118,6 +118,11 @@ class Camera(Section):
         camera.__dict__.pop("stages", None)
         camera._added = (*self._added, (after, stage))
         return camera
+
+    def to_dict(self) -> dict[str, Any]:
+        """The datasheet, the source of each number, and the stages that were added: for the metadata of a frame."""
+        added = [{"after": after, "stage": repr(stage)} for after, stage in self._added]
+        return {**self.model_dump(), "sources": dict(self.sources), **({"added_stages": added} if added else {})}
 
     def added_after(self, key: str) -> tuple[Stage, ...]:
         """The stages that :meth:`with_stage` put behind this one."""

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
 from .effects.adc import Adc
 from .effects.cds_gain import CdsGain
 from .effects.dark_current import DarkCurrent
-from .effects.dsnu_column import DsnuColumn
-from .effects.dsnu_pixel import DsnuPixel
-from .effects.dsnu_row import DsnuRow
+from .effects.dsnu import DsnuColumn, DsnuPixel, DsnuRow
 from .effects.full_well import FullWell
 from .effects.integral_nonlinearity import IntegralNonlinearity
 from .effects.prnu import Prnu
@@ -67,3 +66,15 @@ def black_level_dn(camera: Camera) -> float:
     last = chain(camera)[-1]
     assert isinstance(last, Converter)
     return last.black_level_dn
+
+
+def stage_table() -> str:
+    """The stages in their order as a Markdown table: what each does, equations, datasheet fields, file."""
+    lines = ["| stage | what it does | paper | fields of a camera file | file |", "|---|---|---|---|---|"]
+    for effect in ORDER:
+        what = re.split(r" \(paper|\. |\.$|  ", (effect.__doc__ or "").partition("\n")[0])[0].rstrip(".")
+        names = effect.fields.model_fields if effect.fields else ()
+        fields = ", ".join(f"`{effect.table}.{name}`" for name in names)
+        file = f"effects/{effect.__module__.rpartition('.')[2]}.py"
+        lines.append(f"| `{effect.__name__}` | {what} | {effect.paper} | {fields} | `{file}` |")
+    return "\n".join(lines)

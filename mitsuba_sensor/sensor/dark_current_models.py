@@ -22,7 +22,7 @@ def activation(temperature_k: float, power: float, divisor: float) -> float:
         return 0.0
     reference = band_gap_ev(FIGURE_OF_MERIT_AT_K) / FIGURE_OF_MERIT_AT_K
     exponent = (reference - band_gap_ev(temperature_k) / temperature_k) / (divisor * BOLTZMANN_EV_PER_K)
-    return (temperature_k / FIGURE_OF_MERIT_AT_K) ** power * math.exp(exponent)
+    return float((temperature_k / FIGURE_OF_MERIT_AT_K) ** power * math.exp(exponent))
 
 
 def rate_at_300_e_per_s(fom_na_per_cm2: float, area_cm2: float) -> float:

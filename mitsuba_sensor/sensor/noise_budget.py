@@ -41,7 +41,7 @@ class NoiseBudget:
     @property
     def total(self) -> NDArray[np.float64]:
         """The sum of all contributions: the frame itself, (H, W) [DN]."""
-        return np.sum([entry.dn for entry in self.entries], axis=0)
+        return np.asarray(np.sum([entry.dn for entry in self.entries], axis=0))
 
     def explain(self) -> str:
         """A table for people."""
@@ -61,7 +61,7 @@ def noise_budget(photons: Photons, frame: Frame, stages: Chain) -> NoiseBudget:
     contributions: list[Contribution] = []
     signal: Array = photons
     moments = Moments(photons, 0.0, 0.0, frame.on(NUMPY_FLOAT64))
-    to_dn = np.prod([stage.nominal_gain for stage in stages])
+    to_dn = float(np.prod([stage.nominal_gain for stage in stages]))
     before, was = np.zeros(frame.window.shape), (0.0, 0.0)
     for stage in stages:
         entering, means = signal, moments

@@ -6,8 +6,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
-from .statistics import Known, Values
-
 Mark = Literal["", "good", "bad", "best", "dim"]
 """How a row or a cell is meant: as it must be, not as it must be, the one to take, of no weight."""
 
@@ -22,15 +20,12 @@ class Table:
 
     title: str
     columns: tuple[str, ...]
-    rows: tuple[tuple[object, ...], ...]
+    rows: tuple[tuple[Any, ...], ...]
     marks: tuple[Mark, ...] = ()
     note: str = ""
 
 
-MarkedRow = tuple[Mark, Sequence[object]]
-
-
-def table(title: str, headings: str, rows: Iterable[MarkedRow], note: str = "") -> Table:
+def table(title: str, headings: str, rows: Iterable[tuple[Mark, Sequence[Any]]], note: str = "") -> Table:
     """A table whose headings are separated by `` | ``, of rows with their marks."""
     marked = list(rows)
     columns, marks = tuple(headings.split(" | ")), tuple(mark for mark, _ in marked)
@@ -124,9 +119,9 @@ class Study(Section):
 
     name: str
     title: str
-    data: Known
+    data: Mapping[str, Any]
 
-    def to_dict(self) -> Values:
+    def to_dict(self) -> dict[str, Any]:
         """study.json."""
         parts = [{"kind": type(part).__name__.lower(), **asdict(part)} for part in self.parts]
         about = {"study": self.name, "title": self.title, "findings": list(self.findings), "passed": self.passed}

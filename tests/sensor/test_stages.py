@@ -15,7 +15,7 @@ from helpers.stage_tests import WIDE, assert_step_agrees, backend_of, photons, s
 import mitsuba_sensor as ms
 from mitsuba_sensor.sensor.chain import chain
 from mitsuba_sensor.sensor.effects.adc import AdcWithDnl
-from mitsuba_sensor.sensor.effects.dsnu_column import DsnuColumn
+from mitsuba_sensor.sensor.effects.dsnu import DsnuColumn
 from mitsuba_sensor.sensor.effects.reset_noise import ResetNoise
 from mitsuba_sensor.sensor.stage import Stage
 

@@ -23,7 +23,7 @@ from mitsuba_sensor.core.signals import Electrons, Photons
 from mitsuba_sensor.sensor.chain import black_level_dn, chain
 from mitsuba_sensor.sensor.effects.adc import Adc
 from mitsuba_sensor.sensor.effects.dark_current import DarkCurrent
-from mitsuba_sensor.sensor.effects.dsnu_column import DsnuColumn
+from mitsuba_sensor.sensor.effects.dsnu import DsnuColumn
 from mitsuba_sensor.sensor.effects.full_well import FullWell
 from mitsuba_sensor.sensor.effects.prnu import Prnu
 from mitsuba_sensor.sensor.effects.quantum_efficiency import QuantumEfficiency

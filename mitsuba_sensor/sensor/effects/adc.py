@@ -98,7 +98,7 @@ class Adc(Converter):
     @property
     def highest(self) -> int:
         """The largest code, 2^bits − 1."""
-        return 2**self.bits - 1
+        return int(2**self.bits - 1)
 
     def _ideal(self, swing: Array, frame: Frame) -> Array:
         """The code of a converter with infinitely many bits [DN]."""

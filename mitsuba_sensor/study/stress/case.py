@@ -20,7 +20,7 @@ from ...core.signals import Electrons
 from ...sensor.camera import Camera, load_camera
 from ...sensor.chain import chain
 from ...sensor.run import choose_backend
-from ..statistics import Array, Values
+from ..statistics import Array
 from .got import Got, shown
 
 FLOAT32, FLOAT64 = 2.0**-24, 2.0**-53
@@ -47,12 +47,12 @@ def stage_of(name: str, **changes: Any) -> Any:
 class Engine:
     """Who computes.
 
-    name : for people.  setting, precision : what ``expose`` calls it; of a renderer, its Mitsuba variant.
+    name : for people.  word, precision : what ``expose`` calls it; of a renderer, its Mitsuba variant.
     compiler : of Dr.Jit, that it needs on this machine.
     """
 
     name: str
-    setting: str
+    word: str
     precision: Literal["float32", "float64"] = "float32"
     compiler: str = "scalar"
 
@@ -62,9 +62,9 @@ class Engine:
         return None if self.compiler == "scalar" else backend_problem(self.compiler)
 
     @property
-    def how(self) -> Values:
+    def how(self) -> dict[str, Any]:
         """The options of :func:`expose` that choose it."""
-        return {"engine": self.setting, "precision": self.precision}
+        return {"engine": self.word, "precision": self.precision}
 
     @property
     def unit(self) -> float:
@@ -74,7 +74,7 @@ class Engine:
     @cached_property
     def arithmetic(self) -> Backend:
         """Who does the arithmetic."""
-        return choose_backend(self.setting, self.precision, 0)
+        return choose_backend(self.word, self.precision, 0)
 
     def frame(self, shape: tuple[int, int], exposure: Exposure = TENTH) -> Frame:
         """A frame whose pixels this engine computes."""

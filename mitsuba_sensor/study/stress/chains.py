@@ -18,7 +18,6 @@ from ...core.sensor_window import SensorWindow
 from ...core.signals import Electrons, Photons
 from ...sensor.camera import Camera, list_cameras, load_camera
 from ...sensor.chain import chain
-from ..statistics import Values
 from .case import RARE, SIGMAS, TENTH, Case, Engine, cases_of
 from .got import Got, holds
 
@@ -33,7 +32,7 @@ FIRST_S = 0.7  # how long the frames of a theme take on one engine [s]
 NODE_OPTIONS = {"readout.reset": "hard", "readout.dsnu_row": 5e-4, "readout.prnu_col": 2e-3, "pixel.dsnu_e": 20.0}
 CURVES = {"readout.ve_nonlinearity": 0.5, "source_follower.vv_nonlinearity": 1.05, "adc.gamma": 1.04}
 EVERY_OPTION = "every option"
-OPTIONS: Values = {
+OPTIONS: dict[str, Any] = {
     **NODE_OPTIONS,
     **CURVES,
     **{"pixel.prnu_distribution": "lognormal", "dark_current.distribution": "gamma", "dark_current.cv": 0.1},
@@ -69,7 +68,7 @@ class Condition:
     def light(self, camera: Camera) -> float:
         """Mean photons per pixel."""
         sensitivity = float(camera.qe([camera.quantum_efficiency.reference_nm or 0.0]).max())
-        return float(self.photons + self.well * camera.pixel.full_well_e / sensitivity)
+        return self.photons + self.well * camera.pixel.full_well_e / sensitivity
 
 
 LIGHT = (

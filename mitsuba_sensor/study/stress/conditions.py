@@ -74,10 +74,10 @@ class Sensitivity:
 def sensitivities() -> list[Sensitivity]:
     """Every camera, exposure, level and input that moves anything, the strongest first.
 
-    The cameras are the shipped ones, and Table 1 with all non-linearities and with as many bits as there may be.
+    The cameras are the shipped ones, and Table 1 with all curves bent and with as many bits as there may be.
     """
     cameras = {name: load_camera(name) for name in list_cameras()}
-    cameras |= {"table 1, 16 bit, non-linear": table1(**CURVED), "table 1, 24 bit": table1(adc__bits=24)}
+    cameras |= {"table 1, 16 bit, bent": table1(**CURVED), "table 1, 24 bit": table1(adc__bits=24)}
     found = [one for name, camera in cameras.items() for e in EXPOSURES for one in of_camera(name, camera, e)]
     return sorted(found, key=lambda one: -one.largest_dn)
 

@@ -18,7 +18,7 @@ from ...core.signals import Electrons
 from ...core.units import BOLTZMANN_J_PER_K, ELEMENTARY_CHARGE_C
 from ...sensor.effects.dark_current import mean_dark_e
 from ...sensor.expose import expose
-from ..statistics import Array, Values
+from ..statistics import Array
 from .case import FLOAT32, ONLY_ONCE, RARE, SIGMAS, Case, Engine, cases_of, stage_of, table1
 from .got import Got, agree, holds, refusal, relative, shown, together
 
@@ -131,13 +131,13 @@ NANOAMPERE = Decimal("1e-9") * Decimal(5.7e-4**2) / Decimal(ELEMENTARY_CHARGE_C)
 WARM = Decimal("298.15")
 
 
-def rated(rate_e_per_s: float, kelvin: float, **more: Any) -> Values:
+def rated(rate_e_per_s: float, kelvin: float, **more: Any) -> dict[str, Any]:
     """A datasheet's dark current that was measured at this temperature."""
     names = {"dark_current__rate_e_per_s": rate_e_per_s, "dark_current__at_temperature_k": kelvin}
     return {"dark_current__fom_na_per_cm2": None, **names, **more}
 
 
-MODELS: dict[str, tuple[Values, Callable[[Decimal], Decimal]]] = {
+MODELS: dict[str, tuple[dict[str, Any], Callable[[Decimal], Decimal]]] = {
     "figure of merit, 1 nA/cm²": ({}, lambda t: NANOAMPERE * activation(t)),
     "MPP, 0.1 and 1 nA/cm²": (
         {"dark_current__diffusion_fom_na_per_cm2": 0.1},
@@ -236,7 +236,7 @@ def next_to_none(engine: Engine, stage: str, family: str) -> Got:
 
 
 def mixed(engine: Engine, cv: float) -> Got:
-    """PRNU and dark-current FPN: the variance of their sum. A narrow log-normal has an excess of 16·cv²."""
+    """PRNU and dark pattern: the variance of their sum. A narrow log-normal has an excess of 16·cv²."""
     names = {"dark_current__cv": cv, "dark_current__distribution": "lognormal"}
     dark = stage_of("dark current", **rated(1e4, 300.0), **names)
     total, theory = through_patterns(engine, 1e4, stage_of("prnu", pixel__prnu=cv), dark)

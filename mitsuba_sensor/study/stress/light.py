@@ -23,7 +23,7 @@ from ...render.scene import load_scene
 from ...render.variants import choose_variant, mitsuba, use
 from ...sensor.camera import Camera, load_camera
 from ...sensor.expose import expose
-from ..statistics import Array, Values
+from ..statistics import Array
 from .case import FLOAT32, ONLY_ONCE, RENDERERS, SIGMAS, TENTH, Case, Engine, cases_of, table1
 from .got import Got, agree, holds, relative, together
 
@@ -46,7 +46,7 @@ def variant(engine: Engine) -> Iterator[Path]:
     before = mi.variant() or choose_variant().name
     with resources.as_file(resources.files(__package__) / "sky.xml") as path:
         try:
-            use(choose_variant(engine.setting))
+            use(choose_variant(engine.word))
             yield path
         finally:
             if mi.variant() != before:
@@ -57,7 +57,7 @@ def sky(engine: Engine, radiance: float = LEVEL, size: int = 1, **options: Any) 
     """A render of it."""
     with variant(engine) as path:
         given = {"radiance": radiance, "size": size}
-        return render(path, camera(), TENTH, parameters=given, variant=engine.setting, **options)
+        return render(path, camera(), TENTH, parameters=given, variant=engine.word, **options)
 
 
 def one_film(engine: Engine, bands: Bands, samples: int, size: int = 1, touch: Any = None) -> Array:
@@ -166,7 +166,7 @@ def energy(wavelength_nm: float) -> Got:
 def outside(engine: Engine) -> Got:
     """Three bands, the middle one inside the QE curve."""
     bands, nm = np.stack([np.full((2, 2), n) for n in (1e4, 1000.0, 1e4)], axis=-1), [200.0, 550.0, 1100.0]
-    options: Values = {"keep": "electrons", **engine.how}
+    options: dict[str, Any] = {"keep": "electrons", **engine.how}
     frames = expose(bands, camera(), Exposure(0.0), wavelengths_nm=nm, **options)
     alone = expose(bands[..., 1], camera(), Exposure(0.0), **options)
     told = frames.report["outside_qe"]

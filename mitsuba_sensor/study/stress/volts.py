@@ -1,4 +1,4 @@
-"""Volts and codes: source follower noise at every ratio of its times, sense nodes, coupled columns, the converter."""
+"""Volts and codes: source follower noise at every ratio of its times, bent nodes, coupled columns, the converter."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from ...core.exposure import Exposure
 from ...sensor.chain import chain
 from ...sensor.effects.source_follower_noise import CdsNoise, flicker_integral
 from ...sensor.expose import expose
-from ..statistics import Values, standard_error
+from ..statistics import standard_error
 from .case import ONLY_ONCE, SIGMAS, Case, Engine, cases_of, stage_of, table1
 from .got import Got, agree, holds, refusal, relative, together
 
 DIGITS = 120  # A float64 has up to 75 of them, so that even τ_RTN/2 is exact
 EULER_GAMMA = Decimal("0.57721566490153286060651209008240243104215933593992359880576723")  # γ_E (DLMF 5.2.3)
-PAPER: Values = {
+PAPER: dict[str, Any] = {
     "white_nv_per_rthz": 15.0,
     "corner_hz": 1e6,
     "sample_s": 1e-6,
@@ -132,17 +132,17 @@ def follower_cases() -> list[Case]:
 A_SN, V_REF = 5e-6, 3.1
 
 
-def node_of(alpha: float) -> Any:
-    """A sense node with this much of non-linearity."""
+def bent_node(alpha: float) -> Any:
+    """A sense node with this much of a bend."""
     gains = {"readout__sense_gain_uv_per_e": 1e6 * A_SN, "readout__v_ref_v": V_REF}
     name = "nonlinear sense node" if alpha > 1e-100 else "sense node"
     return stage_of(name, **gains, readout__ve_nonlinearity=alpha)
 
 
-def nonlinear(engine: Engine, alpha: float) -> Got:
+def bent(engine: Engine, alpha: float) -> Got:
     """S = −(V_REF/α)·expm1(−α·A_SN·N/V_REF)."""
     electrons = np.concatenate([np.geomspace(1e-3, 2e7, 2000), [1e30]])
-    swing = engine.through([electrons], node_of(alpha), electrons=True)[0]
+    swing = engine.through([electrons], bent_node(alpha), electrons=True)[0]
     exact = -(V_REF / alpha) * np.expm1(-alpha * A_SN * electrons / V_REF)
     rises, top = (np.diff(swing) >= 0).all(), float(swing[-1]) / (V_REF / alpha)
     text = f"rises {'all the way' if rises else 'not'}, ends at {top:.9g} of V_REF/α"
@@ -152,7 +152,7 @@ def nonlinear(engine: Engine, alpha: float) -> Got:
 def inverse(engine: Engine) -> Got:
     """N = −(V_REF/α)/A_SN·log1p(−α·S/V_REF): finite as long as S is below V_REF, and N up to ten full wells."""
     electrons = np.array([0.0, 1.0, 100.0, 33_000.0, 330_000.0])
-    swing = engine.through([electrons], node_of(1.0), electrons=True)[0]
+    swing = engine.through([electrons], bent_node(1.0), electrons=True)[0]
     lost = np.exp(A_SN * electrons / V_REF)  # so many times more roundings where the curve is flatter
     allowed = 8 * engine.unit * np.maximum(electrons * lost, 1.0)
     return agree(-V_REF / A_SN * np.log1p(-swing / V_REF), electrons, allowed, " e-")
@@ -161,7 +161,7 @@ def inverse(engine: Engine) -> Got:
 def straight(engine: Engine, alpha: float) -> Got:
     """A node that next to does not bend, from the datasheet on."""
     electrons = np.linspace(0, 33_000, 200)[None]
-    swing = engine.through(electrons, node_of(alpha), electrons=True)
+    swing = engine.through(electrons, bent_node(alpha), electrons=True)
     return agree(swing, A_SN * electrons, (8 * engine.unit + alpha) * A_SN * 33_000, " V")
 
 
@@ -194,18 +194,15 @@ def node_and_column_cases() -> list[Case]:
     node = partial(cases_of, "sense node", "nonlinear sense node")
     column = partial(cases_of, "coupled columns", "dsnu column")
     closed = "the closed form to 8 roundings, rising, never beyond V_REF/α"
-    infinite, apart = (
-        "refused: at ½ the variance of columns is infinite",
-        "variance 1, ρ₁ = 2a, within 5 standard errors",
-    )
+    walk, apart = "refused: at ½ columns are a random walk", "variance 1, ρ₁ = 2a, within 5 standard errors"
     refused = lambda a: refusal(lambda: table1(readout__dsnu_col_coupling=a), "readout.dsnu_col_coupling is")  # noqa: E731
     return [
-        *node("α = {}, 1e-3 … 2e7 and 1e30 e-", closed, nonlinear, (1e-9, 0.01, 1.0)),
+        *node("α = {}, 1e-3 … 2e7 and 1e30 e-", closed, bent, (1e-9, 0.01, 1.0)),
         *node("α = 1, back from volts", "the electrons, to 8 roundings", inverse),
         *node("α = {}", "linear", straight, (5e-324, 1e-200, 1e-100, 1e-12)),
         *column("a = {}, one impulse", "variance 1, ρ₁ = 2a, to 1e-9", impulse, COUPLINGS, ONLY_ONCE),
         *column("a = {}, 262 144 columns", apart, columns, COUPLINGS),
-        *column("a = {}", infinite, refused, (0.5, 0.49991, 1.0, -1e-9), ONLY_ONCE),
+        *column("a = {}", walk, refused, (0.5, 0.49991, 1.0, -1e-9), ONLY_ONCE),
     ]
 
 
@@ -227,7 +224,7 @@ def resolved(engine: Engine, bits: int, *_: object) -> Got:
 
 
 def rounds(engine: Engine) -> Got:
-    """4 bits, A = 1, black level 2: halves go up, and both ends hold."""
+    """4 bits, A = 1, pedestal 2: halves go up, and both ends hold."""
     swing = [-1e30, -9.0, -2.5, -1.51, -1.5, -0.5, 0.49, 0.5, 12.49, 12.5, 13.0, 99.0, 1e30]
     return agree(engine.through([swing], adc_of(4, 2.0)), [[0, 0, 0, 0, 1, 2, 2, 3, 14, 15, 15, 15, 15]])
 
@@ -262,8 +259,8 @@ def next_to_straight(engine: Engine, sign: str, offset: float) -> Got:
     swing = np.linspace(0.01, 1.0, 50)
     x = math.log1p(offset) * swing
     gamma_held = 2e-9 * abs(offset)  # 1 + 1e-7 is held to 1e-16, so its logarithm to 1e-9 of itself
-    nonlinear = engine.through([swing], bend_of(1 + offset))[0]
-    return relative(nonlinear, swing * (1 - x + x * x / 2), 4 * engine.unit + gamma_held)
+    bent = engine.through([swing], bend_of(1 + offset))[0]
+    return relative(bent, swing * (1 - x + x * x / 2), 4 * engine.unit + gamma_held)
 
 
 def gain_of_one(engine: Engine) -> Got:

@@ -22,7 +22,7 @@ from ...render.denoise import smoothed
 from ...render.passes import Welford
 from ...sensor.chain import chain
 from ..frames import expected_moments
-from ..statistics import Array, Numbers, Values
+from ..statistics import Array
 from ..subject import Subject
 from .per_frame import FEWEST_COMPENSATED, FrameExposure
 from .reference import Target, electrons_of
@@ -43,7 +43,7 @@ class Block:
 
     passes: int
     seconds: float
-    irradiance: Numbers | None
+    irradiance: NDArray[Any] | None
     electrons: Array
     squares: Any = 0.0
 
@@ -60,11 +60,11 @@ class Block:
         return np.asarray(self.squares / (self.passes * (self.passes - 1)))
 
 
-def in_blocks(whole: Callable[[Block], None]) -> Callable[[float, Numbers | None, Array], None]:
+def in_blocks(whole: Callable[[Block], None]) -> Callable[[float, NDArray[Any] | None, Array], None]:
     """Takes passes and joins them into blocks of 1, 2, 4, …; hands each on as it is whole; few are held at a time."""
     waiting: dict[int, Block] = {}
 
-    def take(seconds: float, irradiance: Numbers | None, electrons: Array) -> None:
+    def take(seconds: float, irradiance: NDArray[Any] | None, electrons: Array) -> None:
         block = Block(1, seconds, irradiance, electrons)
         whole(block)
         while (first := waiting.pop(block.passes, None)) is not None:
@@ -84,11 +84,11 @@ class Rung:
         self.squares: dict[str, list[float]] = {}
         self.frames: dict[str, Welford] = {}
 
-    def frame(self, treatment: str, digital: Numbers) -> None:
+    def frame(self, treatment: str, digital: NDArray[Any]) -> None:
         """The frame of one block."""
         self.frames.setdefault(treatment, Welford(digital.shape)).add(digital.astype(np.float64))
 
-    def to_dict(self, shown: NDArray[np.bool_]) -> Values:
+    def to_dict(self, shown: NDArray[np.bool_]) -> dict[str, Any]:
         """Means of seconds and squared errors, and the variance [DN²] between frames of the pixels ``shown``."""
         drawn = {name: one for name, one in self.frames.items() if one.count > 1}
         return {
@@ -115,7 +115,7 @@ class Run:
     framed: FrameExposure | None = None
     smooth: bool = False
 
-    def measure(self) -> dict[str, list[Values]]:
+    def measure(self) -> dict[str, list[dict[str, Any]]]:
         """Rungs of every treatment, the shortest first."""
         self._guides = denoising_guides(self.series.scene) if self.smooth else None
         self._rungs: dict[str, dict[int, Rung]] = {"plain": {}, "denoised": {}}

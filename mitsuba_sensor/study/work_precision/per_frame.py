@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ from ...sensor.compensation import compensable
 from ...sensor.effects.dark_current import mean_dark_e
 from ...sensor.expose import expose
 from ..frames import expected_moments
-from ..statistics import Array, Numbers
+from ..statistics import Array
 from ..subject import Subject
 from .reference import Target
 from .series import Series
@@ -58,7 +59,7 @@ class FrameExposure:
         """Relative standard error of a σ from so many frames of each run, of normal noise."""
         return math.sqrt(0.5 / (self.pixels * (frames - 1) * runs))
 
-    def frame(self, camera: Camera, photons: Photons, run: int, number: int) -> Numbers:
+    def frame(self, camera: Camera, photons: Photons, run: int, number: int) -> NDArray[Any]:
         """The digital numbers of a frame, (H, W). photons : at the given exposure; their variance is compensated."""
         variance_e2 = None if photons.variance_e2 is None else self.share**2 * photons.variance_e2
         light = replace(photons, mean=self.share * photons.mean, variance_e2=variance_e2)

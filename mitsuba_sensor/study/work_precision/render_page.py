@@ -6,8 +6,9 @@ import math
 import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
-from ..page import Line, Mark, MarkedRow, Part, Plot, Section, Table, table
+from ..page import Line, Mark, Part, Plot, Section, Table, table
 from ..statistics import pareto
 from .render import Render
 from .render_results import FRAME_SIGMA, THEORY, WITHIN, Point, Result
@@ -153,7 +154,7 @@ def sigma_diagram(found: Render) -> Plot:
 
 def frames_table(found: Render) -> Table:
     """The same in numbers."""
-    rows: list[MarkedRow] = []
+    rows: list[tuple[Mark, Sequence[Any]]] = []
     for one in found.results:
         by = {name: {point.passes: point for point in one.sigma(name)} for name in FRAMES}
         for passes, plain in by["plain"].items() if one.ladder.framed else ():
@@ -174,7 +175,7 @@ def frames_table(found: Render) -> Table:
 def settings_table(found: Render) -> Table:
     """What was compared."""
     marks: dict[str, Mark] = {"holds": "good", "off": "bad", "": "dim"}
-    rows: list[MarkedRow] = []
+    rows: list[tuple[Mark, Sequence[Any]]] = []
     for result in found.results:
         ladder, top = result.ladder, result.rungs()[-1]
         times = ladder.first_s, 1e3 * result.pass_s, ladder.passes, statistics.median(run["seconds"] for run in top)
@@ -215,7 +216,7 @@ def choice_table(found: Render) -> Table:
 
 def reference_table(found: Render) -> Table:
     """What all was compared with."""
-    rows: list[MarkedRow] = []
+    rows: list[tuple[Mark, Sequence[Any]]] = []
     for kind, own in found.references.items():
         bias = (None, None) if kind == "auto" else own.difference(found.references["auto"])
         errors = (math.sqrt(own.squares[name]) for name in DIAGRAMS)

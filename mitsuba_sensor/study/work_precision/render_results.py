@@ -6,10 +6,11 @@ import math
 import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from ..statistics import Known, Slope, Values, slope_of_runs
+from ..statistics import Slope, slope_of_runs
 from .per_frame import FrameExposure
 from .series import Setting
 
@@ -57,10 +58,10 @@ class Result:
     setting: Setting
     label: str
     ladder: Ladder
-    runs: Sequence[Known]
+    runs: Sequence[Mapping[str, Any]]
     own: Mapping[str, float]
 
-    def rungs(self, treatment: str = "plain") -> list[list[Values]]:
+    def rungs(self, treatment: str = "plain") -> list[list[dict[str, Any]]]:
         """Rung by rung, what every run has."""
         return [list(rung) for rung in zip(*(run.get(treatment, []) for run in self.runs), strict=True)]
 

@@ -15,7 +15,7 @@ from ...core import arrays
 from ...core.backend import Backend
 from ...sensor.run import choose_backend
 from ..frames import BACKENDS
-from ..statistics import Array, Values
+from ..statistics import Array
 from .poisson_law import law_of, law_of_counts
 
 EXACT, QUANTILE, GAUSSIAN, MEAN_ONLY, GENERATOR = "exact", "quantile", "Gaussian", "mean only", "NumPy Generator"
@@ -99,7 +99,7 @@ def counts_of(backend: Backend, bits: NDArray[np.uint32], mean: float) -> Array:
     return np.broadcast_to(np.asarray(counts, dtype=np.float64), bits.shape)
 
 
-def drawn_law(setting: Setting, mean: float) -> Values:
+def drawn_law(setting: Setting, mean: float) -> dict[str, Any]:
     """The law that a sampler draws at a mean [events], rounded to float32: every engine is given the same."""
     held, backend = float(np.float32(mean)), setting.backend()
     if setting.sampler == GENERATOR:

@@ -32,7 +32,7 @@ from ..frames import (
     resized,
 )
 from ..kit import Kit, Step, one_turn
-from ..statistics import Array, Numbers, Values
+from ..statistics import Array
 from .samplers import EXACT, GAUSSIAN, GENERATOR, MEAN_ONLY, QUANTILE, REFERENCE, Setting, drawn_law
 
 ENGINES = ("numpy", "drjit", "cuda")
@@ -142,7 +142,7 @@ class Sensor:
         found: Plan = self.once(("plan", tolerance_dn), make)
         return found
 
-    def _planned(self, tolerance_dn: float) -> Values:
+    def _planned(self, tolerance_dn: float) -> dict[str, Any]:
         """What the plan leaves out, and the precision that it asks for."""
         found = self._plan(tolerance_dn)
         kept = {stage.label for stage in found.stages}
@@ -171,7 +171,7 @@ class Sensor:
                 self.first(setting)
         return one_turn({setting.name: self._streams[setting.name].turn for setting in self.settings}, number)
 
-    def frame(self, setting: Setting) -> Numbers:
+    def frame(self, setting: Setting) -> NDArray[Any]:
         """The first large frame (H, W) [DN]."""
         stream = self._stream(setting)
         try:
@@ -182,8 +182,8 @@ class Sensor:
     def pixels(self, setting: Setting) -> dict[str, float]:
         """One frame against the reference's; share_of_numpy : of the pixels that differ from NumPy float32."""
         frame, reference = self.frame(setting), self.once("reference", partial(self.frame, REFERENCE))
-        single = self.frame(replace(setting, engine="numpy")) if setting.compiled else frame
-        return {**pixel_difference(frame, reference), "share_of_numpy": float(np.mean(frame != single))}
+        twin = self.frame(replace(setting, engine="numpy")) if setting.compiled else frame
+        return {**pixel_difference(frame, reference), "share_of_numpy": float(np.mean(frame != twin))}
 
     def _expected(self, tolerance_dn: float | None) -> Array:
         photons = self.once(("light", SMALL), partial(resized, self.photons, SMALL))
@@ -197,7 +197,7 @@ class Sensor:
         order = np.argsort(self._expected(None)[0], axis=None, kind="stable")
         return {f"level {k + 1}": group for k, group in enumerate(np.array_split(order, LEVELS))}
 
-    def theory(self, tolerance_dn: float | None) -> Values:
+    def theory(self, tolerance_dn: float | None) -> dict[str, Any]:
         """Moments of each light level, and what leaving stages out changes at most in any pixel [DN]."""
         expected = self._expected(tolerance_dn)
         worst_dn = float(np.abs(in_dn(expected, self._expected(None))).max())

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from ..page import Line, Mark, MarkedRow, Plot, Section, Table, table
-from ..statistics import Known
+from ..page import Line, Mark, Plot, Section, Table, table
 from . import sensor as measured
 from .samplers import GAUSSIAN, GENERATOR, QUANTILE, REFERENCE, SAMPLERS, Setting
 from .sensor_results import LEAST_DN, Planned, Results, Row
@@ -75,13 +74,13 @@ def _advice(results: Results, plan: Planned) -> str:
 
 def _engines(results: Results) -> Iterator[str]:
     """Every compiled engine against NumPy in float32."""
-    numpy = results.row(SINGLE)
+    twin = results.row(SINGLE)
     for row in results.rows:
         if row.setting.compiled and row.setting == replace(SINGLE, engine=row.setting.engine):
             yield (
                 f"The whole chain takes {row.ns.median:.3g} ns/pixel on {row.setting.engine}, "
-                f"{row.times_faster(numpy):.3g} times as fast as NumPy float32 ({numpy.ns.median:.3g}); their first "
-                f"frames took {row.first_s:.2g} and {numpy.first_s:.2g} s."
+                f"{row.times_faster(twin):.3g} times as fast as NumPy float32 ({twin.ns.median:.3g}); their first "
+                f"frames took {row.first_s:.2g} and {twin.first_s:.2g} s."
             )
     for engine, problem in results.absent.items():
         yield f"The engine {engine} is not here: {problem}."
@@ -102,7 +101,7 @@ def _samplers(results: Results) -> str:
 
 def what_to_take(results: Results) -> Table:
     """The recommendation for every tolerance."""
-    rows: list[MarkedRow] = []
+    rows: list[tuple[Mark, Sequence[Any]]] = []
     for plan in results.plans:
         row = results.recommended(plan)
         times = row.ns.median, row.times_faster(results.reference)
@@ -145,7 +144,7 @@ def settings_table(results: Results) -> Table:
         "pixels that differ [%] | largest [DN] | rms [DN] | pixels that differ from NumPy float32 [%] | "
         "change of the moments [DN] | ± [DN] | distance from theory [DN] | ± [DN]"
     )
-    rows: list[MarkedRow] = []
+    rows: list[tuple[Mark, Sequence[Any]]] = []
     for i, row in enumerate(results.rows):
         best: Mark = "best" if i in results.front else ""
         rows.append((best if row.setting.offered else "dim", _settings_row(results, row)))
@@ -164,10 +163,10 @@ def settings_table(results: Results) -> Table:
 
 def _settings_row(results: Results, row: Row) -> tuple[Any, ...]:
     pixels = row.pixels or {}
-    share, differing = pixels.get("share_of_pixels"), pixels.get("share_of_numpy")
+    share, twin = pixels.get("share_of_pixels"), pixels.get("share_of_numpy")
     times = row.ns.median, f"{row.ns.low:.3g} … {row.ns.high:.3g}", row.times_faster(results.reference), row.first_s
     steps = None if share is None else 100 * share, pixels.get("largest_dn"), pixels.get("rms_dn")
-    differ = 100 * differing if differing is not None and row.setting.compiled else None
+    differ = 100 * twin if twin is not None and row.setting.compiled else None
     return (row.setting.name, *times, *steps, differ, *row.change.worst[:2], *row.theory.worst[:2])
 
 
@@ -184,7 +183,7 @@ def plans_plot(results: Results) -> Plot:
 
 def plans_table(results: Results) -> Table:
     """Every plan: what it leaves out, what theory and frames say of it, what it saves."""
-    rows: list[MarkedRow] = []
+    rows: list[tuple[Mark, Sequence[Any]]] = []
     for plan in results.plans:
         for row in (row for row in results.rows if row.setting.tolerance_dn == plan.tolerance_dn):
             saved, name = results.saved(row), f"{row.setting.engine} {row.setting.precision}"
@@ -203,7 +202,7 @@ def plans_table(results: Results) -> Table:
     )
 
 
-Laws = Mapping[float, Known]
+Laws = Mapping[float, Mapping[str, Any]]
 
 
 def distinct_laws(results: Results) -> list[tuple[str, Laws]]:

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from ...sensor.precision import LARGEST_DN, SHARE
 from ..frames import MOMENTS, QUANTITIES, in_dn
 from ..kit import Spread, ratio, spread
-from ..statistics import Array, Known, pareto, t_limit
+from ..statistics import Array, pareto, t_limit
 from . import sensor as measured
 from .samplers import QUANTILE, REFERENCE, Setting
 from .sensor import Sensor, theory_key
@@ -51,7 +52,7 @@ class Change:
         return bool((np.abs(self.value_dn) <= tolerance_dn + self.limit * self.error_dn).all())
 
 
-Levels = Mapping[str, Known]
+Levels = Mapping[str, Mapping[str, Any]]
 """By light level and moment: one value per sensor, or one in theory."""
 
 
@@ -85,7 +86,7 @@ class Row:
     turns_ns : per pixel, in each turn.  first_s : until the first frame.
     pixels : one frame against the reference's; None where the random bits are not the same.
     change : from the reference.  of_plan : from the whole chain in the same precision.  theory : from the moments of
-        its own stages. All three are those of NumPy in float32 for a compiled engine.
+        its own stages. All three are those of NumPy's twin for a compiled engine.
     """
 
     setting: Setting
@@ -144,7 +145,7 @@ class Results:
         self._kit = kit = sensor.kit
         self.rows = tuple(self._row(setting) for setting in sensor.settings)
         self.plans = tuple(self._planned(float(dn)) for dn in sensor.tolerances_dn)
-        self.laws: dict[str, dict[float, Known]] = {
+        self.laws: dict[str, dict[float, Mapping[str, Any]]] = {
             one.name: {mean: kit[f"Poisson law, mean {mean:g}: {one.name}"] for mean in measured.MEANS}
             for one in sensor.settings
             if one.tolerance_dn is None

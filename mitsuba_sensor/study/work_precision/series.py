@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...core.errors import InputError
 from ...core.signals import Photons
@@ -22,7 +23,7 @@ from ...render.photons import photons_per_irradiance
 from ...render.scene import Scene
 from ...render.stop_criterion import PASS_SPP, StopCriterion
 from ...render.variants import Variant, choose_variant, mitsuba
-from ..statistics import Array, Numbers
+from ..statistics import Array
 from ..subject import Subject
 
 SAMPLERS = {"independent": 16, "stratified": 16, "orthogonal": 25, "ldsampler": 16}
@@ -73,7 +74,7 @@ class Layers:
     detected: bool
     origin: tuple[int, int]
 
-    def light(self, irradiance: Numbers | None, electrons: Array) -> Photons:
+    def light(self, irradiance: NDArray[Any] | None, electrons: Array) -> Photons:
         """The light as :func:`mitsuba_sensor.collect` has it; of channels each pixel's own electrons."""
         if self.detected or irradiance is None:
             mean = np.repeat(electrons[..., None], self.wavelengths_nm.size, axis=-1)

@@ -13,9 +13,7 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.sensor.chain import chain
-from mitsuba_sensor.sensor.effects.dsnu_column import DsnuColumn
-from mitsuba_sensor.sensor.effects.dsnu_pixel import DsnuPixel
-from mitsuba_sensor.sensor.effects.dsnu_row import DsnuRow
+from mitsuba_sensor.sensor.effects.dsnu import DsnuColumn, DsnuPixel, DsnuRow
 from mitsuba_sensor.sensor.effects.prnu_column import PrnuColumn
 from mitsuba_sensor.sensor.gains import gain_dn_per_e
 
