@@ -76,6 +76,6 @@ class ExposeOptions(SensorOptions, ArrayOptions, total=False):
 
 
 class GradientOptions(MapOptions, ArrayOptions, total=False):
-    """All options of :func:`differentiable`."""
+    """All options of :func:`mitsuba_sensor.sensor.gradient.differentiable`."""
 
     engine: Annotated[Literal["drjit", "cuda"], Option("The compiled backend that computes the derivatives.", "drjit")]
