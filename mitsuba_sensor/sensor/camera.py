@@ -14,9 +14,8 @@ from pydantic import Field, PrivateAttr, ValidationError, create_model, model_va
 
 from ..core.errors import InputError, nearest
 from .chain import ORDER, chain
-from .datasheet import PixelGeometry, Section, SensorSection, Table
+from .datasheet import CameraTable, PixelGeometry, Section, SensorSection
 from .datasheet_errors import fields_of, sentence
-from .effects.quantum_efficiency import SpectralCurve
 from .lens_datasheet import LensSection
 from .stage import Chain, Stage
 
@@ -24,21 +23,21 @@ QE_WAYS = ("value", "file", "curves")
 SHIPPED = resources.files(__package__) / "cameras"
 
 
-def _table(name: str, description: str, base: type[Table] = Table) -> type[Table]:
+def _table(name: str, description: str, base: type[CameraTable] = CameraTable) -> type[CameraTable]:
     """The table of this name with the fields of every effect that belong there, in the order of the chain."""
     kinds = dict.fromkeys(effect.fields for effect in ORDER if effect.fields is not None and effect.table == name)
     bases: Any = (*reversed(kinds), base)  # pydantic takes the fields of the last base first
-    title = f"{name.title().replace('_', '')}Table"
-    return cast(type[Table], create_model(title, __base__=bases, __doc__=description))
+    title = f"{name.title().replace('_', '')}CameraTable"
+    return cast(type[CameraTable], create_model(title, __base__=bases, __doc__=description))
 
 
 if TYPE_CHECKING:
     PixelTable: TypeAlias = PixelGeometry
-    QuantumEfficiencyTable: TypeAlias = Table
-    DarkCurrentTable: TypeAlias = Table
-    SourceFollowerTable: TypeAlias = Table
-    ReadoutTable: TypeAlias = Table
-    AdcTable: TypeAlias = Table
+    QuantumEfficiencyTable: TypeAlias = CameraTable
+    DarkCurrentTable: TypeAlias = CameraTable
+    SourceFollowerTable: TypeAlias = CameraTable
+    ReadoutTable: TypeAlias = CameraTable
+    AdcTable: TypeAlias = CameraTable
 else:
     PixelTable = _table("pixel", "One pixel.", PixelGeometry)
     QuantumEfficiencyTable = _table("quantum_efficiency", "Electrons per photon, and the colour filters.")
@@ -64,7 +63,7 @@ class Camera(Section):
     sources: dict[str, str] = Field(
         default_factory=dict,
         description="dotted field → where its number comes from",
-        examples=[{"adc.bits": "Table 1"}],
+        examples=[{"adc.bits": "CameraTable 1"}],
     )
     _added: tuple[tuple[str, Stage], ...] = PrivateAttr(())
 
@@ -133,12 +132,6 @@ class Camera(Section):
         """The signal chain of this camera, from photons to digital numbers."""
         return chain(self)
 
-    @cached_property
-    def curves(self) -> tuple[SpectralCurve, ...]:
-        """One QE curve per colour filter, in the order of :attr:`filter_names`."""
-        section = self.quantum_efficiency
-        return tuple(SpectralCurve(section.wavelengths_nm, section.curves[name]) for name in self.filter_names)
-
     @property
     def filter_names(self) -> tuple[str, ...]:
         """Names of the colour filters; one for a monochrome camera."""
@@ -147,8 +140,7 @@ class Camera(Section):
     @property
     def tile(self) -> tuple[tuple[int, ...], ...]:
         """Rows of filter numbers that repeat over the sensor."""
-        rows = self.quantum_efficiency.tile or ((self.filter_names[0],),)
-        return tuple(tuple(self.filter_names.index(name) for name in row) for row in rows)
+        return tuple(self.quantum_efficiency.filter_tile)
 
     @property
     def band_nm(self) -> tuple[float, float]:
@@ -162,7 +154,13 @@ class Camera(Section):
 
     def qe(self, wavelengths_nm: ArrayLike) -> NDArray[np.float64]:
         """Quantum efficiency of every filter at (B,) wavelengths, (F, B)."""
-        return np.array([curve.at(wavelengths_nm) for curve in self.curves])
+        section = self.quantum_efficiency
+        return np.array(
+            [
+                np.interp(np.asarray(wavelengths_nm), section.wavelengths_nm, curve, 0.0, 0.0)
+                for curve in section.curves.values()
+            ]
+        )
 
     def filter_index(self, shape: tuple[int, int], origin: tuple[int, int] = (0, 0)) -> NDArray[np.intp]:
         """Filter number of every pixel of a window, (H, W)."""

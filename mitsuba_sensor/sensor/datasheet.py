@@ -21,7 +21,7 @@ class Section(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-class Table(Section):
+class CameraTable(Section):
     """A table of a camera file whose fields come from the effects of the chain (Camera puts them together)."""
 
     if TYPE_CHECKING:
@@ -49,7 +49,7 @@ class SensorSection(Section):
         return self
 
 
-class PixelGeometry(Table):
+class PixelGeometry(CameraTable):
     """One pixel."""
 
     pitch_x_um: Positive = Field(description="width of a pixel [µm]", examples=[5.7])

@@ -35,7 +35,6 @@ KEEP = ("photons", "photoelectrons", "dark_electrons", "electrons", "volts")
 """Intermediate signals that ``expose(keep=…)`` can return: mean photons of all bands, electrons that light and dark
 current left in the well, their sum [e-], swing at the converter [V]."""
 
-
 COUNTABLE = 2**24
 """Whole numbers up to here are whole in float32: electrons of a full well, digital numbers."""
 
@@ -197,13 +196,11 @@ class PreparedExposure:
         return Frames(kept.pop("digital"), self.camera, self._light, self._on_numpy, self.stages, **kept)
 
 
+Pair = tuple[int, int]
+
+
 def prepared(
-    photons: Photons | ArrayLike,
-    camera: Camera,
-    exposure: Exposure,
-    seeds: tuple[int, int],
-    numbers: tuple[int, int],
-    options: ExposeOptions,
+    photons: Any, camera: Camera, exposure: Exposure, seeds: Pair, numbers: Pair, options: ExposeOptions
 ) -> PreparedExposure:
     """An exposure with its light.  seeds : seed and serial.  numbers : first frame and how many. Raises InputError."""
     check_types(camera, exposure)
@@ -215,13 +212,7 @@ def prepared(
 
 
 def prepare_exposure(
-    camera: Camera,
-    exposure: Exposure,
-    shape: tuple[int, int],
-    origin: tuple[int, int],
-    seeds: tuple[int, int],
-    numbers: tuple[int, int],
-    options: ExposeOptions,
+    camera: Camera, exposure: Exposure, shape: Pair, origin: Pair, seeds: Pair, numbers: Pair, options: ExposeOptions
 ) -> PreparedExposure:
     """Check all that does not depend on the light, and build the chain.
 

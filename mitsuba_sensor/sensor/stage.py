@@ -10,7 +10,7 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import ClassVar, Literal, Protocol
 
 import numpy as np
 
@@ -19,10 +19,7 @@ from ..core.moments import Moments
 from ..core.sensor_window import SensorWindow
 from ..core.signals import Electrons, Photons
 from ..core.types import Array
-from .datasheet import Section
-
-if TYPE_CHECKING:
-    from .camera import Camera
+from .datasheet import CameraTable, PixelGeometry, Section, SensorSection
 
 Domain = Literal["photons", "electrons", "volts", "DN"]
 
@@ -31,6 +28,25 @@ UNITS: dict[Domain, str] = {"photons": "photons", "electrons": "e-", "volts": "V
 
 def _spaced(name: str, gap: str) -> str:
     return re.sub(r"(?<!^)(?=[A-Z])", gap, name).lower()
+
+
+class Datasheet(Protocol):
+    """The tables of a camera file, as the effects read them."""
+
+    @property
+    def sensor(self) -> SensorSection: ...
+    @property
+    def pixel(self) -> PixelGeometry: ...
+    @property
+    def quantum_efficiency(self) -> CameraTable: ...
+    @property
+    def dark_current(self) -> CameraTable: ...
+    @property
+    def source_follower(self) -> CameraTable: ...
+    @property
+    def readout(self) -> CameraTable: ...
+    @property
+    def adc(self) -> CameraTable: ...
 
 
 class Stage(ABC):
@@ -63,7 +79,7 @@ class Stage(ABC):
             cls.label = _spaced(cls.__name__, " ")
 
     @classmethod
-    def from_camera(cls, camera: Camera, before: tuple[Stage, ...]) -> Stage | None:
+    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> Stage | None:
         """The stage with this camera's parameters, or None where the camera does not have the effect.
 
         before : the stages in front of it.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import accumulate
-from typing import TYPE_CHECKING, Annotated, ClassVar, Self
+from typing import Annotated, ClassVar, Self
 
 from pydantic import Field, model_validator
 
@@ -17,10 +17,7 @@ from ...core.sensor_window import SensorWindow
 from ...core.types import Array
 from ..datasheet import NotNegative, Positive, Section
 from ..gains import adc_gain_dn_per_v
-from ..stage import Converter, Stage, propagate
-
-if TYPE_CHECKING:
-    from ..camera import Camera
+from ..stage import Converter, Datasheet, Stage, propagate
 
 BLACK_LEVEL_AT = Exposure(time_s=0.0, temperature_k=298.15)
 """The default black level holds the noise of this exposure."""
@@ -67,7 +64,7 @@ class Adc(Converter):
     label = "ADC"
 
     @classmethod
-    def from_camera(cls, camera: Camera, before: tuple[Stage, ...]) -> Converter:
+    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> Converter:
         """With steps of unequal width where the datasheet has a DNL table."""
         plain = (camera.adc.bits, adc_gain_dn_per_v(camera), default_black_level_dn(camera, before))
         if not camera.adc.dnl_lsb:
@@ -144,7 +141,7 @@ class AdcWithDnl(Adc):
         return tuple(k - 0.5 + inl for k, inl in enumerate(self._inl) if k)
 
 
-def default_black_level_dn(camera: Camera, before: tuple[Stage, ...]) -> float:
+def default_black_level_dn(camera: Datasheet, before: tuple[Stage, ...]) -> float:
     """As given, else 4σ of a zero exposure, rounded up, but never above 1/8 of the range [DN].
 
     before : the stages in front of the converter.

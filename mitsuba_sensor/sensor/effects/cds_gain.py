@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from pydantic import Field
 
 from ..datasheet import Positive, Section
-from ..stage import LinearGain, Stage
-
-if TYPE_CHECKING:
-    from ..camera import Camera
+from ..stage import Datasheet, LinearGain, Stage
 
 
 class CdsGainFields(Section):
@@ -30,6 +26,6 @@ class CdsGain(LinearGain):
     label = "CDS gain"
 
     @classmethod
-    def from_camera(cls, camera: Camera, before: tuple[Stage, ...]) -> CdsGain:
+    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> CdsGain:
         """The gain of the datasheet."""
         return cls(camera.readout.cds_gain)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -19,10 +19,7 @@ from ..dark_current_models import DarkCurrentModel, Doubling, FigureOfMerit, Mea
 from ..datasheet import MapCoupling, NotNegative, Positive, Section
 from ..fpn_distributions import Autoregressive, FpnDistribution, Gamma, Gaussian, Logistic, LogNormal, Wald
 from ..gains import gain_dn_per_e
-from ..stage import Stage, cut_to_zero
-
-if TYPE_CHECKING:
-    from ..camera import Camera
+from ..stage import Datasheet, Stage, cut_to_zero
 
 DISTRIBUTIONS = {"gaussian": Gaussian, "lognormal": LogNormal, "gamma": Gamma, "wald": Wald, "logistic": Logistic}
 
@@ -89,7 +86,7 @@ class DarkCurrent(Stage):
     paper = "eq. 1–6, 16, 18"
 
     @classmethod
-    def from_camera(cls, camera: Camera, before: tuple[Stage, ...]) -> DarkCurrent:
+    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> DarkCurrent:
         """Temperature model, distribution and superimposed components of the datasheet."""
         dark = camera.dark_current
         distribution = Autoregressive(dark.cv, dark.coupling) if dark.distribution == "ar" else None
@@ -131,12 +128,12 @@ class DarkCurrent(Stage):
         return cut_to_zero(maps, "dark_fpn")
 
 
-def mean_dark_e(camera: Camera, exposure: Exposure) -> float:
+def mean_dark_e(camera: Datasheet, exposure: Exposure) -> float:
     """Mean dark electrons of a pixel of the main component in one exposure."""
     return exposure.time_s * dark_current_model(camera).rate_e_per_s(exposure.temperature_k)
 
 
-def dark_current_model(camera: Camera) -> DarkCurrentModel:
+def dark_current_model(camera: Datasheet) -> DarkCurrentModel:
     """How this camera's dark current follows the temperature."""
     dark = camera.dark_current
     area_cm2 = camera.pixel.pitch_x_um * camera.pixel.pitch_y_um * 1e-8
@@ -148,7 +145,7 @@ def dark_current_model(camera: Camera) -> DarkCurrentModel:
     return Measured(rate, at) if dark.doubling_k is None else Doubling(rate, at, dark.doubling_k)
 
 
-def dark_components(camera: Camera) -> tuple[DarkComponent, ...]:
+def dark_components(camera: Datasheet) -> tuple[DarkComponent, ...]:
     """The superimposed dark signals, in electrons."""
     unit = {"e": 1.0, "e_per_s": 1.0, "dn": 1 / gain_dn_per_e(camera)}
     return tuple(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import ClassVar, Self
 
 from pydantic import Field
 
@@ -15,10 +15,7 @@ from ...core.sensor_window import SensorWindow
 from ...core.types import Array
 from ..datasheet import Chance, LineCoupling, MapCoupling, NotNegative, Section
 from ..gains import sense_gain_v_per_e
-from ..stage import Stage
-
-if TYPE_CHECKING:
-    from ..camera import Camera
+from ..stage import Datasheet, Stage
 
 
 class DsnuColumnFields(Section):
@@ -62,7 +59,7 @@ class FixedOffset(Stage):
     source: ClassVar[str]
 
     @classmethod
-    def of(cls, camera: Camera, sigma_e: float, coupling: float, residual: float = 1.0) -> Self | None:
+    def of(cls, camera: Datasheet, sigma_e: float, coupling: float, residual: float = 1.0) -> Self | None:
         """None for a CCD, which has one amplifier."""
         per_e = sense_gain_v_per_e(camera) * camera.source_follower.gain
         return None if camera.sensor.technology == "ccd" else cls(sigma_e, per_e, coupling, residual)
@@ -103,7 +100,7 @@ class DsnuColumn(FixedOffset):
     label = "DSNU column"
 
     @classmethod
-    def from_camera(cls, camera: Camera, before: tuple[Stage, ...]) -> DsnuColumn | None:
+    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> DsnuColumn | None:
         """σ is a fraction of the full well. None for a CCD."""
         readout = camera.readout
         return cls.of(
@@ -126,7 +123,7 @@ class DsnuRow(FixedOffset):
     label = "DSNU row"
 
     @classmethod
-    def from_camera(cls, camera: Camera, before: tuple[Stage, ...]) -> DsnuRow | None:
+    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> DsnuRow | None:
         """σ is a fraction of the full well. None for a CCD."""
         return cls.of(camera, camera.readout.dsnu_row * camera.pixel.full_well_e, camera.readout.dsnu_row_coupling)
 
@@ -146,7 +143,7 @@ class DsnuPixel(FixedOffset):
     label = "DSNU pixel"
 
     @classmethod
-    def from_camera(cls, camera: Camera, before: tuple[Stage, ...]) -> DsnuPixel | None:
+    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> DsnuPixel | None:
         """None for a CCD."""
         pixel = camera.pixel
         return cls.of(camera, pixel.dsnu_e, pixel.dsnu_coupling, camera.readout.dsnu_residual)

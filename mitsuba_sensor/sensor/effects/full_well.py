@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field
@@ -14,10 +14,7 @@ from ...core.moments import Moments
 from ...core.signals import Electrons
 from ...core.types import Array
 from ..datasheet import Section
-from ..stage import Stage
-
-if TYPE_CHECKING:
-    from ..camera import Camera
+from ..stage import Datasheet, Stage
 
 
 class FullWellFields(Section):
@@ -39,7 +36,7 @@ class FullWell(Stage):
     paper = "text after eq. 26"
 
     @classmethod
-    def from_camera(cls, camera: Camera, before: tuple[Stage, ...]) -> FullWell:
+    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> FullWell:
         """The saturation capacity of the datasheet."""
         return cls(camera.pixel.full_well_e)
 

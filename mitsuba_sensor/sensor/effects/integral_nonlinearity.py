@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, ClassVar, Self
+from typing import Annotated, ClassVar, Self
 
 from pydantic import Field, model_validator
 
@@ -14,10 +14,7 @@ from ...core.special import largest, root
 from ...core.types import Array
 from ..datasheet import Section
 from ..gains import full_scale_v
-from ..stage import Stage
-
-if TYPE_CHECKING:
-    from ..camera import Camera
+from ..stage import Datasheet, Stage
 
 
 class IntegralNonlinearityFields(Section):
@@ -54,7 +51,7 @@ class IntegralNonlinearity(Stage):
     paper = "eq. 36–38"
 
     @classmethod
-    def from_camera(cls, camera: Camera, before: tuple[Stage, ...]) -> IntegralNonlinearity | None:
+    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> IntegralNonlinearity | None:
         """None for a straight converter."""
         adc = camera.adc
         gamma = gamma_of_ile(adc.ile) if adc.ile is not None else adc.gamma

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from pydantic import Field
 
@@ -15,10 +15,7 @@ from ...core.signals import Electrons
 from ...core.types import Array
 from ..datasheet import MapCoupling, NotNegative, Section
 from ..fpn_distributions import AutoregressiveRectified, FpnDistribution, LogNormal, Rectified
-from ..stage import Stage, cut_to_zero
-
-if TYPE_CHECKING:
-    from ..camera import Camera
+from ..stage import Datasheet, Stage, cut_to_zero
 
 
 class PrnuFields(Section):
@@ -46,7 +43,7 @@ class Prnu(Stage):
     label = "PRNU"
 
     @classmethod
-    def from_camera(cls, camera: Camera, before: tuple[Stage, ...]) -> Prnu:
+    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> Prnu:
         """The distribution of the gains that the datasheet names."""
         pixel = camera.pixel
         if pixel.prnu_distribution == "ar":

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 from pydantic import Field
 
@@ -13,10 +12,7 @@ from ...core.moments import Moments
 from ...core.sensor_window import SensorWindow
 from ...core.types import Array
 from ..datasheet import LineCoupling, NotNegative, Section
-from ..stage import Stage, cut_to_zero
-
-if TYPE_CHECKING:
-    from ..camera import Camera
+from ..stage import Datasheet, Stage, cut_to_zero
 
 
 class PrnuColumnFields(Section):
@@ -42,7 +38,7 @@ class PrnuColumn(Stage):
     label = "PRNU column"
 
     @classmethod
-    def from_camera(cls, camera: Camera, before: tuple[Stage, ...]) -> PrnuColumn | None:
+    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> PrnuColumn | None:
         """None for a CCD, which has one amplifier."""
         if camera.sensor.technology == "ccd":
             return None

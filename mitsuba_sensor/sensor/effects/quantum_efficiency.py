@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import Field, ValidationInfo, model_validator
 
@@ -16,10 +16,7 @@ from ...core.signals import Electrons, Photons
 from ...core.types import Array
 from ..datasheet import Chance, Positive, Section
 from ..qe_file import read_curves
-from ..stage import Stage
-
-if TYPE_CHECKING:
-    from ..camera import Camera
+from ..stage import Datasheet, Stage
 
 Fractions = tuple[Annotated[float, Field(ge=0, le=1, strict=True)], ...]
 
@@ -84,6 +81,12 @@ class QuantumEfficiencyFields(Section):
                     raise ValueError(f"tile names {name!r}, which has no curve; there are {sorted(self.curves)}")
         return self
 
+    @property
+    def filter_tile(self) -> tuple[tuple[int, ...], ...]:
+        """The tile as numbers of curves."""
+        names = tuple(self.curves)
+        return tuple(tuple(names.index(name) for name in row) for row in self.tile or (names[:1],))
+
 
 def _plausible(value: Any) -> bool:
     """Whether a QE is absent or a fraction."""
@@ -125,11 +128,12 @@ class QuantumEfficiency(Stage):
     required: ClassVar[bool] = True
 
     @classmethod
-    def from_camera(cls, camera: Camera, before: tuple[Stage, ...]) -> QuantumEfficiency:
+    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> QuantumEfficiency:
         """The camera's curves, and its quantum yield where that is not one."""
         section = camera.quantum_efficiency
+        curves = tuple(SpectralCurve(section.wavelengths_nm, curve) for curve in section.curves.values())
         burst = SpectralCurve(section.wavelengths_nm, section.quantum_yield) if section.quantum_yield else None
-        return cls(camera.curves, camera.tile, section.reference_nm, burst)
+        return cls(curves, section.filter_tile, section.reference_nm, burst)
 
     def sample(self, photons: Photons, frame: Frame) -> Electrons:
         """Mean photons (H, W) or (H, W, B) → mean photoelectrons (H, W); with a yield, mean interactions."""

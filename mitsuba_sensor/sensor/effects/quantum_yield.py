@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import Field, model_validator
 
@@ -12,10 +12,7 @@ from ...core.frame import Frame
 from ...core.moments import Moments
 from ...core.signals import Electrons
 from ..datasheet import Chance, Section
-from ..stage import Stage
-
-if TYPE_CHECKING:
-    from ..camera import Camera
+from ..stage import Datasheet, Stage
 
 
 class QuantumYieldFields(Section):
@@ -48,7 +45,7 @@ class QuantumYield(Stage):
     even_codes: ClassVar[bool] = False
 
     @classmethod
-    def from_camera(cls, camera: Camera, before: tuple[Stage, ...]) -> QuantumYield | None:
+    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> QuantumYield | None:
         """None where the datasheet has no yield."""
         section = camera.quantum_efficiency
         return cls(section.fano_factor) if section.quantum_yield else None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from pydantic import Field
 
@@ -15,10 +15,7 @@ from ...core.types import Array
 from ...core.units import BOLTZMANN_J_PER_K, ELEMENTARY_CHARGE_C
 from ..datasheet import Chance, Section
 from ..gains import sense_gain_v_per_e
-from ..stage import Stage
-
-if TYPE_CHECKING:
-    from ..camera import Camera
+from ..stage import Datasheet, Stage
 
 RESET_RESIDUAL = {"hard": 1.0, "soft": math.sqrt(0.5), "true_cds": 0.0}
 """What is left of the kTC noise (paper, sense node reset noise; soft reset: Pain et al. 2000)."""
@@ -50,7 +47,7 @@ class ResetNoise(Stage):
     paper = "eq. 7, 27, 30"
 
     @classmethod
-    def from_camera(cls, camera: Camera, before: tuple[Stage, ...]) -> ResetNoise | None:
+    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> ResetNoise | None:
         """None for a CCD, whose true CDS takes all of it away."""
         if camera.sensor.technology == "ccd":
             return None

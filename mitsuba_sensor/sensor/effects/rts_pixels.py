@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field
@@ -16,10 +16,7 @@ from ...core.sensor_window import SensorWindow
 from ...core.signals import Electrons
 from ...core.types import Array
 from ..datasheet import Chance, NotNegative, Section
-from ..stage import Stage
-
-if TYPE_CHECKING:
-    from ..camera import Camera
+from ..stage import Datasheet, Stage
 
 
 class RtsFields(Section):
@@ -54,7 +51,7 @@ class RtsPixels(Stage):
     label = "RTS pixels"
 
     @classmethod
-    def from_camera(cls, camera: Camera, before: tuple[Stage, ...]) -> RtsPixels | None:
+    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> RtsPixels | None:
         """None for a camera without such pixels."""
         dark = camera.dark_current
         if not dark.rts_fraction:

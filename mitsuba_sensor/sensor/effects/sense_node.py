@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import ClassVar, Self
 
 from pydantic import Field, model_validator
 
@@ -14,10 +14,7 @@ from ...core.signals import Electrons
 from ...core.types import Array
 from ..datasheet import Chance, Positive, Section
 from ..gains import sense_gain_v_per_e
-from ..stage import Stage
-
-if TYPE_CHECKING:
-    from ..camera import Camera
+from ..stage import Datasheet, Stage
 
 LINEAR_BELOW = 1e-100
 """V/e non-linearities below this are none: 1/α would overflow, and nothing bends."""
@@ -58,7 +55,7 @@ class SenseNode(Stage):
     required: ClassVar[bool] = True
 
     @classmethod
-    def from_camera(cls, camera: Camera, before: tuple[Stage, ...]) -> Stage:
+    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> Stage:
         """Linear, unless the datasheet has a V/e non-linearity."""
         gain, readout = sense_gain_v_per_e(camera), camera.readout
         if readout.ve_nonlinearity > LINEAR_BELOW:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -13,10 +13,7 @@ from ...core.moments import Moments
 from ...core.signals import Electrons
 from ...core.types import Array
 from ..compensation import compensable, counted
-from ..stage import Stage
-
-if TYPE_CHECKING:
-    from ..camera import Camera
+from ..stage import Datasheet, Stage
 
 
 @dataclass(frozen=True)
@@ -34,7 +31,7 @@ class ShotNoise(Stage):
     counts_electrons: ClassVar[bool] = True
 
     @classmethod
-    def from_camera(cls, camera: Camera, before: tuple[Stage, ...]) -> ShotNoise:
+    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> ShotNoise:
         """Every camera has it."""
         return cls()
 

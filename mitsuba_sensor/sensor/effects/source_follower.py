@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import Annotated, ClassVar
 
 from pydantic import Field
 
@@ -12,10 +12,7 @@ from ...core.moments import Moments
 from ...core.types import Array
 from ..datasheet import Positive, Section
 from ..gains import sense_gain_v_per_e
-from ..stage import LinearGain, Stage
-
-if TYPE_CHECKING:
-    from ..camera import Camera
+from ..stage import Datasheet, LinearGain, Stage
 
 
 class SourceFollowerFields(Section):
@@ -36,7 +33,7 @@ class SourceFollower(LinearGain):
     paper = "eq. 31; 9, 34"
 
     @classmethod
-    def from_camera(cls, camera: Camera, before: tuple[Stage, ...]) -> Stage:
+    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> Stage:
         """Linear, unless the datasheet has a V/V non-linearity."""
         follower = camera.source_follower
         if follower.vv_nonlinearity == 1:

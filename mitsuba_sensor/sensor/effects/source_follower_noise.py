@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 from pydantic import Field, model_validator
 
@@ -17,10 +17,7 @@ from ...core.special import EULER_GAMMA, integral, sinh_integrals, two_term_rema
 from ...core.types import Array
 from ..datasheet import NotNegative, Positive, Section
 from ..gains import sense_gain_v_per_e
-from ..stage import Stage
-
-if TYPE_CHECKING:
-    from ..camera import Camera
+from ..stage import Datasheet, Stage
 
 
 class SourceFollowerNoiseFields(Section):
@@ -62,7 +59,7 @@ class SourceFollowerNoise(Stage):
     paper = "eq. 19–24"
 
     @classmethod
-    def from_camera(cls, camera: Camera, before: tuple[Stage, ...]) -> SourceFollowerNoise:
+    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> SourceFollowerNoise:
         """From the read noise, or from the densities; a CCD has one amplifier and no telegraph noise."""
         follower = camera.source_follower
         if follower.read_noise_e is not None:

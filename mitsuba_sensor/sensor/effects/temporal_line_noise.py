@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 from pydantic import Field
 
@@ -13,10 +13,7 @@ from ...core.moments import Moments
 from ...core.types import Array
 from ..datasheet import NotNegative, Section
 from ..gains import sense_gain_v_per_e
-from ..stage import Stage
-
-if TYPE_CHECKING:
-    from ..camera import Camera
+from ..stage import Datasheet, Stage
 
 
 class TemporalLineNoiseFields(Section):
@@ -54,7 +51,7 @@ class TemporalLineNoise(Stage):
         return m.add(temporal=(self.sigma_e * self.gain_v_per_e) ** 2)
 
     @classmethod
-    def of(cls, sigma_e: float, camera: Camera) -> Self | None:
+    def of(cls, sigma_e: float, camera: Datasheet) -> Self | None:
         """None without noise."""
         return cls(sigma_e, sense_gain_v_per_e(camera) * camera.source_follower.gain) if sigma_e else None
 
@@ -64,7 +61,7 @@ class TemporalRowNoise(TemporalLineNoise):
     """Every row has an offset, new in each frame: horizontal stripes that move."""
 
     @classmethod
-    def from_camera(cls, camera: Camera, before: tuple[Stage, ...]) -> TemporalRowNoise | None:
+    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> TemporalRowNoise | None:
         """None where the datasheet has no row noise."""
         return cls.of(camera.readout.row_noise_e, camera)
 
@@ -78,7 +75,7 @@ class TemporalColumnNoise(TemporalLineNoise):
     """Every column has an offset, new in each frame: vertical stripes that move."""
 
     @classmethod
-    def from_camera(cls, camera: Camera, before: tuple[Stage, ...]) -> TemporalColumnNoise | None:
+    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> TemporalColumnNoise | None:
         """None where the datasheet has no column noise."""
         return cls.of(camera.readout.column_noise_e, camera)
 
