@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import io
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from .page import Bars, Grid, Line, Mark, Picture, Plot
+from .statistics import Values
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,7 +20,7 @@ INK, FAINT, GRID_LINE = "#222222", "#888888", "#E4E4E4"
 WIDTH_IN, HEIGHT_IN, BAR_IN, CELL_IN = 8.4, 4.6, 0.2, 0.3
 PNG_DPI = 120
 PLAIN_FROM, PLAIN_TO = 1e-3, 1e4  # between these a tick says its number in digits, beyond them as a power of ten
-STYLE: dict[str, Any] = {
+STYLE: Values = {
     "font.size": 9.5,
     "axes.edgecolor": FAINT,
     "axes.labelcolor": INK,
@@ -102,7 +103,7 @@ def _legend(axes: Axes, shown: bool) -> None:
 
 def _line(axes: Axes, line: Line, number: int) -> None:
     colour = COLOURS[(number if line.colour is None else line.colour) % len(COLOURS)]
-    style: dict[str, Any] = {"marker": MARKERS[number % len(MARKERS)], "markersize": 4.5, "capsize": 2}
+    style: Values = {"marker": MARKERS[number % len(MARKERS)], "markersize": 4.5, "capsize": 2}
     style |= {"linewidth": 1.4 if line.joined else 0, "linestyle": "--" if line.dashed else "-", "elinewidth": 0.9}
     axes.errorbar(line.x, line.y, yerr=line.error or None, label=line.label or None, color=colour, **style)
     x, y = ([values[i] for i in line.ringed] for values in (line.x, line.y))
@@ -121,7 +122,7 @@ def _bars(bars: Bars, axes: Axes) -> None:
         shown = [(row, value) for row, value in enumerate(values) if value is not None]
         places = [row + (number - (count - 1) / 2) * 0.8 / count for row, _ in shown]
         error = [bars.error[name][row] or 0.0 for row, _ in shown] if name in bars.error else None
-        style: dict[str, Any] = {"color": COLOURS[number % len(COLOURS)], "error_kw": {"elinewidth": 0.9, "capsize": 2}}
+        style: Values = {"color": COLOURS[number % len(COLOURS)], "error_kw": {"elinewidth": 0.9, "capsize": 2}}
         axes.barh(places, [value for _, value in shown], height=0.8 / count, label=name, xerr=error, **style)
     if bars.log_x and any(v and v > 0 for values in bars.series.values() for v in values):
         axes.set_xscale("log", nonpositive="clip")

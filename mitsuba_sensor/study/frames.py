@@ -18,7 +18,7 @@ from ..core.signals import Photons
 from ..sensor.run import FrameRunner
 from ..sensor.stage import sample
 from ..sensor.theory import final_moments
-from .statistics import Array
+from .statistics import Array, Numbers
 
 QUANTITIES = ("mean", "temporal σ", "spatial σ")
 MOMENTS = ("mean_dn", "temporal_dn2", "spatial_dn2")  # the quantities as they are averaged: variances, not their roots
@@ -143,10 +143,10 @@ class Stream:
         self._frames = run.frames(0, ENDLESS, lambda _: {"digital": np.empty(light.shape, dtype)})
         self._compiled = light.backend.compiled
 
-    def __iter__(self) -> Iterator[NDArray[Any]]:
+    def __iter__(self) -> Iterator[Numbers]:
         return self
 
-    def __next__(self) -> NDArray[Any]:
+    def __next__(self) -> Numbers:
         """The next frame, (H, W) [DN]."""
         return next(self._frames)["digital"]
 
@@ -164,7 +164,7 @@ class Stream:
         self._frames.close()  # type: ignore[attr-defined]
 
 
-def pixel_difference(frame: NDArray[Any], reference: NDArray[Any]) -> dict[str, float]:
+def pixel_difference(frame: Numbers, reference: Numbers) -> dict[str, float]:
     """How far frames are from others drawn with equal random bits: share of pixels; rms and largest step [DN]."""
     step = np.abs(frame.astype(np.float64) - reference)
     return {

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from html import escape
-from typing import Any
 
 from .drawing import svg
 from .page import Mark, Part, Study, Table
@@ -41,7 +40,7 @@ def html(study: Study) -> str:
     )
 
 
-def text(value: Any) -> str:
+def text(value: object) -> str:
     """A value for people: numbers with four digits, lists joined, nothing for None."""
     match value:
         case None:
@@ -73,6 +72,6 @@ def _table(table: Table) -> str:
     return f'<div class="wide"><table><thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table></div>'
 
 
-def _cell(value: Any) -> str:
+def _cell(value: object) -> str:
     kind = ' class="number"' if isinstance(value, int | float) and not isinstance(value, bool) else ""
     return f"<td{kind}>{escape(text(value))}</td>"

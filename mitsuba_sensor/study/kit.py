@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from .statistics import Values
+
 Progress = Callable[[float, float, str], None]
 """What a study calls as it goes: seconds of work done, seconds expected in all, and what is measured now."""
 
@@ -30,9 +32,9 @@ class Kit:
         (io/measurements.py).  new : how many were measured by this kit.
     """
 
-    def __init__(self, known: dict[str, Any] | None = None, progress: Progress | None = None) -> None:
+    def __init__(self, known: Values | None = None, progress: Progress | None = None) -> None:
         self.known = {} if known is None else known
-        self.new, self._spent_s = 0, 0.0
+        self.new, self._taken_s = 0, 0.0
         self._progress = progress or (lambda *_: None)
 
     def __getitem__(self, key: str) -> Any:
@@ -41,7 +43,7 @@ class Kit:
 
     @property
     def seconds(self) -> float:
-        """Spent on all measurements, also by the runs before this one."""
+        """Taken by all measurements, also by the runs before this one."""
         return float(sum(seconds for _, seconds in self.known.values()))
 
     def take(self, steps: Iterable[Step], after_s: float = 0.0) -> None:
@@ -51,17 +53,17 @@ class Kit:
         expected of the study behind these steps.
         """
         left = [step for step in steps if step.key not in self.known]
-        before_s, hoped_s = self._spent_s, 0.0
+        before_s, hoped_s = self._taken_s, 0.0
         for number, step in enumerate(left):
-            pace = (self._spent_s - before_s) / hoped_s if hoped_s else 1.0
+            pace = (self._taken_s - before_s) / hoped_s if hoped_s else 1.0
             rest_s = pace * sum(one.seconds for one in left[number:])
-            self._progress(self._spent_s, self._spent_s + rest_s + after_s, step.key)
+            self._progress(self._taken_s, self._taken_s + rest_s + after_s, step.key)
             started = time.perf_counter()
             value = step.measure()
             seconds = time.perf_counter() - started
             self.known[step.key] = value, seconds
-            self.new, self._spent_s, hoped_s = self.new + 1, self._spent_s + seconds, hoped_s + step.seconds
-        self._progress(self._spent_s, self._spent_s + after_s, "done")
+            self.new, self._taken_s, hoped_s = self.new + 1, self._taken_s + seconds, hoped_s + step.seconds
+        self._progress(self._taken_s, self._taken_s + after_s, "done")
 
     def measure(self, key: str, seconds: float, measure: Callable[[], Any]) -> Any:
         """One step, and its value."""

@@ -6,6 +6,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
+from .statistics import Known, Values
+
 Mark = Literal["", "good", "bad", "best", "dim"]
 """How a row or a cell is meant: as it must be, not as it must be, the one to take, of no weight."""
 
@@ -20,12 +22,15 @@ class Table:
 
     title: str
     columns: tuple[str, ...]
-    rows: tuple[tuple[Any, ...], ...]
+    rows: tuple[tuple[object, ...], ...]
     marks: tuple[Mark, ...] = ()
     note: str = ""
 
 
-def table(title: str, headings: str, rows: Iterable[tuple[Mark, Sequence[Any]]], note: str = "") -> Table:
+MarkedRow = tuple[Mark, Sequence[object]]
+
+
+def table(title: str, headings: str, rows: Iterable[MarkedRow], note: str = "") -> Table:
     """A table whose headings are separated by `` | ``, of rows with their marks."""
     marked = list(rows)
     columns, marks = tuple(headings.split(" | ")), tuple(mark for mark, _ in marked)
@@ -119,9 +124,9 @@ class Study(Section):
 
     name: str
     title: str
-    data: Mapping[str, Any]
+    data: Known
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Values:
         """study.json."""
         parts = [{"kind": type(part).__name__.lower(), **asdict(part)} for part in self.parts]
         about = {"study": self.name, "title": self.title, "findings": list(self.findings), "passed": self.passed}

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,9 @@ from scipy.special import ndtri, stdtr, stdtrit
 from ..core.errors import InputError
 
 Array = NDArray[np.float64]
+Numbers = NDArray[Any]  # of any type, digital numbers for example
+Values = dict[str, Any]  # measured values by name
+Known = Mapping[str, Any]  # the same for reading
 
 CONFIDENCE = 0.95  # of every interval
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -13,6 +12,7 @@ from ..core.exposure import Exposure
 from ..render.irradiance import Irradiance, Job, RenderOptions, prepare, render
 from ..render.passes import SAMPLER
 from ..sensor.camera import Camera
+from .statistics import Known
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,7 +22,7 @@ class Subject:
     scene: str | os.PathLike[str]
     camera: Camera
     exposure: Exposure
-    options: Mapping[str, Any] = field(default_factory=dict)
+    options: Known = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_types(self.camera, self.exposure)

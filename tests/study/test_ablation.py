@@ -241,7 +241,7 @@ def test_features_of_the_render_change_the_picture_as_theory_says(studied: Any) 
     assert features["lens fall-off"]["mean_dn"] > 0 > features["indirect light"]["mean_dn"]
     assert features["depth of field"]["rms_dn"] > 3 * features["depth of field"]["rms_error"]
     assert abs(features["channels instead of bands"]["mean_dn"]) < 0.01 * features["15 bands"]["signal_dn"]
-    assert features["ground truth"]["rms_dn"] == 0
+    assert features["AOVs"]["rms_dn"] == 0
 
 
 def test_a_coarser_band_has_the_transmission_of_its_own_middle(light: Any) -> None:
@@ -263,6 +263,9 @@ def test_what_a_scene_has_not_is_said_in_one_line(studied: Any) -> None:
     missing = studied[1]["loading the scene"][0]["missing"]
     assert set(missing) == {"lens distortion", "lens transmission curve", "lens prescription", "motion and subframes"}
     (table,) = (part for part in studied[2].parts if part.title.startswith("What changes when the render"))
+    said = {row[0]: row[-1] for row in table.rows}
+    assert said["AOVs"].startswith("left out: ") and said["depth of field"].startswith("kept: ")
+    assert said["error bars"].startswith("kept: ") and said["one band"].startswith("too few: ")
     assert "Not in this scene: lens distortion" in table.note
 
 

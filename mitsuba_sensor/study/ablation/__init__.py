@@ -16,6 +16,7 @@ from ...sensor.gains import gain_dn_per_e
 from ..frames import Replicas
 from ..kit import Kit, Step
 from ..page import Study, study_of
+from ..statistics import Values
 from ..subject import Subject
 from .features import AOVS, ERROR_BARS, Features
 from .render import WHOLE_RENDERS, change_without
@@ -56,11 +57,11 @@ def ablation(
     def features() -> Features:
         return Features(subject)
 
-    def scene() -> dict[str, Any]:
+    def scene() -> Values:
         (columns, rows), (here, missing) = subject.job.scene.view.crop_size, features().found()
         return {"features": here, "missing": missing, "columns": columns, "rows": rows}
 
-    def requirements() -> list[dict[str, Any]]:
+    def requirements() -> list[Values]:
         k = gain_dn_per_e(subject.camera)
         return [asdict(x) for x in render_requirements(light(), subject.camera, subject.exposure, k, tolerance_dn)]
 
@@ -88,5 +89,5 @@ def ablation(
     return study_of("ablation", title, sections)
 
 
-def _without(features: Any, name: str, criterion: Any, seed: int) -> dict[str, Any]:
+def _without(features: Any, name: str, criterion: Any, seed: int) -> Values:
     return change_without(features(), name, criterion, seed)

@@ -6,13 +6,13 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cached_property
-from typing import Any
 
 from ...render.irradiance import Job
 from ...render.lint import WRAPPERS
 from ...render.renderer import Renderer
 from ...render.scene_file import parse_scene
 from ...render.variants import mitsuba
+from ..statistics import Known, Values
 from ..subject import Subject
 
 WITH_DEPTH = ("path", "volpath", "volpathmis")
@@ -21,7 +21,7 @@ PASSED = ("max_depth", "hide_emitters")  # what an integrator without indirect l
 STOPPED_DOWN = 1e-6  # of the scene's aperture: what is left of it. Mitsuba refuses an aperture of 0
 FLAT_TO_MM = 1e6  # to this image height a lens without fall-off is as bright as on its axis: beyond any sensor
 CHANNELS, FALL_OFF, INDIRECT = "channels instead of bands", "lens fall-off", "indirect light"
-APERTURE, ERROR_BARS, AOVS = "depth of field", "error bars", "ground truth"
+APERTURE, ERROR_BARS, AOVS = "depth of field", "error bars", "AOVs"
 
 
 class Features:
@@ -65,10 +65,10 @@ class Features:
         return "electrons come in bursts, which needs bands" if bursts else None
 
     @cached_property
-    def _integrator(self) -> dict[str, Any] | None:
+    def _integrator(self) -> Values | None:
         """The scene's integrator without indirect light, in Mitsuba's terms; None where it has no more to lose."""
         scene, mi = parse_scene(self.subject.scene, self.subject.options.get("parameters") or {}), mitsuba()
-        kind: tuple[str, dict[str, Any]] = "path", {}
+        kind: tuple[str, Values] = "path", {}
         for _, node in scene.children(scene.root):
             while node.type == mi.ObjectType.Integrator:
                 kind = node.props.plugin_name(), {k: node.props[k] for k in node.props if k in PASSED}
@@ -90,7 +90,7 @@ class Features:
         mean = lens.transmission * math.fsum(curve) / len(curve)  # one number for all wavelengths
         flat = {"relative_illumination": (1.0, 1.0), "relative_illumination_heights_mm": (0.0, FLAT_TO_MM)}
         plain = {"transmission": mean, "transmission_curve": None, "transmission_wavelengths_nm": None}
-        lenses: Mapping[str, Mapping[str, Any]] = {
+        lenses: Mapping[str, Known] = {
             FALL_OFF: flat,
             "lens distortion": dict.fromkeys(("distortion", "distortion_percent", "distortion_heights_mm")),
             "lens transmission curve": plain,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +17,7 @@ from ...render.requirements import grouped_electrons
 from ...render.stop_criterion import StopCriterion
 from ...sensor.gains import gain_dn_per_e
 from ..kit import Task, in_turns, one_turn
-from ..statistics import Array, standard_error
+from ..statistics import Array, Values, standard_error
 from .features import AOVS, ERROR_BARS, FALL_OFF, Features
 from .sensor import FEWEST_PIXELS, WORST
 
@@ -28,7 +27,7 @@ LAST_DIGIT = 1e-6  # of the mean signal: below it a change is one of float32 fil
 AS_IT_IS, WITHOUT = "as it is", "without"
 
 
-def change_without(features: Features, feature: str, criterion: StopCriterion, seed: int) -> dict[str, Any]:
+def change_without(features: Features, feature: str, criterion: StopCriterion, seed: int) -> Values:
     """What happens to the picture, and the seconds that are saved.
 
     mean_dn, rms_dn, worst_dn : change of the mean signal, cut at the full well: averaged over the pixels; root of the
@@ -49,9 +48,9 @@ def change_without(features: Features, feature: str, criterion: StopCriterion, s
     for number in range(-1, criterion.passes):  # the first compiles
         lights: dict[str, Irradiance] = {}
         own = hashed_seed(seed, -2, max(number, 0))
-        spent = one_turn({name: _task(job, own, one, name, lights) for name, job in jobs.items()}, number + 1)
+        elapsed = one_turn({name: _task(job, own, one, name, lights) for name, job in jobs.items()}, number + 1)
         for name, job in jobs.items() if number >= 0 else ():
-            seconds[name].append(spent[name])
+            seconds[name].append(elapsed[name])
             pictures[name].append(k * job.renderer.electrons()[0])
         expected = _predicted(features, feature, other, lights[AS_IT_IS])
         if number >= 0 and expected is not None:
@@ -80,14 +79,14 @@ def _predicted(features: Features, feature: str, other: Job, light: Irradiance) 
     return None
 
 
-def compared(base: Array, changed: Array, theory: Array | None, full_dn: float) -> dict[str, Any]:
+def compared(base: Array, changed: Array, theory: Array | None, full_dn: float) -> Values:
     """Two renders of equal passes, (passes, H, W) each [DN]; theory : what it makes of the passes of the first."""
     off, saturated = _change(base, changed, full_dn)
     each = np.where(saturated, 0.0, changed - base)
     rms, rms_error = _rms(each)
     signal_dn = float(np.minimum(base.mean(axis=0), full_dn).mean())
     mean_error = standard_error(each.mean(axis=(1, 2)))
-    found: dict[str, Any] = {"signal_dn": signal_dn, "mean_dn": float(off.mean()), "mean_error": mean_error}
+    found: Values = {"signal_dn": signal_dn, "mean_dn": float(off.mean()), "mean_error": mean_error}
     found |= {"rms_dn": rms, "rms_error": rms_error}
     if theory is None:
         return {**found, **_worst_by_halves(base, changed, full_dn), "predicted": None}
@@ -152,7 +151,7 @@ def _worst_by_halves(base: Array, changed: Array, full_dn: float) -> dict[str, f
     return {"worst_dn": 0.5 * sum(values), "worst_error": 0.5 * math.hypot(*errors)}
 
 
-def _one_pass(features: Features, criterion: StopCriterion, seed: int) -> dict[str, Any]:
+def _one_pass(features: Features, criterion: StopCriterion, seed: int) -> Values:
     """As many samples in one pass: nobody knows then how sure the render is. Both have noise of their own."""
     job, k = features.subject.job, gain_dn_per_e(features.subject.camera)
     ways = {AS_IT_IS: criterion, WITHOUT: StopCriterion(1, whole_grid(criterion.passes * criterion.samples))}
@@ -172,7 +171,7 @@ def _one_pass(features: Features, criterion: StopCriterion, seed: int) -> dict[s
     return {**found, **nothing, "seconds": seconds[AS_IT_IS], "seconds_without": seconds[WITHOUT], "passes": 1}
 
 
-def _aovs(features: Features) -> dict[str, Any]:
+def _aovs(features: Features) -> Values:
     """Nothing of the picture: they are a pass of their own."""
     subject = features.subject
     options = {name: subject.options.get(name) for name in ("parameters", "variant", "scene_unit")}

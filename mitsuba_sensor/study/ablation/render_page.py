@@ -5,16 +5,15 @@ from __future__ import annotations
 import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
-from ..page import Bars, Mark, Section, Table, table
-from ..statistics import as_normal, z_limit
+from ..page import Bars, Mark, MarkedRow, Section, Table, table
+from ..statistics import Known, as_normal, z_limit
 from .features import AOVS, APERTURE, ERROR_BARS
 
 SHOWN = 0.05
 """Share of a render's seconds from which on a sentence speaks of them: turns of one and the same differ by as much."""
 
-Said = Sequence[Mapping[str, Any]]
+Said = Sequence[Known]
 """What the plan of a render says: the requirements as plain values."""
 
 
@@ -23,7 +22,7 @@ class Feature:
     """One feature, off. found : as :func:`render.change_without` gives it.  said : by the plan, or nothing."""
 
     name: str
-    found: Mapping[str, Any]
+    found: Known
     said: str
 
     @property
@@ -63,7 +62,7 @@ class Feature:
 
 
 def render_section(
-    features: Mapping[str, Mapping[str, Any]], missing: Mapping[str, str], said: Said, tolerance_dn: float
+    features: Mapping[str, Known], missing: Mapping[str, str], said: Said, tolerance_dn: float
 ) -> Section:
     """What the render shows. features : by name, what was measured.  missing : what is not in this scene, and why.
 
@@ -76,8 +75,8 @@ def render_section(
     return Section(tuple(_findings(rows, said, scores)), passed, (_table(rows, missing, limit), *_bars(rows)))
 
 
-def _said(name: str, found: Mapping[str, Any], said: Said, tolerance_dn: float) -> str:
-    """What the plan of the render says, in few words."""
+def _said(name: str, found: Known, said: Said, tolerance_dn: float) -> str:
+    """What the plan of the render says, in short."""
     for one in said:
         if one["what"] == name and name in (APERTURE, AOVS):
             return f"{'kept' if one['kept'] else 'left out'}: {one['reason']}"
@@ -121,7 +120,7 @@ def _findings(rows: Sequence[Feature], said: Said, scores: Sequence[float]) -> l
 
 
 def _table(rows: Sequence[Feature], missing: Mapping[str, str], limit: float) -> Table:
-    lines: list[tuple[Mark, Sequence[Any]]] = []
+    lines: list[MarkedRow] = []
     for row in rows:
         found, said, (z_mean, z_worst) = row.found, row.found["predicted"] or {}, row.z
         mean = said.get("mean_dn"), found["mean_dn"], found["mean_error"], z_mean

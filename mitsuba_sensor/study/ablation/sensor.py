@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -21,22 +21,10 @@ from ...sensor.plan import Plan, plan, without
 from ...sensor.run import choose_backend
 from ...sensor.stage import sample
 from ...sensor.theory import hidden_well
-from ..frames import (
-    FRAMES_A_TURN,
-    MOMENTS,
-    QUANTITIES,
-    Illuminated,
-    Replicas,
-    Stages,
-    averages,
-    expected_moments,
-    in_dn,
-    pixel_difference,
-    problem_of,
-    resized,
-)
+from .. import frames
+from ..frames import MOMENTS, QUANTITIES, Illuminated, Replicas, Stages
 from ..kit import Kit, Spread, Step, in_turns, spread
-from ..statistics import Array, as_normal, standard_error, z_limit
+from ..statistics import Array, Known, Values, as_normal, standard_error, z_limit
 from ..subject import Subject
 
 WHOLE, PLAN, DETECTION = "whole chain", "the plan", "detection"
@@ -77,7 +65,7 @@ class SensorAblation:
         self.kit, self._subject, self._light, self._replicas = kit, subject, light, replicas
         self.tolerance_dn = tolerance_dn
         self.names = [WHOLE, *(s.label for s in chain(subject.camera) if not s.required), PLAN]
-        self.engines = [engine for engine in SHAPE if problem_of(engine) is None]
+        self.engines = [engine for engine in SHAPE if frames.problem_of(engine) is None]
 
     def steps(self, pixels: int) -> Iterator[Step]:
         """All measurements of so many pixels."""
@@ -90,7 +78,7 @@ class SensorAblation:
         for engine in self.engines:
             cases = self.names if engine == "numpy" else [WHOLE, PLAN]  # where each chain has to be compiled
             size, turns = SHAPE[engine][0] * SHAPE[engine][1], TURNS[engine] + 1
-            each = NUMPY_NS if engine == "numpy" else FRAMES_A_TURN * DRJIT_NS
+            each = NUMPY_NS if engine == "numpy" else frames.FRAMES_A_TURN * DRJIT_NS
             seconds = len(cases) * (1e-9 * each * size * turns + (engine != "numpy") * KERNEL_S)
             yield Step(f"seconds, {engine}", seconds, partial(self._nanoseconds, engine, cases))
 
@@ -124,11 +112,13 @@ class SensorAblation:
     @cached_property
     def expected(self) -> dict[str, Array]:
         """Moments of every pixel by chain, (3, H, W)."""
-        return {case: expected_moments(s, self.photons, self._subject.exposure) for case, s in self.cases.items()}
+        return {
+            case: frames.expected_moments(s, self.photons, self._subject.exposure) for case, s in self.cases.items()
+        }
 
     def moved(self, case: str) -> Array:
         """By how far theory says that mean, temporal σ and spatial σ of every pixel move, (3, pixels) [DN]."""
-        return np.abs(in_dn(self.expected[WHOLE], self.expected[case])).reshape(3, -1)
+        return np.abs(frames.in_dn(self.expected[WHOLE], self.expected[case])).reshape(3, -1)
 
     @cached_property
     def groups(self) -> dict[str, NDArray[np.intp]]:
@@ -145,10 +135,10 @@ class SensorAblation:
         """All pixels and the chain's worst; of the whole chain the worst of every chain."""
         return self.groups if case == WHOLE else {WHOLE: self.groups[WHOLE], case: self.groups[case]}
 
-    def _theory(self) -> dict[str, Any]:
+    def _theory(self) -> Values:
         """What the plan says, and the moments of every chain, averaged over groups of pixels."""
-        cases: dict[str, Any] = {
-            case: {"moments": averages(self.expected[case], self._own_groups(case))} for case in self.names
+        cases: Values = {
+            case: {"moments": frames.averages(self.expected[case], self._own_groups(case))} for case in self.names
         }
         for case in self.names[1:]:
             moved = self.moved(case)
@@ -174,16 +164,16 @@ class SensorAblation:
 
     def _equal_bits(self) -> dict[str, dict[str, float]]:
         """Pixels of each chain's frames beside those of the whole chain that were drawn with the same random bits."""
-        frames: dict[str, list[Array]] = {case: [] for case in self.names}
+        stacks: dict[str, list[Array]] = {case: [] for case in self.names}
         for number in range(LOOKED_AT):
             sensor = self.illuminated.sensor(self._replicas.serial + number)
             start = self.illuminated.electrons(self.cases[WHOLE], sensor)
             for case in self.names:
-                frames[case].append(
+                stacks[case].append(
                     self.illuminated.frame(self.cases[case], start, sensor, self._replicas.seed + number)
                 )
-        whole = np.array(frames.pop(WHOLE))
-        return {case: pixel_difference(np.array(stack), whole) for case, stack in frames.items()}
+        whole = np.array(stacks.pop(WHOLE))
+        return {case: frames.pixel_difference(np.array(stack), whole) for case, stack in stacks.items()}
 
     def is_whole(self, case: str) -> bool:
         """Whether theory and every frame that was looked at say that the chain is the whole one: nothing to measure."""
@@ -204,7 +194,7 @@ class SensorAblation:
         Nothing for a compiled engine where the plan asks for float64, which it has not.
         """
         if engine == "numpy":
-            light = Illuminated(resized(self.photons, SHAPE[engine]), self._subject.exposure, self.backend)
+            light = Illuminated(frames.resized(self.photons, SHAPE[engine]), self._subject.exposure, self.backend)
             detection, sensor = self.plan.whole[0], light.sensor(1)
             start = light.electrons(self.plan.whole, sensor)
 
@@ -212,7 +202,7 @@ class SensorAblation:
                 sample(stages, signal, Frame(light.exposure, sensor))
                 return 1
 
-            tasks: dict[str, Any] = {case: partial(once, self.cases[case][1:], start) for case in cases}
+            tasks: Values = {case: partial(once, self.cases[case][1:], start) for case in cases}
             tasks[DETECTION] = partial(once, (detection,), light.photons)
         elif self.plan.precision == "float32":
             compiled = replace(self.illuminated, photons=self._few_layers(SHAPE[engine]))
@@ -226,7 +216,7 @@ class SensorAblation:
     def _few_layers(self, shape: tuple[int, int]) -> Photons:
         """The scene's electrons on a window of another size, the same behind every filter: a cube would fill memory."""
         light = self.illuminated.electrons(self.plan.whole, self.illuminated.sensor(1)).light
-        mean = resized(Photons(np.asarray(light)), shape).mean
+        mean = frames.resized(Photons(np.asarray(light)), shape).mean
         filters = len(self._subject.camera.filter_names)
         return Photons(np.repeat(mean[..., None], filters, axis=2), detected=True)
 
@@ -241,8 +231,8 @@ class SensorResults:
 
     def __init__(self, ablation: SensorAblation) -> None:
         self._ablation, kit, names = ablation, ablation.kit, ablation.names
-        self.theory: Mapping[str, Any] = kit["moments of every pixel"]
-        self.looked: Mapping[str, Any] = kit["frames with equal random bits"]
+        self.theory: Known = kit["moments of every pixel"]
+        self.looked: Known = kit["frames with equal random bits"]
         self.changes = {case: [self._compare(case, WHOLE, k) for k in range(3)] for case in names}
         of = {case: QUANTITIES.index(self.theory["cases"][case]["of"]) for case in names[1:]}
         self.worst = {case: self._compare(case, case, row) for case, row in of.items()}

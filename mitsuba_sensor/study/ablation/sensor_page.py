@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 from ..frames import QUANTITIES, Replicas
 from ..kit import Spread, spread
-from ..page import Bars, Mark, Part, Section, Table, table
+from ..page import Bars, Mark, MarkedRow, Part, Section, Table, table
 from .sensor import DETECTION, LOOKED_AT, PLAN, SHAPE, WHOLE, Comparison, SensorResults
 
 SLACK = 1.05
@@ -90,7 +89,7 @@ def _changes(results: SensorResults, replicas: Replicas) -> Table:
 
 def _costs(results: SensorResults) -> Table:
     effects = {effect["stage"]: effect for effect in results.theory["plan"]}
-    rows: list[tuple[Mark, Sequence[Any]]] = []
+    rows: list[MarkedRow] = []
     for case, one in results.worst.items():
         said, looked = results.theory["cases"][case], results.looked[case]
         saved, share = results.saved("numpy", case), results.saved("numpy", case, share=True)
