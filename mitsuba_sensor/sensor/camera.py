@@ -154,13 +154,8 @@ class Camera(Section):
 
     def qe(self, wavelengths_nm: ArrayLike) -> NDArray[np.float64]:
         """Quantum efficiency of every filter at (B,) wavelengths, (F, B)."""
-        section = self.quantum_efficiency
-        return np.array(
-            [
-                np.interp(np.asarray(wavelengths_nm), section.wavelengths_nm, curve, 0.0, 0.0)
-                for curve in section.curves.values()
-            ]
-        )
+        points, x = self.quantum_efficiency.wavelengths_nm, np.asarray(wavelengths_nm)
+        return np.array([np.interp(x, points, curve, 0.0, 0.0) for curve in self.quantum_efficiency.curves.values()])
 
     def filter_index(self, shape: tuple[int, int], origin: tuple[int, int] = (0, 0)) -> NDArray[np.intp]:
         """Filter number of every pixel of a window, (H, W)."""
