@@ -11,7 +11,9 @@ from cases import reference_qe
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.sensor import chain
+from mitsuba_sensor.sensor.chain import black_level_dn
+from mitsuba_sensor.sensor.effects.source_follower_noise import SourceFollowerNoise
+from mitsuba_sensor.sensor.gains import gain_dn_per_e, sense_gain_v_per_e
 
 VERSION = galsim.__version__
 
@@ -19,12 +21,12 @@ VERSION = galsim.__version__
 def frames(photons: NDArray[np.float64], camera: ms.Camera, exposure: ms.Exposure) -> Iterator[NDArray[Any]]:
     """Endless frames (H, W) uint16. GalSim does not clip at the ends of the ADC range, so NumPy does."""
     qe = reference_qe(camera)
-    dn_per_e, black_level_dn = chain.gain_dn_per_e(camera), chain.black_level_dn(camera)
-    read_noise_e = chain.follower_sigma_v(camera) / chain.sense_gain_v_per_e(camera)
+    dn_per_e, dark_dn = gain_dn_per_e(camera), black_level_dn(camera)
+    read_noise_e = SourceFollowerNoise.from_camera(camera, ()).sigma_v / sense_gain_v_per_e(camera)
     noise = galsim.CCDNoise(galsim.BaseDeviate(2), gain=1 / dn_per_e, read_noise=read_noise_e)
     while True:
         image = galsim.ImageF((photons * (qe * dn_per_e)).astype(np.float32))
         image.addNoise(noise)
-        image += black_level_dn
+        image += dark_dn
         image.quantize()
         yield np.clip(image.array, 0, 2**camera.adc.bits - 1).astype(np.uint16)

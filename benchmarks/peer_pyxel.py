@@ -20,7 +20,10 @@ from pyxel.exposure import Exposure, Readout
 from pyxel.pipelines import DetectionPipeline, ModelFunction
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.sensor import chain
+from mitsuba_sensor.sensor.chain import black_level_dn
+from mitsuba_sensor.sensor.effects.dark_current import dark_current_model
+from mitsuba_sensor.sensor.effects.source_follower_noise import SourceFollowerNoise
+from mitsuba_sensor.sensor.gains import adc_gain_dn_per_v, volts_per_electron
 
 VERSION = pyxel.__version__
 
@@ -36,14 +39,14 @@ def frames(photons: NDArray[np.float64], camera: ms.Camera, exposure: ms.Exposur
 
 def detector_of(camera: ms.Camera, shape: tuple[int, ...], exposure: ms.Exposure) -> CMOS:
     """The detector parameters of Pyxel."""
-    bits, dn_per_v = camera.adc.bits, chain.adc_gain_dn_per_v(camera)
-    lowest_v = -(chain.black_level_dn(camera) + 0.5) / dn_per_v
+    bits, dn_per_v = camera.adc.bits, adc_gain_dn_per_v(camera)
+    lowest_v = -(black_level_dn(camera) + 0.5) / dn_per_v
     return CMOS(
         geometry=CMOSGeometry(row=shape[0], col=shape[1]),
         environment=Environment(temperature=exposure.temperature_k),
         characteristics=CMOSCharacteristics(
             quantum_efficiency=reference_qe(camera),
-            charge_to_volt=ChargeToVoltSettings(value=chain.volts_per_electron(camera)),
+            charge_to_volt=ChargeToVoltSettings(value=volts_per_electron(camera)),
             full_well_capacity=camera.pixel.full_well_e,
             adc_bit_resolution=bits,
             adc_voltage_range=(lowest_v, lowest_v + (2**bits - 1) / dn_per_v),
@@ -53,8 +56,10 @@ def detector_of(camera: ms.Camera, shape: tuple[int, ...], exposure: ms.Exposure
 
 def pipeline_of(camera: ms.Camera, photons: NDArray[np.float64], exposure: ms.Exposure) -> DetectionPipeline:
     """The models in the order of the pipeline."""
-    dark_e_per_s = chain.dark_current_model(camera).rate_e_per_s(exposure.temperature_k)
-    read_noise_v = chain.follower_sigma_v(camera) * camera.source_follower.gain * camera.readout.cds_gain
+    dark_e_per_s = dark_current_model(camera).rate_e_per_s(exposure.temperature_k)
+    read_noise_v = (
+        SourceFollowerNoise.from_camera(camera, ()).sigma_v * camera.source_follower.gain * camera.readout.cds_gain
+    )
     return DetectionPipeline(
         photon_collection=[
             model("peer_pyxel.collect", photons=photons),

@@ -23,17 +23,8 @@ from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.sensor.chain import chain
 
 STAGES = {
-    *(
-        "QuantumEfficiency",
-        "Prnu",
-        "DarkCurrent",
-        "ShotNoise",
-        "FullWell",
-        "SenseNode",
-        "NonlinearSenseNode",
-        "ResetNoise",
-    ),
-    *("SourceFollowerNoise", "SourceFollower", "NonlinearSourceFollower", "DsnuColumn", "CdsGain"),
+    *("QuantumEfficiency", "Prnu", "DarkCurrent", "ShotNoise", "FullWell", "SenseNode", "NonlinearSenseNode"),
+    *("ResetNoise", "SourceFollowerNoise", "SourceFollower", "NonlinearSourceFollower", "DsnuColumn", "CdsGain"),
     *("IntegralNonlinearity", "Adc"),
 }
 """The stages of the simple chain."""
@@ -74,13 +65,13 @@ class PlainChain:
     def _make_fpn_maps(self, prnu: Any, dark: Any, columns: Any) -> None:
         """Gain and dark current of every pixel and offset of every column, by the names of ``ms.fpn_maps``."""
         shape, normal = self.photons.shape, self.random.standard_normal
-        log_variance = math.log1p(dark.pattern.cv**2)
+        log_variance = math.log1p(dark.distribution.cv**2)
         self.maps = {
-            "prnu": np.maximum(1 + prnu.pattern.cv * normal(shape), 0.0),
+            "prnu": np.maximum(1 + prnu.distribution.cv * normal(shape), 0.0),
             "dark_fpn": np.exp(math.sqrt(log_variance) * normal(shape) - log_variance / 2),
             "dsnu_col_e": columns.sigma_e * normal((1, shape[1])),
         }
-        self.has_prnu, self.has_columns = prnu.pattern.cv > 0, columns.sigma_e > 0
+        self.has_prnu, self.has_columns = prnu.distribution.cv > 0, columns.sigma_e > 0
         self.dsnu_col_v = columns.residual * columns.gain_v_per_e * self.maps["dsnu_col_e"]
 
     def _curves(self, stages: dict[str, Any]) -> None:
@@ -140,7 +131,7 @@ def compare(camera: ms.Camera, electrons: float, mpx: float, frames: int) -> Agr
     photons = photon_map(camera, electrons, "ramp", shape_of(mpx))
     plain = PlainChain(photons, camera, EXPOSURE, seed=2)
     ours = ms.expose(photons, camera, EXPOSURE, frames=frames, maps=plain.maps)
-    return agreement(stack.sample(plain, frames), ours.digital)
+    return agreement(stack(plain, frames), ours.digital)
 
 
 def main() -> None:
