@@ -31,7 +31,7 @@ from timing import lines, ratio
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.io.metadata import machine
-from mitsuba_sensor.render.per_frame import FrameOfRender
+from mitsuba_sensor.render.per_frame import RenderedFrame
 
 SCENE = Path(__file__).resolve().parent.parent / "scenes" / "cornell_box.xml"
 CAMERA = ms.load_camera("konnik_table1")
@@ -65,12 +65,10 @@ def main() -> None:
     print(json.dumps(results) if options.json else "\n".join(lines(results)))
 
 
-def compensated_frames(exposure: ms.Exposure, size: int, frames: int) -> Iterator[FrameOfRender]:
+def compensated_frames(exposure: ms.Exposure, size: int, frames: int) -> Iterator[RenderedFrame]:
     """Frames with compensated render noise that keep their electrons."""
     parameters = {"width": size, "height": size}
-    return ms.render_frames(
-        SCENE, CAMERA, exposure, frames=frames, exposing={"keep": ("electrons",)}, parameters=parameters
-    )
+    return ms.render_frames(SCENE, CAMERA, exposure, frames=frames, keep=("electrons",), parameters=parameters)
 
 
 def timed(exposure: ms.Exposure, options: argparse.Namespace) -> dict[str, Any]:

@@ -27,8 +27,8 @@ import numpy as np
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.io.metadata import machine
-from mitsuba_sensor.render.irradiance import Job, RenderOptions, prepare
 from mitsuba_sensor.render.passes import SAMPLER
+from mitsuba_sensor.render.prepared import PreparedRender, prepare
 from mitsuba_sensor.render.stop_criterion import PASS_SPP, StopCriterion
 from mitsuba_sensor.render.variants import choose_variant, use
 
@@ -70,7 +70,7 @@ def main() -> None:
 class PassSetting:
     """One sampler and number of samples per pass; the sampler is already set in the job."""
 
-    def __init__(self, job: Job, sampler: str, samples: int, spp: int) -> None:
+    def __init__(self, job: PreparedRender, sampler: str, samples: int, spp: int) -> None:
         film_sampler = job.scene.sensor.sampler()
         film_sampler.set_sample_count(samples)
         self.job, self.sampler, self.samples = job, sampler, int(film_sampler.sample_count())
@@ -114,10 +114,10 @@ def squared(one: np.ndarray, other: np.ndarray) -> tuple[float, float]:
     return float(np.mean(square / middle.mean(axis=(0, 1)) ** 2)), float(typical)
 
 
-def loaded(scene: str, mode: str, sampler: str, size: int) -> Job:
+def loaded(scene: str, mode: str, sampler: str, size: int) -> PreparedRender:
     """A render job with this sampler."""
-    options = RenderOptions(parameters={"width": size, "height": size}, **MODES[mode])
-    return prepare(ROOT / "scenes" / f"{scene}.xml", camera(), EXPOSURE, options, sampler=sampler)
+    options = {"parameters": {"width": size, "height": size}, **MODES[mode]}
+    return prepare(ROOT / "scenes" / f"{scene}.xml", camera(), EXPOSURE, sampler=sampler, **options)
 
 
 def camera() -> ms.Camera:

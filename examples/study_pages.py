@@ -19,9 +19,9 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 SCENES = ("cornell_box", "color_checker", "still_life", "step_wedge")
-SMALL = {"work-precision": ("--columns", "48"), "ablation": ("--columns", "64")}
+SMALL = {"work-precision": ("--width", "48"), "ablation": ("--width", "64")}
 SHORT = ("--camera", "bayer_2mp", "--exposure-s", "0.02", *SMALL["ablation"])  # its dark current cannot be seen
-QUICK = [("ablation-step_wedge", ("ablation", "scenes/step_wedge.xml", "--columns", "12", "--frames", "8"))]
+QUICK = [("ablation-step_wedge", ("ablation", "scenes/step_wedge.xml", "--width", "12", "--frames", "8"))]
 EVERY = [
     ("stress", ("stress",)),
     *((f"{study}-{scene}", (study, f"scenes/{scene}.xml", *size)) for study, size in SMALL.items() for scene in SCENES),

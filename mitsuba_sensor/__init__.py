@@ -11,10 +11,12 @@
 from .core.errors import InputError
 from .core.exposure import Exposure
 from .core.signals import Photons
-from .render.irradiance import Irradiance, render
+from .pipeline import Capture, capture
+from .render.irradiance import Irradiance
 from .render.per_frame import render_frames
 from .render.photons import collect, gradient_light, uniform_light
 from .render.plugins import register as register_plugins
+from .render.prepared import render
 from .sensor.camera import Camera, list_cameras, load_camera
 from .sensor.expose import Frames, expose, fpn_maps, stream
 from .sensor.plan import Plan, plan
@@ -24,6 +26,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Camera",
+    "Capture",
     "Exposure",
     "Frames",
     "InputError",
@@ -31,6 +34,7 @@ __all__ = [
     "Photons",
     "Plan",
     "Stage",
+    "capture",
     "collect",
     "expose",
     "fpn_maps",

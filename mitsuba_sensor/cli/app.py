@@ -1,7 +1,9 @@
-"""The command line's trunk: the app that commands hang on, where errors end, and the only two places that print."""
+"""The app that the commands belong to: what errors become, camera and exposure from flags, output on the terminal."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,11 +17,11 @@ import mitsuba_sensor as ms
 from ..core.checks import first_given
 from ..core.errors import InputError
 from ..io import files
-from ..io.metadata import Shot
 from ..sensor.camera import toml_value
 from . import options
 
 if TYPE_CHECKING:
+    from ..render.parsed_scene import ParsedScene
     from ..render.scene_settings import SceneSettings
 
 out = Console()
@@ -27,9 +29,10 @@ err = Console(stderr=True)
 
 
 class CommandGroup(TyperGroup):
-    """Where every command ends: what a user did wrong is one sentence on stderr and exit code 2."""
+    """Runs a command: what a user did wrong becomes one sentence on stderr and exit code 2."""
 
     def invoke(self, ctx: Any) -> Any:
+        """Run the command that was called; errors end here."""
         try:
             return super().invoke(ctx)
         except (InputError, OSError, MemoryError) as error:
@@ -46,55 +49,78 @@ app = typer.Typer(
     add_completion=False,
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
-    help="From a 3D scene to the raw numbers of a camera, with every noise that physics puts in.\n\n"
+    help="From a 3D scene to the raw frames of a camera, with the noise of every physical source.\n\n"
     "Start here: [bold]mitsuba-sensor render scenes/cornell_box.xml -o out/[/]",
 )
-cameras = typer.Typer(no_args_is_help=True, help="The camera files that come along, and what may stand in one.")
+cameras = typer.Typer(
+    no_args_is_help=True, help="The cameras that ship with the package, their lenses, and the format of a camera file."
+)
 app.add_typer(cameras, name="cameras")
 
 
-def chosen_shot(camera: str, settings: list[str] | None, exposure: ms.Exposure, **asked: Any) -> Shot:
-    """The camera with its --set fields, and what is asked of it; all checked. asked : other fields of Shot."""
-    return Shot(changed(ms.load_camera(camera), settings), exposure, **asked)
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """A parsed scene, and the camera and exposure that it is looked at with."""
+
+    scene: ParsedScene
+    camera: ms.Camera
+    exposure: ms.Exposure
 
 
-def scene_setup(scene: Path, parameters: dict[str, str], variant: str | None) -> SceneSettings:
-    """What the scene file says of camera, exposure and seeds."""
-    from ..render.scene_settings import read_settings
-    from ..render.variants import choose_variant, use
+def scene_subject(scene: Path, flags: Mapping[str, Any]) -> tuple[Subject, dict[str, Any]]:
+    """The scene with the camera and exposure that are asked for, or that it names itself; and all other flags."""
+    from ..render.parsed_scene import parse
 
-    use(choose_variant(variant))
-    return read_settings(scene, parameters)
+    parsed = parse(scene, flags.get("parameters"), flags.get("variant"))
+    camera, exposure = scene_camera(flags, parsed.settings), scene_exposure(flags, parsed.settings)
+    asked = {name: value for name, value in flags.items() if name not in options.CameraFlags.__annotations__}
+    return Subject(parsed, camera, exposure), asked
 
 
-def scene_camera(name: str | None, setup: SceneSettings, settings: list[str] | None = None) -> ms.Camera:
+def scene_camera(flags: Mapping[str, Any], settings: SceneSettings) -> ms.Camera:
     """The named camera behind the scene's lens, else the scene's own, else the default one; with its --set fields.
 
     These are set first too, because a prescription among them takes focal length and focus from the scene.
     """
-    base = setup.camera if name is None and setup.camera is not None else None
+    name, changes = flags.get("camera"), flags.get("settings")
+    base = settings.camera if name is None and settings.camera is not None else None
     base = base or ms.load_camera(options.DEFAULT_CAMERA if name is None else name)
-    return changed(setup.applied_to(changed(base, settings)), settings)
+    return changed(settings.applied_to(changed(base, changes)), changes)
 
 
-def scene_exposure(exposure_s: float | None, temperature_k: float | None, setup: SceneSettings) -> ms.Exposure:
+def scene_exposure(flags: Mapping[str, Any], settings: SceneSettings) -> ms.Exposure:
     """The exposure that was asked for, else the scene's, else the default one."""
     return ms.Exposure(
-        first_given(exposure_s, setup.exposure_s, options.DEFAULT_EXPOSURE_S),
-        first_given(temperature_k, setup.temperature_k, options.DEFAULT_TEMPERATURE_K),
+        first_given(flags.get("exposure_s"), settings.exposure_s, options.DEFAULT_EXPOSURE_S),
+        first_given(flags.get("temperature_k"), settings.temperature_k, options.DEFAULT_TEMPERATURE_K),
     )
 
 
-def refuse_lens(settings: list[str] | None) -> None:
-    """The lens has made the light already: another one needs another render."""
-    for field in options.pairs("--set", settings):
+def given_camera(flags: Mapping[str, Any]) -> ms.Camera:
+    """The named camera, else the default one, with its --set fields; where there is no scene."""
+    return changed(ms.load_camera(flags.get("camera") or options.DEFAULT_CAMERA), flags.get("settings"))
+
+
+def given_exposure(flags: Mapping[str, Any]) -> ms.Exposure:
+    """The exposure that was asked for, else the default one; where there is no scene."""
+    return ms.Exposure(
+        first_given(flags.get("exposure_s"), options.DEFAULT_EXPOSURE_S),
+        first_given(flags.get("temperature_k"), options.DEFAULT_TEMPERATURE_K),
+    )
+
+
+def refuse_lens(settings: Mapping[str, str] | None) -> None:
+    """The irradiance is behind the lens already: another lens needs another render."""
+    for field in settings or ():
         if field.startswith("lens."):
-            raise InputError(f"--set {field} comes too late: the light is behind the lens already; set it in `render`.")
+            raise InputError(
+                f"--set {field} comes too late: the irradiance is behind the lens already; set it in `render`."
+            )
 
 
-def changed(camera: ms.Camera, settings: list[str] | None) -> ms.Camera:
+def changed(camera: ms.Camera, settings: Mapping[str, str] | None) -> ms.Camera:
     """The camera with its --set fields, checked again."""
-    changes = {key: toml_value(text) for key, text in options.pairs("--set", settings).items()}
+    changes = {key: toml_value(text) for key, text in (settings or {}).items()}
     return camera.replace(**changes) if changes else camera
 
 
@@ -108,7 +134,7 @@ def show(what: Any, as_json: bool) -> None:
 
 def _sentence(error: BaseException) -> str:
     if isinstance(error, MemoryError):
-        return f"not enough memory ({error}); render a smaller picture, fewer bands or fewer frames."
+        return f"not enough memory ({error}); render a smaller picture (--width), fewer bands or fewer frames."
     if isinstance(error, OSError):
         return f"{error.filename or 'the system'}: {error.strerror or error}."
     return str(error)

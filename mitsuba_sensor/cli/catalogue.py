@@ -1,4 +1,4 @@
-"""cameras list, show and schema: the camera files that come along."""
+"""cameras list, show, schema and lenses: the cameras and lens prescriptions that ship with the package."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .app import cameras, show
 
 @cameras.command("list")
 def list_command(as_json: options.Json = False) -> None:
-    """The cameras that come along."""
+    """The cameras that ship with the package."""
     known = [ms.load_camera(name) for name in ms.list_cameras()]
     if as_json:
         show([{"name": one.name, "description": one.description} for one in known], True)
@@ -45,7 +45,7 @@ def schema() -> None:
 
 @cameras.command()
 def lenses(as_json: options.Json = False) -> None:
-    """The lens prescriptions that come along, for --set lens.prescription=NAME."""
+    """The lens prescriptions that ship with the package, for --set lens.prescription=NAME."""
     from ..optics.paraxial import cardinal_points
     from ..sensor.lens_file import list_lenses
 

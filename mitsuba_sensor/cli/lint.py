@@ -1,9 +1,9 @@
-"""lint: what in a scene will not be what its author thinks."""
+"""lint: what in a scene is black, wrong or surprising for a camera."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 from rich import box
@@ -11,8 +11,9 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from ..render.options import SceneOptions
 from . import options
-from .app import app, scene_camera, scene_setup, show
+from .app import app, scene_subject, show
 
 if TYPE_CHECKING:
     from ..render.lint import Finding
@@ -22,23 +23,19 @@ STYLES = {"black": "bold red", "wrong": "bold yellow", "note": "dim"}
 
 
 @app.command(epilog="Example: mitsuba-sensor lint scenes/cornell_box.xml --camera rgbir_2mp")
-def lint(
-    scene: options.Scene,
-    camera: options.CameraOrScene = None,
-    parameters: options.Parameters = None,
-    scene_unit: options.SceneUnit = None,
-    variant: options.Variant = None,
-    as_json: options.Json = False,
-) -> None:
+@options.flags(
+    options.CameraFlags, SceneOptions, without=("exposure_s", "temperature_k", "settings", "width", "motion")
+)
+def lint(scene: options.Scene, as_json: options.Json = False, **flags: Any) -> None:
     """Say what in SCENE is black, wrong or worth knowing for this camera. Nothing is rendered.
 
     Exit code: 0 if there is nothing but notes, 1 if something is black or wrong, 2 if the scene cannot be loaded.
     """
     from ..render.scene import inspect_scene
 
-    given = options.pairs("-D", parameters)
-    chosen = scene_camera(camera, scene_setup(scene, given, variant))
-    findings = inspect_scene(scene, chosen, given, scene_unit)
+    subject, _ = scene_subject(scene, flags)
+    chosen, parameters = subject.camera, flags["parameters"] or {}
+    findings = inspect_scene(scene, chosen, parameters, flags["scene_unit"])
     show([finding.to_dict() for finding in findings] if as_json else _table(findings, scene.name, chosen), as_json)
     if any(finding.level != "note" for finding in findings):
         raise typer.Exit(1)

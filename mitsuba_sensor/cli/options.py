@@ -1,172 +1,125 @@
-"""The options of the command line: each one's name, unit and meaning, once."""
+"""Flags of the command line, made from the declarations of the options; and those that only the command line has."""
 
-from __future__ import annotations
-
-from collections.abc import Sequence
+# Without `from __future__ import annotations`: core/options.py reads these declarations at run time.
+import inspect
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, TypedDict, TypeVar
 
 import typer
 
-from ..core.errors import InputError
+from ..core.errors import InputError, require_seed
+from ..core.options import Declared, Option, declared
+from ..io import files
+from ..render.options import FrameOptions, RenderOptions, SceneOptions
+from ..sensor.options import SensorOptions
+
+Command = TypeVar("Command", bound=Callable[..., None])
 
 DEFAULT_CAMERA = "konnik_table1"
 DEFAULT_EXPOSURE_S = 0.1
 DEFAULT_TEMPERATURE_K = 298.15
 
 Scene = Annotated[
-    Path,
-    typer.Argument(metavar="SCENE", help="A Mitsuba 3 scene file (.xml); its film becomes the sensor's."),
+    Path, typer.Argument(metavar="SCENE", help="A Mitsuba 3 scene file (.xml); its film becomes the sensor's.")
 ]
-Light = Annotated[Path, typer.Argument(metavar="IRRADIANCE.exr", help="Light on the sensor, as `render` wrote it.")]
-SceneOrLight = Annotated[
+IrradianceFile = Annotated[
+    Path, typer.Argument(metavar="IRRADIANCE.exr", help="Irradiance on the sensor, as `render` wrote it.")
+]
+SceneOrIrradiance = Annotated[
     Path, typer.Argument(metavar="SCENE_OR_EXR", help="A scene file, which is rendered first, or an irradiance.exr.")
 ]
 Out = Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Folder for the results; made if need be.")]
-Camera = Annotated[
-    str,
-    typer.Option("--camera", metavar="NAME", help="A name from `cameras list`, or the path of a .toml of your own."),
-]
 CameraName = Annotated[str, typer.Argument(metavar="NAME", help="A name from `cameras list`, or the path of a .toml.")]
-ExposureS = Annotated[float, typer.Option("--exposure-s", help="How long the shutter is open, in seconds.")]
-TemperatureK = Annotated[
-    float, typer.Option("--temperature-k", help="Temperature of the sensor, in kelvin; 298.15 is +25 °C.")
-]
-Settings = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="FIELD=VALUE", help="Change a field of the camera: --set adc.bits=14. Repeatable."),
-]
-Seed = Annotated[int, typer.Option("--seed", help="All that chance decides: the render and the temporal noise.")]
-Serial = Annotated[int, typer.Option("--serial", help="Which chip of this type: decides its fixed patterns.")]
-Frames = Annotated[int, typer.Option("--frames", min=1, help="How many frames: the pages of one TIFF.")]
-WavelengthNm = Annotated[
-    float | None,
-    typer.Option("--wavelength-nm", help="Render one band only, about this wavelength in nm. Default: all it sees."),
-]
-BandwidthNm = Annotated[
-    float | None, typer.Option("--bandwidth-nm", help="Width of a spectral band, in nm. Default: the scene's, else 10.")
-]
-Spectral = Annotated[
-    str | None,
-    typer.Option("--spectral", help="auto (bands for this frame), cube (bands, each exact) or channels (the filters)."),
-]
-CameraOrScene = Annotated[
-    str | None,
-    typer.Option(
-        "--camera",
-        metavar="NAME",
-        help=f"A name from `cameras list`, or a .toml of your own. Default: the scene's, else {DEFAULT_CAMERA}.",
-    ),
-]
-ExposureOrScene = Annotated[
-    float | None,
-    typer.Option("--exposure-s", help=f"Shutter open, in seconds. Default: the scene's, else {DEFAULT_EXPOSURE_S}."),
-]
-TemperatureOrScene = Annotated[
-    float | None,
-    typer.Option("--temperature-k", help=f"Of the sensor, in K. Default: the scene's, else {DEFAULT_TEMPERATURE_K}."),
-]
-SeedOrScene = Annotated[
-    int | None,
-    typer.Option("--seed", help="Decides render and temporal noise. Default: the scene's, else 1."),
-]
-SerialOrScene = Annotated[
-    int | None,
-    typer.Option("--serial", help="Which chip of this type: decides its fixed patterns. Default: the scene's, else 1."),
-]
-NoiseRatio = Annotated[
-    float | None,
-    typer.Option("--noise-ratio", help="Render until the median of render over sensor variance is below: 0.01, say."),
-]
-MaxSeconds = Annotated[float | None, typer.Option("--max-seconds", help="But render no longer than this.")]
-MaxSpp = Annotated[int | None, typer.Option("--max-spp", min=1, help="But take no more samples per pixel than this.")]
-RenderNoiseMode = Annotated[
-    str,
-    typer.Option(
-        "--render-noise",
-        help="reuse one render for all frames; each frame its own; or spend its noise as part of the shot noise.",
-    ),
-]
-Columns = Annotated[
-    int | None,
-    typer.Option("--columns", help="The same view in so many columns of pixels, rows in proportion: a quick look."),
-]
-SceneUnit = Annotated[
-    str | None,
-    typer.Option("--scene-unit", help="What a length of 1 in the scene is: m, mm, … Default: the scene's, else m."),
-]
-MotionFile = Annotated[
-    Path | None, typer.Option("--motion", metavar="FILE.toml", help="What moves while the shutter is open.")
-]
-Subframes = Annotated[
-    int | None,
-    typer.Option("--subframes", min=1, help="Instants of one exposure of what moves. Default: one per half pixel."),
-]
-Denoise = Annotated[bool, typer.Option("--denoise", help="Smooth the light by a neural network; its bias is measured.")]
-Aovs = Annotated[
-    bool, typer.Option("--aovs", help="Write aovs.exr too: depth, position, normals, albedo, shapes, flow.")
-]
-Parameters = Annotated[
-    list[str] | None,
-    typer.Option("-D", metavar="NAME=VALUE", help="Set a <default> of the scene file: -D width=512. Repeatable."),
-]
-Samples = Annotated[
-    int | None,
-    typer.Option("--spp", min=1, help="Light paths per pixel; 4 × as many halve the render noise. Default: 128."),
-]
-Variant = Annotated[
-    str | None,
-    typer.Option("--variant", help="Mitsuba variant, e.g. scalar_spectral. Default: the fastest that works here."),
-]
+MapFile = Annotated[Path, typer.Option("-o", "--out", metavar="FILE.npz", help="The file to write.")]
 ToleranceDn = Annotated[
-    float,
-    typer.Option("--tolerance-dn", help="Leave out stages that together move no number by more, in DN."),
+    float, typer.Option("--tolerance-dn", help="Leave out stages that together move no number by more, in DN.")
 ]
-PatternsIn = Annotated[
-    Path | None,
-    typer.Option("--fpn-maps", metavar="FILE.npz", help="Measured fixed patterns, as `patterns` writes them."),
-]
-PatternsOut = Annotated[Path, typer.Option("-o", "--out", metavar="FILE.npz", help="The file to write.")]
-MapRows = Annotated[int | None, typer.Option("--rows", min=1, help="Height of the maps. Default: the whole sensor.")]
-MapColumns = Annotated[
-    int | None, typer.Option("--columns", min=1, help="Width of the maps. Default: the whole sensor.")
-]
-PreviewGain = Annotated[
-    float,
-    typer.Option("--preview-gain", min=0.0, help="Brighten frame.png by this factor, noise and all; frame.tiff stays."),
-]
-Chain = Annotated[
-    str,
-    typer.Option("--chain", help="physical, or konnik2014: the paper's released code, for comparison (one band only)."),
-]
-Engine = Annotated[
-    str,
-    typer.Option("--engine", help="numpy, drjit (one kernel, the same bytes), cuda, or auto: whichever is quicker."),
-]
-Precision = Annotated[
-    str,
-    typer.Option("--precision", help="float32, float64 (numpy only), or auto: float32 while it can count electrons."),
-]
-StudyOut = Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Folder for the page; made if need be.")]
-Again = Annotated[bool, typer.Option("--force", help="Measure anew what the folder holds already.")]
-Variants = Annotated[
-    list[str] | None,
-    typer.Option("--variant", help="A Mitsuba variant to compare. Repeatable. Default: every one that works here."),
-]
-Tolerance = Annotated[
-    float, typer.Option("--tolerance", help="Relative error of a pixel's light for which a setting is recommended.")
-]
-Seeds = Annotated[
-    int, typer.Option("--seeds", min=2, help="Independent runs of each setting; their spread makes the intervals.")
-]
-Sides = Annotated[
-    list[str] | None, typer.Option("--side", help="render or sensor: only this half. Repeatable. Default: both.")
-]
-StudyFrames = Annotated[
-    int | None, typer.Option("--frames", min=2, help="Frames of each of the 64 devices that are measured. Default: 24.")
-]
-PlanDn = Annotated[float, typer.Option("--tolerance-dn", help="Of the plan that is put to the test, in DN.")]
 Json = Annotated[bool, typer.Option("--json", help="Only JSON on stdout, for programs.")]
+
+
+class CameraFlags(TypedDict, total=False):
+    """Which camera takes the picture, and with which exposure."""
+
+    camera: Annotated[
+        str | None,
+        Option(
+            "A name from `cameras list`, or the path of a .toml of your own. Default: the scene file's, else "
+            f"{DEFAULT_CAMERA}.",
+            metavar="NAME",
+        ),
+    ]
+    exposure_s: Annotated[
+        float | None,
+        Option(f"Exposure time in seconds. Default: the scene file's, else {DEFAULT_EXPOSURE_S}.", metavar="SECONDS"),
+    ]
+    temperature_k: Annotated[
+        float | None,
+        Option(
+            f"Temperature of the sensor in kelvin. Default: the scene file's, else {DEFAULT_TEMPERATURE_K} (+25 °C).",
+            metavar="KELVIN",
+        ),
+    ]
+    settings: Annotated[
+        dict[str, str] | None,
+        Option(
+            "Change a field of the camera: --set adc.bits=14. Repeatable; `cameras show NAME` lists the fields.",
+            flag="--set",
+            metavar="FIELD=VALUE",
+            text=list[str],
+        ),
+    ]
+
+
+PANELS: dict[type, str] = {
+    CameraFlags: "Camera and exposure",
+    SceneOptions: "Scene",
+    RenderOptions: "Render: samples, bands, noise",
+    SensorOptions: "Sensor",
+    FrameOptions: "Frames and seeds",
+}
+"""Titles in --help, above the options that are declared there first."""
+
+
+class MapFlags(TypedDict, total=False):
+    """Which FPN maps are written."""
+
+    serial: Annotated[
+        int, Option("Serial number of the camera: seed of its fixed-pattern noise.", 1, check=require_seed)
+    ]
+    rows: Annotated[int | None, Option("Height of the maps. Default: the whole sensor.", low=1, metavar="PIXELS")]
+    width: Annotated[int | None, Option("Width of the maps. Default: the whole sensor.", low=1, metavar="PIXELS")]
+
+
+def flags(*kinds: type, without: tuple[str, ...] = ()) -> Callable[[Command], Command]:
+    """Give a command the flags of these options; it takes them as ``**flags``, read but not yet checked.
+
+    The flags stand in ``--help`` in the order of their declaration, before the command's own.
+    without : names of options that this command does not have.
+    """
+
+    def with_flags(command: Command) -> Command:
+        known = (one for kind in kinds for one in declared(kind) if one.option.flag is not None)
+        found = {one.name: one for one in known if one.name not in without}
+        own = [p for p in inspect.signature(command, eval_str=True).parameters.values() if p.kind is not p.VAR_KEYWORD]
+        needed, optional = [p for p in own if p.default is p.empty], [p for p in own if p.default is not p.empty]
+        made = [
+            inspect.Parameter(
+                one.name, inspect.Parameter.KEYWORD_ONLY, default=one.option.default, annotation=_type(one)
+            )
+            for one in found.values()
+        ]
+        parameters = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in (*needed, *made, *optional)]
+
+        def run(**values: Any) -> None:
+            command(**{name: _read(found[name], value) if name in found else value for name, value in values.items()})
+
+        run.__name__, run.__doc__, run.__module__ = command.__name__, command.__doc__, command.__module__
+        run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        run.__annotations__ = {p.name: p.annotation for p in parameters}
+        return run  # type: ignore[return-value]
+
+    return with_flags
 
 
 def pairs(option: str, texts: Sequence[str] | None) -> dict[str, str]:
@@ -175,3 +128,27 @@ def pairs(option: str, texts: Sequence[str] | None) -> dict[str, str]:
         if not text.partition("=")[0].strip() or "=" not in text:
             raise InputError(f"{option} {text!r} has no name and value; write {option} NAME=VALUE.")
     return {text.partition("=")[0].strip(): text.partition("=")[2].strip() for text in texts or ()}
+
+
+def _type(one: Declared) -> Any:
+    """The type of an option as typer wants it, with its flag and its help."""
+    flag, kinds = one.option.flag or f"--{one.name.replace('_', '-')}", one.kinds
+    text: Any = one.option.text or (str if one.choices else kinds[0])
+    if one.option.default is None:
+        text = text | None
+    metavar = one.option.metavar or ("|".join(map(str, one.choices)) or None)
+    panel = next((title for kind, title in PANELS.items() if one.name in kind.__annotations__), None)
+    return Annotated[text, typer.Option(flag, metavar=metavar, help=one.option.help, rich_help_panel=panel)]
+
+
+def _read(one: Declared, value: Any) -> Any:
+    """The value of an option that stands as a text on the command line."""
+    return value if value is None or one.name not in READERS else READERS[one.name](value)
+
+
+READERS: dict[str, Callable[[Any], Any]] = {
+    "parameters": lambda texts: pairs("-D", texts),
+    "settings": lambda texts: pairs("--set", texts),
+    "maps": files.read_fpn_maps,
+}
+"""How the text of an option becomes its value, where typer does not know."""

@@ -1,34 +1,30 @@
-"""plan, patterns and doctor: what a frame needs, what a chip is, what this machine can do."""
+"""plan, fpn-maps and doctor: what an exposure needs, the FPN maps of a camera, what works on this machine."""
 
 from __future__ import annotations
 
 from dataclasses import asdict
+from typing import Any
 
 import typer
 
 import mitsuba_sensor as ms
 
 from ..core.checks import first_given
+from ..core.options import complete
 from ..io import exr, files
+from ..render.options import RenderOptions
 from ..sensor.gains import gain_dn_per_e
 from . import options, terminal
-from .app import app, changed, chosen_shot, err, refuse_lens, scene_camera, scene_exposure, scene_setup, show
+from .app import app, err, given_camera, given_exposure, refuse_lens, scene_subject, show
 
 
 @app.command(epilog="Example: mitsuba-sensor plan out/irradiance.exr --exposure-s 0.001 --tolerance-dn 0.02")
+@options.flags(options.CameraFlags, RenderOptions)
 def plan(
-    source: options.SceneOrLight,
-    camera: options.CameraOrScene = None,
-    exposure_s: options.ExposureOrScene = None,
-    temperature_k: options.TemperatureOrScene = None,
+    source: options.SceneOrIrradiance,
     tolerance_dn: options.ToleranceDn = 0.0,
-    settings: options.Settings = None,
-    parameters: options.Parameters = None,
-    spp: options.Samples = None,
-    scene_unit: options.SceneUnit = None,
-    columns: options.Columns = None,
-    variant: options.Variant = None,
     as_json: options.Json = False,
+    **flags: Any,
 ) -> None:
     """Say which stages this light and exposure need, how far each moves the numbers, and the time that is saved.
 
@@ -37,21 +33,17 @@ def plan(
     from ..render.requirements import render_requirements
 
     if source.suffix.lower() == ".exr":
-        refuse_lens(settings)
-        chosen = changed(ms.load_camera(camera or options.DEFAULT_CAMERA), settings)
-        time_s, kelvin = options.DEFAULT_EXPOSURE_S, options.DEFAULT_TEMPERATURE_K
-        exposure = ms.Exposure(first_given(exposure_s, time_s), first_given(temperature_k, kelvin))
+        refuse_lens(flags["settings"])
+        camera, exposure = given_camera(flags), given_exposure(flags)
         light = exr.read_irradiance_exr(source)
     else:
-        given = options.pairs("-D", parameters)
-        setup = scene_setup(source, given, variant)
-        chosen, exposure = scene_camera(camera, setup, settings), scene_exposure(exposure_s, temperature_k, setup)
-        words = {"spp": spp, "parameters": given, "variant": variant, "scene_unit": scene_unit, "columns": columns}
-        with terminal.passes(err) as progress:
-            light = ms.render(source, chosen, exposure, progress=progress, **words)
-    photons = ms.collect(light, chosen, exposure)
-    found = ms.plan(chosen, exposure, photons, tolerance_dn=tolerance_dn)
-    needs = render_requirements(light, chosen, exposure, gain_dn_per_e(chosen), tolerance_dn)
+        subject, asked = scene_subject(source, flags)
+        camera, exposure = subject.camera, subject.exposure
+        with terminal.render_progress(err, asked) as progress:
+            light = ms.render(subject.scene, camera, exposure, progress=progress, **asked)
+    photons = ms.collect(light, camera, exposure)
+    found = ms.plan(camera, exposure, photons, tolerance_dn=tolerance_dn)
+    needs = render_requirements(light, camera, exposure, gain_dn_per_e(camera), tolerance_dn)
     whole_s, planned_s = found.seconds
     if as_json:
         seconds = {"whole_chain": whole_s, "plan": planned_s}
@@ -60,23 +52,20 @@ def plan(
     show(terminal.plan_sheet(found, needs, whole_s, planned_s), False)
 
 
-@app.command(epilog="Example: mitsuba-sensor patterns -o chip7.npz --serial 7; then render … --fpn-maps chip7.npz")
-def patterns(
-    out_file: options.PatternsOut,
-    camera: options.Camera = options.DEFAULT_CAMERA,
-    serial: options.Serial = 1,
-    rows: options.MapRows = None,
-    columns: options.MapColumns = None,
-    settings: options.Settings = None,
-    as_json: options.Json = False,
-) -> None:
-    """Write the fixed patterns of one chip into a NumPy .npz, to look at, to change, or to replace by measured ones."""
-    shot = chosen_shot(camera, settings, ms.Exposure(0.0), serial=serial)
-    shape = rows or shot.camera.sensor.rows, columns or shot.camera.sensor.columns
-    found = ms.fpn_maps(shot.camera, shape, serial=serial)
+@app.command("fpn-maps", epilog="Example: mitsuba-sensor fpn-maps -o camera7.npz --serial 7; then render … --fpn-maps")
+@options.flags(options.CameraFlags, options.MapFlags, without=("exposure_s", "temperature_k"))
+def fpn_maps(out_file: options.MapFile, as_json: options.Json = False, **flags: Any) -> None:
+    """Write the fixed-pattern noise (FPN) maps of one camera into a NumPy .npz.
+
+    To look at, to change, or to replace by measured ones: `render … --fpn-maps FILE.npz` takes such a file.
+    """
+    asked = complete(options.MapFlags, {name: flags[name] for name in options.MapFlags.__annotations__})
+    camera = given_camera(flags)
+    shape = first_given(asked["rows"], camera.sensor.rows), first_given(asked["width"], camera.sensor.columns)
+    found = ms.fpn_maps(camera, shape, serial=asked["serial"])
     files.write_fpn_maps(out_file, found)
     spread = {name: {"mean": float(x.mean()), "sigma": float(x.std()), "shape": x.shape} for name, x in found.items()}
-    show(spread if as_json else terminal.pattern_list(spread, str(out_file)), as_json)
+    show(spread if as_json else terminal.map_list(spread, str(out_file)), as_json)
 
 
 @app.command()

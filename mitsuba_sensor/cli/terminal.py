@@ -16,52 +16,52 @@ from rich.text import Text
 from ..sensor.plan import IDLE
 
 if TYPE_CHECKING:
-    from ..render.stop_criterion import Step
+    from ..render.stop_criterion import RenderProgress
 
 END = {"max_seconds": "the time was up", "max_spp": "the most samples were taken"}
 
 
 @contextmanager
-def passes(console: Console) -> Iterator[Callable[[Step], None]]:
-    """A bar over render passes, with the noise ratio as it falls and the forecast; nothing where nobody watches.
+def render_progress(console: Console, options: Mapping[str, Any]) -> Iterator[Callable[[RenderProgress], None]]:
+    """A bar over the passes of a render, or over frames with a render each; nothing where nobody watches.
 
-    Yields what ``render`` takes as its progress.
+    Beside it the noise ratio as it falls, and a forecast. Yields what ``capture`` takes as its progress.
     """
+    count = 1 if options.get("render_noise", "shared") == "shared" else options["frames"]
     with _bar(console) as progress:
         task = progress.add_task("rendering", total=None, ratio="", left="")
-        yield lambda step: progress.update(task, completed=step.done, total=step.expected, **_words(step))
 
+        def show(step: RenderProgress) -> None:
+            number = step.frame - options.get("first_frame", 0)
+            name = "rendering" if count == 1 else f"frame {step.frame}"
+            completed, total = number * step.expected + step.done, count * step.expected
+            ratio, left = _texts(step)
+            progress.update(task, description=name, completed=completed, total=total, ratio=ratio, left=left)
 
-@contextmanager
-def frames(console: Console, count: int) -> Iterator[Callable[[int, Step], None]]:
-    """The same over the renders of ``count`` frames. Yields what ``shoot`` takes as its progress."""
-    with _bar(console) as progress:
-        task = progress.add_task("rendering", total=count, ratio="", left="")
-
-        def tell(frame: int, step: Step) -> None:
-            done = frame + step.done / step.expected
-            progress.update(task, description=f"frame {frame}", completed=done, **_words(step))
-
-        yield tell
+        yield show
 
 
 def _bar(console: Console) -> Progress:
     columns = (
-        TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"),
-        TextColumn("{task.fields[ratio]}"), TimeElapsedColumn(), TextColumn("{task.fields[left]}"),
-    )  # fmt: skip
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.percentage:>3.0f} %"),
+        TextColumn("{task.fields[ratio]}"),
+        TimeElapsedColumn(),
+        TextColumn("{task.fields[left]}"),
+    )
     return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
 
 
-def _words(step: Step) -> dict[str, str]:
-    """What a step says beside the bar."""
+def _texts(step: RenderProgress) -> tuple[str, str]:
+    """Beside the bar: the noise ratio so far, and the forecast."""
     ratio = "" if math.isnan(step.noise_ratio) else f"render noise {_number(step.noise_ratio)} × the sensor's"
     left = "" if math.isnan(step.seconds_left) else f"about {step.seconds_left:.0f} s left"
-    return {"ratio": ratio, "left": left}
+    return ratio, left
 
 
 def summary(report: Mapping[str, Any], folder: str) -> RenderableType:
-    """The short story of a frame: photons, each stage expected and found, noise by its causes, what was cut."""
+    """A frame in short: photons, the signal after each stage in theory and in the frame, noise by source."""
     return Group(_headline(report, folder), _stages(report), *_facts(report), *_notes(report))
 
 
@@ -87,8 +87,8 @@ def _kept(kept: bool) -> Text:
     return Text("kept") if kept else Text("left out", style="green")
 
 
-def pattern_list(spread: Mapping[str, Any], path: str) -> RenderableType:
-    """The maps of a chip: what is in a file of patterns."""
+def map_list(spread: Mapping[str, Any], path: str) -> RenderableType:
+    """The FPN maps of a camera: name, shape, mean and spread of each."""
     table = columns_table("map", "shape", "mean", "σ")
     for name, x in spread.items():
         table.add_row(name, " × ".join(map(str, x["shape"])), _number(x["mean"]), _number(x["sigma"]))
@@ -96,16 +96,16 @@ def pattern_list(spread: Mapping[str, Any], path: str) -> RenderableType:
     return Group(Text(f"wrote {path}", style="bold"), table)
 
 
-def camera_list(rows: list[tuple[str, str, str, str]]) -> Table:
-    """(name, technology, size, description) of every camera that comes along."""
+def camera_list(rows: Sequence[tuple[str, str, str, str]]) -> Table:
+    """(name, technology, size, description) of every camera that ships with the package."""
     table = columns_table("camera", "technology", "pixels", "what it is")
     for row in rows:
         table.add_row(*row)
     return table
 
 
-def lens_list(rows: list[tuple[str, str, str, str]]) -> Table:
-    """(name, focal length, surfaces, source) of every prescription that comes along."""
+def lens_list(rows: Sequence[tuple[str, str, str, str]]) -> Table:
+    """(name, focal length, surfaces, source) of every lens prescription that ships with the package."""
     table = columns_table("lens", "focal length", "surfaces", "source")
     for row in rows:
         table.add_row(*row)
@@ -141,8 +141,8 @@ def _headline(report: Mapping[str, Any], folder: str) -> Text:
     image, exposure = report["image"], report["exposure"]
     pages = f"{image['frames']} frame{'s' if image['frames'] > 1 else ''}"
     size = f"{image['columns']} × {image['rows']}, {pages}"
-    shot = f"{exposure['time_s']:g} s at {exposure['temperature_k']:g} K"
-    return Text.assemble((report["camera"]["name"], "bold"), f", {shot}, {size} → ", (folder, "bold"))
+    conditions = f"{exposure['time_s']:g} s at {exposure['temperature_k']:g} K"
+    return Text.assemble((report["camera"]["name"], "bold"), f", {conditions}, {size} → ", (folder, "bold"))
 
 
 def _stages(report: Mapping[str, Any]) -> Table:

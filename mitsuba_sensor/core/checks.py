@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
+from typing import TypeVar, overload
 
 import numpy as np
 
@@ -35,6 +35,12 @@ def numbers(name: str, values: object, remedy: str) -> Float64Array:
     return np.asarray(array, dtype=np.float64)
 
 
+@overload
+def first_given(value: Value | None, default: Value, /) -> Value: ...
+@overload
+def first_given(value: Value | None, other: Value | None, default: Value, /) -> Value: ...
+@overload
+def first_given(*values: Value | None) -> Value | None: ...
 def first_given(*values: Value | None) -> Value | None:
     """The first value that is not None; None if all are."""
     return next((value for value in values if value is not None), None)

@@ -90,16 +90,14 @@ class Declared:
         return value
 
     def _number(self, value: Any) -> float:
-        whole = self.kinds == (int,)
-        remedy = (
-            f"{'a whole number' if whole else 'a number'}{f', e.g. {self.option.example}' * bool(self.option.example)}"
-        )
-        number = require(self.name, value, self.option.low, self.option.high, remedy)
-        if isinstance(value, bool) or (whole and number != int(number)):
-            raise InputError(
-                f"{self.name} is {value!r}; it must be {'a whole number' * whole or 'a number'}{self._example()}."
-            )
-        return int(value) if whole else number
+        """A number in the range; a whole one, however it is stored, where the type is int."""
+        noun = "a whole number" if self.kinds == (int,) else "a number"
+        numeric = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+        if not numeric or (self.kinds == (int,) and value == value and value % 1):
+            raise InputError(f"{self.name} is {value!r}; it must be {noun}{self._example()}.")
+        example = f", e.g. {self.option.example}" if self.option.example else ""
+        number = require(self.name, value, self.option.low, self.option.high, noun + example)
+        return int(value) if self.kinds == (int,) else number
 
     def _example(self) -> str:
         return f" (e.g. {self.option.example})" if self.option.example else ""

@@ -1,4 +1,4 @@
-"""Spectral irradiance and ground truth as OpenEXR files; each appears whole or not at all (files.py)."""
+"""Spectral irradiance and AOVs as OpenEXR files; each appears whole or not at all (files.py)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SPECTRAL_CHANNEL = "S0."  # Fichet, Pacanowski & Wilkie 2021, "An OpenEXR Layout
 FILTER_CHANNEL = "channel."
 ERROR_CHANNEL = "standard_error."
 RELATIVE_ERROR_CHANNEL = "relative_error"
-TRUTH_LAYERS = {  # array of a Aovs → its components, its unit
+AOV_LAYERS = {  # array of Aovs → its components, its unit
     "depth_m": ("", "m along the optical axis, inf where nothing is"),
     "position_m": ("XYZ", "m in world space, NaN where nothing is"),
     "normal": ("XYZ", "unit vector in world space, 0 where nothing is"),
@@ -39,16 +39,16 @@ def write_irradiance_exr(path: Path, irradiance: Irradiance) -> None:
     comma, as Fichet et al. 2021 have it, because a dot separates layers); ``relative_error`` that of the electrons.
     What was rendered into colour filters has ``channel.<filter>`` instead, in W m⁻² at the wavelength in the header.
     """
-    header = {
+    header: dict[str, str | float] = {
         "spectralLayoutVersion": "1.0",
         "polarisationHandedness": "right",
         "emissiveUnits": "W.m^-2.nm^-1",
         "bandwidths_nm": json.dumps([float(width) for width in irradiance.bandwidths_nm]),
-        "certificate": json.dumps(irradiance.statistics.to_dict(), default=plain_values),
+        "render_statistics": json.dumps(irradiance.statistics.to_dict(), default=plain_values),
     }
     header["first_pixel"] = json.dumps(irradiance.origin)
     if irradiance.filters is not None:
-        header |= {"filters": json.dumps(irradiance.filters), "response": irradiance.response}
+        header |= {"filters": json.dumps(irradiance.filters), "response": irradiance.response or ""}
         header["reference_nm"] = float(irradiance.wavelengths_nm[0])
     channels = {RELATIVE_ERROR_CHANNEL: _float32(irradiance.relative_error)}
     for band, wavelength_nm in enumerate(irradiance.wavelengths_nm):
@@ -61,7 +61,7 @@ def write_irradiance_exr(path: Path, irradiance: Irradiance) -> None:
     _write_exr(path, header, channels)
 
 
-def read_irradiance_exr(path: Path | str) -> Irradiance:
+def read_irradiance_exr(path: str | os.PathLike[str]) -> Irradiance:
     """What :func:`write_irradiance_exr` wrote.
 
     Raises InputError for anything else: no such file, not an EXR, no spectrum in it, cut short.
@@ -80,9 +80,9 @@ def read_irradiance_exr(path: Path | str) -> Irradiance:
             bandwidths_nm=np.array(json.loads(header["bandwidths_nm"]), dtype=float),
             standard_error=np.stack([pixels[ERROR_CHANNEL + name] for name in names], axis=-1),
             relative_error=pixels[RELATIVE_ERROR_CHANNEL],
-            statistics=_rebuilt(RenderStatistics, json.loads(header["certificate"])),
+            statistics=_rebuilt(RenderStatistics, json.loads(header["render_statistics"])),
             filters=filters,
-            response=header.get("response"),
+            response=header.get("response") or None,
             origin=tuple(json.loads(header.get("first_pixel", "[0, 0]"))),
         )
     except (KeyError, ValueError, TypeError) as error:
@@ -92,24 +92,24 @@ def read_irradiance_exr(path: Path | str) -> Irradiance:
         ) from error
 
 
-def write_aovs_exr(path: Path, truth: Aovs) -> None:
-    """Ground truth as float32 EXR, one layer for each of its arrays; :func:`read_aovs_exr` is its inverse.
+def write_aovs_exr(path: Path, aovs: Aovs) -> None:
+    """AOVs as float32 EXR, one layer for each of its arrays; :func:`read_aovs_exr` is its inverse.
 
     The header has ``units`` and ``shapes``, the names behind the numbers of ``shape_index``, as JSON.
     """
     header = {
-        "units": json.dumps({name: unit for name, (_, unit) in TRUTH_LAYERS.items()}),
-        "shapes": json.dumps(truth.shapes),
-        "scene_sha256": truth.scene_sha256,
+        "units": json.dumps({name: unit for name, (_, unit) in AOV_LAYERS.items()}),
+        "shapes": json.dumps(aovs.shapes),
+        "scene_sha256": aovs.scene_sha256,
     }
-    channels = {}
-    for name, (axes, _) in TRUTH_LAYERS.items():
-        image = np.atleast_3d(getattr(truth, name))
+    channels: dict[str, np.ndarray] = {}
+    for name, (axes, _) in AOV_LAYERS.items():
+        image = np.atleast_3d(getattr(aovs, name))
         channels |= {layer: _float32(image[..., k]) for k, layer in enumerate(_layers(name, axes))}
     _write_exr(path, header, channels)
 
 
-def read_aovs_exr(path: Path | str) -> Aovs:
+def read_aovs_exr(path: str | os.PathLike[str]) -> Aovs:
     """What :func:`write_aovs_exr` wrote. Raises InputError for anything else."""
     from ..render.aovs import Aovs
 
@@ -117,11 +117,13 @@ def read_aovs_exr(path: Path | str) -> Aovs:
     try:
         arrays = {
             name: np.stack([pixels[layer] for layer in _layers(name, axes)], axis=-1) if axes else pixels[name]
-            for name, (axes, _) in TRUTH_LAYERS.items()
+            for name, (axes, _) in AOV_LAYERS.items()
         }
         return Aovs(**arrays, shapes=tuple(json.loads(header["shapes"])), scene_sha256=header["scene_sha256"])
     except (KeyError, ValueError, TypeError) as error:
-        raise InputError(f"{path} is an EXR but no ground truth (missing or unreadable: {error}).") from error
+        raise InputError(
+            f"{path} is an EXR without the AOVs that `render --aovs` writes (missing or unreadable: {error})."
+        ) from error
 
 
 def _float32(image: np.ndarray) -> np.ndarray:
@@ -136,9 +138,9 @@ def _write_exr(path: Path, header: dict[str, Any], channels: dict[str, np.ndarra
         try:
             with OpenEXR.File(header, channels) as file:
                 file.write(str(temporary))
-        except (RuntimeError, ValueError) as error:  # its words for everything
+        except (RuntimeError, ValueError) as error:  # whatever went wrong
             raise OSError(str(error)) from error
-        if temporary.stat().st_size == 0:  # a file below 4 kB meets a full disk without a word
+        if temporary.stat().st_size == 0:  # a file below 4 kB meets a full disk without an error
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
@@ -146,7 +148,7 @@ def _whole_exr(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Header and channels of an EXR; InputError if it is not there, not an EXR or not whole."""
     import OpenEXR
 
-    _require_exr(path)
+    require_exr(path)
     try:
         with OpenEXR.File(str(path), separate_channels=True) as file:
             return dict(file.header()), {name: channel.pixels for name, channel in file.channels().items()}
@@ -159,7 +161,17 @@ def _layers(name: str, axes: str) -> list[str]:
     return [f"{name}.{axis}" for axis in axes] or [name]
 
 
-def _require_exr(path: Path) -> None:
+def is_exr(path: str | os.PathLike[str]) -> bool:
+    """Whether there is an OpenEXR file of that name, by its first bytes."""
+    try:
+        with Path(path).open("rb") as file:
+            return file.read(len(EXR_MAGIC)) == EXR_MAGIC
+    except OSError:
+        return False
+
+
+def require_exr(path: Path) -> None:
+    """Raise InputError for anything that is not an OpenEXR file."""
     try:
         with path.open("rb") as file:
             magic = file.read(len(EXR_MAGIC))

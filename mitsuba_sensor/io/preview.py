@@ -1,4 +1,4 @@
-"""A picture for the eye from raw numbers: black level off, white level to 1, demosaiced, sRGB curve.
+"""8-bit preview of a raw frame: black level subtracted, white level to 1, demosaiced, sRGB curve.
 
 Nothing is stretched unless asked for: an exposure that is too dark looks too dark.
 """
@@ -24,7 +24,7 @@ def preview(digital: NDArray[np.generic], camera: Camera, gain: float = 1.0) -> 
     surface in daylight looks grey.
     """
     black_dn, white_dn = black_level_dn(camera), 2.0**camera.adc.bits - 1.0
-    linear = np.clip(gain * (digital - black_dn) / (white_dn - black_dn), 0.0, 1.0)
+    linear = np.clip(gain * (np.asarray(digital, dtype=np.float64) - black_dn) / (white_dn - black_dn), 0.0, 1.0)
     order = colour_order(camera.filter_names)
     if order is not None:
         planes = demosaic(linear, camera.filter_index(digital.shape), len(camera.filter_names))
@@ -57,14 +57,14 @@ def demosaic(mosaic: NDArray[np.float64], filters: NDArray[np.integer], count: i
 def white_balance(camera: Camera) -> NDArray[np.float64]:
     """(F,) factors ≥ 1 that make the filters equal under daylight."""
     wavelengths_nm = np.linspace(*camera.band_nm, 256)
-    electrons = (camera.qe(wavelengths_nm) * daylight_photons(wavelengths_nm)).sum(axis=-1)
-    return electrons.max() / electrons
+    electrons: NDArray[np.float64] = (camera.qe(wavelengths_nm) * daylight_photons(wavelengths_nm)).sum(axis=-1)
+    return np.asarray(electrons.max() / electrons)
 
 
 def daylight_photons(wavelengths_nm: NDArray[np.float64]) -> NDArray[np.float64]:
     """Photons per wavelength of a black body at the colour temperature of daylight, in any unit (Planck)."""
     energy_over_kt = photon_energy_j(wavelengths_nm) / (BOLTZMANN_J_PER_K * DAYLIGHT_K)
-    return wavelengths_nm**-4.0 / np.expm1(energy_over_kt)
+    return np.asarray(wavelengths_nm**-4.0 / np.expm1(energy_over_kt))
 
 
 def srgb_curve(linear: NDArray[np.float64]) -> NDArray[np.float64]:

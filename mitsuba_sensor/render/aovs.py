@@ -8,9 +8,9 @@ time when that row opens.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,16 +18,19 @@ from numpy.typing import NDArray
 from ..core.checks import check_types
 from ..core.errors import InputError
 from ..core.exposure import Exposure
+from ..core.options import complete, documents
 from ..core.types import Float64Array
 from ..optics.shutter import Shutter, shutter_of
 from .animated_transforms import AnimatedTransforms
 from .bands import LONGEST_NM, SHORTEST_NM, choose_bands
 from .image_motion import first_hits, reproject
 from .motion import Motion, read_motion
+from .options import SceneOptions
 from .passes import row_strips
 from .rays import pixel_rays
 from .scene import Scene, load_scene
-from .scene_settings import read_settings, unit_m
+from .scene_file import parse_scene
+from .scene_settings import settings_of, unit_m
 from .variants import choose_variant, use
 
 if TYPE_CHECKING:
@@ -65,42 +68,45 @@ class Aovs:
     scene_sha256: str
 
 
+@documents(SceneOptions)
 def render_aovs(
     scene: str | os.PathLike[str],
     camera: Camera,
     *,
-    parameters: Mapping[str, object] | None = None,
-    variant: str | None = None,
-    motion: str | os.PathLike[str] | Mapping[str, object] | Motion | None = None,
     exposure: Exposure | None = None,
-    scene_unit: str | float | None = None,
-    width: int | None = None,
     progress: RowProgress | None = None,
+    **options: Unpack[SceneOptions],
 ) -> Aovs:
-    """The AOVs of a scene file, for the frame that :func:`render.irradiance.render` makes of it.
+    """The AOVs of a scene file, aligned with the frame that :func:`render.prepared.render` makes of it.
 
-    motion : of camera and objects, see render/motion.py; it needs an exposure, the time that the shutter is open.
-    scene_unit, width : as for :func:`render.irradiance.render`.
+    exposure : for how long the shutter is open, which a motion needs.
     progress : called with (rows done, rows in all), also once before the first.
     In scalar variants rays are traced one by one: 0.3 ms per pixel with a motion, and 0.01 ms in LLVM.
     Raises InputError.
     """
     check_types(camera, Exposure(0.0) if exposure is None else exposure)
+    chosen = complete(SceneOptions, options)
+    motion, scene_unit, parameters = chosen["motion"], chosen["scene_unit"], chosen["parameters"] or {}
     if motion is not None and exposure is None:
         raise InputError("a motion is given and no exposure; pass exposure=Exposure(time_s) for the optical flow.")
     if not isinstance(scene, str | os.PathLike):
         raise InputError(f"scene is {scene!r}; pass the path of a scene file, e.g. 'scenes/cornell_box.xml'.")
     moved = Motion() if motion is None else read_motion(motion)
-    use(choose_variant(variant))
+    use(choose_variant(chosen["variant"]))
     bands = choose_bands(camera, None, LONGEST_NM - SHORTEST_NM, "auto")  # one is enough: only rays are traced
-    loaded = load_scene(scene, bands, parameters or {}, camera, scene_unit, width=width)
-    metres = unit_m(scene_unit if scene_unit is not None else read_settings(scene, parameters or {}).unit_m or 1.0)
-    shutter = shutter_of(camera, exposure or Exposure(0.0))
-    with AnimatedTransforms(loaded, moved, metres) as transforms:
-        arrays = _trace(loaded, transforms, shutter, progress or (lambda done, total: None))
-    arrays["depth_m"] *= np.float32(metres)
-    arrays["position_m"] *= np.float32(metres)
-    return Aovs(**arrays, shapes=shape_names(loaded), scene_sha256=loaded.sha256)
+    file = parse_scene(scene, parameters)
+    metres = unit_m(scene_unit if scene_unit is not None else settings_of(file).unit_m or 1.0)
+    loaded = load_scene(file, bands, parameters, camera, scene_unit, width=chosen["width"])
+    return aovs_of(loaded, moved, metres, shutter_of(camera, exposure or Exposure(0.0)), progress)
+
+
+def aovs_of(scene: Scene, motion: Motion, unit_m: float, shutter: Shutter, progress: RowProgress | None = None) -> Aovs:
+    """The AOVs of a scene that is loaded. unit_m : metres per scene unit."""
+    with AnimatedTransforms(scene, motion, unit_m) as transforms:
+        arrays = _trace(scene, transforms, shutter, progress or (lambda done, total: None))
+    arrays["depth_m"] *= np.float32(unit_m)
+    arrays["position_m"] *= np.float32(unit_m)
+    return Aovs(**arrays, shapes=shape_names(scene), scene_sha256=scene.sha256)
 
 
 def denoising_guides(scene: Scene) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

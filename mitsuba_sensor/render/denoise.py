@@ -22,7 +22,7 @@ from .aovs import denoising_guides
 from .scene import Scene
 
 if TYPE_CHECKING:
-    from .irradiance import Irradiance, Job
+    from .irradiance import Irradiance
 
 Image = NDArray[np.float32]
 BLOCK = 8  # pixels along a block's side: noise of 64 pixels averages to 1/8, edges stay
@@ -38,13 +38,12 @@ def library() -> ModuleType:
         raise InputError("denoise needs Open Image Denoise; pip install 'mitsuba-sensor[denoise]'.") from None
 
 
-def denoised(light: Irradiance, job: Job, halves: tuple[Float64Array, Float64Array]) -> Irradiance:
+def denoised(light: Irradiance, scene: Scene, halves: tuple[Float64Array, Float64Array]) -> Irradiance:
     """The denoised irradiance, guided by albedo and normals, with the measured bias in its statistics.
 
-    halves : (H, W, B) each, two independent renders of half the samples.
+    scene : at rest.  halves : (H, W, B) each, two independent renders of half the samples.
     Its error bars are those before denoising: they bound the noise, not the bias.
     """
-    scene = job.scene if isinstance(job.scene, Scene) else job.scene.scene
     guides = denoising_guides(scene)
     raw = np.stack([half.astype(np.float64) for half in halves])
     smooth = np.stack([smoothed(half, guides) for half in halves])

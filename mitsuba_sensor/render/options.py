@@ -8,13 +8,45 @@ from typing import Annotated, Any, Literal, TypedDict
 
 from ..core.errors import require_seed
 from ..core.options import Option
-from ..sensor.options import SensorOptions
+from ..sensor.options import KeepOptions
 from .bands import LONGEST_NM, NARROWEST_NM, SHORTEST_NM
 from .motion import Motion
 from .passes import MOST_IN_ALL, MOST_SPP
 
 
-class RenderOptions(TypedDict, total=False):
+class SceneOptions(TypedDict, total=False):
+    """How a scene file is read: unit of length, size of the picture, motion, parameters, Mitsuba variant."""
+
+    scene_unit: Annotated[
+        str | float | None,
+        Option("What a length of 1 in the scene is: m, mm, … or metres. Default: the scene file's, else m.", text=str),
+    ]
+    width: Annotated[
+        int | None,
+        Option(
+            "Render the same view with this many columns of pixels, and rows in proportion; behind a lens "
+            "prescription, whose pixels keep their size, a window of it.",
+            metavar="PIXELS",
+        ),
+    ]
+    motion: Annotated[
+        str | os.PathLike[str] | Mapping[str, Any] | Motion | None,
+        Option("What moves while the shutter is open: a file, see docs/rendering.md.", metavar="FILE.toml", text=Path),
+    ]
+    parameters: Annotated[
+        Mapping[str, Any] | None,
+        Option("Values for the <default> names of the scene file.", flag="-D", metavar="NAME=VALUE", text=list[str]),
+    ]
+    variant: Annotated[
+        str | None,
+        Option(
+            "Spectral Mitsuba variant. Default: the one that is set, else the fastest that works.",
+            example="scalar_spectral",
+        ),
+    ]
+
+
+class RenderOptions(SceneOptions, total=False):
     """How a scene is rendered, beside scene, camera, exposure and seed."""
 
     spp: Annotated[
@@ -70,22 +102,6 @@ class RenderOptions(TypedDict, total=False):
             "each of them, for other cameras; channels: only what this camera's filters detect."
         ),
     ]
-    scene_unit: Annotated[
-        str | float | None,
-        Option("What a length of 1 in the scene is: m, mm, … or metres. Default: the scene file's, else m.", text=str),
-    ]
-    width: Annotated[
-        int | None,
-        Option(
-            "Render the same view with this many columns of pixels, and rows in proportion; behind a lens "
-            "prescription, whose pixels keep their size, a window of it.",
-            metavar="PIXELS",
-        ),
-    ]
-    motion: Annotated[
-        str | os.PathLike[str] | Mapping[str, Any] | Motion | None,
-        Option("What moves while the shutter is open: a file, see docs/rendering.md.", metavar="FILE.toml", text=Path),
-    ]
     subframes: Annotated[
         int | None,
         Option(
@@ -101,21 +117,10 @@ class RenderOptions(TypedDict, total=False):
             "Denoise the irradiance with Open Image Denoise; its bias is measured. Needs the extra 'denoise'.", False
         ),
     ]
-    parameters: Annotated[
-        Mapping[str, Any] | None,
-        Option("Values for the <default> names of the scene file.", flag="-D", metavar="NAME=VALUE", text=list[str]),
-    ]
-    variant: Annotated[
-        str | None,
-        Option(
-            "Spectral Mitsuba variant. Default: the one that is set, else the fastest that works.",
-            example="scalar_spectral",
-        ),
-    ]
 
 
-class FrameOptions(RenderOptions, SensorOptions, total=False):
-    """Which frames are made of a scene: how often, by which camera and with which random numbers."""
+class FrameOptions(KeepOptions, total=False):
+    """Which frames are made: how many, from which number on, and with which seeds."""
 
     seed: Annotated[
         int | None,
@@ -133,3 +138,7 @@ class FrameOptions(RenderOptions, SensorOptions, total=False):
         int,
         Option("Number of the first frame; frame 12 is the same made alone or after others.", 0, low=0, high=2**32 - 1),
     ]
+
+
+class FrameSeriesOptions(RenderOptions, FrameOptions, total=False):
+    """All options of :func:`render_frames`."""

@@ -1,46 +1,49 @@
-"""Frames that each have a render of their own, and may spend its noise as part of their shot noise."""
+"""Frames that each have a render of their own, whose noise may be counted as part of their shot noise (compensated)."""
 
 from __future__ import annotations
 
 import os
-import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.checks import first_given
-from ..core.errors import InputError, require_seed
+from ..core.errors import InputError
 from ..core.exposure import Exposure
+from ..core.options import complete, documents, part_of
 from ..core.signals import Photons
-from ..sensor.checks import check_numbers
+from ..sensor.checks import as_photons, check_numbers
 from ..sensor.compensation import LIMIT, compensable
 from ..sensor.effects.dark_current import mean_dark_e
-from ..sensor.expose import Frames, expose
-from .irradiance import Irradiance, Job, RenderOptions, prepare
+from ..sensor.expose import Frames, PreparedExposure
+from ..sensor.options import ExposeOptions
+from .irradiance import Irradiance
+from .options import FrameSeriesOptions, RenderOptions
+from .parsed_scene import ParsedScene
 from .passes import FEWEST, hashed_seed, whole_grid
 from .photons import collect
+from .prepared import PreparedRender, check_options, prepare
 from .renderer import Criterion, Map
 from .statistics import median_bias
-from .stop_criterion import Step, StopCriterion
+from .stop_criterion import Progress, RenderProgress, StopCriterion, stop_criterion_of
 
 if TYPE_CHECKING:
     from ..sensor.camera import Camera
 
-RenderNoiseMode = Literal["compensated", "per-frame"]
+PerFrameNoise = Literal["compensated", "per-frame"]
 RENDER_NOISE_MODES = ("compensated", "per-frame")
-EXPOSING = ("maps", "chain", "engine", "precision", "keep", "plan")
-AIM = LIMIT / 2  # median of v/μ: below it the total has the shape of Poisson's law (sensor/compensation.py)
-FEWEST_JUDGED = 7  # degrees of freedom of a measured variance; with fewer passes more than 1 % stays uncompensated
+TARGET = LIMIT / 2  # median of v/μ: below it the total has the shape of a Poisson law (sensor/compensation.py)
+FEWEST_FREEDOM = 7  # degrees of freedom of a measured variance; with fewer passes more than 1 % stays uncompensated
 UNCOMPENSATED = 0.015  # of the shot variance, averaged over all but the noisiest pixels: what may stay as excess noise
 NOISIEST = 0.01  # of the pixels, e.g. edges of a lamp: they alone would ask for two to three times the samples
 MARGIN = 1.15  # on the samples that a frame needs: what is left differs from frame to frame by a tenth or so
 
 
 @dataclass(frozen=True, eq=False)
-class FrameOfRender:
+class RenderedFrame:
     """One frame, and the render that it was made from.
 
     uncompensated : what is left of the render's variance over the shot variance, averaged over the pixels: the frame is
@@ -53,64 +56,114 @@ class FrameOfRender:
     uncompensated: float
 
 
+@documents(FrameSeriesOptions)
 def render_frames(
-    scene: str | os.PathLike[str],
+    scene: str | os.PathLike[str] | ParsedScene,
     camera: Camera | None = None,
     exposure: Exposure | None = None,
     *,
-    frames: int = 1,
-    first_frame: int = 0,
-    seed: int | None = None,
-    serial: int | None = None,
-    render_noise: RenderNoiseMode = "compensated",
-    exposing: Mapping[str, Any] | None = None,
-    progress: Callable[[int, Step], None] | None = None,
-    **rendering: Any,
-) -> Iterator[FrameOfRender]:
+    render_noise: PerFrameNoise = "compensated",
+    progress: Progress | None = None,
+    **options: Unpack[FrameSeriesOptions],
+) -> Iterator[RenderedFrame]:
     """Frames of a scene, each from a render with a seed of its own; one at a time, all checked before the first.
 
     render_noise : "compensated" counts the render's noise as part of the shot noise, so that 16 times fewer samples are
         enough than for a noise ratio of 0.01; "per-frame" adds it to the shot noise.
-    exposing : other words of :func:`expose`: maps, chain, engine, precision, keep, plan.
-    progress : called with the frame's number and a :class:`render.stop_criterion.Step` of its render.
-    rendering : other options of :func:`render`. By default "compensated" renders until the median of v/μ, the variance
-        of the render over that of the shot noise, is 1/6, and at most 1.5 % is left uncompensated outside the noisiest
-        1 % of the pixels;
-        "spectral" is "channels", since each render is used once. The first frame tells how large the passes of the
-        others are: give ``spp`` where a frame must come out the same when it is made alone.
-    Raises InputError.
+    progress : called with a :class:`render.stop_criterion.RenderProgress` of each frame's render.
+
+    By default "compensated" renders until the median of v/μ, the variance of the render over that of the shot noise,
+    is 1/6, and at most 1.5 % is left uncompensated outside the noisiest 1 % of the pixels; ``spectral`` is "channels",
+    since each render is used once. The first frame determines the size of the passes of the others: give ``spp`` where
+    a frame must come out the same when it is made alone. Raises InputError.
     """
-    if render_noise not in RENDER_NOISE_MODES:
-        raise InputError(f"render_noise is {render_noise!r}; it must be one of {', '.join(RENDER_NOISE_MODES)}.")
-    words = dict(exposing or {})
-    if unknown := sorted(set(words) - set(EXPOSING)):
-        raise InputError(f"exposing names {unknown[0]!r}; it may have {', '.join(EXPOSING)}.")
-    if rendering.get("denoise"):
-        raise InputError("denoise and shoot do not go together: what a denoiser leaves of the noise cannot be spent.")
-    options = RenderOptions(**rendering)
-    aims = render_noise == "compensated" and options.spp is None and options.noise_ratio is None
-    wanted = replace(options, noise_ratio=1.0) if aims else options
-    wanted.budget()  # refuses before anything is loaded
-    check_numbers(frames, first_frame, 1 if seed is None else seed)
-    job = prepare(scene, camera, exposure, options, usual="channels")
-    _refuse_uncompensable(render_noise, job.camera, words)
-    budget = wanted.budget(len(job.bands.groups))
-    if aims:
-        budget = replace(budget, reached="compensable")
-    seeds = job.seed(seed), require_seed("serial", first_given(serial, job.setup.serial, 1))
-    measure = _yardstick(job) if aims else None
-    tell = progress or (lambda frame, step: None)
-    numbers = range(first_frame, first_frame + frames)
-    return _takes(job, budget, measure, numbers, seeds, render_noise == "compensated", words, tell)
+    chosen = complete(FrameSeriesOptions, options)
+    series = FrameSeries.prepare(scene, camera, exposure, chosen, render_noise)
+    return series.frames(progress)
 
 
-def _refuse_uncompensable(render_noise: str, camera: Camera, exposing: dict[str, Any]) -> None:
+@dataclass(frozen=True, eq=False)
+class FrameSeries:
+    """A loaded scene that is rendered anew for every frame.
+
+    sensor : the exposure of one frame.  stop : of each render.  count : how many frames.
+    criterion : 1 where a render can be compensated; None for other stop criteria.
+    """
+
+    prepared: PreparedRender
+    sensor: PreparedExposure
+    stop: StopCriterion
+    criterion: Criterion | None
+    compensated: bool
+    count: int
+
+    @classmethod
+    def prepare(
+        cls,
+        scene: str | os.PathLike[str] | ParsedScene,
+        camera: Camera | None,
+        exposure: Exposure | None,
+        options: FrameSeriesOptions,
+        render_noise: PerFrameNoise,
+    ) -> FrameSeries:
+        """Check everything that was asked for, and load the scene. Raises InputError."""
+        if render_noise not in RENDER_NOISE_MODES:
+            raise InputError(f"render_noise is {render_noise!r}; it must be one of {', '.join(RENDER_NOISE_MODES)}.")
+        if options["denoise"]:
+            raise InputError(
+                "denoise and a render for every frame exclude each other: what a denoiser leaves of the noise cannot "
+                "be compensated; leave one of them out."
+            )
+        compensated = render_noise == "compensated"
+        measured = compensated and options["spp"] is None and options["noise_ratio"] is None
+        rendering = part_of(RenderOptions, options)
+        wanted: RenderOptions = {**rendering, "noise_ratio": 1.0} if measured else rendering
+        check_options(wanted)
+        check_numbers(options["frames"], options["first_frame"], first_given(options["seed"], 1))
+        prepared = prepare(scene, camera, exposure, usual="channels", **rendering)
+        if compensated:
+            _refuse_uncompensable(prepared.camera, options)
+        numbers = options["first_frame"], 1
+        sensor = prepared.sensor(options["seed"], options["serial"], numbers, part_of(ExposeOptions, options))
+        stop = stop_criterion_of(wanted, len(prepared.bands.groups))
+        if not measured:
+            return cls(prepared, sensor, stop, None, compensated, options["frames"])
+        return cls(
+            prepared, sensor, replace(stop, reached="compensable"), _criterion(prepared), compensated, options["frames"]
+        )
+
+    def frames(self, progress: Progress | None = None, report: bool = False) -> Iterator[RenderedFrame]:
+        """One frame after the other. report : whether the first one brings its report along."""
+        prepared, sensor, stop = self.prepared, self.sensor, self.stop
+        first = sensor.first.index
+        for number in range(first, first + self.count):
+
+            def step(now: RenderProgress, number: int = number) -> None:
+                if progress is not None:
+                    progress(replace(now, frame=number))
+
+            light = prepared.render(hashed_seed(sensor.first.seed, -1, number), stop, step, criterion=self.criterion)
+            if not stop.sized or (self.criterion is not None and number == first):  # the first render sizes all others
+                stop = self._sized(stop)
+            photons = as_photons(collect(light, prepared.camera, prepared.exposure), prepared.camera)
+            mean, variance = prepared.renderer.electrons()
+            if self.compensated:
+                photons = replace(photons, variance_e2=np.where(np.isfinite(photons.total), variance, 0.0))
+            exposed = sensor.of(photons, number)
+            made = exposed.frames_with_report() if report and number == first else exposed.frames()
+            yield RenderedFrame(made, light, photons, uncompensated(prepared, mean, variance, self.compensated))
+
+    def _sized(self, stop: StopCriterion) -> StopCriterion:
+        """The stop criterion with the size of the passes that the first render has shown to be enough."""
+        samples = self.prepared.renderer.samples if self.criterion is None else _samples(self.prepared, self.criterion)
+        return replace(stop, passes=max(stop.passes * stop.samples // samples, 2), samples=samples, sized=True)
+
+
+def _refuse_uncompensable(camera: Camera, options: FrameSeriesOptions) -> None:
     """What :func:`expose` would refuse after the first render."""
-    if render_noise != "compensated":
-        return
-    if exposing.get("chain", "physical") != "physical":
+    if options["chain"] != "physical":
         raise InputError(
-            f"render_noise is 'compensated' and chain {exposing['chain']!r}; that needs the physical chain."
+            f"render_noise is 'compensated' and chain {options['chain']!r}; that needs the physical chain."
         )
     if camera.quantum_efficiency.quantum_yield:
         raise InputError(
@@ -119,61 +172,39 @@ def _refuse_uncompensable(render_noise: str, camera: Camera, exposing: dict[str,
         )
 
 
-def _takes(
-    job: Job, budget: StopCriterion, measure: Criterion | None, numbers: range, seeds: tuple[int, int], spend: bool,
-    exposing: dict[str, Any], tell: Callable[[int, Step], None],
-) -> Iterator[FrameOfRender]:  # fmt: skip
-    for number in numbers:
-        seed = hashed_seed(seeds[0], -1, number)
-
-        def step(now: Step, number: int = number) -> None:
-            tell(number, now)
-
-        light = job.irradiance(seed, budget, step, time.monotonic(), measure)
-        if not budget.sized or (measure is not None and number == numbers[0]):  # the first render tells it for all
-            size = job.renderer.samples if measure is None else _size(job, measure)
-            budget = replace(budget, passes=max(budget.passes * budget.samples // size, 2), samples=size, sized=True)
-        photons = collect(light, job.camera, job.exposure)
-        mean, variance = job.renderer.electrons()
-        if spend:
-            photons = replace(photons, variance_e2=np.where(np.isfinite(photons.total), variance, 0.0))
-        made = expose(photons, job.camera, job.exposure, seed=seeds[0], serial=seeds[1], first_frame=number, **exposing)
-        yield FrameOfRender(made, light, photons, uncompensated(job, mean, variance, spend))
-
-
-def _size(job: Job, measure: Criterion) -> int:
+def _samples(prepared: PreparedRender, criterion: Criterion) -> int:
     """Samples per pass with which the fewest passes are just enough; a variance falls as one over the samples."""
-    renderer = job.renderer
-    needed = renderer.passes * renderer.samples * measure(*renderer.noise_estimate())
+    renderer = prepared.renderer
+    needed = renderer.passes * renderer.samples * criterion(*renderer.noise_estimate())
     return min(whole_grid(max(MARGIN * needed / FEWEST, 1.0)), renderer.samples)
 
 
-def uncompensated(job: Job, mean_e: Map, variance_e2: Map, spend: bool = True) -> float:
+def uncompensated(prepared: PreparedRender, mean_e: Map, variance_e2: Map, compensate: bool = True) -> float:
     """What is left of the render's variance over the shot variance of light and dark, averaged over the pixels."""
-    return float(_left(job, mean_e, variance_e2, spend).mean())
+    return float(_left(prepared, mean_e, variance_e2, compensate).mean())
 
 
-def _left(job: Job, mean_e: Map, variance_e2: Map, spend: bool = True) -> NDArray[np.float64]:
+def _left(prepared: PreparedRender, mean_e: Map, variance_e2: Map, compensate: bool = True) -> NDArray[np.float64]:
     """The same of every pixel that has any light and stays below the full well, (N,)."""
-    dark = mean_dark_e(job.camera, job.exposure)
+    dark = mean_dark_e(prepared.camera, prepared.exposure)
     total = mean_e + dark
-    shown = (total > 0) & (total < job.camera.pixel.full_well_e)
+    shown = (total > 0) & (total < prepared.camera.pixel.full_well_e)
     if not shown.any():
         return np.zeros(1)
-    spent = sum(compensable(mean_e, dark, variance_e2)) if spend else 0.0
-    return np.asarray((variance_e2 - spent)[shown] / total[shown])
+    compensated: Any = sum(compensable(mean_e, dark, variance_e2)) if compensate else 0.0
+    return np.asarray((variance_e2 - compensated)[shown] / total[shown])
 
 
-def _yardstick(job: Job) -> Criterion:
-    """1 where a render is good enough to be spent: by the median of v/μ, and by what is left uncompensated."""
-    dark = mean_dark_e(job.camera, job.exposure)
+def _criterion(prepared: PreparedRender) -> Criterion:
+    """1 where a render's noise can be compensated: by the median of v/μ, and by what is left uncompensated."""
+    dark = mean_dark_e(prepared.camera, prepared.exposure)
 
     def measure(mean_e: Map, variance_e2: Map, freedom: int) -> float:
         ratio = variance_e2 / np.maximum(mean_e + dark, np.finfo(float).tiny)
         median = float(np.median(ratio)) * median_bias(freedom + 1)
-        if freedom < FEWEST_JUDGED:  # a mean over pixels hangs on the few whose variance is not known yet
-            return median / AIM
-        left = _left(job, mean_e, variance_e2)
-        return max(median / AIM, float(left[left <= np.quantile(left, 1 - NOISIEST)].mean()) / UNCOMPENSATED)
+        if freedom < FEWEST_FREEDOM:  # a mean over pixels hangs on the few whose variance is not known yet
+            return median / TARGET
+        left = _left(prepared, mean_e, variance_e2)
+        return max(median / TARGET, float(left[left <= np.quantile(left, 1 - NOISIEST)].mean()) / UNCOMPENSATED)
 
     return measure

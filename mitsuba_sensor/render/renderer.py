@@ -23,14 +23,13 @@ from .passes import Welford, clean, hashed_seed, row_strips
 from .photons import electrons_per_irradiance
 from .scene import Scene
 from .statistics import firefly_fraction, median_bias
-from .stop_criterion import End, Step, StopCriterion
+from .stop_criterion import End, Progress, RenderProgress, StopCriterion
 
 if TYPE_CHECKING:
     from ..sensor.camera import Camera
     from .moving_scene import MovingScene
 
 Map = Float64Array
-Progress = Callable[[Step], None]
 Criterion = Callable[[Map, Map, int], float]
 
 
@@ -85,7 +84,7 @@ class ProgressMeter:
 
     def report(self, strips: int) -> None:
         """So many strips of all passes are done."""
-        self._progress(Step(strips, self._expected * self._strips, self._value, self.seconds, self._left_s))
+        self._progress(RenderProgress(strips, self._expected * self._strips, self._value, self.seconds, self._left_s))
 
 
 class Renderer:

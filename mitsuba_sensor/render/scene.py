@@ -82,7 +82,7 @@ class Scene:
 
 
 def load_scene(
-    path: str | os.PathLike[str],
+    path: str | os.PathLike[str] | SceneFile,
     bands: Bands,
     parameters: Mapping[str, object],
     camera: Camera | None = None,
@@ -100,7 +100,7 @@ def load_scene(
     sampler : Mitsuba plugin that samples the light paths.
     Raises InputError, one sentence, for anything wrong with the file.
     """
-    scene = parse_scene(path, parameters)
+    scene = path.copy() if isinstance(path, SceneFile) else parse_scene(path, parameters)
     _refuse_unsuitable(scene)
     settings = settings_of(scene)
     camera, metres = camera or settings.camera, _unit(settings, scene_unit)

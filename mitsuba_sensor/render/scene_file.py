@@ -8,7 +8,7 @@ import json
 import os
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..core.errors import InputError, nearest
@@ -73,6 +73,10 @@ class SceneFile:
         for file in self.state.files:
             digest.update(Path(str(file)).read_bytes())
         return digest.hexdigest()
+
+    def copy(self) -> SceneFile:
+        """The same, to be changed while this one stays."""
+        return replace(self, state=mitsuba().parser.ParserState(self.state))
 
     def build(self) -> MitsubaObject:
         """The scene itself; raises InputError for whatever is missing or wrong."""

@@ -1,20 +1,20 @@
-"""What a render says of itself: how it came about, how sure it is, and whether its own error bars can be trusted."""
+"""Render statistics: how a render was made, its noise beside the sensor's, and whether its error bars are reliable."""
 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .passes import FEWEST
 
-MOST_ONE_PASS_SHARE = 0.01
-"""Above it the error bars are not to be trusted. Cornell box and still life, 64 to 1152 samples: 0 to 0.003; a glass
-ball's caustic under a small lamp: 0.017 to 0.085, where |z| < 1 holds in 0.30 to 0.44 of the pixels instead of 0.68
-(benchmarks/error_bar_coverage.py)."""
+MOST_FIREFLIES = 0.01
+"""Firefly fraction above which the error bars are not reliable. Cornell box and still life, 64 to 1152 samples: 0 to
+0.003; a glass ball's caustic under a small lamp: 0.017 to 0.085, where |z| < 1 holds in 0.30 to 0.44 of the pixels
+instead of 0.68 (benchmarks/error_bar_coverage.py)."""
 
 
 @dataclass(frozen=True)
@@ -63,8 +63,16 @@ class RenderStatistics:
         return {**asdict(self), "notes": list(self.notes)}
 
 
-def summary_of(ratio: NDArray[np.float64], lit: NDArray[np.bool_], passes: int) -> dict[str, float]:
-    """The certificate's three numbers of the noise ratio of the lit pixels; those of infinite light are left out.
+class NoiseRatios(TypedDict):
+    """Noise ratio of the lit pixels: median, 95th percentile, largest."""
+
+    noise_ratio_median: float
+    noise_ratio_p95: float
+    noise_ratio_max: float
+
+
+def summary_of(ratio: NDArray[np.float64], lit: NDArray[np.bool_], passes: int) -> NoiseRatios:
+    """Median, 95th percentile and largest noise ratio of the lit pixels; those of infinite light are left out.
 
     A variance that was measured with few degrees of freedom has a median below its mean (χ²), which is put right.
     """
@@ -89,16 +97,16 @@ def firefly_fraction(brightest: NDArray[np.float64], total: NDArray[np.float64])
     return float((brightest[lit] > 0.5 * total[lit]).mean()) if lit.any() else 0.0
 
 
-def trusted(passes: int, share: float) -> bool:
-    """Enough passes to judge, and no more than 1 % of the pixels hang on a single one."""
-    return passes >= FEWEST and share <= MOST_ONE_PASS_SHARE
+def trusted(passes: int, fireflies: float) -> bool:
+    """Enough passes for a variance, and at most 1 % of the pixels that owe most of their light to a single one."""
+    return passes >= FEWEST and fireflies <= MOST_FIREFLIES
 
 
-def why_not_trusted(passes: int, share: float) -> str:
-    """One line for people."""
+def why_not_trusted(passes: int, fireflies: float) -> str:
+    """One line that says why the error bars are not reliable, and what helps."""
     if passes < FEWEST:
         return f"error bars are guesses: {passes} passes of at least {FEWEST}; take more samples (--spp)"
     return (
-        f"error bars are too small: {share:.1%} of the lit pixels owe over half of their light to one pass (rare "
+        f"error bars are too small: {fireflies:.1%} of the lit pixels owe over half of their light to one pass (rare "
         f"paths, e.g. caustics); more samples help slowly, a larger light or a rougher surface helps at once"
     )

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Literal
 
-from ..core.errors import InputError, require
-from .passes import FEWEST, MOST, MOST_IN_ALL, pass_plan, whole_grid
+from ..core.errors import InputError
+from .passes import FEWEST, MOST, pass_plan, whole_grid
 
 DEFAULT_SPP = 128
 PASS_SPP = 16  # of the first pass of a render without a fixed number; it tells how large the others are
 MOST_SPP_ASKED = 2**16  # of a render that works towards a noise ratio, unless max_spp says otherwise
+if TYPE_CHECKING:
+    from .options import RenderOptions
+
 End = Literal["spp", "noise_ratio", "compensable", "max_seconds", "max_spp"]
 
 
@@ -20,7 +24,7 @@ class StopCriterion:
     """How many passes of how many samples; fixed, or until one of the limits is met.
 
     passes : the most there may be.  samples : per pixel and pass; of the first pass where the rest is not ``sized``.
-    goal, reached : value of the renderer's yardstick at which to stop, or None, and what that is called.
+    goal, reached : value of the renderer's criterion at which to stop, or None, and what that is called.
     max_seconds : no pass is begun that would end later, as far as those before tell; two are always made.
     grouped : whether ``samples`` are of each group of bands apart.
     end : why it ends when ``passes`` are done.  asked : samples per pixel that were asked for, if a number was.
@@ -56,7 +60,7 @@ class StopCriterion:
         return most
 
     def sized_by(self, value: float, seconds: float) -> StopCriterion:
-        """The budget with the size of its passes, told by one pass of ``samples``: about 32 of them."""
+        """The same with the size of the passes, from what one pass of ``samples`` showed: about 32 of them."""
         needed = float(self.passes * self.samples)
         if self.goal is not None and math.isfinite(value):
             needed = min(needed, self.samples * value / self.goal)
@@ -67,12 +71,13 @@ class StopCriterion:
 
 
 @dataclass(frozen=True)
-class Step:
-    """Where a render stands: what ``progress`` is called with.
+class RenderProgress:
+    """How far a render is: what ``progress`` is called with.
 
     done, expected : passes, strip by strip, so far and in all; a forecast where a ratio or a time ends the render.
     noise_ratio : median of render variance over sensor variance so far; NaN before the first pass ends.
     seconds, seconds_left : so far, and forecast (NaN before the first pass ends).
+    frame : number of the frame, where each frame has a render of its own.
     """
 
     done: int
@@ -80,34 +85,41 @@ class Step:
     noise_ratio: float = math.nan
     seconds: float = 0.0
     seconds_left: float = math.nan
+    frame: int = 0
 
 
-def stop_criterion_of(spp: Any, noise_ratio: Any, max_seconds: Any, max_spp: Any, groups: int = 1) -> StopCriterion:
-    """The budget of these words of :func:`render`; None is "not given". Raises InputError.
+Progress = Callable[[RenderProgress], None]
+
+
+def stop_criterion_of(options: RenderOptions, groups: int = 1) -> StopCriterion:
+    """When a render with these options is good enough; None is "not given". Raises InputError.
 
     groups : of bands, that share the samples; where there are too few for all, the bands are rendered together.
     """
+    spp, noise_ratio, max_spp = options.get("spp"), options.get("noise_ratio"), options.get("max_spp")
     if spp is not None and noise_ratio is not None:
         raise InputError(f"spp is {spp!r} and noise_ratio {noise_ratio!r}; give one: samples, or what they reach.")
     if spp is not None and max_spp is not None:
         raise InputError(f"spp is {spp!r} and max_spp {max_spp!r}; spp is exact, max_spp goes with noise_ratio.")
-    seconds = math.inf
-    if max_seconds is not None:
-        seconds = require("max_seconds", max_seconds, 0.0, math.inf, "seconds of rendering, e.g. 60")
-    if noise_ratio is None and max_spp is None and (spp is not None or max_seconds is None):
-        plan = pass_plan(DEFAULT_SPP if spp is None else spp)
-        grouped = groups > 1 and plan[0] * plan[1] >= FEWEST * groups
-        if grouped:
-            plan = pass_plan(max(round((DEFAULT_SPP if spp is None else spp) / groups), FEWEST))
-        return StopCriterion(*plan, max_seconds=seconds, asked=spp, grouped=grouped)
-    ratio = None
-    if noise_ratio is not None:
-        way_out = "render variance over sensor variance, e.g. 0.01"
-        ratio = require("noise_ratio", noise_ratio, 1e-9, 1e9, way_out)
+    limit_s = options.get("max_seconds")
+    max_seconds = math.inf if limit_s is None else limit_s
+    if noise_ratio is None and max_spp is None and (spp is not None or limit_s is None):
+        return _of_samples(spp, max_seconds, groups)
     most = MOST_SPP_ASKED if max_spp is None else max_spp
-    most = require("max_spp", most, 2, MOST_IN_ALL, "samples per pixel, e.g. 4096")
     grouped = groups > 1 and most >= FEWEST * groups
-    most = int(most) // groups if grouped else int(most)
+    most = most // groups if grouped else most
     samples = PASS_SPP if most >= FEWEST * PASS_SPP else pass_plan(most)[1]
     passes = max(most // samples, 2)
-    return StopCriterion(passes, samples, ratio, max_seconds=seconds, end="max_spp", sized=False, grouped=grouped)
+    return StopCriterion(
+        passes, samples, noise_ratio, max_seconds=max_seconds, end="max_spp", sized=False, grouped=grouped
+    )
+
+
+def _of_samples(spp: int | None, max_seconds: float, groups: int) -> StopCriterion:
+    """A fixed number of samples per pixel."""
+    wanted = DEFAULT_SPP if spp is None else spp
+    plan = pass_plan(wanted)
+    grouped = groups > 1 and plan[0] * plan[1] >= FEWEST * groups
+    if grouped:
+        plan = pass_plan(max(round(wanted / groups), FEWEST))
+    return StopCriterion(*plan, max_seconds=max_seconds, asked=spp, grouped=grouped)

@@ -24,7 +24,7 @@ from .gains import adc_gain_dn_per_v
 from .konnik2014 import Konnik2014Settings, chain_of
 from .noise_budget import NoiseBudget, noise_budget
 from .options import ExposeOptions, Precision
-from .report import frame_report
+from .report import FrameReport, frame_report
 from .run import FrameRunner, choose_backend
 from .stage import Chain, converter_of
 
@@ -59,9 +59,14 @@ class Frames:
     volts: NDArray[np.float64] | None = None
 
     @cached_property
+    def first_report(self) -> FrameReport:
+        """The report of the first frame; computed now unless :meth:`PreparedExposure.frames_with_report` did."""
+        return frame_report(self.light, self.camera, self.first, self.stages)
+
+    @property
     def report(self) -> dict[str, Any]:
         """Theory and sample of every stage in the first frame, ready for JSON (see report.py)."""
-        return frame_report(self.light, self.camera, self.first, self.stages).values
+        return self.first_report.values
 
     def minus(self, reference: Frames) -> NDArray[np.int64]:
         """Signed difference to a zero-exposure frame or a stack of as many, (N, H, W) [DN]: the paper's CDS.
@@ -138,10 +143,14 @@ class PreparedExposure:
     keep: tuple[str, ...]
     light: Photons | None = None
 
-    def of(self, light: Photons) -> PreparedExposure:
-        """With this light, of the shape of the window. Raises InputError where its variance cannot be compensated."""
+    def of(self, light: Photons, number: int | None = None) -> PreparedExposure:
+        """With this light, of the shape of the window. Raises InputError where its variance cannot be compensated.
+
+        number : of the first frame, if it is another than before.
+        """
         check_compensation(light, self.stages, self.count)
-        return replace(self, light=light)
+        first = self.first if number is None else replace(self.first, index=number, _blocks={})
+        return replace(self, light=light, first=first)
 
     def frames(self) -> Frames:
         """All frames at once."""
@@ -164,7 +173,7 @@ class PreparedExposure:
             one = np.asarray(one, self._code_type if name == "digital" else np.float64)[None]
             kept[name] = one if others is None else np.concatenate([one, getattr(others, name)])
         frames = self._frames(kept)
-        frames.__dict__["report"] = reported.values
+        vars(frames)["first_report"] = reported
         return frames
 
     def stream(self) -> Iterator[NDArray[np.unsignedinteger]]:

@@ -49,6 +49,18 @@ class SensorOptions(MapOptions, total=False):
     ]
 
 
+class KeepOptions(SensorOptions, total=False):
+    """The same, and what only Python has."""
+
+    keep: Annotated[
+        Iterable[str],
+        Option(
+            "Intermediate signals to return: photons, photoelectrons, dark_electrons, electrons, volts.", (), flag=None
+        ),
+    ]
+    plan: Annotated["Plan | None", Option("What plan() left of the chain; the whole chain without one.", flag=None)]
+
+
 class ArrayOptions(TypedDict, total=False):
     """What an array of photons does not say by itself."""
 
@@ -63,16 +75,8 @@ class ArrayOptions(TypedDict, total=False):
     ]
 
 
-class ExposeOptions(SensorOptions, ArrayOptions, total=False):
+class ExposeOptions(KeepOptions, ArrayOptions, total=False):
     """All options of :func:`expose` and :func:`stream`."""
-
-    keep: Annotated[
-        Iterable[str],
-        Option(
-            "Intermediate signals to return: photons, photoelectrons, dark_electrons, electrons, volts.", (), flag=None
-        ),
-    ]
-    plan: Annotated["Plan | None", Option("What plan() left of the chain; the whole chain without one.", flag=None)]
 
 
 class GradientOptions(MapOptions, ArrayOptions, total=False):

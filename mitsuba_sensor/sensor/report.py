@@ -24,9 +24,11 @@ class FrameReport:
     """The report, and the signals of the frame that it was made of.
 
     values : ready for JSON.  signals : (H, W) by name, ``digital`` and those of ``expose(keep=…)``.
+    mean_photoelectrons : expected in every pixel, (H, W) float64 [e-].
     """
 
     values: dict[str, Any]
+    mean_photoelectrons: Array
     signals: dict[str, Array] = field(default_factory=dict)
 
 
@@ -42,7 +44,7 @@ def frame_report(photons: Photons, camera: Camera, frame: Frame, stages: Chain) 
     lines, compensation = [], {}
     kept: dict[str, Array] = {}
     signal: Array = photons
-    detected = photons.total
+    detected = mean_photoelectrons = photons.total
     moments = Moments(photons, 0.0, 0.0, frame.on(NUMPY_FLOAT64))
     counts = {"clipped_full_well": 0, "clipped_adc_low": 0, "clipped_adc_high": 0}
     for stage, following in zip(stages, (*stages[1:], None), strict=True):
@@ -50,7 +52,8 @@ def frame_report(photons: Photons, camera: Camera, frame: Frame, stages: Chain) 
             counts["compensated_short"], compensation["compensation"] = _compensation(signal)
         signal, moments = stage.sample(signal, frame), stage.moments(moments)
         value = total(signal)
-        detected = value if stage is stages[0] else detected
+        if stage is stages[0]:
+            detected, mean_photoelectrons = value, moments.mean
         lines.append(_line(stage, value, moments))
         counts |= stage.counts(value, stage.fpn_maps(frame.window))
         if following is None or following.domain != stage.domain:
@@ -69,7 +72,7 @@ def frame_report(photons: Photons, camera: Camera, frame: Frame, stages: Chain) 
         "outside_qe": outside_qe(photons, camera),
         "K_dn_per_e": gain_dn_per_e(camera),
     }
-    return FrameReport(values, kept)
+    return FrameReport(values, mean_photoelectrons, kept)
 
 
 def outside_qe(photons: Photons, camera: Camera) -> dict[str, Any]:

@@ -9,8 +9,9 @@ from typing import Any
 
 from ..core.checks import check_types
 from ..core.exposure import Exposure
-from ..render.irradiance import Irradiance, Job, RenderOptions, prepare, render
+from ..render.irradiance import Irradiance
 from ..render.passes import SAMPLER
+from ..render.prepared import PreparedRender, prepare, render
 from ..sensor.camera import Camera
 from .statistics import Known
 
@@ -33,14 +34,14 @@ class Subject:
         return os.path.splitext(os.path.basename(os.fspath(self.scene)))[0]
 
     @cached_property
-    def job(self) -> Job:
+    def job(self) -> PreparedRender:
         """The scene as it is."""
         return self.job_with()
 
-    def job_with(self, camera: Camera | None = None, sampler: str = SAMPLER, **options: Any) -> Job:
+    def job_with(self, camera: Camera | None = None, sampler: str = SAMPLER, **options: Any) -> PreparedRender:
         """The scene, loaded for another camera, with another sampler or with other options."""
-        changed = RenderOptions(**{**self.options, **options})
-        return prepare(self.scene, camera or self.camera, self.exposure, changed, sampler=sampler)
+        changed = {**self.options, **options}
+        return prepare(self.scene, camera or self.camera, self.exposure, sampler=sampler, **changed)
 
     def render(self, seed: int, **options: Any) -> Irradiance:
         """One render, with these options changed."""

@@ -10,8 +10,9 @@ from typing import Any
 import pytest
 from helpers import CAMERAS
 
-import mitsuba_sensor as ms
 from mitsuba_sensor.io import files
+from mitsuba_sensor.render.scene import Scene
+from mitsuba_sensor.sensor.expose import PreparedExposure
 
 DARK_SCENE_IN_THE_INFRARED_ONLY = '<spectrum name="radiance" value="900:0.01, 1000:0.01"/>'
 MALFORMED = "<scene version='3.0.0'><sensor type='perspective'></scene>"
@@ -34,7 +35,7 @@ CASES: dict[str, tuple[Sequence[str], str]] = {
     "NaN wavelength": (("render", "SCENE", "-o", "OUT", "--wavelength-nm", "nan"), "wavelength_nm"),
     "negative bandwidth": (("render", "SCENE", "-o", "OUT", "--bandwidth-nm", "-1"), "bandwidth_nm"),
     "wavelength in metres": (("render", "SCENE", "-o", "OUT", "--wavelength-nm", "5.5e-7"), "wavelength_nm"),
-    "zero samples": (("render", "SCENE", "-o", "OUT", "--spp", "0"), "--spp"),
+    "zero samples": (("render", "SCENE", "-o", "OUT", "--spp", "0"), "spp is 0"),
     "no such irradiance": (("expose", "TMP/none.exr", "-o", "OUT"), "none.exr"),
     "not an EXR": (("expose", "SCENE", "-o", "OUT"), "not an OpenEXR file"),
     "unknown camera": (("expose", "LIGHT", "-o", "OUT", "--camera", "konnik_table"), "Did you mean 'konnik_table1'"),
@@ -54,7 +55,7 @@ CASES: dict[str, tuple[Sequence[str], str]] = {
     "negative temperature": (("expose", "LIGHT", "-o", "OUT", "--temperature-k", "-5"), "temperature_k is -5"),
     "negative seed": (("expose", "LIGHT", "-o", "OUT", "--seed", "-1"), "seed is -1"),
     "negative serial": (("expose", "LIGHT", "-o", "OUT", "--serial", "-1"), "serial is -1"),
-    "no frames": (("expose", "LIGHT", "-o", "OUT", "--frames", "0"), "--frames"),
+    "no frames": (("expose", "LIGHT", "-o", "OUT", "--frames", "0"), "frames is 0"),
     "text for a time": (("expose", "LIGHT", "-o", "OUT", "--exposure-s", "long"), "--exposure-s"),
     "no output folder": (("expose", "LIGHT"), "-o"),
     "unknown chain": (
@@ -64,9 +65,9 @@ CASES: dict[str, tuple[Sequence[str], str]] = {
     "cube for the published chain": (("expose", "LIGHT", "-o", "OUT", "--chain", "konnik2014"), "has one wavelength"),
     "no such patterns": (("expose", "LIGHT", "-o", "OUT", "--fpn-maps", "TMP/none.npz"), "none.npz cannot be read"),
     "patterns of another kind": (("render", "SCENE", "-o", "OUT", "--fpn-maps", "SCENE"), "no .npz of numbers"),
-    "patterns into no folder": (("patterns", "-o", "OUT/chip.npz", "--rows", "2", "--columns", "2"), "cannot write"),
-    "patterns of no rows": (("patterns", "-o", "OUT", "--rows", "0"), "--rows"),
-    "patterns without a file": (("patterns",), "-o"),
+    "patterns into no folder": (("fpn-maps", "-o", "OUT/chip.npz", "--rows", "2", "--width", "2"), "cannot write"),
+    "patterns of no rows": (("fpn-maps", "-o", "OUT", "--rows", "0"), "rows is 0"),
+    "patterns without a file": (("fpn-maps",), "-o"),
     "too hot": (("expose", "LIGHT", "-o", "OUT", "--temperature-k", "1e9"), "temperature_k is 1000000000.0"),
     "too long": (("expose", "LIGHT", "-o", "OUT", "--exposure-s", "1e13"), "time_s is 10000000000000.0"),
     "a gain that overflows": (("plan", "LIGHT", "--set", "readout.cds_gain=1e-320"), "cds_gain is 1e-320"),
@@ -136,9 +137,7 @@ def test_a_place_that_takes_no_files_is_found_before_the_render(
         "proc": Path("/proc/nowhere/out"),
         "folder in the way": tmp_path / "folder",
     }[where]
-    monkeypatch.setattr(
-        ms, "render", lambda *_, **__: pytest.fail("rendered before looking at the folder"), raising=False
-    )
+    monkeypatch.setattr(Scene, "render", lambda *_: pytest.fail("rendered before looking at the folder"))
     done = cli("render", scene_file, "-o", place)
     assert done.exit_code == 2 and len(done.stderr.strip().splitlines()) == 1, done.stderr
     assert str(place) in done.stderr
@@ -170,7 +169,7 @@ def test_running_out_of_memory_is_a_sentence(
     def huge(*_: Any, **__: Any) -> None:
         raise MemoryError("Unable to allocate 1 TiB")
 
-    monkeypatch.setattr(ms, "expose", huge)
+    monkeypatch.setattr(PreparedExposure, "frames_with_report", huge)
     done = cli("expose", light_file, "-o", tmp_path / "out")
     assert done.exit_code == 2 and "Unable to allocate 1 TiB" in done.stderr
     assert not (tmp_path / "out").exists()

@@ -120,19 +120,19 @@ def test_the_options_of_the_command_reach_the_study(
     monkeypatch: pytest.MonkeyPatch, scene: Path, tmp_path: Path
 ) -> None:
     recorder, folder = Recorder(), ("-o", str(tmp_path / "a"))
-    asked = ("--tolerance-dn", "0.5", "--spp", "8", "--frames", "3", "--columns", "6", "--seed", "5", "--serial", "9")
+    asked = ("--tolerance-dn", "0.5", "--spp", "8", "--frames", "3", "--width", "6", "--seed", "5", "--serial", "9")
     where = ("--camera", "bayer_2mp", "--exposure-s", "0.01", "--temperature-k", "250")
     assert study(monkeypatch, recorder, "ablation", str(scene), *folder, *asked, *where).exit_code == 0
     subject = recorder.subject
     assert (subject.camera.name, subject.exposure.time_s, subject.exposure.temperature_k) == ("bayer_2mp", 0.01, 250)
     assert recorder.given == {"tolerance_dn": 0.5, "frames": 3, "seed": 5, "serial": 9}
     same = {"parameters": {}, "scene_unit": None}
-    assert subject.options == {**same, "columns": 6, "spp": 8, "variant": None}
+    assert subject.options == {**same, "width": 6, "spp": 8, "variant": None}
     recorder, folder = Recorder(), ("-o", str(tmp_path / "b"))
     asked = ("--tolerance", "0.1", "--seeds", "3", "--side", "sensor", "--variant", "scalar_spectral")
     assert study(monkeypatch, recorder, "work-precision", str(scene), *folder, *asked).exit_code == 0
     assert recorder.given == {"tolerance": 0.1, "seeds": 3, "sides": ("sensor",), "variants": ["scalar_spectral"]}
-    assert recorder.subject.options == {**same, "columns": None}
+    assert recorder.subject.options == {**same, "width": None}
 
 
 @pytest.mark.parametrize(
@@ -141,7 +141,7 @@ def test_the_options_of_the_command_reach_the_study(
         (("--side", "both"), "sides is ('both',)"),
         (("--tolerance", "0"), "tolerance is 0"),
         (("--variant", "scalar_rgb"), "scalar_rgb"),
-        (("--columns", "0"), "is 0"),
+        (("--width", "0"), "is 0"),
     ],
 )
 def test_what_cannot_be_studied_is_one_sentence(

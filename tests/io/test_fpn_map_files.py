@@ -14,9 +14,10 @@ import pytest
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.io import files
+from mitsuba_sensor.render.scene import Scene
 
 TABLE1 = ms.load_camera("konnik_table1")
-SIZE = ("--rows", 12, "--columns", 16)
+SIZE = ("--rows", 12, "--width", 16)
 NARROW = ("--wavelength-nm", 550, "--spp", 16)
 Cli = Callable[..., Any]
 
@@ -92,7 +93,7 @@ def test_a_missing_file_and_a_folder_are_refused(tmp_path: Path) -> None:
 def chip(tmp_path: Path, cli: Cli) -> Path:
     """The patterns of serial 7, written by the command line."""
     path = tmp_path / "chip7.npz"
-    done = cli("patterns", "-o", path, "--serial", 7, *SIZE)
+    done = cli("fpn-maps", "-o", path, "--serial", 7, *SIZE)
     assert done.exit_code == 0, done.stderr
     return path
 
@@ -102,16 +103,16 @@ def test_the_command_line_writes_what_patterns_returns_and_says_what_is_in_it(
 ) -> None:
     for name, values in ms.fpn_maps(TABLE1, (12, 16), serial=7).items():
         np.testing.assert_array_equal(files.read_fpn_maps(chip)[name], values)
-    said = cli("patterns", "-o", tmp_path / "x.npz", *SIZE).stdout
+    said = cli("fpn-maps", "-o", tmp_path / "x.npz", *SIZE).stdout
     assert "x.npz" in said and "dark_fpn" in said and "12 × 16" in said
-    spread = json.loads(cli("patterns", "-o", tmp_path / "x.npz", *SIZE, "--json").stdout)
+    spread = json.loads(cli("fpn-maps", "-o", tmp_path / "x.npz", *SIZE, "--json").stdout)
     assert spread["prnu"]["shape"] == [12, 16]
     assert spread["prnu"]["mean"] == pytest.approx(1, abs=5 * 0.005 / np.sqrt(192))
     assert spread["dsnu_col_e"]["sigma"] > 0
 
 
 def test_without_a_size_the_whole_sensor_is_written(tmp_path: Path, cli: Cli) -> None:
-    done = cli("patterns", "-o", tmp_path / "x.npz", "--set", "sensor.rows=5", "--set", "sensor.columns=9", "--json")
+    done = cli("fpn-maps", "-o", tmp_path / "x.npz", "--set", "sensor.rows=5", "--set", "sensor.columns=9", "--json")
     assert json.loads(done.stdout)["prnu"]["shape"] == [5, 9]
 
 
@@ -164,9 +165,9 @@ def test_patterns_that_do_not_fit_are_one_sentence_and_exit_2(
     ("words", "said"),
     [
         (("--fpn-maps", "PRNV"), "Did you mean 'prnu'"),
-        (("--fpn-maps", "PRNU", "--chain", "konnik2014", "--wavelength-nm", 550), "the published chain draws its own"),
-        (("--chain", "konnik2014"), "add --wavelength-nm 550"),
-        (("--chain", "matlab"), "chain is 'matlab'; it must be 'physical'"),
+        (("--fpn-maps", "PRNU", "--chain", "konnik2014", "--wavelength-nm", 550), "the published chain makes its own"),
+        (("--chain", "konnik2014"), "--wavelength-nm 550"),
+        (("--chain", "matlab"), "chain is 'matlab'; it must be one of physical, konnik2014"),
         (("--serial", -1), "serial is -1"),
     ],
     ids=["unknown map", "maps for the published chain", "cube for the published chain", "unknown chain", "serial"],
@@ -178,7 +179,7 @@ def test_what_expose_would_refuse_is_refused_before_the_render(
     places = {"PRNV": tmp_path / "prnv.npz", "PRNU": tmp_path / "prnu.npz"}
     for path in places.values():
         files.write_fpn_maps(path, {path.stem: np.ones((12, 16))})
-    monkeypatch.setattr(ms, "render", lambda *_, **__: pytest.fail("rendered for nothing"), raising=False)
+    monkeypatch.setattr(Scene, "render", lambda *_: pytest.fail("rendered for nothing"))
     done = cli("render", scene_file, "-o", tmp_path / "out", *(places.get(word, word) for word in words))
     assert done.exit_code == 2 and said in done.stderr, (done.exception, done.stderr)
     assert not (tmp_path / "out").exists()

@@ -18,7 +18,7 @@ from mitsuba_sensor.optics.f_number_law import cos4, solid_angle_sr, transmittan
 from mitsuba_sensor.optics.intrinsics import intrinsics
 from mitsuba_sensor.optics.view import View, aperture_f_number, magnification
 from mitsuba_sensor.render.bands import box_bands
-from mitsuba_sensor.render.irradiance import render
+from mitsuba_sensor.render.prepared import render
 from mitsuba_sensor.render.scene import Scene, load_scene
 from mitsuba_sensor.render.variants import choose_variant, use
 from mitsuba_sensor.sensor.camera import Camera, load_camera

@@ -11,7 +11,7 @@ from helpers.scenes import SCENES
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.render.denoise import denoising_errors
-from mitsuba_sensor.render.irradiance import render
+from mitsuba_sensor.render.prepared import render
 from mitsuba_sensor.sensor.camera import load_camera
 
 CAMERA, EXPOSURE = load_camera("konnik_table1"), Exposure(0.02)

@@ -10,7 +10,8 @@ from helpers.scenes import SCENES, both_variants, skip_unless_usable
 from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.optics.f_number_law import solid_angle_sr
 from mitsuba_sensor.render.bands import choose_bands
-from mitsuba_sensor.render.irradiance import Irradiance, render
+from mitsuba_sensor.render.irradiance import Irradiance
+from mitsuba_sensor.render.prepared import render
 from mitsuba_sensor.render.scene import load_scene
 from mitsuba_sensor.render.statistics import firefly_fraction, summary_of, trusted, why_not_trusted
 from mitsuba_sensor.sensor.camera import load_camera

@@ -20,8 +20,8 @@ from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.core.units import photon_energy_j
 from mitsuba_sensor.render import film, passes, spectra
 from mitsuba_sensor.render.bands import box_bands
-from mitsuba_sensor.render.irradiance import render
 from mitsuba_sensor.render.photons import photons_per_irradiance
+from mitsuba_sensor.render.prepared import render
 from mitsuba_sensor.render.scene import Scene
 from mitsuba_sensor.render.variants import choose_variant, use
 from mitsuba_sensor.sensor.camera import load_camera

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.render.passes import FEWEST, hashed_seed
-from mitsuba_sensor.render.per_frame import FrameOfRender, render_frames
+from mitsuba_sensor.render.per_frame import RenderedFrame, render_frames
 from mitsuba_sensor.render.photons import photons_per_irradiance
 from mitsuba_sensor.render.scene import Scene
 from mitsuba_sensor.sensor.effects.dark_current import mean_dark_e
@@ -73,7 +73,7 @@ class Series:
 def series(scene: Path, render_noise: Any, spp: int, frames: int) -> Series:
     takes = render_frames(
         scene, CAMERA, EXPOSURE, frames=frames, render_noise=render_noise, spp=spp,
-        exposing={"keep": ("electrons",)}, **WORDS,
+        keep=("electrons",), **WORDS,
     )  # fmt: skip
     found = [(take.frames.electrons[0], take.uncompensated) for take in takes]
     return Series(
@@ -130,7 +130,7 @@ def test_what_a_render_has_beyond_the_limit_stays_in_the_frame_as_unspent(floor:
     assert rough.variance_over_mean == pytest.approx(1 + rough.uncompensated, abs=0.04)
 
 
-def three(scene: Path, **words: Any) -> list[FrameOfRender]:
+def three(scene: Path, **words: Any) -> list[RenderedFrame]:
     return list(render_frames(scene, CAMERA, EXPOSURE, **{"frames": 3, "spp": SPP, **WORDS, **words}))
 
 
@@ -190,15 +190,15 @@ def test_the_colour_channels_are_rendered_unless_bands_are_asked_for(floor: Path
 def test_progress_names_the_frame(floor: Path) -> None:
     told: list[tuple[int, int]] = []
     list(render_frames(floor, CAMERA, EXPOSURE, first_frame=5, frames=2, spp=SPP, **WORDS,
-               progress=lambda frame, step: told.append((frame, step.done))))  # fmt: skip
+               progress=lambda step: told.append((step.frame, step.done))))  # fmt: skip
     assert told == [(frame, done) for frame in (5, 6) for done in range(SPP + 1)]
 
 
 YIELDING = CAMERA.replace(**{"quantum_efficiency.quantum_yield": [2.0, 1.0]})
 REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     "another name": ({"render_noise": "shared"}, "render_noise is 'shared'; it must be one of compensated, per-frame"),
-    "a denoiser": ({"denoise": True}, "denoise and shoot do not go together"),
-    "the published chain": ({"exposing": {"chain": "konnik2014"}}, "that needs the physical chain"),
+    "a denoiser": ({"denoise": True}, "denoise and a render for every frame exclude each other"),
+    "the published chain": ({"chain": "konnik2014"}, "that needs the physical chain"),
     "a quantum yield": ({"camera": YIELDING, "wavelength_nm": 450.0}, "has a quantum_yield"),
     "no frames": ({"frames": 0}, "frames"),
     "a frame before the first": ({"first_frame": -1}, "first_frame"),

@@ -19,7 +19,7 @@ from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.optics.view import aperture_f_number, image_distance_m, magnification
 from mitsuba_sensor.render import plugins
 from mitsuba_sensor.render.bands import box_bands, channel_bands
-from mitsuba_sensor.render.irradiance import render
+from mitsuba_sensor.render.prepared import render
 from mitsuba_sensor.render.scene import Scene, load_scene
 from mitsuba_sensor.render.scene_settings import read_settings
 from mitsuba_sensor.render.variants import choose_variant, mitsuba, use

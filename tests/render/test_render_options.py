@@ -15,9 +15,9 @@ from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.io.exr import read_irradiance_exr, write_irradiance_exr
 from mitsuba_sensor.render.aovs import render_aovs
-from mitsuba_sensor.render.irradiance import render
 from mitsuba_sensor.render.per_frame import render_frames
 from mitsuba_sensor.render.photons import collect
+from mitsuba_sensor.render.prepared import render
 from mitsuba_sensor.sensor.camera import load_camera
 from mitsuba_sensor.sensor.expose import expose
 

@@ -13,8 +13,9 @@ from helpers.scenes import BALL, SCENES, SHIPPED, SKY, scene_text, write_scene
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.render.bands import box_bands
-from mitsuba_sensor.render.irradiance import Irradiance, render
+from mitsuba_sensor.render.irradiance import Irradiance
 from mitsuba_sensor.render.photons import collect
+from mitsuba_sensor.render.prepared import render
 from mitsuba_sensor.render.scene import load_scene
 from mitsuba_sensor.render.scene_settings import read_settings
 from mitsuba_sensor.render.variants import choose_variant, use
@@ -231,9 +232,7 @@ def test_fewer_columns_are_the_same_view(tmp_path: Path) -> None:
     use(choose_variant("scalar_spectral"))
     path = write_scene(tmp_path, scene_text(SKY, BALL.format(bsdf='<bsdf type="diffuse"/>')))
     exposure = Exposure(0.1)
-    wide, narrow = (
-        render(path, CAMERA, exposure, spp=1024, wavelength_nm=550, columns=c).data[..., 0] for c in (12, 6)
-    )
+    wide, narrow = (render(path, CAMERA, exposure, spp=1024, wavelength_nm=550, width=c).data[..., 0] for c in (12, 6))
     binned = wide.reshape(4, 2, 6, 2).mean(axis=(1, 3))
     assert narrow.shape == binned.shape and np.ptp(binned) > 0.2 * binned.max()
     np.testing.assert_allclose(narrow, binned, rtol=0.05)
@@ -249,5 +248,5 @@ def test_fewer_columns_are_the_same_view(tmp_path: Path) -> None:
 def test_columns_are_at_most_those_of_the_film(tmp_path: Path, columns: object) -> None:
     use(choose_variant("scalar_spectral"))
     path = write_scene(tmp_path, scene_text(SKY))
-    with pytest.raises(InputError, match=r"width is .*whole number from 1 to the film's own 12"):
-        render(path, CAMERA, Exposure(0.1), columns=columns)
+    with pytest.raises(InputError, match=r"width is .*whole number"):
+        render(path, CAMERA, Exposure(0.1), width=columns)

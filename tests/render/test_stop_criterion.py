@@ -12,8 +12,9 @@ from helpers.scenes import SCENES
 
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
-from mitsuba_sensor.render.irradiance import Irradiance, render
+from mitsuba_sensor.render.irradiance import Irradiance
 from mitsuba_sensor.render.passes import FEWEST, MOST_SPP, whole_grid
+from mitsuba_sensor.render.prepared import render
 from mitsuba_sensor.render.stop_criterion import PASS_SPP, StopCriterion, stop_criterion_of
 from mitsuba_sensor.sensor.camera import load_camera
 
@@ -83,7 +84,7 @@ def test_progress_tells_the_falling_ratio_and_a_forecast_from_the_first_pass_on(
 def test_the_size_of_the_passes_follows_the_need_and_stays_on_the_sampler_s_grid() -> None:
     """About 32 passes for what one pass of 16 samples says is needed, at most 1024 samples each."""
     for ratio in (0.02, 1.0, 50.0, 1e5):
-        sized = stop_criterion_of(None, 0.01, None, None).sized_by(ratio, 1.0)
+        sized = stop_criterion_of({"noise_ratio": 0.01}).sized_by(ratio, 1.0)
         assert sized.samples == whole_grid(sized.samples) <= MOST_SPP
         assert PASS_SPP <= sized.samples <= max(PASS_SPP, PASS_SPP * ratio / 0.01 / 32)
 

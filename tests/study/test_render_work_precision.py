@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.render.bands import choose_bands
-from mitsuba_sensor.render.irradiance import RenderOptions, prepare
 from mitsuba_sensor.render.passes import pass_plan
+from mitsuba_sensor.render.prepared import prepare
 from mitsuba_sensor.render.renderer import Renderer
 from mitsuba_sensor.render.stop_criterion import StopCriterion
 from mitsuba_sensor.render.variants import Variant
@@ -298,8 +298,8 @@ def test_one_band_has_no_channels_and_no_loop() -> None:
 
 
 def test_the_sampler_that_was_drawn_from_stands_in_the_statistics(floor: Path) -> None:
-    job = prepare(floor, mosaic(), EXPOSURE, RenderOptions(variant="scalar_spectral"), sampler="independent")
-    light = job.irradiance(1, StopCriterion(2, 1), lambda step: None, 0.0)
+    job = prepare(floor, mosaic(), EXPOSURE, variant="scalar_spectral", sampler="independent")
+    light = job.render(1, StopCriterion(2, 1))
     assert light.statistics.sampler == "independent"
     assert "Independent" in str(job.scene.sensor.sampler())
 

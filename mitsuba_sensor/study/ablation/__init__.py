@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from dataclasses import asdict
 from functools import cache, partial
@@ -45,13 +44,13 @@ def ablation(
         raise InputError(f"frames is {frames}; a sensor needs at least 2 frames to show its temporal noise (e.g. 16).")
     replicas = Replicas(SENSORS, frames, require_seed("seed", seed), require_seed("serial", serial))
     spp = subject.options.get("spp", SPP)
-    criterion = stop_criterion_of(spp, None, None, None)
+    criterion = stop_criterion_of({"spp": spp})
     if criterion.passes < FEWEST_PASSES:
         raise InputError(f"spp is {spp}; the study compares halves of the passes: ask for at least {FEWEST_PASSES}.")
 
     @cache
     def light() -> Irradiance:
-        return subject.job.irradiance(seed, criterion, lambda step: None, time.monotonic())
+        return subject.job.render(seed, criterion)
 
     @cache
     def features() -> Features:

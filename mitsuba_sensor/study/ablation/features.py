@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cached_property
 
-from ...render.irradiance import Job
 from ...render.lint import WRAPPERS
+from ...render.prepared import PreparedRender
 from ...render.renderer import Renderer
 from ...render.scene_file import parse_scene
 from ...render.variants import mitsuba
@@ -81,7 +81,7 @@ class Features:
             return None
         return {"type": name, **given, "max_depth": 2}
 
-    def without(self, feature: str) -> Job:
+    def without(self, feature: str) -> PreparedRender:
         """The scene, loaded without a feature that it has; error bars and AOVs are no part of a scene."""
         subject, lens = self.subject, self.subject.camera.lens
         if feature in self.groupings:
@@ -99,21 +99,21 @@ class Features:
         if feature in lenses:
             changes = {f"lens.{name}": value for name, value in lenses[feature].items()}
             return subject.job_with(subject.camera.replace(**changes))
-        others: Mapping[str, Callable[[], Job]] = {
+        others: Mapping[str, Callable[[], PreparedRender]] = {
             CHANNELS: lambda: subject.job_with(spectral="channels"),
             APERTURE: self._stopped_down,
             INDIRECT: self._direct,
         }
         return others[feature]()
 
-    def _stopped_down(self) -> Job:
+    def _stopped_down(self) -> PreparedRender:
         job = self.subject.job_with()
         parameters = mitsuba().traverse(job.scene.sensor)  # type: ignore[union-attr]
         parameters["aperture_radius"] = parameters["aperture_radius"] * STOPPED_DOWN
         parameters.update()
         return job
 
-    def _direct(self) -> Job:
+    def _direct(self) -> PreparedRender:
         job = self.subject.job_with()
         scene = replace(job.scene, integrator=mitsuba().load_dict(self._integrator))  # type: ignore[type-var]
         return replace(job, scene=scene, renderer=Renderer(scene, job.camera, job.exposure, job.bands))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from functools import partial
 
 import numpy as np
@@ -11,8 +10,9 @@ from numpy.typing import NDArray
 
 from ...optics.f_number_law import solid_angle_sr
 from ...render.aovs import render_aovs
-from ...render.irradiance import Irradiance, Job
+from ...render.irradiance import Irradiance
 from ...render.passes import hashed_seed, whole_grid
+from ...render.prepared import PreparedRender
 from ...render.requirements import grouped_electrons
 from ...render.stop_criterion import StopCriterion
 from ...sensor.gains import gain_dn_per_e
@@ -60,15 +60,15 @@ def change_without(features: Features, feature: str, criterion: StopCriterion, s
     return {**found, "seconds": seconds[AS_IT_IS], "seconds_without": seconds[WITHOUT], "passes": criterion.passes}
 
 
-def _task(job: Job, seed: int, criterion: StopCriterion, name: str, lights: dict[str, Irradiance]) -> Task:
+def _task(job: PreparedRender, seed: int, criterion: StopCriterion, name: str, lights: dict[str, Irradiance]) -> Task:
     def task() -> int:
-        lights[name] = job.irradiance(seed, criterion, lambda step: None, time.monotonic())
+        lights[name] = job.render(seed, criterion)
         return 1
 
     return task
 
 
-def _predicted(features: Features, feature: str, other: Job, light: Irradiance) -> Array | None:
+def _predicted(features: Features, feature: str, other: PreparedRender, light: Irradiance) -> Array | None:
     """Electrons that theory makes of a render of the scene as it is, (H, W); None where it has nothing to say."""
     subject = features.subject
     if feature in features.groupings:
@@ -159,7 +159,7 @@ def _one_pass(features: Features, criterion: StopCriterion, seed: int) -> Values
 
     def render(name: str) -> int:
         number = max(len(means[name]) - 1, 0)
-        job.irradiance(hashed_seed(seed, -3, number), ways[name], lambda step: None, time.monotonic())
+        job.render(hashed_seed(seed, -3, number), ways[name])
         means[name].append(float(np.minimum(k * job.renderer.electrons()[0], _full_dn(features)).mean()))
         return 1
 
@@ -174,8 +174,7 @@ def _one_pass(features: Features, criterion: StopCriterion, seed: int) -> Values
 def _aovs(features: Features) -> Values:
     """Nothing of the picture: they are a pass of their own."""
     subject = features.subject
-    options = {name: subject.options.get(name) for name in ("parameters", "variant", "scene_unit")}
-    options["width"] = subject.options.get("columns")
+    options = {name: subject.options.get(name) for name in ("parameters", "variant", "scene_unit", "width")}
 
     def render() -> int:
         render_aovs(subject.scene, subject.camera, exposure=subject.exposure, **options)

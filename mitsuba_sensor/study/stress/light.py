@@ -17,8 +17,9 @@ import numpy as np
 from ...core.exposure import Exposure
 from ...core.units import LIGHT_SPEED_M_PER_S, PLANCK_J_S, photon_energy_j
 from ...render.bands import Bands, box_bands
-from ...render.irradiance import Irradiance, render
+from ...render.irradiance import Irradiance
 from ...render.photons import collect, photons_per_irradiance
+from ...render.prepared import render
 from ...render.scene import load_scene
 from ...render.variants import choose_variant, mitsuba, use
 from ...sensor.camera import Camera, load_camera

@@ -62,7 +62,7 @@ class Law:
 
     def predict(self, spp: int) -> tuple[float, float] | None:
         """Seconds and error of --spp; None where the bands would not be rendered apart."""
-        criterion = stop_criterion_of(spp, None, None, None, self._groups)
+        criterion = stop_criterion_of({"spp": spp}, self._groups)
         if criterion.grouped != (self._groups > 1):
             return None
         size = math.log(criterion.samples)

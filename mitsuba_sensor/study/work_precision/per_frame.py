@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ...core.exposure import Exposure
 from ...core.signals import Photons
 from ...render.passes import Welford
-from ...render.per_frame import AIM, NOISIEST, UNCOMPENSATED
+from ...render.per_frame import NOISIEST, TARGET, UNCOMPENSATED
 from ...render.statistics import median_bias
 from ...sensor.camera import Camera
 from ...sensor.chain import chain
@@ -84,7 +84,7 @@ class OnePass:
         light, dark, variance = share * self.light_e, share * self.dark_e, share**2 * self.variance_e2 / passes
         total = np.maximum(light + dark, np.finfo(float).tiny)
         left = variance - sum(compensable(light, dark, variance))
-        quiet = np.median(variance / total) * median_bias(PILOT) <= AIM and np.mean(left / total) <= UNCOMPENSATED
+        quiet = np.median(variance / total) * median_bias(PILOT) <= TARGET and np.mean(left / total) <= UNCOMPENSATED
         return bool(quiet and np.median(total) < self.full_well_e)
 
 

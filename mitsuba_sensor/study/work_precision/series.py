@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from ...core.errors import InputError
 from ...core.signals import Photons
 from ...render.bands import GROUP, NARROWEST_NM, Bands
-from ...render.irradiance import Job
 from ...render.passes import SAMPLER, hashed_seed
 from ...render.photons import photons_per_irradiance
+from ...render.prepared import PreparedRender
 from ...render.scene import Scene
 from ...render.stop_criterion import PASS_SPP, StopCriterion
 from ...render.variants import Variant, choose_variant, mitsuba
@@ -101,7 +101,7 @@ class Series:
         photons = photons_per_irradiance(subject.camera, subject.exposure, centres_nm, widths_nm)
         self.layers = Layers(centres_nm, photons, job.bands.kind == "channels", (row, column))
 
-    def _loaded(self, **options: Any) -> Job:
+    def _loaded(self, **options: Any) -> PreparedRender:
         return self._subject.job_with(sampler=self._setting.sampler, variant=self._setting.variant, **options)
 
     @property
@@ -165,7 +165,7 @@ def loaded(subject: Subject, setting: Setting) -> Series:
     return (BandByBand if setting.banding == "loop" else Series)(subject, setting)
 
 
-def one_by_one(job: Job, seed: int, criterion: StopCriterion, take: Take) -> None:
+def one_by_one(job: PreparedRender, seed: int, criterion: StopCriterion, take: Take) -> None:
     """The package's own render, whose running means are taken apart into passes."""
     renderer, sums = job.renderer, list[Any]([0.0, 0.0])
     began = time.perf_counter()

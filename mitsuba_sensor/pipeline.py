@@ -1,0 +1,302 @@
+"""One straight function from scene to files, render → photons → frames, for Python and the command line."""
+
+# Without `from __future__ import annotations`: core/options.py reads the declaration of CaptureOptions at run time.
+import os
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal, Unpack
+
+import numpy as np
+
+from .core.backend import NUMPY_FLOAT64
+from .core.checks import check_types, first_given
+from .core.errors import InputError
+from .core.exposure import Exposure
+from .core.options import Option, complete, declared, documents, part_of, used
+from .core.signals import Photons
+from .io import exr, files
+from .io.metadata import versions
+from .io.preview import preview
+from .render.aovs import Aovs
+from .render.irradiance import Irradiance
+from .render.options import FrameOptions, FrameSeriesOptions, RenderOptions
+from .render.parsed_scene import ParsedScene
+from .render.per_frame import FrameSeries
+from .render.photons import collect
+from .render.prepared import PreparedRender, prepare
+from .render.statistics import summary_of
+from .render.stop_criterion import Progress
+from .sensor.camera import Camera
+from .sensor.checks import as_photons
+from .sensor.expose import Frames, PreparedExposure, prepare_exposure
+from .sensor.input_noise import input_noise
+from .sensor.options import ExposeOptions
+from .sensor.plan import plan
+
+FILES = ("frame.tiff", "frame.png", "irradiance.exr", "aovs.exr", "frame.json")
+
+
+class LightOptions(FrameOptions, total=False):
+    """The options of :func:`capture` for irradiance that is rendered already, and of ``mitsuba-sensor expose``."""
+
+    preview_gain: Annotated[
+        float,
+        Option("Brighten frame.png by this factor, noise included; frame.tiff stays.", 1.0, low=0.0, example="2"),
+    ]
+
+
+class CaptureOptions(RenderOptions, LightOptions, total=False):
+    """All options of :func:`capture`, and of ``mitsuba-sensor render``."""
+
+    render_noise: Annotated[
+        Literal["shared", "per-frame", "compensated"],
+        Option(
+            "shared: one render for all frames; per-frame: a render for each frame; compensated: the same, with the "
+            "render's noise counted as part of the shot noise.",
+            "shared",
+        ),
+    ]
+    aovs: Annotated[bool, Option("Also trace AOVs: depth, position, normals, albedo, shapes, optical flow.", False)]
+
+
+@dataclass(frozen=True, eq=False)
+class Capture:
+    """Frames of a camera, and what they were made from.
+
+    frames : the raw frames, ``frames.digital`` (N, H, W) [DN].
+    light, photons : irradiance at the focal plane, mean photons per pixel; of the first frame where each has its own.
+    aovs : depth, normals, … of the same pixels, if asked for.
+    metadata : what is written as frame.json: camera, exposure, options, seeds, theory beside frame, render statistics.
+    """
+
+    frames: Frames
+    light: Irradiance
+    photons: Photons
+    aovs: Aovs | None
+    metadata: dict[str, Any]
+    rendered: bool
+
+    def save(self, folder: str | os.PathLike[str]) -> None:
+        """Write frame.tiff, frame.png, frame.json, irradiance.exr if it was rendered, aovs.exr if asked for.
+
+        All of them appear, or none. Raises InputError.
+        """
+        gain = float(self.metadata["options"]["preview_gain"])
+        with files.output_folder(os.fspath(folder), FILES) as scratch:
+            files.write_tiff(scratch / "frame.tiff", self.frames.digital)
+            files.write_png(scratch / "frame.png", preview(self.frames.digital[0], self.frames.camera, gain))
+            if self.rendered:
+                exr.write_irradiance_exr(scratch / "irradiance.exr", self.light)
+            if self.aovs is not None:
+                exr.write_aovs_exr(scratch / "aovs.exr", self.aovs)
+            files.write_json(scratch / "frame.json", self.metadata)
+
+
+@documents(CaptureOptions)
+def capture(
+    source: str | os.PathLike[str] | ParsedScene | Irradiance,
+    camera: Camera | None = None,
+    exposure: Exposure | None = None,
+    *,
+    progress: Progress | None = None,
+    **options: Unpack[CaptureOptions],
+) -> Capture:
+    """Render a scene and expose a camera to it; ``capture("scene.xml").save("out/")``.
+
+    source : a scene file, or light that is there already: an irradiance.exr, or what :func:`render` returned.
+    camera, exposure : what is not given is read from the scene's <film type="photosensor">.
+    progress : called with a :class:`render.stop_criterion.RenderProgress` after every pass.
+    Everything is checked before the first ray is traced. Raises InputError.
+    """
+    check_types(camera, exposure, optional=True)
+    chosen = complete(CaptureOptions, options)
+    if isinstance(source, Irradiance) or (isinstance(source, str | os.PathLike) and exr.is_exr(source)):
+        _refuse_scene_options(chosen)
+        return _of_light(source, camera, exposure, chosen)
+    if chosen["render_noise"] == "shared":
+        return _shared_render(source, camera, exposure, chosen, progress)
+    return _render_per_frame(source, camera, exposure, chosen, progress)
+
+
+@dataclass
+class Timings:
+    """Wall-clock seconds that each named step took."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def step(self, name: str) -> Iterator[None]:
+        """Time the block under ``name``."""
+        start = time.perf_counter()
+        yield
+        self.seconds[name] = round(time.perf_counter() - start, 4)
+
+
+def _of_light(
+    source: str | os.PathLike[str] | Irradiance,
+    camera: Camera | None,
+    exposure: Exposure | None,
+    options: CaptureOptions,
+) -> Capture:
+    """Frames of light that is rendered already."""
+    if camera is None or exposure is None:
+        missing = "camera" if camera is None else "exposure"
+        raise InputError(f"no {missing} is given and an irradiance has none; pass {missing}=….")
+    timings, path = Timings(), None if isinstance(source, Irradiance) else Path(source)
+    with timings.step("read irradiance"):
+        light = source if isinstance(source, Irradiance) else exr.read_irradiance_exr(source)
+    seeds = first_given(options["seed"], 1), first_given(options["serial"], 1)
+    sensor = prepare_exposure(
+        camera, exposure, light.data.shape[:2], light.origin, seeds, _numbers(options), part_of(ExposeOptions, options)
+    )
+    with timings.step("expose"):
+        frames = sensor.of(as_photons(collect(light, camera, exposure), camera)).frames_with_report()
+    metadata = frame_metadata(frames, light, options, {"irradiance": path}, timings.seconds)
+    return Capture(frames, light, frames.light, None, metadata, rendered=False)
+
+
+def _shared_render(
+    source: str | os.PathLike[str] | ParsedScene,
+    camera: Camera | None,
+    exposure: Exposure | None,
+    options: CaptureOptions,
+    progress: Progress | None,
+) -> Capture:
+    """One render, and all frames of it."""
+    timings, rendering = Timings(), part_of(RenderOptions, options)
+    with timings.step("render"):
+        started = time.monotonic()
+        prepared = prepare(source, camera, exposure, **rendering)
+        sensor = _sensor_of(prepared, options)
+        stop = prepared.stop_criterion(rendering)
+        light = prepared.render(sensor.first.seed, stop, progress, started=started)
+    with timings.step("expose"):
+        photons = as_photons(collect(light, prepared.camera, prepared.exposure), prepared.camera)
+        frames = sensor.of(photons).frames_with_report()
+    metadata = frame_metadata(frames, light, options, _origin(prepared, options), timings.seconds)
+    return Capture(frames, light, photons, _aovs(prepared, options, timings), metadata, rendered=True)
+
+
+def _render_per_frame(
+    source: str | os.PathLike[str] | ParsedScene,
+    camera: Camera | None,
+    exposure: Exposure | None,
+    options: CaptureOptions,
+    progress: Progress | None,
+) -> Capture:
+    """A render for every frame; irradiance and metadata are those of the first."""
+    noise = options["render_noise"]
+    assert noise != "shared"
+    if options["chain"] != "physical":
+        raise InputError(f"render_noise is {noise!r}, which is for the physical chain; leave the chain out.")
+    timings = Timings()
+    with timings.step("render and expose"):
+        series = FrameSeries.prepare(source, camera, exposure, part_of(FrameSeriesOptions, options), noise)
+        prepared = series.prepared
+        found = list(series.frames(progress, report=True))
+    first = found[0]
+    frames = replace(first.frames, digital=np.concatenate([one.frames.digital for one in found]))
+    vars(frames)["first_report"] = first.frames.first_report
+    origin = {**_origin(prepared, options), "uncompensated": float(np.mean([one.uncompensated for one in found]))}
+    metadata = frame_metadata(frames, first.light, options, origin, timings.seconds)
+    return Capture(frames, first.light, first.photons, _aovs(prepared, options, timings), metadata, rendered=True)
+
+
+def _refuse_scene_options(options: CaptureOptions) -> None:
+    """Raise InputError for options of a render where the light is rendered already."""
+    of_light = {one.name for one in declared(LightOptions)}
+    for one in declared(CaptureOptions):
+        if one.name not in of_light and dict(options)[one.name] != one.option.default:
+            raise InputError(
+                f"{one.name} is for the render of a scene, and this light is rendered already; leave it out."
+            )
+
+
+def _numbers(options: CaptureOptions) -> tuple[int, int]:
+    """Number of the first frame, and how many."""
+    return options["first_frame"], options["frames"]
+
+
+def _sensor_of(prepared: PreparedRender, options: CaptureOptions) -> PreparedExposure:
+    """The exposure of this render, checked before the first ray: seeds, maps, chain, engine, precision."""
+    if options["chain"] == "konnik2014" and len(prepared.bands) != 1:
+        raise InputError("chain konnik2014 has one wavelength; give wavelength_nm, e.g. --wavelength-nm 550.")
+    return prepared.sensor(options["seed"], options["serial"], _numbers(options), part_of(ExposeOptions, options))
+
+
+def _aovs(prepared: PreparedRender, options: CaptureOptions, timings: Timings) -> Aovs | None:
+    """The AOVs of the scene that was rendered, if they are asked for."""
+    if not options["aovs"]:
+        return None
+    with timings.step("aovs"):
+        return prepared.aovs()
+
+
+def _origin(prepared: PreparedRender, options: CaptureOptions) -> dict[str, object]:
+    """Where the light comes from."""
+    return {
+        "scene": prepared.parsed.file.path,
+        "parameters": dict(options["parameters"] or {}),
+        "motion": used(CaptureOptions, options)["motion"],
+        "render_noise": options["render_noise"],
+    }
+
+
+def frame_metadata(
+    frames: Frames,
+    light: Irradiance,
+    options: CaptureOptions,
+    origin: Mapping[str, object],
+    times_s: dict[str, float],
+) -> dict[str, Any]:
+    """The whole of frame.json: what a frame was made of, and what theory says of it, stage by stage.
+
+    origin : where the light comes from.  times_s : seconds by step, may grow later.
+    """
+    statistics, camera, first = light.statistics.to_dict(), frames.camera, frames.first
+    found = plan(camera, first.exposure, frames.light).to_dict() if options["chain"] == "physical" else {}
+    counts = {name: statistics[name] for name in ("negative", "non_finite")}
+    return {
+        "origin": {**origin, "scene_sha256": statistics["scene_sha256"]},
+        "camera": {**camera.model_dump(), "sources": dict(camera.sources)},
+        "exposure": asdict(first.exposure),
+        "seeds": {"seed": first.seed, "serial": first.window.serial},
+        "options": used(CaptureOptions, options),
+        "chain": options["chain"],
+        "precision": first.window.backend.precision,
+        "given_maps": sorted(options["maps"] or ()),
+        "image": dict(zip(("frames", "rows", "columns"), frames.digital.shape, strict=True)),
+        "bands": {"wavelengths_nm": light.wavelengths_nm, "bandwidths_nm": light.bandwidths_nm},
+        **frames.report,
+        "counts": {**frames.report["counts"], **counts},
+        "render": statistics,
+        "render_noise": render_noise(light, frames),
+        "versions": versions(),
+        "effects": found.get("stages", []),
+        "float32": found.get("float32"),
+        "times_s": times_s,
+    }
+
+
+def render_noise(light: Irradiance, frames: Frames) -> dict[str, float]:
+    """Variance of the render over the sensor's own temporal variance, both as electrons at the input, in this exposure.
+
+    The render statistics have the same for the exposure of the render; a longer exposure of the same light shows more.
+    """
+    detection = frames.camera.stages[0]
+    if frames.stages[0] == detection:
+        electrons = frames.first_report.mean_photoelectrons
+    else:  # the published chain counts its photoelectrons in another way
+        electrons = detection.sample(frames.light, frames.first.on(NUMPY_FLOAT64)).total
+    with np.errstate(invalid="ignore"):
+        variance_e2 = (light.relative_error.astype(np.float64) * electrons) ** 2
+    ratio = input_noise(frames.camera, frames.first.exposure).ratio(electrons, variance_e2)
+    found = summary_of(np.where(np.isfinite(electrons), ratio, np.inf), electrons > 0, light.statistics.passes)
+    return {
+        "over_sensor_median": found["noise_ratio_median"],
+        "over_sensor_p95": found["noise_ratio_p95"],
+        "over_sensor_max": found["noise_ratio_max"],
+    }

@@ -1,0 +1,116 @@
+"""core/options.py: one declaration gives signature, help, check, metadata and flag."""
+
+# Without `from __future__ import annotations`: options are declared here.
+import inspect
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypedDict, Unpack
+
+import numpy as np
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from mitsuba_sensor.cli.options import flags
+from mitsuba_sensor.core.errors import InputError, require_seed
+from mitsuba_sensor.core.options import Option, complete, declared, documents, part_of, used
+from mitsuba_sensor.pipeline import CaptureOptions
+
+
+class Lens(TypedDict, total=False):
+    f_number: Annotated[float, Option("Focal length over diameter.", 2.8, low=0.5, high=64, example="2.8")]
+    blades: Annotated[int | None, Option("Blades of the aperture.", low=3, high=20, example="7")]
+
+
+class Picture(Lens, total=False):
+    mode: Annotated[Literal["grey", "colour"], Option("Kind of picture.", "grey")]
+    flip: Annotated[bool, Option("Upside down.", False)]
+    name: Annotated[str | None, Option("Of the picture.", example="'sunset'")]
+    seed: Annotated[int | None, Option("Seed.", check=require_seed)]
+    maps: Annotated[Any, Option("Only for Python.", flag=None)]
+
+
+REFUSED: dict[str, tuple[dict[str, object], str]] = {
+    "unknown": ({"f_numbr": 2}, "'f_numbr' is not an option; .* Did you mean 'f_number'"),
+    "too small": ({"f_number": 0.1}, r"f_number is 0.1; it must be from 0.5 to 64 \(a number, e.g. 2.8\)"),
+    "too large": ({"blades": 21}, "blades is 21; it must be from 3 to 20"),
+    "NaN": ({"f_number": float("nan")}, "f_number is nan"),
+    "a text for a number": ({"f_number": "wide"}, "f_number is 'wide'; it must be a number"),
+    "a fraction for a whole number": ({"blades": 6.5}, "blades is 6.5; it must be a whole number"),
+    "a truth value for a number": ({"blades": True}, "blades is True"),
+    "no choice": ({"mode": "color"}, "mode is 'color'; it must be one of grey, colour. Did you mean 'colour'"),
+    "None where there is a default": ({"mode": None}, "mode is None"),
+    "no truth value": ({"flip": 1}, "flip is 1; it must be True or False"),
+    "no text": ({"name": 3}, r"name is 3; it must be a text \(e.g. 'sunset'\)"),
+    "its own check": ({"seed": -1}, "seed is -1"),
+}
+
+
+@pytest.mark.parametrize(("given", "said"), REFUSED.values(), ids=REFUSED)
+def test_a_wrong_option_is_one_sentence(given: dict[str, object], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        complete(Picture, given)
+
+
+def test_what_is_not_given_has_its_default() -> None:
+    assert complete(Picture, {"blades": 5}) == {
+        "f_number": 2.8, "blades": 5, "mode": "grey", "flip": False, "name": None, "seed": None, "maps": None,
+    }  # fmt: skip
+
+
+def test_numpy_numbers_are_numbers() -> None:
+    found = complete(Picture, {"f_number": np.float32(4), "blades": np.int64(5)})
+    assert found["f_number"] == 4.0 and found["blades"] == 5
+
+
+def test_a_part_of_the_options_can_be_passed_on() -> None:
+    assert part_of(Lens, complete(Picture, {"blades": 5})) == {"f_number": 2.8, "blades": 5}
+
+
+def test_the_metadata_hold_every_option_as_a_plain_value() -> None:
+    given = {"maps": {"prnu": np.ones(3)}, "name": "x", "flip": True}
+    found = used(Picture, given)
+    assert list(found) == [one.name for one in declared(Picture)]
+    assert found["maps"] == ["prnu"] and found["name"] == "x" and found["flip"] is True and found["f_number"] == 2.8
+    assert used(Picture, {"maps": Path("a") / "b"})["maps"] == str(Path("a") / "b")
+
+
+def test_help_and_signature_show_every_option() -> None:
+    @documents(Picture)
+    def take(scene: str, **options: Unpack[Picture]) -> None:
+        """Take it."""
+
+    parameters = inspect.signature(take).parameters
+    assert list(parameters) == ["scene", "f_number", "blades", "mode", "flip", "name", "seed", "maps"]
+    assert parameters["f_number"].default == 2.8
+    assert take.__doc__ is not None and "blades : Blades of the aperture." in take.__doc__
+
+
+def test_a_command_has_a_flag_for_every_option() -> None:
+    app, seen = typer.Typer(), {}
+
+    @app.command()
+    @flags(Picture)
+    def take(scene: str, **options: Any) -> None:
+        seen.update(options, scene=scene)
+
+    done = CliRunner().invoke(app, ["x", "--f-number", "4", "--mode", "colour", "--flip"])
+    assert done.exit_code == 0, done.output
+    assert seen == {
+        "scene": "x", "f_number": 4.0, "blades": None, "mode": "colour", "flip": True, "name": None, "seed": None,
+    }  # fmt: skip
+    assert "Blades of the aperture." in CliRunner().invoke(app, ["--help"]).output
+
+
+def test_an_option_must_be_declared_with_its_meaning() -> None:
+    class Bare(TypedDict, total=False):
+        spp: int
+
+    with pytest.raises(TypeError, match=r"Bare\.spp must be declared as Annotated"):
+        complete(Bare, {})
+
+
+@pytest.mark.parametrize("one", declared(CaptureOptions), ids=lambda one: one.name)
+def test_every_option_of_a_capture_says_what_it_does_and_has_a_valid_default(one: Any) -> None:
+    assert one.option.help[0].isupper() or one.option.help.split()[0].strip(":,") in map(str, one.choices)
+    assert one.option.help.endswith(".")
+    assert one.checked(one.option.default) == one.option.default

@@ -1,0 +1,187 @@
+"""pipeline.py: capture() gives what render, collect and expose give one by one, and its files hold the same."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.core.options import declared
+from mitsuba_sensor.io.exr import read_aovs_exr, read_irradiance_exr
+from mitsuba_sensor.pipeline import CaptureOptions
+from mitsuba_sensor.render import aovs, parsed_scene, scene
+from mitsuba_sensor.render.aovs import render_aovs
+from mitsuba_sensor.render.scene import Scene
+from mitsuba_sensor.sensor import camera as camera_module
+
+CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.05)
+RENDER = {"spp": 16, "wavelength_nm": 550.0, "variant": "scalar_spectral"}
+
+
+@pytest.fixture(scope="module")
+def captured(scene_file: Path) -> ms.Capture:
+    return ms.capture(scene_file, CAMERA, EXPOSURE, seed=3, serial=4, frames=2, aovs=True, **RENDER)
+
+
+def test_a_capture_is_render_collect_and_expose_in_one(captured: ms.Capture, scene_file: Path) -> None:
+    light = ms.render(scene_file, CAMERA, EXPOSURE, seed=3, **RENDER)
+    frames = ms.expose(ms.collect(light, CAMERA, EXPOSURE), CAMERA, EXPOSURE, seed=3, serial=4, frames=2)
+    np.testing.assert_array_equal(captured.light.data, light.data)
+    np.testing.assert_array_equal(captured.frames.digital, frames.digital)
+    assert captured.metadata["stages"] == frames.report["stages"]
+
+
+def test_the_aovs_of_a_capture_are_those_of_a_pass_of_their_own(captured: ms.Capture, scene_file: Path) -> None:
+    alone = render_aovs(scene_file, CAMERA, exposure=EXPOSURE, variant="scalar_spectral")
+    assert captured.aovs is not None
+    for name in ("depth_m", "position_m", "normal", "albedo", "shape_index", "flow_px"):
+        np.testing.assert_array_equal(getattr(captured.aovs, name), getattr(alone, name), err_msg=name)
+
+
+def test_the_files_hold_what_the_capture_holds(captured: ms.Capture, tmp_path: Path) -> None:
+    captured.save(tmp_path / "out")
+    names = {"frame.tiff", "frame.png", "irradiance.exr", "aovs.exr", "frame.json"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == names
+    np.testing.assert_array_equal(tifffile.imread(tmp_path / "out" / "frame.tiff"), captured.frames.digital)
+    np.testing.assert_array_equal(read_irradiance_exr(tmp_path / "out" / "irradiance.exr").data, captured.light.data)
+    aovs = read_aovs_exr(tmp_path / "out" / "aovs.exr")
+    np.testing.assert_array_equal(aovs.depth_m, captured.aovs.depth_m if captured.aovs else None)
+    report = json.loads((tmp_path / "out" / "frame.json").read_text(encoding="utf-8"))
+    assert report["seeds"] == {"seed": 3, "serial": 4}
+
+
+def test_every_option_stands_in_the_metadata(captured: ms.Capture) -> None:
+    assert list(captured.metadata["options"]) == [one.name for one in declared(CaptureOptions)]
+    assert captured.metadata["options"]["spp"] == 16 and captured.metadata["options"]["noise_ratio"] is None
+
+
+def test_light_that_is_there_already_gives_the_same_frames(captured: ms.Capture, tmp_path: Path) -> None:
+    """From the file, and from the object; and no irradiance.exr is written again."""
+    captured.save(tmp_path)
+    for source in (tmp_path / "irradiance.exr", captured.light):
+        again = ms.capture(source, CAMERA, EXPOSURE, seed=3, serial=4, frames=2)
+        np.testing.assert_array_equal(again.frames.digital, captured.frames.digital)
+    again.save(tmp_path / "again")
+    assert {path.name for path in (tmp_path / "again").iterdir()} == {"frame.tiff", "frame.png", "frame.json"}
+
+
+@pytest.mark.parametrize("render_noise", ["per-frame", "compensated"])
+def test_frames_with_a_render_each_are_those_of_render_frames(scene_file: Path, render_noise: Any) -> None:
+    found = ms.capture(scene_file, CAMERA, EXPOSURE, frames=2, render_noise=render_noise, **RENDER)
+    each = list(ms.render_frames(scene_file, CAMERA, EXPOSURE, frames=2, render_noise=render_noise, **RENDER))
+    np.testing.assert_array_equal(found.frames.digital, np.concatenate([one.frames.digital for one in each]))
+    np.testing.assert_array_equal(found.light.data, each[0].light.data)
+    uncompensated = float(np.mean([one.uncompensated for one in each]))
+    assert found.metadata["origin"]["uncompensated"] == uncompensated
+
+
+REFUSED: dict[str, tuple[dict[str, Any], str]] = {
+    "an unknown option": ({"spq": 3}, "'spq' is not an option"),
+    "a seed": ({"seed": -1}, "seed is -1"),
+    "a serial": ({"serial": 1.5}, "serial is 1.5"),
+    "too many frames": ({"frames": 2, "first_frame": 2**32 - 1}, "frames is 2 from 4294967295"),
+    "an unknown map": ({"maps": {"prnv": np.ones((12, 16))}}, "Did you mean 'prnu'"),
+    "a map of another size": ({"maps": {"prnu": np.ones((12, 15))}}, r"maps\['prnu'\] has shape \(12, 15\)"),
+    "NaN in a map": ({"maps": {"prnu": np.full((12, 16), np.nan)}}, "NaN"),
+    "an unknown engine": ({"engine": "numpi"}, "Did you mean 'numpy'"),
+    "float64 on a compiled engine": ({"engine": "drjit", "precision": "float64"}, "compiled engines are float32"),
+    "the published chain in float32": ({"chain": "konnik2014", "precision": "float32"}, "float64 only"),
+    "the published chain of a cube": ({"chain": "konnik2014", "wavelength_nm": None}, "has one wavelength"),
+    "the published chain, compensated": ({"chain": "konnik2014", "render_noise": "compensated"}, "physical chain"),
+    "render noise": ({"render_noise": "each"}, "render_noise is 'each'; it must be one of"),
+    "subframes of nothing": ({"subframes": 4}, "nothing moves"),
+    "a width": ({"width": 17}, "width is 17"),
+}
+
+
+@pytest.mark.parametrize(("options", "said"), REFUSED.values(), ids=REFUSED)
+def test_what_cannot_be_made_is_refused_before_the_first_ray(
+    options: dict[str, Any], said: str, scene_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Scene, "render", lambda *_: pytest.fail("it was rendered first"))
+    with pytest.raises(ms.InputError, match=said):
+        ms.capture(scene_file, CAMERA, EXPOSURE, **{**RENDER, **options})
+
+
+@pytest.mark.parametrize("option", [{"spp": 4}, {"render_noise": "per-frame"}, {"aovs": True}, {"width": 8}])
+def test_options_of_a_render_are_refused_for_light_that_is_rendered_already(light: Any, option: dict[str, Any]) -> None:
+    with pytest.raises(ms.InputError, match="rendered already"):
+        ms.capture(light, CAMERA, EXPOSURE, **option)
+
+
+def test_light_needs_a_camera_and_an_exposure(light: Any) -> None:
+    with pytest.raises(ms.InputError, match="no camera is given"):
+        ms.capture(light, None, EXPOSURE)
+    with pytest.raises(ms.InputError, match="no exposure is given"):
+        ms.capture(light, CAMERA)
+
+
+def counted(monkeypatch: pytest.MonkeyPatch, module: Any, name: str) -> list[Any]:
+    """Arguments of every call of a function of that module from now on."""
+    calls: list[Any] = []
+    original = getattr(module, name)
+
+    def count(*arguments: Any, **options: Any) -> Any:
+        calls.append(arguments)
+        return original(*arguments, **options)
+
+    monkeypatch.setattr(module, name, count)
+    return calls
+
+
+@pytest.mark.parametrize("frames", [1, 3])
+@pytest.mark.parametrize("render_noise", ["shared", "compensated"])
+@pytest.mark.parametrize("command_line", [False, True], ids=["Python", "command line"])
+def test_a_scene_is_parsed_once_a_chain_built_once_and_run_once_per_frame(
+    frames: int, render_noise: Any, command_line: bool, scene_file: Path, tmp_path: Path, cli: Any,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    """Every stage of the chain sees every pixel of every frame once.
+
+    What plan() compares in float32 and float64 is no frame: a window of light levels, of another shape.
+    """
+    camera = CAMERA.replace(**{"adc.bits": 14})  # another object, whose chain nobody has built yet
+    parsed = counted(monkeypatch, parsed_scene, "parse_scene")
+    counted_elsewhere = [counted(monkeypatch, module, "parse_scene") for module in (scene, aovs)]
+    built = counted(monkeypatch, camera_module, "chain")
+    pixels: Counter[str] = Counter()
+    for kind in {type(stage) for stage in camera.stages}:
+        original = kind.sample
+
+        def sample(self: Any, signal: Any, frame: Any, original: Any = original) -> Any:
+            theory = sys._getframe(1).f_code.co_name == "moments"  # the mean photoelectrons are those of the frame
+            if frame.window.shape[1] == 16 and frame.window.serial == 7 and not theory:
+                pixels[type(self).__name__] += frame.window.shape[0] * frame.window.shape[1]
+            return original(self, signal, frame)
+
+        monkeypatch.setattr(kind, "sample", sample)
+    built.clear()
+    options = {"frames": frames, "serial": 7, "render_noise": render_noise, **RENDER}
+    if command_line:
+        words = [
+            "--spp",
+            "16",
+            "--wavelength-nm",
+            "550",
+            "--variant",
+            "scalar_spectral",
+            "--serial",
+            "7",
+            "--set",
+            "adc.bits=14",
+        ]
+        done = cli("render", scene_file, "-o", tmp_path, *words)
+        assert done.exit_code == 0, done.stderr
+    else:
+        ms.capture(scene_file, CAMERA.replace(**{"adc.bits": 14}), EXPOSURE, **options)
+    assert len(parsed) == 1 and not any(counted_elsewhere)
+    assert len(built) == 1
+    expected = frames * 12 * 16
+    assert pixels == {type(stage).__name__: expected for stage in camera.stages}
