@@ -170,15 +170,11 @@ def test_public_names_have_docstrings_and_return_types() -> None:
     ]
 
 
-PENDING = {"expose", "stream", "_prepared", "differentiable"}
-"""Functions whose options are not declared in a TypedDict yet."""
-
-
 def test_no_signature_has_more_than_8_parameters() -> None:
     """Options come as one TypedDict (core/options.py), so that each is declared once."""
     for path in MODULES:
         for node in ast.walk(tree_of(path)):
-            if isinstance(node, ast.FunctionDef) and node.name not in PENDING:
+            if isinstance(node, ast.FunctionDef):
                 arguments = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
                 names = [one.arg for one in arguments if one.arg not in ("self", "cls")]
                 count = len(names) + bool(node.args.vararg) + bool(node.args.kwarg)
