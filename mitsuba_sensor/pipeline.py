@@ -261,7 +261,7 @@ def frame_metadata(
     counts = {name: statistics[name] for name in ("negative", "non_finite")}
     return {
         "origin": {**origin, "scene_sha256": statistics["scene_sha256"]},
-        "camera": {**camera.model_dump(), "sources": dict(camera.sources)},
+        "camera": camera.to_dict(),
         "exposure": asdict(first.exposure),
         "seeds": {"seed": first.seed, "serial": first.window.serial},
         "options": used(CaptureOptions, options),
