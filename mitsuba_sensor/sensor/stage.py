@@ -74,7 +74,7 @@ class Stage(ABC):
     label: ClassVar[str] = ""
 
     def __init_subclass__(cls) -> None:
-        """``ShotNoise`` gets the label ``shot noise``, unless it has one of its own."""
+        """``LineDrift`` gets the label ``line drift``, unless it has one of its own."""
         if "label" not in vars(cls):
             cls.label = _spaced(cls.__name__, " ")
 
@@ -100,7 +100,7 @@ class Stage(ABC):
 
     @classmethod
     def key(cls) -> str:
-        """``ShotNoise`` → ``shot_noise``: the name by which ``Camera.with_stage(after=…)`` finds the stage."""
+        """``LineDrift`` → ``line_drift``: the name by which ``Camera.with_stage(after=…)`` finds the stage."""
         return _spaced(cls.__name__, "_")
 
     @property
