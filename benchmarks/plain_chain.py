@@ -20,22 +20,21 @@ from numpy.typing import NDArray
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.sensor_window import SensorWindow
-from mitsuba_sensor.sensor.chain import chain
 
 STAGES = {
-    *("QuantumEfficiency", "Prnu", "DarkCurrent", "ShotNoise", "FullWell", "SenseNode", "NonlinearSenseNode"),
-    *("ResetNoise", "SourceFollowerNoise", "SourceFollower", "NonlinearSourceFollower", "DsnuColumn", "CdsGain"),
-    *("IntegralNonlinearity", "Adc"),
+    *("quantum_efficiency", "prnu", "dark_current", "shot_noise", "full_well", "sense_node", "nonlinear_sense_node"),
+    *("reset_noise", "source_follower_noise", "source_follower", "nonlinear_source_follower", "dsnu_column", "cds_gain"),
+    *("integral_nonlinearity", "adc"),
 }
 """The stages of the simple chain."""
 
-IDLE = {"DsnuRow": "sigma_e", "DsnuPixel": "sigma_e", "PrnuColumn": "cv"}
+IDLE = {"dsnu_row": "sigma_e", "dsnu_pixel": "sigma_e", "prnu_column": "cv"}
 """Stages that it does not have; this field of them must be 0."""
 
 
 def stages_of(camera: ms.Camera) -> dict[str, Any]:
     """The stages of a camera by name; ValueError if the simple chain lacks one of them."""
-    stages = {type(stage).__name__: stage for stage in chain(camera)}
+    stages = {stage.key(): stage for stage in camera.stages}
     for name, stage in stages.items():
         if name not in STAGES and (name not in IDLE or getattr(stage, IDLE[name])):
             raise ValueError(f"{camera.name} has a stage {name}, which the simple chain does not have.")
@@ -52,14 +51,14 @@ class PlainChain:
         stages = stages_of(camera)
         self.photons, self.random = photons, np.random.default_rng(seed)
         self.qe = reference_qe(camera)
-        self.full_well_e = stages["FullWell"].full_well_e
-        self._make_fpn_maps(stages["Prnu"], stages["DarkCurrent"], stages["DsnuColumn"])
+        self.full_well_e = stages["full_well"].full_well_e
+        self._make_fpn_maps(stages["prnu"], stages["dark_current"], stages["dsnu_column"])
         frame = Frame(exposure, SensorWindow(0, (1, 1)), seed)
-        self.dark_e = stages["DarkCurrent"].mean_e(frame)
-        self.reset_v = stages["ResetNoise"].sigma_v(frame)
-        self.follower_v = stages["SourceFollowerNoise"].sigma_v
+        self.dark_e = stages["dark_current"].mean_e(frame)
+        self.reset_v = stages["reset_noise"].sigma_v(frame)
+        self.follower_v = stages["source_follower_noise"].sigma_v
         self._curves(stages)
-        adc = stages["Adc"]
+        adc = stages["adc"]
         self.dn_per_v, self.black_level_dn, self.highest_dn = adc.gain_dn_per_v, adc.black_level_dn, adc.highest
 
     def _make_fpn_maps(self, prnu: Any, dark: Any, columns: Any) -> None:
@@ -76,14 +75,14 @@ class PlainChain:
 
     def _curves(self, stages: dict[str, Any]) -> None:
         """Gains and non-linearities; 0 means linear."""
-        node = stages.get("NonlinearSenseNode") or stages["SenseNode"]
+        node = stages.get("nonlinear_sense_node") or stages["sense_node"]
         self.v_per_e, alpha = node.gain_v_per_e, getattr(node, "alpha", 0.0)
         self.node_swing_v = node.v_ref_v / alpha if alpha else 0.0
-        follower = stages.get("NonlinearSourceFollower") or stages["SourceFollower"]
+        follower = stages.get("nonlinear_source_follower") or stages["source_follower"]
         self.gain = follower.gain
         self.vv_per_v = (follower.ratio - 1) / follower.full_swing_v if hasattr(follower, "ratio") else 0.0
-        self.cds_gain = stages["CdsGain"].gain
-        inl = stages.get("IntegralNonlinearity")
+        self.cds_gain = stages["cds_gain"].gain
+        inl = stages.get("integral_nonlinearity")
         self.inl_per_v = math.log(inl.gamma) / inl.full_scale_v if inl else 0.0
 
     def __iter__(self) -> PlainChain:

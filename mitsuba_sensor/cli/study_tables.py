@@ -15,7 +15,7 @@ from ..study import page
 from ..study.html import text
 from .terminal import columns_table
 
-STYLES: dict[page.Mark, str] = {"good": "green", "bad": "bold red", "best": "bold green", "dim": "dim", "": ""}
+STYLES: dict[str, str] = {"good": "green", "bad": "bold red", "best": "bold green", "dim": "dim", "": ""}
 LONGEST = 48  # rows of a table that a terminal still shows; of a longer one only those that are not as they must be
 WIDEST, GAP = 30, 2  # characters of a column that holds text, and between two columns
 

@@ -68,7 +68,7 @@ class Condition:
     def light(self, camera: Camera) -> float:
         """Mean photons per pixel."""
         sensitivity = float(camera.qe([camera.quantum_efficiency.reference_nm or 0.0]).max())
-        return self.photons + self.well * camera.pixel.full_well_e / sensitivity
+        return self.photons + self.well * float(camera.pixel.full_well_e) / sensitivity
 
 
 LIGHT = (
