@@ -23,8 +23,8 @@ from mitsuba_sensor.core.sensor_window import SensorWindow
 
 STAGES = {
     *("quantum_efficiency", "prnu", "dark_current", "shot_noise", "full_well", "sense_node", "nonlinear_sense_node"),
-    *("reset_noise", "source_follower_noise", "source_follower", "nonlinear_source_follower", "dsnu_column", "cds_gain"),
-    *("integral_nonlinearity", "adc"),
+    *("reset_noise", "source_follower_noise", "source_follower", "nonlinear_source_follower", "dsnu_column"),
+    *("cds_gain", "integral_nonlinearity", "adc"),
 }
 """The stages of the simple chain."""
 
