@@ -1,4 +1,4 @@
-"""python -m mitsuba_sensor"""
+"""The command line, for ``python -m mitsuba_sensor``."""
 
 from .cli import app
 

@@ -19,6 +19,7 @@ from ..core.errors import InputError
 from ..io import files
 from ..sensor.camera import toml_value
 from . import options
+from .options import Flag, Flags
 
 if TYPE_CHECKING:
     from ..render.parsed_scene import ParsedScene
@@ -31,7 +32,7 @@ err = Console(stderr=True)
 class CommandGroup(TyperGroup):
     """Runs a command: what a user did wrong becomes one sentence on stderr and exit code 2."""
 
-    def invoke(self, ctx: Any) -> Any:
+    def invoke(self, ctx: Any) -> object:
         """Run the command that was called; errors end here."""
         try:
             return super().invoke(ctx)
@@ -59,25 +60,25 @@ app.add_typer(cameras, name="cameras")
 
 
 @dataclass(frozen=True, eq=False)
-class Subject:
-    """A parsed scene, and the camera and exposure that it is looked at with."""
+class RenderInput:
+    """A parsed scene, and the camera and exposure that it is rendered for."""
 
     scene: ParsedScene
     camera: ms.Camera
     exposure: ms.Exposure
 
 
-def scene_subject(scene: Path, flags: Mapping[str, Any]) -> tuple[Subject, dict[str, Any]]:
+def render_input(scene: Path, flags: Flags) -> tuple[RenderInput, dict[str, Flag]]:
     """The scene with the camera and exposure that are asked for, or that it names itself; and all other flags."""
     from ..render.parsed_scene import parse
 
     parsed = parse(scene, flags.get("parameters"), flags.get("variant"))
     camera, exposure = scene_camera(flags, parsed.settings), scene_exposure(flags, parsed.settings)
     asked = {name: value for name, value in flags.items() if name not in options.CameraFlags.__annotations__}
-    return Subject(parsed, camera, exposure), asked
+    return RenderInput(parsed, camera, exposure), asked
 
 
-def scene_camera(flags: Mapping[str, Any], settings: SceneSettings) -> ms.Camera:
+def scene_camera(flags: Flags, settings: SceneSettings) -> ms.Camera:
     """The named camera behind the scene's lens, else the scene's own, else the default one; with its --set fields.
 
     These are set first too, because a prescription among them takes focal length and focus from the scene.
@@ -88,7 +89,7 @@ def scene_camera(flags: Mapping[str, Any], settings: SceneSettings) -> ms.Camera
     return changed(settings.applied_to(changed(base, changes)), changes)
 
 
-def scene_exposure(flags: Mapping[str, Any], settings: SceneSettings) -> ms.Exposure:
+def scene_exposure(flags: Flags, settings: SceneSettings) -> ms.Exposure:
     """The exposure that was asked for, else the scene's, else the default one."""
     return ms.Exposure(
         first_given(flags.get("exposure_s"), settings.exposure_s, options.DEFAULT_EXPOSURE_S),
@@ -96,12 +97,12 @@ def scene_exposure(flags: Mapping[str, Any], settings: SceneSettings) -> ms.Expo
     )
 
 
-def given_camera(flags: Mapping[str, Any]) -> ms.Camera:
+def given_camera(flags: Flags) -> ms.Camera:
     """The named camera, else the default one, with its --set fields; where there is no scene."""
     return changed(ms.load_camera(flags.get("camera") or options.DEFAULT_CAMERA), flags.get("settings"))
 
 
-def given_exposure(flags: Mapping[str, Any]) -> ms.Exposure:
+def given_exposure(flags: Flags) -> ms.Exposure:
     """The exposure that was asked for, else the default one; where there is no scene."""
     return ms.Exposure(
         first_given(flags.get("exposure_s"), options.DEFAULT_EXPOSURE_S),
@@ -124,7 +125,7 @@ def changed(camera: ms.Camera, settings: Mapping[str, str] | None) -> ms.Camera:
     return camera.replace(**changes) if changes else camera
 
 
-def show(what: Any, as_json: bool) -> None:
+def show(what: object, as_json: bool) -> None:
     """JSON plain and whole, everything else as rich shows it."""
     if as_json:
         typer.echo(files.to_json(what))

@@ -1,29 +1,28 @@
-"""render and expose: a scene, or irradiance that is rendered already, into raw frames."""
+"""The commands render and expose: from a scene, or from irradiance that is rendered already, to raw frames."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import mitsuba_sensor as ms
 
 from ..io import exr, files
 from ..pipeline import FILES, CaptureOptions, LightOptions
 from . import options, terminal
-from .app import app, err, given_camera, given_exposure, refuse_lens, scene_subject, show
+from .app import app, err, given_camera, given_exposure, refuse_lens, render_input, show
 
 
 @app.command(epilog="Example: mitsuba-sensor render scenes/cornell_box.xml -o out/ --exposure-s 0.01 --set adc.bits=14")
 @options.flags(options.CameraFlags, CaptureOptions)
-def render(scene: options.Scene, out_dir: options.Out, as_json: options.Json = False, **flags: Any) -> None:
+def render(scene: options.Scene, out_dir: options.Out, as_json: options.Json = False, **flags: options.Flag) -> None:
     """Render SCENE and expose a camera to it.
 
     Writes frame.tiff, frame.png, irradiance.exr and frame.json into DIR (and aovs.exr if asked for): all, or none.
     """
-    subject, asked = scene_subject(scene, flags)
+    given, asked = render_input(scene, flags)
     with files.output_folder(out_dir, FILES) as folder:
         with terminal.render_progress(err, asked) as progress:
-            found = ms.capture(subject.scene, subject.camera, subject.exposure, progress=progress, **asked)
+            found = ms.capture(given.scene, given.camera, given.exposure, progress=progress, **asked)
         found.save(folder)
     _show(found, out_dir, as_json)
 
@@ -31,7 +30,7 @@ def render(scene: options.Scene, out_dir: options.Out, as_json: options.Json = F
 @app.command(epilog="Example: mitsuba-sensor expose out/irradiance.exr -o dark/ --exposure-s 0.001 --frames 8")
 @options.flags(options.CameraFlags, LightOptions)
 def expose(
-    irradiance: options.IrradianceFile, out_dir: options.Out, as_json: options.Json = False, **flags: Any
+    irradiance: options.IrradianceFile, out_dir: options.Out, as_json: options.Json = False, **flags: options.Flag
 ) -> None:
     """Expose a camera to irradiance that is already rendered: another time, camera or seed at no cost.
 

@@ -1,13 +1,12 @@
-"""cameras list, show, schema and lenses: the cameras and lens prescriptions that ship with the package."""
+"""The commands below cameras: the cameras and lens prescriptions that ship with the package."""
 
 from __future__ import annotations
-
-from typing import Any
 
 import mitsuba_sensor as ms
 
 from . import options, terminal
 from .app import cameras, show
+from .terminal import Report
 
 
 @cameras.command("list")
@@ -61,9 +60,9 @@ def lenses(as_json: options.Json = False) -> None:
     show(terminal.lens_list([(x.name, f"{f:.4g} mm", str(len(x.surfaces)), x.source) for x, f in rows]), False)
 
 
-def _flat(fields: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+def _flat(fields: Report, prefix: str = "") -> dict[str, object]:
     """Nested fields under dotted names."""
-    flat: dict[str, Any] = {}
+    flat: dict[str, object] = {}
     for key, value in fields.items():
         flat |= _flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value}
     return flat

@@ -1,9 +1,9 @@
-"""lint: what in a scene is black, wrong or surprising for a camera."""
+"""The command lint: what in a scene is black, wrong or surprising for a camera."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import typer
 from rich import box
@@ -13,7 +13,7 @@ from rich.text import Text
 
 from ..render.options import SceneOptions
 from . import options
-from .app import app, scene_subject, show
+from .app import app, render_input, show
 
 if TYPE_CHECKING:
     from ..render.lint import Finding
@@ -26,16 +26,16 @@ STYLES = {"black": "bold red", "wrong": "bold yellow", "note": "dim"}
 @options.flags(
     options.CameraFlags, SceneOptions, without=("exposure_s", "temperature_k", "settings", "width", "motion")
 )
-def lint(scene: options.Scene, as_json: options.Json = False, **flags: Any) -> None:
+def lint(scene: options.Scene, as_json: options.Json = False, **flags: options.Flag) -> None:
     """Say what in SCENE is black, wrong or worth knowing for this camera. Nothing is rendered.
 
     Exit code: 0 if there is nothing but notes, 1 if something is black or wrong, 2 if the scene cannot be loaded.
     """
     from ..render.scene import inspect_scene
 
-    subject, _ = scene_subject(scene, flags)
-    chosen, parameters = subject.camera, flags["parameters"] or {}
-    findings = inspect_scene(scene, chosen, parameters, flags["scene_unit"])
+    given, _ = render_input(scene, flags)
+    chosen, parameters = given.camera, flags["parameters"] or {}
+    findings = inspect_scene(given.scene.file, chosen, parameters, flags["scene_unit"])
     show([finding.to_dict() for finding in findings] if as_json else _table(findings, scene.name, chosen), as_json)
     if any(finding.level != "note" for finding in findings):
         raise typer.Exit(1)

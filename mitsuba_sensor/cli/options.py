@@ -2,9 +2,9 @@
 
 # Without `from __future__ import annotations`: core/options.py reads these declarations at run time.
 import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, TypedDict, TypeVar
+from typing import Annotated, Any, TypeAlias, TypedDict, TypeVar
 
 import typer
 
@@ -15,6 +15,9 @@ from ..render.options import FrameOptions, RenderOptions, SceneOptions
 from ..sensor.options import SensorOptions
 
 Command = TypeVar("Command", bound=Callable[..., None])
+Flag: TypeAlias = Any
+"""The value of one flag; its type is that of the option."""
+Flags = Mapping[str, Flag]
 
 DEFAULT_CAMERA = "konnik_table1"
 DEFAULT_EXPOSURE_S = 0.1
@@ -111,7 +114,7 @@ def flags(*kinds: type, without: tuple[str, ...] = ()) -> Callable[[Command], Co
         ]
         parameters = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in (*needed, *made, *optional)]
 
-        def run(**values: Any) -> None:
+        def run(**values: Flag) -> None:
             command(**{name: _read(found[name], value) if name in found else value for name, value in values.items()})
 
         run.__name__, run.__doc__, run.__module__ = command.__name__, command.__doc__, command.__module__
@@ -130,10 +133,10 @@ def pairs(option: str, texts: Sequence[str] | None) -> dict[str, str]:
     return {text.partition("=")[0].strip(): text.partition("=")[2].strip() for text in texts or ()}
 
 
-def _type(one: Declared) -> Any:
+def _type(one: Declared) -> Flag:
     """The type of an option as typer wants it, with its flag and its help."""
     flag, kinds = one.option.flag or f"--{one.name.replace('_', '-')}", one.kinds
-    text: Any = one.option.text or (str if one.choices else kinds[0])
+    text: Flag = one.option.text or (str if one.choices else kinds[0])
     if one.option.default is None:
         text = text | None
     metavar = one.option.metavar or ("|".join(map(str, one.choices)) or None)
@@ -141,12 +144,12 @@ def _type(one: Declared) -> Any:
     return Annotated[text, typer.Option(flag, metavar=metavar, help=one.option.help, rich_help_panel=panel)]
 
 
-def _read(one: Declared, value: Any) -> Any:
+def _read(one: Declared, value: Flag) -> Flag:
     """The value of an option that stands as a text on the command line."""
     return value if value is None or one.name not in READERS else READERS[one.name](value)
 
 
-READERS: dict[str, Callable[[Any], Any]] = {
+READERS: dict[str, Callable[[Flag], Flag]] = {
     "parameters": lambda texts: pairs("-D", texts),
     "settings": lambda texts: pairs("--set", texts),
     "maps": files.read_fpn_maps,

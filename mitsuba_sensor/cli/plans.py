@@ -1,9 +1,8 @@
-"""plan, fpn-maps and doctor: what an exposure needs, the FPN maps of a camera, what works on this machine."""
+"""The commands plan, fpn-maps and doctor: what an exposure needs, a camera's FPN maps, what works on this machine."""
 
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Any
 
 import typer
 
@@ -15,7 +14,7 @@ from ..io import exr, files
 from ..render.options import RenderOptions
 from ..sensor.gains import gain_dn_per_e
 from . import options, terminal
-from .app import app, err, given_camera, given_exposure, refuse_lens, scene_subject, show
+from .app import app, err, given_camera, given_exposure, refuse_lens, render_input, show
 
 
 @app.command(epilog="Example: mitsuba-sensor plan out/irradiance.exr --exposure-s 0.001 --tolerance-dn 0.02")
@@ -24,7 +23,7 @@ def plan(
     source: options.SceneOrIrradiance,
     tolerance_dn: options.ToleranceDn = 0.0,
     as_json: options.Json = False,
-    **flags: Any,
+    **flags: options.Flag,
 ) -> None:
     """Say which stages this light and exposure need, how far each moves the numbers, and the time that is saved.
 
@@ -37,10 +36,10 @@ def plan(
         camera, exposure = given_camera(flags), given_exposure(flags)
         light = exr.read_irradiance_exr(source)
     else:
-        subject, asked = scene_subject(source, flags)
-        camera, exposure = subject.camera, subject.exposure
+        given, asked = render_input(source, flags)
+        camera, exposure = given.camera, given.exposure
         with terminal.render_progress(err, asked) as progress:
-            light = ms.render(subject.scene, camera, exposure, progress=progress, **asked)
+            light = ms.render(given.scene, camera, exposure, progress=progress, **asked)
     photons = ms.collect(light, camera, exposure)
     found = ms.plan(camera, exposure, photons, tolerance_dn=tolerance_dn)
     needs = render_requirements(light, camera, exposure, gain_dn_per_e(camera), tolerance_dn)
@@ -54,7 +53,7 @@ def plan(
 
 @app.command("fpn-maps", epilog="Example: mitsuba-sensor fpn-maps -o camera7.npz --serial 7; then render … --fpn-maps")
 @options.flags(options.CameraFlags, options.MapFlags, without=("exposure_s", "temperature_k"))
-def fpn_maps(out_file: options.MapFile, as_json: options.Json = False, **flags: Any) -> None:
+def fpn_maps(out_file: options.MapFile, as_json: options.Json = False, **flags: options.Flag) -> None:
     """Write the fixed-pattern noise (FPN) maps of one camera into a NumPy .npz.
 
     To look at, to change, or to replace by measured ones: `render … --fpn-maps FILE.npz` takes such a file.

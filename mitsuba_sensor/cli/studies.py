@@ -1,4 +1,4 @@
-"""study: error against run time, what can be left out, and stiff and extreme cases."""
+"""Commands of study: error against run time, what can be left out, and stiff and extreme cases."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ..io.measurements import Measurements
 from ..io.metadata import machine, versions
 from ..render.options import SceneOptions
 from . import options
-from .app import app, err, scene_subject, show
+from .app import app, err, render_input, show
 from .study_options import AblationFlags, Force, StudyOut, WorkPrecisionFlags
 from .study_tables import seconds_bar, sheet
 
@@ -55,7 +55,7 @@ def work_precision(
     out_dir: StudyOut = Path("study/work-precision"),
     force: Force = False,
     as_json: options.Json = False,
-    **flags: Any,
+    **flags: options.Flag,
 ) -> None:
     """Error against run time of SCENE, of the render and of the sensor, and the setting to take.
 
@@ -80,7 +80,7 @@ def ablation(
     out_dir: StudyOut = Path("study/ablation"),
     force: Force = False,
     as_json: options.Json = False,
-    **flags: Any,
+    **flags: options.Flag,
 ) -> None:
     """What each stage of the sensor and each feature of the render does to SCENE, and what leaving it out would save.
 
@@ -108,12 +108,12 @@ def stress(out_dir: StudyOut = Path("study/stress"), force: Force = False, as_js
     _run(Output(out_dir, force, as_json), "stress", {}, measured)
 
 
-def _subject(scene: Path, flags: dict[str, Any], more: dict[str, Any]) -> tuple[Subject, dict[str, Any], SceneSettings]:
+def _subject(scene: Path, flags: options.Flags, more: dict[str, Any]) -> tuple[Subject, dict[str, Any], SceneSettings]:
     """The scene with the camera and exposure that are asked for, or that it names itself; all that decides what is
     measured of it; and the scene's settings. more : options of the render."""
     from ..study.subject import Subject
 
-    found, _ = scene_subject(scene, flags)
+    found, _ = render_input(scene, flags)
     parameters = flags["parameters"] or {}
     render = {"parameters": parameters, "scene_unit": flags["scene_unit"], "width": flags["width"], **more}
     about = {"scene": str(scene), "scene_sha256": found.scene.file.digest()}
@@ -157,10 +157,10 @@ def _run(to: Output, name: str, question: dict[str, Any], measure: Callable[[Any
 
 def _command() -> str:
     """What was asked, without where its answer went."""
-    kept, left = ["mitsuba-sensor"], iter(sys.argv[1:])
-    for word in left:
-        if word in ("-o", "--out"):
-            next(left, None)
-        elif word not in ("--json", "--force"):
-            kept.append(word)
+    kept, arguments = ["mitsuba-sensor"], iter(sys.argv[1:])
+    for argument in arguments:
+        if argument in ("-o", "--out"):
+            next(arguments, None)
+        elif argument not in ("--json", "--force"):
+            kept.append(argument)
     return shlex.join(kept)

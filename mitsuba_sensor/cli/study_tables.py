@@ -65,7 +65,8 @@ class Fitted:
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """The table, and what of it stands only in the page."""
-        rows = list(zip(self.table.marks or ("",) * len(self.table.rows), self.table.rows, strict=True))
+        unmarked: tuple[page.Mark, ...] = ("",) * len(self.table.rows)
+        rows = list(zip(self.table.marks or unmarked, self.table.rows, strict=True))
         shown = rows if len(rows) <= LONGEST else [row for row in rows if row[0] in ("bad", "best")][:LONGEST]
         cells = [[f"{v:.3g}" if isinstance(v, float) else text(v) for v in row] for _, row in shown]
         count = _fitting(self.table.columns, cells, options.max_width)

@@ -1,4 +1,4 @@
-"""What the terminal shows: tables and the progress bar, built here, printed by :mod:`mitsuba_sensor.cli.app`."""
+"""Tables and the progress bar of the terminal; :mod:`mitsuba_sensor.cli.app` prints them."""
 
 from __future__ import annotations
 
@@ -13,26 +13,32 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
-from ..sensor.plan import IDLE
+from ..sensor.plan import IDLE, Plan
+
+Report = Mapping[str, Any]
+"""A dict ready for JSON: frame.json, or what a command prints."""
 
 if TYPE_CHECKING:
+    from ..render.requirements import RenderRequirement
     from ..render.stop_criterion import RenderProgress
 
 END = {"max_seconds": "the time was up", "max_spp": "the most samples were taken"}
 
 
 @contextmanager
-def render_progress(console: Console, options: Mapping[str, Any]) -> Iterator[Callable[[RenderProgress], None]]:
+def render_progress(console: Console, options: Mapping[str, object]) -> Iterator[Callable[[RenderProgress], None]]:
     """A bar over the passes of a render, or over frames with a render each; nothing where nobody watches.
 
     Beside it the noise ratio as it falls, and a forecast. Yields what ``capture`` takes as its progress.
     """
-    count = 1 if options.get("render_noise", "shared") == "shared" else options["frames"]
+    frames, first = options.get("frames", 1), options.get("first_frame", 0)
+    assert isinstance(frames, int) and isinstance(first, int)
+    count = 1 if options.get("render_noise", "shared") == "shared" else frames
     with _bar(console) as progress:
         task = progress.add_task("rendering", total=None, ratio="", left="")
 
         def show(step: RenderProgress) -> None:
-            number = step.frame - options.get("first_frame", 0)
+            number = 0 if count == 1 else step.frame - first
             name = "rendering" if count == 1 else f"frame {step.frame}"
             completed, total = number * step.expected + step.done, count * step.expected
             ratio, left = _texts(step)
@@ -60,14 +66,14 @@ def _texts(step: RenderProgress) -> tuple[str, str]:
     return ratio, left
 
 
-def summary(report: Mapping[str, Any], folder: str) -> RenderableType:
+def summary(report: Report, folder: str) -> RenderableType:
     """A frame in short: photons, the signal after each stage in theory and in the frame, noise by source."""
     return Group(_headline(report, folder), _stages(report), *_facts(report), *_notes(report))
 
 
-def plan_sheet(plan: Any, needs: Sequence[Any], whole_s: float, planned_s: float) -> RenderableType:
+def plan_sheet(plan: Plan, needs: Sequence[RenderRequirement], whole_s: float, planned_s: float) -> RenderableType:
     """What a plan keeps and leaves out, sensor and render, with the effect in DN and the time that is saved."""
-    table = columns_table("", "", "mean", "temporal", "fixed", "")
+    table = columns_table("", "", "mean", "temporal", "spatial", "")
     for e in plan.effects:
         if e.reason == IDLE:
             continue
@@ -87,7 +93,7 @@ def _kept(kept: bool) -> Text:
     return Text("kept") if kept else Text("left out", style="green")
 
 
-def map_list(spread: Mapping[str, Any], path: str) -> RenderableType:
+def map_list(spread: Report, path: str) -> RenderableType:
     """The FPN maps of a camera: name, shape, mean and spread of each."""
     table = columns_table("map", "shape", "mean", "σ")
     for name, x in spread.items():
@@ -112,7 +118,7 @@ def lens_list(rows: Sequence[tuple[str, str, str, str]]) -> Table:
     return table
 
 
-def camera_sheet(fields: Mapping[str, Any], sources: Mapping[str, str]) -> Table:
+def camera_sheet(fields: Report, sources: Mapping[str, str]) -> Table:
     """One row per number of a camera file: field, value, source. The unit is the end of the field's name."""
     table = columns_table("field", "value", "source")
     table.columns[0].no_wrap = True
@@ -121,8 +127,8 @@ def camera_sheet(fields: Mapping[str, Any], sources: Mapping[str, str]) -> Table
     return table
 
 
-def diagnosis(findings: Mapping[str, Any]) -> RenderableType:
-    """The doctor's findings as tables, and the commands that mend what is wrong."""
+def diagnosis(findings: Report) -> RenderableType:
+    """What works on this machine, as tables, and the commands that repair what does not."""
     variants = columns_table("variant", "renders?", "why")
     for one in findings["variants"]:
         variants.add_row(one["name"], _yes(one["works"]), Text(one["reason"]))
@@ -137,7 +143,7 @@ def diagnosis(findings: Mapping[str, Any]) -> RenderableType:
     )
 
 
-def _headline(report: Mapping[str, Any], folder: str) -> Text:
+def _headline(report: Report, folder: str) -> Text:
     image, exposure = report["image"], report["exposure"]
     pages = f"{image['frames']} frame{'s' if image['frames'] > 1 else ''}"
     size = f"{image['columns']} × {image['rows']}, {pages}"
@@ -145,10 +151,10 @@ def _headline(report: Mapping[str, Any], folder: str) -> Text:
     return Text.assemble((report["camera"]["name"], "bold"), f", {conditions}, {size} → ", (folder, "bold"))
 
 
-def _stages(report: Mapping[str, Any]) -> Table:
-    """One row per stage: its signal in this frame and in theory, and how far it moves the noise of the result."""
-    table = columns_table("after", "", "mean", "theory", "σ", "theory", "temporal", "fixed")
-    table.caption = "temporal, fixed: how far this stage moves the noise of the raw numbers [DN]"
+def _stages(report: Report) -> Table:
+    """One row per stage: its signal in this frame and in theory, and how far it changes the noise of the raw frame."""
+    table = columns_table("after", "", "mean", "theory", "σ", "theory", "temporal", "spatial")
+    table.caption = "temporal, spatial: how far this stage changes the noise of the raw frame [DN]"
     for column in table.columns:
         column.no_wrap = True
     for column in table.columns[2:]:
@@ -165,10 +171,10 @@ def _stages(report: Mapping[str, Any]) -> Table:
     return table
 
 
-def _facts(report: Mapping[str, Any]) -> Iterator[Text]:
+def _facts(report: Report) -> Iterator[Text]:
     photons, counts, noise = report["photons"], report["counts"], report["render_noise"]
     yield _fact(
-        "light electrons per pixel" if photons["detected"] else "photons per pixel",
+        "photoelectrons per pixel" if photons["detected"] else "photons per pixel",
         f"{_number(photons['min'])} … {_number(photons['median'])} … {_number(photons['max'])} (min, median, max)",
     )
     yield _fact(
@@ -198,8 +204,8 @@ def _facts(report: Mapping[str, Any]) -> Iterator[Text]:
     yield _fact("seconds", ", ".join(f"{name} {seconds:.2f}" for name, seconds in report["times_s"].items()))
 
 
-def _ended(render: Mapping[str, Any]) -> str:
-    """How a render that worked towards a ratio ended."""
+def _ended(render: Report) -> str:
+    """Whether the noise ratio that was asked for was reached, and what ended the render."""
     asked, end = render["noise_ratio_asked"], render["ended_by"]
     if end == "noise_ratio":
         return f"; {_number(asked)} was asked for and reached"
@@ -207,7 +213,7 @@ def _ended(render: Mapping[str, Any]) -> str:
     return missed + (f", {END[end]}" if end in END else "")
 
 
-def _notes(report: Mapping[str, Any]) -> Iterator[Text]:
+def _notes(report: Report) -> Iterator[Text]:
     for note in report["render"]["notes"]:
         yield Text.assemble(("note: ", "bold yellow"), note)
 
@@ -231,7 +237,7 @@ def _number(value: float | None) -> str:
     return f"{value:.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:.4g}"
 
 
-def _short(value: Any) -> str:
+def _short(value: object) -> str:
     """A value on one line; a long list by its ends."""
     if isinstance(value, list | tuple) and len(value) > 6:
         return f"{value[0]} … {value[-1]} ({len(value)} numbers)"

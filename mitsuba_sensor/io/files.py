@@ -1,6 +1,6 @@
-"""The door to the disk: raw TIFF, preview PNG, JSON, text, patterns; each appears whole or not at all.
+"""Writers of TIFF, PNG, JSON, text and FPN maps; each file appears whole or not at all.
 
-Every writer fills a temporary name in the same folder and renames it at the end, so a reader never meets half a file;
+Every writer fills a temporary name in the same folder and renames it at the end, so nobody reads half a file;
 :func:`output_folder` does the same for a set of files. What the disk refuses becomes one sentence (InputError).
 """
 
@@ -54,7 +54,7 @@ def write_tiff(path: Path, frames: np.ndarray) -> None:
 
 
 def write_png(path: Path, picture: np.ndarray) -> None:
-    """An 8-bit picture for the eye, (H, W) grey or (H, W, 3) sRGB."""
+    """An 8-bit preview, (H, W) grey or (H, W, 3) sRGB."""
     from PIL import Image
 
     with appearing(path) as temporary:
@@ -83,10 +83,10 @@ def to_json(report: Any) -> str:
     return json.dumps(plain_values(report), indent=2, ensure_ascii=False, allow_nan=False)
 
 
-def write_fpn_maps(path: Path, patterns: Mapping[str, np.ndarray]) -> None:
-    """Fixed patterns by name as a NumPy .npz; :func:`read_fpn_maps` is its inverse."""
+def write_fpn_maps(path: Path, maps: Mapping[str, np.ndarray]) -> None:
+    """FPN maps by name as a NumPy .npz; :func:`read_fpn_maps` is its inverse."""
     with appearing(path) as temporary, temporary.open("wb") as file:
-        np.savez(file, **patterns)  # type: ignore[arg-type]
+        np.savez(file, **maps)  # type: ignore[arg-type]
 
 
 def read_fpn_maps(path: Path) -> dict[str, np.ndarray]:
@@ -97,7 +97,7 @@ def read_fpn_maps(path: Path) -> dict[str, np.ndarray]:
     except (OSError, ValueError, AttributeError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         why = getattr(error, "strerror", None) or "it is no .npz of numbers"
         raise InputError(
-            f"the patterns {path} cannot be read: {why}; make one with `mitsuba-sensor patterns`."
+            f"the FPN maps {path} cannot be read: {why}; make one with `mitsuba-sensor fpn-maps`."
         ) from None
 
 
@@ -108,7 +108,7 @@ def disk_sentences(target: Path) -> Iterator[None]:
         yield
     except OSError as error:
         why = error.strerror or str(error)
-        raise InputError(f"cannot write {target}: {why}; give -o a place that has room and lets you write.") from error
+        raise InputError(f"cannot write {target}: {why}; give -o a writable folder with free space.") from error
 
 
 @contextmanager

@@ -9,7 +9,8 @@ import sys
 import tempfile
 from dataclasses import asdict
 from importlib import resources
-from typing import Any
+from importlib.resources.abc import Traversable
+from typing import Any, TypeAlias
 
 from ..core.llvm import find_llvm
 from ..io.metadata import versions
@@ -18,10 +19,12 @@ VARIANTS = ("cuda_ad_spectral", "llvm_ad_spectral", "scalar_spectral")  # the fa
 SLOW = "scalar_spectral"
 RENDERER = "mitsuba>=3.9.1,<3.10"  # as in pyproject.toml
 LIMIT_S = 300
+Finding: TypeAlias = dict[str, Any]
+"""Ready for JSON."""
 
 
-def examine() -> dict[str, Any]:
-    """Findings: variants, LLVM libraries, versions, the variant that would be chosen, remedies (commands)."""
+def examine() -> Finding:
+    """Variants, LLVM libraries, versions, the variant that would be chosen, remedies (commands)."""
     chosen = _try(None)
     variants = [chosen if chosen["name"] == name else _try(name) for name in VARIANTS]
     findings = {
@@ -35,7 +38,7 @@ def examine() -> dict[str, Any]:
     return {**findings, "remedies": _remedies(findings, chosen["reason"])}
 
 
-def _try(variant: str | None) -> dict[str, Any]:
+def _try(variant: str | None) -> Finding:
     """Render the small scene as a user would, through the command line, in a child process."""
     with tempfile.TemporaryDirectory() as folder, resources.as_file(_scene()) as scene:
         command = [sys.executable, "-m", "mitsuba_sensor", "render", str(scene), "-o", folder, "--spp", "16", "--json"]
@@ -51,23 +54,23 @@ def _try(variant: str | None) -> dict[str, Any]:
     return _finding(report["render"]["variant"], True, "a test picture was rendered", report["times_s"]["render"])
 
 
-def _finding(name: str | None, works: bool, reason: str, seconds: float | None = None) -> dict[str, Any]:
+def _finding(name: str | None, works: bool, reason: str, seconds: float | None = None) -> Finding:
     return {"name": name, "works": works, "reason": reason, "seconds": seconds}
 
 
-def _scene() -> Any:
+def _scene() -> Traversable:
     return resources.files("mitsuba_sensor.render") / "doctor.xml"
 
 
 def _why(child: subprocess.CompletedProcess[str]) -> str:
-    """The child's own last words, or the signal that ended it."""
+    """The last line of the child's stderr, or the signal that ended it."""
     if child.returncode < 0:
         return f"the process was ended by {signal.Signals(-child.returncode).name}"
     lines = [line for line in child.stderr.splitlines() if line.strip()]
     return lines[-1].removeprefix("error: ").split("; ")[0] if lines else f"exit code {child.returncode}"
 
 
-def _remedies(findings: dict[str, Any], reason: str) -> list[str]:
+def _remedies(findings: Finding, reason: str) -> list[str]:
     """Commands that mend what is wrong, most urgent first."""
     remedies = []
     missing = [name for name, version in findings["versions"].items() if version is None and name != "mitsuba-sensor"]

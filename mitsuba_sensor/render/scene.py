@@ -123,7 +123,7 @@ def load_scene(
 
 
 def inspect_scene(
-    path: str | os.PathLike[str],
+    path: str | os.PathLike[str] | SceneFile,
     camera: Camera,
     parameters: Mapping[str, object],
     scene_unit: str | float | None = None,
@@ -133,9 +133,9 @@ def inspect_scene(
     The scene is built too, so that a missing mesh is an InputError here and not later.
     """
     bands = box_bands(camera, np.array(camera.band_nm, dtype=float))
-    scene = parse_scene(path, parameters)
+    scene = path if isinstance(path, SceneFile) else parse_scene(path, parameters)
     findings, dark = _findings(scene, bands, _unit(settings_of(scene), scene_unit))
-    return tuple(findings) if dark else load_scene(path, bands, parameters, camera, scene_unit).findings
+    return tuple(findings) if dark else load_scene(scene, bands, parameters, camera, scene_unit).findings
 
 
 def _findings(scene: SceneFile, bands: Bands, metres: float | None) -> tuple[list[Finding], bool]:

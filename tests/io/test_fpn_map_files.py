@@ -77,7 +77,7 @@ BAD = {
 @pytest.mark.parametrize("case", BAD)
 def test_what_is_no_file_of_patterns_is_refused_in_one_sentence(case: str, tmp_path: Path) -> None:
     (tmp_path / "bad.npz").write_bytes(BAD[case])
-    with pytest.raises(ms.InputError, match=r"bad.npz cannot be read: .*mitsuba-sensor patterns") as caught:
+    with pytest.raises(ms.InputError, match=r"bad.npz cannot be read: .*mitsuba-sensor fpn-maps") as caught:
         files.read_fpn_maps(tmp_path / "bad.npz")
     assert "\n" not in str(caught.value)
 
