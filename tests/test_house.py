@@ -200,7 +200,7 @@ def test_importing_the_package_changes_nothing() -> None:
 
 # Size and types.
 
-FORMATTED_BY_HAND, ANY = 10, 300
+FORMATTED_BY_HAND, ANY, PARAMETERS = 10, 300, 8
 
 
 def test_at_most_10_places_are_formatted_by_hand() -> None:
@@ -226,6 +226,28 @@ def test_any_stands_at_most_300_times_in_annotations() -> None:
         for path in MODULES
     }
     assert sum(used.values()) <= ANY, sorted(used.items(), key=lambda item: -item[1])[:20]
+
+
+def functions(path: Path) -> Iterator[ast.FunctionDef]:
+    return (node for node in ast.walk(tree_of(path)) if isinstance(node, ast.FunctionDef))
+
+
+def parameters(function: ast.FunctionDef) -> list[str]:
+    """Names of the parameters, self and cls aside."""
+    given = function.args
+    named = [arg.arg for arg in (*given.posonlyargs, *given.args, *given.kwonlyargs)]
+    starred = [arg.arg for arg in (given.vararg, given.kwarg) if arg]
+    return [name for name in (*named, *starred) if name not in ("self", "cls")]
+
+
+def test_no_signature_has_more_than_8_parameters() -> None:
+    wrong = [
+        f"{name_of(path)}: {one.name}"
+        for path in MODULES
+        for one in functions(path)
+        if len(parameters(one)) > PARAMETERS
+    ]
+    assert not wrong, wrong
 
 
 # One effect is one file.

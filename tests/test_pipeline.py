@@ -165,9 +165,9 @@ def test_a_scene_is_parsed_once_a_chain_built_once_and_run_once_per_frame(
     built.clear()
     options = {"frames": frames, "serial": 7, "render_noise": render_noise, **RENDER}
     if command_line:
-        words = ["--spp", 16, "--wavelength-nm", 550, "--variant", "scalar_spectral", "--serial", 7]
-        words += ["--set", "adc.bits=14", "--frames", frames, "--render-noise", render_noise]
-        done = cli("render", scene_file, "-o", tmp_path, *words)
+        arguments = ["--spp", 16, "--wavelength-nm", 550, "--variant", "scalar_spectral", "--serial", 7]
+        arguments += ["--set", "adc.bits=14", "--frames", frames, "--render-noise", render_noise]
+        done = cli("render", scene_file, "-o", tmp_path, *arguments)
         assert done.exit_code == 0, done.stderr
     else:
         ms.capture(scene_file, CAMERA.replace(**{"adc.bits": 14}), EXPOSURE, **options)

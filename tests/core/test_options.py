@@ -36,10 +36,10 @@ REFUSED: dict[str, tuple[dict[str, object], str]] = {
     "NaN": ({"f_number": float("nan")}, "f_number is nan"),
     "a text for a number": ({"f_number": "wide"}, "f_number is 'wide'; it must be a number"),
     "a fraction for a whole number": ({"blades": 6.5}, "blades is 6.5; it must be a whole number"),
-    "a truth value for a number": ({"blades": True}, "blades is True"),
+    "True for a number": ({"blades": True}, "blades is True"),
     "no choice": ({"mode": "color"}, "mode is 'color'; it must be one of grey, colour. Did you mean 'colour'"),
     "None where there is a default": ({"mode": None}, "mode is None"),
-    "no truth value": ({"flip": 1}, "flip is 1; it must be True or False"),
+    "1 for True": ({"flip": 1}, "flip is 1; it must be True or False"),
     "no text": ({"name": 3}, r"name is 3; it must be a text \(e.g. 'sunset'\)"),
     "its own check": ({"seed": -1}, "seed is -1"),
 }

@@ -116,15 +116,15 @@ def test_without_a_size_the_whole_sensor_is_written(tmp_path: Path, cli: Cli) ->
     assert json.loads(done.stdout)["prnu"]["shape"] == [5, 9]
 
 
-def test_a_frame_of_given_patterns_is_the_frame_of_their_device(
+def test_a_frame_of_given_maps_is_the_frame_of_their_sensor(
     chip: Path, light_file: Path, tmp_path: Path, cli: Cli
 ) -> None:
     """Serial 1 with the maps of serial 7 is serial 7, byte by byte, and no other."""
-    words = {"given": ("--fpn-maps", chip), "own": ("--serial", 7), "other": ()}
-    for name, more in words.items():
+    arguments = {"given": ("--fpn-maps", chip), "own": ("--serial", 7), "other": ()}
+    for name, more in arguments.items():
         done = cli("expose", light_file, "-o", tmp_path / name, "--frames", 2, *more)
         assert done.exit_code == 0, done.stderr
-    raw = {name: (tmp_path / name / "frame.tiff").read_bytes() for name in words}
+    raw = {name: (tmp_path / name / "frame.tiff").read_bytes() for name in arguments}
     assert raw["given"] == raw["own"] != raw["other"]
     report = json.loads((tmp_path / "given" / "frame.json").read_text(encoding="utf-8"))
     assert {"prnu", "dsnu_col_e"} <= set(report["given_maps"]) and report["chain"] == "physical"
@@ -162,7 +162,7 @@ def test_patterns_that_do_not_fit_are_one_sentence_and_exit_2(
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("arguments", "said"),
     [
         (("--fpn-maps", "PRNV"), "Did you mean 'prnu'"),
         (("--fpn-maps", "PRNU", "--chain", "konnik2014", "--wavelength-nm", 550), "the published chain makes its own"),
@@ -173,13 +173,15 @@ def test_patterns_that_do_not_fit_are_one_sentence_and_exit_2(
     ids=["unknown map", "maps for the published chain", "cube for the published chain", "unknown chain", "serial"],
 )
 def test_what_expose_would_refuse_is_refused_before_the_render(
-    words: Any, said: str, scene_file: Path, tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch
+    arguments: Any, said: str, scene_file: Path, tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A render may take an hour."""
     places = {"PRNV": tmp_path / "prnv.npz", "PRNU": tmp_path / "prnu.npz"}
     for path in places.values():
         files.write_fpn_maps(path, {path.stem: np.ones((12, 16))})
     monkeypatch.setattr(Scene, "render", lambda *_: pytest.fail("rendered for nothing"))
-    done = cli("render", scene_file, "-o", tmp_path / "out", *(places.get(word, word) for word in words))
+    done = cli(
+        "render", scene_file, "-o", tmp_path / "out", *(places.get(argument, argument) for argument in arguments)
+    )
     assert done.exit_code == 2 and said in done.stderr, (done.exception, done.stderr)
     assert not (tmp_path / "out").exists()

@@ -163,7 +163,7 @@ def test_same_seed_same_bits_and_another_seed_another_noise(tmp_path: Path) -> N
     assert (np.abs(a.data - c.data) <= 6 * np.hypot(a.standard_error, c.standard_error) + 1e-12).mean() > 0.98
 
 
-def test_error_bars_cover_the_truth() -> None:
+def test_error_bars_cover_the_reference() -> None:
     """Sixteen passes of a flat cube: |electrons − expected| < relative error in 60 to 75 % of pixels (t₁₅: 67 %).
 
     576 pixels: the fraction has a standard deviation of 2 %, so the bounds are 3.5 away.

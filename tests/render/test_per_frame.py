@@ -1,4 +1,4 @@
-"""Frames that each have a render of their own: the series, Poisson's law where its noise is spent, and what is refused.
+"""Frames with a render each: the series, Poisson's law where render noise is compensated, and what is refused.
 
 A floor under an even sky, seen by a telecentric lens: every pixel has the radiance ρ·L, and the noise of drawing
 directions. Statistics are of 200 frames of 32 × 24 pixels in ``scalar_spectral``: 153 600 counts. The mean over the
@@ -42,7 +42,7 @@ TELECENTRIC = """<sensor type="orthographic">{more}
 CAMERA = ms.load_camera("konnik_table1").replace(**{"pixel.prnu": 0.0, "dark_current.cv": 0.0})
 EXPOSURE = ms.Exposure(0.001)
 FRAMES, SPP = 200, 12
-WORDS = {"wavelength_nm": 550.0, "variant": "scalar_spectral"}
+OPTIONS = {"wavelength_nm": 550.0, "variant": "scalar_spectral"}
 
 
 @pytest.fixture(scope="module")
@@ -71,18 +71,18 @@ class Series:
 
 
 def series(scene: Path, render_noise: Any, spp: int, frames: int) -> Series:
-    takes = render_frames(
+    frames = render_frames(
         scene, CAMERA, EXPOSURE, frames=frames, render_noise=render_noise, spp=spp,
-        keep=("electrons",), **WORDS,
+        keep=("electrons",), **OPTIONS,
     )  # fmt: skip
-    found = [(take.frames.electrons[0], take.uncompensated) for take in takes]
+    found = [(frame.frames.electrons[0], frame.uncompensated) for frame in frames]
     return Series(
         np.array([electrons for electrons, _ in found]), float(np.mean([uncompensated for _, uncompensated in found]))
     )
 
 
 @pytest.fixture(scope="module")
-def spent(floor: Path) -> Series:
+def compensated(floor: Path) -> Series:
     return series(floor, "compensated", SPP, FRAMES)
 
 
@@ -91,55 +91,55 @@ def each(floor: Path) -> Series:
     return series(floor, "per-frame", SPP, FRAMES // 2)
 
 
-def test_spent_frames_have_mean_and_variance_of_poissons_law(spent: Series, each: Series) -> None:
+def test_compensated_frames_have_mean_and_variance_of_poissons_law(compensated: Series, each: Series) -> None:
     """Mean within four standard errors (0.15 %) of the closed form; variance within 2 % of the mean.
 
     The renders' own noise, 8 % of the shot noise and more, could not be missed.
     """
     mean = light_e() + mean_dark_e(CAMERA, EXPOSURE)
     assert each.uncompensated > 0.08
-    assert spent.uncompensated < 0.01
-    assert spent.electrons.mean() == pytest.approx(mean, abs=4 * math.sqrt(mean / spent.electrons.size))
-    assert spent.variance_over_mean == pytest.approx(1.0, abs=0.02)
+    assert compensated.uncompensated < 0.01
+    assert compensated.electrons.mean() == pytest.approx(mean, abs=4 * math.sqrt(mean / compensated.electrons.size))
+    assert compensated.variance_over_mean == pytest.approx(1.0, abs=0.02)
 
 
 @pytest.mark.parametrize("axis", [1, 2])
-def test_neighbours_of_spent_frames_are_not_correlated(spent: Series, axis: int) -> None:
+def test_neighbours_of_compensated_frames_are_not_correlated(compensated: Series, axis: int) -> None:
     """|ρ| < 5/√n of the n pairs of neighbours, after each pixel's own mean is taken away."""
-    normal = spent.electrons - spent.electrons.mean(axis=0)
+    normal = compensated.electrons - compensated.electrons.mean(axis=0)
     one, other = (np.take(normal, range(k, normal.shape[axis] - 1 + k), axis=axis) for k in (0, 1))
     correlation = (one * other).mean() / math.sqrt((one**2).mean() * (other**2).mean())
     assert abs(correlation) < 5 / math.sqrt(one.size)
 
 
-def test_frames_that_follow_each_other_are_not_correlated(spent: Series) -> None:
-    normal = spent.electrons - spent.electrons.mean(axis=0)
+def test_frames_that_follow_each_other_are_not_correlated(compensated: Series) -> None:
+    normal = compensated.electrons - compensated.electrons.mean(axis=0)
     correlation = (normal[1:] * normal[:-1]).mean() / (normal**2).mean()
     assert abs(correlation + 1 / FRAMES) < 5 / math.sqrt(normal[1:].size)
 
 
-def test_frames_that_do_not_spend_are_too_noisy_by_what_they_say(each: Series) -> None:
+def test_frames_without_compensation_are_too_noisy_by_what_they_say(each: Series) -> None:
     """Variance over mean is 1 + ``uncompensated`` within 2.4 %, four standard errors."""
     assert each.variance_over_mean == pytest.approx(1 + each.uncompensated, abs=0.024)
 
 
-def test_what_a_render_has_beyond_the_limit_stays_in_the_frame_as_unspent(floor: Path) -> None:
+def test_what_a_render_has_beyond_the_limit_stays_in_the_frame_uncompensated(floor: Path) -> None:
     """With four samples renders are often noisier than that: 1 + ``uncompensated`` within 4 %, four standard errors."""
     rough = series(floor, "compensated", 4, 60)
     assert rough.uncompensated > 0.1
     assert rough.variance_over_mean == pytest.approx(1 + rough.uncompensated, abs=0.04)
 
 
-def three(scene: Path, **words: Any) -> list[RenderedFrame]:
-    return list(render_frames(scene, CAMERA, EXPOSURE, **{"frames": 3, "spp": SPP, **WORDS, **words}))
+def three(scene: Path, **options: Any) -> list[RenderedFrame]:
+    return list(render_frames(scene, CAMERA, EXPOSURE, **{"frames": 3, "spp": SPP, **OPTIONS, **options}))
 
 
 def test_every_frame_has_a_render_of_its_own_with_a_hashed_seed(floor: Path) -> None:
     """Frame k is made from the render whose seed is the hash of the series' seed and k: no two alike."""
-    lights = [take.light.data for take in three(floor, seed=9)]
+    lights = [frame.light.data for frame in three(floor, seed=9)]
     assert not np.array_equal(lights[0], lights[1]) and not np.array_equal(lights[1], lights[2])
     for k, light in enumerate(lights):
-        alone = ms.render(floor, CAMERA, EXPOSURE, seed=hashed_seed(9, -1, k), spp=SPP, **WORDS)
+        alone = ms.render(floor, CAMERA, EXPOSURE, seed=hashed_seed(9, -1, k), spp=SPP, **OPTIONS)
         np.testing.assert_array_equal(light, alone.data)
     assert not np.array_equal(lights[0], three(floor, seed=10)[0].light.data)
 
@@ -155,7 +155,7 @@ def test_a_frame_made_alone_is_that_frame_of_the_series(floor: Path, render_nois
     np.testing.assert_array_equal(alone.frames.digital, numbered.digital)
 
 
-def test_without_samples_a_frame_is_rendered_until_it_can_be_spent(
+def test_without_samples_a_frame_is_rendered_until_it_can_be_compensated(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """At least 16 passes and no more than 1.5 % left uncompensated; only the first frame finds the size of a pass.
@@ -166,13 +166,13 @@ def test_without_samples_a_frame_is_rendered_until_it_can_be_spent(
     render = Scene.render
     monkeypatch.setattr(Scene, "render", lambda self, seed, n, rows: sizes.append(n) or render(self, seed, n, rows))
     sensor = TELECENTRIC.replace('"32"', '"8"').replace('"24"', '"6"')
-    takes = render_frames(
-        write_scene(tmp_path, scene_text(FLOOR, sensor=sensor)), CAMERA, ms.Exposure(0.5), frames=3, **WORDS
+    frames = render_frames(
+        write_scene(tmp_path, scene_text(FLOOR, sensor=sensor)), CAMERA, ms.Exposure(0.5), frames=3, **OPTIONS
     )
-    for number, take in enumerate(takes):
-        found = take.light.statistics
+    for number, frame in enumerate(frames):
+        found = frame.light.statistics
         assert found.ended_by == "compensable"
-        assert take.uncompensated <= 0.015
+        assert frame.uncompensated <= 0.015
         assert found.passes >= FEWEST
         assert len(sizes) == found.passes + (number == 0), "the first frame begins with one pass of another size"
         assert set(sizes[-found.passes :]) == {found.samples_per_pixel // found.passes}
@@ -180,16 +180,16 @@ def test_without_samples_a_frame_is_rendered_until_it_can_be_spent(
 
 
 def test_the_colour_channels_are_rendered_unless_bands_are_asked_for(floor: Path) -> None:
-    words = {"frames": 1, "spp": SPP, "variant": "scalar_spectral"}
-    (usual,) = render_frames(floor, CAMERA, EXPOSURE, **words)
-    (cube,) = render_frames(floor, CAMERA, EXPOSURE, spectral="cube", bandwidth_nm=100, **words)
+    options = {"frames": 1, "spp": SPP, "variant": "scalar_spectral"}
+    (usual,) = render_frames(floor, CAMERA, EXPOSURE, **options)
+    (cube,) = render_frames(floor, CAMERA, EXPOSURE, spectral="cube", bandwidth_nm=100, **options)
     assert usual.light.statistics.spectral == "channels" and usual.light.filters == ("mono",)
     assert cube.light.statistics.spectral == "cube"
 
 
 def test_progress_names_the_frame(floor: Path) -> None:
     told: list[tuple[int, int]] = []
-    list(render_frames(floor, CAMERA, EXPOSURE, first_frame=5, frames=2, spp=SPP, **WORDS,
+    list(render_frames(floor, CAMERA, EXPOSURE, first_frame=5, frames=2, spp=SPP, **OPTIONS,
                progress=lambda step: told.append((step.frame, step.done))))  # fmt: skip
     assert told == [(frame, done) for frame in (5, 6) for done in range(SPP + 1)]
 
@@ -208,20 +208,20 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
 }
 
 
-@pytest.mark.parametrize(("words", "says"), REFUSED.values(), ids=REFUSED)
-def test_what_cannot_be_shot_is_refused_before_any_render(
-    floor: Path, monkeypatch: pytest.MonkeyPatch, words: dict[str, Any], says: str
+@pytest.mark.parametrize(("options", "says"), REFUSED.values(), ids=REFUSED)
+def test_what_cannot_be_compensated_is_refused_before_any_render(
+    floor: Path, monkeypatch: pytest.MonkeyPatch, options: dict[str, Any], says: str
 ) -> None:
     """By the call itself, before the first frame is asked for."""
     monkeypatch.setattr(Scene, "render", lambda *_: pytest.fail("it was rendered first"))
-    given = {"camera": CAMERA, "exposure": EXPOSURE, **WORDS, **words}
+    given = {"camera": CAMERA, "exposure": EXPOSURE, **OPTIONS, **options}
     with pytest.raises(InputError, match=says):
         render_frames(floor, **given)
 
 
-def test_a_quantum_yield_can_be_shot_without_spending(floor: Path) -> None:
-    (take,) = render_frames(floor, YIELDING, EXPOSURE, render_noise="per-frame", spp=SPP, **WORDS)
-    assert take.photons.variance_e2 is None and take.frames.digital.any()
+def test_a_quantum_yield_has_frames_without_compensation(floor: Path) -> None:
+    (frame,) = render_frames(floor, YIELDING, EXPOSURE, render_noise="per-frame", spp=SPP, **OPTIONS)
+    assert frame.photons.variance_e2 is None and frame.frames.digital.any()
 
 
 def pages(folder: Path) -> Iterator[NDArray[Any]]:
@@ -229,27 +229,27 @@ def pages(folder: Path) -> Iterator[NDArray[Any]]:
         yield from (page.asarray() for page in tiff.pages)
 
 
-def test_the_command_line_spends(floor: Path, tmp_path: Path, cli: Callable[..., Any]) -> None:
-    """Three pages that differ, those of ``shoot``; the report says how, and what was left uncompensated."""
-    words = "--camera konnik_table1 --exposure-s 0.001 --wavelength-nm 550 --frames 3 --render-noise compensated"
-    words += f" --spp {SPP}"
-    done = cli("render", floor, "-o", tmp_path / "out", *words.split(), "--variant", "scalar_spectral")
+def test_the_command_line_compensates(floor: Path, tmp_path: Path, cli: Callable[..., Any]) -> None:
+    """Three pages that differ, those of ``render_frames``; the report says how, and what was left uncompensated."""
+    options = "--camera konnik_table1 --exposure-s 0.001 --wavelength-nm 550 --frames 3 --render-noise compensated"
+    options += f" --spp {SPP}"
+    done = cli("render", floor, "-o", tmp_path / "out", *options.split(), "--variant", "scalar_spectral")
     assert done.exit_code == 0, done.stderr
     camera = ms.load_camera("konnik_table1")
-    takes = render_frames(floor, camera, EXPOSURE, frames=3, spp=SPP, **WORDS)
-    for page, take in zip(pages(tmp_path / "out"), takes, strict=True):
-        np.testing.assert_array_equal(page, take.frames.digital[0])
+    frames = render_frames(floor, camera, EXPOSURE, frames=3, spp=SPP, **OPTIONS)
+    for page, frame in zip(pages(tmp_path / "out"), frames, strict=True):
+        np.testing.assert_array_equal(page, frame.frames.digital[0])
     report = json.loads((tmp_path / "out" / "frame.json").read_text(encoding="utf-8"))
     assert report["origin"]["render_noise"] == "compensated"
     assert report["origin"]["uncompensated"] < 0.05
 
 
-def test_the_command_line_refuses_to_spend_on_the_published_chain(
+def test_the_command_line_refuses_to_compensate_the_published_chain(
     floor: Path, tmp_path: Path, cli: Callable[..., Any]
 ) -> None:
-    words = (
+    options = (
         "--exposure-s 0.001 --wavelength-nm 550 --render-noise compensated --chain konnik2014 --variant scalar_spectral"
     )
-    done = cli("render", floor, "-o", tmp_path / "out", *words.split())
+    done = cli("render", floor, "-o", tmp_path / "out", *options.split())
     assert done.exit_code != 0 and "physical chain" in done.stderr
     assert not (tmp_path / "out").exists()

@@ -1,4 +1,4 @@
-"""What comes through the door of the light: crops, units, lenses and words that contradict each other."""
+"""Options of a render: crops, units and lenses, and options that contradict each other or have no effect."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ Cli = Callable[..., Any]
 
 
 def cropped(x: int, y: int) -> str:
-    words = {"crop_width": 6, "crop_height": 4, "crop_offset_x": x, "crop_offset_y": y}
-    return "".join(f'<integer name="{name}" value="{value}"/>' for name, value in words.items())
+    options = {"crop_width": 6, "crop_height": 4, "crop_offset_x": x, "crop_offset_y": y}
+    return "".join(f'<integer name="{name}" value="{value}"/>' for name, value in options.items())
 
 
 @pytest.mark.parametrize("spectral", ["cube", "channels"])
@@ -39,8 +39,8 @@ def test_a_crop_of_a_mosaic_is_the_mosaic_of_the_crop(tmp_path: Path, spectral: 
     Light without render noise: one wavelength per band would not do for three filters, so the light of the full
     render is cut by hand and both are exposed; the film's window only has to say where it lies.
     """
-    words = {"spectral": spectral, "spp": 16, "variant": "scalar_spectral"}
-    part = render(write_scene(tmp_path, scene_text(SKY, film=cropped(3, 1))), BAYER, EXPOSURE, **words)
+    options = {"spectral": spectral, "spp": 16, "variant": "scalar_spectral"}
+    part = render(write_scene(tmp_path, scene_text(SKY, film=cropped(3, 1))), BAYER, EXPOSURE, **options)
     assert part.origin == (1, 3)
     photons = collect(part, BAYER, EXPOSURE)
     whole = np.zeros((8, 12, photons.mean.shape[2]))
@@ -58,16 +58,16 @@ def test_where_a_crop_lies_survives_the_file(tmp_path: Path) -> None:
 
 def test_a_scene_unit_that_is_given_holds_for_the_camera_of_the_file_too() -> None:
     """Focal length and f-number are the camera's own, whatever the unit; the scene's lengths are what changes."""
-    words = {"parameters": SMALL, "spp": 16, "wavelength_nm": 550, "variant": "scalar_spectral"}
+    options = {"parameters": SMALL, "spp": 16, "wavelength_nm": 550, "variant": "scalar_spectral"}
     for unit in (None, "cm", "m"):
-        found = render(ONE_FILE, scene_unit=unit, **words).statistics
+        found = render(ONE_FILE, scene_unit=unit, **options).statistics
         assert found.intrinsics is not None
         assert found.intrinsics["focal_length_mm"] == pytest.approx(2.5, rel=1e-3)
         assert found.aperture_f_number == pytest.approx(2.8, rel=1e-3)
 
 
 @both_variants
-def test_parallel_rays_have_a_ground_truth(tmp_path: Path, variant: str) -> None:
+def test_parallel_rays_have_aovs(tmp_path: Path, variant: str) -> None:
     """A wall before an orthographic sensor: one depth and one normal everywhere."""
     sensor = PERSPECTIVE.replace("perspective", "orthographic").replace('<float name="fov" value="60"/>', "")
     wall = '<shape type="rectangle"><transform name="to_world"><scale value="9"/><translate z="4"/></transform></shape>'
@@ -79,26 +79,26 @@ def test_parallel_rays_have_a_ground_truth(tmp_path: Path, variant: str) -> None
 
 
 def test_a_camera_that_overrules_the_lens_of_the_file_is_told(tmp_path: Path) -> None:
-    words = {"parameters": SMALL, "spp": 16, "wavelength_nm": 550, "variant": "scalar_spectral"}
-    given = render(ONE_FILE, TABLE1.replace(**{"lens.f_number": 8.0}), **words).statistics
+    options = {"parameters": SMALL, "spp": 16, "wavelength_nm": 550, "variant": "scalar_spectral"}
+    given = render(ONE_FILE, TABLE1.replace(**{"lens.f_number": 8.0}), **options).statistics
     assert any("overruled" in note and "lens.f_number" in note for note in given.notes)
-    assert not any("overruled" in note for note in render(ONE_FILE, **words).statistics.notes)
+    assert not any("overruled" in note for note in render(ONE_FILE, **options).statistics.notes)
 
 
 def test_a_width_that_is_given_means_bands_also_where_channels_are_usual() -> None:
-    words = {"parameters": SMALL, "spp": 16, "variant": "scalar_spectral", "render_noise": "per-frame"}
+    options = {"parameters": SMALL, "spp": 16, "variant": "scalar_spectral", "render_noise": "per-frame"}
     scene = SCENES / "cornell_box.xml"
-    assert next(render_frames(scene, TABLE1, EXPOSURE, **words)).light.statistics.spectral == "channels"
-    assert next(render_frames(scene, TABLE1, EXPOSURE, bandwidth_nm=100, **words)).light.statistics.spectral == "cube"
+    assert next(render_frames(scene, TABLE1, EXPOSURE, **options)).light.statistics.spectral == "channels"
+    assert next(render_frames(scene, TABLE1, EXPOSURE, bandwidth_nm=100, **options)).light.statistics.spectral == "cube"
 
 
 def test_a_quantum_yield_has_bands_with_a_render_for_every_frame() -> None:
     camera = TABLE1.replace(**{"quantum_efficiency.quantum_yield": [2.0, 1.0]})
-    words = {"parameters": SMALL, "spp": 16, "variant": "scalar_spectral"}
-    take = next(render_frames(SCENES / "cornell_box.xml", camera, EXPOSURE, render_noise="per-frame", **words))
-    assert take.light.statistics.spectral == "cube"
+    options = {"parameters": SMALL, "spp": 16, "variant": "scalar_spectral"}
+    frame = next(render_frames(SCENES / "cornell_box.xml", camera, EXPOSURE, render_noise="per-frame", **options))
+    assert frame.light.statistics.spectral == "cube"
     with pytest.raises(InputError, match="take render_noise 'per-frame'"):
-        render_frames(SCENES / "cornell_box.xml", camera, EXPOSURE, render_noise="compensated", **words)
+        render_frames(SCENES / "cornell_box.xml", camera, EXPOSURE, render_noise="compensated", **options)
 
 
 def test_the_ratio_is_that_of_the_lit_pixels(tmp_path: Path) -> None:
@@ -114,16 +114,16 @@ def test_the_ratio_is_that_of_the_lit_pixels(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("options", "said"),
     [
         ({"subframes": 4}, "nothing moves"),
         ({"denoise": "no"}, "denoise is 'no'"),
         ({"variant": 3}, "variant is 3"),
     ],
 )
-def test_words_without_an_effect_are_refused(words: dict[str, Any], said: str) -> None:
+def test_options_without_an_effect_are_refused(options: dict[str, Any], said: str) -> None:
     with pytest.raises(InputError, match=said):
-        render(SCENES / "flat_field.xml", TABLE1, EXPOSURE, **words)
+        render(SCENES / "flat_field.xml", TABLE1, EXPOSURE, **options)
 
 
 @pytest.mark.parametrize("size", ["width", "height"])
@@ -136,8 +136,8 @@ def test_a_film_without_pixels_is_one_sentence(size: str, tmp_path: Path, cli: C
 def test_another_lens_comes_too_late_for_light_that_is_rendered(
     command: str, light_file: Path, tmp_path: Path, cli: Cli
 ) -> None:
-    words = ("-o", tmp_path / "out") if command == "expose" else ()
-    done = cli(command, light_file, *words, "--set", "lens.f_number=16")
+    options = ("-o", tmp_path / "out") if command == "expose" else ()
+    done = cli(command, light_file, *options, "--set", "lens.f_number=16")
     assert done.exit_code == 2 and "comes too late" in " ".join(done.stderr.split())
 
 
@@ -149,7 +149,7 @@ def test_plan_takes_camera_and_exposure_of_the_scene(cli: Cli) -> None:
 
 
 def test_a_prescription_by_set_takes_focal_length_and_focus_of_the_scene(tmp_path: Path, cli: Cli) -> None:
-    words = ("-D", "width=8", "-D", "height=6", "--spp", "16", "--wavelength-nm", "550", "--json")
-    done = cli("render", ONE_FILE, "-o", tmp_path, "--set", "lens.prescription=double_gauss", *words)
+    options = ("-D", "width=8", "-D", "height=6", "--spp", "16", "--wavelength-nm", "550", "--json")
+    done = cli("render", ONE_FILE, "-o", tmp_path, "--set", "lens.prescription=double_gauss", *options)
     assert done.exit_code == 0, done.stderr
     assert json.loads(done.stdout)["render"]["intrinsics"]["focal_length_mm"] == pytest.approx(2.5, rel=1e-3)

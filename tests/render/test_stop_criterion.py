@@ -23,7 +23,7 @@ BOX = SCENES / "cornell_box.xml"  # noise in every pixel
 FAST = {"wavelength_nm": 550, "variant": "scalar_spectral", "parameters": {"width": 12, "height": 8}}
 
 
-def test_a_noise_ratio_is_reached_and_the_certificate_says_so() -> None:
+def test_a_noise_ratio_is_reached_and_the_statistics_say_so() -> None:
     light = render(BOX, CAMERA, EXPOSURE, noise_ratio=3.0, **FAST)
     found = light.statistics
     assert (found.ended_by, found.noise_ratio_asked) == ("noise_ratio", 3.0)
@@ -33,11 +33,11 @@ def test_a_noise_ratio_is_reached_and_the_certificate_says_so() -> None:
 def test_the_ratio_that_is_reached_is_true() -> None:
     """Two renders of one ratio differ by what they say: the variance of their difference is the sum of theirs.
 
-    Rationale: a render that stops when its ratio happens to be low would promise too much. Medians over 1536 pixels of
-    squares: a standard deviation of 4 %, the bound is 15 %.
+    Rationale: a render that stops when its ratio happens to be low would look better than it is. Medians over 1536
+    pixels of squares: a standard deviation of 4 %, the bound is 15 %.
     """
-    words = {**FAST, "parameters": {"width": 48, "height": 32}}
-    one, two = (render(BOX, CAMERA, EXPOSURE, noise_ratio=2.0, seed=s, **words) for s in (1, 2))
+    options = {**FAST, "parameters": {"width": 48, "height": 32}}
+    one, two = (render(BOX, CAMERA, EXPOSURE, noise_ratio=2.0, seed=s, **options) for s in (1, 2))
     claimed = one.standard_error.astype(float) ** 2 + two.standard_error.astype(float) ** 2
     z = (one.data - two.data).astype(float) ** 2 / claimed
     assert np.median(z) / 0.47 == pytest.approx(1.0, abs=0.15)  # F of 1 and about 50 degrees of freedom
@@ -51,11 +51,11 @@ def test_a_render_ends_at_its_most_samples_and_says_that_the_ratio_was_missed() 
     assert light.statistics.noise_ratio_median > 1e-6
 
 
-@pytest.mark.parametrize("words", [{}, {"noise_ratio": 1e-6}, {"spp": 10**6}])
-def test_a_render_ends_when_its_time_is_up(words: dict[str, Any]) -> None:
+@pytest.mark.parametrize("options", [{}, {"noise_ratio": 1e-6}, {"spp": 10**6}])
+def test_a_render_ends_when_its_time_is_up(options: dict[str, Any]) -> None:
     """At most one pass longer than a second, loading apart; two passes are always made."""
     started = time.monotonic()
-    light = render(BOX, CAMERA, EXPOSURE, max_seconds=0.5, **words, **FAST)
+    light = render(BOX, CAMERA, EXPOSURE, max_seconds=0.5, **options, **FAST)
     assert light.statistics.ended_by == "max_seconds"
     assert light.statistics.passes >= 2
     assert time.monotonic() - started < 10
@@ -97,7 +97,7 @@ def test_a_forecast_is_what_a_variance_does_that_falls_as_one_over_the_passes() 
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("options", "said"),
     [
         ({"noise_ratio": 0}, "noise_ratio is 0"),
         ({"noise_ratio": -0.1}, "noise_ratio is -0.1"),
@@ -110,9 +110,9 @@ def test_a_forecast_is_what_a_variance_does_that_falls_as_one_over_the_passes() 
         ({"spectral": "channels", "wavelength_nm": 550}, "a single band has no colour filters"),
     ],
 )
-def test_contradictory_budgets_are_refused_in_one_sentence(words: dict[str, Any], said: str) -> None:
+def test_contradictory_budgets_are_refused_in_one_sentence(options: dict[str, Any], said: str) -> None:
     with pytest.raises(InputError) as caught:
-        render(SCENES / "flat_field.xml", CAMERA, EXPOSURE, variant="scalar_spectral", **words)
+        render(SCENES / "flat_field.xml", CAMERA, EXPOSURE, variant="scalar_spectral", **options)
     assert said in str(caught.value) and "\n" not in str(caught.value)
 
 

@@ -1,4 +1,4 @@
-"""Stages of one's own: the example is in the chain, in theory, plan, noise budget and metadata, on both engines."""
+"""Stages of one's own: the example is in the chain, in theory, plan, noise budget and metadata, on every backend."""
 
 from __future__ import annotations
 
@@ -57,6 +57,13 @@ def test_fields_can_change_behind_an_added_stage_and_the_first_camera_stays_as_i
     assert camera.replace(**{"adc.bits": 14}).stages[-1].highest == 2**14 - 1  # type: ignore[attr-defined]
     assert not any(isinstance(stage, Banding) for stage in TABLE1.stages)
     assert camera != TABLE1 and camera == camera_with_banding()
+
+
+def test_a_stage_stands_at_its_place_even_where_the_camera_has_no_stage_in_front_of_it() -> None:
+    """A CCD has no reset noise."""
+    ccd = ms.load_camera("eev_44_82")
+    names = [stage.key() for stage in ccd.with_stage(Banding(1.0, 5e-6, (1.0, 1.0)), after="reset_noise").stages]
+    assert "reset_noise" not in names and names[names.index("banding") - 1] == "sense_node"
 
 
 REFUSED: dict[str, tuple[Any, str, str]] = {
