@@ -170,17 +170,6 @@ def test_public_names_have_docstrings_and_return_types() -> None:
     ]
 
 
-def test_no_signature_has_more_than_8_parameters() -> None:
-    """Options come as one TypedDict (core/options.py), so that each is declared once."""
-    for path in MODULES:
-        for node in ast.walk(tree_of(path)):
-            if isinstance(node, ast.FunctionDef):
-                arguments = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
-                names = [one.arg for one in arguments if one.arg not in ("self", "cls")]
-                count = len(names) + bool(node.args.vararg) + bool(node.args.kwarg)
-                assert count <= 8, f"{name_of(path)}: {node.name} has {count} parameters"
-
-
 def test_the_public_api_has_at_most_22_names() -> None:
     assert len(mitsuba_sensor.__all__) <= 22
     assert all(hasattr(mitsuba_sensor, name) for name in mitsuba_sensor.__all__)
@@ -241,6 +230,7 @@ def parameters(function: ast.FunctionDef) -> list[str]:
 
 
 def test_no_signature_has_more_than_8_parameters() -> None:
+    """Options come as one TypedDict (core/options.py), so that each is declared once."""
     wrong = [
         f"{name_of(path)}: {one.name}"
         for path in MODULES
