@@ -10,7 +10,7 @@ from mitsuba_sensor.sensor.datasheet_errors import fields_of
 
 
 def test_the_readme_has_the_table_that_is_made_of_the_effects() -> None:
-    """`mitsuba-sensor cameras stages --markdown` prints it."""
+    """`mitsuba-sensor cameras stages` prints it."""
     assert stage_table() in (ROOT / "README.md").read_text("utf-8"), stage_table()
 
 

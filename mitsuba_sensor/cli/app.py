@@ -126,9 +126,9 @@ def changed(camera: ms.Camera, settings: Mapping[str, str] | None) -> ms.Camera:
 
 
 def show(what: object, as_json: bool) -> None:
-    """JSON plain and whole, everything else as rich shows it."""
-    if as_json:
-        typer.echo(files.to_json(what))
+    """JSON and text plain and whole, everything else as rich shows it."""
+    if as_json or isinstance(what, str):
+        typer.echo(files.to_json(what) if as_json else what)
     else:
         out.print(what, highlight=False)
 

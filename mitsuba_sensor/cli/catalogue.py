@@ -43,6 +43,14 @@ def schema() -> None:
 
 
 @cameras.command()
+def stages() -> None:
+    """The stages of the sensor in their order, as the Markdown table of the README."""
+    from ..sensor.chain import stage_table
+
+    show(stage_table(), False)
+
+
+@cameras.command()
 def lenses(as_json: options.Json = False) -> None:
     """The lens prescriptions that ship with the package, for --set lens.prescription=NAME."""
     from ..optics.paraxial import cardinal_points
