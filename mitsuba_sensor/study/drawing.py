@@ -3,35 +3,31 @@
 from __future__ import annotations
 
 import io
-import math
 from typing import TYPE_CHECKING
 
-from .page import Bars, Grid, Line, Mark, Picture, Plot
+import numpy as np
+
+from .page import Bars, Grid, Mark, Picture, Plot
 from .statistics import Values
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7F3C8D", "#4D4D4D")
+COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7F3C8D", "#4D4D4D"]
 """Told apart by colour-blind readers (Okabe & Ito 2008), two more at the end."""
 MARKERS = "osD^vPX*>"  # one more than colours: all pairs come before one comes again
 CELL: dict[Mark, str] = {"good": "#BFE3CF", "bad": "#F2B6A0", "best": "#8CCBA8", "dim": "#EEEEEE", "": "#FFFFFF"}
-INK, FAINT, GRID_LINE = "#222222", "#888888", "#E4E4E4"
 WIDTH_IN, HEIGHT_IN, BAR_IN, CELL_IN = 8.4, 4.6, 0.2, 0.3
-PNG_DPI = 120
-PLAIN_FROM, PLAIN_TO = 1e-3, 1e4  # between these a tick says its number in digits, beyond them as a power of ten
 STYLE: Values = {
     "font.size": 9.5,
-    "axes.edgecolor": FAINT,
-    "axes.labelcolor": INK,
+    "axes.prop_cycle": f"cycler('color', {COLOURS})",
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,
     "axes.axisbelow": True,
-    "grid.color": GRID_LINE,
-    "grid.linewidth": 0.7,
-    "xtick.color": INK,
-    "ytick.color": INK,
+    "grid.color": "#E4E4E4",
+    "errorbar.capsize": 2,
+    "legend.frameon": False,
     "svg.fonttype": "none",  # text stays text
     "svg.hashsalt": "mitsuba_sensor",  # equal studies give equal files
 }
@@ -39,7 +35,7 @@ STYLE: Values = {
 
 def svg(picture: Picture) -> str:
     """An <svg> element to put into a page, below a heading."""
-    text = _drawn(picture, "svg").decode("utf-8")
+    text = _drawn(picture, "svg", {"Date": None}).decode("utf-8")
     return text[text.index("<svg") :]
 
 
@@ -48,104 +44,77 @@ def png(picture: Picture) -> bytes:
     return _drawn(picture, "png")
 
 
-def _drawn(picture: Picture, kind: str) -> bytes:
+def _drawn(picture: Picture, kind: str, metadata: Values | None = None) -> bytes:
     import matplotlib
     from matplotlib.figure import Figure
 
     buffer = io.BytesIO()
     with matplotlib.rc_context(STYLE):  # type: ignore[arg-type]
-        figure = Figure(figsize=(WIDTH_IN, _height(picture)))
+        figure = Figure(figsize=(WIDTH_IN, HEIGHT_IN))
         axes = figure.subplots()
-        match picture:
-            case Plot():
-                _plot(picture, axes)
-            case Bars():
-                _bars(picture, axes)
-            case Grid():
-                _grid(picture, axes)
+        if isinstance(picture, Grid):
+            figure.set_figheight(1.0 + CELL_IN * len(picture.rows))
+            _grid(picture, axes)
+        elif isinstance(picture, Bars):
+            figure.set_figheight(1.2 + BAR_IN * len(picture.labels) * (len(picture.series) + 0.6))
+            _bars(picture, axes)
+        else:
+            _plot(picture, axes)
+        if axes.get_legend_handles_labels()[1]:
+            axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1), fontsize=8.5)
         if kind == "png":
-            axes.set_title(picture.title, loc="left", fontsize=10.5, color=INK)
-        metadata = {"Date": None} if kind == "svg" else None
-        figure.savefig(buffer, format=kind, dpi=PNG_DPI, bbox_inches="tight", metadata=metadata)
+            axes.set_title(picture.title, loc="left", fontsize=10.5)
+        figure.savefig(buffer, format=kind, dpi=120, bbox_inches="tight", metadata=metadata)
     return buffer.getvalue()
-
-
-def _height(picture: Picture) -> float:
-    if isinstance(picture, Plot):
-        return HEIGHT_IN
-    if isinstance(picture, Grid):
-        return 1.0 + CELL_IN * len(picture.rows)
-    return 1.2 + BAR_IN * len(picture.labels) * (len(picture.series) + 0.6)
 
 
 def _plot(plot: Plot, axes: Axes) -> None:
     for number, line in enumerate(plot.lines):
-        _line(axes, line, number)
-    for log, axis, name in ((plot.log_x, axes.xaxis, "x"), (plot.log_y, axes.yaxis, "y")):
-        positive = [v for line in plot.lines for v in getattr(line, name) if v > 0]
-        if log and positive:
-            getattr(axes, f"set_{name}scale")("log", nonpositive="clip")
-            axis.set_major_formatter(_tick)
-            axis.set_minor_formatter(_tick if max(positive) < 10 * min(positive) else lambda _value, _place: "")
-    if plot.level is not None:
-        value, text = plot.level
-        axes.axhline(value, color=INK, linewidth=1, linestyle=":")
-        above = {"xytext": (0, 3), "textcoords": "offset points", "ha": "right", "fontsize": 8.5, "color": INK}
-        axes.annotate(text, (1, value), xycoords=("axes fraction", "data"), **above)  # type: ignore[arg-type]
+        colour = f"C{number if line.colour is None else line.colour}"
+        style: Values = {"marker": MARKERS[number % len(MARKERS)], "markersize": 4.5, "elinewidth": 0.9}
+        style |= {"linewidth": 1.4 if line.joined else 0, "linestyle": "--" if line.dashed else "-"}
+        axes.errorbar(line.x, line.y, yerr=line.error or None, label=line.label or None, color=colour, **style)
+        x, y = ([values[i] for i in line.ringed] for values in (line.x, line.y))
+        axes.scatter(x, y, s=95, facecolors="none", edgecolors="black", zorder=3)
     axes.set(xlabel=plot.x_label, ylabel=plot.y_label)
-    _legend(axes, any(line.label for line in plot.lines))
+    if plot.level is not None:
+        axes.axhline(plot.level[0], color="black", linewidth=1, linestyle=":", label=plot.level[1])
+    if plot.log_x:
+        _log_scale(axes, "x", [x for line in plot.lines for x in line.x])
+    if plot.log_y:
+        _log_scale(axes, "y", [y for line in plot.lines for y in line.y])
 
 
-def _legend(axes: Axes, shown: bool) -> None:
-    if shown:
-        axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1), frameon=False, fontsize=8.5)
-
-
-def _line(axes: Axes, line: Line, number: int) -> None:
-    colour = COLOURS[(number if line.colour is None else line.colour) % len(COLOURS)]
-    style: Values = {"marker": MARKERS[number % len(MARKERS)], "markersize": 4.5, "capsize": 2}
-    style |= {"linewidth": 1.4 if line.joined else 0, "linestyle": "--" if line.dashed else "-", "elinewidth": 0.9}
-    axes.errorbar(line.x, line.y, yerr=line.error or None, label=line.label or None, color=colour, **style)
-    x, y = ([values[i] for i in line.ringed] for values in (line.x, line.y))
-    axes.scatter(x, y, s=95, facecolors="none", edgecolors=INK, linewidths=1.1, zorder=3)
-
-
-def _tick(value: float, _place: float) -> str:
-    if PLAIN_FROM <= value < PLAIN_TO:
-        return f"{value:g}"
-    return f"$10^{{{round(math.log10(value))}}}$" if value > 0 else f"{value:g}"
+def _log_scale(axes: Axes, name: str, values: list[float]) -> None:
+    """Where any value is positive; between decades numbers stand only if there is less than one."""
+    positive = [value for value in values if value > 0]
+    if positive:
+        axes.set(**{f"{name}scale": "log"})
+        axis = axes.xaxis if name == "x" else axes.yaxis
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter("{x:g}" if max(positive) < 10 * min(positive) else "")
 
 
 def _bars(bars: Bars, axes: Axes) -> None:
-    count = len(bars.series)
+    height, rows = 0.8 / len(bars.series), np.arange(len(bars.labels))
     for number, (name, values) in enumerate(bars.series.items()):
-        shown = [(row, value) for row, value in enumerate(values) if value is not None]
-        places = [row + (number - (count - 1) / 2) * 0.8 / count for row, _ in shown]
-        error = [bars.error[name][row] or 0.0 for row, _ in shown] if name in bars.error else None
-        style: Values = {"color": COLOURS[number % len(COLOURS)], "error_kw": {"elinewidth": 0.9, "capsize": 2}}
-        axes.barh(places, [value for _, value in shown], height=0.8 / count, label=name, xerr=error, **style)
-    if bars.log_x and any(v and v > 0 for values in bars.series.values() for v in values):
-        axes.set_xscale("log", nonpositive="clip")
-        axes.xaxis.set_major_formatter(_tick)
-    axes.set_yticks(range(len(bars.labels)), bars.labels)
-    axes.set_ylim(len(bars.labels) - 0.4, -0.6)
+        places = rows + (number - (len(bars.series) - 1) / 2) * height
+        error = np.array(bars.error[name], dtype=float) if name in bars.error else None
+        label = name if len(bars.series) > 1 else None
+        axes.barh(places, np.array(values, dtype=float), height, xerr=error, label=label, error_kw={"elinewidth": 0.9})
+    if bars.log_x:
+        _log_scale(axes, "x", [value for values in bars.series.values() for value in values if value is not None])
+    axes.set_yticks(rows, bars.labels)
+    axes.set(xlabel=bars.x_label, ylim=(len(rows) - 0.4, -0.6))
     axes.grid(visible=False, axis="y")
-    axes.set_xlabel(bars.x_label)
     if bars.level is not None:
-        axes.axvline(bars.level[0], color=INK, linewidth=1, linestyle=":", label=bars.level[1])
-    _legend(axes, count > 1 or bars.level is not None)
+        axes.axvline(bars.level[0], color="black", linewidth=1, linestyle=":", label=bars.level[1])
 
 
 def _grid(grid: Grid, axes: Axes) -> None:
-    from matplotlib.patches import Rectangle
-
-    for y, (marks, texts) in enumerate(zip(grid.marks, grid.texts, strict=True)):
-        for x, (mark, text) in enumerate(zip(marks, texts, strict=True)):
-            axes.add_patch(Rectangle((x, y), 1, 1, facecolor=CELL[mark], edgecolor="white", linewidth=1.5))
-            axes.text(x + 0.5, y + 0.5, text, ha="center", va="center", fontsize=8.5, color=INK)
-    axes.set(xlim=(0, len(grid.columns)), ylim=(len(grid.rows), 0))
-    axes.set_xticks([x + 0.5 for x in range(len(grid.columns))], grid.columns)
-    axes.set_yticks([y + 0.5 for y in range(len(grid.rows))], grid.rows)
-    axes.tick_params(length=0, labeltop=True, labelbottom=False)
-    axes.grid(visible=False)
-    axes.spines[:].set_visible(False)
+    axes.set_axis_off()
+    colours = [[CELL[mark] for mark in marks] for marks in grid.marks]
+    texts = {"cellText": grid.texts, "rowLabels": grid.rows, "colLabels": grid.columns}
+    table = axes.table(cellColours=colours, cellLoc="center", bbox=axes.viewLim.unit(), **texts)  # type: ignore[arg-type]
+    for cell in table.get_celld().values():
+        cell.set_edgecolor("white")

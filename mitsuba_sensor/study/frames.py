@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,10 +24,10 @@ QUANTITIES = ("mean", "temporal σ", "spatial σ")
 MOMENTS = ("mean_dn", "temporal_dn2", "spatial_dn2")  # the quantities as they are averaged: variances, not their roots
 BACKENDS = {"drjit": "llvm", "cuda": "cuda"}  # compiled engine → back end of Dr.Jit
 ENDLESS = 2**31  # more frames than any stream is asked for
-FRAMES_A_TURN = 8
-"""Of a compiled engine, which traces a frame while it computes the one before: several show what a stream costs."""
+FRAMES_A_TURN = 8  # of a compiled engine, which traces a frame while it computes the one before
 
 Stages = tuple[Any, ...]
+Groups = Mapping[str, NDArray[np.intp]]  # indices of pixels in the flattened window
 
 
 def problem_of(engine: str) -> str | None:
@@ -37,12 +37,9 @@ def problem_of(engine: str) -> str | None:
 
 def resized(photons: Photons, shape: tuple[int, int]) -> Photons:
     """The same light on a window of another size, each pixel that of the nearest; without the render's variance."""
-    rows, columns = (
-        np.linspace(0, there - 1, here).round().astype(int)
-        for there, here in zip(photons.mean.shape[:2], shape, strict=True)
-    )
-    mean = np.ascontiguousarray(photons.mean[rows][:, columns])
-    return replace(photons, mean=mean, variance_e2=None, origin=(0, 0))
+    sizes = zip(photons.mean.shape[:2], shape, strict=True)
+    rows, columns = (np.linspace(0, there - 1, here).round().astype(int) for there, here in sizes)
+    return replace(photons, mean=np.ascontiguousarray(photons.mean[rows][:, columns]), variance_e2=None, origin=(0, 0))
 
 
 def expected_moments(stages: Stages, photons: Photons, exposure: Exposure) -> Array:
@@ -57,20 +54,14 @@ def in_dn(moments: Array, other: Array) -> Array:
     return np.concatenate([moments[:1] - other[:1], np.sqrt(moments[1:]) - np.sqrt(other[1:])])
 
 
-def averages(values: Array, groups: Mapping[str, NDArray[np.intp]]) -> dict[str, dict[str, float]]:
+def averages(values: Array, groups: Groups) -> dict[str, dict[str, float]]:
     """Moments (3, H, W) averaged over groups of pixels: by group and moment."""
-    flat = values.reshape(3, -1)
-    return {
-        name: dict(zip(MOMENTS, flat[:, pixels].mean(axis=1).tolist(), strict=True)) for name, pixels in groups.items()
-    }
+    means = {name: values.reshape(3, -1)[:, pixels].mean(axis=1).tolist() for name, pixels in groups.items()}
+    return {name: dict(zip(MOMENTS, mean, strict=True)) for name, mean in means.items()}
 
 
-@dataclass(frozen=True)
-class Replicas:
-    """What is repeated. sensors : of serial numbers ``serial``, ``serial`` + 1, …: their fixed patterns differ.
-
-    frames : of each sensor, at least 2.  seed : of the first frame; every frame has one of its own.
-    """
+class Replicas(NamedTuple):
+    """Sensors of serial numbers ``serial``, ``serial`` + 1, …, and the frames of each: at least 2, of own seeds."""
 
     sensors: int
     frames: int
@@ -86,14 +77,10 @@ class Illuminated:
     exposure: Exposure
     backend: Backend
 
-    @property
-    def shape(self) -> tuple[int, int]:
-        """(rows, columns) of the window."""
-        return self.photons.mean.shape[0], self.photons.mean.shape[1]
-
     def sensor(self, serial: int) -> SensorWindow:
         """The window of one sensor."""
-        return SensorWindow(serial % 2**64, self.shape, self.photons.origin, backend=self.backend)
+        rows, columns = self.photons.mean.shape[:2]
+        return SensorWindow(serial % 2**64, (rows, columns), self.photons.origin, backend=self.backend)
 
     def electrons(self, stages: Stages, sensor: SensorWindow) -> Any:
         """Mean electrons that a sensor detects, from which frames of the stages behind the first one can start."""
@@ -105,7 +92,7 @@ class Illuminated:
         return np.asarray(codes, dtype=np.float64)
 
     def measured_moments(
-        self, stages: Stages, replicas: Replicas, expected: Array, groups: Mapping[str, NDArray[np.intp]]
+        self, stages: Stages, replicas: Replicas, expected: Array, groups: Groups
     ) -> dict[str, dict[str, list[float]]]:
         """Moments of frames averaged over groups of pixels: by group and moment, one value per sensor.
 
@@ -117,7 +104,7 @@ class Illuminated:
         found: dict[str, dict[str, list[float]]] = {name: {one: [] for one in MOMENTS} for name in groups}
         for number in range(replicas.sensors):
             sensor = self.sensor(replicas.serial + number)
-            start, total, squares = self.electrons(stages, sensor), np.zeros(self.shape), np.zeros(self.shape)
+            start, total, squares = self.electrons(stages, sensor), np.zeros(sensor.shape), np.zeros(sensor.shape)
             for k in range(count):
                 codes = self.frame(stages, start, sensor, replicas.seed + number * count + k)
                 total += codes
@@ -140,11 +127,8 @@ class Stream:
     def __init__(self, stages: Stages, light: Illuminated) -> None:
         sensor, dtype = light.sensor(1), np.min_scalar_type(stages[-1].highest)
         run = FrameRunner(stages, light.photons, Frame(light.exposure, sensor))
-        self._frames = run.frames(0, ENDLESS, lambda _: {"digital": np.empty(light.shape, dtype)})
+        self._frames = run.frames(0, ENDLESS, lambda _: {"digital": np.empty(sensor.shape, dtype)})
         self._compiled = light.backend.compiled
-
-    def __iter__(self) -> Iterator[Numbers]:
-        return self
 
     def __next__(self) -> Numbers:
         """The next frame, (H, W) [DN]."""
@@ -167,8 +151,5 @@ class Stream:
 def pixel_difference(frame: Numbers, reference: Numbers) -> dict[str, float]:
     """How far frames are from others drawn with equal random bits: share of pixels; rms and largest step [DN]."""
     step = np.abs(frame.astype(np.float64) - reference)
-    return {
-        "share_of_pixels": float(np.mean(step > 0)),
-        "largest_dn": float(step.max()),
-        "rms_dn": float(np.sqrt(np.mean(step**2))),
-    }
+    rms_dn = float(np.sqrt(np.mean(step**2)))
+    return {"share_of_pixels": float(np.mean(step > 0)), "largest_dn": float(step.max()), "rms_dn": rms_dn}

@@ -5,8 +5,7 @@ from __future__ import annotations
 import statistics
 import time
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,11 +13,12 @@ from .statistics import Values
 
 Progress = Callable[[float, float, str], None]
 """What a study calls as it goes: seconds of work done, seconds expected in all, and what is measured now."""
+Task = Callable[[], int]
+"""Something to be timed; returns how many times it did its work."""
 
 
-@dataclass(frozen=True)
-class Step:
-    """One measurement. key : names it, also for the progress bar.  seconds : expected.  measure : gives its value."""
+class Step(NamedTuple):
+    """One measurement: its name, also for the progress bar; the seconds expected; what gives its value."""
 
     key: str
     seconds: float
@@ -28,8 +28,8 @@ class Step:
 class Kit:
     """Measures what is not measured yet, and says how long that will take.
 
-    known : (value, seconds that it took) by key; values that are files go on where a study was stopped
-        (io/measurements.py).  new : how many were measured by this kit.
+    known : (value, seconds that it took) by key; if these are files (io/measurements.py), a study that was stopped
+        goes on from there.  new : how many were measured by this kit.
     """
 
     def __init__(self, known: Values | None = None, progress: Progress | None = None) -> None:
@@ -53,26 +53,22 @@ class Kit:
         expected of the study behind these steps.
         """
         left = [step for step in steps if step.key not in self.known]
-        before_s, hoped_s = self._taken_s, 0.0
+        before_s, expected_s = self._taken_s, 0.0
         for number, step in enumerate(left):
-            pace = (self._taken_s - before_s) / hoped_s if hoped_s else 1.0
+            pace = (self._taken_s - before_s) / expected_s if expected_s else 1.0
             rest_s = pace * sum(one.seconds for one in left[number:])
             self._progress(self._taken_s, self._taken_s + rest_s + after_s, step.key)
             started = time.perf_counter()
             value = step.measure()
             seconds = time.perf_counter() - started
             self.known[step.key] = value, seconds
-            self.new, self._taken_s, hoped_s = self.new + 1, self._taken_s + seconds, hoped_s + step.seconds
+            self.new, self._taken_s, expected_s = self.new + 1, self._taken_s + seconds, expected_s + step.seconds
         self._progress(self._taken_s, self._taken_s + after_s, "done")
 
     def measure(self, key: str, seconds: float, measure: Callable[[], Any]) -> Any:
         """One step, and its value."""
         self.take([Step(key, seconds, measure)])
         return self[key]
-
-
-Task = Callable[[], int]
-"""Something to be timed; returns how many times it did its work."""
 
 
 def one_turn(tasks: Mapping[str, Task], number: int) -> dict[str, float]:
@@ -90,16 +86,11 @@ def one_turn(tasks: Mapping[str, Task], number: int) -> dict[str, float]:
 
 def in_turns(tasks: Mapping[str, Task], turns: int) -> dict[str, list[float]]:
     """Seconds of every task in each of so many turns, after one that compiles and does not count."""
-    found: dict[str, list[float]] = {name: [] for name in tasks}
-    for number in range(turns + 1):
-        seconds = one_turn(tasks, number)
-        for name in tasks if number else ():
-            found[name].append(seconds[name])
-    return found
+    _, *counted = (one_turn(tasks, number) for number in range(turns + 1))
+    return {name: [seconds[name] for seconds in counted] for name in tasks}
 
 
-@dataclass(frozen=True)
-class Spread:
+class Spread(NamedTuple):
     """Median of what several turns gave, and the quartiles."""
 
     median: float

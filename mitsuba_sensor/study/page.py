@@ -4,59 +4,54 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
 from .statistics import Known, Values
 
 Mark = Literal["", "good", "bad", "best", "dim"]
 """How a row or a cell is meant: as it must be, not as it must be, the one to take, of no weight."""
+MarkedRow = tuple[Mark, Sequence[object]]
+Level = tuple[float, str]
+"""Value and text of a line across a plot, to compare with."""
 
 
 @dataclass(frozen=True)
 class Table:
-    """Rows under headings. Numbers stay numbers: each reader rounds them in its own way.
-
-    columns : headings, with the unit in them.  rows : a value per column; None is "not measured".
-    marks : one per row, or none at all.  note : what a reader must know to read it.
-    """
+    """Rows under headings with the unit in them. Numbers stay numbers; None is "not measured"."""
 
     title: str
     columns: tuple[str, ...]
     rows: tuple[tuple[object, ...], ...]
-    marks: tuple[Mark, ...] = ()
+    marks: tuple[Mark, ...] = ()  # one per row, or none at all
     note: str = ""
-
-
-MarkedRow = tuple[Mark, Sequence[object]]
 
 
 def table(title: str, headings: str, rows: Iterable[MarkedRow], note: str = "") -> Table:
     """A table whose headings are separated by `` | ``, of rows with their marks."""
     marked = list(rows)
-    columns, marks = tuple(headings.split(" | ")), tuple(mark for mark, _ in marked)
-    return Table(title, columns, tuple(tuple(row) for _, row in marked), marks if any(marks) else (), note)
+    marks = tuple(mark for mark, _ in marked)
+    return Table(
+        title, tuple(headings.split(" | ")), tuple(tuple(row) for _, row in marked), marks if any(marks) else (), note
+    )
 
 
 @dataclass(frozen=True)
 class Line:
-    """Points of one kind. error : half the length of the vertical bars, or none.  joined : whether a line joins them.
-
-    colour : lines of one number share a colour, by default each has its own.  ringed : indices of points with a ring.
-    """
+    """Points of one kind."""
 
     label: str
     x: tuple[float, ...]
     y: tuple[float, ...]
-    error: tuple[float, ...] = ()
-    joined: bool = True
+    error: tuple[float, ...] = ()  # half the length of the vertical bars, or none
+    joined: bool = True  # whether a line joins them
     dashed: bool = False
-    colour: int | None = None
-    ringed: tuple[int, ...] = ()
+    colour: int | None = None  # lines of one number share a colour, by default each has its own
+    ringed: tuple[int, ...] = ()  # indices of points with a ring
 
 
 @dataclass(frozen=True)
 class Plot:
-    """Lines over two axes. level : (value, text) of a horizontal line to compare with, or None."""
+    """Lines over two axes."""
 
     title: str
     x_label: str
@@ -64,16 +59,13 @@ class Plot:
     lines: tuple[Line, ...]
     log_x: bool = True
     log_y: bool = True
-    level: tuple[float, str] | None = None
+    level: Level | None = None
     note: str = ""
 
 
 @dataclass(frozen=True)
 class Bars:
-    """Groups of horizontal bars. labels : of the groups.  series : name → a value per group (None: no bar).
-
-    error : name → half the length of the bars' whiskers.  level : as in :class:`Plot`, here a vertical line.
-    """
+    """Groups of horizontal bars: name of a series → a value per label (None: no bar), and half the whiskers' length."""
 
     title: str
     x_label: str
@@ -81,7 +73,7 @@ class Bars:
     series: Mapping[str, Sequence[float | None]]
     error: Mapping[str, Sequence[float | None]] = field(default_factory=dict)
     log_x: bool = False
-    level: tuple[float, str] | None = None
+    level: Level | None = None
     note: str = ""
 
 
@@ -116,11 +108,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Study(Section):
-    """The outcome of a study.
-
-    name : "work-precision", "ablation" or "stress".  title : of the page.  data : what it was made with, and what was
-    measured, ready for JSON.
-    """
+    """The outcome of a study. data : what it was made with, and what was measured, ready for JSON."""
 
     name: str
     title: str
@@ -133,7 +121,7 @@ class Study(Section):
         return {**about, **self.data, "parts": parts}
 
 
-def study_of(name: str, title: str, sections: Sequence[Section], **data: Any) -> Study:
+def study_of(name: str, title: str, sections: Sequence[Section], **data: object) -> Study:
     """Sections as one study."""
     findings = tuple(finding for section in sections for finding in section.findings)
     parts = tuple(part for section in sections for part in section.parts)

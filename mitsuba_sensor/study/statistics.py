@@ -1,11 +1,10 @@
-"""Estimates with intervals: means and slopes of independent runs, fronts of two costs, how far chance may reach."""
+"""Estimates with intervals: means and slopes of independent runs, Pareto fronts, limits of what chance explains."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,16 +16,11 @@ Array = NDArray[np.float64]
 Numbers = NDArray[Any]  # of any type, digital numbers for example
 Values = dict[str, Any]  # measured values by name
 Known = Mapping[str, Any]  # the same for reading
-
 CONFIDENCE = 0.95  # of every interval
 
 
-@dataclass(frozen=True)
-class Slope:
-    """d log y / d log x with its interval.
-
-    value : the mean of the runs' own slopes.  half_width : of the 95 % interval, Student's t over the runs.
-    """
+class Slope(NamedTuple):
+    """d log y / d log x: the mean of the runs' own slopes, and half the width of its 95 % interval (Student's t)."""
 
     value: float
     half_width: float
@@ -43,10 +37,7 @@ def log_slope(x: Sequence[float], y: Sequence[float]) -> float:
 
 
 def mean_of_runs(values: Sequence[float]) -> tuple[float, float]:
-    """Mean of a value that independent runs gave, and half the width of its 95 % interval (Student's t).
-
-    Raises InputError for fewer than two runs: one has no spread.
-    """
+    """Mean of independent runs, and half the width of its 95 % interval. Raises InputError for fewer than two runs."""
     count = len(values)
     if count < 2:
         raise InputError(f"there is {count} run; an interval needs at least 2.")
@@ -54,23 +45,17 @@ def mean_of_runs(values: Sequence[float]) -> tuple[float, float]:
 
 
 def slope_of_runs(runs: Sequence[tuple[Sequence[float], Sequence[float]]]) -> Slope:
-    """One slope per run of (x, y), and what they say together.
-
-    The points of one run share their samples, so residuals about the line would give too narrow an interval; runs with
-    seeds of their own do not share any.
-    """
-    value, half_width = mean_of_runs([log_slope(x, y) for x, y in runs])
-    return Slope(value, half_width, len(runs))
+    """Slope of independent runs of (x, y); points of one run share samples, so its residuals give no interval."""
+    return Slope(*mean_of_runs([log_slope(x, y) for x, y in runs]), len(runs))
 
 
 def pareto(points: Sequence[tuple[float, float]]) -> tuple[int, ...]:
-    """Indices of the points that no other beats: none is as small in both and smaller in one; the smallest x first.
+    """Indices of the points that no other beats (as small in both, smaller in one), by x; equal points stay together.
 
-    Equal points stay together; a point with NaN is never among them.
+    A point with NaN is never among them.
     """
-    known = [i for i, point in enumerate(points) if not any(math.isnan(v) for v in point)]
     front: list[int] = []
-    for i in sorted(known, key=lambda i: points[i]):
+    for i in sorted((i for i, point in enumerate(points) if not np.isnan(point).any()), key=lambda i: points[i]):
         if not front or points[i][1] < points[front[-1]][1] or points[i] == points[front[-1]]:
             front.append(i)
     return tuple(front)

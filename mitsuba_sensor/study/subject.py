@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 from ..core.checks import check_types
@@ -31,7 +32,7 @@ class Subject:
     @property
     def name(self) -> str:
         """Of the scene."""
-        return os.path.splitext(os.path.basename(os.fspath(self.scene)))[0]
+        return Path(self.scene).stem
 
     @cached_property
     def job(self) -> PreparedRender:
