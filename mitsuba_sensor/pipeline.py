@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, Unpack
 import numpy as np
 
 from .core.backend import NUMPY_FLOAT64
-from .core.checks import check_types, first_given
+from .core.checks import check_types
 from .core.errors import InputError
 from .core.exposure import Exposure
 from .core.options import Option, complete, declared, documents, part_of, used
@@ -22,7 +22,7 @@ from .io.metadata import versions
 from .io.preview import preview
 from .render.aovs import Aovs
 from .render.irradiance import Irradiance
-from .render.options import FrameOptions, FrameSeriesOptions, RenderOptions
+from .render.options import FrameSeriesOptions, RenderOptions
 from .render.parsed_scene import ParsedScene
 from .render.per_frame import FrameSeries
 from .render.photons import collect
@@ -33,7 +33,7 @@ from .sensor.camera import Camera
 from .sensor.checks import as_photons
 from .sensor.expose import Frames, PreparedExposure, prepare_exposure
 from .sensor.input_noise import input_noise
-from .sensor.options import ExposeOptions
+from .sensor.options import ExposeOptions, FrameOptions
 from .sensor.plan import plan
 
 FILES = ("frame.tiff", "frame.png", "irradiance.exr", "aovs.exr", "frame.json")
@@ -148,10 +148,7 @@ def _of_light(
     timings, path = Timings(), None if isinstance(source, Irradiance) else Path(source)
     with timings.step("read irradiance"):
         light = source if isinstance(source, Irradiance) else exr.read_irradiance_exr(source)
-    seeds = first_given(options["seed"], 1), first_given(options["serial"], 1)
-    sensor = prepare_exposure(
-        camera, exposure, light.data.shape[:2], light.origin, seeds, _numbers(options), part_of(ExposeOptions, options)
-    )
+    sensor = prepare_exposure(camera, exposure, light.data.shape[:2], light.origin, part_of(ExposeOptions, options))
     with timings.step("expose"):
         frames = sensor.of(as_photons(collect(light, camera, exposure), camera)).frames_with_report()
     metadata = frame_metadata(frames, light, options, {"irradiance": path}, timings.seconds)
@@ -215,16 +212,11 @@ def _refuse_scene_options(options: CaptureOptions) -> None:
             )
 
 
-def _numbers(options: CaptureOptions) -> tuple[int, int]:
-    """Number of the first frame, and how many."""
-    return options["first_frame"], options["frames"]
-
-
 def _sensor_of(prepared: PreparedRender, options: CaptureOptions) -> PreparedExposure:
     """The exposure of this render, checked before the first ray: seeds, maps, chain, engine, precision."""
     if options["chain"] == "konnik2014" and len(prepared.bands) != 1:
         raise InputError("chain konnik2014 has one wavelength; give wavelength_nm, e.g. --wavelength-nm 550.")
-    return prepared.sensor(options["seed"], options["serial"], _numbers(options), part_of(ExposeOptions, options))
+    return prepared.sensor(part_of(ExposeOptions, options))
 
 
 def _aovs(prepared: PreparedRender, options: CaptureOptions, timings: Timings) -> Aovs | None:

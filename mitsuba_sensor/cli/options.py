@@ -11,8 +11,8 @@ import typer
 from ..core.errors import InputError, require_seed
 from ..core.options import Declared, Option, declared
 from ..io import files
-from ..render.options import FrameOptions, RenderOptions, SceneOptions
-from ..sensor.options import SensorOptions
+from ..render.options import RenderOptions, SceneOptions
+from ..sensor.options import FrameOptions, SensorOptions
 
 Command = TypeVar("Command", bound=Callable[..., None])
 Flag: TypeAlias = Any

@@ -40,10 +40,10 @@ def span(low: float, high: float) -> str:
     if math.isinf(high) and math.isinf(low):
         return "a finite number"
     if math.isinf(high):
-        return f"at least {low:g}"
+        return f"at least {low:.10g}"
     if math.isinf(low):
-        return f"at most {high:g}"
-    return f"from {low:g} to {high:g}"
+        return f"at most {high:.10g}"
+    return f"from {low:.10g} to {high:.10g}"
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

@@ -6,9 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypedDict
 
-from ..core.errors import require_seed
 from ..core.options import Option
-from ..sensor.options import KeepOptions
+from ..sensor.options import FrameOptions
 from .bands import LONGEST_NM, NARROWEST_NM, SHORTEST_NM
 from .motion import Motion
 from .passes import MOST_IN_ALL, MOST_SPP
@@ -116,27 +115,6 @@ class RenderOptions(SceneOptions, total=False):
         Option(
             "Denoise the irradiance with Open Image Denoise; its bias is measured. Needs the extra 'denoise'.", False
         ),
-    ]
-
-
-class FrameOptions(KeepOptions, total=False):
-    """Which frames are made: how many, from which number on, and with which seeds."""
-
-    seed: Annotated[
-        int | None,
-        Option("Seed of the render and of all temporal noise. Default: the scene file's, else 1.", check=require_seed),
-    ]
-    serial: Annotated[
-        int | None,
-        Option(
-            "Serial number of the camera: seed of its fixed-pattern noise. Default: the scene file's, else 1.",
-            check=require_seed,
-        ),
-    ]
-    frames: Annotated[int, Option("How many frames: the pages of one TIFF.", 1, low=1, high=2**32 - 1, example="8")]
-    first_frame: Annotated[
-        int,
-        Option("Number of the first frame; frame 12 is the same made alone or after others.", 0, low=0, high=2**32 - 1),
     ]
 
 

@@ -123,8 +123,7 @@ class FrameSeries:
         prepared = prepare(scene, camera, exposure, usual="channels", **rendering)
         if compensated:
             _refuse_uncompensable(prepared.camera, options)
-        numbers = options["first_frame"], 1
-        sensor = prepared.sensor(options["seed"], options["serial"], numbers, part_of(ExposeOptions, options))
+        sensor = prepared.sensor({**part_of(ExposeOptions, options), "frames": 1})
         stop = stop_criterion_of(wanted, len(prepared.bands.groups))
         if not measured:
             return cls(prepared, sensor, stop, None, compensated, options["frames"])

@@ -137,16 +137,15 @@ class PreparedRender:
         )
         return light if halves is None else denoised(light, self.at_rest, halves)
 
-    def sensor(
-        self, seed: int | None, serial: int | None, numbers: tuple[int, int], options: ExposeOptions
-    ) -> PreparedExposure:
+    def sensor(self, options: ExposeOptions) -> PreparedExposure:
         """The exposure of what is rendered, checked before anything is: ``.of(photons).frames()``.
 
-        seed, serial : by default the scene file's, else 1.  numbers : first frame, and how many. Raises InputError.
+        Seed and serial number are by default the scene file's, else 1. Raises InputError.
         """
         (columns, rows), (column, row) = self.scene.view.crop_size, self.scene.view.crop_offset
-        seeds = self.seed(seed), require_seed("serial", first_given(serial, self.parsed.settings.serial, 1))
-        return prepare_exposure(self.camera, self.exposure, (rows, columns), (row, column), seeds, numbers, options)
+        serial = require_seed("serial", first_given(options.get("serial"), self.parsed.settings.serial, 1))
+        seeds: ExposeOptions = {**options, "seed": self.seed(options.get("seed")), "serial": serial}
+        return prepare_exposure(self.camera, self.exposure, (rows, columns), (row, column), seeds)
 
     def aovs(self) -> Aovs:
         """Depth, position, normals, … of the same pixels, in a pass of their own."""

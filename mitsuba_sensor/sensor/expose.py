@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..core.backend import FLOAT32_LIMIT, NUMPY_FLOAT32, NUMPY_FLOAT64
-from ..core.checks import check_types
+from ..core.checks import check_types, first_given
 from ..core.errors import InputError, require_seed
 from ..core.exposure import Exposure
 from ..core.frame import Frame
@@ -88,44 +88,26 @@ class Frames:
 
 @documents(ExposeOptions)
 def expose(
-    photons: Photons | ArrayLike,
-    camera: Camera,
-    exposure: Exposure,
-    *,
-    seed: int = 1,
-    serial: int = 1,
-    frames: int = 1,
-    first_frame: int = 0,
-    **options: Unpack[ExposeOptions],
+    photons: Photons | ArrayLike, camera: Camera, exposure: Exposure, **options: Unpack[ExposeOptions]
 ) -> Frames:
     """Raw frames that ``camera`` delivers for these mean photons per pixel.
 
     photons : what :func:`collect` returns, or an array: a scalar (the whole sensor), (H, W), or (H, W, B) with
         ``wavelengths_nm`` of length B.
-    seed : all noise that changes from frame to frame.  serial : which chip, that is all fixed-pattern noise.
-    frames, first_frame : how many, and the number of the first; frame 12 is the same made alone or after eleven others.
     Raises InputError for NaN or negative photons, naming how many there are and where the first one is.
     """
-    return prepared(photons, camera, exposure, (seed, serial), (first_frame, frames), options).frames()
+    return _prepared(photons, camera, exposure, options).frames()
 
 
 @documents(ExposeOptions)
 def stream(
-    photons: Photons | ArrayLike,
-    camera: Camera,
-    exposure: Exposure,
-    *,
-    seed: int = 1,
-    serial: int = 1,
-    frames: int = 1,
-    first_frame: int = 0,
-    **options: Unpack[ExposeOptions],
+    photons: Photons | ArrayLike, camera: Camera, exposure: Exposure, **options: Unpack[ExposeOptions]
 ) -> Iterator[NDArray[np.unsignedinteger]]:
     """The frames of :func:`expose` one at a time, each (H, W) [DN]: for more of them than memory holds.
 
     Everything is checked at once; light and maps are made with the first frame that is asked for.
     """
-    return prepared(photons, camera, exposure, (seed, serial), (first_frame, frames), options).stream()
+    return _prepared(photons, camera, exposure, options).stream()
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,38 +187,32 @@ class PreparedExposure:
         return Frames(kept.pop("digital"), self.camera, self._light, self._on_numpy, self.stages, **kept)
 
 
-Pair = tuple[int, int]
-
-
-def prepared(
-    photons: Any, camera: Camera, exposure: Exposure, seeds: Pair, numbers: Pair, options: ExposeOptions
-) -> PreparedExposure:
-    """An exposure with its light.  seeds : seed and serial.  numbers : first frame and how many. Raises InputError."""
+def _prepared(photons: Any, camera: Camera, exposure: Exposure, options: ExposeOptions) -> PreparedExposure:
+    """An exposure with its light. Raises InputError."""
     check_types(camera, exposure)
     light = as_photons(photons, camera, options.get("wavelengths_nm"))
-    height, width = light.mean.shape[:2]
     given = options.get("origin")
     origin = checked_origin(light.origin if given is None else given)
-    return prepare_exposure(camera, exposure, (height, width), origin, seeds, numbers, options).of(light)
+    return prepare_exposure(camera, exposure, light.mean.shape[:2], origin, options).of(light)
 
 
 def prepare_exposure(
-    camera: Camera, exposure: Exposure, shape: Pair, origin: Pair, seeds: Pair, numbers: Pair, options: ExposeOptions
+    camera: Camera, exposure: Exposure, shape: tuple[int, ...], origin: tuple[int, int], options: ExposeOptions
 ) -> PreparedExposure:
     """Check all that does not depend on the light, and build the chain.
 
-    shape, origin : (rows, columns) of the window and its first pixel.  seeds : seed and serial.
-    numbers : number of the first frame and how many frames.  Raises InputError.
+    shape, origin : (rows, columns) of the window and its first pixel.  Raises InputError.
     """
     check_types(camera, exposure)
-    (seed, serial), (first_frame, frames) = seeds, numbers
-    check_numbers(frames, first_frame, seed)
     chosen = complete(ExposeOptions, options)
+    seed, serial = first_given(chosen["seed"], 1), first_given(chosen["serial"], 1)
+    first_frame, frames = chosen["first_frame"], chosen["frames"]
+    check_numbers(frames, first_frame, seed)
     keep = checked_names(chosen["keep"], KEEP)
     stages = _stages(camera, chosen["plan"], chosen["chain"])
     precision = _precision(chosen["precision"], camera, chosen["plan"], chosen["chain"])
     backend = choose_backend(chosen["engine"], precision, frames * shape[0] * shape[1])
-    window = SensorWindow(serial, shape, origin)
+    window = SensorWindow(serial, (shape[0], shape[1]), origin)
     given = checked_maps({} if chosen["maps"] is None else chosen["maps"], stages, window, camera)
     window = replace(window, given=given, backend=backend)
     return PreparedExposure(camera, stages, Frame(exposure, window, seed, first_frame), frames, keep)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypedDict
 
 from numpy.typing import ArrayLike
 
+from ..core.errors import require_seed
 from ..core.options import Option
 
 if TYPE_CHECKING:
@@ -61,6 +62,27 @@ class KeepOptions(SensorOptions, total=False):
     plan: Annotated["Plan | None", Option("What plan() left of the chain; the whole chain without one.", flag=None)]
 
 
+class FrameOptions(KeepOptions, total=False):
+    """Which frames are made: how many, from which number on, and with which seeds."""
+
+    seed: Annotated[
+        int | None,
+        Option("Seed of the render and of all temporal noise. Default: the scene file's, else 1.", check=require_seed),
+    ]
+    serial: Annotated[
+        int | None,
+        Option(
+            "Serial number of the camera: seed of its fixed-pattern noise. Default: the scene file's, else 1.",
+            check=require_seed,
+        ),
+    ]
+    frames: Annotated[int, Option("How many frames: the pages of one TIFF.", 1, low=1, high=2**32 - 1, example="8")]
+    first_frame: Annotated[
+        int,
+        Option("Number of the first frame; frame 12 is the same made alone or after others.", 0, low=0, high=2**32 - 1),
+    ]
+
+
 class ArrayOptions(TypedDict, total=False):
     """What an array of photons does not say by itself."""
 
@@ -75,7 +97,7 @@ class ArrayOptions(TypedDict, total=False):
     ]
 
 
-class ExposeOptions(KeepOptions, ArrayOptions, total=False):
+class ExposeOptions(FrameOptions, ArrayOptions, total=False):
     """All options of :func:`expose` and :func:`stream`."""
 
 

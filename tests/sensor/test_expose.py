@@ -82,7 +82,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "half a frame": ({"frames": 1.5}, "frames is 1.5"),
     "frames as text": ({"frames": "two"}, "frames is 'two'"),
     "frame before the first": ({"first_frame": -1}, "first_frame is -1"),
-    "frame after the last": ({"first_frame": 2**32}, "numbered from 0"),
+    "frame after the last": ({"first_frame": 2**32}, "from 0 to 4294967295"),
     "negative seed": ({"seed": -1}, "seed is -1"),
     "seed of 65 bits": ({"seed": 2**64}, "seed is 18446744073709551616"),
     "fractional seed": ({"seed": 1.5}, "seed is 1.5"),
