@@ -1,1 +1,1 @@
-"""From photons to digital numbers: electrons, volts, digital. Pure physics; it never heard of Mitsuba."""
+"""The sensor: mean photons per pixel become digital numbers, without Mitsuba."""

@@ -215,7 +215,7 @@ def _checked(data: dict[str, Any], where: str, folder: str = ".") -> Camera:
 
 
 def toml_value(text: str) -> Any:
-    """A value as in a camera file: 14, 0.5, true, [1, 2]; a bare word is a text."""
+    """A value as in a camera file: 14, 0.5, true, [1, 2]; anything else is a text."""
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:

@@ -102,7 +102,7 @@ def _checked_channels(detected: bool, mean: NDArray[np.float64], camera: Camera)
 def _checked_variance(values: Any, mean: NDArray[np.float64], camera: Camera) -> NDArray[np.float64]:
     """One finite variance for every pixel, (H, W) [e-²]; 0 where the light is infinite and saturates anyway."""
     name, shape = "photons.variance_e2", mean.shape[:2]
-    variance_e2 = numbers(name, values, "an array (H, W) of variances of the mean light electrons in e-²")
+    variance_e2 = numbers(name, values, "an array (H, W) of variances of the mean photoelectrons in e-²")
     if variance_e2.shape != shape:
         raise InputError(f"{name} has shape {variance_e2.shape}; it must be {shape}, one variance per pixel in e-².")
     if camera.quantum_efficiency.quantum_yield:

@@ -1,4 +1,4 @@
-"""Superimposed dark signals: a share of the pixels follows a law of its own (paper, long integration times)."""
+"""Components of the dark signal: shares of the pixels with a distribution of their own (paper, long exposures)."""
 
 from __future__ import annotations
 
@@ -43,10 +43,10 @@ class DarkComponentSection(Section):
 
 @dataclass(frozen=True)
 class DarkComponent:
-    """Share ``weight`` of the pixels has a mean dark signal from this law instead of the main one.
+    """Share ``weight`` of the pixels has a mean dark signal from this distribution instead of the main one.
 
     family : "uniform" on [first, second], or "normal" of mean first and σ second, cut at 0.
-    e_per_unit : what 1 of the law's unit is [e-]; ``per_second`` says that it is a rate.
+    e_per_unit : one of its unit in electrons [e-]; ``per_second`` says that it is a rate.
     """
 
     weight: float
@@ -57,7 +57,7 @@ class DarkComponent:
     per_second: bool = False
 
     def electrons(self, quantile: Any, frame: Frame) -> Any:
-        """(H, W) quantiles, 0 … 1 → mean dark electrons of pixels that belong to this part."""
+        """(H, W) quantiles, 0 … 1 → mean dark electrons of pixels of this component."""
         if self.family == "uniform":
             value = frame.number(self.first) + frame.number(self.second - self.first) * quantile
         else:
@@ -78,7 +78,7 @@ class DarkComponent:
 
 
 def superimpose(parts: tuple[DarkComponent, ...], main: Any, frame: Frame) -> Any:
-    """Mean dark electrons (H, W): every pixel belongs to the main law or to one part, for ever."""
+    """Mean dark electrons (H, W): every pixel belongs to the main distribution or to one component."""
     maps = component_maps(parts, frame.window)
     dark = main
     for number, part in enumerate(parts, start=1):
@@ -101,7 +101,7 @@ def component_maps(parts: tuple[DarkComponent, ...], window: SensorWindow) -> di
 def mixture_moments(
     parts: tuple[DarkComponent, ...], mean: float, variance: float, frame: Frame
 ) -> tuple[float, float]:
-    """Mean and variance from pixel to pixel of the mixture: (1 − Σw)·main + Σ w·part."""
+    """Mean and variance from pixel to pixel of the mixture: (1 − Σw)·main + Σ w·component."""
     laws = [(1 - sum(p.weight for p in parts), mean, variance)]
     laws += [(p.weight, *p.moments(frame.exposure.time_s)) for p in parts]
     average = sum(w * m for w, m, _ in laws)
@@ -110,7 +110,7 @@ def mixture_moments(
 
 @dataclass(frozen=True)
 class _Number:
-    """Words → the number of the part: 1 below the first edge, 2 below the second, …, 0 above the last."""
+    """Random bits → the number of the component: 1 below the first edge, 2 below the second, …, 0 above the last."""
 
     edges: tuple[float, ...]
 

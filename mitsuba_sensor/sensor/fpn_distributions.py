@@ -1,7 +1,7 @@
-"""Families of fixed maps: how much more than the average pixel a pixel has, for ever.
+"""Distributions of FPN factors: log-normal, gamma, Wald, normal, logistic and autoregressive maps of mean 1.
 
-Every family is given by its coefficient of variation and has mean 1, whatever that is (the paper's 1 + lnN(0, …) has
-not); a map's mean and variance are its theory, ``map_of`` is its sample.
+Each has a coefficient of variation and mean 1, whatever that is (the paper's 1 + lnN(0, …) has not); mean and variance
+are the theory of a map, ``map_of`` is its sample.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ..core.sensor_window import SensorWindow
 
 @dataclass(frozen=True)
 class FpnDistribution:
-    """A family of mean 1. Subclasses turn words into factors; this one says how that becomes a map."""
+    """A distribution of mean 1; subclasses turn random bits into factors."""
 
     cv: float
     mean: ClassVar[float] = 1.0
@@ -28,8 +28,8 @@ class FpnDistribution:
         return window.fixed_map(source, self.from_bits)
 
     def from_bits(self, backend: Backend, bits: Any) -> Any:
-        """(H, W) words → (H, W) factors."""
-        raise TypeError(f"{type(self).__name__} is not a family by itself")
+        """(H, W) random bits → (H, W) factors."""
+        raise TypeError(f"{type(self).__name__} is not a distribution by itself")
 
     @property
     def variance(self) -> float:
@@ -42,7 +42,7 @@ class LogNormal(FpnDistribution):
     """exp(σz − σ²/2), σ² = ln(1 + cv²): the long tail of hot pixels (paper eq. 18, made unit-mean)."""
 
     def from_bits(self, backend: Backend, bits: Any) -> Any:
-        """(H, W) words → (H, W) factors > 0."""
+        """(H, W) random bits → (H, W) factors > 0."""
         return backend.lognormal(bits, self.cv)
 
 
@@ -51,7 +51,7 @@ class Gamma(FpnDistribution):
     """Gamma of shape k = cv⁻² and scale cv² (paper, long integration times)."""
 
     def from_bits(self, backend: Backend, bits: Any) -> Any:
-        """(H, W) words → (H, W) factors ≥ 0."""
+        """(H, W) random bits → (H, W) factors ≥ 0."""
         return backend.gamma(bits, self.cv)
 
 
@@ -60,7 +60,7 @@ class Wald(FpnDistribution):
     """Inverse Gaussian (Wald) of shape χ = cv⁻² (paper, higher temperatures)."""
 
     def map_of(self, window: SensorWindow, source: str) -> Any:
-        """The camera's map, (H, W): the two roots of a χ² draw, and a second word that picks one."""
+        """The camera's map, (H, W): the two roots of a χ² draw, and a second number that picks one."""
         return window.cached((source, self), lambda: self._from(window, source))
 
     def _from(self, window: SensorWindow, source: str) -> Any:
@@ -73,7 +73,7 @@ class Gaussian(FpnDistribution):
     """max(0, 1 + cv·z)/E[…]: normal, cut at zero, and of mean 1 for every cv."""
 
     def from_bits(self, backend: Backend, bits: Any) -> Any:
-        """(H, W) words → (H, W) factors ≥ 0."""
+        """(H, W) random bits → (H, W) factors ≥ 0."""
         return self.of_normal(backend, backend.normal(bits))
 
     def of_normal(self, backend: Backend, z: Any) -> Any:
@@ -111,7 +111,7 @@ class Logistic(FpnDistribution):
     """max(0, 1 + s·ln((1−p)/p))/E[…], s = √3·cv/π: heavier tails than a normal (paper, 25 °C)."""
 
     def from_bits(self, backend: Backend, bits: Any) -> Any:
-        """(H, W) words → (H, W) factors ≥ 0."""
+        """(H, W) random bits → (H, W) factors ≥ 0."""
         factor = arrays.maximum(1 + backend.number(self._scale) * backend.logistic(bits), 0.0)
         return factor * backend.number(1 / self._raw[0])
 

@@ -1,4 +1,4 @@
-"""A camera's own temporal noise as electrons at its input: the yardstick for errors that come before it."""
+"""A camera's own temporal noise as electrons at its input, with which render noise is compared."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ BEYOND_WELL = 4.0  # the table ends at so many full wells; nothing is left of th
 
 @dataclass(frozen=True, eq=False)
 class InputNoise:
-    """How strongly an error of the mean light electrons shows in a frame.
+    """How strongly an error of the mean photoelectrons shows in a frame.
 
-    electrons_e : (L,) rising mean light electrons.  weight_per_e2 : (L,) (dS/dμ)²/σ_S² [e-⁻²], S the signal at the
+    electrons_e : (L,) rising mean photoelectrons.  weight_per_e2 : (L,) (dS/dμ)²/σ_S² [e-⁻²], S the signal at the
         converter with all temporal noise and the converter's 1/12 LSB²; 0 where full well or converter clip.
     """
 
@@ -30,15 +30,15 @@ class InputNoise:
     weight_per_e2: NDArray[np.float64]
 
     def ratio(self, mean_e: ArrayLike, variance_e2: ArrayLike) -> NDArray[np.float64]:
-        """Variance of the mean light electrons over the camera's own temporal variance, both at the input."""
+        """Variance of the mean photoelectrons over the camera's own temporal variance, both at the input."""
         weight = np.interp(np.log1p(mean_e), np.log1p(self.electrons_e), self.weight_per_e2)
         return np.asarray(variance_e2, dtype=np.float64) * weight
 
 
 def input_noise(camera: Camera, exposure: Exposure) -> InputNoise:
-    """The yardstick of this camera and exposure, from the moments of its chain.
+    """The input noise of this camera and exposure, from the moments of its chain.
 
-    At light electrons far above the read noise the weight is 1/μ: shot noise alone (EMVA 1288 R4, eq. 11).
+    At photoelectrons far above the read noise the weight is 1/μ: shot noise alone (EMVA 1288 R4, eq. 11).
     """
     most = BEYOND_WELL * camera.pixel.full_well_e
     levels = np.expm1(np.linspace(0.0, np.log1p(most), LEVELS))

@@ -91,12 +91,12 @@ class Plan:
         part = replace(frame, window=frame.window.crop_rows(rows))
         times: tuple[list[float], list[float]] = ([], [])
         for run in range(RUNS + 1):
-            for spent, stages in zip(times, (self.whole, self.stages), strict=True):
+            for taken, stages in zip(times, (self.whole, self.stages), strict=True):
                 started = time.perf_counter()
                 sample(stages, strip, replace(part, index=run, _blocks={}))
-                spent.append(time.perf_counter() - started)
+                taken.append(time.perf_counter() - started)
         share = (rows.stop - rows.start) / self.frame.window.shape[0]
-        whole_s, planned_s = (statistics.median(spent[1:]) / share for spent in times)  # the first makes the maps
+        whole_s, planned_s = (statistics.median(taken[1:]) / share for taken in times)  # the first makes the maps
         return whole_s, planned_s
 
     def to_dict(self) -> dict[str, Any]:

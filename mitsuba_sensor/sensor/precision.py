@@ -1,4 +1,4 @@
-"""What float32 costs: the same pixels with the same words once more in float64."""
+"""Effect of float32: the same pixels with the same random bits once more in float64."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ PIXELS = 2**14
 
 @dataclass(frozen=True)
 class Float32:
-    """How far float32 frames are from float64 frames drawn with equal words.
+    """How far float32 frames are from float64 frames made with equal random bits.
 
     share_of_pixels : that differ at all, 0 … 1.  largest_dn : the largest difference [DN]; at least that of one
         electron, for one draw in 100 000 lies so near to the next count that float32 takes that.

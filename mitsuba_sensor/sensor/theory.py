@@ -1,10 +1,10 @@
-"""Moments of a chain's digital numbers, with two things that no stage can know alone: what stands before and behind it.
+"""Moments of a chain's digital numbers, with two corrections that depend on more than one stage.
 
-A full well that the converter hides: a signal that is cut twice is no normal one the second time, and the theory of one
-cut after the other is off by up to half of the noise where the well is nearly full. By default the pedestal makes the
-converter end below the well: then only its cut is seen.
+A full well that the converter hides: a signal that is clipped twice is not normal the second time, and the theory of
+one clip after the other is wrong by up to half of the noise where the well is nearly full. By default the black level
+makes the converter end below the well: then only its own clip matters.
 
-Whole electrons: where next to no noise follows the counting, the codes and the electrons beat, and the mean of rounded
+Whole electrons: where next to no noise follows the shot noise, codes and electrons interfere, and the mean of rounded
 numbers is not that of a rounded normal.
 """
 
@@ -26,7 +26,7 @@ from .stage import Chain, Converter, converter_of
 
 HIDDEN = 4.0
 """A well is hidden if it is so many σ of the noise behind it above the converter's end; what the cut in the well then
-still does to a pixel that is nearly full is below 1e-5 of that σ. (A default pedestal is 4σ.)"""
+still does to a pixel that is nearly full is below 1e-5 of that σ. (A default black level is 4σ.)"""
 
 BEATS = 64
 """Harmonics of the steps that are looked at. Noise of 0.02 DN behind the counting damps the others; with none at all,

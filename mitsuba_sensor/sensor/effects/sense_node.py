@@ -17,7 +17,7 @@ from ..gains import sense_gain_v_per_e
 from ..stage import Datasheet, Stage
 
 LINEAR_BELOW = 1e-100
-"""V/e non-linearities below this are none: 1/α would overflow, and nothing bends."""
+"""V/e non-linearities below this are none: 1/α would overflow, and the node is linear."""
 
 
 class SenseNodeFields(Section):
