@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import asdict
 from functools import cache, partial
-from typing import Any
 
 from ...core.errors import InputError, require, require_seed
 from ...render.irradiance import Irradiance
@@ -17,11 +15,9 @@ from ..kit import Kit, Step
 from ..page import Study, study_of
 from ..statistics import Values
 from ..subject import Subject
-from .features import AOVS, ERROR_BARS, Features
-from .render import WHOLE_RENDERS, change_without
-from .render_page import render_section
+from .pages import render_section, sensor_section
+from .render import AOVS, ERROR_BARS, WHOLE_RENDERS, change_without, features
 from .sensor import CALL_S, KERNEL_S, SENSORS, SensorAblation, SensorResults
-from .sensor_page import sensor_section
 
 FRAMES = 24  # of each of the sensors: 1536 frames of each chain
 SPP = 32  # samples per pixel of each render. Most of their noise is in both pictures that are compared
@@ -43,7 +39,7 @@ def ablation(
     if require_seed("frames", frames) < 2:
         raise InputError(f"frames is {frames}; a sensor needs at least 2 frames to show its temporal noise (e.g. 16).")
     replicas = Replicas(SENSORS, frames, require_seed("seed", seed), require_seed("serial", serial))
-    spp = subject.options.get("spp", SPP)
+    spp, camera, exposure = subject.options.get("spp", SPP), subject.camera, subject.exposure
     criterion = stop_criterion_of({"spp": spp})
     if criterion.passes < FEWEST_PASSES:
         raise InputError(f"spp is {spp}; the study compares halves of the passes: ask for at least {FEWEST_PASSES}.")
@@ -52,41 +48,31 @@ def ablation(
     def light() -> Irradiance:
         return subject.job.render(seed, criterion)
 
-    @cache
-    def features() -> Features:
-        return Features(subject)
-
     def scene() -> Values:
-        (columns, rows), (here, missing) = subject.job.scene.view.crop_size, features().found()
+        (columns, rows), (here, missing) = subject.job.scene.view.crop_size, features(subject)
         return {"features": here, "missing": missing, "columns": columns, "rows": rows}
 
     def requirements() -> list[Values]:
-        k = gain_dn_per_e(subject.camera)
-        return [asdict(x) for x in render_requirements(light(), subject.camera, subject.exposure, k, tolerance_dn)]
+        found = render_requirements(light(), camera, exposure, gain_dn_per_e(camera), tolerance_dn)
+        return [asdict(one) for one in found]
 
     found = kit.measure("loading the scene", 60.0, scene)
     pixels = found["columns"] * found["rows"]
     render_s = criterion.passes * (CALL_S + 1e-9 * SAMPLE_NS * pixels * criterion.samples)
     sensor = SensorAblation(kit, subject, light, tolerance_dn, replicas)
-
-    def renders() -> Iterator[Step]:
-        special = {AOVS: 1.0, ERROR_BARS: KERNEL_S + 2 * (WHOLE_RENDERS + 1) * render_s}
-        for name in found["features"]:
-            measure = partial(_without, features, name, criterion, seed)
-            yield Step(f"render: {name}", special.get(name, KERNEL_S + 2 * render_s), measure)
-
-    kit.take([Step("rendering the scene", KERNEL_S + render_s, requirements), *sensor.steps(pixels), *renders()])
+    steps = [Step("rendering the scene", KERNEL_S + render_s, requirements), *sensor.steps(pixels)]
+    special = {AOVS: 1.0, ERROR_BARS: KERNEL_S + 2 * (WHOLE_RENDERS + 1) * render_s}
+    for name in found["features"]:
+        measure = partial(change_without, subject, name, criterion, seed)
+        steps.append(Step(f"render: {name}", special.get(name, KERNEL_S + 2 * render_s), measure))
+    kit.take(steps)
     changes = {name: kit[f"render: {name}"] for name in found["features"]}
     sections = (
         sensor_section(SensorResults(sensor), replicas, tolerance_dn),
         render_section(changes, found["missing"], kit["rendering the scene"], tolerance_dn),
     )
     title = (
-        f"What {subject.name} and {subject.camera.name} can do without ({found['columns']} × {found['rows']} pixels, "
-        f"{subject.exposure.time_s:g} s, {subject.exposure.temperature_k:g} K)"
+        f"What {subject.name} and {camera.name} can do without ({found['columns']} × {found['rows']} pixels, "
+        f"{exposure.time_s:g} s, {exposure.temperature_k:g} K)"
     )
     return study_of("ablation", title, sections)
-
-
-def _without(features: Any, name: str, criterion: Any, seed: int) -> Values:
-    return change_without(features(), name, criterion, seed)

@@ -3,27 +3,26 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, replace
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.backend import Backend
 from ...core.frame import Frame
 from ...core.sensor_window import SensorWindow
 from ...core.signals import Photons
+from ...render.irradiance import Irradiance
 from ...render.photons import collect
-from ...sensor.chain import chain
 from ...sensor.plan import Plan, plan, without
 from ...sensor.run import choose_backend
 from ...sensor.stage import sample
 from ...sensor.theory import hidden_well
 from .. import frames
 from ..frames import MOMENTS, QUANTITIES, Illuminated, Replicas, Stages
-from ..kit import Kit, Spread, Step, in_turns, spread
+from ..kit import Kit, Spread, Step, Task, in_turns, spread
 from ..statistics import Array, Known, Values, as_normal, standard_error, z_limit
 from ..subject import Subject
 
@@ -42,8 +41,7 @@ NUMPY_NS, DRJIT_NS, CALL_S, KERNEL_S = 120.0, 12.0, 1.5e-3, 3.0
 """Per pixel and frame, per call of a chain, per kernel, on two cores of an AMD EPYC: for the estimate at first."""
 
 
-@dataclass(frozen=True)
-class Comparison:
+class Comparison(NamedTuple):
     """One quantity of one chain, over all pixels or the worst, less that of the whole chain [DN].
 
     z : how many standard errors the measurement is from the prediction, as the normal law that is as unlikely counts
@@ -52,19 +50,21 @@ class Comparison:
 
     case: str
     quantity: str
-    predicted_dn: float
-    measured_dn: float
-    error_dn: float
-    z: float
+    predicted_dn: float = 0.0
+    measured_dn: float = 0.0
+    error_dn: float = 0.0
+    z: float = 0.0
 
 
 class SensorAblation:
     """A camera under the light of a scene, and what a kit measures of its chains: whole, without a stage, planned."""
 
-    def __init__(self, kit: Kit, subject: Subject, light: Any, tolerance_dn: float, replicas: Replicas) -> None:
+    def __init__(
+        self, kit: Kit, subject: Subject, light: Callable[[], Irradiance], tolerance_dn: float, replicas: Replicas
+    ) -> None:
         self.kit, self._subject, self._light, self._replicas = kit, subject, light, replicas
         self.tolerance_dn = tolerance_dn
-        self.names = [WHOLE, *(s.label for s in chain(subject.camera) if not s.required), PLAN]
+        self.names = [WHOLE, *(s.label for s in subject.camera.stages if not s.required), PLAN]
         self.engines = [engine for engine in SHAPE if frames.problem_of(engine) is None]
 
     def steps(self, pixels: int) -> Iterator[Step]:
@@ -74,12 +74,12 @@ class SensorAblation:
         yield Step("frames with equal random bits", LOOKED_AT * len(self.names) * frame_s, self._equal_bits)
         for case in self.names:
             seconds = self._replicas.sensors * self._replicas.frames * frame_s
-            yield Step(f"frames of {self._replicas.sensors} sensors: {case}", seconds, partial(self._frames, case))
+            yield Step(_frames_key(case), seconds, partial(self._frames, case))
         for engine in self.engines:
             cases = self.names if engine == "numpy" else [WHOLE, PLAN]  # where each chain has to be compiled
-            size, turns = SHAPE[engine][0] * SHAPE[engine][1], TURNS[engine] + 1
-            each = NUMPY_NS if engine == "numpy" else frames.FRAMES_A_TURN * DRJIT_NS
-            seconds = len(cases) * (1e-9 * each * size * turns + (engine != "numpy") * KERNEL_S)
+            each_s = 1e-9 * math.prod(SHAPE[engine]) * (TURNS[engine] + 1)
+            each_s *= NUMPY_NS if engine == "numpy" else frames.FRAMES_A_TURN * DRJIT_NS
+            seconds = len(cases) * (each_s + (engine != "numpy") * KERNEL_S)
             yield Step(f"seconds, {engine}", seconds, partial(self._nanoseconds, engine, cases))
 
     @cached_property
@@ -102,34 +102,31 @@ class SensorAblation:
     @cached_property
     def illuminated(self) -> Illuminated:
         """That light, for NumPy in the precision that the plan asks for."""
-        return Illuminated(self.photons, self._subject.exposure, self.backend)
-
-    @property
-    def backend(self) -> Backend:
-        """NumPy in the precision that the plan asks for."""
-        return choose_backend("numpy", self.plan.precision, 0)
+        return Illuminated(self.photons, self._subject.exposure, choose_backend("numpy", self.plan.precision, 0))
 
     @cached_property
     def expected(self) -> dict[str, Array]:
         """Moments of every pixel by chain, (3, H, W)."""
-        return {
-            case: frames.expected_moments(s, self.photons, self._subject.exposure) for case, s in self.cases.items()
-        }
+        exposure = self._subject.exposure
+        return {case: frames.expected_moments(s, self.photons, exposure) for case, s in self.cases.items()}
 
-    def moved(self, case: str) -> Array:
-        """By how far theory says that mean, temporal σ and spatial σ of every pixel move, (3, pixels) [DN]."""
-        return np.abs(frames.in_dn(self.expected[WHOLE], self.expected[case])).reshape(3, -1)
+    @cached_property
+    def moved(self) -> dict[str, tuple[int, Array]]:
+        """By chain, which of the quantities theory says that any pixel moves most in, and each pixel's move [DN]."""
+        found = {}
+        for case in self.names[1:]:
+            every = np.abs(frames.in_dn(self.expected[WHOLE], self.expected[case])).reshape(3, -1)
+            row = int(np.argmax(every.max(axis=1)))
+            found[case] = row, every[row]
+        return found
 
     @cached_property
     def groups(self) -> dict[str, NDArray[np.intp]]:
         """Pixels whose averages are looked at: all, and by chain those that it moves most, the worst last."""
         pixels = self.expected[WHOLE][0].size
         count = min(max(int(WORST * pixels), FEWEST_PIXELS), pixels)
-        found = {WHOLE: np.arange(pixels)}
-        for case in self.names[1:]:
-            moved = self.moved(case)
-            found[case] = np.argsort(moved[int(np.argmax(moved.max(axis=1)))], kind="stable")[-count:]
-        return found
+        worst = {case: np.argsort(moved, kind="stable")[-count:] for case, (_, moved) in self.moved.items()}
+        return {WHOLE: np.arange(pixels), **worst}
 
     def _own_groups(self, case: str) -> dict[str, NDArray[np.intp]]:
         """All pixels and the chain's worst; of the whole chain the worst of every chain."""
@@ -140,10 +137,8 @@ class SensorAblation:
         cases: Values = {
             case: {"moments": frames.averages(self.expected[case], self._own_groups(case))} for case in self.names
         }
-        for case in self.names[1:]:
-            moved = self.moved(case)
-            row = int(np.argmax(moved.max(axis=1)))
-            cases[case] |= {"worst_dn": float(moved[row].max()), "of": QUANTITIES[row]}
+        for case, (row, moved) in self.moved.items():
+            cases[case] |= {"worst_dn": float(moved.max()), "of": QUANTITIES[row]}
         sizes = {case: len(group) for case, group in self.groups.items()}
         effects = [asdict(effect) for effect in self.plan.effects]
         return {"plan": effects, "sizes": sizes, "limits": self._limits(), "cases": cases}
@@ -168,20 +163,18 @@ class SensorAblation:
         for number in range(LOOKED_AT):
             sensor = self.illuminated.sensor(self._replicas.serial + number)
             start = self.illuminated.electrons(self.cases[WHOLE], sensor)
-            for case in self.names:
-                stacks[case].append(
-                    self.illuminated.frame(self.cases[case], start, sensor, self._replicas.seed + number)
-                )
+            for case, stack in stacks.items():
+                seed = self._replicas.seed + number
+                stack.append(self.illuminated.frame(self.cases[case], start, sensor, seed))
         whole = np.array(stacks.pop(WHOLE))
         return {case: frames.pixel_difference(np.array(stack), whole) for case, stack in stacks.items()}
 
     def is_whole(self, case: str) -> bool:
         """Whether theory and every frame that was looked at say that the chain is the whole one: nothing to measure."""
-        looked = self.kit["frames with equal random bits"]
-        theory = self.kit["moments of every pixel"]["cases"]
+        looked, theory = self.kit["frames with equal random bits"], self.kit["moments of every pixel"]["cases"]
         return case != WHOLE and theory[case]["worst_dn"] == 0 and looked[case]["share_of_pixels"] == 0
 
-    def _frames(self, case: str) -> Any:
+    def _frames(self, case: str) -> Values | None:
         """Moments of frames over groups of pixels; None where the chain is the whole one."""
         if self.is_whole(case):
             return None
@@ -194,23 +187,23 @@ class SensorAblation:
         Nothing for a compiled engine where the plan asks for float64, which it has not.
         """
         if engine == "numpy":
-            light = Illuminated(frames.resized(self.photons, SHAPE[engine]), self._subject.exposure, self.backend)
-            detection, sensor = self.plan.whole[0], light.sensor(1)
+            light = replace(self.illuminated, photons=frames.resized(self.photons, SHAPE[engine]))
+            sensor = light.sensor(1)
             start = light.electrons(self.plan.whole, sensor)
 
             def once(stages: Stages, signal: Any) -> int:
                 sample(stages, signal, Frame(light.exposure, sensor))
                 return 1
 
-            tasks: Values = {case: partial(once, self.cases[case][1:], start) for case in cases}
-            tasks[DETECTION] = partial(once, (detection,), light.photons)
+            tasks: dict[str, Task] = {case: partial(once, self.cases[case][1:], start) for case in cases}
+            tasks[DETECTION] = partial(once, self.plan.whole[:1], light.photons)
         elif self.plan.precision == "float32":
-            compiled = replace(self.illuminated, photons=self._few_layers(SHAPE[engine]))
-            compiled = replace(compiled, backend=choose_backend(engine, "float32", 0))
-            tasks = {case: compiled.stream(self.cases[case]).turn for case in cases}
+            compiled = choose_backend(engine, "float32", 0)
+            light = replace(self.illuminated, photons=self._few_layers(SHAPE[engine]), backend=compiled)
+            tasks = {case: light.stream(self.cases[case]).turn for case in cases}
         else:
             return {}
-        pixels = SHAPE[engine][0] * SHAPE[engine][1]
+        pixels = math.prod(SHAPE[engine])
         return {name: [1e9 * s / pixels for s in turns] for name, turns in in_turns(tasks, TURNS[engine]).items()}
 
     def _few_layers(self, shape: tuple[int, int]) -> Photons:
@@ -226,7 +219,8 @@ class SensorResults:
 
     changes : by chain, of mean, temporal and spatial σ over all pixels; of the whole chain these themselves.
     worst : by chain, of what it changes most, over the worst pixels.  theory, looked : as measured.
-    turns : by engine and chain, nanoseconds per pixel turn by turn.
+    turns : by engine and chain, nanoseconds per pixel turn by turn.  furthest : the comparison with the largest |z|.
+    agree : whether theory and frames do.
     """
 
     def __init__(self, ablation: SensorAblation) -> None:
@@ -241,17 +235,9 @@ class SensorResults:
         every = [*(one for row in self.changes.values() for one in row), *self.worst.values()]
         self.compared = [one for one in every if one.error_dn > 0]
         self.limit = z_limit(len(self.compared))
+        self.furthest = max(self.compared, key=lambda one: abs(one.z), default=Comparison(WHOLE, QUANTITIES[0]))
+        self.agree = abs(self.furthest.z) <= self.limit
         self.left_out = [effect["stage"] for effect in self.theory["plan"] if not effect["kept"]]
-
-    @property
-    def furthest(self) -> Comparison:
-        """The comparison with the largest |z|."""
-        return max(self.compared, key=lambda one: abs(one.z))
-
-    @property
-    def agree(self) -> bool:
-        """Whether theory and frames do."""
-        return not self.compared or abs(self.furthest.z) <= self.limit
 
     def saved(self, engine: str, case: str, share: bool = False) -> Spread | None:
         """What leaving out saves, over the turns [ns/pixel], or as a share of the whole chain's time."""
@@ -264,16 +250,15 @@ class SensorResults:
     def _compare(self, case: str, group: str, row: int) -> Comparison:
         """Variances are compared, because they average; to DN they come by the predicted σ: Δσ = ΔV/(σ + σ′)."""
         name, of = MOMENTS[row], QUANTITIES[row]
+        if self._ablation.is_whole(case):
+            return Comparison(case, of)
         now = self.theory["cases"][case]["moments"][group][name]
         before = 0.0 if case == WHOLE else self.theory["cases"][WHOLE]["moments"][group][name]
         predicted_dn = now - before if row == 0 else math.sqrt(now) - math.sqrt(before)
-        if self._ablation.is_whole(case):
-            return Comparison(case, of, 0.0, 0.0, 0.0, 0.0)
-        key = f"frames of {SENSORS} sensors: "
-        measured, unseen = self._ablation.kit[key + case][group], False
+        measured, unseen = self._ablation.kit[_frames_key(case)][group], False
         found = np.array(measured[name])
         if case != WHOLE:
-            other = self._ablation.kit[key + WHOLE][group]
+            other = self._ablation.kit[_frames_key(WHOLE)][group]
             found, unseen = found - np.array(other[name]), all(measured[one] == other[one] for one in MOMENTS[:2])
         error = standard_error(found)
         if unseen or error == 0:
@@ -290,3 +275,7 @@ class SensorResults:
         sigma = math.sqrt(sum(whole[one] for one in MOMENTS[1:]))
         step = 1.0 if row == 0 else 1.0 + 2.0 * sigma  # what a pixel that reads one code more adds
         return RARE * step / (sensors * math.sqrt(self.theory["sizes"][group]))
+
+
+def _frames_key(case: str) -> str:
+    return f"frames of {SENSORS} sensors: {case}"
