@@ -20,6 +20,7 @@ from mitsuba_sensor.render import aovs, parsed_scene, scene
 from mitsuba_sensor.render.aovs import render_aovs
 from mitsuba_sensor.render.scene import Scene
 from mitsuba_sensor.sensor import camera as camera_module
+from mitsuba_sensor.sensor import chain as chain_module
 
 CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.05)
 RENDER = {"spp": 16, "wavelength_nm": 550.0, "variant": "scalar_spectral"}
@@ -151,6 +152,7 @@ def test_a_scene_is_parsed_once_a_chain_built_once_and_run_once_per_frame(
     parsed = counted(monkeypatch, parsed_scene, "parse_scene")
     counted_elsewhere = [counted(monkeypatch, module, "parse_scene") for module in (scene, aovs)]
     built = counted(monkeypatch, camera_module, "chain")
+    built_elsewhere = counted(monkeypatch, chain_module, "chain")
     pixels: Counter[str] = Counter()
     for kind in {type(stage) for stage in camera.stages}:
         original = kind.sample
@@ -172,6 +174,6 @@ def test_a_scene_is_parsed_once_a_chain_built_once_and_run_once_per_frame(
     else:
         ms.capture(scene_file, CAMERA.replace(**{"adc.bits": 14}), EXPOSURE, **options)
     assert len(parsed) == 1 and not any(counted_elsewhere)
-    assert len(built) == 1
+    assert len(built) == 1 and not built_elsewhere
     expected = frames * 12 * 16
     assert pixels == {type(stage).__name__: expected for stage in camera.stages}

@@ -65,7 +65,7 @@ class Fitted:
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """The table, and what of it stands only in the page."""
-        unmarked: tuple[page.Mark, ...] = ("",) * len(self.table.rows)
+        unmarked: tuple[page.Mark, ...] = tuple("" for _ in self.table.rows)
         rows = list(zip(self.table.marks or unmarked, self.table.rows, strict=True))
         shown = rows if len(rows) <= LONGEST else [row for row in rows if row[0] in ("bad", "best")][:LONGEST]
         cells = [[f"{v:.3g}" if isinstance(v, float) else text(v) for v in row] for _, row in shown]

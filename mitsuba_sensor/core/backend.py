@@ -40,6 +40,8 @@ class Backend:
     precision: Literal["float32", "float64"] = "float64"
     compiled: bool = False
     """Whether the stages are traced once and run as a kernel, not computed step by step."""
+    bytes_of_numpy: bool = True
+    """Whether the digital numbers are those of NumPy in the same precision, byte for byte."""
     strip_pixels: int = 2**17
     """Pixels that are computed at a time. Fewer, and threads wait for each other at every operation; more, and the
     temporary arrays leave the cache."""

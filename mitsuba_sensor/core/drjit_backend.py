@@ -30,6 +30,7 @@ class DrJitBackend(NumpyFloat32):
 
     def __init__(self, backend: str = "llvm", differentiable: bool = False) -> None:
         self.dr: DrJitModule = drjit()
+        self.bytes_of_numpy = backend == "llvm"  # of CUDA it is not measured yet
         module = importlib.import_module(f"drjit.{backend}.ad" if differentiable else f"drjit.{backend}")
         self.float, self.uint = module.Float32, module.UInt32
 

@@ -12,9 +12,10 @@ them in ``help()``; ``complete(RenderOptions, options)`` checks them and fills i
 
 from __future__ import annotations
 
+import functools
 import inspect
 import types
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from math import inf
 from pathlib import PurePath
@@ -103,12 +104,19 @@ class Declared:
         return f" (e.g. {self.option.example})" if self.option.example else ""
 
 
-def declared(kind: type) -> Iterator[Declared]:
+def declared(kind: type) -> tuple[Declared, ...]:
     """The options of a TypedDict in their order, those of its bases first."""
+    return _declared(kind)
+
+
+@functools.cache
+def _declared(kind: Any) -> tuple[Declared, ...]:
+    found = []
     for name, annotation in kind.__annotations__.items():
         if not isinstance(getattr(annotation, "__metadata__", (None,))[0], Option):
             raise TypeError(f"{kind.__name__}.{name} must be declared as Annotated[type, Option(...)]")
-        yield Declared(name, annotation.__origin__, annotation.__metadata__[0])
+        found.append(Declared(name, annotation.__origin__, annotation.__metadata__[0]))
+    return tuple(found)
 
 
 def complete(kind: type[Options], given: Mapping[str, object]) -> Options:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..core.units import BOLTZMANN_J_PER_K, photon_energy_j
 from ..sensor.camera import Camera
-from ..sensor.chain import black_level_dn
+from ..sensor.stage import converter_of
 
 COLOURS = ("red", "green", "blue")
 DAYLIGHT_K = 6504.0  # correlated colour temperature of CIE D65, the white of sRGB
@@ -23,7 +23,7 @@ def preview(digital: NDArray[np.generic], camera: Camera, gain: float = 1.0) -> 
     White is the largest code, or 1/``gain`` of it for a picture that is pushed; colours are balanced so that a grey
     surface in daylight looks grey.
     """
-    black_dn, white_dn = black_level_dn(camera), 2.0**camera.adc.bits - 1.0
+    black_dn, white_dn = converter_of(camera.stages).black_level_dn, 2.0**camera.adc.bits - 1.0
     linear = np.clip(gain * (np.asarray(digital, dtype=np.float64) - black_dn) / (white_dn - black_dn), 0.0, 1.0)
     order = colour_order(camera.filter_names)
     if order is not None:

@@ -146,6 +146,8 @@ class PreparedExposure:
 
     def frames_with_report(self) -> Frames:
         """The same, with the report of the first frame made along with it: each frame is computed once."""
+        if not self.first.window.backend.bytes_of_numpy:
+            return self.frames()
         light, reported = self._light, frame_report(self._light, self.camera, self._on_numpy, self.stages)
         rest = replace(self, first=replace(self.first, index=self.first.index + 1, _blocks={}), count=self.count - 1)
         others = rest.frames() if rest.count else None
