@@ -246,11 +246,14 @@ def frame_metadata(
 ) -> dict[str, Any]:
     """The whole of frame.json: what a frame was made of, and what theory says of it, stage by stage.
 
-    origin : where the light comes from.  times_s : seconds by step, may grow later.
+    origin : where the light comes from.  times_s : seconds by step, to which this one is added.
     """
+    started = time.perf_counter()
     statistics, camera, first = light.statistics.to_dict(), frames.camera, frames.first
     found = plan(camera, first.exposure, frames.light).to_dict() if options["chain"] == "physical" else {}
     counts = {name: statistics[name] for name in ("negative", "non_finite")}
+    noise, report = render_noise(light, frames), frames.report
+    times_s["report"] = round(time.perf_counter() - started, 4)
     return {
         "origin": {**origin, "scene_sha256": statistics["scene_sha256"]},
         "camera": camera.to_dict(),
@@ -262,10 +265,10 @@ def frame_metadata(
         "given_maps": sorted(options["maps"] or ()),
         "image": dict(zip(("frames", "rows", "columns"), frames.digital.shape, strict=True)),
         "bands": {"wavelengths_nm": light.wavelengths_nm, "bandwidths_nm": light.bandwidths_nm},
-        **frames.report,
-        "counts": {**frames.report["counts"], **counts},
+        **report,
+        "counts": {**report["counts"], **counts},
         "render": statistics,
-        "render_noise": render_noise(light, frames),
+        "render_noise": noise,
         "versions": versions(),
         "effects": found.get("stages", []),
         "float32": found.get("float32"),
