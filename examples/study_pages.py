@@ -37,23 +37,23 @@ def main() -> None:
     given = parser.parse_args()
     given.folder.mkdir(parents=True, exist_ok=True)
     lines = ["# Studies", "", "Made by `python examples/study_pages.py`.", ""]
-    for name, words in EVERY if given.all else QUICK:
-        lines += studied(name, words, given.folder)
+    for name, arguments in EVERY if given.all else QUICK:
+        lines += studied(name, arguments, given.folder)
     (given.folder / "README.md").write_text("\n".join(lines), encoding="utf-8")
     print(given.folder / "README.md")
 
 
-def studied(name: str, words: tuple[str, ...], folder: Path) -> list[str]:
+def studied(name: str, arguments: tuple[str, ...], folder: Path) -> list[str]:
     """One study in Markdown; its picture is copied into the folder."""
-    command = shlex.join(("mitsuba-sensor", "study", *words))
+    command = shlex.join(("mitsuba-sensor", "study", *arguments))
     print(command, flush=True)
     work = (folder / "work" / name).resolve()
-    program = [sys.executable, "-m", "mitsuba_sensor", "study", *words, "-o", str(work), "--json"]
+    program = [sys.executable, "-m", "mitsuba_sensor", "study", *arguments, "-o", str(work), "--json"]
     done = subprocess.run(program, cwd=ROOT, stdout=subprocess.PIPE, text=True)
     if done.returncode not in (0, 1):  # 1: something that must hold does not, which the page says
         raise SystemExit(f"{command} ended with {done.returncode}")
     found = json.loads(done.stdout)
-    shutil.copy(work / f"{words[0]}.png", folder / f"{name}.png")
+    shutil.copy(work / f"{arguments[0]}.png", folder / f"{name}.png")
     verdict, made = "all holds" if found["passed"] else "**not all holds**", found["machine"]
     return [
         f"## {found['title']}: {verdict}",
