@@ -9,14 +9,13 @@ Where the paper's formula and the released code differ, this is the code; where 
 ``docs/konnik2014.md``. The three formulas of the paper that give no image are refused with the reason.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields
-from typing import Any, Self
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, Self
 
-from ...core.errors import InputError, nearest, require
+from ...core.errors import InputError, require
+from ...core.options import Option, declared, refuse_unknown
 from ..camera import Camera
 from ..effects.reset_noise import RESET_RESIDUAL
 from ..gains import sense_gain_v_per_e
@@ -34,7 +33,7 @@ from .electrons import (
     PublishedReadNoise,
     PublishedWell,
 )
-from .fpn_distributions import FPN_DISTRIBUTIONS, FpnDistribution, PublishedNormal
+from .fpn_distributions import FpnName, PublishedFpnDistribution
 from .volts import (
     PublishedAdc,
     PublishedColumnFpn,
@@ -61,32 +60,6 @@ PAPER_ONLY = {
 }
 """(setting, value) → why that formula of the paper is refused, and what to use instead."""
 
-CHOICES = {
-    "technology": ("cmos", "ccd"),
-    "dark_fpn": tuple(FPN_DISTRIBUTIONS),
-    "column_fpn": tuple(FPN_DISTRIBUTIONS),
-    "reset": ("lognormal_minus_one",),
-    "adc_reference": ("reset_level",),
-}
-
-RANGES = {
-    "quantum_efficiency": (0.0, 1.0, "electrons per photon, e.g. 0.6"),
-    "prnu": (0.0, 1.0, "a fraction, e.g. 0.005"),
-    "pixel_area_cm2": (1e-12, 1.0, "e.g. 3.249e-7 for 5.7 µm squared"),
-    "dark_fom_na_per_cm2": (0.0, 1e9, "e.g. 1.0"),
-    "dark_fpn_factor": (0.0, 1e3, "D_N, e.g. 0.01"),
-    "source_follower_e": (0.0, 1e6, "electrons rms, e.g. 6.09"),
-    "full_well_e": (1.0, 1e9, "electrons, e.g. 33000"),
-    "sense_gain_uv_per_e": (1e-3, 1e3, "microvolts per electron, e.g. 5"),
-    "reference_v": (1e-3, 1e3, "volts, e.g. 3.1"),
-    "reset_factor": (0.0, 1.0, "1 for all of the kTC noise, 0 for none"),
-    "ve_alpha": (0.0, 1.0, "0 is linear, e.g. 0.05"),
-    "vv_gamma": (0.5, 2.0, "1 is linear, e.g. 1.05"),
-    "column_fpn_factor": (0.0, 1.0, "a fraction of the full-well swing, e.g. 0.001"),
-    "adc_bits": (1, 24, "bits, e.g. 12"),
-    "adc_gamma": (0.5, 2.0, "1 is linear, e.g. 1.04"),
-}
-
 PARAMETER_RANGES = {
     "gaussian": (-math.inf, math.inf, "not used"),
     "lognormal": (0.0, 5.0, "sigma of the logarithm, e.g. 0.4"),
@@ -104,42 +77,37 @@ class Konnik2014Settings:
     Raises InputError for a value out of its range, and for the formulas of the paper in ``PAPER_ONLY``.
     """
 
-    technology: str = "cmos"  # a CCD has no reset noise and no column FPN
-    quantum_efficiency: float = 0.6  # Table 1
-    photon_shot: bool = True
-    prnu: float = 0.005  # Table 1
-    pixel_area_cm2: float = 3.249e-7  # Table 1: 5.7 µm squared; the fill factor is in the photons
-    dark_fom_na_per_cm2: float = 1.0  # Table 1
-    dark_shot: bool = True
-    dark_fpn: str = "gaussian"  # released parameters, simple
-    dark_fpn_factor: float = 0.01  # Table 1, D_N
-    dark_fpn_parameter: float = 0.0
-    source_follower_e: float = 0.0  # released parameters, simple; advanced: PublishedFollowerSpectrum().sigma_e(5.0)
-    full_well_e: float = 33000.0  # Table 1
-    sense_gain_uv_per_e: float = 5.0  # Table 1
-    reference_v: float = 3.1  # released parameters
-    reset: str = "lognormal_minus_one"
-    reset_factor: float = 0.8  # released parameters
-    ve_alpha: float = 0.0
-    vv_gamma: float = 1.0
-    column_fpn: str = "gaussian"
-    column_fpn_factor: float = 0.001  # Table 1
-    column_fpn_parameter: float = 0.0
-    adc_bits: int = 12  # Table 1
-    adc_gamma: float = 1.0
-    adc_reference: str = "reset_level"
+    technology: Annotated[Literal["cmos", "ccd"], Option("A CCD has no reset noise and no column FPN.")] = "cmos"
+    quantum_efficiency: Annotated[float, Option("Electrons per photon.", low=0, high=1, example="0.6")] = 0.6  # Table 1
+    photon_shot: Annotated[bool, Option("Photon shot noise.")] = True
+    prnu: Annotated[float, Option("PRNU, a fraction.", low=0, high=1, example="0.005")] = 0.005  # Table 1
+    pixel_area_cm2: Annotated[float, Option("Table 1.", low=1e-12, high=1, example="3.249e-7")] = 3.249e-7
+    dark_fom_na_per_cm2: Annotated[float, Option("D_FM.", low=0, high=1e9, example="1.0")] = 1.0  # Table 1
+    dark_shot: Annotated[bool, Option("Dark shot noise.")] = True
+    dark_fpn: Annotated[FpnName, Option("Distribution of the dark FPN.")] = "gaussian"  # released parameters, simple
+    dark_fpn_factor: Annotated[float, Option("D_N.", low=0, high=1e3, example="0.01")] = 0.01  # Table 1
+    dark_fpn_parameter: Annotated[float, Option("Of that distribution.")] = 0.0
+    source_follower_e: Annotated[float, Option("Read noise [e- rms].", low=0, high=1e6, example="6.09")] = 0.0
+    full_well_e: Annotated[float, Option("Full well.", low=1, high=1e9, example="33000")] = 33000.0  # Table 1
+    sense_gain_uv_per_e: Annotated[float, Option("A_SN.", low=1e-3, high=1e3, example="5")] = 5.0  # Table 1
+    reference_v: Annotated[float, Option("V_REF.", low=1e-3, high=1e3, example="3.1")] = 3.1  # released parameters
+    reset: Annotated[Literal["lognormal_minus_one"], Option("Reset noise.")] = "lognormal_minus_one"
+    reset_factor: Annotated[float, Option("1: all kTC noise, 0: none.", low=0, high=1, example="0.8")] = 0.8
+    ve_alpha: Annotated[float, Option("0 is linear.", low=0, high=1, example="0.05")] = 0.0
+    vv_gamma: Annotated[float, Option("1 is linear.", low=0.5, high=2, example="1.05")] = 1.0
+    column_fpn: Annotated[FpnName, Option("Distribution of the column FPN.")] = "gaussian"
+    column_fpn_factor: Annotated[float, Option("D, Table 1.", low=0, high=1, example="0.001")] = 0.001
+    column_fpn_parameter: Annotated[float, Option("Of that distribution.")] = 0.0
+    adc_bits: Annotated[int, Option("Bits.", low=1, high=24, example="12")] = 12  # Table 1
+    adc_gamma: Annotated[float, Option("1 is linear.", low=0.5, high=2, example="1.04")] = 1.0
+    adc_reference: Annotated[Literal["reset_level"], Option("What the signal is subtracted from.")] = "reset_level"
 
     def __post_init__(self) -> None:
         for (name, value), reason in PAPER_ONLY.items():
             if getattr(self, name) == value:
                 raise InputError(f"{name} = {value!r} cannot run: {reason}.")
-        for name, known in CHOICES.items():
-            if (chosen := getattr(self, name)) not in known:
-                raise InputError(f"{name} is {chosen!r}; it must be one of {', '.join(known)}.")
-        for name, (low, high, remedy) in RANGES.items():
-            require(name, getattr(self, name), low, high, remedy)
-        if self.adc_bits != int(self.adc_bits):
-            raise InputError(f"adc_bits is {self.adc_bits!r}; it must be a whole number (e.g. 12).")
+        for setting in declared(type(self)):
+            setting.checked(getattr(self, setting.name))
         for which in ("dark_fpn", "column_fpn"):
             require(f"{which}_parameter", getattr(self, f"{which}_parameter"), *PARAMETER_RANGES[getattr(self, which)])
 
@@ -150,10 +118,7 @@ class Konnik2014Settings:
         Black level, full scale and CDS gain of the camera are not used: the published chain has none. Raises InputError
         for what it cannot express (colour filters, a measured dark rate, a gain A_SF) and ``overrides`` does not set.
         """
-        known = {field.name for field in fields(cls)}
-        for name in overrides:
-            if name not in known:
-                raise InputError(f"{name} is no setting of the published chain.{nearest(name, known)}")
+        refuse_unknown(overrides, (setting.name for setting in declared(cls)))
         taken: dict[str, float | str] = {
             "technology": camera.sensor.technology,
             "prnu": camera.pixel.prnu,
@@ -182,48 +147,34 @@ class Konnik2014Settings:
 
 def chain_of(settings: Konnik2014Settings) -> Chain:
     """The published stages in their order, from photons to digital numbers."""
-    s = settings
-    stages: list[Stage] = [PublishedPhotons()]
-    if s.photon_shot:
-        stages.append(PublishedPhotonShot())
-    stages.append(PublishedQuantumEfficiency(s.quantum_efficiency))
-    if s.prnu:
-        stages.append(PublishedPrnu(s.prnu, PublishedNormal()))
-    if dark := _dark(s):
-        stages.append(PublishedDarkSignal(dark))
-    return (*stages, PublishedWell(s.full_well_e), *_volts(s))
-
-
-def _dark(s: Konnik2014Settings) -> Chain:
-    steps: list[Stage] = []
-    if s.dark_fom_na_per_cm2:
-        steps.append(PublishedDarkMean(s.dark_fom_na_per_cm2, s.pixel_area_cm2))
-        if s.dark_shot:
-            steps.append(PublishedDarkShot())
-        if s.dark_fpn_factor:
-            steps.append(PublishedDarkFpn(s.dark_fpn_factor, _distribution(s.dark_fpn, s.dark_fpn_parameter)))
-    if s.source_follower_e:
-        steps.append(PublishedReadNoise(s.source_follower_e))
-    return tuple(steps)
-
-
-def _volts(s: Konnik2014Settings) -> Chain:
-    gain, cmos = s.sense_gain_uv_per_e * 1e-6, s.technology == "cmos"
+    s, gain, cmos = settings, settings.sense_gain_uv_per_e * 1e-6, settings.technology == "cmos"
+    dark_fpn = PublishedFpnDistribution(s.dark_fpn, s.dark_fpn_parameter)
+    column_fpn = PublishedFpnDistribution(s.column_fpn, s.column_fpn_parameter)
     reset = PublishedResetNoise(gain, s.reset_factor if cmos else 0.0)
-    stages: list[Stage] = [PublishedSenseNode(s.reference_v, gain, reset)]
-    if s.ve_alpha:
-        stages = [PublishedExponentialNode(s.reference_v, s.ve_alpha, reset)]
-    if s.vv_gamma != 1:
-        stages.append(PublishedFollower(s.reference_v, s.full_well_v, s.vv_gamma))
-    if s.column_fpn_factor and cmos:
-        distribution = _distribution(s.column_fpn, s.column_fpn_parameter)
-        stages.append(PublishedColumnFpn(s.column_fpn_factor * s.full_well_v, distribution))
-    adc = PublishedAdc(s.adc_bits, s.adc_gain_dn_per_v, s.reference_v, s.full_well_v, s.adc_gamma)
-    return (*stages, adc)
+    dark = _used(
+        (s.dark_fom_na_per_cm2, PublishedDarkMean(s.dark_fom_na_per_cm2, s.pixel_area_cm2)),
+        (s.dark_fom_na_per_cm2 and s.dark_shot, PublishedDarkShot()),
+        (s.dark_fom_na_per_cm2 and s.dark_fpn_factor, PublishedDarkFpn(s.dark_fpn_factor, dark_fpn)),
+        (s.source_follower_e, PublishedReadNoise(s.source_follower_e)),
+    )
+    return _used(
+        (1, PublishedPhotons()),
+        (s.photon_shot, PublishedPhotonShot()),
+        (1, PublishedQuantumEfficiency(s.quantum_efficiency)),
+        (s.prnu, PublishedPrnu(s.prnu, PublishedFpnDistribution("gaussian"))),
+        (len(dark), PublishedDarkSignal(dark)),
+        (1, PublishedWell(s.full_well_e)),
+        (not s.ve_alpha, PublishedSenseNode(s.reference_v, gain, reset)),
+        (s.ve_alpha, PublishedExponentialNode(s.reference_v, s.ve_alpha, reset)),
+        (s.vv_gamma != 1, PublishedFollower(s.reference_v, s.full_well_v, s.vv_gamma)),
+        (cmos and s.column_fpn_factor, PublishedColumnFpn(s.column_fpn_factor * s.full_well_v, column_fpn)),
+        (1, PublishedAdc(s.adc_bits, s.adc_gain_dn_per_v, s.reference_v, s.full_well_v, s.adc_gamma)),
+    )
 
 
-def _distribution(name: str, parameter: float) -> FpnDistribution:
-    return PublishedNormal() if name == "gaussian" else FPN_DISTRIBUTIONS[name](parameter)
+def _used(*stages: tuple[float, Stage]) -> Chain:
+    """The stages whose first number is not 0."""
+    return tuple(stage for used, stage in stages if used)
 
 
 def _quantum_efficiency(camera: Camera) -> tuple[float]:

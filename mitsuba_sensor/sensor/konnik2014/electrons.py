@@ -9,17 +9,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from ...core.errors import InputError
 from ...core.frame import Frame
 from ...core.moments import Moments
-from ...core.signals import Electrons, Photons
+from ...core.signals import Photons
 from ...core.types import Array
 from ..dark_current_models import band_gap_ev
 from ..stage import Chain, Stage, propagate, sample
-from .fpn_distributions import FpnDistribution, fpn_map, times_fpn
+from .fpn_distributions import PublishedFpn
 
 BOLTZMANN_EV_PER_K = 8.617343e-5
 """CODATA 2006, as in that code; with the value of SI 2019 its dark signal would be 2.4e-5 lower."""
@@ -34,33 +35,39 @@ class PublishedPhotons(Stage):
 
     domain = "photons"
 
-    def sample(self, photons: Photons, frame: Frame) -> Photons:
+    def sample(self, photons: Photons, frame: Frame) -> Array:
         """Mean photons at one wavelength, (H, W) or (H, W, 1) → rounded mean photons (H, W)."""
         if photons.mean.ndim == 3 and photons.mean.shape[2] > 1:
             raise InputError(
                 f"photons has {photons.mean.shape[2]} bands and the published code has one wavelength; "
                 f"pass (H, W) photons, or use the physical chain."
             )
-        return Photons(np.floor(photons.total + 0.5))
+        return np.floor(photons.total + 0.5)
 
     def moments(self, m: Moments) -> Moments:
         """The rounded mean; nothing is random yet."""
-        return Moments(self.sample(m.mean, m.frame).mean, 0.0, 0.0, m.frame)
+        return Moments(self.sample(m.mean, m.frame), 0.0, 0.0, m.frame)
 
 
 @dataclass(frozen=True)
-class PublishedPhotonShot(Stage):
-    """Poisson(Λ) *photons* (paper eq. 13). After the QE the variance is QE times the mean; it should be the mean."""
+class PublishedShot(Stage):
+    """Poisson counts of a mean.  stream : of the random bits."""
 
-    domain = "photons"
+    stream: ClassVar[str]
 
-    def sample(self, photons: Photons, frame: Frame) -> Photons:
-        """Mean photons → photon counts (H, W)."""
-        return Photons(frame.poisson("photon_shot", photons.mean))
+    def sample(self, mean: Array, frame: Frame) -> Array:
+        """Mean → counts, (H, W)."""
+        return frame.poisson(self.stream, mean)
 
     def moments(self, m: Moments) -> Moments:
         """The temporal variance is the mean."""
         return m.add(temporal=m.mean)
+
+
+class PublishedPhotonShot(PublishedShot):
+    """Poisson(Λ) *photons* (paper eq. 13). After the QE the variance is QE times the mean; it should be the mean."""
+
+    domain, stream = "photons", "photon_shot"
 
 
 @dataclass(frozen=True)
@@ -70,31 +77,19 @@ class PublishedQuantumEfficiency(Stage):
     value: float
     domain = "electrons"
 
-    def sample(self, photons: Photons, frame: Frame) -> Electrons:
+    def sample(self, photons: Array, frame: Frame) -> Array:
         """Photons → photoelectrons (H, W)."""
-        return Electrons(light=photons.mean * self.value)
+        return photons * self.value
 
     def moments(self, m: Moments) -> Moments:
         """Scaled by QE."""
         return m.scale(self.value)
 
 
-@dataclass(frozen=True)
-class PublishedPrnu(Stage):
+class PublishedPrnu(PublishedFpn):
     """The *noisy* count times 1 + factor·z, not clipped at 0 (paper eq. 15).  factor : PRNU, dimensionless."""
 
-    factor: float
-    distribution: FpnDistribution
-    domain = "electrons"
-
-    def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
-        """Photoelectrons times the gain map of the camera."""
-        gain = 1 + self.factor * fpn_map(frame.window, "prnu", self.distribution)
-        return Electrons(electrons.light * gain, electrons.dark)
-
-    def moments(self, m: Moments) -> Moments:
-        """Product with an independent gain map."""
-        return times_fpn(m, self.factor, self.distribution)
+    domain, source = "electrons", "prnu"
 
 
 @dataclass(frozen=True)
@@ -126,39 +121,19 @@ class PublishedDarkMean(Stage):
         return frame.exposure.time_s * rate
 
 
-@dataclass(frozen=True)
-class PublishedDarkShot(Stage):
+class PublishedDarkShot(PublishedShot):
     """Poisson(t·D_R) dark electrons, counted *before* the dark FPN (paper eq. 17)."""
 
-    domain = "electrons"
-
-    def sample(self, dark: Array, frame: Frame) -> Array:
-        """Mean dark electrons → dark electron counts (H, W)."""
-        return frame.poisson("dark_shot", dark)
-
-    def moments(self, m: Moments) -> Moments:
-        """The temporal variance is the mean."""
-        return m.add(temporal=m.mean)
+    domain, stream = "electrons", "dark_shot"
 
 
-@dataclass(frozen=True)
-class PublishedDarkFpn(Stage):
+class PublishedDarkFpn(PublishedFpn):
     """The noisy dark count times 1 + factor·X, one X per pixel of a camera (paper eq. 18 with σ = D_N).
 
     factor : D_N, dimensionless.  distribution : of X; its mean may differ from 0 (log-normal (0, 0.4): 1.083).
     """
 
-    factor: float
-    distribution: FpnDistribution
-    domain = "electrons"
-
-    def sample(self, dark: Array, frame: Frame) -> Array:
-        """Dark electrons times the dark FPN map, (H, W)."""
-        return dark * (1 + self.factor * fpn_map(frame.window, "dark_fpn", self.distribution))
-
-    def moments(self, m: Moments) -> Moments:
-        """Product with an independent gain map."""
-        return times_fpn(m, self.factor, self.distribution)
+    domain, source = "electrons", "dark_fpn"
 
 
 @dataclass(frozen=True)
@@ -177,10 +152,6 @@ class PublishedReadNoise(Stage):
         return m.add(temporal=self.sigma_e**2)
 
 
-CLOCK_HZ = 20e6
-"""Table 1; camera files have no readout clock, because the closed forms of the physical chain need none."""
-
-
 @dataclass(frozen=True)
 class PublishedFollowerSpectrum:
     """σ of the source follower, summed as in the released code: every 10 kHz from 1 Hz to the clock (paper eq. 19–22).
@@ -197,7 +168,7 @@ class PublishedFollowerSpectrum:
     dominant_s: float = 0.5e-6
     rtn_step: float = 1e-8
     rtn_s: float = 0.05e-6
-    clock_hz: float = CLOCK_HZ
+    clock_hz: float = 20e6  # Table 1; camera files have none: the closed forms of the physical chain need none
     grid_hz: float = 1e4
 
     def sigma_e(self, sense_gain_uv_per_e: float) -> float:
@@ -217,9 +188,9 @@ class PublishedDarkSignal(Stage):
     steps: Chain
     domain = "electrons"
 
-    def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
-        """Photoelectrons → photoelectrons and dark electrons."""
-        return Electrons(electrons.light, sample(self.steps, 0.0, frame))
+    def sample(self, electrons: Array, frame: Frame) -> Array:
+        """Photoelectrons → photoelectrons and dark electrons together."""
+        return electrons + sample(self.steps, 0.0, frame)
 
     def moments(self, m: Moments) -> Moments:
         """Sum of two independent signals."""
@@ -237,9 +208,9 @@ class PublishedWell(Stage):
     full_well_e: float
     domain = "electrons"
 
-    def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
-        """Photoelectrons and dark electrons → their sum, a whole number."""
-        return Electrons(np.floor(np.clip(electrons.total, 0.0, self.full_well_e)))
+    def sample(self, electrons: Array, frame: Frame) -> Array:
+        """Photoelectrons and dark electrons → a whole number."""
+        return np.floor(np.clip(electrons, 0.0, self.full_well_e))
 
     def moments(self, m: Moments) -> Moments:
         """floor and clip commute; a signal that is continuous and wider than 1 e- loses ½ and gains 1/12."""

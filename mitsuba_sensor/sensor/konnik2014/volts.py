@@ -13,10 +13,9 @@ import numpy as np
 
 from ...core.frame import Frame
 from ...core.moments import Moments
-from ...core.signals import Electrons
 from ...core.types import Array
 from ..stage import Converter, Stage
-from .fpn_distributions import FpnDistribution, fpn_map, times_fpn
+from .fpn_distributions import PublishedFpn
 
 ELEMENTARY_CHARGE_C = 1.602176487e-19
 BOLTZMANN_J_PER_K = 1.3806504e-23
@@ -65,9 +64,9 @@ class PublishedSenseNode(Stage):
     reset: PublishedResetNoise
     domain = "volts"
 
-    def sample(self, electrons: Electrons, frame: Frame) -> Array:
+    def sample(self, electrons: Array, frame: Frame) -> Array:
         """Electrons → node voltage (H, W) [V]."""
-        return self.reference_v + self.reset(frame) - self.gain_v_per_e * electrons.total
+        return self.reference_v + self.reset(frame) - self.gain_v_per_e * electrons
 
     def moments(self, m: Moments) -> Moments:
         """Linear, plus mean and variance of the reset noise."""
@@ -87,9 +86,9 @@ class PublishedExponentialNode(Stage):
     reset: PublishedResetNoise
     domain = "volts"
 
-    def sample(self, electrons: Electrons, frame: Frame) -> Array:
+    def sample(self, electrons: Array, frame: Frame) -> Array:
         """Electrons → node voltage (H, W) [V]."""
-        return (self.reference_v + self.reset(frame)) * np.exp(-self.per_e * electrons.total)
+        return (self.reference_v + self.reset(frame)) * np.exp(-self.per_e * electrons)
 
     def moments(self, m: Moments) -> Moments:
         """Second order in per_e·σ_N, which is below 1e-3, times the independent reference."""
@@ -130,24 +129,13 @@ class PublishedFollower(Stage):
         return (self.gamma - 1) / (self.full_well_v * self.reference_v)
 
 
-@dataclass(frozen=True)
-class PublishedColumnFpn(Stage):
+class PublishedColumnFpn(PublishedFpn):
     """V·(1 + D·V_FW·x_j), x_j per column (paper eq. 28, 32 *add*): 512 µV where D·V_FW = 165 µV is meant.
 
     factor : D·V_FW, used as a number without unit.  distribution : of x.
     """
 
-    factor: float
-    distribution: FpnDistribution
-    domain = "volts"
-
-    def sample(self, volts: Array, frame: Frame) -> Array:
-        """Voltage times the column FPN map, (H, W) [V]."""
-        return volts * (1 + self.factor * fpn_map(frame.window, "dsnu_col", self.distribution))
-
-    def moments(self, m: Moments) -> Moments:
-        """Product with an independent gain map."""
-        return times_fpn(m, self.factor, self.distribution)
+    domain, source = "volts", "dsnu_col"
 
 
 @dataclass(frozen=True)
