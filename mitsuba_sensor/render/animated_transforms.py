@@ -19,7 +19,7 @@ from .rays import camera_to_world, matrix4
 from .scene import Scene
 from .variants import MitsubaObject, mitsuba
 
-AT_REST = RigidMotion()
+AT_REST = RigidMotion(velocity_m_per_s=(0.0, 0.0, 0.0))
 
 
 class AnimatedTransforms:

@@ -1,4 +1,4 @@
-"""One sentence from a failed check of a camera file: file, field, value, range, and the way out."""
+"""One sentence from a failed check of a camera or motion file: file, field, value, range, and the way out."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pydantic.fields import FieldInfo
 from ..core.errors import nearest
 
 PLAIN = {"model_type": "a table", "dict_type": "a table", "tuple_type": "a list", "string_type": "a text in quotes"}
-"""Pydantic's kinds of error → what a camera file calls the thing that was expected."""
+"""Pydantic's kinds of error → what such a file calls the thing that was expected."""
 
 
 @cache
@@ -31,30 +31,38 @@ def _kinds(annotation: Any) -> tuple[Any, ...]:
     return get_args(annotation) if get_origin(annotation) in (Union, types.UnionType) else (annotation,)
 
 
-def sentence(error: ValidationError, model: type[BaseModel], where: str) -> str:
-    """The first thing that is wrong, in one sentence."""
+def sentence(error: ValidationError, model: type[BaseModel], where: str, kind: str = "camera") -> str:
+    """The first thing that is wrong, in one sentence.  kind : of the file."""
     first = error.errors(include_url=False)[0]
-    known = fields_of(model)
     path = ".".join(str(part) for part in first["loc"])
-    field = _field(path, known)
-    kind, value = first["type"], first["input"]
-    if kind == "extra_forbidden":
-        return f"{where}: {path} is not a field of a camera file.{nearest(path, known)}"
-    if kind == "missing":
+    field, names = _field(first["loc"], model)
+    what, value = first["type"], first["input"]
+    if what == "extra_forbidden":
+        return f"{where}: {path} is not a field of a {kind} file.{nearest(path, [*fields_of(model), *names])}"
+    if what == "missing":
         return f"{where}: {path} is missing; {_way_out(path, field)}"
-    if kind == "value_error":
-        return f"{where}: {path or 'the camera'}: {first['ctx']['error']}."
-    rule = PLAIN.get(kind) or first["msg"].removeprefix("Input should be ").removeprefix("Input ")
-    if kind == "too_short":
-        rule = f"at least {first['ctx']['min_length']} long"
+    if what == "value_error":
+        return f"{where}: {path or f'the {kind}'}: {first['ctx']['error']}."
+    rule = PLAIN.get(what) or first["msg"].removeprefix("Input should be ").removeprefix("Input ")
+    if what in ("too_short", "too_long"):
+        least, most = (first["ctx"].get(f"{end}_length") for end in ("min", "max"))
+        rule = f"at most {most} long" if least is None else f"at least {least} long"
     return f"{where}: {path} is {_short(value)}; it must be {rule} ({_way_out(path, field)[:-1]})."
 
 
-def _field(path: str, known: dict[str, FieldInfo]) -> FieldInfo | None:
-    """The named field, or the one that an index inside its value belongs to."""
-    while path and path not in known:
-        path = path.rpartition(".")[0]
-    return known.get(path)
+def _field(loc: tuple[str | int, ...], model: type[BaseModel]) -> tuple[FieldInfo | None, list[str]]:
+    """The last declared field on the way to a value, and the dotted names of the fields beside the value."""
+    field, table, is_key = None, model, False  # is_key : an index of a list, or a name that the file chooses
+    for part in loc:
+        if not is_key:
+            if part not in table.model_fields:
+                break
+            field = table.model_fields[str(part)]
+            kinds = _kinds(field.annotation)
+            inside = [kind for outer in kinds for kind in (outer, *get_args(outer)) if isinstance(kind, type)]
+            table = next((kind for kind in inside if issubclass(kind, BaseModel)), table)
+        is_key = not is_key and any(get_origin(kind) in (tuple, dict) for kind in kinds)
+    return field, [".".join(map(str, (*loc[:-1], name))) for name in table.model_fields]
 
 
 def _way_out(path: str, field: FieldInfo | None) -> str:
