@@ -23,10 +23,10 @@ from .io.preview import preview
 from .render.aovs import Aovs
 from .render.irradiance import Irradiance
 from .render.options import FrameSeriesOptions, RenderOptions
-from .render.parsed_scene import ParsedScene
 from .render.per_frame import FrameSeries
 from .render.photons import collect
 from .render.prepared import PreparedRender, prepare
+from .render.scene_settings import ParsedScene
 from .render.statistics import summary_of
 from .render.stop_criterion import Progress
 from .sensor.camera import Camera

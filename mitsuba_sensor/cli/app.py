@@ -22,8 +22,7 @@ from . import options
 from .options import Flag, Flags
 
 if TYPE_CHECKING:
-    from ..render.parsed_scene import ParsedScene
-    from ..render.scene_settings import SceneSettings
+    from ..render.scene_settings import ParsedScene, SceneSettings
 
 out = Console()
 err = Console(stderr=True)
@@ -70,7 +69,7 @@ class RenderInput:
 
 def render_input(scene: Path, flags: Flags) -> tuple[RenderInput, dict[str, Flag]]:
     """The scene with the camera and exposure that are asked for, or that it names itself; and all other flags."""
-    from ..render.parsed_scene import parse
+    from ..render.scene_settings import parse
 
     parsed = parse(scene, flags.get("parameters"), flags.get("variant"))
     camera, exposure = scene_camera(flags, parsed.settings), scene_exposure(flags, parsed.settings)

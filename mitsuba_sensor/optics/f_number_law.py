@@ -14,18 +14,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core.errors import InputError
 from ..core.types import Float64Array
+from ..sensor.camera import Camera
 from .distortion import distortion_of
-from .view import View, image_distance_m, magnification
-
-if TYPE_CHECKING:
-    from ..sensor.camera import Camera
+from .intrinsics import View, image_distance_m, magnification
 
 GAUSS_2 = (0.5 - 0.5 / math.sqrt(3), 0.5 + 0.5 / math.sqrt(3))  # nodes of the 2-point Gauss rule on a pixel
 

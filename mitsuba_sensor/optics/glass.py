@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from ..core.arrays import sqrt
 from ..core.types import Array
-
-if TYPE_CHECKING:
-    from ..sensor.lens_datasheet import SurfaceSection
+from ..sensor.lens_datasheet import SurfaceSection
 
 D_NM, F_NM, C_NM = 587.5618, 486.1327, 656.2725  # Fraunhofer lines (ISO 7944): He d, H F, H C
 

@@ -1,18 +1,87 @@
-"""The camera's intrinsics: K matrix, distortion coefficients, focal length and field of view of a rendered image."""
+"""View of a scene's sensor, the thin lens that has it on a camera's pixels, and the intrinsics of the image.
+
+The scene's sensor determines the field of view, and with its aperture the blur; the camera's lens the irradiance.
+Intrinsics: K matrix, distortion coefficients or image heights, focal length and field of view.
+"""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
-from .chief_ray import chief_ray_heights
-from .paraxial import cardinal_points
-from .view import View, focal_length_m
+import numpy as np
 
-if TYPE_CHECKING:
-    from ..sensor.camera import Camera
+from ..core.types import Float64Array
+from ..sensor.camera import Camera
+from ..sensor.lens_datasheet import LensSection
+from .exit_pupil import ray_to
+from .paraxial import cardinal_points, surfaces_at_f_number
+from .ray_trace import surfaces_to_stop, trace
 
 CONVENTION = "OpenCV: x right, y down, z forward; the middle of the upper left pixel is (0, 0)"
+POINTS = 17  # of the table of chief rays, without the axis
+SECANTS = 12  # steps to the middle of the stop; superlinear, six are enough
+
+
+@dataclass(frozen=True)
+class View:
+    """What a scene's sensor images.
+
+    size : (columns, rows) of the full film; crop_size, crop_offset : the part that is rendered, (columns, rows).
+    half_width : tan of half the horizontal field of view, 0 for an orthographic (telecentric) sensor.
+    principal_point : offset of the optical axis as a fraction of the film (Mitsuba's convention).
+    focus_m, aperture_radius_m : of a thin lens [m]; infinity and 0 for a pinhole.
+    sequential : whether rays are traced through a lens prescription; they then carry E/L.
+    """
+
+    size: tuple[int, int]
+    crop_size: tuple[int, int]
+    crop_offset: tuple[int, int] = (0, 0)
+    half_width: float = 0.0
+    principal_point: tuple[float, float] = (0.0, 0.0)
+    focus_m: float = math.inf
+    aperture_radius_m: float = 0.0
+    sequential: bool = False
+
+    @property
+    def axis(self) -> tuple[float, float]:
+        """Where the optical axis meets the full film, (column, row) from its upper left corner [pixels]."""
+        (width, height), (x, y) = self.size, self.principal_point
+        return width / 2 - x * width, height / 2 - y * height
+
+    @property
+    def tangent_per_pixel(self) -> float:
+        """Tangent of the field angle per pixel; pixels are square in Mitsuba."""
+        return 2 * self.half_width / self.size[0]
+
+
+def magnification(view: View, camera: Camera) -> float:
+    """|m| = image distance / focus distance; 0 for a pinhole or telecentric sensor, which focus everywhere."""
+    return 0.0 if math.isinf(view.focus_m) else image_distance_m(view, camera) / view.focus_m
+
+
+def image_distance_m(view: View, camera: Camera) -> float:
+    """Distance from lens to sensor that gives this field of view on this camera's pixels [m]; inf if telecentric."""
+    if view.half_width == 0:
+        return math.inf
+    return 0.5 * view.size[0] * camera.pixel.pitch_x_um * 1e-6 / view.half_width
+
+
+def focal_length_m(view: View, camera: Camera) -> float:
+    """Of the thin lens that has this field of view, at this focus distance, on this camera's pixels [m]."""
+    return 1 / (1 / image_distance_m(view, camera) + 1 / view.focus_m)
+
+
+def aperture_f_number(view: View, camera: Camera) -> float | None:
+    """The f-number that the scene's own thin-lens aperture means on this sensor, or None where it has none.
+
+    A sequential lens is stopped down to the camera's f-number.
+    """
+    if view.sequential:
+        return camera.lens.f_number
+    if view.aperture_radius_m <= 0 or view.half_width == 0:
+        return None
+    return focal_length_m(view, camera) / (2 * view.aperture_radius_m)
 
 
 def intrinsics(view: View, camera: Camera) -> dict[str, object]:
@@ -61,3 +130,27 @@ def _image_heights_mm(view: View, camera: Camera) -> dict[str, list[float]] | No
         return None
     pairs = zip(lens.distortion_heights_mm, lens.distortion_percent, strict=True)
     return {"ideal": list(lens.distortion_heights_mm), "real": [h * (1 + p / 100) for h, p in pairs]}
+
+
+def chief_ray_heights(lens: LensSection, focus_m: float, highest_mm: float) -> tuple[Float64Array, Float64Array]:
+    """(ideal, real) image heights of points in the plane that is in focus, up to ``highest_mm`` [mm].
+
+    Ideal is the principal distance times the tangent of the field angle at the middle of the paraxial entrance pupil.
+    Heights whose chief ray is vignetted or misses a surface are left out.
+    """
+    points = cardinal_points(lens)
+    surfaces, distance = surfaces_at_f_number(lens), points.image_distance(focus_m)
+    rear_group = surfaces_to_stop(surfaces)
+    heights = highest_mm * np.arange(1, POINTS + 1) / POINTS
+    with np.errstate(all="ignore"):  # rays that miss a surface give NaN
+        before = heights * points.exit_pupil / (points.exit_pupil - distance)  # through the paraxial exit pupil
+        at, miss_before = before + 1e-3, trace(rear_group, ray_to(distance, heights, before, 0 * heights)).x
+        for _ in range(SECANTS):
+            miss = trace(rear_group, ray_to(distance, heights, at, 0 * heights)).x
+            step = np.where(miss == miss_before, 0.0, miss * (at - before) / (miss - miss_before))
+            before, miss_before, at = at, miss, at - step
+        end = trace(surfaces, ray_to(distance, heights, at, 0 * heights))
+        slope, depth = end.dx / end.dz, end.z - (points.length - points.entrance_pupil)
+        tangent = slope if math.isinf(focus_m) else (end.x + (focus_m * 1e3 - depth) * slope) / (focus_m * 1e3)
+    unvignetted = np.asarray(end.unvignetted)
+    return -points.principal_distance(focus_m) * tangent[unvignetted], heights[unvignetted]

@@ -10,17 +10,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..core.errors import InputError
 from ..core.types import Float64Array
+from ..sensor.lens_datasheet import LensSection, SurfaceSection
 from .glass import D_NM, glass_behind
 from .ray_trace import Ray, Surface, lens_surfaces, stopped_down, surfaces_to_stop, trace
-
-if TYPE_CHECKING:
-    from ..sensor.lens_datasheet import LensSection, SurfaceSection
 
 AXIAL_RAYS = 2048  # by which the largest aperture is found for the error message
 

@@ -8,14 +8,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from ..core.arrays import maximum, sqrt
 from ..core.types import Array
+from ..sensor.lens_datasheet import PrescriptionSection
 from .glass import AIR, D_NM, Glass, glass_behind
-
-if TYPE_CHECKING:
-    from ..sensor.lens_datasheet import PrescriptionSection
 
 NEWTON_STEPS = 6  # from the conic to the asphere: converges quadratically, float64 needs four or five
 Vector = tuple[Array, Array, Array]

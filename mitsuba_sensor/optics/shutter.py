@@ -13,16 +13,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core.exposure import Exposure
 from ..core.types import Float64Array
-
-if TYPE_CHECKING:
-    from ..core.exposure import Exposure
-    from ..sensor.camera import Camera
+from ..sensor.camera import Camera
 
 STEP_PX = 0.5  # largest motion of the image from one sub-frame to the next: half of what a pixel averages anyway
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Unpack
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,9 +21,9 @@ from ..core.exposure import Exposure
 from ..core.options import complete, documents
 from ..core.types import Float64Array
 from ..optics.shutter import Shutter, shutter_of
-from .animated_transforms import AnimatedTransforms
+from ..sensor.camera import Camera
+from .animated_transforms import AnimatedTransforms, first_hits, reproject
 from .bands import LONGEST_NM, SHORTEST_NM, choose_bands
-from .image_motion import first_hits, reproject
 from .motion import Motion, read_motion
 from .options import SceneOptions
 from .passes import row_strips
@@ -32,9 +32,6 @@ from .scene import Scene, load_scene
 from .scene_file import parse_scene
 from .scene_settings import settings_of, unit_m
 from .variants import choose_variant, use
-
-if TYPE_CHECKING:
-    from ..sensor.camera import Camera
 
 RowProgress = Callable[[int, int], None]
 SAMPLES_PER_RAY = 4  # samples of a render that take the memory of one ray of this pass

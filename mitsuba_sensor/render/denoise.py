@@ -11,7 +11,6 @@ import importlib
 from dataclasses import replace
 from importlib import metadata
 from types import ModuleType
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,10 +18,8 @@ from numpy.typing import NDArray
 from ..core.errors import InputError
 from ..core.types import Float64Array
 from .aovs import denoising_guides
+from .irradiance import Irradiance
 from .scene import Scene
-
-if TYPE_CHECKING:
-    from .irradiance import Irradiance
 
 Image = NDArray[np.float32]
 BLOCK = 8  # pixels along a block's side: noise of 64 pixels averages to 1/8, edges stay

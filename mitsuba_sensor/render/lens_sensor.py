@@ -1,27 +1,29 @@
 """A Mitsuba sensor that images through the camera's lens: it wraps the scene's own sensor.
 
 The scene's sensor keeps film, sampler, pose and parameters; a change through ``mi.traverse`` of either of the two
-sensors changes both.
+sensors changes both. A measured distortion displaces the rays of the scene's own pinhole or thin lens (distorted
+projection); a prescription traces its own (:mod:`.sequential_lens`).
 """
 
 from __future__ import annotations
 
 import math
 from functools import cache
-from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ..core.errors import InputError
 from ..core.llvm import drjit
-from ..core.types import Array
-from ..optics.distortion import distortion_of
-from ..optics.view import image_distance_m
-from .distorted_projection import DistortedProjection
+from ..core.types import Array, Float64Array
+from ..optics.distortion import Distortion, distortion_of
+from ..optics.intrinsics import View, image_distance_m
+from ..sensor.camera import Camera
 from .sequential_lens import SequentialLens
 from .variants import MitsubaObject, mitsuba
 
-if TYPE_CHECKING:
-    from ..optics.view import View
-    from ..sensor.camera import Camera
+TOLERANCE_PX = 0.005  # of the interpolated displacement of a distorted projection
+COARSEST, FINEST = 32, 1024  # cells of its table along a side
 
 
 def with_lens(
@@ -123,3 +125,54 @@ def _lens_sensor_class(variant: str) -> MitsubaObject:
             super().parameters_changed(list(keys))
 
     return LensSensor
+
+
+class DistortedProjection:
+    """For each real position on the film, the ray of its ideal position, from a table over the whole film."""
+
+    def __init__(self, distortion: Distortion, view: View) -> None:
+        mi = mitsuba()
+        self._size = view.size
+        self._cells, table = _displacement_table(distortion, view)
+        self._displacement = mi.Texture2f(mi.TensorXf(table), use_accel=False)
+
+    def sample(
+        self, sensor: MitsubaObject, samples: tuple[Array, Array, Array, Array], active: Array
+    ) -> tuple[MitsubaObject, Array]:
+        """The scene's own ray, and its weight, for the position without distortion.
+
+        samples : time, wavelength sample, position on the film [pixels], and aperture sample.
+        """
+        time, wavelength, position, aperture = samples
+        scale = self._cells / (self._cells + 1)
+        at = [p / n * scale + (0.5 / (self._cells + 1)) for p, n in zip(position, self._size, strict=True)]
+        dx, dy = self._displacement.eval(type(position)(*at), active)
+        ideal = type(position)(position.x + dx, position.y + dy)
+        ray, weight = sensor.inner.sample_ray(time, wavelength, sensor.to_crop(ideal), aperture, active)
+        return ray, weight
+
+
+def _displacement_table(distortion: Distortion, view: View) -> tuple[int, NDArray[np.float32]]:
+    """Cells along a side, and ideal minus real position, (cells + 1, cells + 1, 2) [pixels].
+
+    The table is as fine as needed for bilinear interpolation to be within TOLERANCE_PX at the centre of every cell.
+    """
+    cells = COARSEST
+    table = _displacement(distortion, view, 2 * cells)
+    while cells < FINEST:
+        corners = table[::2, ::2]
+        middle = (corners[1:, 1:] + corners[1:, :-1] + corners[:-1, 1:] + corners[:-1, :-1]) / 4
+        if np.abs(middle - table[1::2, 1::2]).max() <= TOLERANCE_PX:
+            break
+        cells *= 2
+        table = _displacement(distortion, view, 2 * cells)
+    return cells, table[::2, ::2].astype(np.float32)
+
+
+def _displacement(distortion: Distortion, view: View, cells: int) -> Float64Array:
+    """Ideal minus real position on a grid over the whole film, (cells + 1, cells + 1, 2) [pixels]."""
+    (width, height), (axis_x, axis_y), scale = view.size, view.axis, view.tangent_per_pixel
+    at = np.linspace(0.0, 1.0, cells + 1)
+    x, y = np.meshgrid(width * at - axis_x, height * at - axis_y)
+    u, v, _ = distortion.ideal(scale * x, scale * y)
+    return np.stack([u / scale - x, v / scale - y], axis=-1)

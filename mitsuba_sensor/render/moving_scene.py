@@ -10,24 +10,20 @@ from __future__ import annotations
 
 import math
 import sys
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import InputError, require
+from ..core.exposure import Exposure
 from ..core.types import Float64Array
+from ..optics.intrinsics import View
 from ..optics.shutter import shutter_of, subframes
-from ..optics.view import View
-from .animated_transforms import AnimatedTransforms
-from .image_motion import max_image_speed
+from ..sensor.camera import Camera
+from .animated_transforms import AnimatedTransforms, max_image_speed
 from .motion import Motion
 from .passes import MOST_SPP, hashed_seed
 from .scene import Scene
-
-if TYPE_CHECKING:
-    from ..core.exposure import Exposure
-    from ..sensor.camera import Camera
 
 MOST_BLOCKS = 8  # of rows, each with a kernel of its own; fewer blocks render more rows that are closed
 

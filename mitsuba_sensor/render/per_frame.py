@@ -22,11 +22,11 @@ from ..sensor.expose import Frames, PreparedExposure
 from ..sensor.options import ExposeOptions
 from .irradiance import Irradiance
 from .options import FrameSeriesOptions, RenderOptions
-from .parsed_scene import ParsedScene
 from .passes import FEWEST, hashed_seed, whole_grid
 from .photons import collect
 from .prepared import PreparedRender, check_options, prepare
 from .renderer import Criterion, Map
+from .scene_settings import ParsedScene
 from .statistics import median_bias
 from .stop_criterion import Progress, RenderProgress, StopCriterion, stop_criterion_of
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, TypeGuard
+from typing import TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,12 +15,9 @@ from ..core.exposure import Exposure
 from ..core.signals import Photons
 from ..core.types import Float64Array
 from ..core.units import photon_energy_j
-from .bands import response_fingerprint
-
-if TYPE_CHECKING:
-    from ..sensor.camera import Camera
-    from .bands import Bands
-    from .irradiance import Irradiance
+from ..sensor.camera import Camera
+from .bands import Bands, response_fingerprint
+from .irradiance import Irradiance
 
 
 def photons_per_irradiance(

@@ -14,11 +14,10 @@ from __future__ import annotations
 
 import json
 import math
-from typing import TYPE_CHECKING
 
 from ..core.errors import InputError
-from .bands import choose_bands
-from .film import response_film
+from ..sensor.camera import Camera
+from .bands import choose_bands, response_film
 from .scene_settings import (
     FILM,
     PASSED_ON,
@@ -30,9 +29,6 @@ from .scene_settings import (
     settings_from,
 )
 from .variants import MitsubaObject, mitsuba
-
-if TYPE_CHECKING:
-    from ..sensor.camera import Camera
 
 BANDWIDTH_NM = 10.0  # the default of mitsuba_sensor.render
 

@@ -11,9 +11,8 @@ from ..core.checks import check_types, first_given
 from ..core.errors import InputError, require_seed
 from ..core.exposure import Exposure
 from ..core.options import complete, documents
-from ..optics.intrinsics import intrinsics
+from ..optics.intrinsics import aperture_f_number, intrinsics
 from ..optics.shutter import shutter_of
-from ..optics.view import aperture_f_number
 from ..sensor.expose import PreparedExposure, prepare_exposure
 from ..sensor.options import ExposeOptions
 from .aovs import Aovs, aovs_of
@@ -23,11 +22,10 @@ from .irradiance import Irradiance
 from .motion import Motion, read_motion
 from .moving_scene import MovingScene
 from .options import RenderOptions
-from .parsed_scene import ParsedScene, parse
 from .passes import SAMPLER
 from .renderer import Criterion, Renderer
 from .scene import Scene, load_scene
-from .scene_settings import SceneSettings, unit_m
+from .scene_settings import ParsedScene, SceneSettings, parse, unit_m
 from .statistics import RenderStatistics, summary_of, trusted, why_not_trusted
 from .stop_criterion import End, Progress, StopCriterion, stop_criterion_of
 

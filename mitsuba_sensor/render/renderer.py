@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,17 +16,15 @@ from numpy.typing import NDArray
 from ..core.exposure import Exposure
 from ..core.types import Float64Array
 from ..optics.f_number_law import solid_angle_sr
+from ..sensor.camera import Camera
 from ..sensor.input_noise import input_noise
 from .bands import Bands
+from .moving_scene import MovingScene
 from .passes import Welford, clean, hashed_seed, row_strips
 from .photons import electrons_per_irradiance
 from .scene import Scene
 from .statistics import firefly_fraction, median_bias
 from .stop_criterion import End, Progress, RenderProgress, StopCriterion
-
-if TYPE_CHECKING:
-    from ..sensor.camera import Camera
-    from .moving_scene import MovingScene
 
 Map = Float64Array
 Criterion = Callable[[Map, Map, int], float]

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..core.exposure import Exposure
 from ..core.types import Float64Array
 from ..optics.f_number_law import transmittance
+from ..sensor.camera import Camera
+from .irradiance import Irradiance
 from .photons import photons_per_irradiance
-
-if TYPE_CHECKING:
-    from ..sensor.camera import Camera
-    from .irradiance import Irradiance
 
 
 @dataclass(frozen=True)

@@ -10,16 +10,15 @@ import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import InputError
 from ..core.types import Array
-from ..optics.view import View
-from .bands import Bands, box_bands
-from .film import response_film, restrict_wavelengths
+from ..optics.intrinsics import View
+from ..sensor.camera import Camera
+from .bands import Bands, box_bands, response_film, restrict_wavelengths
 from .lens_sensor import with_lens
 from .lint import WRAPPERS, Finding, lint, lint_built, most_serious_first
 from .passes import SAMPLER
@@ -28,9 +27,6 @@ from .scene_file import SceneFile, as_input_error, parse_scene, plain_message
 from .scene_settings import FILM, SENSOR, SENSOR_FIELDS, SIZE, SceneSettings, settings_of, unit_m
 from .scene_spectra import SceneSpectra
 from .variants import MitsubaObject, mitsuba
-
-if TYPE_CHECKING:
-    from ..sensor.camera import Camera
 
 SENSORS = ("perspective", "thinlens", "orthographic", SENSOR)
 FILM_ID = "sensor"  # id of the new film, by which its sensor is found in the built scene

@@ -17,7 +17,7 @@ from ..core.exposure import Exposure
 from ..sensor.camera import Camera, list_cameras, load_camera, toml_value
 from .bands import SPECTRAL
 from .scene_file import SceneFile, folder_of, parse_scene
-from .variants import MitsubaObject, mitsuba
+from .variants import MitsubaObject, Variant, choose_variant, mitsuba, use
 
 FILM, SENSOR = "photosensor", "camera"  # plugin names of the two elements
 SIZE = ("width", "height", "crop_width", "crop_height", "crop_offset_x", "crop_offset_y")
@@ -200,3 +200,29 @@ def _check_values(exposure: Fields, lens: Fields) -> None:
     for name, example in (("focal_length_mm", 25), ("focus_distance_m", 2)):
         if name in lens:
             require(name, lens[name], 1e-6, 1e9, f"e.g. {example}")
+
+
+@dataclass(frozen=True, eq=False)
+class ParsedScene:
+    """A scene file, parsed but not built.
+
+    settings : what the file says of camera, exposure and seeds.  variant : the Mitsuba variant that is set for it.
+    """
+
+    file: SceneFile
+    settings: SceneSettings
+    variant: Variant
+
+
+def parse(
+    scene: str | os.PathLike[str], parameters: Mapping[str, Any] | None = None, variant: str | None = None
+) -> ParsedScene:
+    """Parse a scene file, and set the variant. parameters, variant : as for :func:`render`. Raises InputError."""
+    if not isinstance(scene, str | os.PathLike):
+        raise InputError(f"scene is {scene!r}; pass the path of a scene file, e.g. 'scenes/cornell_box.xml'.")
+    if parameters is not None and not isinstance(parameters, Mapping):
+        raise InputError(f"parameters is {parameters!r}; pass a dict of the scene's <default> names and their values.")
+    chosen = choose_variant(variant)
+    use(chosen)
+    file = parse_scene(scene, parameters or {})
+    return ParsedScene(file, settings_of(file), chosen)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,13 +16,11 @@ from ..core.llvm import drjit
 from ..core.types import Array
 from ..optics.exit_pupil import ExitPupilBounds, exit_pupil_bounds
 from ..optics.glass import D_NM
+from ..optics.intrinsics import View
 from ..optics.paraxial import cardinal_points, surfaces_at_f_number
 from ..optics.ray_trace import Ray, stopped_down, trace
+from ..sensor.camera import Camera
 from .variants import MitsubaObject, mitsuba
-
-if TYPE_CHECKING:
-    from ..optics.view import View
-    from ..sensor.camera import Camera
 
 NO_HEIGHT = 1e-9  # below it an image point is on the axis [mm]
 

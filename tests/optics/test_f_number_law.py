@@ -15,8 +15,7 @@ from helpers.scenes import SKY, both_variants, scene_text, skip_unless_usable, w
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.optics.f_number_law import cos4, solid_angle_sr, transmittance
-from mitsuba_sensor.optics.intrinsics import intrinsics
-from mitsuba_sensor.optics.view import View, aperture_f_number, magnification
+from mitsuba_sensor.optics.intrinsics import View, aperture_f_number, intrinsics, magnification
 from mitsuba_sensor.render.bands import box_bands
 from mitsuba_sensor.render.prepared import render
 from mitsuba_sensor.render.scene import Scene, load_scene

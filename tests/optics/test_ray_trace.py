@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from helpers.lens_oracle import DOUBLE_GAUSS, backward, vertices
 
-from mitsuba_sensor.optics.chief_ray import chief_ray_heights
 from mitsuba_sensor.optics.exit_pupil import exit_pupil_bounds, ray_to
+from mitsuba_sensor.optics.intrinsics import chief_ray_heights
 from mitsuba_sensor.optics.paraxial import cardinal_points, surfaces_at_f_number
 from mitsuba_sensor.optics.ray_trace import Ray, trace
 from mitsuba_sensor.sensor.camera import load_camera

@@ -13,7 +13,7 @@ from helpers.scenes import BALL, PERSPECTIVE, SKY, both_variants, scene_text, sk
 
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.optics.f_number_law import solid_angle_sr
-from mitsuba_sensor.optics.view import aperture_f_number, magnification
+from mitsuba_sensor.optics.intrinsics import aperture_f_number, magnification
 from mitsuba_sensor.render.bands import box_bands
 from mitsuba_sensor.render.scene import load_scene
 from mitsuba_sensor.render.variants import choose_variant, use

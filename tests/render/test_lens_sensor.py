@@ -16,11 +16,9 @@ from helpers.lens_oracle import DOUBLE_GAUSS, irradiance
 from helpers.scenes import SKY, both_variants, scene_text, skip_unless_usable, write_scene
 
 from mitsuba_sensor.core.errors import InputError
-from mitsuba_sensor.optics.chief_ray import chief_ray_heights
 from mitsuba_sensor.optics.f_number_law import solid_angle_sr
-from mitsuba_sensor.optics.intrinsics import intrinsics
+from mitsuba_sensor.optics.intrinsics import aperture_f_number, chief_ray_heights, intrinsics
 from mitsuba_sensor.optics.paraxial import cardinal_points
-from mitsuba_sensor.optics.view import aperture_f_number
 from mitsuba_sensor.render.bands import box_bands
 from mitsuba_sensor.render.scene import Scene, load_scene
 from mitsuba_sensor.render.variants import choose_variant, use

@@ -16,7 +16,7 @@ from helpers.scenes import BALL, SCENES, SKY, both_variants, skip_unless_usable,
 
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
-from mitsuba_sensor.optics.view import aperture_f_number, image_distance_m, magnification
+from mitsuba_sensor.optics.intrinsics import aperture_f_number, image_distance_m, magnification
 from mitsuba_sensor.render import plugins
 from mitsuba_sensor.render.bands import box_bands, channel_bands
 from mitsuba_sensor.render.prepared import render

@@ -132,7 +132,7 @@ FILM, SAMPLES = 16, 400
 def nearly_equal_nodes(engine: Engine) -> Got:
     """31 bands of height 1 ± 3e-7, with the repaired density of wavelengths, and with one as nearly flat as they.
 
-    (Mitsuba inverts the density by a formula that cancels in float32 there; render/film.py.)
+    (Mitsuba inverts the density by a formula that cancels in float32 there; render/bands.py.)
     """
     bands = box_bands(camera(), EDGES_NM)
     heights = 1 + NEARLY * np.random.default_rng(3).standard_normal(len(bands))
