@@ -21,6 +21,11 @@ class Section(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
+def optional(description: str, example: object, default: Any = None) -> Any:
+    """A field that a camera file may leave out."""
+    return Field(default, description=description, examples=[example])
+
+
 class CameraTable(Section):
     """A table of a camera file whose fields come from the effects of the chain (Camera puts them together)."""
 

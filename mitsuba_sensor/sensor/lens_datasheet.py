@@ -7,13 +7,17 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, ValidationInfo, model_validator
 
-from .datasheet import Chance, Fraction, NotNegative, Positive, Section
+from .datasheet import Chance, Fraction, NotNegative, Positive, Section, optional
 from .lens_file import read_lens
 
 Number = Annotated[float, Field(ge=-1e30, le=1e30, strict=True)]
 Flag = Annotated[bool, Field(strict=True)]
 Index = Annotated[float, Field(ge=1, le=5, strict=True)]  # germanium has 4
 Percent = Annotated[float, Field(ge=-99, le=1000, strict=True)]
+Chances = tuple[Chance, ...] | None
+Heights = tuple[NotNegative, ...] | None
+Coefficients = tuple[Number, Number, Number, Number, Number] | None
+Positives = tuple[Positive, ...] | None
 TABLES = (
     ("transmission_curve", "transmission_wavelengths_nm"),
     ("relative_illumination", "relative_illumination_heights_mm"),
@@ -25,25 +29,18 @@ ON_AXIS = {"relative_illumination": 1.0, "distortion_percent": 0.0}
 class SurfaceSection(Section):
     """One surface of a lens and the medium behind it, towards the sensor."""
 
-    radius_mm: Number | None = Field(
-        None, description="radius, positive if its centre is towards the sensor; none for a plane [mm]", examples=[29.5]
-    )
-    thickness_mm: NotNegative = Field(0.0, description="distance to the next surface [mm]", examples=[3.76])
+    radius_mm: Number | None = optional("radius, positive with its centre towards the sensor; none: a plane [mm]", 29.5)
+    thickness_mm: NotNegative = optional("distance to the next surface [mm]", 3.76, 0.0)
     semi_diameter_mm: Positive = Field(description="half the clear aperture [mm]", examples=[12.6])
-    index: Index = Field(1.0, description="refractive index behind the surface at 587.56 nm", examples=[1.67])
-    abbe: Positive | None = Field(
-        None, description="Abbe number of the glass behind it, for dispersion", examples=[47.1]
+    index: Index = optional("refractive index behind the surface at 587.56 nm", 1.67, 1.0)
+    abbe: Positive | None = optional("Abbe number of the glass behind it, for dispersion", 47.1)
+    sellmeier: tuple[Number, Number, Number, Number, Number, Number] | None = optional(
+        "B1, B2, B3, C1, C2, C3 of the glass (C in µm²) instead of index and abbe",
+        [1.03961212, 0.231792344, 1.01046945, 0.00600069867, 0.0200179144, 103.560653],
     )
-    sellmeier: tuple[Number, Number, Number, Number, Number, Number] | None = Field(
-        None,
-        description="B1, B2, B3, C1, C2, C3 of the glass (C in µm²) instead of index and abbe",
-        examples=[[1.03961212, 0.231792344, 1.01046945, 0.00600069867, 0.0200179144, 103.560653]],
-    )
-    conic: Number = Field(0.0, description="conic constant, -1 is a paraboloid", examples=[-1.0])
-    aspheric: tuple[Number, ...] = Field(
-        (), description="A4, A6, … of the sag A4·r⁴ + A6·r⁶ + … [mm⁻³, mm⁻⁵, …]", examples=[[1e-6]]
-    )
-    stop: Flag = Field(False, description="whether this is the aperture stop", examples=[True])
+    conic: Number = optional("conic constant, -1 is a paraboloid", -1.0, 0.0)
+    aspheric: tuple[Number, ...] = optional("A4, A6, … of the sag A4·r⁴ + A6·r⁶ + … [mm⁻³, mm⁻⁵, …]", [1e-6], ())
+    stop: Flag = optional("whether this is the aperture stop", True, False)
 
     @model_validator(mode="after")
     def _one_glass(self) -> Self:
@@ -60,7 +57,7 @@ class PrescriptionSection(Section):
     """A lens prescription, surface by surface from the scene to the sensor; both ends are in air."""
 
     name: str = Field(description="name of the lens", examples=["double_gauss"])
-    source: str = Field("", description="source of its numbers", examples=["US patent 2,673,491"])
+    source: str = optional("source of its numbers", "US patent 2,673,491", "")
     surfaces: Annotated[tuple[SurfaceSection, ...], Field(min_length=2, max_length=99)] = Field(
         description="from the scene to the sensor",
         examples=[[{"semi_diameter_mm": 3, "thickness_mm": 2, "stop": True}, {"radius_mm": 50, "semi_diameter_mm": 9}]],
@@ -85,49 +82,31 @@ class PrescriptionSection(Section):
 class LensSection(Section):
     """The camera's lens determines the irradiance; the scene's own thin lens, or the prescription, the blur."""
 
-    f_number: Positive = Field(2.8, description="focal length over pupil diameter N", examples=[2.8])
-    transmission: Fraction = Field(1.0, description="fraction of the light that passes", examples=[0.95])
-    transmission_curve: tuple[Chance, ...] | None = Field(
-        None, description="factor on transmission at each wavelength", examples=[[0.8, 1.0, 0.9]]
+    f_number: Positive = optional("focal length over pupil diameter N", 2.8, 2.8)
+    transmission: Fraction = optional("fraction of the light that passes", 0.95, 1.0)
+    transmission_curve: Chances = optional("factor on transmission at each wavelength", [0.8, 1.0, 0.9])
+    transmission_wavelengths_nm: Positives = optional("increasing, of transmission_curve [nm]", [400, 550, 700])
+    pupil_magnification: Positive = optional("exit over entrance pupil diameter P", 1.0, 1.0)
+    convention: Literal["working", "planar"] = optional(
+        "πLT/(4N_w²)·cos⁴, or EMVA's πLT/(1 + 4N²(1+m)²)·cos⁴", "working", "working"
     )
-    transmission_wavelengths_nm: tuple[Positive, ...] | None = Field(
-        None, description="wavelengths of transmission_curve, increasing [nm]", examples=[[400, 550, 700]]
+    relative_illumination: Chances = optional("measured fall-off instead of cos⁴, 1 on the axis", [1.0, 0.8, 0.5])
+    relative_illumination_heights_mm: Heights = optional(
+        "image heights of relative_illumination, from 0 [mm]", [0.0, 2.0, 4.0]
     )
-    pupil_magnification: Positive = Field(1.0, description="exit over entrance pupil diameter P", examples=[1.0])
-    convention: Literal["working", "planar"] = Field(
-        "working", description="πLT/(4N_w²)·cos⁴, or EMVA's πLT/(1 + 4N²(1+m)²)·cos⁴", examples=["working"]
+    distortion: Coefficients = optional(
+        "k1, k2, p1, p2, k3 of Brown and Conrady, in OpenCV's order", [-0.2, 0, 0, 0, 0]
     )
-    relative_illumination: tuple[Chance, ...] | None = Field(
-        None, description="measured fall-off instead of cos⁴, 1 on the axis", examples=[[1.0, 0.8, 0.5]]
+    distortion_percent: tuple[Percent, ...] | None = optional(
+        "distortion as a table: 100·(real/ideal image height − 1)", [0, -1, -3]
     )
-    relative_illumination_heights_mm: tuple[NotNegative, ...] | None = Field(
-        None, description="image heights of relative_illumination, from 0 [mm]", examples=[[0.0, 2.0, 4.0]]
+    distortion_heights_mm: Heights = optional("ideal image heights of distortion_percent, from 0 [mm]", [0.0, 2.0, 4.0])
+    prescription: PrescriptionSection | None = optional(
+        "sequential lens: name of a built-in one, path of a .json or .dat file, or its table", "double_gauss"
     )
-    distortion: tuple[Number, Number, Number, Number, Number] | None = Field(
-        None,
-        description="k1, k2, p1, p2, k3 of Brown and Conrady, in OpenCV's order",
-        examples=[[-0.2, 0, 0, 0, 0]],
-    )
-    distortion_percent: tuple[Percent, ...] | None = Field(
-        None,
-        description="distortion as a table: 100·(real/ideal image height − 1)",
-        examples=[[0, -1, -3]],
-    )
-    distortion_heights_mm: tuple[NotNegative, ...] | None = Field(
-        None, description="ideal image heights of distortion_percent, from 0 [mm]", examples=[[0.0, 2.0, 4.0]]
-    )
-    prescription: PrescriptionSection | None = Field(
-        None,
-        description="sequential lens: name of a built-in one, path of a .json or .dat file, or its table",
-        examples=["double_gauss"],
-    )
-    focal_length_mm: Positive | None = Field(
-        None, description="scale the prescription to this focal length [mm]", examples=[25.0]
-    )
-    focus_m: Positive | None = Field(
-        None, description="focus distance of the prescription, instead of the scene's [m]", examples=[2.0]
-    )
-    dispersion: Flag = Field(False, description="trace every wavelength with its own index", examples=[True])
+    focal_length_mm: Positive | None = optional("scale the prescription to this focal length [mm]", 25.0)
+    focus_m: Positive | None = optional("focus distance of the prescription, instead of the scene's [m]", 2.0)
+    dispersion: Flag = optional("trace every wavelength with its own index", True, False)
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
