@@ -141,7 +141,7 @@ def _type(one: Declared) -> Flag:
         text = text | None
     metavar = one.option.metavar or ("|".join(map(str, one.choices)) or None)
     panel = next((title for kind, title in PANELS.items() if one.name in kind.__annotations__), None)
-    return Annotated[text, typer.Option(flag, metavar=metavar, help=one.option.help, rich_help_panel=panel)]
+    return Annotated[text, typer.Option(*flag.split(), metavar=metavar, help=one.option.help, rich_help_panel=panel)]
 
 
 def _read(one: Declared, value: Flag) -> Flag:

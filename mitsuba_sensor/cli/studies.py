@@ -1,29 +1,32 @@
 """Commands of study: error against run time, what can be left out, and stiff and extreme cases."""
 
-from __future__ import annotations
-
+# Without `from __future__ import annotations`: core/options.py reads these declarations at run time.
 import shlex
 import sys
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, TypedDict
 
 import typer
 
 from ..core.checks import first_given
-from ..core.options import complete
+from ..core.errors import require_seed
+from ..core.options import Option, complete, part_of
 from ..io import files
 from ..io.measurements import Measurements
 from ..io.metadata import machine, versions
 from ..render.options import SceneOptions
+from ..render.passes import MOST_IN_ALL
 from . import options
-from .app import app, err, render_input, show
-from .study_options import AblationFlags, Force, StudyOut, WorkPrecisionFlags
+from .app import RenderInput, app, err, out, render_input, show
+from .options import Flag, Flags
 from .study_tables import seconds_bar, sheet
 
 if TYPE_CHECKING:
-    from ..render.scene_settings import SceneSettings
+    from ..study.kit import Kit
+    from ..study.page import Study
     from ..study.subject import Subject
 
 PAGE, NUMBERS, MEASUREMENTS = "study.html", "study.json", "measurements"
@@ -37,26 +40,51 @@ study = typer.Typer(
 app.add_typer(study, name="study")
 
 
-@dataclass(frozen=True)
-class Output:
-    """Where the results of a study go. force : measure again what the folder holds."""
+class StudyFlags(TypedDict, total=False):
+    """Flags of every study."""
 
-    folder: Path
-    force: bool
-    as_json: bool
+    out: Annotated[
+        Path | None,
+        Option("Folder for the page. Default: study/ and the study's name.", flag="-o --out", metavar="DIR"),
+    ]
+    force: Annotated[bool, Option("Measure again what the folder holds already.", False, flag="--force")]
+    as_json: Annotated[bool, Option("Only JSON on stdout, for programs.", False, flag="--json")]
+
+
+class WorkPrecisionFlags(TypedDict, total=False):
+    """Flags of ``study work-precision``."""
+
+    tolerance: Annotated[
+        float, Option("Relative error of a pixel's irradiance for which a setting is recommended.", 0.01)
+    ]
+    seeds: Annotated[
+        int, Option("Independent runs of each setting; their spread makes the intervals.", 4, low=2, example="4")
+    ]
+    sides: Annotated[
+        list[str] | None,
+        Option("render or sensor: only this half. Repeatable. Default: both.", flag="--side", text=list[str]),
+    ]
+    variants: Annotated[
+        list[str] | None,
+        Option("A Mitsuba variant to compare. Repeatable. Default: all that work.", flag="--variant", text=list[str]),
+    ]
+
+
+class AblationFlags(TypedDict, total=False):
+    """Flags of ``study ablation``."""
+
+    tolerance_dn: Annotated[float, Option("Of the plan that is put to the test, in DN.", 0.02)]
+    frames: Annotated[int, Option("Frames of each of the 64 cameras that are measured.", 24, low=2, example="24")]
+    spp: Annotated[int, Option("Samples per pixel of every render.", 32, low=1, high=MOST_IN_ALL, example="32")]
+    seed: Annotated[int | None, Option("Of the first frame. Default: the scene file's, else 1.", check=require_seed)]
+    serial: Annotated[int | None, Option("Of the first camera. Default: the scene file's, else 1.", check=require_seed)]
 
 
 @study.command(
     "work-precision", epilog="Example: mitsuba-sensor study work-precision scenes/step_wedge.xml --side sensor"
 )
-@options.flags(options.CameraFlags, SceneOptions, WorkPrecisionFlags, without=("motion", "variant"))
-def work_precision(
-    scene: options.Scene,
-    out_dir: StudyOut = Path("study/work-precision"),
-    force: Force = False,
-    as_json: options.Json = False,
-    **flags: options.Flag,
-) -> None:
+@options.flags(options.CameraFlags, SceneOptions, WorkPrecisionFlags, StudyFlags, without=("motion", "variant"))
+def work_precision(scene: options.Scene, **flags: Flag) -> None:
     """Error against run time of SCENE, of the render and of the sensor, and the setting to take.
 
     Samplers, sizes of passes, variants, bands, and what is done about the render's noise, against a reference of known
@@ -65,72 +93,61 @@ def work_precision(
     from ..study.work_precision import SIDES
     from ..study.work_precision import work_precision as measured
 
-    asked = complete(WorkPrecisionFlags, {name: flags[name] for name in WorkPrecisionFlags.__annotations__})
-    variants, sides = asked["variants"], tuple(asked["sides"] or SIDES)
-    given: dict[str, Any] = {"tolerance": asked["tolerance"], "seeds": asked["seeds"], "variants": variants}
-    subject, question, _ = _subject(scene, {**flags, "variant": variants[0] if variants else None}, {})
-    to = Output(out_dir, force, as_json)
-    _run(to, "work-precision", {**question, **given}, lambda kit: measured(kit, subject, sides=sides, **given))
+    asked: dict[str, Flag] = dict(complete(WorkPrecisionFlags, part_of(WorkPrecisionFlags, flags)))
+    sides = tuple(asked.pop("sides") or SIDES)
+    found, _ = render_input(scene, {**flags, "variant": next(iter(asked["variants"] or ()), None)})
+    subject, question = _subject(scene, found, flags)
+    _run("work-precision", flags, {**question, **asked}, partial(measured, subject=subject, sides=sides, **asked))
 
 
 @study.command("ablation", epilog="Example: mitsuba-sensor study ablation scenes/still_life.xml --exposure-s 0.001")
-@options.flags(options.CameraFlags, SceneOptions, AblationFlags, without=("motion",))
-def ablation(
-    scene: options.Scene,
-    out_dir: StudyOut = Path("study/ablation"),
-    force: Force = False,
-    as_json: options.Json = False,
-    **flags: options.Flag,
-) -> None:
+@options.flags(options.CameraFlags, SceneOptions, AblationFlags, StudyFlags, without=("motion",))
+def ablation(scene: options.Scene, **flags: Flag) -> None:
     """What each stage of the sensor and each feature of the render does to SCENE, and what leaving it out would save.
 
     Every change is predicted from theory and measured on frames; the two must agree within three standard errors.
     """
     from ..study.ablation import ablation as measured
 
-    asked = complete(AblationFlags, {name: flags[name] for name in AblationFlags.__annotations__})
-    subject, question, settings = _subject(scene, flags, {"spp": asked["spp"], "variant": flags["variant"]})
-    given: dict[str, Any] = {
-        "tolerance_dn": asked["tolerance_dn"],
-        "frames": asked["frames"],
-        "seed": first_given(asked["seed"], settings.seed, 1),
-        "serial": first_given(asked["serial"], settings.serial, 1),
-    }
-    to = Output(out_dir, force, as_json)
-    _run(to, "ablation", {**question, **given}, lambda kit: measured(kit, subject, **given))
+    asked: dict[str, Flag] = dict(complete(AblationFlags, part_of(AblationFlags, flags)))
+    found, _ = render_input(scene, flags)
+    asked |= {name: first_given(asked[name], getattr(found.scene.settings, name), 1) for name in ("seed", "serial")}
+    subject, question = _subject(scene, found, flags, spp=asked.pop("spp"), variant=flags["variant"])
+    _run("ablation", flags, {**question, **asked}, partial(measured, subject=subject, **asked))
 
 
 @study.command("stress", epilog="Example: mitsuba-sensor study stress -o study/stress")
-def stress(out_dir: StudyOut = Path("study/stress"), force: Force = False, as_json: options.Json = False) -> None:
+@options.flags(StudyFlags)
+def stress(**flags: Flag) -> None:
     """Stiff and extreme cases of every stage on every engine: input, expected, got, verdict; and condition numbers."""
     from ..study.stress import stress as measured
 
-    _run(Output(out_dir, force, as_json), "stress", {}, measured)
+    _run("stress", flags, {}, measured)
 
 
-def _subject(scene: Path, flags: options.Flags, more: dict[str, Any]) -> tuple[Subject, dict[str, Any], SceneSettings]:
-    """The scene with the camera and exposure that are asked for, or that it names itself; all that decides what is
-    measured of it; and the scene's settings. more : options of the render."""
+def _subject(scene: Path, found: RenderInput, flags: Flags, **more: Flag) -> tuple["Subject", dict[str, Flag]]:
+    """What a study of a scene is about, and all that decides what is measured of it. more : options of the render."""
     from ..study.subject import Subject
 
-    found, _ = render_input(scene, flags)
     parameters = flags["parameters"] or {}
     render = {"parameters": parameters, "scene_unit": flags["scene_unit"], "width": flags["width"], **more}
     about = {"scene": str(scene), "scene_sha256": found.scene.file.digest()}
     question = {**about, "camera": found.camera.model_dump(), "exposure": asdict(found.exposure), "render": render}
-    return Subject(scene, found.camera, found.exposure, render), question, found.scene.settings
+    return Subject(scene, found.camera, found.exposure, render), question
 
 
-def _run(to: Output, name: str, question: dict[str, Any], measure: Callable[[Any], Any]) -> None:
+def _run(name: str, flags: Flags, question: dict[str, Flag], measure: Callable[["Kit"], "Study"]) -> None:
     """Run the study and write what it found; what was measured stays, even if the rest is stopped."""
     from ..study.drawing import png
     from ..study.html import html
     from ..study.kit import Kit
     from ..study.page import Table
 
-    made: dict[str, Any] = {"machine": machine(), "versions": versions()}
-    known = Measurements(to.folder / MEASUREMENTS, {"study": name, **question, **made}, to.force)
-    before = len(known)
+    folder, made = flags["out"] or Path("study") / name, {"machine": machine(), "versions": versions()}
+    known = Measurements(folder / MEASUREMENTS, {"study": name, **question, **made}, flags["force"])
+    about = {"scene": question["scene"], "camera": question["camera"]["name"]} if question else {}
+    about |= {"command": _command(), **made, "resumed_measurements": len(known)}
+    about |= {key: question[key] for key in ("exposure",) if key in question}
     with seconds_bar(err) as progress:
         kit = Kit(known, progress)
         try:
@@ -140,17 +157,15 @@ def _run(to: Output, name: str, question: dict[str, Any], measure: Callable[[Any
                 kept = f"{len(known)} measurements are kept in {known.folder}; the same command goes on from there"
                 err.print(kept, highlight=False, soft_wrap=True)
             raise
-    about = {"scene": question.get("scene"), "camera": question.get("camera", {}).get("name")}
-    about |= {"command": _command(), **made, "seconds": round(kit.seconds, 1), "resumed_measurements": before}
-    exposure = {"exposure": question["exposure"]} if "exposure" in question else {}
-    found = replace(found, data={**found.data, **{k: v for k, v in about.items() if v is not None}, **exposure})
+    found = replace(found, data={**found.data, **about, "seconds": round(kit.seconds, 1)})
     picture = next((part for part in found.parts if not isinstance(part, Table)), None)
-    with files.output_folder(to.folder, (PAGE, NUMBERS, f"{name}.png")) as folder:
-        files.write_page(folder / PAGE, html(found))
-        files.write_json(folder / NUMBERS, found.to_dict())
+    with files.output_folder(folder, (PAGE, NUMBERS, f"{name}.png")) as scratch:
+        files.write_page(scratch / PAGE, html(found))
+        files.write_json(scratch / NUMBERS, found.to_dict())
         if picture is not None:
-            files.write_drawing(folder / f"{name}.png", png(picture))
-    show(found.to_dict() if to.as_json else sheet(found, str(to.folder / PAGE)), to.as_json)
+            files.write_drawing(scratch / f"{name}.png", png(picture))
+    as_json = flags["as_json"]
+    show(found.to_dict() if as_json else sheet(found, str(folder / PAGE), out.width), as_json)
     if not found.passed:
         raise typer.Exit(1)
 

@@ -6,6 +6,7 @@ import hashlib
 import json
 import pickle
 import shutil
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +16,9 @@ from .files import appearing, disk_sentences, plain_values
 class Measurements(dict[str, Any]):
     """A dict of measurements by name whose values are also files; a study that was stopped finds there what it had.
 
-    folder : of the files; made with the first measurement.
+    folder : of the files; made with the first measurement.  force : forget what there is for this question.
     question : all that decides what is measured, as plain values. The files of each question lie in a folder of their
         own, so that measurements of another camera, scene, version or machine are never read.
-    force : forget what there is for this question.
     """
 
     def __init__(self, folder: Path, question: object, force: bool = False) -> None:
@@ -28,11 +28,8 @@ class Measurements(dict[str, Any]):
         if force:
             shutil.rmtree(self.folder, ignore_errors=True)
         for path in sorted(self.folder.glob("*.pickle")):
-            try:
-                name, value = pickle.loads(path.read_bytes())
-            except Exception:
-                continue
-            super().__setitem__(name, value)
+            with suppress(Exception):  # a file that was cut short is measured again
+                self.update([pickle.loads(path.read_bytes())])
 
     def __setitem__(self, name: str, value: Any) -> None:
         super().__setitem__(name, value)

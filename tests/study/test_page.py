@@ -106,7 +106,7 @@ def test_study_json_holds_the_numbers_of_every_part() -> None:
 
 def shown(found: Study) -> str:
     console = Console(record=True, width=140, file=io.StringIO())
-    console.print(sheet(found, "here/study.html"))
+    console.print(sheet(found, "here/study.html", console.width))
     return console.export_text()
 
 
@@ -141,7 +141,7 @@ def test_a_wide_table_shows_the_columns_that_fit_and_says_so(width: int, columns
     names = tuple(f"column {i:02}" for i in range(12))
     table = Table("wide", names, (tuple("1234567890" for _ in names),))
     console = Console(record=True, width=width, file=io.StringIO())
-    console.print(sheet(study(table), "here"))
+    console.print(sheet(study(table), "here", console.width))
     said = console.export_text()
     assert said.count("1234567890") == columns
     assert (f"{12 - columns} more columns" in " ".join(said.split())) == (columns < 12)
