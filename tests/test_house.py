@@ -189,7 +189,12 @@ def test_importing_the_package_changes_nothing() -> None:
 
 # Size and types.
 
-FORMATTED_BY_HAND, ANY, PARAMETERS = 10, 300, 8
+LINES_OF_A_MODULE, FORMATTED_BY_HAND, ANY, PARAMETERS = 300, 10, 300, 8
+
+
+def test_no_module_has_more_than_300_lines() -> None:
+    lengths = {name_of(path): len(text_of(path).splitlines()) for path in MODULES}
+    assert not {name: length for name, length in lengths.items() if length > LINES_OF_A_MODULE}
 
 
 def test_at_most_10_places_are_formatted_by_hand() -> None:
