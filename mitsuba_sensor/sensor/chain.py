@@ -11,8 +11,7 @@ from .effects.dark_current import DarkCurrent
 from .effects.dsnu import DsnuColumn, DsnuPixel, DsnuRow
 from .effects.full_well import FullWell
 from .effects.integral_nonlinearity import IntegralNonlinearity
-from .effects.prnu import Prnu
-from .effects.prnu_column import PrnuColumn
+from .effects.prnu import Prnu, PrnuColumn
 from .effects.quantum_efficiency import QuantumEfficiency
 from .effects.quantum_yield import QuantumYield
 from .effects.reset_noise import ResetNoise

@@ -1,4 +1,7 @@
-"""Photo response non-uniformity (PRNU): a fixed gain of every pixel for light, σ/mean = PRNU1288."""
+"""Photo response non-uniformity (PRNU): fixed gains of the pixels (PRNU1288) and of the columns (PRNU_col).
+
+Fixed offsets of columns, rows and pixels (column FPN, row FPN, pixel FPN) are in dsnu.py.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ from ...core.moments import Moments
 from ...core.sensor_window import SensorWindow
 from ...core.signals import Electrons
 from ...core.types import Array
-from ..datasheet import MapCoupling, NotNegative, Section
+from ..datasheet import LineCoupling, MapCoupling, NotNegative, Section
 from ..fpn_distributions import AutoregressiveRectified, FpnDistribution, LogNormal, Rectified
 from ..stage import Datasheet, Stage, cut_to_zero
 
@@ -26,6 +29,13 @@ class PrnuFields(Section):
         "gaussian", description="distribution of the pixels' gains", examples=["gaussian"]
     )
     prnu_coupling: MapCoupling = Field(0.0, description="coupling a of an ar gain map", examples=[0.25])
+
+
+class PrnuColumnFields(Section):
+    """Gains of the columns."""
+
+    prnu_col: NotNegative = Field(0.0, description="spread of the column gains, σ over 1", examples=[0.002])
+    prnu_col_coupling: LineCoupling = Field(0.0, description="coupling a of the column gains", examples=[0.25])
 
 
 @dataclass(frozen=True)
@@ -73,3 +83,52 @@ class Prnu(Stage):
     def counts(self, signal: Array, maps: dict[str, Array]) -> dict[str, int]:
         """Pixels whose gain the distribution would have made negative."""
         return cut_to_zero(maps, "prnu")
+
+
+@dataclass(frozen=True)
+class PrnuColumn(Stage):
+    """S·(1 + cv·x_j), x_j isotropic AR of variance 1 (paper eq. 28). A CCD has none.
+
+    cv : σ of the gain over its mean.  coupling : a of the AR process, 0 … 0.4999.
+    """
+
+    cv: float
+    coupling: float = 0.0
+    domain = "volts"
+    table = "readout"
+    fields = PrnuColumnFields
+    paper = "eq. 28"
+    label = "PRNU column"
+
+    @classmethod
+    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> PrnuColumn | None:
+        """None for a CCD, which has one amplifier."""
+        if camera.sensor.technology == "ccd":
+            return None
+        return cls(camera.readout.prnu_col, camera.readout.prnu_col_coupling)
+
+    def sample(self, swing: Array, frame: Frame) -> Array:
+        """Swing times the gains of the columns."""
+        if self.cv == 0 and "prnu_col" not in frame.window.given:
+            return swing
+        return swing * self.fpn_maps(frame.window)["prnu_col"]
+
+    def moments(self, m: Moments) -> Moments:
+        """Product of independent factors: the gain's spread acts on the signal's own as well."""
+        mean, variance = m.frame.window.map_moments("prnu_col", 1.0, self.cv**2)
+        if variance == 0:
+            return m.scale(mean)
+        squared = mean**2 + variance
+        spatial = m.spatial * squared + arrays.product(m.mean**2, variance)
+        return replace(m, mean=m.mean * mean, temporal=m.temporal * squared, spatial=spatial)
+
+    def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
+        """``prnu_col``: gain of every column, 1 on average, (1, W)."""
+        return {"prnu_col": window.measured_or("prnu_col", lambda: self._gains(window))}
+
+    def counts(self, signal: Array, maps: dict[str, Array]) -> dict[str, int]:
+        """Columns whose gain is not positive."""
+        return cut_to_zero(maps, "prnu_col")
+
+    def _gains(self, window: SensorWindow) -> Array:
+        return 1 + window.number(self.cv) * window.line_map("prnu_col", self.coupling)

@@ -14,7 +14,7 @@ from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.sensor.chain import chain
 from mitsuba_sensor.sensor.effects.dsnu import DsnuColumn, DsnuPixel, DsnuRow
-from mitsuba_sensor.sensor.effects.prnu_column import PrnuColumn
+from mitsuba_sensor.sensor.effects.prnu import PrnuColumn
 from mitsuba_sensor.sensor.gains import gain_dn_per_e
 
 TABLE1 = ms.load_camera("konnik_table1")
