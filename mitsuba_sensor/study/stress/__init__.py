@@ -97,7 +97,11 @@ def verdicts_of(theme: Theme, engine: Engine) -> list[Verdict]:
 
 def stress(kit: Kit) -> Study:
     """Ask every theme of every engine that is on this machine; those that are not are said to be not here."""
-    pairs = {f"{k} | {engine.name}": (theme, engine) for k, theme in enumerate(THEMES) for engine in theme.asked}
+    pairs = {
+        f"{k}: {theme.name} | {engine.name}": (theme, engine)
+        for k, theme in enumerate(THEMES)
+        for engine in theme.asked
+    }
     here = {key: pair for key, pair in pairs.items() if pair[1].problem is None}
     steps = [Step(key, theme.seconds, partial(verdicts_of, theme, engine)) for key, (theme, engine) in here.items()]
     kit.take([*steps, Step("condition numbers", CONDITIONS_S, sensitivities)])
