@@ -1,8 +1,4 @@
-"""``study stress``: every stage on every engine at the edge of what is allowed, and condition numbers.
-
-A theme is a function that yields cases: what is given, what must come of it (by a closed form, many decimal digits, a
-sampling error), and what came. The tests run the same themes.
-"""
+"""``study stress``: every stage on every engine at the edge of what is allowed, and condition numbers."""
 
 from __future__ import annotations
 
@@ -16,13 +12,17 @@ import numpy as np
 from ... import list_cameras
 from ..kit import Kit, Step
 from ..page import Bars, Grid, Mark, Part, Section, Study, Table, study_of, table
-from . import chains, electrons, light, volts, whole
-from .case import ENGINES, NO_ENGINE, RENDERERS, SCALAR, Engine, Rows
+from . import electrons, light, volts, whole
+from .case import ENGINES, NO_ENGINE, RENDERERS, SCALAR, Engine, Got, Rows
 from .conditions import NOTICED_DN, Sensitivity, sensitivities, strongest
 
 ASKED = (NO_ENGINE, *ENGINES, *RENDERERS)  # columns of the grid
 CONDITIONS_S = 2.5  # how long the condition numbers take on two cores [s]
 MILLION = "A million samples per pixel, relative error of the irradiance"
+GRID_NOTE = (
+    "No engine: formulas of single numbers, and what is refused before anybody computes. Not here: an engine that this "
+    "machine does not have."
+)
 SHOWN, BARS = 5, 3  # condition numbers of each camera in the table and in the plot
 
 
@@ -35,26 +35,16 @@ class Theme(NamedTuple):
     seconds: float = 0.1
 
 
-class Verdict(NamedTuple):
-    """What came of a case (theme, stage, input, what must come) on an engine, and whether it is what must come."""
-
-    case: tuple[str, str, str, str]
-    engine: str
-    got: str
-    passed: bool
-
-    @property
-    def name(self) -> str:
-        """No other case has it."""
-        return " | ".join(self.case[:3])
-
-
+Case = tuple[str, str, str, str]
+"""Theme, stage, input, and what must come; no two cases have the first three in common."""
+Verdicts = dict[Case, dict[str, Got]]
+"""Case → engine → what came."""
 THEMES = (
-    Theme("light", chains.lights, seconds=1.2),
+    Theme("light", whole.lights, seconds=1.2),
     Theme("light", whole.renderers_values, (NO_ENGINE,)),
     Theme("light", whole.infinite_light),
-    Theme("exposure time", chains.times, seconds=0.7),
-    Theme("temperature", chains.temperatures, seconds=0.7),
+    Theme("exposure time", whole.times, seconds=0.7),
+    Theme("temperature", whole.temperatures, seconds=0.7),
     Theme("Poisson means", electrons.poisson, seconds=1.0),
     Theme("full well", electrons.full_well),
     Theme("full well", whole.no_exact_count, (NO_ENGINE,)),
@@ -80,51 +70,50 @@ THEMES = (
 )
 
 
-def verdicts_of(theme: Theme, engine: Engine) -> list[Verdict]:
+def verdicts_of(theme: Theme, engine: Engine) -> list[tuple[Case, Got]]:
     """All cases of a theme. A warning of NumPy is a NaN on its way and an exception is no answer: both fail."""
-    found: list[Verdict] = []
+    found: list[tuple[Case, Got]] = []
     try:
         with warnings.catch_warnings(), np.errstate(divide="warn", over="warn", invalid="warn"):
             warnings.simplefilter("error", RuntimeWarning)
             for stage, given, expected, got in theme.cases(engine):
-                found.append(Verdict((theme.name, stage, given, expected), engine.name, *got))
+                found.append(((theme.name, stage, given, expected), got))
     except Exception as error:  # whatever it is, it is the answer of a case and must not end the study
-        behind = f"behind {found[-1].name}" if found else "first case"
-        text = f"{type(error).__name__}: {error}"
-        found.append(Verdict((theme.name, "", behind, "an answer"), engine.name, text, False))
+        behind = f"behind {found[-1][0][2]}" if found else "the first"
+        found.append(((theme.name, "", behind, "an answer"), Got(f"{type(error).__name__}: {error}", False)))
     return found
 
 
 def stress(kit: Kit) -> Study:
     """Ask every theme of every engine that is on this machine; those that are not are said to be not here."""
-    pairs = {
-        f"{k}: {theme.name} | {engine.name}": (theme, engine)
-        for k, theme in enumerate(THEMES)
-        for engine in theme.asked
-    }
+    pairs = {f"{k}: {theme.name} | {e.name}": (theme, e) for k, theme in enumerate(THEMES) for e in theme.asked}
     here = {key: pair for key, pair in pairs.items() if pair[1].problem is None}
     steps = [Step(key, theme.seconds, partial(verdicts_of, theme, engine)) for key, (theme, engine) in here.items()]
     kit.take([*steps, Step("condition numbers", CONDITIONS_S, sensitivities)])
-    verdicts: list[Verdict] = [verdict for key in here for verdict in kit[key]]
+    verdicts: Verdicts = {}
+    for key, (_, engine) in here.items():
+        for case, got in kit[key]:
+            verdicts.setdefault(case, {})[engine.name] = got
     found: list[Sensitivity] = kit["condition numbers"]
     themes = tuple(dict.fromkeys(theme.name for theme in THEMES))
-    tables = [table_of(theme, [v for v in verdicts if v.case[0] == theme]) for theme in themes]
+    tables = [table_of(theme, verdicts) for theme in themes]
     parts: tuple[Part, ...] = (grid(themes, verdicts), conditions_bars(found), conditions_table(found), *tables)
-    sentences = (*findings(verdicts, kit.seconds), which(found))
-    section = Section(sentences, all(v.passed for v in verdicts), parts)
+    passed = all(got.passed for answers in verdicts.values() for got in answers.values())
+    section = Section((*findings(verdicts, kit.seconds), which(found)), passed, parts)
     return study_of("stress", "Stiff and extreme cases", [section])
 
 
-def findings(verdicts: Sequence[Verdict], seconds: float) -> list[str]:
+def findings(verdicts: Verdicts, seconds: float) -> list[str]:
     """How many hold, which do not, who was not asked, and what the million samples came to."""
-    failed = [v for v in verdicts if not v.passed]
-    cases, broken = len({v.name for v in verdicts}), len({v.name for v in failed})
-    engines = dict.fromkeys(v.engine for v in verdicts if v.engine != NO_ENGINE.name)
+    rows = [(case, engine, got) for case, answers in verdicts.items() for engine, got in answers.items()]
+    failed = [(case, engine, got) for case, engine, got in rows if not got.passed]
+    held, engines = len(verdicts) - len({case for case, _, _ in failed}), dict.fromkeys(engine for _, engine, _ in rows)
+    names = ", ".join(engine for engine in engines if engine != NO_ENGINE.name)
     return [
-        f"{cases - broken} of {cases} cases hold on {', '.join(engines)}: {len(verdicts)} verdicts in {seconds:.0f} s.",
-        *(f"Fails: {v.name}, {v.engine}: {v.got}; expected {v.case[3]}." for v in failed[:5]),
+        f"{held} of {len(verdicts)} cases hold on {names}: {len(rows)} verdicts in {seconds:.0f} s.",
+        *(f"Fails: {' | '.join(case[:3])}, {e}: {got.text}; expected {case[3]}." for case, e, got in failed[:5]),
         *(f"Not here: {engine.name} ({engine.problem})." for engine in ASKED if engine.problem),
-        *(f"{MILLION}: {v.got}." for v in verdicts if v.case[2] == light.MILLION_SAMPLES),
+        *(f"{MILLION}: {got.text}." for case, _, got in rows if case[2] == light.MILLION_SAMPLES),
     ]
 
 
@@ -140,36 +129,32 @@ def which(found: Sequence[Sensitivity]) -> str:
     )
 
 
-def grid(themes: tuple[str, ...], verdicts: Sequence[Verdict]) -> Grid:
+def grid(themes: tuple[str, ...], verdicts: Verdicts) -> Grid:
     """How many cases of each theme hold, engine by engine."""
-    cells = [[cell(theme, engine, verdicts) for engine in ASKED] for theme in themes]
+
+    def cell(theme: str, engine: Engine) -> tuple[Mark, str]:
+        answers = [answers.get(engine.name) for case, answers in verdicts.items() if case[0] == theme]
+        passed = [got.passed for got in answers if got]
+        if not passed:
+            return ("dim", "not here") if (theme, engine) in asked else ("", "")
+        return "good" if all(passed) else "bad", f"{sum(passed)}/{len(passed)}"
+
+    asked = {(theme.name, engine) for theme in THEMES for engine in theme.asked}
+    cells = [[cell(theme, engine) for engine in ASKED] for theme in themes]
     marks = tuple(tuple(mark for mark, _ in row) for row in cells)
     texts = tuple(tuple(text for _, text in row) for row in cells)
     columns = tuple(engine.name.replace(" ", "\n") for engine in ASKED)
-    note = (
-        "No engine: formulas of single numbers, and what is refused before anybody computes. Not here: an engine that "
-    )
-    return Grid("How many cases hold", themes, columns, marks, texts, note + "this machine does not have.")
+    return Grid("How many cases hold", themes, columns, marks, texts, GRID_NOTE)
 
 
-def cell(theme: str, engine: Engine, verdicts: Sequence[Verdict]) -> tuple[Mark, str]:
-    """One cell of the grid."""
-    if not any(engine in one.asked for one in THEMES if one.name == theme):
-        return "", ""
-    passed = [v.passed for v in verdicts if (v.case[0], v.engine) == (theme, engine.name)]
-    return ("good" if all(passed) else "bad", f"{sum(passed)}/{len(passed)}") if passed else ("dim", "not here")
-
-
-def table_of(theme: str, verdicts: Sequence[Verdict]) -> Table:
+def table_of(theme: str, verdicts: Verdicts) -> Table:
     """Input, expected, got, verdict of every case of a theme; engines that answer alike share a row."""
-    alike: dict[tuple[str, ...], dict[tuple[str, bool], list[str]]] = {}
-    for v in verdicts:
-        alike.setdefault(v.case[1:], {}).setdefault((v.got, v.passed), []).append(v.engine)
-    rows: list[tuple[Mark, tuple[str, ...]]] = [
-        ("good" if passed else "bad", (*case, ", ".join(names), got, "holds" if passed else "fails"))
-        for case, answers in alike.items()
-        for (got, passed), names in answers.items()
-    ]
+    rows: list[tuple[Mark, tuple[str, ...]]] = []
+    for case, answers in verdicts.items():
+        for got in dict.fromkeys(answers.values()) if case[0] == theme else ():
+            names = ", ".join(engine for engine, other in answers.items() if other == got)
+            told = (*case[1:], names, got.text, "holds" if got.passed else "fails")
+            rows.append(("good" if got.passed else "bad", told))
     return table(theme.capitalize(), "stage | input | expected | engine | got | verdict", rows)
 
 
@@ -181,7 +166,10 @@ def conditions_table(found: Sequence[Sensitivity]) -> Table:
         "camera | time [s] | light, share of well | input | value | mean [DN] | mean moves [DN] | "
         "temporal σ moves [DN] | spatial σ moves [DN] | condition number of the mean | "
         f"why above {NOTICED_DN:g} DN",
-        [(marks[bool(s.why)], (*s[:6], *s.moved_dn, s.number, s.why)) for s in strongest(found, SHOWN)],
+        [
+            (marks[bool(s.why)], (*s[:4], s.value or "", *s[5:6], *s[6], s.number, s.why))
+            for s in strongest(found, SHOWN)
+        ],
         "The strongest inputs of each camera, at the exposure and level where they move most; float64 theory before "
         "rounding. Engines compute such numbers in float64 and round each once; only pixels are float32 all the way. "
         "The condition number is the relative change of the mean over that of the input.",

@@ -1,7 +1,4 @@
-"""Condition numbers: how far one float32 step of an input moves an output, in digital numbers.
-
-Everything here is float64 and theory: the moments of the chain, before the converter rounds.
-"""
+"""Condition numbers: how far one float32 step of an input moves mean and noise, in float64 theory before rounding."""
 
 from __future__ import annotations
 
@@ -18,30 +15,26 @@ from ...core.sensor_window import SensorWindow
 from ...core.types import Float64Array
 from ...sensor.datasheet_errors import fields_of
 from ...sensor.theory import final_moments
-from .case import NAME
-from .chains import CURVES, NODE_OPTIONS
+from .case import NAME, table1
+from .whole import CURVES, NODE_OPTIONS
 
 NOTICED_DN = 0.1  # A change of a mean that a careful measurement shows: a tenth of a code
 LEVELS = {"dark": 0.0, "10 %": 0.1, "50 %": 0.5, "90 %": 0.9}  # shares of the full well of the most sensitive filter
 EXPOSURES = (Exposure(0.1), Exposure(10.0))  # at 25 °C; the longer one lets the dark current fill a good part of a well
 CURVED = {**NODE_OPTIONS, **CURVES, "adc.bits": 16, "source_follower.rtn_uv": 100.0}
-UNUSED = ("name", "description", "sources", "lens", "sensor")
-"""Of a datasheet: what no number of the chain follows, and the lens, which is in the photons already."""
+UNUSED = ("name", "description", "sources", "lens", "sensor")  # by the chain: the lens is in the photons already
 
 
 class Sensitivity(NamedTuple):
-    """What one float32 step of one input does at one light level.
-
-    value : None where the input is many numbers.  moved_dn : by how much mean, temporal σ and spatial σ move.
-    """
+    """What one float32 step of one input does at one light level."""
 
     camera: str
     time_s: float
     level: str
     field: str
-    value: float | None
+    value: float | None  # None where the input is many numbers
     mean_dn: float
-    moved_dn: tuple[float, ...]
+    moved_dn: tuple[float, ...]  # mean, temporal σ and spatial σ
 
     @property
     def largest_dn(self) -> float:
@@ -66,13 +59,9 @@ class Sensitivity(NamedTuple):
 
 
 def sensitivities() -> list[Sensitivity]:
-    """Every camera, exposure, level and input that moves anything, the strongest first.
-
-    The cameras are the shipped ones, and Table 1 with all curves bent and with as many bits as there may be.
-    """
-    cameras, table1 = {name: load_camera(name) for name in list_cameras()}, load_camera(NAME)
-    cameras |= {"table 1, 16 bit, bent": table1.replace(**CURVED)}
-    cameras |= {"table 1, 24 bit": table1.replace(**{"adc.bits": 24})}
+    """Every shipped camera, and Table 1 with all curves and with 24 bits; the strongest input first."""
+    cameras = {name: load_camera(name) for name in list_cameras()}
+    cameras |= {"table 1, 16 bit, bent": load_camera(NAME).replace(**CURVED), "table 1, 24 bit": table1(adc__bits=24)}
     found = [one for name, camera in cameras.items() for e in EXPOSURES for one in of_camera(name, camera, e)]
     return sorted(found, key=lambda one: -one.largest_dn)
 
@@ -100,12 +89,11 @@ def outputs(light: Photons, camera: Camera, exposure: Exposure) -> Float64Array:
     return np.array([[part.ravel() for part in np.split(x, len(LEVELS), axis=1)] for x in whole])
 
 
-Nudge = tuple[str, float | None, tuple[Photons, Camera, Exposure]]
-"""An input, its value where that is one number, and everything with that input one float32 step away."""
+Conditions = tuple[Photons, Camera, Exposure]
 
 
-def nudges(light: Photons, camera: Camera, exposure: Exposure) -> Iterator[Nudge]:
-    """Light, exposure, and every number of the datasheet."""
+def nudges(light: Photons, camera: Camera, exposure: Exposure) -> Iterator[tuple[str, float | None, Conditions]]:
+    """Every input, its value where that is one number, and everything with that input one float32 step away."""
     yield "photons", None, (replace(light, mean=light.mean + ulp(light.mean) * (light.mean > 0)), camera, exposure)
     for name in ("time_s", "temperature_k"):
         value = getattr(exposure, name)

@@ -21,10 +21,8 @@ from ...sensor.effects.dark_current import mean_dark_e
 from ...sensor.stage import propagate
 from .case import RARE, SIGMAS, Engine, Rows, agree, holds, relative, shown, stage_of, table1, to_numpy, together
 
-MEANS = (1e-6, 0.1, 1.0, 9.99, 10.0, 30.0, 1e3, 1e5, 1e7, 1e12)
-"""On both sides of 10, where an expansion takes over from a search, and of 2^24, where float32 no longer counts."""
+MEANS = (1e-6, 0.1, 1.0, 9.99, 10.0, 30.0, 1e3, 1e5, 1e7, 1e12)  # from 10 on expanded; above 2^24 not all float32
 WELLS = (1.0, 33_000.0, 5e7)
-NO_TIME = Exposure(0.0)
 
 
 def poisson(engine: Engine) -> Rows:
@@ -58,7 +56,7 @@ def full_well(engine: Engine) -> Rows:
         counted = well * engine.unit < 1  # whole numbers are exact
         light = np.geomspace(well / 100, well * 100, 200).reshape(10, 20)
         camera = table1(pixel__full_well_e=well, adc__bits=16)
-        electrons: Array = engine.expose(light, camera, NO_TIME, keep="electrons").electrons
+        electrons: Array = engine.expose(light, camera, Exposure(0.0), keep="electrons").electrons
         whole, odd = (electrons == np.floor(electrons)).all(), (electrons % 2 == 1).any()
         text = f"at most {electrons.max():.10g}, odd counts {'too' if odd else 'are left out'}"
         expected = "that many at most, exactly; whole numbers, and odd ones among them up to 2^24 or in float64"
@@ -77,21 +75,20 @@ def full_well(engine: Engine) -> Rows:
 
 def activation(kelvin: Decimal, power: str = "1.5", divisor: int = 2) -> Decimal:
     """What a dark current is at T over what it is at 300 K (paper eq. 1, by default, and 2); 0 at 0 K."""
+
+    def gap_over_kt(t: Decimal) -> Decimal:  # E_g = 1.1557 − 7.021e-4·T²/(1108 + T) eV (paper eq. 3)
+        gap_ev = Decimal("1.1557") - Decimal("7.021e-4") * t**2 / (1108 + t)
+        return gap_ev * Decimal(ELEMENTARY_CHARGE_C) / (Decimal(BOLTZMANN_J_PER_K) * t)
+
     if not kelvin:
         return Decimal(0)
     return (kelvin / 300) ** Decimal(power) * ((gap_over_kt(Decimal(300)) - gap_over_kt(kelvin)) / divisor).exp()
 
 
-def gap_over_kt(kelvin: Decimal) -> Decimal:
-    """E_g(T)/(kT) with E_g(T) = 1.1557 − 7.021e-4·T²/(1108 + T) eV (paper eq. 3)."""
-    gap_ev = Decimal("1.1557") - Decimal("7.021e-4") * kelvin**2 / (1108 + kelvin)
-    return gap_ev * Decimal(ELEMENTARY_CHARGE_C) / (Decimal(BOLTZMANN_J_PER_K) * kelvin)
-
-
 def rated(rate_e_per_s: float, kelvin: float, **more: object) -> dict[str, object]:
     """A datasheet's dark current that was measured at this temperature."""
-    names = {"dark_current__rate_e_per_s": rate_e_per_s, "dark_current__at_temperature_k": kelvin}
-    return {"dark_current__fom_na_per_cm2": None, **names, **more}
+    rate = {"fom_na_per_cm2": None, "rate_e_per_s": rate_e_per_s, "at_temperature_k": kelvin}
+    return {f"dark_current__{name}": value for name, value in {**rate, **more}.items()}
 
 
 KELVINS = (0.0, 5e-324, 4.0, 77.0, 133.0, 300.0, 400.0, 600.0)
@@ -100,15 +97,17 @@ ROUNDED = 1e-12  # exponents reach 1700 at 4 K, and an exponential loses that ma
 
 def dark_current(_: Engine) -> Rows:
     """Ours and that of 50 digits, below the smallest float64 taken for 0 [e-/s]."""
-    warm, measured = Decimal("298.15"), rated(5.0, 298.15)
+    warm = Decimal("298.15")
     nanoampere = Decimal("1e-9") * Decimal(5.7e-4**2) / Decimal(ELEMENTARY_CHARGE_C)  # 1 nA/cm² on 5.7 µm [e-/s]
-    mpp = {"dark_current__diffusion_fom_na_per_cm2": 0.1}
     models: dict[str, tuple[dict[str, object], Callable[[Decimal], Decimal]]] = {
         "figure of merit, 1 nA/cm²": ({}, lambda t: nanoampere * activation(t)),
-        "MPP, 0.1 and 1 nA/cm²": ({**mpp}, lambda t: nanoampere * (activation(t, "3", 1) / 10 + activation(t))),
-        "5 e-/s at 298.15 K": (measured, lambda t: 5 * activation(t) / activation(warm)),
+        "MPP, 0.1 and 1 nA/cm²": (
+            {"dark_current__diffusion_fom_na_per_cm2": 0.1},
+            lambda t: nanoampere * (activation(t, "3", 1) / 10 + activation(t)),
+        ),
+        "5 e-/s at 298.15 K": (rated(5.0, 298.15), lambda t: 5 * activation(t) / activation(warm)),
         "5 e-/s at 298.15 K, doubling in 7 K": (
-            {**measured, "dark_current__doubling_k": 7.0},
+            rated(5.0, 298.15, doubling_k=7.0),
             lambda t: 5 * Decimal(2) ** ((t - warm) / 7),
         ),
     }
@@ -126,9 +125,7 @@ FAMILIES = {
     **{"logistic, cut at 0": "logistic", "normal, neighbours coupled by 0.25": "ar", "PRNU": ""},
 }
 WIDTHS, SLIGHT = (0.0, 0.01, 0.4, 1.0, 10.0), (5e-324, 1e-150, 1e-9)
-FARTHEST = 25.0
-"""Standard deviations of the farthest value of the widest tail, the logistic distribution's: ln(2³³)·√3/π = 12.6, and
-as many more for a pattern of coupled neighbours."""
+FARTHEST = 25.0  # σ of the widest tail, the logistic one's: ln(2³³)·√3/π = 12.6, and as many for coupled neighbours
 HEAVY = {
     "log-normal": lambda cv: stats.lognorm(math.sqrt(math.log1p(cv**2)), scale=(1 + cv**2) ** -0.5),
     "gamma": lambda cv: stats.gamma(cv**-2, scale=cv**2),
@@ -136,8 +133,7 @@ HEAVY = {
 }
 """At a width of 10 a few pixels carry all of the mean, which does not converge: shares of pixels are looked at."""
 SHAPE = (256, 256)
-COUPLED = (1 - 4 * 0.25**2) ** 1.5 / (1 - 2 * 0.25) ** 2
-"""By this much the mean of a coupled map varies more: its spectrum at frequency 0, on both axes."""
+COUPLED = (1 - 4 * 0.25**2) ** 1.5 / (1 - 2 * 0.25) ** 2  # so much more does the mean of a coupled map vary
 SMALLEST_COMPARED = 1e-25  # float32 engines hold e^(−69) at least; what is below is next to nothing anyway
 
 
@@ -152,9 +148,9 @@ def of_family(engine: Engine, family: str, cv: float) -> tuple[Array, float, flo
     """A map of mean 1, and its moments."""
     if not FAMILIES[family]:
         return pattern(engine, 1.0, stage_of("prnu", pixel__prnu=cv))
-    names = {"dark_current__distribution": FAMILIES[family], "dark_current__cv": cv}
-    names |= {"dark_current__coupling": 0.25} if "coupled" in family else {}
-    return pattern(engine, 0.0, stage_of("dark current", **rated(1.0, 300.0, **names)))
+    coupling = {"coupling": 0.25} if "coupled" in family else {}
+    names = rated(1.0, 300.0, distribution=FAMILIES[family], cv=cv, **coupling)
+    return pattern(engine, 0.0, stage_of("dark current", **names))
 
 
 def fixed_patterns(engine: Engine) -> Rows:
@@ -182,8 +178,7 @@ def fixed_patterns(engine: Engine) -> Rows:
         expected = "no pixel farther from 1 than 25 times that, or than roundings; theory has its variance"
         yield stage, f"{family}; {', '.join(map(shown, SLIGHT))}", expected, together(*near)
     for cv in (1e-200, 1e-6, 0.005, 0.1):
-        names = {"dark_current__cv": cv, "dark_current__distribution": "lognormal"}
-        dark = stage_of("dark current", **rated(1e4, 300.0, **names))
+        dark = stage_of("dark current", **rated(1e4, 300.0, cv=cv, distribution="lognormal"))
         total, _, variance = pattern(engine, 1e4, stage_of("prnu", pixel__prnu=cv), dark)
         error = math.sqrt((2 + 16 * cv**2) / total.size) * variance  # a narrow log-normal has an excess of 16·cv²
         got = agree(total.var(), variance, SIGMAS * error + (2e4 * 2 * engine.unit) ** 2, " e-²")

@@ -68,8 +68,7 @@ def irradiance(radiance: float = LEVEL) -> float:
 
 
 def lost(samples: int) -> float:
-    """What n equal numbers lose at most when a float32 adds them up: each sum is rounded to 2^(−24) of itself, and is
-    half of the last on average. Beside it: a few roundings of what is added up, and of what comes out."""
+    """What n equal numbers lose at most when a float32 adds them up: n roundings of half of the sum, and 4 others."""
     return samples * FLOAT32 / 2 + 4 * FLOAT32
 
 

@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from ... import Exposure, Stage
+from ... import Exposure
 from ...core import distributions
 from ...core.types import Array
 from ...sensor.effects.source_follower_noise import CdsNoise, flicker_integral
@@ -18,18 +18,13 @@ from .case import SIGMAS, Engine, Rows, agree, holds, refusal, relative, shown, 
 
 DIGITS = 120  # A float64 has up to 75 of them, so that even τ_RTN/2 is exact
 EULER_GAMMA = Decimal("0.57721566490153286060651209008240243104215933593992359880576723")  # γ_E (DLMF 5.2.3)
-PAPER = CdsNoise(white_nv_per_rthz=15.0, corner_hz=1e6, sample_s=1e-6, dominant_s=0.5e-6, rtn_uv=200.0)
-"""Konnik & Welsh 2014's source follower, with a telegraph step of 200 µV."""
+PAPER = CdsNoise(15.0, 1e6, sample_s=1e-6, dominant_s=0.5e-6, rtn_uv=200.0)  # Konnik & Welsh 2014; 200 µV are ours
 VOLTS_PER_E = 5e-6
-SEAM = 1e-7
-"""Where its series takes over from it, at t_s/τ_D = 1e-4, J = 5e-8 is what is left of terms of 10: they are exact to
-1e-16, so J to a few 1e-8; the series neglects a² = 1e-8 there."""
+SEAM = 1e-7  # at t_s/τ_D = 1e-4, J = 5e-8 is left of terms of 10, exact to 1e-16; the series there neglects a² = 1e-8
 RATIOS = (1e-9, 1e-6, 1e-4, 0.01, 1.0, 10.0, 100.0, 1e3, 1e6, 1e9)
 TIMES_S = (1e-9, 5e-8, 1e-7, 1e-6, 1e-5, 1e-3, 1.0)
-DISTANCES = (0.0, 1e-15, 1e-12, 1e-9, 1e-6, 0.99e-4, 1.01e-4, 1e-3)
-"""Of τ_RTN from 2τ_D, relative, on both sides of where the series takes over (1e-4)."""
-TABLED = ((5e-8, 6.6102), (1e-6, 17.8268), (1e-5, 10.1226), (1e-3, 1.1012), (1.0, 0.034855))
-"""τ_RTN [s] and electrons, printed in tests/sensor/test_cds.py; 1e-6 s is the singularity itself."""
+DISTANCES = (0.0, 1e-15, 1e-12, 1e-9, 1e-6, 0.99e-4, 1.01e-4, 1e-3)  # of τ_RTN from 2τ_D; a series below 1e-4
+TABLED = {5e-8: 6.6102, 1e-6: 17.8268, 1e-5: 10.1226, 1e-3: 1.1012, 1.0: 0.034855}  # τ_RTN [s] → e- (test_cds.py)
 
 
 def exact_flicker(a: Decimal) -> Decimal:
@@ -69,7 +64,7 @@ def follower_formulas(_: Engine) -> Rows:
         off = np.abs(np.divide(ours, [float(x) for x in exact_parts(noise)]) - 1).max()
         got = holds(f"{noise.sigma_v / VOLTS_PER_E:.6g} e- in all, off by {off:.1g}", off <= SEAM)
         yield stage, given, "white, flicker, telegraph and σ as with 120 digits, to 1e-7 of each", got
-    for t, expected_e in TABLED:
+    for t, expected_e in TABLED.items():
         noise = replace(PAPER, white_nv_per_rthz=0.0, rtn_s=t)
         got = relative(noise.sigma_v / VOLTS_PER_E, expected_e, 3e-5, " e-")
         yield stage, f"τ_RTN = {shown(t)} s, 200 µV alone", f"{expected_e} e-", got
@@ -152,10 +147,6 @@ def columns(engine: Engine) -> Rows:
         yield "dsnu column", f"a = {shown(a)}, 262 144 columns", "variance 1, ρ₁ = 2a, within 5 standard errors", got
 
 
-BITS = {1: "uint8", 8: "uint8", 9: "uint16", 12: "uint16", 16: "uint16", 17: "uint32", 24: "uint32"}
-"""Resolution → the smallest unsigned type that holds its codes."""
-
-
 def converter_refused(_: Engine) -> Rows:
     """Bits and curves that there are not."""
     for bits in (0, 25, -1):
@@ -165,31 +156,28 @@ def converter_refused(_: Engine) -> Rows:
         yield "integral nonlinearity", f"γ = {name}", "refused: not monotone", got
 
 
-def adc_of(bits: int, black_level_dn: float = 0.0, **more: object) -> Stage:
-    """A converter of 1 DN/V."""
-    given = {"adc__bits": bits, "adc__full_scale_v": 2.0**bits, "adc__black_level_dn": black_level_dn}
-    return stage_of("adc", **given, **more)  # type: ignore[no-any-return]
-
-
 def converter(engine: Engine) -> Rows:
     """Bits and ends."""
     light = np.concatenate([np.zeros((5, 40)), np.full((5, 40), 1e9)])
-    for bits, kind in BITS.items():
+    kinds = {1: "uint8", 8: "uint8", 9: "uint16", 12: "uint16", 16: "uint16", 17: "uint32", 24: "uint32"}
+    for bits, kind in kinds.items():  # the smallest unsigned type that holds the codes
         digital = engine.expose(light, table1(adc__bits=bits), Exposure(0.0)).digital
         low, high, highest = digital.min(), digital.max(), 2**bits - 1
         good = digital.dtype == kind, high == highest, low <= highest // 8
         got, expected = holds(f"{low} … {high}, {digital.dtype}", *good), f"up to {highest}, {kind}, darkness below ⅛"
         yield "adc", f"{bits} bit, darkness and 1e9 photons", expected, got
+    four_bit = {"adc__bits": 4, "adc__full_scale_v": 16.0, "adc__black_level_dn": 2.0}
     swing = [-1e30, -9.0, -2.5, -1.51, -1.5, -0.5, 0.49, 0.5, 12.49, 12.5, 13.0, 99.0, 1e30]
-    got = agree(engine.through([swing], adc_of(4, 2.0)), [[0, 0, 0, 0, 1, 2, 2, 3, 14, 15, 15, 15, 15]])
+    got = agree(engine.through([swing], stage_of("adc", **four_bit)), [[0, 0, 0, 0, 1, 2, 2, 3, 14, 15, 15, 15, 15]])
     yield "adc", "4 bit, swings from −1e30 to 1e30", "half up, 0 and 15 at the ends", got
     for bits in (1, 8, 12):
         ramp = (np.arange(100 * (2**bits - 1)) + 0.5) / 100
-        error = engine.through([ramp], adc_of(bits))[0] - ramp
+        adc = stage_of("adc", adc__bits=bits, adc__full_scale_v=2.0**bits, adc__black_level_dn=0.0)
+        error = engine.through([ramp], adc)[0] - ramp
         got = agree([error.std(), error.mean()], [12**-0.5, 0.0], 1e-3, " LSB")
         yield "adc", f"{bits} bit, a ramp of 100 places per code", "error σ 0.288675 LSB and mean 0, to 0.001", got
-    ramp = np.arange(-50, 1650) / 100 + 0.005
-    codes = engine.through([ramp], adc_of(4, adc__dnl_lsb={"5": -1.0, "11": -1.0, "8": 1.0}))[0]
+    ramp = np.arange(-250, 1450) / 100 + 0.005
+    codes = engine.through([ramp], stage_of("adc", **four_bit, adc__dnl_lsb={"5": -1.0, "11": -1.0, "8": 1.0}))[0]
     count = np.bincount(codes.astype(int), minlength=16).tolist()
     steps = [100 + 100 * (code == 8) - 100 * (code in (5, 11)) for code in range(15)]
     got = holds(f"codes 0 … 15 at {count} places", count[:15] == steps, (np.diff(codes) >= 0).all())
