@@ -96,10 +96,10 @@ def stress(kit: Kit) -> Study:
             verdicts.setdefault(case, {})[engine.name] = got
     found: list[Sensitivity] = kit["condition numbers"]
     themes = tuple(dict.fromkeys(theme.name for theme in THEMES))
-    tables = [table_of(theme, verdicts) for theme in themes]
-    parts: tuple[Part, ...] = (grid(themes, verdicts), conditions_bars(found), conditions_table(found), *tables)
+    numbers = conditions_bars(strongest(found, BARS)), conditions_table(strongest(found, SHOWN))
+    parts: list[Part] = [grid(themes, verdicts), *numbers, *(table_of(theme, verdicts) for theme in themes)]
     passed = all(got.passed for answers in verdicts.values() for got in answers.values())
-    section = Section((*findings(verdicts, kit.seconds), which(found)), passed, parts)
+    section = Section((*findings(verdicts, kit.seconds), which(found)), passed, tuple(parts))
     return study_of("stress", "Stiff and extreme cases", [section])
 
 
@@ -166,19 +166,15 @@ def conditions_table(found: Sequence[Sensitivity]) -> Table:
         "camera | time [s] | light, share of well | input | value | mean [DN] | mean moves [DN] | "
         "temporal σ moves [DN] | spatial σ moves [DN] | condition number of the mean | "
         f"why above {NOTICED_DN:g} DN",
-        [
-            (marks[bool(s.why)], (*s[:4], s.value or "", *s[5:6], *s[6], s.number, s.why))
-            for s in strongest(found, SHOWN)
-        ],
+        [(marks[bool(s.why)], (*s[:4], s.value or "", s.mean_dn, *s.moved_dn, s.number, s.why)) for s in found],
         "The strongest inputs of each camera, at the exposure and level where they move most; float64 theory before "
         "rounding. Engines compute such numbers in float64 and round each once; only pixels are float32 all the way. "
         "The condition number is the relative change of the mean over that of the input.",
     )
 
 
-def conditions_bars(found: Sequence[Sensitivity]) -> Bars:
+def conditions_bars(rows: Sequence[Sensitivity]) -> Bars:
     """The strongest of them."""
-    rows = strongest(found, BARS)
     labels = tuple(f"{s.camera}: {s.field}, {s.time_s:g} s, {s.level}" for s in rows)
     names = ("mean", "temporal σ", "spatial σ")
     moved = {name: tuple(s.moved_dn[k] or None for s in rows) for k, name in enumerate(names)}
