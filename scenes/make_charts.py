@@ -11,8 +11,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-
-from mitsuba_sensor.render import spectra
+import spectra
 
 HERE = Path(__file__).parent
 STEPS = 64

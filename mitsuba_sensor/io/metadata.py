@@ -12,7 +12,6 @@ PACKAGES = (
     "drjit",
     "numpy",
     "scipy",
-    "colour-science",
     "OpenEXR",
     "pydantic",
     "typer",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -60,7 +59,7 @@ def collect(
     check_types(camera, exposure)
     if isinstance(light, Photons):
         raise InputError("light is Photons already; pass it to expose(), or an irradiance to collect().")
-    if _is_render(light):
+    if isinstance(light, Irradiance):
         return _photons_of_render(light, camera, exposure)
     values = _irradiance_values(light)
     if values.ndim == 2:
@@ -72,10 +71,6 @@ def collect(
         raise InputError(f"light has {values.shape[2]} bands; pass wavelengths_nm with that many centres.")
     centres = _centres(wavelengths_nm)
     return _photons(values, centres, _widths(centres, bandwidths_nm), camera, exposure)
-
-
-def _is_render(light: object) -> TypeGuard[Irradiance]:
-    return not isinstance(light, np.ndarray) and hasattr(light, "bandwidths_nm")
 
 
 def _photons_of_render(light: Irradiance, camera: Camera, exposure: Exposure) -> Photons:
@@ -139,10 +134,8 @@ def _photons(
 
 def _centres(wavelengths_nm: ArrayLike) -> Float64Array:
     """Band centres, checked."""
-    centres = [
-        require("wavelengths_nm", x, 1.0, 1e5, "nanometres, e.g. 550") for x in np.ravel(wavelengths_nm).tolist()
-    ]
-    return np.array(centres, dtype=np.float64)
+    remedy = "nanometres, e.g. 550"
+    return np.array([require("wavelengths_nm", x, 1.0, 1e5, remedy) for x in np.ravel(wavelengths_nm).tolist()])
 
 
 def _widths(centres: Float64Array, bandwidths_nm: ArrayLike | None) -> Float64Array:
