@@ -16,7 +16,7 @@ from ..optics.shutter import shutter_of
 from ..sensor.expose import PreparedExposure, prepare_exposure
 from ..sensor.options import ExposeOptions
 from .aovs import Aovs, aovs_of
-from .bands import LONGEST_NM, SHORTEST_NM, Bands, choose_bands
+from .bands import BANDWIDTH_NM, LONGEST_NM, SHORTEST_NM, Bands, choose_bands
 from .denoise import denoised, library
 from .irradiance import Irradiance
 from .motion import Motion, read_motion
@@ -31,8 +31,6 @@ from .stop_criterion import End, Progress, StopCriterion, stop_criterion_of
 
 if TYPE_CHECKING:
     from ..sensor.camera import Camera
-
-BANDWIDTH_NM = 10.0
 
 
 @documents(RenderOptions)
