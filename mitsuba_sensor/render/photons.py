@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -59,7 +60,7 @@ def collect(
     check_types(camera, exposure)
     if isinstance(light, Photons):
         raise InputError("light is Photons already; pass it to expose(), or an irradiance to collect().")
-    if isinstance(light, Irradiance):
+    if _is_render(light):
         return _photons_of_render(light, camera, exposure)
     values = _irradiance_values(light)
     if values.ndim == 2:
@@ -71,6 +72,10 @@ def collect(
         raise InputError(f"light has {values.shape[2]} bands; pass wavelengths_nm with that many centres.")
     centres = _centres(wavelengths_nm)
     return _photons(values, centres, _widths(centres, bandwidths_nm), camera, exposure)
+
+
+def _is_render(light: object) -> TypeGuard[Irradiance]:
+    return not isinstance(light, np.ndarray) and hasattr(light, "bandwidths_nm")
 
 
 def _photons_of_render(light: Irradiance, camera: Camera, exposure: Exposure) -> Photons:
