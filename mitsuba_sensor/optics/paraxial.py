@@ -13,8 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ..core.errors import InputError
-from ..core.types import Float64Array
+from ..core import Float64Array, InputError
 from ..sensor.lens_datasheet import LensSection, SurfaceSection
 from .ray_trace import D_NM, Ray, Surface, glass_behind, lens_surfaces, stopped_down, surfaces_to_stop, trace
 

@@ -11,8 +11,8 @@ import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+from ..core import Array
 from ..core.arrays import maximum, sqrt
-from ..core.types import Array
 from ..sensor.lens_datasheet import PrescriptionSection, SurfaceSection
 
 NEWTON_STEPS = 6  # from the conic to the asphere: converges quadratically, float64 needs four or five

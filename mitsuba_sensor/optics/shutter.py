@@ -17,8 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..core.exposure import Exposure
-from ..core.types import Float64Array
+from ..core import Exposure, Float64Array
 from ..sensor.camera import Camera
 
 STEP_PX = 0.5  # largest motion of the image from one sub-frame to the next: half of what a pixel averages anyway

@@ -12,8 +12,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.errors import InputError, nearest
-from ..core.types import Float64Array
+from ..core import Float64Array, InputError, nearest
 from .motion import Motion, RigidMotion
 from .rays import SurfaceHits, camera_to_world, intersect, matrix4, pixel_rays, project
 from .scene import Scene

@@ -10,8 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from ..core.errors import InputError, require
-from ..core.types import Float64Array
+from ..core import Float64Array, InputError, require
 from ..optics.f_number_law import transmittance
 from ..sensor.camera import Camera
 from .variants import MitsubaObject, mitsuba

@@ -39,8 +39,7 @@ from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 from scipy.spatial.transform import Rotation, Slerp
 
-from ..core.errors import InputError
-from ..core.types import Float64Array
+from ..core import Float64Array, InputError
 from ..sensor.datasheet import Section
 from ..sensor.datasheet_errors import sentence
 

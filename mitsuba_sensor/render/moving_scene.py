@@ -14,9 +14,7 @@ import sys
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.errors import InputError, require
-from ..core.exposure import Exposure
-from ..core.types import Float64Array
+from ..core import Exposure, Float64Array, InputError, require
 from ..optics.shutter import shutter_of, subframes
 from ..sensor.camera import Camera
 from .animated_transforms import AnimatedTransforms, max_image_speed

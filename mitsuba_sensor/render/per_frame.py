@@ -10,11 +10,8 @@ from typing import TYPE_CHECKING, Any, Literal, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.checks import first_given
-from ..core.errors import InputError
-from ..core.exposure import Exposure
+from ..core import Exposure, InputError, Photons, first_given
 from ..core.options import complete, documents, part_of
-from ..core.signals import Photons
 from ..sensor.checks import as_photons, check_numbers
 from ..sensor.compensation import LIMIT, compensable
 from ..sensor.effects.dark_current import mean_dark_e

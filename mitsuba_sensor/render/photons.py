@@ -9,11 +9,7 @@ from typing import TypeGuard
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core.checks import check_types, numbers
-from ..core.errors import InputError, require, require_seed
-from ..core.exposure import Exposure
-from ..core.signals import Photons
-from ..core.types import Float64Array
+from ..core import Exposure, Float64Array, InputError, Photons, check_types, numbers, require, require_seed
 from ..core.units import photon_energy_j
 from ..sensor.camera import Camera
 from .bands import Bands, response_fingerprint

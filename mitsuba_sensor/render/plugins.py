@@ -15,7 +15,7 @@ from __future__ import annotations
 import json
 import math
 
-from ..core.errors import InputError
+from ..core import InputError
 from ..sensor.camera import Camera
 from .bands import BANDWIDTH_NM, choose_bands, response_film
 from .scene_settings import (

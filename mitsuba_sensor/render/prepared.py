@@ -7,9 +7,7 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, Unpack
 
-from ..core.checks import check_types, first_given
-from ..core.errors import InputError, require_seed
-from ..core.exposure import Exposure
+from ..core import Exposure, InputError, check_types, first_given, require_seed
 from ..core.options import complete, documents
 from ..optics.intrinsics import aperture_f_number, intrinsics
 from ..optics.shutter import shutter_of

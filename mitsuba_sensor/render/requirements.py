@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.exposure import Exposure
-from ..core.types import Float64Array
+from ..core import Exposure, Float64Array
 from ..optics.f_number_law import transmittance
 from ..sensor.camera import Camera
 from .irradiance import Irradiance

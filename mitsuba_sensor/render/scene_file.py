@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from ..core.errors import InputError, nearest
+from ..core import InputError, nearest
 from .variants import MitsubaObject, mitsuba
 
 # Example for the message about a scene without sensor.

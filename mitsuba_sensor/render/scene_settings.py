@@ -12,8 +12,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from ..core.errors import InputError, nearest, require, require_seed
-from ..core.exposure import Exposure
+from ..core import Exposure, InputError, nearest, require, require_seed
 from ..sensor.camera import Camera, list_cameras, load_camera, toml_value
 from .bands import SPECTRAL
 from .scene_file import SceneFile, folder_of, parse_scene

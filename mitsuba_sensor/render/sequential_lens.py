@@ -12,8 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..core import Array
 from ..core.llvm import drjit
-from ..core.types import Array
 from ..optics.exit_pupil import exit_pupil_bounds
 from ..optics.intrinsics import View
 from ..optics.paraxial import cardinal_points, surfaces_at_f_number

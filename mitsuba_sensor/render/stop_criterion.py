@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
-from ..core.errors import InputError
+from ..core import InputError
 from .passes import FEWEST, MOST, pass_plan, whole_grid
 
 DEFAULT_SPP = 128

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, Self
 
-from ...core.errors import InputError, require
+from ...core import InputError, require
 from ...core.options import Option, declared, refuse_unknown
 from ..camera import Camera
 from ..effects.reset_noise import RESET_RESIDUAL
