@@ -77,14 +77,14 @@ class MovingScene:
         """The weighted sum of the sub-frames of some rows, (rows, columns, channels)."""
         film_rows = self._film_rows(rows)
         step_s = self._shutter.step_s(count, math.inf if self._given else self.speed_px_per_s, film_rows)
-        cut = subframes(self._shutter, film_rows, count, step_s, hashed_seed(seed, 0, 0) / 2**32)
+        times_s, weights = subframes(self._shutter, film_rows, count, step_s, hashed_seed(seed, 0, 0) / 2**32)
         frame: Float64Array | None = None
-        for k, (time_s, weights) in enumerate(zip(cut.times_s, cut.weights().T, strict=True)):
+        for k, time_s in enumerate(times_s):
             self.transforms.set_time(time_s)
             image = self.scene.render(hashed_seed(seed, 1 + rows[0], k), samples, rows)
             frame = np.zeros(image.shape) if frame is None else frame
-            open_ = weights > 0  # only these rows, because 0 times an infinite value of a closed row would be NaN
-            frame[open_] += weights[open_, None, None] * image[open_]
+            open_ = weights[:, k] > 0  # only these rows, because 0 times an infinite value of a closed row would be NaN
+            frame[open_] += weights[open_, k, None, None] * image[open_]
         assert frame is not None
         return frame
 
