@@ -6,14 +6,14 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, replace
 from functools import cached_property, partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ...core.exposure import Exposure
 from ...core.frame import Frame
 from ...core.sensor_window import SensorWindow
-from ...core.signals import Photons
+from ...core.signals import Electrons, Photons
 from ...render.irradiance import Irradiance
 from ...render.photons import collect
 from ...sensor.camera import Camera
@@ -176,7 +176,7 @@ class SensorAblation:
             sensor = light.sensor(1)
             start = light.electrons(whole, sensor)
 
-            def once(stages: Stages, signal: Any) -> int:
+            def once(stages: Stages, signal: Photons | Electrons) -> int:
                 sample(stages, signal, Frame(light.exposure, sensor))
                 return 1
 
