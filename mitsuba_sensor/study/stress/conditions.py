@@ -12,7 +12,7 @@ import numpy as np
 from ... import Camera, Exposure, InputError, Photons, list_cameras, load_camera
 from ...core.frame import Frame
 from ...core.sensor_window import SensorWindow
-from ...core.types import Float64Array
+from ...core.types import Array, Float64Array
 from ...sensor.datasheet_errors import fields_of
 from ...sensor.theory import final_moments
 from .case import NAME, table1
@@ -109,7 +109,7 @@ def nudges(light: Photons, camera: Camera, exposure: Exposure) -> Iterator[tuple
         yield field, value if isinstance(value, float) else None, (light, there, exposure)
 
 
-def ulp(value: Any) -> Any:
+def ulp(value: Array) -> Array:
     """Distance to the next float32."""
     return np.spacing(np.abs(value).astype(np.float32)).astype(np.float64)
 
