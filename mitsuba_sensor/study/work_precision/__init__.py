@@ -11,9 +11,8 @@ from ..page import Study, study_of
 from ..subject import Subject
 from .render import Render
 from .render_page import render_section
-from .sensor import Sensor
+from .sensor import Results, Sensor
 from .sensor_page import sensor_section
-from .sensor_results import Results
 
 SIDES = ("render", "sensor")
 
