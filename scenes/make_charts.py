@@ -11,7 +11,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import spectra
+
+from mitsuba_sensor.render import spectra
 
 HERE = Path(__file__).parent
 STEPS = 64

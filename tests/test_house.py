@@ -30,6 +30,7 @@ IMPORTED_IN = {
     "tifffile": ("io/files.py",),
     "PIL": ("io/files.py",),
     "matplotlib": ("study/drawing.py",),
+    "colour": ("render/spectra.py",),
     "typer": ("cli/",),
     "rich": ("cli/",),
     "pydantic": ("sensor/", "render/"),

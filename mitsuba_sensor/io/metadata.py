@@ -12,6 +12,7 @@ PACKAGES = (
     "drjit",
     "numpy",
     "scipy",
+    "colour-science",
     "OpenEXR",
     "pydantic",
     "typer",

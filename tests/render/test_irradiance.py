@@ -13,14 +13,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-import spectra
 from helpers.scenes import BALL, SCENES, SKY, both_variants, scene_text, skip_unless_usable, write_scene
 
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.core.units import photon_energy_j
 from mitsuba_sensor.render import bands as film
-from mitsuba_sensor.render import passes
+from mitsuba_sensor.render import passes, spectra
 from mitsuba_sensor.render.bands import box_bands
 from mitsuba_sensor.render.photons import photons_per_irradiance
 from mitsuba_sensor.render.prepared import render

@@ -1,13 +1,15 @@
-"""Spectra of the charts, from colour-science: illuminant D65, the luminous efficiency V(λ), and a ColorChecker."""
+"""Spectra from colour-science: illuminant D65, the luminous efficiency V(λ), and the reflectances of a ColorChecker.
+
+The only module that imports colour-science, and only inside functions, because the import is slow.
+"""
 
 from __future__ import annotations
 
 import numpy as np
-from colour import MSDS_CMFS, SDS_COLOURCHECKERS, SDS_ILLUMINANTS
 from numpy.typing import ArrayLike
 from scipy.integrate import trapezoid
 
-from mitsuba_sensor.core.types import Float64Array
+from ..core.types import Float64Array
 
 LUMENS_PER_WATT = 683.002  # K_m, CIE: 683 lm/W at 540 THz, that is 555.017 nm in air
 VISIBLE_NM = (360.0, 830.0)  # the range of Mitsuba's own spectra (CIE observers)
@@ -16,12 +18,16 @@ COLOR_CHECKER = "ISO 17321-1"  # 380 to 780 nm every 5 nm, 24 patches
 
 def d65(wavelengths_nm: ArrayLike) -> Float64Array:
     """CIE standard illuminant D65, relative (100 at 560 nm), 0 outside its table of 300 to 780 nm."""
+    from colour import SDS_ILLUMINANTS
+
     table = SDS_ILLUMINANTS["D65"]
     return _interpolated(wavelengths_nm, table.wavelengths, table.values)
 
 
 def photopic(wavelengths_nm: ArrayLike) -> Float64Array:
     """Luminous efficiency V(λ): CIE 1931 ȳ, 1 at 555 nm, 0 outside 360 to 830 nm."""
+    from colour import MSDS_CMFS
+
     table = MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
     return _interpolated(wavelengths_nm, table.wavelengths, table.values[:, 1])
 
@@ -44,4 +50,6 @@ def d65_radiance(luminance_cd_per_m2: float, wavelengths_nm: ArrayLike) -> Float
 
 def color_checker() -> dict[str, tuple[Float64Array, Float64Array]]:
     """Name → (wavelengths_nm, reflectance) of the 24 patches, row by row, from dark skin to black (ISO 17321-1)."""
+    from colour import SDS_COLOURCHECKERS
+
     return {name: (sd.wavelengths, sd.values) for name, sd in SDS_COLOURCHECKERS[COLOR_CHECKER].items()}
