@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, PrivateAttr, ValidationError, create_model, model_validator
 
-from ..core.errors import InputError, nearest
+from ..core import InputError, nearest
 from .chain import ORDER, chain
 from .datasheet import CameraTable, PixelGeometry, Section, SensorSection
 from .datasheet_errors import fields_of, sentence

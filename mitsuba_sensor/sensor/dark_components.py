@@ -8,11 +8,9 @@ from typing import Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from ..core import arrays
+from ..core import Frame, SensorWindow, arrays
 from ..core.backend import Backend, uniforms
-from ..core.frame import Frame
 from ..core.moments import rectified_normal
-from ..core.sensor_window import SensorWindow
 from .datasheet import Chance, NotNegative, Positive, Section
 
 

@@ -14,11 +14,7 @@ from typing import ClassVar, Literal, Protocol
 
 import numpy as np
 
-from ..core.frame import Frame
-from ..core.moments import Moments
-from ..core.sensor_window import SensorWindow
-from ..core.signals import Electrons, Photons
-from ..core.types import Array
+from ..core import Array, Electrons, Frame, Moments, Photons, SensorWindow
 from .datasheet import CameraTable, PixelGeometry, Section, SensorSection
 
 Domain = Literal["photons", "electrons", "volts", "DN"]

@@ -9,12 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core import Electrons, Exposure, Frame, Photons, SensorWindow
 from ..core.backend import Backend
-from ..core.exposure import Exposure
-from ..core.frame import Frame
 from ..core.llvm import backend_problem, drjit
-from ..core.sensor_window import SensorWindow
-from ..core.signals import Electrons, Photons
 from ..sensor.run import FrameRunner
 from ..sensor.stage import Stage, converter_of, sample
 from ..sensor.theory import final_moments

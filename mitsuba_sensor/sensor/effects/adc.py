@@ -9,12 +9,7 @@ from typing import Annotated, ClassVar, Self
 
 from pydantic import Field, model_validator
 
-from ...core import arrays
-from ...core.exposure import Exposure
-from ...core.frame import Frame
-from ...core.moments import Moments
-from ...core.sensor_window import SensorWindow
-from ...core.types import Array
+from ...core import Array, Exposure, Frame, Moments, SensorWindow, arrays
 from ..datasheet import NotNegative, Positive, Section
 from ..gains import adc_gain_dn_per_v
 from ..stage import Converter, Datasheet, Stage, propagate

@@ -7,13 +7,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from ...core import arrays
-from ...core.exposure import Exposure
-from ...core.frame import Frame
-from ...core.moments import Moments
-from ...core.sensor_window import SensorWindow
-from ...core.signals import Electrons
-from ...core.types import Array
+from ...core import Array, Electrons, Exposure, Frame, Moments, SensorWindow, arrays
 from ..dark_components import DarkComponent, DarkComponentSection, component_maps, mixture_moments, superimpose
 from ..dark_current_models import DarkCurrentModel, Doubling, FigureOfMerit, Measured, Mpp
 from ..datasheet import MapCoupling, NotNegative, Positive, Section

@@ -8,11 +8,8 @@ from typing import ClassVar, Self
 
 from pydantic import Field
 
+from ...core import Array, Frame, Moments, SensorWindow
 from ...core.backend import normals
-from ...core.frame import Frame
-from ...core.moments import Moments
-from ...core.sensor_window import SensorWindow
-from ...core.types import Array
 from ..datasheet import Chance, LineCoupling, MapCoupling, NotNegative, Section
 from ..gains import sense_gain_v_per_e
 from ..stage import Datasheet, Stage

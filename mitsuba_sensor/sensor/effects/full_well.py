@@ -8,11 +8,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from ...core import arrays
-from ...core.frame import Frame
-from ...core.moments import Moments
-from ...core.signals import Electrons
-from ...core.types import Array
+from ...core import Array, Electrons, Frame, Moments, arrays
 from ..datasheet import Section
 from ..stage import Datasheet, Stage
 

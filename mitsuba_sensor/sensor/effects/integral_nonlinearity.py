@@ -7,11 +7,8 @@ from typing import Annotated, ClassVar, Self
 
 from pydantic import Field, model_validator
 
-from ...core import arrays
-from ...core.frame import Frame
-from ...core.moments import Moments
+from ...core import Array, Frame, Moments, arrays
 from ...core.special import largest, root
-from ...core.types import Array
 from ..datasheet import Section
 from ..gains import full_scale_v
 from ..stage import Datasheet, Stage

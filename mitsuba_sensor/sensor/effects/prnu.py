@@ -10,12 +10,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from ...core import arrays
-from ...core.frame import Frame
-from ...core.moments import Moments
-from ...core.sensor_window import SensorWindow
-from ...core.signals import Electrons
-from ...core.types import Array
+from ...core import Array, Electrons, Frame, Moments, SensorWindow, arrays
 from ..datasheet import LineCoupling, MapCoupling, NotNegative, Section
 from ..fpn_distributions import AutoregressiveRectified, FpnDistribution, LogNormal, Rectified
 from ..stage import Datasheet, Stage, cut_to_zero

@@ -8,12 +8,7 @@ from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import Field, ValidationInfo, model_validator
 
-from ...core import arrays
-from ...core.errors import InputError
-from ...core.frame import Frame
-from ...core.moments import Moments
-from ...core.signals import Electrons, Photons
-from ...core.types import Array
+from ...core import Array, Electrons, Frame, InputError, Moments, Photons, arrays
 from ..datasheet import Chance, Positive, Section
 from ..qe_file import read_curves
 from ..stage import Datasheet, Stage

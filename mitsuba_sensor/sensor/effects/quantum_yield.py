@@ -7,10 +7,7 @@ from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import Field, model_validator
 
-from ...core import arrays
-from ...core.frame import Frame
-from ...core.moments import Moments
-from ...core.signals import Electrons
+from ...core import Electrons, Frame, Moments, arrays
 from ..datasheet import Chance, Section
 from ..stage import Datasheet, Stage
 

@@ -8,10 +8,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from ...core import arrays
-from ...core.frame import Frame
-from ...core.moments import Moments
-from ...core.types import Array
+from ...core import Array, Frame, Moments, arrays
 from ...core.units import BOLTZMANN_J_PER_K, ELEMENTARY_CHARGE_C
 from ..datasheet import Chance, Section
 from ..gains import sense_gain_v_per_e

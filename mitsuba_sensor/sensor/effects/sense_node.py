@@ -7,11 +7,7 @@ from typing import ClassVar, Self
 
 from pydantic import Field, model_validator
 
-from ...core import arrays
-from ...core.frame import Frame
-from ...core.moments import Moments
-from ...core.signals import Electrons
-from ...core.types import Array
+from ...core import Array, Electrons, Frame, Moments, arrays
 from ..datasheet import Chance, Positive, Section
 from ..gains import sense_gain_v_per_e
 from ..stage import Datasheet, Stage

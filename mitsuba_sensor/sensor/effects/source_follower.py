@@ -7,9 +7,7 @@ from typing import Annotated, ClassVar
 
 from pydantic import Field
 
-from ...core.frame import Frame
-from ...core.moments import Moments
-from ...core.types import Array
+from ...core import Array, Frame, Moments
 from ..datasheet import Positive, Section
 from ..gains import sense_gain_v_per_e
 from ..stage import Datasheet, LinearGain, Stage

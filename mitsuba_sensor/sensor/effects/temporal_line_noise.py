@@ -8,9 +8,7 @@ from typing import Self
 
 from pydantic import Field
 
-from ...core.frame import Frame
-from ...core.moments import Moments
-from ...core.types import Array
+from ...core import Array, Frame, Moments
 from ..datasheet import NotNegative, Section
 from ..gains import sense_gain_v_per_e
 from ..stage import Datasheet, Stage

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from functools import cache, partial
 
-from ...core.errors import InputError, require, require_seed
+from ...core import InputError, require, require_seed
 from ...render.irradiance import Irradiance
 from ...render.requirements import render_requirements
 from ...render.stop_criterion import stop_criterion_of

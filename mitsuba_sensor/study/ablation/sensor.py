@@ -10,10 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.exposure import Exposure
-from ...core.frame import Frame
-from ...core.sensor_window import SensorWindow
-from ...core.signals import Electrons, Photons
+from ...core import Electrons, Exposure, Frame, Photons, SensorWindow
 from ...render.irradiance import Irradiance
 from ...render.photons import collect
 from ...sensor.camera import Camera

@@ -9,11 +9,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from ... import Camera, Exposure, Frames, InputError, Stage, expose, load_camera
-from ...core.frame import Frame
+from ...core import Array, Electrons, Float64Array, Frame, SensorWindow
 from ...core.llvm import backend_problem, drjit
-from ...core.sensor_window import SensorWindow
-from ...core.signals import Electrons
-from ...core.types import Array, Float64Array
 from ...sensor.run import choose_backend
 from ...sensor.stage import sample, total
 

@@ -10,9 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ... import Camera, Exposure, InputError, Photons, list_cameras, load_camera
-from ...core.frame import Frame
-from ...core.sensor_window import SensorWindow
-from ...core.types import Array, Float64Array
+from ...core import Array, Float64Array, Frame, SensorWindow
 from ...sensor.datasheet_errors import fields_of
 from ...sensor.theory import final_moments
 from .case import NAME, table1

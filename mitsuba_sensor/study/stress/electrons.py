@@ -11,11 +11,7 @@ import numpy as np
 from scipy import stats
 
 from ... import Exposure, Stage
-from ...core.frame import Frame
-from ...core.moments import Moments
-from ...core.sensor_window import SensorWindow
-from ...core.signals import Electrons
-from ...core.types import Array
+from ...core import Array, Electrons, Frame, Moments, SensorWindow
 from ...core.units import BOLTZMANN_J_PER_K, ELEMENTARY_CHARGE_C
 from ...sensor.effects.dark_current import mean_dark_e
 from ...sensor.stage import propagate

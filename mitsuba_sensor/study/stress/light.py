@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from ... import Exposure, Irradiance, collect, expose, load_camera, render
-from ...core.types import Array
+from ...core import Array
 from ...core.units import LIGHT_SPEED_M_PER_S, PLANCK_J_S, photon_energy_j
 from ...render.bands import Bands, box_bands
 from ...render.photons import photons_per_irradiance

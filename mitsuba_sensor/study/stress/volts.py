@@ -10,8 +10,7 @@ from functools import partial
 import numpy as np
 
 from ... import Exposure
-from ...core import distributions
-from ...core.types import Array
+from ...core import Array, distributions
 from ...sensor.effects.source_follower_noise import CdsNoise, flicker_integral
 from ..statistics import standard_error
 from .case import SIGMAS, Engine, Rows, agree, holds, refusal, relative, shown, stage_of, table1, together

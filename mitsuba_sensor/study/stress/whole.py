@@ -13,11 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ... import Camera, Exposure, Photons, collect, expose, list_cameras, load_camera, plan
+from ...core import Array, Float64Array, Frame, Moments, SensorWindow
 from ...core.backend import FLOAT32_LIMIT
-from ...core.frame import Frame
-from ...core.moments import Moments
-from ...core.sensor_window import SensorWindow
-from ...core.types import Array, Float64Array
 from ...io.files import to_json
 from ...render.passes import clean
 from ...sensor.chain import black_level_dn

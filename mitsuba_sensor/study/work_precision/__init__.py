@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 
-from ...core.errors import InputError
+from ...core import InputError
 from ..kit import Kit
 from ..page import Study, study_of
 from ..subject import Subject

@@ -22,11 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.errors import InputError
-from ...core.exposure import Exposure
-from ...core.frame import Frame
-from ...core.sensor_window import SensorWindow
-from ...core.signals import Photons
+from ...core import Exposure, Frame, InputError, Photons, SensorWindow
 from ...render.aovs import denoising_guides
 from ...render.denoise import smoothed
 from ...render.passes import Welford

@@ -10,8 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from ...core.errors import InputError, require
-from ...core.signals import Photons
+from ...core import InputError, Photons, require
 from ...render.denoise import library
 from ...render.variants import use
 from ..kit import Kit, Step

@@ -11,9 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.errors import require
-from ...core.exposure import Exposure
-from ...core.signals import Photons
+from ...core import Exposure, Photons, require
 from ...sensor.camera import Camera
 from ...sensor.checks import as_photons
 from ...sensor.plan import plan

@@ -14,10 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.errors import InputError
+from ...core import Float64Array, InputError, NumpyArray, Photons
 from ...core.llvm import backend_problem
-from ...core.signals import Photons
-from ...core.types import Float64Array, NumpyArray
 from ...render.bands import GROUP, NARROWEST_NM, Bands
 from ...render.passes import SAMPLER, hashed_seed
 from ...render.photons import photons_per_irradiance
