@@ -14,7 +14,7 @@ from pydantic import Field, PrivateAttr, ValidationError, create_model, model_va
 
 from ..core import InputError, nearest
 from .chain import ORDER, chain
-from .datasheet import CameraTable, PixelGeometry, Section, SensorSection
+from .datasheet import CameraTable, FileTable, PixelGeometry, SensorSection
 from .datasheet_errors import fields_of, sentence
 from .lens_datasheet import LensSection
 from .stage import Chain, Stage
@@ -47,7 +47,7 @@ else:
     AdcTable = _table("adc", "The analogue-to-digital converter.")
 
 
-class Camera(Section):
+class Camera(FileTable):
     """A camera as its datasheet describes it. Immutable; :meth:`replace` makes another one, checked again."""
 
     name: str = Field(description="how the camera is called", examples=["konnik_table1"])

@@ -15,7 +15,7 @@ from typing import ClassVar, Literal, Protocol
 import numpy as np
 
 from ..core import Array, Electrons, Frame, Moments, Photons, SensorWindow
-from .datasheet import CameraTable, PixelGeometry, Section, SensorSection
+from .datasheet import CameraTable, FileTable, PixelGeometry, SensorSection
 
 Domain = Literal["photons", "electrons", "volts", "DN"]
 
@@ -61,7 +61,7 @@ class Stage(ABC):
 
     domain: ClassVar[Domain]
     table: ClassVar[str] = ""
-    fields: ClassVar[type[Section] | None] = None
+    fields: ClassVar[type[FileTable] | None] = None
     paper: ClassVar[str] = "–"
     required: ClassVar[bool] = False
     counts_electrons: ClassVar[bool] = False

@@ -9,11 +9,11 @@ import numpy as np
 from pydantic import Field
 
 from ...core import Array, Electrons, Frame, Moments, arrays
-from ..datasheet import Section
+from ..datasheet import FileTable
 from ..stage import Datasheet, Stage
 
 
-class FullWellFields(Section):
+class FullWellFields(FileTable):
     """Saturation capacity."""
 
     full_well_e: Annotated[float, Field(ge=1, le=1e30, strict=True)] = Field(

@@ -9,12 +9,12 @@ from pydantic import Field, model_validator
 
 from ...core import Array, Frame, Moments, arrays
 from ...core.special import largest, root
-from ..datasheet import Section
+from ..datasheet import FileTable
 from ..gains import full_scale_v
 from ..stage import Datasheet, Stage
 
 
-class IntegralNonlinearityFields(Section):
+class IntegralNonlinearityFields(FileTable):
     """Curve of the converter."""
 
     gamma: Annotated[float, Field(gt=0, lt=2.718281828459045, strict=True)] | None = Field(

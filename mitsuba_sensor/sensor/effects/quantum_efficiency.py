@@ -9,14 +9,14 @@ from typing import Annotated, Any, ClassVar, Self
 from pydantic import Field, ValidationInfo, model_validator
 
 from ...core import Array, Electrons, Frame, InputError, Moments, Photons, arrays
-from ..datasheet import Chance, Positive, Section
+from ..datasheet import Chance, FileTable, Positive
 from ..qe_file import read_curves
 from ..stage import Datasheet, Stage
 
 Fractions = tuple[Annotated[float, Field(ge=0, le=1, strict=True)], ...]
 
 
-class QuantumEfficiencyFields(Section):
+class QuantumEfficiencyFields(FileTable):
     """Electrons per photon, a curve per colour filter, and how the filters repeat over the sensor."""
 
     value: Chance | None = Field(

@@ -10,11 +10,11 @@ from pydantic import Field
 
 from ...core import Array, Electrons, Frame, Moments, SensorWindow, arrays, distributions
 from ...core.backend import Backend
-from ..datasheet import Chance, NotNegative, Section
+from ..datasheet import Chance, FileTable, NotNegative
 from ..stage import Datasheet, Stage
 
 
-class RtsFields(Section):
+class RtsFields(FileTable):
     """Random telegraph signals."""
 
     rts_fraction: Chance = Field(

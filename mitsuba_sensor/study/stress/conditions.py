@@ -59,7 +59,7 @@ class Sensitivity(NamedTuple):
 def sensitivities() -> list[Sensitivity]:
     """Every shipped camera, and Table 1 with all curves and with 24 bits; the strongest input first."""
     cameras = {name: load_camera(name) for name in list_cameras()}
-    cameras |= {"table 1, 16 bit, bent": load_camera(NAME).replace(**CURVED), "table 1, 24 bit": table1(adc__bits=24)}
+    cameras |= {"table 1, 16 bit, curved": load_camera(NAME).replace(**CURVED), "table 1, 24 bit": table1(adc__bits=24)}
     found = [one for name, camera in cameras.items() for e in EXPOSURES for one in of_camera(name, camera, e)]
     return sorted(found, key=lambda one: -one.largest_dn)
 

@@ -1,4 +1,4 @@
-"""Volts and codes: source follower noise at every ratio of its times, bent nodes, coupled columns, the converter."""
+"""Volts and codes: source follower noise at every ratio of its times, non-linear nodes, coupled columns, the converter."""
 
 from __future__ import annotations
 
@@ -131,7 +131,7 @@ def column_formulas(_: Engine) -> Rows:
         yield "dsnu column", f"a = {shown(a)}, one impulse", "variance 1, ρ₁ = 2a, to 1e-9", got
     for a in (0.5, 0.49991, 1.0, -1e-9):
         got = refusal("readout.dsnu_col_coupling is", partial(table1, readout__dsnu_col_coupling=a))
-        yield "dsnu column", f"a = {shown(a)}", "refused: at ½ columns are a random walk", got
+        yield "dsnu column", f"a = {shown(a)}", "refused: at ½ columns have no finite variance", got
 
 
 def columns(engine: Engine) -> Rows:

@@ -106,7 +106,7 @@ def standard_errors(values: Array, theory: Moments, lines: bool, rare: float, en
 def extremes(given: str, conditions: Conditions, exact: dict[str, tuple[str, Conditions]], engine: Engine) -> Rows:
     """Every stage of every camera under all conditions; and where a well must be full, or another stage empty.
 
-    given : in words, with ``{}`` for the conditions.  exact : input → stage and conditions.
+    given : in a sentence, with ``{}`` for the conditions.  exact : input → stage and conditions.
     """
     given = given.format(", ".join(condition.name for condition in conditions))
     given += f"; {len(list_cameras())} shipped cameras and one with every option"
