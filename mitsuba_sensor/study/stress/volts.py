@@ -1,4 +1,4 @@
-"""Volts and codes: source follower noise at every ratio of its times, non-linear nodes, coupled columns, the converter."""
+"""Volts and codes: source follower noise at every ratio of its times, non-linear nodes, coupled columns, the ADC."""
 
 from __future__ import annotations
 
