@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import operator
 from collections.abc import Iterable
 
 
@@ -21,7 +22,7 @@ def require(name: str, value: float, low: float, high: float, remedy: str) -> fl
     """
     try:
         number = float(value + 0)  # refuses a string such as "0.1"
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(f"{name} is {value!r}; it must be a number ({remedy}).") from None
     if math.isnan(number) or not low <= number <= high:
         raise InputError(f"{name} is {value!r}; it must be {span(low, high)} ({remedy}).")
@@ -30,9 +31,13 @@ def require(name: str, value: float, low: float, high: float, remedy: str) -> fl
 
 def require_seed(name: str, value: int) -> int:
     """Return ``value`` if it is a whole number that fits the 64-bit key of the random number generator."""
-    if isinstance(value, bool) or not hasattr(value, "__index__") or not 0 <= int(value) < 2**64:
+    try:
+        number = -1 if isinstance(value, bool) else operator.index(value)
+    except TypeError:  # no whole number, or an array of them
+        number = -1
+    if not 0 <= number < 2**64:
         raise InputError(f"{name} is {value!r}; it must be a whole number from 0 to 2^64 - 1 (e.g. 1).")
-    return int(value)
+    return number
 
 
 def span(low: float, high: float) -> str:

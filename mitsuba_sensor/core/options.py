@@ -79,7 +79,7 @@ class Declared:
             return None
         if self.option.check is not None:
             return self.option.check(self.name, value)
-        if self.choices and value not in self.choices:
+        if self.choices and not (isinstance(value, str) and value in self.choices):
             allowed = ", ".join(map(str, self.choices))
             raise InputError(
                 f"{self.name} is {value!r}; it must be one of {allowed}.{nearest(str(value), self.choices)}"

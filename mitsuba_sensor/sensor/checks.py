@@ -2,28 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..core import InputError, Photons, SensorWindow, nearest, numbers, require_seed
+from ..core.checks import numbers
+from ..core.errors import InputError, nearest, require_seed
+from ..core.sensor_window import SensorWindow
+from ..core.signals import Photons
 from .camera import Camera
 from .stage import Chain
 
 
-def check_numbers(frames: Any, first_frame: Any, seed: Any) -> None:
-    """Raise InputError unless these are whole numbers that the counters of the random number generator can hold."""
-    for name, number in (("frames", frames), ("first_frame", first_frame), ("seed", seed)):
-        require_seed(name, number)
+def check_numbers(frames: Any, first_frame: Any, seed: Any) -> tuple[int, int, int]:
+    """The same as Python integers. Raises InputError where the random number generator's counters cannot hold them."""
+    given = (("frames", frames), ("first_frame", first_frame), ("seed", seed))
+    frames, first_frame, seed = (require_seed(name, number) for name, number in given)
     if frames < 1 or first_frame + frames > 2**32:
         raise InputError(f"frames is {frames} from {first_frame}; ask for at least 1, numbered from 0 to 2^32 - 1.")
+    return frames, first_frame, seed
 
 
 def checked_names(keep: Any, known: tuple[str, ...]) -> tuple[str, ...]:
     """The signals to keep, one name or several."""
-    wanted = tuple(keep) if isinstance(keep, Iterable) and not isinstance(keep, str) else (keep,)
+    try:
+        wanted = (keep,) if isinstance(keep, str) else tuple(keep)
+    except TypeError:  # nothing that has elements
+        wanted = (keep,)
     for name in wanted:
         if name not in known:
             raise InputError(f"keep names {name!r}; the signals that can be kept are {', '.join(known)}.")
