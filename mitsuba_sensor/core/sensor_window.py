@@ -38,7 +38,11 @@ class SensorWindow:
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def __post_init__(self) -> None:
-        require_seed("serial", self.serial)
+        object.__setattr__(self, "serial", require_seed("serial", self.serial))  # a NumPy integer would overflow
+
+    def __reduce__(self) -> tuple[type[SensorWindow], tuple[object, ...]]:
+        """Pickled without its maps, which are made anew."""
+        return SensorWindow, (self.serial, self.shape, self.origin, dict(self.given), self.backend)
 
     @property
     def rows(self) -> NDArray[np.int64]:

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, Self, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, PrivateAttr, ValidationError, create_model, model_validator
 
-from ..core import InputError, nearest
+from ..core.errors import InputError, nearest
+from .added_stages import check_added
 from .chain import ORDER, chain
-from .datasheet import CameraTable, FileTable, PixelGeometry, SensorSection
+from .datasheet import CameraTable, PixelGeometry, Section, SensorSection
 from .datasheet_errors import fields_of, sentence
 from .lens_datasheet import LensSection
 from .stage import Chain, Stage
@@ -27,7 +29,7 @@ def _table(name: str, description: str, base: type[CameraTable] = CameraTable) -
     """The table of this name with the fields of every effect that belong there, in the order of the chain."""
     kinds = dict.fromkeys(effect.fields for effect in ORDER if effect.fields is not None and effect.table == name)
     bases: Any = (*reversed(kinds), base)  # pydantic takes the fields of the last base first
-    title = f"{name.title().replace('_', '')}CameraTable"
+    title = f"{name.title().replace('_', '')}Table"  # the name that it has in this module, where pickle looks for it
     return cast(type[CameraTable], create_model(title, __base__=bases, __doc__=description))
 
 
@@ -47,7 +49,7 @@ else:
     AdcTable = _table("adc", "The analogue-to-digital converter.")
 
 
-class Camera(FileTable):
+class Camera(Section):
     """A camera as its datasheet describes it. Immutable; :meth:`replace` makes another one, checked again."""
 
     name: str = Field(description="how the camera is called", examples=["konnik_table1"])
@@ -63,7 +65,7 @@ class Camera(FileTable):
     sources: dict[str, str] = Field(
         default_factory=dict,
         description="dotted field → where its number comes from",
-        examples=[{"adc.bits": "CameraTable 1"}],
+        examples=[{"adc.bits": "Konnik & Welsh 2014, Table 1"}],
     )
     _added: tuple[tuple[str, Stage], ...] = PrivateAttr(())
 
@@ -101,12 +103,13 @@ class Camera(FileTable):
         """The same camera with a stage of yours in its chain: ``camera.with_stage(Banding(...), after="reset_noise")``.
 
         after : key of the stage in front of it (the class name in small letters), whether this camera has it or not.
-        Raises InputError for an unknown place, and where the stage does not deliver the unit that is expected there.
+        Raises InputError for an unknown place, where the stage does not deliver the unit that is expected there, and
+        where it draws from the noise source of another stage.
         """
         places = {effect.key(): effect for effect in ORDER[:-1]}
         if not isinstance(stage, Stage):
             raise InputError(f"stage is {stage!r}; pass an instance of a class derived from mitsuba_sensor.Stage.")
-        if after not in places:
+        if not isinstance(after, str) or after not in places:
             raise InputError(f"after is {after!r}; it must be one of {', '.join(places)}.{nearest(str(after), places)}")
         if stage.domain != places[after].domain:
             raise InputError(
@@ -114,8 +117,14 @@ class Camera(FileTable):
                 f"put it after another stage, or set its domain to {places[after].domain!r}."
             )
         camera = self.model_copy()
-        camera.__dict__.pop("stages", None)
         camera._added = (*self._added, (after, stage))
+        check_added(camera.stages, stage)
+        return camera
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """A copy, as of every pydantic model, with a chain of its own; :meth:`replace` checks the values too."""
+        camera = super().model_copy(update=update, deep=deep)
+        vars(camera).pop("stages", None)
         return camera
 
     def to_dict(self) -> dict[str, Any]:

@@ -6,6 +6,7 @@ import copy
 import functools
 import json
 import math
+import pickle
 import re
 import tomllib
 from pathlib import Path
@@ -396,3 +397,19 @@ def test_a_camera_survives_its_own_dump() -> None:
         camera = ms.load_camera(name)
         again = Camera.model_validate(json.loads(json.dumps(camera.model_dump(), allow_nan=False)))
         assert again == camera and chain(again) == chain(camera)
+
+
+@pytest.mark.parametrize("name", ms.list_cameras())
+def test_a_camera_survives_pickling_and_copying(name: str) -> None:
+    """Its chain too, once it is built."""
+    camera = ms.load_camera(name)
+    stages = camera.stages
+    for other in (pickle.loads(pickle.dumps(camera)), copy.deepcopy(camera), camera.model_copy()):
+        assert other == camera and other.stages == stages
+
+
+def test_a_copy_with_other_fields_has_the_chain_of_those_fields() -> None:
+    camera = ms.load_camera("konnik_table1")
+    assert camera.stages[-1].highest == 4095  # type: ignore[attr-defined]
+    other = camera.model_copy(update={"adc": camera.replace(**{"adc.bits": 14}).adc})
+    assert other.stages[-1].highest == 2**14 - 1  # type: ignore[attr-defined]
