@@ -27,7 +27,7 @@ class Frame:
     _blocks: dict[int, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        require_seed("seed", self.seed)
+        object.__setattr__(self, "seed", require_seed("seed", self.seed))  # a NumPy integer would overflow
 
     def on(self, backend: Backend) -> Frame:
         """The same frame of the same camera, computed by ``backend``."""
@@ -60,11 +60,12 @@ class Frame:
         rows : row numbers on the sensor, also negative ones; with them the result is a NumPy float64 array of their
             shape, which a filter can give a spectrum before ``window.backend.from_numpy(line[:, None], window)``.
 
-        The value depends on seed, source, frame and row number only, so a crop of the frame has the same rows.
+        The value depends on seed, source, frame and row number only, so a crop of the frame has the same rows. It is
+        independent of the pixels and columns of a source of the same name.
         """
         window = self.window
         if rows is not None:
-            return distributions.normal(self.random_bits_at(source, rows, [0], self.index))
+            return distributions.normal(self.random_bits_at(f"{source} (rows)", rows, [0], self.index))
         return window.backend.from_numpy(self.row_normal(source, window.rows)[:, None], window)
 
     def column_normal(self, source: str, columns: ArrayLike | None = None) -> Array:
@@ -74,7 +75,7 @@ class Frame:
         """
         window = self.window
         if columns is not None:
-            return distributions.normal(self.random_bits_at(source, [0], columns, self.index))
+            return distributions.normal(self.random_bits_at(f"{source} (columns)", [0], columns, self.index))
         return window.backend.from_numpy(self.column_normal(source, window.columns)[None, :], window)
 
     def normal(self, source: str) -> Array:

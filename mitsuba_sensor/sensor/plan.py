@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import statistics
 import time
+from collections.abc import Collection
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -11,8 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core import Exposure, Frame, Moments, Photons, SensorWindow, check_types, require
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
+from ..core.checks import check_types
+from ..core.errors import require
+from ..core.exposure import Exposure
+from ..core.frame import Frame
+from ..core.moments import Moments
+from ..core.sensor_window import SensorWindow
+from ..core.signals import Photons
 from .camera import Camera
 from .checks import as_photons
 from .precision import Float32, float32_effect
@@ -124,14 +131,15 @@ def plan(
     whole = camera.stages
     full = final_moments(whole, levels, frame)
     free = [stage for stage in whole if not stage.required]
-    alone = {stage: _distance(full, final_moments(without(whole, {stage}), levels, frame)) for stage in free}
-    out: set[Stage] = set()
-    for stage in sorted((s for s in free if max(alone[s]) <= tolerance_dn), key=lambda s: max(alone[s])):
-        if max(_distance(full, final_moments(without(whole, out | {stage}), levels, frame))) <= tolerance_dn:
-            out.add(stage)
-    effects = tuple(_effect(stage, alone.get(stage), stage in out) for stage in whole)
-    scene = Frame(exposure, SensorWindow(1, (light.mean.shape[0], light.mean.shape[1])))
+    alone = {id(stage): _distance(full, final_moments(without(whole, [stage]), levels, frame)) for stage in free}
+    out: list[Stage] = []
+    small = (stage for stage in free if max(alone[id(stage)]) <= tolerance_dn)
+    for stage in sorted(small, key=lambda stage: max(alone[id(stage)])):
+        if max(_distance(full, final_moments(without(whole, [*out, stage]), levels, frame))) <= tolerance_dn:
+            out.append(stage)
     kept = without(whole, out)
+    effects = tuple(_effect(stage, alone.get(id(stage)), not _among(stage, kept)) for stage in whole)
+    scene = Frame(exposure, SensorWindow(1, (light.mean.shape[0], light.mean.shape[1])))
     return Plan(camera.name, tolerance_dn, effects, kept, whole, float32_effect(kept, levels, frame), light, scene)
 
 
@@ -142,9 +150,13 @@ def _effect(stage: Stage, moved: tuple[float, float, float] | None, left_out: bo
     return Effect(stage.label, not left_out, *moved, reason)
 
 
-def without(stages: Chain, out: set[Stage]) -> Chain:
-    """The chain without these stages."""
-    return tuple(stage for stage in stages if stage not in out)
+def without(stages: Chain, out: Collection[Stage]) -> Chain:
+    """The chain without these stages. (Those of a user need no hash, and may hold arrays.)"""
+    return tuple(stage for stage in stages if not _among(stage, out))
+
+
+def _among(stage: Stage, stages: Collection[Stage]) -> bool:
+    return any(stage is other for other in stages)
 
 
 def _levels(photons: Photons, camera: Camera, exposure: Exposure) -> tuple[Photons, Frame]:

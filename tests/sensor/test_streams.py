@@ -276,3 +276,17 @@ def test_nothing_is_drawn_from_numpys_global_state_or_the_clock() -> None:
     np.testing.assert_array_equal(ms.expose(LIGHT, CAMERA, EXPOSURE).digital, one)
     np.random.seed(1)
     np.testing.assert_array_equal(np.random.get_state()[1], state)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_lines_and_pixels_of_one_source_are_uncorrelated(axis: int) -> None:
+    """Row y is not pixel (y, 0), column x is not pixel (0, x), and the first row not the first column; |r| < 5/√n."""
+    n = 100_000
+    shape = (n, 1) if axis == 0 else (1, n)
+    frame = Frame(EXPOSURE, SensorWindow(1, shape))
+    line = (frame.row_normal if axis == 0 else frame.column_normal)("amplifier").ravel()
+    assert abs(np.corrcoef(line, frame.normal("amplifier").ravel())[0, 1]) < 5 / np.sqrt(n)
+    other = Frame(EXPOSURE, SensorWindow(1, shape[::-1]))
+    across = (other.column_normal if axis == 0 else other.row_normal)("amplifier").ravel()
+    assert abs(np.corrcoef(line, across)[0, 1]) < 5 / np.sqrt(n)
+    assert line[0] != across[0]

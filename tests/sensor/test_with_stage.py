@@ -12,6 +12,8 @@ from helpers.stage_tests import TALL, StageTests
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.errors import InputError
+from mitsuba_sensor.core.frame import Frame
+from mitsuba_sensor.core.moments import Moments
 from mitsuba_sensor.sensor.gains import gain_dn_per_e
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "examples"))
@@ -83,3 +85,88 @@ def test_a_stage_that_cannot_stand_there_is_refused_in_one_sentence(case: str) -
     stage, after, sentence = REFUSED[case]
     with pytest.raises(InputError, match=sentence):
         TABLE1.with_stage(stage, after=after)
+
+
+class Hum(ms.Stage):
+    """Noise of one value per pixel; not frozen, without a hash, with an array among its fields."""
+
+    domain = "volts"
+
+    def __init__(self, source: str = "hum", sigma_v: float = 1e-3, double: bool = False) -> None:
+        self.source, self.sigma_v, self.weights = source, np.array([sigma_v]), np.float64(1) if double else 1.0
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Hum) and bool(np.all(self.sigma_v == other.sigma_v))
+
+    def sample(self, swing: Any, frame: Frame) -> Any:
+        """Swing with noise."""
+        return swing + self.weights * (frame.number(float(self.sigma_v[0])) * frame.normal(self.source))
+
+    def moments(self, m: Moments) -> Moments:
+        """Adds the variance."""
+        return m.add(temporal=float(self.sigma_v[0]) ** 2)
+
+
+def test_a_stage_needs_no_hash() -> None:
+    camera = TABLE1.with_stage(Hum(), after="reset_noise")
+    plan = ms.plan(camera, DARK, np.zeros((4, 4)))
+    assert any(effect.stage == "hum" and effect.kept for effect in plan.effects)
+    np.testing.assert_array_equal(
+        ms.expose(np.zeros((4, 4)), camera, DARK, plan=plan).digital, ms.expose(np.zeros((4, 4)), camera, DARK).digital
+    )
+
+
+def test_two_equal_stages_are_two_in_a_plan() -> None:
+    """Each alone may go (0.07 DN), both together may not (0.14 DN)."""
+    camera = TABLE1.with_stage(Hum("one", 1.6e-5), after="reset_noise").with_stage(Hum("two", 1.6e-5), after="cds_gain")
+    alone = [effect for effect in ms.plan(camera, DARK, np.zeros((4, 4))).effects if effect.stage == "hum"]
+    tolerance = 1.5 * max(effect.temporal_dn for effect in alone)
+    kept = [e.kept for e in ms.plan(camera, DARK, np.zeros((4, 4)), tolerance).effects if e.stage == "hum"]
+    assert sorted(kept) == [False, True]
+
+
+@pytest.mark.parametrize("source", ["hum", "source_follower"])
+def test_two_stages_may_not_draw_from_one_source(source: str) -> None:
+    """They would have the same noise: σ twice as large, where theory has √2."""
+    camera = TABLE1.with_stage(Hum(), after="reset_noise")
+    with pytest.raises(InputError, match=f"Hum draws from the noise source '{source}'"):
+        camera.with_stage(Hum(source), after="cds_gain")
+
+
+def test_the_same_stage_may_not_be_added_twice() -> None:
+    hum = Hum()
+    with pytest.raises(InputError, match="both would have the same noise"):
+        TABLE1.with_stage(hum, after="reset_noise").with_stage(hum, after="reset_noise")
+
+
+def test_a_stage_that_leaves_float32_is_refused() -> None:
+    """On NumPy a float64 scalar makes the frame float64, on Dr.Jit it does not."""
+    with pytest.raises(InputError, match=r"makes float64 of float32.*frame\.number"):
+        TABLE1.with_stage(Hum(double=True), after="reset_noise")
+
+
+class Sum(ms.Stage):
+    """Adds up what must stay apart."""
+
+    domain = "electrons"
+
+    def sample(self, electrons: Any, frame: Frame) -> Any:
+        """The sum."""
+        return electrons.total
+
+    def moments(self, m: Moments) -> Moments:
+        """The same."""
+        return m
+
+
+def test_a_stage_that_adds_up_electrons_is_refused() -> None:
+    with pytest.raises(InputError, match=r"Sum returns a ndarray.*return Electrons"):
+        TABLE1.with_stage(Sum(), after="shot_noise")
+
+
+@pytest.mark.parametrize("after", [["reset_noise"], np.array([1]), None])
+def test_a_place_that_is_no_text_is_refused(after: Any) -> None:
+    with pytest.raises(InputError, match="it must be one of"):
+        TABLE1.with_stage(Hum(), after=after)
