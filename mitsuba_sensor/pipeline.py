@@ -31,7 +31,7 @@ from .render.statistics import summary_of
 from .render.stop_criterion import Progress
 from .sensor.camera import Camera
 from .sensor.checks import as_photons
-from .sensor.expose import Frames, PreparedExposure, prepare_exposure
+from .sensor.expose import KEEP, Frames, PreparedExposure, prepare_exposure
 from .sensor.input_noise import input_noise
 from .sensor.options import ExposeOptions, FrameOptions
 from .sensor.plan import plan
@@ -195,7 +195,9 @@ def _render_per_frame(
         prepared = series.prepared
         found = list(series.frames(progress, report=True))
     first = found[0]
-    frames = replace(first.frames, digital=np.concatenate([one.frames.digital for one in found]))
+    names = ("digital", *(name for name in KEEP if getattr(first.frames, name) is not None))
+    whole: dict[str, Any] = {name: np.concatenate([getattr(one.frames, name) for one in found]) for name in names}
+    frames = replace(first.frames, **whole)
     vars(frames)["first_report"] = first.frames.first_report
     origin = {**_origin(prepared, options), "uncompensated": float(np.mean([one.uncompensated for one in found]))}
     metadata = frame_metadata(frames, first.light, options, origin, timings.seconds)
@@ -206,7 +208,8 @@ def _refuse_scene_options(options: CaptureOptions) -> None:
     """Raise InputError for options of a render where the light is rendered already."""
     of_light = {one.name for one in declared(LightOptions)}
     for one in declared(CaptureOptions):
-        if one.name not in of_light and dict(options)[one.name] != one.option.default:
+        value, usual = dict(options)[one.name], one.option.default
+        if one.name not in of_light and not (isinstance(value, type(usual)) and value == usual):  # value: any object
             raise InputError(
                 f"{one.name} is for the render of a scene, and this light is rendered already; leave it out."
             )

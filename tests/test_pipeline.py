@@ -177,3 +177,21 @@ def test_a_scene_is_parsed_once_a_chain_built_once_and_run_once_per_frame(
     assert len(built) == 1 and not built_elsewhere
     expected = frames * 12 * 16
     assert pixels == {type(stage).__name__: expected for stage in camera.stages}
+
+
+@pytest.mark.parametrize("render_noise", ["shared", "per-frame", "compensated"])
+def test_signals_that_are_kept_belong_to_every_frame(scene_file: Path, render_noise: Any) -> None:
+    """Without dark current too, where dark electrons are one 0 for all pixels."""
+    keep = ("photons", "photoelectrons", "dark_electrons", "electrons", "volts")
+    options: Any = {"frames": 2, "first_frame": 5, "render_noise": render_noise, **RENDER}
+    found = ms.capture(scene_file, CAMERA, ms.Exposure(0.05, 0.0), keep=keep, **options).frames
+    for name in keep:
+        assert getattr(found, name).shape == found.digital.shape
+
+
+@pytest.mark.parametrize("value", [[1], {}, np.array([1, 2]), 10**400])
+def test_a_scene_unit_that_is_none_is_refused(scene_file: Path, light: Any, value: Any) -> None:
+    with pytest.raises(ms.InputError, match=r"scene_unit is .*; it must be"):
+        ms.capture(scene_file, CAMERA, EXPOSURE, scene_unit=value, **RENDER)
+    with pytest.raises(ms.InputError, match="scene_unit is for the render of a scene"):
+        ms.capture(light, CAMERA, EXPOSURE, scene_unit=value)

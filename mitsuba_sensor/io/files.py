@@ -13,13 +13,13 @@ import tempfile
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..core import InputError
+from ..core.errors import InputError
 
 
 @contextmanager
@@ -120,7 +120,8 @@ def appearing(path: Path) -> Iterator[Path]:
             yield temporary
             os.replace(temporary, path)
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):  # a file stands where the folder should be: said already
+            temporary.unlink(missing_ok=True)
 
 
 def _make_folder(folder: Path) -> list[Path]:

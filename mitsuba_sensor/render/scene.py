@@ -14,7 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import Array, InputError
+from ..core.errors import InputError
+from ..core.types import Array
 from ..optics.intrinsics import View
 from ..sensor.camera import Camera
 from .bands import Bands, box_bands, response_film, restrict_wavelengths

@@ -12,12 +12,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..core import Array
 from ..core.llvm import drjit
-from ..optics.exit_pupil import exit_pupil_bounds
+from ..core.types import Array
+from ..optics.exit_pupil import ExitPupilBounds, exit_pupil_bounds
+from ..optics.glass import D_NM
 from ..optics.intrinsics import View
 from ..optics.paraxial import cardinal_points, surfaces_at_f_number
-from ..optics.ray_trace import D_NM, Ray, stopped_down, trace
+from ..optics.ray_trace import Ray, stopped_down, trace
 from ..sensor.camera import Camera
 from .variants import MitsubaObject, mitsuba
 
@@ -54,9 +55,7 @@ class SequentialLens:
         # Focus and f-number are data of the compiled kernel, so that it serves all of them; the glass is part of it.
         self._surfaces = stopped_down(surfaces, dr.opaque(mi.Float, points.stop_radius))
         self._distance = dr.opaque(mi.Float, distance)
-        table = np.stack([bounds.centre, bounds.radial, bounds.tangential], axis=-1).astype(np.float32)
-        self._bounds = mi.Texture1f(mi.TensorXf(table), use_accel=False)
-        self._per_mm = dr.opaque(mi.Float, 1 / bounds.highest)
+        self._bounds, self._per_mm = _texture(bounds), dr.opaque(mi.Float, 1 / bounds.highest)
 
     def sample(
         self, sensor: MitsubaObject, samples: tuple[Array, Array, Array, Array], active: Array
@@ -88,9 +87,7 @@ class SequentialLens:
         height = dr.sqrt(x * x + y * y)
         on_axis, inverse = height < NO_HEIGHT, 1.0 / dr.maximum(height, NO_HEIGHT)
         ux, uy = dr.select(on_axis, 1.0, x * inverse), y * inverse
-        cells = self._bounds.shape[0] - 1  # of the exit-pupil bounds, linear in between
-        at = height * self._per_mm * (cells / (cells + 1)) + 0.5 / (cells + 1)
-        centre, radial, tangential = self._bounds.eval(at)
+        centre, radial, tangential = self._ellipse(height)
         disk = mitsuba().warp.square_to_uniform_disk_concentric(aperture)
         along, across = centre + radial * disk.x, tangential * disk.y
         dx, dy = along * ux - across * uy - x, along * uy + across * ux - y
@@ -98,3 +95,17 @@ class SequentialLens:
         cosine = z * inverse
         solid_angle = (math.pi * radial * tangential) * (cosine * cosine / z) ** 2
         return Ray(x, y, -z, dx * inverse, dy * inverse, cosine, True), solid_angle
+
+    def _ellipse(self, height: Array) -> tuple[Array, Array, Array]:
+        """Centre, radial and tangential half axis of the exit-pupil bounds at an image height [mm]."""
+        cells = self._bounds.shape[0] - 1
+        at = height * self._per_mm * (cells / (cells + 1)) + 0.5 / (cells + 1)
+        centre, radial, tangential = self._bounds.eval(at)
+        return centre, radial, tangential
+
+
+def _texture(bounds: ExitPupilBounds) -> MitsubaObject:
+    """The table of the bounds, to be evaluated with linear interpolation."""
+    mi = mitsuba()
+    values = np.stack([bounds.centre, bounds.radial, bounds.tangential], axis=-1).astype(np.float32)
+    return mi.Texture1f(mi.TensorXf(values), use_accel=False)

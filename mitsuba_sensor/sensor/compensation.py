@@ -16,7 +16,9 @@ A frame alone varies by μ − s about its own render. A plan and its levels tak
 
 from __future__ import annotations
 
-from ..core import Array, Frame, arrays
+from ..core import arrays
+from ..core.frame import Frame
+from ..core.types import Array
 
 LIMIT = 1 / 3
 """Share of μ that is compensated at most; what a render has beyond stays in the frame, and is reported.

@@ -10,9 +10,14 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..core import Exposure, Frame, InputError, Photons, SensorWindow, check_types, first_given, require_seed
 from ..core.backend import FLOAT32_LIMIT, NUMPY_FLOAT32, NUMPY_FLOAT64
+from ..core.checks import check_types, first_given
+from ..core.errors import InputError, require_seed
+from ..core.exposure import Exposure
+from ..core.frame import Frame
 from ..core.options import complete, documents
+from ..core.sensor_window import SensorWindow
+from ..core.signals import Photons
 from .camera import Camera
 from .checks import as_photons, check_compensation, check_numbers, checked_maps, checked_names, checked_origin
 from .gains import adc_gain_dn_per_v
@@ -20,7 +25,7 @@ from .konnik2014 import Konnik2014Settings, chain_of
 from .noise_budget import NoiseBudget, noise_budget
 from .options import ExposeOptions, Precision
 from .report import FrameReport, frame_report
-from .run import FrameRunner, choose_backend
+from .run import FrameRunner, choose_backend, require_kept
 from .stage import Chain, converter_of
 
 if TYPE_CHECKING:
@@ -29,6 +34,9 @@ if TYPE_CHECKING:
 KEEP = ("photons", "photoelectrons", "dark_electrons", "electrons", "volts")
 """Intermediate signals that ``expose(keep=…)`` can return: mean photons of all bands, electrons that light and dark
 current left in the well, their sum [e-], swing at the converter [V]."""
+
+KEPT_BY_PUBLISHED = ("photons", "electrons", "volts")
+"""Those of them that chain konnik2014 has."""
 
 COUNTABLE = 2**24
 """Whole numbers up to here are whole in float32: electrons of a full well, digital numbers."""
@@ -146,10 +154,12 @@ class PreparedExposure:
         light, reported = self._light, frame_report(self._light, self.camera, self._on_numpy, self.stages)
         rest = replace(self, first=replace(self.first, index=self.first.index + 1, _blocks={}), count=self.count - 1)
         others = rest.frames() if rest.count else None
+        require_kept(self.keep, {"photons", *reported.signals})
         kept = {}
         for name in (*self.keep, "digital"):
             one = reported.signals[name] if name != "photons" else light.total
-            one = np.asarray(one, self._code_type if name == "digital" else np.float64)[None]
+            one = np.asarray(one, self._code_type if name == "digital" else np.float64)
+            one = np.broadcast_to(one, self.first.window.shape)[None]  # no dark current is one 0 for all pixels
             kept[name] = one if others is None else np.concatenate([one, getattr(others, name)])
         frames = self._frames(kept)
         vars(frames)["first_report"] = reported
@@ -206,6 +216,7 @@ def prepare_exposure(
     first_frame, frames = chosen["first_frame"], chosen["frames"]
     check_numbers(frames, first_frame, seed)
     keep = checked_names(chosen["keep"], KEEP)
+    require_kept(keep, KEEP if chosen["chain"] == "physical" else KEPT_BY_PUBLISHED)
     stages = _stages(camera, chosen["plan"], chosen["chain"])
     precision = _precision(chosen["precision"], camera, chosen["plan"], chosen["chain"])
     backend = choose_backend(chosen["engine"], precision, frames * shape[0] * shape[1])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Container, Hashable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import Any, get_args
@@ -12,9 +12,13 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import Array, Electrons, Frame, InputError, Photons, SensorWindow, nearest
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, Backend, PendingStrip
+from ..core.errors import InputError, nearest
+from ..core.frame import Frame
 from ..core.llvm import backend_problem
+from ..core.sensor_window import SensorWindow
+from ..core.signals import Electrons, Photons
+from ..core.types import Array
 from .options import Engine, Precision
 from .stage import Chain, Stage, sample, total
 
@@ -138,10 +142,13 @@ class FrameRunner:
         new = number not in self._parts
         window, start = self._part(strip, rows) if new else self._parts.pop(number)
         frame = Frame(self.first.exposure, window, self.first.seed, index)
+        found = {"photons"}
         if "photons" in sinks:
             sinks["photons"][rows] = strip.total
         for name, signal in signals(self.stages, strip if start is None else start, frame):
+            found.add(name)
             if name == "digital":
+                require_kept(sinks, found)
                 if not last:
                     self._keep(number, window, start, new)
                 return window.backend.pending(signal, window, sinks[name][rows])
@@ -170,6 +177,16 @@ class FrameRunner:
         if not window.backend.compiled:
             return window, None
         return window, begin(self.stages, strip, replace(self.first, window=window))
+
+
+def require_kept(asked: Iterable[str], found: Container[str]) -> None:
+    """Raise InputError unless the chain delivers every signal that was asked for."""
+    for name in asked:
+        if name not in found:
+            raise InputError(
+                f"keep names {name!r}, and this chain does not hold photoelectrons and dark electrons apart; keep "
+                "'electrons', their sum."
+            )
 
 
 def begin(stages: Chain, light: Photons, frame: Frame) -> Electrons:

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import Electrons, Exposure, Frame, Photons, SensorWindow
 from ..core.backend import Backend
+from ..core.exposure import Exposure
+from ..core.frame import Frame
 from ..core.llvm import backend_problem, drjit
+from ..core.sensor_window import SensorWindow
+from ..core.signals import Photons
 from ..sensor.run import FrameRunner
-from ..sensor.stage import Stage, converter_of, sample
+from ..sensor.stage import sample
 from ..sensor.theory import final_moments
 from .statistics import Array, Numbers
 
@@ -23,7 +26,7 @@ BACKENDS = {"drjit": "llvm", "cuda": "cuda"}  # compiled engine → back end of 
 ENDLESS = 2**31  # more frames than any stream is asked for
 FRAMES_A_TURN = 8  # of a compiled engine, which traces a frame while it computes the one before
 
-Stages = tuple[Stage, ...]
+Stages = tuple[Any, ...]
 Groups = Mapping[str, NDArray[np.intp]]  # indices of pixels in the flattened window
 
 
@@ -79,12 +82,11 @@ class Illuminated:
         rows, columns = self.photons.mean.shape[:2]
         return SensorWindow(serial % 2**64, (rows, columns), self.photons.origin, backend=self.backend)
 
-    def electrons(self, stages: Stages, sensor: SensorWindow) -> Electrons:
+    def electrons(self, stages: Stages, sensor: SensorWindow) -> Any:
         """Mean electrons that a sensor detects, from which frames of the stages behind the first one can start."""
-        detected: Electrons = stages[0].sample(self.photons, Frame(self.exposure, sensor))
-        return detected
+        return stages[0].sample(self.photons, Frame(self.exposure, sensor))
 
-    def frame(self, stages: Stages, start: Electrons, sensor: SensorWindow, seed: int) -> Array:
+    def frame(self, stages: Stages, start: Any, sensor: SensorWindow, seed: int) -> Array:
         """The first frame of a seed, (H, W) [DN]; start : detected electrons."""
         codes = sample(stages[1:], start, Frame(self.exposure, sensor, seed % 2**64))
         return np.asarray(codes, dtype=np.float64)
@@ -123,7 +125,7 @@ class Stream:
     """Frames of one sensor, kept going from turn to turn, so that maps and kernels are made once."""
 
     def __init__(self, stages: Stages, light: Illuminated) -> None:
-        sensor, dtype = light.sensor(1), np.min_scalar_type(converter_of(stages).highest)
+        sensor, dtype = light.sensor(1), np.min_scalar_type(stages[-1].highest)
         run = FrameRunner(stages, light.photons, Frame(light.exposure, sensor))
         self._frames = run.frames(0, ENDLESS, lambda _: {"digital": np.empty(sensor.shape, dtype)})
         self._compiled = light.backend.compiled

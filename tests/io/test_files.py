@@ -195,3 +195,9 @@ def test_an_exr_of_somebody_else_is_refused(tmp_path: Path) -> None:
         file.write(str(tmp_path / "y.exr"))
     with pytest.raises(InputError, match="not the focal-plane irradiance"):
         exr.read_irradiance_exr(tmp_path / "y.exr")
+
+
+def test_a_file_in_the_place_of_a_folder_is_one_sentence_with_the_name_that_was_given(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match=r"cannot write \S+/file/maps.npz: Not a directory"):
+        files.write_fpn_maps(tmp_path / "file" / "maps.npz", {})

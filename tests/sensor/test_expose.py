@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import json
 import math
+import pickle
 from typing import Any
 
 import numpy as np
 import pytest
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.core.signals import Photons
 from mitsuba_sensor.sensor.chain import chain
+from mitsuba_sensor.sensor.expose import KEEP, prepare_exposure
 from mitsuba_sensor.sensor.gains import gain_dn_per_e
 
 EXPOSURE = ms.Exposure(0.1)
@@ -245,3 +248,54 @@ def test_exposures_are_equal_by_value_and_25_degrees_warm() -> None:
     assert ms.Exposure(0.1) == ms.Exposure(0.1, 298.15) != ms.Exposure(0.2)
     with pytest.raises(AttributeError):
         ms.Exposure(0.1).time_s = 1.0  # type: ignore[misc]
+
+
+WHOLE_NUMBERS = [np.int64(3), np.int8(3), np.uint8(200), np.uint64(3)]
+
+
+@pytest.mark.parametrize("number", WHOLE_NUMBERS, ids=lambda number: type(number).__name__)
+@pytest.mark.parametrize("name", ["seed", "serial", "first_frame"])
+def test_a_whole_number_of_numpy_is_that_number(name: str, number: Any) -> None:
+    """frames as uint8, 100 of them from 200 on, would end at 44."""
+    many = np.uint8(100) if name == "first_frame" else 2
+    found = ms.expose(LIGHT[:1, :2], CAMERA, EXPOSURE, frames=many, **{name: number}).digital
+    plain = ms.expose(LIGHT[:1, :2], CAMERA, EXPOSURE, frames=int(many), **{name: int(number)}).digital
+    np.testing.assert_array_equal(found, plain)
+
+
+@pytest.mark.parametrize(
+    "value", [np.array([1, 2]), np.array([[]]), 10**400, np.array(["1"])], ids=["array", "empty", "endless", "texts"]
+)
+@pytest.mark.parametrize("name", ["seed", "serial", "frames", "first_frame", "chain", "engine", "precision"])
+def test_arrays_and_endless_integers_are_refused_in_one_sentence(name: str, value: Any) -> None:
+    with pytest.raises(ms.InputError, match=name):
+        ms.expose(LIGHT, CAMERA, EXPOSURE, **{name: value})
+
+
+@pytest.mark.parametrize("chain", ["physical", "konnik2014"])
+@pytest.mark.parametrize("frames", [1, 3])
+def test_the_frames_with_their_report_are_the_frames(chain: Any, frames: int) -> None:
+    """At 0 K there is no dark electron: one 0 for all pixels, and yet an array like every other signal."""
+    keep = [name for name in KEEP if chain == "physical" or name not in ("photoelectrons", "dark_electrons")]
+    options: Any = {"frames": frames, "keep": keep, "chain": chain, "first_frame": 5}
+    cold = ms.Exposure(0.1, 0.0)
+    prepared = prepare_exposure(CAMERA, cold, LIGHT.shape, (0, 0), options).of(Photons(LIGHT))
+    one, other = prepared.frames(), prepared.frames_with_report()
+    for name in (*keep, "digital"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+        assert getattr(other, name).shape == (frames, *LIGHT.shape)
+
+
+@pytest.mark.parametrize("name", ["photoelectrons", "dark_electrons"])
+def test_a_signal_that_the_published_chain_does_not_have_is_refused(name: str) -> None:
+    """It would come as whatever the memory held."""
+    with pytest.raises(ms.InputError, match=f"keep names '{name}'.*keep 'electrons'"):
+        ms.expose(LIGHT, CAMERA, EXPOSURE, keep=[name], chain="konnik2014")
+
+
+def test_frames_survive_pickling() -> None:
+    """So that processes can hand them to each other; the report is computed anew."""
+    frames = ms.expose(LIGHT, CAMERA, EXPOSURE, serial=3)
+    other = pickle.loads(pickle.dumps(frames))
+    np.testing.assert_array_equal(other.digital, frames.digital)
+    assert other.report == frames.report

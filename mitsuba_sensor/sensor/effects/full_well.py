@@ -8,12 +8,16 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from ...core import Array, Electrons, Frame, Moments, arrays
-from ..datasheet import FileTable
+from ...core import arrays
+from ...core.frame import Frame
+from ...core.moments import Moments
+from ...core.signals import Electrons
+from ...core.types import Array
+from ..datasheet import Section
 from ..stage import Datasheet, Stage
 
 
-class FullWellFields(FileTable):
+class FullWellFields(Section):
     """Saturation capacity."""
 
     full_well_e: Annotated[float, Field(ge=1, le=1e30, strict=True)] = Field(

@@ -7,14 +7,17 @@ from typing import Annotated, ClassVar, Self
 
 from pydantic import Field, model_validator
 
-from ...core import Array, Frame, Moments, arrays
+from ...core import arrays
+from ...core.frame import Frame
+from ...core.moments import Moments
 from ...core.special import largest, root
-from ..datasheet import FileTable
+from ...core.types import Array
+from ..datasheet import Section
 from ..gains import full_scale_v
 from ..stage import Datasheet, Stage
 
 
-class IntegralNonlinearityFields(FileTable):
+class IntegralNonlinearityFields(Section):
     """Curve of the converter."""
 
     gamma: Annotated[float, Field(gt=0, lt=2.718281828459045, strict=True)] | None = Field(

@@ -8,13 +8,18 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from ...core import Array, Electrons, Frame, Moments, SensorWindow, arrays, distributions
+from ...core import arrays, distributions
 from ...core.backend import Backend
-from ..datasheet import Chance, FileTable, NotNegative
+from ...core.frame import Frame
+from ...core.moments import Moments
+from ...core.sensor_window import SensorWindow
+from ...core.signals import Electrons
+from ...core.types import Array
+from ..datasheet import Chance, NotNegative, Section
 from ..stage import Datasheet, Stage
 
 
-class RtsFields(FileTable):
+class RtsFields(Section):
     """Random telegraph signals."""
 
     rts_fraction: Chance = Field(

@@ -7,7 +7,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from ...core import Array, Electrons, Frame, Moments, arrays
+from ...core import arrays
+from ...core.frame import Frame
+from ...core.moments import Moments
+from ...core.signals import Electrons
+from ...core.types import Array
 from ..compensation import compensable, counted
 from ..stage import Datasheet, Stage
 

@@ -13,7 +13,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from ...core import Array, Frame, InputError, Moments, Photons
+from ...core.errors import InputError
+from ...core.frame import Frame
+from ...core.moments import Moments
+from ...core.signals import Photons
+from ...core.types import Array
 from ..dark_current_models import band_gap_ev
 from ..stage import Chain, Stage, propagate, sample
 from .fpn_distributions import PublishedFpn

@@ -11,7 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...core import Array, Frame, Moments
+from ...core.frame import Frame
+from ...core.moments import Moments
+from ...core.types import Array
 from ..stage import Converter, Stage
 from .fpn_distributions import PublishedFpn
 

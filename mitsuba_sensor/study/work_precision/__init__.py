@@ -5,14 +5,15 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 
-from ...core import InputError
+from ...core.errors import InputError
 from ..kit import Kit
 from ..page import Study, study_of
 from ..subject import Subject
 from .render import Render
 from .render_page import render_section
-from .sensor import Results, Sensor
+from .sensor import Sensor
 from .sensor_page import sensor_section
+from .sensor_results import Results
 
 SIDES = ("render", "sensor")
 
