@@ -69,8 +69,9 @@ def signals(case: str, strip: int, monkeypatch: pytest.MonkeyPatch, **more: Any)
     camera, light, options = CASES[case]
     monkeypatch.setattr(Backend, "strip_pixels", strip)
     asked: dict[str, Any] = {"seed": 3, "serial": 7, "frames": 2, "first_frame": 5, "origin": TILE_EDGE}
-    frames = ms.expose(light, camera, ms.Exposure(0.3), keep=expose.KEEP, **(asked | options | more))
-    return {name: getattr(frames, name).tobytes() for name in (*expose.KEEP, "digital")}
+    keep = expose.KEPT_BY_PUBLISHED if "chain" in options else expose.KEEP
+    frames = ms.expose(light, camera, ms.Exposure(0.3), keep=keep, **(asked | options | more))
+    return {name: getattr(frames, name).tobytes() for name in (*keep, "digital")}
 
 
 @pytest.mark.parametrize("case", CASES)

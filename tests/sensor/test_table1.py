@@ -26,7 +26,6 @@ from mitsuba_sensor.sensor.effects.dark_current import DarkCurrent
 from mitsuba_sensor.sensor.effects.dsnu import DsnuColumn
 from mitsuba_sensor.sensor.effects.full_well import FullWell
 from mitsuba_sensor.sensor.effects.prnu import Prnu
-from mitsuba_sensor.sensor.effects.quantum_efficiency import QuantumEfficiency
 from mitsuba_sensor.sensor.effects.reset_noise import ResetNoise
 from mitsuba_sensor.sensor.effects.shot_noise import ShotNoise
 from mitsuba_sensor.sensor.effects.source_follower_noise import SourceFollowerNoise
@@ -144,7 +143,7 @@ def test_27500_photons_give_16500_electrons_with_the_noise_of_detected_electrons
     """σ = √16500 = 128.45; Poisson before QE would give 99.5. 10⁶ draws: mean ± 0.13, σ ± 0.09, tested at 5 of them."""
     frame = Frame(EXPOSURE, SensorWindow(1, (1000, 1000)))
     signal: Any = Photons(np.full((1000, 1000), 27_500.0))
-    for stage in (QuantumEfficiency(CAMERA.curves, CAMERA.tile, 550.0), ShotNoise(), FullWell(33_000.0)):
+    for stage in (CAMERA.stages[0], ShotNoise(), FullWell(33_000.0)):
         signal = stage.sample(signal, frame)
     assert isinstance(signal, Electrons)
     assert signal.total.mean() == pytest.approx(16_500, abs=0.65)
