@@ -66,7 +66,7 @@ WORDS = (
 
 SCANNED = ("CHANGELOG.md", "README.md", "docs", "benchmarks", "examples", "mitsuba_sensor", "pyproject.toml")
 
-NOT_YET: tuple[str, ...] = ("mitsuba_sensor/study/stress/", "mitsuba_sensor/study/work_precision/")
+NOT_YET: tuple[str, ...] = ("mitsuba_sensor/study/work_precision/",)
 """Files and folders that still use some of these words."""
 
 RETIRED_OPTIONS = {

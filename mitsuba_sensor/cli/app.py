@@ -14,8 +14,7 @@ from typer.core import TyperGroup
 
 import mitsuba_sensor as ms
 
-from ..core.checks import first_given
-from ..core.errors import InputError
+from ..core import InputError, first_given
 from ..io import files
 from ..sensor.camera import toml_value
 from . import options

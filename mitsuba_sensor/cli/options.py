@@ -8,7 +8,7 @@ from typing import Annotated, Any, TypeAlias, TypedDict, TypeVar
 
 import typer
 
-from ..core.errors import InputError, require_seed
+from ..core import InputError, require_seed
 from ..core.options import Declared, Option, declared
 from ..io import files
 from ..render.options import RenderOptions, SceneOptions

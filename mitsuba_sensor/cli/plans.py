@@ -8,7 +8,7 @@ import typer
 
 import mitsuba_sensor as ms
 
-from ..core.checks import first_given
+from ..core import first_given
 from ..core.options import complete
 from ..io import exr, files
 from ..render.options import RenderOptions

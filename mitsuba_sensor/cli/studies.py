@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Annotated, TypedDict
 
 import typer
 
-from ..core.checks import first_given
-from ..core.errors import require_seed
+from ..core import first_given, require_seed
 from ..core.options import Option, complete, part_of
 from ..io import files
 from ..io.measurements import Measurements

@@ -1,1 +1,30 @@
 """What every stage is computed with: units, signals, arrays, random numbers, backends, moments, frames, errors."""
+
+from .checks import check_types, first_given, numbers
+from .errors import InputError, nearest, require, require_seed
+from .exposure import Exposure
+from .frame import Frame
+from .moments import Moments
+from .sensor_window import SensorWindow
+from .signals import Electrons, Photons
+from .types import Array, Float32Array, Float64Array, NumpyArray
+
+__all__ = [
+    "Array",
+    "Electrons",
+    "Exposure",
+    "Float32Array",
+    "Float64Array",
+    "Frame",
+    "InputError",
+    "Moments",
+    "NumpyArray",
+    "Photons",
+    "SensorWindow",
+    "check_types",
+    "first_given",
+    "nearest",
+    "numbers",
+    "require",
+    "require_seed",
+]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..core.errors import InputError
+from ..core import InputError
 from .files import appearing, plain_values
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from ..core.errors import InputError
+from ..core import InputError
 
 
 @contextmanager

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from ..core.errors import InputError
-from ..core.types import Float64Array
+from ..core import Float64Array, InputError
 from ..sensor.lens_datasheet import LensSection
 
 NEWTON_STEPS = 30  # five are enough for a usual lens; convergence is slow near a fold

@@ -14,10 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.errors import InputError
-from ..core.types import Float64Array
-from .glass import D_NM
-from .ray_trace import Ray, Surface, trace
+from ..core import Float64Array, InputError
+from .ray_trace import D_NM, Ray, Surface, trace
 
 INTERVALS = 32  # of the table; the ellipses also contain what passes half-way between its entries
 GRID = 64  # rays across the window, in each refinement

@@ -18,8 +18,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core.errors import InputError
-from ..core.types import Float64Array
+from ..core import Float64Array, InputError
 from ..sensor.camera import Camera
 from .distortion import distortion_of
 from .intrinsics import View, image_distance_m, magnification

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.types import Float64Array
+from ..core import Float64Array
 from ..sensor.camera import Camera
 from ..sensor.lens_datasheet import LensSection
 from .exit_pupil import ray_to

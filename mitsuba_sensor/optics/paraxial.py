@@ -13,11 +13,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from ..core.errors import InputError
-from ..core.types import Float64Array
+from ..core import Float64Array, InputError
 from ..sensor.lens_datasheet import LensSection, SurfaceSection
-from .glass import D_NM, glass_behind
-from .ray_trace import Ray, Surface, lens_surfaces, stopped_down, surfaces_to_stop, trace
+from .ray_trace import D_NM, Ray, Surface, glass_behind, lens_surfaces, stopped_down, surfaces_to_stop, trace
 
 AXIAL_RAYS = 2048  # by which the largest aperture is found for the error message
 

@@ -15,10 +15,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..core.exposure import Exposure
-from ..core.types import Float64Array
+from ..core import Exposure, Float64Array
 from ..sensor.camera import Camera
 
 STEP_PX = 0.5  # largest motion of the image from one sub-frame to the next: half of what a pixel averages anyway
@@ -54,33 +53,21 @@ class Shutter:
         return max(self.open_s, shared, self.row_time_s) / count
 
 
-@dataclass(frozen=True, eq=False)
-class Subframes:
-    """The sub-frames of some rows.
-
-    times_s : (K,) instants.  first : (rows,) number of the first sub-frame of each row, which takes ``count`` of them.
-    """
-
-    times_s: Float64Array
-    first: NDArray[np.intp]
-    count: int
-
-    def weights(self) -> Float64Array:
-        """(rows, K) share of each sub-frame in each row; every row adds up to 1."""
-        offset = np.arange(len(self.times_s)) - self.first[:, None]
-        return np.asarray(np.where((offset >= 0) & (offset < self.count), 1 / self.count, 0.0))
-
-
-def subframes(shutter: Shutter, rows: tuple[int, int], count: int, step_s: float, phase: float) -> Subframes:
+def subframes(
+    shutter: Shutter, rows: tuple[int, int], count: int, step_s: float, phase: float
+) -> tuple[Float64Array, Float64Array]:
     """Sub-frames Δ = ``step_s`` apart for the rows [first, last) of the film, ``count`` for each row.
 
+    Returns their K instants [s], and the share of each in each row, (rows, K); every row adds up to 1.
     phase : u, from 0 to 1. Averaged over u, a row weights the time ``count``·Δ about the middle of its exposure evenly.
     """
     starts = shutter.start_s(np.arange(*rows)) + (shutter.open_s - count * step_s) / 2
     at = (starts - starts[0]) / step_s if step_s else np.zeros(len(starts))
     first = np.ceil(at - phase).astype(np.intp)
     numbers = np.arange(first[0], first[-1] + count)
-    return Subframes(starts[0] + (numbers + phase) * step_s, first - first[0], count)
+    offset = numbers - first[:, None]
+    weights = np.where((offset >= 0) & (offset < count), 1 / count, 0.0)
+    return starts[0] + (numbers + phase) * step_s, np.asarray(weights)
 
 
 def shutter_of(camera: Camera, exposure: Exposure) -> Shutter:

@@ -7,14 +7,12 @@ scene are set for each instant, and restored afterwards. One compiled kernel ser
 from __future__ import annotations
 
 from collections.abc import Mapping
-from itertools import product
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.errors import InputError, nearest
-from ..core.types import Float64Array
+from ..core import Float64Array, InputError, nearest
 from .motion import Motion, RigidMotion
 from .rays import SurfaceHits, camera_to_world, intersect, matrix4, pixel_rays, project
 from .scene import Scene
@@ -137,7 +135,8 @@ def _image_speed(scene: Scene, transforms: AnimatedTransforms, at_s: float, diff
     shapes = hits.shape
     for name in transforms.motion.objects:
         index = transforms.names.index(name)
-        corners = np.array(list(product(*_bounding_box(scene.mitsuba_scene.shapes()[index]).T, [1.0])))
+        box = scene.mitsuba_scene.shapes()[index].bbox()
+        corners = np.array([[*np.ravel(box.corner(k)), 1.0] for k in range(8)])
         points, grid = np.concatenate([points, corners]), np.concatenate([grid, np.tile(np.mean(grid, axis=0), (8, 1))])
         shapes = np.concatenate([shapes, np.full(8, index)])
     before = reproject(scene, transforms, points, shapes, grid, (at_s, at_s))
@@ -145,11 +144,6 @@ def _image_speed(scene: Scene, transforms: AnimatedTransforms, at_s: float, diff
     inside = (np.abs(before - (left + width / 2, top + height / 2)) <= (width / 2, height / 2)).all(axis=1)
     moved = np.hypot(*(after - before)[inside].T)
     return float(np.nanmax(moved, initial=0.0)) / difference_s
-
-
-def _bounding_box(shape: MitsubaObject) -> Float64Array:
-    """(2, 3) corners of the bounding box of a shape."""
-    return np.array([shape.bbox().min, shape.bbox().max], dtype=np.float64).reshape(2, 3)
 
 
 def first_hits(

@@ -15,11 +15,8 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.checks import check_types
-from ..core.errors import InputError
-from ..core.exposure import Exposure
+from ..core import Exposure, Float64Array, InputError, check_types
 from ..core.options import complete, documents
-from ..core.types import Float64Array
 from ..optics.shutter import Shutter, shutter_of
 from ..sensor.camera import Camera
 from .animated_transforms import AnimatedTransforms, first_hits, reproject

@@ -10,14 +10,14 @@ from typing import Literal
 
 import numpy as np
 
-from ..core.errors import InputError, require
-from ..core.types import Float64Array
+from ..core import Float64Array, InputError, require
 from ..optics.f_number_law import transmittance
 from ..sensor.camera import Camera
 from .variants import MitsubaObject, mitsuba
 
 SHORTEST_NM, LONGEST_NM = 200.0, 1100.0  # range of silicon sensors
 NARROWEST_NM = 0.5  # below it the float32 nodes of a band lose accuracy
+BANDWIDTH_NM = 10.0  # of each band, unless asked otherwise
 GROUP = 4  # wavelengths that Mitsuba samples for one path
 NODES = 17  # of a box in a cube; the density of wavelengths has the same nodes
 RESPONSE_STEP_NM = 1.0  # of tabulated responses; linear in between

@@ -15,8 +15,7 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.errors import InputError
-from ..core.types import Float64Array
+from ..core import Float64Array, InputError
 from .aovs import denoising_guides
 from .irradiance import Irradiance
 from .scene import Scene

@@ -13,9 +13,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.errors import InputError
+from ..core import Array, Float64Array, InputError
 from ..core.llvm import drjit
-from ..core.types import Array, Float64Array
 from ..optics.distortion import Distortion, distortion_of
 from ..optics.intrinsics import View, image_distance_m
 from ..sensor.camera import Camera

@@ -57,11 +57,8 @@ def lint(scene: SceneFile, spectra: SceneSpectra, low_nm: float, high_nm: float,
     spectra : of the same scene.  unit_m : metres per scene unit; None if unknown.
     """
     found = [
-        *_dark(scene, spectra, low_nm, high_nm),
-        *_colours(scene, spectra, low_nm, high_nm),
-        *_float_lights(scene, spectra),
+        *_spectra(scene, spectra, low_nm, high_nm),
         *_units(scene, unit_m),
-        *_shutter(scene),
         *_integrator(scene),
         *_film(scene),
         *_sensors(scene),
@@ -132,8 +129,8 @@ def _places(count: int) -> str:
     return f"{count} place{'s' * (count > 1)}"
 
 
-def _dark(scene: SceneFile, spectra: SceneSpectra, low_nm: float, high_nm: float) -> Iterator[Finding]:
-    """Spectra that do not extend over all bands."""
+def _spectra(scene: SceneFile, spectra: SceneSpectra, low_nm: float, high_nm: float) -> Iterator[Finding]:
+    """Spectra that end inside the bands; rgb reflectances outside its range; floats, which mean D65 (#1579)."""
     for (name, low, high), nodes in spectra.incomplete(low_nm, high_nm).items():
         what = (
             f"{name} in {_places(len(nodes))} is black outside {low:g} to {high:g} nm; "
@@ -141,18 +138,10 @@ def _dark(scene: SceneFile, spectra: SceneSpectra, low_nm: float, high_nm: float
         )
         remedy = f"give it pairs of wavelength and value from {low_nm:g} to {high_nm:g} nm"
         yield Finding("black", _lines(scene, nodes), what, remedy)
-
-
-def _colours(scene: SceneFile, spectra: SceneSpectra, low_nm: float, high_nm: float) -> Iterator[Finding]:
-    """Reflectances given as rgb colours or images, outside the range where rgb is defined."""
     low, high = MITSUBA_NM
     if spectra.colours and (low_nm < low or high_nm > high):
         what = f"rgb in {_places(len(spectra.colours))} is extrapolated outside {low:g} to {high:g} nm, to 0 or to 1"
         yield Finding("wrong", _lines(scene, spectra.colours), what, "give measured spectra")
-
-
-def _float_lights(scene: SceneFile, spectra: SceneSpectra) -> Iterator[Finding]:
-    """Emitters given as one number, which Mitsuba multiplies by D65 (#1579)."""
     if spectra.float_lights:
         what = f"a float in {_places(len(spectra.float_lights))} gives the spectrum of D65, not a flat one"
         remedy = 'write <spectrum name="radiance" value="..."/> for the same value at every wavelength'
@@ -174,13 +163,6 @@ def _units(scene: SceneFile, unit_m: float | None) -> Iterator[Finding]:
         return
     what = f"{kinds} light in {_places(len(nodes))} takes distances in units of {unit_m:g} m, as if they were metres"
     yield Finding("wrong", _lines(scene, nodes), what, f"multiply its intensity by {unit_m**-2:g}")
-
-
-def _shutter(scene: SceneFile) -> Iterator[Finding]:
-    props = scene.sensor().props
-    if any(name in props for name in ("shutter_open", "shutter_close")):
-        what = "shutter_open and shutter_close change nothing in Mitsuba 3: no transform moves in time"
-        yield Finding("wrong", scene.where(scene.sensor()), what, "leave them out and give an exposure time")
 
 
 def _integrator(scene: SceneFile) -> Iterator[Finding]:
@@ -227,6 +209,11 @@ def _filter(scene: SceneFile, film: MitsubaObject) -> str:
 
 
 def _sensors(scene: SceneFile) -> Iterator[Finding]:
+    """The shutter of Mitsuba's sensor, which changes nothing, and sensors that are not rendered."""
+    first = scene.sensor()
+    if any(name in first.props for name in ("shutter_open", "shutter_close")):
+        what = "shutter_open and shutter_close change nothing in Mitsuba 3: no transform moves in time"
+        yield Finding("wrong", scene.where(first), what, "leave them out and give an exposure time")
     sensors = [n for _, n in scene.children(scene.root) if n.type == mitsuba().ObjectType.Sensor]
     if len(sensors) > 1:
         what = f"the scene has {len(sensors)} sensors; the first one was taken"

@@ -39,9 +39,8 @@ from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 from scipy.spatial.transform import Rotation, Slerp
 
-from ..core.errors import InputError
-from ..core.types import Float64Array
-from ..sensor.datasheet import Section
+from ..core import Float64Array, InputError
+from ..sensor.datasheet import FileTable
 from ..sensor.datasheet_errors import sentence
 
 Number = Annotated[float, BeforeValidator(lambda x: x.tolist() if hasattr(x, "tolist") else x), Field(strict=True)]
@@ -54,7 +53,7 @@ AXIS = Field(None, description="direction of the axis of rotation", examples=[[0
 ROTATION_TOLERANCE = 1e-4  # accepts a matrix that is printed with five digits
 
 
-class KeyPose(Section):
+class KeyPose(FileTable):
     """A pose at a time: relative to the scene file, or in the world (camera only)."""
 
     time_s: Number = Field(ge=-1e9, le=1e9, description="seconds from the start of the exposure", examples=[0.01])
@@ -107,7 +106,7 @@ class KeyPose(Section):
         return whole[:3, 3] + turn.as_matrix() @ pivot - pivot, turn
 
 
-class RigidMotion(Section):
+class RigidMotion(FileTable):
     """The motion of the camera.  pivot_m : fixed point of its rotation; None is the camera's own position."""
 
     velocity_m_per_s: Vector = Field(ZERO, description="constant velocity [m/s]", examples=[[0.5, 0, 0]])
@@ -169,7 +168,7 @@ class ObjectMotion(RigidMotion):
         return self
 
 
-class Motion(Section):
+class Motion(FileTable):
     """What moves during an exposure. objects : by the id of the shape in the scene file."""
 
     camera: RigidMotion | None = Field(None, description="a table [camera]", examples=[{"velocity_m_per_s": [1, 0, 0]}])

@@ -14,10 +14,7 @@ import sys
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.errors import InputError, require
-from ..core.exposure import Exposure
-from ..core.types import Float64Array
-from ..optics.intrinsics import View
+from ..core import Exposure, Float64Array, InputError, require
 from ..optics.shutter import shutter_of, subframes
 from ..sensor.camera import Camera
 from .animated_transforms import AnimatedTransforms, max_image_speed
@@ -49,6 +46,7 @@ class MovingScene:
         if subframes is not None and require("subframes", subframes, 1, MOST_SPP, "e.g. 16") != int(subframes):
             raise InputError(f"subframes is {subframes!r}; it must be a whole number (e.g. 16).")
         self.scene, self._shutter, self._given = scene, shutter_of(camera, exposure), subframes
+        self.view, self.sha256, self.restrict_wavelengths = scene.view, scene.sha256, scene.restrict_wavelengths
         self.transforms = AnimatedTransforms(scene, motion, unit_m)
         self._counts: set[int] = set()
         with self.transforms:
@@ -56,24 +54,15 @@ class MovingScene:
             self.speed_px_per_s = max_image_speed(scene, self.transforms, span_s)
 
     @property
-    def view(self) -> View:
-        """The view of the sensor, which does not depend on its pose."""
-        return self.scene.view
-
-    def restrict_wavelengths(self, low_nm: float, high_nm: float) -> None:
-        """See :meth:`Scene.restrict_wavelengths`."""
-        self.scene.restrict_wavelengths(low_nm, high_nm)
-
-    @property
-    def sha256(self) -> str:
-        """Of the scene file."""
-        return self.scene.sha256
-
-    @property
     def notes(self) -> tuple[str, ...]:
         """Those of the scene, and the number of sub-frames."""
-        blur = self.speed_px_per_s * self._shutter.open_s
-        return (*self.scene.notes, *(self._note(count, blur) for count in sorted(self._counts)))
+        blur_px, needed = (
+            self.speed_px_per_s * self._shutter.open_s,
+            self._shutter.subframes_needed(self.speed_px_per_s),
+        )
+        moves = f"sub-frames per exposure and pass; the image moves up to {blur_px:.3g} px while a row is open"
+        more = f" ({needed} would be smooth in each pass; that takes more samples)"
+        return (*self.scene.notes, *(f"{n} {moves}{more if n < needed else ''}" for n in sorted(self._counts)))
 
     def render(self, seed: int, samples: int, rows: tuple[int, int]) -> NDArray[np.float32]:
         """One pass over rows [first, last) of the crop: ∫response·L dλ [W m⁻² sr⁻¹], (rows, columns, channels)."""
@@ -88,14 +77,14 @@ class MovingScene:
         """The weighted sum of the sub-frames of some rows, (rows, columns, channels)."""
         film_rows = self._film_rows(rows)
         step_s = self._shutter.step_s(count, math.inf if self._given else self.speed_px_per_s, film_rows)
-        cut = subframes(self._shutter, film_rows, count, step_s, hashed_seed(seed, 0, 0) / 2**32)
+        times_s, weights = subframes(self._shutter, film_rows, count, step_s, hashed_seed(seed, 0, 0) / 2**32)
         frame: Float64Array | None = None
-        for k, (time_s, weights) in enumerate(zip(cut.times_s, cut.weights().T, strict=True)):
+        for k, time_s in enumerate(times_s):
             self.transforms.set_time(time_s)
             image = self.scene.render(hashed_seed(seed, 1 + rows[0], k), samples, rows)
             frame = np.zeros(image.shape) if frame is None else frame
-            open_ = weights > 0  # only these rows, because 0 times an infinite value of a closed row would be NaN
-            frame[open_] += weights[open_, None, None] * image[open_]
+            open_ = weights[:, k] > 0  # only these rows, because 0 times an infinite value of a closed row would be NaN
+            frame[open_] += weights[open_, k, None, None] * image[open_]
         assert frame is not None
         return frame
 
@@ -111,13 +100,6 @@ class MovingScene:
         """Rows of the crop as rows of the film."""
         top = self.view.crop_offset[1]
         return rows[0] + top, rows[1] + top
-
-    def _note(self, count: int, blur_px: float) -> str:
-        text = f"{count} sub-frames per exposure and pass; the image moves up to {blur_px:.3g} px while a row is open"
-        needed = self._shutter.subframes_needed(self.speed_px_per_s)
-        if count < needed:
-            return f"{text} ({needed} would be smooth in each pass; that takes more samples)"
-        return text
 
 
 def subframes_of_pass(needed: int, samples: int) -> int:

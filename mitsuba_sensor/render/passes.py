@@ -9,8 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.errors import InputError, require
-from ..core.types import Float64Array
+from ..core import Float64Array, InputError, require
 
 SAMPLER = "multijitter"  # at 64 samples per pixel a quarter of the noise of "independent", at the same cost
 # Passes; Student's t of 15 degrees of freedom: |z| < 1 in 66.7 %, |z| < 2 in 93.6 % of the pixels.
@@ -36,14 +35,13 @@ def pass_plan(spp: int) -> tuple[int, int]:
         return max(spp, 2), 1
     fewest = max(FEWEST, math.ceil(spp / MOST_SPP))
     plans = [(k, n) for k in range(fewest, max(MOST, 2 * fewest) + 1) for n in _kept_counts(spp / k)]
-    return min(plans, key=lambda plan: (abs(plan[0] * plan[1] - spp), _preference(plan)))
 
+    def preference(plan: tuple[int, int]) -> tuple[int, bool, int]:
+        passes, samples = plan
+        few = samples < FEWEST_SAMPLES
+        return abs(passes * samples - spp), few, passes if few else -passes
 
-def _preference(plan: tuple[int, int]) -> tuple[bool, int]:
-    """Sort key of plans of equal size: enough samples per pass first, then many passes; else few passes."""
-    passes, samples = plan
-    enough = samples >= FEWEST_SAMPLES
-    return not enough, -passes if enough else passes
+    return min(plans, key=preference)
 
 
 def _kept_counts(samples: float) -> list[int]:

@@ -5,16 +5,14 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal, Unpack
+from typing import Any, Literal, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.checks import first_given
-from ..core.errors import InputError
-from ..core.exposure import Exposure
+from ..core import Exposure, InputError, Photons, first_given
 from ..core.options import complete, documents, part_of
-from ..core.signals import Photons
+from ..sensor.camera import Camera
 from ..sensor.checks import as_photons, check_numbers
 from ..sensor.compensation import LIMIT, compensable
 from ..sensor.effects.dark_current import mean_dark_e
@@ -29,9 +27,6 @@ from .renderer import Criterion, Map
 from .scene_settings import ParsedScene
 from .statistics import median_bias
 from .stop_criterion import Progress, RenderProgress, StopCriterion, stop_criterion_of
-
-if TYPE_CHECKING:
-    from ..sensor.camera import Camera
 
 PerFrameNoise = Literal["compensated", "per-frame"]
 RENDER_NOISE_MODES = ("compensated", "per-frame")

@@ -9,11 +9,7 @@ from typing import TypeGuard
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core.checks import check_types, numbers
-from ..core.errors import InputError, require, require_seed
-from ..core.exposure import Exposure
-from ..core.signals import Photons
-from ..core.types import Float64Array
+from ..core import Exposure, Float64Array, InputError, Photons, check_types, numbers, require, require_seed
 from ..core.units import photon_energy_j
 from ..sensor.camera import Camera
 from .bands import Bands, response_fingerprint
@@ -139,10 +135,8 @@ def _photons(
 
 def _centres(wavelengths_nm: ArrayLike) -> Float64Array:
     """Band centres, checked."""
-    centres = [
-        require("wavelengths_nm", x, 1.0, 1e5, "nanometres, e.g. 550") for x in np.ravel(wavelengths_nm).tolist()
-    ]
-    return np.array(centres, dtype=np.float64)
+    remedy = "nanometres, e.g. 550"
+    return np.array([require("wavelengths_nm", x, 1.0, 1e5, remedy) for x in np.ravel(wavelengths_nm).tolist()])
 
 
 def _widths(centres: Float64Array, bandwidths_nm: ArrayLike | None) -> Float64Array:

@@ -15,9 +15,9 @@ from __future__ import annotations
 import json
 import math
 
-from ..core.errors import InputError
+from ..core import InputError
 from ..sensor.camera import Camera
-from .bands import choose_bands, response_film
+from .bands import BANDWIDTH_NM, choose_bands, response_film
 from .scene_settings import (
     FILM,
     PASSED_ON,
@@ -29,8 +29,6 @@ from .scene_settings import (
     settings_from,
 )
 from .variants import MitsubaObject, mitsuba
-
-BANDWIDTH_NM = 10.0  # the default of mitsuba_sensor.render
 
 
 def register() -> None:

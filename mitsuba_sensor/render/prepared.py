@@ -5,18 +5,17 @@ from __future__ import annotations
 import os
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, Unpack
+from typing import Any, Literal, Unpack
 
-from ..core.checks import check_types, first_given
-from ..core.errors import InputError, require_seed
-from ..core.exposure import Exposure
+from ..core import Exposure, InputError, check_types, first_given, require_seed
 from ..core.options import complete, documents
 from ..optics.intrinsics import aperture_f_number, intrinsics
 from ..optics.shutter import shutter_of
+from ..sensor.camera import Camera
 from ..sensor.expose import PreparedExposure, prepare_exposure
 from ..sensor.options import ExposeOptions
 from .aovs import Aovs, aovs_of
-from .bands import LONGEST_NM, SHORTEST_NM, Bands, choose_bands
+from .bands import BANDWIDTH_NM, LONGEST_NM, SHORTEST_NM, Bands, choose_bands
 from .denoise import denoised, library
 from .irradiance import Irradiance
 from .motion import Motion, read_motion
@@ -28,11 +27,6 @@ from .scene import Scene, load_scene
 from .scene_settings import ParsedScene, SceneSettings, parse, unit_m
 from .statistics import RenderStatistics, summary_of, trusted, why_not_trusted
 from .stop_criterion import End, Progress, StopCriterion, stop_criterion_of
-
-if TYPE_CHECKING:
-    from ..sensor.camera import Camera
-
-BANDWIDTH_NM = 10.0
 
 
 @documents(RenderOptions)

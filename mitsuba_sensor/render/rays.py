@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core import Array, Float64Array
 from ..core.llvm import drjit
-from ..core.types import Array, Float64Array
 from .scene import Scene
 from .variants import MitsubaObject, mitsuba
 

@@ -13,8 +13,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.exposure import Exposure
-from ..core.types import Float64Array
+from ..core import Exposure, Float64Array
 from ..optics.f_number_law import solid_angle_sr
 from ..sensor.camera import Camera
 from ..sensor.input_noise import input_noise

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.exposure import Exposure
-from ..core.types import Float64Array
+from ..core import Exposure, Float64Array
 from ..optics.f_number_law import transmittance
 from ..sensor.camera import Camera
 from .irradiance import Irradiance
@@ -31,21 +30,18 @@ def render_requirements(
 
     light : a render of the scene, at any quality.  k_dn_per_e : the camera's overall gain.
     """
-    bands = _CHANNELS if light.filters else _bands(light, camera, exposure, k_dn_per_e, tolerance_dn)
-    return (bands, _depth_of_field(light), _AOVS)
-
-
-_CHANNELS = RenderRequirement(
-    "colour channels", True, None, "the render contains the channels of this camera's filters, and no bands"
-)
-_AOVS = RenderRequirement("AOVs", False, 0.0, "no depth, normals or albedo were asked for")
-
-
-def _depth_of_field(light: Irradiance) -> RenderRequirement:
-    number = light.statistics.aperture_f_number
-    if number is None:
-        return RenderRequirement("depth of field", False, 0.0, "the scene's camera is a pinhole, which samples no lens")
-    return RenderRequirement("depth of field", True, None, f"the scene's thin lens is f/{number:.3g} on this sensor")
+    if light.filters:
+        why = "the render contains the channels of this camera's filters, and no bands"
+        bands = RenderRequirement("colour channels", True, None, why)
+    else:
+        bands = _bands(light, camera, exposure, k_dn_per_e, tolerance_dn)
+    if (number := light.statistics.aperture_f_number) is None:
+        why = "the scene's camera is a pinhole, which samples no lens"
+        depth = RenderRequirement("depth of field", False, 0.0, why)
+    else:
+        why = f"the scene's thin lens is f/{number:.3g} on this sensor"
+        depth = RenderRequirement("depth of field", True, None, why)
+    return bands, depth, RenderRequirement("AOVs", False, 0.0, "no depth, normals or albedo were asked for")
 
 
 def _bands(
@@ -60,15 +56,11 @@ def _bands(
         coarse = np.minimum(grouped_electrons(light, camera, exposure, size), full)
         change = k_dn_per_e * float(np.max(np.abs(coarse - reference)))
         if change <= tolerance_dn:
-            reason = f"{count // size} are enough: --bandwidth-nm {_width(light, size):g}"
+            reason = f"{count // size} are enough: --bandwidth-nm {float(np.sum(light.bandwidths_nm[:size])):g}"
             return RenderRequirement(f"{count} bands", False, change, reason)
     return RenderRequirement(
         f"{count} bands", True, change, "fewer bands would change the image by more than the tolerance"
     )
-
-
-def _width(light: Irradiance, size: int) -> float:
-    return float(np.sum(light.bandwidths_nm[:size]))
 
 
 def grouped_electrons(light: Irradiance, camera: Camera, exposure: Exposure, size: int) -> Float64Array:

@@ -14,8 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.errors import InputError
-from ..core.types import Array
+from ..core import Array, InputError
 from ..optics.intrinsics import View
 from ..sensor.camera import Camera
 from .bands import Bands, box_bands, response_film, restrict_wavelengths

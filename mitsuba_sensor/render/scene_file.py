@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from ..core.errors import InputError, nearest
+from ..core import InputError, nearest
 from .variants import MitsubaObject, mitsuba
 
 # Example for the message about a scene without sensor.
@@ -162,14 +162,9 @@ def _remedy(message: str, file: Path) -> str:
     if unknown and unknown[1] in DIFFERENTIABLE:
         return "; it computes gradients and needs an llvm or cuda variant: 'path' gives the same image."
     if unknown:
-        return f".{nearest(unknown[1], _plugins())}"
+        plugins = (Path(str(mitsuba().__file__)).parent / "plugins").iterdir()
+        return f".{nearest(unknown[1], sorted({*OWN_PLUGINS, *(file.stem for file in plugins)}))}"
     return "."
-
-
-def _plugins() -> list[str]:
-    """Names of Mitsuba's plugins, and of this package's."""
-    folder = Path(str(mitsuba().__file__)).parent / "plugins"
-    return sorted({file.stem for file in folder.iterdir()} | set(OWN_PLUGINS))
 
 
 def _text(file: Path) -> str:

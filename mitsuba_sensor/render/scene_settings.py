@@ -1,7 +1,7 @@
 """Reads camera, exposure and seeds of a scene file: <sensor type="camera"> and <film type="photosensor">.
 
 The parameters of the two elements, their meaning and their checks; :mod:`.plugins` builds Mitsuba's own objects from
-them, and :func:`read_settings` reads them without building anything.
+them, and :func:`settings_of` reads them without building anything.
 """
 
 from __future__ import annotations
@@ -12,8 +12,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from ..core.errors import InputError, nearest, require, require_seed
-from ..core.exposure import Exposure
+from ..core import Exposure, InputError, nearest, require, require_seed
 from ..sensor.camera import Camera, list_cameras, load_camera, toml_value
 from .bands import SPECTRAL
 from .scene_file import SceneFile, folder_of, parse_scene
@@ -82,16 +81,8 @@ class SceneSettings:
         return changed.replace(**given) if given else changed
 
 
-def read_settings(path: str | os.PathLike[str], parameters: Mapping[str, object]) -> SceneSettings:
-    """Camera, exposure and seeds of a scene file. Builds nothing, and no variant need be set.
-
-    parameters : values for the scene's ``<default>`` names.  Raises InputError, one sentence.
-    """
-    return settings_of(parse_scene(path, parameters))
-
-
 def settings_of(scene: SceneFile) -> SceneSettings:
-    """The settings of the first sensor of a parsed scene. Raises InputError."""
+    """The settings of the first sensor of a parsed scene; no variant need be set. Raises InputError."""
     sensor, film = scene.sensor(), scene.film()
     film_fields: Fields = {}
     sensor_fields: Fields = {}

@@ -83,12 +83,8 @@ class SceneSpectra:
         props = self._texture(value)
         if props is None:
             return False
-        return self._is_image(value) or any(self._is_colour(inner) for _, inner in props.items())
-
-    def _is_image(self, value: MitsubaObject) -> bool:
-        """Whether a property is a texture from an rgb image; a raw one holds roughness, normals and the like."""
-        props = self._texture(value)
-        return props is not None and props.plugin_name() == "bitmap" and not props.get("raw")
+        is_image = props.plugin_name() == "bitmap" and not props.get("raw")  # raw: roughness, normals and the like
+        return is_image or any(self._is_colour(inner) for _, inner in props.items())
 
     def _texture(self, value: MitsubaObject) -> MitsubaObject:
         mi = self._mi

@@ -12,13 +12,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..core import Array
 from ..core.llvm import drjit
-from ..core.types import Array
-from ..optics.exit_pupil import ExitPupilBounds, exit_pupil_bounds
-from ..optics.glass import D_NM
+from ..optics.exit_pupil import exit_pupil_bounds
 from ..optics.intrinsics import View
 from ..optics.paraxial import cardinal_points, surfaces_at_f_number
-from ..optics.ray_trace import Ray, stopped_down, trace
+from ..optics.ray_trace import D_NM, Ray, stopped_down, trace
 from ..sensor.camera import Camera
 from .variants import MitsubaObject, mitsuba
 
@@ -55,7 +54,9 @@ class SequentialLens:
         # Focus and f-number are data of the compiled kernel, so that it serves all of them; the glass is part of it.
         self._surfaces = stopped_down(surfaces, dr.opaque(mi.Float, points.stop_radius))
         self._distance = dr.opaque(mi.Float, distance)
-        self._bounds, self._per_mm = _texture(bounds), dr.opaque(mi.Float, 1 / bounds.highest)
+        table = np.stack([bounds.centre, bounds.radial, bounds.tangential], axis=-1).astype(np.float32)
+        self._bounds = mi.Texture1f(mi.TensorXf(table), use_accel=False)
+        self._per_mm = dr.opaque(mi.Float, 1 / bounds.highest)
 
     def sample(
         self, sensor: MitsubaObject, samples: tuple[Array, Array, Array, Array], active: Array
@@ -87,7 +88,9 @@ class SequentialLens:
         height = dr.sqrt(x * x + y * y)
         on_axis, inverse = height < NO_HEIGHT, 1.0 / dr.maximum(height, NO_HEIGHT)
         ux, uy = dr.select(on_axis, 1.0, x * inverse), y * inverse
-        centre, radial, tangential = self._ellipse(height)
+        cells = self._bounds.shape[0] - 1  # of the exit-pupil bounds, linear in between
+        at = height * self._per_mm * (cells / (cells + 1)) + 0.5 / (cells + 1)
+        centre, radial, tangential = self._bounds.eval(at)
         disk = mitsuba().warp.square_to_uniform_disk_concentric(aperture)
         along, across = centre + radial * disk.x, tangential * disk.y
         dx, dy = along * ux - across * uy - x, along * uy + across * ux - y
@@ -95,17 +98,3 @@ class SequentialLens:
         cosine = z * inverse
         solid_angle = (math.pi * radial * tangential) * (cosine * cosine / z) ** 2
         return Ray(x, y, -z, dx * inverse, dy * inverse, cosine, True), solid_angle
-
-    def _ellipse(self, height: Array) -> tuple[Array, Array, Array]:
-        """Centre, radial and tangential half axis of the exit-pupil bounds at an image height [mm]."""
-        cells = self._bounds.shape[0] - 1
-        at = height * self._per_mm * (cells / (cells + 1)) + 0.5 / (cells + 1)
-        centre, radial, tangential = self._bounds.eval(at)
-        return centre, radial, tangential
-
-
-def _texture(bounds: ExitPupilBounds) -> MitsubaObject:
-    """The table of the bounds, to be evaluated with linear interpolation."""
-    mi = mitsuba()
-    values = np.stack([bounds.centre, bounds.radial, bounds.tangential], axis=-1).astype(np.float32)
-    return mi.Texture1f(mi.TensorXf(values), use_accel=False)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.integrate import trapezoid
 
-from ..core.types import Float64Array
+from ..core import Float64Array
 
 LUMENS_PER_WATT = 683.002  # K_m, CIE: 683 lm/W at 540 THz, that is 555.017 nm in air
 VISIBLE_NM = (360.0, 830.0)  # the range of Mitsuba's own spectra (CIE observers)

@@ -5,16 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
-from ..core.errors import InputError
+from ..core import InputError
+from .options import RenderOptions
 from .passes import FEWEST, MOST, pass_plan, whole_grid
 
 DEFAULT_SPP = 128
 PASS_SPP = 16  # of the first pass of a render without a fixed number; it tells how large the others are
 MOST_SPP_ASKED = 2**16  # of a render that works towards a noise ratio, unless max_spp says otherwise
-if TYPE_CHECKING:
-    from .options import RenderOptions
 
 End = Literal["spp", "noise_ratio", "compensable", "max_seconds", "max_spp"]
 

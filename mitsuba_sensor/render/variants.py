@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from types import ModuleType
 from typing import Any, TypeAlias
 
-from ..core.errors import InputError, nearest
+from ..core import InputError, nearest
 from ..core.llvm import backend_problem, drjit, llvm_version
 
 MitsubaObject: TypeAlias = Any

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, PrivateAttr, ValidationError, create_model, model_validator
 
-from ..core.errors import InputError, nearest
+from ..core import InputError, nearest
 from .added_stages import check_added
 from .chain import ORDER, chain
-from .datasheet import CameraTable, PixelGeometry, Section, SensorSection
+from .datasheet import CameraTable, FileTable, PixelGeometry, SensorSection
 from .datasheet_errors import fields_of, sentence
 from .lens_datasheet import LensSection
 from .stage import Chain, Stage
@@ -49,7 +49,7 @@ else:
     AdcTable = _table("adc", "The analogue-to-digital converter.")
 
 
-class Camera(Section):
+class Camera(FileTable):
     """A camera as its datasheet describes it. Immutable; :meth:`replace` makes another one, checked again."""
 
     name: str = Field(description="how the camera is called", examples=["konnik_table1"])

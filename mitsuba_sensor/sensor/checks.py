@@ -8,10 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..core.checks import numbers
-from ..core.errors import InputError, nearest, require_seed
-from ..core.sensor_window import SensorWindow
-from ..core.signals import Photons
+from ..core import InputError, Photons, SensorWindow, nearest, numbers, require_seed
 from .camera import Camera
 from .stage import Chain
 

@@ -16,9 +16,7 @@ A frame alone varies by μ − s about its own render. A plan and its levels tak
 
 from __future__ import annotations
 
-from ..core import arrays
-from ..core.frame import Frame
-from ..core.types import Array
+from ..core import Array, Frame, arrays
 
 LIMIT = 1 / 3
 """Share of μ that is compensated at most; what a render has beyond stays in the frame, and is reported.

@@ -8,15 +8,13 @@ from typing import Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from ..core import arrays
+from ..core import Frame, SensorWindow, arrays
 from ..core.backend import Backend, uniforms
-from ..core.frame import Frame
 from ..core.moments import rectified_normal
-from ..core.sensor_window import SensorWindow
-from .datasheet import Chance, NotNegative, Positive, Section
+from .datasheet import Chance, FileTable, NotNegative, Positive
 
 
-class DarkComponentSection(Section):
+class DarkComponentSection(FileTable):
     """A share of the pixels whose mean dark signal has a distribution of its own."""
 
     weight: Chance = Field(description="share of the pixels", examples=[0.001])

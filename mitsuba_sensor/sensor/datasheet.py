@@ -15,7 +15,7 @@ LineCoupling = Annotated[float, Field(ge=0, le=0.4999, strict=True)]
 MapCoupling = Annotated[float, Field(ge=0, le=0.45, strict=True)]
 
 
-class Section(BaseModel):
+class FileTable(BaseModel):
     """A table of a camera file: frozen, equal by value, no unknown fields, no NaN."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -26,7 +26,7 @@ def optional(description: str, example: object, default: Any = None) -> Any:
     return Field(default, description=description, examples=[example])
 
 
-class CameraTable(Section):
+class CameraTable(FileTable):
     """A table of a camera file whose fields come from the effects of the chain (Camera puts them together)."""
 
     if TYPE_CHECKING:
@@ -34,7 +34,7 @@ class CameraTable(Section):
         def __getattr__(self, name: str) -> Any: ...
 
 
-class SensorSection(Section):
+class SensorSection(FileTable):
     """The chip."""
 
     technology: Literal["cmos", "ccd"] = Field(description="chooses the stages of the chain", examples=["cmos"])

@@ -9,7 +9,7 @@ from typing import Any, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
-from ..core.errors import nearest
+from ..core import nearest
 
 PLAIN = {"model_type": "a table", "dict_type": "a table", "tuple_type": "a list", "string_type": "a text in quotes"}
 """Pydantic's kinds of error → what such a file calls the thing that was expected."""

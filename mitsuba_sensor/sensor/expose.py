@@ -10,14 +10,9 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core import Exposure, Frame, InputError, Photons, SensorWindow, check_types, first_given, require_seed
 from ..core.backend import FLOAT32_LIMIT, NUMPY_FLOAT32, NUMPY_FLOAT64
-from ..core.checks import check_types, first_given
-from ..core.errors import InputError, require_seed
-from ..core.exposure import Exposure
-from ..core.frame import Frame
 from ..core.options import complete, documents
-from ..core.sensor_window import SensorWindow
-from ..core.signals import Photons
 from .camera import Camera
 from .checks import as_photons, check_compensation, check_numbers, checked_maps, checked_names, checked_origin
 from .gains import adc_gain_dn_per_v

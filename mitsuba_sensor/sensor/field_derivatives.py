@@ -12,13 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..core import Exposure, Float64Array, Frame, InputError, Photons, SensorWindow, nearest
 from ..core.differentiable import CameraNumber, RecordingBackend
-from ..core.errors import InputError, nearest
-from ..core.exposure import Exposure
-from ..core.frame import Frame
-from ..core.sensor_window import SensorWindow
-from ..core.signals import Photons
-from ..core.types import Float64Array
 from .camera import Camera
 from .chain import chain
 from .datasheet_errors import fields_of

@@ -10,10 +10,9 @@ import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from ..core import arrays, distributions
+from ..core import SensorWindow, arrays, distributions
 from ..core.backend import Backend, normals, uniforms
 from ..core.moments import rectified_normal
-from ..core.sensor_window import SensorWindow
 
 
 @dataclass(frozen=True)

@@ -10,16 +10,10 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core import Array, Electrons, Exposure, Float32Array, Frame, InputError, Photons, SensorWindow, check_types
 from ..core.backend import NUMPY_FLOAT32
-from ..core.checks import check_types
 from ..core.differentiable import SLOTS, DifferentiableBackend
-from ..core.errors import InputError
-from ..core.exposure import Exposure
-from ..core.frame import Frame
 from ..core.options import complete, documents
-from ..core.sensor_window import SensorWindow
-from ..core.signals import Electrons, Photons
-from ..core.types import Array, Float32Array
 from .camera import Camera
 from .chain import chain
 from .checks import as_photons, check_numbers, checked_maps, checked_origin

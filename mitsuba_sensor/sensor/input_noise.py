@@ -7,10 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..core.exposure import Exposure
-from ..core.frame import Frame
-from ..core.moments import Moments
-from ..core.sensor_window import SensorWindow
+from ..core import Exposure, Frame, Moments, SensorWindow
 from .camera import Camera
 from .stage import converter_of, propagate
 

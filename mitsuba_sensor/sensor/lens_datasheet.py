@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, ValidationInfo, model_validator
 
-from .datasheet import Chance, Fraction, NotNegative, Positive, Section, optional
+from .datasheet import Chance, FileTable, Fraction, NotNegative, Positive, optional
 from .lens_file import read_lens
 
 Number = Annotated[float, Field(ge=-1e30, le=1e30, strict=True)]
@@ -26,7 +26,7 @@ TABLES = (
 ON_AXIS = {"relative_illumination": 1.0, "distortion_percent": 0.0}
 
 
-class SurfaceSection(Section):
+class SurfaceSection(FileTable):
     """One surface of a lens and the medium behind it, towards the sensor."""
 
     radius_mm: Number | None = optional("radius, positive with its centre towards the sensor; none: a plane [mm]", 29.5)
@@ -53,7 +53,7 @@ class SurfaceSection(Section):
         return self
 
 
-class PrescriptionSection(Section):
+class PrescriptionSection(FileTable):
     """A lens prescription, surface by surface from the scene to the sensor; both ends are in air."""
 
     name: str = Field(description="name of the lens", examples=["double_gauss"])
@@ -79,7 +79,7 @@ class PrescriptionSection(Section):
         return self
 
 
-class LensSection(Section):
+class LensSection(FileTable):
     """The camera's lens determines the irradiance; the scene's own thin lens, or the prescription, the blur."""
 
     f_number: Positive = optional("focal length over pupil diameter N", 2.8, 2.8)

@@ -14,6 +14,8 @@ import json
 from importlib import resources
 from pathlib import Path
 
+import numpy as np
+
 BUILT_IN = resources.files(__package__) / "lenses"
 COLUMNS = "radius, thickness, index, diameter and perhaps the Abbe number"
 
@@ -65,25 +67,25 @@ def from_dat(text: str, name: str) -> dict[str, object]:
     rows = [line.replace(",", " ").split() for line in lines if not line.startswith("#")]
     if rows and len(rows[0]) == 1:
         rows = rows[1:]
-    try:
-        numbers = [tuple(float(number) for number in row) for row in rows]
-    except ValueError:
-        raise ValueError(f"the lens {name!r} has a line that is not numbers; each must be {COLUMNS}") from None
-    for row in numbers:
+    for row in rows:
         if len(row) not in (4, 5):
             raise ValueError(f"the lens {name!r} has a line of {len(row)} numbers; each must be {COLUMNS}")
-    flat = [(r[0], r[1], r[2], r[3] / 2, r[4] if len(r) == 5 else None, 0.0) for r in numbers]
+    try:
+        numbers = [[float(number) for number in (*row, "0")[:5]] for row in rows]  # an Abbe number of 0 is none
+    except ValueError:
+        raise ValueError(f"the lens {name!r} has a line that is not numbers; each must be {COLUMNS}") from None
+    flat = [(radius, gap, index, diameter / 2, abbe, 0.0) for radius, gap, index, diameter, abbe in numbers]
     return {"name": name, "source": "; ".join(comments), "surfaces": _surfaces(flat, name)}
 
 
-Row = tuple[float, float, float, float, float | None, float]
+Row = tuple[float, float, float, float, float, float]
 
 
 def _iset_row(surface: dict[str, object], name: str) -> Row:
-    """radius, thickness, index, semi-diameter, Abbe number (none), conic constant."""
+    """radius, thickness, index, semi-diameter, Abbe number (0 is none), conic constant."""
     try:
         radius, semi, conic = (_number(surface.get(key, 0.0)) for key in ("radius", "semi_aperture", "conic_constant"))
-        return radius, _number(surface["thickness"]), _number(surface["ior"]), semi, None, conic
+        return radius, _number(surface["thickness"]), _number(surface["ior"]), semi, 0.0, conic
     except (KeyError, TypeError, ValueError):
         raise ValueError(
             f"the lens {name!r} has a surface that is not numbers for radius, thickness, ior and semi_aperture"
@@ -92,14 +94,8 @@ def _iset_row(surface: dict[str, object], name: str) -> Row:
 
 def _number(value: object) -> float:
     """A number, or the value of a list of equal numbers (ISET3d gives x and y of a round surface)."""
-    if isinstance(value, list):
-        first, *others = value
-        if any(other != first for other in others):
-            raise ValueError
-        value = first
-    if not isinstance(value, int | float | str):
-        raise TypeError
-    return float(value)
+    (number,) = np.unique(np.asarray(value, dtype=float))
+    return float(number)
 
 
 def _surfaces(rows: list[Row], name: str) -> list[dict[str, object]]:

@@ -7,11 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core import Array, Electrons, Frame, Moments, Photons
 from ..core.backend import NUMPY_FLOAT64
-from ..core.frame import Frame
-from ..core.moments import Moments
-from ..core.signals import Electrons, Photons
-from ..core.types import Array
 from .stage import Chain, Stage, total
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypedDict
 
 from numpy.typing import ArrayLike
 
-from ..core.errors import require_seed
+from ..core import require_seed
 from ..core.options import Option
 
 if TYPE_CHECKING:

@@ -12,14 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core import Exposure, Frame, Moments, Photons, SensorWindow, check_types, require
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
-from ..core.checks import check_types
-from ..core.errors import require
-from ..core.exposure import Exposure
-from ..core.frame import Frame
-from ..core.moments import Moments
-from ..core.sensor_window import SensorWindow
-from ..core.signals import Photons
 from .camera import Camera
 from .checks import as_photons
 from .precision import Float32, float32_effect

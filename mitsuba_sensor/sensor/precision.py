@@ -7,10 +7,8 @@ from typing import Literal
 
 import numpy as np
 
+from ..core import Frame, Photons, SensorWindow
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
-from ..core.frame import Frame
-from ..core.sensor_window import SensorWindow
-from ..core.signals import Photons
 from .stage import Chain, converter_of, sample
 
 SHARE, LARGEST_DN = 0.01, 1.0

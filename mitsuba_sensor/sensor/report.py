@@ -7,11 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from ..core import Array, Electrons, Frame, Moments, Photons
 from ..core.backend import NUMPY_FLOAT64
-from ..core.frame import Frame
-from ..core.moments import Moments
-from ..core.signals import Electrons, Photons
-from ..core.types import Array
 from .camera import Camera
 from .compensation import LIMIT, compensable
 from .gains import gain_dn_per_e

@@ -12,13 +12,9 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core import Array, Electrons, Frame, InputError, Photons, SensorWindow, nearest
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, Backend, PendingStrip
-from ..core.errors import InputError, nearest
-from ..core.frame import Frame
 from ..core.llvm import backend_problem
-from ..core.sensor_window import SensorWindow
-from ..core.signals import Electrons, Photons
-from ..core.types import Array
 from .options import Engine, Precision
 from .stage import Chain, Stage, sample, total
 

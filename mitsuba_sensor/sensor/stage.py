@@ -14,12 +14,8 @@ from typing import ClassVar, Literal, Protocol
 
 import numpy as np
 
-from ..core.frame import Frame
-from ..core.moments import Moments
-from ..core.sensor_window import SensorWindow
-from ..core.signals import Electrons, Photons
-from ..core.types import Array
-from .datasheet import CameraTable, PixelGeometry, Section, SensorSection
+from ..core import Array, Electrons, Frame, Moments, Photons, SensorWindow
+from .datasheet import CameraTable, FileTable, PixelGeometry, SensorSection
 
 Domain = Literal["photons", "electrons", "volts", "DN"]
 
@@ -65,7 +61,7 @@ class Stage(ABC):
 
     domain: ClassVar[Domain]
     table: ClassVar[str] = ""
-    fields: ClassVar[type[Section] | None] = None
+    fields: ClassVar[type[FileTable] | None] = None
     paper: ClassVar[str] = "–"
     required: ClassVar[bool] = False
     counts_electrons: ClassVar[bool] = False

@@ -17,11 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from ..core.frame import Frame
-from ..core.moments import Moments
-from ..core.sensor_window import SensorWindow
-from ..core.signals import Photons
-from ..core.types import Array
+from ..core import Array, Frame, Moments, Photons, SensorWindow
 from .stage import Chain, Converter, converter_of
 
 HIDDEN = 4.0

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core import Electrons, Exposure, Frame, Photons, SensorWindow
 from ..core.backend import Backend
-from ..core.exposure import Exposure
-from ..core.frame import Frame
 from ..core.llvm import backend_problem, drjit
-from ..core.sensor_window import SensorWindow
-from ..core.signals import Photons
 from ..sensor.run import FrameRunner
-from ..sensor.stage import sample
+from ..sensor.stage import Stage, converter_of, sample
 from ..sensor.theory import final_moments
 from .statistics import Array, Numbers
 
@@ -26,7 +23,7 @@ BACKENDS = {"drjit": "llvm", "cuda": "cuda"}  # compiled engine → back end of 
 ENDLESS = 2**31  # more frames than any stream is asked for
 FRAMES_A_TURN = 8  # of a compiled engine, which traces a frame while it computes the one before
 
-Stages = tuple[Any, ...]
+Stages = tuple[Stage, ...]
 Groups = Mapping[str, NDArray[np.intp]]  # indices of pixels in the flattened window
 
 
@@ -82,11 +79,12 @@ class Illuminated:
         rows, columns = self.photons.mean.shape[:2]
         return SensorWindow(serial % 2**64, (rows, columns), self.photons.origin, backend=self.backend)
 
-    def electrons(self, stages: Stages, sensor: SensorWindow) -> Any:
+    def electrons(self, stages: Stages, sensor: SensorWindow) -> Electrons:
         """Mean electrons that a sensor detects, from which frames of the stages behind the first one can start."""
-        return stages[0].sample(self.photons, Frame(self.exposure, sensor))
+        detected: Electrons = stages[0].sample(self.photons, Frame(self.exposure, sensor))
+        return detected
 
-    def frame(self, stages: Stages, start: Any, sensor: SensorWindow, seed: int) -> Array:
+    def frame(self, stages: Stages, start: Electrons, sensor: SensorWindow, seed: int) -> Array:
         """The first frame of a seed, (H, W) [DN]; start : detected electrons."""
         codes = sample(stages[1:], start, Frame(self.exposure, sensor, seed % 2**64))
         return np.asarray(codes, dtype=np.float64)
@@ -125,7 +123,7 @@ class Stream:
     """Frames of one sensor, kept going from turn to turn, so that maps and kernels are made once."""
 
     def __init__(self, stages: Stages, light: Illuminated) -> None:
-        sensor, dtype = light.sensor(1), np.min_scalar_type(stages[-1].highest)
+        sensor, dtype = light.sensor(1), np.min_scalar_type(converter_of(stages).highest)
         run = FrameRunner(stages, light.photons, Frame(light.exposure, sensor))
         self._frames = run.frames(0, ENDLESS, lambda _: {"digital": np.empty(sensor.shape, dtype)})
         self._compiled = light.backend.compiled

@@ -53,18 +53,18 @@ def text(value: object) -> str:
 
 
 def _part(part: Part) -> str:
-    inside = _table(part) if isinstance(part, Table) else f"<div>{svg(part)}</div>"
     note = f'<p class="note">{escape(part.note)}</p>' if part.note else ""
-    return f"<section><h2>{escape(part.title)}</h2>{note}{inside}</section>\n"
+    inside = _table(part) if isinstance(part, Table) else svg(part)
+    return f'<section><h2>{escape(part.title)}</h2>{note}<div class="wide">{inside}</div></section>\n'
 
 
 def _table(table: Table) -> str:
     heads = "".join(f"<th>{escape(column)}</th>" for column in table.columns)
     marked = zip(table.marks or ("",) * len(table.rows), table.rows, strict=True)
     rows = "".join(f'<tr class="{mark}">{"".join(map(_cell, row))}</tr>' for mark, row in marked)
-    return f'<div class="wide"><table><thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table></div>'
+    return f"<table><thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table>"
 
 
 def _cell(value: object) -> str:
-    kind = ' class="number"' if isinstance(value, int | float) and not isinstance(value, bool) else ""
-    return f"<td{kind}>{escape(text(value))}</td>"
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return f'<td class="{"number" if number else "text"}">{escape(text(value))}</td>'

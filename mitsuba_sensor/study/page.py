@@ -28,11 +28,10 @@ class Table:
 
 def table(title: str, headings: str, rows: Iterable[MarkedRow], note: str = "") -> Table:
     """A table whose headings are separated by `` | ``, of rows with their marks."""
-    marked = list(rows)
+    marked = [(mark, tuple(row)) for mark, row in rows]
     marks = tuple(mark for mark, _ in marked)
-    return Table(
-        title, tuple(headings.split(" | ")), tuple(tuple(row) for _, row in marked), marks if any(marks) else (), note
-    )
+    columns, cells = tuple(headings.split(" | ")), tuple(row for _, row in marked)
+    return Table(title, columns, cells, marks if any(marks) else (), note)
 
 
 @dataclass(frozen=True)
@@ -95,15 +94,11 @@ Part = Table | Picture
 
 @dataclass(frozen=True)
 class Section:
-    """What one part of a study found.
+    """What one part of a study found."""
 
-    findings : sentences that answer the question, the most important first, each with its numbers.
-    passed : whether everything that must hold does.  parts : in the order of reading.
-    """
-
-    findings: tuple[str, ...]
-    passed: bool
-    parts: tuple[Part, ...]
+    findings: tuple[str, ...]  # sentences that answer the question, the most important first, each with its numbers
+    passed: bool  # whether everything that must hold does
+    parts: tuple[Part, ...]  # in the order of reading
 
 
 @dataclass(frozen=True)

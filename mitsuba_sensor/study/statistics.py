@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri, stdtr, stdtrit
 
-from ..core.errors import InputError
+from ..core import InputError
 
 Array = NDArray[np.float64]
 Numbers = NDArray[Any]  # of any type, digital numbers for example

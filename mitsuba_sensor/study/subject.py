@@ -8,8 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from ..core.checks import check_types
-from ..core.exposure import Exposure
+from ..core import Exposure, check_types
 from ..render.irradiance import Irradiance
 from ..render.passes import SAMPLER
 from ..render.prepared import PreparedRender, prepare, render

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
 
 from helpers import ROOT
 from mitsuba_sensor.core.errors import InputError
+from mitsuba_sensor.render.scene_file import parse_scene
+from mitsuba_sensor.render.scene_settings import SceneSettings, settings_of
 from mitsuba_sensor.render.variants import choose_variant
 
 SCENES = ROOT / "scenes"
@@ -28,6 +31,11 @@ def write_scene(folder: Path, text: str) -> Path:
     path = folder / "scene.xml"
     path.write_text(text, encoding="utf-8")
     return path
+
+
+def read_settings(path: Path, parameters: Mapping[str, object]) -> SceneSettings:
+    """Camera, exposure and seeds of a scene file."""
+    return settings_of(parse_scene(path, parameters))
 
 
 def skip_unless_usable(variant: str) -> str:

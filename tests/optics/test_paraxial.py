@@ -10,8 +10,8 @@ import pytest
 from helpers.lens_oracle import DOUBLE_GAUSS, forward, vertices
 
 from mitsuba_sensor.core.errors import InputError
-from mitsuba_sensor.optics.glass import C_NM, D_NM, F_NM, Glass, glass_behind
 from mitsuba_sensor.optics.paraxial import CardinalPoints, cardinal_points
+from mitsuba_sensor.optics.ray_trace import C_NM, D_NM, F_NM, Glass, glass_behind
 from mitsuba_sensor.sensor.camera import load_camera
 from mitsuba_sensor.sensor.lens_datasheet import LensSection
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import CAMERAS
-from helpers.scenes import BALL, SCENES, SKY, both_variants, skip_unless_usable, write_scene
+from helpers.scenes import BALL, SCENES, SKY, both_variants, read_settings, skip_unless_usable, write_scene
 
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
@@ -21,7 +21,6 @@ from mitsuba_sensor.render import plugins
 from mitsuba_sensor.render.bands import box_bands, channel_bands
 from mitsuba_sensor.render.prepared import render
 from mitsuba_sensor.render.scene import Scene, load_scene
-from mitsuba_sensor.render.scene_settings import read_settings
 from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
 from mitsuba_sensor.sensor.camera import load_camera
 

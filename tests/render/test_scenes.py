@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.scenes import BALL, SCENES, SHIPPED, SKY, scene_text, write_scene
+from helpers.scenes import BALL, SCENES, SHIPPED, SKY, read_settings, scene_text, write_scene
 
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
@@ -17,7 +17,6 @@ from mitsuba_sensor.render.irradiance import Irradiance
 from mitsuba_sensor.render.photons import collect
 from mitsuba_sensor.render.prepared import render
 from mitsuba_sensor.render.scene import load_scene
-from mitsuba_sensor.render.scene_settings import read_settings
 from mitsuba_sensor.render.variants import choose_variant, use
 from mitsuba_sensor.sensor.camera import load_camera
 

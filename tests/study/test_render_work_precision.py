@@ -30,15 +30,14 @@ from mitsuba_sensor.study.kit import Kit
 from mitsuba_sensor.study.page import Plot, Section, Study
 from mitsuba_sensor.study.statistics import slope_of_runs
 from mitsuba_sensor.study.subject import Subject
-from mitsuba_sensor.study.work_precision import reference as reference_module
+from mitsuba_sensor.study.work_precision import errors as errors_module
 from mitsuba_sensor.study.work_precision import render as render_module
 from mitsuba_sensor.study.work_precision import series as series_module
 from mitsuba_sensor.study.work_precision import work_precision
-from mitsuba_sensor.study.work_precision.choice import Choice, Law, corrected, sample_counts
-from mitsuba_sensor.study.work_precision.errors import Block, in_blocks
-from mitsuba_sensor.study.work_precision.per_frame import FEWEST_COMPENSATED
-from mitsuba_sensor.study.work_precision.render_results import Ladder, Result
-from mitsuba_sensor.study.work_precision.series import Setting, all_settings, loaded, usable_variants
+from mitsuba_sensor.study.work_precision.errors import FEWEST_COMPENSATED, Block, in_blocks
+from mitsuba_sensor.study.work_precision.render import Render
+from mitsuba_sensor.study.work_precision.results import Choice, Ladder, Result, corrected, predict, sample_counts
+from mitsuba_sensor.study.work_precision.series import Series, Setting, all_settings, usable_variants
 
 FLOOR = (
     '<shape type="rectangle"><transform name="to_world"><scale value="9"/></transform><bsdf type="diffuse">'
@@ -77,7 +76,7 @@ def quick() -> Any:
     with pytest.MonkeyPatch.context() as patch:
         for name in ("FEWEST_PASSES", "FEWEST_FRAMED", "MOST_PASSES"):
             patch.setattr(render_module, name, PASSES)
-        patch.setattr(reference_module, "REFERENCE_S", 0.0)
+        patch.setattr(errors_module, "REFERENCE_S", 0.0)
         patch.setattr(series_module, "SIZES", (4, 36))
         patch.setattr(series_module, "SAMPLERS", {"independent": 16})
         yield
@@ -123,7 +122,7 @@ def slope_of_blocks(runs: list[NDArray[np.float64]]) -> Any:
             lambda block, into=squares: into.setdefault(block.passes, []).append(np.mean(block.electrons**2))
         )
         for electrons in passes:
-            joined(1.0, None, electrons)
+            joined(1.0, electrons[:, None], electrons)
         found.append((list(squares), [math.sqrt(np.mean(many)) for many in squares.values()]))
     return slope_of_runs(found)
 
@@ -145,44 +144,36 @@ def test_passes_that_repeat_each_other_do_not_get_better() -> None:
     assert slope_of_blocks(runs).value == pytest.approx(0, abs=1e-12)
 
 
-def results_of(known: Known) -> dict[str, Result]:
+@pytest.fixture(scope="module")
+def results(floor: Path, quick: None, studied: Studied) -> dict[str, Result]:
     """Every setting by its label, from what was measured."""
-    base, found = Setting("scalar_spectral"), {}
-    for key, (ladder, _) in known.items():
-        if key.startswith("first passes: "):
-            variant, sampler, samples, banding = key.removeprefix("first passes: ").split()
-            setting = Setting(variant, sampler, int(samples), banding)
-            runs = [known[f"run {k}: {setting.key}"][0] for k in range(1, SEEDS + 1)]
-            electrons = known["reference: channels" if banding == "channels" else "reference: auto"][0].squares
-            bands = known["reference: channels" if banding == "channels" else "reference: cube"][0].squares
-            own = {**electrons, "irradiance": bands["irradiance"]}
-            found[setting.label(base)] = Result(setting, setting.label(base), ladder, runs, own)
-    return found
+    render = Render(Kit(studied[1]), Subject(floor, mosaic(), EXPOSURE), 0.01, SEEDS, ["scalar_spectral"])
+    render.measure()
+    return {one.label: one for one in render.results}
 
 
 def part_of(study: Study, title: str) -> Any:
     return next(part for part in study.parts if part.title == title)
 
 
-def test_every_setting_is_compared_one_factor_at_a_time(studied: Studied) -> None:
+def test_every_setting_is_compared_one_factor_at_a_time(studied: Studied, results: dict[str, Result]) -> None:
     labels = ["as shipped", "independent", "4 per pass", "36 per pass", "cube", "channels", "band by band"]
-    assert [row[0] for row in part_of(studied[0], "Settings").rows] == list(results_of(studied[1])) == labels
+    assert [row[0] for row in part_of(studied[0], "Settings").rows] == list(results) == labels
 
 
-def test_errors_fall_as_the_square_root_of_time(studied: Studied) -> None:
+def test_errors_fall_as_the_square_root_of_time(studied: Studied, results: dict[str, Result]) -> None:
     """Slopes of irradiance and electrons within 0.05 of −1/2 in every setting."""
-    found = results_of(studied[1])
-    for label, one in found.items():
+    for label, one in results.items():
         for slope in one.slopes:
             assert slope.value == pytest.approx(-0.5, abs=0.05), label
         assert one.verdict == "holds"
-    assert found["channels"].slope("irradiance") is None
+    assert results["channels"].slope("irradiance") is None
     assert all(row[-1] == "holds" for row in part_of(studied[0], "Settings").rows)
 
 
-def test_compensated_frames_have_the_right_noise_where_plain_ones_have_too_much(studied: Studied) -> None:
+def test_compensated_frames_have_the_right_noise_where_plain_ones_have_too_much(results: dict[str, Result]) -> None:
     """With 8 passes, whose noise is a sixth of the shot noise: σ within three standard errors, and beyond them."""
-    one = results_of(studied[1])["as shipped"]
+    one = results["as shipped"]
     plain, compensated = one.sigma("plain")[0], one.sigma("compensated")[0]
     assert plain.passes == 8
     assert plain.error > 3 * plain.spread
@@ -194,9 +185,9 @@ def test_runs_have_seeds_of_their_own(studied: Studied) -> None:
     assert len({run["plain"][0]["electrons"] for run in runs}) == SEEDS
 
 
-def test_a_denoised_render_does_not_follow_the_law(studied: Studied) -> None:
+def test_a_denoised_render_does_not_follow_the_law(results: dict[str, Result]) -> None:
     """Its bias stays: from 1 to 32 passes the error falls by less than half of √32."""
-    points = results_of(studied[1])["as shipped"].points("electrons", "denoised")
+    points = results["as shipped"].points("electrons", "denoised")
     assert points[0].error / points[-1].error < 0.5 * math.sqrt(32)
 
 
@@ -239,7 +230,7 @@ def test_a_study_that_was_stopped_measures_only_what_is_missing(floor: Path, qui
     again = study_of(floor, less, lambda done_s, all_s, now: told.append(now))
     assert [now for now in told if now != "done"] == [missing]
     for name, value in less[missing][0]["plain"][0].items():
-        if name not in ("seconds", "frames"):
+        if name != "seconds":
             assert value == pytest.approx(known[missing][0]["plain"][0][name], rel=1e-6), name
     assert set(less) == set(known) and again.passed == study.passed
 
@@ -308,22 +299,22 @@ def test_band_by_band_finds_the_light_of_all_bands_together(floor: Path) -> None
     """Two ways to the same mean: over the picture within 1 %, five standard errors of 16 samples in 384 pixels."""
     subject, means = Subject(floor, mosaic(), EXPOSURE), list[NDArray[np.float64]]()
     for banding in ("auto", "loop"):
-        series, kept = loaded(subject, Setting("scalar_spectral", banding=banding)), list[Pass]()
+        series, kept = Series(subject, Setting("scalar_spectral", banding=banding)), list[Pass]()
         series.each_pass(5, 2, lambda seconds, irradiance, electrons, into=kept: into.append(irradiance))
         means.append(np.mean(kept, axis=(0, 1, 2)))
     np.testing.assert_allclose(means[0], means[1], rtol=0.01)
 
 
-def law() -> Law:
+def predicted(spp: int) -> Any:
     """Passes of 4, 16 and 64 samples: a pass costs as many times more, and error² falls as n^−3/2."""
     results = [_result(samples) for samples in (4, 16, 64)]
-    return Law(results[1], results)
+    return predict(results[1], results, spp)
 
 
 def _result(samples: int, floor: float = 0.0) -> Result:
     """A pass of n samples takes n ms and has error² = n^−3/2; floor : the variance of the reference."""
     rungs = [
-        {"passes": k, "blocks": 1, "seconds": 1e-3 * samples * k, "electrons": samples**-1.5 / k + floor, "frames": {}}
+        {"passes": k, "blocks": 1, "seconds": 1e-3 * samples * k, "electrons": samples**-1.5 / k + floor}
         for k in (1, 2, 4, 8)
     ]
     ladder = Ladder(samples, 1, 0.0, 1e-3 * samples, 8, None)
@@ -344,7 +335,7 @@ def test_the_references_own_error_is_taken_off() -> None:
 def test_predictions_follow_the_passes_that_a_number_of_samples_is_made_of(spp: int) -> None:
     """n ms for a pass of n samples, so spp ms; error² = n^−3/2 / passes, also between and beyond the sizes."""
     passes, samples = pass_plan(spp)
-    seconds, error = law().predict(spp)
+    seconds, error = predicted(spp)
     assert seconds == pytest.approx(1e-3 * passes * samples, rel=1e-9)
     assert error == pytest.approx(math.sqrt(samples**-1.5 / passes), rel=1e-9)
 
@@ -357,9 +348,9 @@ def test_a_missed_tolerance_asks_for_the_samples_that_its_error_says() -> None:
     assert more.options == f"--spp {more.spp} --spectral auto"
 
 
-def test_frames_are_dimmed_until_the_noise_of_their_renders_can_be_compensated(studied: Studied) -> None:
+def test_frames_are_dimmed_until_the_noise_of_their_renders_can_be_compensated(results: dict[str, Result]) -> None:
     """So that 8 passes, an eighth of a run or more, are just enough."""
-    framed = results_of(studied[1])["as shipped"].ladder.framed
+    framed = results["as shipped"].ladder.framed
     assert framed is not None and framed.share < 1
     assert framed.exposure.time_s == pytest.approx(framed.share * EXPOSURE.time_s)
     assert framed.compensable == pytest.approx(FEWEST_COMPENSATED)

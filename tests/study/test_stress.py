@@ -1,6 +1,6 @@
 """Stiff and extreme cases: every one gives the right number or one clear sentence, never a NaN, a hang or a wrap.
 
-The cases are those of ``mitsuba-sensor study stress``, asked one by one of every engine on this machine. Seeds are
+The cases are those of ``mitsuba-sensor study stress``, asked theme by theme of every engine on this machine. Seeds are
 fixed. Of about 1600 comparisons of averages, each with 5 standard errors (6e-7), other seeds would fail one in 1000.
 """
 
@@ -9,6 +9,8 @@ from __future__ import annotations
 import json
 import math
 import warnings
+from collections.abc import Callable
+from dataclasses import replace
 from decimal import Decimal, localcontext
 from typing import Any
 
@@ -25,69 +27,83 @@ from mitsuba_sensor.sensor.effects.dark_current import mean_dark_e
 from mitsuba_sensor.sensor.gains import adc_gain_dn_per_v, gain_dn_per_e
 from mitsuba_sensor.study import stress as package
 from mitsuba_sensor.study.kit import Kit
-from mitsuba_sensor.study.stress import ENGINES, ONCE, RENDERERS, Case, Engine, stress_cases, verdict_of, volts
+from mitsuba_sensor.study.stress import THEMES, Theme, verdicts_of, volts
+from mitsuba_sensor.study.stress.case import ENGINES, NO_ENGINE, RENDERERS, Engine, Got, Rows, agree, refusal
 from mitsuba_sensor.study.stress.conditions import Sensitivity, nudged, of_camera, strongest, ulp
-from mitsuba_sensor.study.stress.got import Got, agree, refusal
 
-CASES = stress_cases()
-ASKED = [(case, engine) for case in CASES for engine in case.asked if engine.compiler != "cuda" or not engine.problem]
+ASKED = [
+    (theme, engine) for theme in THEMES for engine in theme.asked if engine.compiler != "cuda" or not engine.problem
+]
+IDS = [f"{theme.name}, {getattr(theme.cases, '__name__', 'chains')} | {engine.name}" for theme, engine in ASKED]
 
 
-@pytest.mark.parametrize(("case", "engine"), ASKED, ids=[f"{engine.name} | {case.name}" for case, engine in ASKED])
-def test_every_case_of_the_table_holds(case: Case, engine: Engine) -> None:
+@pytest.mark.parametrize(("theme", "engine"), ASKED, ids=IDS)
+def test_every_case_of_a_theme_holds(theme: Theme, engine: Engine) -> None:
     if engine.problem:
         pytest.skip(engine.problem)
-    verdict = verdict_of(case, engine)
-    assert verdict.passed, f"{case.name}\nexpected: {case.expected}\ngot:      {verdict.got}"
-
-
-def test_no_two_cases_have_one_name() -> None:
-    assert len({case.name for case in CASES}) == len(CASES)
+    verdicts = verdicts_of(theme, engine)
+    failed = [f"{' | '.join(case)}\ngot: {got.text}" for case, got in verdicts if not got.passed]
+    assert verdicts and not failed, "\n".join(failed)
+    assert len({case[:3] for case, _ in verdicts}) == len(verdicts), "two cases have one name"
 
 
 # Verdicts
 
 
-def case_of(check: Any, asked: tuple[Engine, ...] = (ONCE,), theme: str = "made up") -> Case:
-    return Case(theme, "stage", f"{check!r}", "nothing wrong", check, asked)
+def theme_of(check: Callable[[], Got], asked: tuple[Engine, ...] = (NO_ENGINE,), name: str = "made up") -> Theme:
+    def cases(engine: Engine) -> Rows:
+        yield "stage", "given", "nothing wrong", check()
+
+    return Theme(name, cases, asked)
 
 
 @pytest.mark.parametrize(
     ("check", "texts"),
     [
-        (lambda _: Got("what came", False), "what came"),
-        (lambda _: Got(str(np.array([-1.0]) ** 0.5), True), "invalid value"),
-        (lambda _: Got(str(np.float32(1e30) * np.array([1e30], np.float32)), True), "overflow"),
-        (lambda _: 1 / 0, "ZeroDivisionError"),
-        (lambda _: agree(math.nan, 1.0, 2.0), "nan"),
-        (lambda _: agree([1.0, math.nan], 1.0, 2.0), "nan"),
-        (lambda _: refusal(lambda: None, "texts"), "nothing was refused"),
-        (lambda _: refusal(lambda: ms.Exposure(-1.0), "another sentence"), "time_s is -1.0"),
+        (lambda: Got("what came", False), "what came"),
+        (lambda: Got(str(np.array([-1.0]) ** 0.5), True), "invalid value"),
+        (lambda: Got(str(np.float32(1e30) * np.array([1e30], np.float32)), True), "overflow"),
+        (lambda: 1 / 0, "ZeroDivisionError"),
+        (lambda: agree(math.nan, 1.0, 2.0), "nan"),
+        (lambda: agree([1.0, math.nan], 1.0, 2.0), "nan"),
+        (lambda: refusal("texts", lambda: None), "nothing was refused"),
+        (lambda: refusal("another sentence", lambda: ms.Exposure(-1.0)), "time_s is -1.0"),
     ],
     ids=["no", "invalid", "overflow", "exception", "NaN", "largest NaN", "no refusal", "other texts"],
 )
 def test_a_warning_an_exception_a_nan_and_a_no_are_all_verdicts_against(check: Any, texts: str) -> None:
     with warnings.catch_warnings(), np.errstate(all="ignore"):
-        verdict = verdict_of(case_of(check), ONCE)
-    assert verdict.passed is False and texts in verdict.got
+        ((_, got),) = verdicts_of(theme_of(check), NO_ENGINE)
+    assert got.passed is False and texts in got.text
+
+
+def test_an_exception_keeps_the_cases_before_it_and_says_behind_which_one_it_came() -> None:
+    def cases(engine: Engine) -> Rows:
+        yield "stage", "given", "as it must", Got("as it must", True)
+        raise OverflowError("too large")
+
+    (_, good), (case, bad) = verdicts_of(Theme("made up", cases), NO_ENGINE)
+    assert good.passed and not bad.passed
+    assert bad.text == "OverflowError: too large" and case[2] == "behind given"
 
 
 def test_the_study_says_what_holds_what_fails_and_who_is_not_here(monkeypatch: pytest.MonkeyPatch) -> None:
     """Three cases: one holds on every engine, one on none, one is asked of nobody who is here."""
     absent = Engine("CUDA float32", "cuda", compiler="cuda")
     monkeypatch.setattr(Engine, "problem", property(lambda self: "no such device" if self.compiler == "cuda" else None))
-    good = case_of(lambda engine: Got("as it must", True), (ONCE, *ENGINES), "first")
-    bad = case_of(lambda engine: Got("not as it must", False), theme="second")
-    monkeypatch.setattr(package, "stress_cases", lambda: [good, bad, case_of(None, (absent,), "third")])
+    good = theme_of(lambda: Got("as it must", True), (NO_ENGINE, *ENGINES), "first")
+    bad = theme_of(lambda: Got("not as it must", False), name="second")
+    third = theme_of(lambda: Got("", True), (absent,), "third")
+    monkeypatch.setattr(package, "THEMES", (good, bad, third))
     monkeypatch.setattr(package, "sensitivities", lambda: sensitivities("konnik_table1"))
     told: list[tuple[float, float, str]] = []
     study = package.stress(Kit(progress=lambda *now: told.append(now)))
     assert study.name == "stress" and not study.passed
-    assert study.findings[0].startswith("2 of 3 cases hold on NumPy float64, NumPy float32, LLVM float32: 5 verdicts")
+    assert study.findings[0].startswith("1 of 2 cases hold on NumPy float64, NumPy float32, LLVM float32: 5 verdicts")
     assert "expected nothing wrong" in study.findings[1] and "no such device" in study.findings[2]
     grid, _, _, *tables = study.parts
     assert grid.rows == ("first", "second", "third")  # type: ignore[union-attr]
-    names = tuple(engine.name for engine in (ONCE, *ENGINES, *RENDERERS))
+    names = tuple(engine.name for engine in (NO_ENGINE, *ENGINES, *RENDERERS))
     texts = [dict(zip(names, row, strict=True)) for row in grid.texts]  # type: ignore[union-attr]
     assert texts[0]["no engine"] == texts[0]["LLVM float32"] == "1/1" and texts[1]["no engine"] == "0/1"
     assert texts[2]["CUDA float32"] == "not here" and grid.marks[2][4] == "dim"  # type: ignore[union-attr]
@@ -127,7 +143,7 @@ def test_the_exact_telegraph_noise_has_no_hole_at_twice_the_dominant_time() -> N
     with localcontext() as context:
         context.prec = volts.DIGITS
         tiny = 2.0**-52
-        low, at, high = (volts.exact_parts(volts.noise_of(rtn_s=1e-6 * (1 + x)))[2] for x in (-tiny, 0, tiny))
+        low, at, high = (volts.exact_parts(replace(volts.PAPER, rtn_s=1e-6 * (1 + x)))[2] for x in (-tiny, 0, tiny))
     assert low < at < high and float((high - at) / (at - low)) == pytest.approx(1, abs=0.6)
 
 

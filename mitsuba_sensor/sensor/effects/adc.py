@@ -9,13 +9,8 @@ from typing import Annotated, ClassVar, Self
 
 from pydantic import Field, model_validator
 
-from ...core import arrays
-from ...core.exposure import Exposure
-from ...core.frame import Frame
-from ...core.moments import Moments
-from ...core.sensor_window import SensorWindow
-from ...core.types import Array
-from ..datasheet import NotNegative, Positive, Section
+from ...core import Array, Exposure, Frame, Moments, SensorWindow, arrays
+from ..datasheet import FileTable, NotNegative, Positive
 from ..gains import adc_gain_dn_per_v
 from ..stage import Converter, Datasheet, Stage, propagate
 
@@ -23,7 +18,7 @@ BLACK_LEVEL_AT = Exposure(time_s=0.0, temperature_k=298.15)
 """The default black level holds the noise of this exposure."""
 
 
-class AdcFields(Section):
+class AdcFields(FileTable):
     """The analogue-to-digital converter."""
 
     bits: Annotated[int, Field(ge=1, le=24, strict=True)] = Field(description="resolution [bit]", examples=[12])

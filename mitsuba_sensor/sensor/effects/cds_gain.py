@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 from pydantic import Field
 
-from ..datasheet import Positive, Section
+from ..datasheet import FileTable, Positive
 from ..stage import Datasheet, LinearGain, Stage
 
 
-class CdsGainFields(Section):
+class CdsGainFields(FileTable):
     """Gain of the CDS amplifier."""
 
     cds_gain: Positive = Field(1.0, description="A_CDS [V/V]", examples=[1.0])

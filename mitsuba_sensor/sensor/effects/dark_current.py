@@ -7,16 +7,10 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from ...core import arrays
-from ...core.exposure import Exposure
-from ...core.frame import Frame
-from ...core.moments import Moments
-from ...core.sensor_window import SensorWindow
-from ...core.signals import Electrons
-from ...core.types import Array
+from ...core import Array, Electrons, Exposure, Frame, Moments, SensorWindow, arrays
 from ..dark_components import DarkComponent, DarkComponentSection, component_maps, mixture_moments, superimpose
 from ..dark_current_models import DarkCurrentModel, Doubling, FigureOfMerit, Measured, Mpp
-from ..datasheet import MapCoupling, NotNegative, Positive, Section
+from ..datasheet import FileTable, MapCoupling, NotNegative, Positive
 from ..fpn_distributions import Autoregressive, FpnDistribution, Gamma, Gaussian, Logistic, LogNormal, Wald
 from ..gains import gain_dn_per_e
 from ..stage import Datasheet, Stage, cut_to_zero
@@ -24,7 +18,7 @@ from ..stage import Datasheet, Stage, cut_to_zero
 DISTRIBUTIONS = {"gaussian": Gaussian, "lognormal": LogNormal, "gamma": Gamma, "wald": Wald, "logistic": Logistic}
 
 
-class DarkCurrentFields(Section):
+class DarkCurrentFields(FileTable):
     """Electrons that come without light: a figure of merit at 300 K, or a measured rate."""
 
     fom_na_per_cm2: NotNegative | None = Field(None, description="figure of merit at 300 K [nA/cm²]", examples=[1.0])

@@ -8,17 +8,14 @@ from typing import ClassVar, Self
 
 from pydantic import Field
 
+from ...core import Array, Frame, Moments, SensorWindow
 from ...core.backend import normals
-from ...core.frame import Frame
-from ...core.moments import Moments
-from ...core.sensor_window import SensorWindow
-from ...core.types import Array
-from ..datasheet import Chance, LineCoupling, MapCoupling, NotNegative, Section
+from ..datasheet import Chance, FileTable, LineCoupling, MapCoupling, NotNegative
 from ..gains import sense_gain_v_per_e
 from ..stage import Datasheet, Stage
 
 
-class DsnuColumnFields(Section):
+class DsnuColumnFields(FileTable):
     """Offsets of the columns."""
 
     dsnu_col: NotNegative = Field(0.0, description="column offsets, σ over the full-well swing", examples=[0.001])
@@ -28,14 +25,14 @@ class DsnuColumnFields(Section):
     )
 
 
-class DsnuRowFields(Section):
+class DsnuRowFields(FileTable):
     """Offsets of the rows."""
 
     dsnu_row: NotNegative = Field(0.0, description="row offsets, σ over the full-well swing", examples=[0.0005])
     dsnu_row_coupling: LineCoupling = Field(0.0, description="coupling a of neighbouring rows", examples=[0.25])
 
 
-class DsnuPixelFields(Section):
+class DsnuPixelFields(FileTable):
     """Offsets of the pixels."""
 
     dsnu_e: NotNegative = Field(0.0, description="pixel offsets, σ as electrons [e-]", examples=[2.0])

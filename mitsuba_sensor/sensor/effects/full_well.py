@@ -8,16 +8,12 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from ...core import arrays
-from ...core.frame import Frame
-from ...core.moments import Moments
-from ...core.signals import Electrons
-from ...core.types import Array
-from ..datasheet import Section
+from ...core import Array, Electrons, Frame, Moments, arrays
+from ..datasheet import FileTable
 from ..stage import Datasheet, Stage
 
 
-class FullWellFields(Section):
+class FullWellFields(FileTable):
     """Saturation capacity."""
 
     full_well_e: Annotated[float, Field(ge=1, le=1e30, strict=True)] = Field(

@@ -7,17 +7,14 @@ from typing import Annotated, ClassVar, Self
 
 from pydantic import Field, model_validator
 
-from ...core import arrays
-from ...core.frame import Frame
-from ...core.moments import Moments
+from ...core import Array, Frame, Moments, arrays
 from ...core.special import largest, root
-from ...core.types import Array
-from ..datasheet import Section
+from ..datasheet import FileTable
 from ..gains import full_scale_v
 from ..stage import Datasheet, Stage
 
 
-class IntegralNonlinearityFields(Section):
+class IntegralNonlinearityFields(FileTable):
     """Curve of the converter."""
 
     gamma: Annotated[float, Field(gt=0, lt=2.718281828459045, strict=True)] | None = Field(

@@ -10,18 +10,13 @@ from typing import Literal
 
 from pydantic import Field
 
-from ...core import arrays
-from ...core.frame import Frame
-from ...core.moments import Moments
-from ...core.sensor_window import SensorWindow
-from ...core.signals import Electrons
-from ...core.types import Array
-from ..datasheet import LineCoupling, MapCoupling, NotNegative, Section
+from ...core import Array, Electrons, Frame, Moments, SensorWindow, arrays
+from ..datasheet import FileTable, LineCoupling, MapCoupling, NotNegative
 from ..fpn_distributions import AutoregressiveRectified, FpnDistribution, LogNormal, Rectified
 from ..stage import Datasheet, Stage, cut_to_zero
 
 
-class PrnuFields(Section):
+class PrnuFields(FileTable):
     """PRNU of the pixels."""
 
     prnu: NotNegative = Field(0.0, description="photo response non-uniformity, a fraction of the mean", examples=[0.01])
@@ -31,7 +26,7 @@ class PrnuFields(Section):
     prnu_coupling: MapCoupling = Field(0.0, description="coupling a of an ar gain map", examples=[0.25])
 
 
-class PrnuColumnFields(Section):
+class PrnuColumnFields(FileTable):
     """Gains of the columns."""
 
     prnu_col: NotNegative = Field(0.0, description="spread of the column gains, σ over 1", examples=[0.002])

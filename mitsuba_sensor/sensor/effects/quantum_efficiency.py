@@ -8,20 +8,15 @@ from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import Field, ValidationInfo, model_validator
 
-from ...core import arrays
-from ...core.errors import InputError
-from ...core.frame import Frame
-from ...core.moments import Moments
-from ...core.signals import Electrons, Photons
-from ...core.types import Array
-from ..datasheet import Chance, Positive, Section
+from ...core import Array, Electrons, Frame, InputError, Moments, Photons, arrays
+from ..datasheet import Chance, FileTable, Positive
 from ..qe_file import read_curves
 from ..stage import Datasheet, Stage
 
 Fractions = tuple[Annotated[float, Field(ge=0, le=1, strict=True)], ...]
 
 
-class QuantumEfficiencyFields(Section):
+class QuantumEfficiencyFields(FileTable):
     """Electrons per photon, a curve per colour filter, and how the filters repeat over the sensor."""
 
     value: Chance | None = Field(

@@ -7,15 +7,12 @@ from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import Field, model_validator
 
-from ...core import arrays
-from ...core.frame import Frame
-from ...core.moments import Moments
-from ...core.signals import Electrons
-from ..datasheet import Chance, Section
+from ...core import Electrons, Frame, Moments, arrays
+from ..datasheet import Chance, FileTable
 from ..stage import Datasheet, Stage
 
 
-class QuantumYieldFields(Section):
+class QuantumYieldFields(FileTable):
     """Electrons per interacting photon."""
 
     quantum_yield: tuple[Annotated[float, Field(ge=1, strict=True)], ...] | None = Field(

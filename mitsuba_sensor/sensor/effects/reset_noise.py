@@ -8,12 +8,9 @@ from typing import Literal
 
 from pydantic import Field
 
-from ...core import arrays
-from ...core.frame import Frame
-from ...core.moments import Moments
-from ...core.types import Array
+from ...core import Array, Frame, Moments, arrays
 from ...core.units import BOLTZMANN_J_PER_K, ELEMENTARY_CHARGE_C
-from ..datasheet import Chance, Section
+from ..datasheet import Chance, FileTable
 from ..gains import sense_gain_v_per_e
 from ..stage import Datasheet, Stage
 
@@ -21,7 +18,7 @@ RESET_RESIDUAL = {"hard": 1.0, "soft": math.sqrt(0.5), "true_cds": 0.0}
 """What is left of the kTC noise (paper, sense node reset noise; soft reset: Pain et al. 2000)."""
 
 
-class ResetNoiseFields(Section):
+class ResetNoiseFields(FileTable):
     """kTC noise."""
 
     reset: Literal["hard", "soft", "true_cds"] = Field(

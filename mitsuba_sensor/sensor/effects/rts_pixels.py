@@ -8,18 +8,13 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from ...core import arrays, distributions
+from ...core import Array, Electrons, Frame, Moments, SensorWindow, arrays, distributions
 from ...core.backend import Backend
-from ...core.frame import Frame
-from ...core.moments import Moments
-from ...core.sensor_window import SensorWindow
-from ...core.signals import Electrons
-from ...core.types import Array
-from ..datasheet import Chance, NotNegative, Section
+from ..datasheet import Chance, FileTable, NotNegative
 from ..stage import Datasheet, Stage
 
 
-class RtsFields(Section):
+class RtsFields(FileTable):
     """Random telegraph signals."""
 
     rts_fraction: Chance = Field(

@@ -7,12 +7,8 @@ from typing import ClassVar, Self
 
 from pydantic import Field, model_validator
 
-from ...core import arrays
-from ...core.frame import Frame
-from ...core.moments import Moments
-from ...core.signals import Electrons
-from ...core.types import Array
-from ..datasheet import Chance, Positive, Section
+from ...core import Array, Electrons, Frame, Moments, arrays
+from ..datasheet import Chance, FileTable, Positive
 from ..gains import sense_gain_v_per_e
 from ..stage import Datasheet, Stage
 
@@ -20,7 +16,7 @@ LINEAR_BELOW = 1e-100
 """V/e non-linearities below this are none: 1/α would overflow, and the node is linear."""
 
 
-class SenseNodeFields(Section):
+class SenseNodeFields(FileTable):
     """Conversion gain of the sense node."""
 
     sense_gain_uv_per_e: Positive | None = Field(

@@ -7,11 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ...core import arrays
-from ...core.frame import Frame
-from ...core.moments import Moments
-from ...core.signals import Electrons
-from ...core.types import Array
+from ...core import Array, Electrons, Frame, Moments, arrays
 from ..compensation import compensable, counted
 from ..stage import Datasheet, Stage
 

@@ -7,15 +7,13 @@ from typing import Annotated, ClassVar
 
 from pydantic import Field
 
-from ...core.frame import Frame
-from ...core.moments import Moments
-from ...core.types import Array
-from ..datasheet import Positive, Section
+from ...core import Array, Frame, Moments
+from ..datasheet import FileTable, Positive
 from ..gains import sense_gain_v_per_e
 from ..stage import Datasheet, LinearGain, Stage
 
 
-class SourceFollowerFields(Section):
+class SourceFollowerFields(FileTable):
     """Gain of the pixel's amplifier."""
 
     gain: Positive = Field(1.0, description="A_SF [V/V]", examples=[1.0])

@@ -11,16 +11,14 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
-from ...core.frame import Frame
-from ...core.moments import Moments
+from ...core import Array, Frame, Moments
 from ...core.special import EULER_GAMMA, integral, sinh_integrals, two_term_remainder
-from ...core.types import Array
-from ..datasheet import NotNegative, Positive, Section
+from ..datasheet import FileTable, NotNegative, Positive
 from ..gains import sense_gain_v_per_e
 from ..stage import Datasheet, Stage
 
 
-class SourceFollowerNoiseFields(Section):
+class SourceFollowerNoiseFields(FileTable):
     """Noise of the pixel's amplifier, from its densities (closed form) or as the datasheet's one number."""
 
     read_noise_e: NotNegative | None = Field(

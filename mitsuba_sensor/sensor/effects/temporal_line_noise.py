@@ -8,15 +8,13 @@ from typing import Self
 
 from pydantic import Field
 
-from ...core.frame import Frame
-from ...core.moments import Moments
-from ...core.types import Array
-from ..datasheet import NotNegative, Section
+from ...core import Array, Frame, Moments
+from ..datasheet import FileTable, NotNegative
 from ..gains import sense_gain_v_per_e
 from ..stage import Datasheet, Stage
 
 
-class TemporalLineNoiseFields(Section):
+class TemporalLineNoiseFields(FileTable):
     """Noise that the pixels of a row or of a column share."""
 
     row_noise_e: NotNegative = Field(0.0, description="temporal row noise σ_row [e- rms]", examples=[0.3])

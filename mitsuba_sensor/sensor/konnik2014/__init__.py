@@ -14,34 +14,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, Self
 
-from ...core.errors import InputError, require
+from ...core import InputError, require
 from ...core.options import Option, declared, refuse_unknown
 from ..camera import Camera
 from ..effects.reset_noise import RESET_RESIDUAL
 from ..gains import sense_gain_v_per_e
 from ..stage import Chain, Stage
-from .electrons import (
-    PublishedDarkFpn,
-    PublishedDarkMean,
-    PublishedDarkShot,
-    PublishedDarkSignal,
-    PublishedFollowerSpectrum,
-    PublishedPhotons,
-    PublishedPhotonShot,
-    PublishedPrnu,
-    PublishedQuantumEfficiency,
-    PublishedReadNoise,
-    PublishedWell,
-)
+from . import electrons, volts
 from .fpn_distributions import FpnName, PublishedFpnDistribution
-from .volts import (
-    PublishedAdc,
-    PublishedColumnFpn,
-    PublishedExponentialNode,
-    PublishedFollower,
-    PublishedResetNoise,
-    PublishedSenseNode,
-)
 
 PAPER_ONLY = {
     ("dark_fpn", "paper_eq18"): (
@@ -150,25 +130,25 @@ def chain_of(settings: Konnik2014Settings) -> Chain:
     s, gain, cmos = settings, settings.sense_gain_uv_per_e * 1e-6, settings.technology == "cmos"
     dark_fpn = PublishedFpnDistribution(s.dark_fpn, s.dark_fpn_parameter)
     column_fpn = PublishedFpnDistribution(s.column_fpn, s.column_fpn_parameter)
-    reset = PublishedResetNoise(gain, s.reset_factor if cmos else 0.0)
+    reset = volts.PublishedResetNoise(gain, s.reset_factor if cmos else 0.0)
     dark = _used(
-        (s.dark_fom_na_per_cm2, PublishedDarkMean(s.dark_fom_na_per_cm2, s.pixel_area_cm2)),
-        (s.dark_fom_na_per_cm2 and s.dark_shot, PublishedDarkShot()),
-        (s.dark_fom_na_per_cm2 and s.dark_fpn_factor, PublishedDarkFpn(s.dark_fpn_factor, dark_fpn)),
-        (s.source_follower_e, PublishedReadNoise(s.source_follower_e)),
+        (s.dark_fom_na_per_cm2, electrons.PublishedDarkMean(s.dark_fom_na_per_cm2, s.pixel_area_cm2)),
+        (s.dark_fom_na_per_cm2 and s.dark_shot, electrons.PublishedDarkShot()),
+        (s.dark_fom_na_per_cm2 and s.dark_fpn_factor, electrons.PublishedDarkFpn(s.dark_fpn_factor, dark_fpn)),
+        (s.source_follower_e, electrons.PublishedReadNoise(s.source_follower_e)),
     )
     return _used(
-        (1, PublishedPhotons()),
-        (s.photon_shot, PublishedPhotonShot()),
-        (1, PublishedQuantumEfficiency(s.quantum_efficiency)),
-        (s.prnu, PublishedPrnu(s.prnu, PublishedFpnDistribution("gaussian"))),
-        (len(dark), PublishedDarkSignal(dark)),
-        (1, PublishedWell(s.full_well_e)),
-        (not s.ve_alpha, PublishedSenseNode(s.reference_v, gain, reset)),
-        (s.ve_alpha, PublishedExponentialNode(s.reference_v, s.ve_alpha, reset)),
-        (s.vv_gamma != 1, PublishedFollower(s.reference_v, s.full_well_v, s.vv_gamma)),
-        (cmos and s.column_fpn_factor, PublishedColumnFpn(s.column_fpn_factor * s.full_well_v, column_fpn)),
-        (1, PublishedAdc(s.adc_bits, s.adc_gain_dn_per_v, s.reference_v, s.full_well_v, s.adc_gamma)),
+        (1, electrons.PublishedPhotons()),
+        (s.photon_shot, electrons.PublishedPhotonShot()),
+        (1, electrons.PublishedQuantumEfficiency(s.quantum_efficiency)),
+        (s.prnu, electrons.PublishedPrnu(s.prnu, PublishedFpnDistribution("gaussian"))),
+        (len(dark), electrons.PublishedDarkSignal(dark)),
+        (1, electrons.PublishedWell(s.full_well_e)),
+        (not s.ve_alpha, volts.PublishedSenseNode(s.reference_v, gain, reset)),
+        (s.ve_alpha, volts.PublishedExponentialNode(s.reference_v, s.ve_alpha, reset)),
+        (s.vv_gamma != 1, volts.PublishedFollower(s.reference_v, s.full_well_v, s.vv_gamma)),
+        (cmos and s.column_fpn_factor, volts.PublishedColumnFpn(s.column_fpn_factor * s.full_well_v, column_fpn)),
+        (1, volts.PublishedAdc(s.adc_bits, s.adc_gain_dn_per_v, s.reference_v, s.full_well_v, s.adc_gamma)),
     )
 
 
@@ -217,7 +197,7 @@ def _source_follower(camera: Camera) -> tuple[float]:
         )
     if follower.read_noise_e is not None:
         return (follower.read_noise_e,)
-    published = PublishedFollowerSpectrum(
+    published = electrons.PublishedFollowerSpectrum(
         white_nv_per_rthz=follower.white_nv_per_rthz or 0.0,
         corner_hz=follower.corner_hz,
         sample_s=follower.cds_sample_s,

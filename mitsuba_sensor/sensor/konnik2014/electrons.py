@@ -13,11 +13,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ...core.errors import InputError
-from ...core.frame import Frame
-from ...core.moments import Moments
-from ...core.signals import Photons
-from ...core.types import Array
+from ...core import Array, Frame, InputError, Moments, Photons
 from ..dark_current_models import band_gap_ev
 from ..stage import Chain, Stage, propagate, sample
 from .fpn_distributions import PublishedFpn

@@ -12,11 +12,8 @@ from typing import ClassVar, Literal
 import numpy as np
 from scipy import special
 
+from ...core import Array, Float64Array, Frame, Moments, SensorWindow
 from ...core.backend import normals
-from ...core.frame import Frame
-from ...core.moments import Moments
-from ...core.sensor_window import SensorWindow
-from ...core.types import Array, Float64Array
 from ..stage import Stage
 
 FpnName = Literal["gaussian", "lognormal", "wald", "ar"]

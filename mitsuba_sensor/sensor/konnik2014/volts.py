@@ -11,9 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...core.frame import Frame
-from ...core.moments import Moments
-from ...core.types import Array
+from ...core import Array, Frame, Moments
 from ..stage import Converter, Stage
 from .fpn_distributions import PublishedFpn
 

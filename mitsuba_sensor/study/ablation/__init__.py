@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from functools import cache, partial
 
-from ...core.errors import InputError, require, require_seed
+from ...core import InputError, require, require_seed
 from ...render.irradiance import Irradiance
 from ...render.requirements import render_requirements
 from ...render.stop_criterion import stop_criterion_of
@@ -16,7 +16,7 @@ from ..page import Study, study_of
 from ..statistics import Values
 from ..subject import Subject
 from .pages import render_section, sensor_section
-from .render import AOVS, ERROR_BARS, WHOLE_RENDERS, change_without, features
+from .render import AOVS, ERROR_BARS, WHOLE_RENDERS, Measure, measures
 from .sensor import CALL_S, KERNEL_S, SENSORS, SensorAblation, SensorResults
 
 FRAMES = 24  # of each of the sensors: 1536 frames of each chain
@@ -48,9 +48,20 @@ def ablation(
     def light() -> Irradiance:
         return subject.job.render(seed, criterion)
 
+    @cache
+    def ways() -> dict[str, str | Measure]:
+        return measures(subject, criterion, seed)
+
     def scene() -> Values:
-        (columns, rows), (here, missing) = subject.job.scene.view.crop_size, features(subject)
+        missing = {name: why for name, why in ways().items() if isinstance(why, str)}
+        columns, rows = subject.job.scene.view.crop_size
+        here = [name for name in ways() if name not in missing]
         return {"features": here, "missing": missing, "columns": columns, "rows": rows}
+
+    def without(name: str) -> Values:
+        measure = ways()[name]
+        assert not isinstance(measure, str)
+        return measure()
 
     def requirements() -> list[Values]:
         found = render_requirements(light(), camera, exposure, gain_dn_per_e(camera), tolerance_dn)
@@ -63,8 +74,7 @@ def ablation(
     steps = [Step("rendering the scene", KERNEL_S + render_s, requirements), *sensor.steps(pixels)]
     special = {AOVS: 1.0, ERROR_BARS: KERNEL_S + 2 * (WHOLE_RENDERS + 1) * render_s}
     for name in found["features"]:
-        measure = partial(change_without, subject, name, criterion, seed)
-        steps.append(Step(f"render: {name}", special.get(name, KERNEL_S + 2 * render_s), measure))
+        steps.append(Step(f"render: {name}", special.get(name, KERNEL_S + 2 * render_s), partial(without, name)))
     kit.take(steps)
     changes = {name: kit[f"render: {name}"] for name in found["features"]}
     sections = (

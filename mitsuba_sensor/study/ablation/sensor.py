@@ -6,17 +6,15 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, replace
 from functools import cached_property, partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ...core.frame import Frame
-from ...core.sensor_window import SensorWindow
-from ...core.signals import Photons
+from ...core import Electrons, Exposure, Frame, Photons, SensorWindow
 from ...render.irradiance import Irradiance
 from ...render.photons import collect
-from ...sensor.plan import Plan, plan, without
+from ...sensor.camera import Camera
+from ...sensor.plan import plan, without
 from ...sensor.run import choose_backend
 from ...sensor.stage import sample
 from ...sensor.theory import hidden_well
@@ -56,8 +54,56 @@ class Comparison(NamedTuple):
     z: float = 0.0
 
 
+class Chains:
+    """Every chain of a camera under some light, and what theory says of it. photons : of every pixel, taken as exact.
+
+    stages : by name, whole, without a stage, planned.  expected : moments of every pixel, (3, H, W).
+    moves : which of the quantities any pixel moves most in, and each pixel's move [DN].
+    groups : pixels whose averages are looked at: all, and by chain those that it moves most, the worst last.
+    """
+
+    def __init__(self, camera: Camera, exposure: Exposure, photons: Photons, tolerance_dn: float) -> None:
+        self.plan = plan(camera, exposure, photons, tolerance_dn)
+        whole = self.plan.whole
+        off = {stage.label: without(whole, {stage}) for stage in whole if not stage.required}
+        self.stages: dict[str, Stages] = {WHOLE: whole, **off, PLAN: self.plan.stages}
+        self.light = Illuminated(photons, exposure, choose_backend("numpy", self.plan.precision, 0))
+        self.expected = {case: frames.expected_moments(s, photons, exposure) for case, s in self.stages.items()}
+        self.moves: dict[str, tuple[int, Array]] = {}
+        self.groups = {WHOLE: np.arange(self.expected[WHOLE][0].size)}
+        count = min(max(int(WORST * self.groups[WHOLE].size), FEWEST_PIXELS), self.groups[WHOLE].size)
+        for case in list(self.stages)[1:]:
+            every = np.abs(frames.in_dn(self.expected[WHOLE], self.expected[case])).reshape(3, -1)
+            row = int(np.argmax(every.max(axis=1)))
+            self.moves[case] = row, every[row]
+            self.groups[case] = np.argsort(every[row], kind="stable")[-count:]
+
+    def theory(self) -> Values:
+        """What the plan says, and the moments of every chain, averaged over groups of pixels."""
+        cases: Values = {case: {"moments": frames.averages(x, self.groups)} for case, x in self.expected.items()}
+        for case, (row, moves) in self.moves.items():
+            cases[case] |= {"worst_dn": float(moves.max()), "of": QUANTITIES[row]}
+        sizes = {case: len(group) for case, group in self.groups.items()}
+        effects = [asdict(effect) for effect in self.plan.effects]
+        return {"plan": effects, "sizes": sizes, "limits": self._limits(), "cases": cases}
+
+    def _limits(self) -> list[str]:
+        """Where the theory of this chain is known to be approximate."""
+        whole = self.plan.whole
+        found = ["counts are taken for a normal law where full well or converter cut them"]
+        well = hidden_well(whole, Frame(self.light.exposure, SensorWindow(0, (1, 1))))
+        if well is None and any(stage.saturation_e is not None for stage in whole):
+            found.append(
+                "full well and converter cut one after the other, and the second cut takes what is left of the "
+                "first for a normal law"
+            )
+        if any(stage.curved for stage in whole):
+            found.append("curved stages are taken to second order in the noise")
+        return found
+
+
 class SensorAblation:
-    """A camera under the light of a scene, and what a kit measures of its chains: whole, without a stage, planned."""
+    """A camera under the light of a scene, and what a kit measures of its chains."""
 
     def __init__(
         self, kit: Kit, subject: Subject, light: Callable[[], Irradiance], tolerance_dn: float, replicas: Replicas
@@ -70,7 +116,7 @@ class SensorAblation:
     def steps(self, pixels: int) -> Iterator[Step]:
         """All measurements of so many pixels."""
         frame_s = CALL_S + 1e-9 * NUMPY_NS * pixels
-        yield Step("moments of every pixel", 1.0, self._theory)
+        yield Step("moments of every pixel", 1.0, lambda: self.chains.theory())
         yield Step("frames with equal random bits", LOOKED_AT * len(self.names) * frame_s, self._equal_bits)
         for case in self.names:
             seconds = self._replicas.sensors * self._replicas.frames * frame_s
@@ -88,84 +134,19 @@ class SensorAblation:
         return replace(collect(self._light(), self._subject.camera, self._subject.exposure), variance_e2=None)
 
     @cached_property
-    def plan(self) -> Plan:
-        """As :func:`mitsuba_sensor.plan` makes it for this light."""
-        return plan(self._subject.camera, self._subject.exposure, self.photons, self.tolerance_dn)
-
-    @cached_property
-    def cases(self) -> dict[str, Stages]:
-        """Every chain, by its name."""
-        whole = self.plan.whole
-        off = {s.label: without(whole, {s}) for s in whole if not s.required}
-        return {WHOLE: whole, **off, PLAN: self.plan.stages}
-
-    @cached_property
-    def illuminated(self) -> Illuminated:
-        """That light, for NumPy in the precision that the plan asks for."""
-        return Illuminated(self.photons, self._subject.exposure, choose_backend("numpy", self.plan.precision, 0))
-
-    @cached_property
-    def expected(self) -> dict[str, Array]:
-        """Moments of every pixel by chain, (3, H, W)."""
-        exposure = self._subject.exposure
-        return {case: frames.expected_moments(s, self.photons, exposure) for case, s in self.cases.items()}
-
-    @cached_property
-    def moved(self) -> dict[str, tuple[int, Array]]:
-        """By chain, which of the quantities theory says that any pixel moves most in, and each pixel's move [DN]."""
-        found = {}
-        for case in self.names[1:]:
-            every = np.abs(frames.in_dn(self.expected[WHOLE], self.expected[case])).reshape(3, -1)
-            row = int(np.argmax(every.max(axis=1)))
-            found[case] = row, every[row]
-        return found
-
-    @cached_property
-    def groups(self) -> dict[str, NDArray[np.intp]]:
-        """Pixels whose averages are looked at: all, and by chain those that it moves most, the worst last."""
-        pixels = self.expected[WHOLE][0].size
-        count = min(max(int(WORST * pixels), FEWEST_PIXELS), pixels)
-        worst = {case: np.argsort(moved, kind="stable")[-count:] for case, (_, moved) in self.moved.items()}
-        return {WHOLE: np.arange(pixels), **worst}
-
-    def _own_groups(self, case: str) -> dict[str, NDArray[np.intp]]:
-        """All pixels and the chain's worst; of the whole chain the worst of every chain."""
-        return self.groups if case == WHOLE else {WHOLE: self.groups[WHOLE], case: self.groups[case]}
-
-    def _theory(self) -> Values:
-        """What the plan says, and the moments of every chain, averaged over groups of pixels."""
-        cases: Values = {
-            case: {"moments": frames.averages(self.expected[case], self._own_groups(case))} for case in self.names
-        }
-        for case, (row, moved) in self.moved.items():
-            cases[case] |= {"worst_dn": float(moved.max()), "of": QUANTITIES[row]}
-        sizes = {case: len(group) for case, group in self.groups.items()}
-        effects = [asdict(effect) for effect in self.plan.effects]
-        return {"plan": effects, "sizes": sizes, "limits": self._limits(), "cases": cases}
-
-    def _limits(self) -> list[str]:
-        """Where the theory of this chain is known to be approximate."""
-        whole = self.plan.whole
-        found = ["counts are taken for a normal law where full well or converter cut them"]
-        well = hidden_well(whole, Frame(self._subject.exposure, SensorWindow(0, (1, 1))))
-        if well is None and any(stage.saturation_e is not None for stage in whole):
-            found.append(
-                "full well and converter cut one after the other, and the second cut takes what is left of the "
-                "first for a normal law"
-            )
-        if any(stage.curved for stage in whole):
-            found.append("curved stages are taken to second order in the noise")
-        return found
+    def chains(self) -> Chains:
+        """Every chain under that light."""
+        return Chains(self._subject.camera, self._subject.exposure, self.photons, self.tolerance_dn)
 
     def _equal_bits(self) -> dict[str, dict[str, float]]:
         """Pixels of each chain's frames beside those of the whole chain that were drawn with the same random bits."""
+        light, stages = self.chains.light, self.chains.stages
         stacks: dict[str, list[Array]] = {case: [] for case in self.names}
         for number in range(LOOKED_AT):
-            sensor = self.illuminated.sensor(self._replicas.serial + number)
-            start = self.illuminated.electrons(self.cases[WHOLE], sensor)
+            sensor = light.sensor(self._replicas.serial + number)
+            start = light.electrons(stages[WHOLE], sensor)
             for case, stack in stacks.items():
-                seed = self._replicas.seed + number
-                stack.append(self.illuminated.frame(self.cases[case], start, sensor, seed))
+                stack.append(light.frame(stages[case], start, sensor, self._replicas.seed + number))
         whole = np.array(stacks.pop(WHOLE))
         return {case: frames.pixel_difference(np.array(stack), whole) for case, stack in stacks.items()}
 
@@ -178,40 +159,36 @@ class SensorAblation:
         """Moments of frames over groups of pixels; None where the chain is the whole one."""
         if self.is_whole(case):
             return None
-        whole, groups = self.expected[case], self._own_groups(case)
-        return self.illuminated.measured_moments(self.cases[case], self._replicas, whole, groups)
+        stages, expected = self.chains.stages[case], self.chains.expected[case]
+        return self.chains.light.measured_moments(stages, self._replicas, expected, self.chains.groups)
 
     def _nanoseconds(self, engine: str, cases: list[str]) -> dict[str, list[float]]:
         """Per pixel of each chain behind the detection, turn by turn; on NumPy also of the detection.
 
         Nothing for a compiled engine where the plan asks for float64, which it has not.
         """
+        whole, shape, light = self.chains.plan.whole, SHAPE[engine], self.chains.light
         if engine == "numpy":
-            light = replace(self.illuminated, photons=frames.resized(self.photons, SHAPE[engine]))
+            light = replace(light, photons=frames.resized(self.photons, shape))
             sensor = light.sensor(1)
-            start = light.electrons(self.plan.whole, sensor)
+            start = light.electrons(whole, sensor)
 
-            def once(stages: Stages, signal: Any) -> int:
+            def once(stages: Stages, signal: Photons | Electrons) -> int:
                 sample(stages, signal, Frame(light.exposure, sensor))
                 return 1
 
-            tasks: dict[str, Task] = {case: partial(once, self.cases[case][1:], start) for case in cases}
-            tasks[DETECTION] = partial(once, self.plan.whole[:1], light.photons)
-        elif self.plan.precision == "float32":
-            compiled = choose_backend(engine, "float32", 0)
-            light = replace(self.illuminated, photons=self._few_layers(SHAPE[engine]), backend=compiled)
-            tasks = {case: light.stream(self.cases[case]).turn for case in cases}
+            tasks: dict[str, Task] = {case: partial(once, self.chains.stages[case][1:], start) for case in cases}
+            tasks[DETECTION] = partial(once, whole[:1], light.photons)
+        elif self.chains.plan.precision == "float32":  # the same behind every filter: a cube would fill memory
+            mean = frames.resized(Photons(np.asarray(light.electrons(whole, light.sensor(1)).light)), shape).mean
+            filters = len(self._subject.camera.filter_names)
+            detected = Photons(np.repeat(mean[..., None], filters, axis=2), detected=True)
+            light = replace(light, photons=detected, backend=choose_backend(engine, "float32", 0))
+            tasks = {case: light.stream(self.chains.stages[case]).turn for case in cases}
         else:
             return {}
-        pixels = math.prod(SHAPE[engine])
-        return {name: [1e9 * s / pixels for s in turns] for name, turns in in_turns(tasks, TURNS[engine]).items()}
-
-    def _few_layers(self, shape: tuple[int, int]) -> Photons:
-        """The scene's electrons on a window of another size, the same behind every filter: a cube would fill memory."""
-        light = self.illuminated.electrons(self.plan.whole, self.illuminated.sensor(1)).light
-        mean = frames.resized(Photons(np.asarray(light)), shape).mean
-        filters = len(self._subject.camera.filter_names)
-        return Photons(np.repeat(mean[..., None], filters, axis=2), detected=True)
+        turns = in_turns(tasks, TURNS[engine])
+        return {name: [1e9 * one_s / math.prod(shape) for one_s in seconds] for name, seconds in turns.items()}
 
 
 class SensorResults:

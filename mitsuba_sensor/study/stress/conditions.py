@@ -1,53 +1,38 @@
-"""Condition numbers: how far one float32 step of an input moves an output, in digital numbers.
-
-Everything here is float64 and theory: the moments of the chain, before the converter rounds.
-"""
+"""Condition numbers: how far one float32 step of an input moves mean and noise, in float64 theory before rounding."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from operator import attrgetter
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...core.errors import InputError
-from ...core.exposure import Exposure
-from ...core.frame import Frame
-from ...core.sensor_window import SensorWindow
-from ...core.signals import Photons
-from ...sensor.camera import Camera, list_cameras, load_camera
-from ...sensor.chain import chain
+from ... import Camera, Exposure, InputError, Photons, list_cameras, load_camera
+from ...core import Array, Float64Array, Frame, SensorWindow
 from ...sensor.datasheet_errors import fields_of
 from ...sensor.theory import final_moments
-from ..statistics import Array
-from .case import table1
-from .chains import CURVES, NODE_OPTIONS
+from .case import NAME, table1
+from .whole import CURVES, NODE_OPTIONS
 
 NOTICED_DN = 0.1  # A change of a mean that a careful measurement shows: a tenth of a code
 LEVELS = {"dark": 0.0, "10 %": 0.1, "50 %": 0.5, "90 %": 0.9}  # shares of the full well of the most sensitive filter
 EXPOSURES = (Exposure(0.1), Exposure(10.0))  # at 25 °C; the longer one lets the dark current fill a good part of a well
 CURVED = {**NODE_OPTIONS, **CURVES, "adc.bits": 16, "source_follower.rtn_uv": 100.0}
-UNUSED = ("name", "description", "sources", "lens", "sensor")
-"""Of a datasheet: what no number of the chain follows, and the lens, which is in the photons already."""
+UNUSED = ("name", "description", "sources", "lens", "sensor")  # by the chain: the lens is in the photons already
 
 
-@dataclass(frozen=True)
-class Sensitivity:
-    """What one float32 step of one input does at one light level.
-
-    step : relative to the input, None where that is many numbers.  mean_dn : the mean itself.
-    moved_dn : by how much mean, temporal σ and spatial σ move.
-    """
+class Sensitivity(NamedTuple):
+    """What one float32 step of one input does at one light level."""
 
     camera: str
     time_s: float
     level: str
     field: str
-    value: str
-    step: float | None
+    value: float | None  # None where the input is many numbers
     mean_dn: float
-    moved_dn: tuple[float, ...]
+    moved_dn: tuple[float, ...]  # mean, temporal σ and spatial σ
 
     @property
     def largest_dn(self) -> float:
@@ -57,7 +42,7 @@ class Sensitivity:
     @property
     def number(self) -> float | None:
         """The condition number of the mean: its relative change over that of the input."""
-        return self.moved_dn[0] / self.mean_dn / self.step if self.mean_dn and self.step else None
+        return self.moved_dn[0] / self.mean_dn * self.value / ulp(self.value) if self.mean_dn and self.value else None
 
     @property
     def why(self) -> str:
@@ -72,12 +57,9 @@ class Sensitivity:
 
 
 def sensitivities() -> list[Sensitivity]:
-    """Every camera, exposure, level and input that moves anything, the strongest first.
-
-    The cameras are the shipped ones, and Table 1 with all curves bent and with as many bits as there may be.
-    """
+    """Every shipped camera, and Table 1 with all curves and with 24 bits; the strongest input first."""
     cameras = {name: load_camera(name) for name in list_cameras()}
-    cameras |= {"table 1, 16 bit, bent": table1(**CURVED), "table 1, 24 bit": table1(adc__bits=24)}
+    cameras |= {"table 1, 16 bit, curved": load_camera(NAME).replace(**CURVED), "table 1, 24 bit": table1(adc__bits=24)}
     found = [one for name, camera in cameras.items() for e in EXPOSURES for one in of_camera(name, camera, e)]
     return sorted(found, key=lambda one: -one.largest_dn)
 
@@ -88,71 +70,53 @@ def of_camera(name: str, camera: Camera, exposure: Exposure) -> Iterator[Sensiti
     photons = np.array([*LEVELS.values()]) * camera.pixel.full_well_e / sensitivity
     light = Photons(np.tile(np.repeat(photons, len(tile[0])), (len(tile), 1)))
     here = outputs(light, camera, exposure)
-    for n in nudges(photons, light, camera, exposure):
-        moved = np.abs(outputs(n.light, n.camera, n.exposure) - here)
+    for field, value, changed in nudges(light, camera, exposure):
+        moved = np.abs(outputs(*changed) - here)
         for k, level in enumerate(LEVELS):
             if moved[:, k].any():
-                mean, step = float(here[0, k, moved[0, k].argmax()]), n.steps[k] if n.steps else None
-                change = tuple(moved[:, k].max(axis=1).tolist())
-                yield Sensitivity(name, exposure.time_s, level, n.field, n.value, step, mean, change)
+                mean, change = float(here[0, k, moved[0, k].argmax()]), tuple(moved[:, k].max(axis=1).tolist())
+                number = float(photons[k]) if field == "photons" else value
+                yield Sensitivity(name, exposure.time_s, level, field, number, mean, change)
 
 
-def outputs(light: Photons, camera: Camera, exposure: Exposure) -> Array:
+def outputs(light: Photons, camera: Camera, exposure: Exposure) -> Float64Array:
     """Mean, temporal σ and spatial σ, (3, levels, filters) [DN]."""
     shape = light.mean.shape[0], light.mean.shape[1]
-    m, _ = final_moments(chain(camera), light, Frame(exposure, SensorWindow(0, shape)))
+    m, _ = final_moments(camera.stages, light, Frame(exposure, SensorWindow(0, shape)))
     whole = [np.broadcast_to(x, shape) for x in (m.mean, np.sqrt(m.temporal), np.sqrt(m.spatial))]
     return np.array([[part.ravel() for part in np.split(x, len(LEVELS), axis=1)] for x in whole])
 
 
-@dataclass(frozen=True)
-class Nudge:
-    """Everything, with one input one float32 step away.  steps : relative to the input, for each level; or none."""
-
-    field: str
-    value: str
-    steps: tuple[float, ...]
-    light: Photons
-    camera: Camera
-    exposure: Exposure
+Conditions = tuple[Photons, Camera, Exposure]
 
 
-def nudges(photons: Array, light: Photons, camera: Camera, exposure: Exposure) -> Iterator[Nudge]:
-    """Light, exposure, and every number of the datasheet. photons : of each level."""
-    brighter = np.vectorize(lambda x: nudged(float(x), 1))(light.mean)
-    yield Nudge("photons", "", tuple(map(relative, photons)), replace(light, mean=brighter), camera, exposure)
+def nudges(light: Photons, camera: Camera, exposure: Exposure) -> Iterator[tuple[str, float | None, Conditions]]:
+    """Every input, its value where that is one number, and everything with that input one float32 step away."""
+    yield "photons", None, (replace(light, mean=light.mean + ulp(light.mean) * (light.mean > 0)), camera, exposure)
     for name in ("time_s", "temperature_k"):
         value = getattr(exposure, name)
-        longer = replace(exposure, **{name: nudged(value, 1)})
-        yield Nudge(name, f"{value:g}", (relative(value),) * len(LEVELS), light, camera, longer)
-    for field in fields_of(Camera):
-        value = value_of(camera, field)
-        if field.split(".")[0] in UNUSED or nudged(value, 1) == value:  # a table of fields, a switch, a text
+        yield name, value, (light, camera, replace(exposure, **{name: nudged(value, 1)}))
+    for field in (name for name in fields_of(Camera) if name.split(".")[0] not in UNUSED):
+        value = attrgetter(field)(camera)
+        if nudged(value, 1) == value:  # a table of fields, a switch, a text
             continue
-        one = isinstance(value, float)
-        shown, steps = (f"{value:g}", (relative(value),) * len(LEVELS)) if one else ("", ())
         try:
             there = camera.replace(**{field: nudged(value, 1)})
         except InputError:  # the upper end of its range
             there = camera.replace(**{field: nudged(value, -1)})
-        yield Nudge(field, shown, steps, light, there, exposure)
+        yield field, value if isinstance(value, float) else None, (light, there, exposure)
 
 
-def ulp(value: float) -> float:
+def ulp(value: Array) -> Array:
     """Distance to the next float32."""
-    return float(np.spacing(np.float32(abs(value))))
-
-
-def relative(value: float) -> float:
-    """That distance over the number; 0 for no number."""
-    return ulp(value) / value if value else 0.0
+    return np.spacing(np.abs(value).astype(np.float32)).astype(np.float64)
 
 
 def nudged(value: Any, direction: int) -> Any:
     """Every float in it one float32 step away, but for zeros, which are switches; all else as it is."""
     match value:
         case float():
-            return value + direction * ulp(value) if value else value
+            return float(value + direction * ulp(value)) if value else value
         case tuple():
             return tuple(nudged(x, direction) for x in value)
         case dict():
@@ -160,18 +124,10 @@ def nudged(value: Any, direction: int) -> Any:
     return value
 
 
-def value_of(camera: Camera, field: str) -> Any:
-    """A field by its dotted name; None where a table of it is not there."""
-    found: Any = camera
-    for part in field.split("."):
-        found = getattr(found, part, None)
-    return found
-
-
 def strongest(found: Sequence[Sensitivity], each: int) -> list[Sensitivity]:
     """The inputs that move a camera most, so many of each camera, at the exposure and level where they do."""
     first: dict[tuple[str, str], Sensitivity] = {}
     for one in found:
-        first.setdefault((one.camera, one.field), one)
-    inputs = list(first.values())
-    return [one for k, one in enumerate(inputs) if sum(x.camera == one.camera for x in inputs[:k]) < each]
+        if (one.camera, one.field) in first or sum(camera == one.camera for camera, _ in first) < each:
+            first.setdefault((one.camera, one.field), one)
+    return list(first.values())

@@ -1,122 +1,164 @@
-"""What is refused in one sentence, and whole frames at the edge of what is not: values, window, report and plan."""
+"""Chains, stage by stage, and frames: light to 1e150 photons, time to 1e12 s, 0 K to 1e4 K; and what is refused."""
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import time
-from functools import partial
-from typing import Any
+from dataclasses import replace
+from functools import cache, partial
+from typing import NamedTuple
 
 import numpy as np
 
+from ... import Camera, Exposure, Photons, collect, expose, list_cameras, load_camera, plan
+from ...core import Array, Float64Array, Frame, Moments, SensorWindow
 from ...core.backend import FLOAT32_LIMIT
-from ...core.exposure import Exposure
 from ...io.files import to_json
 from ...render.passes import clean
-from ...render.photons import collect
 from ...sensor.chain import black_level_dn
-from ...sensor.expose import expose
 from ...sensor.gains import adc_gain_dn_per_v
-from ...sensor.plan import plan
-from .case import NAME, ONLY_ONCE, SIGMAS, TENTH, Case, Engine, cases_of, table1
-from .chains import EVERY_OPTION, camera_of
-from .got import Got, agree, holds, refusal, together
+from .case import NAME, RARE, SIGMAS, TENTH, Engine, Rows, agree, holds, refusal, shown, table1, to_numpy, together
+
+SHAPE, TILE = (64, 64), (2, 2)
+"""5 standard errors of a mean are 8 % of a pixel's σ, 60 % of that of columns or rows; theory is one filter tile's."""
+ROUNDINGS = 16  # A number that went through a chain is some unit roundoffs off: one for each operation
+COMPARED = 1e-2 * FLOAT32_LIMIT  # engines count no further than the limit; no pixel's share of an FPN is a hundredth
+NODE_OPTIONS = {"readout.reset": "hard", "readout.dsnu_row": 5e-4, "readout.prnu_col": 2e-3, "pixel.dsnu_e": 20.0}
+CURVES = {"readout.ve_nonlinearity": 0.5, "source_follower.vv_nonlinearity": 1.05, "adc.gamma": 1.04}
+EVERY_OPTION = "every option"
+OPTIONS: dict[str, object] = {
+    **NODE_OPTIONS,
+    **CURVES,
+    **{"pixel.prnu_distribution": "lognormal", "dark_current.distribution": "gamma", "dark_current.cv": 0.1},
+    **{"dark_current.rts_fraction": 0.2, "dark_current.rts_amplitude_e_per_s": 900.0},
+    **{"dark_current.rts_switching": 0.5, "quantum_efficiency.quantum_yield": [2.3, 1.1]},
+    **{"source_follower.rtn_uv": 100.0, "source_follower.gain": 0.9, "readout.cds_gain": 2.0},
+    "adc.dnl_lsb": {"100": 0.7, "511": -1.0, "900": 0.3},
+}
+"""Every stage that a camera may have, all of them at once, on Table 1."""
+CAMERAS = (*list_cameras(), EVERY_OPTION)
 
 
-def light_with(*values: float) -> Any:
-    """1000 photons, and these in the places (1, 2), (2, 0), …"""
-    light = np.full((3, 4), 1000.0)
-    for place, value in zip(((1, 2), (2, 0)), values, strict=False):
-        light[place] = value
-    return light
+@cache
+def camera_of(name: str) -> Camera:
+    """A shipped camera, or the one with every option."""
+    return load_camera(NAME).replace(**OPTIONS) if name == EVERY_OPTION else load_camera(name)
 
 
-def photons_refused(value: float, kind: str) -> Got:
-    """By expose and by plan."""
-    part, light = f"photons is {kind} in 2 place(s), first at (1, 2)", light_with(value, value)
-    actions = (lambda: expose(light, table1(), TENTH)), (lambda: plan(table1(), TENTH, light))
-    return together(*(refusal(action, part) for action in actions))
+class Condition(NamedTuple):
+    """Mean photons per pixel, and more as a share of the full well of the most sensitive filter; and an exposure."""
+
+    name: str
+    photons: float = 0.0
+    well: float = 0.0
+    exposure: Exposure = TENTH
 
 
-def irradiance_refused(value: float) -> Got:
-    """By collect."""
-    part = "light is negative or NaN in 2 place(s), first at (1, 2)"
-    return refusal(lambda: collect(light_with(value, value), table1(), TENTH), part)
+Conditions = tuple[Condition, ...]
 
 
-def exposure_refused(name: str, _shown: str, value: Any) -> Got:
-    """By the exposure itself."""
-    return refusal(lambda: Exposure(**{"time_s": 0.1, name: value}), f"{name} is {value!r}; it must be")
+class Seen(NamedTuple):
+    """Behind one stage: smallest and largest value of pixels that see light; standard errors that the mean is off."""
+
+    low: float
+    high: float
+    off: float
 
 
-def too_small(field: str, least: float) -> Got:
-    """Refused before it overflows."""
-    tiny = (5e-324, 1e-320, 1e-150, 0.99 * least)
-    changes = [(x, partial(table1().replace, **{field: x})) for x in tiny]
-    return together(*(refusal(change, f"{field} is {x!r}; it must be greater") for x, change in changes))
+def seen_behind(name: str, condition: Condition, engine: Engine) -> dict[str, Seen]:
+    """Every stage of a camera by its label, in one frame."""
+    camera = camera_of(name)
+    qe = camera.qe([camera.quantum_efficiency.reference_nm or 0.0])
+    photons = condition.photons + condition.well * camera.pixel.full_well_e / float(qe.max())
+    frame, signals = engine.frame(SHAPE, condition.exposure), [Photons(np.full(SHAPE, photons))]
+    for stage in camera.stages:
+        signals.append(stage.sample(signals[-1], frame))
+    lit = qe[camera.filter_index(SHAPE), 0] > 0
+    tile = Frame(condition.exposure, SensorWindow(7, TILE))
+    theory = Moments(Photons(np.full(TILE, photons)), 0.0, 0.0, tile)
+    lines, unit, found = False, 1.0, {}
+    for stage, values in zip(camera.stages, to_numpy(signals[1:], frame), strict=True):
+        theory = stage.moments(theory)
+        unit *= stage.nominal_gain
+        lines = lines or not {"column", "row"}.isdisjoint(stage.label.split())
+        off = standard_errors(values, theory, lines, RARE * unit, engine)
+        found[stage.label] = Seen(float(values[lit].min()), float(values[lit].max()), off)
+    return found
 
 
+def standard_errors(values: Array, theory: Moments, lines: bool, rare: float, engine: Engine) -> float:
+    """Distance of the mean from its theory in standard errors, less rounding and a few ``rare`` counts; or NaN.
+
+    lines : whether columns or rows may share a spatial part.
+    """
+    if not all(np.isfinite(x).all() for x in (values, theory.mean, theory.temporal, theory.spatial)):
+        return math.nan
+    mean = np.tile(np.broadcast_to(np.minimum(theory.mean, COMPARED), TILE), np.floor_divide(SHAPE, TILE))
+    temporal, spatial = float(np.mean(theory.temporal)), float(np.mean(theory.spatial))
+    error = math.sqrt(temporal / values.size + spatial / (min(SHAPE) if lines else values.size))
+    explained = rare / values.size + ROUNDINGS * engine.unit * float(np.abs(mean).max())
+    beyond = max(abs(float(np.mean(np.minimum(values, COMPARED) - mean))) - explained, 0.0)
+    return beyond / error if error else (math.inf if beyond else 0.0)
+
+
+def extremes(given: str, conditions: Conditions, exact: dict[str, tuple[str, Conditions]], engine: Engine) -> Rows:
+    """Every stage of every camera under all conditions; and where a well must be full, or another stage empty.
+
+    given : in a sentence, with ``{}`` for the conditions.  exact : input → stage and conditions.
+    """
+    given = given.format(", ".join(condition.name for condition in conditions))
+    given += f"; {len(list_cameras())} shipped cameras and one with every option"
+    domains = {stage.label: stage.domain for name in reversed(CAMERAS) for stage in camera_of(name).stages}
+    frames = {at: seen_behind(*at, engine) for at in itertools.product(CAMERAS, conditions)}
+    for stage, domain in domains.items():
+        found = {f"{name}, {at.name}": seen[stage] for (name, at), seen in frames.items() if stage in seen}
+        low, high = min(seen.low for seen in found.values()), max(seen.high for seen in found.values())
+        where = max(found, key=lambda where: math.inf if math.isnan(found[where].off) else found[where].off)
+        off, counted = found[where].off, domain == "electrons"  # of which there cannot be fewer than none
+        expected = "finite; mean within 5 standard errors of the stage's own theory" + ", never below 0" * counted
+        text = f"{low + 0.0:.4g} … {high:.4g}, mean off by {off:.1f} standard errors at most ({where})"
+        yield stage, given, expected, holds(text, off <= SIGMAS, low >= 0 or not counted)
+    for given, (stage, some) in exact.items():
+        full, wrong, at = stage == "full well", "", list(itertools.product(CAMERAS, some))
+        for name, condition in at:
+            seen = (frames.get((name, condition)) or seen_behind(name, condition, engine))[stage]
+            if {seen.low, seen.high} != {camera_of(name).pixel.full_well_e if full else 0.0}:
+                wrong = wrong or f"{seen.low:g} … {seen.high:g} ({name}, {condition.name})"
+        expected = f"exactly {'the full well' if full else '0 electrons'} in every pixel that sees light"
+        yield stage, given, expected, holds(wrong or f"so in {len(at)} frames", not wrong)
+
+
+FEW, MANY = (
+    tuple(Condition(x, float(x)) for x in some) for some in (("0", "1e-320", "1e-12"), ("1e12", "1e30", "1e150"))
+)
+NOTHING = tuple(condition._replace(exposure=Exposure(0.0)) for condition in FEW)
+LIGHT = (*FEW, Condition("1e-6", 1e-6), Condition("1", 1.0), Condition("¼ well", well=0.25), *MANY)
+"""About one well, a clip of what is not normal has no closed form to compare with (test_stages: to 5 %)."""
+TIME = tuple(Condition(f"{t} s", exposure=Exposure(float(t))) for t in ("0", "1e-12", "1e-3", "1", "1e6", "1e12"))
+KELVINS = ("0", "5e-324", "4", "77", "300", "400", "600", "1e4")
+WARMTH = tuple(Condition(f"{k} K", 1000.0, exposure=Exposure(0.1, float(k))) for k in KELVINS)
+EMPTY = {"0, 1e-320 and 1e-12 photons, 0 s": ("shot noise", NOTHING)}
+lights = partial(extremes, "{} photons", LIGHT, EMPTY | {"1e12, 1e30 and 1e150 photons": ("full well", MANY)})
+times = partial(extremes, "dark, {}", TIME, {"dark, 1e6 and 1e12 s": ("full well", TIME[-2:])})
+temperatures = partial(extremes, "1000 photons, {}", WARMTH, {"600 and 1e4 K": ("full well", WARMTH[-2:])})
+
+
+BAD = ((math.nan, "NaN"), (-1.0, "negative"), (-1e-300, "negative"), (-math.inf, "negative"))
+WRONG_S = (math.nan, math.inf, -math.inf, -1e-300, -1.0, 1.1e12, "0.1", None, [0.1])
+WRONG_K = (math.nan, math.inf, -1e-9, -273.15, 1.001e4, 1e9, "cold")
 DIVISORS = (
     *("pixel.pitch_x_um", "source_follower.cds_sample_s", "source_follower.cds_dominant_s", "source_follower.rtn_s"),
     *("source_follower.gain", "readout.sense_gain_uv_per_e", "readout.cds_gain", "readout.v_ref_v", "adc.full_scale_v"),
 )
-"""Fields that something is divided by."""
-SMALLEST = [*((field, 1e-30) for field in DIVISORS), ("pixel.full_well_e", 1.0)]
-"""And the smallest number that they may be."""
+SMALLEST = {**dict.fromkeys(DIVISORS, 1e-30), "pixel.full_well_e": 1.0}
+"""Fields that something is divided by, and the smallest number that they may be."""
 NEEDED = {
     "source_follower.rtn_s": {"source_follower.rtn_uv": 100.0},
     "readout.v_ref_v": {"readout.ve_nonlinearity": 1.0},
 }
 """Without these, nothing is divided by them."""
-
-
-def refusal_cases() -> list[Case]:
-    """Values that cannot be."""
-    bad = ((math.nan, "NaN"), (-1.0, "negative"), (-1e-300, "negative"), (-math.inf, "negative"))
-    times = (math.nan, math.inf, -math.inf, -1e-300, -1.0, 1.1e12, "0.1", None, [0.1])
-    kelvins = (math.nan, math.inf, -1e-9, -273.15, 1.001e4, 1e9, "cold")
-    exposures = [("time_s", repr(x), x) for x in times] + [("temperature_k", repr(x), x) for x in kelvins]
-    count, value = "one sentence: how many, and the first place", "one sentence with value and range"
-    refused = partial(cases_of, "refusals", asked=ONLY_ONCE)
-    return [
-        *refused("expose, plan", "{} photons in two pixels", count, photons_refused, bad),
-        *refused("collect", "{} W/m² in two pixels", count, irradiance_refused, [x for x, _ in bad]),
-        *refused("exposure", "{} = {}", value, exposure_refused, exposures),
-        *refused("datasheet", "{} below {}", value, too_small, SMALLEST),
-    ]
-
-
-def renderers_values() -> Got:
-    """What a renderer may give and light cannot be: three NaN, two −inf, one −1, one +inf among 12 values."""
-    raw = np.full((3, 4), 2.0, dtype=np.float32)
-    raw[0] = np.nan, np.nan, np.nan, 5.0
-    raw[1] = -np.inf, -np.inf, -1.0, np.inf
-    done = clean(raw)
-    infinite = done.infinite is not None and done.infinite.sum() == 1 and bool(done.infinite[1, 3])
-    text = f"{done.negative} negative, {done.non_finite} not finite, {int(infinite)} to saturate"
-    left = done.values.tolist() == [[0, 0, 0, 5], [0, 0, 0, 0], [2, 2, 2, 2]]
-    return holds(text, (done.negative, done.non_finite) == (1, 6), infinite, left)
-
-
-def unchanged(engine: Engine) -> Got:
-    """+inf in one pixel."""
-    light = light_with(math.inf)
-    one, other = (expose(x, table1(), TENTH, keep="electrons", **engine.how) for x in (light, light_with()))
-    assert one.electrons is not None
-    same = (one.digital[0] == other.digital[0])[np.isfinite(light)].all()
-    full = float(one.electrons[0, 1, 2]), int(one.digital[0, 1, 2])
-    return holds(f"{full[0]:g} e-, {full[1]} DN there; others as without: {same}", same, full == (33_000, 4095))
-
-
-def unseen(engine: Engine) -> Got:
-    """∞·0 = 0: the visible band counts alone."""
-    bands, nm = np.stack([np.full((2, 2), np.inf), np.full((2, 2), 500.0)], axis=-1), [1500.0, 550.0]
-    both = expose(bands, table1(), TENTH, wavelengths_nm=nm, keep="electrons", **engine.how).electrons
-    alone = expose(bands[..., 1], table1(), TENTH, keep="electrons", **engine.how).electrons
-    return agree(both, alone, unit=" e-")
-
-
 EDGES = {
     "0 photons, 0 s, 0 K": (0.0, Exposure(0.0, 0.0)),
     "1e-320 photons, 1e-12 s, 5e-324 K": (1e-320, Exposure(1e-12, 5e-324)),
@@ -125,80 +167,121 @@ EDGES = {
 }
 
 
-def whole_frame(engine: Engine, edge: str, name: str) -> Got:
-    """Codes in range, and a report and a plan that strict JSON can hold."""
-    (photons, exposure), camera = EDGES[edge], camera_of(name)
-    light = np.full((4, 6), photons)
-    frames = expose(light, camera, exposure, **engine.how)
-    report = json.loads(to_json(frames.report))
-    planned = json.loads(to_json(plan(camera, exposure, light).to_dict()))
-    top = int(frames.digital.max())
-    stages = [line["mean_frame"] is not None and line["mean_expected"] is not None for line in report["stages"]]
-    text = f"{frames.digital.min()} … {top} DN, {len(stages)} stages reported, {len(planned['stages'])} planned"
-    return holds(text, top < 2**camera.adc.bits, all(stages))
+def light_with(*values: float) -> Float64Array:
+    """1000 photons, and these in the places (1, 2), (2, 0), …"""
+    light = np.full((3, 4), 1000.0)
+    for place, value in zip(((1, 2), (2, 0)), values, strict=False):
+        light[place] = value
+    return light
 
 
-def published(edge: str) -> Got:
+def refusals(_: Engine) -> Rows:
+    """Values that cannot be."""
+    first, count = "in 2 place(s), first at (1, 2)", "one sentence: how many, and the first place"
+    for value, kind in BAD:
+        light = light_with(value, value)
+        actions = partial(expose, light, table1(), TENTH), partial(plan, table1(), TENTH, light)
+        yield (
+            "expose, plan",
+            f"{shown(value)} photons in two pixels",
+            count,
+            refusal(f"photons is {kind} {first}", *actions),
+        )
+        got = refusal(f"light is negative or NaN {first}", partial(collect, light, table1(), TENTH))
+        yield "collect", f"{shown(value)} W/m² in two pixels", count, got
+    expected = "one sentence with value and range"
+    for name, wrong in [*(("time_s", x) for x in WRONG_S), *(("temperature_k", x) for x in WRONG_K)]:
+        got = refusal(f"{name} is {wrong!r}; it must be", partial(replace, TENTH, **{name: wrong}))
+        yield "exposure", f"{name} = {wrong!r}", expected, got
+    for field, least in SMALLEST.items():
+        tiny = {x: partial(table1().replace, **{field: x}) for x in (5e-324, 1e-320, 1e-150, 0.99 * least)}
+        got = together(*(refusal(f"{field} is {x!r}; it must be greater", change) for x, change in tiny.items()))
+        yield "datasheet", f"{field} below {shown(least)}", expected, got
+
+
+def renderers_values(_: Engine) -> Rows:
+    """What a renderer may give and light cannot be: three NaN, two −inf, one −1, one +inf among 12 values."""
+    raw = [[np.nan, np.nan, np.nan, 5.0], [-np.inf, -np.inf, -1.0, np.inf], [2.0, 2.0, 2.0, 2.0]]
+    done = clean(np.array(raw, dtype=np.float32))
+    infinite = done.infinite is not None and np.argwhere(done.infinite).tolist() == [[1, 3]]
+    text = f"{done.negative} negative, {done.non_finite} not finite, {int(infinite)} to saturate"
+    left = done.values.tolist() == [[0, 0, 0, 5], [0, 0, 0, 0], [2, 2, 2, 2]]
+    got = holds(text, (done.negative, done.non_finite) == (1, 6), infinite, left)
+    yield "irradiance", "NaN, ±inf and −1 from the renderer", "clamped to 0 and counted; +inf marked, to saturate", got
+
+
+def infinite_light(engine: Engine) -> Rows:
+    """+inf in one pixel; and in a band that the sensor does not see: ∞·0 = 0, the visible band counts alone."""
+    light, camera = light_with(math.inf), table1()
+    one, other = (engine.expose(x, camera, keep="electrons") for x in (light, light_with()))
+    assert one.electrons is not None
+    same = (one.digital[0] == other.digital[0])[np.isfinite(light)].all()
+    full = float(one.electrons[0, 1, 2]), int(one.digital[0, 1, 2])
+    got = holds(f"{full[0]:g} e-, {full[1]} DN there; others as without: {same}", same, full == (33_000, 4095))
+    yield "expose", "+inf photons in one pixel", "it is full, and no other changes", got
+    bands = np.stack([np.full((2, 2), np.inf), np.full((2, 2), 500.0)], axis=-1)
+    both = engine.expose(bands, camera, wavelengths_nm=[1500.0, 550.0], keep="electrons").electrons
+    alone = engine.expose(bands[..., 1], camera, keep="electrons").electrons
+    given = "+inf photons where the sensor sees nothing"
+    yield "detection", given, "no electron of them", agree(both, alone, unit=" e-")
+
+
+def whole_frames(engine: Engine) -> Rows:
+    """Light, time and temperature at their ends; and the smallest divisors, against the frame of float64."""
+    for name, (edge, (photons, exposure)) in itertools.product((NAME, EVERY_OPTION), EDGES.items()):
+        camera, light = camera_of(name), np.full((4, 6), photons)
+        frames = engine.expose(light, camera, exposure)
+        lines, top = json.loads(to_json(frames.report))["stages"], int(frames.digital.max())
+        planned = json.loads(to_json(plan(camera, exposure, light).to_dict()))["stages"]
+        told = all(line["mean_frame"] is not None and line["mean_expected"] is not None for line in lines)
+        text = f"{frames.digital.min()} … {top} DN, {len(lines)} stages reported, {len(planned)} planned"
+        expected = "finite; codes in range; report and plan are strict JSON"
+        yield "expose, report, plan", f"{edge}; {name}", expected, holds(text, top < 2**camera.adc.bits, told)
+    for field, least in SMALLEST.items():
+        camera = table1().replace(**{field: least}, **NEEDED.get(field, {}))
+        exposed = partial(engine.expose, light_with(), camera)
+        if engine.precision == "float32" and adc_gain_dn_per_v(camera) > FLOAT32_LIMIT:
+            got = refusal("precision is 'float32', which holds", exposed)
+        else:
+            reference = expose(light_with(), camera, TENTH, precision="float64")
+            got = agree(exposed().digital, reference.digital, 1.0, " DN")
+        yield "expose", f"{field} = {shown(least)}", "float64's frame to 1 DN, or a sentence why float32 cannot", got
+
+
+def published_frames(_: Engine) -> Rows:
     """The same of the published chain, which has no plan."""
-    photons, exposure = EDGES[edge]
-    frames = expose(np.full((4, 6), photons), table1(), exposure, chain="konnik2014")
-    report = json.loads(to_json(frames.report))
-    text = f"{frames.digital.min()} … {frames.digital.max()} DN, {len(report['stages'])} stages reported"
-    return holds(text, int(frames.digital.max()) <= 2**12)
+    for edge, (photons, exposure) in EDGES.items():
+        frames = expose(np.full((4, 6), photons), table1(), exposure, chain="konnik2014")
+        lines, top = json.loads(to_json(frames.report))["stages"], int(frames.digital.max())
+        got = holds(f"{frames.digital.min()} … {top} DN, {len(lines)} stages reported", top <= 2**12)
+        yield "published chain", edge, "codes 0 … 2^12; report is strict JSON", got
 
 
-def smallest(engine: Engine, field: str, least: float) -> Got:
-    """The frame of float64; or a sentence, where float32 cannot hold the converter's gain."""
-    camera, light = table1().replace(**{field: least}, **NEEDED.get(field, {})), light_with()
-    if engine.precision == "float32" and adc_gain_dn_per_v(camera) > FLOAT32_LIMIT:
-        return refusal(lambda: expose(light, camera, TENTH, **engine.how), "precision is 'float32', which holds")
-    digital = expose(light, camera, TENTH, **engine.how).digital
-    return agree(digital, expose(light, camera, TENTH, precision="float64").digital, 1.0, " DN")
+def no_exact_count(_: Engine) -> Rows:
+    """Beyond 2^24 the precision that nobody chose."""
+    light, camera = np.ones((2, 2)), table1(pixel__full_well_e=5e7)
+    found = expose(light, camera, Exposure(0.0), engine="numpy").first.window.backend.precision
+    part = "compiled engines are float32: take numpy, or precision float32"
+    refused = refusal(part, lambda: expose(light, camera, Exposure(0.0), engine="drjit"))
+    got = holds(f"NumPy takes {found}; {refused.text}", found == "float64", refused.passed)
+    expected = "float64 on NumPy; a compiled engine says that it has none"
+    yield "expose", "5e7 e- without a precision", expected, got
 
 
-def crop(engine: Engine, rows: int, columns: int) -> Got:
-    """Any window is the corner of a larger one."""
-    corner = min(rows, 2), min(columns, 2)
-    one, other = (expose(np.full(s, 500.0), table1(), TENTH, **engine.how).digital for s in ((rows, columns), corner))
-    same = agree(other, one[:, : corner[0], : corner[1]], unit=" DN")
-    return holds(same.text, same.passed, one.shape == (1, rows, columns))
-
-
-LARGE = (3000, 4000)
-
-
-def twelve_megapixels(engine: Engine) -> Got:
-    """Read noise, stripes and converter in the dark of 77 K: the mean is the black level, σ of stripes over √4000."""
-    camera = table1(sensor__columns=LARGE[1], sensor__rows=LARGE[0], pixel__prnu=0.0)
+def frame_sizes(engine: Engine) -> Rows:
+    """Any window is the corner of a larger one; a large one in the dark has the mean of the black level."""
+    for shape in ((1, 1), (1, 5000), (5000, 1), (2, 3)):
+        corner = min(shape[0], 2), min(shape[1], 2)
+        one, other = (engine.expose(np.full(s, 500.0), table1(), TENTH).digital for s in (shape, corner))
+        same = agree(other, one[:, : corner[0], : corner[1]], unit=" DN")
+        got = holds(same.text, same.passed, one.shape == (1, *shape))
+        yield "expose", f"{shape[0]} × {shape[1]}", "the corner of any other window", got
+    rows, columns = 3000, 4000
+    camera = table1(sensor__columns=columns, sensor__rows=rows, pixel__prnu=0.0)
     started = time.perf_counter()
-    digital = expose(0.0, camera, Exposure(0.1, 77.0), **engine.how).digital
-    seconds, stripes = time.perf_counter() - started, camera.readout.dsnu_col * 2**camera.adc.bits
-    mean = agree(digital.mean(), black_level_dn(camera), SIGMAS * stripes / math.sqrt(LARGE[1]), " DN")
-    return holds(f"mean {mean.text}, {digital.dtype}, {seconds:.1f} s", mean.passed, digital.shape == (1, *LARGE))
-
-
-def frame_cases() -> list[Case]:
-    """Values, whole frames, windows."""
-    light, frames, size = (
-        partial(cases_of, "light"),
-        partial(cases_of, "whole frames"),
-        partial(cases_of, "frame sizes"),
-    )
-    clamped = "clamped to 0 and counted; +inf marked, to saturate"
-    finite, codes = "finite; codes in range; report and plan are strict JSON", "codes 0 … 2^12; report is strict JSON"
-    same = "float64's frame to 1 DN, or a sentence why float32 cannot"
-    stripes = "the black level, within 5 standard errors of its stripes"
-    edges, shapes = (
-        [(edge, name) for name in (NAME, EVERY_OPTION) for edge in EDGES],
-        ((1, 1), (1, 5000), (5000, 1), (2, 3)),
-    )
-    return [
-        *light("irradiance", "NaN, ±inf and −1 from the renderer", clamped, renderers_values, asked=ONLY_ONCE),
-        *light("expose", "+inf photons in one pixel", "it is full, and no other changes", unchanged),
-        *light("detection", "+inf photons where the sensor sees nothing", "no electron of them", unseen),
-        *frames("expose, report, plan", "{}; {}", finite, whole_frame, edges, seconds=0.2),
-        *frames("published chain", "{}", codes, published, EDGES, ONLY_ONCE),
-        *frames("expose", "{} = {}", same, smallest, SMALLEST),
-        *size("expose", "{} × {}", "the corner of any other window", crop, shapes),
-        *size("expose", "3000 × 4000, dark, 77 K", stripes, twelve_megapixels, seconds=2.0),
-    ]
+    digital = engine.expose(0.0, camera, Exposure(0.1, 77.0)).digital
+    seconds, dsnu_dn = time.perf_counter() - started, camera.readout.dsnu_col * 2**camera.adc.bits
+    mean = agree(digital.mean(), black_level_dn(camera), SIGMAS * dsnu_dn / math.sqrt(columns), " DN")
+    text = f"mean {mean.text}, {digital.dtype}, {seconds:.1f} s"
+    expected = "the black level, within 5 standard errors of the column DSNU"
+    yield "expose", "3000 × 4000, dark, 77 K", expected, holds(text, mean.passed, digital.shape == (1, rows, columns))

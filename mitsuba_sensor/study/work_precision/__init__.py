@@ -5,15 +5,14 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 
-from ...core.errors import InputError
+from ...core import InputError
 from ..kit import Kit
 from ..page import Study, study_of
 from ..subject import Subject
 from .render import Render
 from .render_page import render_section
-from .sensor import Sensor
+from .sensor import Results, Sensor
 from .sensor_page import sensor_section
-from .sensor_results import Results
 
 SIDES = ("render", "sensor")
 

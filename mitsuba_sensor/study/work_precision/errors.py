@@ -1,160 +1,260 @@
-"""What a render got wrong: of irradiance, of electrons, of the mean and the temporal σ of the digital numbers.
+"""What a render got wrong, of irradiance, of electrons, of the mean and the temporal σ of the digital numbers, against
+references with many more samples and of known error.
+
+Irradiance is compared with bands that are exact each for itself ("cube"), electrons with bands whose sum is exact
+("auto"), channels with channels: bands of finite width have an error of their own, which is told apart.
 
 A run of passes is cut into all its blocks of 1, 2, 4, … of them. Each block is a render of its own, and all of one size
 are averaged, so that a rare bright path counts alike in blocks of every size; what is left to chance in a slope is only
-how the errors of different passes happen to line up. Seconds are means over the blocks too: a neighbour's burst of work
-counts alike for all.
+how the errors of different passes happen to line up.
 """
 
 from __future__ import annotations
 
+import math
 import statistics
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core import Exposure, Frame, InputError, Photons, SensorWindow
 from ...render.aovs import denoising_guides
 from ...render.denoise import smoothed
 from ...render.passes import Welford
-from ...sensor.chain import chain
+from ...render.per_frame import NOISIEST, TARGET, UNCOMPENSATED
+from ...render.statistics import median_bias
+from ...render.stop_criterion import StopCriterion
+from ...sensor.compensation import compensable
+from ...sensor.effects.dark_current import mean_dark_e
+from ...sensor.expose import expose
 from ..frames import expected_moments
 from ..statistics import Array
 from ..subject import Subject
-from .per_frame import FEWEST_COMPENSATED, FrameExposure
-from .reference import Target, electrons_of
-from .series import Series
+from .series import Block, Series, Setting, in_blocks
 
-MOST_BLOCKS = 16
-"""Blocks of a size up to which digital numbers are looked at; their moments and frames take as long as a pass."""
+REFERENCE_S = 15.0  # seconds that each reference may take, as its first passes tell
+FEWEST_PASSES = 8  # of a reference: its variance is the spread of its passes, averaged over all pixels
+SAMPLES, SAMPLES_OF_FOUR = (
+    256,
+    64,
+)  # per pass, of all bands together and of four at a time (benchmarks/render_passes.py)
+SEED = 0  # of the references; runs have 1, 2, …
+DARKEST = (
+    0.1  # of the mean: errors of darker pixels are relative to this level, or those in the dark would be all of it
+)
+STEP = 0.01  # relative step of the light by which the slope of the digital numbers is found
+PILOT = 8  # passes whose spread tells how noisy one is
+FEWEST_COMPENSATED = 8  # passes from which a variance can be compensated: 7 degrees of freedom (render/per_frame.py)
+SHARE_COMPENSATED = 8  # or one in so many of a run's passes, with which the noise of a render shall just be compensable
+DIMMER, DIMMEST = 2.0**-0.25, 2.0**-30  # steps in which the exposure is shortened; there any render is compensable
+TINY = float(np.finfo(float).tiny)
+MOST_BLOCKS = 16  # of a size up to which digital numbers are looked at; their moments and frames take as long as a pass
 MOST_SMOOTHED = 4  # blocks of a size that are denoised
 SMOOTHINGS = 3  # pictures that the package smooths: the render, and two halves of it for the bias
+PLAIN, COMPENSATED, DENOISED = "plain", "compensated", "denoised"  # what is done about the render's noise
+
+Rung = dict[str, float]
+"""All blocks of one size of one run: "passes", "blocks" and "seconds" of one; squared errors by measure ("electrons",
+"irradiance", "dn"); "variance_dn2" between frames. Only what was measured is there."""
 
 
-@dataclass(frozen=True, eq=False)
-class Block:
-    """Passes that follow each other, as one render.
-
-    irradiance : mean, (H, W, B) [W m⁻² nm⁻¹], or None.  electrons : mean, (H, W).  squares : Σ (pass − mean)², (H, W).
-    """
+class Reference(NamedTuple):
+    """A render with many samples: irradiance (H, W, B) [W m⁻² nm⁻¹] and electrons (H, W), with their variances."""
 
     passes: int
+    samples_per_pixel: int
     seconds: float
-    irradiance: NDArray[Any] | None
+    photons: Photons  # the same light, for :func:`mitsuba_sensor.expose`
+    irradiance: Array
+    variance: Array
     electrons: Array
-    squares: Any = 0.0
+    variance_e2: Array
 
-    def __add__(self, other: Block) -> Block:
-        """Two blocks of one size as one."""
-        both = None if self.irradiance is None else 0.5 * (self.irradiance + other.irradiance)
-        squares = self.squares + other.squares + 0.5 * self.passes * (self.electrons - other.electrons) ** 2
-        electrons = 0.5 * (self.electrons + other.electrons)
-        return Block(2 * self.passes, self.seconds + other.seconds, both, electrons, squares)
+
+class Target:
+    """What a setting is compared with, and the scale of its errors.
+
+    bands, own : references of the irradiance and of all else.  seen : pixels with light and below full well, (H, W), or
+    all with light where none is.  level : light of a pixel over their mean, (H, W); darker ones count as DARKEST.
+    mean_dn : digital numbers of the light, (H, W).
+    """
+
+    def __init__(self, subject: Subject, references: Mapping[str, Reference], banding: str) -> None:
+        self.subject, self.own = subject, references["channels" if banding == "channels" else "auto"]
+        self.bands = self.own if banding == "channels" else references.get("cube", self.own)
+        lit, full_well_e = self.own.electrons > 0, subject.camera.pixel.full_well_e
+        seen = lit & (self.own.electrons + mean_dark_e(subject.camera, subject.exposure) < full_well_e)
+        self.seen = seen if seen.any() else lit
+        self._mean_e = float(self.own.electrons[self.seen].mean())
+        self._mean_of_band = self.own.irradiance[self.seen].mean(axis=0)
+        self.level = np.maximum(self.own.electrons / self._mean_e, DARKEST)
+        self.mean_dn = mean_dn(subject, self.own.photons)
+
+    def mean_square(self, measure: str, off: Array) -> float:
+        """Mean of a squared error: of "electrons" (H, W), each relative to its pixel's light; of "irradiance"
+        (H, W, B), to its pixel's light and its band's; of "dn" (H, W) [DN²]."""
+        off, level, lit = off[self.seen], self.level[self.seen], self._mean_of_band > 0
+        if measure == "electrons":
+            off = off / (self._mean_e * level)
+        elif measure == "irradiance":
+            off = off[:, lit] / (level[:, None] * self._mean_of_band[lit])
+        return float(np.mean(off**2))
 
     @property
-    def variance_e2(self) -> Array:
-        """Of the mean electrons, as the passes' spread tells, (H, W)."""
-        return np.asarray(self.squares / (self.passes * (self.passes - 1)))
+    def squares(self) -> dict[str, float]:
+        """Squared standard errors of the references, on the scale of the errors that they are taken off."""
+        return {**self.squares_of(self.own), "irradiance": self.squares_of(self.bands)["irradiance"]}
+
+    def squares_of(self, reference: Reference) -> dict[str, float]:
+        """Squared standard errors of one reference, by measure."""
+        lights = [replace(reference.photons, mean=reference.photons.mean * (1 + step)) for step in (STEP, -STEP)]
+        more, less = (mean_dn(self.subject, light) for light in lights)
+        error_e, lit = np.sqrt(reference.variance_e2), reference.electrons > 0  # slope 0 in the dark and where clipped
+        error_dn = (more - less) / (2 * STEP * np.maximum(reference.electrons, TINY)) * lit * error_e
+        errors = {"electrons": error_e, "irradiance": np.sqrt(reference.variance), "dn": error_dn}
+        return {measure: self.mean_square(measure, error) for measure, error in errors.items()}
 
 
-def in_blocks(whole: Callable[[Block], None]) -> Callable[[float, NDArray[Any] | None, Array], None]:
-    """Takes passes and joins them into blocks of 1, 2, 4, …; hands each on as it is whole; few are held at a time."""
-    waiting: dict[int, Block] = {}
+def render_reference(subject: Subject, setting: Setting) -> Reference:
+    """Render as many passes as the time allows. Raises InputError for a scene without light."""
+    grouped = setting.banding == "cube"
+    series = Series(subject, setting._replace(samples=SAMPLES_OF_FOUR if grouped else SAMPLES))
+    renderer = series.job.renderer
 
-    def take(seconds: float, irradiance: NDArray[Any] | None, electrons: Array) -> None:
-        block = Block(1, seconds, irradiance, electrons)
-        whole(block)
-        while (first := waiting.pop(block.passes, None)) is not None:
-            block = first + block
-            whole(block)
-        waiting[block.passes] = block
+    def timed(passes: int) -> float:
+        began = time.perf_counter()
+        renderer.run(SEED, StopCriterion(passes, series.setting.samples, grouped=grouped), lambda step: None)
+        return time.perf_counter() - began
 
-    return take
-
-
-class Rung:
-    """All blocks of one size of one run: seconds, squared errors by measure, and frames by what was done with noise."""
-
-    def __init__(self, passes: int) -> None:
-        self.passes = passes
-        self.seconds: list[float] = []
-        self.squares: dict[str, list[float]] = {}
-        self.frames: dict[str, Welford] = {}
-
-    def frame(self, treatment: str, digital: NDArray[Any]) -> None:
-        """The frame of one block."""
-        self.frames.setdefault(treatment, Welford(digital.shape)).add(digital.astype(np.float64))
-
-    def to_dict(self, shown: NDArray[np.bool_]) -> dict[str, Any]:
-        """Means of seconds and squared errors, and the variance [DN²] between frames of the pixels ``shown``."""
-        drawn = {name: one for name, one in self.frames.items() if one.count > 1}
-        return {
-            "passes": self.passes,
-            "blocks": len(self.seconds),
-            "seconds": statistics.fmean(self.seconds),
-            **{name: float(np.mean(squares)) for name, squares in self.squares.items()},
-            "frames": {name: float(one.variance_of_mean[shown].mean()) * one.count for name, one in drawn.items()},
-        }
+    timed(1)  # compiles
+    passes = max(math.ceil(REFERENCE_S / timed(1)), FEWEST_PASSES)
+    seconds, (electrons, variance_e2) = timed(passes), renderer.electrons()
+    if not electrons.any():
+        raise InputError("the scene is black for this camera; give it an emitter with a spectrum in the camera's band.")
+    irradiance = np.concatenate([strip.bands.mean for strip in renderer.strips])
+    variance = np.concatenate([strip.bands.variance_of_mean for strip in renderer.strips])
+    arrays = series.light(irradiance, electrons), irradiance, variance, electrons, variance_e2
+    return Reference(passes, renderer.samples_per_pixel, seconds, *arrays)
 
 
-@dataclass(eq=False)
-class Run:
-    """The errors of one run. number : its seed.  passes : of it.  framed : at which exposure frames are made, or None.
+def electrons_of(photons: Photons, subject: Subject) -> Array:
+    """Mean photoelectrons that every pixel detects, (H, W)."""
+    frame = Frame(subject.exposure, SensorWindow(0, photons.total.shape, photons.origin))
+    return np.asarray(subject.camera.stages[0].sample(photons, frame).light)
 
-    smooth : whether the blocks are denoised too.
+
+def mean_dn(subject: Subject, photons: Photons) -> Array:
+    """Mean digital numbers in theory, (H, W)."""
+    return np.asarray(expected_moments(subject.camera.stages, photons, subject.exposure)[0])
+
+
+class FrameExposure(NamedTuple):
+    """The exposure at which frames are made: the given one, or a share of it at which render noise can be compensated.
+
+    Electrons go with the exposure, the variance of their mean with its square: so does a render's part of the noise.
     """
 
-    subject: Subject
-    series: Series
-    target: Target
-    number: int
-    passes: int
-    framed: FrameExposure | None = None
-    smooth: bool = False
+    exposure: Exposure
+    share: float
+    compensable: float  # passes after which render noise is as low as compensation aims at
+    shown: NDArray[np.bool_]  # pixels whose frames are looked at: those that are seen, without the noisiest, (H, W)
+    variance_dn2: float  # temporal, that frames must have there on average
+    pixels: float  # so many of equal variance would tell it as well
 
-    def measure(self) -> dict[str, list[dict[str, Any]]]:
-        """Rungs of every treatment, the shortest first."""
-        self._guides = denoising_guides(self.series.scene) if self.smooth else None
-        self._rungs: dict[str, dict[int, Rung]] = {"plain": {}, "denoised": {}}
-        self._made = 0
-        self.series.each_pass(self.number, self.passes, in_blocks(self._block))
-        shown = self.target.scale.seen if self.framed is None else self.framed.shown(self.target)
-        return {
-            treatment: [rungs[passes].to_dict(shown) for passes in sorted(rungs)]
-            for treatment, rungs in self._rungs.items()
-            if rungs
-        }
+
+def frame_exposure(series: Series, target: Target, passes: int) -> FrameExposure:
+    """For runs of so many passes: the given exposure, if an eighth of them is enough to compensate the noise there."""
+    camera, exposure, pilot = target.subject.camera, target.subject.exposure, Welford(series.shape)
+    series.each_pass(0, PILOT, lambda seconds, irradiance, electrons: pilot.add(electrons.copy()))
+    dark_e, one_pass_e2 = mean_dark_e(camera, exposure), PILOT * pilot.variance_of_mean
+    noise = one_pass_e2 / np.maximum(target.own.electrons + dark_e, TINY)
+    shown = target.seen & (noise <= np.quantile(noise[target.seen], 1 - NOISIEST))
+
+    def enough(share: float, count: float) -> bool:
+        """Whether so many passes are quiet enough at a share of the exposure, as render/per_frame.py decides: by the
+        median, and by what is left; and whether the median pixel is below full well."""
+        light, dark, variance = (
+            share * target.own.electrons[shown],
+            share * dark_e,
+            share**2 * one_pass_e2[shown] / count,
+        )
+        total = np.maximum(light + dark, TINY)
+        left = variance - sum(compensable(light, dark, variance))
+        quiet = np.median(variance / total) * median_bias(PILOT) <= TARGET and np.mean(left / total) <= UNCOMPENSATED
+        return bool(quiet and np.median(total) < camera.pixel.full_well_e)
+
+    share, count = 1.0, max(passes / SHARE_COMPENSATED, FEWEST_COMPENSATED)
+    while not enough(share, count) and share > DIMMEST:
+        share *= DIMMER
+    while count > FEWEST_COMPENSATED and enough(share, count / 2):
+        count /= 2
+    dimmed = Exposure(share * exposure.time_s, exposure.temperature_k)
+    light = replace(target.own.photons, mean=share * target.own.photons.mean)
+    variance = expected_moments(camera.stages, light, dimmed)[1][shown]
+    pixels = float(variance.sum() ** 2 / (variance**2).sum())
+    return FrameExposure(dimmed, share, count, shown, float(variance.mean()), pixels)
+
+
+class Run:
+    """One run of passes. number : its seed.  framed : at which exposure frames are made, or None."""
+
+    def __init__(
+        self, series: Series, target: Target, number: int, passes: int, framed: FrameExposure | None = None
+    ) -> None:
+        self._series, self._target, self._number, self._passes, self._framed = series, target, number, passes, framed
+        self._found = defaultdict[tuple[str, int], defaultdict[str, list[float]]](lambda: defaultdict(list))
+        self._frames = defaultdict[tuple[str, int], Welford](lambda: Welford(series.shape))
+
+    def measure(self, smooth: bool = False) -> dict[str, list[Rung]]:
+        """Rungs of every treatment, the shortest first. smooth : whether the blocks are denoised too."""
+        self._guides = denoising_guides(self._series.scene) if smooth else None
+        self._series.each_pass(self._number, self._passes, in_blocks(self._block))
+        rungs: dict[str, list[Rung]] = {}
+        for (treatment, passes), found in sorted(self._found.items()):
+            rung: Rung = {"passes": passes, "blocks": len(found["seconds"])}
+            rung |= {name: statistics.fmean(values) for name, values in found.items()}
+            if self._framed is not None and (frames := self._frames[treatment, passes]).count > 1:
+                rung["variance_dn2"] = float(frames.variance_of_mean[self._framed.shown].mean()) * frames.count
+            rungs.setdefault(treatment, []).append(rung)
+        return rungs
 
     def _block(self, block: Block) -> None:
         """One block, and what the denoiser makes of it."""
-        count = self._errors("plain", block)
-        if self._guides is not None and block.irradiance is not None and count <= MOST_SMOOTHED:
+        self._errors(PLAIN, block)
+        if self._guides is not None and len(self._found[PLAIN, block.passes]["seconds"]) <= MOST_SMOOTHED:
             began = time.perf_counter()
             smooth = smoothed(block.irradiance, self._guides).astype(np.float64)
             seconds = block.seconds + SMOOTHINGS * (time.perf_counter() - began)
-            electrons = electrons_of(self.series.layers.light(smooth, block.electrons), self.subject)
-            self._errors("denoised", replace(block, seconds=seconds, irradiance=smooth, electrons=electrons))
+            electrons = electrons_of(self._series.light(smooth, block.electrons), self._target.subject)
+            self._errors(DENOISED, replace(block, seconds=seconds, irradiance=smooth, electrons=electrons))
 
-    def _errors(self, treatment: str, block: Block) -> int:
-        """Returns how many blocks of this size there are now."""
-        rung = self._rungs[treatment].setdefault(block.passes, Rung(block.passes))
-        rung.seconds.append(block.seconds)
-        off = {"electrons": block.electrons - self.target.electrons}
-        if block.irradiance is not None:
-            off["irradiance"] = block.irradiance - self.target.irradiance
-        if block.passes * MOST_BLOCKS >= self.passes:
-            photons, camera = self.series.layers.light(block.irradiance, block.electrons), self.subject.camera
-            off["dn"] = expected_moments(chain(camera), photons, self.subject.exposure)[0] - self.target.mean_dn
-            if self.framed is not None and FEWEST_COMPENSATED <= block.passes < self.passes:
-                self._made += 1
-                rung.frame(treatment, self.framed.frame(camera, photons, self.number, self._made))
-                bursts = camera.quantum_efficiency.quantum_yield  # of electrons, whose noise is not Poisson's
-                if treatment == "plain" and not bursts:  # the same random bits on one sensor
-                    noise = replace(photons, variance_e2=block.variance_e2)
-                    rung.frame("compensated", self.framed.frame(camera, noise, self.number, self._made))
+    def _errors(self, treatment: str, block: Block) -> None:
+        """What a block is off, and its frames."""
+        target, found = self._target, self._found[treatment, block.passes]
+        off = {"electrons": block.electrons - target.own.electrons}
+        if self._series.bands.kind != "channels":
+            off["irradiance"] = block.irradiance - target.bands.irradiance
+        if block.passes * MOST_BLOCKS >= self._passes:
+            light = self._series.light(block.irradiance, block.electrons)
+            off["dn"] = mean_dn(target.subject, light) - target.mean_dn
+            if self._framed is not None and FEWEST_COMPENSATED <= block.passes < self._passes:
+                self._expose(self._framed, treatment, block, light)
+        found["seconds"].append(block.seconds)
         for measure, values in off.items():
-            rung.squares.setdefault(measure, []).append(self.target.scale.mean_square(measure, values))
-        return len(rung.seconds)
+            found[measure].append(target.mean_square(measure, values))
+
+    def _expose(self, framed: FrameExposure, treatment: str, block: Block, light: Photons) -> None:
+        """A frame of a block; beside a plain one also a compensated one, with the same random bits on one sensor."""
+        camera, number = self._target.subject.camera, sum(frames.count for frames in self._frames.values()) + 1
+        lights = {treatment: replace(light, mean=framed.share * light.mean)}
+        if treatment == PLAIN and not camera.quantum_efficiency.quantum_yield:  # its bursts are not Poisson's
+            lights[COMPENSATED] = replace(lights[PLAIN], variance_e2=framed.share**2 * block.variance_e2)
+            self._found[COMPENSATED, block.passes]["seconds"].append(block.seconds)
+        for name, one in lights.items():
+            digital = expose(one, camera, framed.exposure, seed=self._number, first_frame=number).digital[0]
+            self._frames[name, block.passes].add(digital.astype(np.float64))

@@ -5,16 +5,18 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
+from itertools import product
 from typing import Any
 
-from ..page import Line, Mark, Part, Plot, Section, Table, table
+from ..page import Line, Mark, MarkedRow, Part, Plot, Section, Table, table
 from ..statistics import pareto
+from .errors import COMPENSATED, DENOISED, PLAIN
 from .render import Render
-from .render_results import FRAME_SIGMA, THEORY, WITHIN, Point, Result
+from .results import FRAME_SIGMA, THEORY, WITHIN, Result
 
 SECONDS = "wall time of a render [s]"
-FRAMES = {"plain": "render noise on top", "compensated": "render noise compensated", "denoised": "denoised"}
+FRAMES = {PLAIN: "render noise on top", COMPENSATED: "render noise compensated", DENOISED: "denoised"}
 PIXELS = (
     "Over all pixels below full well, each relative to its own light, or to a tenth of the mean where it is darker."
 )
@@ -54,30 +56,27 @@ def _advice(found: Render) -> str:
 
 def _law(found: Render) -> str:
     """Whether the slopes are what theory says."""
-    compared = [one for one in found.results if one.verdict]
-    if not compared:
+    slopes = [slope.value for one in found.results for slope in one.slopes]
+    if not slopes:
         return ""
-    off = [one.label for one in compared if one.verdict == "off"]
-    slopes = [slope.value for one in compared for slope in one.slopes]
+    held, off = ([one.label for one in found.results if one.verdict == verdict] for verdict in ("holds", "off"))
     return (
-        f"The error falls as time to the power −1/2, within {WITHIN:g}, in {len(compared) - len(off)} of "
-        f"{len(compared)} settings, all slopes from {min(slopes):.3f} to {max(slopes):.3f}"
+        f"The error falls as time to the power −1/2, within {WITHIN:g} or its interval, in {len(held)} of "
+        f"{len(held) + len(off)} settings, all slopes from {min(slopes):.3f} to {max(slopes):.3f}"
         f"{'; not in ' + ', '.join(off) if off else ''}."
     )
 
 
 def _front(found: Render) -> str:
     """Who is on the front."""
-    lines = curves(found, "electrons")
-    if not lines:
-        return ""
-    labels = ", ".join(dict.fromkeys(lines[c].label for c, _ in front(lines)))
-    return f"Electrons: no other setting beats, from the quickest to the most exact, {labels}."
+    ends = sorted((line.x[k], line.label) for line in diagram(found, "electrons").lines for k in line.ringed)
+    labels = ", ".join(dict.fromkeys(label for _, label in ends))
+    return labels and f"Electrons: no other setting beats, from the quickest to the most exact, {labels}."
 
 
 def _frames(result: Result) -> str:
     """How long frames with renders of their own take, compensated and plain; "" where none were made."""
-    framed, right, plain = result.ladder.framed, result.sigma("compensated")[:1], result.sigma("plain")[:1]
+    framed, right, plain = result.ladder.framed, result.sigma(COMPENSATED)[:1], result.sigma(PLAIN)[:1]
     if framed is None or not right:
         return ""
     share = "" if framed.share == 1 else f"; all {1 / framed.share:.3g} times as long at the full exposure"
@@ -91,79 +90,61 @@ def _frames(result: Result) -> str:
 
 
 def _floor(found: Render) -> str:
-    own = found.references["auto"]
+    own, squares = found.references["auto"], found.results[0].own
     return (
         f"The reference's own error ({own.samples_per_pixel} samples per pixel): electrons "
-        f"{math.sqrt(own.squares['electrons']):.2g}, mean {math.sqrt(own.squares['dn']):.2g} DN; it is taken off every "
-        "error."
+        f"{math.sqrt(squares['electrons']):.2g}, mean {math.sqrt(squares['dn']):.2g} DN; it is taken off every error."
     )
 
 
-@dataclass(frozen=True)
-class Curve:
-    """One line of a diagram."""
-
-    label: str
-    points: Sequence[Point]
-    dashed: bool = False
-
-    def line(self, ringed: tuple[int, ...] = (), above: float = 0.0) -> Line:
-        """Drawn. ringed : which points have a ring.  above : added to the errors."""
-        rows = [(point.seconds, above + point.error, point.spread) for point in self.points]
-        x, y, error = zip(*rows, strict=True)
-        return Line(self.label, x, y, error, dashed=self.dashed, ringed=ringed)
+def line(label: str, points: Sequence[tuple[float, ...]], **style: Any) -> Line:
+    """Through points (x, y) or (x, y, error)."""
+    x, y, *error = (tuple(values) for values in zip(*points, strict=True))
+    return Line(label, x, y, error[0] if error else (), **style)
 
 
-def curves(found: Render, measure: str) -> list[Curve]:
-    """Of all settings, and of what the denoiser makes of the base setting."""
-    lines = [Curve(one.label, one.points(measure)) for one in found.results]
-    lines.append(Curve("denoised", found.results[0].points(measure, "denoised"), dashed=True))
-    return [curve for curve in lines if curve.points]
-
-
-def front(lines: Sequence[Curve]) -> list[tuple[int, int]]:
-    """Places, (curve, point), of those that no other beats in seconds and error; the quickest first."""
-    every = [(c, k, point) for c, curve in enumerate(lines) for k, point in enumerate(curve.points)]
-    return [every[i][:2] for i in pareto([(point.seconds, point.error) for *_, point in every])]
+def ringed(lines: Sequence[Line]) -> tuple[Line, ...]:
+    """With rings around the points that no other of all lines beats in x and y."""
+    places = [(n, k) for n, line in enumerate(lines) for k in range(len(line.x))]
+    front = {places[i] for i in pareto([(lines[n].x[k], lines[n].y[k]) for n, k in places])}
+    return tuple(replace(line, ringed=tuple(k for m, k in sorted(front) if m == n)) for n, line in enumerate(lines))
 
 
 def diagram(found: Render, measure: str) -> Plot:
-    """Error against seconds; rings are on the front of all points together."""
-    every = curves(found, measure)
-    on_front = front(every)
-    lines = tuple(curve.line(tuple(k for n, k in on_front if n == c)) for c, curve in enumerate(every))
+    """Error against seconds of all settings, and of what the denoiser makes of the base setting."""
+    lines = [line(one.label, points) for one in found.results if (points := [p[1:] for p in one.points(measure)])]
+    if smooth := [point[1:] for point in found.results[0].points(measure, DENOISED)]:
+        lines.append(line("denoised", smooth, dashed=True))
     level = (found.tolerance, f"tolerance {found.tolerance:.3g}") if measure == "electrons" else None
     pixels = "Over all pixels below full well." if measure == "dn" else PIXELS
     note = f"Rings: no other is as quick and as exact. {pixels} The reference's own error is taken off; bars are 1 σ."
     title, y_label = DIAGRAMS[measure]
-    return Plot(title, SECONDS, y_label, lines, level=level, note=note)
+    return Plot(title, SECONDS, y_label, ringed(lines), level=level, note=note)
 
 
 def sigma_diagram(found: Render) -> Plot:
     """Temporal σ of frames over what it must be."""
-    lines = [
-        Curve(f"{one.label} at {one.ladder.framed.exposure.time_s:.2g} s: {text}", one.sigma(name), name == "denoised")
-        for one in found.results
-        for name, text in FRAMES.items()
-        if one.ladder.framed is not None and one.sigma(name)
-    ]
+    lines = []
+    for one, (name, text) in product(found.results, FRAMES.items()):
+        if (framed := one.ladder.framed) and (points := [(p.seconds, 1 + p.error, p.spread) for p in one.sigma(name)]):
+            label = f"{one.label} at {framed.exposure.time_s:.2g} s: {text}"
+            lines.append(line(label, points, dashed=name == DENOISED))
     note = f"Every frame has a render of its own. {SHOWN} Bars are 1 σ."
-    drawn, title = tuple(line.line(above=1.0) for line in lines), "Temporal σ of the digital numbers"
-    return Plot(title, SECONDS, "σ of frames / σ of the camera", drawn, log_y=False, level=(1.0, "right"), note=note)
+    title, y_label = "Temporal σ of the digital numbers", "σ of frames / σ of the camera"
+    return Plot(title, SECONDS, y_label, tuple(lines), log_y=False, level=(1.0, "right"), note=note)
 
 
 def frames_table(found: Render) -> Table:
     """The same in numbers."""
-    rows: list[tuple[Mark, Sequence[Any]]] = []
+    rows: list[MarkedRow] = []
     for one in found.results:
-        by = {name: {point.passes: point for point in one.sigma(name)} for name in FRAMES}
-        for passes, plain in by["plain"].items() if one.ladder.framed else ():
-            points = [points.get(passes) for points in by.values()]
-            values = [x for p in points for x in ((None, None) if p is None else (p.error, p.spread))]
+        by = {name: {point.passes: (point.error, point.spread) for point in one.sigma(name)} for name in FRAMES}
+        for point in one.sigma(PLAIN):
             framed = one.ladder.framed
             assert framed is not None
-            enough = "yes" if passes >= framed.compensable else "no"
-            rows.append(("", (one.label, framed.exposure.time_s, passes, plain.seconds, enough, *values)))
+            values = (x for points in by.values() for x in points.get(point.passes, (None, None)))
+            enough = "yes" if point.passes >= framed.compensable else "no"
+            rows.append(("", (one.label, framed.exposure.time_s, point.passes, point.seconds, enough, *values)))
     return table(
         "Temporal σ of frames, relative error",
         "setting | exposure [s] | passes | seconds | compensable | plain | ± σ | compensated | ± σ | denoised | ± σ",
@@ -175,24 +156,23 @@ def frames_table(found: Render) -> Table:
 def settings_table(found: Render) -> Table:
     """What was compared."""
     marks: dict[str, Mark] = {"holds": "good", "off": "bad", "": "dim"}
-    rows: list[tuple[Mark, Sequence[Any]]] = []
-    for result in found.results:
-        ladder, top = result.ladder, result.rungs()[-1]
-        times = ladder.first_s, 1e3 * result.pass_s, ladder.passes, statistics.median(run["seconds"] for run in top)
-        errors = [points[-1].error if (points := result.points(measure)) else None for measure in DIAGRAMS]
-        slopes = [result.slope(measure) for measure in ("electrons", "irradiance")]
-        numbers = [x for s in slopes for x in ((None, None) if s is None else (s.value, s.half_width))]
-        verdict = result.verdict or "below the reference"
-        row = (result.label, ladder.samples * ladder.groups, *times, *errors, *numbers, THEORY, verdict)
-        rows.append((marks[result.verdict], row))
+    rows: list[MarkedRow] = []
+    for one in found.results:
+        ladder, seconds = one.ladder, statistics.median(run[PLAIN][-1]["seconds"] for run in one.runs)
+        errors = (points[-1].error if (points := one.points(measure)) else None for measure in DIAGRAMS)
+        slopes = (one.slope(measure) for measure in ("electrons", "irradiance"))
+        numbers = (x for slope in slopes for x in ((slope.value, slope.half_width) if slope else (None, None)))
+        passes = ladder.samples * ladder.groups, ladder.first_s, 1e3 * one.pass_s, ladder.passes, seconds
+        verdict = one.verdict or "below the reference"
+        rows.append((marks[one.verdict], (one.label, *passes, *errors, *numbers, THEORY, verdict)))
     base = found.results[0].setting
     return table(
         "Settings",
         "setting | samples per pass | first pass [s] | pass [ms] | passes | seconds | electrons | irradiance | "
         "mean [DN] | slope, electrons | ± | slope, irradiance | ± | theory | verdict",
         rows,
-        f"Errors after all passes. {PIXELS} Slopes of log error against log "
-        f"seconds with 95 % intervals over {len(found.results[0].runs)} runs; they hold within {WITHIN:g} of theory. "
+        f"Errors after all passes. {PIXELS} Slopes of log error against log seconds with 95 % intervals over "
+        f"{len(found.results[0].runs)} runs; they hold within {WITHIN:g} of theory, or within a wider interval. "
         "First pass: loading and compiling, or fetching what was compiled before. "
         f"As shipped: {base.variant}, {base.sampler}, {base.samples} samples per pass, all bands together.",
     )
@@ -216,10 +196,13 @@ def choice_table(found: Render) -> Table:
 
 def reference_table(found: Render) -> Table:
     """What all was compared with."""
-    rows: list[tuple[Mark, Sequence[Any]]] = []
+    rows: list[MarkedRow] = []
     for kind, own in found.references.items():
-        bias = (None, None) if kind == "auto" else own.difference(found.references["auto"])
-        errors = (math.sqrt(own.squares[name]) for name in DIAGRAMS)
+        squares, auto = found.target(kind).squares_of(own), found.references["auto"]
+        mean_e, sum_e2 = float(auto.electrons.mean()), float(own.variance_e2.sum() + auto.variance_e2.sum())
+        off = float(own.electrons.mean()) / mean_e - 1, math.sqrt(sum_e2) / auto.electrons.size / mean_e
+        bias = (None, None) if kind == "auto" else off
+        errors = (math.sqrt(squares[name]) for name in DIAGRAMS)
         rows.append(("", (kind, own.passes, own.samples_per_pixel, own.seconds, *errors, *bias)))
     return table(
         "References",

@@ -1,39 +1,25 @@
-"""Error of the sensor's frames against their time: engine × precision × sampler × tolerance of the plan, measured."""
+"""Error of the sensor's frames against their time: engine × precision × sampler × tolerance of the plan, measured; how
+far frames are from each other and from theory, and what must hold of them."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property, partial
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.errors import require
-from ...core.exposure import Exposure
-from ...core.signals import Photons
+from ...core import Exposure, Photons, require
 from ...sensor.camera import Camera
-from ...sensor.chain import chain
 from ...sensor.checks import as_photons
-from ...sensor.plan import Plan, plan
-from ..frames import (
-    FRAMES_A_TURN,
-    Illuminated,
-    Replicas,
-    Stages,
-    Stream,
-    averages,
-    expected_moments,
-    in_dn,
-    pixel_difference,
-    problem_of,
-    resized,
-)
-from ..kit import Kit, Step, one_turn
-from ..statistics import Array
-from .samplers import EXACT, GAUSSIAN, GENERATOR, MEAN_ONLY, QUANTILE, REFERENCE, Setting, drawn_law
+from ...sensor.plan import plan
+from ...sensor.precision import LARGEST_DN, SHARE
+from .. import frames
+from ..kit import Kit, Step, one_turn, ratio, spread
+from ..statistics import Array, Numbers, Values, pareto, t_limit
+from .samplers import GAUSSIAN, GENERATOR, MEAN_ONLY, OWN, QUANTILE, REFERENCE, Setting, drawn_law
 
 ENGINES = ("numpy", "drjit", "cuda")
 TOLERANCES_DN = (0.0, 0.02, 0.2, 1.0, 5.0)  # of the plans that are tried
@@ -42,16 +28,19 @@ TURNS = 9  # in each of which every setting makes frames
 LARGE = (1024, 1024)
 """Pixels of the frames that are timed and compared pixel by pixel: 1.05 Mpx, however small the render."""
 SMALL = (128, 128)  # pixels of the frames whose moments are measured, on each sensor
-REPLICAS = Replicas(sensors=32, frames=2, seed=2)
+REPLICAS = frames.Replicas(sensors=32, frames=2, seed=2)
 """Each sensor has fixed patterns of its own, so the spread between them is the standard error."""
 LEVELS = 5  # groups of equally many pixels, from the darkest to the brightest, whose moments are averaged
-EXPECTED_NS = {"numpy float64": 450.0, "numpy float32": 120.0, "drjit float32": 15.0, "cuda float32": 2.0}
-BAND_NS, OPENING_S, SHORT_S = 3.0, 0.5, 0.1
-"""For the estimate before anything is measured, on two cores of an AMD EPYC: per pixel of each engine; per pixel and
-band, where NumPy detects the light anew for every frame; of a stream's kernel and maps; of theory or one law."""
+EXPECTED_S = {"numpy float64": 0.5, "numpy float32": 0.15, "drjit float32": 0.02, "cuda float32": 0.002}
+"""Of a large frame, on two cores of an AMD EPYC: for the estimate before anything is measured."""
+OPENING_S, SHORT_S = 0.5, 0.1  # as expected of a stream's kernel and maps; of moments in theory, and of one law
+VARIATION, VARIATION_UP_TO = 2e-5, 1e4
+"""The float32 Poisson law is as near as this to the exact one up to this mean [events]; its fit was accepted by it."""
+LEAST_DN = 1e-5  # no change below this is told apart: 0 has no place on a logarithmic axis
+FALSE_ALARM = 1e-3  # chance that some measured change of one setting passes its limit although the true one does not
+SINGLE = Setting("numpy", "float32", QUANTILE)
 
 
-@dataclass(eq=False)
 class Sensor:
     """A camera, an exposure and a scene's light, and what a kit measures of them.
 
@@ -59,28 +48,26 @@ class Sensor:
     Raises InputError for photons that ``expose`` would refuse and for a negative tolerance.
     """
 
-    kit: Kit
-    camera: Camera
-    exposure: Exposure
-    photons: Photons
-    tolerances_dn: Sequence[float] = TOLERANCES_DN
-    _streams: dict[str, Stream] = field(default_factory=dict)
-    _made: dict[Any, Any] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        self.photons = as_photons(self.photons, self.camera)
-        for tolerance_dn in self.tolerances_dn:
-            require("tolerances_dn", float(tolerance_dn), 0.0, float("inf"), "e.g. 0.02")
+    def __init__(
+        self,
+        kit: Kit,
+        camera: Camera,
+        exposure: Exposure,
+        photons: Photons,
+        tolerances: Sequence[float] = TOLERANCES_DN,
+    ) -> None:
+        self.kit, self.camera, self.exposure, self.photons = kit, camera, exposure, as_photons(photons, camera)
+        self.tolerances_dn = [require("tolerances_dn", float(dn), 0.0, np.inf, "e.g. 0.02") for dn in tolerances]
+        self._streams: dict[str, frames.Stream] = {}
+        self._reference: Numbers | None = None
 
     def measure(self) -> None:
         """All that is not measured yet; what is timed comes first, while no other work has warmed a kernel."""
-        self.kit.take([Step("engines", 0.1, lambda: {engine: problem_of(engine) for engine in ENGINES})])
-        self.kit.take(Step(f"plan: {dn:g} DN", 0.1, partial(self._planned, dn)) for dn in self.tolerances_dn)
+        self.kit.measure("engines", SHORT_S, lambda: {engine: frames.problem_of(engine) for engine in ENGINES})
         try:
-            self.kit.take([*self._timing(), *self._errors(), *self._laws()])
+            self.kit.take(self._steps())
         finally:
-            while self._streams:
-                self._streams.popitem()[1].close()
+            self._streams.clear()
 
     @property
     def settings(self) -> list[Setting]:
@@ -89,78 +76,73 @@ class Sensor:
         own = [Setting(engine, "float32", sampler) for sampler in (QUANTILE, GAUSSIAN, MEAN_ONLY) for engine in here]
         found = [REFERENCE, *own, Setting("numpy", "float32", GENERATOR)]
         for dn in self.tolerances_dn:
-            if self.kit[f"plan: {dn:g} DN"]["precision"] == "float64":
-                found.append(Setting("numpy", "float64", EXACT, dn))
-            else:
-                found += [Setting(engine, "float32", QUANTILE, dn) for engine in here]
+            planned = (
+                [REFERENCE] if self.plan(dn)["precision"] == "float64" else [one for one in own if one.sampler in OWN]
+            )
+            found += [one._replace(tolerance_dn=dn) for one in planned]
         return found
 
-    def _timing(self) -> Iterator[Step]:
-        settings = self.settings
-        for setting in settings:
-            yield Step(f"first frame: {setting.name}", OPENING_S + self._seconds(setting), partial(self.first, setting))
-        turn_s = sum((FRAMES_A_TURN if one.compiled else 1) * self._seconds(one) for one in settings)
+    def _steps(self) -> Iterator[Step]:
+        settings, seconds = self.settings, {one: EXPECTED_S[f"{one.engine} {one.precision}"] for one in self.settings}
+        for one in settings:
+            yield Step(f"first frame: {one.name}", OPENING_S + seconds[one], partial(self.first, one))
+        turn_s = sum((frames.FRAMES_A_TURN if one.compiled else 1) * seconds[one] for one in settings)
         for turn in range(TURNS):
             yield Step(f"turn {turn + 1} of {TURNS}, frames of every setting", turn_s, partial(self.turn, turn))
+        for one in settings:
+            if one.sampler != GENERATOR:  # its counts do not come from the same bits
+                yield Step(f"pixels: {one.name}", 2 * seconds[one], partial(self.pixels, one))
+            if not one.compiled:
+                yield Step(f"moments: {one.name}", seconds[one], partial(self.moments, one))
+            for mean in MEANS if one.tolerance_dn is None else ():
+                yield Step(f"Poisson law, mean {mean:g}: {one.name}", SHORT_S, partial(drawn_law, one, mean))
 
-    def _errors(self) -> Iterator[Step]:
-        """Frames against the reference: pixels with equal random bits, moments, and what theory says of them."""
-        settings = self.settings
-        for dn in dict.fromkeys(setting.tolerance_dn for setting in settings):
-            yield Step(theory_key(dn), SHORT_S, partial(self.theory, dn))
-        for setting in settings:
-            if setting.sampler != GENERATOR:  # its counts do not come from the same bits
-                yield Step(f"pixels: {setting.name}", 2 * self._seconds(setting), partial(self.pixels, setting))
-            if not setting.compiled:
-                frames = REPLICAS.sensors * REPLICAS.frames * SMALL[0] * SMALL[1] / (LARGE[0] * LARGE[1])
-                yield Step(f"moments: {setting.name}", frames * self._seconds(setting), partial(self.moments, setting))
-
-    def _laws(self) -> Iterator[Step]:
-        for setting in self.settings:
-            for mean in MEANS if setting.tolerance_dn is None else ():
-                measure: Callable[[], Any] = partial(drawn_law, setting, mean)
-                yield Step(f"Poisson law, mean {mean:g}: {setting.name}", SHORT_S, measure)
-
-    def _seconds(self, setting: Setting) -> float:
-        """Expected of one large frame."""
-        bands = 0 if self.photons.mean.ndim == 2 or setting.compiled else self.photons.mean.shape[2]
-        ns = EXPECTED_NS[f"{setting.engine} {setting.precision}"] + BAND_NS * bands
-        return 1e-9 * ns * LARGE[0] * LARGE[1]
-
-    def once(self, key: Any, make: Callable[[], Any]) -> Any:
-        """What ``make`` gives, made once."""
-        if key not in self._made:
-            self._made[key] = make()
-        return self._made[key]
-
-    def stages(self, tolerance_dn: float | None) -> Stages:
-        """What a plan left of the chain; None: the whole chain."""
-        return chain(self.camera) if tolerance_dn is None else self._plan(tolerance_dn).stages
-
-    def _plan(self, tolerance_dn: float) -> Plan:
-        make = partial(plan, self.camera, self.exposure, self.photons, tolerance_dn)
-        found: Plan = self.once(("plan", tolerance_dn), make)
+    def plan(self, tolerance_dn: float | None) -> Values:
+        """What a plan leaves of the chain (None: all): "stages", "left_out", "precision"; what theory says of them:
+        "moments" by light level (3, levels), "predicted_dn", their change, and "worst_pixel_dn", of any pixel."""
+        if (key := f"plan: {tolerance_dn}") not in self.kit.known:
+            self.kit.measure(key, SHORT_S, partial(self._planned, tolerance_dn))
+        found: Values = self.kit[key]
         return found
 
-    def _planned(self, tolerance_dn: float) -> dict[str, Any]:
-        """What the plan leaves out, and the precision that it asks for."""
-        found = self._plan(tolerance_dn)
-        kept = {stage.label for stage in found.stages}
-        left_out = [name for stage in found.whole if (name := stage.label) not in kept]
-        return {"left_out": left_out, "stages": len(found.whole), "precision": found.precision}
+    def _planned(self, tolerance_dn: float | None) -> Values:
+        whole, precision = self.camera.stages, "float64"
+        stages = whole
+        if tolerance_dn is not None:
+            made = plan(self.camera, self.exposure, self.photons, tolerance_dn)
+            stages, precision = made.stages, made.precision
+        kept = {stage.label for stage in stages}
+        found = {"stages": stages, "precision": precision}
+        found["left_out"] = [stage.label for stage in whole if stage.label not in kept]
+        here, all_ = self.expected(stages), self.expected(whole)
+        moments, of_all = (by_level(frames.averages(one, self.groups)) for one in (here, all_))
+        worst_dn = float(np.abs(frames.in_dn(here, all_)).max())
+        return {**found, "moments": moments, "predicted_dn": frames.in_dn(moments, of_all), "worst_pixel_dn": worst_dn}
 
-    def illuminated(self, setting: Setting, shape: tuple[int, int]) -> Illuminated:
-        """The scene's light on a window of this size, for the setting's engine."""
-        photons = self.once(("light", shape), partial(resized, self.photons, shape))
-        return Illuminated(photons, self.exposure, setting.backend())
+    @cached_property
+    def windows(self) -> dict[str, Photons]:
+        """The scene's light on a large window and on a small one."""
+        return {"large": frames.resized(self.photons, LARGE), "small": frames.resized(self.photons, SMALL)}
 
-    def _stream(self, setting: Setting) -> Stream:
-        return self.illuminated(setting, LARGE).stream(self.stages(setting.tolerance_dn))
+    def expected(self, stages: frames.Stages) -> Array:
+        """Moments of every pixel of the small window in theory, (3, H, W)."""
+        return frames.expected_moments(stages, self.windows["small"], self.exposure)
+
+    @cached_property
+    def groups(self) -> dict[str, NDArray[np.intp]]:
+        """The pixels of each light level: places in the flattened small window."""
+        order = np.argsort(self.expected(self.camera.stages)[0], axis=None, kind="stable")
+        return {f"level {k + 1}": group for k, group in enumerate(np.array_split(order, LEVELS))}
+
+    def stream(self, setting: Setting) -> frames.Stream:
+        """Frames of the large window."""
+        light = frames.Illuminated(self.windows["large"], self.exposure, setting.backend())
+        return light.stream(self.plan(setting.tolerance_dn)["stages"])
 
     def first(self, setting: Setting) -> float:
         """Seconds until the first frame: light, maps and, unless Dr.Jit has it already, the kernel."""
         start = time.perf_counter()
-        self._streams[setting.name] = self._stream(setting)
+        self._streams[setting.name] = self.stream(setting)
         next(self._streams[setting.name])
         return time.perf_counter() - start
 
@@ -169,49 +151,147 @@ class Sensor:
         for setting in self.settings:
             if setting.name not in self._streams:  # resumed: its first frame was timed before
                 self.first(setting)
-        return one_turn({setting.name: self._streams[setting.name].turn for setting in self.settings}, number)
+        return one_turn({name: stream.turn for name, stream in self._streams.items()}, number)
 
-    def frame(self, setting: Setting) -> NDArray[Any]:
+    def frame(self, setting: Setting) -> Numbers:
         """The first large frame (H, W) [DN]."""
-        stream = self._stream(setting)
-        try:
-            return next(stream)
-        finally:
-            stream.close()
+        return next(self.stream(setting))
 
     def pixels(self, setting: Setting) -> dict[str, float]:
         """One frame against the reference's; share_of_numpy : of the pixels that differ from NumPy float32."""
-        frame, reference = self.frame(setting), self.once("reference", partial(self.frame, REFERENCE))
-        twin = self.frame(replace(setting, engine="numpy")) if setting.compiled else frame
-        return {**pixel_difference(frame, reference), "share_of_numpy": float(np.mean(frame != twin))}
+        self._reference = self.frame(REFERENCE) if self._reference is None else self._reference
+        digital = self.frame(setting)
+        twin = self.frame(setting._replace(engine="numpy")) if setting.compiled else digital
+        differ = float(np.mean(digital != twin))
+        return {**frames.pixel_difference(digital, self._reference), "share_of_numpy": differ}
 
-    def _expected(self, tolerance_dn: float | None) -> Array:
-        photons = self.once(("light", SMALL), partial(resized, self.photons, SMALL))
-        make = partial(expected_moments, self.stages(tolerance_dn), photons, self.exposure)
-        found: Array = self.once(("theory", tolerance_dn), make)
-        return found
-
-    @cached_property
-    def groups(self) -> dict[str, NDArray[np.intp]]:
-        """The pixels of each light level: places in the flattened small window."""
-        order = np.argsort(self._expected(None)[0], axis=None, kind="stable")
-        return {f"level {k + 1}": group for k, group in enumerate(np.array_split(order, LEVELS))}
-
-    def theory(self, tolerance_dn: float | None) -> dict[str, Any]:
-        """Moments of each light level, and what leaving stages out changes at most in any pixel [DN]."""
-        expected = self._expected(tolerance_dn)
-        worst_dn = float(np.abs(in_dn(expected, self._expected(None))).max())
-        return {"levels": averages(expected, self.groups), "worst_pixel_dn": worst_dn}
-
-    def moments(self, setting: Setting) -> dict[str, dict[str, list[float]]]:
-        """Of frames on the host, by light level and moment, one value per sensor.
+    def moments(self, setting: Setting) -> Array:
+        """Of frames on the host, by light level, (3, levels, sensors).
 
         Equal random bits in all settings make the differences between settings far better known than the values.
         """
-        stages, expected = self.stages(setting.tolerance_dn), self._expected(setting.tolerance_dn)
-        return self.illuminated(setting, SMALL).measured_moments(stages, REPLICAS, expected, self.groups)
+        stages = self.plan(setting.tolerance_dn)["stages"]
+        light = frames.Illuminated(self.windows["small"], self.exposure, setting.backend())
+        return by_level(light.measured_moments(stages, REPLICAS, self.expected(stages), self.groups))
 
 
-def theory_key(tolerance_dn: float | None) -> str:
-    """Under which the moments in theory of a plan, or of the whole chain, are kept."""
-    return "theory: " + ("whole chain" if tolerance_dn is None else f"plan {tolerance_dn:g} DN")
+def by_level(levels: Mapping[str, Mapping[str, float | list[float]]]) -> Array:
+    """Moments by light level, (3, levels) or (3, levels, sensors)."""
+    return np.array([[level[name] for level in levels.values()] for name in frames.MOMENTS])
+
+
+class Change(NamedTuple):
+    """Of mean, temporal σ and spatial σ at every light level, (3, levels) [DN], with its standard errors.
+
+    sensors : how many independent values the standard errors come from.
+    """
+
+    value_dn: Array
+    error_dn: Array
+    sensors: int
+
+    @property
+    def worst(self) -> tuple[float, float, str]:
+        """The largest change, its standard error, and what it is of."""
+        row, level = np.unravel_index(np.argmax(np.abs(self.value_dn)), self.value_dn.shape)
+        of = f"{frames.QUANTITIES[row]} of level {level + 1}"
+        return float(abs(self.value_dn[row, level])), float(self.error_dn[row, level]), of
+
+    @property
+    def chance_dn(self) -> Array:
+        """What no change reaches by chance, but in one of a thousand studies, (3, levels)."""
+        return t_limit(self.sensors - 1, FALSE_ALARM, self.value_dn.size) * self.error_dn
+
+    def within(self, tolerance_dn: float) -> bool:
+        """Whether every change is at most the tolerance, as far as the sensors can tell."""
+        return bool((np.abs(self.value_dn) <= tolerance_dn + self.chance_dn).all())
+
+
+def change(found: Array, other: Array, theory: Array, other_theory: Array) -> Change:
+    """found − other, (3, levels, sensors), of frames with equal random bits; ``other`` may be a theory, without error.
+
+    √a − √b = (a − b)/(√a + √b), with the temporal variances that the frames show and the spatial ones of theory, which
+    the frames know less well. Where a variance is not resolved, neither is its root: √a + √b is at least √|a − b| and
+    the root of the standard error.
+    """
+    off = found - (other if other.ndim == 3 else other[..., None])
+    value, error = off.mean(axis=2), off.std(axis=2, ddof=1) / np.sqrt(off.shape[2])
+    temporal = [x[1].mean(axis=-1) if x.ndim == 3 else x[1] for x in (found, other)]
+    roots = np.sqrt(np.maximum([temporal, [theory[2], other_theory[2]]], 0.0)).sum(axis=1)
+    least = np.sqrt(np.maximum(np.maximum(np.abs(value[1:]), error[1:]), np.finfo(float).tiny))
+    unit = np.concatenate([np.ones_like(value[:1]), np.maximum(roots, least)])
+    return Change(value / unit, error / unit, off.shape[2])
+
+
+class Row:
+    """One setting: its time and its errors; moments of a compiled engine are those of its twin on NumPy."""
+
+    def __init__(self, sensor: Sensor, setting: Setting) -> None:
+        kit, whole = sensor.kit, setting._replace(tolerance_dn=None)
+        turns = [kit[f"turn {k + 1} of {TURNS}, frames of every setting"] for k in range(TURNS)]
+        self.setting, self.first_s = setting, float(kit[f"first frame: {setting.name}"])
+        self.turns_ns = [1e9 * turn[setting.name] / (LARGE[0] * LARGE[1]) for turn in turns]
+        self.ns = spread(self.turns_ns)
+        self.faster = ratio(*([turn[one.name] for turn in turns] for one in (REFERENCE, setting)))
+        self.saved = spread(1 - turn[setting.name] / turn[whole.name] for turn in turns)  # of the whole chain's time
+        self.pixels: dict[str, float] = {} if setting.sampler == GENERATOR else kit[f"pixels: {setting.name}"]
+        mine, reference, uncut = (
+            kit[f"moments: {one._replace(engine='numpy').name}"] for one in (setting, REFERENCE, whole)
+        )
+        theory, of_whole = sensor.plan(setting.tolerance_dn)["moments"], sensor.plan(None)["moments"]
+        self.change = change(mine, reference, theory, of_whole)
+        self.of_plan = change(mine, uncut, theory, of_whole)  # from the whole chain in the same precision
+        self.theory = change(mine, theory, theory, theory)  # from the moments of its own stages
+        self.error_dn = max(*self.change.worst[:2], LEAST_DN)  # the largest change, or what can be told
+
+
+class Results:
+    """Rows of the settings that are here, plans by tolerance, and laws: name of a setting → mean → law."""
+
+    def __init__(self, sensor: Sensor) -> None:
+        self.absent = {engine: why for engine, why in sensor.kit["engines"].items() if why is not None}
+        self.rows = {one: Row(sensor, one) for one in sensor.settings}
+        self.plans = {dn: sensor.plan(dn) for dn in sensor.tolerances_dn}
+        key = "Poisson law, mean {:g}: {}".format
+        whole = [one.name for one in self.rows if one.tolerance_dn is None]
+        self.laws = {name: {mean: sensor.kit[key(mean, name)] for mean in MEANS} for name in whole}
+        points = [(row.ns.median, row.error_dn) for row in self.rows.values()]
+        self.front = [list(self.rows)[i] for i in pareto(points)]  # those that no other beats in time and error
+
+    def recommended(self, dn: float) -> Row:
+        """The fastest that the package offers whose frames keep within the tolerance.
+
+        Of several that cannot be told from the fastest (its upper quartile is not reached) the nearest to the
+        reference. The reference itself always keeps within it.
+        """
+        fit = [
+            row
+            for one, row in self.rows.items()
+            if one.sampler in OWN and (one.tolerance_dn is None or one.tolerance_dn <= dn) and row.change.within(dn)
+            if one.precision == "float64" or self.plans[dn]["precision"] == "float32"
+        ]
+        fastest = min(fit, key=lambda row: row.ns.median)
+        equal = [row for row in fit if row.ns.median <= fastest.ns.high]
+        return min(equal, key=lambda row: (row.change.worst[0], row.ns.median))
+
+    def requirements(self) -> Iterator[tuple[str, float, float]]:
+        """What the package says of itself: what it is about, what was found, and the limit of that."""
+        for one, row in self.rows.items():
+            if one.sampler == QUANTILE and one.tolerance_dn is None:  # where the law is farthest off
+                laws = [law for mean, law in self.laws[one.name].items() if mean <= VARIATION_UP_TO]
+                worst = max(laws, key=lambda law: law["variation"] - law["resolution"])
+                what = f"total variation up to a mean of {VARIATION_UP_TO:g}, {one.name}"
+                yield what, worst["variation"], VARIATION + worst["resolution"]
+            if one.engine == "drjit":
+                what = f"the bytes of NumPy float32, {one.name}: share of pixels"
+                yield what, row.pixels["share_of_numpy"], 0.0
+        if self.plans and self.plans[min(self.plans)]["precision"] == "float32":
+            pixels = self.rows[SINGLE].pixels
+            yield "share of pixels that float32 moves", pixels["share_of_pixels"], SHARE
+            yield "largest step that float32 makes [DN]", pixels["largest_dn"], LARGEST_DN
+        for dn in self.plans:  # at the level where it is nearest to its limit, in the plan's own precision
+            of_plan = next(row.of_plan for one, row in self.rows.items() if one.tolerance_dn == dn)
+            off, chance = np.abs(of_plan.value_dn).ravel(), of_plan.chance_dn.ravel()
+            place = np.argmax(off - chance)
+            what = f"measured change that the plan for {dn:g} DN makes [DN]"
+            yield what, float(off[place]), dn + float(chance[place])

@@ -1,198 +1,151 @@
-"""The sensor's part of the page: what to take for a tolerance, and tables and plots of error against time."""
+"""The sensor's part of the page: errors beside times, what must hold of them, and what to take for a tolerance."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
-from typing import Any
+from collections.abc import Iterator
 
 import numpy as np
 
-from ..page import Line, Mark, Plot, Section, Table, table
+from .. import frames
+from ..kit import ratio
+from ..page import Line, Mark, MarkedRow, Plot, Section, Table, table
 from . import sensor as measured
-from .samplers import GAUSSIAN, GENERATOR, QUANTILE, REFERENCE, SAMPLERS, Setting
-from .sensor_results import LEAST_DN, Planned, Results, Row
+from .render_page import line, ringed
+from .samplers import GAUSSIAN, GENERATOR, OWN, QUANTILE, REFERENCE, SAMPLERS
+from .sensor import LEAST_DN, SINGLE, Results
 
 USUAL_DN = 0.02  # the tolerance that the first finding is about, where it was tried
-NANOSECONDS = "time [ns/pixel]"
+NANOSECONDS, FASTER = "time [ns/pixel]", f"times as fast as {REFERENCE.name}"
 CHANGE = "change of mean, temporal σ or spatial σ [DN]"
-SINGLE = Setting("numpy", "float32", QUANTILE)
 
 
 def sensor_section(results: Results) -> Section:
     """Everything that was measured, in the order of reading."""
+    every = list(results.requirements())
+    off = [one for one in every if one[1] > one[2]]
     requirements = table(
         "What must hold on the sensor side",
         "what | found | limit",
-        (("good" if one.held else "bad", (one.what, one.found, one.limit)) for one in results.requirements),
+        (("bad" if one in off else "good", one) for one in every),
         "Limits of measured changes hold as many standard errors that chance fails one setting in a thousand.",
     )
-    parts = (
-        *(what_to_take(results), error_against_time(results), settings_table(results), plans_plot(results)),
-        *(plans_table(results), laws_plot(results), variation_table(results), moments_table(results), requirements),
-    )
-    held = all(one.held for one in results.requirements)
-    return Section(tuple(findings(results)), held, parts)
+    missed = [f"Not as it must be: {what} is {found:.3g}, the limit {limit:.3g}." for what, found, limit in off]
+    parts = what_to_take(results), error_against_time(results), settings_table(results), *plans_parts(results)
+    return Section((*missed, *findings(results)), not off, (*parts, *laws_parts(results), requirements))
 
 
 def findings(results: Results) -> Iterator[str]:
     """Sentences, the most important first."""
-    for one in results.requirements:
-        if not one.held:
-            yield f"Not as it must be: {one.what} is {one.found:.3g}, the limit {one.limit:.3g}."
     if results.plans:
-        yield _advice(
-            results, next((plan for plan in results.plans if plan.tolerance_dn == USUAL_DN), results.plans[0])
-        )
-    yield from _engines(results)
-    yield _samplers(results)
-    pixels = results.row(SINGLE).pixels or {}
-    share, largest_dn = 100 * pixels["share_of_pixels"], pixels["largest_dn"]
-    yield (
-        f"In float32 {share:.2g} % of the pixels are off, by up to {largest_dn:g} DN, from float64 with equal random "
-        "bits."
-    )
-
-
-def _advice(results: Results, plan: Planned) -> str:
-    row = results.recommended(plan)
-    value, error, _ = row.change.worst
-    start = (
-        f"For {plan.tolerance_dn:g} DN take {row.setting.name}: {row.ns.median:.3g} ns/pixel, "
-        f"{row.times_faster(results.reference):.3g} times as fast as {REFERENCE.name}"
-    )
-    if row.setting.tolerance_dn is None:
-        return f"{start}. No plan for this tolerance is measurably faster and as near."
-    made = next(one for one in results.plans if one.tolerance_dn == row.setting.tolerance_dn)
-    saved = results.saved(row)
-    time_saved = f"saves {100 * saved.median:.0f} % of" if saved.low > 0 else "saves nothing measurable of"
-    return (
-        f"{start}. It leaves out {len(made.left_out)} of {made.stages} stages, which {time_saved} the whole chain's "
-        f"time; mean, temporal σ and spatial σ change by at most {value:.2g} ± {error:.1g} DN."
-    )
-
-
-def _engines(results: Results) -> Iterator[str]:
-    """Every compiled engine against NumPy in float32."""
-    twin = results.row(SINGLE)
-    for row in results.rows:
-        if row.setting.compiled and row.setting == replace(SINGLE, engine=row.setting.engine):
+        yield _advice(results, USUAL_DN if USUAL_DN in results.plans else next(iter(results.plans)))
+    twin, rounded, third = (results.rows[SINGLE._replace(sampler=one)] for one in (QUANTILE, GAUSSIAN, GENERATOR))
+    for engine in frames.BACKENDS:  # the whole chain against NumPy in float32
+        if row := results.rows.get(SINGLE._replace(engine=engine)):
             yield (
-                f"The whole chain takes {row.ns.median:.3g} ns/pixel on {row.setting.engine}, "
-                f"{row.times_faster(twin):.3g} times as fast as NumPy float32 ({twin.ns.median:.3g}); their first "
-                f"frames took {row.first_s:.2g} and {twin.first_s:.2g} s."
+                f"The whole chain takes {row.ns.median:.3g} ns/pixel on {engine}, "
+                f"{ratio(twin.turns_ns, row.turns_ns):.3g} times as fast as NumPy float32 ({twin.ns.median:.3g}); "
+                f"their first frames took {row.first_s:.2g} and {twin.first_s:.2g} s."
             )
     for engine, problem in results.absent.items():
         yield f"The engine {engine} is not here: {problem}."
+    mean = min(measured.MEANS, key=lambda mean: mean != 10)
+    mine, theirs = (results.laws[one.setting.name][mean]["variation"] for one in (twin, rounded))
+    yield (
+        f"At a mean of {mean:g} the quantile law is off by {mine:.2g} (total variation), a rounded Gaussian by "
+        f"{theirs:.2g}; in frames the Gaussian saves {twin.ns.median - rounded.ns.median:.3g} ns/pixel of "
+        f"{twin.ns.median:.3g} (NumPy float32), and with NumPy's own generator they take {third.ns.median:.3g}."
+    )
+    share, largest_dn = 100 * twin.pixels["share_of_pixels"], twin.pixels["largest_dn"]
+    apart = f"{share:.2g} % of the pixels are off, by up to {largest_dn:g} DN"
+    yield f"In float32 {apart}, from float64 with equal random bits."
 
 
-def _samplers(results: Results) -> str:
-    """What a rounded Gaussian would save, and what it would cost."""
-    row, rounded, third = (results.row(replace(SINGLE, sampler=one)) for one in (QUANTILE, GAUSSIAN, GENERATOR))
-    laws, theirs = results.laws[row.setting.name], results.laws[rounded.setting.name]
-    mean = 10.0 if 10.0 in laws else next(iter(laws))
+def _advice(results: Results, dn: float) -> str:
+    row = results.recommended(dn)
+    times = f"{row.ns.median:.3g} ns/pixel, {row.faster:.3g} {FASTER}"
+    start = f"For {dn:g} DN take {row.setting.name}: {times}"
+    if row.setting.tolerance_dn is None:
+        return f"{start}. No plan for this tolerance is measurably faster and as near."
+    made, (value, error, _) = results.plans[row.setting.tolerance_dn], row.change.worst
+    saved = f"saves {100 * row.saved.median:.0f} % of" if row.saved.low > 0 else "saves nothing measurable of"
+    left = len(made["left_out"])
     return (
-        f"At a mean of {mean:g} the quantile law is off by {laws[mean]['variation']:.2g} (total variation), a rounded "
-        f"Gaussian by {theirs[mean]['variation']:.2g}; in frames the Gaussian saves "
-        f"{row.ns.median - rounded.ns.median:.3g} ns/pixel of {row.ns.median:.3g} (NumPy float32), and with NumPy's "
-        f"own generator they take {third.ns.median:.3g}."
+        f"{start}. It leaves out {left} of {left + len(made['stages'])} stages, which {saved} the whole chain's time; "
+        f"mean, temporal σ and spatial σ change by at most {value:.2g} ± {error:.1g} DN."
     )
 
 
 def what_to_take(results: Results) -> Table:
     """The recommendation for every tolerance."""
-    rows: list[tuple[Mark, Sequence[Any]]] = []
-    for plan in results.plans:
-        row = results.recommended(plan)
-        times = row.ns.median, row.times_faster(results.reference)
-        rows.append(("", (plan.tolerance_dn, row.setting.name, *times, *row.change.worst[:2])))
+    best = {dn: results.recommended(dn) for dn in results.plans}
     return table(
         "What to take for a tolerance",
-        f"tolerance [DN] | fastest that keeps it | {NANOSECONDS} | times as fast as {REFERENCE.name} | "
-        "measured change [DN] | ± standard error [DN]",
-        rows,
+        f"tolerance [DN] | fastest that keeps it | {NANOSECONDS} | {FASTER} | measured change [DN] | "
+        "± standard error [DN]",
+        (("", (dn, row.setting.name, row.ns.median, row.faster, *row.change.worst[:2])) for dn, row in best.items()),
         "The change is the largest of mean, temporal σ and spatial σ at any light level, from float64, whole chain.",
     )
 
 
 def error_against_time(results: Results) -> Plot:
     """Every setting as a point; plans share a colour, and each sampler has its own."""
-    kinds: dict[tuple[str, int], list[int]] = {}
-    for i, row in enumerate(results.rows):
-        s = row.setting
-        label = f"{s.engine} {s.precision}" + ("" if s.offered else f", {s.sampler}")
+    kinds: dict[tuple[str, int], list[tuple[float, float]]] = {}
+    for s, row in results.rows.items():
+        label = f"{s.engine} {s.precision}" + ("" if s.sampler in OWN else f", {s.sampler}")
         planned = s.tolerance_dn is not None
         kind = (f"{label}, plans", len(SAMPLERS)) if planned else (label, SAMPLERS.index(s.sampler))
-        kinds.setdefault(kind, []).append(i)
-    lines = []
-    for (label, colour), members in kinds.items():
-        rows = [results.rows[i] for i in members]
-        x, y = tuple(row.ns.median for row in rows), tuple(row.error_dn for row in rows)
-        ringed = tuple(k for k, i in enumerate(members) if i in results.front)
-        lines.append(Line(label, x, y, joined=False, colour=colour, ringed=ringed))
+        kinds.setdefault(kind, []).append((row.ns.median, row.error_dn))
+    lines = [line(label, points, joined=False, colour=own) for (label, own), points in kinds.items()]
     note = (
         "The largest change at any light level, or its standard error where that is larger, and at least "
         f"{LEAST_DN:g} DN, where the reference lies. Rings: nothing is both faster and nearer."
     )
-    return Plot("Error of the frames against time", NANOSECONDS, CHANGE, tuple(lines), note=note)
+    return Plot("Error of the frames against time", NANOSECONDS, CHANGE, ringed(lines), note=note)
 
 
 def settings_table(results: Results) -> Table:
     """Every setting with all its numbers, and what is not here."""
-    columns = (
-        f"setting | {NANOSECONDS} | quartiles [ns/pixel] | times as fast as {REFERENCE.name} | first frame [s] | "
-        "pixels that differ [%] | largest [DN] | rms [DN] | pixels that differ from NumPy float32 [%] | "
-        "change of the moments [DN] | ± [DN] | distance from theory [DN] | ± [DN]"
-    )
-    rows: list[tuple[Mark, Sequence[Any]]] = []
-    for i, row in enumerate(results.rows):
-        best: Mark = "best" if i in results.front else ""
-        rows.append((best if row.setting.offered else "dim", _settings_row(results, row)))
+    rows: list[MarkedRow] = []
+    for one, row in results.rows.items():
+        times = row.ns.median, f"{row.ns.low:.3g} … {row.ns.high:.3g}", row.faster, row.first_s
+        share, twin = (100 * row.pixels[k] if row.pixels else None for k in ("share_of_pixels", "share_of_numpy"))
+        steps = share, row.pixels.get("largest_dn"), row.pixels.get("rms_dn"), twin if one.compiled else None
+        mark: Mark = "dim" if one.sampler not in OWN else "best" if one in results.front else ""
+        rows.append((mark, (one.name, *times, *steps, *row.change.worst[:2], *row.theory.worst[:2])))
     for engine, problem in results.absent.items():
-        rows.append(("dim", (f"{engine}: not here ({problem})", *(None,) * columns.count(" | "))))
-    note = (
+        rows.append(("dim", (f"{engine}: not here ({problem})", *(None,) * (len(rows[0][1]) - 1))))
+    return table(
+        "Settings of the sensor",
+        f"setting | {NANOSECONDS} | quartiles [ns/pixel] | {FASTER} | first frame [s] | "
+        "pixels that differ [%] | largest [DN] | rms [DN] | pixels that differ from NumPy float32 [%] | "
+        "change of the moments [DN] | ± [DN] | distance from theory [DN] | ± [DN]",
+        rows,
         f"Frames of {measured.LARGE[0]} × {measured.LARGE[1]} pixels under the scene's light, in turns, each in its "
         f"own order. Pixels: one frame against {REFERENCE.name}, with equal random bits; NumPy's generator has others. "
         f"Moments: largest change of mean, temporal σ and spatial σ over {measured.LEVELS} light levels, "
         f"{measured.REPLICAS.sensors} sensors; compiled engines show NumPy's, whose bytes they share but for the "
         "pixels named. Theory: moments of the same stages. The first frame holds light, maps and, if Dr.Jit had not "
-        "compiled it before, the kernel. Grey: not offered, for comparison. Green: nothing is both faster and nearer."
+        "compiled it before, the kernel. Grey: not offered, for comparison. Green: nothing is both faster and nearer.",
     )
-    return table("Settings of the sensor", columns, rows, note)
 
 
-def _settings_row(results: Results, row: Row) -> tuple[Any, ...]:
-    pixels = row.pixels or {}
-    share, twin = pixels.get("share_of_pixels"), pixels.get("share_of_numpy")
-    times = row.ns.median, f"{row.ns.low:.3g} … {row.ns.high:.3g}", row.times_faster(results.reference), row.first_s
-    steps = None if share is None else 100 * share, pixels.get("largest_dn"), pixels.get("rms_dn")
-    differ = 100 * twin if twin is not None and row.setting.compiled else None
-    return (row.setting.name, *times, *steps, differ, *row.change.worst[:2], *row.theory.worst[:2])
-
-
-def plans_plot(results: Results) -> Plot:
-    """What every tolerance buys, a line per engine."""
-    planned = [row for row in results.rows if row.setting.tolerance_dn is not None]
-    lines = []
-    for engine in dict.fromkeys(row.setting.engine for row in planned):
-        rows = [row for row in planned if row.setting.engine == engine]
-        lines.append(Line(engine, tuple(row.error_dn for row in rows), tuple(row.ns.median for row in rows)))
-    note = f"Plans for {', '.join(f'{plan.tolerance_dn:g}' for plan in results.plans)} DN."
-    return Plot("What a tolerance buys", f"measured {CHANGE}", NANOSECONDS, tuple(lines), log_y=False, note=note)
-
-
-def plans_table(results: Results) -> Table:
-    """Every plan: what it leaves out, what theory and frames say of it, what it saves."""
-    rows: list[tuple[Mark, Sequence[Any]]] = []
-    for plan in results.plans:
-        for row in (row for row in results.rows if row.setting.tolerance_dn == plan.tolerance_dn):
-            saved, name = results.saved(row), f"{row.setting.engine} {row.setting.precision}"
-            predicted = plan.worst_pixel_dn, float(np.abs(plan.predicted).max())
-            times = row.ns.median, 100 * saved.median, f"{100 * saved.low:.0f} … {100 * saved.high:.0f}"
-            mark: Mark = "" if row.of_plan.within(plan.tolerance_dn) else "bad"
-            left_out = ", ".join(plan.left_out)
-            rows.append((mark, (plan.tolerance_dn, name, left_out, *predicted, *row.of_plan.worst, *times)))
-    return table(
+def plans_parts(results: Results) -> tuple[Plot, Table]:
+    """What every tolerance buys, a line per engine; and what each plan leaves out, changes and saves."""
+    lines: dict[str, list[tuple[float, float]]] = {}
+    rows: list[MarkedRow] = []
+    for s, row in results.rows.items():
+        if s.tolerance_dn is not None:
+            lines.setdefault(s.engine, []).append((row.error_dn, row.ns.median))
+            mark: Mark = "" if row.of_plan.within(s.tolerance_dn) else "bad"
+            made = results.plans[s.tolerance_dn]
+            what = s.tolerance_dn, f"{s.engine} {s.precision}", ", ".join(made["left_out"])
+            predicted = made["worst_pixel_dn"], float(np.abs(made["predicted_dn"]).max())
+            times = row.ns.median, 100 * row.saved.median, f"{100 * row.saved.low:.0f} … {100 * row.saved.high:.0f}"
+            rows.append((mark, (*what, *predicted, *row.of_plan.worst, *times)))
+    drawn = tuple(line(engine, points) for engine, points in lines.items())
+    note = f"Plans for {', '.join(f'{dn:g}' for dn in results.plans)} DN."
+    plot = Plot("What a tolerance buys", f"measured {CHANGE}", NANOSECONDS, drawn, log_y=False, note=note)
+    return plot, table(
         "Plans",
         "tolerance [DN] | engine | left out | predicted, worst pixel [DN] | predicted, worst level [DN] | "
         f"measured, worst level [DN] | ± [DN] | of what | {NANOSECONDS} | time saved [%] | quartiles [%]",
@@ -202,60 +155,43 @@ def plans_table(results: Results) -> Table:
     )
 
 
-Laws = Mapping[float, Mapping[str, Any]]
+def laws_parts(results: Results) -> tuple[Plot, Table, Table]:
+    """How far the samplers' laws are from Poisson's: total variation, drawn and in numbers, and the lowest moments."""
+    every = {name: list(laws.values()) for name, laws in results.laws.items()}
+    names = list(every)
+    distinct = {name: laws for k, (name, laws) in enumerate(every.items()) if laws not in [every[n] for n in names[:k]]}
+    headings = " | ".join(f"mean {mean:g}" for mean in measured.MEANS)
 
+    def drawn(label: str, name: str, what: str) -> Line:
+        values = [law[what] for law in every[name]]
+        return line(label, [*zip(measured.MEANS, values, strict=True)], dashed=name.endswith(GENERATOR))
 
-def distinct_laws(results: Results) -> list[tuple[str, Laws]]:
-    """Laws by name, without those that are an earlier one once more: engines that share their bytes."""
-    seen: list[tuple[str, Laws]] = []
-    for name, laws in results.laws.items():
-        if laws not in [one for _, one in seen]:
-            seen.append((name, laws))
-    return seen
-
-
-def laws_plot(results: Results) -> Plot:
-    """Total variation against the mean, a line per sampler."""
-    lines = []
-    for name, laws in distinct_laws(results):
-        dashed, means = name.endswith(GENERATOR), tuple(laws)
-        lines.append(Line(name, means, tuple(float(law["variation"]) for law in laws.values()), dashed=dashed))
-        if dashed:
-            chance = tuple(float(law["resolution"]) for law in laws.values())
-            lines.append(Line("as many exact draws, by chance", means, chance, dashed=True))
-    note = (
-        "Over all 2^32 random bits, by bisection; a generator that has a state by 2 million draws, whose distance from "
-        "the law is then chance."
+    lines = [drawn(name, name, "variation") for name in distinct]
+    third = next(name for name in distinct if name.endswith(GENERATOR))
+    plot = Plot(
+        "Distance of the drawn law from Poisson's",
+        "mean [events]",
+        "total variation ½Σ|p − q|",
+        (*lines, drawn("as many exact draws, by chance", third, "resolution")),
+        note="Over all 2^32 random bits, by bisection; a generator that has a state by 2 million draws, whose distance "
+        "from the law is then chance.",
     )
-    title, x_label, y_label = "Distance of the drawn law from Poisson's", "mean [events]", "total variation ½Σ|p − q|"
-    return Plot(title, x_label, y_label, tuple(lines), note=note)
-
-
-def variation_table(results: Results) -> Table:
-    """The same in numbers."""
-    laws = {name: [law["variation"] for law in laws.values()] for name, laws in results.laws.items()}
-    laws["resolution"] = [law["resolution"] for law in results.laws[REFERENCE.name].values()]
-    return table(
+    values = {name: [law["variation"] for law in laws] for name, laws in every.items()}
+    values["resolution"] = [law["resolution"] for law in every[REFERENCE.name]]
+    variations = table(
         "Total variation from the Poisson law of each mean",
-        f"sampler | {_means(results)}",
-        (("", (name, *values)) for name, values in laws.items()),
+        f"sampler | {headings}",
+        (("", (name, *laws)) for name, laws in values.items()),
         "Resolution: the counts that are drawn at all, over 2^32 random bits.",
     )
-
-
-def moments_table(results: Results) -> Table:
-    """Relative errors of mean, variance and skewness."""
-    return table(
-        "Relative errors of mean, variance and skewness of the drawn laws",
-        f"sampler | of | {_means(results)}",
-        (
-            ("", (name, quantity, *(law[quantity] for law in laws.values())))
-            for name, laws in distinct_laws(results)
-            for quantity in ("mean", "variance", "skewness")
+    of = "mean", "variance", "skewness"
+    return (
+        plot,
+        variations,
+        table(
+            "Relative errors of mean, variance and skewness of the drawn laws",
+            f"sampler | of | {headings}",
+            (("", (name, what, *(law[what] for law in laws))) for name, laws in distinct.items() for what in of),
+            "Skewness is compared with λ^-½; a single value has none. Those of the generator are chance.",
         ),
-        "Skewness is compared with λ^-½; a single value has none. Those of the generator are chance.",
     )
-
-
-def _means(results: Results) -> str:
-    return " | ".join(f"mean {mean:g}" for mean in next(iter(results.laws.values())))

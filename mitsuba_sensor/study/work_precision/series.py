@@ -1,4 +1,4 @@
-"""One way to render a scene, loaded, with its passes timed one by one.
+"""The ways to render a scene that are compared, and a scene loaded in one of them, its passes timed one by one.
 
 What is compared changes one thing at a time about what the package does by itself: sampler, samples per pass, variant,
 or how the bands share light paths.
@@ -7,15 +7,15 @@ or how the bands share light paths.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ...core.errors import InputError
-from ...core.signals import Photons
+from ...core import Float64Array, InputError, NumpyArray, Photons
+from ...core.llvm import backend_problem
 from ...render.bands import GROUP, NARROWEST_NM, Bands
 from ...render.passes import SAMPLER, hashed_seed
 from ...render.photons import photons_per_irradiance
@@ -23,7 +23,6 @@ from ...render.prepared import PreparedRender
 from ...render.scene import Scene
 from ...render.stop_criterion import PASS_SPP, StopCriterion
 from ...render.variants import Variant, choose_variant, mitsuba
-from ..statistics import Array
 from ..subject import Subject
 
 SAMPLERS = {"independent": 16, "stratified": 16, "orthogonal": 25, "ldsampler": 16}
@@ -32,105 +31,71 @@ SIZES = (4, 64, 256)  # samples per pass beside the package's first 16 (render/s
 ORDER = ("cuda", "llvm", "scalar")
 """Of the back ends, the quickest first, as :func:`render.variants.choose_variant` has it."""
 
-Take = Callable[[float, Array | None, Array], None]
-"""What is called with every pass: its seconds, its irradiance (H, W, B) or None, its electrons (H, W)."""
+Take = Callable[[float, NumpyArray, Float64Array], None]
+"""What is called with every pass: its seconds, its irradiance (H, W, B), its electrons (H, W)."""
 
 
-@dataclass(frozen=True)
-class Setting:
-    """One way to render.
-
-    banding : "auto", "cube" or "channels" as in :func:`mitsuba_sensor.render`; "loop", one render per band.
-    """
+class Setting(NamedTuple):
+    """One way to render."""
 
     variant: str
     sampler: str = SAMPLER
     samples: int = PASS_SPP
-    banding: str = "auto"
+    banding: str = "auto"  # or "cube" or "channels" as in :func:`mitsuba_sensor.render`; "loop", one render per band
 
     @property
     def key(self) -> str:
         """All of it, for measurements."""
-        return f"{self.variant} {self.sampler} {self.samples} {self.banding}"
+        return " ".join(map(str, self))
 
     def label(self, base: Setting) -> str:
         """What differs from the base setting."""
         banding = "band by band" if self.banding == "loop" else self.banding
-        own = {"variant": self.variant, "sampler": self.sampler, "samples": f"{self.samples} per pass"}
-        own["banding"] = banding
-        return ", ".join(own[name] for name in own if getattr(self, name) != getattr(base, name)) or "as shipped"
-
-
-@dataclass(frozen=True, eq=False)
-class Layers:
-    """What the layers of a picture are.
-
-    wavelengths_nm, photons : (B,), centre of each and photons per irradiance.  detected : whether they are colour
-    filters, whose electrons are counted.  origin : (row, column) of the first pixel on the sensor.
-    """
-
-    wavelengths_nm: Array
-    photons: Array
-    detected: bool
-    origin: tuple[int, int]
-
-    def light(self, irradiance: NDArray[Any] | None, electrons: Array) -> Photons:
-        """The light as :func:`mitsuba_sensor.collect` has it; of channels each pixel's own electrons."""
-        if self.detected or irradiance is None:
-            mean = np.repeat(electrons[..., None], self.wavelengths_nm.size, axis=-1)
-            return Photons(mean, self.wavelengths_nm, detected=True, origin=self.origin)
-        return Photons(irradiance * self.photons, self.wavelengths_nm, origin=self.origin)
+        texts = self.variant, self.sampler, f"{self.samples} per pass", banding
+        return (
+            ", ".join(text for text, mine, other in zip(texts, self, base, strict=True) if mine != other)
+            or "as shipped"
+        )
 
 
 class Series:
-    """A setting with its scene loaded.
+    """A setting with its scene loaded, ready to render; nothing is compiled yet.
 
-    samples : per pixel, pass and group of bands.  groups : of bands rendered apart.
-    shape : (rows, columns).  layers : of its pictures.
+    Let the one before go first: Mitsuba's kernels know the materials of every scene that is loaded, and each makes a
+    pass longer.
+    groups : of bands rendered apart.  shape : (rows, columns).
     """
 
     def __init__(self, subject: Subject, setting: Setting) -> None:
-        self._subject, self._setting, self.samples = subject, setting, setting.samples
-        self.job = job = self._loaded(spectral="auto" if setting.banding == "loop" else setting.banding)
-        self.bands, self.groups = job.bands, len(job.bands.groups)
+        self.setting, self.loop = setting, setting.banding == "loop"
+        self._loaded = partial(subject.job_with, sampler=setting.sampler, variant=setting.variant)
+        self.job = job = self._loaded(spectral="auto" if self.loop else setting.banding)
+        self.bands, self.groups = job.bands, len(job.bands if self.loop else job.bands.groups)
         assert isinstance(job.scene, Scene)  # nothing moves
         self.scene = job.scene
         (columns, rows), (column, row) = job.scene.view.crop_size, job.scene.view.crop_offset
-        self.shape = rows, columns
-        centres_nm, widths_nm = np.array(job.bands.wavelengths_nm), np.array(job.bands.bandwidths_nm)
-        photons = photons_per_irradiance(subject.camera, subject.exposure, centres_nm, widths_nm)
-        self.layers = Layers(centres_nm, photons, job.bands.kind == "channels", (row, column))
+        self.shape, self._origin = (rows, columns), (row, column)
+        self._centres_nm, widths_nm = np.array(job.bands.wavelengths_nm), np.array(job.bands.bandwidths_nm)
+        self._photons = photons_per_irradiance(subject.camera, subject.exposure, self._centres_nm, widths_nm)
+        if self.loop:
+            del self.job, self.scene
 
-    def _loaded(self, **options: Any) -> PreparedRender:
-        return self._subject.job_with(sampler=self._setting.sampler, variant=self._setting.variant, **options)
-
-    @property
-    def samples_per_pass(self) -> int:
-        """Light paths per pixel of one pass through all bands."""
-        return self.samples * self.groups
+    def light(self, irradiance: NumpyArray, electrons: Float64Array) -> Photons:
+        """The light as :func:`mitsuba_sensor.collect` has it; of channels each pixel's own electrons."""
+        detected, centres_nm = self.bands.kind == "channels", self._centres_nm
+        mean = np.repeat(electrons[..., None], centres_nm.size, axis=-1) if detected else irradiance * self._photons
+        return Photons(mean, centres_nm, detected=detected, origin=self._origin)
 
     def each_pass(self, seed: int, passes: int, take: Take) -> None:
         """Render so many passes; what ``take`` does is not timed."""
-        if self.layers.detected:
-            one_by_one(self.job, seed, StopCriterion(passes, self.samples), lambda s, _, e: take(s, None, e))
+        if self.loop:
+            self._band_by_band(seed, passes, take)
         else:
-            one_by_one(self.job, seed, StopCriterion(passes, self.samples, grouped=self.groups > 1), take)
+            one_by_one(self.job, seed, StopCriterion(passes, self.setting.samples, grouped=self.groups > 1), take)
 
-    def warm(self) -> None:
-        """Compile, or fetch what is compiled."""
-        self.each_pass(0, 1, lambda *_: None)
-
-
-class BandByBand(Series):
-    """One render per band, one after the other; each scene is let go before the next is loaded."""
-
-    def __init__(self, subject: Subject, setting: Setting) -> None:
-        super().__init__(subject, setting)
-        del self.job, self.scene
-        self.groups = len(self.bands)
-
-    def each_pass(self, seed: int, passes: int, take: Take) -> None:
-        """All passes of a band are rendered together, as one would, and handed on when all bands are."""
+    def _band_by_band(self, seed: int, passes: int, take: Take) -> None:
+        """One render per band; each scene is let go before the next is loaded. All passes of a band are rendered
+        together, as one would, and handed on when all bands are."""
         seconds, electrons = np.zeros(passes), np.zeros((passes, *self.shape))
         layers = np.zeros((passes, *self.shape, len(self.bands)), np.float32)
         for k in range(len(self.bands)):
@@ -139,38 +104,23 @@ class BandByBand(Series):
                 job = self._loaded(spectral="auto", wavelength_nm=centre, bandwidth_nm=width)
             except InputError:  # no light in this band, which alone is refused: the scene was loaded before
                 continue
-            number = iter(range(passes))
-
-            def one(pass_s: float, layer: Any, counted: Array, k: int = k, number: Iterator[int] = number) -> None:
-                at = next(number)
-                seconds[at] += pass_s
-                electrons[at] += counted
-                layers[at, ..., k] = layer[..., 0]
-
-            one_by_one(job, 0, StopCriterion(1, self.samples), lambda *_: None)  # compiles
-            one_by_one(job, hashed_seed(seed, k, 0), StopCriterion(passes, self.samples), one)
-        for at in range(passes):
-            take(float(seconds[at]), layers[at].astype(np.float64), electrons[at])
-
-    def warm(self) -> None:
-        """Every band does it anew."""
-
-
-def loaded(subject: Subject, setting: Setting) -> Series:
-    """The setting, ready to render; nothing is compiled yet.
-
-    Let the one before go first: Mitsuba's kernels know the materials of every scene that is loaded, and each makes a
-    pass longer.
-    """
-    return (BandByBand if setting.banding == "loop" else Series)(subject, setting)
+            one_by_one(job, 0, StopCriterion(1, self.setting.samples), lambda *_: None)  # compiles
+            found: list[tuple[float, NumpyArray, Float64Array]] = []
+            criterion = StopCriterion(passes, self.setting.samples)
+            one_by_one(job, hashed_seed(seed, k, 0), criterion, lambda *one, into=found: into.append(one))
+            seconds += [one[0] for one in found]
+            layers[..., k] = [one[1][..., 0] for one in found]
+            electrons += [one[2] for one in found]
+        for pass_s, layer, counted in zip(seconds, layers, electrons, strict=True):
+            take(float(pass_s), layer.astype(np.float64), counted)
 
 
 def one_by_one(job: PreparedRender, seed: int, criterion: StopCriterion, take: Take) -> None:
     """The package's own render, whose running means are taken apart into passes."""
-    renderer, sums = job.renderer, list[Any]([0.0, 0.0])
+    renderer, sums = job.renderer, list[NumpyArray | float]([0.0, 0.0])
     began = time.perf_counter()
 
-    def look(*_: Any) -> float:
+    def look(*_: object) -> float:
         nonlocal began
         seconds = time.perf_counter() - began
         means = np.concatenate([strip.bands.mean for strip in renderer.strips]), renderer.electrons()[0]
@@ -184,20 +134,57 @@ def one_by_one(job: PreparedRender, seed: int, criterion: StopCriterion, take: T
     renderer.run(seed, criterion, lambda step: None, look)
 
 
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Passes that follow each other, as one render.
+
+    irradiance : mean, (H, W, B) [W m⁻² nm⁻¹].  electrons : mean, (H, W).  squares : Σ (pass − mean)², (H, W).
+    """
+
+    passes: int
+    seconds: float
+    irradiance: NumpyArray
+    electrons: Float64Array
+    squares: Float64Array | float = 0.0
+
+    def __add__(self, other: Block) -> Block:
+        """Two blocks of one size as one."""
+        squares = self.squares + other.squares + 0.5 * self.passes * (self.electrons - other.electrons) ** 2
+        means = 0.5 * (self.irradiance + other.irradiance), 0.5 * (self.electrons + other.electrons)
+        return Block(2 * self.passes, self.seconds + other.seconds, *means, squares)
+
+    @property
+    def variance_e2(self) -> Float64Array:
+        """Of the mean electrons, as the passes' spread tells, (H, W)."""
+        return np.asarray(self.squares / (self.passes * (self.passes - 1)))
+
+
+def in_blocks(whole: Callable[[Block], None]) -> Take:
+    """Takes passes and joins them into blocks of 1, 2, 4, …; hands each on as it is whole; few are held at a time."""
+    waiting: dict[int, Block] = {}
+
+    def take(seconds: float, irradiance: NumpyArray, electrons: Float64Array) -> None:
+        block = Block(1, seconds, irradiance, electrons)
+        whole(block)
+        while (first := waiting.pop(block.passes, None)) is not None:
+            block = first + block
+            whole(block)
+        waiting[block.passes] = block
+
+    return take
+
+
 def usable_variants(asked: Sequence[str] | None) -> tuple[Variant, ...]:
     """The variants that are asked for, else all spectral ones that work here, the quickest first. Raises InputError."""
-    if asked is not None:
-        if isinstance(asked, str) or not asked:
-            raise InputError(f"variants is {asked!r}; pass a list of names, e.g. ['scalar_spectral'], or None for all.")
-        return tuple(dict.fromkeys(choose_variant(name) for name in asked))
-    found = []
-    for name in mitsuba().variants():
-        if name.endswith("_spectral"):
-            try:
-                found.append(choose_variant(name))
-            except InputError:  # its back end is not there
-                continue
-    return tuple(sorted(found, key=lambda variant: (ORDER.index(variant.backend), "_ad_" in variant.name)))
+    if isinstance(asked, str) or (asked is not None and not asked):
+        raise InputError(f"variants is {asked!r}; pass a list of names, e.g. ['scalar_spectral'], or None for all.")
+    if asked is None:
+        there = sorted(
+            (name for name in mitsuba().variants() if name.endswith("_spectral")), key=lambda name: "_ad_" in name
+        )
+        here = [backend for backend in ORDER if backend_problem(backend) is None]
+        asked = [name for backend in here for name in there if name.startswith(backend)]
+    return tuple(dict.fromkeys(map(choose_variant, asked)))
 
 
 def all_settings(base: Setting, variants: Sequence[Variant], bands: Bands, channels: bool) -> tuple[Setting, ...]:
@@ -206,8 +193,8 @@ def all_settings(base: Setting, variants: Sequence[Variant], bands: Bands, chann
     there = {"cube": len(bands) > GROUP, "channels": channels, "loop": separate}
     return (
         base,
-        *(replace(base, sampler=sampler, samples=samples) for sampler, samples in SAMPLERS.items()),
-        *(replace(base, samples=samples) for samples in SIZES),
-        *(replace(base, variant=variant.name) for variant in variants[1:]),
-        *(replace(base, banding=banding) for banding, usable in there.items() if usable),
+        *(base._replace(sampler=sampler, samples=samples) for sampler, samples in SAMPLERS.items()),
+        *(base._replace(samples=samples) for samples in SIZES),
+        *(base._replace(variant=variant.name) for variant in variants[1:]),
+        *(base._replace(banding=banding) for banding, usable in there.items() if usable),
     )
