@@ -34,10 +34,10 @@ from mitsuba_sensor.study.work_precision import errors as errors_module
 from mitsuba_sensor.study.work_precision import render as render_module
 from mitsuba_sensor.study.work_precision import series as series_module
 from mitsuba_sensor.study.work_precision import work_precision
-from mitsuba_sensor.study.work_precision.errors import FEWEST_COMPENSATED, Block, in_blocks
+from mitsuba_sensor.study.work_precision.errors import FEWEST_COMPENSATED, Ladder
 from mitsuba_sensor.study.work_precision.render import Render
-from mitsuba_sensor.study.work_precision.results import Choice, Ladder, Result, corrected, predict, sample_counts
-from mitsuba_sensor.study.work_precision.series import Series, Setting, all_settings, usable_variants
+from mitsuba_sensor.study.work_precision.results import SAMPLE_COUNTS, Choice, Result, corrected, predict
+from mitsuba_sensor.study.work_precision.series import Block, Series, Setting, all_settings, in_blocks, usable_variants
 
 FLOOR = (
     '<shape type="rectangle"><transform name="to_world"><scale value="9"/></transform><bsdf type="diffuse">'
@@ -51,7 +51,6 @@ TELECENTRIC = """<sensor type="orthographic">{more}
 CAMERA = ms.load_camera("bayer_2mp")
 EXPOSURE = ms.Exposure(0.05)
 PASSES, SEEDS = 32, 3
-Pass = NDArray[np.float64]
 
 
 def mosaic() -> ms.Camera:
@@ -100,10 +99,8 @@ def studied(floor: Path, quick: None) -> Studied:
 def test_blocks_are_the_means_and_variances_of_their_passes() -> None:
     """Of 8 passes 8, 4, 2 and 1 blocks; NumPy says what is in them."""
     rng = np.random.default_rng(1)
-    passes, blocks = rng.normal(5, 1, size=(8, 3, 2)), list[Block]()
-    joined = in_blocks(blocks.append)
-    for k, electrons in enumerate(passes):
-        joined(0.1 * (k + 1), electrons[..., None] * 2, electrons)
+    passes = rng.normal(5, 1, size=(8, 3, 2))
+    blocks = list(in_blocks(Block(1, 0.1 * (k + 1), one[..., None] * 2, one) for k, one in enumerate(passes)))
     assert sorted(block.passes for block in blocks) == [1] * 8 + [2] * 4 + [4] * 2 + [8]
     last = blocks[-1]
     assert last.seconds == pytest.approx(3.6)
@@ -118,11 +115,8 @@ def slope_of_blocks(runs: list[NDArray[np.float64]]) -> Any:
     found = []
     for passes in runs:
         squares = dict[int, list[float]]()
-        joined = in_blocks(
-            lambda block, into=squares: into.setdefault(block.passes, []).append(np.mean(block.electrons**2))
-        )
-        for electrons in passes:
-            joined(1.0, electrons[:, None], electrons)
+        for block in in_blocks(Block(1, 1.0, electrons, electrons) for electrons in passes):
+            squares.setdefault(block.passes, []).append(float(np.mean(block.electrons**2)))
         found.append((list(squares), [math.sqrt(np.mean(many)) for many in squares.values()]))
     return slope_of_runs(found)
 
@@ -246,7 +240,7 @@ def test_both_sides_make_one_study_and_the_frames_get_the_light_of_the_reference
     seen = list[Any]()
 
     class Frames:
-        def __init__(self, kit: Kit, camera: Any, exposure: Any, photons: Any) -> None:
+        def __init__(self, kit: Kit, subject: Subject, photons: Any) -> None:
             seen.append(photons)
 
         def measure(self) -> None:
@@ -299,9 +293,8 @@ def test_band_by_band_finds_the_light_of_all_bands_together(floor: Path) -> None
     """Two ways to the same mean: over the picture within 1 %, five standard errors of 16 samples in 384 pixels."""
     subject, means = Subject(floor, mosaic(), EXPOSURE), list[NDArray[np.float64]]()
     for banding in ("auto", "loop"):
-        series, kept = Series(subject, Setting("scalar_spectral", banding=banding)), list[Pass]()
-        series.each_pass(5, 2, lambda seconds, irradiance, electrons, into=kept: into.append(irradiance))
-        means.append(np.mean(kept, axis=(0, 1, 2)))
+        series = Series(subject, Setting("scalar_spectral", banding=banding))
+        means.append(np.mean([block.irradiance for block in series.passes(5, 2)], axis=(0, 1, 2)))
     np.testing.assert_allclose(means[0], means[1], rtol=0.01)
 
 
@@ -344,7 +337,7 @@ def test_a_missed_tolerance_asks_for_the_samples_that_its_error_says() -> None:
     """Twice the error: four times the samples and a margin, rounded up to what is tried."""
     choice = Choice("auto", 512, False, "scalar_spectral", True, 1.0, 0.01)
     more = corrected(choice, 0.02, 0.01)
-    assert more.spp == next(count for count in sample_counts() if count >= 4 * 1.1 * 512)
+    assert more.spp == next(count for count in SAMPLE_COUNTS if count >= 4 * 1.1 * 512)
     assert more.options == f"--spp {more.spp} --spectral auto"
 
 

@@ -28,6 +28,7 @@ from mitsuba_sensor.study import kit as study_kit
 from mitsuba_sensor.study.frames import Replicas, averages, expected_moments, resized
 from mitsuba_sensor.study.kit import Kit, Step, one_turn, ratio, spread
 from mitsuba_sensor.study.page import Plot, Section, Table
+from mitsuba_sensor.study.subject import Subject
 from mitsuba_sensor.study.work_precision import sensor as measured
 from mitsuba_sensor.study.work_precision.samplers import (
     EXACT,
@@ -43,10 +44,11 @@ from mitsuba_sensor.study.work_precision.samplers import (
     law_of,
     law_of_counts,
 )
-from mitsuba_sensor.study.work_precision.sensor import Change, Results, Sensor, by_level, change
+from mitsuba_sensor.study.work_precision.sensor import Results, Sensor, by_level, change
 from mitsuba_sensor.study.work_precision.sensor_page import findings, sensor_section
 
 CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.1)
+SUBJECT = Subject("", CAMERA, EXPOSURE)
 LIGHT = as_photons(np.geomspace(3.0, 40_000.0, 24 * 32).reshape(24, 32), CAMERA)
 NUMPY = {sampler: Setting("numpy", "float32", sampler) for sampler in (QUANTILE, GAUSSIAN, MEAN_ONLY, GENERATOR)}
 DOCS = ROOT / "docs" / "backends.md"
@@ -161,7 +163,7 @@ def test_only_exact_and_quantile_are_offered() -> None:
 @pytest.fixture
 def sensor(monkeypatch: pytest.MonkeyPatch) -> Sensor:
     monkeypatch.setattr(measured, "LARGE", (192, 256))
-    return Sensor(Kit(), CAMERA, EXPOSURE, LIGHT, TOLERANCES_DN)
+    return Sensor(Kit(), SUBJECT, LIGHT, TOLERANCES_DN)
 
 
 def planned(sensor: Sensor, here: list[str], precisions: dict[float, str]) -> list[Setting]:
@@ -191,10 +193,10 @@ def test_with_equal_random_bits_drjit_and_numpy_differ_nowhere(
 def test_a_kernel_that_differs_from_numpy_is_found_out(sensor: Sensor, monkeypatch: pytest.MonkeyPatch) -> None:
     """One pixel in four differs from NumPy, and that is 3 DN off."""
 
-    def frame(_: Sensor, setting: Setting) -> Any:
-        return np.array([[3 if setting.compiled else 0, 0], [0, 0]])
+    def stream(_: Sensor, setting: Setting) -> Any:
+        return iter([np.array([[3 if setting.compiled else 0, 0], [0, 0]])])
 
-    monkeypatch.setattr(Sensor, "frame", frame)
+    monkeypatch.setattr(Sensor, "stream", stream)
     found = sensor.pixels(Setting("drjit", "float32", QUANTILE))
     assert found == {"share_of_pixels": 0.25, "largest_dn": 3.0, "rms_dn": 1.5, "share_of_numpy": 0.25}
 
@@ -210,7 +212,7 @@ def test_the_reference_differs_from_itself_nowhere_and_float32_hardly(sensor: Se
 def test_frames_of_the_study_are_those_of_the_package(sensor: Sensor) -> None:
     large = resized(LIGHT, measured.LARGE)
     frame = ms.expose(large, CAMERA, EXPOSURE, engine="numpy", precision="float64").digital[0]
-    np.testing.assert_array_equal(sensor.frame(REFERENCE), frame)
+    np.testing.assert_array_equal(next(sensor.stream(REFERENCE)), frame)
 
 
 def test_a_scene_fills_a_window_of_any_size_with_its_own_light() -> None:
@@ -291,8 +293,9 @@ def test_a_variance_that_is_not_resolved_has_a_root_that_is_not() -> None:
 
 
 def test_the_limit_is_that_of_students_t_for_all_values_together() -> None:
-    off = Change(np.zeros((3, 5)), np.ones((3, 5)), 32)
-    assert 2 * 15 * stats.t.sf(off.chance_dn[0, 0], 31) == pytest.approx(1e-3)
+    found, theory = np.random.default_rng(2).normal(9, 1, (3, 5, 32)), np.full((3, 5), 9.0)
+    off = change(found, theory, theory, theory)
+    np.testing.assert_allclose(2 * 15 * stats.t.sf(off.chance_dn / off.error_dn, 31), 1e-3)
 
 
 # The kit
@@ -358,7 +361,7 @@ Known = dict[str, Any]
 
 
 def results_of(known: Known, told: Any = None) -> Results:
-    sensor = Sensor(Kit(known, told), CAMERA, EXPOSURE, LIGHT, TOLERANCES_DN)
+    sensor = Sensor(Kit(known, told), SUBJECT, LIGHT, TOLERANCES_DN)
     sensor.measure()
     return Results(sensor)
 
@@ -486,9 +489,9 @@ def test_findings_are_sentences_with_numbers(known: Known) -> None:
 @pytest.mark.parametrize("bad", [-0.1, math.nan])
 def test_a_tolerance_below_zero_is_refused(bad: float) -> None:
     with pytest.raises(InputError, match="tolerances_dn"):
-        Sensor(Kit(), CAMERA, EXPOSURE, LIGHT, (bad,))
+        Sensor(Kit(), SUBJECT, LIGHT, (bad,))
 
 
 def test_photons_that_expose_would_refuse_are_refused() -> None:
     with pytest.raises(InputError, match="photons"):
-        Sensor(Kit(), CAMERA, EXPOSURE, np.full((2, 2), -1.0))  # type: ignore[arg-type]
+        Sensor(Kit(), SUBJECT, np.full((2, 2), -1.0))  # type: ignore[arg-type]

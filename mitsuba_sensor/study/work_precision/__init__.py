@@ -39,7 +39,7 @@ def work_precision(
         render.measure()
         sections.append(render_section(render))
     if "sensor" in sides:
-        sensor = Sensor(kit, subject.camera, subject.exposure, render.photons())
+        sensor = Sensor(kit, subject, render.photons())
         sensor.measure()
         sections.append(sensor_section(Results(sensor)))
     title = f"Error against run time: {os.path.basename(subject.scene)}, {subject.camera.name}"

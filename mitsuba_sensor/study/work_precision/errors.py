@@ -22,9 +22,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import Exposure, Frame, InputError, Photons, SensorWindow
+from ...core import Exposure, Frame, Photons, SensorWindow
 from ...render.aovs import denoising_guides
 from ...render.denoise import smoothed
+from ...render.irradiance import Irradiance
 from ...render.passes import Welford
 from ...render.per_frame import NOISIEST, TARGET, UNCOMPENSATED
 from ...render.statistics import median_bias
@@ -39,14 +40,9 @@ from .series import Block, Series, Setting, in_blocks
 
 REFERENCE_S = 15.0  # seconds that each reference may take, as its first passes tell
 FEWEST_PASSES = 8  # of a reference: its variance is the spread of its passes, averaged over all pixels
-SAMPLES, SAMPLES_OF_FOUR = (
-    256,
-    64,
-)  # per pass, of all bands together and of four at a time (benchmarks/render_passes.py)
+SAMPLES, SAMPLES_OF_FOUR = 256, 64  # per pass, of all bands and of four at a time (benchmarks/render_passes.py)
 SEED = 0  # of the references; runs have 1, 2, …
-DARKEST = (
-    0.1  # of the mean: errors of darker pixels are relative to this level, or those in the dark would be all of it
-)
+DARKEST = 0.1  # of the mean: errors of darker pixels are relative to this level, or they would be all of it
 STEP = 0.01  # relative step of the light by which the slope of the digital numbers is found
 PILOT = 8  # passes whose spread tells how noisy one is
 FEWEST_COMPENSATED = 8  # passes from which a variance can be compensated: 7 degrees of freedom (render/per_frame.py)
@@ -64,14 +60,10 @@ Rung = dict[str, float]
 
 
 class Reference(NamedTuple):
-    """A render with many samples: irradiance (H, W, B) [W m⁻² nm⁻¹] and electrons (H, W), with their variances."""
+    """A render with many samples, its photons for :func:`mitsuba_sensor.expose`, and its electrons (H, W)."""
 
-    passes: int
-    samples_per_pixel: int
-    seconds: float
-    photons: Photons  # the same light, for :func:`mitsuba_sensor.expose`
-    irradiance: Array
-    variance: Array
+    light: Irradiance
+    photons: Photons
     electrons: Array
     variance_e2: Array
 
@@ -87,11 +79,12 @@ class Target:
     def __init__(self, subject: Subject, references: Mapping[str, Reference], banding: str) -> None:
         self.subject, self.own = subject, references["channels" if banding == "channels" else "auto"]
         self.bands = self.own if banding == "channels" else references.get("cube", self.own)
-        lit, full_well_e = self.own.electrons > 0, subject.camera.pixel.full_well_e
+        lit = (self.own.electrons > 0) & np.isfinite(self.own.photons.total)
+        full_well_e = subject.camera.pixel.full_well_e
         seen = lit & (self.own.electrons + mean_dark_e(subject.camera, subject.exposure) < full_well_e)
         self.seen = seen if seen.any() else lit
         self._mean_e = float(self.own.electrons[self.seen].mean())
-        self._mean_of_band = self.own.irradiance[self.seen].mean(axis=0)
+        self._mean_of_band = self.own.light.data[self.seen].mean(axis=0, dtype=np.float64)
         self.level = np.maximum(self.own.electrons / self._mean_e, DARKEST)
         self.mean_dn = mean_dn(subject, self.own.photons)
 
@@ -116,7 +109,7 @@ class Target:
         more, less = (mean_dn(self.subject, light) for light in lights)
         error_e, lit = np.sqrt(reference.variance_e2), reference.electrons > 0  # slope 0 in the dark and where clipped
         error_dn = (more - less) / (2 * STEP * np.maximum(reference.electrons, TINY)) * lit * error_e
-        errors = {"electrons": error_e, "irradiance": np.sqrt(reference.variance), "dn": error_dn}
+        errors = {"electrons": error_e, "irradiance": reference.light.standard_error, "dn": error_dn}
         return {measure: self.mean_square(measure, error) for measure, error in errors.items()}
 
 
@@ -124,22 +117,14 @@ def render_reference(subject: Subject, setting: Setting) -> Reference:
     """Render as many passes as the time allows. Raises InputError for a scene without light."""
     grouped = setting.banding == "cube"
     series = Series(subject, setting._replace(samples=SAMPLES_OF_FOUR if grouped else SAMPLES))
-    renderer = series.job.renderer
 
-    def timed(passes: int) -> float:
-        began = time.perf_counter()
-        renderer.run(SEED, StopCriterion(passes, series.setting.samples, grouped=grouped), lambda step: None)
-        return time.perf_counter() - began
+    def rendered(passes: int) -> Irradiance:
+        return series.job.render(SEED, StopCriterion(passes, series.setting.samples, grouped=grouped))
 
-    timed(1)  # compiles
-    passes = max(math.ceil(REFERENCE_S / timed(1)), FEWEST_PASSES)
-    seconds, (electrons, variance_e2) = timed(passes), renderer.electrons()
-    if not electrons.any():
-        raise InputError("the scene is black for this camera; give it an emitter with a spectrum in the camera's band.")
-    irradiance = np.concatenate([strip.bands.mean for strip in renderer.strips])
-    variance = np.concatenate([strip.bands.variance_of_mean for strip in renderer.strips])
-    arrays = series.light(irradiance, electrons), irradiance, variance, electrons, variance_e2
-    return Reference(passes, renderer.samples_per_pixel, seconds, *arrays)
+    rendered(1)  # compiles
+    light = rendered(max(math.ceil(REFERENCE_S / rendered(1).statistics.seconds), FEWEST_PASSES))
+    electrons, variance_e2 = series.job.renderer.electrons()
+    return Reference(light, series.light(light.data.astype(np.float64), electrons), electrons, variance_e2)
 
 
 def electrons_of(photons: Photons, subject: Subject) -> Array:
@@ -170,7 +155,8 @@ class FrameExposure(NamedTuple):
 def frame_exposure(series: Series, target: Target, passes: int) -> FrameExposure:
     """For runs of so many passes: the given exposure, if an eighth of them is enough to compensate the noise there."""
     camera, exposure, pilot = target.subject.camera, target.subject.exposure, Welford(series.shape)
-    series.each_pass(0, PILOT, lambda seconds, irradiance, electrons: pilot.add(electrons.copy()))
+    for block in series.passes(0, PILOT):
+        pilot.add(block.electrons.copy())
     dark_e, one_pass_e2 = mean_dark_e(camera, exposure), PILOT * pilot.variance_of_mean
     noise = one_pass_e2 / np.maximum(target.own.electrons + dark_e, TINY)
     shown = target.seen & (noise <= np.quantile(noise[target.seen], 1 - NOISIEST))
@@ -178,11 +164,8 @@ def frame_exposure(series: Series, target: Target, passes: int) -> FrameExposure
     def enough(share: float, count: float) -> bool:
         """Whether so many passes are quiet enough at a share of the exposure, as render/per_frame.py decides: by the
         median, and by what is left; and whether the median pixel is below full well."""
-        light, dark, variance = (
-            share * target.own.electrons[shown],
-            share * dark_e,
-            share**2 * one_pass_e2[shown] / count,
-        )
+        light, dark = share * target.own.electrons[shown], share * dark_e
+        variance = share**2 * one_pass_e2[shown] / count
         total = np.maximum(light + dark, TINY)
         left = variance - sum(compensable(light, dark, variance))
         quiet = np.median(variance / total) * median_bias(PILOT) <= TARGET and np.mean(left / total) <= UNCOMPENSATED
@@ -200,50 +183,56 @@ def frame_exposure(series: Series, target: Target, passes: int) -> FrameExposure
     return FrameExposure(dimmed, share, count, shown, float(variance.mean()), pixels)
 
 
-class Run:
-    """One run of passes. number : its seed.  framed : at which exposure frames are made, or None."""
+class Ladder(NamedTuple):
+    """The passes of a setting's runs."""
 
-    def __init__(
-        self, series: Series, target: Target, number: int, passes: int, framed: FrameExposure | None = None
-    ) -> None:
-        self._series, self._target, self._number, self._passes, self._framed = series, target, number, passes, framed
+    samples: int  # per pixel, pass and group of bands
+    groups: int
+    first_s: float  # loading and compiling
+    pass_s: float
+    passes: int  # of a run
+    framed: FrameExposure | None  # where frames are made
+
+
+class Run:
+    """One run of passes. number : its seed."""
+
+    def __init__(self, series: Series, target: Target, ladder: Ladder, number: int) -> None:
+        self._series, self._target, self._ladder, self._number = series, target, ladder, number
         self._found = defaultdict[tuple[str, int], defaultdict[str, list[float]]](lambda: defaultdict(list))
         self._frames = defaultdict[tuple[str, int], Welford](lambda: Welford(series.shape))
 
     def measure(self, smooth: bool = False) -> dict[str, list[Rung]]:
         """Rungs of every treatment, the shortest first. smooth : whether the blocks are denoised too."""
-        self._guides = denoising_guides(self._series.scene) if smooth else None
-        self._series.each_pass(self._number, self._passes, in_blocks(self._block))
+        guides, framed = denoising_guides(self._series.scene) if smooth else None, self._ladder.framed
+        for block in in_blocks(self._series.passes(self._number, self._ladder.passes)):
+            self._errors(PLAIN, block)
+            if guides is not None and len(self._found[PLAIN, block.passes]["seconds"]) <= MOST_SMOOTHED:
+                began = time.perf_counter()
+                image = smoothed(block.irradiance, guides).astype(np.float64)
+                seconds = block.seconds + SMOOTHINGS * (time.perf_counter() - began)
+                electrons = electrons_of(self._series.light(image, block.electrons), self._target.subject)
+                self._errors(DENOISED, Block(block.passes, seconds, image, electrons))
         rungs: dict[str, list[Rung]] = {}
         for (treatment, passes), found in sorted(self._found.items()):
             rung: Rung = {"passes": passes, "blocks": len(found["seconds"])}
             rung |= {name: statistics.fmean(values) for name, values in found.items()}
-            if self._framed is not None and (frames := self._frames[treatment, passes]).count > 1:
-                rung["variance_dn2"] = float(frames.variance_of_mean[self._framed.shown].mean()) * frames.count
+            if framed is not None and (frames := self._frames[treatment, passes]).count > 1:
+                rung["variance_dn2"] = float(frames.variance_of_mean[framed.shown].mean()) * frames.count
             rungs.setdefault(treatment, []).append(rung)
         return rungs
-
-    def _block(self, block: Block) -> None:
-        """One block, and what the denoiser makes of it."""
-        self._errors(PLAIN, block)
-        if self._guides is not None and len(self._found[PLAIN, block.passes]["seconds"]) <= MOST_SMOOTHED:
-            began = time.perf_counter()
-            smooth = smoothed(block.irradiance, self._guides).astype(np.float64)
-            seconds = block.seconds + SMOOTHINGS * (time.perf_counter() - began)
-            electrons = electrons_of(self._series.light(smooth, block.electrons), self._target.subject)
-            self._errors(DENOISED, replace(block, seconds=seconds, irradiance=smooth, electrons=electrons))
 
     def _errors(self, treatment: str, block: Block) -> None:
         """What a block is off, and its frames."""
         target, found = self._target, self._found[treatment, block.passes]
         off = {"electrons": block.electrons - target.own.electrons}
         if self._series.bands.kind != "channels":
-            off["irradiance"] = block.irradiance - target.bands.irradiance
-        if block.passes * MOST_BLOCKS >= self._passes:
+            off["irradiance"] = block.irradiance - target.bands.light.data
+        if block.passes * MOST_BLOCKS >= self._ladder.passes:
             light = self._series.light(block.irradiance, block.electrons)
             off["dn"] = mean_dn(target.subject, light) - target.mean_dn
-            if self._framed is not None and FEWEST_COMPENSATED <= block.passes < self._passes:
-                self._expose(self._framed, treatment, block, light)
+            if self._ladder.framed is not None and FEWEST_COMPENSATED <= block.passes < self._ladder.passes:
+                self._expose(self._ladder.framed, treatment, block, light)
         found["seconds"].append(block.seconds)
         for measure, values in off.items():
             found[measure].append(target.mean_square(measure, values))

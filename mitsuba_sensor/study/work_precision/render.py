@@ -15,16 +15,14 @@ from ...render.denoise import library
 from ...render.variants import use
 from ..kit import Kit, Step
 from ..subject import Subject
-from .errors import REFERENCE_S, Reference, Run, Rung, Target, frame_exposure, render_reference
-from .results import Choice, Ladder, Result, checked, choices, corrected
+from .errors import REFERENCE_S, Ladder, Reference, Run, Rung, Target, frame_exposure, render_reference
+from .results import Choice, Result, checked, choices, corrected
 from .series import Series, Setting, all_settings, usable_variants
 
 RUN_S = 2.5  # seconds that the passes of one run may take: so long is its ladder
-FEWEST_PASSES, FEWEST_FRAMED, MOST_PASSES = 4, 32, 256
-"""Of a run: three rungs; two sizes of blocks of which frames are made; nine rungs, more than enough for a slope."""
+FEWEST_PASSES, FEWEST_FRAMED, MOST_PASSES = 4, 32, 256  # of a run: for three rungs; for frames of two sizes; for nine
 PILOT = 2  # passes that tell the time of one, after the first has compiled
-COMPILE_S, COMPARING = 6.0, 1.4
-"""Seconds until the first pass of a setting; seconds of a run over those of its passes. Cornell box, two cores."""
+COMPILE_S, COMPARING = 6.0, 1.4  # as expected until the first pass; of a run, over the seconds of its passes
 CHECK_S = 15.0  # A recommendation that takes longer is not checked
 CHECKS = 3  # renders of the recommended options, with more samples after each that missed
 
@@ -48,14 +46,11 @@ class Render:
         self._variants = usable_variants(variants)
         self._base = Setting(self._variants[0].name)
         self.smooth = False
-        with suppress(InputError):
+        with suppress(InputError):  # Open Image Denoise is not installed
             library()
-            self.smooth = True  # Open Image Denoise is installed
+            self.smooth = True
         self.checks: list[tuple[Choice, dict[str, float]]] = []
         self._open: Series | None = None
-        self.results: list[Result] = []
-        self.references: dict[str, Reference] = {}
-        self.choices: list[Choice] = []
 
     def photons(self) -> Photons:
         """The light that the sensor side exposes: that of the reference."""
@@ -76,7 +71,8 @@ class Render:
             for one, ladder in ladders.items()
             for k in self._numbers
         )
-        self.references = {one.banding: self.kit[f"reference: {one.banding}"] for one in own}
+        self.references: dict[str, Reference] = {one.banding: self.kit[f"reference: {one.banding}"] for one in own}
+        self.results: list[Result] = []
         for one, ladder in ladders.items():
             runs = [self.kit[f"run {k}: {one.key}"] for k in self._numbers]
             self.results.append(Result(one, one.label(self._base), ladder, runs, self.target(one.banding).squares))
@@ -96,16 +92,12 @@ class Render:
 
     def _ladder(self, setting: Setting) -> Ladder:
         """What a pass costs, how many passes a run has, a power of two, and at which exposure frames are made."""
-        seconds: list[float] = []
         began = time.perf_counter()
         series = Series(self._subject, setting)
-        series.each_pass(0, 1, lambda s, *_: seconds.append(s))
+        list(series.passes(0, 1))
         first_s = time.perf_counter() - began
-        series.each_pass(0, PILOT, lambda s, *_: seconds.append(s))
-        pass_s, framed = (
-            min(seconds[1:]),
-            setting._replace(banding="auto") == self._base and setting.banding in ("auto", "channels"),
-        )
+        pass_s = min(block.seconds for block in series.passes(0, PILOT))
+        framed = setting in (self._base, self._base._replace(banding="channels"))
         passes = 2 ** max(math.floor(math.log2(max(RUN_S / pass_s, 1.0))), 0)
         passes = int(np.clip(passes, FEWEST_FRAMED if framed else FEWEST_PASSES, MOST_PASSES))
         frames = frame_exposure(series, self.target(setting.banding), passes) if framed else None
@@ -117,8 +109,8 @@ class Render:
             self._open = None
             self._open = Series(self._subject, setting)
             if not self._open.loop:  # where every band compiles anew
-                self._open.each_pass(0, 1, lambda *_: None)
-        run = Run(self._open, self.target(setting.banding), number, ladder.passes, ladder.framed)
+                list(self._open.passes(0, 1))
+        run = Run(self._open, self.target(setting.banding), ladder, number)
         return run.measure(self.smooth and setting == self._base)
 
     def _check(self) -> None:

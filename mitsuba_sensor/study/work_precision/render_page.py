@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import product
 from typing import Any
 
 from ..page import Line, Mark, MarkedRow, Part, Plot, Section, Table, table
@@ -15,11 +14,11 @@ from .errors import COMPENSATED, DENOISED, PLAIN
 from .render import Render
 from .results import FRAME_SIGMA, THEORY, WITHIN, Result
 
+CLEAR = 3.0  # standard errors that a σ which is right may be off
 SECONDS = "wall time of a render [s]"
 FRAMES = {PLAIN: "render noise on top", COMPENSATED: "render noise compensated", DENOISED: "denoised"}
-PIXELS = (
-    "Over all pixels below full well, each relative to its own light, or to a tenth of the mean where it is darker."
-)
+SEEN = "Over all pixels below full well"
+PIXELS = f"{SEEN}, each relative to its own light, or to a tenth of the mean where it is darker."
 SHOWN = "Pixels below full well, without the noisiest one in a hundred, at edges of lamps."
 DIAGRAMS = {
     "electrons": ("Error of the detected electrons", "relative rms error of a pixel"),
@@ -30,17 +29,17 @@ DIAGRAMS = {
 
 def render_section(found: Render) -> Section:
     """The whole side; it has passed if every slope that has a theory follows it and compensated frames have their σ."""
-    diagrams = *(diagram(found, measure) for measure in DIAGRAMS), sigma_diagram(found)
-    tables = choice_table(found), settings_table(found), frames_table(found), reference_table(found)
-    parts: tuple[Part, ...] = *(one for one in diagrams if one.lines), *(one for one in tables if one.rows)
-    passed = all(one.verdict != "off" and one.compensates for one in found.results)
-    left = "" if found.smooth else "Denoising was left out: pip install 'mitsuba-sensor[denoise]'."
-    findings = (_advice(found), _law(found), _front(found), *map(_frames, found.results), _floor(found), left)
-    return Section(tuple(filter(None, findings)), passed, parts)
+    diagrams = {measure: _diagram(found, measure) for measure in DIAGRAMS}
+    sigma, frames = _frames_parts(found)
+    plots, tables = (*diagrams.values(), sigma), (_choices(found), _settings(found), frames, _references(found))
+    parts: tuple[Part, ...] = *(one for one in plots if one.lines), *(one for one in tables if one.rows)
+    framed = [point for one in found.results for point in one.sigma(COMPENSATED)[-1:]]  # of the longest renders
+    passed = all(abs(point.error) <= FRAME_SIGMA + CLEAR * point.spread for point in framed)
+    passed = passed and all(one.verdict != "off" for one in found.results)
+    return Section((_advice(found), *_findings(found, diagrams["electrons"])), passed, parts)
 
 
 def _advice(found: Render) -> str:
-    """The options to take."""
     goal = f"For a relative error of {found.tolerance:.3g} of the light of a pixel"
     if not any(one.points("electrons") for one in found.results):
         return f"{goal} any number of samples does: all errors are below the reference's own."
@@ -54,46 +53,37 @@ def _advice(found: Render) -> str:
     return f"{goal}: {best.options} ({told}{'' if found.reached else '; not reached yet, take more samples'})."
 
 
-def _law(found: Render) -> str:
-    """Whether the slopes are what theory says."""
-    slopes = [slope.value for one in found.results for slope in one.slopes]
-    if not slopes:
-        return ""
-    held, off = ([one.label for one in found.results if one.verdict == verdict] for verdict in ("holds", "off"))
-    return (
-        f"The error falls as time to the power −1/2, within {WITHIN:g} or its interval, in {len(held)} of "
-        f"{len(held) + len(off)} settings, all slopes from {min(slopes):.3f} to {max(slopes):.3f}"
-        f"{'; not in ' + ', '.join(off) if off else ''}."
+def _findings(found: Render, diagram: Plot) -> Iterator[str]:
+    if slopes := [slope.value for one in found.results for slope in one.slopes]:
+        held, off = ([one.label for one in found.results if one.verdict == verdict] for verdict in ("holds", "off"))
+        yield (
+            f"The error falls as time to the power −1/2, within {WITHIN:g} or its interval, in {len(held)} of "
+            f"{len(held) + len(off)} settings, all slopes from {min(slopes):.3f} to {max(slopes):.3f}"
+            f"{'; not in ' + ', '.join(off) if off else ''}."
+        )
+    if front := sorted((line.x[k], line.label) for line in diagram.lines for k in line.ringed):
+        labels = ", ".join(dict.fromkeys(label for _, label in front))
+        yield f"Electrons: no other setting beats, from the quickest to the most exact, {labels}."
+    yield from (_frames(one) for one in found.results if one.sigma(COMPENSATED))
+    spp, own = found.references["auto"].light.statistics.samples_per_pixel, found.results[0].own
+    yield (
+        f"The reference's own error ({spp} samples per pixel): electrons {math.sqrt(own['electrons']):.2g}, mean "
+        f"{math.sqrt(own['dn']):.2g} DN; it is taken off every error."
     )
-
-
-def _front(found: Render) -> str:
-    """Who is on the front."""
-    ends = sorted((line.x[k], line.label) for line in diagram(found, "electrons").lines for k in line.ringed)
-    labels = ", ".join(dict.fromkeys(label for _, label in ends))
-    return labels and f"Electrons: no other setting beats, from the quickest to the most exact, {labels}."
+    if not found.smooth:
+        yield "Denoising was left out: pip install 'mitsuba-sensor[denoise]'."
 
 
 def _frames(result: Result) -> str:
-    """How long frames with renders of their own take, compensated and plain; "" where none were made."""
-    framed, right, plain = result.ladder.framed, result.sigma(COMPENSATED)[:1], result.sigma(PLAIN)[:1]
-    if framed is None or not right:
-        return ""
+    """How long frames with renders of their own take, compensated and plain."""
+    framed, (right, plain) = result.ladder.framed, (result.sigma(treatment)[0] for treatment in (COMPENSATED, PLAIN))
+    assert framed is not None
     share = "" if framed.share == 1 else f"; all {1 / framed.share:.3g} times as long at the full exposure"
     needed = "" if result.plain_s is None else f"{FRAME_SIGMA:.0%} after {result.plain_s:.2g} s without, "
     return (
-        f"Frames of {framed.exposure.time_s:.2g} s, each with a render ({result.label}): after {right[0].seconds:.2g} "
-        f"s σ is off by {right[0].error:+.1%} ± {right[0].spread:.1%} with --render-noise compensated, by "
-        f"{plain[0].error:+.1%} ± {plain[0].spread:.1%} without; {needed}compensable after "
-        f"{framed.compensable * result.pass_s:.2g} s{share}."
-    )
-
-
-def _floor(found: Render) -> str:
-    own, squares = found.references["auto"], found.results[0].own
-    return (
-        f"The reference's own error ({own.samples_per_pixel} samples per pixel): electrons "
-        f"{math.sqrt(squares['electrons']):.2g}, mean {math.sqrt(squares['dn']):.2g} DN; it is taken off every error."
+        f"Frames of {framed.exposure.time_s:.2g} s, each with a render ({result.label}): after {right.seconds:.2g} s σ "
+        f"is off by {right.error:+.1%} ± {right.spread:.1%} with --render-noise compensated, by {plain.error:+.1%} ± "
+        f"{plain.spread:.1%} without; {needed}compensable after {framed.compensable * result.pass_s:.2g} s{share}."
     )
 
 
@@ -110,42 +100,37 @@ def ringed(lines: Sequence[Line]) -> tuple[Line, ...]:
     return tuple(replace(line, ringed=tuple(k for m, k in sorted(front) if m == n)) for n, line in enumerate(lines))
 
 
-def diagram(found: Render, measure: str) -> Plot:
+def _diagram(found: Render, measure: str) -> Plot:
     """Error against seconds of all settings, and of what the denoiser makes of the base setting."""
     lines = [line(one.label, points) for one in found.results if (points := [p[1:] for p in one.points(measure)])]
     if smooth := [point[1:] for point in found.results[0].points(measure, DENOISED)]:
         lines.append(line("denoised", smooth, dashed=True))
     level = (found.tolerance, f"tolerance {found.tolerance:.3g}") if measure == "electrons" else None
-    pixels = "Over all pixels below full well." if measure == "dn" else PIXELS
+    pixels = f"{SEEN}." if measure == "dn" else PIXELS
     note = f"Rings: no other is as quick and as exact. {pixels} The reference's own error is taken off; bars are 1 σ."
     title, y_label = DIAGRAMS[measure]
     return Plot(title, SECONDS, y_label, ringed(lines), level=level, note=note)
 
 
-def sigma_diagram(found: Render) -> Plot:
-    """Temporal σ of frames over what it must be."""
-    lines = []
-    for one, (name, text) in product(found.results, FRAMES.items()):
-        if (framed := one.ladder.framed) and (points := [(p.seconds, 1 + p.error, p.spread) for p in one.sigma(name)]):
-            label = f"{one.label} at {framed.exposure.time_s:.2g} s: {text}"
-            lines.append(line(label, points, dashed=name == DENOISED))
-    note = f"Every frame has a render of its own. {SHOWN} Bars are 1 σ."
-    title, y_label = "Temporal σ of the digital numbers", "σ of frames / σ of the camera"
-    return Plot(title, SECONDS, y_label, tuple(lines), log_y=False, level=(1.0, "right"), note=note)
-
-
-def frames_table(found: Render) -> Table:
-    """The same in numbers."""
+def _frames_parts(found: Render) -> tuple[Plot, Table]:
+    """Temporal σ of frames over what it must be, drawn and in numbers."""
+    lines: list[Line] = []
     rows: list[MarkedRow] = []
     for one in found.results:
-        by = {name: {point.passes: (point.error, point.spread) for point in one.sigma(name)} for name in FRAMES}
+        if (framed := one.ladder.framed) is None:
+            continue
+        for name, text in FRAMES.items():
+            if points := [(point.seconds, 1 + point.error, point.spread) for point in one.sigma(name)]:
+                label = f"{one.label} at {framed.exposure.time_s:.2g} s: {text}"
+                lines.append(line(label, points, dashed=name == DENOISED))
+        by = [{point.passes: (point.error, point.spread) for point in one.sigma(name)} for name in FRAMES]
         for point in one.sigma(PLAIN):
-            framed = one.ladder.framed
-            assert framed is not None
-            values = (x for points in by.values() for x in points.get(point.passes, (None, None)))
             enough = "yes" if point.passes >= framed.compensable else "no"
-            rows.append(("", (one.label, framed.exposure.time_s, point.passes, point.seconds, enough, *values)))
-    return table(
+            about = framed.exposure.time_s, point.passes, point.seconds, enough
+            rows.append(("", (one.label, *about, *(x for own in by for x in own.get(point.passes, (None, None))))))
+    note, y_label = f"Every frame has a render of its own. {SHOWN} Bars are 1 σ.", "σ of frames / σ of the camera"
+    title, level = "Temporal σ of the digital numbers", (1.0, "right")
+    return Plot(title, SECONDS, y_label, tuple(lines), log_y=False, level=level, note=note), table(
         "Temporal σ of frames, relative error",
         "setting | exposure [s] | passes | seconds | compensable | plain | ± σ | compensated | ± σ | denoised | ± σ",
         rows,
@@ -153,16 +138,15 @@ def frames_table(found: Render) -> Table:
     )
 
 
-def settings_table(found: Render) -> Table:
-    """What was compared."""
+def _settings(found: Render) -> Table:
     marks: dict[str, Mark] = {"holds": "good", "off": "bad", "": "dim"}
     rows: list[MarkedRow] = []
     for one in found.results:
         ladder, seconds = one.ladder, statistics.median(run[PLAIN][-1]["seconds"] for run in one.runs)
+        passes = ladder.samples * ladder.groups, ladder.first_s, 1e3 * one.pass_s, ladder.passes, seconds
         errors = (points[-1].error if (points := one.points(measure)) else None for measure in DIAGRAMS)
         slopes = (one.slope(measure) for measure in ("electrons", "irradiance"))
         numbers = (x for slope in slopes for x in ((slope.value, slope.half_width) if slope else (None, None)))
-        passes = ladder.samples * ladder.groups, ladder.first_s, 1e3 * one.pass_s, ladder.passes, seconds
         verdict = one.verdict or "below the reference"
         rows.append((marks[one.verdict], (one.label, *passes, *errors, *numbers, THEORY, verdict)))
     base = found.results[0].setting
@@ -178,32 +162,29 @@ def settings_table(found: Render) -> Table:
     )
 
 
-def choice_table(found: Render) -> Table:
-    """Options that reach the tolerance."""
+def _choices(found: Render) -> Table:
     tried = {one.options: (got["seconds"], got["error"]) for one, got in found.checks}
     every = {one.options: one for one in (*(one for one, _ in found.checks[::-1]), *found.choices)}
+    rows = [(name, one.seconds, one.error, *tried.get(name, (None, None))) for name, one in every.items()]
     best: Mark = "best" if found.reached or not found.checks else "bad"
     return table(
         f"What reaches {found.tolerance:.3g}",
         "options | seconds, predicted | error, predicted | seconds, rendered | error, rendered",
-        (
-            ("" if number else best, (options, one.seconds, one.error, *tried.get(options, (None, None))))
-            for number, (options, one) in enumerate(every.items())
-        ),
+        ((best if row is rows[0] else "", row) for row in rows),
         "The fewest samples of each kind, the quickest first. Loading the scene and compiling come on top, once.",
     )
 
 
-def reference_table(found: Render) -> Table:
-    """What all was compared with."""
+def _references(found: Render) -> Table:
     rows: list[MarkedRow] = []
+    auto = found.references["auto"]
     for kind, own in found.references.items():
-        squares, auto = found.target(kind).squares_of(own), found.references["auto"]
-        mean_e, sum_e2 = float(auto.electrons.mean()), float(own.variance_e2.sum() + auto.variance_e2.sum())
-        off = float(own.electrons.mean()) / mean_e - 1, math.sqrt(sum_e2) / auto.electrons.size / mean_e
-        bias = (None, None) if kind == "auto" else off
+        squares, mean_e = found.target(kind).squares_of(own), float(auto.electrons.mean())
+        error_e = math.sqrt(own.variance_e2.sum() + auto.variance_e2.sum()) / auto.electrons.size
+        bias = (None, None) if kind == "auto" else (float(own.electrons.mean()) / mean_e - 1, error_e / mean_e)
         errors = (math.sqrt(squares[name]) for name in DIAGRAMS)
-        rows.append(("", (kind, own.passes, own.samples_per_pixel, own.seconds, *errors, *bias)))
+        about = own.light.statistics
+        rows.append(("", (kind, about.passes, about.samples_per_pixel, about.seconds, *errors, *bias)))
     return table(
         "References",
         "bands | passes | samples per pixel | seconds | standard error, electrons | irradiance | mean [DN] | "

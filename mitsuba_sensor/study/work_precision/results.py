@@ -15,15 +15,14 @@ from ...render.passes import FEWEST, MOST_IN_ALL, SAMPLER
 from ...render.photons import collect
 from ...render.stop_criterion import stop_criterion_of
 from ..statistics import Array, Slope, slope_of_runs
-from .errors import COMPENSATED, DENOISED, PLAIN, FrameExposure, Rung, Target, electrons_of
+from .errors import DENOISED, PLAIN, Ladder, Rung, Target, electrons_of
 from .series import Setting
 
 THEORY = -0.5  # slope of an unbiased mean of independent passes; of its variance, twice that
 WITHIN = 0.05  # how near a slope must come, or as near as its interval is wide
 FEWEST_RUNGS = 3  # that make a slope
 FRAME_SIGMA = 0.01  # how much too large the temporal σ of a frame may be
-CLEAR = 3.0  # standard errors above zero from which a difference is fitted
-FEWEST_SPP = 16  # that are recommended
+SAMPLE_COUNTS = [2**k * part // 2 for k in range(4, MOST_IN_ALL.bit_length()) for part in (2, 3)]  # 16, 24, 32, 48 …
 CHECK_SEEDS = (1001, 1002)  # no run and no reference has them. The first compiles, the second is timed
 MARGIN = 1.1  # on the samples that a check asks for: its error is known to some percent
 
@@ -35,17 +34,6 @@ class Point(NamedTuple):
     seconds: float
     error: float
     spread: float
-
-
-class Ladder(NamedTuple):
-    """The passes of a setting's runs."""
-
-    samples: int  # per pixel, pass and group of bands
-    groups: int
-    first_s: float  # loading and compiling
-    pass_s: float
-    passes: int  # of a run
-    framed: FrameExposure | None  # where frames are made
 
 
 class Result(NamedTuple):
@@ -84,12 +72,11 @@ class Result(NamedTuple):
         clear = {point.passes for point in self.points(measure)}
         runs = []
         for run in self.runs:
-            rungs = [
-                (rung["seconds"], rung[measure] - self.own[measure]) for rung in run[PLAIN] if rung["passes"] in clear
-            ]
-            if len(rungs) < FEWEST_RUNGS or min(square for _, square in rungs) <= 0:
+            rungs = [rung for rung in run[PLAIN] if rung["passes"] in clear]
+            squares = [rung[measure] - self.own[measure] for rung in rungs]
+            if len(rungs) < FEWEST_RUNGS or min(squares) <= 0:
                 return None
-            runs.append(([seconds for seconds, _ in rungs], [math.sqrt(square) for _, square in rungs]))
+            runs.append(([rung["seconds"] for rung in rungs], [math.sqrt(square) for square in squares]))
         return slope_of_runs(runs)
 
     @property
@@ -117,11 +104,6 @@ class Result(NamedTuple):
             normal = ratio * math.sqrt(0.5 / (framed.pixels * (frames - 1) * len(self.runs)))
             found.append(Point(passes, seconds, ratio - 1, max(error / (2 * ratio * framed.variance_dn2), normal)))
         return found
-
-    @property
-    def compensates(self) -> bool:
-        """Whether the longest renders whose noise was compensated gave frames with the right σ, as far as is known."""
-        return all(abs(p.error) <= FRAME_SIGMA + CLEAR * p.spread for p in self.sigma(COMPENSATED)[-1:])
 
     @property
     def plain_s(self) -> float | None:
@@ -177,24 +159,15 @@ def predict(result: Result, sizes: Sequence[Result], spp: int) -> tuple[float, f
     here, samples = known[result.ladder.samples], np.log([*known])
     squares = np.log([one.square_of_one_pass / here.square_of_one_pass for one in known.values()])
     seconds = np.log([one.pass_s / here.pass_s for one in known.values()])
+
+    def line(x: float, values: Array) -> float:  # beyond the points as between the last two
+        return float(make_interp_spline(samples, values, k=1)(x)) if len(known) > 1 else 0.0
+
     size = math.log(criterion.samples)
     within = min(size, samples[-1])  # beyond, a pass takes as much longer as it has more samples
-    pass_s = result.pass_s * math.exp(_line(within, samples, seconds) + size - within)
-    square = result.square_of_one_pass * math.exp(_line(size, samples, squares))
+    pass_s = result.pass_s * math.exp(line(within, seconds) + size - within)
+    square = result.square_of_one_pass * math.exp(line(size, squares))
     return criterion.passes * pass_s, math.sqrt(square / criterion.passes)
-
-
-def _line(x: float, known: Array, values: Array) -> float:
-    """Linear between the points; beyond them as between the last two."""
-    return float(make_interp_spline(known, values, k=1)(x)) if len(known) > 1 else float(values[0])
-
-
-def sample_counts() -> Iterator[int]:
-    """Numbers of samples that are tried: 16, 24, 32, 48, 64, …"""
-    count = FEWEST_SPP
-    while count <= MOST_IN_ALL:
-        yield from (count, count * 3 // 2)
-        count *= 2
 
 
 def choices(results: Sequence[Result], tolerance: float, usual: str) -> list[Choice]:
@@ -208,7 +181,7 @@ def choices(results: Sequence[Result], tolerance: float, usual: str) -> list[Cho
     for result in known if base in known else []:
         variant, sampler, samples, spectral = result.setting
         if sampler == SAMPLER and spectral != "loop" and samples == base.setting.samples:
-            for spp in sample_counts():
+            for spp in SAMPLE_COUNTS:
                 if (told := predict(result, sizes, spp)) and told[1] <= tolerance:
                     found.append(Choice(spectral, spp, False, variant, variant == usual, *told))
                     break
@@ -223,7 +196,7 @@ def choices(results: Sequence[Result], tolerance: float, usual: str) -> list[Cho
 def corrected(choice: Choice, error: float, tolerance: float) -> Choice:
     """The same with as many more samples as an error that was found says."""
     more = MARGIN * (error / tolerance) ** 2
-    spp = next(count for count in sample_counts() if count >= min(choice.spp * more, MOST_IN_ALL))
+    spp = next(count for count in SAMPLE_COUNTS if count >= min(choice.spp * more, MOST_IN_ALL))
     return choice._replace(spp=spp, seconds=choice.seconds * spp / choice.spp, error=tolerance / math.sqrt(MARGIN))
 
 

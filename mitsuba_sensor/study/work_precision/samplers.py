@@ -132,5 +132,5 @@ def compared(n: Array, share: Array, mean: float, resolution: float) -> Law:
     shift = float(np.sum(share * (n - mean)))
     second, third = (float(np.sum(share * (n - mean - shift) ** k)) for k in (2, 3))
     skewness = third / second**1.5 * mean**0.5 - 1 if second > 0 else None
-    relative = {"mean": shift / mean, "variance": second / mean - 1, "skewness": skewness}
-    return {"variation": variation, "resolution": resolution, **relative}
+    known = {"variation": variation, "resolution": resolution, "mean": shift / mean, "variance": second / mean - 1}
+    return {**known, "skewness": skewness}

@@ -11,52 +11,41 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import Exposure, Photons, require
-from ...sensor.camera import Camera
+from ...core import Photons, require
 from ...sensor.checks import as_photons
 from ...sensor.plan import plan
 from ...sensor.precision import LARGEST_DN, SHARE
 from .. import frames
 from ..kit import Kit, Step, one_turn, ratio, spread
 from ..statistics import Array, Numbers, Values, pareto, t_limit
+from ..subject import Subject
 from .samplers import GAUSSIAN, GENERATOR, MEAN_ONLY, OWN, QUANTILE, REFERENCE, Setting, drawn_law
 
 ENGINES = ("numpy", "drjit", "cuda")
 TOLERANCES_DN = (0.0, 0.02, 0.2, 1.0, 5.0)  # of the plans that are tried
 MEANS = (0.01, 0.1, 1.0, 10.0, 100.0, 1e4, 1e6)  # of the Poisson laws that are compared [events]
 TURNS = 9  # in each of which every setting makes frames
-LARGE = (1024, 1024)
-"""Pixels of the frames that are timed and compared pixel by pixel: 1.05 Mpx, however small the render."""
+LARGE = (1024, 1024)  # pixels of the frames that are timed and compared pixel by pixel, however small the render
 SMALL = (128, 128)  # pixels of the frames whose moments are measured, on each sensor
-REPLICAS = frames.Replicas(sensors=32, frames=2, seed=2)
-"""Each sensor has fixed patterns of its own, so the spread between them is the standard error."""
+REPLICAS = frames.Replicas(sensors=32, frames=2, seed=2)  # the spread between sensors is the standard error
 LEVELS = 5  # groups of equally many pixels, from the darkest to the brightest, whose moments are averaged
-EXPECTED_S = {"numpy float64": 0.5, "numpy float32": 0.15, "drjit float32": 0.02, "cuda float32": 0.002}
-"""Of a large frame, on two cores of an AMD EPYC: for the estimate before anything is measured."""
+EXPECTED_S = {"numpy": 0.2, "drjit": 0.02, "cuda": 0.002}  # of a large frame, before anything is measured
 OPENING_S, SHORT_S = 0.5, 0.1  # as expected of a stream's kernel and maps; of moments in theory, and of one law
-VARIATION, VARIATION_UP_TO = 2e-5, 1e4
-"""The float32 Poisson law is as near as this to the exact one up to this mean [events]; its fit was accepted by it."""
+VARIATION, VARIATION_UP_TO = 2e-5, 1e4  # how near float32's Poisson law is to the exact one up to this mean [events]
 LEAST_DN = 1e-5  # no change below this is told apart: 0 has no place on a logarithmic axis
 FALSE_ALARM = 1e-3  # chance that some measured change of one setting passes its limit although the true one does not
 SINGLE = Setting("numpy", "float32", QUANTILE)
 
 
 class Sensor:
-    """A camera, an exposure and a scene's light, and what a kit measures of them.
+    """A camera and an exposure in a scene's light, and what a kit measures of them.
 
-    photons : mean photons of the scene, as :func:`collect` makes them; a render's variance in them is left out.
+    light : mean photons of the scene, as :func:`collect` makes them; a render's variance in them is left out.
     Raises InputError for photons that ``expose`` would refuse and for a negative tolerance.
     """
 
-    def __init__(
-        self,
-        kit: Kit,
-        camera: Camera,
-        exposure: Exposure,
-        photons: Photons,
-        tolerances: Sequence[float] = TOLERANCES_DN,
-    ) -> None:
-        self.kit, self.camera, self.exposure, self.photons = kit, camera, exposure, as_photons(photons, camera)
+    def __init__(self, kit: Kit, subject: Subject, light: Photons, tolerances: Sequence[float] = TOLERANCES_DN) -> None:
+        self.kit, self.subject, self.photons = kit, subject, as_photons(light, subject.camera)
         self.tolerances_dn = [require("tolerances_dn", float(dn), 0.0, np.inf, "e.g. 0.02") for dn in tolerances]
         self._streams: dict[str, frames.Stream] = {}
         self._reference: Numbers | None = None
@@ -76,24 +65,21 @@ class Sensor:
         own = [Setting(engine, "float32", sampler) for sampler in (QUANTILE, GAUSSIAN, MEAN_ONLY) for engine in here]
         found = [REFERENCE, *own, Setting("numpy", "float32", GENERATOR)]
         for dn in self.tolerances_dn:
-            planned = (
-                [REFERENCE] if self.plan(dn)["precision"] == "float64" else [one for one in own if one.sampler in OWN]
-            )
-            found += [one._replace(tolerance_dn=dn) for one in planned]
+            exact = self.plan(dn)["precision"] == "float64"
+            found += [one._replace(tolerance_dn=dn) for one in ([REFERENCE] if exact else own[: len(here)])]
         return found
 
     def _steps(self) -> Iterator[Step]:
-        settings, seconds = self.settings, {one: EXPECTED_S[f"{one.engine} {one.precision}"] for one in self.settings}
-        for one in settings:
-            yield Step(f"first frame: {one.name}", OPENING_S + seconds[one], partial(self.first, one))
-        turn_s = sum((frames.FRAMES_A_TURN if one.compiled else 1) * seconds[one] for one in settings)
+        for one in self.settings:
+            yield Step(f"first frame: {one.name}", OPENING_S, partial(self.first, one))
+        turn_s = sum((frames.FRAMES_A_TURN if one.compiled else 1) * EXPECTED_S[one.engine] for one in self.settings)
         for turn in range(TURNS):
             yield Step(f"turn {turn + 1} of {TURNS}, frames of every setting", turn_s, partial(self.turn, turn))
-        for one in settings:
+        for one in self.settings:
             if one.sampler != GENERATOR:  # its counts do not come from the same bits
-                yield Step(f"pixels: {one.name}", 2 * seconds[one], partial(self.pixels, one))
+                yield Step(f"pixels: {one.name}", 2 * EXPECTED_S[one.engine], partial(self.pixels, one))
             if not one.compiled:
-                yield Step(f"moments: {one.name}", seconds[one], partial(self.moments, one))
+                yield Step(f"moments: {one.name}", EXPECTED_S[one.engine], partial(self.moments, one))
             for mean in MEANS if one.tolerance_dn is None else ():
                 yield Step(f"Poisson law, mean {mean:g}: {one.name}", SHORT_S, partial(drawn_law, one, mean))
 
@@ -106,18 +92,21 @@ class Sensor:
         return found
 
     def _planned(self, tolerance_dn: float | None) -> Values:
-        whole, precision = self.camera.stages, "float64"
-        stages = whole
+        whole = stages = self.subject.camera.stages
+        precision = "float64"
         if tolerance_dn is not None:
-            made = plan(self.camera, self.exposure, self.photons, tolerance_dn)
+            made = plan(self.subject.camera, self.subject.exposure, self.photons, tolerance_dn)
             stages, precision = made.stages, made.precision
-        kept = {stage.label for stage in stages}
-        found = {"stages": stages, "precision": precision}
-        found["left_out"] = [stage.label for stage in whole if stage.label not in kept]
-        here, all_ = self.expected(stages), self.expected(whole)
-        moments, of_all = (by_level(frames.averages(one, self.groups)) for one in (here, all_))
-        worst_dn = float(np.abs(frames.in_dn(here, all_)).max())
-        return {**found, "moments": moments, "predicted_dn": frames.in_dn(moments, of_all), "worst_pixel_dn": worst_dn}
+        kept, pixels = {stage.label for stage in stages}, [self.expected(one) for one in (stages, whole)]
+        moments = [by_level(frames.averages(one, self.groups)) for one in pixels]
+        return {
+            "stages": stages,
+            "left_out": [stage.label for stage in whole if stage.label not in kept],
+            "precision": precision,
+            "moments": moments[0],
+            "predicted_dn": frames.in_dn(*moments),
+            "worst_pixel_dn": float(np.abs(frames.in_dn(*pixels)).max()),
+        }
 
     @cached_property
     def windows(self) -> dict[str, Photons]:
@@ -126,17 +115,17 @@ class Sensor:
 
     def expected(self, stages: frames.Stages) -> Array:
         """Moments of every pixel of the small window in theory, (3, H, W)."""
-        return frames.expected_moments(stages, self.windows["small"], self.exposure)
+        return frames.expected_moments(stages, self.windows["small"], self.subject.exposure)
 
     @cached_property
     def groups(self) -> dict[str, NDArray[np.intp]]:
         """The pixels of each light level: places in the flattened small window."""
-        order = np.argsort(self.expected(self.camera.stages)[0], axis=None, kind="stable")
+        order = np.argsort(self.expected(self.subject.camera.stages)[0], axis=None, kind="stable")
         return {f"level {k + 1}": group for k, group in enumerate(np.array_split(order, LEVELS))}
 
     def stream(self, setting: Setting) -> frames.Stream:
         """Frames of the large window."""
-        light = frames.Illuminated(self.windows["large"], self.exposure, setting.backend())
+        light = frames.Illuminated(self.windows["large"], self.subject.exposure, setting.backend())
         return light.stream(self.plan(setting.tolerance_dn)["stages"])
 
     def first(self, setting: Setting) -> float:
@@ -153,15 +142,11 @@ class Sensor:
                 self.first(setting)
         return one_turn({name: stream.turn for name, stream in self._streams.items()}, number)
 
-    def frame(self, setting: Setting) -> Numbers:
-        """The first large frame (H, W) [DN]."""
-        return next(self.stream(setting))
-
     def pixels(self, setting: Setting) -> dict[str, float]:
         """One frame against the reference's; share_of_numpy : of the pixels that differ from NumPy float32."""
-        self._reference = self.frame(REFERENCE) if self._reference is None else self._reference
-        digital = self.frame(setting)
-        twin = self.frame(setting._replace(engine="numpy")) if setting.compiled else digital
+        self._reference = next(self.stream(REFERENCE)) if self._reference is None else self._reference
+        digital = next(self.stream(setting))
+        twin = next(self.stream(setting._replace(engine="numpy"))) if setting.compiled else digital
         differ = float(np.mean(digital != twin))
         return {**frames.pixel_difference(digital, self._reference), "share_of_numpy": differ}
 
@@ -171,7 +156,7 @@ class Sensor:
         Equal random bits in all settings make the differences between settings far better known than the values.
         """
         stages = self.plan(setting.tolerance_dn)["stages"]
-        light = frames.Illuminated(self.windows["small"], self.exposure, setting.backend())
+        light = frames.Illuminated(self.windows["small"], self.subject.exposure, setting.backend())
         return by_level(light.measured_moments(stages, REPLICAS, self.expected(stages), self.groups))
 
 
@@ -181,14 +166,11 @@ def by_level(levels: Mapping[str, Mapping[str, float | list[float]]]) -> Array:
 
 
 class Change(NamedTuple):
-    """Of mean, temporal σ and spatial σ at every light level, (3, levels) [DN], with its standard errors.
-
-    sensors : how many independent values the standard errors come from.
-    """
+    """Of mean, temporal σ and spatial σ at every light level, (3, levels) [DN], with its standard errors."""
 
     value_dn: Array
     error_dn: Array
-    sensors: int
+    chance_dn: Array  # what no change reaches by chance, but in one of a thousand studies
 
     @property
     def worst(self) -> tuple[float, float, str]:
@@ -196,11 +178,6 @@ class Change(NamedTuple):
         row, level = np.unravel_index(np.argmax(np.abs(self.value_dn)), self.value_dn.shape)
         of = f"{frames.QUANTITIES[row]} of level {level + 1}"
         return float(abs(self.value_dn[row, level])), float(self.error_dn[row, level]), of
-
-    @property
-    def chance_dn(self) -> Array:
-        """What no change reaches by chance, but in one of a thousand studies, (3, levels)."""
-        return t_limit(self.sensors - 1, FALSE_ALARM, self.value_dn.size) * self.error_dn
 
     def within(self, tolerance_dn: float) -> bool:
         """Whether every change is at most the tolerance, as far as the sensors can tell."""
@@ -220,7 +197,7 @@ def change(found: Array, other: Array, theory: Array, other_theory: Array) -> Ch
     roots = np.sqrt(np.maximum([temporal, [theory[2], other_theory[2]]], 0.0)).sum(axis=1)
     least = np.sqrt(np.maximum(np.maximum(np.abs(value[1:]), error[1:]), np.finfo(float).tiny))
     unit = np.concatenate([np.ones_like(value[:1]), np.maximum(roots, least)])
-    return Change(value / unit, error / unit, off.shape[2])
+    return Change(value / unit, error / unit, t_limit(off.shape[2] - 1, FALSE_ALARM, value.size) * error / unit)
 
 
 class Row:
@@ -259,11 +236,8 @@ class Results:
         self.front = [list(self.rows)[i] for i in pareto(points)]  # those that no other beats in time and error
 
     def recommended(self, dn: float) -> Row:
-        """The fastest that the package offers whose frames keep within the tolerance.
-
-        Of several that cannot be told from the fastest (its upper quartile is not reached) the nearest to the
-        reference. The reference itself always keeps within it.
-        """
+        """The fastest that the package offers whose frames keep within the tolerance, as the reference does; of several
+        that cannot be told from the fastest (its upper quartile is not reached) the nearest to the reference."""
         fit = [
             row
             for one, row in self.rows.items()

@@ -30,8 +30,8 @@ def sensor_section(results: Results) -> Section:
         "Limits of measured changes hold as many standard errors that chance fails one setting in a thousand.",
     )
     missed = [f"Not as it must be: {what} is {found:.3g}, the limit {limit:.3g}." for what, found, limit in off]
-    parts = what_to_take(results), error_against_time(results), settings_table(results), *plans_parts(results)
-    return Section((*missed, *findings(results)), not off, (*parts, *laws_parts(results), requirements))
+    parts = _what_to_take(results), _error_against_time(results), _settings_table(results), *_plans_parts(results)
+    return Section((*missed, *findings(results)), not off, (*parts, *_laws_parts(results), requirements))
 
 
 def findings(results: Results) -> Iterator[str]:
@@ -75,8 +75,7 @@ def _advice(results: Results, dn: float) -> str:
     )
 
 
-def what_to_take(results: Results) -> Table:
-    """The recommendation for every tolerance."""
+def _what_to_take(results: Results) -> Table:
     best = {dn: results.recommended(dn) for dn in results.plans}
     return table(
         "What to take for a tolerance",
@@ -87,7 +86,7 @@ def what_to_take(results: Results) -> Table:
     )
 
 
-def error_against_time(results: Results) -> Plot:
+def _error_against_time(results: Results) -> Plot:
     """Every setting as a point; plans share a colour, and each sampler has its own."""
     kinds: dict[tuple[str, int], list[tuple[float, float]]] = {}
     for s, row in results.rows.items():
@@ -103,8 +102,7 @@ def error_against_time(results: Results) -> Plot:
     return Plot("Error of the frames against time", NANOSECONDS, CHANGE, ringed(lines), note=note)
 
 
-def settings_table(results: Results) -> Table:
-    """Every setting with all its numbers, and what is not here."""
+def _settings_table(results: Results) -> Table:
     rows: list[MarkedRow] = []
     for one, row in results.rows.items():
         times = row.ns.median, f"{row.ns.low:.3g} … {row.ns.high:.3g}", row.faster, row.first_s
@@ -129,7 +127,7 @@ def settings_table(results: Results) -> Table:
     )
 
 
-def plans_parts(results: Results) -> tuple[Plot, Table]:
+def _plans_parts(results: Results) -> tuple[Plot, Table]:
     """What every tolerance buys, a line per engine; and what each plan leaves out, changes and saves."""
     lines: dict[str, list[tuple[float, float]]] = {}
     rows: list[MarkedRow] = []
@@ -155,7 +153,7 @@ def plans_parts(results: Results) -> tuple[Plot, Table]:
     )
 
 
-def laws_parts(results: Results) -> tuple[Plot, Table, Table]:
+def _laws_parts(results: Results) -> tuple[Plot, Table, Table]:
     """How far the samplers' laws are from Poisson's: total variation, drawn and in numbers, and the lowest moments."""
     every = {name: list(laws.values()) for name, laws in results.laws.items()}
     names = list(every)
@@ -185,13 +183,10 @@ def laws_parts(results: Results) -> tuple[Plot, Table, Table]:
         "Resolution: the counts that are drawn at all, over 2^32 random bits.",
     )
     of = "mean", "variance", "skewness"
-    return (
-        plot,
-        variations,
-        table(
-            "Relative errors of mean, variance and skewness of the drawn laws",
-            f"sampler | of | {headings}",
-            (("", (name, what, *(law[what] for law in laws))) for name, laws in distinct.items() for what in of),
-            "Skewness is compared with λ^-½; a single value has none. Those of the generator are chance.",
-        ),
+    moments = table(
+        "Relative errors of mean, variance and skewness of the drawn laws",
+        f"sampler | of | {headings}",
+        (("", (name, what, *(law[what] for law in laws))) for name, laws in distinct.items() for what in of),
+        "Skewness is compared with λ^-½; a single value has none. Those of the generator are chance.",
     )
+    return plot, variations, moments

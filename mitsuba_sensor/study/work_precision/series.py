@@ -7,8 +7,8 @@ or how the bands share light paths.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -30,9 +30,6 @@ SAMPLERS = {"independent": 16, "stratified": 16, "orthogonal": 25, "ldsampler": 
 SIZES = (4, 64, 256)  # samples per pass beside the package's first 16 (render/stop_criterion.py)
 ORDER = ("cuda", "llvm", "scalar")
 """Of the back ends, the quickest first, as :func:`render.variants.choose_variant` has it."""
-
-Take = Callable[[float, NumpyArray, Float64Array], None]
-"""What is called with every pass: its seconds, its irradiance (H, W, B), its electrons (H, W)."""
 
 
 class Setting(NamedTuple):
@@ -86,55 +83,32 @@ class Series:
         mean = np.repeat(electrons[..., None], centres_nm.size, axis=-1) if detected else irradiance * self._photons
         return Photons(mean, centres_nm, detected=detected, origin=self._origin)
 
-    def each_pass(self, seed: int, passes: int, take: Take) -> None:
-        """Render so many passes; what ``take`` does is not timed."""
-        if self.loop:
-            self._band_by_band(seed, passes, take)
-        else:
-            one_by_one(self.job, seed, StopCriterion(passes, self.setting.samples, grouped=self.groups > 1), take)
+    def passes(self, seed: int, count: int) -> Iterator[Block]:
+        """Renders of one pass each; what is done between them is not timed."""
+        if not self.loop:
+            return one_by_one(self.job, seed, StopCriterion(count, self.setting.samples, grouped=self.groups > 1))
+        return iter(self._band_by_band(seed, count))
 
-    def _band_by_band(self, seed: int, passes: int, take: Take) -> None:
-        """One render per band; each scene is let go before the next is loaded. All passes of a band are rendered
-        together, as one would, and handed on when all bands are."""
-        seconds, electrons = np.zeros(passes), np.zeros((passes, *self.shape))
-        layers = np.zeros((passes, *self.shape, len(self.bands)), np.float32)
+    def _band_by_band(self, seed: int, count: int) -> list[Block]:
+        """One render per band. All passes of a band are rendered together, as one would; each scene is let go before
+        the next is loaded."""
+        shape, criterion = (*self.shape, len(self.bands)), StopCriterion(count, self.setting.samples)
+        blocks = [Block(1, 0.0, np.zeros(shape), np.zeros(self.shape)) for _ in range(count)]
         for k in range(len(self.bands)):
             centre, width = float(self.bands.wavelengths_nm[k]), float(self.bands.bandwidths_nm[k])
             try:
                 job = self._loaded(spectral="auto", wavelength_nm=centre, bandwidth_nm=width)
             except InputError:  # no light in this band, which alone is refused: the scene was loaded before
                 continue
-            one_by_one(job, 0, StopCriterion(1, self.setting.samples), lambda *_: None)  # compiles
-            found: list[tuple[float, NumpyArray, Float64Array]] = []
-            criterion = StopCriterion(passes, self.setting.samples)
-            one_by_one(job, hashed_seed(seed, k, 0), criterion, lambda *one, into=found: into.append(one))
-            seconds += [one[0] for one in found]
-            layers[..., k] = [one[1][..., 0] for one in found]
-            electrons += [one[2] for one in found]
-        for pass_s, layer, counted in zip(seconds, layers, electrons, strict=True):
-            take(float(pass_s), layer.astype(np.float64), counted)
+            list(one_by_one(job, 0, replace(criterion, passes=1)))  # compiles
+            for block, one in zip(blocks, one_by_one(job, hashed_seed(seed, k, 0), criterion), strict=True):
+                block.seconds += one.seconds
+                block.irradiance[..., k] = one.irradiance[..., 0]
+                block.electrons += one.electrons
+        return blocks
 
 
-def one_by_one(job: PreparedRender, seed: int, criterion: StopCriterion, take: Take) -> None:
-    """The package's own render, whose running means are taken apart into passes."""
-    renderer, sums = job.renderer, list[NumpyArray | float]([0.0, 0.0])
-    began = time.perf_counter()
-
-    def look(*_: object) -> float:
-        nonlocal began
-        seconds = time.perf_counter() - began
-        means = np.concatenate([strip.bands.mean for strip in renderer.strips]), renderer.electrons()[0]
-        now = [mean * renderer.passes for mean in means]
-        irradiance, electrons = (np.maximum(new - old, 0.0) for new, old in zip(now, sums, strict=True))
-        sums[:] = now  # the maximum is for rounding: −1e-20 of 1e-5
-        take(seconds, irradiance, electrons)
-        began = time.perf_counter()
-        return 1.0
-
-    renderer.run(seed, criterion, lambda step: None, look)
-
-
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Block:
     """Passes that follow each other, as one render.
 
@@ -159,19 +133,24 @@ class Block:
         return np.asarray(self.squares / (self.passes * (self.passes - 1)))
 
 
-def in_blocks(whole: Callable[[Block], None]) -> Take:
-    """Takes passes and joins them into blocks of 1, 2, 4, …; hands each on as it is whole; few are held at a time."""
-    waiting: dict[int, Block] = {}
+def one_by_one(job: PreparedRender, seed: int, criterion: StopCriterion) -> Iterator[Block]:
+    """Renders of one pass each, with seeds of their own."""
+    for k in range(criterion.passes):
+        began = time.perf_counter()
+        job.renderer.run(hashed_seed(seed, k, 0), replace(criterion, passes=1), lambda step: None)
+        seconds, electrons = time.perf_counter() - began, job.renderer.electrons()[0]
+        yield Block(1, seconds, np.concatenate([strip.bands.mean for strip in job.renderer.strips]), electrons)
 
-    def take(seconds: float, irradiance: NumpyArray, electrons: Float64Array) -> None:
-        block = Block(1, seconds, irradiance, electrons)
-        whole(block)
+
+def in_blocks(passes: Iterable[Block]) -> Iterator[Block]:
+    """All blocks of 1, 2, 4, … passes, each as soon as it is whole; few are held at a time."""
+    waiting: dict[int, Block] = {}
+    for block in passes:
+        yield block
         while (first := waiting.pop(block.passes, None)) is not None:
             block = first + block
-            whole(block)
+            yield block
         waiting[block.passes] = block
-
-    return take
 
 
 def usable_variants(asked: Sequence[str] | None) -> tuple[Variant, ...]:
