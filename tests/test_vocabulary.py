@@ -66,9 +66,6 @@ WORDS = (
 
 SCANNED = ("CHANGELOG.md", "README.md", "docs", "benchmarks", "examples", "mitsuba_sensor", "pyproject.toml")
 
-NOT_YET: tuple[str, ...] = ("mitsuba_sensor/study/work_precision/",)
-"""Files and folders that still use some of these words."""
-
 RETIRED_OPTIONS = {
     "--columns": "--width",
     "--again": "--force",
@@ -80,10 +77,9 @@ SUFFIXES = (".py", ".md", ".toml", ".xml")
 
 
 def files_of(name: str) -> list[Path]:
-    """The file of this name, or the files below the folder of this name, but those that are not clean yet."""
+    """The file of this name, or the files below the folder of this name."""
     path = ROOT / name
-    files = [path] if path.is_file() else [file for file in sorted(path.rglob("*")) if file.suffix in SUFFIXES]
-    return [file for file in files if not str(file.relative_to(ROOT)).startswith(NOT_YET)]
+    return [path] if path.is_file() else [file for file in sorted(path.rglob("*")) if file.suffix in SUFFIXES]
 
 
 def faults(text: str, name: str) -> list[str]:

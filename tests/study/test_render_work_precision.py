@@ -37,7 +37,14 @@ from mitsuba_sensor.study.work_precision import work_precision
 from mitsuba_sensor.study.work_precision.errors import FEWEST_COMPENSATED, Ladder
 from mitsuba_sensor.study.work_precision.render import Render
 from mitsuba_sensor.study.work_precision.results import SAMPLE_COUNTS, Choice, Result, corrected, predict
-from mitsuba_sensor.study.work_precision.series import Block, Series, Setting, all_settings, in_blocks, usable_variants
+from mitsuba_sensor.study.work_precision.series import (
+    Block,
+    RenderSetting,
+    Series,
+    all_settings,
+    in_blocks,
+    usable_variants,
+)
 
 FLOOR = (
     '<shape type="rectangle"><transform name="to_world"><scale value="9"/></transform><bsdf type="diffuse">'
@@ -274,7 +281,7 @@ def test_what_cannot_be_studied_is_one_sentence(floor: Path, arguments: dict[str
 
 
 def test_one_band_has_no_channels_and_no_loop() -> None:
-    base, llvm = Setting("scalar_spectral"), Variant("llvm_ad_spectral", "llvm", "")
+    base, llvm = RenderSetting("scalar_spectral"), Variant("llvm_ad_spectral", "llvm", "")
     scalar = Variant("scalar_spectral", "scalar", "")
     one = all_settings(base, (scalar, llvm), choose_bands(mosaic(), 550.0, 10.0, "auto"), channels=False)
     assert {setting.banding for setting in one} == {"auto"}
@@ -293,7 +300,7 @@ def test_band_by_band_finds_the_light_of_all_bands_together(floor: Path) -> None
     """Two ways to the same mean: over the picture within 1 %, five standard errors of 16 samples in 384 pixels."""
     subject, means = Subject(floor, mosaic(), EXPOSURE), list[NDArray[np.float64]]()
     for banding in ("auto", "loop"):
-        series = Series(subject, Setting("scalar_spectral", banding=banding))
+        series = Series(subject, RenderSetting("scalar_spectral", banding=banding))
         means.append(np.mean([block.irradiance for block in series.passes(5, 2)], axis=(0, 1, 2)))
     np.testing.assert_allclose(means[0], means[1], rtol=0.01)
 
@@ -312,7 +319,7 @@ def _result(samples: int, floor: float = 0.0) -> Result:
     ]
     ladder = Ladder(samples, 1, 0.0, 1e-3 * samples, 8, None)
     own = dict.fromkeys(("irradiance", "electrons", "dn"), floor)
-    setting = Setting("scalar_spectral", samples=samples)
+    setting = RenderSetting("scalar_spectral", samples=samples)
     return Result(setting, "", ladder, [{"plain": rungs}, {"plain": rungs}], own)
 
 

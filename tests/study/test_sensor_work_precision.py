@@ -38,8 +38,8 @@ from mitsuba_sensor.study.work_precision.samplers import (
     OWN,
     QUANTILE,
     REFERENCE,
+    FrameSetting,
     Law,
-    Setting,
     counts_of,
     law_of,
     law_of_counts,
@@ -50,14 +50,14 @@ from mitsuba_sensor.study.work_precision.sensor_page import findings, sensor_sec
 CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.1)
 SUBJECT = Subject("", CAMERA, EXPOSURE)
 LIGHT = as_photons(np.geomspace(3.0, 40_000.0, 24 * 32).reshape(24, 32), CAMERA)
-NUMPY = {sampler: Setting("numpy", "float32", sampler) for sampler in (QUANTILE, GAUSSIAN, MEAN_ONLY, GENERATOR)}
+NUMPY = {sampler: FrameSetting("numpy", "float32", sampler) for sampler in (QUANTILE, GAUSSIAN, MEAN_ONLY, GENERATOR)}
 DOCS = ROOT / "docs" / "backends.md"
 TOLERANCES_DN = (0.0, 0.2)
 
 needs_llvm = pytest.mark.skipif(bool(backend_problem("llvm")), reason="no LLVM here")
 
 
-def law(setting: Setting, mean: float) -> Law:
+def law(setting: FrameSetting, mean: float) -> Law:
     backend = setting.backend()
     return law_of(lambda integers: counts_of(backend, integers, mean), mean)
 
@@ -136,7 +136,7 @@ def test_a_third_partys_draws_are_as_far_off_as_chance_says(mean: float) -> None
 @pytest.mark.parametrize("sampler", [QUANTILE, GAUSSIAN, MEAN_ONLY])
 def test_the_compiled_engine_draws_the_same_law(sampler: str) -> None:
     for mean in (0.5, 30.0, 1e4):
-        assert law(Setting("drjit", "float32", sampler), mean) == law(NUMPY[sampler], mean)
+        assert law(FrameSetting("drjit", "float32", sampler), mean) == law(NUMPY[sampler], mean)
 
 
 # Samplers and settings
@@ -166,7 +166,7 @@ def sensor(monkeypatch: pytest.MonkeyPatch) -> Sensor:
     return Sensor(Kit(), SUBJECT, LIGHT, TOLERANCES_DN)
 
 
-def planned(sensor: Sensor, here: list[str], precisions: dict[float, str]) -> list[Setting]:
+def planned(sensor: Sensor, here: list[str], precisions: dict[float, str]) -> list[FrameSetting]:
     sensor.tolerances_dn = tuple(precisions)
     engines = {engine: None if engine in here else "not here" for engine in measured.ENGINES}
     plans = {f"plan: {dn}": ({"precision": precision}, 0.0) for dn, precision in precisions.items()}
@@ -178,7 +178,7 @@ def test_settings_of_different_kind_have_different_names(sensor: Sensor) -> None
     settings = planned(sensor, ["numpy", "drjit"], {0.0: "float32", 0.02: "float32", 5.0: "float64"})
     assert len({setting.name for setting in settings}) == len(settings)
     assert [s.engine for s in settings if s.tolerance_dn == 0.02] == ["numpy", "drjit"]
-    assert [s for s in settings if s.tolerance_dn == 5.0] == [Setting("numpy", "float64", EXACT, 5.0)]
+    assert [s for s in settings if s.tolerance_dn == 5.0] == [FrameSetting("numpy", "float64", EXACT, 5.0)]
 
 
 @needs_llvm
@@ -187,17 +187,17 @@ def test_settings_of_different_kind_have_different_names(sensor: Sensor) -> None
 def test_with_equal_random_bits_drjit_and_numpy_differ_nowhere(
     sensor: Sensor, sampler: str, tolerance_dn: float | None
 ) -> None:
-    assert sensor.pixels(Setting("drjit", "float32", sampler, tolerance_dn))["share_of_numpy"] == 0
+    assert sensor.pixels(FrameSetting("drjit", "float32", sampler, tolerance_dn))["share_of_numpy"] == 0
 
 
 def test_a_kernel_that_differs_from_numpy_is_found_out(sensor: Sensor, monkeypatch: pytest.MonkeyPatch) -> None:
     """One pixel in four differs from NumPy, and that is 3 DN off."""
 
-    def stream(_: Sensor, setting: Setting) -> Any:
+    def stream(_: Sensor, setting: FrameSetting) -> Any:
         return iter([np.array([[3 if setting.compiled else 0, 0], [0, 0]])])
 
     monkeypatch.setattr(Sensor, "stream", stream)
-    found = sensor.pixels(Setting("drjit", "float32", QUANTILE))
+    found = sensor.pixels(FrameSetting("drjit", "float32", QUANTILE))
     assert found == {"share_of_pixels": 0.25, "largest_dn": 3.0, "rms_dn": 1.5, "share_of_numpy": 0.25}
 
 
@@ -474,7 +474,7 @@ def test_plots_have_a_line_per_sampler_and_rings_on_the_front(known: Known) -> N
 def test_a_plan_that_leaves_out_more_is_predicted_and_measured_to_change_the_same(known: Known) -> None:
     """0.2 DN leaves out noise of the source follower; theory and frames agree within the limit of one in a thousand."""
     results = results_of(known)
-    plan, row = results.plans[0.2], results.rows[Setting("numpy", "float32", QUANTILE, 0.2)]
+    plan, row = results.plans[0.2], results.rows[FrameSetting("numpy", "float32", QUANTILE, 0.2)]
     assert "source follower noise" in plan["left_out"]
     assert np.abs(plan["predicted_dn"]).max() > 0.1
     assert (np.abs(row.of_plan.value_dn - plan["predicted_dn"]) <= row.of_plan.chance_dn + 1e-6).all()

@@ -1,5 +1,4 @@
-"""What a render got wrong, of irradiance, of electrons, of the mean and the temporal σ of the digital numbers, against
-references with many more samples and of known error.
+"""Errors of a render in irradiance, electrons, mean and temporal σ of the digital numbers, against long references.
 
 Irradiance is compared with bands that are exact each for itself ("cube"), electrons with bands whose sum is exact
 ("auto"), channels with channels: bands of finite width have an error of their own, which is told apart.
@@ -36,7 +35,7 @@ from ...sensor.expose import expose
 from ..frames import expected_moments
 from ..statistics import Array
 from ..subject import Subject
-from .series import Block, Series, Setting, in_blocks
+from .series import Block, RenderSetting, Series, in_blocks
 
 REFERENCE_S = 15.0  # seconds that each reference may take, as its first passes tell
 FEWEST_PASSES = 8  # of a reference: its variance is the spread of its passes, averaged over all pixels
@@ -113,7 +112,7 @@ class Target:
         return {measure: self.mean_square(measure, error) for measure, error in errors.items()}
 
 
-def render_reference(subject: Subject, setting: Setting) -> Reference:
+def render_reference(subject: Subject, setting: RenderSetting) -> Reference:
     """Render as many passes as the time allows. Raises InputError for a scene without light."""
     grouped = setting.banding == "cube"
     series = Series(subject, setting._replace(samples=SAMPLES_OF_FOUR if grouped else SAMPLES))

@@ -17,7 +17,7 @@ from ..kit import Kit, Step
 from ..subject import Subject
 from .errors import REFERENCE_S, Ladder, Reference, Run, Rung, Target, frame_exposure, render_reference
 from .results import Choice, Result, checked, choices, corrected
-from .series import Series, Setting, all_settings, usable_variants
+from .series import RenderSetting, Series, all_settings, usable_variants
 
 RUN_S = 2.5  # seconds that the passes of one run may take: so long is its ladder
 FEWEST_PASSES, FEWEST_FRAMED, MOST_PASSES = 4, 32, 256  # of a run: for three rungs; for frames of two sizes; for nine
@@ -44,7 +44,7 @@ class Render:
             raise InputError(f"seeds is {seeds!r}; it must be a whole number of runs (e.g. 4).")
         self.kit, self._subject, self._numbers = kit, subject, range(1, int(seeds) + 1)
         self._variants = usable_variants(variants)
-        self._base = Setting(self._variants[0].name)
+        self._base = RenderSetting(self._variants[0].name)
         self.smooth = False
         with suppress(InputError):  # Open Image Denoise is not installed
             library()
@@ -65,7 +65,7 @@ class Render:
         own = [one for one in settings if one == self._base._replace(banding=one.banding) and one.banding != "loop"]
         first = [Step(f"first passes: {one.key}", COMPILE_S, partial(self._ladder, one)) for one in settings]
         self.kit.take([*map(self._reference, own), *first], len(settings) * len(self._numbers) * RUN_S)
-        ladders: dict[Setting, Ladder] = {one: self.kit[f"first passes: {one.key}"] for one in settings}
+        ladders: dict[RenderSetting, Ladder] = {one: self.kit[f"first passes: {one.key}"] for one in settings}
         self.kit.take(
             Step(f"run {k}: {one.key}", COMPARING * ladder.passes * ladder.pass_s, partial(self._run, one, ladder, k))
             for one, ladder in ladders.items()
@@ -80,7 +80,7 @@ class Render:
         self._check()
         use(self._variants[0])  # the last one was another
 
-    def _reference(self, setting: Setting) -> Step:
+    def _reference(self, setting: RenderSetting) -> Step:
         measure = partial(render_reference, self._subject, setting)
         return Step(f"reference: {setting.banding}", REFERENCE_S + COMPILE_S, measure)
 
@@ -90,7 +90,7 @@ class Render:
         there = {kind: self.kit[key] for kind, key in keys.items() if key in self.kit.known}
         return Target(self._subject, there, banding)
 
-    def _ladder(self, setting: Setting) -> Ladder:
+    def _ladder(self, setting: RenderSetting) -> Ladder:
         """What a pass costs, how many passes a run has, a power of two, and at which exposure frames are made."""
         began = time.perf_counter()
         series = Series(self._subject, setting)
@@ -103,7 +103,7 @@ class Render:
         frames = frame_exposure(series, self.target(setting.banding), passes) if framed else None
         return Ladder(setting.samples, series.groups, max(first_s - pass_s, 0.0), pass_s, passes, frames)
 
-    def _run(self, setting: Setting, ladder: Ladder, number: int) -> dict[str, list[Rung]]:
+    def _run(self, setting: RenderSetting, ladder: Ladder, number: int) -> dict[str, list[Rung]]:
         """All errors of one run. The scene that was compiled last is kept, and no other."""
         if self._open is None or self._open.setting != setting:
             self._open = None

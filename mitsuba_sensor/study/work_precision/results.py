@@ -1,5 +1,4 @@
-"""What the runs of a way to render say together: errors with the reference's own taken off, slopes, σ of frames; which
-options of the command line reach an error in the least time, as the fits tell; and a render that checks them."""
+"""Results of all runs: errors less the reference's own, slopes, σ of frames, and the fastest options for an error."""
 
 from __future__ import annotations
 
@@ -16,7 +15,7 @@ from ...render.photons import collect
 from ...render.stop_criterion import stop_criterion_of
 from ..statistics import Array, Slope, slope_of_runs
 from .errors import DENOISED, PLAIN, Ladder, Rung, Target, electrons_of
-from .series import Setting
+from .series import RenderSetting
 
 THEORY = -0.5  # slope of an unbiased mean of independent passes; of its variance, twice that
 WITHIN = 0.05  # how near a slope must come, or as near as its interval is wide
@@ -43,7 +42,7 @@ class Result(NamedTuple):
     measure: "irradiance" and "electrons", relative to their pixel's light; "dn", of the mean digital numbers [DN].
     """
 
-    setting: Setting
+    setting: RenderSetting
     label: str
     ladder: Ladder
     runs: Sequence[Mapping[str, Sequence[Rung]]]

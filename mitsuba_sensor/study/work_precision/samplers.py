@@ -1,5 +1,4 @@
-"""Ways to make a frame (engine, precision, plan, and how counts are drawn, also as other simulators do it), and how far
-the law that a sampler draws is from Poisson's.
+"""Samplers of counts, also those of other simulators, and the distance of each one's law from Poisson's.
 
 A count is a function of 32 random bits, and it falls as their number rises. So the share of all 2³² numbers that draw
 more than n is the place where n + 1 turns into n, which bisection finds in 32 steps: the whole law for the price of a
@@ -35,7 +34,7 @@ Law = dict[str, float | None]
 cannot be told from 0; relative errors of "mean", "variance" and "skewness", which of a single value is None."""
 
 
-class Setting(NamedTuple):
+class FrameSetting(NamedTuple):
     """One way to make frames. tolerance_dn : of the plan [DN], or None for the whole chain."""
 
     engine: str
@@ -64,7 +63,9 @@ class Setting(NamedTuple):
         return other
 
 
-REFERENCE = Setting("numpy", "float64", EXACT)  # what all others are compared with: the whole chain, every law exact
+REFERENCE = FrameSetting(
+    "numpy", "float64", EXACT
+)  # what all others are compared with: the whole chain, every law exact
 
 
 def gaussian(backend: Backend, bits: types.Array, mean: types.Array) -> types.Array:
@@ -84,7 +85,7 @@ def generator(backend: Backend, bits: types.Array, mean: types.Array) -> types.A
 DRAWN = {GAUSSIAN: gaussian, MEAN_ONLY: lambda backend, bits, mean: mean, GENERATOR: generator}
 
 
-def drawn_law(setting: Setting, mean: float) -> Law:
+def drawn_law(setting: FrameSetting, mean: float) -> Law:
     """The law that a sampler draws at a mean [events], rounded to float32: every engine is given the same."""
     exact, backend = float(np.float32(mean)), setting.backend()
     if setting.sampler == GENERATOR:

@@ -1,5 +1,4 @@
-"""Error of the sensor's frames against their time: engine × precision × sampler × tolerance of the plan, measured; how
-far frames are from each other and from theory, and what must hold of them."""
+"""Error of the sensor's frames against their time: engine × precision × sampler × tolerance of the plan."""
 
 from __future__ import annotations
 
@@ -19,7 +18,7 @@ from .. import frames
 from ..kit import Kit, Step, one_turn, ratio, spread
 from ..statistics import Array, Numbers, Values, pareto, t_limit
 from ..subject import Subject
-from .samplers import GAUSSIAN, GENERATOR, MEAN_ONLY, OWN, QUANTILE, REFERENCE, Setting, drawn_law
+from .samplers import GAUSSIAN, GENERATOR, MEAN_ONLY, OWN, QUANTILE, REFERENCE, FrameSetting, drawn_law
 
 ENGINES = ("numpy", "drjit", "cuda")
 TOLERANCES_DN = (0.0, 0.02, 0.2, 1.0, 5.0)  # of the plans that are tried
@@ -34,7 +33,7 @@ OPENING_S, SHORT_S = 0.5, 0.1  # as expected of a stream's kernel and maps; of m
 VARIATION, VARIATION_UP_TO = 2e-5, 1e4  # how near float32's Poisson law is to the exact one up to this mean [events]
 LEAST_DN = 1e-5  # no change below this is told apart: 0 has no place on a logarithmic axis
 FALSE_ALARM = 1e-3  # chance that some measured change of one setting passes its limit although the true one does not
-SINGLE = Setting("numpy", "float32", QUANTILE)
+SINGLE = FrameSetting("numpy", "float32", QUANTILE)
 
 
 class Sensor:
@@ -59,11 +58,13 @@ class Sensor:
             self._streams.clear()
 
     @property
-    def settings(self) -> list[Setting]:
+    def settings(self) -> list[FrameSetting]:
         """Every engine and sampler with the whole chain, then every plan: in float64 that is NumPy's alone."""
         here = [engine for engine, problem in self.kit["engines"].items() if problem is None]
-        own = [Setting(engine, "float32", sampler) for sampler in (QUANTILE, GAUSSIAN, MEAN_ONLY) for engine in here]
-        found = [REFERENCE, *own, Setting("numpy", "float32", GENERATOR)]
+        own = [
+            FrameSetting(engine, "float32", sampler) for sampler in (QUANTILE, GAUSSIAN, MEAN_ONLY) for engine in here
+        ]
+        found = [REFERENCE, *own, FrameSetting("numpy", "float32", GENERATOR)]
         for dn in self.tolerances_dn:
             exact = self.plan(dn)["precision"] == "float64"
             found += [one._replace(tolerance_dn=dn) for one in ([REFERENCE] if exact else own[: len(here)])]
@@ -123,12 +124,12 @@ class Sensor:
         order = np.argsort(self.expected(self.subject.camera.stages)[0], axis=None, kind="stable")
         return {f"level {k + 1}": group for k, group in enumerate(np.array_split(order, LEVELS))}
 
-    def stream(self, setting: Setting) -> frames.Stream:
+    def stream(self, setting: FrameSetting) -> frames.Stream:
         """Frames of the large window."""
         light = frames.Illuminated(self.windows["large"], self.subject.exposure, setting.backend())
         return light.stream(self.plan(setting.tolerance_dn)["stages"])
 
-    def first(self, setting: Setting) -> float:
+    def first(self, setting: FrameSetting) -> float:
         """Seconds until the first frame: light, maps and, unless Dr.Jit has it already, the kernel."""
         start = time.perf_counter()
         self._streams[setting.name] = self.stream(setting)
@@ -142,15 +143,15 @@ class Sensor:
                 self.first(setting)
         return one_turn({name: stream.turn for name, stream in self._streams.items()}, number)
 
-    def pixels(self, setting: Setting) -> dict[str, float]:
+    def pixels(self, setting: FrameSetting) -> dict[str, float]:
         """One frame against the reference's; share_of_numpy : of the pixels that differ from NumPy float32."""
         self._reference = next(self.stream(REFERENCE)) if self._reference is None else self._reference
         digital = next(self.stream(setting))
-        twin = next(self.stream(setting._replace(engine="numpy"))) if setting.compiled else digital
-        differ = float(np.mean(digital != twin))
+        on_numpy = next(self.stream(setting._replace(engine="numpy"))) if setting.compiled else digital
+        differ = float(np.mean(digital != on_numpy))
         return {**frames.pixel_difference(digital, self._reference), "share_of_numpy": differ}
 
-    def moments(self, setting: Setting) -> Array:
+    def moments(self, setting: FrameSetting) -> Array:
         """Of frames on the host, by light level, (3, levels, sensors).
 
         Equal random bits in all settings make the differences between settings far better known than the values.
@@ -201,9 +202,9 @@ def change(found: Array, other: Array, theory: Array, other_theory: Array) -> Ch
 
 
 class Row:
-    """One setting: its time and its errors; moments of a compiled engine are those of its twin on NumPy."""
+    """One setting: its time and its errors; moments of a compiled engine are those of the same setting on NumPy."""
 
-    def __init__(self, sensor: Sensor, setting: Setting) -> None:
+    def __init__(self, sensor: Sensor, setting: FrameSetting) -> None:
         kit, whole = sensor.kit, setting._replace(tolerance_dn=None)
         turns = [kit[f"turn {k + 1} of {TURNS}, frames of every setting"] for k in range(TURNS)]
         self.setting, self.first_s = setting, float(kit[f"first frame: {setting.name}"])

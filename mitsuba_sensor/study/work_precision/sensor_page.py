@@ -38,24 +38,24 @@ def findings(results: Results) -> Iterator[str]:
     """Sentences, the most important first."""
     if results.plans:
         yield _advice(results, USUAL_DN if USUAL_DN in results.plans else next(iter(results.plans)))
-    twin, rounded, third = (results.rows[SINGLE._replace(sampler=one)] for one in (QUANTILE, GAUSSIAN, GENERATOR))
+    plain, rounded, third = (results.rows[SINGLE._replace(sampler=one)] for one in (QUANTILE, GAUSSIAN, GENERATOR))
     for engine in frames.BACKENDS:  # the whole chain against NumPy in float32
         if row := results.rows.get(SINGLE._replace(engine=engine)):
             yield (
                 f"The whole chain takes {row.ns.median:.3g} ns/pixel on {engine}, "
-                f"{ratio(twin.turns_ns, row.turns_ns):.3g} times as fast as NumPy float32 ({twin.ns.median:.3g}); "
-                f"their first frames took {row.first_s:.2g} and {twin.first_s:.2g} s."
+                f"{ratio(plain.turns_ns, row.turns_ns):.3g} times as fast as NumPy float32 ({plain.ns.median:.3g}); "
+                f"their first frames took {row.first_s:.2g} and {plain.first_s:.2g} s."
             )
     for engine, problem in results.absent.items():
         yield f"The engine {engine} is not here: {problem}."
     mean = min(measured.MEANS, key=lambda mean: mean != 10)
-    mine, theirs = (results.laws[one.setting.name][mean]["variation"] for one in (twin, rounded))
+    mine, theirs = (results.laws[one.setting.name][mean]["variation"] for one in (plain, rounded))
     yield (
         f"At a mean of {mean:g} the quantile law is off by {mine:.2g} (total variation), a rounded Gaussian by "
-        f"{theirs:.2g}; in frames the Gaussian saves {twin.ns.median - rounded.ns.median:.3g} ns/pixel of "
-        f"{twin.ns.median:.3g} (NumPy float32), and with NumPy's own generator they take {third.ns.median:.3g}."
+        f"{theirs:.2g}; in frames the Gaussian saves {plain.ns.median - rounded.ns.median:.3g} ns/pixel of "
+        f"{plain.ns.median:.3g} (NumPy float32), and with NumPy's own generator they take {third.ns.median:.3g}."
     )
-    share, largest_dn = 100 * twin.pixels["share_of_pixels"], twin.pixels["largest_dn"]
+    share, largest_dn = 100 * plain.pixels["share_of_pixels"], plain.pixels["largest_dn"]
     apart = f"{share:.2g} % of the pixels are off, by up to {largest_dn:g} DN"
     yield f"In float32 {apart}, from float64 with equal random bits."
 
@@ -106,8 +106,8 @@ def _settings_table(results: Results) -> Table:
     rows: list[MarkedRow] = []
     for one, row in results.rows.items():
         times = row.ns.median, f"{row.ns.low:.3g} … {row.ns.high:.3g}", row.faster, row.first_s
-        share, twin = (100 * row.pixels[k] if row.pixels else None for k in ("share_of_pixels", "share_of_numpy"))
-        steps = share, row.pixels.get("largest_dn"), row.pixels.get("rms_dn"), twin if one.compiled else None
+        share, plain = (100 * row.pixels[k] if row.pixels else None for k in ("share_of_pixels", "share_of_numpy"))
+        steps = share, row.pixels.get("largest_dn"), row.pixels.get("rms_dn"), plain if one.compiled else None
         mark: Mark = "dim" if one.sampler not in OWN else "best" if one in results.front else ""
         rows.append((mark, (one.name, *times, *steps, *row.change.worst[:2], *row.theory.worst[:2])))
     for engine, problem in results.absent.items():

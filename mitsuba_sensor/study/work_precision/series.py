@@ -32,7 +32,7 @@ ORDER = ("cuda", "llvm", "scalar")
 """Of the back ends, the quickest first, as :func:`render.variants.choose_variant` has it."""
 
 
-class Setting(NamedTuple):
+class RenderSetting(NamedTuple):
     """One way to render."""
 
     variant: str
@@ -45,7 +45,7 @@ class Setting(NamedTuple):
         """All of it, for measurements."""
         return " ".join(map(str, self))
 
-    def label(self, base: Setting) -> str:
+    def label(self, base: RenderSetting) -> str:
         """What differs from the base setting."""
         banding = "band by band" if self.banding == "loop" else self.banding
         texts = self.variant, self.sampler, f"{self.samples} per pass", banding
@@ -63,7 +63,7 @@ class Series:
     groups : of bands rendered apart.  shape : (rows, columns).
     """
 
-    def __init__(self, subject: Subject, setting: Setting) -> None:
+    def __init__(self, subject: Subject, setting: RenderSetting) -> None:
         self.setting, self.loop = setting, setting.banding == "loop"
         self._loaded = partial(subject.job_with, sampler=setting.sampler, variant=setting.variant)
         self.job = job = self._loaded(spectral="auto" if self.loop else setting.banding)
@@ -166,7 +166,9 @@ def usable_variants(asked: Sequence[str] | None) -> tuple[Variant, ...]:
     return tuple(dict.fromkeys(map(choose_variant, asked)))
 
 
-def all_settings(base: Setting, variants: Sequence[Variant], bands: Bands, channels: bool) -> tuple[Setting, ...]:
+def all_settings(
+    base: RenderSetting, variants: Sequence[Variant], bands: Bands, channels: bool
+) -> tuple[RenderSetting, ...]:
     """What is compared, ``base`` first: one factor at a time. bands : of ``base``.  channels : whether these may be."""
     separate = len(bands) > 1 and bands.bandwidths_nm.min() >= NARROWEST_NM
     there = {"cube": len(bands) > GROUP, "channels": channels, "loop": separate}
