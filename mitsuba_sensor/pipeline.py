@@ -44,7 +44,9 @@ class LightOptions(FrameOptions, total=False):
 
     preview_gain: Annotated[
         float,
-        Option("Brighten frame.png by this factor, noise included; frame.tiff stays.", 1.0, low=0.0, example="2"),
+        Option(
+            "Brighten frame.png by this factor, noise included; frame.tiff stays.", 1.0, low=0.0, high=1e9, example="2"
+        ),
     ]
 
 

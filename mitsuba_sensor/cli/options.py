@@ -74,6 +74,7 @@ class CameraFlags(TypedDict, total=False):
     ]
 
 
+PICTURE = "Picture"
 PANELS: dict[type, str] = {
     CameraFlags: "Camera and exposure",
     SceneOptions: "Scene",
@@ -81,7 +82,7 @@ PANELS: dict[type, str] = {
     SensorOptions: "Sensor",
     FrameOptions: "Frames and seeds",
 }
-"""Titles in --help, above the options that are declared there first."""
+"""Titles in --help, above the options that are declared there first; other options stand below ``PICTURE``."""
 
 
 class MapFlags(TypedDict, total=False):
@@ -140,7 +141,7 @@ def _type(one: Declared) -> Flag:
     if one.option.default is None:
         text = text | None
     metavar = one.option.metavar or ("|".join(map(str, one.choices)) or None)
-    panel = next((title for kind, title in PANELS.items() if one.name in kind.__annotations__), None)
+    panel = next((title for kind, title in PANELS.items() if one.name in kind.__annotations__), PICTURE)
     return Annotated[text, typer.Option(*flag.split(), metavar=metavar, help=one.option.help, rich_help_panel=panel)]
 
 

@@ -8,8 +8,8 @@ import typer
 
 import mitsuba_sensor as ms
 
-from ..core import first_given
-from ..core.options import complete
+from ..core import InputError, first_given
+from ..core.options import complete, declared
 from ..io import exr, files
 from ..render.options import RenderOptions
 from ..sensor.gains import gain_dn_per_e
@@ -33,6 +33,7 @@ def plan(
 
     if source.suffix.lower() == ".exr":
         refuse_lens(flags["settings"])
+        _refuse_render_options(flags)
         camera, exposure = given_camera(flags), given_exposure(flags)
         light = exr.read_irradiance_exr(source)
     else:
@@ -77,3 +78,12 @@ def doctor(as_json: options.Json = False) -> None:
     show(findings if as_json else terminal.diagnosis(findings), as_json)
     if not findings["works"]:
         raise typer.Exit(1)
+
+
+def _refuse_render_options(flags: options.Flags) -> None:
+    """Raise InputError for options of a render where the light is rendered already."""
+    for one in declared(RenderOptions):
+        if flags[one.name] not in (None, one.option.default):
+            raise InputError(
+                f"{one.name} is for the render of a scene, and this light is rendered already; leave it out."
+            )

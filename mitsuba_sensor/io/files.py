@@ -114,6 +114,8 @@ def disk_sentences(target: Path) -> Iterator[None]:
 @contextmanager
 def appearing(path: Path) -> Iterator[Path]:
     """A temporary name beside ``path`` that becomes ``path`` when the block ends well, and vanishes when not."""
+    if not path.name:
+        raise InputError(f"cannot write {path}: that is a folder; give -o the name of a file.")
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         with disk_sentences(path):

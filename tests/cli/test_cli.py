@@ -202,6 +202,17 @@ def test_help_shows_an_example_for_every_command_that_needs_one(cli: Callable[..
         assert f"Example: mitsuba-sensor {command}" in cli(command, "--help").stdout
 
 
+@pytest.mark.parametrize("columns", [60, 80, 200])
+@pytest.mark.parametrize("command", ["render", "expose", "plan", "fpn-maps", "lint"])
+def test_help_names_every_flag_in_full(
+    command: str, columns: int, cli: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    monkeypatch.setattr("typer.rich_utils.MAX_WIDTH", columns)
+    shown = re.findall(r"--[a-z-]*…", cli(command, "--help").stdout)
+    assert not shown
+
+
 def test_looking_at_cameras_does_not_load_the_renderer() -> None:
     code = (
         "import sys\n"
