@@ -44,9 +44,7 @@ class LightOptions(FrameOptions, total=False):
 
     preview_gain: Annotated[
         float,
-        Option(
-            "Brighten frame.png by this factor, noise included; frame.tiff stays.", 1.0, low=0.0, high=1e9, example="2"
-        ),
+        Option("Brighten frame.png by this factor, with its noise; not frame.tiff.", 1.0, low=0, high=1e9, example="2"),
     ]
 
 
