@@ -29,6 +29,12 @@ EVERY = [
 ]
 
 
+SLOPES = (
+    "A slope of error against seconds holds where it differs from −1/2 by no more than 0.05, or than half the width of "
+    "its own 95 % interval where that is wider."
+)
+
+
 def main() -> None:
     """Run the studies, copy their pictures, write README.md."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -36,7 +42,7 @@ def main() -> None:
     parser.add_argument("--all", action="store_true", help="every study of every scene")
     given = parser.parse_args()
     given.folder.mkdir(parents=True, exist_ok=True)
-    lines = ["# Studies", "", "Made by `python examples/study_pages.py`.", ""]
+    lines = ["# Studies", "", "Made by `python examples/study_pages.py`.", "", SLOPES, ""]
     for name, arguments in EVERY if given.all else QUICK:
         lines += studied(name, arguments, given.folder)
     (given.folder / "README.md").write_text("\n".join(lines), encoding="utf-8")
