@@ -23,7 +23,7 @@ from .samplers import GAUSSIAN, GENERATOR, MEAN_ONLY, OWN, QUANTILE, REFERENCE, 
 ENGINES = ("numpy", "drjit", "cuda")
 TOLERANCES_DN = (0.0, 0.02, 0.2, 1.0, 5.0)  # of the plans that are tried
 MEANS = (0.01, 0.1, 1.0, 10.0, 100.0, 1e4, 1e6)  # of the Poisson laws that are compared [events]
-TURNS = 9  # in each of which every setting makes frames
+TURNS = 7  # in each of which every setting makes frames
 LARGE = (1024, 1024)  # pixels of the frames that are timed and compared pixel by pixel, however small the render
 SMALL = (128, 128)  # pixels of the frames whose moments are measured, on each sensor
 REPLICAS = frames.Replicas(sensors=32, frames=2, seed=2)  # the spread between sensors is the standard error
