@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 from ..core import Array, Electrons, Frame, InputError, Photons, SensorWindow, nearest
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, Backend, PendingStrip
 from ..core.llvm import backend_problem
-from .options import Engine, Precision
+from .options import Engine
 from .stage import Chain, Stage, sample, total
 
 ENGINES = get_args(Engine)
-PRECISIONS = get_args(Precision)
 
 WORTH_COMPILING = 2**23
 """Pixels in all frames together from which on "auto" compiles a kernel. NumPy needs a second for them on two
