@@ -35,13 +35,13 @@ class _Recorder(Frame):
         return super().random_bits_at(source, rows, columns, frame_index)
 
 
-def check_added(stages: Chain, added: Stage) -> None:
-    """Expose a window of 8 × 8 pixels and look at what ``added`` does.
+def check_added(stages: Chain, added: Stage, wavelength_nm: float) -> None:
+    """Expose a window of 8 × 8 pixels to light of this wavelength and look at what ``added`` does.
 
     Raises InputError where it draws from the noise source of another stage, whose noise would be the same numbers,
     where it turns float32 into float64, which a compiled engine does not have, and where it adds up Electrons.
     """
-    signal: Array = Photons(np.full((8, 8), 1e3))
+    signal: Array = Photons(np.full((8, 8, 1), 1e3), np.array([wavelength_nm]))
     users: dict[str, int] = {}
     for place, stage in enumerate(stages):
         frame = _Recorder(Exposure(1.0), SensorWindow(0, (8, 8), backend=NUMPY_FLOAT32))

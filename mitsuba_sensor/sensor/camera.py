@@ -118,7 +118,7 @@ class Camera(FileTable):
             )
         camera = self.model_copy()
         camera._added = (*self._added, (after, stage))
-        check_added(camera.stages, stage)
+        check_added(camera.stages, stage, sum(camera.band_nm) / 2)
         return camera
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
@@ -131,6 +131,11 @@ class Camera(FileTable):
         """The datasheet, the source of each number, and the stages that were added: for the metadata of a frame."""
         added = [{"after": after, "stage": repr(stage)} for after, stage in self._added]
         return {**self.model_dump(), "sources": dict(self.sources), **({"added_stages": added} if added else {})}
+
+    @property
+    def added(self) -> tuple[Stage, ...]:
+        """The stages that :meth:`with_stage` added."""
+        return tuple(stage for _, stage in self._added)
 
     def added_after(self, key: str) -> tuple[Stage, ...]:
         """The stages that :meth:`with_stage` put behind this one."""

@@ -245,6 +245,11 @@ def _stages(camera: Camera, plan: Plan | None, chain: str) -> Chain:
     """What the plan left of this camera's chain, or the whole chain of that name."""
     if plan is None:
         if chain == "konnik2014":
+            if camera.added:
+                raise InputError(
+                    f"chain is 'konnik2014' and {camera.name} has an added {type(camera.added[0]).__name__}, for which "
+                    "the published chain has no place; take the camera without it, or the physical chain."
+                )
             return chain_of(Konnik2014Settings.from_camera(camera))
         return camera.stages
     if not hasattr(plan, "whole"):
