@@ -9,9 +9,10 @@ from typing import Any, Literal, Self
 from pydantic import Field, model_validator
 
 from ..core import Frame, SensorWindow, arrays
-from ..core.backend import Backend, uniforms
+from ..core.backend import NUMPY_FLOAT64, Backend, uniforms
 from ..core.moments import rectified_normal
 from .datasheet import Chance, FileTable, NotNegative, Positive
+from .pixel_law import PixelLaw, Quantiles, fixed_offsets
 
 
 class DarkComponentSection(FileTable):
@@ -104,6 +105,14 @@ def mixture_moments(
     laws += [(p.weight, *p.moments(frame.exposure.time_s)) for p in parts]
     average = sum(w * m for w, m, _ in laws)
     return average, sum(w * (v + (m - average) ** 2) for w, m, v in laws)
+
+
+def component_laws(
+    parts: tuple[DarkComponent, ...], frame: Frame, quantiles: Quantiles
+) -> list[tuple[float, PixelLaw]]:
+    """Share and law of the dark electrons of every component."""
+    reference = frame.on(NUMPY_FLOAT64)
+    return [(part.weight, fixed_offsets(part.electrons(quantiles.survival, reference), quantiles.weights)) for part in parts]
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,13 @@ import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+import numpy as np
+
 from ..core import SensorWindow, arrays, distributions
-from ..core.backend import Backend, normals, uniforms
+from ..core.backend import NUMPY_FLOAT64, Backend, normals, uniforms
 from ..core.moments import rectified_normal
+from ..core.types import Float64Array
+from .pixel_law import Quantiles
 
 
 @dataclass(frozen=True)
@@ -29,6 +33,10 @@ class FpnDistribution:
     def from_bits(self, backend: Backend, bits: Any) -> Any:
         """(H, W) random bits → (H, W) factors."""
         raise TypeError(f"{type(self).__name__} is not a distribution by itself")
+
+    def law(self, quantiles: Quantiles) -> tuple[Float64Array, Float64Array]:
+        """Factors at these quantiles, and the share of the pixels that has each."""
+        return np.asarray(self.from_bits(NUMPY_FLOAT64, quantiles.bits), dtype=np.float64), quantiles.weights
 
     @property
     def variance(self) -> float:
@@ -61,6 +69,13 @@ class Wald(FpnDistribution):
     def map_of(self, window: SensorWindow, source: str) -> Any:
         """The camera's map, (H, W): the two roots of a χ² draw, and a second number that picks one."""
         return window.cached((source, self), lambda: self._from(window, source))
+
+    def law(self, quantiles: Quantiles) -> tuple[Float64Array, Float64Array]:
+        """Both roots of every quantile, by their chances."""
+        z, weights = quantiles.normals, quantiles.weights
+        first, second = (NUMPY_FLOAT64.wald(z, np.full(z.shape, pick), self.cv) for pick in (0.0, 1.0))
+        chance = 1 / (1 + first)
+        return np.concatenate([first, second]), np.concatenate([weights * chance, weights * (1 - chance)])
 
     def _from(self, window: SensorWindow, source: str) -> Any:
         z, pick = window.fixed_map(source, normals), window.fixed_map(f"{source}_pick", uniforms)

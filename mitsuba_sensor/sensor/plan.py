@@ -19,7 +19,7 @@ from .checks import as_photons
 from .precision import Float32, float32_effect
 from .run import row_strips_of
 from .stage import Chain, Stage, sample
-from .theory import FinalMoments, final_moments
+from .old_theory import FinalMoments, final_moments
 
 RUNS = 5
 """Timed runs of each chain; they take turns, so that a machine that slows down slows both."""

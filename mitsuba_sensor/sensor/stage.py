@@ -15,7 +15,10 @@ from typing import ClassVar, Literal, Protocol
 import numpy as np
 
 from ..core import Array, Electrons, Frame, Moments, Photons, SensorWindow
+from ..core.code_law import code_moments
+from ..core.types import Float64Array
 from .datasheet import CameraTable, FileTable, PixelGeometry, SensorSection
+from .pixel_law import PixelLaw, Quantiles
 
 Domain = Literal["photons", "electrons", "volts", "DN"]
 
@@ -90,6 +93,10 @@ class Stage(ABC):
     def moments(self, m: Moments) -> Moments:
         """Mean, temporal and spatial variance of the signal behind this stage."""
 
+    def pixel_law(self, frame: Frame, quantiles: Quantiles) -> PixelLaw | None:
+        """Of a stage between light and shot noise: the law of the pixels' gains and offsets; None: by its moments."""
+        return None
+
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
         """The fixed-pattern noise maps of this stage, by name."""
         return {}
@@ -136,6 +143,16 @@ class Converter(Stage):
     @abstractmethod
     def highest(self) -> int:
         """The largest code."""
+
+    @property
+    def inl_lsb(self) -> Float64Array | None:
+        """INL of the lower edges of the codes 1, 2, … [LSB]; None for equal steps."""
+        return None
+
+    def code_moments(self, swing: Float64Array, sigma: Float64Array) -> tuple[Float64Array, Float64Array]:
+        """Mean and variance of the code of a normal swing with this mean and σ [V], both clips included."""
+        ideal = self.black_level_dn + self.gain_dn_per_v * swing
+        return code_moments(ideal, self.gain_dn_per_v * sigma, self.highest, self.inl_lsb)
 
     def counts(self, signal: Array, maps: dict[str, Array]) -> dict[str, int]:
         """Pixels at either end of the code range."""

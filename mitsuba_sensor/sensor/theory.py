@@ -1,148 +1,328 @@
-"""Moments of a chain's digital numbers, with two corrections that depend on more than one stage.
+"""Theory of a frame: mean, temporal and spatial variance behind every stage, from the conditional law of the code.
 
-A full well that the converter hides: a signal that is clipped twice is not normal the second time, and the theory of
-one clip after the other is wrong by up to half of the noise where the well is nearly full. By default the black level
-makes the converter end below the well: then only its own clip matters.
+Chained means and variances hold for normal signals only. Here the electrons are counted: given the count N and the
+fixed offsets, the signal is normal about a known mean, so that the law of the code follows from Φ at the transition
+levels of the converter. That is averaged over
 
-Whole electrons: where next to no noise follows the shot noise, codes and electrons interfere, and the mean of rounded
-numbers is not that of a rounded normal.
+1. the offsets (DSNU) and column gains, by quantiles,
+2. the count, by the law of its mean λ and variance (count_law.py): E[code | λ] and Var[code | λ] at about 1000 λ,
+3. what fixes λ before the count (PRNU, dark current and its mixtures, RTS states), by quantiles (pixel_law.py).
+
+What is left is a function of the mean photoelectrons of a pixel. A frame is a look-up; its averages are a look-up at
+the occupied levels of light (light_levels.py).
 """
 
 from __future__ import annotations
 
-import math
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy import special
+from scipy import sparse
 
-from ..core import Array, Frame, Moments, Photons, SensorWindow
-from .stage import Chain, Converter, converter_of
+from ..core import Frame, Moments, Photons, SensorWindow
+from ..core.types import Float64Array
+from .averages import Average, average_over
+from .count_law import count_law, count_nodes
+from .interpolation import interpolation
+from .pixel_law import PixelLaw, Quantiles, normal_law
+from .stage import Chain, Converter, Stage, converter_of, propagate
 
-HIDDEN = 4.0
-"""A well is hidden if it is so many σ of the noise behind it above the converter's end; what the cut in the well then
-still does to a pixel that is nearly full is below 1e-5 of that σ. (A default black level is 4σ.)"""
+OFFSET_STEPS, FARTHEST, BLUR = (0.75, 0.2, 0.06), 5.25, 0.7
+"""Quantiles of the fixed offsets lie one of these steps apart, up to the farthest [σ]; at most BLUR of the noise."""
 
-BEATS = 64
-"""Harmonics of the steps that are looked at. Noise of 0.02 DN behind the counting damps the others; with none at all,
-and few electrons one of which is next to the edge of a code, the mean may be off by a few hundredths of a DN."""
+SHARP_DN = 0.5
+"""Noise behind the count [DN] below which single electrons and steps of the converter show in the codes: at this one
+they move a mean by 0.002 DN."""
 
-FAINT = 1e-6
-"""A beat that the noise behind the counting weakens to less than that share is none."""
+PER_DECADE = 48
+KINK = np.arange(-10.0, 10.001, 0.25)
+"""Nodes about the levels where well or converter are full, in σ of the count."""
 
-FinalMoments = tuple[Moments, Moments]
-"""Without and with the converter's rounding, which can hide a change and can blow it up [DN]."""
+NARROW = 0.4
+"""Quantiles of a law lie close together where their distance is below so many σ of the count at saturation."""
 
-
-def final_moments(stages: Chain, light: Photons, frame: Frame) -> FinalMoments:
-    """Moments of the digital numbers that these stages make of ``light``, at every pixel of the window."""
-    well = hidden_well(stages, frame)
-    m, counts, full_share = Moments(light, 0.0, 0.0, frame), None, None
-    *analogue, _ = stages
-    converter = converter_of(stages)
-    for stage in analogue:
-        if stage.counts_electrons:
-            counts = m
-        if well is not None and stage.saturation_e is not None:
-            full_share = _share_above(m, stage.saturation_e)
-        else:
-            m = stage.moments(m)
-    ends = _converted(converter, m)
-    if well is not None and full_share is not None:
-        ends = _mixed(ends[0], well[0], full_share), _mixed(ends[1], well[1], full_share)
-    return ends if counts is None else (ends[0], _with_beat(ends[1], stages, counts))
+BEATS = 8
+"""Harmonics of the steps of the converter whose beat with the electrons is resolved."""
 
 
-def _converted(converter: Converter, m: Moments) -> FinalMoments:
-    smooth = m.scale(converter.gain_dn_per_v).add(mean=converter.black_level_dn).clip(0.0, converter.highest)
-    return smooth, converter.moments(m)
+class Expected(NamedTuple):
+    """Mean, temporal and spatial variance of a signal at some levels of light, in the unit of its stage."""
+
+    mean: Float64Array
+    temporal: Float64Array
+    spatial: Float64Array
 
 
-def hidden_well(stages: Chain, frame: Frame) -> FinalMoments | None:
-    """What a pixel whose well is full reads, less the highest code [DN]; None if the converter does not end below."""
-    place = next((k for k, stage in enumerate(stages) if stage.saturation_e is not None), None)
-    if place is None:
-        return None
-    pixel = replace(frame, window=SensorWindow(0, (1, 1), given=frame.window.given))
-    m, converter = Moments(stages[place].saturation_e, 0.0, 0.0, pixel), converter_of(stages)
-    for stage in stages[place + 1 : -1]:
-        m = stage.moments(m)
-    top = m.scale(converter.gain_dn_per_v).add(mean=converter.black_level_dn)
-    if not np.all(top.mean - converter.highest >= HIDDEN * top.sigma):
-        return None
-    smooth, rounded = (end.add(mean=-converter.highest) for end in _converted(converter, m))
-    return smooth, rounded
+class LightKind(NamedTuple):
+    """What else the counts of a pixel depend on: electrons per interaction, its variance, and which share of the mean
+    photoelectrons is the variance of a render that the shot noise compensates."""
+
+    yield_mean: float = 1.0
+    yield_variance: float = 0.0
+    compensated: float = 0.0
 
 
-def _share_above(m: Moments, edge: float) -> Array:
-    """The chance that a signal is above ``edge``."""
-    sigma = np.sqrt(np.asarray(m.temporal + m.spatial, dtype=np.float64))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        chance = special.ndtr((np.asarray(m.mean, dtype=np.float64) - edge) / sigma)
-    return np.where((sigma > 0) & np.isfinite(sigma), chance, np.asarray(m.mean) > edge)
+@dataclass(frozen=True, eq=False)
+class Theory:
+    """Theory of one chain in one exposure.
 
-
-def _mixed(end: Moments, full: Moments, share: Array) -> Moments:
-    """``end``, where so often the well is full: the noise behind it may then reach below the last code."""
-    return end.add(mean=share * full.mean, temporal=share * full.temporal, spatial=share * full.spatial)
-
-
-def _with_beat(rounded: Moments, stages: Chain, counts: Moments) -> Moments:
-    """The mean of rounded codes of whole electrons.
-
-    round(x) = x + Σ (−1)^k/(πk)·sin 2πkx (core/rounding.py); for x = a + K·n + noise, n ~ Poisson(λ) and λ itself of
-    variance V, each sine has the characteristic functions of both as its factor, where rounding took that of a normal.
+    stages : the whole chain, or what a plan left of it.
+    conditions : exposure and window (serial 0, one pixel), with measured FPN maps where they are given.
+    kind : of the light.
     """
-    place = next(k for k, stage in enumerate(stages) if stage.counts_electrons)
-    line = _line_behind(stages, place, counts)
-    if line is None:
-        return rounded
-    start, pitch, after = line
-    mean, spread = _finite(counts.mean), _finite(counts.temporal + counts.spatial)
-    beat: NDArray[np.float64] = np.zeros(np.broadcast_shapes(mean.shape, spread.shape, np.shape(after)))
-    for k in range(1, BEATS + 1):
-        left = np.exp(-2 * (math.pi * k) ** 2 * after)
-        if np.max(left) < FAINT:
-            break
-        turn = math.remainder(2 * math.pi * k * pitch, 2 * math.pi)  # by which one electron more turns the phase
-        counted = _of_counts(turn, mean, spread)
-        normal = np.exp(2j * math.pi * k * pitch * mean - 2 * (math.pi * k * pitch) ** 2 * (mean + spread))
-        wave = np.exp(2j * math.pi * k * start) * (counted - normal)
-        beat += (-1) ** k / (math.pi * k) * left * np.imag(wave)
-    inside = (rounded.mean > 0.5) & (rounded.mean < converter_of(stages).highest - 0.5)
-    return rounded.add(mean=np.where(inside, beat, 0.0))
+
+    stages: Chain
+    conditions: Frame
+    kind: LightKind = LightKind()
+    _found: dict[int, Float64Array] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, stages: Chain, frame: Frame, kind: LightKind = LightKind()) -> Theory:
+        """For the exposure and the measured maps of this frame."""
+        window = SensorWindow(0, (1, 1), given=frame.window.given)
+        return cls(tuple(stages), Frame(frame.exposure, window), kind)
+
+    def behind(self, stage: Stage, light_e: Float64Array) -> Expected:
+        """At these levels of mean photoelectrons; of chain konnik2014, of photons."""
+        number = next(k for k, one in enumerate(self.stages) if one is stage)
+        levels = np.atleast_1d(np.asarray(light_e, dtype=np.float64))
+        if self._count is None:
+            return self._normal(number, levels)
+        table = self.table(number)
+        found = interpolation(self.nodes, levels) @ table
+        found[levels == 0] = table[0]
+        return Expected(found[:, 0], np.maximum(found[:, 1], 0.0), np.maximum(found[:, 2], 0.0))
+
+    def digital(self, light_e: Float64Array) -> Expected:
+        """Of the digital numbers [DN, DN², DN²]."""
+        return self.behind(self.stages[-1], light_e)
+
+    def table(self, number: int) -> Float64Array:
+        """Mean and variances behind stage ``number`` at the nodes of mean photoelectrons, (nodes, 3)."""
+        if number not in self._found:
+            wanted = [k for k in range(len(self.stages)) if k not in self._found] if number < len(self.stages) - 1 else []
+            for k in {number, *wanted}:
+                self._found[k] = self._averaged(k)
+        return self._found[number]
+
+    def _averaged(self, number: int) -> Float64Array:
+        """Average over the laws of the stages between the light and the count."""
+        count = self._count
+        assert count is not None
+        if number < count:
+            values = np.stack([self.nodes, 0 * self.nodes, 0 * self.nodes], axis=1)
+        elif number < self._split:
+            m = self._counted(self.stages[count : number + 1])
+            values = np.stack([m.mean, m.temporal, 0 * self.nodes], axis=1)
+        else:
+            values = self._conditional[number]
+        for stage, matrix in reversed(self._laws):
+            if stage <= number:
+                values = matrix.averaged(values)
+        return values
+
+    # -- levels ------------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def nodes(self) -> Float64Array:
+        """Nodes of mean electrons, of light and dark alike: evenly in their logarithm, and close where the ends are."""
+        top = 1e4 * max(self._counts[-1], 1.0)
+        parts = [np.array([0.0]), np.geomspace(1e-4, top, int(PER_DECADE * np.log10(top * 1e4)))]
+        dark = self._dark_e
+        for end in self._ends:
+            around = end + KINK * np.sqrt(end + self._read_e**2 + 1)
+            parts += [around, around - dark]
+        parts.append(self._beats())
+        if converter_of(self.stages).inl_lsb is not None:
+            parts.append(self._evenly(top))
+        found = np.unique(np.concatenate(parts))
+        found = found[(found >= 0) & np.isfinite(found)]
+        return found[np.diff(found, prepend=-1.0) > 1e-5 * found + 1e-6]
+
+    @cached_property
+    def _ends(self) -> list[float]:
+        """Counts at which well or converter are full."""
+        codes = self._line[0]
+        inside = np.flatnonzero(codes >= converter_of(self.stages).highest - 0.5)
+        return [self._counts[-1], *([float(self._counts[inside[0]])] if inside.size else [])]
+
+    def _beats(self) -> Float64Array:
+        """Nodes that resolve slow beats between electrons and steps of the converter where little noise hides them."""
+        codes, sigma = self._line
+        if sigma.min() > SHARP_DN or codes.size < 3:
+            return np.zeros(0)
+        pitch, found = float(codes[1] - codes[0]), []
+        for k in range(1, BEATS + 1):
+            slow = abs(k * pitch - round(k * pitch))
+            if slow > 1e-5 and np.exp(-2 * (np.pi * k * sigma.min()) ** 2) > 1e-3:
+                period = 1 / slow
+                found.append(np.arange(0, min((period / 4) ** 2, self._counts[-1] * 1.2, 250 * period), period / 8))
+        return np.concatenate(found) if found else np.zeros(0)
+
+    def _evenly(self, top: float) -> Float64Array:
+        """Nodes a third of the noise apart, for steps of unequal width."""
+        read = self._read_e
+        steps = np.arange(0, 6 * (np.sqrt(1.2 * self._counts[-1] + read**2) - read))
+        return np.minimum((read + steps / 6) ** 2 - read**2, top)
+
+    @cached_property
+    def _dark_e(self) -> float:
+        """Mean electrons that are there without light."""
+        m = Moments(0.0, 0.0, 0.0, self.conditions)
+        return float(np.mean(propagate(self.stages[1 : self._count], m).mean))
+
+    # -- given the count ---------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _count(self) -> int | None:
+        return next((k for k, stage in enumerate(self.stages) if stage.counts_electrons), None)
+
+    @cached_property
+    def _split(self) -> int:
+        """The first stage behind the count that works on single counts: a full well, or volts."""
+        after = enumerate(self.stages)
+        count = -1 if self._count is None else self._count
+        return next(k for k, s in after if k > count and (s.saturation_e is not None or s.domain in ("volts", "DN")))
+
+    @cached_property
+    def _saturation_e(self) -> float:
+        return min((s.saturation_e for s in self.stages if s.saturation_e is not None), default=np.inf)
+
+    @cached_property
+    def _counts(self) -> Float64Array:
+        """Nodes of the count, up to the one that fills well or converter."""
+        largest = self._saturation_e
+        if not np.isfinite(largest):
+            largest, highest = 64.0, converter_of(self.stages).highest
+            while largest < 1e12 and self._analogue(np.array([largest]))[0].mean() < highest * 1.5:
+                largest *= 2
+        coarse = np.linspace(0.0, largest, 65)
+        return count_nodes(float(largest), bool(self._analogue(coarse)[1].min() < SHARP_DN))
+
+    def _analogue(self, counts: Float64Array) -> tuple[Float64Array, Float64Array]:
+        """Code before rounding, and temporal σ, given the count [DN]."""
+        converter, m = converter_of(self.stages), Moments(counts, 0.0, 0.0, self.conditions)
+        m = propagate(self.stages[self._split : -1], m)
+        sigma = np.sqrt(np.broadcast_to(m.temporal, counts.shape)) * converter.gain_dn_per_v
+        return converter.black_level_dn + converter.gain_dn_per_v * m.mean, sigma
+
+    @cached_property
+    def _line(self) -> tuple[Float64Array, Float64Array]:
+        return self._analogue(self._counts)
+
+    @cached_property
+    def _read_e(self) -> float:
+        """Noise behind the count, as electrons."""
+        codes, sigma = self._line
+        slope = max((codes[-1] - codes[0]) / max(self._counts[-1], 1.0), 1e-300)
+        return float(min(sigma.max() / slope, self._counts[-1]))
+
+    def _counted(self, stages: Sequence[Stage]) -> Moments:
+        """Moments behind the count and what multiplies electrons, at the nodes."""
+        light = np.maximum(self.nodes - self._dark_e, 0.0)
+        given = Moments(
+            self.nodes,
+            0.0,
+            0.0,
+            self.conditions,
+            light=Moments(light, 0.0, 0.0, self.conditions),
+            yield_mean=self.kind.yield_mean,
+            yield_variance=self.kind.yield_variance,
+            variance_e2=self.kind.compensated * light if self.kind.compensated else None,
+        )
+        m = propagate(stages, given)
+        shape = self.nodes.shape
+        return replace(m, mean=np.broadcast_to(m.mean, shape), temporal=np.broadcast_to(m.temporal, shape))
+
+    @cached_property
+    def _conditional(self) -> dict[int, Float64Array]:
+        """Mean and variances at the nodes of mean electrons behind every stage from the well on, (nodes, 3)."""
+        counted = self._counted(self.stages[self._count : self._split])
+        law = count_law(counted.mean, counted.temporal, self._counts)
+        found, m = {}, Moments(self._counts, 0.0, 0.0, self.conditions)
+        for number in range(self._split, len(self.stages) - 1):
+            m = self.stages[number].moments(m)
+            found[number] = _mixed(law, *(np.broadcast_to(x, self._counts.shape) for x in (m.mean, m.temporal, m.spatial)))
+        found[len(self.stages) - 1] = self._codes(law, m)
+        return found
+
+    def _codes(self, law: sparse.csr_array, m: Moments) -> Float64Array:
+        """The law of the code, given the count and the fixed offset, averaged over both."""
+        mean, temporal, spatial = (np.broadcast_to(x, self._counts.shape) for x in (m.mean, m.temporal, m.spatial))
+        found, of_step = np.empty((self.nodes.size, 3)), self._offset_steps(temporal, spatial)
+        for step in np.unique(of_step):
+            rows = np.flatnonzero(of_step == step)
+            part = law[rows]
+            used = slice(int(part.indices.min()), int(part.indices.max()) + 1)
+            given = mean[used], np.sqrt(temporal[used]), np.sqrt(spatial[used])
+            found[rows] = _over_offsets(converter_of(self.stages), part[:, used], *given, step)
+        return found
+
+    def _offset_steps(self, temporal: Float64Array, spatial: Float64Array) -> Float64Array:
+        """Distance of the quantiles of the offsets [σ] at every node: less than the noise that blurs the codes."""
+        at = np.minimum(np.searchsorted(self._counts, self.nodes), self._counts.size - 1)
+        slope = self._line[0][1:] - self._line[0][:-1]
+        pitch = slope[0] / (self._counts[1] - self._counts[0]) / converter_of(self.stages).gain_dn_per_v if slope.size else 0
+        blur = np.sqrt(temporal[at] + pitch**2 * np.minimum(self.nodes, self._counts[-1]))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            wanted = np.where(spatial[at] > 0, BLUR * blur / np.sqrt(spatial[at]), np.inf)
+        return np.array(OFFSET_STEPS)[np.searchsorted(-np.array(OFFSET_STEPS), -wanted).clip(0, len(OFFSET_STEPS) - 1)]
+
+    # -- before the count --------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _laws(self) -> list[tuple[int, Average]]:
+        """The laws of the stages between the light and the count, with their numbers."""
+        assert self._count is not None
+        end = min(self._ends)
+        gap = NARROW * np.sqrt(end + self._read_e**2 + 1)
+        return [(k, average_over(partial(self._law, k), self.nodes, end, gap)) for k in range(1, self._count)]
+
+    def _law(self, number: int, quantiles: Quantiles) -> PixelLaw:
+        """The law of a stage; of one that has none a normal law with the moments that it states."""
+        stage = self.stages[number]
+        if (law := stage.pixel_law(self.conditions, quantiles)) is not None:
+            return law
+        m = stage.moments(Moments(self.nodes, 0.0, 0.0, self.conditions))
+        mean, temporal, spatial = (np.broadcast_to(x, self.nodes.shape) for x in (m.mean, m.temporal, m.spatial))
+        return normal_law(mean, temporal, spatial)
+
+    # -- a chain that does not count electrons ------------------------------------------------------------------------
+
+    def _normal(self, number: int, levels: Float64Array) -> Expected:
+        """By the moments of the stages alone (chain konnik2014, which is there for comparison)."""
+        window = SensorWindow(0, (1, levels.size), given={})
+        light = Photons(levels[None, :])
+        m = propagate(self.stages[: number + 1], Moments(light, 0.0, 0.0, replace(self.conditions, window=window)))
+        parts = (np.broadcast_to(x, (1, levels.size))[0] for x in (m.mean, m.temporal, m.spatial))
+        return Expected(*(np.asarray(x, dtype=np.float64) for x in parts))
 
 
-def _of_counts(turn: float, mean: Array, spread: Array) -> Array:
-    """E exp(i·turn·n) of n ~ Poisson(λ), λ ~ Normal(mean, spread); 0 where the spread leaves no phase."""
-    step = np.exp(1j * turn) - 1
-    exponent = step * mean + 0.5 * step**2 * spread
-    exponent = np.minimum(exponent.real, 0.0) + 1j * exponent.imag
-    return np.where(turn**2 * spread < 9.0, np.exp(exponent), 0.0)
+def _mixed(law: sparse.csr_array, mean: Float64Array, temporal: Float64Array, spatial: Float64Array) -> Float64Array:
+    """Over the counts: what is fixed is shared by all of them."""
+    reference = float(mean[mean.size // 2])
+    off = mean - reference
+    first, second, shared = (law @ np.stack([off, temporal + off**2, np.sqrt(spatial)], axis=1)).T
+    return np.stack([reference + first, np.maximum(second - first**2, 0.0), shared**2], axis=1)
 
 
-def _line_behind(stages: Chain, place: int, counts: Moments) -> tuple[float, float, Array] | None:
-    """Code of no electron, codes per electron, and variance behind the counting [DN²]; None for a curved chain."""
-    converter = converter_of(stages)
-    if not all(stage.even_codes for stage in stages):
-        return None
-
-    def behind(electrons: Array) -> Moments:
-        m = replace(counts, mean=electrons, temporal=0.0, spatial=0.0, light=None, variance_e2=None)
-        for stage in stages[place + 1 : -1]:
-            if not stage.saturation_e is not None:
-                m = stage.moments(m)
-        return m.scale(converter.gain_dn_per_v).add(mean=converter.black_level_dn)
-
-    none, one, many = (float(np.mean(behind(n).mean)) for n in (0.0, 1.0, 1e4))
-    pitch = one - none
-    if not math.isclose(many - none, 1e4 * pitch, rel_tol=1e-9):
-        return None
-    m = behind(_finite(counts.mean))
-    return none, pitch, np.asarray(m.temporal + m.spatial, dtype=np.float64)
-
-
-def _finite(values: Array) -> NDArray[np.float64]:
-    """0 where the light is infinite: such a pixel is saturated, and nothing beats there."""
-    return np.where(np.isfinite(values), values, 0.0)
+def _over_offsets(
+    converter: Converter,
+    law: sparse.csr_array,
+    mean: Float64Array,
+    sigma: Float64Array,
+    offset: Float64Array,
+    step: float,
+) -> Float64Array:
+    """Codes of a normal signal, for quantiles of the offsets so many σ apart."""
+    z = np.arange(-FARTHEST, FARTHEST + step / 2, step) if offset.any() else np.zeros(1)
+    weights = np.exp(-0.5 * z**2) / np.exp(-0.5 * z**2).sum()
+    swing = mean[:, None] + offset[:, None] * z
+    code, variance = converter.code_moments(swing, np.broadcast_to(sigma[:, None], swing.shape))
+    first = law @ code
+    own = np.maximum(law @ (variance + code**2) - first**2, 0.0)
+    average = first @ weights
+    return np.stack([average, own @ weights, (first - average[:, None]) ** 2 @ weights], axis=1)

@@ -14,7 +14,7 @@ from ..core.backend import Backend
 from ..core.llvm import backend_problem, drjit
 from ..sensor.run import FrameRunner
 from ..sensor.stage import Stage, converter_of, sample
-from ..sensor.theory import final_moments
+from ..sensor.old_theory import final_moments
 from .statistics import Array, Numbers
 
 QUANTITIES = ("mean", "temporal σ", "spatial σ")

@@ -7,9 +7,11 @@ from dataclasses import dataclass
 from itertools import accumulate
 from typing import Annotated, ClassVar, Self
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from ...core import Array, Exposure, Frame, Moments, SensorWindow, arrays
+from ...core.types import Float64Array
 from ..datasheet import FileTable, NotNegative, Positive
 from ..gains import adc_gain_dn_per_v
 from ..stage import Converter, Datasheet, Stage, propagate
@@ -124,6 +126,11 @@ class AdcWithDnl(Adc):
         code = arrays.minimum(arrays.maximum(arrays.floor(ideal.mean + 0.5), 0.0), self.highest)
         inl = arrays.look_up(self._inl, arrays.as_index(code))
         return ideal.add(mean=-inl).round().clip(0.0, self.highest)
+
+    @property
+    def inl_lsb(self) -> Float64Array:
+        """The running sum of the DNL [LSB]."""
+        return np.array(self._inl[1:])
 
     @property
     def _inl(self) -> tuple[float, ...]:

@@ -8,11 +8,12 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from ...core import Array, Electrons, Exposure, Frame, Moments, SensorWindow, arrays
-from ..dark_components import DarkComponent, DarkComponentSection, component_maps, mixture_moments, superimpose
+from ..dark_components import DarkComponent, DarkComponentSection, component_laws, component_maps, mixture_moments, superimpose
 from ..dark_current_models import DarkCurrentModel, Doubling, FigureOfMerit, Measured, Mpp
 from ..datasheet import FileTable, MapCoupling, NotNegative, Positive
 from ..fpn_distributions import Autoregressive, FpnDistribution, Gamma, Gaussian, Logistic, LogNormal, Wald
 from ..gains import gain_dn_per_e
+from ..pixel_law import PixelLaw, Quantiles, fixed_offsets, mixed, of_map
 from ..stage import Datasheet, Stage, cut_to_zero
 
 DISTRIBUTIONS = {"gaussian": Gaussian, "lognormal": LogNormal, "gamma": Gamma, "wald": Wald, "logistic": Logistic}
@@ -107,6 +108,14 @@ class DarkCurrent(Stage):
         factor, variance = m.frame.window.map_moments("dark_fpn", self.distribution.mean, self.distribution.variance)
         average, spread = mixture_moments(self.components, mean * factor, mean**2 * variance, m.frame)
         return replace(m.add(mean=average, spatial=spread), light=m)
+
+    def pixel_law(self, frame: Frame, quantiles: Quantiles) -> PixelLaw:
+        """The dark electrons of the pixels: the main distribution, or its measured map, and the components."""
+        mean, given = self.mean_e(frame), frame.window.given.get("dark_fpn")
+        factors, weights = self.distribution.law(quantiles)
+        main = fixed_offsets(mean * factors, weights) if given is None else of_map(mean * given, fixed_offsets)
+        components = component_laws(self.components, frame, quantiles)
+        return mixed([(1 - sum(part.weight for part in self.components), main), *components])
 
     def mean_e(self, frame: Frame) -> float:
         """Mean dark electrons of a pixel of the main component in this exposure."""

@@ -13,6 +13,7 @@ from pydantic import Field
 from ...core import Array, Electrons, Frame, Moments, SensorWindow, arrays
 from ..datasheet import FileTable, LineCoupling, MapCoupling, NotNegative
 from ..fpn_distributions import AutoregressiveRectified, FpnDistribution, LogNormal, Rectified
+from ..pixel_law import PixelLaw, Quantiles, fixed_gains, of_map
 from ..stage import Datasheet, Stage, cut_to_zero
 
 
@@ -70,6 +71,12 @@ class Prnu(Stage):
         return replace(
             m, mean=m.mean * mean, spatial=m.spatial + arrays.product(m.mean**2, variance), variance_e2=noise
         )
+
+    def pixel_law(self, frame: Frame, quantiles: Quantiles) -> PixelLaw:
+        """The gains of the pixels."""
+        if "prnu" in frame.window.given:
+            return of_map(frame.window.given["prnu"], fixed_gains)
+        return fixed_gains(*self.distribution.law(quantiles))
 
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
         """``prnu``: gain of every pixel, 1 on average."""

@@ -11,6 +11,7 @@ from pydantic import Field
 from ...core import Array, Electrons, Frame, Moments, SensorWindow, arrays, distributions
 from ...core.backend import Backend
 from ..datasheet import Chance, FileTable, NotNegative
+from ..pixel_law import PixelLaw, Quantiles
 from ..stage import Datasheet, Stage
 
 
@@ -66,6 +67,13 @@ class RtsPixels(Stage):
         mean = step * self.duty
         share, spread = m.frame.window.map_moments("rts_site", self.fraction, self.fraction * (1 - self.fraction))
         return m.add(mean=share * mean, temporal=share * step * mean * (1 - self.duty), spatial=spread * mean**2)
+
+    def pixel_law(self, frame: Frame, quantiles: Quantiles) -> PixelLaw:
+        """Pixels with and without a trap, which is off or on."""
+        share, _ = frame.window.map_moments("rts_site", self.fraction, 0.0)
+        step = self.amplitude_e_per_s * frame.exposure.time_s
+        offsets = np.array([[0.0, 0.0], [0.0, step]])
+        return PixelLaw(np.array([1 - share, share]), np.ones((2, 2)), offsets, np.array([1 - self.duty, self.duty]))
 
     def states(self, frame: Frame) -> Array:
         """1 where a trap is on in this frame, else 0, (H, W).

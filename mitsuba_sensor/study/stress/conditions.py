@@ -12,7 +12,7 @@ import numpy as np
 from ... import Camera, Exposure, InputError, Photons, list_cameras, load_camera
 from ...core import Array, Float64Array, Frame, SensorWindow
 from ...sensor.datasheet_errors import fields_of
-from ...sensor.theory import final_moments
+from ...sensor.old_theory import final_moments
 from .case import NAME, table1
 from .whole import CURVES, NODE_OPTIONS
 

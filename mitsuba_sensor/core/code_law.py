@@ -1,0 +1,91 @@
+"""Mean and variance of the code of a normal signal: ΣΦ over the transition levels of a converter, both clips included."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from .types import Float64Array
+
+NARROW = 1.0
+"""σ [DN] from which on the sum over equal steps is its integral, by Euler-Maclaurin: there the next term is 4e-5 DN."""
+
+REACH = 8.0
+"""Transitions further away than so many σ are sure."""
+
+
+def code_moments(
+    ideal_dn: Float64Array, sigma_dn: Float64Array, highest: int, inl_lsb: Float64Array | None = None
+) -> tuple[Float64Array, Float64Array]:
+    """Mean and variance of the code of x ~ Normal(ideal, σ²): code = number of transition levels T_k ≤ x.
+
+    ideal_dn, sigma_dn : of one shape; σ may be 0.  highest : the largest code.
+    inl_lsb : (highest,) INL of the lower edge of the codes 1 … highest: T_k = k − ½ + INL_k; None: equal steps.
+    """
+    ideal, sigma = np.broadcast_arrays(ideal_dn, sigma_dn)
+    x, s = ideal.ravel(), sigma.ravel()
+    mean, variance = np.empty(x.size), np.empty(x.size)
+    wide = np.zeros(x.size, dtype=bool) if inl_lsb is not None else s >= NARROW
+    mean[wide], variance[wide] = _integrated(x[wide], s[wide], highest)
+    levels = None if inl_lsb is None else np.arange(1, highest + 1) - 0.5 + inl_lsb
+    narrow = np.flatnonzero(~wide)
+    for part in np.array_split(narrow, max(narrow.size // 2**15, 1)):
+        mean[part], variance[part] = _summed(x[part], s[part], highest, levels)
+    return mean.reshape(ideal.shape), variance.reshape(ideal.shape)
+
+
+def _integrated(x: Float64Array, s: Float64Array, highest: int) -> tuple[Float64Array, Float64Array]:
+    """Equal steps: Σ f(k − ½) = ∫ f − [f′]/24 + 7·[f‴]/5760 for f(t) = Φ((x − t)/s), and the same for 2t·f(t)."""
+    first, second = np.zeros(x.shape), np.zeros(x.shape)
+    for edge, sign in ((0.0, 1.0), (float(highest), -1.0)):
+        d = x - edge
+        u = d / s
+        below, density = special.ndtr(u), np.exp(-0.5 * u * u) / math.sqrt(2 * math.pi)
+        slope, second_slope, third = -density / s, -u * density / s**2, -(u * u - 1) * density / s**3
+        above = d * below + s * density  # E max(x − edge, 0)
+        first += sign * (above + slope / 24 - 7 * third / 5760)
+        squared = (d * d + s * s) * below + d * s * density + 2 * edge * above
+        bent = 2 * below + 2 * edge * slope
+        second += sign * (squared + bent / 24 - 7 * (6 * second_slope + 2 * edge * third) / 5760)
+    return first, np.maximum(second - first**2, 0.0)
+
+
+def _summed(
+    x: Float64Array, s: Float64Array, highest: int, levels: Float64Array | None
+) -> tuple[Float64Array, Float64Array]:
+    """Any steps: E d and E d² of d = code − c from P(d ≥ j) and P(d ≤ −j), c the code of the mean."""
+    if not x.size:
+        return x, s
+    centre = _code_of(x, highest, levels)
+    mean, square = np.zeros(x.shape), np.zeros(x.shape)
+    reach = REACH * s
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for sign in (1, -1):
+            j = 1
+            while True:
+                number = centre + j if sign > 0 else centre - j + 1  # of the transition that d = ±j lies behind
+                exists = (number >= 1) & (number <= highest)
+                distance = sign * (x - _level(np.clip(number, 1, highest), levels))
+                near = exists & (distance > -reach) if j > 1 else exists
+                if not near.any():
+                    break
+                sure = (distance >= 0) if sign > 0 else (distance > 0)
+                chance = np.where(s > 0, special.ndtr(distance / s), sure)
+                chance = np.where(near, chance, 0.0)
+                mean += sign * chance
+                square += (2 * j - 1) * chance
+                j += 1
+    return centre + mean, np.maximum(square - mean**2, 0.0)
+
+
+def _code_of(x: Float64Array, highest: int, levels: Float64Array | None) -> NDArray[np.int64]:
+    if levels is not None:
+        return np.searchsorted(levels, x, side="right").astype(np.int64)
+    return np.clip(np.floor(x + 0.5), 0, highest).astype(np.int64)
+
+
+def _level(number: NDArray[np.int64], levels: Float64Array | None) -> Float64Array:
+    return number - 0.5 if levels is None else levels[number - 1]

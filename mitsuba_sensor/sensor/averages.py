@@ -1,0 +1,131 @@
+"""Averages of a tabulated function of mean electrons over the law of a stage in front of the shot noise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from scipy import sparse
+
+from ..core.types import Float64Array
+from .interpolation import interpolation
+from .pixel_law import COARSE, FINE, PixelLaw, Quantiles
+
+class Average(Protocol):
+    """(nodes, 3), mean and variances behind a stage → the same in front of it."""
+
+    def averaged(self, values: Float64Array) -> Float64Array:
+        """Means average; the spread of the means adds to a variance."""
+
+
+def average_over(
+    law_at: Callable[[Quantiles], PixelLaw], nodes: Float64Array, end_e: float, gap_e: float
+) -> Average:
+    """The average over a law.
+
+    end_e : where the pixel is full.  gap_e : a law whose quantiles lie closer than this before the end is a sum over
+        them; a wider one is an integral over its distribution, for no quantile may hit the noise next to the end.
+    """
+    law = law_at(COARSE)
+    if law.states.size > 1 or law.gains.ndim != 2 or law.weights.size == 1:
+        return ByQuantiles.of(law, nodes)
+    of_gains = bool(np.ptp(law.gains) > 0)
+    values = np.sort((law.gains if of_gains else law.offsets)[:, 0])
+    gaps = np.diff(values) * (end_e / np.maximum(values[1:], 1e-300) if of_gains else 1.0)
+    if np.max(gaps[values[:-1] < (np.inf if of_gains else end_e)], initial=0.0) <= gap_e:
+        return ByQuantiles.of(law, nodes)
+    return ByDistribution.of(law_at(FINE), nodes, of_gains)
+
+
+@dataclass(frozen=True, eq=False)
+class ByQuantiles:
+    """Sums over the kinds of pixels and their states."""
+
+    law: PixelLaw
+    matrix: sparse.csr_array
+    nodes: int
+
+    @classmethod
+    def of(cls, law: PixelLaw, nodes: Float64Array) -> ByQuantiles:
+        """Look-ups at gain·x + offset for every node, kind and state."""
+        at = np.maximum(law.gains * nodes[:, None, None] + law.offsets, 0.0)
+        return cls(law, interpolation(nodes, at.ravel()), nodes.size)
+
+    def averaged(self, values: Float64Array) -> Float64Array:
+        """What is fixed is shared by all states of a pixel."""
+        shape = self.nodes, self.law.weights.size, self.law.states.size, 3
+        mean, temporal, spatial = np.moveaxis((self.matrix @ values).reshape(shape), -1, 0)
+        own = mean @ self.law.states
+        flicker = (temporal + (mean - own[..., None]) ** 2) @ self.law.states
+        shared = (np.sqrt(np.maximum(spatial, 0.0)) @ self.law.states) ** 2
+        average = own @ self.law.weights
+        spread = (shared + (own - average[:, None]) ** 2) @ self.law.weights
+        return np.stack([average, flicker @ self.law.weights, spread], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class ByDistribution:
+    """Integrals over the intervals between the nodes, in each of which the function is a straight line.
+
+    mass, first, second : (nodes, intervals), moments 0, 1, 2 of the place in the interval, 0 … 1.
+    below, above : (nodes,) share of the pixels below the first and above the last node.
+    """
+
+    mass: Float64Array
+    first: Float64Array
+    second: Float64Array
+    below: Float64Array
+    above: Float64Array
+
+    @classmethod
+    def of(cls, law: PixelLaw, nodes: Float64Array, of_gains: bool) -> ByDistribution:
+        """The distribution is even between the middles of the quantiles."""
+        values = (law.gains if of_gains else law.offsets)[:, 0]
+        order = np.argsort(values, kind="stable")
+        values, weights = values[order], law.weights[order]
+        borders = np.concatenate([values[:1], 0.5 * (values[1:] + values[:-1]), values[-1:]])
+        x = nodes[:, None]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            edges = np.where(x > 0, nodes / x, np.where(nodes > 0, np.inf, 0.0)) if of_gains else nodes - x
+            partial = _partial_moments(edges, borders, weights)
+            mass, one, two = (np.diff(part, axis=1) for part in partial)
+            start, width = edges[:, :-1], np.diff(edges, axis=1)
+            first = np.where(mass > 0, (one - start * mass) / width, 0.0)
+            second = np.where(mass > 0, (two - 2 * start * one + start**2 * mass) / width**2, 0.0)
+        first = np.clip(np.nan_to_num(first), 0.0, mass)
+        second = np.clip(np.nan_to_num(second), 0.0, first)
+        return cls(mass, first, second, partial[0][:, 0], 1 - partial[0][:, -1])
+
+    def averaged(self, values: Float64Array) -> Float64Array:
+        """Mean and variances in front of the stage."""
+        left, right = values[:-1], values[1:]
+        found = (self.mass - self.first) @ left + self.first @ right
+        found += self.below[:, None] * values[0] + self.above[:, None] * values[-1]
+        reference = found[found.shape[0] // 2, 0]
+        a, b = left[:, 0] - reference, right[:, 0] - reference
+        square = (self.mass - 2 * self.first + self.second) @ a**2 + 2 * (self.first - self.second) @ (a * b)
+        square += self.second @ b**2
+        square += self.below * (values[0, 0] - reference) ** 2 + self.above * (values[-1, 0] - reference) ** 2
+        found[:, 2] += np.maximum(square - (found[:, 0] - reference) ** 2, 0.0)
+        return found
+
+
+def _partial_moments(
+    at: Float64Array, borders: Float64Array, weights: Float64Array
+) -> tuple[Float64Array, Float64Array, Float64Array]:
+    """Moments 0, 1, 2 of all that lies below each place, for a law that is even between its borders."""
+    low, high = borders[:-1], borders[1:]
+    sums = [weights, weights * (low + high) / 2, weights * (low**2 + low * high + high**2) / 3]
+    whole = [np.concatenate([[0.0], np.cumsum(part)]) for part in sums]
+    place = np.clip(at, borders[0], borders[-1])
+    j = np.clip(np.searchsorted(borders, place, side="right") - 1, 0, weights.size - 1)
+    width = high[j] - low[j]
+    share = np.where(width > 0, (place - low[j]) / np.where(width > 0, width, 1.0), 1.0)
+    part, seen = weights[j] * share, at >= borders[0]  # all of an atom at the first border lies at it, not below
+    return (
+        seen * (whole[0][j] + part),
+        seen * (whole[1][j] + part * (low[j] + place) / 2),
+        seen * (whole[2][j] + part * (low[j] ** 2 + low[j] * place + place**2) / 3),
+    )

@@ -1,0 +1,99 @@
+"""Law of the electron count of a pixel: the chance of every count for a mean and a variance, as a sparse matrix.
+
+A variance equal to the mean is Poisson's law, exactly. A larger one (quantum yield, multiplication) is that of c·n, a
+smaller one (compensated render noise) that of a + n, with n of Poisson's law and the same mean and variance.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import sparse, special
+
+from ..core.types import Float64Array
+
+EVERY_COUNT = 2**17
+"""Every count up to this one is a node where single electrons may show in the codes."""
+
+FROM = 2048
+"""Nodes are all counts up to here, and then lie √N/STEPS apart where single electrons do not show."""
+
+STEPS = 8.0
+
+LARGE = 1e6
+"""A mean above which SciPy's incomplete gamma function loses its upper tail, and the law is normal to 1e-3 σ."""
+
+REACH = 9.0
+"""Counts further from their mean than so many σ are left out (1e-19)."""
+
+
+def count_nodes(largest: float, single: bool) -> Float64Array:
+    """Counts from 0 to ``largest``, that one included [e-].
+
+    single : whether the codes may follow single electrons, so that no count can stand for its neighbours.
+    """
+    last = min(largest, float(EVERY_COUNT if single else FROM))
+    nodes = np.arange(0.0, np.floor(last) + 1)
+    if largest > last:
+        steps = np.arange(1, np.ceil(2 * STEPS * (np.sqrt(largest) - np.sqrt(last))))
+        nodes = np.concatenate([nodes, np.unique(np.floor((np.sqrt(last) + steps / (2 * STEPS)) ** 2))])
+    return np.unique(np.append(nodes[nodes < largest], largest))
+
+
+def count_law(mean_e: Float64Array, variance_e2: Float64Array, nodes: Float64Array) -> sparse.csr_array:
+    """Chance of every node for each mean and variance, (means, nodes); the last node stands for all that lie above."""
+    rows = [_row(mean, variance, nodes) for mean, variance in zip(mean_e, variance_e2, strict=True)]
+    pointers = np.cumsum([0, *(len(places) for places, _ in rows)])
+    places, chances = (np.concatenate(parts) for parts in zip(*rows, strict=True))
+    return sparse.csr_array((chances, places, pointers), shape=(len(rows), nodes.size))
+
+
+def _row(mean: float, variance: float, nodes: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """Nodes that a count can have, and their chances."""
+    last = nodes.size - 1
+    scale = max(variance / mean, 1.0) if mean > 0 and variance > 0 else 1.0
+    shift = max(mean - variance, 0.0) if scale == 1.0 and variance < mean * (1 - 1e-12) else 0.0
+    rate = (mean - shift) / scale
+    if not np.isfinite(rate) or mean - REACH * np.sqrt(variance) > nodes[-1]:
+        return np.array([last]), np.ones(1)
+    low, high = rate - REACH * np.sqrt(rate) - 1, rate + REACH * np.sqrt(rate) + 25
+    if scale == 1.0 and shift == 0.0:
+        return _poisson(rate, low, high, nodes)
+    step = max(int(np.sqrt(rate) / (2 * STEPS)), 1)
+    n = np.arange(max(np.floor(low), 0.0), high, step)
+    chance = _chance(n, rate)
+    return _spread(shift + scale * n, chance / chance.sum(), nodes)
+
+
+def _poisson(rate: float, low: float, high: float, nodes: Float64Array) -> tuple[Float64Array, Float64Array]:
+    last = nodes.size - 1
+    first, end = np.searchsorted(nodes, low), min(int(np.searchsorted(nodes, high)), last)
+    places = np.arange(first, end + 1)
+    n = nodes[places]
+    if end < 2 or nodes[end - 1] - nodes[first] == end - 1 - first:  # every count is a node
+        chance = _chance(n, rate)
+        if end == last:
+            chance[-1] = special.pdtrc(np.ceil(n[-1]) - 1, rate) if n[-1] >= 1 else 1.0
+        return places, chance / chance.sum()
+    edges = 0.5 * (nodes[first : end + 1] + nodes[np.maximum(places - 1, 0)])  # the lower one of every node
+    chance = _chance(n, rate) * np.diff(edges, append=0.5 * (n[-1] + nodes[min(end + 1, last)]))
+    if end == last:
+        below, edge = chance[:-1], edges[-1]
+        above = special.ndtr((rate - edge) / np.sqrt(rate)) if rate > LARGE else special.pdtrc(edge, rate)
+        chance = np.append(below * (1 - above) / max(below.sum(), 1e-300), above)
+    return places, chance / chance.sum()
+
+
+def _chance(n: Float64Array, rate: float) -> Float64Array:
+    """Poisson's law."""
+    if rate == 0:
+        return np.where(n == 0, 1.0, 0.0)
+    return np.exp(n * np.log(rate) - rate - special.gammaln(n + 1))
+
+
+def _spread(values: Float64Array, chance: Float64Array, nodes: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """Values between two nodes belong to both, by their distance."""
+    values = np.minimum(values, nodes[-1])
+    right = np.clip(np.searchsorted(nodes, values), 1, max(nodes.size - 1, 1))
+    left = right - 1
+    share = (values - nodes[left]) / (nodes[right] - nodes[left])
+    return np.concatenate([left, right]), np.concatenate([chance * (1 - share), chance * share])

@@ -1,0 +1,83 @@
+"""Laws of the pixels before the shot noise: gains and offsets of the mean electrons, fixed or switching, by quantiles."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import special
+
+from ..core.types import Float64Array, RandomBits
+
+@dataclass(frozen=True, eq=False)
+class Quantiles:
+    """Standard normals at equal steps; with the weights a sum over them is an integral, to 1e-15 for smooth functions.
+
+    survival : chance that a normal is above each.  bits : random bits that a backend turns into these quantiles.
+    """
+
+    normals: Float64Array
+    weights: Float64Array
+    survival: Float64Array
+    bits: RandomBits
+
+    @classmethod
+    def of(cls, step: float) -> Quantiles:
+        """From −8 to 8."""
+        z = np.arange(-8.0, 8.0 + step / 2, step)
+        weights, survival = np.exp(-0.5 * z**2), special.ndtr(-z)
+        bits = np.clip(np.floor(survival * 2.0**32), 0, 2**32 - 1).astype(np.uint32)
+        return cls(z, weights / weights.sum(), survival, bits)
+
+
+COARSE, FINE = Quantiles.of(0.1), Quantiles.of(0.01)
+"""For laws that are narrow and wide beside the shot noise."""
+
+
+@dataclass(frozen=True, eq=False)
+class PixelLaw:
+    """Mean electrons x of a pixel become gain·x + offset.
+
+    weights : (K,) share of the pixels of each kind.
+    gains, offsets : (K, S) of each kind in each of its states.
+    states : (S,) share of the time that a pixel is in each state.
+    """
+
+    weights: Float64Array
+    gains: Float64Array
+    offsets: Float64Array
+    states: Float64Array
+
+
+def fixed_gains(gains: Float64Array, weights: Float64Array) -> PixelLaw:
+    """Every pixel has its gain."""
+    return PixelLaw(weights, gains[:, None], np.zeros((gains.size, 1)), np.ones(1))
+
+
+def fixed_offsets(offsets_e: Float64Array, weights: Float64Array) -> PixelLaw:
+    """Every pixel has its offset [e-]."""
+    return PixelLaw(weights, np.ones((offsets_e.size, 1)), offsets_e[:, None], np.ones(1))
+
+
+def mixed(parts: Sequence[tuple[float, PixelLaw]]) -> PixelLaw:
+    """Pixels of several laws without states of their own, by their shares."""
+    weights = np.concatenate([share * law.weights for share, law in parts])
+    gains, offsets = (np.concatenate([getattr(law, name) for _, law in parts]) for name in ("gains", "offsets"))
+    return PixelLaw(weights / weights.sum(), gains, offsets, np.ones(1))
+
+
+def of_map(values: Float64Array, make: Callable[[Float64Array, Float64Array], PixelLaw]) -> PixelLaw:
+    """The law of a measured map: means of 256 groups of equally many pixels, in order."""
+    parts = np.array_split(np.sort(np.asarray(values, dtype=np.float64), axis=None), min(256, np.size(values)))
+    weights = np.array([part.size for part in parts], dtype=np.float64)
+    return make(np.array([part.mean() for part in parts]), weights / weights.sum())
+
+
+def normal_law(mean_e: Float64Array, temporal_e2: Float64Array, spatial_e2: Float64Array) -> PixelLaw:
+    """A normal law about ``mean_e`` at every node, with a fixed and a temporal part."""
+    none = Quantiles.of(16.0)
+    fixed, moving = (Quantiles.of(0.4) if np.any(x) else none for x in (spatial_e2, temporal_e2))
+    z, t = fixed.normals[:, None] * (fixed is not none), moving.normals * (moving is not none)
+    spread = np.sqrt(spatial_e2)[:, None, None] * z + np.sqrt(temporal_e2)[:, None, None] * t
+    return PixelLaw(fixed.weights, np.zeros((1, 1)), mean_e[:, None, None] + spread, moving.weights)
