@@ -12,8 +12,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar, Literal, Protocol
 
-import numpy as np
-
 from ..core import Array, Electrons, Frame, Moments, Photons, SensorWindow
 from ..core.code_law import code_moments
 from ..core.types import Float64Array
@@ -116,17 +114,17 @@ class Stage(ABC):
         """Where the stage clips [e-]."""
         return None
 
-    def counts(self, signal: Array, maps: dict[str, Array]) -> dict[str, int]:
-        """Numbers of pixels that the report of a frame lists: clipped ones, for example.
+    def marked(self, signal: Array, maps: dict[str, Array]) -> dict[str, Array]:
+        """Masks of the pixels whose number the report of a frame lists: clipped ones, for example.
 
         signal : (H, W) behind the stage.  maps : its FPN maps.
         """
         return {}
 
-    def noise_sources(self, before: Array, after: Array, m: Moments) -> dict[str, tuple[Array, Array]]:
-        """Label → (contribution (H, W), temporal variance) in the unit of the stage, where it has more than one source.
+    def noise_sources(self, before: Array, after: Array) -> dict[str, tuple[Array, Array]]:
+        """Label → (contribution, temporal variance), (H, W) in the unit of the stage, where it has several sources.
 
-        before, after : the signal on both sides.  m : the moments in front of the stage.
+        before, after : the signal on both sides.
         """
         return {}
 
@@ -154,10 +152,9 @@ class Converter(Stage):
         ideal = self.black_level_dn + self.gain_dn_per_v * swing
         return code_moments(ideal, self.gain_dn_per_v * sigma, self.highest, self.inl_lsb)
 
-    def counts(self, signal: Array, maps: dict[str, Array]) -> dict[str, int]:
+    def marked(self, signal: Array, maps: dict[str, Array]) -> dict[str, Array]:
         """Pixels at either end of the code range."""
-        low, high = np.sum(signal <= 0), np.sum(signal >= self.highest)
-        return {"clipped_adc_low": int(low), "clipped_adc_high": int(high)}
+        return {"clipped_adc_low": signal <= 0, "clipped_adc_high": signal >= self.highest}
 
 
 @dataclass(frozen=True)
@@ -211,6 +208,6 @@ def total(signal: Array) -> Array:
     return signal.total if isinstance(signal, Photons | Electrons) else signal
 
 
-def cut_to_zero(maps: dict[str, Array], name: str) -> dict[str, int]:
-    """``cut_to_zero_<name>``: in how many pixels a map of factors is not positive, as a normal law would have it."""
-    return {f"cut_to_zero_{name}": int(np.sum(maps[name] <= 0))}
+def cut_to_zero(maps: dict[str, Array], name: str) -> dict[str, Array]:
+    """``cut_to_zero_<name>``: the pixels in which a map of factors is not positive, as a normal law would have it."""
+    return {f"cut_to_zero_{name}": maps[name] <= 0}

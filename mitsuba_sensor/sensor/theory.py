@@ -100,12 +100,20 @@ class Theory:
         """Of the digital numbers [DN, DN², DN²]."""
         return self.behind(self.stages[-1], light_e)
 
+    def means(self, light_e: Float64Array) -> dict[int, Float64Array]:
+        """Means behind every stage, by its number; straight lines between the nodes."""
+        if self._count is None:
+            levels, place = np.unique(light_e, return_inverse=True)
+            return {k: self._normal(k, levels).mean[place].reshape(light_e.shape) for k in range(len(self.stages))}
+        left = np.clip(np.searchsorted(self.nodes, light_e, side="right") - 1, 0, self.nodes.size - 2)
+        share = np.minimum((light_e - self.nodes[left]) / (self.nodes[left + 1] - self.nodes[left]), 1.0)
+        columns = {k: self.table(k)[:, 0] for k in range(len(self.stages))}
+        return {k: mean[left] + share * (mean[left + 1] - mean[left]) for k, mean in columns.items()}
+
     def table(self, number: int) -> Float64Array:
         """Mean and variances behind stage ``number`` at the nodes of mean photoelectrons, (nodes, 3)."""
         if number not in self._found:
-            wanted = [k for k in range(len(self.stages)) if k not in self._found] if number < len(self.stages) - 1 else []
-            for k in {number, *wanted}:
-                self._found[k] = self._averaged(k)
+            self._found[number] = self._averaged(number)
         return self._found[number]
 
     def _averaged(self, number: int) -> Float64Array:
@@ -294,7 +302,7 @@ class Theory:
 
     def _normal(self, number: int, levels: Float64Array) -> Expected:
         """By the moments of the stages alone (chain konnik2014, which is there for comparison)."""
-        window = SensorWindow(0, (1, levels.size), given={})
+        window = SensorWindow(0, (1, levels.size), given=self.conditions.window.given)
         light = Photons(levels[None, :])
         m = propagate(self.stages[: number + 1], Moments(light, 0.0, 0.0, replace(self.conditions, window=window)))
         parts = (np.broadcast_to(x, (1, levels.size))[0] for x in (m.mean, m.temporal, m.spatial))

@@ -126,7 +126,7 @@ class DarkCurrent(Stage):
         main = window.measured_or("dark_fpn", lambda: self.distribution.map_of(window, "dark_fpn"))
         return {"dark_fpn": main} | (component_maps(self.components, window) if self.components else {})
 
-    def counts(self, signal: Array, maps: dict[str, Array]) -> dict[str, int]:
+    def marked(self, signal: Array, maps: dict[str, Array]) -> dict[str, Array]:
         """Pixels whose dark current the distribution would have made negative."""
         return cut_to_zero(maps, "dark_fpn")
 

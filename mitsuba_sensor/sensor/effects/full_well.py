@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Annotated
 
-import numpy as np
 from pydantic import Field
 
 from ...core import Array, Electrons, Frame, Moments, arrays
@@ -51,6 +50,6 @@ class FullWell(Stage):
         """A clipped normal: shot noise near a full well is one."""
         return m.clip(-float("inf"), self.full_well_e)
 
-    def counts(self, signal: Array, maps: dict[str, Array]) -> dict[str, int]:
+    def marked(self, signal: Array, maps: dict[str, Array]) -> dict[str, Array]:
         """Pixels that are full."""
-        return {"clipped_full_well": int(np.sum(signal >= self.full_well_e))}
+        return {"clipped_full_well": signal >= self.full_well_e}

@@ -82,7 +82,7 @@ class Prnu(Stage):
         """``prnu``: gain of every pixel, 1 on average."""
         return {"prnu": window.measured_or("prnu", lambda: self.distribution.map_of(window, "prnu"))}
 
-    def counts(self, signal: Array, maps: dict[str, Array]) -> dict[str, int]:
+    def marked(self, signal: Array, maps: dict[str, Array]) -> dict[str, Array]:
         """Pixels whose gain the distribution would have made negative."""
         return cut_to_zero(maps, "prnu")
 
@@ -128,7 +128,7 @@ class PrnuColumn(Stage):
         """``prnu_col``: gain of every column, 1 on average, (1, W)."""
         return {"prnu_col": window.measured_or("prnu_col", lambda: self._gains(window))}
 
-    def counts(self, signal: Array, maps: dict[str, Array]) -> dict[str, int]:
+    def marked(self, signal: Array, maps: dict[str, Array]) -> dict[str, Array]:
         """Columns whose gain is not positive."""
         return cut_to_zero(maps, "prnu_col")
 

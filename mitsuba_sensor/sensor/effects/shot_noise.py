@@ -47,16 +47,14 @@ class ShotNoise(Stage):
         by_light, by_dark = compensable(light, m.mean - light, m.variance_e2)
         return replace(m.add(temporal=m.mean - by_light - by_dark), variance_e2=None)
 
-    def noise_sources(self, before: Electrons, after: Electrons, m: Moments) -> dict[str, tuple[Array, Array]]:
+    def noise_sources(self, before: Electrons, after: Electrons) -> dict[str, tuple[Array, Array]]:
         """Photon shot noise and dark shot noise apart; the variance of each is its mean, less what it compensates."""
-        light = (m.light or m).mean
-        less = (0.0, 0.0) if m.variance_e2 is None else compensable(light, m.mean - light, m.variance_e2)
-        shape = np.broadcast_shapes(np.shape(before.light), np.shape(after.light))
-        dark = np.broadcast_to(np.subtract(after.dark, before.dark, dtype=np.float64), shape)
-        return {
-            "photon shot noise": (np.subtract(after.light, before.light, dtype=np.float64), light - less[0]),
-            "dark shot noise": (dark, m.mean - light - less[1]),
-        }
+        noise = before.variance_e2
+        less = (0.0, 0.0) if noise is None else compensable(before.light, before.dark, noise)
+        parts = {"photon shot noise": "light", "dark shot noise": "dark"}
+        means, counts = ([getattr(one, part) for part in parts.values()] for one in (before, after))
+        changes = [np.subtract(n, mean, dtype=np.float64) for n, mean in zip(counts, means, strict=True)]
+        return {name: (x, mean - by) for name, x, mean, by in zip(parts, changes, means, less, strict=True)}
 
     def _compensated(self, electrons: Electrons, frame: Frame) -> Electrons:
         """The same where a part of the variance is in the mean already."""
