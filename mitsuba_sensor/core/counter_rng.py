@@ -6,8 +6,6 @@ coordinates. Hence the crop of a frame equals the frame of the crop, frame 12 ca
 and switching one noise source off leaves the random bits of all others as they are.
 """
 
-from __future__ import annotations
-
 import zlib
 from typing import TypeAlias
 
@@ -15,20 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .arrays import wide_product, xor3
-from .types import Array
+from .types import Array, RandomBits
 
-RandomBits: TypeAlias = NDArray[np.uint32]
 Counter: TypeAlias = tuple[Array, Array, Array, Array]
 
 _M0, _M1 = 0xD2511F53, 0xCD9E8D57
 _W0, _W1 = 0x9E3779B9, 0xBB67AE85
 _MASK = 0xFFFF_FFFF
 
-FIXED_PATTERN = 0x8000_0000
-"""Bit of the block number that is set for FPN maps and clear for temporal noise."""
-
-FROM_NAME = 0x4000_0000
-"""Bit of the block number of sources that are not in ``STREAMS``; the 30 bits below it are a hash of the name."""
+FIXED_PATTERN = 0x8000_0000  # bit of the block number that is set for FPN maps and clear for temporal noise
+FROM_NAME = 0x4000_0000  # bit for sources that are not in STREAMS; the 30 bits below it are a hash of the name
 
 STREAMS = {
     "photon_shot": (0, 0),
@@ -91,10 +85,3 @@ def random_bits_at(
     shape = np.broadcast_shapes(x.shape, y.shape)
     b0, b1, b2, b3 = (np.broadcast_to(b, shape).astype(np.uint32) for b in drawn)
     return b0, b1, b2, b3
-
-
-def random_bits(
-    block: int, rows: NDArray[np.int64], columns: NDArray[np.int64], frame: int, key: int
-) -> tuple[RandomBits, RandomBits, RandomBits, RandomBits]:
-    """Four random 32-bit integers of ``block`` for every pixel (rows[:, None], columns[None, :]), each (H, W)."""
-    return random_bits_at(block, rows[:, None], columns[None, :], frame, key)

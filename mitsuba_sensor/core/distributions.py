@@ -4,8 +4,6 @@ A random integer r is read as the survival probability s = (r + ½)/2³², so bo
 largest normal that can be drawn is 6.3 σ. No rejection loop, no state.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -14,12 +12,14 @@ from scipy import special
 
 from .types import Array, Float64Array, RandomBits
 
-SEARCH_BELOW = 10.0
-"""Poisson means below this are summed up from 0; above, an expansion is checked against the exact distribution."""
-
+SEARCH_BELOW = 10.0  # Poisson means below this are summed up from 0; above, an expansion is checked by the exact law
+# Above this mean the expansion alone is used: it is off by less than 1e-5 of a count, while SciPy's incomplete gamma
+# function loses its upper tail (3 % of the probability beyond 5σ at a mean of 1e7).
 EXACT_BELOW = 1e6
-"""Above this mean the expansion alone is used: it is off by less than 1e-5 of a count, while SciPy's incomplete gamma
-function loses its upper tail (3 % of the probability beyond 5σ at a mean of 1e7)."""
+# Columns that are filtered at a time, and as many on both sides of them as the filter remembers: φ^2048 < 2e-18. The
+# same for maps (H, W), whose coupling is 0.45 at most: φ^96 < 4e-20.
+AR_BLOCK, AR_WARM_UP = 4096, 2048
+AR_MAP_BLOCK, AR_MAP_MARGIN = 512, 96
 
 
 def survival(bits: RandomBits) -> Float64Array:
@@ -95,13 +95,8 @@ def rectified_logistic(scale: float) -> tuple[float, float]:
         return 1.0, (math.pi * scale) ** 2 / 3
     edge = 1 / scale
     mean = scale * float(np.logaddexp(0.0, edge))
-    second = -2 * scale**2 * _dilogarithm_of_minus_exp(edge)
-    return mean, second - mean**2
-
-
-def _dilogarithm_of_minus_exp(x: float) -> float:
-    """Li₂(−e^x) for x ≥ 0, by its inversion −π²/6 − x²/2 − Li₂(−e^(−x))."""
-    return -(math.pi**2) / 6 - x * x / 2 - float(special.spence(1 + math.exp(-x)))
+    dilogarithm = -(math.pi**2) / 6 - edge * edge / 2 - float(special.spence(1 + math.exp(-edge)))  # Li₂(−e^edge)
+    return mean, -2 * scale**2 * dilogarithm - mean**2
 
 
 def poisson(bits: RandomBits, mean: Array) -> Float64Array:
@@ -157,14 +152,6 @@ def _correct(n: Float64Array, s: Float64Array, lam: Float64Array) -> Array:
     while (down := (n > 0) & (special.gammainc(np.maximum(n, 1.0), lam) <= s)).any():
         n = n - down
     return n
-
-
-AR_BLOCK = 4096
-AR_WARM_UP = 2048
-"""Columns that are filtered at a time, and as many on both sides of them as the filter remembers: φ^2048 < 2e-18."""
-
-AR_MAP_BLOCK, AR_MAP_MARGIN = 512, 96
-"""The same for maps (H, W), whose coupling is 0.45 at most: φ^96 < 4e-20."""
 
 
 def isotropic_ar(normals: Float64Array, coupling: float, margin: int) -> Float64Array:

@@ -3,8 +3,6 @@
 A message is one sentence with the value, the allowed range and the remedy; the command line prints it and exits 2.
 """
 
-from __future__ import annotations
-
 import difflib
 import math
 import operator
@@ -42,10 +40,8 @@ def require_seed(name: str, value: int) -> int:
 
 def span(low: float, high: float) -> str:
     """The allowed range as text."""
-    if math.isinf(high) and math.isinf(low):
-        return "a finite number"
     if math.isinf(high):
-        return f"at least {low:.10g}"
+        return "a finite number" if math.isinf(low) else f"at least {low:.10g}"
     if math.isinf(low):
         return f"at most {high:.10g}"
     return f"from {low:.10g} to {high:.10g}"

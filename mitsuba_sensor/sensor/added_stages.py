@@ -8,13 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core.backend import NUMPY_FLOAT32
-from ..core.counter_rng import RandomBits
 from ..core.errors import InputError
 from ..core.exposure import Exposure
 from ..core.frame import Frame
 from ..core.sensor_window import SensorWindow
 from ..core.signals import Electrons, Photons
-from ..core.types import Array
+from ..core.types import Array, RandomBits
 from .stage import Chain, Stage, total
 
 

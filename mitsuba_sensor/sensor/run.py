@@ -157,14 +157,14 @@ class FrameRunner:
         if not new or window.backend.compiled:
             return
         shape, rows = self.first.window.shape, self._rows[number]
-        for key, strip in window.cached_values.items():
+        for key, strip in list(window.cached_values.items()):
             if isinstance(strip, np.ndarray) and strip.shape == window.shape:
                 with self._lock:
                     if key not in self._maps:
                         self._maps[key] = np.empty(shape, strip.dtype)
                     whole = self._maps[key]
                 whole[rows] = strip
-                window.replace_cached(key, whole[rows])
+                window.cached_values[key] = whole[rows]
 
     def _part(self, strip: Photons, rows: slice) -> tuple[SensorWindow, Electrons | None]:
         """The strip's window with its maps, and for a compiled backend its photoelectrons."""

@@ -167,7 +167,7 @@ def test_coupled_columns_do_not_feel_the_border_of_a_block(coupling: float) -> N
     line = SensorWindow(3, (1, 2 * AR_BLOCK)).line_map("dsnu_col", coupling)[0]
     block, slot = STREAMS["dsnu_col"]
     columns = np.arange(-distributions.AR_WARM_UP, 2 * AR_BLOCK + distributions.AR_WARM_UP)
-    white = distributions.normal(counter_rng.random_bits(block, np.zeros(1, dtype=np.int64), columns, 0, 3)[slot])[0]
+    white = distributions.normal(counter_rng.random_bits_at(block, np.zeros(1, dtype=np.int64), columns, 0, 3)[slot])
     np.testing.assert_allclose(line, distributions.isotropic_ar(white, coupling, distributions.AR_WARM_UP), atol=1e-10)
 
 

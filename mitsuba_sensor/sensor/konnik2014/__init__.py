@@ -98,7 +98,7 @@ class Konnik2014Settings:
         Black level, full scale and CDS gain of the camera are not used: the published chain has none. Raises InputError
         for what it cannot express (colour filters, a measured dark rate, a gain A_SF) and ``overrides`` does not set.
         """
-        refuse_unknown(overrides, (setting.name for setting in declared(cls)))
+        refuse_unknown(overrides, cls)
         taken: dict[str, float | str] = {
             "technology": camera.sensor.technology,
             "prnu": camera.pixel.prnu,
