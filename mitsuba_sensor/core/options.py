@@ -79,13 +79,11 @@ class Declared:
         if self.choices and not (isinstance(value, str) and value in self.choices):
             allowed = ", ".join(map(str, self.choices)) + f".{nearest(str(value), self.choices)}"
             raise InputError(f"{self.name} is {value!r}; it must be one of {allowed}")
-        example = f"e.g. {self.option.example}" if self.option.example else ""
+        example = self.option.example and f" (e.g. {self.option.example})"
         if self.kinds in ((int,), (float,)):
             return self._number(value, example)
         if len(self.kinds) == 1 and self.kinds[0] in NAMES and not isinstance(value, self.kinds[0]):
-            raise InputError(
-                f"{self.name} is {value!r}; it must be {NAMES[self.kinds[0]]}{example and f' ({example})'}."
-            )
+            raise InputError(f"{self.name} is {value!r}; it must be {NAMES[self.kinds[0]]}{example}.")
         return value
 
     def _number(self, value: Any, example: str) -> float:
@@ -94,8 +92,9 @@ class Declared:
         noun = "a whole number" if whole else "a number"
         numeric = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
         if not numeric or (whole and value == value and value % 1):
-            raise InputError(f"{self.name} is {value!r}; it must be {noun}{example and f' ({example})'}.")
-        number = require(self.name, value, self.option.low, self.option.high, noun + (example and f", {example}"))
+            raise InputError(f"{self.name} is {value!r}; it must be {noun}{example}.")
+        remedy = noun + (example and f", e.g. {self.option.example}")
+        number = require(self.name, value, self.option.low, self.option.high, remedy)
         return int(value) if whole else number
 
 

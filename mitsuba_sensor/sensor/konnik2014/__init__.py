@@ -21,9 +21,9 @@ from ..effects.reset_noise import RESET_RESIDUAL
 from ..gains import sense_gain_v_per_e
 from ..stage import Chain, Stage
 from . import electrons, volts
-from .fpn_distributions import FpnName, PublishedFpnDistribution
+from .electrons import FpnName, PublishedFpnDistribution
 
-PAPER_ONLY = {
+PAPER_ONLY = {  # (setting, value) → why that formula of the paper is refused, and what to use instead
     ("dark_fpn", "paper_eq18"): (
         "the paper's 1 + lnN(0, (t·D_R·D_N)²) takes electrons for a logarithm: its mean is 941 e- where 174 is meant "
         "at 0.1 s, and it overflows at 10 s; use 'lognormal', which the released code scales by D_N"
@@ -38,7 +38,6 @@ PAPER_ONLY = {
         "released code does"
     ),
 }
-"""(setting, value) → why that formula of the paper is refused, and what to use instead."""
 
 PARAMETER_RANGES = {
     "gaussian": (-math.inf, math.inf, "not used"),
@@ -177,9 +176,7 @@ def _dark_fom(camera: Camera) -> tuple[float]:
 
 
 def _dark_fpn(camera: Camera) -> tuple[str, float, float]:
-    """The log-normal of the released code is LogNormal(0, 0.4) times D_N for every D_N."""
-    numbers = {"gaussian": 0.0, "lognormal": 0.4}
-    name = camera.dark_current.distribution
+    name, numbers = camera.dark_current.distribution, {"gaussian": 0.0, "lognormal": 0.4}  # at every D_N
     if name not in numbers:
         raise InputError(
             f"{camera.name} has dark_current.distribution {name!r}, which the published chain lacks; "
@@ -217,6 +214,7 @@ def _column_fpn(camera: Camera) -> tuple[str, float]:
     return "gaussian", 0.0
 
 
+# Settings → function that reads them from a camera, called unless all of them are given.
 _TAKEN: dict[tuple[str, ...], Callable[[Camera], tuple[float | str, ...]]] = {
     ("quantum_efficiency",): _quantum_efficiency,
     ("dark_fom_na_per_cm2",): _dark_fom,
@@ -224,4 +222,3 @@ _TAKEN: dict[tuple[str, ...], Callable[[Camera], tuple[float | str, ...]]] = {
     ("source_follower_e",): _source_follower,
     ("column_fpn", "column_fpn_parameter"): _column_fpn,
 }
-"""Settings → function that reads them from a camera, called unless all of them are given."""

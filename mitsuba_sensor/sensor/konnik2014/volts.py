@@ -4,8 +4,6 @@ As in ``electrons.py`` the behaviour is reproduced, not the text. The volts here
 published, not the swing S of the physical chain; some of the published effects exist only because of that.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
@@ -13,14 +11,10 @@ import numpy as np
 
 from ...core import Array, Frame, Moments
 from ..stage import Converter, Stage
-from .fpn_distributions import PublishedFpn
+from .electrons import PublishedFpn
 
-ELEMENTARY_CHARGE_C = 1.602176487e-19
-BOLTZMANN_J_PER_K = 1.3806504e-23
-"""CODATA 2006, as in that code."""
-
-K1_C = 10.909e-15
-"""k₁ of the V/e non-linearity [C] (paper eq. 8); with V_REF = 3.1 V it implies 45.5 µV/e-, independent of A_SN."""
+ELEMENTARY_CHARGE_C, BOLTZMANN_J_PER_K = 1.602176487e-19, 1.3806504e-23  # CODATA 2006, as in that code
+K1_C = 10.909e-15  # k₁ [C] (paper eq. 8); with V_REF = 3.1 V it implies 45.5 µV/e-, independent of A_SN
 
 
 @dataclass(frozen=True)
@@ -35,22 +29,16 @@ class PublishedResetNoise:
 
     def __call__(self, frame: Frame) -> Array:
         """Noise that is added to V_REF, (H, W) [V]."""
-        if self.factor == 0:
-            return 0.0
-        return self.factor * np.expm1(self.sigma(frame) * frame.normal("reset"))
+        return self.factor * np.expm1(self.sigma(frame) * frame.normal("reset")) if self.factor else 0.0
 
     def sigma(self, frame: Frame) -> float:
         """σ of the normal in the exponent; 3.584e-4 for 5 µV/e- at 298.15 K."""
         return math.sqrt(BOLTZMANN_J_PER_K * frame.exposure.temperature_k * self.gain_v_per_e / ELEMENTARY_CHARGE_C)
 
-    def mean(self, frame: Frame) -> float:
-        """Mean [V]."""
-        return self.factor * math.expm1(self.sigma(frame) ** 2 / 2)
-
-    def variance(self, frame: Frame) -> float:
-        """Variance [V²]."""
+    def moments(self, frame: Frame) -> tuple[float, float]:
+        """Mean [V] and variance [V²]."""
         squared = self.sigma(frame) ** 2
-        return self.factor**2 * math.exp(squared) * math.expm1(squared)
+        return self.factor * math.expm1(squared / 2), self.factor**2 * math.exp(squared) * math.expm1(squared)
 
 
 @dataclass(frozen=True)
@@ -68,8 +56,8 @@ class PublishedSenseNode(Stage):
 
     def moments(self, m: Moments) -> Moments:
         """Linear, plus mean and variance of the reset noise."""
-        mean = self.reference_v + self.reset.mean(m.frame)
-        return m.scale(-self.gain_v_per_e).add(mean=mean, temporal=self.reset.variance(m.frame))
+        mean, variance = self.reset.moments(m.frame)
+        return m.scale(-self.gain_v_per_e).add(mean=self.reference_v + mean, temporal=variance)
 
 
 @dataclass(frozen=True)
@@ -90,9 +78,8 @@ class PublishedExponentialNode(Stage):
 
     def moments(self, m: Moments) -> Moments:
         """Second order in per_e·σ_N, which is below 1e-3, times the independent reference."""
-        scale, high = np.exp(-self.per_e * m.mean), self.reference_v + self.reset.mean(m.frame)
-        node = through(m, scale, self.per_e * scale, self.per_e**2 * scale)
-        noise = self.reset.variance(m.frame)
+        scale, (mean, noise) = np.exp(-self.per_e * m.mean), self.reset.moments(m.frame)
+        node, high = through(m, scale, self.per_e * scale, self.per_e**2 * scale), self.reference_v + mean
         return Moments(high * node.mean, high**2 * node.temporal + noise * scale**2, high**2 * node.spatial, m.frame)
 
     @property
