@@ -56,9 +56,7 @@ def maximum(x: Array, y: Array) -> Array:
     return np.maximum(x, y) if is_numpy(x, y) else drjit_module().select(x > y, x, y)
 
 
-def with_derivative_of(
-    surrogate: Callable[[Array, Array], Array], function: Callable[[Array], Array], x: Array
-) -> Array:
+def with_derivative_of(surrogate: Callable[..., Array], function: Callable[[Array], Array], x: Array) -> Array:
     """``function(x)``, whose derivative, if one is computed, is that of ``surrogate(x, function(x))``."""
     if is_numpy(x) or not drjit_module().grad_enabled(x):
         return function(x)
@@ -75,12 +73,14 @@ def sqrt(x: Array) -> Array:
 
 def exp(x: Array) -> Array:
     """e^x."""
-    return with_derivative_of(lambda x, y: x * y, _exp, x) if _is_float32(x) else np.exp(x)
+    return with_derivative_of(lambda x, y: x * y, _exponential, x) if _is_float32(x) else np.exp(x)
 
 
 def expm1(x: Array) -> Array:
     """e^x − 1 without cancellation."""
-    return with_derivative_of(lambda x, y: x * (y + 1.0), _expm1, x) if _is_float32(x) else np.expm1(x)
+    if not _is_float32(x):
+        return np.expm1(x)
+    return with_derivative_of(lambda x, y: x * (y + 1.0), partial(_exponential, minus_one=True), x)
 
 
 # ln 2 as a sum; the first term has ten bits, so that its multiples are exact in float32 (Cody & Waite 1980).
@@ -89,25 +89,13 @@ LN2_HIGH, LN2_LOW = 0.693359375, -2.12194440e-4
 EXP_TAIL = (0.5000000096, 0.1666651817, 0.0416662037, 0.008368969906, 0.001395063153)
 
 
-def _exp(x: Array) -> Array:
-    fraction, power = _exponential(x)
-    return fraction * power + power
-
-
-def _expm1(x: Array) -> Array:
-    fraction, power = _exponential(x)
-    return fraction * power + (power - 1.0)
-
-
-def _exponential(x: Array) -> tuple[Array, Array]:
-    """(e^r − 1, 2^n) with x = r + n·ln 2, in float32; x is clipped to −69 … 88.
-
-    Below −69 a factor of the result would be subnormal, which Dr.Jit flushes to 0 and NumPy does not.
-    """
-    x = minimum(maximum(x, -69.0), 88.0)
+def _exponential(x: Array, minus_one: bool = False) -> Array:
+    """e^x or e^x − 1 from e^r − 1 and 2^n with x = r + n·ln 2, in float32; x is clipped to −69 … 88."""
+    x = minimum(maximum(x, -69.0), 88.0)  # below, a factor would be subnormal: Dr.Jit flushes it to 0, NumPy does not
     n = floor(x * (1 / math.log(2)) + 0.5)
     r = (x - n * LN2_HIGH) - n * LN2_LOW
-    return r + (r * r) * polynomial(r, EXP_TAIL), from_float_bits((int32(n) + 127) << 23)
+    fraction, power = r + (r * r) * polynomial(r, EXP_TAIL), from_float_bits((int32(n) + 127) << 23)
+    return fraction * power + (power - 1.0 if minus_one else power)
 
 
 def polynomial(x: Array, coefficients: Sequence[float]) -> Array:
@@ -194,10 +182,7 @@ def product(x: Array, y: Array) -> Array:
 
 
 def replace_where(condition: Array, base: Array, function: Callable[..., Array], *arguments: Array) -> Array:
-    """``base``, replaced by ``function(*arguments)`` where ``condition`` holds, for conditions that hold rarely.
-
-    NumPy computes only those pixels; a compiled kernel skips the computation where no pixel of a vector needs it.
-    """
+    """``function(*arguments)`` where ``condition`` holds, which is rare, else ``base``; computed only where needed."""
     if not is_numpy(condition):
         return drjit_module().if_stmt((base, *arguments), condition, lambda _, *a: function(*a), lambda same, *_: same)
     needed = np.flatnonzero(condition)

@@ -11,8 +11,6 @@ variance have the right derivatives:
 Normal, log-normal, gamma and logistic are smooth functions of their parameters.
 """
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -72,12 +70,10 @@ class DifferentiableBackend(DrJitBackend):
         self.random_numbers: list[Array] = []
 
     def with_slopes(self, value: Array, slopes: Mapping[str, Array]) -> Array:
-        """``value`` with these derivatives by parameter name: one number, or one per pixel.
-
-        The result depends on a leaf of the graph of derivatives: zeros, one per pixel, so that no kernel sums pixels.
-        """
+        """``value`` with these derivatives by parameter name: one number, or one per pixel."""
         if not slopes:
             return value
+        # The result depends on a leaf of the graph of derivatives: zeros, one per pixel, so that no kernel sums pixels.
         leaf = self.dr.zeros(self.float, self._size)
         self.dr.enable_grad(leaf)
         self._leaves.append((leaf, slopes))
@@ -155,7 +151,7 @@ class DifferentiableBackend(DrJitBackend):
                     self._maps[key][1][name] = slope
         dr.eval(list(self._maps.values()))
 
-    def renewed(self, window: SensorWindow) -> tuple[DifferentiableBackend, SensorWindow]:
+    def renewed(self, window: SensorWindow) -> tuple["DifferentiableBackend", SensorWindow]:
         """A backend with new leaves for one frame, and the window whose FPN maps depend on them."""
         height, width = window.shape
         backend = DifferentiableBackend(self._backend, self._numbers, height * width, self._next)

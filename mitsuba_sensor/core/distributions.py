@@ -53,10 +53,7 @@ def gamma(bits: RandomBits, cv: float) -> Float64Array:
 
 
 def gamma_series(cv: float, reach: float, terms: int) -> list[float]:
-    """Chebyshev coefficients of ln(gamma quantile) over z/reach, z the standard normal of the same survival.
-
-    It is fitted to the exact quantile at four times as many nodes: 41 terms hold it to 1e-4 of σ for a cv up to 2.
-    """
+    """Chebyshev coefficients of ln(gamma quantile) over z/reach; 41 terms hold it to 1e-4 of σ for a cv up to 2."""
     z = reach * np.cos(np.pi * (np.arange(4 * terms) + 0.5) / (4 * terms))
     return [float(c) for c in chebyshev.chebfit(z / reach, _log_gamma(z, cv), terms - 1)]
 
@@ -80,12 +77,9 @@ def logistic(bits: RandomBits) -> Float64Array:
 
 
 def wald(z: Float64Array, u: Float64Array, cv: float) -> Float64Array:
-    """Inverse Gaussian of mean 1 and shape cv⁻² from a normal and a uniform (Michael, Schucany & Haas 1976).
-
-    The smaller root is written 1/(1 + a + √(a(a+2))), a = (cv·z)²/2; the textbook difference goes negative in float32.
-    """
+    """Inverse Gaussian of mean 1 and shape cv⁻² from a normal and a uniform (Michael, Schucany & Haas 1976)."""
     a = 0.5 * (cv * z) ** 2
-    root = 1 / (1 + a + np.sqrt(a * (a + 2)))
+    root = 1 / (1 + a + np.sqrt(a * (a + 2)))  # the smaller root; the textbook difference goes negative in float32
     return np.where(u * (1 + root) <= 1, root, 1 / root)
 
 
@@ -100,11 +94,7 @@ def rectified_logistic(scale: float) -> tuple[float, float]:
 
 
 def poisson(bits: RandomBits, mean: Array) -> Float64Array:
-    """Poisson counts (whole numbers in float64): the smallest n with P(N > n) ≤ s. Mean 0 gives 0, +inf gives +inf.
-
-    mean : scalar or shape of ``bits``, ≥ 0 [events].
-    Expansion and its error bound: Giles, *Algorithm 955*, ACM TOMS 42 (2016) 7.
-    """
+    """Poisson counts (whole numbers in float64): the smallest n with P(N > n) ≤ s. Mean 0 gives 0, +inf gives +inf."""
     s = survival(bits).ravel()
     lam = np.broadcast_to(np.asarray(mean, dtype=np.float64), bits.shape).ravel()
     count = np.where(np.isinf(lam), np.inf, 0.0)
@@ -134,7 +124,7 @@ def _search(u: Float64Array, lam: Float64Array) -> Float64Array:
 
 
 def _expand(s: Float64Array, lam: Float64Array) -> Float64Array:
-    """Normal expansion of the quantile; where its error bound contains a whole number, by the exact distribution."""
+    """Normal expansion (Giles, *Algorithm 955*, ACM TOMS 42 (2016) 7); exact where its bound has a whole number."""
     z: Float64Array = -special.ndtri(s)
     root = np.sqrt(lam)
     x = lam + root * z + (1 / 3 + z * z / 6) - z * (1 / 36 + z * z / 72) / root
@@ -157,8 +147,7 @@ def _correct(n: Float64Array, s: Float64Array, lam: Float64Array) -> Array:
 def isotropic_ar(normals: Float64Array, coupling: float, margin: int) -> Float64Array:
     """Variance 1 with x_j = a(x_{j−1} + x_{j+1}) + U_j, from white normals U with a margin on both sides.
 
-    normals : (…, n + 2·margin) → (…, n), along the last axis.
-    coupling a : 0 … 0.4999; neighbours then correlate by ρ₁ = 2a.
+    normals : (…, n + 2·margin) → (…, n).  coupling a : 0 … 0.4999; neighbours then correlate by ρ₁ = 2a.
     El Gamal et al. 1998 (paper eq. 28 on a vector of its own), solved as one forward and one backward AR(1) pass.
     """
     from scipy.signal import lfilter  # takes half a second to import, and few cameras need it

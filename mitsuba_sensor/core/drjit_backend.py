@@ -40,7 +40,7 @@ class DrJitBackend(NumpyFloat32):
         single = _aligned_float32(np.shape(values))
         np.minimum(values, FLOAT32_LIMIT, out=single, casting="same_kind")
         if single.size == 1:
-            return DrJitBackend.number(self, float(single.ravel()[0]))
+            return DrJitBackend.number(self, float(single.ravel()[0]))  # of a map, not of the camera
         if single.shape == window.shape:
             return self.float(single.ravel())
         column, row = self._coordinates(window)

@@ -14,10 +14,7 @@ class InputError(ValueError):
 
 
 def require(name: str, value: float, low: float, high: float, remedy: str) -> float:
-    """Return ``value`` if it is a number in [low, high], else raise :class:`InputError`.
-
-    ``name`` carries the unit (``time_s``), ``remedy`` says what to pass (``e.g. 0.1``).
-    """
+    """``value`` if it is a number in [low, high], else InputError.  name : with the unit.  remedy : what to pass."""
     try:
         number = float(value + 0)  # refuses a string such as "0.1"
     except (TypeError, ValueError, OverflowError):

@@ -1,8 +1,7 @@
 """Random numbers of one frame: temporal noise, keyed by seed, frame number, noise source and pixel."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,7 +28,7 @@ class Frame:
     def __post_init__(self) -> None:
         object.__setattr__(self, "seed", require_seed("seed", self.seed))  # a NumPy integer would overflow
 
-    def on(self, backend: Backend) -> Frame:
+    def on(self, backend: Backend) -> Self:
         """The same frame of the same camera, computed by ``backend``."""
         return replace(self, window=replace(self.window, backend=backend, _maps={}), _blocks={})
 

@@ -37,12 +37,9 @@ class LlvmLibrary:
     reason: str
 
 
-def find_llvm(folders: tuple[str, ...] | None = None) -> list[LlvmLibrary]:
-    """All LLVM libraries in these folders (glob patterns, ``FOLDERS`` by default), none of them loaded.
-
-    $DRJIT_LIBLLVM_PATH comes first, then the newest.
-    """
-    patterns = [os.path.join(f, n) for f in (FOLDERS if folders is None else folders) for n in NAMES]
+def find_llvm(folders: tuple[str, ...] = ()) -> list[LlvmLibrary]:
+    """All LLVM libraries in these folders (glob patterns), none loaded: $DRJIT_LIBLLVM_PATH first, then the newest."""
+    patterns = [os.path.join(f, n) for f in folders or FOLDERS for n in NAMES]
     found = {os.path.realpath(p): p for pattern in patterns for p in sorted(glob.glob(pattern))}
     named = os.environ.get(LLVM_PATH, "")
     first = [inspect_llvm(named)] if named and named != NO_LIBRARY else []

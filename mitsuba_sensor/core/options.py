@@ -29,26 +29,17 @@ NAMES = {bool: "True or False", str: "a text"}
 
 @dataclass(frozen=True)
 class Option:
-    """What is to be known of one option beside its name and its type.
+    """What is to be known of one option beside its name and its type."""
 
-    help : what it does, with the unit; shown by ``help()`` and ``--help``.
-    default : the value of an option that is not given; None means "not given" everywhere.
-    low, high : the allowed range of a number, both included.  example : a good value, for the error's remedy.
-    check : called with name and value instead of the check of type and range; returns the value to use.
-    flag : on the command line, where it is not ``--name``; None where it has none.
-    metavar : what stands for its value in ``--help``.
-    text : its type on the command line, where it is read from a text there, e.g. Path for a file's name.
-    """
-
-    help: str
-    default: Any = None
-    low: float = -inf
+    help: str  # what it does, with the unit; shown by help() and --help
+    default: Any = None  # the value of an option that is not given; None means "not given" everywhere
+    low: float = -inf  # the allowed range of a number, both ends included
     high: float = inf
-    example: str = ""
-    check: Callable[[str, Any], object] | None = None
-    flag: str | None = ""
-    metavar: str | None = None
-    text: Any = None
+    example: str = ""  # a good value, for the error's remedy
+    check: Callable[[str, Any], object] | None = None  # of name and value, instead of type and range; the value to use
+    flag: str | None = ""  # on the command line, where it is not --name; None where it has none
+    metavar: str | None = None  # what stands for its value in --help
+    text: Any = None  # its type on the command line, where it is read from a text there: Path for a file's name
 
 
 @dataclass(frozen=True)

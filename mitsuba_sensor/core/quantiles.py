@@ -2,9 +2,8 @@
 
 Written with the operations of arrays.py, so NumPy and Dr.Jit return the same bits. No rejection loop, no state, no
 threshold above which another distribution is used. distributions.py has the same functions in float64.
-
-benchmarks/fit_quantiles.py fits the coefficients; benchmarks/enumerate_quantiles.py passes all 2³² integers through and
-compares with the exact distributions.
+benchmarks/fit_quantiles.py fits the coefficients; benchmarks/enumerate_quantiles.py compares the result for all 2³²
+integers with the exact distributions.
 """
 
 import math
@@ -128,10 +127,7 @@ def _expand(bits: Array, mean: Array) -> Array:
 
 
 def _search(bits: Array, mean: Array) -> Array:
-    """Smallest n whose cumulative probability reaches 1 − survival.
-
-    ``left`` is the difference between the two times n!, which avoids divisions.
-    """
+    """Smallest n whose cumulative probability reaches 1 − survival; ``left`` is their difference times n!."""
     reach = 0.5 + (arrays.float64(_signed(bits)) + 0.5) * 2.0**-32
     rate = arrays.float64(mean)
     none = _exp_of_minus(rate)

@@ -1,11 +1,9 @@
 """Fixed-pattern noise (FPN) maps of a window of the sensor, keyed by serial number and source."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
+from typing import Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,18 +19,13 @@ Value = TypeVar("Value")
 
 @dataclass(frozen=True, eq=False)
 class SensorWindow:
-    """A rectangle of pixels of the camera with this serial number, and its fixed-pattern noise (FPN) maps.
-
-    shape, origin : (rows, columns) of the window and its first pixel, in sensor coordinates.
-    given : measured FPN maps of this window that replace the random ones, by name.
-    backend : what computes the maps and the frames.
-    """
+    """A rectangle of pixels of the camera with this serial number, and its fixed-pattern noise (FPN) maps."""
 
     serial: int
-    shape: tuple[int, int]
-    origin: tuple[int, int] = (0, 0)
-    given: Mapping[str, Float64Array] = field(default_factory=dict)
-    backend: Backend = NUMPY_FLOAT64
+    shape: tuple[int, int]  # rows, columns
+    origin: tuple[int, int] = (0, 0)  # row and column of the first pixel, in sensor coordinates
+    given: Mapping[str, Float64Array] = field(default_factory=dict)  # measured maps that replace the random ones
+    backend: Backend = NUMPY_FLOAT64  # what computes the maps and the frames
     _maps: dict[Hashable, Array] = field(default_factory=dict)
     _tiles: dict[Hashable, tuple[int, Float64Array]] = field(default_factory=dict)
     _lock: threading.Lock = field(default_factory=threading.Lock)
@@ -40,9 +33,9 @@ class SensorWindow:
     def __post_init__(self) -> None:
         object.__setattr__(self, "serial", require_seed("serial", self.serial))  # a NumPy integer would overflow
 
-    def __reduce__(self) -> tuple[type[SensorWindow], tuple[object, ...]]:
+    def __reduce__(self) -> tuple[type[Self], tuple[object, ...]]:
         """Pickled without its maps, which are made anew."""
-        return SensorWindow, (self.serial, self.shape, self.origin, dict(self.given), self.backend)
+        return type(self), (self.serial, self.shape, self.origin, dict(self.given), self.backend)
 
     @property
     def rows(self) -> NDArray[np.int64]:
@@ -54,7 +47,7 @@ class SensorWindow:
         """Column numbers of the window, in sensor coordinates."""
         return np.arange(self.origin[1], self.origin[1] + self.shape[1])
 
-    def crop_rows(self, rows: slice) -> SensorWindow:
+    def crop_rows(self, rows: slice) -> Self:
         """The window of the same camera that has only ``rows`` of this one."""
         given = {name: x if len(x) == 1 else x[rows] for name, x in self.given.items()}
         origin, shape = (self.origin[0] + rows.start, self.origin[1]), (rows.stop - rows.start, self.shape[1])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core import counter_rng, distributions
-from mitsuba_sensor.core.backend import normals
+from mitsuba_sensor.core.backend import normals as normals_of
 from mitsuba_sensor.core.counter_rng import FIXED_PATTERN, STREAMS, stream_of
 from mitsuba_sensor.core.distributions import AR_BLOCK
 from mitsuba_sensor.core.frame import Frame
@@ -237,7 +237,7 @@ def test_a_source_of_ones_own_has_a_stream_of_its_own() -> None:
     assert len({stream_of(f"source {i}") for i in range(1000)}) == 1000
     window = SensorWindow(4, (64, 64))
     frame = Frame(EXPOSURE, window, 4)
-    own, fixed = frame.normal("banding"), window.fixed_map("banding", normals)
+    own, fixed = frame.normal("banding"), window.fixed_map("banding", normals_of)
     correlated = window.correlated("banding of pixels", 0.2)
     for a, b in itertools.combinations((own, fixed, correlated, frame.normal("photon_shot")), 2):
         assert abs(np.mean(a * b)) < 5 / 64

@@ -179,13 +179,10 @@ class PublishedPrnu(PublishedFpn):
 
 @dataclass(frozen=True)
 class PublishedDarkMean(Stage):
-    """t·D_R(T), D_R = 2.55e15·P_A·D_FM·T^1.5·exp(−E_g/2kT) [e-] (paper eq. 1, 16); 172.742 e- for Table 1 at 0.1 s.
+    """t·D_R(T), D_R = 2.55e15·P_A·D_FM·T^1.5·exp(−E_g/2kT) [e-] (paper eq. 1, 16); 172.742 e- for Table 1 at 0.1 s."""
 
-    fom_na_per_cm2 : D_FM [nA/cm²].  area_cm2 : P_A, the whole pixel [cm²].
-    """
-
-    fom_na_per_cm2: float
-    area_cm2: float
+    fom_na_per_cm2: float  # D_FM
+    area_cm2: float  # P_A, the whole pixel
     domain = "electrons"
 
     def sample(self, dark: Array, frame: Frame) -> Array:
@@ -200,7 +197,8 @@ class PublishedDarkMean(Stage):
         """Mean dark electrons of a pixel; 0 at 0 K."""
         kelvin = frame.exposure.temperature_k
         boltzmann = math.exp(-band_gap_ev(kelvin) / kelvin / (2 * BOLTZMANN_EV_PER_K)) if kelvin else 0.0
-        return frame.exposure.time_s * (DARK_CONSTANT * self.area_cm2 * self.fom_na_per_cm2 * kelvin**1.5 * boltzmann)
+        rate: float = DARK_CONSTANT * self.area_cm2 * self.fom_na_per_cm2 * kelvin**1.5 * boltzmann
+        return frame.exposure.time_s * rate
 
 
 class PublishedDarkShot(PublishedShot):
@@ -210,10 +208,7 @@ class PublishedDarkShot(PublishedShot):
 
 
 class PublishedDarkFpn(PublishedFpn):
-    """The noisy dark count times 1 + factor·X, one X per pixel of a camera (paper eq. 18 with σ = D_N).
-
-    factor : D_N, dimensionless.  distribution : of X; its mean may differ from 0 (log-normal (0, 0.4): 1.083).
-    """
+    """The noisy dark count times 1 + D_N·X, one X per pixel of a camera (paper eq. 18 with σ = D_N)."""
 
     domain, source = "electrons", "dark_fpn"
 
@@ -240,15 +235,14 @@ class PublishedFollowerSpectrum:
 
     Accurate for t_s = 1 µs (6.0945 e-; all frequencies: 6.1051), wrong when t_s is a multiple of 1/10 kHz, where every
     point of the sum is a zero of the CDS (100 µs: 0.218 e-; all frequencies: 5.193).
-
-    rtn_step : ΔI, added to V² as if it were volts.  All defaults: released parameters.
+    All defaults are released parameters.
     """
 
     white_nv_per_rthz: float = 15.0
     corner_hz: float = 1e6
     sample_s: float = 1e-6
     dominant_s: float = 0.5e-6
-    rtn_step: float = 1e-8
+    rtn_step: float = 1e-8  # ΔI, added to V² as if it were volts
     rtn_s: float = 0.05e-6
     clock_hz: float = 20e6  # Table 1; camera files have none: the closed forms of the physical chain need none
     grid_hz: float = 1e4

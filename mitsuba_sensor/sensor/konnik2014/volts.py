@@ -19,13 +19,10 @@ K1_C = 10.909e-15  # k₁ [C] (paper eq. 8); with V_REF = 3.1 V it implies 45.5 
 
 @dataclass(frozen=True)
 class PublishedResetNoise:
-    """factor·(exp(σz) − 1) [V], σ = √(k_B·T·A_SN/q) (paper eq. 7, and 27 without the +1 V that its log-normal adds).
+    """factor·(exp(σz) − 1) [V], σ = √(k_B·T·A_SN/q) (paper eq. 7, and 27 without the +1 V that its log-normal adds)."""
 
-    gain_v_per_e : A_SN [V/e-].  factor : 0 for a CCD, 0.8 in the released parameters.
-    """
-
-    gain_v_per_e: float
-    factor: float
+    gain_v_per_e: float  # A_SN
+    factor: float  # 0 for a CCD, 0.8 in the released parameters
 
     def __call__(self, frame: Frame) -> Array:
         """Noise that is added to V_REF, (H, W) [V]."""
@@ -62,13 +59,10 @@ class PublishedSenseNode(Stage):
 
 @dataclass(frozen=True)
 class PublishedExponentialNode(Stage):
-    """V = (V_REF + reset)·exp(−α·q·N/k₁) (paper eq. 33): A_SN does not enter, α = 0.05 reads 0.45 of the signal.
+    """V = (V_REF + reset)·exp(−α·q·N/k₁) (paper eq. 33): A_SN does not enter, α = 0.05 reads 0.45 of the signal."""
 
-    reference_v : V_REF [V].  alpha : coefficient of non-linearity, above 0.
-    """
-
-    reference_v: float
-    alpha: float
+    reference_v: float  # V_REF
+    alpha: float  # coefficient of non-linearity, above 0
     reset: PublishedResetNoise
     domain = "volts"
 
@@ -90,14 +84,11 @@ class PublishedExponentialNode(Stage):
 
 @dataclass(frozen=True)
 class PublishedFollower(Stage):
-    """V·(1 + (γ − 1)·(V_REF − V)/(V_FW·V_REF)): the gain grows with the swing but multiplies the *node voltage*.
-
-    (Paper eq. 9, 34.) γ = 1.05 takes 29 % to 30 % of the signal away.  full_well_v : V_FW [V].  gamma : above 0.
-    """
+    """V·(1 + (γ − 1)·(V_REF − V)/(V_FW·V_REF)), the *node voltage* times a gain of the swing (paper eq. 9, 34)."""
 
     reference_v: float
-    full_well_v: float
-    gamma: float
+    full_well_v: float  # V_FW
+    gamma: float  # above 0; 1.05 takes 29 % to 30 % of the signal away
     domain = "volts"
 
     def sample(self, volts: Array, frame: Frame) -> Array:
@@ -115,26 +106,20 @@ class PublishedFollower(Stage):
 
 
 class PublishedColumnFpn(PublishedFpn):
-    """V·(1 + D·V_FW·x_j), x_j per column (paper eq. 28, 32 *add*): 512 µV where D·V_FW = 165 µV is meant.
+    """V·(1 + D·V_FW·x_j), x_j per column (paper eq. 28, 32 *add*): 512 µV where D·V_FW = 165 µV is meant."""
 
-    factor : D·V_FW, used as a number without unit.  distribution : of x.
-    """
-
-    domain, source = "volts", "dsnu_col"
+    domain, source = "volts", "dsnu_col"  # factor : D·V_FW, used as a number without unit
 
 
 @dataclass(frozen=True)
 class PublishedAdc(Converter):
-    """round(A·S·γ^(−S/V_FW)), S = V_REF − V, clipped to 0 … 2^bits: a code too many, no black level (paper eq. 35–37).
-
-    gain_dn_per_v : A = 2^bits/(V_FW − A_SN²) [DN/V].  full_well_v : V_FW [V].  gamma : 1 is linear.
-    """
+    """round(A·S·γ^(−S/V_FW)), S = V_REF − V, clipped to 0 … 2^bits: a code too many, no black level (paper 35–37)."""
 
     bits: int
-    gain_dn_per_v: float
+    gain_dn_per_v: float  # A = 2^bits/(V_FW − A_SN²)
     reference_v: float
-    full_well_v: float
-    gamma: float = 1.0
+    full_well_v: float  # V_FW
+    gamma: float = 1.0  # linear
 
     def sample(self, volts: Array, frame: Frame) -> Array:
         """Voltage [V] → whole digital numbers (H, W)."""
