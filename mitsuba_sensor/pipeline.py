@@ -198,7 +198,7 @@ def _render_per_frame(
     names = ("digital", *(name for name in KEEP if getattr(first.frames, name) is not None))
     whole: dict[str, Any] = {name: np.concatenate([getattr(one.frames, name) for one in found]) for name in names}
     frames = replace(first.frames, **whole)
-    vars(frames)["first_report"] = first.frames.first_report
+    vars(frames)["_observer"] = first.frames._observer
     origin = {**_origin(prepared, options), "uncompensated": float(np.mean([one.uncompensated for one in found]))}
     metadata = frame_metadata(frames, first.light, options, origin, timings.seconds)
     return Capture(frames, first.light, first.photons, _aovs(prepared, options, timings), metadata, rendered=True)

@@ -7,6 +7,8 @@ bit for bit; the reference uses SciPy's quantile functions (distributions.py) an
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -23,7 +25,12 @@ FLOAT32_LIMIT = 1e30
 
 
 class PendingStrip:
-    """Digital numbers of a row strip that a backend may still be computing. On NumPy they are ready at once."""
+    """Digital numbers of a row strip that a backend may still be computing. On NumPy they are ready at once.
+
+    counts : how many pixels each mask holds, when the numbers are copied.
+    """
+
+    counts: Mapping[str, int] = MappingProxyType({})
 
     def launch(self) -> None:
         """Start the computation in other threads."""
@@ -57,10 +64,12 @@ class Backend:
         """An array of this backend as a NumPy array (H, W)."""
         return np.broadcast_to(np.asarray(signal), window.shape)
 
-    def pending(self, signal: Array, window: SensorWindow, out: NumpyArray) -> PendingStrip:
-        """Digital numbers that go into ``out``, (H, W) of an integer type."""
+    def pending(self, signal: Array, window: SensorWindow, out: NumpyArray, masks: Mapping[str, Array]) -> PendingStrip:
+        """Digital numbers that go into ``out``, (H, W) of an integer type; and masks whose pixels are counted."""
         out[...] = signal
-        return PendingStrip()
+        done = PendingStrip()
+        done.counts = {name: int(np.sum(np.broadcast_to(mask, window.shape))) for name, mask in masks.items()}
+        return done
 
     def evaluate(self, window: SensorWindow) -> None:
         """Compute the FPN maps of the window now, once."""

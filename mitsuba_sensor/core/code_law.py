@@ -1,4 +1,4 @@
-"""Mean and variance of the code of a normal signal: ΣΦ over the transition levels of a converter, both clips included."""
+"""Mean and variance of the code of a normal signal: ΣΦ over the transition levels of the converter, and both clips."""
 
 from __future__ import annotations
 

@@ -7,6 +7,7 @@ stages compiles another kernel.
 
 import importlib
 import math
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,9 +54,9 @@ class DrJitBackend(NumpyFloat32):
         found = signal.numpy()
         return np.broadcast_to(found[0], window.shape) if found.size == 1 else found.reshape(window.shape)
 
-    def pending(self, signal: Array, window: SensorWindow, out: NumpyArray) -> PendingStrip:
-        """Digital numbers that one kernel launch computes."""
-        return KernelLaunch(self.dr, self.uint(signal), out)
+    def pending(self, signal: Array, window: SensorWindow, out: NumpyArray, masks: Mapping[str, Array]) -> PendingStrip:
+        """Digital numbers, and masks, that one kernel launch computes."""
+        return KernelLaunch(self.dr, self.uint(signal), out, masks)
 
     def evaluate(self, window: SensorWindow) -> None:
         """Compute all FPN maps of the window in one kernel, lines too: a look-up is slower than a load."""
@@ -107,14 +108,15 @@ class KernelLaunch(PendingStrip):
     kernel is launched after the wait for this one and before its codes are copied.
     """
 
-    def __init__(self, dr: DrJitModule, codes: Array, out: NumpyArray) -> None:
-        self.dr, self.codes, self.out = dr, codes, out
+    def __init__(self, dr: DrJitModule, codes: Array, out: NumpyArray, masks: Mapping[str, Array]) -> None:
+        self.dr, self.codes, self.out, self.masks = dr, codes, out, masks
 
     def launch(self) -> None:
-        self.dr.eval(self.codes)
+        self.dr.eval(self.codes, list(self.masks.values()))
 
     def wait(self) -> None:
         self.computed = self.codes.numpy()
 
     def copy(self) -> None:
         np.copyto(self.out, self.computed.reshape(self.out.shape), casting="unsafe")
+        self.counts = {name: 0 if mask is False else self.dr.count(mask)[0] for name, mask in self.masks.items()}

@@ -13,16 +13,15 @@ from ..core.types import Float64Array
 from .interpolation import interpolation
 from .pixel_law import COARSE, FINE, PixelLaw, Quantiles
 
+
 class Average(Protocol):
-    """(nodes, 3), mean and variances behind a stage → the same in front of it."""
+    """(nodes, stages, 3), mean and variances behind some stages → the same in front of one of them."""
 
     def averaged(self, values: Float64Array) -> Float64Array:
         """Means average; the spread of the means adds to a variance."""
 
 
-def average_over(
-    law_at: Callable[[Quantiles], PixelLaw], nodes: Float64Array, end_e: float, gap_e: float
-) -> Average:
+def average_over(law_at: Callable[[Quantiles], PixelLaw], nodes: Float64Array, end_e: float, gap_e: float) -> Average:
     """The average over a law.
 
     end_e : where the pixel is full.  gap_e : a law whose quantiles lie closer than this before the end is a sum over
@@ -55,14 +54,15 @@ class ByQuantiles:
 
     def averaged(self, values: Float64Array) -> Float64Array:
         """What is fixed is shared by all states of a pixel."""
-        shape = self.nodes, self.law.weights.size, self.law.states.size, 3
-        mean, temporal, spatial = np.moveaxis((self.matrix @ values).reshape(shape), -1, 0)
-        own = mean @ self.law.states
-        flicker = (temporal + (mean - own[..., None]) ** 2) @ self.law.states
-        shared = (np.sqrt(np.maximum(spatial, 0.0)) @ self.law.states) ** 2
-        average = own @ self.law.weights
-        spread = (shared + (own - average[:, None]) ** 2) @ self.law.weights
-        return np.stack([average, flicker @ self.law.weights, spread], axis=1)
+        weights, states = self.law.weights, self.law.states
+        found = (self.matrix @ values.reshape(self.nodes, -1)).reshape(self.nodes, weights.size, states.size, -1, 3)
+        mean, temporal, spatial = (found[..., k] for k in range(3))
+        own = np.einsum("nkst,s->nkt", mean, states)
+        flicker = np.einsum("nkst,s->nkt", temporal + (mean - own[:, :, None]) ** 2, states)
+        shared = np.einsum("nkst,s->nkt", np.sqrt(np.maximum(spatial, 0.0)), states) ** 2
+        average = np.einsum("nkt,k->nt", own, weights)
+        spread = np.einsum("nkt,k->nt", shared + (own - average[:, None]) ** 2, weights)
+        return np.stack([average, np.einsum("nkt,k->nt", flicker, weights), spread], axis=-1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,15 +100,16 @@ class ByDistribution:
 
     def averaged(self, values: Float64Array) -> Float64Array:
         """Mean and variances in front of the stage."""
-        left, right = values[:-1], values[1:]
-        found = (self.mass - self.first) @ left + self.first @ right
-        found += self.below[:, None] * values[0] + self.above[:, None] * values[-1]
-        reference = found[found.shape[0] // 2, 0]
-        a, b = left[:, 0] - reference, right[:, 0] - reference
+        flat = values.reshape(values.shape[0], -1)
+        found = (self.mass - self.first) @ flat[:-1] + self.first @ flat[1:]
+        found += self.below[:, None] * flat[0] + self.above[:, None] * flat[-1]
+        found = found.reshape(values.shape)
+        reference = found[found.shape[0] // 2, ..., 0]
+        means = values[..., 0] - reference
+        a, b = means[:-1], means[1:]
         square = (self.mass - 2 * self.first + self.second) @ a**2 + 2 * (self.first - self.second) @ (a * b)
-        square += self.second @ b**2
-        square += self.below * (values[0, 0] - reference) ** 2 + self.above * (values[-1, 0] - reference) ** 2
-        found[:, 2] += np.maximum(square - (found[:, 0] - reference) ** 2, 0.0)
+        square += self.second @ b**2 + self.below[:, None] * means[0] ** 2 + self.above[:, None] * means[-1] ** 2
+        found[..., 2] += np.maximum(square - (found[..., 0] - reference) ** 2, 0.0)
         return found
 
 

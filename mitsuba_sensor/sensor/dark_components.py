@@ -112,7 +112,9 @@ def component_laws(
 ) -> list[tuple[float, PixelLaw]]:
     """Share and law of the dark electrons of every component."""
     reference = frame.on(NUMPY_FLOAT64)
-    return [(part.weight, fixed_offsets(part.electrons(quantiles.survival, reference), quantiles.weights)) for part in parts]
+    return [
+        (part.weight, fixed_offsets(part.electrons(quantiles.survival, reference), quantiles.weights)) for part in parts
+    ]
 
 
 @dataclass(frozen=True)

@@ -15,11 +15,12 @@ from ..core.backend import FLOAT32_LIMIT, NUMPY_FLOAT32, NUMPY_FLOAT64
 from ..core.options import complete, documents
 from .camera import Camera
 from .checks import as_photons, check_compensation, check_numbers, checked_maps, checked_names, checked_origin
+from .frame_theory import FrameTheory
 from .gains import adc_gain_dn_per_v
 from .konnik2014 import Konnik2014Settings, chain_of
 from .noise_budget import NoiseBudget, noise_budget
 from .options import ExposeOptions, Precision
-from .report import FrameReport, frame_report
+from .report import FrameObserver, report
 from .run import FrameRunner, choose_backend, require_kept
 from .stage import Chain, converter_of
 
@@ -57,14 +58,22 @@ class Frames:
     volts: NDArray[np.float64] | None = None
 
     @cached_property
-    def first_report(self) -> FrameReport:
-        """The report of the first frame; computed now unless :meth:`PreparedExposure.frames_with_report` did."""
-        return frame_report(self.light, self.camera, self.first, self.stages)
+    def theory(self) -> FrameTheory:
+        """Theory of every pixel of these frames."""
+        return self._observer.theory
 
-    @property
+    @cached_property
     def report(self) -> dict[str, Any]:
         """Theory and sample of every stage in the first frame, ready for JSON (see report.py)."""
-        return self.first_report.values
+        self._observer.sample(self.first.window.backend)
+        return report(self.light, self.camera, self._observer)
+
+    @cached_property
+    def _observer(self) -> FrameObserver:
+        """Who saw the first frame; it is computed again unless :meth:`PreparedExposure.frames_with_report` made it."""
+        observer = FrameObserver(FrameTheory(self.stages, self.light, self.first))
+        PreparedExposure(self.camera, self.stages, self.first, 1, (), self.light).frames(observer)
+        return observer
 
     def minus(self, reference: Frames) -> NDArray[np.int64]:
         """Signed difference to a zero-exposure frame or a stack of as many, (N, H, W) [DN]: the paper's CDS.
@@ -132,38 +141,30 @@ class PreparedExposure:
         first = self.first if number is None else replace(self.first, index=number, _blocks={})
         return replace(self, light=light, first=first)
 
-    def frames(self) -> Frames:
-        """All frames at once."""
+    def frames(self, observer: FrameObserver | None = None) -> Frames:
+        """All frames at once.  observer : sees the first one."""
         kept = {name: np.empty((self.count, *self.first.window.shape)) for name in self.keep}
         kept["digital"] = np.empty((self.count, *self.first.window.shape), self._code_type)
         first = self.first.index
-        done = self._runner.frames(first, self.count, lambda i: {name: x[i - first] for name, x in kept.items()})
+        runner = FrameRunner(self.stages, self._light, self.first, observer)
+        done = runner.frames(first, self.count, lambda i: {name: x[i - first] for name, x in kept.items()})
         for _ in done:
             pass
-        return self._frames(kept)
+        return Frames(kept.pop("digital"), self.camera, self._light, self._on_numpy, self.stages, **kept)
 
     def frames_with_report(self) -> Frames:
         """The same, with the report of the first frame made along with it: each frame is computed once."""
-        if not self.first.window.backend.bytes_of_numpy:
-            return self.frames()
-        light, reported = self._light, frame_report(self._light, self.camera, self._on_numpy, self.stages)
-        rest = replace(self, first=replace(self.first, index=self.first.index + 1, _blocks={}), count=self.count - 1)
-        others = rest.frames() if rest.count else None
-        require_kept(self.keep, {"photons", *reported.signals})
-        kept = {}
-        for name in (*self.keep, "digital"):
-            one = reported.signals[name] if name != "photons" else light.total
-            one = np.asarray(one, self._code_type if name == "digital" else np.float64)
-            one = np.broadcast_to(one, self.first.window.shape)[None]  # no dark current is one 0 for all pixels
-            kept[name] = one if others is None else np.concatenate([one, getattr(others, name)])
-        frames = self._frames(kept)
-        vars(frames)["first_report"] = reported
+        observer = FrameObserver(FrameTheory(self.stages, self._light, self._on_numpy))
+        frames = self.frames(observer)
+        vars(frames)["_observer"] = observer
         return frames
 
     def stream(self) -> Iterator[NDArray[np.unsignedinteger]]:
         """One frame at a time."""
         shape, code_type = self.first.window.shape, self._code_type
-        done = self._runner.frames(self.first.index, self.count, lambda _: {"digital": np.empty(shape, code_type)})
+        done = FrameRunner(self.stages, self._light, self.first).frames(
+            self.first.index, self.count, lambda _: {"digital": np.empty(shape, code_type)}
+        )
         return (sinks.pop("digital") for sinks in done)  # popped: nobody here keeps a frame that was delivered
 
     @property
@@ -173,10 +174,6 @@ class PreparedExposure:
         return self.light
 
     @property
-    def _runner(self) -> FrameRunner:
-        return FrameRunner(self.stages, self._light, self.first)
-
-    @property
     def _code_type(self) -> np.dtype[np.unsignedinteger]:
         return np.min_scalar_type(converter_of(self.stages).highest)
 
@@ -184,9 +181,6 @@ class PreparedExposure:
     def _on_numpy(self) -> Frame:
         """The first frame on the NumPy backend of the same precision, which has the same bytes."""
         return self.first.on(NUMPY_FLOAT64 if self.first.window.backend is NUMPY_FLOAT64 else NUMPY_FLOAT32)
-
-    def _frames(self, kept: dict[str, NDArray[Any]]) -> Frames:
-        return Frames(kept.pop("digital"), self.camera, self._light, self._on_numpy, self.stages, **kept)
 
 
 def _prepared(photons: Any, camera: Camera, exposure: Exposure, options: ExposeOptions) -> PreparedExposure:

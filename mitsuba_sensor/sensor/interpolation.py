@@ -9,7 +9,7 @@ from ..core.types import Float64Array
 
 
 def interpolation(nodes: Float64Array, at: Float64Array) -> sparse.csr_array:
-    """Lagrange's cubic through the four nodes about each place, (places, nodes); the last value beyond the last node."""
+    """Lagrange's cubic through the four nodes about each place, (places, nodes); constant beyond the last."""
     places = np.minimum(at, nodes[-1])
     first = np.clip(np.searchsorted(nodes, places, side="right") - 2, 0, nodes.size - 4)
     columns = first[:, None] + np.arange(4)

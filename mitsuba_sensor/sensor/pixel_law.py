@@ -1,4 +1,4 @@
-"""Laws of the pixels before the shot noise: gains and offsets of the mean electrons, fixed or switching, by quantiles."""
+"""Laws of the pixels before the shot noise: gains and offsets, fixed or switching, by quantiles."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from scipy import special
 
 from ..core.types import Float64Array, RandomBits
+
 
 @dataclass(frozen=True, eq=False)
 class Quantiles:
@@ -31,7 +32,7 @@ class Quantiles:
         return cls(z, weights / weights.sum(), survival, bits)
 
 
-COARSE, FINE = Quantiles.of(0.1), Quantiles.of(0.01)
+COARSE, FINE = Quantiles.of(0.16), Quantiles.of(0.01)
 """For laws that are narrow and wide beside the shot noise."""
 
 

@@ -16,10 +16,10 @@ from ..core import Exposure, Frame, Moments, Photons, SensorWindow, check_types,
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
 from .camera import Camera
 from .checks import as_photons
+from .old_theory import FinalMoments, final_moments
 from .precision import Float32, float32_effect
 from .run import row_strips_of
 from .stage import Chain, Stage, sample
-from .old_theory import FinalMoments, final_moments
 
 RUNS = 5
 """Timed runs of each chain; they take turns, so that a machine that slows down slows both."""

@@ -3,66 +3,188 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass, field, replace
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from ..core import Array, Electrons, Frame, Photons
-from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
+from ..core import Array, Electrons, Frame, Photons, arrays
+from ..core.backend import NUMPY_FLOAT64, Backend
+from ..core.types import Float64Array
 from .camera import Camera
 from .compensation import LIMIT, compensable
-from .frame_theory import Averages, FrameTheory
+from .frame_theory import FrameTheory
 from .gains import gain_dn_per_e
 from .light_levels import detected
 from .run import row_strips_of
-from .stage import UNITS, Chain, Stage, sample, total
+from .stage import UNITS, Stage, total
 
 SAMPLED = 2**18
 """Pixels of a frame whose signals are followed behind every stage: σ is then known to 0.14 %. Of larger frames these
 are strips of rows, evenly spread."""
 
 
-@dataclass(eq=False)
-class FrameReport:
-    """The report of the first frame.
+class FrameObserver:
+    """Follows a frame behind every stage: counts over all pixels, sums over the sampled ones.
 
-    values : ready for JSON.  theory : of every pixel of the frame.
-    """
-
-    values: dict[str, Any]
-    theory: FrameTheory
-
-
-class Sample:
-    """Signals of one frame behind every stage, against their theory, summed up strip by strip.
-
-    rows : the strips that are followed.
+    theory : of every pixel.  rows : the strips that are followed.
     """
 
     def __init__(self, theory: FrameTheory) -> None:
-        self.theory, self.stages = theory, theory.stages
-        height, width = theory.frame.window.shape
-        strips = list(row_strips_of((height, width), NUMPY_FLOAT64.strip_pixels))
-        count = min(len(strips), max(SAMPLED * len(strips) // (height * width), 1))
-        self.rows = [strips[k * len(strips) // count] for k in range(count)]
-        self.sums = np.zeros((len(self.stages), 2))
-        self.pixels = 0
+        self.theory, window = theory, theory.frame.window
+        strips = list(row_strips_of(window.shape, NUMPY_FLOAT64.strip_pixels))
+        number = min(len(strips), max(SAMPLED * len(strips) // (window.shape[0] * window.shape[1]), 1))
+        self.rows = [strips[k * len(strips) // number] for k in range(number)]
+        self.counts: Counter[str] = Counter(clipped_full_well=0, clipped_adc_low=0, clipped_adc_high=0)
+        self.sums: Float64Array = np.zeros((len(theory.stages), 3))
+        self.compensated: Float64Array = np.zeros(4)
         self._lock = threading.Lock()
 
-    def follow(self, backend: NumpyBackend) -> None:
-        """Compute the strips on the host."""
-        for rows in self.rows:
+    def strip(self, rows: slice, frame: Frame) -> StripFollower:
+        """Before a strip is computed."""
+        follow = rows in self.rows and not frame.window.backend.compiled
+        return StripFollower(self, frame, self._means(rows) if follow else None)
+
+    def count(self, counts: Mapping[str, int]) -> None:
+        """Pixels of the masks of one strip."""
+        self.counts.update(counts)
+
+    def sample(self, backend: Backend) -> None:
+        """Follow the sampled strips on the host, if that was not done while the frame was computed."""
+        for rows in self.rows if not self.sums.any() else ():
             frame = self.theory.frame.on(backend)
             part = replace(frame, window=frame.window.crop_rows(rows), _blocks={})
-            signal: Array = self.theory.photons.crop_rows(rows)
-            signals = []
-            for stage in self.stages:
+            follower, signal = StripFollower(self, part, self._means(rows)), self.theory.photons.crop_rows(rows)
+            for stage in self.theory.stages:
                 signal = stage.sample(signal, part)
-                signals.append(total(signal))
-            self.add(rows, signals)
+                follower.behind(stage, signal)
 
-    def add(self, rows: slice, signals: list[Array]) -> None:
-        """The signals behind all stages in one strip."""
-        light = detected(self.theory.photons, self.stages[0], self.theory.frame, rows)
-        means = self.theory.means(np.asarray(light.light if isinstance(light, Electrons) else light))
+    def _means(self, rows: slice) -> dict[int, Float64Array]:
+        light = detected(self.theory.photons, self.theory.stages[0], self.theory.frame, rows)
+        return self.theory.means(np.asarray(light.light if isinstance(light, Electrons) else light))
+
+    def add(self, number: int, signal: Array, mean: Float64Array) -> None:
+        """The signal behind a stage in some pixels, and its expected value."""
+        values = np.broadcast_to(np.asarray(signal, dtype=np.float64), mean.shape)
+        with np.errstate(invalid="ignore"):
+            residual = np.nan_to_num(values - mean, nan=0.0, posinf=0.0)
+            if getattr(signal, "dtype", None) == np.float32:  # the last digit of a float32 is no noise
+                residual = np.where(np.abs(residual) <= np.spacing(np.abs(signal)), 0.0, residual)
+        with self._lock:
+            self.sums[number] += float(np.sum(values)), float(np.sum(residual**2)), values.size
+
+    def add_compensation(self, mean: Electrons) -> Array:
+        """The render's variance in some pixels; where it is not compensated in full."""
+        by_light, by_dark = compensable(mean.light, mean.dark, mean.variance_e2)
+        done = by_light + by_dark
+        if arrays.is_numpy(done):
+            shot = np.where(mean.variance_e2 > 0, mean.total, 0.0)
+            with self._lock:
+                sums = [np.sum(x, dtype=np.float64) for x in (mean.variance_e2, done, shot)]
+                self.compensated += [*sums, done.size]
+        return done < mean.variance_e2
+
+
+class StripFollower:
+    """Sees the signals of one strip.  means : expected behind every stage, by its number; None: only masks."""
+
+    def __init__(self, observer: FrameObserver, frame: Frame, means: dict[int, Float64Array] | None) -> None:
+        self.observer, self.frame, self.means = observer, frame, means
+        self.masks: dict[str, Array] = {}
+
+    def behind(self, stage: Stage, signal: Array) -> None:
+        """The signal behind a stage."""
+        stages, value = self.observer.theory.stages, total(signal)
+        number = next(k for k, one in enumerate(stages) if one is stage)
+        self.masks |= stage.marked(value, self.frame)
+        following = stages[number + 1] if number + 1 < len(stages) else None
+        if following is not None and following.counts_electrons and signal.variance_e2 is not None:
+            self.masks["compensated_short"] = self.observer.add_compensation(signal)
+        if self.means is not None:
+            self.observer.add(number, value, self.means[number])
+
+    def end(self) -> dict[str, Array]:
+        """Masks whose pixels are to be counted."""
+        return self.masks
+
+
+def report(photons: Photons, camera: Camera, observer: FrameObserver) -> dict[str, Any]:
+    """The report of the frame that was observed, ready for JSON.
+
+    ``photons`` (min, median, max per pixel; of electrons where they are ``detected``), ``stages`` (below), ``counts``
+    of clipped and cut pixels, photons ``outside_qe`` and ``K_dn_per_e``. Each stage has mean and σ as they must be,
+    averaged over the window (σ total, temporal, spatial), and as ``sampled_pixels`` of this frame have them: σ_frame is
+    the rms distance of the pixels from their own means. Photons with ``variance_e2`` have ``compensation`` too, and the
+    count ``compensated_short``.
+    """
+    theory = observer.theory
+    seen = photons.mean.max(axis=-1) if photons.detected else photons.total
+    if photons.detected:
+        first = detected(photons, theory.stages[0], theory.frame, slice(0, photons.mean.shape[0]))
+        seen = np.asarray(first.light)
+    return {
+        "photons": {
+            "min": float(seen.min()),
+            "median": float(np.median(seen)),
+            "max": float(seen.max()),
+            "detected": photons.detected,
+        },
+        "sampled_pixels": int(observer.sums[0, 2]),
+        "stages": [_line(stage, theory, *observer.sums[k]) for k, stage in enumerate(theory.stages)],
+        "counts": dict(observer.counts),
+        **_compensation(photons, observer),
+        "outside_qe": outside_qe(photons, camera),
+        "K_dn_per_e": gain_dn_per_e(camera),
+    }
+
+
+def outside_qe(photons: Photons, camera: Camera) -> dict[str, Any]:
+    """Bands beyond the ends of the QE curve, where nothing is detected: wavelengths [nm], share of all photons."""
+    points = camera.quantum_efficiency.wavelengths_nm
+    if photons.wavelengths_nm is None or photons.mean.ndim == 2:
+        return {"wavelengths_nm": [], "share_of_photons": 0.0}
+    outside = (photons.wavelengths_nm < points[0]) | (photons.wavelengths_nm > points[-1])
+    finite = np.where(np.isfinite(photons.mean), photons.mean, 0.0).sum(axis=(0, 1))
+    share = float(finite[outside].sum() / finite.sum()) if finite.sum() else 0.0
+    return {"wavelengths_nm": photons.wavelengths_nm[outside].tolist(), "share_of_photons": share}
+
+
+def _compensation(photons: Photons, observer: FrameObserver) -> dict[str, Any]:
+    """Averages over the window.
+
+    ``variance_e2``, ``compensated_e2``, ``left_e2`` : of the render, compensated, and left on top of the shot noise.
+    ``left_over_shot`` : the last over the mean electrons of the pixels with a render's variance: by which share their
+    variance is too large.
+    """
+    if photons.variance_e2 is None:
+        return {}
+    *sums, pixels = observer.compensated
+    of_render, of_frame, shot_e = (float(x / pixels) for x in sums)
+    left = of_render - of_frame
+    return {
+        "compensation": {
+            "limit": LIMIT,
+            "variance_e2": of_render,
+            "compensated_e2": of_frame,
+            "left_e2": left,
+            "left_over_shot": left / shot_e if shot_e else 0.0,
+        }
+    }
+
+
+def _line(stage: Stage, theory: FrameTheory, values: float, squares: float, pixels: float) -> dict[str, Any]:
+    """One stage of the report, in its own unit."""
+    expected = theory.averages(stage)
+    return {
+        "name": stage.label,
+        "domain": stage.domain,
+        "unit": UNITS[stage.domain],
+        "mean_expected": expected.mean,
+        "sigma_expected": expected.sigma,
+        "sigma_temporal_expected": float(np.sqrt(expected.temporal)),
+        "sigma_spatial_expected": float(np.sqrt(expected.spatial)),
+        "mean_frame": values / pixels,
+        "sigma_frame": float(np.sqrt(squares / pixels)),
+    }

@@ -2,10 +2,10 @@
 
 import os
 import threading
-from collections.abc import Callable, Container, Hashable, Iterable, Iterator
+from collections.abc import Callable, Container, Hashable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from typing import Any, get_args
+from typing import Any, Protocol, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +61,26 @@ def row_strips_of(shape: tuple[int, int], pixels: int) -> Iterator[slice]:
         yield slice(start, min(start + height, shape[0]))
 
 
+class Follower(Protocol):
+    """Sees a strip of the first frame."""
+
+    def behind(self, stage: Stage, signal: Array) -> None:
+        """The signal behind a stage."""
+
+    def end(self) -> dict[str, Array]:
+        """Masks whose pixels are to be counted."""
+
+
+class Observer(Protocol):
+    """Sees the first frame while it is computed; on NumPy from several threads."""
+
+    def strip(self, rows: slice, frame: Frame) -> Follower:
+        """Before a strip is computed."""
+
+    def count(self, counts: Mapping[str, int]) -> None:
+        """Pixels of the masks of one strip."""
+
+
 @dataclass(eq=False)
 class FrameRunner:
     """Frames of one window and one light, strip by strip of rows; FPN maps stay with their strips between the frames.
@@ -71,6 +91,7 @@ class FrameRunner:
     stages: Chain
     light: Photons
     first: Frame
+    observer: Observer | None = None
     _parts: dict[int, tuple[SensorWindow, Electrons | None]] = field(default_factory=dict)
     _maps: dict[Hashable, NDArray[Any]] = field(default_factory=dict)
     _lock: threading.Lock = field(default_factory=threading.Lock)
@@ -93,7 +114,7 @@ class FrameRunner:
                 for job in self._jobs(index, sinks, index + 1 == first + count):
                     before.wait()
                     job.launch()
-                    before.copy()
+                    self._copy(before)
                     before = job
                     if ready is not None:
                         yield ready
@@ -103,7 +124,7 @@ class FrameRunner:
                     yield ready
                     ready = None
             before.wait()
-            before.copy()
+            self._copy(before)
             if ready is not None:
                 yield ready
         finally:  # also when nobody asks for the rest: release the threads and the maps
@@ -111,6 +132,11 @@ class FrameRunner:
             self._maps.clear()
             if self._pool:
                 self._pool.shutdown()
+
+    def _copy(self, strip: PendingStrip) -> None:
+        strip.copy()
+        if self.observer is not None:
+            self.observer.count(strip.counts)
 
     def _jobs(self, index: int, sinks: Sinks, last: bool) -> Iterator[PendingStrip]:
         """One job per strip; on the host they are done."""
@@ -134,13 +160,14 @@ class FrameRunner:
         found = {"photons"}
         if "photons" in sinks:
             sinks["photons"][rows] = strip.total
-        for name, signal in signals(self.stages, strip if start is None else start, frame):
+        follower = None if self.observer is None or index != self.first.index else self.observer.strip(rows, frame)
+        for name, signal in signals(self.stages, strip if start is None else start, frame, follower):
             found.add(name)
             if name == "digital":
                 require_kept(sinks, found)
                 if not last:
                     self._keep(number, window, start, new)
-                return window.backend.pending(signal, window, sinks[name][rows])
+                return window.backend.pending(signal, window, sinks[name][rows], follower.end() if follower else {})
             if name in sinks:
                 sinks[name][rows] = window.backend.to_numpy(signal, window)
         raise AssertionError("the last stage of a chain delivers digital numbers")
@@ -189,12 +216,16 @@ def begin(stages: Chain, light: Photons, frame: Frame) -> Electrons:
     return electrons
 
 
-def signals(stages: Chain, start: Photons | Electrons, frame: Frame) -> Iterator[tuple[str, Array]]:
+def signals(
+    stages: Chain, start: Photons | Electrons, frame: Frame, follower: Follower | None = None
+) -> Iterator[tuple[str, Array]]:
     """One frame through the chain, from photons or from photoelectrons; (name, signal) where the unit changes."""
     signal: Array = start
     left = stages if isinstance(start, Photons) else stages[1:]
     for stage, following in zip(left, (*left[1:], None), strict=True):
         signal = stage.sample(signal, frame)
+        if follower is not None:
+            follower.behind(stage, signal)
         if following is None or following.domain != stage.domain:
             yield from named(stage, signal, last=following is None)
 

@@ -93,10 +93,10 @@ class Stage(ABC):
         """Where the stage clips [e-]."""
         return None
 
-    def marked(self, signal: Array, maps: dict[str, Array]) -> dict[str, Array]:
+    def marked(self, signal: Array, frame: Frame) -> dict[str, Array]:
         """Masks of the pixels whose number the report of a frame lists: clipped ones, for example.
 
-        signal : (H, W) behind the stage.  maps : its FPN maps.
+        signal : behind the stage.
         """
         return {}
 
@@ -131,9 +131,9 @@ class Converter(Stage):
         ideal = self.black_level_dn + self.gain_dn_per_v * swing
         return code_moments(ideal, self.gain_dn_per_v * sigma, self.highest, self.inl_lsb)
 
-    def marked(self, signal: Array, maps: dict[str, Array]) -> dict[str, Array]:
+    def marked(self, signal: Array, frame: Frame) -> dict[str, Array]:
         """Pixels at either end of the code range."""
-        return {"clipped_adc_low": signal <= 0, "clipped_adc_high": signal >= self.highest}
+        return {"clipped_adc_low": signal <= 0, "clipped_adc_high": signal >= frame.number(self.highest)}
 
 
 @dataclass(frozen=True)
@@ -186,6 +186,7 @@ def total(signal: Array) -> Array:
     return signal.total if isinstance(signal, Photons | Electrons) else signal
 
 
-def cut_to_zero(maps: dict[str, Array], name: str) -> dict[str, Array]:
+def cut_to_zero(stage: Stage, name: str, cv: float, window: SensorWindow) -> dict[str, Array]:
     """``cut_to_zero_<name>``: the pixels in which a map of factors is not positive, as a normal law would have it."""
-    return {f"cut_to_zero_{name}": maps[name] <= 0}
+    flat = cv == 0 and name not in window.given
+    return {f"cut_to_zero_{name}": False if flat else stage.fpn_maps(window)[name] <= 0}

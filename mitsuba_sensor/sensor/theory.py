@@ -65,6 +65,9 @@ class LightKind(NamedTuple):
     compensated: float = 0.0
 
 
+PLAIN = LightKind()
+
+
 @dataclass(frozen=True, eq=False)
 class Theory:
     """Theory of one chain in one exposure.
@@ -76,11 +79,11 @@ class Theory:
 
     stages: Chain
     conditions: Frame
-    kind: LightKind = LightKind()
+    kind: LightKind
     _found: dict[int, Float64Array] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, stages: Chain, frame: Frame, kind: LightKind = LightKind()) -> Theory:
+    def of(cls, stages: Chain, frame: Frame, kind: LightKind = PLAIN) -> Theory:
         """For the exposure and the measured maps of this frame."""
         window = SensorWindow(0, (1, 1), given=frame.window.given)
         return cls(tuple(stages), Frame(frame.exposure, window), kind)
@@ -113,24 +116,31 @@ class Theory:
     def table(self, number: int) -> Float64Array:
         """Mean and variances behind stage ``number`` at the nodes of mean photoelectrons, (nodes, 3)."""
         if number not in self._found:
-            self._found[number] = self._averaged(number)
+            last = len(self.stages) - 1
+            numbers = [last] if number == last else [k for k in range(last) if k not in self._found]
+            self._found.update(self._averaged(numbers))
         return self._found[number]
 
-    def _averaged(self, number: int) -> Float64Array:
+    def _averaged(self, numbers: Sequence[int]) -> dict[int, Float64Array]:
         """Average over the laws of the stages between the light and the count."""
-        count = self._count
+        found = {number: self._given_electrons(number) for number in numbers}
+        for stage, average in reversed(self._laws):
+            behind = [number for number in numbers if number >= stage]
+            if behind:
+                values = average.averaged(np.stack([found[number] for number in behind], axis=1))
+                found.update((number, values[:, k]) for k, number in enumerate(behind))
+        return found
+
+    def _given_electrons(self, number: int) -> Float64Array:
+        """Behind a stage, at the nodes of the mean electrons that enter the count; in front of it the mean itself."""
+        count, zero = self._count, np.zeros(self.nodes.size)
         assert count is not None
         if number < count:
-            values = np.stack([self.nodes, 0 * self.nodes, 0 * self.nodes], axis=1)
-        elif number < self._split:
+            return np.stack([self.nodes, zero, zero], axis=1)
+        if number < self._split:
             m = self._counted(self.stages[count : number + 1])
-            values = np.stack([m.mean, m.temporal, 0 * self.nodes], axis=1)
-        else:
-            values = self._conditional[number]
-        for stage, matrix in reversed(self._laws):
-            if stage <= number:
-                values = matrix.averaged(values)
-        return values
+            return np.stack([m.mean, m.temporal, zero], axis=1)
+        return self._codes if number == len(self.stages) - 1 else self._analogue_tables[number]
 
     # -- levels ------------------------------------------------------------------------------------------------------
 
@@ -246,24 +256,29 @@ class Theory:
         return replace(m, mean=np.broadcast_to(m.mean, shape), temporal=np.broadcast_to(m.temporal, shape))
 
     @cached_property
-    def _conditional(self) -> dict[int, Float64Array]:
-        """Mean and variances at the nodes of mean electrons behind every stage from the well on, (nodes, 3)."""
+    def _law(self) -> sparse.csr_array:
+        """Chance of every count at the nodes of mean electrons."""
         counted = self._counted(self.stages[self._count : self._split])
-        law = count_law(counted.mean, counted.temporal, self._counts)
+        return count_law(counted.mean, counted.temporal, self._counts)
+
+    @cached_property
+    def _analogue_tables(self) -> dict[int, Float64Array]:
+        """Mean and variances at the nodes of mean electrons behind the stages from the well to the converter."""
         found, m = {}, Moments(self._counts, 0.0, 0.0, self.conditions)
         for number in range(self._split, len(self.stages) - 1):
             m = self.stages[number].moments(m)
-            found[number] = _mixed(law, *(np.broadcast_to(x, self._counts.shape) for x in (m.mean, m.temporal, m.spatial)))
-        found[len(self.stages) - 1] = self._codes(law, m)
+            found[number] = _mixed(self._law, *_parts(m, self._counts.shape))
         return found
 
-    def _codes(self, law: sparse.csr_array, m: Moments) -> Float64Array:
-        """The law of the code, given the count and the fixed offset, averaged over both."""
-        mean, temporal, spatial = (np.broadcast_to(x, self._counts.shape) for x in (m.mean, m.temporal, m.spatial))
+    @cached_property
+    def _codes(self) -> Float64Array:
+        """The law of the code, given the count and the fixed offset, averaged over both; as the tables above."""
+        m = propagate(self.stages[self._split : -1], Moments(self._counts, 0.0, 0.0, self.conditions))
+        mean, temporal, spatial = _parts(m, self._counts.shape)
         found, of_step = np.empty((self.nodes.size, 3)), self._offset_steps(temporal, spatial)
         for step in np.unique(of_step):
             rows = np.flatnonzero(of_step == step)
-            part = law[rows]
+            part = self._law[rows]
             used = slice(int(part.indices.min()), int(part.indices.max()) + 1)
             given = mean[used], np.sqrt(temporal[used]), np.sqrt(spatial[used])
             found[rows] = _over_offsets(converter_of(self.stages), part[:, used], *given, step)
@@ -272,8 +287,9 @@ class Theory:
     def _offset_steps(self, temporal: Float64Array, spatial: Float64Array) -> Float64Array:
         """Distance of the quantiles of the offsets [σ] at every node: less than the noise that blurs the codes."""
         at = np.minimum(np.searchsorted(self._counts, self.nodes), self._counts.size - 1)
-        slope = self._line[0][1:] - self._line[0][:-1]
-        pitch = slope[0] / (self._counts[1] - self._counts[0]) / converter_of(self.stages).gain_dn_per_v if slope.size else 0
+        codes, counts = self._line[0][:2], self._counts[:2]
+        gain = (counts[-1] - counts[0]) * converter_of(self.stages).gain_dn_per_v
+        pitch = (codes[-1] - codes[0]) / gain if gain else 0.0
         blur = np.sqrt(temporal[at] + pitch**2 * np.minimum(self.nodes, self._counts[-1]))
         with np.errstate(divide="ignore", invalid="ignore"):
             wanted = np.where(spatial[at] > 0, BLUR * blur / np.sqrt(spatial[at]), np.inf)
@@ -287,16 +303,15 @@ class Theory:
         assert self._count is not None
         end = min(self._ends)
         gap = NARROW * np.sqrt(end + self._read_e**2 + 1)
-        return [(k, average_over(partial(self._law, k), self.nodes, end, gap)) for k in range(1, self._count)]
+        return [(k, average_over(partial(self._pixel_law, k), self.nodes, end, gap)) for k in range(1, self._count)]
 
-    def _law(self, number: int, quantiles: Quantiles) -> PixelLaw:
+    def _pixel_law(self, number: int, quantiles: Quantiles) -> PixelLaw:
         """The law of a stage; of one that has none a normal law with the moments that it states."""
         stage = self.stages[number]
         if (law := stage.pixel_law(self.conditions, quantiles)) is not None:
             return law
         m = stage.moments(Moments(self.nodes, 0.0, 0.0, self.conditions))
-        mean, temporal, spatial = (np.broadcast_to(x, self.nodes.shape) for x in (m.mean, m.temporal, m.spatial))
-        return normal_law(mean, temporal, spatial)
+        return normal_law(*_parts(m, self.nodes.shape))
 
     # -- a chain that does not count electrons ------------------------------------------------------------------------
 
@@ -305,8 +320,12 @@ class Theory:
         window = SensorWindow(0, (1, levels.size), given=self.conditions.window.given)
         light = Photons(levels[None, :])
         m = propagate(self.stages[: number + 1], Moments(light, 0.0, 0.0, replace(self.conditions, window=window)))
-        parts = (np.broadcast_to(x, (1, levels.size))[0] for x in (m.mean, m.temporal, m.spatial))
-        return Expected(*(np.asarray(x, dtype=np.float64) for x in parts))
+        return Expected(*(np.asarray(x[0], dtype=np.float64) for x in _parts(m, (1, levels.size))))
+
+
+def _parts(m: Moments, shape: tuple[int, ...]) -> tuple[Float64Array, Float64Array, Float64Array]:
+    """Mean and variances as arrays."""
+    return np.broadcast_to(m.mean, shape), np.broadcast_to(m.temporal, shape), np.broadcast_to(m.spatial, shape)
 
 
 def _mixed(law: sparse.csr_array, mean: Float64Array, temporal: Float64Array, spatial: Float64Array) -> Float64Array:

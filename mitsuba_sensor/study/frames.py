@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from ..core import Electrons, Exposure, Frame, Photons, SensorWindow
 from ..core.backend import Backend
 from ..core.llvm import backend_problem, drjit
+from ..sensor.old_theory import final_moments
 from ..sensor.run import FrameRunner
 from ..sensor.stage import Stage, converter_of, sample
-from ..sensor.old_theory import final_moments
 from .statistics import Array, Numbers
 
 QUANTITIES = ("mean", "temporal σ", "spatial σ")

@@ -8,7 +8,14 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from ...core import Array, Electrons, Exposure, Frame, Moments, SensorWindow, arrays
-from ..dark_components import DarkComponent, DarkComponentSection, component_laws, component_maps, mixture_moments, superimpose
+from ..dark_components import (
+    DarkComponent,
+    DarkComponentSection,
+    component_laws,
+    component_maps,
+    mixture_moments,
+    superimpose,
+)
 from ..dark_current_models import DarkCurrentModel, Doubling, FigureOfMerit, Measured, Mpp
 from ..datasheet import FileTable, MapCoupling, NotNegative, Positive
 from ..fpn_distributions import Autoregressive, FpnDistribution, Gamma, Gaussian, Logistic, LogNormal, Wald
@@ -126,9 +133,9 @@ class DarkCurrent(Stage):
         main = window.measured_or("dark_fpn", lambda: self.distribution.map_of(window, "dark_fpn"))
         return {"dark_fpn": main} | (component_maps(self.components, window) if self.components else {})
 
-    def marked(self, signal: Array, maps: dict[str, Array]) -> dict[str, Array]:
+    def marked(self, signal: Array, frame: Frame) -> dict[str, Array]:
         """Pixels whose dark current the distribution would have made negative."""
-        return cut_to_zero(maps, "dark_fpn")
+        return cut_to_zero(self, "dark_fpn", self.distribution.cv, frame.window)
 
 
 def mean_dark_e(camera: Datasheet, exposure: Exposure) -> float:

@@ -50,6 +50,6 @@ class FullWell(Stage):
         """A clipped normal: shot noise near a full well is one."""
         return m.clip(-float("inf"), self.full_well_e)
 
-    def marked(self, signal: Array, maps: dict[str, Array]) -> dict[str, Array]:
+    def marked(self, signal: Array, frame: Frame) -> dict[str, Array]:
         """Pixels that are full."""
-        return {"clipped_full_well": signal >= self.full_well_e}
+        return {"clipped_full_well": signal >= frame.number(self.full_well_e)}

@@ -82,9 +82,9 @@ class Prnu(Stage):
         """``prnu``: gain of every pixel, 1 on average."""
         return {"prnu": window.measured_or("prnu", lambda: self.distribution.map_of(window, "prnu"))}
 
-    def marked(self, signal: Array, maps: dict[str, Array]) -> dict[str, Array]:
+    def marked(self, signal: Array, frame: Frame) -> dict[str, Array]:
         """Pixels whose gain the distribution would have made negative."""
-        return cut_to_zero(maps, "prnu")
+        return cut_to_zero(self, "prnu", self.distribution.cv, frame.window)
 
 
 @dataclass(frozen=True)
@@ -128,9 +128,9 @@ class PrnuColumn(Stage):
         """``prnu_col``: gain of every column, 1 on average, (1, W)."""
         return {"prnu_col": window.measured_or("prnu_col", lambda: self._gains(window))}
 
-    def marked(self, signal: Array, maps: dict[str, Array]) -> dict[str, Array]:
+    def marked(self, signal: Array, frame: Frame) -> dict[str, Array]:
         """Columns whose gain is not positive."""
-        return cut_to_zero(maps, "prnu_col")
+        return cut_to_zero(self, "prnu_col", self.cv, frame.window)
 
     def _gains(self, window: SensorWindow) -> Array:
         return 1 + window.number(self.cv) * window.line_map("prnu_col", self.coupling)

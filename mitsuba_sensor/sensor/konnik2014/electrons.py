@@ -289,6 +289,6 @@ class PublishedWell(Stage):
         """floor and clip commute; a signal that is continuous and wider than 1 e- loses ½ and gains 1/12."""
         return m.add(mean=-0.5, temporal=1 / 12).clip(0.0, math.floor(self.full_well_e))
 
-    def marked(self, signal: Array, maps: dict[str, Array]) -> dict[str, Array]:
+    def marked(self, signal: Array, frame: Frame) -> dict[str, Array]:
         """Saturated pixels."""
         return {"clipped_full_well": signal >= self.full_well_e}
