@@ -11,7 +11,6 @@ from typing import Annotated, Any, Literal, Unpack
 
 import numpy as np
 
-from .core.backend import NUMPY_FLOAT64
 from .core.checks import check_types
 from .core.errors import InputError
 from .core.exposure import Exposure
@@ -33,6 +32,7 @@ from .sensor.camera import Camera
 from .sensor.checks import as_photons
 from .sensor.expose import KEEP, Frames, PreparedExposure, prepare_exposure
 from .sensor.input_noise import input_noise
+from .sensor.light_levels import detected
 from .sensor.options import ExposeOptions, FrameOptions
 from .sensor.plan import plan
 
@@ -253,7 +253,10 @@ def frame_metadata(
     """
     started = time.perf_counter()
     statistics, camera, first = light.statistics.to_dict(), frames.camera, frames.first
-    found = plan(camera, first.exposure, frames.light).to_dict() if options["chain"] == "physical" else {}
+    made = frames.plan
+    if made is None and options["chain"] == "physical":
+        made = plan(camera, first.exposure, frames.light)
+    found = {} if made is None else made.to_dict()
     counts = {name: statistics[name] for name in ("negative", "non_finite")}
     noise, report = render_noise(light, frames), frames.report
     times_s["report"] = round(time.perf_counter() - started, 4)
@@ -274,6 +277,7 @@ def frame_metadata(
         "render_noise": noise,
         "versions": versions(),
         "effects": found.get("stages", []),
+        "left_out": [] if frames.plan is None else frames.plan.left_out,
         "float32": found.get("float32"),
         "times_s": times_s,
     }
@@ -284,11 +288,8 @@ def render_noise(light: Irradiance, frames: Frames) -> dict[str, float]:
 
     The render statistics have the same for the exposure of the render; a longer exposure of the same light shows more.
     """
-    detection = frames.camera.stages[0]
-    if frames.stages[0] == detection:
-        electrons = frames.first_report.mean_photoelectrons
-    else:  # the published chain counts its photoelectrons in another way
-        electrons = detection.sample(frames.light, frames.first.on(NUMPY_FLOAT64)).total
+    everything = slice(0, frames.first.window.shape[0])
+    electrons = detected(frames.light, frames.camera.stages[0], frames.first, everything).light
     with np.errstate(invalid="ignore"):
         variance_e2 = (light.relative_error.astype(np.float64) * electrons) ** 2
     ratio = input_noise(frames.camera, frames.first.exposure).ratio(electrons, variance_e2)

@@ -73,15 +73,15 @@ def summary(report: Report, folder: str) -> RenderableType:
 
 def plan_sheet(plan: Plan, needs: Sequence[RenderRequirement], whole_s: float, planned_s: float) -> RenderableType:
     """What a plan keeps and leaves out, sensor and render, with the effect in DN and the time that is saved."""
-    table = columns_table("", "", "mean", "temporal", "spatial", "")
+    table = columns_table("", "", "mean", "temporal", "spatial", "structure", "pixels", "")
     for e in plan.effects:
         if e.reason == IDLE:
             continue
-        numbers = (_number(value) for value in (e.mean_dn, e.temporal_dn, e.spatial_dn))
+        numbers = map(_number, (e.mean_dn, e.temporal_dn, e.spatial_dn, e.structure_dn, e.pixels_beyond))
         table.add_row(e.stage, _kept(e.kept), *numbers, e.reason)
     for need in needs:
-        table.add_row(need.what, _kept(need.kept), _number(need.effect_dn), "", "", need.reason)
-    table.caption = "what each changes at most on this scene [DN]"
+        table.add_row(need.what, _kept(need.kept), _number(need.effect_dn), *[""] * 4, need.reason)
+    table.caption = "what each changes by itself at most on this scene [DN]; pixels beyond the tolerance"
     saved = f"{whole_s:.3g} s a frame with the whole chain, {planned_s:.3g} s with this plan"
     head = f"{plan.camera}: what is left out moves no light level by more than {plan.tolerance_dn:g} DN in all"
     idle = ", ".join(e.stage for e in plan.effects if e.reason == IDLE)
@@ -159,8 +159,9 @@ def _stages(report: Report) -> Table:
         column.no_wrap = True
     for column in table.columns[2:]:
         column.justify = "right"
-    effects = report["effects"] or [{}] * len(report["stages"])  # the published chain has no plan
-    for stage, effect in zip(report["stages"], effects, strict=True):
+    effects = {effect["stage"]: effect for effect in report["effects"]}  # the published chain has none
+    for stage in report["stages"]:
+        effect = effects.get(stage["name"], {})
         if effect.get("reason") == IDLE:
             continue
         scale, unit = (1e3, "mV") if stage["unit"] == "V" else (1.0, stage["unit"])
@@ -194,6 +195,8 @@ def _facts(report: Report) -> Iterator[Text]:
         share = f"{100 * outside['share_of_photons']:.3g} % of the photons"
         yield _fact("not detected", f"{share}, in {len(outside['wavelengths_nm'])} bands beyond the QE curve")
     idle = [effect["stage"] for effect in report["effects"] if effect["reason"] == IDLE]
+    if report["left_out"]:
+        yield _fact("left out", f"{', '.join(report['left_out'])} (tolerance {report['options']['tolerance_dn']:g} DN)")
     if idle:
         yield _fact("changes nothing", ", ".join(idle))
     single = report["float32"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,14 +18,14 @@ from .checks import as_photons, check_compensation, check_numbers, checked_maps,
 from .frame_theory import FrameTheory
 from .gains import adc_gain_dn_per_v
 from .konnik2014 import Konnik2014Settings, chain_of
-from .noise_budget import NoiseBudget, noise_budget
+from .light_levels import light_levels
+from .noise_budget import NoiseBudget
 from .options import ExposeOptions, Precision
+from .plan import Plan
+from .plan import plan as make_plan
 from .report import FrameObserver, report
 from .run import FrameRunner, choose_backend, require_kept
 from .stage import Chain, converter_of
-
-if TYPE_CHECKING:
-    from .plan import Plan
 
 KEEP = ("photons", "photoelectrons", "dark_electrons", "electrons", "volts")
 """Intermediate signals that ``expose(keep=…)`` can return: mean photons of all bands, electrons that light and dark
@@ -43,6 +43,7 @@ class Frames:
     """Raw frames of one camera.
 
     digital : (N, H, W) uint8, uint16 or uint32, whichever holds ``adc.bits`` [DN].
+    plan : what was left out of the chain, where ``plan`` or ``tolerance_dn`` was given.
     photons, photoelectrons, dark_electrons, electrons, volts : (N, H, W) float64 if asked for by ``keep``, else None.
     """
 
@@ -51,6 +52,7 @@ class Frames:
     light: Photons
     first: Frame
     stages: Chain
+    plan: Plan | None = None
     photons: NDArray[np.float64] | None = None
     photoelectrons: NDArray[np.float64] | None = None
     dark_electrons: NDArray[np.float64] | None = None
@@ -90,7 +92,7 @@ class Frames:
 
     def noise_budget(self) -> NoiseBudget:
         """What every source contributes to each pixel of the first frame, in DN; the sum is the frame."""
-        return noise_budget(self.light, self.first, self.stages)
+        return NoiseBudget(self.stages, self.light, self.first, FrameTheory(self.stages, self.light, self.first))
 
 
 @documents(ExposeOptions)
@@ -131,15 +133,24 @@ class PreparedExposure:
     count: int
     keep: tuple[str, ...]
     light: Photons | None = None
+    plan: Plan | None = None
+    tolerance_dn: float | None = None
 
     def of(self, light: Photons, number: int | None = None) -> PreparedExposure:
         """With this light, of the shape of the window. Raises InputError where its variance cannot be compensated.
 
         number : of the first frame, if it is another than before.
         """
-        check_compensation(light, self.stages, self.count)
         first = self.first if number is None else replace(self.first, index=number, _blocks={})
-        return replace(self, light=light, first=first)
+        plan = self.plan
+        if self.tolerance_dn is not None:
+            plan = make_plan(self.camera, first.exposure, light, self.tolerance_dn)
+        elif plan is not None:
+            levels = light_levels(replace(light, variance_e2=None), plan.whole[0], first)
+            plan.range.check(first.exposure, levels, first.window.shape)
+        stages = self.stages if plan is None else plan.stages
+        check_compensation(light, stages, self.count)
+        return replace(self, light=light, first=first, plan=plan, stages=stages)
 
     def frames(self, observer: FrameObserver | None = None) -> Frames:
         """All frames at once.  observer : sees the first one."""
@@ -150,7 +161,7 @@ class PreparedExposure:
         done = runner.frames(first, self.count, lambda i: {name: x[i - first] for name, x in kept.items()})
         for _ in done:
             pass
-        return Frames(kept.pop("digital"), self.camera, self._light, self._on_numpy, self.stages, **kept)
+        return Frames(kept.pop("digital"), self.camera, self._light, self._on_numpy, self.stages, self.plan, **kept)
 
     def frames_with_report(self) -> Frames:
         """The same, with the report of the first frame made along with it: each frame is computed once."""
@@ -212,7 +223,22 @@ def prepare_exposure(
     window = SensorWindow(serial, (shape[0], shape[1]), origin)
     given = checked_maps({} if chosen["maps"] is None else chosen["maps"], stages, window, camera)
     window = replace(window, given=given, backend=backend)
-    return PreparedExposure(camera, stages, Frame(exposure, window, seed, first_frame), frames, keep)
+    first = Frame(exposure, window, seed, first_frame)
+    return PreparedExposure(
+        camera, stages, first, frames, keep, plan=chosen["plan"], tolerance_dn=_tolerance_dn(chosen)
+    )
+
+
+def _tolerance_dn(chosen: ExposeOptions) -> float | None:
+    """The tolerance of a plan that is made for the light at hand."""
+    tolerance_dn = chosen["tolerance_dn"]
+    if tolerance_dn is not None and chosen["plan"] is not None:
+        raise InputError(
+            f"tolerance_dn is {tolerance_dn:g} and a plan is given, which has a tolerance of its own; pass one of them."
+        )
+    if tolerance_dn is not None and chosen["chain"] != "physical":
+        raise InputError(f"tolerance_dn is {tolerance_dn:g}, which is for the physical chain; leave one of both out.")
+    return tolerance_dn
 
 
 def _precision(asked: str, camera: Camera, plan: Plan | None, chain: str) -> str:

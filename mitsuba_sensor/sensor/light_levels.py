@@ -22,6 +22,9 @@ SHIFT = 15
 
 LEVELS = 2**31 >> SHIFT
 
+WIDTH = 2.0 ** (SHIFT - 23)
+"""Of a level at most, as a share of its light."""
+
 YIELD_STEP, COMPENSATED_STEP = 1 / 8, 1 / 24
 """Pixels whose quantum yield or share of compensated render noise lies within one step are of one kind."""
 

@@ -2,81 +2,133 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..core import Array, Electrons, Frame, Moments, Photons
-from ..core.backend import NUMPY_FLOAT64
-from .stage import Chain, Stage, total
+from ..core import Array, Electrons, Frame, Photons
+from ..core.types import Float64Array
+from .frame_theory import FrameTheory
+from .run import processors, row_strips_of
+from .stage import Chain, total
+
+Contributions = list[dict[str, tuple[Float64Array, Array]]]
+"""By stage: source → its contribution to every pixel of a strip, and the variance that it states [DN, DN²]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Contribution:
     """What one source contributes to a frame.
 
-    dn : its contribution to every pixel, (H, W) [DN].
+    mean_dn, rms_dn : its average over the pixels, and the rms about that [DN].
     temporal_dn2, spatial_dn2 : what it adds to the two variances on average [DN²]; negative where a clip reduces noise.
     """
 
     source: str
-    dn: NDArray[np.float64]
+    mean_dn: float
+    rms_dn: float
     temporal_dn2: float
     spatial_dn2: float
+    _budget: NoiseBudget
+
+    @cached_property
+    def dn(self) -> Float64Array:
+        """Its contribution to every pixel, (H, W) [DN]; computed when it is asked for."""
+        return np.concatenate([found[self.source] for _, found in self._budget.strips()])
 
 
 @dataclass(frozen=True, eq=False)
 class NoiseBudget:
-    """The contributions of all sources: they add up to the digital numbers, the variances to the moments.
+    """The contributions of all sources: they add up to the digital numbers, the variances to those of the theory.
 
-    entries : one per source, in the order of the chain.
+    A contribution is the change that a stage makes, carried to DN by the nominal gains of the stages behind it. The
+    frame is computed strip by strip: no more than a few strips are in memory at a time.
+
+    stages, photons, frame : of one frame.  theory : of its pixels.
     """
 
-    entries: tuple[Contribution, ...]
+    stages: Chain
+    photons: Photons
+    frame: Frame
+    theory: FrameTheory
+
+    @cached_property
+    def entries(self) -> tuple[Contribution, ...]:
+        """One per source, in the order of the chain."""
+        with ThreadPoolExecutor(processors()) as pool:
+            strips = list(pool.map(lambda rows: _sums(self._strip(rows)), self._rows))
+        pixels = self.frame.window.shape[0] * self.frame.window.shape[1]
+        entries, was = [], (0.0, 0.0)
+        for number, (stage, to_dn) in enumerate(zip(self.stages, self._to_dn, strict=True)):
+            expected = self.theory.averages(stage)
+            now = expected.temporal * to_dn**2, expected.spatial * to_dn**2
+            sums = {source: sum(strip[number][source] for strip in strips) / pixels for source in strips[0][number]}
+            stated = sum(variance for _, _, variance in sums.values())
+            for source, (mean, square, variance) in sums.items():
+                share, rms = variance / stated if stated else 1 / len(sums), math.sqrt(max(square - mean**2, 0.0))
+                added = (share * (new - old) for new, old in zip(now, was, strict=True))
+                entries.append(Contribution(source, float(mean), rms, *added, self))
+            was = now
+        return tuple(entries)
+
+    def strips(self) -> Iterator[tuple[slice, dict[str, Float64Array]]]:
+        """Rows of the window, and the contribution of every source to their pixels [DN]."""
+        for rows in self._rows:
+            yield rows, {source: values for stage in self._strip(rows) for source, (values, _) in stage.items()}
 
     @property
-    def total(self) -> NDArray[np.float64]:
+    def total(self) -> Float64Array:
         """The sum of all contributions: the frame itself, (H, W) [DN]."""
-        return np.asarray(np.sum([entry.dn for entry in self.entries], axis=0))
+        return np.concatenate([np.sum(list(found.values()), axis=0) for _, found in self.strips()])
 
     def explain(self) -> str:
         """A table for people."""
         lines = [f"{'source':<26}{'mean':>12}{'rms':>12}{'temporal':>12}{'spatial':>12}   [DN, DN, DN², DN²]"]
         for e in self.entries:
-            numbers = (e.dn.mean(), np.sqrt(np.mean((e.dn - e.dn.mean()) ** 2)), e.temporal_dn2, e.spatial_dn2)
+            numbers = (e.mean_dn, e.rms_dn, e.temporal_dn2, e.spatial_dn2)
             lines.append(f"{e.source:<26}" + "".join(f"{x:>12.5g}" for x in numbers))
         return "\n".join(lines)
 
+    @property
+    def _rows(self) -> list[slice]:
+        return list(row_strips_of(self.frame.window.shape, self.frame.window.backend.strip_pixels))
 
-def noise_budget(photons: Photons, frame: Frame, stages: Chain) -> NoiseBudget:
-    """The contributions to one frame.
+    def _strip(self, rows: slice) -> Contributions:
+        window = self.frame.window.crop_rows(rows)
+        frame = replace(self.frame, window=window, _blocks={})
+        found: Contributions = []
+        signal: Array = self.photons.crop_rows(rows)
+        before = np.zeros(window.shape)
+        for stage, to_dn in zip(self.stages, self._to_dn, strict=True):
+            entering, signal = signal, stage.sample(signal, frame)
+            after = to_dn * np.broadcast_to(_float64(signal), before.shape)
+            parts = stage.noise_sources(entering, signal)
+            apart = {
+                name: (to_dn * np.broadcast_to(x, before.shape), variance) for name, (x, variance) in parts.items()
+            }
+            found.append(apart or {stage.label: (after - before, 0.0)})
+            before = after
+        return found
 
-    A contribution is the change that a stage makes, carried to DN by the nominal gains of the stages behind it, so the
-    changes of all stages add up to the frame.
-    """
-    contributions: list[Contribution] = []
-    signal: Array = photons
-    moments = Moments(photons, 0.0, 0.0, frame.on(NUMPY_FLOAT64))
-    to_dn = float(np.prod([stage.nominal_gain for stage in stages]))
-    before, was = np.zeros(frame.window.shape), (0.0, 0.0)
-    for stage in stages:
-        entering, means = signal, moments
-        signal, moments = stage.sample(signal, frame), stage.moments(moments)
-        to_dn = to_dn / stage.nominal_gain
-        after = to_dn * np.broadcast_to(_float64(signal), before.shape)
-        now = float(np.mean(moments.temporal)) * to_dn**2, float(np.mean(moments.spatial)) * to_dn**2
-        change = Contribution(stage.label, after - before, now[0] - was[0], now[1] - was[1])
-        contributions += _sources(stage, entering, signal, means, to_dn) or [change]
-        before, was = after, now
-    return NoiseBudget(tuple(contributions))
+    @cached_property
+    def _to_dn(self) -> list[float]:
+        """Nominal gain from behind each stage to digital numbers."""
+        gains = [stage.nominal_gain for stage in self.stages]
+        return [float(np.prod(gains[k + 1 :])) for k in range(len(gains))]
 
 
-def _sources(stage: Stage, before: Array, after: Array, m: Moments, to_dn: float) -> list[Contribution]:
-    """The contributions of a stage that has several sources; none for one that has one."""
+def _sums(strip: Contributions) -> list[dict[str, Float64Array]]:
+    """Of every source the sums of its contribution, of its square, and of the variance that it states."""
     return [
-        Contribution(label, to_dn * values, float(np.mean(variance)) * to_dn**2, 0.0)
-        for label, (values, variance) in stage.noise_sources(before, after, m).items()
+        {
+            source: np.array([x.sum(), np.square(x).sum(), np.broadcast_to(variance, x.shape).sum(dtype=np.float64)])
+            for source, (x, variance) in stage.items()
+        }
+        for stage in strip
     ]
 
 

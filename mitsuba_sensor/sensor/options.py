@@ -39,6 +39,16 @@ class SensorOptions(MapOptions, total=False):
     chain: Annotated[
         Chain, Option("physical, or konnik2014: the paper's released code, for comparison (one band only).", "physical")
     ]
+    tolerance_dn: Annotated[
+        float | None,
+        Option(
+            "Leave out the stages that together move no number of this exposure by more than this, in DN (see `plan`); "
+            "what was left out is in the metadata. Default: nothing is left out.",
+            low=0,
+            high=1e9,
+            example="0.02",
+        ),
+    ]
     engine: Annotated[
         Engine,
         Option("numpy, drjit (one compiled kernel, the same bytes), cuda, or auto: whichever is faster.", "auto"),

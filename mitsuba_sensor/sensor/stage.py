@@ -35,6 +35,7 @@ class Stage(ABC):
     counts_electrons : whether mean electrons enter and whole electrons leave; where a render has a known variance, the
         stage compensates it.
     even_codes : whether the codes of 0, 1, 2 … electrons are still evenly spaced behind this stage.
+    shared_by : "row" or "column" where all pixels of one have the same value.
     curved : whether the response is not a straight line, so that its moments are of second order in the noise.
     saturation_e : where the stage clips [e-], None where it does not.
     """
@@ -47,6 +48,7 @@ class Stage(ABC):
     counts_electrons: ClassVar[bool] = False
     even_codes: ClassVar[bool] = True
     curved: ClassVar[bool] = False
+    shared_by: ClassVar[Literal["row", "column"] | None] = None
     label: ClassVar[str] = ""
 
     def __init_subclass__(cls) -> None:
@@ -73,6 +75,10 @@ class Stage(ABC):
     def pixel_law(self, frame: Frame, quantiles: Quantiles) -> PixelLaw | None:
         """Of a stage between light and shot noise: the law of the pixels' gains and offsets; None: by its moments."""
         return None
+
+    def rare(self, frame: Frame) -> tuple[float, float]:
+        """Share of the pixels that a large step moves, and that step in the unit of the stage: what σ does not show."""
+        return 0.0, 0.0
 
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
         """The fixed-pattern noise maps of this stage, by name."""

@@ -14,10 +14,10 @@ the occupied levels of light (light_levels.py).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -27,7 +27,7 @@ from ..core.types import Float64Array
 from .averages import Average, average_over
 from .count_law import count_law, count_nodes
 from .interpolation import interpolation
-from .pixel_law import PixelLaw, Quantiles, normal_law
+from .pixel_law import COARSE, PixelLaw, Quantiles, normal_law
 from .stage import Chain, Converter, Stage, converter_of, propagate
 
 OFFSET_STEPS, FARTHEST, BLUR = (0.75, 0.2, 0.06), 5.25, 0.7
@@ -113,6 +113,49 @@ class Theory:
         columns = {k: self.table(k)[:, 0] for k in range(len(self.stages))}
         return {k: mean[left] + share * (mean[left + 1] - mean[left]) for k, mean in columns.items()}
 
+    def without(self, out: Collection[Stage]) -> Theory:
+        """The same without some stages; what does not depend on them is not computed again."""
+        kept = [stage for stage in self.stages if not any(stage is other for other in out)]
+        rest, count = replace(self, stages=tuple(kept), _found={}), self._count
+        assert count is not None
+        place = {id(stage): k for k, stage in enumerate(kept)}
+        shared: dict[str, Any] = {"nodes": self.nodes}
+        averages = [(place.get(id(self.stages[k])), average) for k, average in self._laws]
+        shared["_laws"] = [(k, average) for k, average in averages if k is not None]
+        if all(id(stage) in place for stage in self.stages[count:]):
+            names: tuple[str, ...] = ("_counts", "_law", "_codes", "_analogue_tables")
+        elif np.array_equal(rest._counts, self._counts) and place.keys() >= {id(s) for s in self._counting}:
+            names = ("_law",)
+        else:
+            names = ()
+        vars(rest).update(shared, **{name: getattr(self, name) for name in names})
+        return rest
+
+    def is_neutral(self, stage: Stage) -> bool:
+        """Whether the stage changes neither its signal nor any moment of it."""
+        number = next(k for k, one in enumerate(self.stages) if one is stage)
+        count = self._count
+        assert count is not None
+        if number < count and (law := stage.pixel_law(self.conditions, COARSE)) is not None:
+            return bool(np.all(law.gains == 1) and np.all(law.offsets == 0))
+        at = self._counts if number >= self._split else self.nodes
+        m = stage.moments(replace(self._entering, mean=at))
+        same = np.array_equal(np.broadcast_to(m.mean, at.shape), at)
+        return same and not np.any(m.temporal) and not np.any(m.spatial)
+
+    def chance_to_fill(self, light_e: Float64Array) -> float:
+        """The largest chance that the well is full at these levels."""
+        values = np.zeros((self.nodes.size, 1, 3))
+        values[:, 0, 0] = self._law[:, [-1]].toarray()[:, 0]
+        for _, average in reversed(self._laws):
+            values = average.averaged(values)
+        return float(np.interp(light_e, self.nodes, values[:, 0, 0]).max())
+
+    def to_dn(self, stage: Stage) -> float:
+        """Digital numbers of one unit of the signal behind a stage, by the nominal gains of the stages behind it."""
+        number = next(k for k, one in enumerate(self.stages) if one is stage)
+        return float(np.prod([one.nominal_gain for one in self.stages[number + 1 :]]))
+
     def table(self, number: int) -> Float64Array:
         """Mean and variances behind stage ``number`` at the nodes of mean photoelectrons, (nodes, 3)."""
         if number not in self._found:
@@ -140,7 +183,8 @@ class Theory:
         if number < self._split:
             m = self._counted(self.stages[count : number + 1])
             return np.stack([m.mean, m.temporal, zero], axis=1)
-        return self._codes if number == len(self.stages) - 1 else self._analogue_tables[number]
+        last = number == len(self.stages) - 1
+        return self._codes if last else self._analogue_tables[id(self.stages[number])]
 
     # -- levels ------------------------------------------------------------------------------------------------------
 
@@ -238,10 +282,16 @@ class Theory:
         slope = max((codes[-1] - codes[0]) / max(self._counts[-1], 1.0), 1e-300)
         return float(min(sigma.max() / slope, self._counts[-1]))
 
-    def _counted(self, stages: Sequence[Stage]) -> Moments:
-        """Moments behind the count and what multiplies electrons, at the nodes."""
+    @property
+    def _counting(self) -> Chain:
+        """The count and what multiplies electrons."""
+        return self.stages[self._count : self._split]
+
+    @property
+    def _entering(self) -> Moments:
+        """What enters the count, at the nodes."""
         light = np.maximum(self.nodes - self._dark_e, 0.0)
-        given = Moments(
+        return Moments(
             self.nodes,
             0.0,
             0.0,
@@ -251,14 +301,17 @@ class Theory:
             yield_variance=self.kind.yield_variance,
             variance_e2=self.kind.compensated * light if self.kind.compensated else None,
         )
-        m = propagate(stages, given)
+
+    def _counted(self, stages: Sequence[Stage]) -> Moments:
+        """Moments behind the count and what multiplies electrons, at the nodes."""
+        m = propagate(stages, self._entering)
         shape = self.nodes.shape
         return replace(m, mean=np.broadcast_to(m.mean, shape), temporal=np.broadcast_to(m.temporal, shape))
 
     @cached_property
     def _law(self) -> sparse.csr_array:
         """Chance of every count at the nodes of mean electrons."""
-        counted = self._counted(self.stages[self._count : self._split])
+        counted = self._counted(self._counting)
         return count_law(counted.mean, counted.temporal, self._counts)
 
     @cached_property
@@ -267,7 +320,7 @@ class Theory:
         found, m = {}, Moments(self._counts, 0.0, 0.0, self.conditions)
         for number in range(self._split, len(self.stages) - 1):
             m = self.stages[number].moments(m)
-            found[number] = _mixed(self._law, *_parts(m, self._counts.shape))
+            found[id(self.stages[number])] = _mixed(self._law, *_parts(m, self._counts.shape))
         return found
 
     @cached_property

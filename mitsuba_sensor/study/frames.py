@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from ..core import Electrons, Exposure, Frame, Photons, SensorWindow
 from ..core.backend import Backend
 from ..core.llvm import backend_problem, drjit
-from ..sensor.old_theory import final_moments
+from ..sensor.light_levels import detected
 from ..sensor.run import FrameRunner
 from ..sensor.stage import Stage, converter_of, sample
+from ..sensor.theory import Theory
 from .statistics import Array, Numbers
 
 QUANTITIES = ("mean", "temporal σ", "spatial σ")
@@ -42,8 +43,9 @@ def resized(photons: Photons, shape: tuple[int, int]) -> Photons:
 def expected_moments(stages: Stages, photons: Photons, exposure: Exposure) -> Array:
     """Mean, temporal and spatial variance of every pixel in theory, (3, H, W) [DN, DN², DN²]."""
     shape = photons.mean.shape[0], photons.mean.shape[1]
-    m = final_moments(stages, photons, Frame(exposure, SensorWindow(0, shape, photons.origin)))[1]
-    return np.array([np.broadcast_to(x, shape) for x in (m.mean, m.temporal, m.spatial)])
+    frame = Frame(exposure, SensorWindow(0, shape, photons.origin))
+    light = detected(photons, stages[0], frame, slice(0, shape[0])).light
+    return np.array(Theory.of(stages, frame).digital(light.ravel())).reshape(3, *shape)
 
 
 def in_dn(moments: Array, other: Array) -> Array:

@@ -90,6 +90,7 @@ class FixedOffset(Stage):
 class DsnuColumn(FixedOffset):
     """One offset per column, isotropic AR along the row (paper eq. 28, 32). A CCD has none."""
 
+    shared_by = "column"
     source: ClassVar[str] = "dsnu_col"
     table = "readout"
     fields = DsnuColumnFields
@@ -113,6 +114,7 @@ class DsnuColumn(FixedOffset):
 class DsnuRow(FixedOffset):
     """One offset per row, isotropic AR along the column (paper eq. 28). A CCD has none."""
 
+    shared_by = "row"
     source: ClassVar[str] = "dsnu_row"
     table = "readout"
     fields = DsnuRowFields

@@ -94,6 +94,7 @@ class PrnuColumn(Stage):
     cv : σ of the gain over its mean.  coupling : a of the AR process, 0 … 0.4999.
     """
 
+    shared_by = "column"
     cv: float
     coupling: float = 0.0
     domain = "volts"

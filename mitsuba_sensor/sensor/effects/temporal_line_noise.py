@@ -58,6 +58,8 @@ class TemporalLineNoise(Stage):
 class TemporalRowNoise(TemporalLineNoise):
     """Every row has an offset, new in each frame: horizontal stripes that move."""
 
+    shared_by = "row"
+
     @classmethod
     def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> TemporalRowNoise | None:
         """None where the datasheet has no row noise."""
@@ -71,6 +73,8 @@ class TemporalRowNoise(TemporalLineNoise):
 @dataclass(frozen=True)
 class TemporalColumnNoise(TemporalLineNoise):
     """Every column has an offset, new in each frame: vertical stripes that move."""
+
+    shared_by = "column"
 
     @classmethod
     def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> TemporalColumnNoise | None:

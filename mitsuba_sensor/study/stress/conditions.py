@@ -10,9 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ... import Camera, Exposure, InputError, Photons, list_cameras, load_camera
-from ...core import Array, Float64Array, Frame, SensorWindow
+from ...core import Array, Float64Array
 from ...sensor.datasheet_errors import fields_of
-from ...sensor.old_theory import final_moments
 from .case import NAME, table1
 from .whole import CURVES, NODE_OPTIONS
 
@@ -82,8 +81,8 @@ def of_camera(name: str, camera: Camera, exposure: Exposure) -> Iterator[Sensiti
 def outputs(light: Photons, camera: Camera, exposure: Exposure) -> Float64Array:
     """Mean, temporal σ and spatial σ, (3, levels, filters) [DN]."""
     shape = light.mean.shape[0], light.mean.shape[1]
-    m, _ = final_moments(camera.stages, light, Frame(exposure, SensorWindow(0, shape)))
-    whole = [np.broadcast_to(x, shape) for x in (m.mean, np.sqrt(m.temporal), np.sqrt(m.spatial))]
+    mean, temporal, spatial = expected_moments(camera.stages, light, exposure)
+    whole = [mean, np.sqrt(temporal), np.sqrt(spatial)]
     return np.array([[part.ravel() for part in np.split(x, len(LEVELS), axis=1)] for x in whole])
 
 
