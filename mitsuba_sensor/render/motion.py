@@ -175,13 +175,10 @@ class Motion(FileTable):
     objects: dict[str, ObjectMotion] = Field({}, description="tables [objects.ID]", examples=[{"fan": {}}])
 
 
-def read_motion(source: str | os.PathLike[str] | Mapping[str, Any] | Motion) -> Motion:
-    """A motion from a TOML file, or from a mapping of the same fields; a Motion is returned as it is.
-
-    Raises InputError, one sentence.
-    """
-    if isinstance(source, Motion):
-        return source
+def read_motion(source: str | os.PathLike[str] | Mapping[str, Any] | Motion | None) -> Motion:
+    """A motion from a TOML file or a mapping of the same fields; None is no motion. Raises InputError, one sentence."""
+    if source is None or isinstance(source, Motion):
+        return source or Motion()
     where, data = "the motion", source
     if not isinstance(source, Mapping):
         if not isinstance(source, str | os.PathLike):

@@ -14,8 +14,8 @@ from ..optics.shutter import shutter_of
 from ..sensor.camera import Camera
 from ..sensor.expose import PreparedExposure, prepare_exposure
 from ..sensor.options import ExposeOptions
-from .aovs import Aovs, aovs_of
-from .bands import BANDWIDTH_NM, LONGEST_NM, SHORTEST_NM, Bands, choose_bands
+from .aovs import Aovs, aovs_of, load_for_rays
+from .bands import BANDWIDTH_NM, Bands, choose_bands
 from .denoise import denoised, library
 from .irradiance import Irradiance
 from .motion import Motion, read_motion
@@ -143,8 +143,7 @@ class PreparedRender:
         """Depth, position, normals, … of the same pixels, in a pass of their own."""
         scene = self.at_rest
         if self.motion != Motion():  # a mesh that has moved and come back is off by rounding: built again
-            bands = choose_bands(self.camera, None, LONGEST_NM - SHORTEST_NM, "auto")
-            scene = load_scene(self.parsed.file, bands, {}, self.camera, self.unit_m, width=self.width)
+            scene = load_for_rays(self.parsed.file, self.camera, self.unit_m, self.width)
         return aovs_of(scene, self.motion, self.unit_m, shutter_of(self.camera, self.exposure))
 
     def _statistics(self, stop: StopCriterion, end: End, started: float) -> RenderStatistics:
