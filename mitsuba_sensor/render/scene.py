@@ -24,7 +24,6 @@ from .passes import SAMPLER
 from .plugins import built_in_sensor
 from .scene_file import SceneFile, as_input_error, parse_scene, plain_message
 from .scene_settings import FILM, SENSOR, SIZE, SceneSettings, sensor_fields_of, settings_of
-from .scene_spectra import SceneSpectra
 from .variants import MitsubaObject, mitsuba
 
 SENSORS = ("perspective", "thinlens", "orthographic", SENSOR)
@@ -95,7 +94,7 @@ def load_scene(
     _refuse_unsuitable(scene)
     settings = settings_of(scene)
     camera, metres = camera or settings.camera, settings.metres(scene_unit)
-    findings, dark = _findings(scene, bands, metres)
+    findings, dark = lint(scene, bands.low_nm, bands.high_nm, metres)
     if dark:
         why = f"{findings[0].what}; give it an emitter with a spectrum there"
         raise InputError(f"scene {scene.path.name!r} has no light in the bands: {why}.")
@@ -124,29 +123,18 @@ def inspect_scene(
     """
     bands = box_bands(camera, np.array(camera.band_nm, dtype=float))
     scene = path if isinstance(path, SceneFile) else parse_scene(path, parameters)
-    findings, dark = _findings(scene, bands, settings_of(scene).metres(scene_unit))
+    findings, dark = lint(scene, bands.low_nm, bands.high_nm, settings_of(scene).metres(scene_unit))
     return tuple(findings) if dark else load_scene(scene, bands, parameters, camera, scene_unit).findings
-
-
-def _findings(scene: SceneFile, bands: Bands, metres: float | None) -> tuple[list[Finding], bool]:
-    """What lint finds before building, and whether the scene has no light in the bands."""
-    spectra = SceneSpectra(scene.state)
-    findings = lint(scene, spectra, bands.low_nm, bands.high_nm, metres)
-    return findings, bool(spectra.lights) and not spectra.has_light(bands.low_nm, bands.high_nm)
 
 
 def _refuse_unsuitable(scene: SceneFile) -> None:
     """InputError for a sensor, integrator or material that cannot be rendered into spectral bands."""
-    mi, sensor = mitsuba(), scene.sensor()
-    kind = sensor.props.plugin_name()
-    if kind not in SENSORS:
+    if (kind := scene.sensor().props.plugin_name()) not in SENSORS:
         many = ", ".join(SENSORS)
         raise InputError(f"scene {scene.path.name!r} has a sensor of type {kind!r}; it must be one of {many}.")
-    for node in scene.state.nodes:
-        kind = node.props.plugin_name()
-        if node.type in (mi.ObjectType.Integrator, mi.ObjectType.BSDF) and kind in UNSUITABLE:
-            what = f"scene {scene.path.name!r}, {scene.where(node)}: {kind!r}"
-            raise InputError(f"{what} {UNSUITABLE[kind]}.")
+    for node in scene.nodes("Integrator", "BSDF"):
+        if (kind := node.props.plugin_name()) in UNSUITABLE:
+            raise InputError(f"scene {scene.path.name!r}, {scene.where(node)}: {kind!r} {UNSUITABLE[kind]}.")
 
 
 def _replace_camera(scene: SceneFile, settings: SceneSettings, camera: Camera | None) -> None:
@@ -187,17 +175,17 @@ def film_size(scene: SceneFile, camera: Camera | None, width: int | None) -> dic
 def _replace_film(scene: SceneFile, bands: Bands, size: dict[str, int], sampler: str) -> None:
     """Replace film and sampler of the first sensor; remove other sensors; unwrap integrators that add channels."""
     mi, node = mitsuba(), scene.sensor()
-    for name, child in list(scene.children(node.props)):
-        if child.type in (mi.ObjectType.Film, mi.ObjectType.Sampler):
-            del node.props[name]
+    for name, _ in scene.children(node.props, "Film", "Sampler"):
+        del node.props[name]
     with as_input_error(scene.path):
         node.props["film"] = response_film(bands.responses, {**size, "id": FILM_ID})
     node.props["sampler"] = mi.load_dict({"type": sampler})
-    for name, child in list(scene.children(scene.root)):
-        if child.type == mi.ObjectType.Sensor and child != node:
+    for name, child in scene.children(scene.root, "Sensor"):
+        if child != node:
             del scene.root[name]
-        elif child.type == mi.ObjectType.Integrator and child.props.plugin_name() in WRAPPERS:
-            inner = [child.props[key] for key, one in scene.children(child.props) if one.type == child.type]
+    for name, child in scene.children(scene.root, "Integrator"):
+        if child.props.plugin_name() in WRAPPERS:
+            inner = [child.props[key] for key, _ in scene.children(child.props, "Integrator")]
             scene.root[name] = inner[0] if inner else mi.load_dict({"type": "path"})
 
 

@@ -39,11 +39,18 @@ class SceneFile:
         """The properties of the scene itself."""
         return self.state.nodes[0].props
 
-    def children(self, props: MitsubaObject) -> Iterator[tuple[str, MitsubaObject]]:
-        """(name, node) of the objects nested in a node."""
-        for name in list(props.keys()):
-            if props.type(name) == mitsuba().Properties.Type.ResolvedReference:
-                yield name, self.state.nodes[props[name].index()]
+    def children(self, props: MitsubaObject, *kinds: str) -> list[tuple[str, MitsubaObject]]:
+        """(name, node) of the objects nested in a node; of these types only, where any are named."""
+        mi, nodes = mitsuba(), self.state.nodes
+        types = [getattr(mi.ObjectType, kind) for kind in kinds]
+        names = (name for name in props if props.type(name) == mi.Properties.Type.ResolvedReference)
+        found = [(name, nodes[props[name].index()]) for name in names]
+        return [(name, node) for name, node in found if not kinds or node.type in types]
+
+    def nodes(self, *kinds: str) -> list[MitsubaObject]:
+        """All nodes of these types."""
+        types = [getattr(mitsuba().ObjectType, kind) for kind in kinds]
+        return [node for node in self.state.nodes if node.type in types]
 
     def where(self, node: MitsubaObject) -> str:
         """``line 12``, with the name of the file if it is an included one."""
@@ -55,15 +62,13 @@ class SceneFile:
 
     def sensor(self) -> MitsubaObject:
         """The node of the scene's first sensor; raises InputError if there is none."""
-        sensors = [node for _, node in self.children(self.root) if node.type == mitsuba().ObjectType.Sensor]
-        if not sensors:
-            raise InputError(f"scene {self.path.name!r} has no sensor; add one, e.g. {EXAMPLE_SENSOR}.")
-        return sensors[0]
+        for _, sensor in self.children(self.root, "Sensor"):
+            return sensor
+        raise InputError(f"scene {self.path.name!r} has no sensor; add one, e.g. {EXAMPLE_SENSOR}.")
 
     def film(self) -> MitsubaObject:
         """The node of that sensor's film; None where it has Mitsuba's default."""
-        nested = (node for _, node in self.children(self.sensor().props))
-        return next((node for node in nested if node.type == mitsuba().ObjectType.Film), None)
+        return next((node for _, node in self.children(self.sensor().props, "Film")), None)
 
     def digest(self) -> str:
         """SHA-256 over the parameters, the scene file and its includes; not over meshes and textures."""
