@@ -59,15 +59,21 @@ class Finding:
         return asdict(self)
 
 
-def lint(scene: SceneFile, low_nm: float, high_nm: float, unit_m: float | None) -> tuple[list[Finding], bool]:
+def lint(scene: SceneFile, band_nm: Range, unit_m: float | None) -> tuple[list[Finding], bool]:
     """Findings in a parsed scene for a sensor with this band, most serious first; and whether no light is in it.
 
     unit_m : metres per scene unit; None if unknown.
     """
     spectra = SceneSpectra(scene)
-    dark = not any(low < high_nm and high > low_nm for _, (low, high) in spectra.lights)
-    checks = _spectra(scene, spectra, low_nm, high_nm), _units(scene, unit_m), _integrator(scene), _film(scene)
-    return most_serious_first(chain(*checks, _sensors(scene))), bool(spectra.lights) and dark
+    dark = not any(low < band_nm[1] and high > band_nm[0] for _, (low, high) in spectra.lights)
+    checks = (
+        _spectra(scene, spectra, *band_nm),
+        _units(scene, unit_m),
+        _integrator(scene),
+        _film(scene),
+        _sensors(scene),
+    )
+    return most_serious_first(chain(*checks)), bool(spectra.lights) and dark
 
 
 def most_serious_first(findings: Iterable[Finding]) -> list[Finding]:

@@ -27,7 +27,7 @@ from .passes import SAMPLER
 from .renderer import Criterion, Renderer
 from .scene import Scene, load_scene
 from .scene_settings import ParsedScene, SceneSettings, parse
-from .statistics import RenderStatistics, summary_of, trusted, why_not_trusted
+from .statistics import RenderStatistics, summary_of, why_not_trusted
 from .stop_criterion import End, Progress, StopCriterion, stop_criterion_of
 
 
@@ -114,9 +114,10 @@ class PreparedRender:
         data, error, relative = renderer.result()
         bands, (column, row) = self.bands, self.scene.view.crop_offset
         if not data.any():
+            low_nm, high_nm = bands.ends_nm
             why = f" ({renderer.non_finite} values were not finite)" if renderer.non_finite else ""
             remedy = "give it an emitter that lights what the sensor sees, with a spectrum there"
-            raise InputError(f"the scene is black from {bands.low_nm:g} to {bands.high_nm:g} nm{why}; {remedy}.")
+            raise InputError(f"the scene is black from {low_nm:g} to {high_nm:g} nm{why}; {remedy}.")
         light = Irradiance(
             data=data,
             wavelengths_nm=bands.wavelengths_nm,
@@ -150,15 +151,13 @@ class PreparedRender:
     def _statistics(self, stop: StopCriterion, end: End, started: float) -> RenderStatistics:
         renderer, passes = self.renderer, self.renderer.passes
         fireflies, samples = renderer.firefly_fraction(), renderer.samples_per_pixel
-        reliable, notes = trusted(passes, fireflies), [*self.scene.notes]
+        doubt, notes = why_not_trusted(passes, fireflies), [*self.scene.notes]
         given, file = (one.model_dump() for one in (self.camera, self.parsed.settings.applied_to(self.camera)))
         if overruled := [name for name in self.parsed.settings.fields if _value(given, name) != _value(file, name)]:
             notes.append(f"{', '.join(overruled)} of the scene file overruled by the camera that was given")
         if stop.asked is not None and stop.asked != samples:
             why = "equal passes, each a full grid" if end == "spp" else "the time was up"
             notes.append(f"{stop.asked} samples per pixel asked for, {samples} taken: {why}")
-        notes += [] if reliable else [why_not_trusted(passes, fireflies)]
-        notes += [self.parsed.variant.hint] if self.parsed.variant.hint else []
         return RenderStatistics(
             passes=passes,
             samples_per_pixel=samples,
@@ -169,11 +168,11 @@ class PreparedRender:
             **summary_of(renderer.noise_ratios(), renderer.electrons()[0] > 0, passes),
             noise_ratio_asked=stop.goal if stop.reached == "noise_ratio" else None,
             ended_by=end,
-            reliable=reliable,
+            reliable=not doubt,
             firefly_fraction=fireflies,
             negative=renderer.negative,
             non_finite=renderer.non_finite,
-            notes=tuple(notes),
+            notes=(*notes, *(note for note in (doubt, self.parsed.variant.hint) if note)),
             scene_sha256=self.scene.sha256,
             aperture_f_number=aperture_f_number(self.scene.view, self.camera),
             intrinsics=intrinsics(self.scene.view, self.camera),

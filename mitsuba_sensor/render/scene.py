@@ -94,7 +94,7 @@ def load_scene(
     _refuse_unsuitable(scene)
     settings = settings_of(scene)
     camera, metres = camera or settings.camera, settings.metres(scene_unit)
-    findings, dark = lint(scene, bands.low_nm, bands.high_nm, metres)
+    findings, dark = lint(scene, bands.ends_nm, metres)
     if dark:
         why = f"{findings[0].what}; give it an emitter with a spectrum there"
         raise InputError(f"scene {scene.path.name!r} has no light in the bands: {why}.")
@@ -123,7 +123,7 @@ def inspect_scene(
     """
     bands = box_bands(camera, np.array(camera.band_nm, dtype=float))
     scene = path if isinstance(path, SceneFile) else parse_scene(path, parameters)
-    findings, dark = lint(scene, bands.low_nm, bands.high_nm, settings_of(scene).metres(scene_unit))
+    findings, dark = lint(scene, bands.ends_nm, settings_of(scene).metres(scene_unit))
     return tuple(findings) if dark else load_scene(scene, bands, parameters, camera, scene_unit).findings
 
 
