@@ -206,10 +206,10 @@ class Renderer:
         error, relative = np.empty_like(data), np.empty((rows, columns), np.float32)
         for strip in self.strips:
             infinite = strip.infinite
-            data[strip.rows], error[strip.rows] = strip.bands.mean, strip.bands.standard_error
+            data[strip.rows], error[strip.rows] = strip.bands.mean, np.sqrt(strip.bands.variance_of_mean)
             data[strip.rows][infinite] = error[strip.rows][infinite] = np.inf
             positive = np.maximum(strip.electrons.mean, np.finfo(float).tiny)
-            relative[strip.rows] = np.where(infinite, np.inf, strip.electrons.standard_error / positive)
+            relative[strip.rows] = np.where(infinite, np.inf, np.sqrt(strip.electrons.variance_of_mean) / positive)
             strip.bands = Welford((0,))
         return data, error, relative
 
