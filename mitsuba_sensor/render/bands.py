@@ -71,9 +71,9 @@ class Bands:
 def choose_bands(camera: Camera, wavelength_nm: float | None, bandwidth_nm: float, spectral: str) -> Bands:
     """The channels for a render of this camera. Raises InputError.
 
-    wavelength_nm : centre of a single band; else the last band is narrower where the width does not divide all of them.
-    spectral : "auto", adjacent bands of ``bandwidth_nm`` over the camera's band, least noise in this camera's frame;
-        "cube", the same bands, least noise in each; "channels", its colour filters.
+    wavelength_nm : centre of a single band.
+    spectral : "auto", adjacent bands of ``bandwidth_nm`` over the camera's band (the last one may be narrower), least
+        noise in this camera's frame; "cube", the same bands, least noise in each; "channels", its colour filters.
     """
     if spectral not in SPECTRAL:
         raise InputError(f"spectral is {spectral!r}; it must be one of {', '.join(SPECTRAL)}.")
@@ -147,10 +147,8 @@ def response_film(responses: Sequence[Mapping[str, object]], size: Mapping[str, 
 
 
 def restrict_wavelengths(film: MitsubaObject, low_nm: float, high_nm: float) -> None:
-    """Sample wavelengths only, and uniformly, between two edges of bands, without compiling a kernel.
-
-    The density is linear between its nodes: a few samples fall into a sixteenth of a band on either side, and are lost.
-    """
+    """Sample wavelengths only, and uniformly, between two edges of bands, without compiling a kernel. The density is
+    linear between its nodes: a few samples fall into a sixteenth of a band on either side, and are lost."""
     parameters = mitsuba().traverse(film.sensor_response_function())
     first, last = (float(x) for x in parameters["range"])
     nodes = np.linspace(first, last, len(parameters["values"]))

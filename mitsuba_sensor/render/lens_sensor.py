@@ -37,12 +37,8 @@ Samples: TypeAlias = tuple[Array, Array, Array, Array]  # time, wavelength, posi
 def with_lens(
     sensor: MitsubaObject, view: View, camera: Camera | None, unit_m: float
 ) -> tuple[MitsubaObject, View, tuple[str, ...]]:
-    """The scene's sensor behind the camera's lens, its view, and notes about the differences.
-
-    Sensor and view are unchanged if the lens has neither distortion nor prescription.
-    sensor : built by Mitsuba, perspective or thinlens.  unit_m : metres per scene unit.
-    Raises InputError where the lens and the scene's sensor cannot be combined.
-    """
+    """The scene's sensor behind the camera's lens, its view, and notes about the differences; sensor and view are
+    unchanged without distortion and prescription. Raises InputError where lens and sensor cannot be combined."""
     if camera is None:
         return sensor, view, ()
     lens: SequentialLens | DistortedProjection
@@ -110,10 +106,8 @@ def _lens_sensor_class(variant: str) -> MitsubaObject:
 
 
 class DistortedProjection:
-    """For each real position on the film, the ray of its ideal position, from a table over the whole film.
-
-    The table is as fine as needed for bilinear interpolation to be within TOLERANCE_PX at the centre of every cell.
-    """
+    """For each real position on the film, the ray of its ideal position, from a table over the whole film that is as
+    fine as needed for bilinear interpolation to be within TOLERANCE_PX at the centre of every cell."""
 
     def __init__(self, distortion: Distortion, view: View) -> None:
         mi, self._size, self._cells = mitsuba(), view.size, COARSEST
@@ -149,10 +143,8 @@ def _displacement(distortion: Distortion, view: View, cells: int) -> Float64Arra
 
 
 class SequentialLens:
-    """Rays through the camera's prescription; the centre of its entrance pupil is where the scene's sensor is.
-
-    view : what the sensor images through it.
-    """
+    """Rays through the camera's prescription, and the view through it; the centre of its entrance pupil is where the
+    scene's sensor is."""
 
     def __init__(self, camera: Camera, view: View, unit_m: float) -> None:
         lens, mi, dr = camera.lens, mitsuba(), drjit()

@@ -60,20 +60,12 @@ class Finding:
 
 
 def lint(scene: SceneFile, band_nm: Range, unit_m: float | None) -> tuple[list[Finding], bool]:
-    """Findings in a parsed scene for a sensor with this band, most serious first; and whether no light is in it.
-
-    unit_m : metres per scene unit; None if unknown.
-    """
+    """Findings in a parsed scene for a sensor with this band, most serious first; and whether no light is in it."""
     spectra = SceneSpectra(scene)
     dark = not any(low < band_nm[1] and high > band_nm[0] for _, (low, high) in spectra.lights)
-    checks = (
-        _spectra(scene, spectra, *band_nm),
-        _units(scene, unit_m),
-        _integrator(scene),
-        _film(scene),
-        _sensors(scene),
-    )
-    return most_serious_first(chain(*checks)), bool(spectra.lights) and dark
+    others = (check(scene) for check in (_integrator, _film, _sensors))
+    found = chain(_spectra(scene, spectra, *band_nm), _units(scene, unit_m), *others)
+    return most_serious_first(found), bool(spectra.lights) and dark
 
 
 def most_serious_first(findings: Iterable[Finding]) -> list[Finding]:
@@ -88,10 +80,8 @@ def lint_built(scene: SceneFile, built: MitsubaObject, sensor: MitsubaObject) ->
 
 
 def _clip_planes(scene: SceneFile, box: MitsubaObject, sensor: MitsubaObject) -> Iterator[Finding]:
-    """What near_clip and far_clip cut off the bounding box of all shapes; depths are along the view, in scene units.
-
-    Nothing is known of the near depths of a sensor inside the box; there only far_clip is checked.
-    """
+    """What near_clip and far_clip cut off the bounding box of all shapes, by depths along the view in scene units; of a
+    sensor inside the box no near depth is known, and only far_clip is checked."""
     parameters, where = mitsuba().traverse(sensor), scene.where(scene.sensor())
     if "near_clip" not in parameters:
         return

@@ -207,9 +207,7 @@ class MovingScene:
 
 
 def subframes_of_pass(needed: int, samples: int) -> int:
-    """The fewest sub-frames, at least ``needed``, that share the samples of a pass evenly; at most one per sample.
-
-    The samples of each are a count that multijitter keeps (see ``pass_plan``).
-    """
+    """The fewest sub-frames, at least ``needed``, that share the samples of a pass evenly, at most one per sample; each
+    gets a count that multijitter keeps (see ``pass_plan``)."""
     shares = range(min(needed, samples), samples)
     return next((n for n in shares if samples % n == 0 and whole_grid(samples // n) == samples // n), samples)

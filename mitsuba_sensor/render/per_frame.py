@@ -145,10 +145,8 @@ class FrameSeries:
             yield RenderedFrame(made, light, photons, float(left.mean()))
 
     def _sized(self, stop: StopCriterion) -> StopCriterion:
-        """The stop criterion with the size of the passes that the first render has shown to be enough.
-
-        With it the fewest passes are just enough for the criterion, since a variance falls as one over the samples.
-        """
+        """The stop criterion with passes of such a size that the fewest are just enough, as the first render has shown:
+        a variance falls as one over the samples."""
         renderer = self.prepared.renderer
         samples = renderer.samples
         if self.criterion is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -54,7 +55,8 @@ def collect(
     check_types(camera, exposure)
     if isinstance(light, Photons):
         raise InputError("light is Photons already; pass it to expose(), or an irradiance to collect().")
-    if isinstance(light, Irradiance):
+    if not isinstance(light, np.ndarray) and hasattr(light, "bandwidths_nm"):
+        light = cast(Irradiance, light)
         if light.response not in (None, response_fingerprint(camera)):
             why = "light was rendered into the channels of a camera with another quantum efficiency or lens"
             remedy = "render it again for this one, or with spectral='cube', which can be used with any camera"

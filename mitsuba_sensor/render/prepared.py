@@ -67,10 +67,7 @@ def check_options(options: RenderOptions) -> None:
 
 @dataclass(frozen=True, eq=False)
 class PreparedRender:
-    """A loaded scene that can be rendered for one camera and exposure as often as asked.
-
-    motion : what moves while the shutter is open.  unit_m : metres per scene unit.
-    """
+    """A loaded scene that can be rendered for one camera and exposure as often as asked; unit_m : metres per unit."""
 
     parsed: ParsedScene
     scene: Scene | MovingScene
@@ -132,10 +129,8 @@ class PreparedRender:
         return light if halves is None else denoised(light, self.at_rest, halves)
 
     def sensor(self, options: ExposeOptions) -> PreparedExposure:
-        """The exposure of what is rendered, checked before anything is: ``.of(photons).frames()``.
-
-        Seed and serial number are by default the scene file's, else 1. Raises InputError.
-        """
+        """The exposure of what is rendered, checked before anything is: ``.of(photons).frames()``. Seed and serial
+        number are by default the scene file's, else 1. Raises InputError."""
         (columns, rows), (column, row) = self.scene.view.crop_size, self.scene.view.crop_offset
         serial = require_seed("serial", first_given(options.get("serial"), self.parsed.settings.serial, 1))
         seeds: ExposeOptions = {**options, "seed": self.seed(options.get("seed")), "serial": serial}
@@ -196,8 +191,7 @@ def prepare(
     """Check all that was asked for, read what was not from the scene file, and load the scene; no ray is traced.
 
     usual : the value of ``spectral`` where neither the options nor the scene file ask for anything.
-    sampler : see :func:`render.scene.load_scene`; not an option of :func:`render`, because no other is better
-        (benchmarks/render_passes.py).
+    sampler : of Mitsuba; no option of :func:`render`, because no other is better (benchmarks/render_passes.py).
     Raises InputError.
     """
     check_types(camera, exposure, optional=True)

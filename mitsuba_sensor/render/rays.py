@@ -66,10 +66,8 @@ def pixel_rays(scene: Scene, pixels: Float64Array) -> tuple[Float64Array, Float6
 
 
 def first_hits(scene: Scene, camera: Float64Array, pixels: Float64Array, albedo: bool = False) -> SurfaceHits:
-    """First surfaces along the rays of pixels (N, 2), at the scene's present pose; none where the lens passes no light.
-
-    camera : 4×4 to world space.  albedo : False leaves it at 0.
-    """
+    """First surfaces along the rays of pixels (N, 2), at the scene's present pose and with ``camera``, 4×4, as that of
+    the camera; none where the lens passes no light.  albedo : False leaves it at 0."""
     mi, (origins, directions) = mitsuba(), pixel_rays(scene, pixels)
     handle_of, index_of_handle = _shape_numbering(list(scene.mitsuba_scene.shapes()))
 

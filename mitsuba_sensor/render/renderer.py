@@ -84,8 +84,7 @@ class Renderer:
     """Renders one scene for one camera, exposure and set of bands.
 
     passes, samples, groups : of the last render; samples per pixel, pass and group of bands.
-    negative, non_finite : its values that were set to 0 (+inf is kept: it saturates its pixel).
-    halves : whether to keep two half-sets of the passes.
+    negative, non_finite : its values that were set to 0.  halves : whether to keep two half-sets of the passes.
     """
 
     def __init__(
@@ -101,10 +100,8 @@ class Renderer:
         self.negative = self.non_finite = self.passes = self.samples = 0
 
     def run(self, seed: int, budget: StopCriterion, progress: Progress, criterion: Criterion | None = None) -> End:
-        """Render until ``budget`` is used up or its goal is met; returns which.
-
-        criterion : function of :meth:`noise_estimate` that the goal is for; by default the median noise ratio.
-        """
+        """Render until ``budget`` is used up or its goal is met; returns which. criterion : function of
+        :meth:`noise_estimate` that the goal is for; by default the median noise ratio."""
         measure, meter = criterion or self.median_ratio, ProgressMeter(progress)
         self.groups = self.bands.groups if budget.grouped else (slice(0, len(self.bands)),)
         self._begin(budget.samples, meter)
@@ -180,11 +177,8 @@ class Renderer:
         return firefly_fraction(np.concatenate([s.brightest for s in self.strips]), np.concatenate(totals))
 
     def noise_estimate(self) -> tuple[Map, Map, int]:
-        """Mean photoelectrons, the variance of that mean, (H, W) each, and the degrees of freedom of the variance.
-
-        A single pass has no spread; its variance is estimated by half the squared difference of two neighbours behind
-        the same filter, which is correct where the image is smooth.
-        """
+        """Mean photoelectrons, the variance of that mean, (H, W) each, and its degrees of freedom. That of a single
+        pass is half the squared difference of neighbours behind one filter, correct where the image is smooth."""
         mean, variance = self.electrons()
         if self.passes > 1 or mean.shape[1] <= self._tile_columns:
             return mean, variance, max(self.passes - 1, 1)
@@ -197,10 +191,8 @@ class Renderer:
         return float(np.median(ratio)) * median_bias(freedom + 1) if ratio.size else 0.0
 
     def result(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
-        """Mean and standard error per band, (H, W, B), and relative standard error of the electrons, (H, W).
-
-        A pixel with an infinite band is infinite in all. Strips are freed as they are copied, to save memory.
-        """
+        """Mean and standard error per band, (H, W, B), and relative standard error of the electrons, (H, W). A pixel
+        with an infinite band is infinite in all. Strips are freed as they are copied, to save memory."""
         columns, rows = self.scene.view.crop_size
         data = np.empty((rows, columns, len(self.bands)), np.float32)
         error, relative = np.empty_like(data), np.empty((rows, columns), np.float32)

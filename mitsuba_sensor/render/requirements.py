@@ -36,10 +36,7 @@ class RenderRequirement:
 def render_requirements(
     light: Irradiance, camera: Camera, exposure: Exposure, k_dn_per_e: float, tolerance_dn: float
 ) -> tuple[RenderRequirement, ...]:
-    """Whether bands, depth of field and AOVs are needed.
-
-    light : a render of the scene, at any quality.  k_dn_per_e : the camera's overall gain.
-    """
+    """Whether bands, depth of field and AOVs are needed, by a render of any quality and the overall system gain K."""
     why = "the render contains the channels of this camera's filters, and no bands"
     bands = RenderRequirement("colour channels", True, None, why)
     if not light.filters:
@@ -71,10 +68,8 @@ def _bands(
 
 
 def grouped_electrons(light: Irradiance, camera: Camera, exposure: Exposure, size: int) -> Float64Array:
-    """Mean photoelectrons of every pixel with ``size`` neighbouring bands merged into one, (H, W).
-
-    The lens's transmission is that at the centre of the merged band, as in a render with such bands.
-    """
+    """Mean photoelectrons of every pixel with ``size`` neighbouring bands merged into one, (H, W), and the lens's
+    transmission at the centre of the merged band, as in a render with such bands."""
     widths = np.asarray(light.bandwidths_nm, dtype=np.float64)
     starts = np.arange(0, len(widths), size)
     grouped = np.add.reduceat(widths, starts)

@@ -117,10 +117,8 @@ def inspect_scene(
     parameters: Mapping[str, object],
     scene_unit: str | float | None = None,
 ) -> tuple[Finding, ...]:
-    """Findings about a scene for ``camera``, without rendering; the variant must be set.
-
-    The scene is built too, so that a missing mesh is an InputError here and not later.
-    """
+    """Findings about a scene for ``camera``, without rendering; the variant must be set. The scene is built too, so
+    that a missing mesh is an InputError here and not later."""
     bands = box_bands(camera, np.array(camera.band_nm, dtype=float))
     scene = path if isinstance(path, SceneFile) else parse_scene(path, parameters)
     findings, dark = lint(scene, bands.ends_nm, settings_of(scene).metres(scene_unit))

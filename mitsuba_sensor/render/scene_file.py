@@ -24,10 +24,7 @@ OWN_PLUGINS = ("camera", "photosensor")
 
 @dataclass(frozen=True, eq=False)
 class SceneFile:
-    """A parsed scene.
-
-    state : Mitsuba's parser state; nodes[0] is the scene.  values : of its ``<default>`` names, as given.
-    """
+    """A parsed scene: Mitsuba's parser state, whose nodes[0] is the scene, and values for its ``<default>`` names."""
 
     path: Path
     config: MitsubaObject
@@ -88,10 +85,7 @@ class SceneFile:
 
 
 def parse_scene(path: str | os.PathLike[str], parameters: Mapping[str, object]) -> SceneFile:
-    """Parse a scene file. No variant need be set, except to read colours and transforms.
-
-    parameters : values for the scene's ``<default>`` names.  Raises InputError, one sentence.
-    """
+    """Parse a scene file. No variant need be set, except to read colours and transforms. Raises InputError."""
     file, mi = Path(path), mitsuba()
     if not os.path.isfile(file):
         raise InputError(f"scene {os.fspath(path)!r} is not a file; give the path of a Mitsuba 3 scene in XML.")

@@ -37,8 +37,7 @@ Fields = dict[str, Any]  # parameter name → value, of one element
 class SceneSettings:
     """Camera, exposure and seeds of a scene file; None, or empty, where the file does not set them.
 
-    camera : the named one, with the fields that the file sets.
-    fields : those fields alone, by dotted name; see :meth:`applied_to`.
+    camera : the named one, with the fields that the file sets.  fields : those alone, by dotted name.
     focal_length_mm, focus_distance_m, unit_m : of <sensor type="camera">; metres per scene unit.
     size : width, height and crop of the film, in pixels.
     """
@@ -180,10 +179,7 @@ def unit_m(scene_unit: str | float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class ParsedScene:
-    """A scene file, parsed but not built.
-
-    settings : what the file says of camera, exposure and seeds.  variant : the Mitsuba variant that is set for it.
-    """
+    """A scene file, parsed but not built, what it says of camera, exposure and seeds, and the variant set for it."""
 
     file: SceneFile
     settings: SceneSettings

@@ -72,10 +72,8 @@ class NoiseRatios(TypedDict):
 
 
 def summary_of(ratio: NDArray[np.float64], lit: NDArray[np.bool_], passes: int) -> NoiseRatios:
-    """Median, 95th percentile and largest noise ratio of the lit pixels; those of infinite light are left out.
-
-    A variance that was measured with few degrees of freedom has a median below its mean (χ²), which is put right.
-    """
+    """Of the lit pixels, without those of infinite light. A variance that was measured with few degrees of freedom has
+    a median below its mean (χ²), which is corrected."""
     finite = ratio[np.isfinite(ratio) & lit]
     median, p95, most = np.percentile(finite, (50, 95, 100)).tolist() if finite.size else (0.0, 0.0, 0.0)
     median *= median_bias(passes)

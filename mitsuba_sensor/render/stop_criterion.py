@@ -91,10 +91,8 @@ Progress = Callable[[RenderProgress], None]
 
 
 def stop_criterion_of(options: RenderOptions, groups: int = 1) -> StopCriterion:
-    """When a render with these options is good enough; None is "not given". Raises InputError.
-
-    groups : of bands, that share the samples; where there are too few for all, the bands are rendered together.
-    """
+    """When a render with these options is good enough; None is "not given". Raises InputError. groups : of bands, that
+    share the samples; where there are too few for all, the bands are rendered together."""
     spp, noise_ratio, max_spp = options.get("spp"), options.get("noise_ratio"), options.get("max_spp")
     if spp is not None and noise_ratio is not None:
         raise InputError(f"spp is {spp!r} and noise_ratio {noise_ratio!r}; give one: samples, or what they reach.")
