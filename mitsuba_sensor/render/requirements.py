@@ -41,12 +41,13 @@ def render_requirements(
     bands = RenderRequirement("colour channels", True, None, why)
     if not light.filters:
         bands = _bands(light, camera, exposure, k_dn_per_e, tolerance_dn)
-    why = "the scene's camera is a pinhole, which samples no lens"
-    depth = RenderRequirement("depth of field", False, 0.0, why)
-    if (number := light.statistics.aperture_f_number) is not None:
-        depth = replace(
-            depth, kept=True, effect_dn=None, reason=f"the scene's thin lens is f/{number:.3g} on this sensor"
+    if (number := light.statistics.aperture_f_number) is None:
+        depth = RenderRequirement(
+            "depth of field", False, 0.0, "the scene's camera is a pinhole, which samples no lens"
         )
+    else:
+        reason = f"the scene's thin lens is f/{number:.3g} on this sensor"
+        depth = RenderRequirement("depth of field", True, None, reason)
     return bands, depth, RenderRequirement("AOVs", False, 0.0, "no depth, normals or albedo were asked for")
 
 
