@@ -42,12 +42,11 @@ def render_requirements(
     if not light.filters:
         bands = _bands(light, camera, exposure, k_dn_per_e, tolerance_dn)
     if (number := light.statistics.aperture_f_number) is None:
-        depth = RenderRequirement(
-            "depth of field", False, 0.0, "the scene's camera is a pinhole, which samples no lens"
-        )
+        why = "the scene's camera is a pinhole, which samples no lens"
+        depth = RenderRequirement("depth of field", False, 0.0, why)
     else:
-        reason = f"the scene's thin lens is f/{number:.3g} on this sensor"
-        depth = RenderRequirement("depth of field", True, None, reason)
+        why = f"the scene's thin lens is f/{number:.3g} on this sensor"
+        depth = RenderRequirement("depth of field", True, None, why)
     return bands, depth, RenderRequirement("AOVs", False, 0.0, "no depth, normals or albedo were asked for")
 
 
