@@ -14,8 +14,7 @@ from ...render.aovs import render_aovs
 from ...render.irradiance import Irradiance
 from ...render.passes import hashed_seed, whole_grid
 from ...render.prepared import PreparedRender
-from ...render.reduced import direct_integrator, without_depth_of_field, without_indirect_light
-from ...render.requirements import grouped_electrons
+from ...render.requirements import direct_integrator, grouped_electrons, without_depth_of_field, without_indirect_light
 from ...render.stop_criterion import StopCriterion
 from ...sensor.gains import gain_dn_per_e
 from ..kit import in_turns, one_turn
