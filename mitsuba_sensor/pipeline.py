@@ -241,11 +241,7 @@ def _origin(prepared: PreparedRender, options: CaptureOptions) -> dict[str, obje
 
 
 def frame_metadata(
-    frames: Frames,
-    light: Irradiance,
-    options: CaptureOptions,
-    origin: Mapping[str, object],
-    times_s: dict[str, float],
+    frames: Frames, light: Irradiance, options: CaptureOptions, origin: Mapping[str, object], times_s: dict[str, float]
 ) -> dict[str, Any]:
     """The whole of frame.json: what a frame was made of, and what theory says of it, stage by stage.
 
