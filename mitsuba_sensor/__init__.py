@@ -24,27 +24,6 @@ from .sensor.stage import Stage
 
 __version__ = "0.1.0"
 
-__all__ = [
-    "Camera",
-    "Capture",
-    "Exposure",
-    "Frames",
-    "InputError",
-    "Irradiance",
-    "Photons",
-    "Plan",
-    "Stage",
-    "capture",
-    "collect",
-    "expose",
-    "fpn_maps",
-    "gradient_light",
-    "list_cameras",
-    "load_camera",
-    "plan",
-    "register_plugins",
-    "render",
-    "render_frames",
-    "stream",
-    "uniform_light",
-]
+__all__ = ["Camera", "Capture", "Exposure", "Frames", "InputError", "Irradiance", "Photons", "Plan", "Stage"]
+__all__ += ["capture", "collect", "expose", "fpn_maps", "gradient_light", "list_cameras", "load_camera", "plan"]
+__all__ += ["register_plugins", "render", "render_frames", "stream", "uniform_light"]
