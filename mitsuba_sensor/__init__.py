@@ -8,9 +8,7 @@
 ((1, 1300, 1900), dtype('uint16'))
 """
 
-from .core.errors import InputError
-from .core.exposure import Exposure
-from .core.signals import Photons
+from .core import Exposure, InputError, Photons
 from .pipeline import Capture, capture
 from .render.irradiance import Irradiance
 from .render.per_frame import render_frames

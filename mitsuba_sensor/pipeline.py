@@ -11,12 +11,9 @@ from typing import Annotated, Any, Literal, TypeAlias, Unpack
 
 import numpy as np
 
+from .core import Exposure, InputError, Photons, check_types
 from .core.backend import NUMPY_FLOAT64
-from .core.checks import check_types
-from .core.errors import InputError
-from .core.exposure import Exposure
 from .core.options import Option, complete, declared, documents, part_of, used
-from .core.signals import Photons
 from .io import exr, files
 from .io.metadata import versions
 from .io.preview import preview

@@ -76,11 +76,8 @@ def camera_and_exposure(flags: Flags, settings: SceneSettings = NO_SCENE) -> tup
     name, changes = flags.get("camera"), {k: toml_value(text) for k, text in (flags.get("settings") or {}).items()}
     camera = settings.camera if name is None else None
     camera = camera or ms.load_camera(options.DEFAULT_CAMERA if name is None else name)
-    if changes:
-        camera = camera.replace(**changes)
-    camera = settings.applied_to(camera)
-    if changes:
-        camera = camera.replace(**changes)
+    camera = settings.applied_to(camera.replace(**changes) if changes else camera)
+    camera = camera.replace(**changes) if changes else camera
     return camera, ms.Exposure(
         first_given(flags.get("exposure_s"), settings.exposure_s, options.DEFAULT_EXPOSURE_S),
         first_given(flags.get("temperature_k"), settings.temperature_k, options.DEFAULT_TEMPERATURE_K),

@@ -108,8 +108,8 @@ def flags(*kinds: type, without: tuple[str, ...] = ()) -> Callable[[Command], Co
         parameters = [p.replace(kind=kind) for p in (*needed, *made, *optional)]
 
         def run(**values: Flag) -> None:
-            texts = {name: values[name] for name in READERS if values.get(name) is not None}
-            command(**{**values, **{name: READERS[name](text) for name, text in texts.items()}})
+            read = {name: READERS[name](x) for name, x in values.items() if name in READERS and x is not None}
+            command(**{**values, **read})
 
         run.__name__, run.__doc__, run.__module__ = command.__name__, command.__doc__, command.__module__
         run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
@@ -121,11 +121,11 @@ def flags(*kinds: type, without: tuple[str, ...] = ()) -> Callable[[Command], Co
 
 def pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
     """["a=1", …] → {"a": "1", …}"""
-    found = {text: [part.strip() for part in text.partition("=")] for text in texts}
-    for text, (name, equals, _) in found.items():
+    found = [[part.strip() for part in text.partition("=")] for text in texts]
+    for text, (name, equals, _) in zip(texts, found, strict=True):
         if not name or not equals:
             raise InputError(f"{option} {text!r} has no name and value; write {option} NAME=VALUE.")
-    return {name: value for name, _, value in found.values()}
+    return {name: value for name, _, value in found}
 
 
 def _type(one: Declared) -> Flag:

@@ -15,14 +15,12 @@ from rich.text import Text
 
 from ..sensor.plan import IDLE, Plan
 
-Report = Mapping[str, Any]
-"""A dict ready for JSON: frame.json, or what a command prints."""
-
 if TYPE_CHECKING:
     from ..render.requirements import RenderRequirement
     from ..render.stop_criterion import RenderProgress
 
-END = {"max_seconds": "the time was up", "max_spp": "the most samples were taken"}
+Report = Mapping[str, Any]  # ready for JSON: frame.json, or what a command prints
+END = {"max_seconds": ", the time was up", "max_spp": ", the most samples were taken"}
 
 
 @contextmanager
@@ -130,7 +128,8 @@ def _stages(report: Report) -> Table:
 
 
 def _facts(report: Report) -> Iterator[Text]:
-    photons, counts, noise = report["photons"], report["counts"], report["render_noise"]
+    photons, counts, noise, render = (report[key] for key in ("photons", "counts", "render_noise", "render"))
+    ended = _ended(render["noise_ratio_asked"], render["ended_by"])
     yield _fact(
         "photoelectrons per pixel" if photons["detected"] else "photons per pixel",
         f"{_number(photons['min'])} … {_number(photons['median'])} … {_number(photons['max'])} (min, median, max)",
@@ -138,13 +137,13 @@ def _facts(report: Report) -> Iterator[Text]:
     yield _fact(
         "render noise / sensor noise",
         f"variance × {_number(noise['over_sensor_median'])} median, {_number(noise['over_sensor_p95'])} at the 95th "
-        f"percentile, {report['render']['samples_per_pixel']} samples per pixel{_ended(report['render'])}",
+        f"percentile, {render['samples_per_pixel']} samples per pixel{ended}",
     )
     if "uncompensated" in report["origin"]:
         left = f"{100 * report['origin']['uncompensated']:.2g} % of the shot noise's variance is left on top of it"
         yield _fact("a render for every frame", left)
-    if report["render"]["denoised"]:
-        yield _fact("denoised", ", ".join(f"{k} {short(v)}" for k, v in report["render"]["denoised"].items()))
+    if render["denoised"]:
+        yield _fact("denoised", ", ".join(f"{k} {short(v)}" for k, v in render["denoised"].items()))
     seen = {name.replace("_", " "): number for name, number in counts.items() if number}
     yield _fact("pixels", ", ".join(f"{name} {number}" for name, number in seen.items()) or "none clipped, none bad")
     outside = report["outside_qe"]
@@ -162,13 +161,10 @@ def _facts(report: Report) -> Iterator[Text]:
     yield _fact("seconds", ", ".join(f"{name} {seconds:.2f}" for name, seconds in report["times_s"].items()))
 
 
-def _ended(render: Report) -> str:
+def _ended(asked: float | None, end: str) -> str:
     """Whether the noise ratio that was asked for was reached, and what ended the render."""
-    asked, end = render["noise_ratio_asked"], render["ended_by"]
-    if end == "noise_ratio":
-        return f"; {_number(asked)} was asked for and reached"
-    missed = f"; {_number(asked)} was asked for and not reached" if asked is not None else ""
-    return missed + (f", {END[end]}" if end in END else "")
+    reached = "reached" if end == "noise_ratio" else "not reached"
+    return ("" if asked is None else f"; {_number(asked)} was asked for and {reached}") + END.get(end, "")
 
 
 def _fact(name: str, text: str) -> Text:
@@ -185,9 +181,7 @@ def columns_table(*headings: str) -> Table:
 
 def _number(value: float | None) -> str:
     """Four significant digits, without an exponent where it can be avoided."""
-    if value is None:
-        return "–"
-    return f"{value:.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:.4g}"
+    return "–" if value is None else f"{value:.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:.4g}"
 
 
 def short(value: object) -> str:

@@ -30,7 +30,6 @@ class CardinalPoints:
     entrance_pupil: float  # behind the first vertex
     entrance_radius: float
     exit_pupil: float  # behind the last vertex
-    exit_radius: float
     stop_radius: float  # of the aperture stop, which a traced ray determines; see :func:`cardinal_points`
     length: float  # from the first to the last vertex
     scale: float  # factor on all lengths of the prescription
@@ -87,7 +86,7 @@ def cardinal_points(lens: LensSection) -> CardinalPoints:
         )
     stop = next(number for number, (surface, _) in enumerate(steps) if surface.stop)
     fa, fb, _, _, index = _matrix(steps[:stop])
-    ra, rb, rc, rd, _ = _matrix(steps[stop:], index)
+    _, rb, _, rd, _ = _matrix(steps[stop:], index)
     if fa == 0 or rd == 0 or a <= 0:
         raise InputError(f"the lens {prescription.name!r} has a pupil or an image at infinity; move its stop.")
     scale = 1.0 if lens.focal_length_mm is None else lens.focal_length_mm * -c
@@ -100,7 +99,6 @@ def cardinal_points(lens: LensSection) -> CardinalPoints:
         entrance_pupil=scale * fb / fa,
         entrance_radius=radius / abs(fa),
         exit_pupil=-scale * rb / rd,
-        exit_radius=radius * abs(ra - rb * rc / rd),
         stop_radius=radius,
         length=scale * sum(gap for _, gap in steps),
         scale=scale,
