@@ -35,8 +35,8 @@ def output_folder(path: Path | str, names: Sequence[str]) -> Iterator[Path]:
             for name in names:
                 if (folder / name).is_dir():
                     raise InputError(f"{folder / name} is a folder where a file should go; give -o another place.")
-            made_here = tempfile.TemporaryDirectory(prefix=".unfinished-", dir=folder, ignore_cleanup_errors=True)
-        with made_here as scratch:
+            scratch_folder = tempfile.TemporaryDirectory(prefix=".unfinished-", dir=folder, ignore_cleanup_errors=True)
+        with scratch_folder as scratch:
             yield Path(scratch)
             with disk_sentences(folder):
                 _publish(Path(scratch), folder, [name for name in names if Path(scratch, name).exists()])
