@@ -35,10 +35,10 @@ from mitsuba_sensor.study.work_precision import render as render_module
 from mitsuba_sensor.study.work_precision import series as series_module
 from mitsuba_sensor.study.work_precision import work_precision
 from mitsuba_sensor.study.work_precision.errors import FEWEST_COMPENSATED, Ladder
-from mitsuba_sensor.study.work_precision.render import Render
-from mitsuba_sensor.study.work_precision.results import SAMPLE_COUNTS, Choice, Result, corrected, predict
+from mitsuba_sensor.study.work_precision.render import SAMPLE_COUNTS, Render, Result, corrected, predict
 from mitsuba_sensor.study.work_precision.series import (
     Block,
+    Choice,
     RenderSetting,
     Series,
     all_settings,

@@ -12,17 +12,15 @@ from ..statistics import Known, Values, as_normal, z_limit
 from .render import AOVS, APERTURE, ERROR_BARS
 from .sensor import DETECTION, LOOKED_AT, PLAN, SHAPE, WHOLE, Comparison, SensorResults
 
-SLACK = 1.05
-"""A plan looks at some light levels of the scene (sensor/plan.py): between them it may move a pixel by so much more."""
-SHOWN = 0.05
-"""Share of a render's seconds from which on a sentence speaks of them: turns of one and the same differ by as much."""
+SLACK = 1.05  # A plan looks at some light levels (sensor/plan.py): between them it may move a pixel by so much more
+SHOWN = 0.05  # share of a render's seconds from which on a sentence speaks of them: turns of one differ by as much
 
 
 def sensor_section(results: SensorResults, replicas: Replicas, tolerance_dn: float) -> Section:
     """What the sensor shows. passed : theory and frames agree, and the plan keeps to its tolerance."""
     keeps = results.theory["cases"][PLAN]["worst_dn"] <= SLACK * tolerance_dn + 1e-9
-    parts: list[Part] = [_changes(results, replicas), _costs(results), *_sensor_bars(results, tolerance_dn)]
-    return Section(tuple(_sensor_findings(results, tolerance_dn)), results.agree and keeps, tuple(parts))
+    parts: tuple[Part, ...] = _changes(results, replicas), _costs(results), *_sensor_bars(results, tolerance_dn)
+    return Section(tuple(_sensor_findings(results, tolerance_dn)), results.agree and keeps, parts)
 
 
 def _sensor_findings(results: SensorResults, tolerance_dn: float) -> Iterator[str]:
@@ -42,20 +40,19 @@ def _sensor_findings(results: SensorResults, tolerance_dn: float) -> Iterator[st
         f"({', '.join(results.left_out) or 'none'}), saves {' and '.join(times) or 'time that was not measured'}, and "
         f"moves no pixel's mean or σ by more than {cases[PLAN]['worst_dn']:.2g} DN (predicted; {seen})."
     )
-    verb = "agree" if results.agree else "do not agree"
     yield (
-        f"Theory and frames {verb} in {len(results.compared)} comparisons: the largest |z| is {abs(far.z):.2f} "
-        f"({far.quantity} without {far.case}), and by chance one above {results.limit:.2f} is found in 1% of such "
-        "studies."
+        f"Theory and frames {'agree' if results.agree else 'do not agree'} in {len(results.compared)} comparisons: the "
+        f"largest |z| is {abs(far.z):.2f} ({far.quantity} without {far.case}), and by chance one above "
+        f"{results.limit:.2f} is found in 1% of such studies."
         if results.compared
         else "No chain differs from the whole one, in theory or in frames."
     )
     stages = [case for case in cases if case not in (WHOLE, PLAN)]
     most = max(stages, key=lambda case: float(cases[case]["worst_dn"]))
-    moved = f"the {cases[most]['of']} of a pixel moves by {cases[most]['worst_dn']:.3g} DN"
     shares = {case: one.median for case in stages if (one := results.saved("numpy", case, share=True))}
     dear = max(shares, key=lambda case: shares[case], default=None)
     cost = f"; most time goes into {dear}, {shares[dear]:.0%} on numpy" if dear else ""
+    moved = f"the {cases[most]['of']} of a pixel moves by {cases[most]['worst_dn']:.3g} DN"
     yield f"Most depends on {most}: without it {moved}{cost}."
 
 
@@ -64,10 +61,10 @@ def _changes(results: SensorResults, replicas: Replicas) -> Table:
     for case, compared in results.changes.items():
         numbers = [x for one in compared for x in (one.predicted_dn, one.measured_dn, one.error_dn)]
         rows.append((_mark(results, compared), (_label(case), *numbers, max(abs(one.z) for one in compared))))
+    changes = " | ".join(f"{one}, predicted [DN] | {one}, measured | {one}, ±" for one in QUANTITIES)
     return table(
         "What changes when a stage is left out",
-        f"left out | {' | '.join(f'{one}, predicted [DN] | {one}, measured | {one}, ±' for one in QUANTITIES)} | "
-        "largest |z|",
+        f"left out | {changes} | largest |z|",
         rows,
         f"Averages over all pixels; of the whole chain the values, below it their changes. Predicted by the moments of "
         f"every pixel; measured on {replicas.frames} frames of each of {replicas.sensors} sensors, with equal random "
@@ -77,19 +74,15 @@ def _changes(results: SensorResults, replicas: Replicas) -> Table:
 
 
 def _costs(results: SensorResults) -> Table:
-    planned = {
-        effect["stage"]: "kept" if effect["kept"] else f"left out: {effect['reason']}"
-        for effect in results.theory["plan"]
-    }
+    said = {one["stage"]: "kept" if one["kept"] else f"left out: {one['reason']}" for one in results.theory["plan"]}
     rows: list[MarkedRow] = []
     for case, one in results.worst.items():
-        said, looked = results.theory["cases"][case], results.looked[case]
+        theory, looked = results.theory["cases"][case], results.looked[case]
         saved, share = results.saved("numpy", case), results.saved("numpy", case, share=True)
-        measured = abs(one.predicted_dn), abs(one.measured_dn), one.error_dn, one.z
+        measured = theory["worst_dn"], theory["of"], abs(one.predicted_dn), abs(one.measured_dn), one.error_dn, one.z
         pixels = 100 * looked["share_of_pixels"], looked["largest_dn"]
         times = saved and saved.median, share and 100 * share.median
-        cells = _label(case), said["worst_dn"], said["of"], *measured, *pixels, *times, planned.get(case, "")
-        rows.append((_mark(results, [one]), cells))
+        rows.append((_mark(results, [one]), (_label(case), *measured, *pixels, *times, said.get(case, ""))))
     whole_ns = ""
     if "numpy" in results.turns:
         whole, detection = (spread(results.turns["numpy"][name]).median for name in (WHOLE, DETECTION))
@@ -111,8 +104,8 @@ def _sensor_bars(results: SensorResults, tolerance_dn: float) -> Iterator[Bars]:
     """Changes and seconds of the chains that are not the whole one."""
     cases = [case for case in results.worst if results.theory["cases"][case]["worst_dn"] > 0]
     changes, labels = [results.worst[case] for case in cases], tuple(map(_label, cases))
-    both = {"predicted": tuple(abs(one.predicted_dn) for one in changes)}
-    both["measured"] = tuple(abs(one.measured_dn) for one in changes)
+    measured = tuple(abs(one.measured_dn) for one in changes)
+    both = {"predicted": tuple(abs(one.predicted_dn) for one in changes), "measured": measured}
     error = {"measured": tuple(one.error_dn for one in changes)}
     level = (tolerance_dn, f"tolerance {tolerance_dn:g} DN") if tolerance_dn > 0 else None
     title, x_label = "Change in the worst 1 % of the pixels", "change of mean or σ [DN]"
@@ -170,12 +163,12 @@ def _row(name: str, found: Known, plan: Mapping[str, Known], tolerance_dn: float
     elif name in plan and name in (APERTURE, AOVS):
         said = f"{'kept' if plan[name]['kept'] else 'left out'}: {plan[name]['reason']}"
     own = {"name": name, "saved_s": saved_s, "saved_share": share, "changes": changes, "z": z, "said": said}
-    return {**found, **own, "predicted": predicted}
+    rms = f"{found['rms_dn'] or 0:.2g} ± {found['rms_error'] or 0:.2g} DN"
+    return {**found, **own, "predicted": predicted, "rms": rms}
 
 
 def _render_findings(rows: Sequence[Known], plan: Mapping[str, Known], scores: Sequence[float]) -> Iterator[str]:
-    changing = [row for row in rows if row["changes"]]
-    if changing:
+    if changing := [row for row in rows if row["changes"]]:
         most = max(changing, key=lambda row: float(row["rms_dn"] or 0.0))
         dear = most["saved_share"] > SHOWN
         cost = f"for {most['saved_share']:.0%} of the seconds" if dear else "at no cost that shows"
@@ -187,22 +180,17 @@ def _render_findings(rows: Sequence[Known], plan: Mapping[str, Known], scores: S
     if free:
         best = max(free, key=lambda row: float(row["saved_share"]))
         yield (
-            f"What '{best['name']}' changes cannot be told from noise in {best['passes']} passes (rms {_rms(best)}), "
+            f"What '{best['name']}' changes cannot be told from noise in {best['passes']} passes (rms {best['rms']}), "
             f"and it saves {best['saved_share']:.0%} of the render's seconds."
         )
     yield from (f"Bands: {one['reason']} ({what} now)." for what, one in plan.items() if what.endswith(" bands"))
-    noisy = [row for row in free if row["predicted"]]
-    if noisy:  # the plan looks at the worst pixel of one render, whose bands are noisy
+    if noisy := [row for row in free if row["predicted"]]:  # the plan looks at one render, whose bands are noisy
         yield (
             f"With {noisy[-1]['name']} a pixel of this render moves by up to {noisy[-1]['predicted']['pixel_dn']:.3g} "
-            f"DN, but that is the noise of its bands: freed of it, by {_rms(noisy[-1])} rms."
+            f"DN, but that is the noise of its bands: freed of it, by {noisy[-1]['rms']} rms."
         )
     if scores:
         yield f"Where theory says what a render loses, renders agree: largest |z| {max(scores):.2f}."
-
-
-def _rms(row: Known) -> str:
-    return f"{row['rms_dn']:.2g} ± {row['rms_error']:.2g} DN"
 
 
 def _table(rows: Sequence[Known], missing: Mapping[str, str], limit: float) -> Table:
@@ -214,20 +202,17 @@ def _table(rows: Sequence[Known], missing: Mapping[str, str], limit: float) -> T
         times = row["saved_s"], None if row["name"] == AOVS else 100 * row["saved_share"]
         mark: Mark = ("bad" if max(map(abs, row["z"])) > limit else "good") if predicted else ""
         lines.append((mark, (row["name"], *mean, *worst, row["rms_dn"], row["rms_error"], *times, row["said"])))
-    note = (
-        "Change of the mean signal in DN, cut at the full well; equal seeds, so that most of the noise is in both. ± "
-        "is the standard error from pass to pass. The worst 1 % are the pixels that theory names, from these same "
-        "passes and with their noise; where there is no theory, half of the passes name them and the others measure. "
-        "rms is freed of the render's noise. Seconds are medians of interleaved passes, for all passes of a render."
-    )
-    if missing:
-        note += " Not in this scene: " + "; ".join(f"{name} ({why})" for name, why in missing.items()) + "."
+    absent = "; ".join(f"{name} ({why})" for name, why in missing.items())
     return table(
         "What changes when the render leaves something out",
         "left out | mean, predicted [DN] | measured | ± | z | worst 1 %, predicted [DN] | measured | ± | z | "
         "rms [DN] | ± | saved [s] | saved [%] | what is said of it",
         lines,
-        note,
+        "Change of the mean signal in DN, cut at the full well; equal seeds, so that most of the noise is in both. ± "
+        "is the standard error from pass to pass. The worst 1 % are the pixels that theory names, from these same "
+        "passes and with their noise; where there is no theory, half of the passes name them and the others measure. "
+        "rms is freed of the render's noise. Seconds are medians of interleaved passes, for all passes of a render."
+        f"{absent and f' Not in this scene: {absent}.'}",
     )
 
 

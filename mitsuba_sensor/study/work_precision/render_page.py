@@ -6,13 +6,13 @@ import math
 import statistics
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import chain
 from typing import Any
 
 from ..page import Line, Mark, MarkedRow, Part, Plot, Section, Table, table
 from ..statistics import pareto
 from .errors import COMPENSATED, DENOISED, PLAIN
-from .render import Render
-from .results import FRAME_SIGMA, THEORY, WITHIN, Result
+from .render import FRAME_SIGMA, THEORY, WITHIN, Render, Result
 
 CLEAR = 3.0  # standard errors that a σ which is right may be off
 SECONDS = "wall time of a render [s]"
@@ -29,14 +29,13 @@ DIAGRAMS = {
 
 def render_section(found: Render) -> Section:
     """The whole side; it has passed if every slope that has a theory follows it and compensated frames have their σ."""
-    diagrams = {measure: _diagram(found, measure) for measure in DIAGRAMS}
-    sigma, frames = _frames_parts(found)
-    plots, tables = (*diagrams.values(), sigma), (_choices(found), _settings(found), frames, _references(found))
+    diagrams, (sigma, frames) = [_diagram(found, measure) for measure in DIAGRAMS], _frames_parts(found)
+    plots, tables = (*diagrams, sigma), (_choices(found), _settings(found), frames, _references(found))
     parts: tuple[Part, ...] = *(one for one in plots if one.lines), *(one for one in tables if one.rows)
     framed = [point for one in found.results for point in one.sigma(COMPENSATED)[-1:]]  # of the longest renders
     passed = all(abs(point.error) <= FRAME_SIGMA + CLEAR * point.spread for point in framed)
     passed = passed and all(one.verdict != "off" for one in found.results)
-    return Section((_advice(found), *_findings(found, diagrams["electrons"])), passed, parts)
+    return Section((_advice(found), *_findings(found, diagrams[0])), passed, parts)
 
 
 def _advice(found: Render) -> str:
@@ -116,18 +115,18 @@ def _frames_parts(found: Render) -> tuple[Plot, Table]:
     """Temporal σ of frames over what it must be, drawn and in numbers."""
     lines: list[Line] = []
     rows: list[MarkedRow] = []
-    for one in found.results:
-        if (framed := one.ladder.framed) is None:
+    for one, framed in ((one, one.ladder.framed) for one in found.results):
+        if framed is None:
             continue
-        for name, text in FRAMES.items():
-            if points := [(point.seconds, 1 + point.error, point.spread) for point in one.sigma(name)]:
-                label = f"{one.label} at {framed.exposure.time_s:.2g} s: {text}"
-                lines.append(line(label, points, dashed=name == DENOISED))
-        by = [{point.passes: (point.error, point.spread) for point in one.sigma(name)} for name in FRAMES]
-        for point in one.sigma(PLAIN):
-            enough = "yes" if point.passes >= framed.compensable else "no"
-            about = framed.exposure.time_s, point.passes, point.seconds, enough
-            rows.append(("", (one.label, *about, *(x for own in by for x in own.get(point.passes, (None, None))))))
+        by = {name: {point.passes: point for point in one.sigma(name)} for name in FRAMES}
+        for name, points in by.items():
+            if places := [(point.seconds, 1 + point.error, point.spread) for point in points.values()]:
+                label = f"{one.label} at {framed.exposure.time_s:.2g} s: {FRAMES[name]}"
+                lines.append(line(label, places, dashed=name == DENOISED))
+        for passes, point in by[PLAIN].items():
+            about = framed.exposure.time_s, passes, point.seconds, "yes" if passes >= framed.compensable else "no"
+            errors = (points[passes][2:] if passes in points else (None, None) for points in by.values())
+            rows.append(("", (one.label, *about, *chain.from_iterable(errors))))
     note, y_label = f"Every frame has a render of its own. {SHOWN} Bars are 1 σ.", "σ of frames / σ of the camera"
     title, level = "Temporal σ of the digital numbers", (1.0, "right")
     return Plot(title, SECONDS, y_label, tuple(lines), log_y=False, level=level, note=note), table(
