@@ -54,23 +54,22 @@ def ablation(
         found = render_requirements(light(), camera, exposure, gain_dn_per_e(camera), tolerance_dn)
         return [asdict(one) for one in found]
 
+    def without(name: str) -> Values:
+        return ways()[0][name]()
+
     found = kit.measure("loading the scene", 60.0, scene)
     pixels = found["columns"] * found["rows"]
     render_s = criterion.passes * (CALL_S + 1e-9 * SAMPLE_NS * pixels * criterion.samples)
     sensor = SensorAblation(kit, subject, light, tolerance_dn, replicas)
     steps = [Step("rendering the scene", KERNEL_S + render_s, requirements), *sensor.steps(pixels)]
-    special = {AOVS: 1.0, ERROR_BARS: KERNEL_S + 2 * (WHOLE_RENDERS + 1) * render_s}
-    for name in found["features"]:
-        expected_s = special.get(name, KERNEL_S + 2 * render_s)
-        steps.append(Step(f"render: {name}", expected_s, partial(lambda one: ways()[0][one](), name)))
+    expected_s = dict.fromkeys(found["features"], KERNEL_S + 2 * render_s)
+    expected_s |= {AOVS: 1.0, ERROR_BARS: KERNEL_S + 2 * (WHOLE_RENDERS + 1) * render_s}
+    steps += (Step(f"render: {one}", expected_s[one], partial(without, one)) for one in found["features"])
     kit.take(steps)
     changes = {name: kit[f"render: {name}"] for name in found["features"]}
     sections = (
         sensor_section(SensorResults(sensor), replicas, tolerance_dn),
         render_section(changes, found["missing"], kit["rendering the scene"], tolerance_dn),
     )
-    title = (
-        f"What {subject.name} and {camera.name} can do without ({found['columns']} × {found['rows']} pixels, "
-        f"{exposure.time_s:g} s, {exposure.temperature_k:g} K)"
-    )
-    return study_of("ablation", title, sections)
+    about = f"{found['columns']} × {found['rows']} pixels, {exposure.time_s:g} s, {exposure.temperature_k:g} K"
+    return study_of("ablation", f"What {subject.name} and {camera.name} can do without ({about})", sections)

@@ -12,6 +12,7 @@ from ..statistics import Known, Values, as_normal, z_limit
 from .render import AOVS, APERTURE, ERROR_BARS
 from .sensor import DETECTION, LOOKED_AT, PLAN, SHAPE, WHOLE, Comparison, SensorResults
 
+LABELS = {PLAN: "all that the plan leaves out"}
 SLACK = 1.05  # A plan looks at some light levels (sensor/plan.py): between them it may move a pixel by so much more
 SHOWN = 0.05  # share of a render's seconds from which on a sentence speaks of them: turns of one differ by as much
 
@@ -28,16 +29,16 @@ def _sensor_findings(results: SensorResults, tolerance_dn: float) -> Iterator[st
     cases, plan, far = results.theory["cases"], results.worst[PLAN], results.furthest
     times = []
     for engine in results.turns:
-        if share := results.saved(engine, PLAN, share=True):
-            span = f"({share.low:.0%} to {share.high:.0%})"
-            shown = f"{share.median:.0%} {span} of the sensor's time on {engine}"
-            times.append(f"no time that shows on {engine} {span}" if share.low <= 0 <= share.high else shown)
+        share = results.saved(engine, PLAN, share=True)
+        span = f"({share.low:.0%} to {share.high:.0%})"
+        shown = f"{share.median:.0%} {span} of the sensor's time on {engine}"
+        times.append(f"no time that shows on {engine} {span}" if share.low <= 0 <= share.high else shown)
     seen = f"{abs(plan.measured_dn):.2g} ± {plan.error_dn:.1g} DN measured over its worst 1 % of the pixels"
     if not results.looked[PLAN]["share_of_pixels"]:
         seen = f"{LOOKED_AT} frames are those of the whole chain, byte by byte"
     yield (
         f"The plan at {tolerance_dn:g} DN leaves out {len(results.left_out)} of {len(results.theory['plan'])} stages "
-        f"({', '.join(results.left_out) or 'none'}), saves {' and '.join(times) or 'time that was not measured'}, and "
+        f"({', '.join(results.left_out) or 'none'}), saves {' and '.join(times)}, and "
         f"moves no pixel's mean or σ by more than {cases[PLAN]['worst_dn']:.2g} DN (predicted; {seen})."
     )
     yield (
@@ -49,18 +50,17 @@ def _sensor_findings(results: SensorResults, tolerance_dn: float) -> Iterator[st
     )
     stages = [case for case in cases if case not in (WHOLE, PLAN)]
     most = max(stages, key=lambda case: float(cases[case]["worst_dn"]))
-    shares = {case: one.median for case in stages if (one := results.saved("numpy", case, share=True))}
-    dear = max(shares, key=lambda case: shares[case], default=None)
-    cost = f"; most time goes into {dear}, {shares[dear]:.0%} on numpy" if dear else ""
+    shares = {case: results.saved("numpy", case, share=True).median for case in stages}
+    dear = max(shares, key=lambda case: shares[case])
     moved = f"the {cases[most]['of']} of a pixel moves by {cases[most]['worst_dn']:.3g} DN"
-    yield f"Most depends on {most}: without it {moved}{cost}."
+    yield f"Most depends on {most}: without it {moved}; most time goes into {dear}, {shares[dear]:.0%} on numpy."
 
 
 def _changes(results: SensorResults, replicas: Replicas) -> Table:
     rows: list[MarkedRow] = []
     for case, compared in results.changes.items():
         numbers = [x for one in compared for x in (one.predicted_dn, one.measured_dn, one.error_dn)]
-        rows.append((_mark(results, compared), (_label(case), *numbers, max(abs(one.z) for one in compared))))
+        rows.append((_mark(results, compared), (LABELS.get(case, case), *numbers, max(abs(one.z) for one in compared))))
     changes = " | ".join(f"{one}, predicted [DN] | {one}, measured | {one}, ±" for one in QUANTITIES)
     return table(
         "What changes when a stage is left out",
@@ -78,16 +78,11 @@ def _costs(results: SensorResults) -> Table:
     rows: list[MarkedRow] = []
     for case, one in results.worst.items():
         theory, looked = results.theory["cases"][case], results.looked[case]
-        saved, share = results.saved("numpy", case), results.saved("numpy", case, share=True)
         measured = theory["worst_dn"], theory["of"], abs(one.predicted_dn), abs(one.measured_dn), one.error_dn, one.z
         pixels = 100 * looked["share_of_pixels"], looked["largest_dn"]
-        times = saved and saved.median, share and 100 * share.median
-        rows.append((_mark(results, [one]), (_label(case), *measured, *pixels, *times, said.get(case, ""))))
-    whole_ns = ""
-    if "numpy" in results.turns:
-        whole, detection = (spread(results.turns["numpy"][name]).median for name in (WHOLE, DETECTION))
-        whole_ns = f"; the whole chain takes {whole:.4g} ns/pixel. Detecting the light takes {detection:.4g} ns/pixel "
-        whole_ns += "more, once for all frames on a compiled engine"
+        times = results.saved("numpy", case).median, 100 * results.saved("numpy", case, share=True).median
+        rows.append((_mark(results, [one]), (LABELS.get(case, case), *measured, *pixels, *times, said.get(case, ""))))
+    whole, detection = (spread(results.turns["numpy"][name]).median for name in (WHOLE, DETECTION))
     return table(
         "Worst pixels, seconds, and what the plan says",
         "left out | worst pixel, predicted [DN] | of | worst 1 %, predicted [DN] | measured | ± | z | "
@@ -96,28 +91,25 @@ def _costs(results: SensorResults) -> Table:
         "The worst pixel is the one that theory moves most, in mean, temporal σ or spatial σ; measured are averages "
         f"over the worst 1 % of the pixels. Pixel by pixel, {LOOKED_AT} frames are compared with those of the whole "
         f"chain. Seconds are those of NumPy on {SHAPE['numpy'][0] * SHAPE['numpy'][1]} pixels, medians of interleaved "
-        f"runs{whole_ns}.",
+        f"runs; the whole chain takes {whole:.4g} ns/pixel. Detecting the light takes {detection:.4g} ns/pixel more, "
+        "once for all frames on a compiled engine.",
     )
 
 
 def _sensor_bars(results: SensorResults, tolerance_dn: float) -> Iterator[Bars]:
     """Changes and seconds of the chains that are not the whole one."""
     cases = [case for case in results.worst if results.theory["cases"][case]["worst_dn"] > 0]
-    changes, labels = [results.worst[case] for case in cases], tuple(map(_label, cases))
+    changes, labels = [results.worst[case] for case in cases], tuple(LABELS.get(case, case) for case in cases)
     measured = tuple(abs(one.measured_dn) for one in changes)
     both = {"predicted": tuple(abs(one.predicted_dn) for one in changes), "measured": measured}
     error = {"measured": tuple(one.error_dn for one in changes)}
     level = (tolerance_dn, f"tolerance {tolerance_dn:g} DN") if tolerance_dn > 0 else None
     title, x_label = "Change in the worst 1 % of the pixels", "change of mean or σ [DN]"
     yield Bars(title, x_label, labels, both, error, log_x=True, level=level)
-    if saved := [one for case in cases if (one := results.saved("numpy", case))]:
+    if saved := [results.saved("numpy", case) for case in cases]:
         times, whiskers = tuple(one.median for one in saved), tuple(0.5 * (one.high - one.low) for one in saved)
         note, title = "Whiskers are half the distance of the quartiles.", "Time saved on NumPy"
         yield Bars(title, "saved [ns/pixel]", labels, {"saved": times}, {"saved": whiskers}, note=note)
-
-
-def _label(case: str) -> str:
-    return "all that the plan leaves out" if case == PLAN else case
 
 
 def _mark(results: SensorResults, compared: Sequence[Comparison]) -> Mark:
@@ -127,12 +119,10 @@ def _mark(results: SensorResults, compared: Sequence[Comparison]) -> Mark:
     return "bad" if max(abs(one.z) for one in compared) > results.limit else "good"
 
 
-def render_section(
-    features: Mapping[str, Known], missing: Mapping[str, str], said: Iterable[Known], tolerance_dn: float
-) -> Section:
-    """What the render shows. features : by name, what was measured.  missing : what is not in this scene, and why.
+def render_section(features: Known, missing: Known, said: Iterable[Known], tolerance_dn: float) -> Section:
+    """What the render shows, by feature; passed : theory and renders agree wherever theory says something.
 
-    said : the requirements of the render.  passed : theory and renders agree wherever theory says something.
+    missing : what is not in this scene, and why.  said : the requirements of the render.
     """
     plan = {one["what"]: one for one in said}
     rows = [_row(name, found, plan, tolerance_dn) for name, found in features.items()]
@@ -143,16 +133,12 @@ def render_section(
 
 
 def _row(name: str, found: Known, plan: Mapping[str, Known], tolerance_dn: float) -> Values:
-    """What was measured of a feature, and what follows from it.
-
-    saved_s, saved_share : seconds per render, medians over the turns, and of the render's.  changes : whether the
-    picture is seen to change, by 3 standard errors of the mean or as sure an rms.  z : of mean and worst pixels.
-    """
+    """What was measured of a feature, and what follows from it: seconds of a render saved, z of mean and worst."""
     pairs = zip(found["seconds"], found["seconds_without"], strict=True)
     saved_s = float(found["passes"] * statistics.median(x - y for x, y in pairs))
     share = saved_s / float(found["passes"] * statistics.median(found["seconds"]))
-    changes = (found["rms_dn"] or 0.0) > 2 * (found["rms_error"] or 0.0)
-    changes = changes or abs(found["mean_dn"]) > 3 * found["mean_error"]
+    rms_dn, rms_error = found["rms_dn"] or 0.0, found["rms_error"] or 0.0
+    changes = rms_dn > 2 * rms_error or abs(found["mean_dn"]) > 3 * found["mean_error"]  # as surely
     predicted, said = found["predicted"] or {}, ""
     z = [as_normal(predicted[one], found["passes"] - 1) if predicted else None for one in ("z_mean", "z_worst")]
     if predicted and name.endswith(("bands", "band")):
@@ -163,8 +149,7 @@ def _row(name: str, found: Known, plan: Mapping[str, Known], tolerance_dn: float
     elif name in plan and name in (APERTURE, AOVS):
         said = f"{'kept' if plan[name]['kept'] else 'left out'}: {plan[name]['reason']}"
     own = {"name": name, "saved_s": saved_s, "saved_share": share, "changes": changes, "z": z, "said": said}
-    rms = f"{found['rms_dn'] or 0:.2g} ± {found['rms_error'] or 0:.2g} DN"
-    return {**found, **own, "predicted": predicted, "rms": rms}
+    return {**found, **own, "predicted": predicted, "rms": f"{rms_dn:.2g} ± {rms_error:.2g} DN"}
 
 
 def _render_findings(rows: Sequence[Known], plan: Mapping[str, Known], scores: Sequence[float]) -> Iterator[str]:

@@ -21,7 +21,7 @@ from ...sensor.gains import gain_dn_per_e
 from ..kit import in_turns, one_turn
 from ..statistics import Array, Known, Values, standard_error
 from ..subject import Subject
-from .sensor import number_of_worst
+from .sensor import FEWEST_PIXELS, WORST
 
 FLAT_TO_MM = 1e6  # to this image height a lens without fall-off is as bright as on its axis: beyond any sensor
 WHOLE_RENDERS = 3  # with and without error bars: no pass of the one is one of the other
@@ -86,17 +86,8 @@ def measures(subject: Subject, criterion: StopCriterion, seed: int) -> tuple[dic
     return {name: measure for name, is_here, _, measure in rows if is_here}, missing
 
 
-def change_without(
-    subject: Subject, criterion: StopCriterion, seed: int, load: Load, theory: Theory | None = None
-) -> Values:
-    """What happens to the picture of the scene that is loaded without a feature, and the seconds that are saved.
-
-    mean_dn, rms_dn, worst_dn : change of the mean signal, cut at the full well: averaged over the pixels; root of the
-        mean square, freed of the render's own noise; and averaged over the worst 1 % of the pixels, which theory names,
-        else half of the passes while the others measure. Each has its ``_error``.
-    predicted : what theory says of mean and worst 1 %, of the worst pixel, and z of the first two; else None.
-    seconds, seconds_without : of each pass, turn by turn.  passes : that a render has.
-    """
+def change_without(subject: Subject, criterion: StopCriterion, seed: int, load: Load, theory: Theory | None) -> Values:
+    """The change of the scene that is loaded without a feature, and the seconds of each pass, turn by turn."""
     k, jobs = gain_dn_per_e(subject.camera), {AS_IT_IS: subject.job, WITHOUT: load()}
     pictures: dict[str, list[Array]] = {name: [] for name in (*jobs, "theory")}
     turns: list[dict[str, float]] = []
@@ -121,7 +112,13 @@ def change_without(
 
 
 def compared(base: Array, changed: Array, theory: Array | None, full_dn: float) -> Values:
-    """Two renders of equal passes, (passes, H, W) each [DN]; theory : what it makes of the passes of the first."""
+    """Two renders of equal passes, (passes, H, W) each [DN]; theory : what it makes of the passes of the first.
+
+    mean_dn, rms_dn, worst_dn : change of the mean signal, cut at the full well: averaged over the pixels; root of the
+        mean square, freed of the render's own noise; and averaged over the worst 1 % of the pixels, which theory names,
+        else half of the passes while the others measure. Each has its ``_error``.
+    predicted : what theory says of mean and worst 1 %, of the worst pixel, and z of the first two; else None.
+    """
     off, each, unsaturated = _change(base, changed, full_dn)
     rms, rms_error = _rms(each)
     signal_dn, mean_dn = float(np.minimum(base.mean(axis=0), full_dn).mean()), float(off.mean())
@@ -150,9 +147,9 @@ def _change(base: Array, changed: Array, full_dn: float) -> tuple[Array, Array, 
 
 def _worst(change: Array) -> Array:
     """Weights of the worst pixels: the sign of their change over their number, (H, W); 0 for the others."""
-    weights, count = np.zeros(change.size), number_of_worst(change.size)
-    places = np.argsort(np.abs(change), axis=None)[-count:]
-    weights[places] = np.sign(change.ravel()[places]) / count
+    weights, places = np.zeros(change.size), np.argsort(np.abs(change), axis=None)
+    worst = places[-max(int(WORST * change.size), FEWEST_PIXELS) :]
+    weights[worst] = np.sign(change.ravel()[worst]) / worst.size
     return weights.reshape(change.shape)
 
 
@@ -162,12 +159,9 @@ def _over(change: Array, each: Array, weights: Array) -> tuple[float, float]:
 
 
 def _rms(each: Array) -> tuple[float, float]:
-    """Root of the mean square over the pixels of the change that all passes share, and its standard error.
+    """Root of the mean square over the pixels of the change that all passes share, and its standard error."""
 
-    The mean of products of two different passes has no noise in its mean; each pass left out once gives the error.
-    """
-
-    def square(passes: Array) -> float:
+    def square(passes: Array) -> float:  # the mean of products of two different passes has no noise in its mean
         count, total, squares = len(passes), passes.sum(axis=0), (passes**2).sum(axis=0)
         return float(((total**2 - squares) / (count * (count - 1))).mean())
 

@@ -29,8 +29,8 @@ SENSORS = 64  # serial numbers whose frames are measured: independent values, fr
 THEORY, EQUAL_BITS = "moments of every pixel", "frames with equal random bits"  # names of measurements, and of frames:
 FRAMES_OF = f"frames of {SENSORS} sensors: "
 WORST, FEWEST_PIXELS = 0.01, 16
-"""Share of the pixels that are "the worst": those in which theory says that a chain moves most; of a small picture so
-many. One pixel alone has one fixed pattern per sensor, and its variance would be known to a sixth at best."""
+"""Share of the pixels, or so many, that are "the worst", which theory says that a chain moves most. One pixel alone has
+one fixed pattern per sensor, and its variance would be known to a sixth at best."""
 LOOKED_AT = 8  # frames, each of a sensor of its own, whose pixels are compared one by one with those of the whole chain
 SHAPE = {"numpy": (256, 512), "drjit": (1024, 1024)}
 """Pixels of the frames that are timed, however small the render: one strip of NumPy's, and enough for a kernel."""
@@ -42,18 +42,14 @@ NUMPY_NS, DRJIT_NS, CALL_S, KERNEL_S = 120.0, 12.0, 1.5e-3, 3.0
 
 
 class Comparison(NamedTuple):
-    """One quantity of one chain, over all pixels or the worst, less that of the whole chain [DN].
-
-    z : how many standard errors the measurement is from the prediction, as the normal law that is as unlikely counts
-        them (Student's t has a wider tail); 0 where nothing changes in theory nor in frames.
-    """
+    """One quantity of one chain, over all pixels or the worst, less that of the whole chain [DN]."""
 
     case: str
     quantity: str
     predicted_dn: float = 0.0
     measured_dn: float = 0.0
     error_dn: float = 0.0
-    z: float = 0.0
+    z: float = 0.0  # standard errors from the prediction, as a normal law counts that are as unlikely as Student's t
 
 
 class Chains:
@@ -77,7 +73,9 @@ class Chains:
             every = np.abs(frames.in_dn(self.expected[WHOLE], self.expected[case])).reshape(3, -1)
             row = int(np.argmax(every.max(axis=1)))
             self.worst[case] = {"worst_dn": float(every[row].max()), "of": QUANTITIES[row]}
-            self.groups[case] = np.argsort(every[row], kind="stable")[-number_of_worst(every[row].size) :]
+            self.groups[case] = np.argsort(every[row], kind="stable")[
+                -max(int(WORST * every[row].size), FEWEST_PIXELS) :
+            ]
 
     def theory(self) -> Values:
         """What the plan says, the moments of every chain averaged over groups of pixels, and how exact theory is."""
@@ -90,14 +88,9 @@ class Chains:
         if any(stage.curved for stage in whole):
             limits.append("curved stages are taken to second order in the noise")
         effects, sizes = [asdict(effect) for effect in self.plan.effects], {k: len(x) for k, x in self.groups.items()}
-        moments = {case: {"moments": frames.averages(x, self.groups)} for case, x in self.expected.items()}
-        cases = {case: found | self.worst[case] for case, found in moments.items()}
+        moments = ((case, frames.averages(x, self.groups)) for case, x in self.expected.items())
+        cases = {case: {"moments": found, **self.worst[case]} for case, found in moments}
         return {"plan": effects, "sizes": sizes, "limits": limits, "cases": cases}
-
-
-def number_of_worst(pixels: int) -> int:
-    """Of so many pixels those that are "the worst"."""
-    return min(max(int(WORST * pixels), FEWEST_PIXELS), pixels)
 
 
 class SensorAblation:
@@ -160,10 +153,7 @@ class SensorAblation:
         return self.chains.light.measured_moments(stages, self._replicas, expected, self.chains.groups)
 
     def _nanoseconds(self, engine: str, cases: list[str]) -> dict[str, list[float]]:
-        """Per pixel of each chain behind the detection, turn by turn; on NumPy also of the detection.
-
-        Nothing for a compiled engine where the plan asks for float64, which it has not.
-        """
+        """Per pixel of each chain behind the detection, turn by turn; on NumPy also of the detection."""
         whole, shape, light = self.chains.plan.whole, SHAPE[engine], self.chains.light
         if engine == "numpy":
             light = replace(light, photons=frames.resized(self.photons, shape))
@@ -182,7 +172,7 @@ class SensorAblation:
             detected = Photons(np.repeat(mean[..., None], filters, axis=2), detected=True)
             light = replace(light, photons=detected, backend=choose_backend(engine, "float32", 0))
             tasks = {case: light.stream(self.chains.stages[case]).turn for case in cases}
-        else:
+        else:  # in float64, which a compiled engine has not
             return {}
         turns = in_turns(tasks, TURNS[engine])
         return {name: [1e9 * one_s / math.prod(shape) for one_s in seconds] for name, seconds in turns.items()}
@@ -209,12 +199,9 @@ class SensorResults:
         self.agree = abs(self.furthest.z) <= self.limit
         self.left_out = [effect["stage"] for effect in self.theory["plan"] if not effect["kept"]]
 
-    def saved(self, engine: str, case: str, share: bool = False) -> Spread | None:
+    def saved(self, engine: str, case: str, share: bool = False) -> Spread:
         """What leaving out saves, over the turns [ns/pixel], or as a share of the whole chain's time."""
-        turns = self.turns.get(engine, {})
-        if case not in turns:
-            return None
-        pairs = zip(turns[WHOLE], turns[case], strict=True)
+        pairs = zip(self.turns[engine][WHOLE], self.turns[engine][case], strict=True)
         return spread((whole - other) / (whole if share else 1.0) for whole, other in pairs)
 
     def _compare(self, case: str, group: str, of: str) -> Comparison:

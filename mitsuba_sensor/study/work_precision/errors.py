@@ -3,9 +3,8 @@
 Irradiance is compared with bands that are exact each for itself ("cube"), electrons with bands whose sum is exact
 ("auto"), channels with channels: bands of finite width have an error of their own, which is told apart.
 
-A run of passes is cut into all its blocks of 1, 2, 4, … of them. Each block is a render of its own, and all of one size
-are averaged, so that a rare bright path counts alike in blocks of every size; what is left to chance in a slope is only
-how the errors of different passes happen to line up.
+A run of passes is cut into all its blocks of 1, 2, 4, … of them. Each is a render of its own, and all of one size are
+averaged, so that a rare bright path counts alike in every size: chance is only how errors of passes line up.
 """
 
 from __future__ import annotations
@@ -54,8 +53,8 @@ SMOOTHINGS = 3  # pictures that the package smooths: the render, and two halves 
 PLAIN, COMPENSATED, DENOISED = "plain", "compensated", "denoised"  # what is done about the render's noise
 
 Rung = dict[str, float]
-"""All blocks of one size of one run: "passes", "blocks" and "seconds" of one; squared errors by measure ("electrons",
-"irradiance", "dn"); "variance_dn2" between frames. Only what was measured is there."""
+"""All blocks of one size of one run: "passes", "blocks" and "seconds" of one; where measured the squared errors of
+"electrons", "irradiance", "dn", and "variance_dn2" between frames."""
 
 
 class Reference(NamedTuple):
@@ -68,11 +67,7 @@ class Reference(NamedTuple):
 
 
 class Target:
-    """What a setting is compared with, and the scale of its errors.
-
-    bands, own : references of the irradiance and of all else.  mean_dn : digital numbers of the light, (H, W).
-    seen : pixels with light and below full well, (H, W), or all with light where none is.
-    """
+    """What a setting is compared with, and the scale of its errors; bands, own : of the irradiance and of all else."""
 
     def __init__(self, subject: Subject, references: Mapping[str, Reference], banding: str) -> None:
         self.subject, self.own = subject, references["channels" if banding == "channels" else "auto"]
@@ -80,19 +75,18 @@ class Target:
         electrons, dark_e = self.own.electrons, mean_dark_e(subject.camera, subject.exposure)
         lit = (electrons > 0) & np.isfinite(self.own.photons.total)
         seen = lit & (electrons + dark_e < subject.camera.pixel.full_well_e)
-        self.seen = seen if seen.any() else lit
+        self.seen = seen if seen.any() else lit  # (H, W)
         self._mean_e = float(electrons[self.seen].mean())
         self._mean_of_band = self.own.light.data[self.seen].mean(axis=0, dtype=np.float64)
         self._level = np.maximum(electrons / self._mean_e, DARKEST)[self.seen]
         self.mean_dn = mean_dn(subject, self.own.photons)
 
     def mean_square(self, measure: str, off: Array) -> float:
-        """Mean of a squared error: of "electrons" (H, W), each relative to its pixel's light; of "irradiance"
-        (H, W, B), to its pixel's light and its band's; of "dn" (H, W) [DN²]."""
+        """Mean of a squared error: of "electrons" or "dn" (H, W), of "irradiance" (H, W, B); of "dn" in DN²."""
         off, lit = off[self.seen], self._mean_of_band > 0
-        if measure == "electrons":
+        if measure == "electrons":  # relative to the pixel's light
             off = off / (self._mean_e * self._level)
-        elif measure == "irradiance":
+        elif measure == "irradiance":  # and to the band's
             off = off[:, lit] / (self._level[:, None] * self._mean_of_band[lit])
         return float(np.mean(off**2))
 
@@ -137,10 +131,7 @@ def mean_dn(subject: Subject, photons: Photons) -> Array:
 
 
 class FrameExposure(NamedTuple):
-    """The exposure at which frames are made: the given one, or a share of it at which render noise can be compensated.
-
-    Electrons go with the exposure, the variance of their mean with its square: so does a render's part of the noise.
-    """
+    """The exposure at which frames are made: the given one, or a share at which render noise can be compensated."""
 
     exposure: Exposure
     share: float
@@ -163,7 +154,7 @@ def frame_exposure(series: Series, target: Target, passes: int) -> FrameExposure
         """Whether so many passes are quiet enough at a share of the exposure, as render/per_frame.py decides: by the
         median, and by what is left; and whether the median pixel is below full well."""
         light, dark = share * target.own.electrons[shown], share * dark_e
-        variance = share**2 * one_pass_e2[shown] / count
+        variance = share**2 * one_pass_e2[shown] / count  # electrons go with the exposure, this with its square
         total = np.maximum(light + dark, TINY)
         left = variance - sum(compensable(light, dark, variance))
         quiet = np.median(variance / total) * median_bias(PILOT) <= TARGET and np.mean(left / total) <= UNCOMPENSATED
@@ -240,7 +231,8 @@ class Run:
         camera, number = self._target.subject.camera, sum(frames.count for frames in self._frames.values()) + 1
         lights = {treatment: replace(light, mean=framed.share * light.mean)}
         if treatment == PLAIN and not camera.quantum_efficiency.quantum_yield:  # its bursts are not Poisson's
-            lights[COMPENSATED] = replace(lights[PLAIN], variance_e2=framed.share**2 * block.variance_e2)
+            variance_e2 = np.asarray(block.squares / (block.passes * (block.passes - 1)))  # of the mean electrons
+            lights[COMPENSATED] = replace(lights[PLAIN], variance_e2=framed.share**2 * variance_e2)
             self._found[COMPENSATED, block.passes]["seconds"].append(block.seconds)
         for name, one in lights.items():
             digital = expose(one, camera, framed.exposure, seed=self._number, first_frame=number).digital[0]

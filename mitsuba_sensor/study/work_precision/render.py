@@ -51,7 +51,7 @@ class Render:
     """
 
     def __init__(
-        self, kit: Kit, subject: Subject, tolerance: float, seeds: int, variants: Sequence[str] | None = None
+        self, kit: Kit, subject: Subject, tolerance: float, seeds: int, variants: Sequence[str] | None
     ) -> None:
         self.tolerance = require("tolerance", tolerance, 1e-6, 1.0, "relative error, e.g. 0.01")
         if require("seeds", seeds, 2, 64, "independent runs, e.g. 4") != int(seeds):
@@ -167,12 +167,9 @@ class Result(NamedTuple):
 
     def points(self, measure: str, treatment: str = PLAIN) -> list[Point]:
         """Rungs whose error stands clear of the reference's own: those whose square is above it."""
-        own = self.own[measure]
-        return [
-            Point(passes, seconds, math.sqrt(square - own), error / (2 * math.sqrt(square - own)))
-            for passes, seconds, square, error, _ in self._means(measure, treatment)
-            if square - own > own
-        ]
+        own, every = self.own[measure], self._means(measure, treatment)
+        clear = [(passes, s, math.sqrt(x - own), error) for passes, s, x, error, _ in every if x - own > own]
+        return [Point(passes, seconds, root, error / (2 * root)) for passes, seconds, root, error in clear]
 
     def slope(self, measure: str) -> Slope | None:
         """Of log error against log seconds, None with too few rungs."""

@@ -37,10 +37,7 @@ SINGLE = FrameSetting("numpy", "float32", QUANTILE)
 
 
 class Sensor:
-    """A camera and an exposure in a scene's light, without a render's variance, and what a kit measures of them.
-
-    Raises InputError for photons that ``expose`` would refuse and for a negative tolerance.
-    """
+    """A camera in a scene's light, without a render's variance. Raises InputError for light that ``expose`` refuses."""
 
     def __init__(self, kit: Kit, subject: Subject, light: Photons, tolerances: Sequence[float] = TOLERANCES_DN) -> None:
         self.kit, self.subject, self.photons = kit, subject, as_photons(light, subject.camera)
@@ -84,8 +81,7 @@ class Sensor:
         "moments" by light level (3, levels), "predicted_dn", their change, and "worst_pixel_dn", of any pixel."""
         if (key := f"plan: {tolerance_dn}") not in self.kit.known:
             self.kit.measure(key, SHORT_S, partial(self._planned, tolerance_dn))
-        found: Values = self.kit[key]
-        return found
+        return dict(self.kit[key])
 
     def _planned(self, tolerance_dn: float | None) -> Values:
         whole = stages = self.subject.camera.stages
@@ -143,7 +139,7 @@ class Sensor:
         return {**frames.pixel_difference(digital, self._reference), "share_of_numpy": differ}
 
     def moments(self, setting: FrameSetting) -> Array:
-        """Of frames on the host, by light level, (3, levels, sensors); equal random bits make differences sure."""
+        """Of frames on the host, by light level, (3, levels, sensors); equal random bits make differences clear."""
         stages = self.plan(setting.tolerance_dn)["stages"]
         light = frames.Illuminated(self.windows["small"], self.subject.exposure, setting.backend())
         return by_level(light.measured_moments(stages, REPLICAS, self.expected(stages), self.groups))
@@ -176,9 +172,8 @@ class Change(NamedTuple):
 def change(found: Array, other: Array, theory: Array, other_theory: Array) -> Change:
     """found − other, (3, levels, sensors), of frames with equal random bits; ``other`` may be a theory, without error.
 
-    √a − √b = (a − b)/(√a + √b), with the temporal variances that the frames show and the spatial ones of theory, which
-    the frames know less well. Where a variance is not resolved, neither is its root: √a + √b is at least √|a − b| and
-    the root of the standard error.
+    √a − √b = (a − b)/(√a + √b), with temporal variances of the frames and spatial ones of theory, known better. Where a
+    variance is not resolved, neither is its root: √a + √b is at least √|a − b| and the root of the standard error.
     """
     off = found - (other if other.ndim == 3 else other[..., None])
     value, error = off.mean(axis=2), off.std(axis=2, ddof=1) / np.sqrt(off.shape[2])

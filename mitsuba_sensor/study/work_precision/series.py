@@ -64,10 +64,9 @@ class Choice(NamedTuple):
 
 
 class Series:
-    """A setting with its scene loaded, ready to render; nothing is compiled yet.
+    """A setting with its scene loaded, nothing compiled. groups : of bands rendered apart.  shape : (rows, columns).
 
-    Let the one before go first: Mitsuba's kernels know the materials of every scene that is loaded, and each makes a
-    pass longer.  groups : of bands rendered apart.  shape : (rows, columns).
+    Let the one before go first: Mitsuba's kernels know the materials of every loaded scene, each makes a pass longer.
     """
 
     def __init__(self, subject: Subject, setting: RenderSetting) -> None:
@@ -114,27 +113,19 @@ class Series:
 
 @dataclass(eq=False)
 class Block:
-    """Passes that follow each other, as one render.
-
-    irradiance : mean, (H, W, B) [W m⁻² nm⁻¹].  electrons : mean, (H, W).  squares : Σ (pass − mean)², (H, W).
-    """
+    """Passes that follow each other, as one render."""
 
     passes: int
     seconds: float
-    irradiance: NumpyArray
-    electrons: Float64Array
-    squares: Float64Array | float = 0.0
+    irradiance: NumpyArray  # mean, (H, W, B) [W m⁻² nm⁻¹]
+    electrons: Float64Array  # mean, (H, W)
+    squares: Float64Array | float = 0.0  # Σ (pass − mean)², (H, W)
 
     def __add__(self, other: Block) -> Block:
         """Two blocks of one size as one."""
         squares = self.squares + other.squares + 0.5 * self.passes * (self.electrons - other.electrons) ** 2
         means = 0.5 * (self.irradiance + other.irradiance), 0.5 * (self.electrons + other.electrons)
         return Block(2 * self.passes, self.seconds + other.seconds, *means, squares)
-
-    @property
-    def variance_e2(self) -> Float64Array:
-        """Of the mean electrons, as the passes' spread tells, (H, W)."""
-        return np.asarray(self.squares / (self.passes * (self.passes - 1)))
 
 
 def one_by_one(job: PreparedRender, seed: int, criterion: StopCriterion) -> Iterator[Block]:
@@ -168,16 +159,14 @@ def usable_variants(asked: Sequence[str] | None) -> tuple[Variant, ...]:
     return tuple(dict.fromkeys(map(choose_variant, asked)))
 
 
-def all_settings(
-    base: RenderSetting, variants: Sequence[Variant], bands: Bands, channels: bool
-) -> tuple[RenderSetting, ...]:
+def all_settings(base: RenderSetting, variants: Sequence[Variant], bands: Bands, channels: bool) -> list[RenderSetting]:
     """What is compared, ``base`` first: one factor at a time. bands : of ``base``.  channels : whether these may be."""
     separate = len(bands) > 1 and bands.bandwidths_nm.min() >= NARROWEST_NM
     bandings = {"cube": len(bands) > GROUP, "channels": channels, "loop": separate}
-    return (
+    return [
         base,
         *(base._replace(sampler=sampler, samples=samples) for sampler, samples in SAMPLERS.items()),
         *(base._replace(samples=samples) for samples in SIZES),
         *(base._replace(variant=variant.name) for variant in variants[1:]),
         *(base._replace(banding=banding) for banding, usable in bandings.items() if usable),
-    )
+    ]
