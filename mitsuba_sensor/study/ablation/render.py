@@ -124,8 +124,10 @@ def compared(base: Array, changed: Array, theory: Array | None, full_dn: float) 
     signal_dn, mean_dn = float(np.minimum(base.mean(axis=0), full_dn).mean()), float(off.mean())
     found: Values = {"signal_dn": signal_dn, "mean_dn": mean_dn, "mean_error": standard_error(each.mean(axis=(1, 2)))}
     found |= {"rms_dn": rms, "rms_error": rms_error}
-    if theory is None:
-        return {**found, **_worst_by_halves(base, changed, full_dn), "predicted": None}
+    if theory is None:  # the pixels that every other pass names, as the others see them: no noise is picked
+        halves = [_change(base[k::2], changed[k::2], full_dn) for k in (0, 1)]
+        values, errors = zip(*(_over(*halves[1 - k][:2], _worst(halves[k][0])) for k in (0, 1)), strict=True)
+        return {**found, "worst_dn": 0.5 * sum(values), "worst_error": 0.5 * math.hypot(*errors), "predicted": None}
     expected, *_ = _change(base, theory, full_dn)
     weights, least = _worst(expected), LAST_DIGIT * signal_dn
     rest = np.where(unsaturated, changed - theory, 0.0)
@@ -170,14 +172,6 @@ def _rms(each: Array) -> tuple[float, float]:
     error = math.sqrt((count - 1) / count * float(((left - left.mean()) ** 2).sum()))
     rms = math.sqrt(max(whole, 0.0))
     return rms, error / (2 * rms) if whole > error else math.sqrt(error)
-
-
-def _worst_by_halves(base: Array, changed: Array, full_dn: float) -> dict[str, float]:
-    """The pixels that every other pass names, as the others see them, and the other way round: no noise is picked."""
-    halves = [_change(base[k::2], changed[k::2], full_dn) for k in (0, 1)]
-    seen = (_over(*halves[1 - k][:2], _worst(halves[k][0])) for k in (0, 1))
-    values, errors = zip(*seen, strict=True)
-    return {"worst_dn": 0.5 * sum(values), "worst_error": 0.5 * math.hypot(*errors)}
 
 
 def _in_one_pass(subject: Subject, criterion: StopCriterion, seed: int) -> Values:

@@ -32,11 +32,12 @@ WORST, FEWEST_PIXELS = 0.01, 16
 """Share of the pixels, or so many, that are "the worst", which theory says that a chain moves most. One pixel alone has
 one fixed pattern per sensor, and its variance would be known to a sixth at best."""
 LOOKED_AT = 8  # frames, each of a sensor of its own, whose pixels are compared one by one with those of the whole chain
-SHAPE = {"numpy": (256, 512), "drjit": (1024, 1024)}
-"""Pixels of the frames that are timed, however small the render: one strip of NumPy's, and enough for a kernel."""
+SHAPE = {
+    "numpy": (256, 512),
+    "drjit": (1024, 1024),
+}  # pixels of timed frames: one strip of NumPy's; enough for a kernel
 TURNS = {"numpy": 15, "drjit": 7}  # in each of which every chain makes frames
-RARE = 2.0
-"""Events that are the standard error where none was seen: of 3 · 2 expected, none is seen in 1 of 400 cases, 3 σ."""
+RARE = 2.0  # events, the standard error where none was seen: of 3 · 2 expected, none is seen in 1 of 400 cases, 3 σ
 NUMPY_NS, DRJIT_NS, CALL_S, KERNEL_S = 120.0, 12.0, 1.5e-3, 3.0
 """Per pixel and frame, per call of a chain, per kernel, on two cores of an AMD EPYC: for the estimate at first."""
 
@@ -53,9 +54,8 @@ class Comparison(NamedTuple):
 
 
 class Chains:
-    """Every chain of a camera under some light, and what theory says of it. photons : of every pixel, taken as exact.
+    """Every chain of a camera under some light, taken as exact: whole, without a stage, planned; and what theory says.
 
-    stages : by name, whole, without a stage, planned.  expected : moments of every pixel, (3, H, W).
     worst : in which of the quantities any pixel moves most, and how far [DN].
     groups : pixels whose averages are looked at: all, and by chain those that it moves most, the worst last.
     """
@@ -179,17 +179,13 @@ class SensorAblation:
 
 
 class SensorResults:
-    """All that was measured about the sensor, compared. furthest : with the largest |z|.
-
-    changes : by chain, of mean, temporal and spatial σ over all pixels; of the whole chain these themselves.
-    worst : by chain, of what it changes most, over the worst pixels.  turns : ns per pixel, by engine and chain.
-    """
+    """All that was measured about the sensor, compared; turns : ns per pixel.  furthest : with the largest |z|."""
 
     def __init__(self, ablation: SensorAblation) -> None:
         self._ablation, kit, names = ablation, ablation.kit, ablation.names
         self.theory: Known = kit[THEORY]
         self.looked: Known = kit[EQUAL_BITS]
-        self.changes = {case: [self._compare(case, WHOLE, of) for of in QUANTITIES] for case in names}
+        self.changes = {case: [self._compare(case, WHOLE, of) for of in QUANTITIES] for case in names}  # all pixels
         self.worst = {case: self._compare(case, case, self.theory["cases"][case]["of"]) for case in names[1:]}
         self.turns: dict[str, Values] = {one: x for one in ablation.engines if (x := kit[f"seconds, {one}"])}
         every = [*(one for row in self.changes.values() for one in row), *self.worst.values()]

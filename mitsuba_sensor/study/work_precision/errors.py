@@ -109,12 +109,10 @@ def render_reference(subject: Subject, setting: RenderSetting) -> Reference:
     """Render as many passes as the time allows. Raises InputError for a scene without light."""
     grouped = setting.banding == "cube"
     series = Series(subject, setting._replace(samples=SAMPLES_OF_FOUR if grouped else SAMPLES))
-
-    def rendered(passes: int) -> Irradiance:
-        return series.job.render(SEED, StopCriterion(passes, series.setting.samples, grouped=grouped))
-
-    rendered(1)  # compiles
-    light = rendered(max(math.ceil(REFERENCE_S / rendered(1).statistics.seconds), FEWEST_PASSES))
+    render, one = series.job.render, StopCriterion(1, series.setting.samples, grouped=grouped)
+    render(SEED, one)  # compiles
+    passes = max(math.ceil(REFERENCE_S / render(SEED, one).statistics.seconds), FEWEST_PASSES)
+    light = render(SEED, replace(one, passes=passes))
     electrons, variance_e2 = series.job.renderer.electrons()
     return Reference(light, series.light(light.data.astype(np.float64), electrons), electrons, variance_e2)
 

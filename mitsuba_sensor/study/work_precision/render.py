@@ -42,13 +42,7 @@ MARGIN = 1.1  # on the samples that a check asks for: its error is known to some
 
 
 class Render:
-    """Every way to render this scene for this camera, and what a kit measures of them.
-
-    tolerance : relative rms error of the electrons of a pixel, over the picture, for which options are recommended.
-    seeds : independent runs of each setting, 2 … 64; their spread makes the intervals.
-    variants : of Mitsuba, the first with all settings; by default every spectral one that works here.
-    Raises InputError for a variant that is not there, and for what :func:`mitsuba_sensor.render` would refuse.
-    """
+    """Every way to render this scene for this camera, and what a kit measures of them: see :func:`work_precision`."""
 
     def __init__(
         self, kit: Kit, subject: Subject, tolerance: float, seeds: int, variants: Sequence[str] | None

@@ -90,10 +90,7 @@ def drawn_law(setting: FrameSetting, mean: float) -> Law:
 
 def counts_of(backend: types.Array, bits: types.RandomBits, mean: float) -> Array:
     """What a line of random bits (N,) draws from one mean, on whichever :class:`Backend`."""
-    if backend.compiled:
-        counts = backend.poisson(backend.uint(bits), backend.number(mean)).numpy()
-    else:
-        counts = backend.poisson(bits, np.float32(mean) if backend.precision == "float32" else mean)
+    counts = backend.poisson(backend.uint(bits) if backend.compiled else bits, backend.number(mean))
     return np.broadcast_to(np.asarray(counts, dtype=np.float64), bits.shape)
 
 

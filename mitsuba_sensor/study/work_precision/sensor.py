@@ -196,8 +196,8 @@ class Row:
         self.faster = ratio(*([turn[one.name] for turn in turns] for one in (REFERENCE, setting)))
         self.saved = spread(1 - turn[setting.name] / turn[whole.name] for turn in turns)  # of the whole chain's time
         self.pixels: dict[str, float] = {} if setting.sampler == GENERATOR else kit[f"pixels: {setting.name}"]
-        on_numpy = (one._replace(engine="numpy").name for one in (setting, REFERENCE, whole))
-        mine, reference, uncut = (kit[f"moments: {name}"] for name in on_numpy)
+        host = (one._replace(engine="numpy") for one in (setting, REFERENCE, whole))
+        mine, reference, uncut = (kit[f"moments: {one.name}"] for one in host)
         theory, of_whole = sensor.plan(setting.tolerance_dn)["moments"], sensor.plan(None)["moments"]
         self.change = change(mine, reference, theory, of_whole)
         self.of_plan = change(mine, uncut, theory, of_whole)  # from the whole chain in the same precision
@@ -239,9 +239,8 @@ class Results:
                 what = f"total variation up to a mean of {VARIATION_UP_TO:g}, {one.name}"
                 yield what, worst["variation"], VARIATION + worst["resolution"]
             if one.engine == "drjit":
-                what = f"the bytes of NumPy float32, {one.name}: share of pixels"
-                yield what, row.pixels["share_of_numpy"], 0.0
-        if self.plans and self.plans[min(self.plans)]["precision"] == "float32":
+                yield f"the bytes of NumPy float32, {one.name}: share of pixels", row.pixels["share_of_numpy"], 0.0
+        if self.plans[min(self.plans)]["precision"] == "float32":
             pixels = self.rows[SINGLE].pixels
             yield "share of pixels that float32 moves", pixels["share_of_pixels"], SHARE
             yield "largest step that float32 makes [DN]", pixels["largest_dn"], LARGEST_DN

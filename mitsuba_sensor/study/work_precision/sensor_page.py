@@ -18,7 +18,6 @@ from .sensor import LEAST_DN, SINGLE, Results
 
 USUAL_DN = 0.02  # the tolerance that the first finding is about, where it was tried
 NANOSECONDS, FASTER = "time [ns/pixel]", f"times as fast as {REFERENCE.name}"
-BY_CHANCE = "as many exact draws, by chance"
 CHANGE = "change of mean, temporal σ or spatial σ [DN]"
 
 
@@ -32,23 +31,28 @@ def sensor_section(results: Results) -> Section:
         (("bad" if one in off else "good", one) for one in every),
         "Limits of measured changes hold as many standard errors that chance fails one setting in a thousand.",
     )
+    best = {dn: results.recommended(dn) for dn in results.plans}
+    what_to_take = table(
+        "What to take for a tolerance",
+        f"tolerance [DN] | fastest that keeps it | {NANOSECONDS} | {FASTER} | measured change [DN] | "
+        "± standard error [DN]",
+        (("", (dn, row.setting.name, row.ns.median, row.faster, *row.change.worst[:2])) for dn, row in best.items()),
+        "The change is the largest of mean, temporal σ and spatial σ at any light level, from float64, whole chain.",
+    )
     missed = [f"Not as it must be: {what} is {found:.3g}, the limit {limit:.3g}." for what, found, limit in off]
-    parts = _what_to_take(results), _error_against_time(results), _settings_table(results), *_plans_parts(results)
+    parts = what_to_take, _error_against_time(results), _settings_table(results), *_plans_parts(results)
     return Section((*missed, *findings(results)), not off, (*parts, *_laws_parts(results), requirements))
 
 
 def findings(results: Results) -> Iterator[str]:
     """Sentences, the most important first."""
-    if results.plans:
-        yield _advice(results, USUAL_DN if USUAL_DN in results.plans else next(iter(results.plans)))
+    yield _advice(results, USUAL_DN if USUAL_DN in results.plans else next(iter(results.plans)))
     plain, rounded, third = (results.rows[SINGLE._replace(sampler=one)] for one in (QUANTILE, GAUSSIAN, GENERATOR))
     for engine in frames.BACKENDS:  # the whole chain against NumPy in float32
         if row := results.rows.get(SINGLE._replace(engine=engine)):
-            yield (
-                f"The whole chain takes {row.ns.median:.3g} ns/pixel on {engine}, "
-                f"{ratio(plain.turns_ns, row.turns_ns):.3g} times as fast as NumPy float32 ({plain.ns.median:.3g}); "
-                f"their first frames took {row.first_s:.2g} and {plain.first_s:.2g} s."
-            )
+            fast = f"{ratio(plain.turns_ns, row.turns_ns):.3g} times as fast as NumPy float32 ({plain.ns.median:.3g})"
+            first = f"their first frames took {row.first_s:.2g} and {plain.first_s:.2g} s"
+            yield f"The whole chain takes {row.ns.median:.3g} ns/pixel on {engine}, {fast}; {first}."
     for engine, problem in results.absent.items():
         yield f"The engine {engine} is not here: {problem}."
     mean = min(measured.MEANS, key=lambda mean: mean != 10)
@@ -75,17 +79,6 @@ def _advice(results: Results, dn: float) -> str:
     return (
         f"{start}. It leaves out {left} of {left + len(made['stages'])} stages, which {saved} the whole chain's time; "
         f"mean, temporal σ and spatial σ change by at most {value:.2g} ± {error:.1g} DN."
-    )
-
-
-def _what_to_take(results: Results) -> Table:
-    best = {dn: results.recommended(dn) for dn in results.plans}
-    return table(
-        "What to take for a tolerance",
-        f"tolerance [DN] | fastest that keeps it | {NANOSECONDS} | {FASTER} | measured change [DN] | "
-        "± standard error [DN]",
-        (("", (dn, row.setting.name, row.ns.median, row.faster, *row.change.worst[:2])) for dn, row in best.items()),
-        "The change is the largest of mean, temporal σ and spatial σ at any light level, from float64, whole chain.",
     )
 
 
@@ -165,11 +158,12 @@ def _laws_parts(results: Results) -> tuple[Plot, Table, Table]:
         return line(label, points, dashed=name.endswith(GENERATOR))
 
     third = next(name for name in distinct if name.endswith(GENERATOR))
-    lines = *(drawn(name, name, "variation") for name in distinct), drawn(BY_CHANCE, third, "resolution")
+    lines = [drawn(name, name, "variation") for name in distinct]
+    lines.append(drawn("as many exact draws, by chance", third, "resolution"))
     note = "Over all 2^32 random bits, by bisection; a generator that has a state by 2 million draws, whose distance "
     note += "from the law is then chance."
     title, x_label, y_label = "Distance of the drawn law from Poisson's", "mean [events]", "total variation ½Σ|p − q|"
-    plot = Plot(title, x_label, y_label, lines, note=note)
+    plot = Plot(title, x_label, y_label, tuple(lines), note=note)
     values = {name: [law["variation"] for law in laws] for name, laws in every.items()}
     values["resolution"] = [law["resolution"] for law in every[REFERENCE.name]]
     variations = table(

@@ -89,15 +89,13 @@ class Series:
 
     def passes(self, seed: int, count: int) -> Iterator[Block]:
         """Renders of one pass each; what is done between them is not timed."""
-        if self.loop:
-            return iter(self._band_by_band(seed, count))
-        return one_by_one(self.job, seed, StopCriterion(count, self.setting.samples, grouped=self.groups > 1))
-
-    def _band_by_band(self, seed: int, count: int) -> list[Block]:
-        """All passes of a band one after the other, as one would; its scene is let go before the next is loaded."""
-        shape, criterion = (*self.shape, len(self.bands)), StopCriterion(count, self.setting.samples)
+        criterion = StopCriterion(count, self.setting.samples, grouped=self.groups > 1 and not self.loop)
+        if not self.loop:
+            yield from one_by_one(self.job, seed, criterion)
+            return
+        shape = *self.shape, len(self.bands)
         blocks = [Block(1, 0.0, np.zeros(shape), np.zeros(self.shape)) for _ in range(count)]
-        for k in range(len(self.bands)):
+        for k in range(len(self.bands)):  # all passes of a band; its scene is let go before the next is loaded
             centre, width = float(self.bands.wavelengths_nm[k]), float(self.bands.bandwidths_nm[k])
             try:
                 job = self._loaded(spectral="auto", wavelength_nm=centre, bandwidth_nm=width)
@@ -108,7 +106,7 @@ class Series:
                 block.seconds += one.seconds
                 block.irradiance[..., k] = one.irradiance[..., 0]
                 block.electrons += one.electrons
-        return blocks
+        yield from blocks
 
 
 @dataclass(eq=False)
