@@ -48,8 +48,10 @@ class Sensor:
     def measure(self) -> None:
         """All that is not measured yet; what is timed comes first, while no other work has warmed a kernel."""
         self.kit.measure("engines", SHORT_S, lambda: {engine: frames.problem_of(engine) for engine in ENGINES})
-        self.kit.take(self._steps())
-        self._streams.clear()
+        try:
+            self.kit.take(self._steps())
+        finally:
+            self._streams.clear()
 
     @property
     def settings(self) -> list[FrameSetting]:
