@@ -32,10 +32,7 @@ WORST, FEWEST_PIXELS = 0.01, 16
 """Share of the pixels, or so many, that are "the worst", which theory says that a chain moves most. One pixel alone has
 one fixed pattern per sensor, and its variance would be known to a sixth at best."""
 LOOKED_AT = 8  # frames, each of a sensor of its own, whose pixels are compared one by one with those of the whole chain
-SHAPE = {
-    "numpy": (256, 512),
-    "drjit": (1024, 1024),
-}  # pixels of timed frames: one strip of NumPy's; enough for a kernel
+SHAPE = {"numpy": (256, 512), "drjit": (1024, 1024)}  # of timed frames: one strip of NumPy's, enough for a kernel
 TURNS = {"numpy": 15, "drjit": 7}  # in each of which every chain makes frames
 RARE = 2.0  # events, the standard error where none was seen: of 3 · 2 expected, none is seen in 1 of 400 cases, 3 σ
 NUMPY_NS, DRJIT_NS, CALL_S, KERNEL_S = 120.0, 12.0, 1.5e-3, 3.0
