@@ -11,10 +11,8 @@ import numpy as np
 
 from .statistics import Values
 
-Progress = Callable[[float, float, str], None]
-"""What a study calls as it goes: seconds of work done, seconds expected in all, and what is measured now."""
-Task = Callable[[], int]
-"""Something to be timed; returns how many times it did its work."""
+Progress = Callable[[float, float, str], None]  # told seconds of work done, seconds expected in all, and what is next
+Task = Callable[[], int]  # something to be timed; returns how many times it did its work
 
 
 class Step(NamedTuple):
@@ -32,10 +30,9 @@ class Kit:
         goes on from there.  new : how many were measured by this kit.
     """
 
-    def __init__(self, known: Values | None = None, progress: Progress | None = None) -> None:
+    def __init__(self, known: Values | None = None, progress: Progress = lambda *_: None) -> None:
         self.known = {} if known is None else known
-        self.new, self._taken_s = 0, 0.0
-        self._progress = progress or (lambda *_: None)
+        self.new, self._taken_s, self._progress = 0, 0.0, progress
 
     def __getitem__(self, key: str) -> Any:
         """A value that is measured already."""
@@ -47,10 +44,9 @@ class Kit:
         return float(sum(seconds for _, seconds in self.known.values()))
 
     def take(self, steps: Iterable[Step], after_s: float = 0.0) -> None:
-        """Measure every step that is not known yet, in order.
+        """Measure every step that is not known yet, in order; after_s : expected of the study behind these steps.
 
-        What is left is expected to take as much longer or shorter as the steps so far did. after_s : seconds that are
-        expected of the study behind these steps.
+        What is left is expected to take as much longer or shorter as the steps so far did.
         """
         left = [step for step in steps if step.key not in self.known]
         before_s, expected_s = self._taken_s, 0.0

@@ -64,9 +64,13 @@ def follower_formulas(_: Engine) -> Rows:
         got = holds(f"{noise.sigma_v / VOLTS_PER_E:.6g} e- in all, off by {off:.1g}", off <= SEAM)
         yield stage, given, "white, flicker, telegraph and σ as with 120 digits, to 1e-7 of each", got
     for t, expected_e in TABLED.items():
-        noise = replace(PAPER, white_nv_per_rthz=0.0, rtn_s=t)
-        got = relative(noise.sigma_v / VOLTS_PER_E, expected_e, 3e-5, " e-")
-        yield stage, f"τ_RTN = {shown(t)} s, 200 µV alone", f"{expected_e} e-", got
+        alone_e = replace(PAPER, white_nv_per_rthz=0.0, rtn_s=t).sigma_v / VOLTS_PER_E
+        yield (
+            stage,
+            f"τ_RTN = {shown(t)} s, 200 µV alone",
+            f"{expected_e} e-",
+            relative(alone_e, expected_e, 3e-5, " e-"),
+        )
     for x in DISTANCES:
         sides = [replace(PAPER, rtn_s=1e-6 * (1 + sign * x)) for sign in (-1, 1)]
         got = together(*(relative(noise.rtn_v2, float(exact_parts(noise)[2]), SEAM, " V²") for noise in sides))
@@ -76,16 +80,15 @@ def follower_formulas(_: Engine) -> Rows:
 
 def follower_in_camera(engine: Engine) -> Rows:
     """σ of what the stage adds."""
+    table = "source_follower__"
     given: dict[str, dict[str, float]] = {
-        **{f"t_s/τ_D = {shown(a)}, 100 µV": {"cds_dominant_s": 1e-6 / a} for a in (1e-9, 1e-3, 1.0, 1e3, 1e9)},
-        **{f"τ_RTN = {shown(t)} s, 200 µV": {"rtn_s": t, "rtn_uv": 200.0} for t in (1e-9, 1e-6, 1.0)},
+        **{f"t_s/τ_D = {shown(a)}, 100 µV": {f"{table}cds_dominant_s": 1e-6 / a} for a in (1e-9, 1e-3, 1.0, 1e3, 1e9)},
+        **{f"τ_RTN = {shown(t)} s, 200 µV": {f"{table}rtn_s": t, f"{table}rtn_uv": 200.0} for t in (1e-9, 1e-6, 1.0)},
     }
     for text, changes in given.items():
-        changes = {f"source_follower__{name}": value for name, value in ({"rtn_uv": 100.0} | changes).items()}
-        stage = stage_of("source follower noise", **changes)
-        added = engine.through(np.zeros((256, 256)), stage)
-        error = SIGMAS / math.sqrt(2 * added.size)
-        got = relative(added.std() / VOLTS_PER_E, stage.sigma_v / VOLTS_PER_E, error, " e-")
+        stage = stage_of("source follower noise", **({f"{table}rtn_uv": 100.0} | changes))
+        added, sigma_e = engine.through(np.zeros((256, 256)), stage), stage.sigma_v / VOLTS_PER_E
+        got = relative(added.std() / VOLTS_PER_E, sigma_e, SIGMAS / math.sqrt(2 * added.size), " e-")
         yield stage.label, f"in a camera, {text}", "σ of 65 536 pixels within 5 standard errors", got
 
 
