@@ -1,13 +1,15 @@
-"""Plots, bars and grids of verdicts as SVG for a page and as PNG for a README: the one place that uses Matplotlib."""
+"""A study as one HTML page that needs nothing else; plots, bars and verdicts as SVG in it and as PNG for a README."""
 
 from __future__ import annotations
 
 import io
+import math
+from html import escape
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .page import Bars, Grid, Mark, Picture, Plot
+from .page import Bars, Grid, Mark, Part, Picture, Plot, Study, Table
 from .statistics import Values
 
 if TYPE_CHECKING:
@@ -18,25 +20,77 @@ COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7
 MARKERS = "osD^vPX*>"  # one more than colours: all pairs come before one comes again
 CELL: dict[Mark, str] = {"good": "#BFE3CF", "bad": "#F2B6A0", "best": "#8CCBA8", "dim": "#EEEEEE", "": "#FFFFFF"}
 WIDTH_IN, HEIGHT_IN, BAR_IN, CELL_IN = 8.4, 4.6, 0.2, 0.3
-STYLE: Values = {
-    "font.size": 9.5,
-    "axes.prop_cycle": f"cycler('color', {COLOURS})",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": "#E4E4E4",
-    "errorbar.capsize": 2,
-    "legend.frameon": False,
-    "svg.fonttype": "none",  # text stays text
-    "svg.hashsalt": "mitsuba_sensor",  # equal studies give equal files
+MATPLOTLIB: Values = {
+    **{"font.size": 9.5, "axes.prop_cycle": f"cycler('color', {COLOURS})", "axes.axisbelow": True},
+    **{"axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.color": "#E4E4E4"},
+    **{"errorbar.capsize": 2, "legend.frameon": False},
+    **{"svg.fonttype": "none", "svg.hashsalt": "mitsuba_sensor"},  # text stays text, equal studies give equal files
 }
+STYLE = """
+body { font: 15px/1.5 system-ui, sans-serif; color: #222; max-width: 76rem; margin: 2rem auto; padding: 0 1.2rem; }
+h1 { font-size: 1.5rem; } h2 { font-size: 1.1rem; margin: 2rem 0 .4rem; }
+.note, footer { color: #555; font-size: .9rem; } .wide { overflow-x: auto; } svg { max-width: 100%; height: auto; }
+table { border-collapse: collapse; font-size: .86rem; font-variant-numeric: tabular-nums; }
+th, td { text-align: left; vertical-align: top; padding: .18rem .7rem .18rem 0; border-bottom: 1px solid #ddd; }
+td.number { text-align: right; white-space: nowrap; }
+.good { background: #e3f3ea; } .bad { background: #f9d9cc; } .best { background: #bfe3cf; } .dim { color: #888; }
+""".strip()
+ORIGIN = ("command", "scene", "camera", "exposure", "machine", "versions", "seconds", "date")
+"""What of a study's data stands at the foot of the page: what it was made with and how long that took."""
+
+
+def html(study: Study) -> str:
+    """The whole page."""
+    mark, verdict = ("good", "everything that must hold does") if study.passed else ("bad", "not all holds")
+    findings = "".join(f"<li>{escape(finding)}</li>" for finding in study.findings)
+    made = "".join(f"<div>{name}: {escape(text(study.data[name]))}</div>" for name in ORIGIN if name in study.data)
+    return (
+        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(study.title)}</title>\n'
+        f"<style>\n{STYLE}\n</style></head><body>\n<h1>{escape(study.title)}</h1>\n"
+        f'<p><strong class="{mark}">{verdict}</strong></p>\n<ul>{findings}</ul>\n'
+        f"{''.join(map(_part, study.parts))}<footer>{made}</footer>\n</body></html>\n"
+    )
+
+
+def text(value: object) -> str:
+    """A value for people: numbers with four digits, lists joined, nothing for None."""
+    match value:
+        case None:
+            return "–"
+        case bool():
+            return "yes" if value else "no"
+        case float():
+            plain = value == 0 or 1e-3 <= abs(value) < 1e5
+            return f"{value:.4g}" if plain or not math.isfinite(value) else f"{value:.3g}"
+        case dict():
+            return ", ".join(f"{key} {text(one)}" for key, one in value.items())
+        case list() | tuple():
+            return ", ".join(map(text, value))
+    return str(value)
+
+
+def _part(part: Part) -> str:
+    note = f'<p class="note">{escape(part.note)}</p>' if part.note else ""
+    inside = _table(part) if isinstance(part, Table) else svg(part)
+    return f'<section><h2>{escape(part.title)}</h2>{note}<div class="wide">{inside}</div></section>\n'
+
+
+def _table(table: Table) -> str:
+    heads = "".join(f"<th>{escape(column)}</th>" for column in table.columns)
+    marked = zip(table.marks or ("",) * len(table.rows), table.rows, strict=True)
+    rows = "".join(f'<tr class="{mark}">{"".join(map(_cell, row))}</tr>' for mark, row in marked)
+    return f"<table><thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table>"
+
+
+def _cell(value: object) -> str:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return f'<td class="{"number" if number else "text"}">{escape(text(value))}</td>'
 
 
 def svg(picture: Picture) -> str:
     """An <svg> element to put into a page, below a heading."""
-    text = _drawn(picture, "svg", {"Date": None}).decode("utf-8")
-    return text[text.index("<svg") :]
+    drawn = _drawn(picture, "svg", {"Date": None}).decode("utf-8")
+    return drawn[drawn.index("<svg") :]
 
 
 def png(picture: Picture) -> bytes:
@@ -49,7 +103,7 @@ def _drawn(picture: Picture, kind: str, metadata: Values | None = None) -> bytes
     from matplotlib.figure import Figure
 
     buffer = io.BytesIO()
-    with matplotlib.rc_context(STYLE):  # type: ignore[arg-type]
+    with matplotlib.rc_context(MATPLOTLIB):  # type: ignore[arg-type]
         figure = Figure(figsize=(WIDTH_IN, HEIGHT_IN))
         axes = figure.subplots()
         if isinstance(picture, Grid):
@@ -60,6 +114,9 @@ def _drawn(picture: Picture, kind: str, metadata: Values | None = None) -> bytes
             _bars(picture, axes)
         else:
             _plot(picture, axes)
+        if not isinstance(picture, Grid) and picture.level is not None:
+            line = axes.axvline if isinstance(picture, Bars) else axes.axhline
+            line(picture.level[0], color="black", linewidth=1, linestyle=":", label=picture.level[1])
         if axes.get_legend_handles_labels()[1]:
             axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1), fontsize=8.5)
         if kind == "png":
@@ -77,12 +134,8 @@ def _plot(plot: Plot, axes: Axes) -> None:
         x, y = ([values[i] for i in line.ringed] for values in (line.x, line.y))
         axes.scatter(x, y, s=95, facecolors="none", edgecolors="black", zorder=3)
     axes.set(xlabel=plot.x_label, ylabel=plot.y_label)
-    if plot.level is not None:
-        axes.axhline(plot.level[0], color="black", linewidth=1, linestyle=":", label=plot.level[1])
-    if plot.log_x:
-        _log_scale(axes, "x", [x for line in plot.lines for x in line.x])
-    if plot.log_y:
-        _log_scale(axes, "y", [y for line in plot.lines for y in line.y])
+    _log_scale(axes, "x", [x for line in plot.lines for x in line.x if plot.log_x])
+    _log_scale(axes, "y", [y for line in plot.lines for y in line.y if plot.log_y])
 
 
 def _log_scale(axes: Axes, name: str, values: list[float]) -> None:
@@ -102,13 +155,10 @@ def _bars(bars: Bars, axes: Axes) -> None:
         error = np.array(bars.error[name], dtype=float) if name in bars.error else None
         label = name if len(bars.series) > 1 else None
         axes.barh(places, np.array(values, dtype=float), height, xerr=error, label=label, error_kw={"elinewidth": 0.9})
-    if bars.log_x:
-        _log_scale(axes, "x", [value for values in bars.series.values() for value in values if value is not None])
+    _log_scale(axes, "x", [x for values in bars.series.values() for x in values if bars.log_x and x is not None])
     axes.set_yticks(rows, bars.labels)
     axes.set(xlabel=bars.x_label, ylim=(len(rows) - 0.4, -0.6))
     axes.grid(visible=False, axis="y")
-    if bars.level is not None:
-        axes.axvline(bars.level[0], color="black", linewidth=1, linestyle=":", label=bars.level[1])
 
 
 def _grid(grid: Grid, axes: Axes) -> None:

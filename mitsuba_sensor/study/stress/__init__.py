@@ -49,6 +49,7 @@ class Theme(NamedTuple):
 
 Case = tuple[str, str, str, str]  # theme, stage, input, what must come; no two have the first three in common
 Verdicts = dict[Case, dict[str, Got]]  # case → engine → what came
+Nudged = tuple[str, float | None, Camera, Photons, Exposure]  # input, its value, and everything with another input
 THEMES = (
     Theme("light", whole.lights, seconds=1.2),
     Theme("light", whole.renderers_values, (NO_ENGINE,)),
@@ -86,8 +87,8 @@ def verdicts_of(theme: Theme, engine: Engine) -> list[tuple[Case, Got]]:
     try:
         with warnings.catch_warnings(), np.errstate(divide="warn", over="warn", invalid="warn"):
             warnings.simplefilter("error", RuntimeWarning)
-            for *case, got in theme.cases(engine):
-                found.append(((theme.name, *case), got))
+            for stage, given, expected, got in theme.cases(engine):
+                found.append(((theme.name, stage, given, expected), got))
     except Exception as error:  # whatever it is, it is the answer of a case and must not end the study
         behind = f"behind {found[-1][0][2]}" if found else "the first"
         found.append(((theme.name, "", behind, "an answer"), Got(f"{type(error).__name__}: {error}", False)))
@@ -97,20 +98,18 @@ def verdicts_of(theme: Theme, engine: Engine) -> list[tuple[Case, Got]]:
 def stress(kit: Kit) -> Study:
     """Ask every theme of every engine that is on this machine; those that are not are said to be not here."""
     pairs = [(k, theme, engine) for k, theme in enumerate(THEMES) for engine in theme.asked if engine.problem is None]
-    steps = {f"{k}: {theme.name} | {engine.name}": (theme, engine) for k, theme, engine in pairs}
-    asked = [Step(key, pair[0].seconds, partial(verdicts_of, *pair)) for key, pair in steps.items()]
-    kit.take([*asked, Step("condition numbers", CONDITIONS_S, sensitivities)])
+    here = {f"{k}: {theme.name} | {engine.name}": (theme, engine) for k, theme, engine in pairs}
+    steps = [Step(key, pair[0].seconds, partial(verdicts_of, *pair)) for key, pair in here.items()]
+    kit.take([*steps, Step("condition numbers", CONDITIONS_S, sensitivities)])
     verdicts: Verdicts = {}
-    for key, (_, engine) in steps.items():
+    for key, (_, engine) in here.items():
         for case, got in kit[key]:
             verdicts.setdefault(case, {})[engine.name] = got
-    found: list[Sensitivity] = kit["condition numbers"]
     themes = tuple(dict.fromkeys(theme.name for theme in THEMES))
-    numbers = conditions_bars(strongest(found, BARS)), conditions_table(strongest(found, SHOWN))
     passed = all(got.passed for answers in verdicts.values() for got in answers.values())
-    parts = grid(themes, verdicts), *numbers, *(table_of(theme, verdicts) for theme in themes)
-    section = Section((*findings(verdicts, kit.seconds), which(found)), passed, parts)
-    return study_of("stress", "Stiff and extreme cases", [section])
+    first = Section(tuple(findings(verdicts, kit.seconds)), passed, (grid(themes, verdicts),))
+    tables = Section((), passed, tuple(table_of(theme, verdicts) for theme in themes))
+    return study_of("stress", "Stiff and extreme cases", [first, conditions(kit["condition numbers"]), tables])
 
 
 def findings(verdicts: Verdicts, seconds: float) -> list[str]:
@@ -199,8 +198,8 @@ def of_camera(name: str, camera: Camera, exposure: Exposure) -> Iterator[Sensiti
     photons = np.array([*LEVELS.values()]) * camera.pixel.full_well_e / whole.reference_qe(camera).max()
     light = Photons(np.tile(np.repeat(photons, columns), (rows, 1)))
     here = expected_moments(camera.stages, light, exposure, rounded=False)
-    for field, value, (changed, *others) in nudges(camera, light, exposure):
-        moved = np.abs(in_dn(expected_moments(changed.stages, *others, rounded=False), here))
+    for field, value, changed, shone, exposed in nudges(camera, light, exposure):
+        moved = np.abs(in_dn(expected_moments(changed.stages, shone, exposed, rounded=False), here))
         for k, level in enumerate(LEVELS):
             tile = np.s_[:, :, k * columns : (k + 1) * columns]
             moved_dn, mean_dn = moved[tile].reshape(3, -1), here[tile][0].ravel()
@@ -210,14 +209,12 @@ def of_camera(name: str, camera: Camera, exposure: Exposure) -> Iterator[Sensiti
                 yield Sensitivity(name, exposure.time_s, level, field, number, mean, largest)
 
 
-def nudges(
-    camera: Camera, light: Photons, exposure: Exposure
-) -> Iterator[tuple[str, float | None, tuple[Camera, Photons, Exposure]]]:
+def nudges(camera: Camera, light: Photons, exposure: Exposure) -> Iterator[Nudged]:
     """Every input, its value where that is one number, and everything with that input one float32 step away."""
-    yield "photons", None, (camera, replace(light, mean=light.mean + ulp(light.mean) * (light.mean > 0)), exposure)
+    yield "photons", None, camera, replace(light, mean=light.mean + ulp(light.mean) * (light.mean > 0)), exposure
     for name in ("time_s", "temperature_k"):
         value = getattr(exposure, name)
-        yield name, value, (camera, light, replace(exposure, **{name: nudged(value, 1)}))
+        yield name, value, camera, light, replace(exposure, **{name: nudged(value, 1)})
     for field in (name for name in fields_of(Camera) if name.split(".")[0] not in UNUSED):
         value = attrgetter(field)(camera)
         if nudged(value, 1) == value:  # a table of fields, a switch, a text
@@ -226,7 +223,7 @@ def nudges(
             there = camera.replace(**{field: nudged(value, 1)})
         except InputError:  # the upper end of its range
             there = camera.replace(**{field: nudged(value, -1)})
-        yield field, value if isinstance(value, float) else None, (there, light, exposure)
+        yield field, value if isinstance(value, float) else None, there, light, exposure
 
 
 def ulp(value: Array) -> Array:
@@ -255,35 +252,30 @@ def strongest(found: Sequence[Sensitivity], each: int) -> list[Sensitivity]:
     return list(first.values())
 
 
-def which(found: Sequence[Sensitivity]) -> str:
-    """The strongest input of the shipped cameras, and of all."""
+def conditions(found: Sequence[Sensitivity]) -> Section:
+    """The inputs that move each camera's output most: in a sentence, as bars and in a table."""
     shipped, worst = next(one for one in found if one.camera in list_cameras()), found[0]
     beyond = " and ".join(dict.fromkeys(one.camera for one in found if one.largest_dn > NOTICED_DN))
     only = f"only {beyond} goes beyond {NOTICED_DN:g} DN" if beyond else f"none exceeds {NOTICED_DN:g} DN"
     of, at = (f"{one.field} of {one.camera}, {one.time_s:g} s, light {one.level}" for one in (shipped, worst))
-    return (
+    which = (
         f"One float32 step of an input moves an output of a shipped camera by {shipped.largest_dn:.2g} DN at most: "
         f"{of}; {only}, at most {worst.largest_dn:.2g} DN: {at}."
     )
-
-
-def conditions_table(found: Sequence[Sensitivity]) -> Table:
-    """The inputs that move each camera's output most."""
-    return table(
+    rows, level = strongest(found, BARS), (NOTICED_DN, f"{NOTICED_DN:g} DN")
+    labels = tuple(f"{s.camera}: {s.field}, {s.time_s:g} s, {s.level}" for s in rows)
+    moved = {name: tuple(s.moved_dn[k] or None for s in rows) for k, name in enumerate(QUANTITIES)}
+    bars = Bars("What one float32 step of an input moves", "change [DN]", labels, moved, log_x=True, level=level)
+    numbers = table(
         "Condition numbers: what one float32 step of an input does",
-        "camera | time [s] | light, share of well | input | value | mean [DN] | mean moves [DN] | "
-        "temporal σ moves [DN] | spatial σ moves [DN] | condition number of the mean | "
-        f"why above {NOTICED_DN:g} DN",
-        [("bad" if s.why else "", (*s[:4], s.value or "", s.mean_dn, *s.moved_dn, s.number, s.why)) for s in found],
+        "camera | time [s] | light, share of well | input | value | mean [DN] | mean moves [DN] | temporal σ moves [DN]"
+        f" | spatial σ moves [DN] | condition number of the mean | why above {NOTICED_DN:g} DN",
+        [
+            ("bad" if s.why else "", (*s[:4], s.value or "", s.mean_dn, *s.moved_dn, s.number, s.why))
+            for s in strongest(found, SHOWN)
+        ],
         "The strongest inputs of each camera, at the exposure and level where they move most; float64 theory before "
         "rounding. Engines compute such numbers in float64 and round each once; only pixels are float32 all the way. "
         "The condition number is the relative change of the mean over that of the input.",
     )
-
-
-def conditions_bars(rows: Sequence[Sensitivity]) -> Bars:
-    """The strongest of them."""
-    labels = tuple(f"{s.camera}: {s.field}, {s.time_s:g} s, {s.level}" for s in rows)
-    moved = {name: tuple(s.moved_dn[k] or None for s in rows) for k, name in enumerate(QUANTITIES)}
-    level = (NOTICED_DN, f"{NOTICED_DN:g} DN")
-    return Bars("What one float32 step of an input moves", "change [DN]", labels, moved, log_x=True, level=level)
+    return Section((which,), True, (bars, numbers))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from decimal import Decimal, localcontext
 
 import numpy as np
@@ -17,6 +17,7 @@ from ...sensor.effects.dark_current import mean_dark_e
 from ...sensor.stage import propagate
 from .case import RARE, SIGMAS, Engine, Rows, agree, holds, relative, shown, stage_of, table1, to_numpy, together
 
+ROUNDED = 1e-12  # exponents reach 1700 at 4 K, and an exponential loses that many unit roundoffs: 4e-13
 MEANS = (1e-6, 0.1, 1.0, 9.99, 10.0, 30.0, 1e3, 1e5, 1e7, 1e12)  # from 10 on expanded; above 2^24 not all float32
 
 
@@ -81,27 +82,18 @@ def rated(rate_e_per_s: float, kelvin: float, **more: object) -> dict[str, objec
     return {f"dark_current__{name}": value for name, value in {**rate, **more}.items()}
 
 
-KELVINS = (0.0, 5e-324, 4.0, 77.0, 133.0, 300.0, 400.0, 600.0)
-ROUNDED = 1e-12  # exponents reach 1700 at 4 K, and an exponential loses that many unit roundoffs: 4e-13
-
-
 def dark_current(_: Engine) -> Rows:
     """Ours and that of 50 digits, below the smallest float64 taken for 0 [e-/s]."""
-    warm, half = Decimal("298.15"), rated(5.0, 298.15)
+    warm, half, kelvins = Decimal("298.15"), rated(5.0, 298.15), (0.0, 5e-324, 4.0, 77.0, 133.0, 300.0, 400.0, 600.0)
     nanoampere = Decimal("1e-9") * Decimal(5.7e-4**2) / Decimal(ELEMENTARY_CHARGE_C)  # 1 nA/cm² on 5.7 µm [e-/s]
-    models: dict[str, tuple[dict[str, object], Callable[[Decimal], Decimal]]] = {
+    diffusion, doubling = {"dark_current__diffusion_fom_na_per_cm2": 0.1}, {**half, "dark_current__doubling_k": 7.0}
+    models: dict[str, tuple[Mapping[str, object], Callable[[Decimal], Decimal]]] = {
         "figure of merit, 1 nA/cm²": ({}, lambda t: nanoampere * activation(t)),
-        "MPP, 0.1 and 1 nA/cm²": (
-            {"dark_current__diffusion_fom_na_per_cm2": 0.1},
-            lambda t: nanoampere * (activation(t, "3", 1) / 10 + activation(t)),
-        ),
+        "MPP, 0.1 and 1 nA/cm²": (diffusion, lambda t: nanoampere * (activation(t, "3", 1) / 10 + activation(t))),
         "5 e-/s at 298.15 K": (half, lambda t: 5 * activation(t) / activation(warm)),
-        "5 e-/s at 298.15 K, doubling in 7 K": (
-            {**half, "dark_current__doubling_k": 7.0},
-            lambda t: 5 * Decimal(2) ** ((t - warm) / 7),
-        ),
+        "5 e-/s at 298.15 K, doubling in 7 K": (doubling, lambda t: 5 * Decimal(2) ** ((t - warm) / 7)),
     }
-    for (name, (changes, rate)), kelvin in itertools.product(models.items(), KELVINS):
+    for (name, (changes, rate)), kelvin in itertools.product(models.items(), kelvins):
         with localcontext(prec=50, Emin=-(10**17)):
             exact = float(rate(Decimal(kelvin)))
         got = relative(mean_dark_e(table1(**changes), Exposure(1.0, kelvin)), exact, ROUNDED, " e-/s")
@@ -109,6 +101,7 @@ def dark_current(_: Engine) -> Rows:
         yield "dark current", f"{shown(kelvin)} K; {name}", expected, got
 
 
+SHAPE, ONE_SECOND, TENTHS = (256, 256), Exposure(1.0, 300.0), np.arange(1, 10) / 10
 FAMILIES = {
     **{"normal, cut at 0": "gaussian", "log-normal": "lognormal", "gamma": "gamma", "inverse Gaussian": "wald"},
     **{"logistic, cut at 0": "logistic", "normal, neighbours coupled by 0.25": "ar", "PRNU": ""},
@@ -121,10 +114,8 @@ HEAVY = {
     "inverse Gaussian": lambda cv: stats.invgauss(cv**2, scale=cv**-2),
 }
 """At a width of 10 a few pixels carry all of the mean, which does not converge: shares of pixels are looked at."""
-SHAPE, ONE_SECOND = (256, 256), Exposure(1.0, 300.0)
 COUPLED = (1 - 4 * 0.25**2) ** 1.5 / (1 - 2 * 0.25) ** 2  # so much more does the mean of a coupled map vary
 SMALLEST_COMPARED = 1e-25  # float32 engines hold e^(−69) at least; what is below is next to nothing anyway
-TENTHS = np.arange(1, 10) / 10
 
 
 def pattern(engine: Engine, light: float, *stages: Stage) -> tuple[Array, float, float]:

@@ -149,10 +149,9 @@ EDGES = {
 
 
 def light_with(*values: float) -> Float64Array:
-    """1000 photons, and these in the places (1, 2), (2, 0), …"""
+    """1000 photons, and these in the places (1, 2) and (2, 0)."""
     light = np.full((3, 4), 1000.0)
-    for place, value in zip(((1, 2), (2, 0)), values, strict=False):
-        light[place] = value
+    np.put(light, [6, 8][: len(values)], values)
     return light
 
 
@@ -191,16 +190,17 @@ def infinite_light(engine: Engine) -> Rows:
     """+inf in one pixel; and in a band that the sensor does not see: ∞·0 = 0, the visible band counts alone."""
     light, camera = light_with(math.inf), table1()
     one, other = (engine.expose(x, camera, keep="electrons") for x in (light, light_with()))
-    assert one.electrons is not None
     same = (one.digital[0] == other.digital[0])[np.isfinite(light)].all()
-    full = float(one.electrons[0, 1, 2]), int(one.digital[0, 1, 2])
-    got = holds(f"{full[0]:g} e-, {full[1]} DN there; others as without: {same}", same, full == (33_000, 4095))
+    full_e, full_dn = np.asarray(one.electrons)[0, 1, 2], one.digital[0, 1, 2]
+    got = holds(
+        f"{full_e:g} e-, {full_dn} DN there; others as without: {same}", same, full_e == 33_000, full_dn == 4095
+    )
     yield "expose", "+inf photons in one pixel", "it is full, and no other changes", got
-    bands = np.stack([np.full((2, 2), np.inf), np.full((2, 2), 500.0)], axis=-1)
+    bands = np.tile([np.inf, 500.0], (2, 2, 1))
     both = engine.expose(bands, camera, wavelengths_nm=[1500.0, 550.0], keep="electrons").electrons
     alone = engine.expose(bands[..., 1], camera, keep="electrons").electrons
-    given = "+inf photons where the sensor sees nothing"
-    yield "detection", given, "no electron of them", agree(both, alone, unit=" e-")
+    got = agree(both, alone, unit=" e-")
+    yield "detection", "+inf photons where the sensor sees nothing", "no electron of them", got
 
 
 def whole_frames(engine: Engine) -> Rows:
@@ -247,11 +247,11 @@ def no_exact_count(_: Engine) -> Rows:
 
 def frame_sizes(engine: Engine) -> Rows:
     """Any window is the corner of a larger one; a large one in the dark has the mean of the black level."""
-    for shape in ((1, 1), (1, 5000), (5000, 1), (2, 3)):
-        corner = min(shape[0], 2), min(shape[1], 2)
-        one, other = (engine.expose(np.full(s, 500.0), table1(), TENTH).digital for s in (shape, corner))
-        got = agree(other, one[:, : corner[0], : corner[1]], 0.0, " DN", one.shape == (1, *shape))
-        yield "expose", f"{shape[0]} × {shape[1]}", "the corner of any other window", got
+    for rows, columns in ((1, 1), (1, 5000), (5000, 1), (2, 3)):
+        whole, corner = (np.full(shape, 500.0) for shape in ((rows, columns), (min(rows, 2), min(columns, 2))))
+        one, other = (engine.expose(light, table1()).digital for light in (whole, corner))
+        got = agree(other, one[:, :2, :2], 0.0, " DN", one.shape == (1, rows, columns))
+        yield "expose", f"{rows} × {columns}", "the corner of any other window", got
     rows, columns = 3000, 4000
     camera = table1(sensor__columns=columns, sensor__rows=rows, pixel__prnu=0.0)
     started = time.perf_counter()
