@@ -133,11 +133,8 @@ def stress(**flags: Flag) -> None:
 
 def _subject(scene: Path, found: RenderInput, flags: Flags, **more: Flag) -> tuple[Subject, dict[str, Flag]]:
     """What a study of a scene is about, and all that decides what is measured of it. more : options of the render."""
-    render = {
-        "parameters": flags["parameters"] or {},
-        **{name: flags[name] for name in ("scene_unit", "width")},
-        **more,
-    }
+    parameters = flags["parameters"] or {}
+    render = {"parameters": parameters, "scene_unit": flags["scene_unit"], "width": flags["width"], **more}
     about = {"scene": str(scene), "scene_sha256": found.scene.file.digest()}
     question = {**about, "camera": found.camera.model_dump(), "exposure": asdict(found.exposure), "render": render}
     return Subject(scene, found.camera, found.exposure, render), question

@@ -8,11 +8,9 @@ from typing import Literal
 
 from .statistics import Known, Values
 
-Mark = Literal["", "good", "bad", "best", "dim"]
-"""How a row or a cell is meant: as it must be, not as it must be, the one to take, of no weight."""
+Mark = Literal["", "good", "bad", "best", "dim"]  # as it must be, not as it must be, the one to take, of no weight
 MarkedRow = tuple[Mark, Sequence[object]]
-Level = tuple[float, str]
-"""Value and text of a line across a plot, to compare with."""
+Level = tuple[float, str]  # value and text of a line across a plot, to compare with
 
 
 @dataclass(frozen=True)
@@ -28,10 +26,9 @@ class Table:
 
 def table(title: str, headings: str, rows: Iterable[MarkedRow], note: str = "") -> Table:
     """A table whose headings are separated by `` | ``, of rows with their marks."""
-    marked = [(mark, tuple(row)) for mark, row in rows]
-    marks = tuple(mark for mark, _ in marked)
-    columns, cells = tuple(headings.split(" | ")), tuple(row for _, row in marked)
-    return Table(title, columns, cells, marks if any(marks) else (), note)
+    marked = list(rows)
+    marks, cells = tuple(mark for mark, _ in marked), tuple(tuple(row) for _, row in marked)
+    return Table(title, tuple(headings.split(" | ")), cells, marks if any(marks) else (), note)
 
 
 @dataclass(frozen=True)

@@ -103,9 +103,8 @@ def sense_node(engine: Engine) -> Rows:
         expected = "the closed form to 8 roundings, rising, never beyond V_REF/α"
         yield stage, f"α = {shown(alpha)}, 1e-3 … 2e7 and 1e30 e-", expected, got
     electrons = np.array([0.0, 1.0, 100.0, 33_000.0, 330_000.0])
-    lost = np.exp(gain * electrons / v_ref)  # so many times more roundings where the curve is flatter
-    inverse = -v_ref / gain * np.log1p(-swing_of(electrons, 1.0) / v_ref)
-    got = agree(inverse, electrons, 8 * engine.unit * np.maximum(electrons * lost, 1.0), " e-")
+    lost = np.maximum(electrons * np.exp(gain * electrons / v_ref), 1.0)  # more roundings where the curve is flatter
+    got = agree(-v_ref / gain * np.log1p(-swing_of(electrons, 1.0) / v_ref), electrons, 8 * engine.unit * lost, " e-")
     yield stage, "α = 1, back from volts", "the electrons, to 8 roundings", got
     electrons = np.linspace(0, 33_000, 200)
     for alpha in (5e-324, 1e-200, 1e-100, 1e-12):
@@ -116,8 +115,7 @@ def sense_node(engine: Engine) -> Rows:
 def column_formulas(_: Engine) -> Rows:
     """The answer h to one impulse: Σh² = 1, Σh_i·h_{i+1} = 2a, and h solves the recursion everywhere else."""
     margin = distributions.AR_WARM_UP
-    white = np.zeros(4 * margin + 1)
-    white[2 * margin] = 1.0
+    (white,) = np.eye(1, 4 * margin + 1, 2 * margin)
     for a in COUPLINGS:
         h = distributions.isotropic_ar(white, a, margin)
         left = np.delete(h[1:-1] - a * (h[:-2] + h[2:]), margin - 1)
