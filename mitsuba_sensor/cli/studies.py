@@ -23,9 +23,8 @@ from ..io.measurements import Measurements
 from ..io.metadata import machine, versions
 from ..render.options import SceneOptions
 from ..render.passes import MOST_IN_ALL
-from ..study.drawing import html, png, text
 from ..study.kit import Kit
-from ..study.page import Grid, Study, Table
+from ..study.page import Grid, Study, Table, html, png, text
 from ..study.subject import Subject
 from . import options
 from .app import RenderInput, app, err, out, render_input, show
