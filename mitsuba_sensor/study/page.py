@@ -66,6 +66,19 @@ class Plot:
     level: Level | None = None
     note: str = ""
 
+    def _draw(self, axes: Axes) -> float:
+        for number, line in enumerate(self.lines):
+            colour = f"C{number if line.colour is None else line.colour}"
+            style: Values = {"marker": MARKERS[number % len(MARKERS)], "markersize": 4.5, "elinewidth": 0.9}
+            style |= {"linewidth": 1.4 if line.joined else 0, "linestyle": "--" if line.dashed else "-"}
+            axes.errorbar(line.x, line.y, yerr=line.error or None, label=line.label or None, color=colour, **style)
+            x, y = ([values[i] for i in line.ringed] for values in (line.x, line.y))
+            axes.scatter(x, y, s=95, facecolors="none", edgecolors="black", zorder=3)
+        axes.set(xlabel=self.x_label, ylabel=self.y_label)
+        _log_scale(axes, "x", [x for line in self.lines for x in line.x if self.log_x])
+        _log_scale(axes, "y", [y for line in self.lines for y in line.y if self.log_y])
+        return HEIGHT_IN
+
 
 @dataclass(frozen=True)
 class Bars:
@@ -80,6 +93,19 @@ class Bars:
     level: Level | None = None
     note: str = ""
 
+    def _draw(self, axes: Axes) -> float:
+        height, rows = 0.8 / len(self.series), np.arange(len(self.labels))
+        for number, (name, values) in enumerate(self.series.items()):
+            places = rows + (number - (len(self.series) - 1) / 2) * height
+            error = np.array(self.error[name], dtype=float) if name in self.error else None
+            style: Values = {"label": name if len(self.series) > 1 else None, "error_kw": {"elinewidth": 0.9}}
+            axes.barh(places, np.array(values, dtype=float), height, xerr=error, **style)
+        _log_scale(axes, "x", [x for values in self.series.values() for x in values if self.log_x and x is not None])
+        axes.set_yticks(rows, self.labels)
+        axes.set(xlabel=self.x_label, ylim=(len(rows) - 0.4, -0.6))
+        axes.grid(visible=False, axis="y")
+        return 1.2 + BAR_IN * len(self.labels) * (len(self.series) + 0.6)
+
 
 @dataclass(frozen=True)
 class Grid:
@@ -91,6 +117,15 @@ class Grid:
     marks: tuple[tuple[Mark, ...], ...]
     texts: tuple[tuple[str, ...], ...]
     note: str = ""
+
+    def _draw(self, axes: Axes) -> float:
+        axes.set_axis_off()
+        colours = [[CELL[mark] for mark in marks] for marks in self.marks]
+        texts = {"cellText": self.texts, "rowLabels": self.rows, "colLabels": self.columns}
+        table = axes.table(cellColours=colours, cellLoc="center", bbox=axes.viewLim.unit(), **texts)  # type: ignore[arg-type]
+        for cell in table.get_celld().values():
+            cell.set_edgecolor("white")
+        return 1.0 + CELL_IN * len(self.rows)
 
 
 Picture = Plot | Bars | Grid
@@ -219,14 +254,7 @@ def _drawn(picture: Picture, kind: str, metadata: Values | None = None) -> bytes
     with matplotlib.rc_context(MATPLOTLIB):  # type: ignore[arg-type]
         figure = Figure(figsize=(WIDTH_IN, HEIGHT_IN))
         axes = figure.subplots()
-        if isinstance(picture, Grid):
-            figure.set_figheight(1.0 + CELL_IN * len(picture.rows))
-            _grid(picture, axes)
-        elif isinstance(picture, Bars):
-            figure.set_figheight(1.2 + BAR_IN * len(picture.labels) * (len(picture.series) + 0.6))
-            _bars(picture, axes)
-        else:
-            _plot(picture, axes)
+        figure.set_figheight(picture._draw(axes))  # which knows how high it has to be
         if not isinstance(picture, Grid) and picture.level is not None:
             line = axes.axvline if isinstance(picture, Bars) else axes.axhline
             line(picture.level[0], color="black", linewidth=1, linestyle=":", label=picture.level[1])
@@ -238,19 +266,6 @@ def _drawn(picture: Picture, kind: str, metadata: Values | None = None) -> bytes
     return buffer.getvalue()
 
 
-def _plot(plot: Plot, axes: Axes) -> None:
-    for number, line in enumerate(plot.lines):
-        colour = f"C{number if line.colour is None else line.colour}"
-        style: Values = {"marker": MARKERS[number % len(MARKERS)], "markersize": 4.5, "elinewidth": 0.9}
-        style |= {"linewidth": 1.4 if line.joined else 0, "linestyle": "--" if line.dashed else "-"}
-        axes.errorbar(line.x, line.y, yerr=line.error or None, label=line.label or None, color=colour, **style)
-        x, y = ([values[i] for i in line.ringed] for values in (line.x, line.y))
-        axes.scatter(x, y, s=95, facecolors="none", edgecolors="black", zorder=3)
-    axes.set(xlabel=plot.x_label, ylabel=plot.y_label)
-    _log_scale(axes, "x", [x for line in plot.lines for x in line.x if plot.log_x])
-    _log_scale(axes, "y", [y for line in plot.lines for y in line.y if plot.log_y])
-
-
 def _log_scale(axes: Axes, name: str, values: list[float]) -> None:
     """Where any value is positive; between decades numbers stand only if there is less than one."""
     positive = [value for value in values if value > 0]
@@ -259,25 +274,3 @@ def _log_scale(axes: Axes, name: str, values: list[float]) -> None:
         axis = axes.xaxis if name == "x" else axes.yaxis
         axis.set_major_formatter("{x:g}")
         axis.set_minor_formatter("{x:g}" if max(positive) < 10 * min(positive) else "")
-
-
-def _bars(bars: Bars, axes: Axes) -> None:
-    height, rows = 0.8 / len(bars.series), np.arange(len(bars.labels))
-    for number, (name, values) in enumerate(bars.series.items()):
-        places = rows + (number - (len(bars.series) - 1) / 2) * height
-        error = np.array(bars.error[name], dtype=float) if name in bars.error else None
-        label = name if len(bars.series) > 1 else None
-        axes.barh(places, np.array(values, dtype=float), height, xerr=error, label=label, error_kw={"elinewidth": 0.9})
-    _log_scale(axes, "x", [x for values in bars.series.values() for x in values if bars.log_x and x is not None])
-    axes.set_yticks(rows, bars.labels)
-    axes.set(xlabel=bars.x_label, ylim=(len(rows) - 0.4, -0.6))
-    axes.grid(visible=False, axis="y")
-
-
-def _grid(grid: Grid, axes: Axes) -> None:
-    axes.set_axis_off()
-    colours = [[CELL[mark] for mark in marks] for marks in grid.marks]
-    texts = {"cellText": grid.texts, "rowLabels": grid.rows, "colLabels": grid.columns}
-    table = axes.table(cellColours=colours, cellLoc="center", bbox=axes.viewLim.unit(), **texts)  # type: ignore[arg-type]
-    for cell in table.get_celld().values():
-        cell.set_edgecolor("white")

@@ -45,13 +45,10 @@ def sky(engine: Engine, radiance: float = LEVEL, size: int = 1, **options: float
 
 
 def one_film(engine: Engine, bands: Bands, samples: int, size: int, repaired: bool = True) -> Array:
-    """Plain Mitsuba: all samples of a pixel in one float32 film, ∫L dλ of 10 nm over that of the sky (H, W, B).
-
-    repaired : else as Mitsuba has it, every node of the density a little different from its neighbours.
-    """
+    """Plain Mitsuba: all samples of a pixel in one float32 film, ∫L dλ of 10 nm over that of the sky (H, W, B)."""
     with variant(engine):
         scene = load_scene(SKY, bands, {"radiance": LEVEL, "size": size}, CAMERA)
-        if not repaired:
+        if not repaired:  # as Mitsuba has it: every node of the density a little different from its neighbours
             density: MitsubaObject = mitsuba().traverse(scene.sensor.film().sensor_response_function())
             values = np.array(density["values"], dtype=float)
             values *= 1 + NEARLY * np.random.default_rng(4).standard_normal(values.size)
