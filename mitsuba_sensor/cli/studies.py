@@ -169,13 +169,9 @@ def _run(name: str, flags: Flags, question: dict[str, Flag], measure: Callable[[
 
 def _command() -> str:
     """What was asked, without where its answer went."""
-    kept, arguments = ["mitsuba-sensor"], iter(sys.argv[1:])
-    for argument in arguments:
-        if argument in ("-o", "--out"):
-            next(arguments, None)
-        elif argument not in ("--json", "--force"):
-            kept.append(argument)
-    return shlex.join(kept)
+    pairs, folder = zip(sys.argv, sys.argv[1:], strict=False), ("-o", "--out")
+    kept = [one for before, one in pairs if one not in (*folder, "--json", "--force") and before not in folder]
+    return shlex.join(["mitsuba-sensor", *kept])
 
 
 @contextmanager

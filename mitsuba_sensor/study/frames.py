@@ -95,8 +95,7 @@ class Illuminated:
         """Moments of frames averaged over groups of pixels: by group and moment, one value per sensor.
 
         The spatial variance is the squared distance of the mean over a sensor's frames from its theory, expected[0],
-        less what the noise adds to it. Every frame is the first of a seed of its own, so that states that last from
-        frame to frame (random telegraph signals) are independent too.
+        less what the noise adds. Every frame has a seed of its own, so that telegraph signals are independent too.
         """
         count, found = replicas.frames, []
         for number in range(replicas.sensors):

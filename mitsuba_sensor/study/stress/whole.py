@@ -83,10 +83,7 @@ def seen_behind(name: str, condition: Condition, engine: Engine) -> dict[str, tu
 
 
 def extremes(given: str, conditions: Conditions, exact: dict[str, tuple[str, Conditions]], engine: Engine) -> Rows:
-    """Every stage of every camera under all conditions; and where a well must be full, or another stage empty.
-
-    given : in a sentence, with ``{}`` for the conditions.  exact : input → stage and conditions.
-    """
+    """Every stage of every camera under all conditions; ``exact``: where a well must be full, or another stage empty."""
     given = given.format(", ".join(condition.name for condition in conditions))
     given += f"; {len(list_cameras())} shipped cameras and one with every option"
     domains = {stage.label: stage.domain for name in reversed(CAMERAS) for stage in CAMERAS[name].stages}
@@ -133,12 +130,8 @@ SMALLEST = {**dict.fromkeys(DIVISORS, 1e-30), "pixel.full_well_e": 1.0}  # what 
 NEEDED = {  # without these, nothing is divided by them
     **{"source_follower.rtn_s": {"source_follower.rtn_uv": 100.0}, "readout.v_ref_v": {"readout.ve_nonlinearity": 1.0}}
 }
-EDGES = {
-    "0 photons, 0 s, 0 K": (0.0, Exposure(0.0, 0.0)),
-    "1e-320 photons, 1e-12 s, 5e-324 K": (1e-320, Exposure(1e-12, 5e-324)),
-    "1e150 photons, 1e12 s, 1e4 K": (1e150, Exposure(1e12, 1e4)),
-    "+inf photons, 1e6 s, 600 K": (math.inf, Exposure(1e6, 600.0)),
-}
+CORNERS = ("0", "0", "0"), ("1e-320", "1e-12", "5e-324"), ("1e150", "1e12", "1e4"), ("+inf", "1e6", "600")
+EDGES = {f"{n} photons, {t} s, {k} K": (float(n), Exposure(float(t), float(k))) for n, t, k in CORNERS}
 
 
 def light_with(*values: float) -> Float64Array:
