@@ -25,6 +25,7 @@ FRAMES_A_TURN = 8  # of a compiled engine, which traces a frame while it compute
 
 Stages = Chain
 Groups = Mapping[str, NDArray[np.intp]]  # indices of pixels in the flattened window
+ByGroup = dict[str, dict[str, list[float]]]  # by group and moment, one value per sensor
 
 
 def problem_of(engine: str) -> str | None:
@@ -89,10 +90,8 @@ class Illuminated:
         codes = sample(stages[1:], start, Frame(self.exposure, sensor, seed % 2**64))
         return np.asarray(codes, dtype=np.float64)
 
-    def measured_moments(
-        self, stages: Stages, replicas: Replicas, expected: Array, groups: Groups
-    ) -> dict[str, dict[str, list[float]]]:
-        """Moments of frames averaged over groups of pixels: by group and moment, one value per sensor.
+    def measured_moments(self, stages: Stages, replicas: Replicas, expected: Array, groups: Groups) -> ByGroup:
+        """Moments of frames averaged over groups of pixels.
 
         The spatial variance is the squared distance of the mean over a sensor's frames from its theory, expected[0],
         less what the noise adds. Every frame has a seed of its own, so that telegraph signals are independent too.

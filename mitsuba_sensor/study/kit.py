@@ -29,9 +29,9 @@ class Kit:
     known : (value, seconds that it took) by key; as files (io/measurements.py), they let a stopped study go on.
     """
 
-    def __init__(self, known: Values | None = None, progress: Progress = lambda *_: None) -> None:
+    def __init__(self, known: Values | None = None, progress: Progress | None = None) -> None:
         self.known = {} if known is None else known
-        self.new, self._taken_s, self._progress = 0, 0.0, progress
+        self.new, self._taken_s, self._progress = 0, 0.0, progress or (lambda *_: None)
 
     def __getitem__(self, key: str) -> Any:
         """A value that is measured already."""

@@ -131,7 +131,4 @@ ENGINES = (
     *(Engine("NumPy float64", "numpy", "float64"), Engine("NumPy float32", "numpy")),
     *(Engine("LLVM float32", "drjit", compiler="llvm"), Engine("CUDA float32", "cuda", compiler="cuda")),
 )
-RENDERERS = (
-    *(SCALAR, Engine("Mitsuba LLVM", "llvm_ad_spectral", compiler="llvm")),
-    Engine("Mitsuba CUDA", "cuda_ad_spectral", compiler="cuda"),
-)
+RENDERERS = (SCALAR, *(Engine(f"Mitsuba {x.upper()}", f"{x}_ad_spectral", compiler=x) for x in ("llvm", "cuda")))

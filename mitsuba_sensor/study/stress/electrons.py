@@ -149,9 +149,8 @@ def fixed_patterns(engine: Engine) -> Rows:
                 allowed = SIGMAS * np.sqrt(exact * (1 - exact) / x.size)
             sign = holds(f"from {x.min():.3g}", np.isfinite(x).all(), x.min() >= 0)
             answers += [agree(found, exact, allowed), sign]
-        kept = (
-            "mean kept within 5 standard errors of 65 536 pixels (of a heavy tail at 10 its deciles), no pixel below 0"
-        )
+        errors = "5 standard errors of 65 536 pixels"
+        kept = f"mean kept within {errors} (of a heavy tail at 10 its deciles), no pixel below 0"
         yield stage, f"{family}; coefficients of variation 0, 0.01, 0.4, 1, 10", kept, together(*answers)
         for cv in SLIGHT:
             x, _, variance = of_family(engine, family, cv)
