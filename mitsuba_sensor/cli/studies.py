@@ -144,7 +144,9 @@ def _run(name: str, flags: Flags, question: dict[str, Flag], measure: Callable[[
     folder, made = flags["out"] or Path("study") / name, {"machine": machine(), "versions": versions()}
     known = Measurements(folder / MEASUREMENTS, {"study": name, **question, **made}, flags["force"])
     about = {"scene": question["scene"], "camera": question["camera"]["name"]} if question else {}
-    about |= {"command": _command(), **made, "resumed_measurements": len(known)}
+    pairs, where = zip(sys.argv, sys.argv[1:], strict=False), ("-o", "--out")  # the command is without these
+    asked = [one for before, one in pairs if one not in (*where, "--json", "--force") and before not in where]
+    about |= {"command": shlex.join(["mitsuba-sensor", *asked]), **made, "resumed_measurements": len(known)}
     about |= {"exposure": question["exposure"]} if question else {}
     with seconds_bar(err) as progress:
         kit = Kit(known, progress)
@@ -165,13 +167,6 @@ def _run(name: str, flags: Flags, question: dict[str, Flag], measure: Callable[[
     show(found.to_dict() if as_json else sheet(found, str(folder / PAGE), out.width), as_json)
     if not found.passed:
         raise typer.Exit(1)
-
-
-def _command() -> str:
-    """What was asked, without where its answer went."""
-    pairs, folder = zip(sys.argv, sys.argv[1:], strict=False), ("-o", "--out")
-    kept = [one for before, one in pairs if one not in (*folder, "--json", "--force") and before not in folder]
-    return shlex.join(["mitsuba-sensor", *kept])
 
 
 @contextmanager

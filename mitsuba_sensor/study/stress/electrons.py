@@ -109,9 +109,9 @@ FAMILIES = {
 SLIGHT = (5e-324, 1e-150, 1e-9)
 FARTHEST = 25.0  # σ of the widest tail, the logistic one's: ln(2³³)·√3/π = 12.6, and as many for coupled neighbours
 HEAVY = {
-    "log-normal": lambda cv: stats.lognorm(math.sqrt(math.log1p(cv**2)), scale=(1 + cv**2) ** -0.5),
+    "lognormal": lambda cv: stats.lognorm(math.sqrt(math.log1p(cv**2)), scale=(1 + cv**2) ** -0.5),
     "gamma": lambda cv: stats.gamma(cv**-2, scale=cv**2),
-    "inverse Gaussian": lambda cv: stats.invgauss(cv**2, scale=cv**-2),
+    "wald": lambda cv: stats.invgauss(cv**2, scale=cv**-2),
 }
 """At a width of 10 a few pixels carry all of the mean, which does not converge: shares of pixels are looked at."""
 COUPLED = (1 - 4 * 0.25**2) ** 1.5 / (1 - 2 * 0.25) ** 2  # so much more does the mean of a coupled map vary
@@ -125,13 +125,12 @@ def pattern(engine: Engine, light: float, *stages: Stage) -> tuple[Array, float,
     return values, float(theory.mean), float(theory.spatial)
 
 
-def of_family(engine: Engine, family: str, cv: float) -> tuple[Array, float, float]:
+def of_family(engine: Engine, option: str, cv: float) -> tuple[Array, float, float]:
     """A map of mean 1, and its moments."""
-    if not FAMILIES[family]:
+    if not option:
         return pattern(engine, 1.0, stage_of("prnu", pixel__prnu=cv))
-    coupling = {"coupling": 0.25} if "coupled" in family else {}
-    names = rated(1.0, 300.0, distribution=FAMILIES[family], cv=cv, **coupling)
-    return pattern(engine, 0.0, stage_of("dark current", **names))
+    coupling = {"coupling": 0.25} if option == "ar" else {}
+    return pattern(engine, 0.0, stage_of("dark current", **rated(1.0, 300.0, distribution=option, cv=cv, **coupling)))
 
 
 def fixed_patterns(engine: Engine) -> Rows:
@@ -139,11 +138,11 @@ def fixed_patterns(engine: Engine) -> Rows:
     for family, option in FAMILIES.items():
         stage, answers, near = "dark current" if option else "prnu", [], []
         for cv in (0.0, 0.01, 0.4, 1.0, 10.0):
-            x, exact, variance = of_family(engine, family, cv)
-            error = math.sqrt(variance / x.size) * (COUPLED if "coupled" in family else 1.0)
+            x, exact, variance = of_family(engine, option, cv)
+            error = math.sqrt(variance / x.size) * (COUPLED if option == "ar" else 1.0)
             found, allowed = x.mean(), SIGMAS * error + 2 * engine.unit
-            if family in HEAVY and cv > 1:
-                deciles = HEAVY[family](cv).ppf(TENTHS)
+            if option in HEAVY and cv > 1:
+                deciles = HEAVY[option](cv).ppf(TENTHS)
                 exact, deciles = TENTHS[deciles > SMALLEST_COMPARED], deciles[deciles > SMALLEST_COMPARED]
                 found = (x[..., None] <= deciles).mean(axis=(0, 1))
                 allowed = SIGMAS * np.sqrt(exact * (1 - exact) / x.size)
@@ -153,7 +152,7 @@ def fixed_patterns(engine: Engine) -> Rows:
         kept = f"mean kept within {errors} (of a heavy tail at 10 its deciles), no pixel below 0"
         yield stage, f"{family}; coefficients of variation 0, 0.01, 0.4, 1, 10", kept, together(*answers)
         for cv in SLIGHT:
-            x, _, variance = of_family(engine, family, cv)
+            x, _, variance = of_family(engine, option, cv)
             near += [agree(x, 1.0, FARTHEST * cv + 2 * engine.unit), relative(variance, cv * cv, ROUNDED)]
         expected = "no pixel farther from 1 than 25 times that, or than roundings; theory has its variance"
         yield stage, f"{family}; {', '.join(map(shown, SLIGHT))}", expected, together(*near)
