@@ -65,6 +65,7 @@ class Kit:
 
 def one_turn(tasks: Mapping[str, Task], number: int) -> dict[str, float]:
     """Seconds of every task's work, in an order of its own for every turn: no task always follows the same one."""
+    # A machine that slows down between turns slows all tasks alike.
     names, seconds = list(tasks), {}
     for place in np.random.default_rng(number).permutation(len(names)):
         start = time.perf_counter()

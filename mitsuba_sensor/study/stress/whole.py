@@ -84,7 +84,7 @@ def seen_behind(name: str, condition: Condition, engine: Engine) -> dict[str, tu
 
 def extremes(given: str, conditions: Conditions, exact: dict[str, tuple[str, Conditions]], engine: Engine) -> Rows:
     """Every stage of every camera under all conditions; exact: where a well must be full, or another stage empty."""
-    given = given.format(", ".join(condition.name for condition in conditions))
+    given = given.format(", ".join(condition.name for condition in conditions))  # the input, in a sentence
     given += f"; {len(list_cameras())} shipped cameras and one with every option"
     domains = {stage.label: stage.domain for name in reversed(CAMERAS) for stage in CAMERAS[name].stages}
     frames = {at: seen_behind(*at, engine) for at in itertools.product(CAMERAS, conditions)}
