@@ -210,6 +210,7 @@ def begin(stages: Chain, light: Photons, frame: Frame) -> Electrons:
         for name in LAYERS
         if isinstance(getattr(parts[0], name), np.ndarray)
     }
+    del parts  # no longer needed, and as large as the light
     electrons = Electrons(**layers)
     sample(stages[1:], electrons, replace(frame, _blocks={}))  # traced and discarded: this makes the maps
     window.backend.evaluate(window)

@@ -21,7 +21,7 @@ from .pixel_law import PixelLaw, Quantiles
 if TYPE_CHECKING:
     from .camera import Camera
 
-Datasheet: TypeAlias = "Camera"
+Datasheet: TypeAlias = "Camera"  # whose tables the effects read
 Domain = Literal["photons", "electrons", "volts", "DN"]
 UNITS: dict[Domain, str] = {"photons": "photons", "electrons": "e-", "volts": "V", "DN": "DN"}
 
@@ -54,7 +54,7 @@ class Stage(ABC):
     def __init_subclass__(cls) -> None:
         """``LineDrift`` gets the label ``line drift``, unless it has one of its own."""
         if "label" not in vars(cls):
-            cls.label = cls.key().replace("_", " ")
+            cls.label = re.sub(r"(?<!^)(?=[A-Z])", " ", cls.__name__).lower()
 
     @classmethod
     def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> Stage | None:

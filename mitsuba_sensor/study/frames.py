@@ -14,7 +14,7 @@ from ..core.backend import Backend
 from ..core.llvm import backend_problem, drjit
 from ..sensor.light_levels import detected
 from ..sensor.run import FrameRunner
-from ..sensor.stage import Stage, converter_of, sample
+from ..sensor.stage import Chain, converter_of, sample
 from ..sensor.theory import Theory
 from .statistics import Array, Numbers
 
@@ -24,8 +24,9 @@ BACKENDS = {"drjit": "llvm", "cuda": "cuda"}  # compiled engine → back end of 
 ENDLESS = 2**31  # more frames than any stream is asked for
 FRAMES_A_TURN = 8  # of a compiled engine, which traces a frame while it computes the one before
 
-Stages = tuple[Stage, ...]
+Stages = Chain
 Groups = Mapping[str, NDArray[np.intp]]  # indices of pixels in the flattened window
+ByGroup = dict[str, dict[str, list[float]]]  # by group and moment, one value per sensor
 
 
 def problem_of(engine: str) -> str | None:
@@ -40,12 +41,16 @@ def resized(photons: Photons, shape: tuple[int, int]) -> Photons:
     return replace(photons, mean=np.ascontiguousarray(photons.mean[rows][:, columns]), variance_e2=None, origin=(0, 0))
 
 
-def expected_moments(stages: Stages, photons: Photons, exposure: Exposure) -> Array:
-    """Mean, temporal and spatial variance of every pixel in theory, (3, H, W) [DN, DN², DN²]."""
+def expected_moments(stages: Chain, photons: Photons, exposure: Exposure, rounded: bool = True) -> Array:
+    """Mean, temporal and spatial variance of every pixel in theory, (3, H, W) [DN, DN², DN²], or before rounding."""
     shape = photons.mean.shape[0], photons.mean.shape[1]
     frame = Frame(exposure, SensorWindow(0, shape, photons.origin))
-    light = detected(photons, stages[0], frame, slice(0, shape[0])).light
-    return np.array(Theory.of(stages, frame).digital(light.ravel())).reshape(3, *shape)
+    light, theory = detected(photons, stages[0], frame, slice(0, shape[0])).light, Theory.of(stages, frame)
+    if rounded:
+        return np.array(theory.digital(light.ravel())).reshape(3, *shape)
+    gain = converter_of(stages).gain_dn_per_v
+    volts = np.array(theory.behind(stages[-2], light.ravel())).reshape(3, *shape)
+    return volts * np.array([gain, gain**2, gain**2])[:, None, None]
 
 
 def in_dn(moments: Array, other: Array) -> Array:
@@ -91,17 +96,13 @@ class Illuminated:
         codes = sample(stages[1:], start, Frame(self.exposure, sensor, seed % 2**64))
         return np.asarray(codes, dtype=np.float64)
 
-    def measured_moments(
-        self, stages: Stages, replicas: Replicas, expected: Array, groups: Groups
-    ) -> dict[str, dict[str, list[float]]]:
-        """Moments of frames averaged over groups of pixels: by group and moment, one value per sensor.
+    def measured_moments(self, stages: Stages, replicas: Replicas, expected: Array, groups: Groups) -> ByGroup:
+        """Moments of frames averaged over groups of pixels.
 
         The spatial variance is the squared distance of the mean over a sensor's frames from its theory, expected[0],
-        less what the noise adds to it. Every frame is the first of a seed of its own, so that states that last from
-        frame to frame (random telegraph signals) are independent too.
+        less what the noise adds. Every frame has a seed of its own, so that telegraph signals are independent too.
         """
-        count = replicas.frames
-        found: dict[str, dict[str, list[float]]] = {name: {one: [] for one in MOMENTS} for name in groups}
+        count, found = replicas.frames, []
         for number in range(replicas.sensors):
             sensor = self.sensor(replicas.serial + number)
             start, total, squares = self.electrons(stages, sensor), np.zeros(sensor.shape), np.zeros(sensor.shape)
@@ -110,11 +111,8 @@ class Illuminated:
                 total += codes
                 squares += codes**2  # whole numbers: exact
             mean, temporal = total / count, (squares - total**2 / count) / (count - 1)
-            spatial = (mean - expected[0]) ** 2 - temporal / count
-            for name, values in averages(np.array([mean, temporal, spatial]), groups).items():
-                for one in MOMENTS:
-                    found[name][one].append(values[one])
-        return found
+            found.append(averages(np.array([mean, temporal, (mean - expected[0]) ** 2 - temporal / count]), groups))
+        return {name: {one: [values[name][one] for values in found] for one in MOMENTS} for name in groups}
 
     def stream(self, stages: Stages) -> Stream:
         """Frames of these stages, one after the other."""
@@ -136,12 +134,13 @@ class Stream:
 
     def turn(self) -> int:
         """The frames of one turn of a timing; how many. A kernel's work is waited for before another's turn."""
-        count = FRAMES_A_TURN if self._compiled else 1
-        for _ in range(count):
+        if not self._compiled:
             next(self)
-        if self._compiled:
-            drjit().sync_thread()
-        return count
+            return 1
+        for _ in range(FRAMES_A_TURN):
+            next(self)
+        drjit().sync_thread()
+        return FRAMES_A_TURN
 
     def close(self) -> None:
         """Let threads and maps go."""
