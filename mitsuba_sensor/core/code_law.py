@@ -88,4 +88,4 @@ def _code_of(x: Float64Array, highest: int, levels: Float64Array | None) -> NDAr
 
 
 def _level(number: NDArray[np.int64], levels: Float64Array | None) -> Float64Array:
-    return number - 0.5 if levels is None else levels[number - 1]
+    return np.asarray(number - 0.5 if levels is None else levels[number - 1], dtype=np.float64)

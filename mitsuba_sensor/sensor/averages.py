@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from scipy import sparse
 
-from ..core.types import Float64Array
+from ..core.types import Float64Array, NumpyArray
 from .interpolation import interpolation
 from .pixel_law import COARSE, FINE, PixelLaw, Quantiles
 
@@ -103,14 +103,14 @@ class ByDistribution:
         flat = values.reshape(values.shape[0], -1)
         found = (self.mass - self.first) @ flat[:-1] + self.first @ flat[1:]
         found += self.below[:, None] * flat[0] + self.above[:, None] * flat[-1]
-        found = found.reshape(values.shape)
-        reference = found[found.shape[0] // 2, ..., 0]
-        means = values[..., 0] - reference
+        result: NumpyArray = found.reshape(values.shape)
+        reference = result[result.shape[0] // 2, :, 0]
+        means = values[:, :, 0] - reference
         a, b = means[:-1], means[1:]
         square = (self.mass - 2 * self.first + self.second) @ a**2 + 2 * (self.first - self.second) @ (a * b)
         square += self.second @ b**2 + self.below[:, None] * means[0] ** 2 + self.above[:, None] * means[-1] ** 2
-        found[..., 2] += np.maximum(square - (found[..., 0] - reference) ** 2, 0.0)
-        return found
+        result[:, :, 2] += np.maximum(square - (result[:, :, 0] - reference) ** 2, 0.0)
+        return result
 
 
 def _partial_moments(

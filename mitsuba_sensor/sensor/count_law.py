@@ -7,6 +7,7 @@ smaller one (compensated render noise) that of a + n, with n of Poisson's law an
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse, special
 
 from ..core.types import Float64Array
@@ -24,6 +25,10 @@ LARGE = 1e6
 
 REACH = 9.0
 """Counts further from their mean than so many σ are left out (1e-19)."""
+
+
+Row = tuple[NDArray[np.intp], Float64Array]
+"""Numbers of the nodes that a count can have, and their chances."""
 
 
 def count_nodes(largest: float, single: bool) -> Float64Array:
@@ -47,7 +52,7 @@ def count_law(mean_e: Float64Array, variance_e2: Float64Array, nodes: Float64Arr
     return sparse.csr_array((chances, places, pointers), shape=(len(rows), nodes.size))
 
 
-def _row(mean: float, variance: float, nodes: Float64Array) -> tuple[Float64Array, Float64Array]:
+def _row(mean: float, variance: float, nodes: Float64Array) -> Row:
     """Nodes that a count can have, and their chances."""
     last = nodes.size - 1
     scale = max(variance / mean, 1.0) if mean > 0 and variance > 0 else 1.0
@@ -64,7 +69,7 @@ def _row(mean: float, variance: float, nodes: Float64Array) -> tuple[Float64Arra
     return _spread(shift + scale * n, chance / chance.sum(), nodes)
 
 
-def _poisson(rate: float, low: float, high: float, nodes: Float64Array) -> tuple[Float64Array, Float64Array]:
+def _poisson(rate: float, low: float, high: float, nodes: Float64Array) -> Row:
     last = nodes.size - 1
     first, end = np.searchsorted(nodes, low), min(int(np.searchsorted(nodes, high)), last)
     places = np.arange(first, end + 1)
@@ -87,10 +92,11 @@ def _chance(n: Float64Array, rate: float) -> Float64Array:
     """Poisson's law."""
     if rate == 0:
         return np.where(n == 0, 1.0, 0.0)
-    return np.exp(n * np.log(rate) - rate - special.gammaln(n + 1))
+    chance: Float64Array = np.exp(n * np.log(rate) - rate - special.gammaln(n + 1))
+    return chance
 
 
-def _spread(values: Float64Array, chance: Float64Array, nodes: Float64Array) -> tuple[Float64Array, Float64Array]:
+def _spread(values: Float64Array, chance: Float64Array, nodes: Float64Array) -> Row:
     """Values between two nodes belong to both, by their distance."""
     values = np.minimum(values, nodes[-1])
     right = np.clip(np.searchsorted(nodes, values), 1, max(nodes.size - 1, 1))

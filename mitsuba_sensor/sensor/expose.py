@@ -161,7 +161,8 @@ class PreparedExposure:
         done = runner.frames(first, self.count, lambda i: {name: x[i - first] for name, x in kept.items()})
         for _ in done:
             pass
-        return Frames(kept.pop("digital"), self.camera, self._light, self._on_numpy, self.stages, self.plan, **kept)
+        digital: NDArray[Any] = kept.pop("digital")
+        return Frames(digital, self.camera, self._light, self._on_numpy, self.stages, self.plan, **kept)
 
     def frames_with_report(self) -> Frames:
         """The same, with the report of the first frame made along with it: each frame is computed once."""

@@ -66,12 +66,14 @@ class NoiseBudget:
         for number, (stage, to_dn) in enumerate(zip(self.stages, self._to_dn, strict=True)):
             expected = self.theory.averages(stage)
             now = expected.temporal * to_dn**2, expected.spatial * to_dn**2
-            sums = {source: sum(strip[number][source] for strip in strips) / pixels for source in strips[0][number]}
+            sums = {
+                source: np.sum([s[number][source] for s in strips], axis=0) / pixels for source in strips[0][number]
+            }
             stated = sum(variance for _, _, variance in sums.values())
             for source, (mean, square, variance) in sums.items():
                 share, rms = variance / stated if stated else 1 / len(sums), math.sqrt(max(square - mean**2, 0.0))
-                added = (share * (new - old) for new, old in zip(now, was, strict=True))
-                entries.append(Contribution(source, float(mean), rms, *added, self))
+                temporal, spatial = (share * (new - old) for new, old in zip(now, was, strict=True))
+                entries.append(Contribution(source, float(mean), rms, temporal, spatial, self))
             was = now
         return tuple(entries)
 

@@ -25,21 +25,15 @@ from scipy import sparse
 from ..core import Frame, Moments, Photons, SensorWindow
 from ..core.types import Float64Array
 from .averages import Average, average_over
-from .count_law import count_law, count_nodes
+from .count_law import count_law
+from .given_count import GivenCount, parts_of
 from .interpolation import interpolation
 from .pixel_law import COARSE, PixelLaw, Quantiles, normal_law
-from .stage import Chain, Converter, Stage, converter_of, propagate
-
-OFFSET_STEPS, FARTHEST, BLUR = (0.75, 0.2, 0.06), 5.25, 0.7
-"""Quantiles of the fixed offsets lie one of these steps apart, up to the farthest [σ]; at most BLUR of the noise."""
-
-SHARP_DN = 0.5
-"""Noise behind the count [DN] below which single electrons and steps of the converter show in the codes: at this one
-they move a mean by 0.002 DN."""
+from .stage import Chain, Stage, propagate
 
 PER_DECADE = 48
-KINK = np.arange(-10.0, 10.001, 0.25)
-"""Nodes about the levels where well or converter are full, in σ of the count."""
+KINK: Float64Array = np.arange(-10.0, 10.001, 0.25)
+"""Nodes in a decade of mean electrons, and about the levels where well or converter are full, in σ of the count."""
 
 NARROW = 0.4
 """Quantiles of a law lie close together where their distance is below so many σ of the count at saturation."""
@@ -57,15 +51,18 @@ class Expected(NamedTuple):
 
 
 class LightKind(NamedTuple):
-    """What else the counts of a pixel depend on: electrons per interaction, its variance, and which share of the mean
-    photoelectrons is the variance of a render that the shot noise compensates."""
+    """What else the counts of a pixel depend on.
+
+    yield_mean, yield_variance : electrons per interaction.
+    compensated : variance of a render that the shot noise compensates, as a share of the mean photoelectrons.
+    """
 
     yield_mean: float = 1.0
     yield_variance: float = 0.0
     compensated: float = 0.0
 
 
-PLAIN = LightKind()
+PLAIN = LightKind()  # visible light that is known exactly
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +93,6 @@ class Theory:
             return self._normal(number, levels)
         table = self.table(number)
         found = interpolation(self.nodes, levels) @ table
-        found[levels == 0] = table[0]
         return Expected(found[:, 0], np.maximum(found[:, 1], 0.0), np.maximum(found[:, 2], 0.0))
 
     def digital(self, light_e: Float64Array) -> Expected:
@@ -123,8 +119,8 @@ class Theory:
         averages = [(place.get(id(self.stages[k])), average) for k, average in self._laws]
         shared["_laws"] = [(k, average) for k, average in averages if k is not None]
         if all(id(stage) in place for stage in self.stages[count:]):
-            names: tuple[str, ...] = ("_counts", "_law", "_codes", "_analogue_tables")
-        elif np.array_equal(rest._counts, self._counts) and place.keys() >= {id(s) for s in self._counting}:
+            names: tuple[str, ...] = ("_given", "_law", "_codes", "_analogue_tables")
+        elif np.array_equal(rest._given.counts, self._given.counts) and place.keys() >= {id(s) for s in self._counting}:
             names = ("_law",)
         else:
             names = ()
@@ -138,7 +134,7 @@ class Theory:
         assert count is not None
         if number < count and (law := stage.pixel_law(self.conditions, COARSE)) is not None:
             return bool(np.all(law.gains == 1) and np.all(law.offsets == 0))
-        at = self._counts if number >= self._split else self.nodes
+        at = self._given.counts if number >= self._split else self.nodes
         m = stage.moments(replace(self._entering, mean=at))
         same = np.array_equal(np.broadcast_to(m.mean, at.shape), at)
         return same and not np.any(m.temporal) and not np.any(m.spatial)
@@ -191,43 +187,40 @@ class Theory:
     @cached_property
     def nodes(self) -> Float64Array:
         """Nodes of mean electrons, of light and dark alike: evenly in their logarithm, and close where the ends are."""
-        top = 1e4 * max(self._counts[-1], 1.0)
+        top = 1e4 * max(self._given.counts[-1], 1.0)
         parts = [np.array([0.0]), np.geomspace(1e-4, top, int(PER_DECADE * np.log10(top * 1e4)))]
         dark = self._dark_e
-        for end in self._ends:
-            around = end + KINK * np.sqrt(end + self._read_e**2 + 1)
+        for end in self._given.ends_e:
+            around = end + KINK * np.sqrt(end + self._given.read_noise_e**2 + 1)
             parts += [around, around - dark]
         parts.append(self._beats())
-        if converter_of(self.stages).inl_lsb is not None:
+        if self._given.converter.inl_lsb is not None:
             parts.append(self._evenly(top))
         found = np.unique(np.concatenate(parts))
         found = found[(found >= 0) & np.isfinite(found)]
-        return found[np.diff(found, prepend=-1.0) > 1e-5 * found + 1e-6]
-
-    @cached_property
-    def _ends(self) -> list[float]:
-        """Counts at which well or converter are full."""
-        codes = self._line[0]
-        inside = np.flatnonzero(codes >= converter_of(self.stages).highest - 0.5)
-        return [self._counts[-1], *([float(self._counts[inside[0]])] if inside.size else [])]
+        return np.asarray(found[np.diff(found, prepend=-1.0) > 1e-5 * found + 1e-6])
 
     def _beats(self) -> Float64Array:
         """Nodes that resolve slow beats between electrons and steps of the converter where little noise hides them."""
-        codes, sigma = self._line
-        if sigma.min() > SHARP_DN or codes.size < 3:
+        if not self._given.is_sharp:
             return np.zeros(0)
-        pitch, found = float(codes[1] - codes[0]), []
+        pitch, sigma, top = (
+            self._given.dn_per_e,
+            self._given.codes_before_rounding[1].min(),
+            self._given.counts[-1] * 1.2,
+        )
+        found: list[Float64Array] = []
         for k in range(1, BEATS + 1):
             slow = abs(k * pitch - round(k * pitch))
-            if slow > 1e-5 and np.exp(-2 * (np.pi * k * sigma.min()) ** 2) > 1e-3:
+            if slow > 1e-5 and np.exp(-2 * (np.pi * k * sigma) ** 2) > 1e-3:
                 period = 1 / slow
-                found.append(np.arange(0, min((period / 4) ** 2, self._counts[-1] * 1.2, 250 * period), period / 8))
+                found.append(np.arange(0, min((period / 4) ** 2, top, 250 * period), period / 8))
         return np.concatenate(found) if found else np.zeros(0)
 
     def _evenly(self, top: float) -> Float64Array:
         """Nodes a third of the noise apart, for steps of unequal width."""
-        read = self._read_e
-        steps = np.arange(0, 6 * (np.sqrt(1.2 * self._counts[-1] + read**2) - read))
+        read = self._given.read_noise_e
+        steps = np.arange(0, 6 * (np.sqrt(1.2 * self._given.counts[-1] + read**2) - read))
         return np.minimum((read + steps / 6) ** 2 - read**2, top)
 
     @cached_property
@@ -250,37 +243,9 @@ class Theory:
         return next(k for k, s in after if k > count and (s.saturation_e is not None or s.domain in ("volts", "DN")))
 
     @cached_property
-    def _saturation_e(self) -> float:
-        return min((s.saturation_e for s in self.stages if s.saturation_e is not None), default=np.inf)
-
-    @cached_property
-    def _counts(self) -> Float64Array:
-        """Nodes of the count, up to the one that fills well or converter."""
-        largest = self._saturation_e
-        if not np.isfinite(largest):
-            largest, highest = 64.0, converter_of(self.stages).highest
-            while largest < 1e12 and self._analogue(np.array([largest]))[0].mean() < highest * 1.5:
-                largest *= 2
-        coarse = np.linspace(0.0, largest, 65)
-        return count_nodes(float(largest), bool(self._analogue(coarse)[1].min() < SHARP_DN))
-
-    def _analogue(self, counts: Float64Array) -> tuple[Float64Array, Float64Array]:
-        """Code before rounding, and temporal σ, given the count [DN]."""
-        converter, m = converter_of(self.stages), Moments(counts, 0.0, 0.0, self.conditions)
-        m = propagate(self.stages[self._split : -1], m)
-        sigma = np.sqrt(np.broadcast_to(m.temporal, counts.shape)) * converter.gain_dn_per_v
-        return converter.black_level_dn + converter.gain_dn_per_v * m.mean, sigma
-
-    @cached_property
-    def _line(self) -> tuple[Float64Array, Float64Array]:
-        return self._analogue(self._counts)
-
-    @cached_property
-    def _read_e(self) -> float:
-        """Noise behind the count, as electrons."""
-        codes, sigma = self._line
-        slope = max((codes[-1] - codes[0]) / max(self._counts[-1], 1.0), 1e-300)
-        return float(min(sigma.max() / slope, self._counts[-1]))
+    def _given(self) -> GivenCount:
+        """What stands behind the count."""
+        return GivenCount(self.stages[self._split :], self.conditions)
 
     @property
     def _counting(self) -> Chain:
@@ -311,42 +276,16 @@ class Theory:
     @cached_property
     def _law(self) -> sparse.csr_array:
         """Chance of every count at the nodes of mean electrons."""
-        counted = self._counted(self._counting)
-        return count_law(counted.mean, counted.temporal, self._counts)
+        m = self._counted(self._counting)
+        return count_law(m.mean, m.temporal, self._given.counts)
 
     @cached_property
     def _analogue_tables(self) -> dict[int, Float64Array]:
-        """Mean and variances at the nodes of mean electrons behind the stages from the well to the converter."""
-        found, m = {}, Moments(self._counts, 0.0, 0.0, self.conditions)
-        for number in range(self._split, len(self.stages) - 1):
-            m = self.stages[number].moments(m)
-            found[id(self.stages[number])] = _mixed(self._law, *_parts(m, self._counts.shape))
-        return found
+        return self._given.analogue_tables(self._law)
 
     @cached_property
     def _codes(self) -> Float64Array:
-        """The law of the code, given the count and the fixed offset, averaged over both; as the tables above."""
-        m = propagate(self.stages[self._split : -1], Moments(self._counts, 0.0, 0.0, self.conditions))
-        mean, temporal, spatial = _parts(m, self._counts.shape)
-        found, of_step = np.empty((self.nodes.size, 3)), self._offset_steps(temporal, spatial)
-        for step in np.unique(of_step):
-            rows = np.flatnonzero(of_step == step)
-            part = self._law[rows]
-            used = slice(int(part.indices.min()), int(part.indices.max()) + 1)
-            given = mean[used], np.sqrt(temporal[used]), np.sqrt(spatial[used])
-            found[rows] = _over_offsets(converter_of(self.stages), part[:, used], *given, step)
-        return found
-
-    def _offset_steps(self, temporal: Float64Array, spatial: Float64Array) -> Float64Array:
-        """Distance of the quantiles of the offsets [σ] at every node: less than the noise that blurs the codes."""
-        at = np.minimum(np.searchsorted(self._counts, self.nodes), self._counts.size - 1)
-        codes, counts = self._line[0][:2], self._counts[:2]
-        gain = (counts[-1] - counts[0]) * converter_of(self.stages).gain_dn_per_v
-        pitch = (codes[-1] - codes[0]) / gain if gain else 0.0
-        blur = np.sqrt(temporal[at] + pitch**2 * np.minimum(self.nodes, self._counts[-1]))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            wanted = np.where(spatial[at] > 0, BLUR * blur / np.sqrt(spatial[at]), np.inf)
-        return np.array(OFFSET_STEPS)[np.searchsorted(-np.array(OFFSET_STEPS), -wanted).clip(0, len(OFFSET_STEPS) - 1)]
+        return self._given.code_table(self._law, self.nodes)
 
     # -- before the count --------------------------------------------------------------------------------------------
 
@@ -354,8 +293,8 @@ class Theory:
     def _laws(self) -> list[tuple[int, Average]]:
         """The laws of the stages between the light and the count, with their numbers."""
         assert self._count is not None
-        end = min(self._ends)
-        gap = NARROW * np.sqrt(end + self._read_e**2 + 1)
+        end = min(self._given.ends_e)
+        gap = NARROW * np.sqrt(end + self._given.read_noise_e**2 + 1)
         return [(k, average_over(partial(self._pixel_law, k), self.nodes, end, gap)) for k in range(1, self._count)]
 
     def _pixel_law(self, number: int, quantiles: Quantiles) -> PixelLaw:
@@ -364,7 +303,7 @@ class Theory:
         if (law := stage.pixel_law(self.conditions, quantiles)) is not None:
             return law
         m = stage.moments(Moments(self.nodes, 0.0, 0.0, self.conditions))
-        return normal_law(*_parts(m, self.nodes.shape))
+        return normal_law(*parts_of(m, self.nodes.shape))
 
     # -- a chain that does not count electrons ------------------------------------------------------------------------
 
@@ -373,36 +312,4 @@ class Theory:
         window = SensorWindow(0, (1, levels.size), given=self.conditions.window.given)
         light = Photons(levels[None, :])
         m = propagate(self.stages[: number + 1], Moments(light, 0.0, 0.0, replace(self.conditions, window=window)))
-        return Expected(*(np.asarray(x[0], dtype=np.float64) for x in _parts(m, (1, levels.size))))
-
-
-def _parts(m: Moments, shape: tuple[int, ...]) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Mean and variances as arrays."""
-    return np.broadcast_to(m.mean, shape), np.broadcast_to(m.temporal, shape), np.broadcast_to(m.spatial, shape)
-
-
-def _mixed(law: sparse.csr_array, mean: Float64Array, temporal: Float64Array, spatial: Float64Array) -> Float64Array:
-    """Over the counts: what is fixed is shared by all of them."""
-    reference = float(mean[mean.size // 2])
-    off = mean - reference
-    first, second, shared = (law @ np.stack([off, temporal + off**2, np.sqrt(spatial)], axis=1)).T
-    return np.stack([reference + first, np.maximum(second - first**2, 0.0), shared**2], axis=1)
-
-
-def _over_offsets(
-    converter: Converter,
-    law: sparse.csr_array,
-    mean: Float64Array,
-    sigma: Float64Array,
-    offset: Float64Array,
-    step: float,
-) -> Float64Array:
-    """Codes of a normal signal, for quantiles of the offsets so many σ apart."""
-    z = np.arange(-FARTHEST, FARTHEST + step / 2, step) if offset.any() else np.zeros(1)
-    weights = np.exp(-0.5 * z**2) / np.exp(-0.5 * z**2).sum()
-    swing = mean[:, None] + offset[:, None] * z
-    code, variance = converter.code_moments(swing, np.broadcast_to(sigma[:, None], swing.shape))
-    first = law @ code
-    own = np.maximum(law @ (variance + code**2) - first**2, 0.0)
-    average = first @ weights
-    return np.stack([average, own @ weights, (first - average[:, None]) ** 2 @ weights], axis=1)
+        return Expected(*(np.asarray(x[0], dtype=np.float64) for x in parts_of(m, (1, levels.size))))

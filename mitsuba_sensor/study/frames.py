@@ -50,7 +50,7 @@ def expected_moments(stages: Chain, photons: Photons, exposure: Exposure, rounde
         return np.array(theory.digital(light.ravel())).reshape(3, *shape)
     gain = converter_of(stages).gain_dn_per_v
     volts = np.array(theory.behind(stages[-2], light.ravel())).reshape(3, *shape)
-    return volts * np.array([gain, gain**2, gain**2])[:, None, None]
+    return np.asarray(volts * np.array([gain, gain**2, gain**2])[:, None, None])
 
 
 def in_dn(moments: Array, other: Array) -> Array:

@@ -10,14 +10,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core import Electrons, Exposure, Frame, Photons, SensorWindow
+from ...core import Electrons, Exposure, Frame, Photons
 from ...render.irradiance import Irradiance
 from ...render.photons import collect
 from ...sensor.camera import Camera
-from ...sensor.plan import plan, without
+from ...sensor.plan import plan
 from ...sensor.run import choose_backend
 from ...sensor.stage import sample
-from ...sensor.theory import hidden_well
+from ...sensor.stage_effects import without
 from .. import frames
 from ..frames import MOMENTS, QUANTITIES, Illuminated, Replicas, Stages
 from ..kit import Kit, Spread, Step, Task, in_turns, spread
@@ -76,14 +76,9 @@ class Chains:
 
     def theory(self) -> Values:
         """What the plan says, the moments of every chain averaged over groups of pixels, and how exact theory is."""
-        whole = self.plan.whole
-        well = hidden_well(whole, Frame(self.light.exposure, SensorWindow(0, (1, 1))))
-        limits = ["counts are taken for a normal law where full well or converter cut them"]
-        if well is None and any(stage.saturation_e is not None for stage in whole):
-            cuts = "full well and converter cut one after the other, and the second cut takes what is left of the "
-            limits.append(f"{cuts}first for a normal law")
-        if any(stage.curved for stage in whole):
-            limits.append("curved stages are taken to second order in the noise")
+        limits = ["the noise behind the count is taken for a normal law"]
+        if any(stage.curved for stage in self.plan.whole):
+            limits.append("curved stages are taken to second order in that noise")
         effects, sizes = [asdict(effect) for effect in self.plan.effects], {k: len(x) for k, x in self.groups.items()}
         moments = ((case, frames.averages(x, self.groups)) for case, x in self.expected.items())
         cases = {case: {"moments": found, **self.worst[case]} for case, found in moments}

@@ -1,0 +1,149 @@
+"""Signal and code of a pixel given its electron count: a normal law, by the moments of the stages."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+
+from ..core import Frame, Moments
+from ..core.types import Float64Array
+from .count_law import count_nodes
+from .stage import Chain, Converter, converter_of, propagate
+
+OFFSET_STEPS, FARTHEST, BLUR = (0.75, 0.2, 0.06), 5.25, 0.7
+"""Quantiles of the fixed offsets lie one of these steps apart, up to the farthest [σ]; at most BLUR of the noise."""
+
+SHARP_DN = 0.5
+"""Noise behind the count [DN] below which single electrons and steps of the converter show in the codes: at this one
+they move a mean by 0.002 DN."""
+
+LARGEST_E = 1e12
+"""Without a full well counts are looked at up to where the converter is full, and no further than this."""
+
+
+@dataclass(frozen=True, eq=False)
+class GivenCount:
+    """The stages from the first one on that works on whole counts, a full well or volts, to the converter.
+
+    conditions : exposure and measured maps.
+    """
+
+    stages: Chain
+    conditions: Frame
+
+    @property
+    def converter(self) -> Converter:
+        """The last stage."""
+        return converter_of(self.stages)
+
+    @cached_property
+    def counts(self) -> Float64Array:
+        """Nodes of the count, up to the one that fills well or converter."""
+        largest = min((s.saturation_e for s in self.stages if s.saturation_e is not None), default=np.inf)
+        if not np.isfinite(largest):
+            largest = 64.0
+            while largest < LARGEST_E and self._line(np.array([largest]))[0][0] < self.converter.highest * 1.5:
+                largest *= 2
+        return count_nodes(float(largest), bool(self._line(np.linspace(0.0, largest, 65))[1].min() < SHARP_DN))
+
+    @cached_property
+    def codes_before_rounding(self) -> tuple[Float64Array, Float64Array]:
+        """Mean and temporal σ at the nodes of the count [DN]."""
+        return self._line(self.counts)
+
+    @property
+    def is_sharp(self) -> bool:
+        """Whether single electrons may show in the codes."""
+        return bool(self.codes_before_rounding[1].min() < SHARP_DN)
+
+    @property
+    def dn_per_e(self) -> float:
+        """Code of the first electrons [DN/e-]."""
+        codes, counts = self.codes_before_rounding[0], self.counts
+        return float((codes[1] - codes[0]) / (counts[1] - counts[0])) if counts.size > 1 else 0.0
+
+    @cached_property
+    def ends_e(self) -> list[float]:
+        """Counts at which well or converter are full."""
+        full = np.flatnonzero(self.codes_before_rounding[0] >= self.converter.highest - 0.5)
+        return [float(self.counts[-1]), *([float(self.counts[full[0]])] if full.size else [])]
+
+    @cached_property
+    def read_noise_e(self) -> float:
+        """Noise behind the count, as electrons."""
+        codes, sigma = self.codes_before_rounding
+        slope = max((codes[-1] - codes[0]) / max(self.counts[-1], 1.0), 1e-300)
+        return float(min(sigma.max() / slope, self.counts[-1]))
+
+    def analogue_tables(self, law: sparse.csr_array) -> dict[int, Float64Array]:
+        """Mean and variances behind every stage before the converter, by its id, (rows of the law, 3)."""
+        found, m = {}, self._entering(self.counts)
+        for stage in self.stages[:-1]:
+            m = stage.moments(m)
+            found[id(stage)] = _mixed(law, *parts_of(m, self.counts.shape))
+        return found
+
+    def code_table(self, law: sparse.csr_array, mean_e: Float64Array) -> Float64Array:
+        """The same of the codes.  mean_e : of the counts, one for each row of the law."""
+        m = propagate(self.stages[:-1], self._entering(self.counts))
+        mean, temporal, spatial = parts_of(m, self.counts.shape)
+        found, of_step = np.empty((mean_e.size, 3)), self._offset_steps(temporal, spatial, mean_e)
+        for step in np.unique(of_step):
+            rows = np.flatnonzero(of_step == step)
+            part = law[rows]
+            used = slice(int(part.indices.min()), int(part.indices.max()) + 1)
+            given = mean[used], np.sqrt(temporal[used]), np.sqrt(spatial[used])
+            found[rows] = _over_offsets(self.converter, part[:, used], *given, step)
+        return found
+
+    def _entering(self, counts: Float64Array) -> Moments:
+        return Moments(counts, 0.0, 0.0, self.conditions)
+
+    def _line(self, counts: Float64Array) -> tuple[Float64Array, Float64Array]:
+        m, gain = propagate(self.stages[:-1], self._entering(counts)), self.converter.gain_dn_per_v
+        mean, temporal, _ = parts_of(m, counts.shape)
+        return self.converter.black_level_dn + gain * mean, gain * np.sqrt(temporal)
+
+    def _offset_steps(self, temporal: Float64Array, spatial: Float64Array, mean_e: Float64Array) -> Float64Array:
+        """Distance of the quantiles of the offsets [σ] for every row: less than the noise that blurs the codes."""
+        at = np.minimum(np.searchsorted(self.counts, mean_e), self.counts.size - 1)
+        shot_v2 = (self.dn_per_e / self.converter.gain_dn_per_v) ** 2 * np.minimum(mean_e, self.counts[-1])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            wanted = np.where(spatial[at] > 0, BLUR * np.sqrt((temporal[at] + shot_v2) / spatial[at]), np.inf)
+        steps = np.array(OFFSET_STEPS)
+        return np.asarray(steps[np.searchsorted(-steps, -wanted).clip(0, steps.size - 1)])
+
+
+def parts_of(m: Moments, shape: tuple[int, ...]) -> tuple[Float64Array, Float64Array, Float64Array]:
+    """Mean and variances as arrays."""
+    return np.broadcast_to(m.mean, shape), np.broadcast_to(m.temporal, shape), np.broadcast_to(m.spatial, shape)
+
+
+def _mixed(law: sparse.csr_array, mean: Float64Array, temporal: Float64Array, spatial: Float64Array) -> Float64Array:
+    """Over the counts: what is fixed is shared by all of them."""
+    reference = float(mean[mean.size // 2])
+    off = mean - reference
+    first, second, shared = (law @ np.stack([off, temporal + off**2, np.sqrt(spatial)], axis=1)).T
+    return np.stack([reference + first, np.maximum(second - first**2, 0.0), shared**2], axis=1)
+
+
+def _over_offsets(
+    converter: Converter,
+    law: sparse.csr_array,
+    mean: Float64Array,
+    sigma: Float64Array,
+    offset: Float64Array,
+    step: float,
+) -> Float64Array:
+    """Codes of a normal signal, for quantiles of the offsets so many σ apart."""
+    z = np.arange(-FARTHEST, FARTHEST + step / 2, step) if offset.any() else np.zeros(1)
+    weights = np.exp(-0.5 * z**2) / np.exp(-0.5 * z**2).sum()
+    swing = mean[:, None] + offset[:, None] * z
+    code, variance = converter.code_moments(swing, np.broadcast_to(sigma[:, None], swing.shape))
+    first = law @ code
+    own = np.maximum(law @ (variance + code**2) - first**2, 0.0)
+    average = first @ weights
+    return np.stack([average, own @ weights, (first - average[:, None]) ** 2 @ weights], axis=1)
