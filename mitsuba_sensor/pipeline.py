@@ -27,11 +27,11 @@ from .render.statistics import summary_of
 from .render.stop_criterion import Progress
 from .sensor.camera import Camera
 from .sensor.checks import as_photons
+from .sensor.detection import detect
 from .sensor.expose import KEEP, Frames, prepare_exposure
 from .sensor.input_noise import input_noise
-from .sensor.light_levels import detected
 from .sensor.options import ExposeOptions, FrameOptions
-from .sensor.plan import plan
+from .sensor.plan import plan_for
 
 FILES = ("frame.tiff", "frame.png", "irradiance.exr", "aovs.exr", "frame.json")
 Scene: TypeAlias = str | os.PathLike[str] | ParsedScene
@@ -216,7 +216,7 @@ def frame_metadata(
         statistics, camera, first = light.statistics.to_dict(), frames.camera, frames.first
         made = frames.plan
         if made is None and options["chain"] == "physical":
-            made = plan(camera, first.exposure, frames.light)
+            made = plan_for(camera, frames.detected, first)
         found = {} if made is None else made.to_dict()
         noise, report = render_noise(light, frames), frames.report
     return {
@@ -247,8 +247,9 @@ def render_noise(light: Irradiance, frames: Frames) -> dict[str, float]:
 
     The render statistics have the same for the exposure of the render; a longer exposure of the same light shows more.
     """
-    everything = slice(0, frames.first.window.shape[0])
-    electrons = detected(frames.light, frames.camera.stages[0], frames.first, everything).light
+    detection = frames.camera.stages[0]
+    known = frames.stages[0] == detection  # the published chain counts its photoelectrons in another way
+    electrons = (frames.detected if known else detect(frames.light, detection, frames.first)).mean_e
     with np.errstate(invalid="ignore"):
         variance_e2 = (light.relative_error.astype(np.float64) * electrons) ** 2
     ratio = input_noise(frames.camera, frames.first.exposure).ratio(electrons, variance_e2)

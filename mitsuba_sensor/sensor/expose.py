@@ -10,21 +10,21 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..core import Exposure, Frame, InputError, Photons, SensorWindow, check_types, first_given, require_seed
+from ..core import Exposure, Frame, InputError, Photons, SensorWindow, check_types, first_given
 from ..core.backend import FLOAT32_LIMIT, NUMPY_FLOAT32, NUMPY_FLOAT64
 from ..core.options import complete, documents
 from .camera import Camera
 from .checks import as_photons, check_compensation, check_numbers, checked_maps, checked_names, checked_origin
+from .detection import Detected, detect
 from .frame_theory import FrameTheory
 from .gains import adc_gain_dn_per_v
 from .konnik2014 import Konnik2014Settings, chain_of
 from .light_levels import light_levels
 from .noise_budget import NoiseBudget
-from .options import ExposeOptions, Precision
-from .plan import Plan
-from .plan import plan as make_plan
+from .options import ExposeOptions
+from .plan import Plan, plan_for
 from .report import FrameObserver, report
-from .run import FrameRunner, choose_backend, require_kept
+from .run import FrameRunner, StripWindows, choose_backend, require_kept
 from .stage import Chain, converter_of
 
 KEEP = ("photons", "photoelectrons", "dark_electrons", "electrons", "volts")
@@ -44,6 +44,7 @@ class Frames:
 
     digital : (N, H, W) uint8, uint16 or uint32, whichever holds ``adc.bits`` [DN].
     plan : what was left out of the chain, where ``plan`` or ``tolerance_dn`` was given.
+    detected : mean photoelectrons of the light.
     photons, photoelectrons, dark_electrons, electrons, volts : (N, H, W) float64 if asked for by ``keep``, else None.
     """
 
@@ -52,6 +53,7 @@ class Frames:
     light: Photons
     first: Frame
     stages: Chain
+    detected: Detected
     plan: Plan | None = None
     photons: NDArray[np.float64] | None = None
     photoelectrons: NDArray[np.float64] | None = None
@@ -68,13 +70,13 @@ class Frames:
     def report(self) -> dict[str, Any]:
         """Theory and sample of every stage in the first frame, ready for JSON (see report.py)."""
         self._observer.sample(self.first.window.backend)
-        return report(self.light, self.camera, self._observer)
+        return report(self.camera, self._observer)
 
     @cached_property
     def _observer(self) -> FrameObserver:
         """Who saw the first frame; it is computed again unless :meth:`PreparedExposure.frames_with_report` made it."""
-        observer = FrameObserver(FrameTheory(self.stages, self.light, self.first))
-        PreparedExposure(self.camera, self.stages, self.first, 1, (), self.light).frames(observer)
+        observer = FrameObserver(FrameTheory(self.stages, self.detected, self.first))
+        PreparedExposure(self.camera, self.stages, self.first, 1, (), light=self.detected).frames(observer)
         return observer
 
     def minus(self, reference: Frames) -> NDArray[np.int64]:
@@ -92,7 +94,8 @@ class Frames:
 
     def noise_budget(self) -> NoiseBudget:
         """What every source contributes to each pixel of the first frame, in DN; the sum is the frame."""
-        return NoiseBudget(self.stages, self.light, self.first, FrameTheory(self.stages, self.light, self.first))
+        theory = FrameTheory(self.stages, self.detected, self.first)
+        return NoiseBudget(self.stages, self.detected, self.first, theory)
 
 
 @documents(ExposeOptions)
@@ -105,7 +108,7 @@ def expose(
         ``wavelengths_nm`` of length B.
     Raises InputError for NaN or negative photons, naming how many there are and where the first one is.
     """
-    return _prepared(photons, camera, exposure, options).frames()
+    return prepared(photons, camera, exposure, options).frames()
 
 
 @documents(ExposeOptions)
@@ -116,7 +119,7 @@ def stream(
 
     Everything is checked at once; light and maps are made with the first frame that is asked for.
     """
-    return _prepared(photons, camera, exposure, options).stream()
+    return prepared(photons, camera, exposure, options).stream()
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +127,7 @@ class PreparedExposure:
     """Everything that an exposure needs but the light, checked: ``prepare_exposure(…).of(photons).frames()``.
 
     first : the first frame, whose window has the backend and the given FPN maps.  keep : names of signals to return.
-    count : how many frames.
+    count : how many frames.  strips : of a sensor that keeps its maps.
     """
 
     camera: Camera
@@ -132,9 +135,10 @@ class PreparedExposure:
     first: Frame
     count: int
     keep: tuple[str, ...]
-    light: Photons | None = None
     plan: Plan | None = None
     tolerance_dn: float | None = None
+    light: Detected | None = None
+    strips: StripWindows | None = None
 
     def of(self, light: Photons, number: int | None = None) -> PreparedExposure:
         """With this light, of the shape of the window. Raises InputError where its variance cannot be compensated.
@@ -142,27 +146,26 @@ class PreparedExposure:
         number : of the first frame, if it is another than before.
         """
         first = self.first if number is None else replace(self.first, index=number, _blocks={})
-        plan = self.plan
+        detected, plan = detect(light, self.stages[0], first), self.plan
         if self.tolerance_dn is not None:
-            plan = make_plan(self.camera, first.exposure, light, self.tolerance_dn)
+            plan = plan_for(self.camera, detected, first, self.tolerance_dn)
         elif plan is not None:
-            levels = light_levels(replace(light, variance_e2=None), plan.whole[0], first)
-            plan.range.check(first.exposure, levels, first.window.shape)
+            plan.range.check(first.exposure, light_levels(detected), first.window.shape)
         stages = self.stages if plan is None else plan.stages
         check_compensation(light, stages, self.count)
-        return replace(self, light=light, first=first, plan=plan, stages=stages)
+        return replace(self, light=detected, first=first, plan=plan, stages=stages)
 
     def frames(self, observer: FrameObserver | None = None) -> Frames:
         """All frames at once.  observer : sees the first one."""
         kept = {name: np.empty((self.count, *self.first.window.shape)) for name in self.keep}
         kept["digital"] = np.empty((self.count, *self.first.window.shape), self._code_type)
         first = self.first.index
-        runner = FrameRunner(self.stages, self._light, self.first, observer)
+        light, runner = self._light, FrameRunner(self.stages, self._light, self.first, observer, self.strips)
         done = runner.frames(first, self.count, lambda i: {name: x[i - first] for name, x in kept.items()})
         for _ in done:
             pass
         digital: NDArray[Any] = kept.pop("digital")
-        return Frames(digital, self.camera, self._light, self._on_numpy, self.stages, self.plan, **kept)
+        return Frames(digital, self.camera, light.photons, self._on_numpy, self.stages, light, self.plan, **kept)
 
     def frames_with_report(self) -> Frames:
         """The same, with the report of the first frame made along with it: each frame is computed once."""
@@ -174,13 +177,12 @@ class PreparedExposure:
     def stream(self) -> Iterator[NDArray[np.unsignedinteger]]:
         """One frame at a time."""
         shape, code_type = self.first.window.shape, self._code_type
-        done = FrameRunner(self.stages, self._light, self.first).frames(
-            self.first.index, self.count, lambda _: {"digital": np.empty(shape, code_type)}
-        )
+        runner = FrameRunner(self.stages, self._light, self.first, strips=self.strips)
+        done = runner.frames(self.first.index, self.count, lambda _: {"digital": np.empty(shape, code_type)})
         return (sinks.pop("digital") for sinks in done)  # popped: nobody here keeps a frame that was delivered
 
     @property
-    def _light(self) -> Photons:
+    def _light(self) -> Detected:
         if self.light is None:
             raise TypeError("an exposure needs its light: prepare_exposure(…).of(photons)")
         return self.light
@@ -195,7 +197,7 @@ class PreparedExposure:
         return self.first.on(NUMPY_FLOAT64 if self.first.window.backend is NUMPY_FLOAT64 else NUMPY_FLOAT32)
 
 
-def _prepared(photons: Any, camera: Camera, exposure: Exposure, options: ExposeOptions) -> PreparedExposure:
+def prepared(photons: Any, camera: Camera, exposure: Exposure, options: ExposeOptions) -> PreparedExposure:
     """An exposure with its light. Raises InputError."""
     check_types(camera, exposure)
     light = as_photons(photons, camera, options.get("wavelengths_nm"))
@@ -219,7 +221,7 @@ def prepare_exposure(
     keep = checked_names(chosen["keep"], KEEP)
     require_kept(keep, KEEP if chosen["chain"] == "physical" else KEPT_BY_PUBLISHED)
     stages = _stages(camera, chosen["plan"], chosen["chain"])
-    precision = _precision(chosen["precision"], camera, chosen["plan"], chosen["chain"])
+    precision = precision_of(chosen["precision"], camera, chosen["plan"], chosen["chain"])
     backend = choose_backend(chosen["engine"], precision, frames * shape[0] * shape[1])
     window = SensorWindow(serial, (shape[0], shape[1]), origin)
     given = checked_maps({} if chosen["maps"] is None else chosen["maps"], stages, window, camera)
@@ -242,7 +244,7 @@ def _tolerance_dn(chosen: ExposeOptions) -> float | None:
     return tolerance_dn
 
 
-def _precision(asked: str, camera: Camera, plan: Plan | None, chain: str) -> str:
+def precision_of(asked: str, camera: Camera, plan: Plan | None, chain: str) -> str:
     """ "float32" or "float64": as asked, else as the plan found, else float32 while it can count single electrons."""
     if chain == "konnik2014":  # a comparison, in the precision of the published code
         if asked == "float32":
@@ -282,28 +284,3 @@ def _stages(camera: Camera, plan: Plan | None, chain: str) -> Chain:
             f"plan was made for another camera, {plan.camera}; make one for this one with plan(camera, …)."
         )
     return plan.stages
-
-
-def fpn_maps(
-    camera: Camera,
-    shape: tuple[int, int] | None = None,
-    *,
-    serial: int = 1,
-    origin: tuple[int, int] = (0, 0),
-    precision: Precision = "auto",
-) -> dict[str, NDArray[np.float64]]:
-    """Every FPN map of one chip, by name: gains (1 on average), dark current factors (1), offsets in electrons (0).
-
-    shape : (rows, columns) of the window; the whole sensor by default. The result fits ``expose(maps=…)``.
-    precision : of :func:`expose`, so that these are the very maps that it uses.
-    """
-    check_types(camera, Exposure(0.0))
-    size = (camera.sensor.rows, camera.sensor.columns) if shape is None else shape
-    if not isinstance(size, tuple | list) or len(size) != 2 or 0 in size:
-        raise InputError(f"shape is {size!r}; it must be (rows, columns) of the window, e.g. (480, 640).")
-    height, width = require_seed("shape", size[0]), require_seed("shape", size[1])
-    asked = complete(ExposeOptions, {"precision": precision})["precision"]
-    backend = choose_backend("numpy", _precision(asked, camera, None, "physical"), 0)
-    window = SensorWindow(serial, (height, width), checked_origin(origin), backend=backend)
-    found = [stage.fpn_maps(window) for stage in camera.stages]
-    return {name: np.asarray(x, dtype=np.float64) for maps in found for name, x in maps.items()}

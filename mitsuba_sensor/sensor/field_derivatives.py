@@ -17,6 +17,7 @@ from ..core.differentiable import CameraNumber, RecordingBackend
 from .camera import Camera
 from .chain import chain
 from .datasheet_errors import fields_of
+from .detection import detect
 from .run import begin
 from .stage import sample
 
@@ -124,7 +125,11 @@ class Recording:
         """Every number of this camera, in the order in which the stages use them."""
         backend, stages = RecordingBackend(), chain(camera)
         frame = replace(self.first, exposure=exposure, window=replace(self.first.window, backend=backend, _maps={}))
-        sample(stages[1:], begin(stages, self.light, frame), replace(frame, _blocks={}))
+        sample(
+            stages[1:],
+            begin(stages, detect(self.light, stages[0], self.first).signal, frame),
+            replace(frame, _blocks={}),
+        )
         return backend.numbers
 
     def _around(self, name: str, value: float, step: float) -> tuple[tuple[int, ...], list[tuple[Camera, Exposure]]]:

@@ -8,8 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core import Frame, Photons
+from ..core import Frame
 from ..core.types import Float64Array
+from .detection import Detected
 from .light_levels import LightLevels, light_levels
 from .stage import Chain, Stage
 from .theory import Theory
@@ -32,17 +33,17 @@ class Averages(NamedTuple):
 class FrameTheory:
     """Theory of one light on one chain.
 
-    photons, frame : mean photons of the window, and its exposure, place and measured maps.
+    light, frame : of the window, and its exposure, place and measured maps.
     """
 
     stages: Chain
-    photons: Photons
+    light: Detected
     frame: Frame
 
     @cached_property
     def levels(self) -> list[LightLevels]:
         """The light that is there."""
-        return light_levels(self.photons, self.stages[0], self.frame)
+        return light_levels(self.light)
 
     @cached_property
     def theories(self) -> list[Theory]:

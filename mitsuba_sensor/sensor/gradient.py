@@ -17,6 +17,7 @@ from ..core.options import complete, documents
 from .camera import Camera
 from .chain import chain
 from .checks import as_photons, check_numbers, checked_maps, checked_origin
+from .detection import detect
 from .field_derivatives import Recording
 from .options import GradientOptions
 from .run import begin, choose_backend
@@ -146,7 +147,8 @@ def differentiable(
     first = Frame(exposure, window, seed)
     numbers = Recording.of(light, camera, first).by(tuple(name for name in names if name != PHOTONS))
     first = first.on(DifferentiableBackend(BACKENDS[chosen["engine"]], numbers))
-    return DifferentiableFrames(names, light, stages, first, begin(stages, light, first))
+    start = begin(stages, detect(light, stages[0], first).signal, first)
+    return DifferentiableFrames(names, light, stages, first, start)
 
 
 def _check(names: tuple[str, ...], light: Photons, camera: Camera) -> None:

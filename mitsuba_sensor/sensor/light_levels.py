@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import Electrons, Frame, Photons
+from ..core import Electrons
 from ..core.backend import NUMPY_FLOAT64
 from ..core.types import Array, Float64Array
+from .detection import Detected
 from .run import processors, row_strips_of
-from .stage import Stage
 from .theory import LightKind
 
 SHIFT = 15
@@ -24,6 +23,9 @@ LEVELS = 2**31 >> SHIFT
 
 WIDTH = 2.0 ** (SHIFT - 23)
 """Of a level at most, as a share of its light."""
+
+Kind = tuple[Array, Array, Array]
+"""Of some pixels: the fields of :class:`LightKind`."""
 
 YIELD_STEP, COMPENSATED_STEP = 1 / 8, 1 / 24
 """Pixels whose quantum yield or share of compensated render noise lies within one step are of one kind."""
@@ -49,7 +51,7 @@ class _Sums:
     def __init__(self) -> None:
         self.pixels, self.light, self.kind = np.zeros(LEVELS, dtype=np.int64), np.zeros(LEVELS), np.zeros(3)
 
-    def add(self, light_e: Float64Array, kind: tuple[Array, Array, Array]) -> None:
+    def add(self, light_e: Float64Array, kind: Kind) -> None:
         level = light_e.astype(np.float32).view(np.uint32) >> SHIFT
         self.pixels += np.bincount(level, minlength=LEVELS)
         self.light += np.bincount(level, light_e, minlength=LEVELS)
@@ -61,48 +63,31 @@ class _Sums:
         return LightLevels(self.light[used] / pixels, pixels, LightKind(*(self.kind / pixels.sum()).tolist()))
 
 
-def light_levels(photons: Photons, detection: Stage, frame: Frame) -> list[LightLevels]:
-    """Levels 0.2 to 0.4 % apart, by kind of the light.
-
-    photons : of the window of ``frame``.  detection : the first stage, which makes mean photoelectrons of them.
-    """
+def light_levels(light: Detected) -> list[LightLevels]:
+    """Levels 0.2 to 0.4 % apart, by kind of the light."""
     found: dict[int, _Sums] = defaultdict(_Sums)
+    shape = light.photons.mean.shape[:2]
     with ThreadPoolExecutor(processors()) as pool:
-        for light, kind, number in pool.map(lambda rows: _strip(photons, detection, frame, rows), _rows(photons)):
+        rows = row_strips_of((shape[0], shape[1]), NUMPY_FLOAT64.strip_pixels)
+        for mean_e, kind, number in pool.map(lambda part: _kinds(light.crop_rows(part)), rows):
             if number is None:
-                found[0].add(light, kind)
+                found[0].add(mean_e, kind)
                 continue
             for one in np.unique(number):
                 here = number == one
-                found[one].add(light[here], tuple(np.broadcast_to(x, light.shape)[here] for x in kind))
+                found[one].add(mean_e[here], tuple(np.broadcast_to(x, mean_e.shape)[here] for x in kind))
     return [found[number].levels() for number in sorted(found)]
 
 
-def _rows(photons: Photons) -> Iterator[slice]:
-    height, width = photons.mean.shape[:2]
-    return row_strips_of((height, width), NUMPY_FLOAT64.strip_pixels)
-
-
-def _strip(
-    photons: Photons, detection: Stage, frame: Frame, rows: slice
-) -> tuple[Float64Array, tuple[Array, Array, Array], NDArray[np.int64] | None]:
+def _kinds(strip: Detected) -> tuple[Float64Array, Kind, NDArray[np.int64] | None]:
     """Mean photoelectrons of a strip, what makes their kind, and its number, None where there is only one."""
-    mean = detected(photons, detection, frame, rows)
-    if not isinstance(mean, Electrons):  # chain konnik2014: photons
-        return np.asarray(mean, dtype=np.float64).ravel(), LightKind(), None
-    light = np.asarray(mean.light, dtype=np.float64).ravel()
-    if mean.variance_e2 is None and np.ndim(mean.yield_mean) == 0:
-        return light, LightKind(), None
-    variance = 0.0 if mean.variance_e2 is None else np.ravel(mean.variance_e2)
+    mean_e, signal = strip.mean_e.ravel(), strip.signal
+    if not isinstance(signal, Electrons) or (signal.variance_e2 is None and np.ndim(signal.yield_mean) == 0):
+        return mean_e, LightKind(), None
+    variance = 0.0 if signal.variance_e2 is None else np.ravel(signal.variance_e2)
     with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.nan_to_num(np.where(light > 0, variance / light, 0.0), posinf=0.0)
+        share = np.nan_to_num(np.where(mean_e > 0, variance / mean_e, 0.0), posinf=0.0)
     share = np.minimum(share, 1.0)
-    yields = np.ravel(mean.yield_mean), np.ravel(mean.yield_variance)
+    yields = np.ravel(signal.yield_mean), np.ravel(signal.yield_variance)
     number = np.rint((yields[0] - 1) / YIELD_STEP) * 1000 + np.rint(share / COMPENSATED_STEP)
-    return light, (*yields, share), np.broadcast_to(number, light.shape).astype(np.int64)
-
-
-def detected(photons: Photons, detection: Stage, frame: Frame, rows: slice) -> Array:
-    """What the first stage makes of some rows, in float64."""
-    window = frame.on(NUMPY_FLOAT64).window.crop_rows(rows)
-    return detection.sample(photons.crop_rows(rows), replace(frame, window=window, _blocks={}))
+    return mean_e, (*yields, share), np.broadcast_to(number, mean_e.shape).astype(np.int64)

@@ -10,8 +10,9 @@ from functools import cached_property
 
 import numpy as np
 
-from ..core import Array, Electrons, Frame, Photons
+from ..core import Array, Electrons, Frame
 from ..core.types import Float64Array
+from .detection import Detected
 from .frame_theory import FrameTheory
 from .run import processors, row_strips_of
 from .stage import Chain, total
@@ -48,11 +49,11 @@ class NoiseBudget:
     A contribution is the change that a stage makes, carried to DN by the nominal gains of the stages behind it. The
     frame is computed strip by strip: no more than a few strips are in memory at a time.
 
-    stages, photons, frame : of one frame.  theory : of its pixels.
+    stages, light, frame : of one frame.  theory : of its pixels.
     """
 
     stages: Chain
-    photons: Photons
+    light: Detected
     frame: Frame
     theory: FrameTheory
 
@@ -103,10 +104,11 @@ class NoiseBudget:
         window = self.frame.window.crop_rows(rows)
         frame = replace(self.frame, window=window, _blocks={})
         found: Contributions = []
-        signal: Array = self.photons.crop_rows(rows)
+        light = self.light.crop_rows(rows)
+        signal: Array = light.photons
         before = np.zeros(window.shape)
         for stage, to_dn in zip(self.stages, self._to_dn, strict=True):
-            entering, signal = signal, stage.sample(signal, frame)
+            entering, signal = signal, stage.sample(signal, frame) if found else light.signal
             after = to_dn * np.broadcast_to(_float64(signal), before.shape)
             parts = stage.noise_sources(entering, signal)
             apart = {

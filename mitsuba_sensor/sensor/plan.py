@@ -15,12 +15,12 @@ from ..core import Exposure, Frame, Photons, SensorWindow, check_types, require
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
 from .camera import Camera
 from .checks import as_photons
+from .detection import Detected, detect
 from .light_levels import WIDTH, light_levels
 from .precision import Float32, float32_effect
 from .run import row_strips_of
 from .stage import Chain, Stage, sample
 from .stage_effects import Effect, PlanRange, Trial, among, ends_of, without
-from .theory import PLAIN
 
 RUNS = 5  # timed runs of each chain; they take turns, so that a machine that slows down slows both
 LEVELS = 65  # pixels of the scene, from dark to bright, on which float32 is compared with float64
@@ -38,7 +38,7 @@ class Plan:
     whole: Chain = field(repr=False)
     float32: Float32
     range: PlanRange
-    photons: Photons = field(repr=False)
+    light: Detected = field(repr=False)
     frame: Frame = field(repr=False)
 
     @property
@@ -74,7 +74,7 @@ class Plan:
     def seconds(self) -> tuple[float, float]:
         """Measured seconds per frame, whole chain and plan: medians of interleaved runs of the scene's top strip."""
         rows = next(row_strips_of(self.frame.window.shape, NUMPY_FLOAT64.strip_pixels))
-        strip = replace(self.photons.crop_rows(rows), variance_e2=None)
+        strip = replace(self.light.photons.crop_rows(rows), variance_e2=None)
         frame = self.frame.on(NUMPY_FLOAT32 if self.precision == "float32" else NUMPY_FLOAT64)
         part = replace(frame, window=frame.window.crop_rows(rows))
         times: tuple[list[float], list[float]] = ([], [])
@@ -117,20 +117,23 @@ def plan(
     check_types(camera, exposure)
     require("tolerance_dn", tolerance_dn, 0.0, float("inf"), "digital numbers, e.g. 0.02")
     light = as_photons(photons, camera, wavelengths_nm)
-    window = SensorWindow(1, (light.mean.shape[0], light.mean.shape[1]), light.origin)
-    frame, whole = Frame(exposure, window), camera.stages
-    levels = light_levels(replace(light, variance_e2=None), whole[0], frame)
+    frame = Frame(exposure, SensorWindow(1, (light.mean.shape[0], light.mean.shape[1]), light.origin))
+    return plan_for(camera, detect(replace(light, variance_e2=None), camera.stages[0], frame), frame, tolerance_dn)
+
+
+def plan_for(camera: Camera, light: Detected, frame: Frame, tolerance_dn: float = 0.0) -> Plan:
+    """The plan of a window in light that is detected already."""
+    whole, window, levels = camera.stages, frame.window, light_levels(light)
     darkest, brightest = ends_of(levels)
-    held = PlanRange(exposure, *window.shape, darkest * (1 - WIDTH), brightest * (1 + WIDTH))
-    trial = Trial(whole, frame, held, levels[-1].kind if levels[-1].kind.yield_mean > 1 else PLAIN, tolerance_dn)
+    held = PlanRange(frame.exposure, *window.shape, darkest * (1 - WIDTH), brightest * (1 + WIDTH))
+    kind = max(levels, key=lambda one: one.light_e[-1]).kind._replace(compensated=0.0)
+    trial = Trial(whole, frame, held, kind, tolerance_dn)
     alone = {id(stage): trial.effect(stage) for stage in whole}
     out = trial.chosen([stage for stage in whole if not stage.required], alone)
     kept = without(whole, out)
     effects = tuple(_verdict(stage, alone[id(stage)], not among(stage, kept)) for stage in whole)
-    pixels, small = _some_pixels(light, camera, exposure)
-    return Plan(
-        camera.name, tolerance_dn, effects, kept, whole, float32_effect(kept, pixels, small), held, light, frame
-    )
+    single = float32_effect(kept, *_some_pixels(light.photons, camera, frame.exposure))
+    return Plan(camera.name, tolerance_dn, effects, kept, whole, single, held, light, frame)
 
 
 def _verdict(stage: Stage, alone: Effect, left_out: bool) -> Effect:

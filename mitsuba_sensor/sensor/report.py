@@ -17,7 +17,6 @@ from .camera import Camera
 from .compensation import LIMIT, compensable
 from .frame_theory import FrameTheory
 from .gains import gain_dn_per_e
-from .light_levels import detected
 from .run import row_strips_of
 from .stage import UNITS, Stage, total
 
@@ -56,14 +55,13 @@ class FrameObserver:
         for rows in self.rows if not self.sums.any() else ():
             frame = self.theory.frame.on(backend)
             part = replace(frame, window=frame.window.crop_rows(rows), _blocks={})
-            follower, signal = StripFollower(self, part, self._means(rows)), self.theory.photons.crop_rows(rows)
-            for stage in self.theory.stages:
-                signal = stage.sample(signal, part)
+            follower, signal = StripFollower(self, part, self._means(rows)), self.theory.light.crop_rows(rows).signal
+            for number, stage in enumerate(self.theory.stages):
+                signal = stage.sample(signal, part) if number else signal
                 follower.behind(stage, signal)
 
     def _means(self, rows: slice) -> dict[int, Float64Array]:
-        light = detected(self.theory.photons, self.theory.stages[0], self.theory.frame, rows)
-        return self.theory.means(np.asarray(light.light if isinstance(light, Electrons) else light))
+        return self.theory.means(self.theory.light.crop_rows(rows).mean_e)
 
     def add(self, number: int, signal: Array, mean: Float64Array) -> None:
         """The signal behind a stage in some pixels, and its expected value."""
@@ -110,7 +108,7 @@ class StripFollower:
         return self.masks
 
 
-def report(photons: Photons, camera: Camera, observer: FrameObserver) -> dict[str, Any]:
+def report(camera: Camera, observer: FrameObserver) -> dict[str, Any]:
     """The report of the frame that was observed, ready for JSON.
 
     ``photons`` (min, median, max per pixel; of electrons where they are ``detected``), ``stages`` (below), ``counts``
@@ -119,11 +117,8 @@ def report(photons: Photons, camera: Camera, observer: FrameObserver) -> dict[st
     the rms distance of the pixels from their own means. Photons with ``variance_e2`` have ``compensation`` too, and the
     count ``compensated_short``.
     """
-    theory = observer.theory
-    seen = photons.mean.max(axis=-1) if photons.detected else photons.total
-    if photons.detected:
-        first = detected(photons, theory.stages[0], theory.frame, slice(0, photons.mean.shape[0]))
-        seen = np.asarray(first.light)
+    theory, photons = observer.theory, observer.theory.light.photons
+    seen = theory.light.mean_e if photons.detected else photons.total
     return {
         "photons": {
             "min": float(seen.min()),

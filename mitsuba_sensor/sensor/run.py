@@ -1,27 +1,30 @@
 """Frames of one window and light: computed strip by strip of rows, on threads of the host or by a compiled kernel."""
 
+from __future__ import annotations
+
 import os
 import threading
 from collections.abc import Callable, Container, Hashable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol, get_args
+from typing import TYPE_CHECKING, Any, Protocol, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import Array, Electrons, Frame, InputError, Photons, SensorWindow, nearest
+from ..core import Array, Electrons, Frame, InputError, SensorWindow, nearest
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, Backend, PendingStrip
 from ..core.llvm import backend_problem
 from .options import Engine
 from .stage import Chain, Stage, sample, total
 
+if TYPE_CHECKING:
+    from .detection import Detected
+
 ENGINES = get_args(Engine)
 # Pixels in all frames together from which on "auto" compiles a kernel. NumPy needs a second for them on two
 # processors, and so long does a new process need for Dr.Jit, the kernel and the maps (benchmarks/backend_speed.py).
 WORTH_COMPILING = 2**23
-# Fields of Electrons that can have one value per pixel before the shot noise.
-LAYERS = ("light", "yield_mean", "yield_variance", "variance_e2")
 Sinks = dict[str, NDArray[Any]]
 
 
@@ -82,24 +85,65 @@ class Observer(Protocol):
 
 
 @dataclass(eq=False)
-class FrameRunner:
-    """Frames of one window and one light, strip by strip of rows; FPN maps stay with their strips between the frames.
+class StripWindows:
+    """The window of a sensor as strips of rows, each with its FPN maps once they are made.
 
-    On NumPy as many strips as there are processors are in flight; a compiled kernel shares them out by itself.
+    On the host a map of all strips is one array, so that memory does not grow from frame to frame.
     """
 
-    stages: Chain
-    light: Photons
-    first: Frame
-    observer: Observer | None = None
-    _parts: dict[int, tuple[SensorWindow, Electrons | None]] = field(default_factory=dict)
+    window: SensorWindow
+    _strips: dict[int, SensorWindow] = field(default_factory=dict)
     _maps: dict[Hashable, NDArray[Any]] = field(default_factory=dict)
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def __post_init__(self) -> None:
-        backend = self.first.window.backend
-        self._rows = list(row_strips_of(self.first.window.shape, backend.strip_pixels))
-        workers = 1 if backend.compiled else min(processors(), len(self._rows))
+        self.rows = list(row_strips_of(self.window.shape, self.window.backend.strip_pixels))
+
+    def strip(self, number: int) -> SensorWindow:
+        """A strip, with its maps where they were kept."""
+        return self._strips.get(number) or self.window.crop_rows(self.rows[number])
+
+    def keep(self, number: int, strip: SensorWindow) -> None:
+        """Keep the maps of a strip for the next frame."""
+        if number in self._strips:
+            return
+        self._strips[number] = strip
+        for key, values in [] if strip.backend.compiled else list(strip.cached_values.items()):
+            if isinstance(values, np.ndarray) and values.shape == strip.shape:
+                with self._lock:
+                    if key not in self._maps:
+                        self._maps[key] = np.empty(self.window.shape, values.dtype)
+                    whole = self._maps[key]
+                whole[self.rows[number]] = values
+                strip.cached_values[key] = whole[self.rows[number]]
+
+    @property
+    def bytes(self) -> int:
+        """Memory of the maps, on the host or of a compiled backend."""
+        size = self.window.shape[0] * self.window.shape[1]
+        if not self.window.backend.compiled:
+            return sum(values.nbytes for values in self._maps.values())
+        return 4 * size * max((len(strip.cached_values) for strip in self._strips.values()), default=0)
+
+
+@dataclass(eq=False)
+class FrameRunner:
+    """Frames of one window and one light, strip by strip of rows; FPN maps stay with their strips between the frames.
+
+    On NumPy as many strips as there are processors are in flight; a compiled kernel shares them out by itself.
+    strips : of the window of ``first``; a :class:`Sensor` keeps them from call to call.
+    """
+
+    stages: Chain
+    light: Detected
+    first: Frame
+    observer: Observer | None = None
+    strips: StripWindows | None = None
+    _starts: dict[int, Array] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._own, self._kept = self.strips is None, self.strips or StripWindows(self.first.window)
+        workers = 1 if self.first.window.backend.compiled else min(processors(), len(self._kept.rows))
         self._pool = ThreadPoolExecutor(workers) if workers > 1 else None
 
     def frames(self, first: int, count: int, sinks_of: Callable[[int], Sinks]) -> Iterator[Sinks]:
@@ -127,9 +171,10 @@ class FrameRunner:
             self._copy(before)
             if ready is not None:
                 yield ready
-        finally:  # also when nobody asks for the rest: release the threads and the maps
-            self._parts.clear()
-            self._maps.clear()
+        finally:  # also when nobody asks for the rest: release the threads, the light and the maps of this run
+            self._starts.clear()
+            if self._own:
+                self._kept = StripWindows(self.first.window)
             if self._pool:
                 self._pool.shutdown()
 
@@ -140,7 +185,7 @@ class FrameRunner:
 
     def _jobs(self, index: int, sinks: Sinks, last: bool) -> Iterator[PendingStrip]:
         """One job per strip; on the host they are done."""
-        numbers = range(len(self._rows))
+        numbers = range(len(self._kept.rows))
         if self._pool is None:
             yield from (self._strip(number, index, sinks, last) for number in numbers)
         else:
@@ -148,44 +193,33 @@ class FrameRunner:
                 yield done.result()
 
     def _strip(self, number: int, index: int, sinks: Sinks, last: bool) -> PendingStrip:
-        rows = self._rows[number]
-        strip = self.light.crop_rows(rows)
-        if new := number not in self._parts:
-            window, start = self.first.window.crop_rows(rows), None
-            if window.backend.compiled:
-                start = begin(self.stages, strip, replace(self.first, window=window))
-        else:
-            window, start = self._parts.pop(number)
+        rows, window = self._kept.rows[number], self._kept.strip(number)
         frame = Frame(self.first.exposure, window, self.first.seed, index)
         found = {"photons"}
         if "photons" in sinks:
-            sinks["photons"][rows] = strip.total
+            sinks["photons"][rows] = self.light.photons.crop_rows(rows).total
         follower = None if self.observer is None or index != self.first.index else self.observer.strip(rows, frame)
-        for name, signal in signals(self.stages, strip if start is None else start, frame, follower):
+        for name, signal in signals(self.stages, self._start(number, frame, last), frame, follower):
             found.add(name)
             if name == "digital":
                 require_kept(sinks, found)
-                if not last:
-                    self._keep(number, window, start, new)
+                if not (last and self._own):
+                    self._kept.keep(number, window)
                 return window.backend.pending(signal, window, sinks[name][rows], follower.end() if follower else {})
             if name in sinks:
                 sinks[name][rows] = window.backend.to_numpy(signal, window)
         raise AssertionError("the last stage of a chain delivers digital numbers")
 
-    def _keep(self, number: int, window: SensorWindow, start: Electrons | None, new: bool) -> None:
-        """Keep a strip's maps for the next frame; on the host in one array per map, whole, so that memory stays so."""
-        self._parts[number] = window, start
-        if not new or window.backend.compiled:
-            return
-        shape, rows = self.first.window.shape, self._rows[number]
-        for key, strip in list(window.cached_values.items()):
-            if isinstance(strip, np.ndarray) and strip.shape == window.shape:
-                with self._lock:
-                    if key not in self._maps:
-                        self._maps[key] = np.empty(shape, strip.dtype)
-                    whole = self._maps[key]
-                whole[rows] = strip
-                window.cached_values[key] = whole[rows]
+    def _start(self, number: int, frame: Frame, last: bool) -> Array:
+        """Mean photoelectrons of a strip; for a compiled backend its own arrays, kept for the next frame."""
+        if not frame.window.backend.compiled:
+            return self.light.crop_rows(self._kept.rows[number]).signal
+        if number in self._starts:
+            return self._starts.pop(number) if last else self._starts[number]
+        start = begin(self.stages, self.light.crop_rows(self._kept.rows[number]).signal, frame)
+        if not last:
+            self._starts[number] = start
+        return start
 
 
 def require_kept(asked: Iterable[str], found: Container[str]) -> None:
@@ -198,33 +232,22 @@ def require_kept(asked: Iterable[str], found: Container[str]) -> None:
             )
 
 
-def begin(stages: Chain, light: Photons, frame: Frame) -> Electrons:
-    """What a compiled backend computes once for many frames: mean photoelectrons, and all FPN maps."""
-    window, host = frame.window, frame.on(NUMPY_FLOAT32).window
-    parts = [  # on the host, a few rows at a time
-        stages[0].sample(light.crop_rows(rows), replace(frame, window=host.crop_rows(rows), _blocks={}))
-        for rows in row_strips_of(window.shape, NUMPY_FLOAT32.strip_pixels)
-    ]
-    layers = {
-        name: window.backend.from_numpy(np.concatenate([getattr(part, name) for part in parts]), window)
-        for name in LAYERS
-        if isinstance(getattr(parts[0], name), np.ndarray)
-    }
-    del parts  # no longer needed, and as large as the light
-    electrons = Electrons(**layers)
-    sample(stages[1:], electrons, replace(frame, _blocks={}))  # traced and discarded: this makes the maps
-    window.backend.evaluate(window)
+def begin(stages: Chain, light: Array, frame: Frame) -> Array:
+    """What a compiled backend needs once for many frames: the mean photoelectrons, and all FPN maps."""
+    window = frame.window
+    layers = {name: window.backend.from_numpy(x, window) for name, x in vars(light).items() if np.ndim(x)}
+    electrons = replace(light, **layers)
+    if not window.cached_values:  # of a sensor that was not exposed before
+        sample(stages[1:], electrons, replace(frame, _blocks={}))  # traced and discarded: this makes the maps
+        window.backend.evaluate(window)
     return electrons
 
 
-def signals(
-    stages: Chain, start: Photons | Electrons, frame: Frame, follower: Follower | None = None
-) -> Iterator[tuple[str, Array]]:
-    """One frame through the chain, from photons or from photoelectrons; (name, signal) where the unit changes."""
-    signal: Array = start
-    left = stages if isinstance(start, Photons) else stages[1:]
-    for stage, following in zip(left, (*left[1:], None), strict=True):
-        signal = stage.sample(signal, frame)
+def signals(stages: Chain, start: Array, frame: Frame, follower: Follower | None = None) -> Iterator[tuple[str, Array]]:
+    """One frame from what the first stage delivered; (name, signal) where the unit changes."""
+    signal = start
+    for number, (stage, following) in enumerate(zip(stages, (*stages[1:], None), strict=True)):
+        signal = stage.sample(signal, frame) if number else signal
         if follower is not None:
             follower.behind(stage, signal)
         if following is None or following.domain != stage.domain:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..core import Electrons, Exposure, Frame, Photons, SensorWindow
 from ..core.backend import Backend
 from ..core.llvm import backend_problem, drjit
-from ..sensor.light_levels import detected
+from ..sensor.detection import detect
 from ..sensor.run import FrameRunner
 from ..sensor.stage import Chain, converter_of, sample
 from ..sensor.theory import Theory
@@ -45,7 +45,7 @@ def expected_moments(stages: Chain, photons: Photons, exposure: Exposure, rounde
     """Mean, temporal and spatial variance of every pixel in theory, (3, H, W) [DN, DN², DN²], or before rounding."""
     shape = photons.mean.shape[0], photons.mean.shape[1]
     frame = Frame(exposure, SensorWindow(0, shape, photons.origin))
-    light, theory = detected(photons, stages[0], frame, slice(0, shape[0])).light, Theory.of(stages, frame)
+    light, theory = detect(photons, stages[0], frame).mean_e, Theory.of(stages, frame)
     if rounded:
         return np.array(theory.digital(light.ravel())).reshape(3, *shape)
     gain = converter_of(stages).gain_dn_per_v
@@ -124,7 +124,8 @@ class Stream:
 
     def __init__(self, stages: Stages, light: Illuminated) -> None:
         sensor, dtype = light.sensor(1), np.min_scalar_type(converter_of(stages).highest)
-        run = FrameRunner(stages, light.photons, Frame(light.exposure, sensor))
+        first = Frame(light.exposure, sensor)
+        run = FrameRunner(stages, detect(light.photons, stages[0], first), first)
         self._frames = run.frames(0, ENDLESS, lambda _: {"digital": np.empty(sensor.shape, dtype)})
         self._compiled = light.backend.compiled
 

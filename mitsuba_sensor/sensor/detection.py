@@ -1,0 +1,72 @@
+"""What the first stage makes of the photons of a window: once for all frames, for report, theory and plan."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core import Array, Electrons, Frame, Photons
+from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
+from ..core.types import Float64Array
+from .run import processors, row_strips_of
+from .stage import Stage
+
+LAYERS = ("light", "yield_mean", "yield_variance", "variance_e2")  # of Electrons: one value per pixel before the count
+
+
+@dataclass(frozen=True, eq=False)
+class Detected:
+    """Light on a window.
+
+    photons : as they were given.
+    signal : mean photoelectrons (:class:`Electrons`, of chain konnik2014 photons) on NumPy, (H, W).
+    """
+
+    photons: Photons
+    signal: Array
+
+    @property
+    def mean_e(self) -> Float64Array:
+        """Mean photoelectrons (photons), (H, W) float64."""
+        signal = self.signal.light if isinstance(self.signal, Electrons) else self.signal
+        return np.asarray(signal, dtype=np.float64)
+
+    def crop_rows(self, rows: slice) -> Detected:
+        """The light of some rows of the window."""
+        photons = self.photons.crop_rows(rows)
+        if not isinstance(self.signal, Electrons):
+            return Detected(photons, self.signal[rows])
+        layers = {name: getattr(self.signal, name) for name in LAYERS}
+        return Detected(photons, Electrons(**{k: x[rows] if np.ndim(x) else x for k, x in layers.items()}))
+
+
+def detect(photons: Photons, stage: Stage, frame: Frame) -> Detected:
+    """Strip by strip, in the precision of the frame's backend.
+
+    photons : of the window of ``frame``.  stage : the first one of the chain.
+    """
+    backend = NUMPY_FLOAT64 if frame.window.backend.precision == "float64" else NUMPY_FLOAT32
+    whole, shape = frame.on(backend), frame.window.shape
+    found: dict[str, NDArray[Any]] = {}
+    single: dict[str, Array] = {}
+
+    def one(rows: slice) -> tuple[slice, Array]:
+        part = replace(whole, window=whole.window.crop_rows(rows), _blocks={})
+        return rows, stage.sample(photons.crop_rows(rows), part)
+
+    strips = list(row_strips_of(shape, backend.strip_pixels))
+    with ThreadPoolExecutor(processors()) as pool:
+        for rows, signal in pool.map(one, strips):
+            values = {k: getattr(signal, k) for k in LAYERS} if isinstance(signal, Electrons) else {"": signal}
+            for name, value in values.items():
+                if np.ndim(value) == 0:
+                    single[name] = value
+                else:
+                    if name not in found:
+                        found[name] = np.empty(shape, value.dtype)
+                    found[name][rows] = value
+    return Detected(photons, found[""] if "" in found else Electrons(**single, **found))

@@ -1,0 +1,39 @@
+"""fpn_maps(): every fixed-pattern noise map of one chip, to look at, to keep, or to replace by measured ones."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core import Exposure, InputError, SensorWindow, check_types, require_seed
+from ..core.options import complete
+from .camera import Camera
+from .checks import checked_origin
+from .expose import precision_of
+from .options import ExposeOptions, Precision
+from .run import choose_backend
+
+
+def fpn_maps(
+    camera: Camera,
+    shape: tuple[int, int] | None = None,
+    *,
+    serial: int = 1,
+    origin: tuple[int, int] = (0, 0),
+    precision: Precision = "auto",
+) -> dict[str, NDArray[np.float64]]:
+    """Every FPN map of one chip, by name: gains (1 on average), dark current factors (1), offsets in electrons (0).
+
+    shape : (rows, columns) of the window; the whole sensor by default. The result fits ``expose(maps=…)``.
+    precision : of :func:`expose`, so that these are the very maps that it uses.
+    """
+    check_types(camera, Exposure(0.0))
+    size = (camera.sensor.rows, camera.sensor.columns) if shape is None else shape
+    if not isinstance(size, tuple | list) or len(size) != 2 or 0 in size:
+        raise InputError(f"shape is {size!r}; it must be (rows, columns) of the window, e.g. (480, 640).")
+    height, width = require_seed("shape", size[0]), require_seed("shape", size[1])
+    asked = complete(ExposeOptions, {"precision": precision})["precision"]
+    backend = choose_backend("numpy", precision_of(asked, camera, None, "physical"), 0)
+    window = SensorWindow(serial, (height, width), checked_origin(origin), backend=backend)
+    found = [stage.fpn_maps(window) for stage in camera.stages]
+    return {name: np.asarray(x, dtype=np.float64) for maps in found for name, x in maps.items()}
