@@ -33,8 +33,8 @@ current left in the well, their sum [e-], swing at the converter [V]."""
 KEPT_BY_PUBLISHED = ("photons", "electrons", "volts")
 """Those of them that chain konnik2014 has."""
 
-COUNTABLE = 2**24
-"""Whole numbers up to here are whole in float32: electrons of a full well, digital numbers."""
+COUNTABLE_E, COUNTABLE_DN = 2**24, 2**23
+"""What float32 counts: whole electrons; digital numbers, which are rounded and therefore need halves too."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,11 +233,16 @@ def _precision(asked: str, camera: Camera, plan: Plan | None, chain: str) -> str
             f"precision is 'float32', which holds numbers up to {FLOAT32_LIMIT:g}, and the converter of {camera.name} "
             f"makes {gain:.3g} DN of a volt; leave the precision out, or mend the gains and adc.full_scale_v."
         )
+    if asked == "float32" and camera.adc.dnl_lsb and 2**camera.adc.bits > COUNTABLE_DN:
+        raise InputError(
+            f"precision is 'float32', which has no halves between codes from {COUNTABLE_DN} on, and {camera.name} has "
+            f"adc.dnl_lsb and {camera.adc.bits} bits; leave the precision out, or take 23 bits or fewer."
+        )
     if asked != "auto":
         return asked
     if plan is not None:
         return plan.precision
-    countable = camera.pixel.full_well_e <= COUNTABLE and 2**camera.adc.bits <= COUNTABLE
+    countable = camera.pixel.full_well_e <= COUNTABLE_E and 2**camera.adc.bits <= COUNTABLE_DN
     return "float32" if countable and gain <= FLOAT32_LIMIT else "float64"
 
 
