@@ -26,7 +26,9 @@ class AdcFields(FileTable):
 
     bits: Annotated[int, Field(ge=1, le=24, strict=True)] = Field(description="resolution [bit]", examples=[12])
     full_scale_v: Positive | None = Field(
-        None, description="swing of the whole code range V_FS [V]; default: the swing of a full well", examples=[0.165]
+        None,
+        description="swing of the whole code range V_FS [V]; default: that of a full well, with its non-linearities",
+        examples=[0.165],
     )
     black_level_dn: NotNegative | None = Field(
         None, description="the code of darkness [DN]; default: 4σ of the noise of a zero exposure", examples=[64]
