@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Annotated
 
@@ -12,6 +14,15 @@ from ...core import Array, Electrons, Frame, Moments, SensorWindow, arrays, dist
 from ...core.backend import Backend
 from ..datasheet import Chance, FileTable, NotNegative
 from ..stage import Datasheet, Stage
+
+FORGOTTEN = 33 * math.log(2)
+"""States correlated by e^-this, 2^-33, are independent: less than the resolution of the random bits."""
+
+LONGEST = 32
+"""Frame numbers are below 2^32, so that no block needs to be longer."""
+
+SITES = 2**14
+"""Traps that are computed at a time: a bound of the memory."""
 
 
 class RtsFields(FileTable):
@@ -68,22 +79,18 @@ class RtsPixels(Stage):
         return m.add(mean=share * mean, temporal=share * step * mean * (1 - self.duty), spatial=spread * mean**2)
 
     def states(self, frame: Frame) -> Array:
-        """1 where a trap is on in this frame, else 0, (H, W).
-
-        The state is that of the latest frame in which it was drawn anew; that frame is searched backwards, so any frame
-        can be computed alone. Traps are few: this is done on the host.
-        """
+        """1 where a trap is on in this frame, else 0, (H, W). Traps are few: this is done on the host."""
         window = frame.window
         state = np.zeros(window.shape)
         site = self.fpn_maps(window)["rts_site"]
         rows, columns = window.cached("rts_sites", lambda: np.nonzero(window.backend.to_numpy(site, window)))
-        index = frame.index
-        while rows.size:
-            pixels = window.rows[rows], window.columns[columns], index
-            switch, on = frame.random_bits_at("rts_switch", *pixels), frame.random_bits_at("rts_state", *pixels)
-            drawn = (distributions.survival(switch) < self.switching) | (index == 0)
-            state[rows[drawn], columns[drawn]] = distributions.survival(on[drawn]) < self.duty
-            rows, columns, index = rows[~drawn], columns[~drawn], index - 1
+        chain = TwoStates(self.duty, math.inf if self.switching == 1 else -math.log1p(-self.switching))
+        path = list(chain.path(frame.index))
+        for start in range(0, rows.size, SITES):
+            some = rows[start : start + SITES], columns[start : start + SITES]
+            pixels = window.rows[some[0]][None, :], window.columns[some[1]][None, :]
+            bits = frame.random_bits_at("rts_state", *pixels, np.array(path)[:, None])
+            state[some] = chain.state(frame.index, path, distributions.survival(bits))
         return window.backend.from_numpy(state, window)
 
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
@@ -94,3 +101,56 @@ class RtsPixels(Stage):
         return arrays.where(
             backend.uniform(bits) < backend.number(self.fraction), backend.number(1.0), backend.number(0.0)
         )
+
+
+@dataclass(frozen=True)
+class TwoStates:
+    """A stationary process of two states, on with probability ``duty``; Δ frames apart they correlate by e^(−rate·Δ).
+
+    Any frame is computed alone, in a number of steps that grows with the logarithm of 1/rate. Frames 2^levels apart are
+    independent (a block; the frame numbers of one block if the process is slower than that). Within a block the state
+    in the middle of two known ones follows from Bayes' rule, P(m | a, c) ∝ P(m | a)·P(c | m), and so on by halves.
+    """
+
+    duty: float
+    rate: float
+
+    @property
+    def levels(self) -> int:
+        """log₂ of the frames of a block."""
+        if self.rate * 2**LONGEST <= FORGOTTEN:
+            return LONGEST
+        return 0 if self.rate >= FORGOTTEN else math.ceil(math.log2(FORGOTTEN / self.rate))
+
+    def path(self, frame: int) -> Iterator[int]:
+        """Frames whose random numbers decide on the state in ``frame``: the block's ends, then by halves."""
+        low = frame >> self.levels << self.levels
+        high = low + (1 << self.levels)
+        yield low
+        yield high
+        while low != frame:
+            middle = (low + high) // 2
+            yield middle
+            low, high = (middle, high) if frame >= middle else (low, middle)
+
+    def state(self, frame: int, path: list[int], uniform: Array) -> Array:
+        """Whether each trap is on in ``frame``.  uniform : between 0 and 1, (frames of the path, traps)."""
+        low, high = path[:2]
+        on_low = uniform[0] < self.duty
+        on_high = uniform[1] < (self.duty if self.levels < LONGEST else self._on_after(on_low, high - low))
+        for middle, draw in zip(path[2:], uniform[2:], strict=True):
+            on = draw < self._between(on_low, on_high, middle - low)
+            low, on_low, on_high = (middle, on, on_high) if frame >= middle else (low, on_low, on)
+        return on_low
+
+    def _on_after(self, on: Array, frames: int) -> Array:
+        """Probability of being on so many frames after a state: duty + (state − duty)·e^(−rate·frames)."""
+        anew = -math.expm1(-self.rate * frames) if self.rate else 0.0
+        return arrays.where(on, 1 - (1 - self.duty) * anew, self.duty * anew)
+
+    def _between(self, before: Array, after: Array, frames: int) -> Array:
+        """Probability of being on in the middle between two states, ``frames`` from each."""
+        to_on, from_on, from_off = (self._on_after(state, frames) for state in (before, True, False))
+        on = to_on * arrays.where(after, from_on, 1 - from_on)
+        off = (1 - to_on) * arrays.where(after, from_off, 1 - from_off)
+        return arrays.ratio(on, on + off, 0.0)

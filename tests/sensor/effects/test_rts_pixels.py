@@ -15,7 +15,7 @@ from mitsuba_sensor.core.moments import Moments
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.core.signals import Electrons
 from mitsuba_sensor.sensor.chain import chain
-from mitsuba_sensor.sensor.effects.rts_pixels import RtsPixels
+from mitsuba_sensor.sensor.effects.rts_pixels import RtsPixels, TwoStates
 
 BASE = ms.load_camera("konnik_table1")
 
@@ -76,6 +76,57 @@ def test_the_state_of_a_trap_is_forgotten_by_one_minus_switching_per_frame(switc
     changes = np.mean(x[1:] != x[:-1], axis=0)
     expected = switching * 2 * DUTY * (1 - DUTY)
     assert changes.mean() == pytest.approx(expected, abs=5 * changes.std() / math.sqrt(changes.size))
+
+
+@pytest.mark.parametrize(("switching", "block"), [(0.1, 2**8), (0.01, 2**12), (1e-4, 2**18), (1e-9, 2**32)])
+def test_traps_forget_at_the_same_rate_across_blocks_of_frames(switching: float, block: int) -> None:
+    """Lags from 1 frame to two lifetimes, ending and beginning on both sides of two borders; 20 000 traps.
+
+    5 standard errors of a correlation are at most 0.05 (from the spread of the traps), of the duty 0.016.
+    """
+    life = min(max(round(1 / switching), 1), 2**30)
+    border = block if block < 2**32 else 2**31
+    lags = sorted({1, max(life // 10, 1), life, 2 * life})
+    pairs = [(start, start + lag) for lag in lags for start in (border - lag, border - (lag + 1) // 2, border, 3)]
+    indices = sorted({index for pair in pairs for index in pair})
+    on = dict(zip(indices, states(1.0, switching, indices) / STEP, strict=True))
+    for x in on.values():
+        assert x.mean() == pytest.approx(DUTY, abs=5 * math.sqrt(DUTY * (1 - DUTY) / x.size))
+    for early, late in pairs:
+        product = (on[early] - DUTY) * (on[late] - DUTY) / (DUTY * (1 - DUTY))
+        expected = (1 - switching) ** (late - early)
+        assert product.mean() == pytest.approx(expected, abs=5 * product.std() / math.sqrt(product.size))
+
+
+def test_a_frame_alone_is_that_frame_of_a_stream_whatever_its_number() -> None:
+    """Around the border of two blocks, at frame 0 and at the last one; forwards, backwards and alone."""
+    for indices in (range(4), range(2**8 - 3, 2**8 + 3), (2**32 - 2, 2**32 - 1)):
+        stream = states(0.5, 0.1, indices)
+        np.testing.assert_array_equal(stream[::-1], states(0.5, 0.1, reversed(indices)))
+        for index, frame in zip(indices, stream, strict=True):
+            np.testing.assert_array_equal(states(0.5, 0.1, [index])[0], frame)
+
+
+@pytest.mark.parametrize("rate", [0.0, 5e-324, 1e-12, 1e-4, 0.1, 1.0, 22.8, 23.0, math.inf])
+def test_any_frame_takes_at_most_34_random_numbers_of_a_trap(rate: float) -> None:
+    """Two ends of a block and a halving for each bit of the frame number; no frame is drawn twice."""
+    traps = TwoStates(0.3, rate)
+    for index in (0, 1, 2**18 - 1, 2**18, 50_000, 123_456_789, 2**32 - 1):
+        path = list(traps.path(index))
+        assert index in path and len(set(path)) == len(path) <= 34
+        assert math.exp(-rate * 2**traps.levels) < 2**-32 or traps.levels == 32
+
+
+@pytest.mark.parametrize("rate", [1e-6, 1e-2, 1.0])
+def test_a_state_between_two_known_ones_follows_from_them_by_bayes_rule(rate: float) -> None:
+    """Summed over what lies between, the pair of ends has the correlation of its distance (Chapman & Kolmogorov)."""
+    traps, duty = TwoStates(0.3, rate), 0.3
+    for half in (1, 50, 1000):
+        for before in (0.0, 1.0):
+            to_on = duty + (before - duty) * math.exp(-rate * half)
+            ends = duty + (before - duty) * math.exp(-2 * rate * half)
+            middle = [float(traps._between(bool(before), after, half)) for after in (True, False)]
+            assert ends * middle[0] + (1 - ends) * middle[1] == pytest.approx(to_on, rel=1e-9)
 
 
 def test_no_rts_pixels_are_no_stage_and_traps_that_are_always_on_are_a_fixed_pattern() -> None:
