@@ -139,6 +139,24 @@ def check_compensation(light: Photons, stages: Chain, frames: int) -> None:
         )
 
 
+def check_same_chip(one: tuple[Camera, SensorWindow], other: tuple[Camera, SensorWindow]) -> None:
+    """Raise InputError unless frames and their reference are of the same pixels, whose fixed patterns cancel."""
+    pairs = {
+        "the camera": (one[0].name, other[0].name),
+        "the serial": (one[1].serial, other[1].serial),
+        "the datasheet": (one[0].stages, other[0].stages),
+        "the part of the sensor": (tuple(one[1].origin), tuple(other[1].origin)),
+    }
+    differs = " and ".join(what for what, (mine, its) in pairs.items() if mine != its)
+    if not differs:
+        return
+    mine, its = (f"{camera.name}, serial {at.serial}, from pixel {tuple(at.origin)}" for camera, at in (one, other))
+    raise InputError(
+        f"the frames are of {mine}, and the reference of {its} ({differs} differs), whose fixed patterns are others; "
+        "expose the reference with the same camera, serial and origin."
+    )
+
+
 def _refuse(bad: NDArray[np.bool_], kind: str) -> None:
     if bad.any():
         first = tuple(int(i) for i in np.argwhere(bad)[0])

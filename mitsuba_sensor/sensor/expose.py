@@ -14,7 +14,15 @@ from ..core import Exposure, Frame, InputError, Photons, SensorWindow, check_typ
 from ..core.backend import FLOAT32_LIMIT, NUMPY_FLOAT32, NUMPY_FLOAT64
 from ..core.options import complete, documents
 from .camera import Camera
-from .checks import as_photons, check_compensation, check_numbers, checked_maps, checked_names, checked_origin
+from .checks import (
+    as_photons,
+    check_compensation,
+    check_numbers,
+    check_same_chip,
+    checked_maps,
+    checked_names,
+    checked_origin,
+)
 from .gains import adc_gain_dn_per_v
 from .konnik2014 import Konnik2014Settings, chain_of
 from .noise_budget import NoiseBudget, noise_budget
@@ -70,13 +78,14 @@ class Frames:
         """Signed difference to a zero-exposure frame or a stack of as many, (N, H, W) [DN]: the paper's CDS.
 
         Fixed patterns cancel, temporal variances add (√2 in σ for equal frames), and nothing wraps below zero.
-        Raises InputError when the frames do not fit.
+        Raises InputError when the frames do not fit, or are of another camera, serial number or part of the sensor.
         """
         if not isinstance(reference, Frames):
             raise InputError(f"the reference is a {type(reference).__name__}; pass the Frames of a zero exposure.")
         one, other = self.digital.shape, reference.digital.shape
         if one[1:] != other[1:] or other[0] not in (1, one[0]):
             raise InputError(f"the reference has shape {other}; it must be {one}, or (1, {one[1]}, {one[2]}).")
+        check_same_chip((self.camera, self.first.window), (reference.camera, reference.first.window))
         return self.digital.astype(np.int64) - reference.digital.astype(np.int64)
 
     def noise_budget(self) -> NoiseBudget:
