@@ -11,19 +11,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..core import Exposure, Frame, InputError, Photons, SensorWindow, check_types, first_given, require_seed
-from ..core.backend import FLOAT32_LIMIT, NUMPY_FLOAT32, NUMPY_FLOAT64
+from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
 from ..core.options import complete, documents
 from .camera import Camera
 from .checks import (
     as_photons,
+    check_chip,
     check_compensation,
+    check_float32,
     check_numbers,
-    check_same_chip,
     checked_maps,
     checked_names,
     checked_origin,
+    float32_counts,
 )
-from .gains import adc_gain_dn_per_v
 from .konnik2014 import Konnik2014Settings, chain_of
 from .noise_budget import NoiseBudget, noise_budget
 from .options import ExposeOptions, Precision
@@ -40,9 +41,6 @@ current left in the well, their sum [e-], swing at the converter [V]."""
 
 KEPT_BY_PUBLISHED = ("photons", "electrons", "volts")
 """Those of them that chain konnik2014 has."""
-
-COUNTABLE_E, COUNTABLE_DN = 2**24, 2**23
-"""What float32 counts: whole electrons; digital numbers, which are rounded and therefore need halves too."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +83,7 @@ class Frames:
         one, other = self.digital.shape, reference.digital.shape
         if one[1:] != other[1:] or other[0] not in (1, one[0]):
             raise InputError(f"the reference has shape {other}; it must be {one}, or (1, {one[1]}, {one[2]}).")
-        check_same_chip((self.camera, self.first.window), (reference.camera, reference.first.window))
+        check_chip((self.camera, self.first.window), (reference.camera, reference.first.window))
         return self.digital.astype(np.int64) - reference.digital.astype(np.int64)
 
     def noise_budget(self) -> NoiseBudget:
@@ -236,23 +234,13 @@ def _precision(asked: str, camera: Camera, plan: Plan | None, chain: str) -> str
         if asked == "float32":
             raise InputError("precision is 'float32' and chain konnik2014 is float64 only; leave the precision out.")
         return "float64"
-    gain = adc_gain_dn_per_v(camera)
-    if asked == "float32" and gain > FLOAT32_LIMIT:
-        raise InputError(
-            f"precision is 'float32', which holds numbers up to {FLOAT32_LIMIT:g}, and the converter of {camera.name} "
-            f"makes {gain:.3g} DN of a volt; leave the precision out, or mend the gains and adc.full_scale_v."
-        )
-    if asked == "float32" and camera.adc.dnl_lsb and 2**camera.adc.bits > COUNTABLE_DN:
-        raise InputError(
-            f"precision is 'float32', which has no halves between codes from {COUNTABLE_DN} on, and {camera.name} has "
-            f"adc.dnl_lsb and {camera.adc.bits} bits; leave the precision out, or take 23 bits or fewer."
-        )
+    if asked == "float32":
+        check_float32(camera)
     if asked != "auto":
         return asked
     if plan is not None:
         return plan.precision
-    countable = camera.pixel.full_well_e <= COUNTABLE_E and 2**camera.adc.bits <= COUNTABLE_DN
-    return "float32" if countable and gain <= FLOAT32_LIMIT else "float64"
+    return "float32" if float32_counts(camera) else "float64"
 
 
 def _stages(camera: Camera, plan: Plan | None, chain: str) -> Chain:
