@@ -17,6 +17,7 @@ from ..core import InputError, nearest
 from .added_stages import check_added
 from .chain import ORDER, chain
 from .datasheet import CameraTable, FileTable, PixelGeometry, SensorSection
+from .datasheet_checks import check_gains, check_technology
 from .datasheet_errors import fields_of, sentence
 from .lens_datasheet import LensSection
 from .stage import Chain, Stage
@@ -75,6 +76,12 @@ class Camera(FileTable):
         for key in self.sources:
             if key not in known:
                 raise ValueError(f"sources names {key!r}, which is no field of a camera.{nearest(key, known)}")
+        return self
+
+    @model_validator(mode="after")
+    def _tables_fit(self) -> Camera:
+        check_technology(self)
+        check_gains(self)
         return self
 
     def replace(self, **changes: Any) -> Camera:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -24,6 +25,7 @@ UNCORRELATED = math.sqrt(2.0)
 class ResetNoiseFields(FileTable):
     """kTC noise."""
 
+    cmos_only: ClassVar[Mapping[str, float | str]] = {"reset": "true_cds", "ktc_residual": 0.0}
     reset: Literal["hard", "soft", "true_cds"] = Field(
         description="kTC noise: hard leaves all of it, soft 1/√2, true_cds none", examples=["hard"]
     )

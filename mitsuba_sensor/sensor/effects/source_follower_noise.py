@@ -6,8 +6,9 @@ The paper sums S_SF(f)·H_CDS(f) over every hertz up to 20 MHz; the integral ove
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Self
+from typing import ClassVar, Self
 
 from pydantic import Field, model_validator
 
@@ -21,6 +22,7 @@ from ..stage import Datasheet, Stage
 class SourceFollowerNoiseFields(FileTable):
     """Noise of the pixel's amplifier, from its densities (closed form) or as the datasheet's one number."""
 
+    cmos_only: ClassVar[Mapping[str, float | str]] = {"rtn_uv": 0.0}
     read_noise_e: NotNegative | None = Field(
         None, description="read noise as a datasheet gives it [e- rms]", examples=[3]
     )

@@ -213,7 +213,10 @@ def test_the_converter_rounds_half_up_and_stops_at_both_ends() -> None:
 @pytest.mark.parametrize("change", [{}, {"readout.reset": "hard"}, {"adc.bits": 16}, {"adc.bits": 8}], ids=str)
 def test_the_default_black_level_is_a_whole_number_that_keeps_the_dark_uncut(name: str, change: dict[str, Any]) -> None:
     """≥ 4σ of a zero exposure: less than 1e-4 of the pixels read 0; without it the dark mean would be 0.4σ too high."""
-    camera = ms.load_camera(name).replace(**change)
+    camera = ms.load_camera(name)
+    if camera.sensor.technology == "ccd" and "readout.reset" in change:
+        change = {"source_follower.read_noise_e": 70.0}
+    camera = camera.replace(**change)
     black_level = black_level_dn(camera)
     assert black_level == int(black_level) and black_level >= 1
     digital = ms.expose(np.zeros((4, 20_000)), camera, ms.Exposure(0.0)).digital
