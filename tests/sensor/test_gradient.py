@@ -338,6 +338,7 @@ NO_SLOPE = (
     "dark_current.rts_fraction",
     "dark_current.rts_switching",
     "dark_current.rts_duty",
+    "dark_current.rts_switching_activation_ev",
     "pixel.prnu_coupling",
     "readout.dsnu_col_coupling",
     "pixel.fill_factor",

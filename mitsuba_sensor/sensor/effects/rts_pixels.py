@@ -12,8 +12,14 @@ from pydantic import Field
 
 from ...core import Array, Electrons, Frame, Moments, SensorWindow, arrays, distributions
 from ...core.backend import Backend
+from ..dark_components import Activation, Reference, reference_temperature_k
+from ..dark_current_models import FIGURE_OF_MERIT_AT_K, arrhenius
 from ..datasheet import Chance, FileTable, NotNegative
 from ..stage import Datasheet, Stage
+
+AMPLITUDE_EV, SWITCHING_EV = 0.57, 0.9
+"""Activation energies of the amplitude (0.5–0.6 eV) and of the mean times between switches (0.9 ± 0.1 eV) of irradiated
+CCDs (Hopkins & Hopkinson, IEEE Trans. Nucl. Sci. 40, 1567, 1993, and 42, 2074, 1995)."""
 
 FORGOTTEN = 33 * math.log(2)
 """States correlated by e^-this, 2^-33, are independent: less than the resolution of the random bits."""
@@ -31,11 +37,24 @@ class RtsFields(FileTable):
     rts_fraction: Chance = Field(
         0.0, description="fraction of the pixels with a random telegraph signal", examples=[0.001]
     )
-    rts_amplitude_e_per_s: NotNegative = Field(0.0, description="step of the telegraph signal [e-/s]", examples=[200])
+    rts_amplitude_e_per_s: NotNegative = Field(
+        0.0, description="step of the telegraph signal at rts_at_temperature_k [e-/s]", examples=[200]
+    )
     rts_switching: Annotated[float, Field(ge=1e-4, le=1, strict=True)] = Field(
         0.1, description="probability per frame that the state of a trap is drawn anew", examples=[0.1]
     )
     rts_duty: Chance = Field(0.5, description="fraction of the time that a trap is on", examples=[0.5])
+    rts_at_temperature_k: Reference | None = Field(
+        None,
+        description="temperature of amplitude and switching [K]; default: at_temperature_k, or 300 K without one",
+        examples=[298.15],
+    )
+    rts_activation_ev: Activation = Field(
+        AMPLITUDE_EV, description="activation energy of the amplitude [eV]", examples=[0.57]
+    )
+    rts_switching_activation_ev: Activation = Field(
+        SWITCHING_EV, description="activation energy of the switching rate [eV]", examples=[0.9]
+    )
 
 
 @dataclass(frozen=True)
@@ -45,12 +64,17 @@ class RtsPixels(Stage):
     fraction : of the pixels that have a trap.  amplitude_e_per_s : the step [e-/s].
     switching : probability per frame that a state is drawn anew; states Δ frames apart correlate by (1 − switching)^Δ.
     duty : fraction of the time that a trap is on.
+    at_temperature_k : T_ref of amplitude and switching [K]; both follow exp(E_a/k·(1/T_ref − 1/T)), the second as a
+        rate, −ln(1 − switching) per frame, each with its activation energy [eV].
     """
 
     fraction: float
     amplitude_e_per_s: float
     switching: float
     duty: float
+    at_temperature_k: float = FIGURE_OF_MERIT_AT_K
+    activation_ev: float = 0.0
+    switching_activation_ev: float = 0.0
     domain = "electrons"
     table = "dark_current"
     fields = RtsFields
@@ -62,21 +86,35 @@ class RtsPixels(Stage):
         dark = camera.dark_current
         if not dark.rts_fraction:
             return None
-        return cls(dark.rts_fraction, dark.rts_amplitude_e_per_s, dark.rts_switching, dark.rts_duty)
+        at = dark.rts_at_temperature_k or reference_temperature_k(camera)
+        energies = dark.rts_activation_ev, dark.rts_switching_activation_ev
+        return cls(dark.rts_fraction, dark.rts_amplitude_e_per_s, dark.rts_switching, dark.rts_duty, at, *energies)
 
     def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
         """Adds the electrons of the traps that are on."""
-        step = self.amplitude_e_per_s * frame.exposure.time_s
+        step = self.step_e(frame)
         if self.fraction == 0 or step == 0:
             return electrons
         return replace(electrons, dark=electrons.dark + frame.number(step) * self.states(frame))
 
     def moments(self, m: Moments) -> Moments:
         """A pixel has a trap with probability ``fraction``, and the trap is on with probability ``duty``."""
-        step = self.amplitude_e_per_s * m.frame.exposure.time_s
+        step = self.step_e(m.frame)
         mean = step * self.duty
         share, spread = m.frame.window.map_moments("rts_site", self.fraction, self.fraction * (1 - self.fraction))
         return m.add(mean=share * mean, temporal=share * step * mean * (1 - self.duty), spatial=spread * mean**2)
+
+    def step_e(self, frame: Frame) -> float:
+        """Electrons of a trap that is on all the time, at this exposure's temperature [e-]."""
+        exposure = frame.exposure
+        thermal = arrhenius(exposure.temperature_k, self.at_temperature_k, self.activation_ev)
+        return self.amplitude_e_per_s * thermal * exposure.time_s
+
+    def traps(self, frame: Frame) -> TwoStates:
+        """How the traps switch at this exposure's temperature. Those drawn anew in every frame do so unless frozen."""
+        thermal = arrhenius(frame.exposure.temperature_k, self.at_temperature_k, self.switching_activation_ev)
+        rate = math.inf if self.switching == 1 else -math.log1p(-self.switching)
+        return TwoStates(self.duty, rate * thermal if thermal else 0.0)
 
     def states(self, frame: Frame) -> Array:
         """1 where a trap is on in this frame, else 0, (H, W). Traps are few: this is done on the host."""
@@ -84,13 +122,13 @@ class RtsPixels(Stage):
         state = np.zeros(window.shape)
         site = self.fpn_maps(window)["rts_site"]
         rows, columns = window.cached("rts_sites", lambda: np.nonzero(window.backend.to_numpy(site, window)))
-        chain = TwoStates(self.duty, math.inf if self.switching == 1 else -math.log1p(-self.switching))
-        path = list(chain.path(frame.index))
+        traps = self.traps(frame)
+        path = list(traps.path(frame.index))
         for start in range(0, rows.size, SITES):
             some = rows[start : start + SITES], columns[start : start + SITES]
             pixels = window.rows[some[0]][None, :], window.columns[some[1]][None, :]
             bits = frame.random_bits_at("rts_state", *pixels, np.array(path)[:, None])
-            state[some] = chain.state(frame.index, path, distributions.survival(bits))
+            state[some] = traps.state(frame.index, path, distributions.survival(bits))
         return window.backend.from_numpy(state, window)
 
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:

@@ -31,6 +31,13 @@ class TestRtsPixels(StageTests):
     level = 0.0
 
 
+class TestRtsPixelsGivenAtAnotherTemperature(TestRtsPixels):
+    camera = TestRtsPixels.camera.replace(
+        **{"dark_current.rts_at_temperature_k": 320.0, "dark_current.rts_amplitude_e_per_s": 8000.0},
+        **{"dark_current.rts_switching": 0.8},
+    )
+
+
 class TestRtsPixelsInTheLight(TestRtsPixels):
     level = 0.2
 
@@ -127,6 +134,49 @@ def test_a_state_between_two_known_ones_follows_from_them_by_bayes_rule(rate: fl
             ends = duty + (before - duty) * math.exp(-2 * rate * half)
             middle = [float(traps._between(bool(before), after, half)) for after in (True, False)]
             assert ends * middle[0] + (1 - ends) * middle[1] == pytest.approx(to_on, rel=1e-9)
+
+
+COOLED = RtsPixels(1.0, STEP / 2, 0.1, DUTY, 300.0, 0.57, 0.9)
+
+
+@pytest.mark.parametrize(("kelvin", "amplitude", "rate"), [
+    (300.0, 1, 1), (250.0, 0.01215862, 0.0009465272), (320.0, 3.967105, 8.809645), (120.0, 4.331439e-15, 2.094104e-23),
+])  # fmt: skip
+def test_amplitude_and_switching_cool_each_with_its_activation_energy(
+    kelvin: float, amplitude: float, rate: float
+) -> None:
+    """exp(E_a/k·(1/300 − 1/T)), written out for 0.57 and 0.9 eV; darkness at 0 K, and hardly anything at 120 K."""
+    frame = Frame(ms.Exposure(2.0, kelvin), SensorWindow(7, (1, 1)))
+    for energy, factor in ((0.57, amplitude), (0.9, rate)):
+        assert math.exp(energy / 8.617333262e-5 * (1 / 300 - 1 / kelvin)) == pytest.approx(factor, rel=1e-6, abs=0)
+    assert COOLED.step_e(frame) == pytest.approx(STEP * amplitude, rel=1e-6, abs=0)
+    assert COOLED.traps(frame).rate == pytest.approx(-math.log(0.9) * rate, rel=1e-6, abs=0)
+    m = COOLED.moments(Moments(0.0, 0.0, 0.0, frame))
+    assert (m.mean, m.temporal) == pytest.approx((DUTY * COOLED.step_e(frame), 0.21 * COOLED.step_e(frame) ** 2))
+    cold = Frame(ms.Exposure(2.0, 0.0), SensorWindow(7, (3, 4)), 5, 9)
+    assert COOLED.step_e(cold) == 0.0 and not np.any(COOLED.sample(Electrons(np.zeros((3, 4))), cold).dark)
+
+
+def test_traps_of_a_cooled_sensor_switch_more_slowly() -> None:
+    """At 280 K the rate is 0.0831 of that at 300 K: states 40 frames apart still correlate by 0.704, not by 0.015."""
+    window, warm = SensorWindow(7, (100, 200)), -math.log(0.9)
+    on = [COOLED.states(Frame(ms.Exposure(2.0, 280.0), window, 5, index)) for index in (5, 45)]
+    product = (on[0] - DUTY) * (on[1] - DUTY) / (DUTY * (1 - DUTY))
+    expected = math.exp(-40 * warm * math.exp(0.9 / 8.617333262e-5 * (1 / 300 - 1 / 280)))
+    assert expected == pytest.approx(0.704, abs=1e-3)
+    assert product.mean() == pytest.approx(expected, abs=5 * product.std() / math.sqrt(product.size))
+
+
+def test_the_temperature_of_the_traps_is_their_own_else_that_of_the_dark_current_else_300_k() -> None:
+    rts = {"dark_current.rts_fraction": 0.1, "dark_current.rts_amplitude_e_per_s": 10.0}
+    rate = {
+        "dark_current.fom_na_per_cm2": None,
+        "dark_current.rate_e_per_s": 5.0,
+        "dark_current.at_temperature_k": 293.0,
+    }
+    for change, kelvin in (({}, 300.0), (rate, 293.0), (rate | {"dark_current.rts_at_temperature_k": 273.0}, 273.0)):
+        stage = next(stage for stage in chain(BASE.replace(**rts | change)) if isinstance(stage, RtsPixels))
+        assert stage == RtsPixels(0.1, 10.0, 0.1, 0.5, kelvin, 0.57, 0.9)
 
 
 def test_no_rts_pixels_are_no_stage_and_traps_that_are_always_on_are_a_fixed_pattern() -> None:
