@@ -15,6 +15,7 @@ TABLE1, CCD = ms.load_camera("konnik_table1"), ms.load_camera("eev_44_82")
 CMOS_ONLY: dict[str, Any] = {
     "readout.dsnu_col": 0.01, "readout.dsnu_row": 0.01, "pixel.dsnu_e": 330.0, "readout.prnu_col": 0.01,
     "readout.reset": "hard", "readout.ktc_residual": 0.5, "source_follower.rtn_uv": 200.0,
+    "source_follower.rtn_pixel_fraction": 0.01,
 }  # fmt: skip
 
 

@@ -344,6 +344,8 @@ NO_SLOPE = (
     "pixel.fill_factor",
     "quantum_efficiency.reference_nm",
     "quantum_efficiency.fano_factor",
+    "source_follower.rtn_pixel_duty",
+    "source_follower.rtn_pixel_switching",
 )
 """Fields that select pixels, that shape maps on NumPy, or that do not matter to this camera and its photons."""
 
