@@ -28,10 +28,12 @@ def show_camera(name: options.CameraName, as_json: options.Json = False) -> None
     camera = ms.load_camera(name)
     fields = camera.model_dump(mode="json")
     if as_json:
-        show({**fields, "sources": dict(camera.sources)}, True)
+        show({**fields, "sources": dict(camera.sources), "notes": list(camera.notes)}, True)
         return
     fields.pop("sources", None)
     show(terminal.camera_sheet(_flat(fields), camera.sources), False)
+    for note in camera.notes:
+        show(f"note: {note}", False)
 
 
 @cameras.command()

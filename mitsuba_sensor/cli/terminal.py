@@ -214,7 +214,7 @@ def _ended(render: Report) -> str:
 
 
 def _notes(report: Report) -> Iterator[Text]:
-    for note in report["render"]["notes"]:
+    for note in (*report["render"]["notes"], *report["camera"].get("notes", ())):
         yield Text.assemble(("note: ", "bold yellow"), note)
 
 

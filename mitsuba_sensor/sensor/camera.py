@@ -137,7 +137,13 @@ class Camera(FileTable):
     def to_dict(self) -> dict[str, Any]:
         """The datasheet, the source of each number, and the stages that were added: for the metadata of a frame."""
         added = [{"after": after, "stage": repr(stage)} for after, stage in self._added]
-        return {**self.model_dump(), "sources": dict(self.sources), **({"added_stages": added} if added else {})}
+        extra = {"added_stages": added, "notes": list(self.notes)}
+        return {**self.model_dump(), "sources": dict(self.sources), **{name: x for name, x in extra.items() if x}}
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences about values of the datasheet that are allowed and may surprise."""
+        return tuple(note for effect in ORDER for note in effect.notes(self))
 
     @property
     def added(self) -> tuple[Stage, ...]:

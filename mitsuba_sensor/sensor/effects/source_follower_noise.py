@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
 from pydantic import Field, model_validator
@@ -18,6 +18,9 @@ from ..datasheet import FileTable, NotNegative, Positive
 from ..fpn_distributions import LogNormal
 from ..gains import sense_gain_v_per_e
 from ..stage import Datasheet, Stage
+
+NOTED = 0.01
+"""A band that leaves out more than this of the noise is worth a note."""
 
 READ_NOISE = "read_noise"
 """Name of the map of every pixel's σ."""
@@ -77,16 +80,22 @@ class SourceFollowerNoise(Stage):
         follower, per_e = camera.source_follower, sense_gain_v_per_e(camera)
         if follower.read_noise_e is not None:
             return cls(follower.read_noise_e * per_e, follower.read_noise_cv, per_e)
-        noise = CdsNoise(
-            white_nv_per_rthz=follower.white_nv_per_rthz or 0.0,
-            corner_hz=follower.corner_hz,
-            sample_s=follower.cds_sample_s,
-            dominant_s=follower.cds_dominant_s,
-            rtn_uv=0.0 if camera.sensor.technology == "ccd" else follower.rtn_uv,
-            rtn_s=follower.rtn_s,
-            band_hz=follower.band_hz,
+        return cls(cds_noise(camera).sigma_v / follower.gain, follower.read_noise_cv, per_e)
+
+    @classmethod
+    def notes(cls, camera: Datasheet) -> tuple[str, ...]:
+        """One where band_hz leaves out more than 1 % of the noise."""
+        follower = camera.source_follower
+        if follower.read_noise_e is not None or follower.band_hz is None:
+            return ()
+        inside, whole = cds_noise(camera).sigma_v, replace(cds_noise(camera), band_hz=None).sigma_v
+        if inside >= (1 - NOTED) * whole:
+            return ()
+        left, of = (sigma / follower.gain / sense_gain_v_per_e(camera) for sigma in (inside, whole))
+        return (
+            f"source_follower.band_hz {list(follower.band_hz)} leaves {left:.3g} of {of:.3g} e- of read noise, "
+            f"{100 * inside / whole:.3g} %; leave it out for the noise of all frequencies",
         )
-        return cls(noise.sigma_v / follower.gain, follower.read_noise_cv, per_e)
 
     def sample(self, swing: Array, frame: Frame) -> Array:
         """Swing with noise."""
@@ -111,6 +120,20 @@ class SourceFollowerNoise(Stage):
     def _sigma_e(self, window: SensorWindow) -> Array:
         scale = self.sigma_v / self.gain_v_per_e / math.sqrt(1 + self.cv**2)
         return window.number(scale) * LogNormal(self.cv).map_of(window, READ_NOISE)
+
+
+def cds_noise(camera: Datasheet) -> CdsNoise:
+    """The noise of a camera that gives densities."""
+    follower = camera.source_follower
+    return CdsNoise(
+        white_nv_per_rthz=follower.white_nv_per_rthz or 0.0,
+        corner_hz=follower.corner_hz,
+        sample_s=follower.cds_sample_s,
+        dominant_s=follower.cds_dominant_s,
+        rtn_uv=0.0 if camera.sensor.technology == "ccd" else follower.rtn_uv,
+        rtn_s=follower.rtn_s,
+        band_hz=follower.band_hz,
+    )
 
 
 @dataclass(frozen=True)
