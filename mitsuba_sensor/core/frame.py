@@ -46,7 +46,7 @@ class Frame:
             self._blocks[block] = self.window.backend.random_bits(block, self.window, self.index, self.seed)
         return self._blocks[block][slot]
 
-    def random_bits_at(self, source: str, rows: ArrayLike, columns: ArrayLike, frame_index: ArrayLike) -> RandomBits:
+    def random_bits_at(self, source: str, rows: ArrayLike, columns: ArrayLike, frame_index: Array) -> RandomBits:
         """The random bits of ``source`` in frame ``frame_index`` at some pixels of the sensor, on NumPy.
 
         rows, columns : pixel coordinates on the sensor (not in the window); they broadcast with the frames.

@@ -29,7 +29,7 @@ class _Recorder(Frame):
         self.sources.add(source)
         return super().random_bits(source)
 
-    def random_bits_at(self, source: str, rows: ArrayLike, columns: ArrayLike, frame_index: ArrayLike) -> RandomBits:
+    def random_bits_at(self, source: str, rows: ArrayLike, columns: ArrayLike, frame_index: int) -> RandomBits:
         """As of a frame."""
         self.sources.add(source)
         return super().random_bits_at(source, rows, columns, frame_index)

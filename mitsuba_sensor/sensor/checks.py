@@ -14,30 +14,6 @@ from .camera import Camera
 from .gains import adc_gain_dn_per_v
 from .stage import Chain
 
-COUNTABLE_E, COUNTABLE_DN = 2**24, 2**23
-"""What float32 counts: whole electrons; digital numbers, which are rounded and therefore need halves too."""
-
-
-def float32_counts(camera: Camera) -> bool:
-    """Whether float32 holds single electrons of a full well and the codes of this camera."""
-    countable = camera.pixel.full_well_e <= COUNTABLE_E and 2**camera.adc.bits <= COUNTABLE_DN
-    return countable and adc_gain_dn_per_v(camera) <= FLOAT32_LIMIT
-
-
-def check_float32(camera: Camera) -> None:
-    """Raise InputError where float32, asked for, cannot compute this camera's codes."""
-    gain = adc_gain_dn_per_v(camera)
-    if gain > FLOAT32_LIMIT:
-        raise InputError(
-            f"precision is 'float32', which holds numbers up to {FLOAT32_LIMIT:g}, and the converter of {camera.name} "
-            f"makes {gain:.3g} DN of a volt; leave the precision out, or mend the gains and adc.full_scale_v."
-        )
-    if camera.adc.dnl_lsb and 2**camera.adc.bits > COUNTABLE_DN:
-        raise InputError(
-            f"precision is 'float32', which has no halves between codes from {COUNTABLE_DN} on, and {camera.name} has "
-            f"adc.dnl_lsb and {camera.adc.bits} bits; leave the precision out, or take 23 bits or fewer."
-        )
-
 
 def check_numbers(frames: Any, first_frame: Any, seed: Any) -> tuple[int, int, int]:
     """The same as Python integers. Raises InputError where the random number generator's counters cannot hold them."""
@@ -165,6 +141,22 @@ def check_compensation(light: Photons, stages: Chain, frames: int) -> None:
         )
 
 
+def _refuse(bad: NDArray[np.bool_], kind: str) -> None:
+    if bad.any():
+        first = tuple(int(i) for i in np.argwhere(bad)[0])
+        raise InputError(
+            f"photons is {kind} in {int(bad.sum())} place(s), first at {first}; a mean number of photons is 0 or more: "
+            f"clamp or correct them before expose()."
+        )
+
+
+def checked_origin(origin: Any) -> tuple[int, int]:
+    """(row, column) of the first pixel."""
+    if not isinstance(origin, tuple | list) or len(origin) != 2:
+        raise InputError(f"origin is {origin!r}; it must be (row, column) of the first pixel, e.g. (0, 0).")
+    return require_seed("origin", origin[0]), require_seed("origin", origin[1])
+
+
 def check_chip(one: tuple[Camera, SensorWindow], other: tuple[Camera, SensorWindow]) -> None:
     """Raise InputError unless frames and their reference are of the same pixels, whose fixed patterns cancel."""
     pairs = {
@@ -183,17 +175,26 @@ def check_chip(one: tuple[Camera, SensorWindow], other: tuple[Camera, SensorWind
     )
 
 
-def _refuse(bad: NDArray[np.bool_], kind: str) -> None:
-    if bad.any():
-        first = tuple(int(i) for i in np.argwhere(bad)[0])
+COUNTABLE_E, COUNTABLE_DN = 2**24, 2**23
+"""What float32 counts: whole electrons; digital numbers, which are rounded and therefore need halves too."""
+
+
+def float32_counts(camera: Camera) -> bool:
+    """Whether float32 holds single electrons of a full well and the codes of this camera."""
+    countable = camera.pixel.full_well_e <= COUNTABLE_E and 2**camera.adc.bits <= COUNTABLE_DN
+    return countable and adc_gain_dn_per_v(camera) <= FLOAT32_LIMIT
+
+
+def check_float32(camera: Camera) -> None:
+    """Raise InputError where float32, asked for, cannot compute this camera's codes."""
+    gain = adc_gain_dn_per_v(camera)
+    if gain > FLOAT32_LIMIT:
         raise InputError(
-            f"photons is {kind} in {int(bad.sum())} place(s), first at {first}; a mean number of photons is 0 or more: "
-            f"clamp or correct them before expose()."
+            f"precision is 'float32', which holds numbers up to {FLOAT32_LIMIT:g}, and the converter of {camera.name} "
+            f"makes {gain:.3g} DN of a volt; leave the precision out, or mend the gains and adc.full_scale_v."
         )
-
-
-def checked_origin(origin: Any) -> tuple[int, int]:
-    """(row, column) of the first pixel."""
-    if not isinstance(origin, tuple | list) or len(origin) != 2:
-        raise InputError(f"origin is {origin!r}; it must be (row, column) of the first pixel, e.g. (0, 0).")
-    return require_seed("origin", origin[0]), require_seed("origin", origin[1])
+    if camera.adc.dnl_lsb and 2**camera.adc.bits > COUNTABLE_DN:
+        raise InputError(
+            f"precision is 'float32', which has no halves between codes from {COUNTABLE_DN} on, and {camera.name} has "
+            f"adc.dnl_lsb and {camera.adc.bits} bits; leave the precision out, or take 23 bits or fewer."
+        )
