@@ -8,9 +8,7 @@
 ((1, 1300, 1900), dtype('uint16'))
 """
 
-from .core.errors import InputError
-from .core.exposure import Exposure
-from .core.signals import Photons
+from .core import Exposure, InputError, Photons
 from .pipeline import Capture, capture
 from .render.irradiance import Irradiance
 from .render.per_frame import render_frames
@@ -24,27 +22,6 @@ from .sensor.stage import Stage
 
 __version__ = "0.1.0"
 
-__all__ = [
-    "Camera",
-    "Capture",
-    "Exposure",
-    "Frames",
-    "InputError",
-    "Irradiance",
-    "Photons",
-    "Plan",
-    "Stage",
-    "capture",
-    "collect",
-    "expose",
-    "fpn_maps",
-    "gradient_light",
-    "list_cameras",
-    "load_camera",
-    "plan",
-    "register_plugins",
-    "render",
-    "render_frames",
-    "stream",
-    "uniform_light",
-]
+__all__ = ["Camera", "Capture", "Exposure", "Frames", "InputError", "Irradiance", "Photons", "Plan", "Stage"]
+__all__ += ["capture", "collect", "expose", "fpn_maps", "gradient_light", "list_cameras", "load_camera", "plan"]
+__all__ += ["register_plugins", "render", "render_frames", "stream", "uniform_light"]

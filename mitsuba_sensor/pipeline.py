@@ -5,18 +5,15 @@ import os
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, Unpack
+from typing import Annotated, Any, Literal, TypeAlias, Unpack
 
 import numpy as np
 
+from .core import Exposure, InputError, Photons, check_types
 from .core.backend import NUMPY_FLOAT64
-from .core.checks import check_types
-from .core.errors import InputError
-from .core.exposure import Exposure
 from .core.options import Option, complete, declared, documents, part_of, used
-from .core.signals import Photons
 from .io import exr, files
 from .io.metadata import versions
 from .io.preview import preview
@@ -31,12 +28,16 @@ from .render.statistics import summary_of
 from .render.stop_criterion import Progress
 from .sensor.camera import Camera
 from .sensor.checks import as_photons
-from .sensor.expose import KEEP, Frames, PreparedExposure, prepare_exposure
+from .sensor.expose import KEEP, Frames, prepare_exposure
 from .sensor.input_noise import input_noise
 from .sensor.options import ExposeOptions, FrameOptions
 from .sensor.plan import plan
 
 FILES = ("frame.tiff", "frame.png", "irradiance.exr", "aovs.exr", "frame.json")
+Scene: TypeAlias = str | os.PathLike[str] | ParsedScene
+Light: TypeAlias = str | os.PathLike[str] | Irradiance
+Asked: TypeAlias = tuple[Scene, Camera | None, Exposure | None]
+Made: TypeAlias = tuple[PreparedRender, Irradiance, Frames, dict[str, float]]  # … and what is left uncompensated
 
 
 class LightOptions(FrameOptions, total=False):
@@ -97,7 +98,7 @@ class Capture:
 
 @documents(CaptureOptions)
 def capture(
-    source: str | os.PathLike[str] | ParsedScene | Irradiance,
+    source: Scene | Light,
     camera: Camera | None = None,
     exposure: Exposure | None = None,
     *,
@@ -112,151 +113,109 @@ def capture(
     Everything is checked before the first ray is traced. Raises InputError.
     """
     check_types(camera, exposure, optional=True)
-    chosen = complete(CaptureOptions, options)
+    chosen, times_s = complete(CaptureOptions, options), dict[str, float]()
     if isinstance(source, Irradiance) or (isinstance(source, str | os.PathLike) and exr.is_exr(source)):
-        _refuse_scene_options(chosen)
-        return _of_light(source, camera, exposure, chosen)
-    if chosen["render_noise"] == "shared":
-        return _shared_render(source, camera, exposure, chosen, progress)
-    return _render_per_frame(source, camera, exposure, chosen, progress)
+        refuse_render_options(chosen)
+        return _of_light(source, camera, exposure, chosen, times_s)
+    make = _shared_render if chosen["render_noise"] == "shared" else _render_per_frame
+    prepared, light, frames, left = make((source, camera, exposure), chosen, progress, times_s)
+    origin = {
+        "scene": prepared.parsed.file.path,
+        "parameters": dict(chosen["parameters"] or {}),
+        "motion": used(CaptureOptions, chosen)["motion"],
+        "render_noise": chosen["render_noise"],
+        **left,
+    }
+    metadata, aovs = frame_metadata(frames, light, chosen, origin, times_s), None
+    if chosen["aovs"]:
+        with _timed(times_s, "aovs"):
+            aovs = prepared.aovs()
+    return Capture(frames, light, frames.light, aovs, metadata, rendered=True)
 
 
-@dataclass
-class Timings:
-    """Wall-clock seconds that each named step took."""
-
-    seconds: dict[str, float] = field(default_factory=dict)
-
-    @contextmanager
-    def step(self, name: str) -> Iterator[None]:
-        """Time the block under ``name``."""
-        start = time.perf_counter()
-        yield
-        self.seconds[name] = round(time.perf_counter() - start, 4)
+@contextmanager
+def _timed(times_s: dict[str, float], name: str) -> Iterator[None]:
+    """Note the wall-clock seconds that the block takes."""
+    start = time.perf_counter()
+    yield
+    times_s[name] = round(time.perf_counter() - start, 4)
 
 
 def _of_light(
-    source: str | os.PathLike[str] | Irradiance,
-    camera: Camera | None,
-    exposure: Exposure | None,
-    options: CaptureOptions,
+    source: Light, camera: Camera | None, exposure: Exposure | None, options: CaptureOptions, times_s: dict[str, float]
 ) -> Capture:
     """Frames of light that is rendered already."""
     if camera is None or exposure is None:
         missing = "camera" if camera is None else "exposure"
         raise InputError(f"no {missing} is given and an irradiance has none; pass {missing}=….")
-    timings, path = Timings(), None if isinstance(source, Irradiance) else Path(source)
-    with timings.step("read irradiance"):
+    path = None if isinstance(source, Irradiance) else Path(source)
+    with _timed(times_s, "read irradiance"):
         light = source if isinstance(source, Irradiance) else exr.read_irradiance_exr(source)
     sensor = prepare_exposure(camera, exposure, light.data.shape[:2], light.origin, part_of(ExposeOptions, options))
-    with timings.step("expose"):
+    with _timed(times_s, "expose"):
         frames = sensor.of(as_photons(collect(light, camera, exposure), camera)).frames_with_report()
-    metadata = frame_metadata(frames, light, options, {"irradiance": path}, timings.seconds)
+    metadata = frame_metadata(frames, light, options, {"irradiance": path}, times_s)
     return Capture(frames, light, frames.light, None, metadata, rendered=False)
 
 
-def _shared_render(
-    source: str | os.PathLike[str] | ParsedScene,
-    camera: Camera | None,
-    exposure: Exposure | None,
-    options: CaptureOptions,
-    progress: Progress | None,
-) -> Capture:
+def _shared_render(asked: Asked, options: CaptureOptions, progress: Progress | None, times_s: dict[str, float]) -> Made:
     """One render, and all frames of it."""
-    timings, rendering = Timings(), part_of(RenderOptions, options)
-    with timings.step("render"):
+    rendering = part_of(RenderOptions, options)
+    with _timed(times_s, "render"):
         started = time.monotonic()
-        prepared = prepare(source, camera, exposure, **rendering)
-        sensor = _sensor_of(prepared, options)
-        stop = prepared.stop_criterion(rendering)
-        light = prepared.render(sensor.first.seed, stop, progress, started=started)
-    with timings.step("expose"):
+        prepared = prepare(*asked, **rendering)
+        if options["chain"] == "konnik2014" and len(prepared.bands) != 1:
+            raise InputError("chain konnik2014 has one wavelength; give wavelength_nm, e.g. --wavelength-nm 550.")
+        sensor = prepared.sensor(part_of(ExposeOptions, options))  # checked before the first ray
+        light = prepared.render(sensor.first.seed, prepared.stop_criterion(rendering), progress, started=started)
+    with _timed(times_s, "expose"):
         photons = as_photons(collect(light, prepared.camera, prepared.exposure), prepared.camera)
-        frames = sensor.of(photons).frames_with_report()
-    metadata = frame_metadata(frames, light, options, _origin(prepared, options), timings.seconds)
-    return Capture(frames, light, photons, _aovs(prepared, options, timings), metadata, rendered=True)
+        return prepared, light, sensor.of(photons).frames_with_report(), {}
 
 
 def _render_per_frame(
-    source: str | os.PathLike[str] | ParsedScene,
-    camera: Camera | None,
-    exposure: Exposure | None,
-    options: CaptureOptions,
-    progress: Progress | None,
-) -> Capture:
+    asked: Asked, options: CaptureOptions, progress: Progress | None, times_s: dict[str, float]
+) -> Made:
     """A render for every frame; irradiance and metadata are those of the first."""
     noise = options["render_noise"]
     assert noise != "shared"
     if options["chain"] != "physical":
         raise InputError(f"render_noise is {noise!r}, which is for the physical chain; leave the chain out.")
-    timings = Timings()
-    with timings.step("render and expose"):
-        series = FrameSeries.prepare(source, camera, exposure, part_of(FrameSeriesOptions, options), noise)
-        prepared = series.prepared
+    with _timed(times_s, "render and expose"):
+        series = FrameSeries.prepare(*asked, part_of(FrameSeriesOptions, options), noise)
         found = list(series.frames(progress, report=True))
     first = found[0]
     names = ("digital", *(name for name in KEEP if getattr(first.frames, name) is not None))
     whole: dict[str, Any] = {name: np.concatenate([getattr(one.frames, name) for one in found]) for name in names}
     frames = replace(first.frames, **whole)
     vars(frames)["first_report"] = first.frames.first_report
-    origin = {**_origin(prepared, options), "uncompensated": float(np.mean([one.uncompensated for one in found]))}
-    metadata = frame_metadata(frames, first.light, options, origin, timings.seconds)
-    return Capture(frames, first.light, first.photons, _aovs(prepared, options, timings), metadata, rendered=True)
+    left = {"uncompensated": float(np.mean([one.uncompensated for one in found]))}
+    return series.prepared, first.light, frames, left
 
 
-def _refuse_scene_options(options: CaptureOptions) -> None:
+def refuse_render_options(options: Mapping[str, object]) -> None:
     """Raise InputError for options of a render where the light is rendered already."""
     of_light = {one.name for one in declared(LightOptions)}
     for one in declared(CaptureOptions):
-        value, usual = dict(options)[one.name], one.option.default
+        usual = one.option.default
+        value = options.get(one.name, usual)
         if one.name not in of_light and not (isinstance(value, type(usual)) and value == usual):  # value: any object
             raise InputError(
                 f"{one.name} is for the render of a scene, and this light is rendered already; leave it out."
             )
 
 
-def _sensor_of(prepared: PreparedRender, options: CaptureOptions) -> PreparedExposure:
-    """The exposure of this render, checked before the first ray: seeds, maps, chain, engine, precision."""
-    if options["chain"] == "konnik2014" and len(prepared.bands) != 1:
-        raise InputError("chain konnik2014 has one wavelength; give wavelength_nm, e.g. --wavelength-nm 550.")
-    return prepared.sensor(part_of(ExposeOptions, options))
-
-
-def _aovs(prepared: PreparedRender, options: CaptureOptions, timings: Timings) -> Aovs | None:
-    """The AOVs of the scene that was rendered, if they are asked for."""
-    if not options["aovs"]:
-        return None
-    with timings.step("aovs"):
-        return prepared.aovs()
-
-
-def _origin(prepared: PreparedRender, options: CaptureOptions) -> dict[str, object]:
-    """Where the light comes from."""
-    return {
-        "scene": prepared.parsed.file.path,
-        "parameters": dict(options["parameters"] or {}),
-        "motion": used(CaptureOptions, options)["motion"],
-        "render_noise": options["render_noise"],
-    }
-
-
 def frame_metadata(
-    frames: Frames,
-    light: Irradiance,
-    options: CaptureOptions,
-    origin: Mapping[str, object],
-    times_s: dict[str, float],
+    frames: Frames, light: Irradiance, options: CaptureOptions, origin: Mapping[str, object], times_s: dict[str, float]
 ) -> dict[str, Any]:
     """The whole of frame.json: what a frame was made of, and what theory says of it, stage by stage.
 
     origin : where the light comes from.  times_s : seconds by step, to which this one is added.
     """
-    started = time.perf_counter()
-    statistics, camera, first = light.statistics.to_dict(), frames.camera, frames.first
-    found = plan(camera, first.exposure, frames.light).to_dict() if options["chain"] == "physical" else {}
-    counts = {name: statistics[name] for name in ("negative", "non_finite")}
-    noise, report = render_noise(light, frames), frames.report
-    times_s["report"] = round(time.perf_counter() - started, 4)
+    with _timed(times_s, "report"):
+        statistics, camera, first = light.statistics.to_dict(), frames.camera, frames.first
+        found = plan(camera, first.exposure, frames.light).to_dict() if options["chain"] == "physical" else {}
+        noise, report = render_noise(light, frames), frames.report
     return {
         "origin": {**origin, "scene_sha256": statistics["scene_sha256"]},
         "camera": camera.to_dict(),
@@ -269,7 +228,7 @@ def frame_metadata(
         "image": dict(zip(("frames", "rows", "columns"), frames.digital.shape, strict=True)),
         "bands": {"wavelengths_nm": light.wavelengths_nm, "bandwidths_nm": light.bandwidths_nm},
         **report,
-        "counts": {**report["counts"], **counts},
+        "counts": {**report["counts"], **{name: statistics[name] for name in ("negative", "non_finite")}},
         "render": statistics,
         "render_noise": noise,
         "versions": versions(),

@@ -29,7 +29,7 @@ IMPORTED_IN = {
     "OpenEXR": ("io/exr.py",),
     "tifffile": ("io/files.py",),
     "PIL": ("io/files.py",),
-    "matplotlib": ("study/drawing.py",),
+    "matplotlib": ("study/page.py",),
     "colour": ("render/spectra.py",),
     "typer": ("cli/",),
     "rich": ("cli/",),

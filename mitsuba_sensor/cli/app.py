@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
 import typer
 from rich.console import Console
@@ -16,15 +14,13 @@ import mitsuba_sensor as ms
 
 from ..core import InputError, first_given
 from ..io import files
+from ..render.scene_settings import ParsedScene, SceneSettings, parse
 from ..sensor.camera import toml_value
 from . import options
 from .options import Flag, Flags
 
-if TYPE_CHECKING:
-    from ..render.scene_settings import ParsedScene, SceneSettings
-
-out = Console()
-err = Console(stderr=True)
+NO_SCENE = SceneSettings()
+out, err = Console(), Console(stderr=True)
 
 
 class CommandGroup(TyperGroup):
@@ -51,14 +47,9 @@ app = typer.Typer(
     help="From a 3D scene to the raw frames of a camera, with the noise of every physical source.\n\n"
     "Start here: [bold]mitsuba-sensor render scenes/cornell_box.xml -o out/[/]",
 )
-cameras = typer.Typer(
-    no_args_is_help=True, help="The cameras that ship with the package, their lenses, and the format of a camera file."
-)
-app.add_typer(cameras, name="cameras")
 
 
-@dataclass(frozen=True, eq=False)
-class RenderInput:
+class RenderInput(NamedTuple):
     """A parsed scene, and the camera and exposure that it is rendered for."""
 
     scene: ParsedScene
@@ -68,59 +59,29 @@ class RenderInput:
 
 def render_input(scene: Path, flags: Flags) -> tuple[RenderInput, dict[str, Flag]]:
     """The scene with the camera and exposure that are asked for, or that it names itself; and all other flags."""
-    from ..render.scene_settings import parse
-
     parsed = parse(scene, flags.get("parameters"), flags.get("variant"))
-    camera, exposure = scene_camera(flags, parsed.settings), scene_exposure(flags, parsed.settings)
-    asked = {name: value for name, value in flags.items() if name not in options.CameraFlags.__annotations__}
-    return RenderInput(parsed, camera, exposure), asked
+    return RenderInput(parsed, *camera_and_exposure(flags, parsed.settings)), other_flags(flags)
 
 
-def scene_camera(flags: Flags, settings: SceneSettings) -> ms.Camera:
-    """The named camera behind the scene's lens, else the scene's own, else the default one; with its --set fields.
+def other_flags(flags: Flags) -> dict[str, Flag]:
+    """All flags but those of camera and exposure."""
+    return {name: value for name, value in flags.items() if name not in options.CameraFlags.__annotations__}
 
-    These are set first too, because a prescription among them takes focal length and focus from the scene.
+
+def camera_and_exposure(flags: Flags, settings: SceneSettings = NO_SCENE) -> tuple[ms.Camera, ms.Exposure]:
+    """The named camera behind the scene's lens, else the scene's own, else the default one; the exposure likewise.
+
+    The --set fields are set before the scene's too, because a prescription takes focal length and focus from the scene.
     """
-    name, changes = flags.get("camera"), flags.get("settings")
-    base = settings.camera if name is None and settings.camera is not None else None
-    base = base or ms.load_camera(options.DEFAULT_CAMERA if name is None else name)
-    return changed(settings.applied_to(changed(base, changes)), changes)
-
-
-def scene_exposure(flags: Flags, settings: SceneSettings) -> ms.Exposure:
-    """The exposure that was asked for, else the scene's, else the default one."""
-    return ms.Exposure(
+    name, changes = flags.get("camera"), {k: toml_value(text) for k, text in (flags.get("settings") or {}).items()}
+    camera = settings.camera if name is None else None
+    camera = camera or ms.load_camera(options.DEFAULT_CAMERA if name is None else name)
+    camera = settings.applied_to(camera.replace(**changes) if changes else camera)
+    camera = camera.replace(**changes) if changes else camera
+    return camera, ms.Exposure(
         first_given(flags.get("exposure_s"), settings.exposure_s, options.DEFAULT_EXPOSURE_S),
         first_given(flags.get("temperature_k"), settings.temperature_k, options.DEFAULT_TEMPERATURE_K),
     )
-
-
-def given_camera(flags: Flags) -> ms.Camera:
-    """The named camera, else the default one, with its --set fields; where there is no scene."""
-    return changed(ms.load_camera(flags.get("camera") or options.DEFAULT_CAMERA), flags.get("settings"))
-
-
-def given_exposure(flags: Flags) -> ms.Exposure:
-    """The exposure that was asked for, else the default one; where there is no scene."""
-    return ms.Exposure(
-        first_given(flags.get("exposure_s"), options.DEFAULT_EXPOSURE_S),
-        first_given(flags.get("temperature_k"), options.DEFAULT_TEMPERATURE_K),
-    )
-
-
-def refuse_lens(settings: Mapping[str, str] | None) -> None:
-    """The irradiance is behind the lens already: another lens needs another render."""
-    for field in settings or ():
-        if field.startswith("lens."):
-            raise InputError(
-                f"--set {field} comes too late: the irradiance is behind the lens already; set it in `render`."
-            )
-
-
-def changed(camera: ms.Camera, settings: Mapping[str, str] | None) -> ms.Camera:
-    """The camera with its --set fields, checked again."""
-    changes = {key: toml_value(text) for key, text in (settings or {}).items()}
-    return camera.replace(**changes) if changes else camera
 
 
 def show(what: object, as_json: bool) -> None:

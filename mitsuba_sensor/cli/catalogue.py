@@ -2,24 +2,31 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import typer
+from rich.text import Text
+
 import mitsuba_sensor as ms
 
 from . import options, terminal
-from .app import cameras, show
-from .terminal import Report
+from .app import app, show
+
+cameras = typer.Typer(
+    no_args_is_help=True, help="The cameras that ship with the package, their lenses, and the format of a camera file."
+)
+app.add_typer(cameras, name="cameras")
 
 
 @cameras.command("list")
 def list_command(as_json: options.Json = False) -> None:
     """The cameras that ship with the package."""
     known = [ms.load_camera(name) for name in ms.list_cameras()]
-    if as_json:
-        show([{"name": one.name, "description": one.description} for one in known], True)
-        return
-    rows = [
-        (one.name, one.sensor.technology, f"{one.sensor.columns} × {one.sensor.rows}", one.description) for one in known
-    ]
-    show(terminal.camera_list(rows), False)
+    table = terminal.columns_table("camera", "technology", "pixels", "what it is")
+    for one in known:
+        size = f"{one.sensor.columns} × {one.sensor.rows}"
+        table.add_row(one.name, one.sensor.technology, size, one.description)
+    show([{"name": one.name, "description": one.description} for one in known] if as_json else table, as_json)
 
 
 @cameras.command("show", epilog="Example: mitsuba-sensor cameras show konnik_table1")
@@ -27,12 +34,12 @@ def show_camera(name: options.CameraName, as_json: options.Json = False) -> None
     """Every number of one camera, with its unit (the end of the field's name) and where it comes from."""
     camera = ms.load_camera(name)
     fields = camera.model_dump(mode="json")
-    if as_json:
-        show({**fields, "sources": dict(camera.sources), "notes": list(camera.notes)}, True)
-        return
-    fields.pop("sources", None)
-    show(terminal.camera_sheet(_flat(fields), camera.sources), False)
-    for note in camera.notes:
+    table = terminal.columns_table("field", "value", "source")
+    table.columns[0].no_wrap = True
+    for field, value in _flat({key: value for key, value in fields.items() if key != "sources"}).items():
+        table.add_row(field, Text(terminal.short(value)), Text(camera.sources.get(field, ""), style="dim"))
+    show({**fields, "sources": dict(camera.sources), "notes": list(camera.notes)} if as_json else table, as_json)
+    for note in () if as_json else camera.notes:
         show(f"note: {note}", False)
 
 
@@ -60,17 +67,17 @@ def lenses(as_json: options.Json = False) -> None:
 
     default = ms.load_camera(options.DEFAULT_CAMERA).replace(**{"lens.f_number": 64.0})  # every lens can close so far
     known = [default.replace(**{"lens.prescription": name}).lens for name in list_lenses()]
-    rows = [(one.prescription, cardinal_points(one).focal_length) for one in known if one.prescription is not None]
-    if as_json:
-        found = [
-            {"name": x.name, "focal_length_mm": f, "surfaces": len(x.surfaces), "source": x.source} for x, f in rows
-        ]
-        show(found, True)
-        return
-    show(terminal.lens_list([(x.name, f"{f:.4g} mm", str(len(x.surfaces)), x.source) for x, f in rows]), False)
+    lengths = [(one.prescription, cardinal_points(one).focal_length) for one in known if one.prescription is not None]
+    found = [
+        {"name": x.name, "focal_length_mm": f, "surfaces": len(x.surfaces), "source": x.source} for x, f in lengths
+    ]
+    table = terminal.columns_table("lens", "focal length", "surfaces", "source")
+    for x, f in lengths:
+        table.add_row(x.name, f"{f:.4g} mm", str(len(x.surfaces)), x.source)
+    show(found if as_json else table, as_json)
 
 
-def _flat(fields: Report, prefix: str = "") -> dict[str, object]:
+def _flat(fields: dict[str, Any], prefix: str = "") -> dict[str, object]:
     """Nested fields under dotted names."""
     flat: dict[str, object] = {}
     for key, value in fields.items():

@@ -15,13 +15,10 @@ from ..render.options import RenderOptions, SceneOptions
 from ..sensor.options import FrameOptions, SensorOptions
 
 Command = TypeVar("Command", bound=Callable[..., None])
-Flag: TypeAlias = Any
-"""The value of one flag; its type is that of the option."""
+Flag: TypeAlias = Any  # the value of one flag; its type is that of the option
 Flags = Mapping[str, Flag]
 
-DEFAULT_CAMERA = "konnik_table1"
-DEFAULT_EXPOSURE_S = 0.1
-DEFAULT_TEMPERATURE_K = 298.15
+DEFAULT_CAMERA, DEFAULT_EXPOSURE_S, DEFAULT_TEMPERATURE_K = "konnik_table1", 0.1, 298.15
 
 Scene = Annotated[
     Path, typer.Argument(metavar="SCENE", help="A Mitsuba 3 scene file (.xml); its film becomes the sensor's.")
@@ -74,15 +71,14 @@ class CameraFlags(TypedDict, total=False):
     ]
 
 
-PICTURE = "Picture"
-PANELS: dict[type, str] = {
+PANELS: dict[type, str] = {  # titles in --help, above the options that are declared there first
     CameraFlags: "Camera and exposure",
     SceneOptions: "Scene",
     RenderOptions: "Render: samples, bands, noise",
     SensorOptions: "Sensor",
     FrameOptions: "Frames and seeds",
 }
-"""Titles in --help, above the options that are declared there first; other options stand below ``PICTURE``."""
+OTHERS = "Picture"
 
 
 class MapFlags(TypedDict, total=False):
@@ -107,16 +103,13 @@ def flags(*kinds: type, without: tuple[str, ...] = ()) -> Callable[[Command], Co
         found = {one.name: one for one in known if one.name not in without}
         own = [p for p in inspect.signature(command, eval_str=True).parameters.values() if p.kind is not p.VAR_KEYWORD]
         needed, optional = [p for p in own if p.default is p.empty], [p for p in own if p.default is not p.empty]
-        made = [
-            inspect.Parameter(
-                one.name, inspect.Parameter.KEYWORD_ONLY, default=one.option.default, annotation=_type(one)
-            )
-            for one in found.values()
-        ]
-        parameters = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in (*needed, *made, *optional)]
+        kind = inspect.Parameter.KEYWORD_ONLY
+        made = [inspect.Parameter(x.name, kind, default=x.option.default, annotation=_type(x)) for x in found.values()]
+        parameters = [p.replace(kind=kind) for p in (*needed, *made, *optional)]
 
         def run(**values: Flag) -> None:
-            command(**{name: _read(found[name], value) if name in found else value for name, value in values.items()})
+            read = {name: READERS[name](x) for name, x in values.items() if name in READERS and x is not None}
+            command(**{**values, **read})
 
         run.__name__, run.__doc__, run.__module__ = command.__name__, command.__doc__, command.__module__
         run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
@@ -126,33 +119,27 @@ def flags(*kinds: type, without: tuple[str, ...] = ()) -> Callable[[Command], Co
     return with_flags
 
 
-def pairs(option: str, texts: Sequence[str] | None) -> dict[str, str]:
+def pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
     """["a=1", …] → {"a": "1", …}"""
-    for text in texts or ():
-        if not text.partition("=")[0].strip() or "=" not in text:
+    found = [[part.strip() for part in text.partition("=")] for text in texts]
+    for text, (name, equals, _) in zip(texts, found, strict=True):
+        if not name or not equals:
             raise InputError(f"{option} {text!r} has no name and value; write {option} NAME=VALUE.")
-    return {text.partition("=")[0].strip(): text.partition("=")[2].strip() for text in texts or ()}
+    return {name: value for name, _, value in found}
 
 
 def _type(one: Declared) -> Flag:
     """The type of an option as typer wants it, with its flag and its help."""
     flag, kinds = one.option.flag or f"--{one.name.replace('_', '-')}", one.kinds
     text: Flag = one.option.text or (str if one.choices else kinds[0])
-    if one.option.default is None:
-        text = text | None
+    text = text | None if one.option.default is None else text
     metavar = one.option.metavar or ("|".join(map(str, one.choices)) or None)
-    panel = next((title for kind, title in PANELS.items() if one.name in kind.__annotations__), PICTURE)
+    panel = next((title for kind, title in PANELS.items() if one.name in kind.__annotations__), OTHERS)
     return Annotated[text, typer.Option(*flag.split(), metavar=metavar, help=one.option.help, rich_help_panel=panel)]
 
 
-def _read(one: Declared, value: Flag) -> Flag:
-    """The value of an option that stands as a text on the command line."""
-    return value if value is None or one.name not in READERS else READERS[one.name](value)
-
-
-READERS: dict[str, Callable[[Flag], Flag]] = {
+READERS: dict[str, Callable[[Flag], Flag]] = {  # how the text of an option becomes its value, where typer does not know
     "parameters": lambda texts: pairs("-D", texts),
     "settings": lambda texts: pairs("--set", texts),
     "maps": files.read_fpn_maps,
 }
-"""How the text of an option becomes its value, where typer does not know."""

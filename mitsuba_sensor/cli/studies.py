@@ -1,15 +1,20 @@
-"""Commands of study: error against run time, what can be left out, and stiff and extreme cases."""
+"""Commands of study: error against run time, what can be left out, and stiff and extreme cases; and how they report."""
 
 # Without `from __future__ import annotations`: core/options.py reads these declarations at run time.
 import shlex
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 from functools import partial
+from itertools import accumulate
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypedDict
+from typing import Annotated, TypedDict
 
 import typer
+from rich.console import Console, Group, RenderableType
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.text import Text
 
 from ..core import first_given, require_seed
 from ..core.options import Option, complete, part_of
@@ -18,17 +23,19 @@ from ..io.measurements import Measurements
 from ..io.metadata import machine, versions
 from ..render.options import SceneOptions
 from ..render.passes import MOST_IN_ALL
+from ..study.kit import Kit
+from ..study.page import Grid, Study, Table, html, png, text
+from ..study.subject import Subject
 from . import options
 from .app import RenderInput, app, err, out, render_input, show
 from .options import Flag, Flags
-from .study_tables import seconds_bar, sheet
+from .terminal import columns_table
 
-if TYPE_CHECKING:
-    from ..study.kit import Kit
-    from ..study.page import Study
-    from ..study.subject import Subject
-
+Texts = list[str]
 PAGE, NUMBERS, MEASUREMENTS = "study.html", "study.json", "measurements"
+STYLES = {"good": "green", "bad": "bold red", "best": "bold green", "dim": "dim", "": ""}  # of a mark
+LONGEST = 48  # rows of a table that a terminal still shows; of a longer one only those that are not as they must be
+WIDEST, GAP = 30, 2  # characters of a column that holds text, and between two columns
 
 study = typer.Typer(
     no_args_is_help=True,
@@ -60,12 +67,11 @@ class WorkPrecisionFlags(TypedDict, total=False):
         int, Option("Independent runs of each setting; their spread makes the intervals.", 4, low=2, example="4")
     ]
     sides: Annotated[
-        list[str] | None,
-        Option("render or sensor: only this half. Repeatable. Default: both.", flag="--side", text=list[str]),
+        Texts | None, Option("render or sensor: only this half. Repeatable. Default: both.", flag="--side", text=Texts)
     ]
     variants: Annotated[
-        list[str] | None,
-        Option("A Mitsuba variant to compare. Repeatable. Default: all that work.", flag="--variant", text=list[str]),
+        Texts | None,
+        Option("A Mitsuba variant to compare. Repeatable. Default: all that work.", flag="--variant", text=Texts),
     ]
 
 
@@ -124,10 +130,8 @@ def stress(**flags: Flag) -> None:
     _run("stress", flags, {}, measured)
 
 
-def _subject(scene: Path, found: RenderInput, flags: Flags, **more: Flag) -> tuple["Subject", dict[str, Flag]]:
+def _subject(scene: Path, found: RenderInput, flags: Flags, **more: Flag) -> tuple[Subject, dict[str, Flag]]:
     """What a study of a scene is about, and all that decides what is measured of it. more : options of the render."""
-    from ..study.subject import Subject
-
     parameters = flags["parameters"] or {}
     render = {"parameters": parameters, "scene_unit": flags["scene_unit"], "width": flags["width"], **more}
     about = {"scene": str(scene), "scene_sha256": found.scene.file.digest()}
@@ -135,18 +139,15 @@ def _subject(scene: Path, found: RenderInput, flags: Flags, **more: Flag) -> tup
     return Subject(scene, found.camera, found.exposure, render), question
 
 
-def _run(name: str, flags: Flags, question: dict[str, Flag], measure: Callable[["Kit"], "Study"]) -> None:
+def _run(name: str, flags: Flags, question: dict[str, Flag], measure: Callable[[Kit], Study]) -> None:
     """Run the study and write what it found; what was measured stays, even if the rest is stopped."""
-    from ..study.drawing import png
-    from ..study.html import html
-    from ..study.kit import Kit
-    from ..study.page import Table
-
     folder, made = flags["out"] or Path("study") / name, {"machine": machine(), "versions": versions()}
     known = Measurements(folder / MEASUREMENTS, {"study": name, **question, **made}, flags["force"])
     about = {"scene": question["scene"], "camera": question["camera"]["name"]} if question else {}
-    about |= {"command": _command(), **made, "resumed_measurements": len(known)}
-    about |= {key: question[key] for key in ("exposure",) if key in question}
+    pairs, where = zip(sys.argv, sys.argv[1:], strict=False), ("-o", "--out")  # the command is without these
+    asked = [one for before, one in pairs if one not in (*where, "--json", "--force") and before not in where]
+    about |= {"command": shlex.join(["mitsuba-sensor", *asked]), **made, "resumed_measurements": len(known)}
+    about |= {"exposure": question["exposure"]} if question else {}
     with seconds_bar(err) as progress:
         kit = Kit(known, progress)
         try:
@@ -157,11 +158,10 @@ def _run(name: str, flags: Flags, question: dict[str, Flag], measure: Callable[[
                 err.print(kept, highlight=False, soft_wrap=True)
             raise
     found = replace(found, data={**found.data, **about, "seconds": round(kit.seconds, 1)})
-    picture = next((part for part in found.parts if not isinstance(part, Table)), None)
     with files.output_folder(folder, (PAGE, NUMBERS, f"{name}.png")) as scratch:
         files.write_page(scratch / PAGE, html(found))
         files.write_json(scratch / NUMBERS, found.to_dict())
-        if picture is not None:
+        for picture in [part for part in found.parts if not isinstance(part, Table)][:1]:
             files.write_drawing(scratch / f"{name}.png", png(picture))
     as_json = flags["as_json"]
     show(found.to_dict() if as_json else sheet(found, str(folder / PAGE), out.width), as_json)
@@ -169,12 +169,59 @@ def _run(name: str, flags: Flags, question: dict[str, Flag], measure: Callable[[
         raise typer.Exit(1)
 
 
-def _command() -> str:
-    """What was asked, without where its answer went."""
-    kept, arguments = ["mitsuba-sensor"], iter(sys.argv[1:])
-    for argument in arguments:
-        if argument in ("-o", "--out"):
-            next(arguments, None)
-        elif argument not in ("--json", "--force"):
-            kept.append(argument)
-    return shlex.join(kept)
+@contextmanager
+def seconds_bar(console: Console) -> Iterator[Callable[[float, float, str], None]]:
+    """A bar over the seconds that a study expects to take, and what it does now. Yields what a kit reports to."""
+    texts = TextColumn("{task.percentage:>3.0f} %"), TimeElapsedColumn(), TextColumn("{task.description}")
+    with Progress(BarColumn(), *texts, console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task("", total=None)
+
+        def tell(done_s: float, expected_s: float, now: str) -> None:
+            left_s = max(expected_s - done_s, 0.0)
+            left = f"about {left_s / 60:.0f} min" if left_s > 90 else f"about {left_s:.0f} s"
+            if progress.tasks[task].total is None:
+                console.print(f"this takes {left}", highlight=False)
+            progress.update(task, completed=done_s, total=expected_s, description=f"{left} left [dim]{now}")
+
+        yield tell
+
+
+def sheet(found: Study, page: str, width: int) -> RenderableType:
+    """The whole study in the terminal, its findings and as much of its tables as fits into so many characters."""
+    verdict = ("everything that must hold does", "bold green") if found.passed else ("not all holds", "bold red")
+    lines: list[RenderableType] = [Text.assemble((found.title, "bold"), " – ", verdict, " → ", (page, "bold"))]
+    lines += [Text(f"• {finding}") for finding in found.findings]
+    for part in found.parts:
+        if isinstance(part, Grid):
+            drawn = columns_table("", *part.columns)
+            drawn.title, drawn.title_justify, drawn.title_style = part.title, "left", "bold"
+            for name, marks, texts in zip(part.rows, part.marks, part.texts, strict=True):
+                drawn.add_row(name, *(Text(cell, STYLES[mark]) for cell, mark in zip(texts, marks, strict=True)))
+            lines.append(drawn)
+        elif isinstance(part, Table) and part.rows and set(part.marks) == {"good"}:
+            lines.append(Text(f"{part.title}: all {len(part.rows)} rows as they must be"))
+        elif isinstance(part, Table) and part.rows:
+            lines += _table(part, width)
+    return Group(*lines)
+
+
+def _table(table: Table, width: int) -> Iterator[RenderableType]:
+    """As many of its columns, from the left, as fit, and what of it stands only in the page."""
+    rows = list(zip(table.marks or ("",) * len(table.rows), table.rows, strict=True))
+    shown = rows if len(rows) <= LONGEST else [row for row in rows if row[0] in ("bad", "best")][:LONGEST]
+    cells = [[f"{v:.3g}" if isinstance(v, float) else text(v) for v in row] for _, row in shown]
+    longest = (  # headings break at spaces, long texts anywhere
+        max(len(one) for one in (*heading.split(), "", *(row[index] for row in cells)))
+        for index, heading in enumerate(table.columns)
+    )
+    count = max(sum(used <= width for used in accumulate(min(one, WIDEST) + GAP for one in longest)), 1)
+    drawn = columns_table(*table.columns[:count])
+    for index, column in enumerate(drawn.columns):
+        if shown and all(isinstance(row[index], int | float | None) for _, row in shown):
+            column.justify = "right"
+    for (mark, _), texts in zip(shown, cells, strict=True):
+        drawn.add_row(*map(Text, texts[:count]), style=STYLES[mark])
+    yield from (Text(f"\n{table.title}", style="bold"), drawn)
+    hidden = {"rows": len(rows) - len(shown), "columns": len(table.columns) - count}
+    if more := " and ".join(f"{number} more {name}" for name, number in hidden.items() if number):
+        yield Text(f"{more} stand in the page", style="dim")

@@ -15,14 +15,12 @@ from rich.text import Text
 
 from ..sensor.plan import IDLE, Plan
 
-Report = Mapping[str, Any]
-"""A dict ready for JSON: frame.json, or what a command prints."""
-
 if TYPE_CHECKING:
     from ..render.requirements import RenderRequirement
     from ..render.stop_criterion import RenderProgress
 
-END = {"max_seconds": "the time was up", "max_spp": "the most samples were taken"}
+Report = Mapping[str, Any]  # ready for JSON: frame.json, or what a command prints
+END = {"max_seconds": ", the time was up", "max_spp": ", the most samples were taken"}
 
 
 @contextmanager
@@ -34,20 +32,6 @@ def render_progress(console: Console, options: Mapping[str, object]) -> Iterator
     frames, first = options.get("frames", 1), options.get("first_frame", 0)
     assert isinstance(frames, int) and isinstance(first, int)
     count = 1 if options.get("render_noise", "shared") == "shared" else frames
-    with _bar(console) as progress:
-        task = progress.add_task("rendering", total=None, ratio="", left="")
-
-        def show(step: RenderProgress) -> None:
-            number = 0 if count == 1 else step.frame - first
-            name = "rendering" if count == 1 else f"frame {step.frame}"
-            completed, total = number * step.expected + step.done, count * step.expected
-            ratio, left = _texts(step)
-            progress.update(task, description=name, completed=completed, total=total, ratio=ratio, left=left)
-
-        yield show
-
-
-def _bar(console: Console) -> Progress:
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -56,41 +40,47 @@ def _bar(console: Console) -> Progress:
         TimeElapsedColumn(),
         TextColumn("{task.fields[left]}"),
     )
-    return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task("rendering", total=None, ratio="", left="")
 
+        def show(step: RenderProgress) -> None:
+            number = 0 if count == 1 else step.frame - first
+            name = "rendering" if count == 1 else f"frame {step.frame}"
+            completed, total = number * step.expected + step.done, count * step.expected
+            ratio = "" if math.isnan(step.noise_ratio) else f"render noise {_number(step.noise_ratio)} × the sensor's"
+            left = "" if math.isnan(step.seconds_left) else f"about {step.seconds_left:.0f} s left"
+            progress.update(task, description=name, completed=completed, total=total, ratio=ratio, left=left)
 
-def _texts(step: RenderProgress) -> tuple[str, str]:
-    """Beside the bar: the noise ratio so far, and the forecast."""
-    ratio = "" if math.isnan(step.noise_ratio) else f"render noise {_number(step.noise_ratio)} × the sensor's"
-    left = "" if math.isnan(step.seconds_left) else f"about {step.seconds_left:.0f} s left"
-    return ratio, left
+        yield show
 
 
 def summary(report: Report, folder: str) -> RenderableType:
     """A frame in short: photons, the signal after each stage in theory and in the frame, noise by source."""
-    return Group(_headline(report, folder), _stages(report), *_facts(report), *_notes(report))
+    image, exposure = report["image"], report["exposure"]
+    size = f"{image['columns']} × {image['rows']}, {image['frames']} frame{'s' if image['frames'] > 1 else ''}"
+    conditions = f", {exposure['time_s']:g} s at {exposure['temperature_k']:g} K, {size} → "
+    head = Text.assemble((report["camera"]["name"], "bold"), conditions, (folder, "bold"))
+    said = *report["render"]["notes"], *report["camera"].get("notes", ())
+    notes = (Text.assemble(("note: ", "bold yellow"), note) for note in said)
+    return Group(head, _stages(report), *_facts(report), *notes)
 
 
-def plan_sheet(plan: Plan, needs: Sequence[RenderRequirement], whole_s: float, planned_s: float) -> RenderableType:
+def plan_sheet(plan: Plan, needs: Sequence[RenderRequirement]) -> RenderableType:
     """What a plan keeps and leaves out, sensor and render, with the effect in DN and the time that is saved."""
     table = columns_table("", "", "mean", "temporal", "spatial", "")
+    kept = {True: Text("kept"), False: Text("left out", style="green")}
     for e in plan.effects:
-        if e.reason == IDLE:
-            continue
-        numbers = (_number(value) for value in (e.mean_dn, e.temporal_dn, e.spatial_dn))
-        table.add_row(e.stage, _kept(e.kept), *numbers, e.reason)
+        if e.reason != IDLE:
+            table.add_row(e.stage, kept[e.kept], *map(_number, (e.mean_dn, e.temporal_dn, e.spatial_dn)), e.reason)
     for need in needs:
-        table.add_row(need.what, _kept(need.kept), _number(need.effect_dn), "", "", need.reason)
+        table.add_row(need.what, kept[need.kept], _number(need.effect_dn), "", "", need.reason)
     table.caption = "what each changes at most on this scene [DN]"
+    whole_s, planned_s = plan.seconds
     saved = f"{whole_s:.3g} s a frame with the whole chain, {planned_s:.3g} s with this plan"
     head = f"{plan.camera}: what is left out moves no light level by more than {plan.tolerance_dn:g} DN in all"
     idle = ", ".join(e.stage for e in plan.effects if e.reason == IDLE)
     facts = (_fact("left out, changes nothing", idle or "–"), _fact("time", saved), Text(plan.float32.explain()))
     return Group(Text(head, style="bold"), table, *facts)
-
-
-def _kept(kept: bool) -> Text:
-    return Text("kept") if kept else Text("left out", style="green")
 
 
 def map_list(spread: Report, path: str) -> RenderableType:
@@ -102,53 +92,20 @@ def map_list(spread: Report, path: str) -> RenderableType:
     return Group(Text(f"wrote {path}", style="bold"), table)
 
 
-def camera_list(rows: Sequence[tuple[str, str, str, str]]) -> Table:
-    """(name, technology, size, description) of every camera that ships with the package."""
-    table = columns_table("camera", "technology", "pixels", "what it is")
-    for row in rows:
-        table.add_row(*row)
-    return table
-
-
-def lens_list(rows: Sequence[tuple[str, str, str, str]]) -> Table:
-    """(name, focal length, surfaces, source) of every lens prescription that ships with the package."""
-    table = columns_table("lens", "focal length", "surfaces", "source")
-    for row in rows:
-        table.add_row(*row)
-    return table
-
-
-def camera_sheet(fields: Report, sources: Mapping[str, str]) -> Table:
-    """One row per number of a camera file: field, value, source. The unit is the end of the field's name."""
-    table = columns_table("field", "value", "source")
-    table.columns[0].no_wrap = True
-    for name, value in fields.items():
-        table.add_row(name, Text(_short(value)), Text(sources.get(name, ""), style="dim"))
-    return table
-
-
 def diagnosis(findings: Report) -> RenderableType:
     """What works on this machine, as tables, and the commands that repair what does not."""
     variants = columns_table("variant", "renders?", "why")
+    yes = {True: Text("yes", style="green"), False: Text("no", style="red")}
     for one in findings["variants"]:
-        variants.add_row(one["name"], _yes(one["works"]), Text(one["reason"]))
+        variants.add_row(one["name"], yes[one["works"]], Text(one["reason"]))
     llvm = columns_table("LLVM", "usable?", "library", "why")
     for one in findings["llvm"]:
-        llvm.add_row(str(one["version"] or "?"), _yes(one["usable"]), Text(one["path"]), Text(one["reason"]))
+        llvm.add_row(str(one["version"] or "?"), yes[one["usable"]], Text(one["path"]), Text(one["reason"]))
     versions = ", ".join(f"{name} {version or 'missing'}" for name, version in findings["versions"].items())
     remedies = [Text.assemble(("do: ", "bold yellow"), command) for command in findings["remedies"]]
-    verdict = f"renders with {findings['variant']}" if findings["works"] else "cannot render"
-    return Group(
-        variants, llvm, Text(versions, style="dim"), Text(verdict, style=_verdict_style(findings["works"])), *remedies
-    )
-
-
-def _headline(report: Report, folder: str) -> Text:
-    image, exposure = report["image"], report["exposure"]
-    pages = f"{image['frames']} frame{'s' if image['frames'] > 1 else ''}"
-    size = f"{image['columns']} × {image['rows']}, {pages}"
-    conditions = f"{exposure['time_s']:g} s at {exposure['temperature_k']:g} K"
-    return Text.assemble((report["camera"]["name"], "bold"), f", {conditions}, {size} → ", (folder, "bold"))
+    verdict = Text(f"renders with {findings['variant']}" if findings["works"] else "cannot render", style="bold")
+    verdict.stylize("green" if findings["works"] else "red")
+    return Group(variants, llvm, Text(versions, style="dim"), verdict, *remedies)
 
 
 def _stages(report: Report) -> Table:
@@ -172,7 +129,8 @@ def _stages(report: Report) -> Table:
 
 
 def _facts(report: Report) -> Iterator[Text]:
-    photons, counts, noise = report["photons"], report["counts"], report["render_noise"]
+    photons, counts, noise, render = (report[key] for key in ("photons", "counts", "render_noise", "render"))
+    ended = _ended(render["noise_ratio_asked"], render["ended_by"])
     yield _fact(
         "photoelectrons per pixel" if photons["detected"] else "photons per pixel",
         f"{_number(photons['min'])} … {_number(photons['median'])} … {_number(photons['max'])} (min, median, max)",
@@ -180,13 +138,13 @@ def _facts(report: Report) -> Iterator[Text]:
     yield _fact(
         "render noise / sensor noise",
         f"variance × {_number(noise['over_sensor_median'])} median, {_number(noise['over_sensor_p95'])} at the 95th "
-        f"percentile, {report['render']['samples_per_pixel']} samples per pixel{_ended(report['render'])}",
+        f"percentile, {render['samples_per_pixel']} samples per pixel{ended}",
     )
     if "uncompensated" in report["origin"]:
         left = f"{100 * report['origin']['uncompensated']:.2g} % of the shot noise's variance is left on top of it"
         yield _fact("a render for every frame", left)
-    if report["render"]["denoised"]:
-        yield _fact("denoised", ", ".join(f"{k} {_short(v)}" for k, v in report["render"]["denoised"].items()))
+    if render["denoised"]:
+        yield _fact("denoised", ", ".join(f"{k} {short(v)}" for k, v in render["denoised"].items()))
     seen = {name.replace("_", " "): number for name, number in counts.items() if number}
     yield _fact("pixels", ", ".join(f"{name} {number}" for name, number in seen.items()) or "none clipped, none bad")
     outside = report["outside_qe"]
@@ -204,18 +162,10 @@ def _facts(report: Report) -> Iterator[Text]:
     yield _fact("seconds", ", ".join(f"{name} {seconds:.2f}" for name, seconds in report["times_s"].items()))
 
 
-def _ended(render: Report) -> str:
+def _ended(asked: float | None, end: str) -> str:
     """Whether the noise ratio that was asked for was reached, and what ended the render."""
-    asked, end = render["noise_ratio_asked"], render["ended_by"]
-    if end == "noise_ratio":
-        return f"; {_number(asked)} was asked for and reached"
-    missed = f"; {_number(asked)} was asked for and not reached" if asked is not None else ""
-    return missed + (f", {END[end]}" if end in END else "")
-
-
-def _notes(report: Report) -> Iterator[Text]:
-    for note in (*report["render"]["notes"], *report["camera"].get("notes", ())):
-        yield Text.assemble(("note: ", "bold yellow"), note)
+    reached = "reached" if end == "noise_ratio" else "not reached"
+    return ("" if asked is None else f"; {_number(asked)} was asked for and {reached}") + END.get(end, "")
 
 
 def _fact(name: str, text: str) -> Text:
@@ -232,21 +182,11 @@ def columns_table(*headings: str) -> Table:
 
 def _number(value: float | None) -> str:
     """Four significant digits, without an exponent where it can be avoided."""
-    if value is None:
-        return "–"
-    return f"{value:.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:.4g}"
+    return "–" if value is None else f"{value:.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:.4g}"
 
 
-def _short(value: object) -> str:
+def short(value: object) -> str:
     """A value on one line; a long list by its ends."""
     if isinstance(value, list | tuple) and len(value) > 6:
         return f"{value[0]} … {value[-1]} ({len(value)} numbers)"
     return str(value)
-
-
-def _yes(answer: bool) -> Text:
-    return Text("yes", style="green") if answer else Text("no", style="red")
-
-
-def _verdict_style(works: bool) -> str:
-    return "bold green" if works else "bold red"

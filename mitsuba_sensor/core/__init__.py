@@ -9,22 +9,6 @@ from .sensor_window import SensorWindow
 from .signals import Electrons, Photons
 from .types import Array, Float32Array, Float64Array, NumpyArray
 
-__all__ = [
-    "Array",
-    "Electrons",
-    "Exposure",
-    "Float32Array",
-    "Float64Array",
-    "Frame",
-    "InputError",
-    "Moments",
-    "NumpyArray",
-    "Photons",
-    "SensorWindow",
-    "check_types",
-    "first_given",
-    "nearest",
-    "numbers",
-    "require",
-    "require_seed",
-]
+__all__ = ["Array", "Electrons", "Exposure", "Float32Array", "Float64Array", "Frame", "InputError", "Moments"]
+__all__ += ["NumpyArray", "Photons", "SensorWindow", "check_types", "first_given", "nearest", "numbers", "require"]
+__all__ += ["require_seed"]

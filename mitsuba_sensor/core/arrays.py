@@ -1,4 +1,4 @@
-"""Element-wise operations that the physics is written in; the type of the array decides between NumPy and Dr.Jit.
+"""Element-wise operations, branches and loops that the physics is written in, for NumPy and for Dr.Jit arrays.
 
 The stages import these instead of NumPy or Dr.Jit, so the physics is written once. In float32, every operation on a
 pixel is one of + − × ÷ √ floor, a comparison or a shift or mask of bits, whose result IEEE 754 defines exactly;
@@ -6,11 +6,10 @@ therefore NumPy and Dr.Jit-LLVM return the same bytes. There is no fused multipl
 flushes numbers below 1.2e-38 to 0; none occurs in a chain.)
 """
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -57,9 +56,7 @@ def maximum(x: Array, y: Array) -> Array:
     return np.maximum(x, y) if is_numpy(x, y) else drjit_module().select(x > y, x, y)
 
 
-def with_derivative_of(
-    surrogate: Callable[[Array, Array], Array], function: Callable[[Array], Array], x: Array
-) -> Array:
+def with_derivative_of(surrogate: Callable[..., Array], function: Callable[[Array], Array], x: Array) -> Array:
     """``function(x)``, whose derivative, if one is computed, is that of ``surrogate(x, function(x))``."""
     if is_numpy(x) or not drjit_module().grad_enabled(x):
         return function(x)
@@ -76,40 +73,29 @@ def sqrt(x: Array) -> Array:
 
 def exp(x: Array) -> Array:
     """e^x."""
-    return with_derivative_of(lambda x, y: x * y, _exp, x) if _is_float32(x) else np.exp(x)
+    return with_derivative_of(lambda x, y: x * y, _exponential, x) if _is_float32(x) else np.exp(x)
 
 
 def expm1(x: Array) -> Array:
     """e^x − 1 without cancellation."""
-    return with_derivative_of(lambda x, y: x * (y + 1.0), _expm1, x) if _is_float32(x) else np.expm1(x)
+    if not _is_float32(x):
+        return np.expm1(x)
+    return with_derivative_of(lambda x, y: x * (y + 1.0), partial(_exponential, minus_one=True), x)
 
 
+# ln 2 as a sum; the first term has ten bits, so that its multiples are exact in float32 (Cody & Waite 1980).
 LN2_HIGH, LN2_LOW = 0.693359375, -2.12194440e-4
-"""ln 2 as a sum; the first term has ten bits, so that its multiples are exact in float32 (Cody & Waite 1980)."""
-
+# (e^r − 1 − r)/r² for |r| ≤ ½ln 2, to 4e-9: from benchmarks/fit_quantiles.py.
 EXP_TAIL = (0.5000000096, 0.1666651817, 0.0416662037, 0.008368969906, 0.001395063153)
-"""(e^r − 1 − r)/r² for |r| ≤ ½ln 2, to 4e-9: from benchmarks/fit_quantiles.py."""
 
 
-def _exp(x: Array) -> Array:
-    fraction, power = _exponential(x)
-    return fraction * power + power
-
-
-def _expm1(x: Array) -> Array:
-    fraction, power = _exponential(x)
-    return fraction * power + (power - 1.0)
-
-
-def _exponential(x: Array) -> tuple[Array, Array]:
-    """(e^r − 1, 2^n) with x = r + n·ln 2, in float32; x is clipped to −69 … 88.
-
-    Below −69 a factor of the result would be subnormal, which Dr.Jit flushes to 0 and NumPy does not.
-    """
-    x = minimum(maximum(x, -69.0), 88.0)
+def _exponential(x: Array, minus_one: bool = False) -> Array:
+    """e^x or e^x − 1 from e^r − 1 and 2^n with x = r + n·ln 2, in float32; x is clipped to −69 … 88."""
+    x = minimum(maximum(x, -69.0), 88.0)  # below, a factor would be subnormal: Dr.Jit flushes it to 0, NumPy does not
     n = floor(x * (1 / math.log(2)) + 0.5)
     r = (x - n * LN2_HIGH) - n * LN2_LOW
-    return r + (r * r) * polynomial(r, EXP_TAIL), from_float_bits((int32(n) + 127) << 23)
+    fraction, power = r + (r * r) * polynomial(r, EXP_TAIL), from_float_bits((int32(n) + 127) << 23)
+    return fraction * power + (power - 1.0 if minus_one else power)
 
 
 def polynomial(x: Array, coefficients: Sequence[float]) -> Array:
@@ -131,19 +117,19 @@ def _add(fresh: Array, y: Array) -> Array:
     return fresh
 
 
-def float32(x: Array) -> Array:
-    """Array numbers as float32."""
-    return np.asarray(x).astype(np.float32) if is_numpy(x) else drjit_module().float32_array_t(x)(x)
+def _converted(x: Array, kind: str) -> Array:
+    return np.asarray(x).astype(kind) if is_numpy(x) else getattr(drjit_module(), f"{kind}_array_t")(x)(x)
 
 
-def float64(x: Array) -> Array:
-    """Array numbers as float64."""
-    return np.asarray(x).astype(np.float64) if is_numpy(x) else drjit_module().float64_array_t(x)(x)
+def _reinterpreted(x: Array, kind: str) -> Array:
+    if is_numpy(x):
+        return np.asarray(x).view(kind)
+    return drjit_module().reinterpret_array(getattr(drjit_module(), f"{kind}_array_t")(x), x)
 
 
-def int32(x: Array) -> Array:
-    """Integers held in floats as int32."""
-    return np.asarray(x).astype(np.int32) if is_numpy(x) else drjit_module().int32_array_t(x)(x)
+# Numbers as an array of this type, and the 32 bits of numbers read as a signed integer or as a float32.
+float32, float64, int32 = (partial(_converted, kind=kind) for kind in ("float32", "float64", "int32"))
+signed_bits, from_float_bits = (partial(_reinterpreted, kind=kind) for kind in ("int32", "float32"))
 
 
 def wide_product(x: Array, factor: int) -> tuple[Array, Array]:
@@ -163,27 +149,6 @@ def xor3(fresh: Array, x: Array, key: Array) -> Array:
     fresh ^= x
     fresh ^= np.uint64(key)
     return fresh
-
-
-def as_signed(x: Array) -> Array:
-    """The same 32 bits read as a signed integer."""
-    return x.view(np.int32) if is_numpy(x) else drjit_module().int32_array_t(x)(x)
-
-
-def float_bits(x: Array) -> Array:
-    """The 32 bits of a float32, read as a signed integer."""
-    if is_numpy(x):
-        return np.asarray(x).view(np.int32)
-    dr = drjit_module()
-    return dr.reinterpret_array(dr.int32_array_t(x), x)
-
-
-def from_float_bits(x: Array) -> Array:
-    """The float32 that has these 32 bits."""
-    if is_numpy(x):
-        return np.asarray(x).view(np.float32)
-    dr = drjit_module()
-    return dr.reinterpret_array(dr.float32_array_t(x), x)
 
 
 def count_at_or_below(levels: Array, x: Array) -> Array:
@@ -214,6 +179,46 @@ def product(x: Array, y: Array) -> Array:
     with np.errstate(invalid="ignore"):
         xy = x * y
     return np.where(np.isnan(xy), np.float32(0), xy) if np.isnan(xy).any() else xy
+
+
+def replace_where(condition: Array, base: Array, function: Callable[..., Array], *arguments: Array) -> Array:
+    """``function(*arguments)`` where ``condition`` holds, which is rare, else ``base``; computed only where needed."""
+    if not is_numpy(condition):
+        return drjit_module().if_stmt((base, *arguments), condition, lambda _, *a: function(*a), lambda same, *_: same)
+    needed = np.flatnonzero(condition)
+    if needed.size:
+        base = np.array(base)
+        base.ravel()[needed] = function(*(x.ravel()[needed] for x in arguments))
+    return base
+
+
+def branch(condition: Array, yes: Callable[..., Array], no: Callable[..., Array], *arguments: Array) -> Array:
+    """``yes(*arguments)`` where ``condition`` holds, else ``no(*arguments)``; each computes its own pixels only."""
+    if not is_numpy(condition):
+        return drjit_module().if_stmt(arguments, condition, yes, no)
+    if not condition.any():
+        return no(*arguments)
+    if condition.all():
+        return yes(*arguments)
+    chosen = yes(*(x[condition] for x in arguments))
+    result = np.empty(condition.shape, dtype=chosen.dtype)
+    result[condition] = chosen
+    result[~condition] = no(*(x[~condition] for x in arguments))
+    return result
+
+
+def loop(going: Callable[..., Array], step: Callable[..., tuple[Array, ...]], state: tuple[Array, ...]) -> Array:
+    """Repeats ``state = step(*state)`` for every pixel while ``going(*state)`` holds; the last array of ``state``."""
+    if not is_numpy(state[0]):
+        return drjit_module().while_loop(state, going, step)[-1]
+    result = np.empty_like(state[-1])
+    index, live = np.arange(result.size), tuple(x.ravel() for x in state)
+    while index.size:
+        on = going(*live)
+        done, rest = np.flatnonzero(~on), np.flatnonzero(on)
+        result.ravel()[index[done]] = live[-1][done]
+        index, live = index[rest], step(*(x[rest] for x in live))
+    return result
 
 
 def look_up(table: Array, index: Array) -> Array:
@@ -247,5 +252,4 @@ def as_index(x: Array) -> Array:
     return np.asarray(x).astype(np.intp)
 
 
-scalar_exp, scalar_log, scalar_sqrt = math.exp, math.log, math.sqrt
-"""e^x, ln x and √x of one Python number, in float64."""
+scalar_exp, scalar_log, scalar_sqrt = math.exp, math.log, math.sqrt  # of one Python number, in float64

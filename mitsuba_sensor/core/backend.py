@@ -11,14 +11,15 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from . import arrays, counter_rng, distributions, quantiles
+from . import arrays, distributions, quantiles
+from .counter_rng import random_bits_at
 from .types import Array, NumpyArray
 
 if TYPE_CHECKING:
     from .sensor_window import SensorWindow
 
+# Larger numbers, and +inf, are set to this: every pixel saturates long before, and ∞·0 cannot occur.
 FLOAT32_LIMIT = 1e30
-"""Larger numbers, and +inf, are set to this: every pixel saturates long before, and ∞·0 cannot occur."""
 
 
 class PendingStrip:
@@ -38,13 +39,11 @@ class Backend:
     """What a backend provides; this one is the reference: NumPy, float64, exact quantile functions."""
 
     precision: Literal["float32", "float64"] = "float64"
-    compiled: bool = False
-    """Whether the stages are traced once and run as a kernel, not computed step by step."""
-    bytes_of_numpy: bool = True
-    """Whether the digital numbers are those of NumPy in the same precision, byte for byte."""
+    compiled: bool = False  # whether the stages are traced once and run as a kernel, not computed step by step
+    bytes_of_numpy: bool = True  # whether the digital numbers are NumPy's in the same precision, byte for byte
+    # Pixels that are computed at a time. Fewer, and threads wait for each other at every operation; more, and the
+    # temporary arrays leave the cache.
     strip_pixels: int = 2**17
-    """Pixels that are computed at a time. Fewer, and threads wait for each other at every operation; more, and the
-    temporary arrays leave the cache."""
 
     def number(self, value: float) -> Array:
         """A parameter of the camera in the precision of the pixels."""
@@ -68,35 +67,17 @@ class Backend:
 
     def random_bits(self, block: int, window: SensorWindow, frame: int, key: int) -> tuple[Array, Array, Array, Array]:
         """Four random 32-bit integers of ``block`` for every pixel of the window."""
-        return counter_rng.random_bits(block, window.rows, window.columns, frame, key)
+        return random_bits_at(block, window.rows[:, None], window.columns[None, :], frame, key)
 
-    def uniform(self, bits: Array) -> Array:
-        """Uniform between 0 and 1: (bits + ½)/2³²."""
-        return distributions.survival(bits)
-
-    def normal(self, bits: Array) -> Array:
-        """Standard normal, mean 0 and variance 1."""
-        return distributions.normal(bits)
-
-    def normal_of(self, survival_probability: Array) -> Array:
-        """The value that a standard normal exceeds with this probability."""
-        return distributions.normal_of(survival_probability)
-
-    def lognormal(self, bits: Array, cv: float) -> Array:
-        """Log-normal of mean 1."""
-        return distributions.lognormal(bits, cv)
-
-    def gamma(self, bits: Array, cv: float) -> Array:
-        """Gamma of mean 1."""
-        return distributions.gamma(bits, cv)
-
-    def logistic(self, bits: Array) -> Array:
-        """Standard logistic, variance π²/3."""
-        return distributions.logistic(bits)
-
-    def wald(self, z: Array, u: Array, cv: float) -> Array:
-        """Inverse Gaussian of mean 1, from a normal and a uniform."""
-        return distributions.wald(z, u, cv)
+    # Random bits to random numbers: uniform between 0 and 1; standard normal, also from a survival probability; of mean
+    # 1 and given coefficient of variation log-normal, gamma, and inverse Gaussian (Wald); standard logistic.
+    uniform = staticmethod(distributions.survival)
+    normal = staticmethod(distributions.normal)
+    normal_of = staticmethod(distributions.normal_of)
+    lognormal = staticmethod(distributions.lognormal)
+    gamma = staticmethod(distributions.gamma)
+    logistic = staticmethod(distributions.logistic)
+    wald = staticmethod(distributions.wald)
 
     def poisson(self, bits: Array, mean: Array) -> Array:
         """Poisson counts of this ``mean``, one for all or one per pixel."""
@@ -120,14 +101,10 @@ class NumpyFloat32(Backend):
         """The nearest float32s."""
         return np.minimum(values, FLOAT32_LIMIT).astype(np.float32)
 
-    def uniform(self, bits: Array) -> Array:
-        return quantiles.uniform(bits)
-
-    def normal(self, bits: Array) -> Array:
-        return quantiles.normal(bits)
-
-    def normal_of(self, survival_probability: Array) -> Array:
-        return quantiles.normal_of(survival_probability)
+    uniform = staticmethod(quantiles.uniform)
+    normal = staticmethod(quantiles.normal)
+    normal_of = staticmethod(quantiles.normal_of)
+    logistic = staticmethod(quantiles.logistic)
 
     def lognormal(self, bits: Array, cv: float) -> Array:
         variance = math.log1p(cv * cv)
@@ -136,9 +113,6 @@ class NumpyFloat32(Backend):
     def gamma(self, bits: Array, cv: float) -> Array:
         series = distributions.gamma_series(cv, quantiles.CHEBYSHEV_REACH, quantiles.CHEBYSHEV_TERMS)
         return quantiles.exp_chebyshev(bits, [self.number(c) for c in series])
-
-    def logistic(self, bits: Array) -> Array:
-        return quantiles.logistic(bits)
 
     def wald(self, z: Array, u: Array, cv: float) -> Array:
         return quantiles.wald(z, u, self.number(cv))

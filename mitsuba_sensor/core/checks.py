@@ -1,7 +1,5 @@
 """Checks of the arguments of public functions that both rendering and the sensor use."""
 
-from __future__ import annotations
-
 from typing import TypeVar, overload
 
 import numpy as np
@@ -14,10 +12,7 @@ Value = TypeVar("Value")
 
 
 def check_types(camera: object, exposure: object, optional: bool = False) -> None:
-    """Raise InputError unless ``camera`` is a Camera and ``exposure`` an Exposure.
-
-    optional : whether either may be None.
-    """
+    """Raise InputError unless ``camera`` is a Camera and ``exposure`` an Exposure.  optional : either may be None."""
     if not hasattr(camera, "quantum_efficiency") and not (optional and camera is None):
         raise InputError(f"camera is {camera!r}; pass a Camera, e.g. load_camera('konnik_table1').")
     if not isinstance(exposure, Exposure) and not (optional and exposure is None):

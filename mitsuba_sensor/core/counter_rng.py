@@ -6,8 +6,6 @@ coordinates. Hence the crop of a frame equals the frame of the crop, frame 12 ca
 and switching one noise source off leaves the random bits of all others as they are.
 """
 
-from __future__ import annotations
-
 import zlib
 from typing import TypeAlias
 
@@ -15,50 +13,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .arrays import wide_product, xor3
-from .types import Array
+from .types import Array, RandomBits
 
-RandomBits: TypeAlias = NDArray[np.uint32]
 Counter: TypeAlias = tuple[Array, Array, Array, Array]
 
 _M0, _M1 = 0xD2511F53, 0xCD9E8D57
 _W0, _W1 = 0x9E3779B9, 0xBB67AE85
 _MASK = 0xFFFF_FFFF
 
-FIXED_PATTERN = 0x8000_0000
-"""Bit of the block number that is set for FPN maps and clear for temporal noise."""
+FIXED_PATTERN = 0x8000_0000  # bit of the block number that is set for FPN maps and clear for temporal noise
+FROM_NAME = 0x4000_0000  # bit for sources that are not in STREAMS; the 30 bits below it are a hash of the name
 
-FROM_NAME = 0x4000_0000
-"""Bit of the block number of sources that are not in ``STREAMS``; the 30 bits below it are a hash of the name."""
-
-STREAMS = {
-    "photon_shot": (0, 0),
-    "dark_shot": (0, 1),
-    "source_follower": (0, 2),
-    "reset": (0, 3),
-    "prnu": (FIXED_PATTERN, 0),
-    "dark_fpn": (FIXED_PATTERN, 1),
-    "dsnu_col": (FIXED_PATTERN + 1, 0),
-    "dsnu_row": (FIXED_PATTERN + 1, 1),
-    "prnu_col": (FIXED_PATTERN + 1, 2),
-    "dsnu_pixel": (FIXED_PATTERN + 1, 3),
-    "dark_fpn_pick": (FIXED_PATTERN, 2),
-    "dark_component": (FIXED_PATTERN, 3),
-    "rts_site": (FIXED_PATTERN + 2, 0),
-    "rtn_site": (FIXED_PATTERN + 2, 1),
-    "read_noise": (FIXED_PATTERN + 2, 2),
-    "rtn_pixels": (1, 0),
-    "rts_state": (1, 1),
-    "quantum_yield": (1, 2),
-    "compensation": (1, 3),
+# Noise source → stream (block, slot 0 … 3). Never change a line: the frames of a seed depend on it.
+_SLOTS = {
+    0: ("photon_shot", "dark_shot", "source_follower", "reset"),
+    1: ("rtn_pixels", "rts_state", "quantum_yield", "compensation"),
+    FIXED_PATTERN: ("prnu", "dark_fpn", "dark_fpn_pick", "dark_component"),
+    FIXED_PATTERN + 1: ("dsnu_col", "dsnu_row", "prnu_col", "dsnu_pixel"),
+    FIXED_PATTERN + 2: ("rts_site", "rtn_site", "read_noise"),
 }
-"""Noise source → stream (block, slot 0 … 3). Never change a line: the frames of a seed depend on it."""
+STREAMS = {source: (block, slot) for block, sources in _SLOTS.items() for slot, source in enumerate(sources)}
 
 
 def stream_of(source: str, fixed: bool = False) -> tuple[int, int]:
-    """Stream (block, slot) of a noise source; one that is not in ``STREAMS`` gets a block of its own from its name.
-
-    fixed : whether the source is an FPN map (one value per camera) and not temporal noise.
-    """
+    """Stream (block, slot) of a noise source, ``fixed`` for an FPN map; one not in ``STREAMS`` has it from its name."""
     if source in STREAMS:
         return STREAMS[source]
     block = FROM_NAME | (zlib.crc32(source.encode()) & (FROM_NAME - 1))
@@ -66,10 +44,7 @@ def stream_of(source: str, fixed: bool = False) -> tuple[int, int]:
 
 
 def philox(counter: Counter, key: tuple[Array, Array]) -> Counter:
-    """Four random 32-bit integers at a counter of four 32-bit integers, under a key of two; arrays broadcast.
-
-    NumPy holds the 32-bit integers in uint64, Dr.Jit in uint32.
-    """
+    """Four random 32-bit integers at a counter of four, under a key of two: in uint64 on NumPy, uint32 on Dr.Jit."""
     x0, x1, x2, x3 = counter
     k0, k1 = key
     for _ in range(10):
@@ -101,10 +76,3 @@ def random_bits_at(
     shape = np.broadcast_shapes(x.shape, y.shape, z.shape)
     b0, b1, b2, b3 = (np.broadcast_to(b, shape).astype(np.uint32) for b in drawn)
     return b0, b1, b2, b3
-
-
-def random_bits(
-    block: int, rows: NDArray[np.int64], columns: NDArray[np.int64], frame: int, key: int
-) -> tuple[RandomBits, RandomBits, RandomBits, RandomBits]:
-    """Four random 32-bit integers of ``block`` for every pixel (rows[:, None], columns[None, :]), each (H, W)."""
-    return random_bits_at(block, rows[:, None], columns[None, :], frame, key)

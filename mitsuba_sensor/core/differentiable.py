@@ -11,8 +11,6 @@ variance have the right derivatives:
 Normal, log-normal, gamma and logistic are smooth functions of their parameters.
 """
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -27,11 +25,8 @@ from .quantiles import wald
 from .sensor_window import SensorWindow
 from .types import Array
 
-NEVER_COUNTED = 2.0**-32
-"""A Poisson mean below which the count is always 0, so that n/λ is set to its mean, 1."""
-
-SLOTS = 512
-"""Partial sums per parameter in which the threads add up derivatives in float32."""
+NEVER_COUNTED = 2.0**-32  # a Poisson mean below which the count is always 0, so that n/λ is set to its mean, 1
+SLOTS = 512  # partial sums per parameter in which the threads add up derivatives in float32
 
 
 @dataclass(frozen=True)
@@ -60,9 +55,8 @@ class RecordingBackend(NumpyFloat32):
 
 
 class DifferentiableBackend(DrJitBackend):
-    """Dr.Jit in float32, with derivatives.
+    """Dr.Jit in float32, with derivatives.  numbers : all of the camera, in the order in which the stages use them.
 
-    backend : "llvm" or "cuda".  numbers : all numbers of the camera, in the order in which the stages use them.
     size : pixels, or 1 while the FPN maps are computed.  start : index of the number that is used next.
     random_numbers : those drawn in a frame. Once they are evaluated, derivatives cost little more.
     """
@@ -76,12 +70,10 @@ class DifferentiableBackend(DrJitBackend):
         self.random_numbers: list[Array] = []
 
     def with_slopes(self, value: Array, slopes: Mapping[str, Array]) -> Array:
-        """``value`` with these derivatives by parameter name: one number, or one per pixel.
-
-        The result depends on a leaf of the graph of derivatives: zeros, one per pixel, so that no kernel sums pixels.
-        """
+        """``value`` with these derivatives by parameter name: one number, or one per pixel."""
         if not slopes:
             return value
+        # The result depends on a leaf of the graph of derivatives: zeros, one per pixel, so that no kernel sums pixels.
         leaf = self.dr.zeros(self.float, self._size)
         self.dr.enable_grad(leaf)
         self._leaves.append((leaf, slopes))
@@ -115,8 +107,8 @@ class DifferentiableBackend(DrJitBackend):
         known = self._numbers[self._next]
         self._next += 1
         assert known.value == float(value), "the stages use the numbers of the camera in another order than recorded"
-        slopes = {name: self.constant(slope) for name, slope in known.slopes.items()}
-        return self.with_slopes(self.constant(value), slopes)
+        slopes = {name: super(DifferentiableBackend, self).number(slope) for name, slope in known.slopes.items()}
+        return self.with_slopes(super().number(value), slopes)
 
     def normal(self, bits: Array) -> Array:
         """Standard normal, mean 0 and variance 1."""
@@ -125,28 +117,29 @@ class DifferentiableBackend(DrJitBackend):
 
     def poisson(self, bits: Array, mean: Array) -> Array:
         """Poisson counts of this ``mean``, one for all or one per pixel."""
-        count = arrays.with_derivative_of(self._poisson_surrogate, partial(super().poisson, bits), self.float(mean))
+
+        def surrogate(mean: Array, count: Array) -> Array:
+            fixed = self.dr.detach(mean)
+            return mean * (0.5 + 0.5 * arrays.where(fixed > NEVER_COUNTED, count / fixed, 1.0))
+
+        count = arrays.with_derivative_of(surrogate, partial(super().poisson, bits), self.float(mean))
         self.random_numbers.append(self.dr.detach(count))
         return count
 
-    def _poisson_surrogate(self, mean: Array, count: Array) -> Array:
-        fixed = self.dr.detach(mean)
-        return mean * (0.5 + 0.5 * arrays.where(fixed > NEVER_COUNTED, count / fixed, 1.0))
-
     def bernoulli(self, bits: Array, probability: Array) -> Array:
         """1 with this ``probability``, one per pixel, else 0."""
-        return arrays.with_derivative_of(self._bernoulli_surrogate, partial(super().bernoulli, bits), probability)
 
-    def _bernoulli_surrogate(self, probability: Array, happened: Array) -> Array:
-        fixed = self.dr.detach(probability)
-        return probability * (0.5 / arrays.maximum(arrays.where(happened > 0, fixed, 1.0 - fixed), NEVER_COUNTED))
+        def surrogate(probability: Array, happened: Array) -> Array:
+            fixed = self.dr.detach(probability)
+            return probability * (0.5 / arrays.maximum(arrays.where(happened > 0, fixed, 1.0 - fixed), NEVER_COUNTED))
+
+        return arrays.with_derivative_of(surrogate, partial(super().bernoulli, bits), probability)
 
     def wald(self, z: Array, u: Array, cv: float) -> Array:
         """Inverse Gaussian of mean 1, from a normal and a uniform."""
-        return arrays.with_derivative_of(self._wald_surrogate, partial(wald, z, u), self.number(cv))
-
-    def _wald_surrogate(self, cv: Array, x: Array) -> Array:
-        return cv * ((x - 1.0) / self.dr.detach(cv))
+        return arrays.with_derivative_of(
+            lambda c, x: c * ((x - 1.0) / self.dr.detach(c)), partial(wald, z, u), self.number(cv)
+        )
 
     def evaluate(self, window: SensorWindow) -> None:
         """Compute all FPN maps of the window and their derivatives, once."""
@@ -158,7 +151,7 @@ class DifferentiableBackend(DrJitBackend):
                     self._maps[key][1][name] = slope
         dr.eval(list(self._maps.values()))
 
-    def renewed(self, window: SensorWindow) -> tuple[DifferentiableBackend, SensorWindow]:
+    def renewed(self, window: SensorWindow) -> tuple["DifferentiableBackend", SensorWindow]:
         """A backend with new leaves for one frame, and the window whose FPN maps depend on them."""
         height, width = window.shape
         backend = DifferentiableBackend(self._backend, self._numbers, height * width, self._next)

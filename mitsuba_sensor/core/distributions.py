@@ -4,8 +4,6 @@ A random integer r is read as the survival probability s = (r + ½)/2³², so bo
 largest normal that can be drawn is 6.3 σ. No rejection loop, no state.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -14,12 +12,14 @@ from scipy import special
 
 from .types import Array, Float64Array, RandomBits
 
-SEARCH_BELOW = 10.0
-"""Poisson means below this are summed up from 0; above, an expansion is checked against the exact distribution."""
-
+SEARCH_BELOW = 10.0  # Poisson means below this are summed up from 0; above, an expansion is checked by the exact law
+# Above this mean the expansion alone is used: it is off by less than 1e-5 of a count, while SciPy's incomplete gamma
+# function loses its upper tail (3 % of the probability beyond 5σ at a mean of 1e7).
 EXACT_BELOW = 1e6
-"""Above this mean the expansion alone is used: it is off by less than 1e-5 of a count, while SciPy's incomplete gamma
-function loses its upper tail (3 % of the probability beyond 5σ at a mean of 1e7)."""
+# Columns that are filtered at a time, and as many on both sides of them as the filter remembers: φ^2048 < 2e-18. The
+# same for maps (H, W), whose coupling is 0.45 at most: φ^96 < 4e-20.
+AR_BLOCK, AR_WARM_UP = 4096, 2048
+AR_MAP_BLOCK, AR_MAP_MARGIN = 512, 96
 
 
 def survival(bits: RandomBits) -> Float64Array:
@@ -53,10 +53,7 @@ def gamma(bits: RandomBits, cv: float) -> Float64Array:
 
 
 def gamma_series(cv: float, reach: float, terms: int) -> list[float]:
-    """Chebyshev coefficients of ln(gamma quantile) over z/reach, z the standard normal of the same survival.
-
-    It is fitted to the exact quantile at four times as many nodes: 41 terms hold it to 1e-4 of σ for a cv up to 2.
-    """
+    """Chebyshev coefficients of ln(gamma quantile) over z/reach; 41 terms hold it to 1e-4 of σ for a cv up to 2."""
     z = reach * np.cos(np.pi * (np.arange(4 * terms) + 0.5) / (4 * terms))
     return [float(c) for c in chebyshev.chebfit(z / reach, _log_gamma(z, cv), terms - 1)]
 
@@ -80,12 +77,9 @@ def logistic(bits: RandomBits) -> Float64Array:
 
 
 def wald(z: Float64Array, u: Float64Array, cv: float) -> Float64Array:
-    """Inverse Gaussian of mean 1 and shape cv⁻² from a normal and a uniform (Michael, Schucany & Haas 1976).
-
-    The smaller root is written 1/(1 + a + √(a(a+2))), a = (cv·z)²/2; the textbook difference goes negative in float32.
-    """
+    """Inverse Gaussian of mean 1 and shape cv⁻² from a normal and a uniform (Michael, Schucany & Haas 1976)."""
     a = 0.5 * (cv * z) ** 2
-    root = 1 / (1 + a + np.sqrt(a * (a + 2)))
+    root = 1 / (1 + a + np.sqrt(a * (a + 2)))  # the smaller root; the textbook difference goes negative in float32
     return np.where(u * (1 + root) <= 1, root, 1 / root)
 
 
@@ -95,21 +89,12 @@ def rectified_logistic(scale: float) -> tuple[float, float]:
         return 1.0, (math.pi * scale) ** 2 / 3
     edge = 1 / scale
     mean = scale * float(np.logaddexp(0.0, edge))
-    second = -2 * scale**2 * _dilogarithm_of_minus_exp(edge)
-    return mean, second - mean**2
-
-
-def _dilogarithm_of_minus_exp(x: float) -> float:
-    """Li₂(−e^x) for x ≥ 0, by its inversion −π²/6 − x²/2 − Li₂(−e^(−x))."""
-    return -(math.pi**2) / 6 - x * x / 2 - float(special.spence(1 + math.exp(-x)))
+    dilogarithm = -(math.pi**2) / 6 - edge * edge / 2 - float(special.spence(1 + math.exp(-edge)))  # Li₂(−e^edge)
+    return mean, -2 * scale**2 * dilogarithm - mean**2
 
 
 def poisson(bits: RandomBits, mean: Array) -> Float64Array:
-    """Poisson counts (whole numbers in float64): the smallest n with P(N > n) ≤ s. Mean 0 gives 0, +inf gives +inf.
-
-    mean : scalar or shape of ``bits``, ≥ 0 [events].
-    Expansion and its error bound: Giles, *Algorithm 955*, ACM TOMS 42 (2016) 7.
-    """
+    """Poisson counts (whole numbers in float64): the smallest n with P(N > n) ≤ s. Mean 0 gives 0, +inf gives +inf."""
     s = survival(bits).ravel()
     lam = np.broadcast_to(np.asarray(mean, dtype=np.float64), bits.shape).ravel()
     count = np.where(np.isinf(lam), np.inf, 0.0)
@@ -139,7 +124,7 @@ def _search(u: Float64Array, lam: Float64Array) -> Float64Array:
 
 
 def _expand(s: Float64Array, lam: Float64Array) -> Float64Array:
-    """Normal expansion of the quantile; where its error bound contains a whole number, by the exact distribution."""
+    """Normal expansion (Giles, *Algorithm 955*, ACM TOMS 42 (2016) 7); exact where its bound has a whole number."""
     z: Float64Array = -special.ndtri(s)
     root = np.sqrt(lam)
     x = lam + root * z + (1 / 3 + z * z / 6) - z * (1 / 36 + z * z / 72) / root
@@ -159,19 +144,10 @@ def _correct(n: Float64Array, s: Float64Array, lam: Float64Array) -> Array:
     return n
 
 
-AR_BLOCK = 4096
-AR_WARM_UP = 2048
-"""Columns that are filtered at a time, and as many on both sides of them as the filter remembers: φ^2048 < 2e-18."""
-
-AR_MAP_BLOCK, AR_MAP_MARGIN = 512, 96
-"""The same for maps (H, W), whose coupling is 0.45 at most: φ^96 < 4e-20."""
-
-
 def isotropic_ar(normals: Float64Array, coupling: float, margin: int) -> Float64Array:
     """Variance 1 with x_j = a(x_{j−1} + x_{j+1}) + U_j, from white normals U with a margin on both sides.
 
-    normals : (…, n + 2·margin) → (…, n), along the last axis.
-    coupling a : 0 … 0.4999; neighbours then correlate by ρ₁ = 2a.
+    normals : (…, n + 2·margin) → (…, n).  coupling a : 0 … 0.4999; neighbours then correlate by ρ₁ = 2a.
     El Gamal et al. 1998 (paper eq. 28 on a vector of its own), solved as one forward and one backward AR(1) pass.
     """
     from scipy.signal import lfilter  # takes half a second to import, and few cameras need it

@@ -5,8 +5,6 @@ Pixels lie in one long array; row and column of a pixel follow from its index. W
 stages compiles another kernel.
 """
 
-from __future__ import annotations
-
 import importlib
 import math
 
@@ -25,8 +23,7 @@ class DrJitBackend(NumpyFloat32):
     """Dr.Jit in float32.  backend : "llvm" or "cuda".  differentiable : use the types that carry derivatives."""
 
     compiled = True
-    strip_pixels = 2**22
-    """Pixels per kernel launch: a map then has exactly 16 MiB, and Dr.Jit rounds memory up to powers of two."""
+    strip_pixels = 2**22  # per kernel launch: a map has exactly 16 MiB, and Dr.Jit rounds memory up to powers of two
 
     def __init__(self, backend: str = "llvm", differentiable: bool = False) -> None:
         self.dr: DrJitModule = drjit()
@@ -35,11 +32,7 @@ class DrJitBackend(NumpyFloat32):
         self.float, self.uint = module.Float32, module.UInt32
 
     def number(self, value: float) -> Array:
-        """A parameter of the camera, as :meth:`constant`."""
-        return self.constant(value)
-
-    def constant(self, value: float) -> Array:
-        """One float32 that the kernel reads as data instead of having it compiled in."""
+        """A parameter of the camera: one float32 that the kernel reads as data instead of having it compiled in."""
         return self.dr.opaque(self.float, within_float32(value))
 
     def from_numpy(self, values: Array, window: SensorWindow) -> Array:
@@ -47,7 +40,7 @@ class DrJitBackend(NumpyFloat32):
         single = _aligned_float32(np.shape(values))
         np.minimum(values, FLOAT32_LIMIT, out=single, casting="same_kind")
         if single.size == 1:
-            return self.constant(float(single.ravel()[0]))
+            return DrJitBackend.number(self, float(single.ravel()[0]))  # of a map, not of the camera
         if single.shape == window.shape:
             return self.float(single.ravel())
         column, row = self._coordinates(window)
@@ -71,9 +64,8 @@ class DrJitBackend(NumpyFloat32):
     def random_bits(self, block: int, window: SensorWindow, frame: int, key: int) -> tuple[Array, Array, Array, Array]:
         """Four random 32-bit integers of ``block`` for every pixel of the window."""
         column, row = self._coordinates(window)
-        x, y = column + self._opaque(window.origin[1]), row + self._opaque(window.origin[0])
-        low, high = (self._opaque(half) for half in split_key(key))
-        return philox((x, y, self._opaque(frame), self.uint(block)), (low, high))
+        top, left, number, low, high = (self._opaque(value) for value in (*window.origin, frame, *split_key(key)))
+        return philox((column + left, row + top, number, self.uint(block)), (low, high))
 
     def poisson(self, bits: Array, mean: Array) -> Array:
         """Poisson counts of this ``mean``, one for all or one per pixel."""
@@ -84,19 +76,20 @@ class DrJitBackend(NumpyFloat32):
         return self.dr.opaque(self.uint, value)
 
     def _coordinates(self, window: SensorWindow) -> tuple[Array, Array]:
-        """Column and row of every pixel in the window."""
-        return window.cached("coordinates", lambda: self._column_and_row(*window.shape))
+        """Column and row of every pixel: its index modulo and divided by the width, a product with 2³²/width."""
 
-    def _column_and_row(self, height: int, width: int) -> tuple[Array, Array]:
-        """Pixel index modulo and divided by the width; the division is a product with 2³²/width."""
-        number = self.dr.arange(self.uint, height * width)
-        if width == 1:
-            return number * 0, number
-        across = self._opaque(width)
-        row = self.dr.mul_hi(number, self._opaque(2**32 // width))  # the row, or one less
-        column = number - row * across
-        short = column >= across
-        return self.dr.select(short, column - across, column), self.dr.select(short, row + 1, row)
+        def make() -> tuple[Array, Array]:
+            (height, width), select = window.shape, self.dr.select
+            number = self.dr.arange(self.uint, height * width)
+            if width == 1:
+                return number * 0, number
+            across = self._opaque(width)
+            row = self.dr.mul_hi(number, self._opaque(2**32 // width))  # the row, or one less
+            column = number - row * across
+            short = column >= across
+            return select(short, column - across, column), select(short, row + 1, row)
+
+        return window.cached("coordinates", make)
 
 
 def _aligned_float32(shape: tuple[int, ...]) -> NDArray[np.float32]:

@@ -3,8 +3,6 @@
 A message is one sentence with the value, the allowed range and the remedy; the command line prints it and exits 2.
 """
 
-from __future__ import annotations
-
 import difflib
 import math
 import operator
@@ -16,10 +14,7 @@ class InputError(ValueError):
 
 
 def require(name: str, value: float, low: float, high: float, remedy: str) -> float:
-    """Return ``value`` if it is a number in [low, high], else raise :class:`InputError`.
-
-    ``name`` carries the unit (``time_s``), ``remedy`` says what to pass (``e.g. 0.1``).
-    """
+    """``value`` if it is a number in [low, high], else InputError.  name : with the unit.  remedy : what to pass."""
     try:
         number = float(value + 0)  # refuses a string such as "0.1"
     except (TypeError, ValueError, OverflowError):
@@ -42,10 +37,8 @@ def require_seed(name: str, value: int) -> int:
 
 def span(low: float, high: float) -> str:
     """The allowed range as text."""
-    if math.isinf(high) and math.isinf(low):
-        return "a finite number"
     if math.isinf(high):
-        return f"at least {low:.10g}"
+        return "a finite number" if math.isinf(low) else f"at least {low:.10g}"
     if math.isinf(low):
         return f"at most {high:.10g}"
     return f"from {low:.10g} to {high:.10g}"

@@ -1,13 +1,10 @@
 """Exposure time [s] and sensor temperature [K] of a frame."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from .errors import require
 
-LONGEST_S, HOTTEST_K = 1e12, 1e4
-"""Beyond any camera: 30 000 years, and six times the melting point of silicon."""
+LONGEST_S, HOTTEST_K = 1e12, 1e4  # beyond any camera: 30 000 years, and six times the melting point of silicon
 
 
 @dataclass(frozen=True)

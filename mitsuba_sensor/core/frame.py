@@ -1,19 +1,18 @@
 """Random numbers of one frame: temporal noise, keyed by seed, frame number, noise source and pixel."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from . import distributions
 from .backend import Backend
-from .counter_rng import RandomBits, random_bits_at, stream_of
+from .counter_rng import random_bits_at, stream_of
 from .errors import require_seed
 from .exposure import Exposure
 from .sensor_window import SensorWindow
-from .types import Array
+from .types import Array, RandomBits
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,11 +28,9 @@ class Frame:
     def __post_init__(self) -> None:
         object.__setattr__(self, "seed", require_seed("seed", self.seed))  # a NumPy integer would overflow
 
-    def on(self, backend: Backend) -> Frame:
+    def on(self, backend: Backend) -> Self:
         """The same frame of the same camera, computed by ``backend``."""
-        window = self.window
-        other = SensorWindow(window.serial, window.shape, window.origin, window.given, backend)
-        return Frame(self.exposure, other, self.seed, self.index)
+        return replace(self, window=replace(self.window, backend=backend, _maps={}), _blocks={})
 
     def number(self, value: float) -> Array:
         """A parameter of the camera in the precision of the backend."""

@@ -5,8 +5,6 @@ ELF sonames, without loading a library. drjit 1.5.0 refuses LLVM 14, and 15 and 
 ``llvm.maximum``); 19 and 22 are known to work. This package imports Dr.Jit through :func:`drjit` only.
 """
 
-from __future__ import annotations
-
 import contextlib
 import glob
 import importlib
@@ -23,18 +21,9 @@ LLVM_PATH = "DRJIT_LIBLLVM_PATH"
 NO_LIBRARY = os.devnull  # the path that Dr.Jit gets when no LLVM is usable; it then finds none and says so
 
 # Dr.Jit searches /usr/lib/<triplet> only; Linux distributions, Conda and Homebrew use the others.
-FOLDERS = (
-    "/usr/lib/x86_64-linux-gnu",
-    "/usr/lib/aarch64-linux-gnu",
-    "/usr/lib64",
-    "/usr/lib",
-    "/usr/local/lib",
-    "/usr/lib/llvm-*/lib",
-    "/usr/lib/llvm/*/lib64",
-    os.path.join(sys.prefix, "lib"),
-    "/opt/homebrew/opt/llvm*/lib",
-    "/usr/local/opt/llvm*/lib",
-)
+FOLDERS: tuple[str, ...] = ("/usr/lib/x86_64-linux-gnu", "/usr/lib/aarch64-linux-gnu", "/usr/lib64", "/usr/lib")
+FOLDERS += ("/usr/local/lib", "/usr/lib/llvm-*/lib", "/usr/lib/llvm/*/lib64", os.path.join(sys.prefix, "lib"))
+FOLDERS += ("/opt/homebrew/opt/llvm*/lib", "/usr/local/opt/llvm*/lib")
 NAMES = ("libLLVM.dylib", "libLLVM-*.dylib") if sys.platform == "darwin" else ("libLLVM.so*", "libLLVM-*.so*")
 
 
@@ -48,12 +37,9 @@ class LlvmLibrary:
     reason: str
 
 
-def find_llvm(folders: tuple[str, ...] | None = None) -> list[LlvmLibrary]:
-    """All LLVM libraries, $DRJIT_LIBLLVM_PATH first, then the newest first; none of them is loaded.
-
-    folders : glob patterns of the folders to search; ``FOLDERS`` by default.
-    """
-    patterns = [os.path.join(f, n) for f in (FOLDERS if folders is None else folders) for n in NAMES]
+def find_llvm(folders: tuple[str, ...] = ()) -> list[LlvmLibrary]:
+    """All LLVM libraries in these folders (glob patterns), none loaded: $DRJIT_LIBLLVM_PATH first, then the newest."""
+    patterns = [os.path.join(f, n) for f in folders or FOLDERS for n in NAMES]
     found = {os.path.realpath(p): p for pattern in patterns for p in sorted(glob.glob(pattern))}
     named = os.environ.get(LLVM_PATH, "")
     first = [inspect_llvm(named)] if named and named != NO_LIBRARY else []
@@ -68,7 +54,7 @@ def inspect_llvm(path: str) -> LlvmLibrary:
         with open(real, "rb") as file:
             if not _same_architecture(file.read(20)):
                 return LlvmLibrary(real, 0, False, "not a shared library for this processor")
-        version = _version_in(os.path.basename(real)) or _version_inside(real)
+        version = _version_of(real)
     except (OSError, ValueError) as error:
         return LlvmLibrary(real, 0, False, f"cannot be read ({error})")
     if not version:
@@ -78,14 +64,11 @@ def inspect_llvm(path: str) -> LlvmLibrary:
     return LlvmLibrary(real, version, True, "usable")
 
 
-def _version_in(text: str) -> int:
-    """Major version in a file name or soname: libLLVM-15.so.1, libLLVM.so.19.1, libLLVM-14.0.6.so.1."""
-    match = re.search(r"LLVM(?:-|\.so\.|\.)(\d+)", text)
-    return int(match.group(1)) if match else 0
-
-
-def _version_inside(path: str) -> int:
-    """Major version from the soname or the symbol version (LLVM_19.1) among the strings of the file."""
+def _version_of(path: str) -> int:
+    """Major version in the name (libLLVM-15.so.1, libLLVM.so.19.1), else the soname or symbols (LLVM_19.1) inside."""
+    named = re.search(r"LLVM(?:-|\.so\.|\.)(\d+)", os.path.basename(path))
+    if named:
+        return int(named.group(1))
     with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
         match = re.search(rb"\0libLLVM(?:-|\.so\.)(\d+)[^\0]*\0|\0LLVM_(\d+)[.0-9]*\0", data)
         return int(match.group(1) or match.group(2)) if match else 0
@@ -109,18 +92,14 @@ def guard_llvm() -> LlvmLibrary | None:
 
 def drjit() -> ModuleType:
     """Dr.Jit, imported after :func:`guard_llvm`."""
-    if "drjit" in sys.modules:
-        return importlib.import_module("drjit")
-    with _silence(guard_llvm() is None):
+    silent = "drjit" not in sys.modules and guard_llvm() is None
+    with _silence() if silent else contextlib.nullcontext():
         return importlib.import_module("drjit")
 
 
 @contextlib.contextmanager
-def _silence(wanted: bool) -> Iterator[None]:
+def _silence() -> Iterator[None]:
     """Suppress what C code writes to stderr: Dr.Jit's warning about the LLVM library that it does not find."""
-    if not wanted:
-        yield
-        return
     sys.stderr.flush()
     saved, nothing = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     try:

@@ -10,9 +10,6 @@ A function takes them as ``**options: Unpack[RenderOptions]``, which mypy checks
 them in ``help()``; ``complete(RenderOptions, options)`` checks them and fills in the defaults.
 """
 
-from __future__ import annotations
-
-import functools
 import inspect
 import types
 from collections.abc import Callable, Iterable, Mapping
@@ -32,26 +29,17 @@ NAMES = {bool: "True or False", str: "a text"}
 
 @dataclass(frozen=True)
 class Option:
-    """What is to be known of one option beside its name and its type.
+    """What is to be known of one option beside its name and its type."""
 
-    help : what it does, in one or two sentences, with the unit; shown by ``help()`` and ``--help``.
-    default : the value of an option that is not given; None means "not given" everywhere.
-    low, high : the allowed range of a number, both included.  example : a good value, for the error's remedy.
-    check : called with name and value instead of the check of type and range; returns the value to use.
-    flag : on the command line, where it is not ``--name``; None where it has none.
-    metavar : what stands for its value in ``--help``.
-    text : its type on the command line, where it is read from a text there, e.g. Path for a file's name.
-    """
-
-    help: str
-    default: Any = None
-    low: float = -inf
+    help: str  # what it does, with the unit; shown by help() and --help
+    default: Any = None  # the value of an option that is not given; None means "not given" everywhere
+    low: float = -inf  # the allowed range of a number, both ends included
     high: float = inf
-    example: str = ""
-    check: Callable[[str, Any], object] | None = None
-    flag: str | None = ""
-    metavar: str | None = None
-    text: Any = None
+    example: str = ""  # a good value, for the error's remedy
+    check: Callable[[str, Any], object] | None = None  # of name and value, instead of type and range; the value to use
+    flag: str | None = ""  # on the command line, where it is not --name; None where it has none
+    metavar: str | None = None  # what stands for its value in --help
+    text: Any = None  # its type on the command line, where it is read from a text there: Path for a file's name
 
 
 @dataclass(frozen=True)
@@ -80,37 +68,29 @@ class Declared:
         if self.option.check is not None:
             return self.option.check(self.name, value)
         if self.choices and not (isinstance(value, str) and value in self.choices):
-            allowed = ", ".join(map(str, self.choices))
-            raise InputError(
-                f"{self.name} is {value!r}; it must be one of {allowed}.{nearest(str(value), self.choices)}"
-            )
+            allowed = ", ".join(map(str, self.choices)) + f".{nearest(str(value), self.choices)}"
+            raise InputError(f"{self.name} is {value!r}; it must be one of {allowed}")
+        example = self.option.example and f" (e.g. {self.option.example})"
         if self.kinds in ((int,), (float,)):
-            return self._number(value)
+            return self._number(value, example)
         if len(self.kinds) == 1 and self.kinds[0] in NAMES and not isinstance(value, self.kinds[0]):
-            raise InputError(f"{self.name} is {value!r}; it must be {NAMES[self.kinds[0]]}{self._example()}.")
+            raise InputError(f"{self.name} is {value!r}; it must be {NAMES[self.kinds[0]]}{example}.")
         return value
 
-    def _number(self, value: Any) -> float:
+    def _number(self, value: Any, example: str) -> float:
         """A number in the range; a whole one, however it is stored, where the type is int."""
-        noun = "a whole number" if self.kinds == (int,) else "a number"
+        whole = self.kinds == (int,)
+        noun = "a whole number" if whole else "a number"
         numeric = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
-        if not numeric or (self.kinds == (int,) and value == value and value % 1):
-            raise InputError(f"{self.name} is {value!r}; it must be {noun}{self._example()}.")
-        example = f", e.g. {self.option.example}" if self.option.example else ""
-        number = require(self.name, value, self.option.low, self.option.high, noun + example)
-        return int(value) if self.kinds == (int,) else number
-
-    def _example(self) -> str:
-        return f" (e.g. {self.option.example})" if self.option.example else ""
+        if not numeric or (whole and value == value and value % 1):
+            raise InputError(f"{self.name} is {value!r}; it must be {noun}{example}.")
+        remedy = noun + (example and f", e.g. {self.option.example}")
+        number = require(self.name, value, self.option.low, self.option.high, remedy)
+        return int(value) if whole else number
 
 
-def declared(kind: type) -> tuple[Declared, ...]:
+def declared(kind: Any) -> tuple[Declared, ...]:
     """The options of a TypedDict in their order, those of its bases first."""
-    return _declared(kind)
-
-
-@functools.cache
-def _declared(kind: Any) -> tuple[Declared, ...]:
     found = []
     for name, annotation in kind.__annotations__.items():
         if not isinstance(getattr(annotation, "__metadata__", (None,))[0], Option):
@@ -121,14 +101,14 @@ def _declared(kind: Any) -> tuple[Declared, ...]:
 
 def complete(kind: type[Options], given: Mapping[str, object]) -> Options:
     """All options of this kind: those given, checked, and the default of every other one. Raises InputError."""
-    refuse_unknown(given, (one.name for one in declared(kind)))
+    refuse_unknown(given, kind)
     found = {one.name: one.checked(given.get(one.name, one.option.default)) for one in declared(kind)}
     return cast(Options, found)
 
 
-def refuse_unknown(given: Iterable[str], known: Iterable[str]) -> None:
-    """Raise InputError for a name that is no option."""
-    names = tuple(known)
+def refuse_unknown(given: Iterable[str], kind: type) -> None:
+    """Raise InputError for a name that is no option of this kind."""
+    names = [one.name for one in declared(kind)]
     for name in given:
         if name not in names:
             raise InputError(f"{name!r} is not an option; the options are {', '.join(names)}.{nearest(name, names)}")

@@ -2,53 +2,37 @@
 
 Written with the operations of arrays.py, so NumPy and Dr.Jit return the same bits. No rejection loop, no state, no
 threshold above which another distribution is used. distributions.py has the same functions in float64.
-
-benchmarks/fit_quantiles.py fits the coefficients; benchmarks/enumerate_quantiles.py passes all 2³² integers through and
-compares with the exact distributions.
+benchmarks/fit_quantiles.py fits the coefficients; benchmarks/enumerate_quantiles.py compares the result for all 2³²
+integers with the exact distributions.
 """
-
-from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 
 from . import arrays
-from .control_flow import branch, loop, replace_where
 from .types import Array
 
-CENTRE = (
-    *(1.253314592, 0.3281080185, 0.01635788389, -0.003316699511),
-    *(-0.0001955606575, 8.646023542e-05, -6.095012219e-06),
-)
-"""z/x as a polynomial in w = −ln(1 − x²), x = 1 − 2·survival, for w ≤ 4: relative error 4e-7."""
-
+# z/x as a polynomial in w = −ln(1 − x²), x = 1 − 2·survival, for w ≤ 4: relative error 4e-7.
+CENTRE = (1.253314592, 0.3281080185, 0.01635788389, -0.003316699511, -1.955606575e-4, 8.646023542e-5, -6.095012219e-6)
+# |z| as a polynomial in √w for w > 4, that is |z| > 2.8: relative error 2e-6.
 TAIL = (0.138020056, 0.9906899686, 0.1851234197, -0.03989237447, 0.004375504154, -0.0001948238342)
-"""|z| as a polynomial in √w for w > 4, that is |z| > 2.8: relative error 2e-6."""
-
+# ln(1 + t)/t for 1 + t from √½ to √2: error of the logarithm 2e-7.
 LOG = (1.000003227, -0.5000196213, 0.3330338257, -0.2488143322, 0.2060383069, -0.1890119449, 0.1182914637)
-"""ln(1 + t)/t for 1 + t from √½ to √2: error of the logarithm 2e-7."""
-
+# Poisson quantile for a mean λ ≥ 10, s = z/√λ: λ + √λ·z + z²·SKEW(s) + SHIFT(s) + SMALL(s)/λ. The form is Temme's
+# uniform expansion (Giles, *Algorithm 955*, ACM TOMS 42 (2016) 7); its functions of s are fitted.
 SKEW = (1 / 6, -0.01395293809, 0.003613032943, -0.001354436534, 0.0009754749891, -0.0003452336965)
 SHIFT = (1 / 3, -0.0277541182, 0.007822504982, -0.00188953298)
 SMALL = (-0.01993274513, 0.01704197039)
-"""Poisson quantile for a mean λ ≥ 10, s = z/√λ: λ + √λ·z + z²·SKEW(s) + SHIFT(s) + SMALL(s)/λ.
-
-The form is Temme's uniform expansion (Giles, *Algorithm 955*, ACM TOMS 42 (2016) 7); its functions of s are fitted.
-"""
-
-SEARCH_BELOW = 10.0
-"""Poisson means below this are summed up from 0 in float64: the tail of a small mean needs more than 24 bits."""
-
+LOWEST_S = -1.33  # s is clipped here: for means from 10 to 22.7 the count is 0 below it; larger ones never reach it
+SEARCH_BELOW = 10.0  # smaller means are summed up from 0 in float64: their tail needs more than 24 bits
+UNROLLED = 5  # counts that are tried before the loop, without a test whether any pixel needs them
+# |z| at the ends of the Chebyshev series, beyond the largest normal that can be drawn (6.3), and its terms.
 CHEBYSHEV_REACH, CHEBYSHEV_TERMS = 6.5, 41
-"""|z| at the ends of the Chebyshev series, beyond the largest normal that can be drawn (6.3), and its terms."""
-
-LOWEST_S = -1.33
-"""s is clipped here: for means from 10 to 22.7 the count is 0 below it, and larger means never reach it."""
 
 
 def _signed(bits: Array) -> Array:
     """t = 2³¹ − 1 − bits as a signed integer: (t + ½)/2³¹ is x = 1 − 2·survival, from −1 to 1 and never 0."""
-    return arrays.as_signed(bits ^ 0x7FFFFFFF)
+    return arrays.signed_bits(bits ^ 0x7FFFFFFF)
 
 
 def _two_tails(t: Array) -> Array:
@@ -58,7 +42,7 @@ def _two_tails(t: Array) -> Array:
 
 def log(x: Array) -> Array:
     """ln x of a positive float32, to 2e-7."""
-    pattern = arrays.float_bits(x)
+    pattern = arrays.signed_bits(x)
     exponent = (pattern - 0x3F3504F3) >> 23
     t = arrays.from_float_bits(pattern - (exponent << 23)) - 1.0
     return arrays.float32(exponent) * math.log(2) + t * arrays.polynomial(t, LOG)
@@ -85,8 +69,7 @@ def lognormal(bits: Array, sigma: Array, shift: Array) -> Array:
 def exp_chebyshev(bits: Array, coefficients: Sequence[Array]) -> Array:
     """exp of a Chebyshev series in z/6.5, z standard normal, by Clenshaw's recurrence: for the gamma distribution."""
     x = normal(bits) * (2 / CHEBYSHEV_REACH)
-    ahead: Array = 0.0
-    behind: Array = 0.0
+    ahead, behind = 0.0, 0.0
     for c in coefficients[:0:-1]:
         ahead, behind = (x * ahead - behind) + c, ahead
     return arrays.exp((x * 0.5 * ahead - behind) + coefficients[0])
@@ -102,7 +85,7 @@ def _normal(x: Array, two_tails: Array) -> Array:
     """Standard normal from x = 1 − 2·survival, in units of 2⁻³¹, and 1 − |x|."""
     w = -log(two_tails * (2.0 - two_tails))
     centre = x * arrays.polynomial(w, [c * 2.0**-31 for c in CENTRE])
-    return replace_where(w > 4.0, centre, _tail, w, x)
+    return arrays.replace_where(w > 4.0, centre, _tail, w, x)
 
 
 def _tail(w: Array, x: Array) -> Array:
@@ -127,7 +110,7 @@ def wald(z: Array, u: Array, cv: Array) -> Array:
 
 def poisson(bits: Array, mean: Array) -> Array:
     """Poisson counts (whole numbers in float32) of these means, from 0 to 1e30; both of the same shape."""
-    return branch(mean < SEARCH_BELOW, _search, _expand, bits, mean)
+    return arrays.branch(mean < SEARCH_BELOW, _search, _expand, bits, mean)
 
 
 def _expand(bits: Array, mean: Array) -> Array:
@@ -144,10 +127,7 @@ def _expand(bits: Array, mean: Array) -> Array:
 
 
 def _search(bits: Array, mean: Array) -> Array:
-    """Smallest n whose cumulative probability reaches 1 − survival.
-
-    ``left`` is the difference between the two times n!, which avoids divisions.
-    """
+    """Smallest n whose cumulative probability reaches 1 − survival; ``left`` is their difference times n!."""
     reach = 0.5 + (arrays.float64(_signed(bits)) + 0.5) * 2.0**-32
     rate = arrays.float64(mean)
     none = _exp_of_minus(rate)
@@ -157,15 +137,7 @@ def _search(bits: Array, mean: Array) -> Array:
         left, term = left * n - term, term * rate
         count = count + arrays.where(left > 0, 1.0, rate * 0.0)
     state = left * UNROLLED - term, term * rate, rate, count
-    return arrays.float32(loop(_below, _next_count, state))
-
-
-UNROLLED = 5
-"""Counts that are tried before the loop, without a test whether any pixel needs them."""
-
-
-def _below(left: Array, term: Array, rate: Array, count: Array) -> Array:
-    return left > 0
+    return arrays.float32(arrays.loop(lambda left, *_: left > 0, _next_count, state))
 
 
 def _next_count(left: Array, term: Array, rate: Array, count: Array) -> tuple[Array, ...]:
@@ -173,12 +145,9 @@ def _next_count(left: Array, term: Array, rate: Array, count: Array) -> tuple[Ar
     return left * count - term, term * rate, rate, count
 
 
-SERIES = tuple(1 / math.factorial(k) for k in range(10))
-
-
 def _exp_of_minus(x: Array) -> Array:
     """e^−x in float64 for 0 ≤ x < 10, to 1e-12: the series of e^(−x/64), squared six times."""
-    power = arrays.polynomial(x * (-1 / 64), SERIES)
+    power = arrays.polynomial(x * (-1 / 64), [1 / math.factorial(k) for k in range(10)])
     for _ in range(6):
         power = power * power
     return power

@@ -4,18 +4,14 @@ round(x) = x + e with e = Σ_k c_k·sin(2πkx), c_k = (−1)^k/(πk). Every mome
 functions (Widrow & Kollár, *Quantization Noise*, 2008, ch. 5 and 9), for one frame and for two frames of one pixel.
 """
 
-from __future__ import annotations
+import itertools
 
 import numpy as np
 
 from .types import Array, Float64Array
 
-SMOOTH_FROM = 1.0
-"""σ in steps above which the result does not depend on the fraction of the mean: its weight exp(−2π²σ²) is < 3e-9."""
-
-FINEST = 0.1
-"""A temporal σ below this, unless 0, is set to this, so that eight harmonics are enough [steps]."""
-
+SMOOTH_FROM = 1.0  # σ [steps] above which the fraction of the mean does not matter: its weight exp(−2π²σ²) is < 3e-9
+FINEST = 0.1  # a temporal σ below this, unless 0, is set to this, so that eight harmonics are enough [steps]
 HARMONICS = np.arange(1, 9)
 
 
@@ -61,10 +57,9 @@ def _with_phase(m: Float64Array, temporal: Float64Array, spatial: Float64Array) 
 def _shared(m: Float64Array, temporal: Float64Array, spatial: Float64Array) -> Array:
     """E[e₁·e₂], the rounding errors of two frames of one pixel."""
     total = np.zeros_like(m)
-    for k in HARMONICS:
-        for n in HARMONICS:
-            weight = (-1.0) ** (k + n) / (2 * np.pi**2 * k * n)
-            for step, sign in ((k - n, 1.0), (k + n, -1.0)):
-                fall = np.exp(-2 * np.pi**2 * (step**2 * spatial + (k**2 + n**2) * temporal))
-                total += sign * weight * np.cos(2 * np.pi * step * m) * fall
+    for k, n in itertools.product(HARMONICS, HARMONICS):
+        weight = (-1.0) ** (k + n) / (2 * np.pi**2 * k * n)
+        for step, sign in ((k - n, 1.0), (k + n, -1.0)):
+            fall = np.exp(-2 * np.pi**2 * (step**2 * spatial + (k**2 + n**2) * temporal))
+            total += sign * weight * np.cos(2 * np.pi * step * m) * fall
     return total

@@ -1,11 +1,9 @@
 """Fixed-pattern noise (FPN) maps of a window of the sensor, keyed by serial number and source."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Hashable, Mapping
-from dataclasses import dataclass, field
-from typing import TypeVar
+from dataclasses import dataclass, field, replace
+from typing import Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,18 +19,13 @@ Value = TypeVar("Value")
 
 @dataclass(frozen=True, eq=False)
 class SensorWindow:
-    """A rectangle of pixels of the camera with this serial number, and its fixed-pattern noise (FPN) maps.
-
-    shape, origin : (rows, columns) of the window and its first pixel, in sensor coordinates.
-    given : measured FPN maps of this window that replace the random ones, by name.
-    backend : what computes the maps and the frames.
-    """
+    """A rectangle of pixels of the camera with this serial number, and its fixed-pattern noise (FPN) maps."""
 
     serial: int
-    shape: tuple[int, int]
-    origin: tuple[int, int] = (0, 0)
-    given: Mapping[str, Float64Array] = field(default_factory=dict)
-    backend: Backend = NUMPY_FLOAT64
+    shape: tuple[int, int]  # rows, columns
+    origin: tuple[int, int] = (0, 0)  # row and column of the first pixel, in sensor coordinates
+    given: Mapping[str, Float64Array] = field(default_factory=dict)  # measured maps that replace the random ones
+    backend: Backend = NUMPY_FLOAT64  # what computes the maps and the frames
     _maps: dict[Hashable, Array] = field(default_factory=dict)
     _tiles: dict[Hashable, tuple[int, Float64Array]] = field(default_factory=dict)
     _lock: threading.Lock = field(default_factory=threading.Lock)
@@ -40,9 +33,9 @@ class SensorWindow:
     def __post_init__(self) -> None:
         object.__setattr__(self, "serial", require_seed("serial", self.serial))  # a NumPy integer would overflow
 
-    def __reduce__(self) -> tuple[type[SensorWindow], tuple[object, ...]]:
+    def __reduce__(self) -> tuple[type[Self], tuple[object, ...]]:
         """Pickled without its maps, which are made anew."""
-        return SensorWindow, (self.serial, self.shape, self.origin, dict(self.given), self.backend)
+        return type(self), (self.serial, self.shape, self.origin, dict(self.given), self.backend)
 
     @property
     def rows(self) -> NDArray[np.int64]:
@@ -54,19 +47,17 @@ class SensorWindow:
         """Column numbers of the window, in sensor coordinates."""
         return np.arange(self.origin[1], self.origin[1] + self.shape[1])
 
-    def crop_rows(self, rows: slice) -> SensorWindow:
+    def crop_rows(self, rows: slice) -> Self:
         """The window of the same camera that has only ``rows`` of this one."""
-        height = rows.stop - rows.start
         given = {name: x if len(x) == 1 else x[rows] for name, x in self.given.items()}
-        origin = self.origin[0] + rows.start, self.origin[1]
-        shape = height, self.shape[1]
-        return SensorWindow(self.serial, shape, origin, given, self.backend, _tiles=self._tiles, _lock=self._lock)
+        origin, shape = (self.origin[0] + rows.start, self.origin[1]), (rows.stop - rows.start, self.shape[1])
+        return replace(self, shape=shape, origin=origin, given=given, _maps={})
 
     def measured_or(self, name: str, make: Callable[[], Array]) -> Array:
         """The FPN map called ``name``: the measured one if one was given, else ``make()``."""
-        if name in self.given:
-            return self.cached(("given", name), lambda: self.backend.from_numpy(self.given[name], self))
-        return make()
+        if name not in self.given:
+            return make()
+        return self.cached(("given", name), lambda: self.backend.from_numpy(self.given[name], self))
 
     def number(self, value: float) -> Array:
         """A parameter of the camera in the precision of the backend."""
@@ -75,11 +66,7 @@ class SensorWindow:
     @property
     def cached_values(self) -> dict[Hashable, Array]:
         """Everything that was computed once for this window so far, FPN maps among it, by key."""
-        return dict(self._maps)
-
-    def replace_cached(self, key: Hashable, values: Array) -> None:
-        """Replace what was computed under ``key`` by equal values in other memory."""
-        self._maps[key] = values
+        return self._maps
 
     def map_moments(self, name: str, mean: float, variance: float) -> tuple[float, float]:
         """Mean and variance of the FPN map ``name`` over the window: of the measured one if one was given."""
@@ -90,11 +77,8 @@ class SensorWindow:
     def fixed_map(self, source: str, distribution: Callable[[Backend, Array], Array]) -> Array:
         """FPN map of ``source``, (H, W): ``distribution`` turns its random bits into values, once per window."""
         block, slot = stream_of(source, fixed=True)
-
-        def make() -> Array:
-            return distribution(self.backend, self.backend.random_bits(block, self, 0, self.serial)[slot])
-
-        return self.cached((source, distribution), make)
+        backend, key = self.backend, (source, distribution)
+        return self.cached(key, lambda: distribution(backend, backend.random_bits(block, self, 0, self.serial)[slot]))
 
     def correlated(self, source: str, coupling: float) -> Array:
         """Standard normals (H, W) whose neighbours in rows and columns have correlation 2·coupling (separable AR)."""

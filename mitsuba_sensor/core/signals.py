@@ -1,8 +1,7 @@
 """Mean photons and electrons per pixel: what enters the sensor and what its well collects."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import DTypeLike
@@ -33,7 +32,7 @@ class Photons:
         """Photons per pixel over all bands, (H, W)."""
         return self.mean if self.mean.ndim == 2 else self.mean.sum(axis=-1)
 
-    def crop_rows(self, rows: slice) -> Photons:
+    def crop_rows(self, rows: slice) -> Self:
         """The photons of ``rows`` of the window."""
         variance_e2 = None if self.variance_e2 is None else self.variance_e2[rows]
         return replace(self, mean=self.mean[rows], variance_e2=variance_e2)
@@ -44,18 +43,13 @@ class Photons:
 
 @dataclass(frozen=True, eq=False)
 class Electrons:
-    """Electrons per pixel: photoelectrons and dark electrons.
+    """Electrons per pixel, (H, W) or one for all: means before the shot noise, counts after."""
 
-    light, dark : photoelectrons and dark electrons, (H, W) or one for all; means before the shot noise, counts after.
-    yield_mean, yield_variance : electrons per interacting photon, where that is not 1 (ultraviolet).
-    variance_e2 : as in :class:`Photons`.
-    """
-
-    light: Array
-    dark: Array = 0.0
-    yield_mean: Array = 1.0
+    light: Array  # photoelectrons
+    dark: Array = 0.0  # dark electrons
+    yield_mean: Array = 1.0  # electrons per interacting photon, where that is not 1 (ultraviolet)
     yield_variance: Array = 0.0
-    variance_e2: Array = None
+    variance_e2: Array = None  # as in Photons
 
     @property
     def total(self) -> Array:

@@ -1,7 +1,5 @@
 """Special functions, roots, maxima and integrals of Python numbers, in float64, by SciPy."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from itertools import pairwise
@@ -25,9 +23,8 @@ def root(f: Callable[[float], float], low: float, high: float) -> float:
 
 def largest(f: Callable[[float], float], low: float, high: float) -> float:
     """The largest value of a function with one hump between ``low`` and ``high``."""
-    return -float(
-        optimize.minimize_scalar(lambda x: -f(x), bounds=(low, high), method="bounded", options={"xatol": 1e-9}).fun
-    )
+    found = optimize.minimize_scalar(lambda x: -f(x), bounds=(low, high), method="bounded", options={"xatol": 1e-9})
+    return -float(found.fun)
 
 
 def integral(f: Callable[[float], float], edges: Sequence[float]) -> float:

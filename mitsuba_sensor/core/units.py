@@ -1,7 +1,5 @@
 """Constants of nature (SI 2019 values, exact by definition; CODATA 2018 lists them) and the energy of a photon."""
 
-from __future__ import annotations
-
 from .types import Array
 
 PLANCK_J_S = 6.62607015e-34

@@ -5,6 +5,8 @@ from __future__ import annotations
 import errno
 import json
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -45,19 +47,18 @@ def write_irradiance_exr(path: Path, irradiance: Irradiance) -> None:
         "emissiveUnits": "W.m^-2.nm^-1",
         "bandwidths_nm": json.dumps([float(width) for width in irradiance.bandwidths_nm]),
         "render_statistics": json.dumps(irradiance.statistics.to_dict(), default=plain_values),
+        "first_pixel": json.dumps(irradiance.origin),
     }
-    header["first_pixel"] = json.dumps(irradiance.origin)
+    names = [f"{float(wavelength_nm)!r}nm".replace(".", ",") for wavelength_nm in irradiance.wavelengths_nm]
+    prefix = SPECTRAL_CHANNEL
     if irradiance.filters is not None:
-        header |= {"filters": json.dumps(irradiance.filters), "response": irradiance.response or ""}
+        names, prefix = list(irradiance.filters), FILTER_CHANNEL
+        header |= {"filters": json.dumps(names), "response": irradiance.response or ""}
         header["reference_nm"] = float(irradiance.wavelengths_nm[0])
-    channels = {RELATIVE_ERROR_CHANNEL: _float32(irradiance.relative_error)}
-    for band, wavelength_nm in enumerate(irradiance.wavelengths_nm):
-        if irradiance.filters is None:
-            name, prefix = f"{float(wavelength_nm)!r}nm".replace(".", ","), SPECTRAL_CHANNEL
-        else:
-            name, prefix = irradiance.filters[band], FILTER_CHANNEL
-        channels[prefix + name] = _float32(irradiance.data[..., band])
-        channels[ERROR_CHANNEL + name] = _float32(irradiance.standard_error[..., band])
+    channels = {RELATIVE_ERROR_CHANNEL: irradiance.relative_error}
+    for band, name in enumerate(names):
+        channels[prefix + name] = irradiance.data[..., band]
+        channels[ERROR_CHANNEL + name] = irradiance.standard_error[..., band]
     _write_exr(path, header, channels)
 
 
@@ -69,27 +70,27 @@ def read_irradiance_exr(path: str | os.PathLike[str]) -> Irradiance:
     from ..render.irradiance import Irradiance
     from ..render.statistics import RenderStatistics
 
-    header, pixels = _whole_exr(Path(path))
-    filters = tuple(json.loads(header["filters"])) if "filters" in header else None
-    names, prefix = (filters, FILTER_CHANNEL) if filters else (_band_names(pixels), SPECTRAL_CHANNEL)
-    try:
-        lengths = [header["reference_nm"]] * len(names) if filters else [_wavelength_nm(name) for name in names]
+    wrong = "but not the focal-plane irradiance that `mitsuba-sensor render` writes"
+    with _whole_exr(Path(path), wrong, "; give an irradiance.exr") as (header, pixels):
+        filters = tuple(json.loads(header["filters"])) if "filters" in header else None
+        names = [name.removeprefix(SPECTRAL_CHANNEL) for name in pixels if name.startswith(SPECTRAL_CHANNEL)]
+        names = list(filters or sorted(names, key=_wavelength_nm))  # EXR sorts them as text
+        prefix = FILTER_CHANNEL if filters else SPECTRAL_CHANNEL
+        lengths = [header["reference_nm"] if filters else _wavelength_nm(name) for name in names]
+        data = np.stack([pixels[prefix + name] for name in names], axis=-1)
+        statistics: dict[str, Any] = json.loads(header["render_statistics"])  # JSON's lists are tuples again
+        statistics |= {name: tuple(value) for name, value in statistics.items() if isinstance(value, list)}
         return Irradiance(
-            data=np.stack([pixels[prefix + name] for name in names], axis=-1),
+            data=data,
             wavelengths_nm=np.array(lengths, dtype=float),
             bandwidths_nm=np.array(json.loads(header["bandwidths_nm"]), dtype=float),
             standard_error=np.stack([pixels[ERROR_CHANNEL + name] for name in names], axis=-1),
             relative_error=pixels[RELATIVE_ERROR_CHANNEL],
-            statistics=_rebuilt(RenderStatistics, json.loads(header["render_statistics"])),
+            statistics=RenderStatistics(**statistics),
             filters=filters,
             response=header.get("response") or None,
             origin=tuple(json.loads(header.get("first_pixel", "[0, 0]"))),
         )
-    except (KeyError, ValueError, TypeError) as error:
-        raise InputError(
-            f"{path} is an EXR but not the focal-plane irradiance that `mitsuba-sensor render` writes "
-            f"(missing or unreadable: {error}); give an irradiance.exr."
-        ) from error
 
 
 def write_aovs_exr(path: Path, aovs: Aovs) -> None:
@@ -105,7 +106,7 @@ def write_aovs_exr(path: Path, aovs: Aovs) -> None:
     channels: dict[str, np.ndarray] = {}
     for name, (axes, _) in AOV_LAYERS.items():
         image = np.atleast_3d(getattr(aovs, name))
-        channels |= {layer: _float32(image[..., k]) for k, layer in enumerate(_layers(name, axes))}
+        channels |= {layer: image[..., k] for k, layer in enumerate(_layers(name, axes))}
     _write_exr(path, header, channels)
 
 
@@ -113,30 +114,20 @@ def read_aovs_exr(path: str | os.PathLike[str]) -> Aovs:
     """What :func:`write_aovs_exr` wrote. Raises InputError for anything else."""
     from ..render.aovs import Aovs
 
-    header, pixels = _whole_exr(Path(path))
-    try:
-        arrays = {
-            name: np.stack([pixels[layer] for layer in _layers(name, axes)], axis=-1) if axes else pixels[name]
-            for name, (axes, _) in AOV_LAYERS.items()
-        }
+    with _whole_exr(Path(path), "without the AOVs that `render --aovs` writes") as (header, pixels):
+        layers = {name: [pixels[layer] for layer in _layers(name, axes)] for name, (axes, _) in AOV_LAYERS.items()}
+        arrays = {name: np.stack(images, axis=-1) if images[1:] else images[0] for name, images in layers.items()}
         return Aovs(**arrays, shapes=tuple(json.loads(header["shapes"])), scene_sha256=header["scene_sha256"])
-    except (KeyError, ValueError, TypeError) as error:
-        raise InputError(
-            f"{path} is an EXR without the AOVs that `render --aovs` writes (missing or unreadable: {error})."
-        ) from error
-
-
-def _float32(image: np.ndarray) -> np.ndarray:
-    return np.ascontiguousarray(image, dtype=np.float32)
 
 
 def _write_exr(path: Path, header: dict[str, Any], channels: dict[str, np.ndarray]) -> None:
     import OpenEXR
 
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, **header}
+    images = {name: np.ascontiguousarray(image, dtype=np.float32) for name, image in channels.items()}
     with appearing(path) as temporary:
         try:
-            with OpenEXR.File(header, channels) as file:
+            with OpenEXR.File(header, images) as file:
                 file.write(str(temporary))
         except (RuntimeError, ValueError) as error:  # whatever went wrong
             raise OSError(str(error)) from error
@@ -144,16 +135,21 @@ def _write_exr(path: Path, header: dict[str, Any], channels: dict[str, np.ndarra
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
-def _whole_exr(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Header and channels of an EXR; InputError if it is not there, not an EXR or not whole."""
+@contextmanager
+def _whole_exr(path: Path, wrong: str, remedy: str = "") -> Iterator[tuple[dict[str, Any], dict[str, np.ndarray]]]:
+    """Header and channels of an EXR; InputError if it is not there, not an EXR, not whole, or lacks what is read."""
     import OpenEXR
 
     require_exr(path)
     try:
         with OpenEXR.File(str(path), separate_channels=True) as file:
-            return dict(file.header()), {name: channel.pixels for name, channel in file.channels().items()}
+            header, pixels = dict(file.header()), {name: channel.pixels for name, channel in file.channels().items()}
     except (RuntimeError, ValueError) as error:
         raise InputError(f"{path} cannot be read as an OpenEXR file ({error}); render it again.") from error
+    try:
+        yield header, pixels
+    except (KeyError, ValueError, TypeError) as error:
+        raise InputError(f"{path} is an EXR {wrong} (missing or unreadable: {error}){remedy}.") from error
 
 
 def _layers(name: str, axes: str) -> list[str]:
@@ -164,10 +160,10 @@ def _layers(name: str, axes: str) -> list[str]:
 def is_exr(path: str | os.PathLike[str]) -> bool:
     """Whether there is an OpenEXR file of that name, by its first bytes."""
     try:
-        with Path(path).open("rb") as file:
-            return file.read(len(EXR_MAGIC)) == EXR_MAGIC
-    except OSError:
+        require_exr(Path(path))
+    except InputError:
         return False
+    return True
 
 
 def require_exr(path: Path) -> None:
@@ -181,16 +177,5 @@ def require_exr(path: Path) -> None:
         raise InputError(f"{path} is not an OpenEXR file; give an irradiance.exr that `mitsuba-sensor render` wrote.")
 
 
-def _band_names(pixels: dict[str, np.ndarray]) -> list[str]:
-    """The part of the band channels' names after the prefix, by rising wavelength (EXR sorts them as text)."""
-    names = [name.removeprefix(SPECTRAL_CHANNEL) for name in pixels if name.startswith(SPECTRAL_CHANNEL)]
-    return sorted(names, key=_wavelength_nm)
-
-
 def _wavelength_nm(name: str) -> float:
     return float(name.removesuffix("nm").replace(",", "."))
-
-
-def _rebuilt(kind: type, fields: dict[str, Any]) -> Any:
-    """A frozen record from its dict; JSON's lists are tuples again."""
-    return kind(**{key: tuple(value) if isinstance(value, list) else value for key, value in fields.items()})

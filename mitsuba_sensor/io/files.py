@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import tempfile
 import zipfile
 import zlib
@@ -31,18 +30,21 @@ def output_folder(path: Path | str, names: Sequence[str]) -> Iterator[Path]:
     """
     folder = Path(path)
     made = _make_folder(folder)
-    scratch: Path | None = None
     try:
         with disk_sentences(folder):
-            _refuse_folders_in_the_way(folder, names)
-            scratch = Path(tempfile.mkdtemp(prefix=".unfinished-", dir=folder))
-        yield scratch
-        with disk_sentences(folder):
-            _publish(scratch, folder, [name for name in names if (scratch / name).exists()])
+            for name in names:
+                if (folder / name).is_dir():
+                    raise InputError(f"{folder / name} is a folder where a file should go; give -o another place.")
+            scratch_folder = tempfile.TemporaryDirectory(prefix=".unfinished-", dir=folder, ignore_cleanup_errors=True)
+        with scratch_folder as scratch:
+            yield Path(scratch)
+            with disk_sentences(folder):
+                _publish(Path(scratch), folder, [name for name in names if Path(scratch, name).exists()])
     except BaseException:
-        _remove(scratch, made)
+        with suppress(OSError):  # a folder that is not empty stays, and those above it
+            for place in made:
+                place.rmdir()
         raise
-    _remove(scratch, [])
 
 
 def write_tiff(path: Path, frames: np.ndarray) -> None:
@@ -63,8 +65,7 @@ def write_png(path: Path, picture: np.ndarray) -> None:
 
 def write_page(path: Path, text: str) -> None:
     """Text in UTF-8, an HTML page for example."""
-    with appearing(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_drawing(path, text.encode())
 
 
 def write_drawing(path: Path, content: bytes) -> None:
@@ -138,12 +139,6 @@ def _make_folder(folder: Path) -> list[Path]:
     return missing
 
 
-def _refuse_folders_in_the_way(folder: Path, names: Sequence[str]) -> None:
-    for name in names:
-        if (folder / name).is_dir():
-            raise InputError(f"{folder / name} is a folder where a file should go; give -o another place.")
-
-
 def _publish(scratch: Path, folder: Path, names: Sequence[str]) -> None:
     """Rename every file from ``scratch`` into ``folder``; on any failure put back what stood there."""
     older = scratch / "older"
@@ -161,17 +156,6 @@ def _publish(scratch: Path, folder: Path, names: Sequence[str]) -> None:
             if (older / name).exists():
                 os.replace(older / name, folder / name)
         raise
-
-
-def _remove(scratch: Path | None, made: Sequence[Path]) -> None:
-    """Remove the scratch folder, then the folders this job made, as far as they are empty."""
-    if scratch is not None:
-        shutil.rmtree(scratch, ignore_errors=True)
-    for place in made:
-        try:
-            place.rmdir()
-        except OSError:
-            return
 
 
 def plain_values(value: Any, finite: bool = True) -> Any:

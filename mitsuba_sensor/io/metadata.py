@@ -4,28 +4,22 @@ from __future__ import annotations
 
 import os
 import platform
+from contextlib import suppress
 from pathlib import Path
 
-PACKAGES = (
-    "mitsuba-sensor",
-    "mitsuba",
-    "drjit",
-    "numpy",
-    "scipy",
-    "colour-science",
-    "OpenEXR",
-    "pydantic",
-    "typer",
-    "rich",
-    "tifffile",
-    "pillow",
-    "matplotlib",
-)
+PACKAGES: tuple[str, ...] = ("mitsuba-sensor", "mitsuba", "drjit", "numpy", "scipy", "colour-science", "OpenEXR")
+PACKAGES += ("pydantic", "typer", "rich", "tifffile", "pillow", "matplotlib")
 
 
 def versions() -> dict[str, str | None]:
     """Version of Python, of this package and of everything it stands on; None for what is not installed."""
-    return {"python": platform.python_version(), **{name: _version(name) for name in PACKAGES}}
+    from importlib import metadata  # takes 20 ms to import
+
+    found: dict[str, str | None] = {"python": platform.python_version(), **dict.fromkeys(PACKAGES)}
+    for name in PACKAGES:
+        with suppress(metadata.PackageNotFoundError):
+            found[name] = metadata.version(name)
+    return found
 
 
 def machine() -> dict[str, int | str | None]:
@@ -34,12 +28,3 @@ def machine() -> dict[str, int | str | None]:
     lines = cpuinfo.read_text(encoding="utf-8").splitlines() if cpuinfo.exists() else []
     models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     return {"cpus": os.cpu_count(), "processor": models[0] if models else platform.machine()}
-
-
-def _version(name: str) -> str | None:
-    from importlib import metadata  # takes 20 ms to import
-
-    try:
-        return metadata.version(name)
-    except metadata.PackageNotFoundError:
-        return None

@@ -12,7 +12,6 @@ from ..core.units import BOLTZMANN_J_PER_K, photon_energy_j
 from ..sensor.camera import Camera
 from ..sensor.stage import converter_of
 
-COLOURS = ("red", "green", "blue")
 DAYLIGHT_K = 6504.0  # correlated colour temperature of CIE D65, the white of sRGB
 NEAR, CORNER = 2.0, 1.0  # bilinear weights of the four neighbours beside and across
 
@@ -35,9 +34,7 @@ def preview(digital: NDArray[np.generic], camera: Camera, gain: float = 1.0) -> 
 def colour_order(filter_names: tuple[str, ...]) -> list[int] | None:
     """Which filter is red, green, blue; None when the camera is not of that kind and its preview stays grey."""
     initials = [name[:1].lower() for name in filter_names]
-    if len(initials) < 3 or any(colour[0] not in initials for colour in COLOURS):
-        return None
-    return [initials.index(colour[0]) for colour in COLOURS]
+    return [initials.index(one) for one in "rgb"] if {*"rgb"} <= {*initials} else None
 
 
 def demosaic(mosaic: NDArray[np.float64], filters: NDArray[np.integer], count: int) -> NDArray[np.float64]:
@@ -46,8 +43,7 @@ def demosaic(mosaic: NDArray[np.float64], filters: NDArray[np.integer], count: i
     mosaic, filters : (H, W), value and filter number of each pixel; count : F, how many filters → (H, W, F).
     """
     planes = []
-    for index in range(count):
-        own = filters == index
+    for own in (filters == index for index in range(count)):
         weight = _spread(own.astype(float))
         mean = np.divide(_spread(np.where(own, mosaic, 0.0)), weight, out=np.zeros_like(mosaic), where=weight > 0)
         planes.append(np.where(own, mosaic, mean))
@@ -74,11 +70,8 @@ def srgb_curve(linear: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _spread(image: NDArray[np.float64]) -> NDArray[np.float64]:
     """Sum over the eight neighbours with the bilinear weights, zero outside the image."""
-    padded = np.pad(image, 1)
-    height, width = image.shape
-    total = np.zeros_like(image)
-    for down in range(3):
-        for right in range(3):
-            weight = {0: 0.0, 1: NEAR, 2: CORNER}[abs(down - 1) + abs(right - 1)]
-            total += weight * padded[down : down + height, right : right + width]
+    padded, total, (height, width) = np.pad(image, 1), np.zeros_like(image), image.shape
+    for down, right in np.ndindex(3, 3):
+        weight = (0.0, NEAR, CORNER)[abs(down - 1) + abs(right - 1)]
+        total += weight * padded[down : down + height, right : right + width]
     return total

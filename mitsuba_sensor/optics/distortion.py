@@ -32,24 +32,28 @@ class Distortion:
     growth: PchipInterpolator | None = None
     table_end: float = np.inf
 
-    def real(
-        self, x: Float64Array, y: Float64Array
-    ) -> tuple[Float64Array, Float64Array, Float64Array, Float64Array, Float64Array, Float64Array]:
-        """The real point of an ideal one, and the derivatives ∂x′/∂x, ∂x′/∂y, ∂y′/∂x, ∂y′/∂y.
+    def real(self, x: Float64Array, y: Float64Array) -> tuple[Float64Array, ...]:
+        """The real point of an ideal one, and the derivatives ∂x′/∂x, ∂x′/∂y = ∂y′/∂x, ∂y′/∂y.
 
         x′ = x·g + 2·p1·xy + p2·(r² + 2x²), y′ = y·g + p1·(r² + 2y²) + 2·p2·xy, g = 1 + k1·r² + k2·r⁴ + k3·r⁶
         (OpenCV's model), or g from the table.
         """
-        _, _, p1, p2, _ = self.coefficients
+        k1, k2, p1, p2, k3 = self.coefficients
         square = x * x + y * y
-        g, slope = self._radial(square)
-        across = 2 * slope * x * y + 2 * p1 * x + 2 * p2 * y
+        if self.growth is None:
+            g = 1 + square * (k1 + square * (k2 + square * k3))
+            slope = k1 + square * (2 * k2 + square * 3 * k3)  # dg/d(r²)
+        else:
+            radius = np.sqrt(square)
+            inside = np.minimum(radius, self.table_end)
+            steepness = self.growth(inside, 1)
+            g = 1 + self.growth(inside) + steepness * (radius - inside)
+            slope = steepness / np.maximum(2 * radius, 1e-12)
         return (
             x * g + 2 * p1 * x * y + p2 * (square + 2 * x * x),
             y * g + p1 * (square + 2 * y * y) + 2 * p2 * x * y,
             g + 2 * slope * x * x + 2 * p1 * y + 6 * p2 * x,
-            across,
-            across,
+            2 * slope * x * y + 2 * p1 * x + 2 * p2 * y,
             g + 2 * slope * y * y + 6 * p1 * y + 2 * p2 * x,
         )
 
@@ -58,12 +62,9 @@ class Distortion:
 
         Raises InputError where the distortion is not invertible, or the table ends.
         """
-        flat_x, flat_y = np.ravel(x).astype(float), np.ravel(y).astype(float)
-        found = np.empty((3, flat_x.size))
-        for start in range(0, flat_x.size, BLOCK):
-            block = slice(start, start + BLOCK)
-            found[:, block] = self._invert(flat_x[block], flat_y[block])
-        highest = float(np.hypot(found[0], found[1]).max(initial=0.0))
+        flat = np.array([np.ravel(x), np.ravel(y)], dtype=float)
+        found = np.hstack([self._invert(*flat[:, start : start + BLOCK]) for start in range(0, flat.shape[1], BLOCK)])
+        highest = float(np.hypot(found[0], found[1]).max())
         if highest > self.table_end * (1 + RESIDUAL):
             raise InputError(
                 "lens.distortion_heights_mm ends too early: the sensor's corner has an ideal image height "
@@ -77,28 +78,17 @@ class Distortion:
         u, v = x, y
         with np.errstate(all="ignore"):
             for _ in range(NEWTON_STEPS):
-                xr, yr, a, b, c, d = self.real(u, v)
-                area, ex, ey = a * d - b * c, xr - x, yr - y
+                xr, yr, a, b, d = self.real(u, v)
+                area, ex, ey = a * d - b * b, xr - x, yr - y
                 good = (ex * ex + ey * ey < RESIDUAL**2) & (area > 0)
                 if good.all():
                     return u, v, area
-                u, v = u - (d * ex - b * ey) / area, v - (a * ey - c * ex) / area
+                u, v = u - (d * ex - b * ey) / area, v - (a * ey - b * ex) / area
         where = float(np.hypot(x, y)[~good].min())
         raise InputError(
             f"lens.distortion folds the image at {where:.3g} image distances from the axis; real heights must increase "
             "with ideal ones up to the sensor's corner: check the coefficients, or take a smaller field of view."
         )
-
-    def _radial(self, square: Float64Array) -> tuple[Float64Array, Float64Array]:
-        """g and its derivative by r²."""
-        if self.growth is None:
-            k1, k2, _, _, k3 = self.coefficients
-            g = 1 + square * (k1 + square * (k2 + square * k3))
-            return g, k1 + square * (2 * k2 + square * 3 * k3)
-        radius = np.sqrt(square)
-        inside = np.minimum(radius, self.table_end)
-        slope = self.growth(inside, 1)
-        return 1 + self.growth(inside) + slope * (radius - inside), slope / np.maximum(2 * radius, 1e-12)
 
 
 def distortion_of(lens: LensSection, image_distance_mm: float) -> Distortion | None:

@@ -8,8 +8,9 @@ height is traced along one radius, for one half of the plane.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,16 +40,6 @@ class ExitPupilBounds:
     tangential: Float64Array
 
 
-class _RayGrid(NamedTuple):
-    """Cells in the plane of the last vertex: image heights (H,), coordinates (H, cells) and sizes (H,) [mm]."""
-
-    heights: Float64Array
-    radial: Float64Array
-    tangential: Float64Array
-    cell: Float64Array
-    row: Float64Array
-
-
 def ray_to(distance: float, height: Float64Array, radial: Float64Array, tangential: Float64Array) -> Ray:
     """The ray from an image point at (height, 0), ``distance`` before the last vertex, to a point in its plane [mm]."""
     dx, dy = np.broadcast_arrays(radial - height, tangential)
@@ -71,62 +62,50 @@ def exit_pupil_bounds(
         cell, row = (high - low) / GRID, top / (GRID // 2)
         radial = low[:, None] + cell[:, None] * (np.arange(GRID) + 0.5)
         tangential = row[:, None] * (np.arange(GRID // 2) + 0.5)
-        grid = _RayGrid(heights, radial, tangential, cell, row)
-        passes = _unvignetted(surfaces, distance, grid, wavelengths_nm)
-        along, across = np.asarray(passes.any(axis=2)), np.asarray(passes.any(axis=1))
+        start = ray_to(distance, heights[:, None, None], radial[:, :, None], tangential[:, None, :])
+        with np.errstate(all="ignore"):  # rays that miss a surface give NaN
+            passes = np.logical_or.reduce([trace(surfaces, start, nm).unvignetted for nm in wavelengths_nm])
+        along, across = passes.any(axis=2), passes.any(axis=1)
         low, high = high - cell * _cells_to_last(along[:, ::-1]), low + cell * _cells_to_last(along)
         top = row * _cells_to_last(across)
     if not passes[0].any():
         raise InputError("no ray on the axis passes this lens; set lens.f_number to a smaller value, e.g. 8.")
-    return _ellipses(passes, grid, low, high, top)
-
-
-def _unvignetted(
-    surfaces: tuple[Surface, ...], distance: float, grid: _RayGrid, wavelengths_nm: tuple[float, ...]
-) -> NDArray[np.bool_]:
-    """Which rays of the grid pass at any of the wavelengths, (heights, GRID, GRID/2)."""
-    start = ray_to(distance, grid.heights[:, None, None], grid.radial[:, :, None], grid.tangential[:, None, :])
-    with np.errstate(all="ignore"):  # rays that miss a surface give NaN
-        passes = [trace(surfaces, start, wavelength_nm).unvignetted for wavelength_nm in wavelengths_nm]
-    return np.asarray(np.logical_or.reduce(passes))
+    cells = (passes, radial, cell[:, None] / 2, tangential + row[:, None] / 2)
+    return ExitPupilBounds(highest, *_ellipses(cells, low, high, top))
 
 
 def _cells_to_last(passes: NDArray[np.bool_]) -> Float64Array:
     """Cells up to the last that passes, and one more: (heights, cells) → (heights,); 0 if none does."""
-    count = passes.shape[1]
-    cells = np.where(passes.any(axis=1), count - np.argmax(passes[:, ::-1], axis=1) + 1.0, 0.0)
-    return np.asarray(cells, dtype=float)
+    cells = passes.shape[1] - np.argmax(passes[:, ::-1], axis=1) + 1.0
+    return np.where(passes.any(axis=1), cells, 0.0)
 
 
 def _ellipses(
-    passes: NDArray[np.bool_], grid: _RayGrid, low: Float64Array, high: Float64Array, top: Float64Array
-) -> ExitPupilBounds:
+    cells: tuple[Any, ...], low: Float64Array, high: Float64Array, top: Float64Array
+) -> tuple[Float64Array, Float64Array, Float64Array]:
     """Ellipses as wide as the windows, enlarged until the corners of all cells that pass are inside.
 
     What passes half-way between two entries of the table must be inside the mean of their ellipses: both are enlarged.
     """
-    lit = np.asarray(passes.any(axis=(1, 2)))
+    lit = cells[0].any(axis=(1, 2))
     lit_rows = np.flatnonzero(lit)
     nearest = np.abs(lit_rows[None, :] - np.arange(len(lit))[:, None]).argmin(axis=1)
-    centre = ((low + high) / 2)[lit_rows[nearest]]
-    radial = np.asarray(np.where(lit, (high - low) / 2, 0.0))
-    tangential = np.asarray(np.where(lit, top, 0.0))
-    at, between = slice(0, None, 2), slice(1, None, 2)
-    scale = _enlargement(passes, grid, at, (centre[at], radial[at], tangential[at]))
-    centre, radial, tangential = centre[at], radial[at] * scale, tangential[at] * scale
-    means = tuple((v[1:] + v[:-1]) / 2 for v in (centre, radial, tangential))
-    middle = _enlargement(passes, grid, between, means)
+    windows = ((low + high) / 2)[lit_rows[nearest]], np.where(lit, (high - low) / 2, 0.0), np.where(lit, top, 0.0)
+    at, between = ([v[first::2] for v in cells] for first in (0, 1))
+    centre, radial, tangential = (v[::2] for v in windows)
+    scale = _enlargement(at, (centre, radial, tangential))
+    radial, tangential = radial * scale, tangential * scale
+    middle = _enlargement(between, ((v[1:] + v[:-1]) / 2 for v in (centre, radial, tangential)))
     scale = np.maximum(np.maximum(np.append(middle, 1.0), np.insert(middle, 0, 1.0)), 1.0)
-    return ExitPupilBounds(float(grid.heights[-1]), centre, radial * scale, tangential * scale)
+    return centre, radial * scale, tangential * scale
 
 
-def _enlargement(
-    passes: NDArray[np.bool_], grid: _RayGrid, rows: slice, ellipses: tuple[Float64Array, ...]
-) -> Float64Array:
-    """The factors at which ellipses (centre, radial, tangential) of these rows contain all cells that pass."""
-    centre, radial, tangential = ellipses
-    x = np.abs(grid.radial[rows] - centre[:, None]) + grid.cell[rows, None] / 2
-    y = grid.tangential[rows] + grid.row[rows, None] / 2
-    along, across = x / np.maximum(radial, TINY)[:, None], y / np.maximum(tangential, TINY)[:, None]
-    size = along[:, :, None] ** 2 + across[:, None] ** 2
-    return np.asarray(np.sqrt(np.where(passes[rows], size, 0.0).max(axis=(1, 2))))
+def _enlargement(cells: list[Any], ellipses: Iterable[Float64Array]) -> Float64Array:
+    """The factors at which ellipses contain all cells that pass, (heights,).
+
+    cells : which pass, (heights, GRID, GRID/2); radial middle and half the size, tangential end, (heights, cells).
+    """
+    (passes, middle, half, end), (centre, radial, tangential) = cells, ellipses
+    x = (np.abs(middle - centre[:, None]) + half) / np.maximum(radial, TINY)[:, None]
+    y = end / np.maximum(tangential, TINY)[:, None]
+    return np.asarray(np.sqrt(np.where(passes, x[:, :, None] ** 2 + y[:, None] ** 2, 0.0).max(axis=(1, 2))))

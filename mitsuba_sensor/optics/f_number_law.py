@@ -13,7 +13,7 @@ both factors. The rays of a sequential lens (``lens.prescription``) carry Ω the
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -44,29 +44,24 @@ def solid_angle_sr(view: View, camera: Camera) -> Float64Array:
 
 def _relative_illumination(view: View, camera: Camera) -> Float64Array:
     """Ω over its value on the axis, averaged over each pixel, (rows, columns)."""
-    lens = camera.lens
-    mean = np.zeros(view.crop_size[::-1])
+    lens, scale, pitch_mm = camera.lens, view.tangent_per_pixel, camera.pixel.pitch_x_um * 1e-3
     if lens.relative_illumination is not None:
-        pitch_mm = camera.pixel.pitch_x_um * 1e-3
-        for x, y in _gauss_points(view):
-            mean += 0.25 * _measured_illumination(camera, pitch_mm * np.hypot(x, y))
-        return mean
+        return _pixel_means(view, lambda x, y: _measured_illumination(camera, pitch_mm * np.hypot(x, y)))
     distortion = distortion_of(lens, image_distance_m(view, camera) * 1e3)
     if distortion is None:
         return cos4(view)
-    scale = view.tangent_per_pixel
-    for x, y in _gauss_points(view):
+
+    def distorted(x: Float64Array, y: Float64Array) -> Float64Array:
         u, v, area = distortion.ideal(*np.broadcast_arrays(scale * x, scale * y))
-        mean += 0.25 / (1 + u**2 + v**2) ** 2 / area
-    return mean
+        return 1 / (1 + u**2 + v**2) ** 2 / area
+
+    return _pixel_means(view, distorted)
 
 
 def cos4(view: View) -> Float64Array:
     """cos⁴ of the angle to the optical axis, averaged over each pixel of the crop, (rows, columns)."""
-    scale, mean = view.tangent_per_pixel, np.zeros(view.crop_size[::-1])
-    for x, y in _gauss_points(view):
-        mean += 0.25 / (1 + (scale * x) ** 2 + (scale * y) ** 2) ** 2
-    return mean
+    scale = view.tangent_per_pixel
+    return _pixel_means(view, lambda x, y: 1 / (1 + (scale * x) ** 2 + (scale * y) ** 2) ** 2)
 
 
 def _measured_illumination(camera: Camera, heights_mm: Float64Array) -> Float64Array:
@@ -81,14 +76,12 @@ def _measured_illumination(camera: Camera, heights_mm: Float64Array) -> Float64A
     return np.interp(heights_mm, known, values)
 
 
-def _gauss_points(view: View) -> Iterator[tuple[Float64Array, Float64Array]]:
-    """The four Gauss points of every pixel of the crop from the optical axis, (1, columns) and (rows, 1) [pixels]."""
+def _pixel_means(view: View, function: Callable[[Float64Array, Float64Array], Float64Array]) -> Float64Array:
+    """Gauss's means over each pixel of a function of x (1, columns) and y (rows, 1) from the optical axis [pixels]."""
     (columns, rows), (column, row), (axis_x, axis_y) = view.crop_size, view.crop_offset, view.axis
-    for dx in GAUSS_2:
-        for dy in GAUSS_2:
-            x = np.arange(columns, dtype=float) + (column + dx - axis_x)
-            y = np.arange(rows, dtype=float) + (row + dy - axis_y)
-            yield x[None, :], y[:, None]
+    xs = [np.arange(columns, dtype=float)[None, :] + (column + node - axis_x) for node in GAUSS_2]
+    ys = [np.arange(rows, dtype=float)[:, None] + (row + node - axis_y) for node in GAUSS_2]
+    return sum((0.25 * function(x, y) for x in xs for y in ys), np.zeros((rows, columns)))
 
 
 def transmittance(camera: Camera, wavelengths_nm: ArrayLike) -> Float64Array:
@@ -97,12 +90,12 @@ def transmittance(camera: Camera, wavelengths_nm: ArrayLike) -> Float64Array:
     Raises InputError outside the range of the curve, where T is not known.
     """
     lens, at_nm = camera.lens, np.asarray(wavelengths_nm, dtype=float)
-    if lens.transmission_curve is None:
-        return np.full(at_nm.shape, lens.transmission)
     known = lens.transmission_wavelengths_nm
-    assert known is not None
-    if at_nm.size and (at_nm.min() < known[0] or at_nm.max() > known[-1]):
-        wrong = at_nm.min() if at_nm.min() < known[0] else at_nm.max()
+    if lens.transmission_curve is None or known is None:
+        return np.full(at_nm.shape, lens.transmission)
+    outside = at_nm[(at_nm < known[0]) | (at_nm > known[-1])]
+    if outside.size:
+        wrong = outside.min() if outside.min() < known[0] else outside.max()
         raise InputError(
             f"lens.transmission_curve is given from {known[0]:g} to {known[-1]:g} nm and needed at {wrong:g} nm; "
             "extend it, with 0 where the lens is opaque."

@@ -25,23 +25,16 @@ SECANTS = 12  # steps to the middle of the stop; superlinear, six are enough
 
 @dataclass(frozen=True)
 class View:
-    """What a scene's sensor images.
+    """What a scene's sensor images; pairs are (columns, rows)."""
 
-    size : (columns, rows) of the full film; crop_size, crop_offset : the part that is rendered, (columns, rows).
-    half_width : tan of half the horizontal field of view, 0 for an orthographic (telecentric) sensor.
-    principal_point : offset of the optical axis as a fraction of the film (Mitsuba's convention).
-    focus_m, aperture_radius_m : of a thin lens [m]; infinity and 0 for a pinhole.
-    sequential : whether rays are traced through a lens prescription; they then carry E/L.
-    """
-
-    size: tuple[int, int]
-    crop_size: tuple[int, int]
+    size: tuple[int, int]  # of the full film
+    crop_size: tuple[int, int]  # of the part that is rendered
     crop_offset: tuple[int, int] = (0, 0)
-    half_width: float = 0.0
-    principal_point: tuple[float, float] = (0.0, 0.0)
-    focus_m: float = math.inf
-    aperture_radius_m: float = 0.0
-    sequential: bool = False
+    half_width: float = 0.0  # tan of half the horizontal field of view, 0 for an orthographic (telecentric) sensor
+    principal_point: tuple[float, float] = (0.0, 0.0)  # offset of the optical axis over the film (Mitsuba's convention)
+    focus_m: float = math.inf  # of a thin lens
+    aperture_radius_m: float = 0.0  # of a thin lens; 0 for a pinhole
+    sequential: bool = False  # whether rays are traced through a lens prescription; they then carry E/L
 
     @property
     def axis(self) -> tuple[float, float]:
@@ -62,9 +55,8 @@ def magnification(view: View, camera: Camera) -> float:
 
 def image_distance_m(view: View, camera: Camera) -> float:
     """Distance from lens to sensor that gives this field of view on this camera's pixels [m]; inf if telecentric."""
-    if view.half_width == 0:
-        return math.inf
-    return 0.5 * view.size[0] * camera.pixel.pitch_x_um * 1e-6 / view.half_width
+    half_m = 0.5 * view.size[0] * camera.pixel.pitch_x_um * 1e-6
+    return half_m / view.half_width if view.half_width else math.inf
 
 
 def focal_length_m(view: View, camera: Camera) -> float:
@@ -73,10 +65,7 @@ def focal_length_m(view: View, camera: Camera) -> float:
 
 
 def aperture_f_number(view: View, camera: Camera) -> float | None:
-    """The f-number that the scene's own thin-lens aperture means on this sensor, or None where it has none.
-
-    A sequential lens is stopped down to the camera's f-number.
-    """
+    """What the scene's thin-lens aperture means on this sensor, None for a pinhole; the camera's for a prescription."""
     if view.sequential:
         return camera.lens.f_number
     if view.aperture_radius_m <= 0 or view.half_width == 0:
@@ -85,15 +74,13 @@ def aperture_f_number(view: View, camera: Camera) -> float | None:
 
 
 def intrinsics(view: View, camera: Camera) -> dict[str, object]:
-    """How the image is a projection of the world, ready for JSON.
+    """How the image is a projection of the world, ready for JSON; None for what an orthographic sensor does not have.
 
-    matrix : K (3 × 3) for the part of the film that is rendered [pixels], in OpenCV's convention: x to the right, y
-        down, z forward; the middle of the upper left pixel is (0, 0). None for an orthographic sensor.
+    matrix : K (3 × 3) for the part of the film that is rendered [pixels], in OpenCV's convention (``CONVENTION``).
     distortion : k1, k2, p1, p2, k3 of OpenCV; None where only heights are known.
     heights_mm : {"ideal", "real"} image heights of a distortion table or a sequential lens, else None.
-    focal_length_mm : of the lens; None for an orthographic sensor.  principal_point_mm : from the middle of the full
-        film, to the right and down.  field_of_view_deg : across and down the part that is rendered, along the lines
-        through the principal point, without distortion.
+    focal_length_mm : of the lens.  principal_point_mm : from the middle of the full film, to the right and down.
+    field_of_view_deg : across and down the part that is rendered, through the principal point, without distortion.
     """
     pitch_mm = (camera.pixel.pitch_x_um * 1e-3, camera.pixel.pitch_y_um * 1e-3)
     principal = [(a - n / 2) * p for a, n, p in zip(view.axis, view.size, pitch_mm, strict=True)]
@@ -102,13 +89,14 @@ def intrinsics(view: View, camera: Camera) -> dict[str, object]:
         nothing = dict.fromkeys(("matrix", "distortion", "heights_mm", "focal_length_mm", "field_of_view_deg"))
         return {"model": "orthographic", **nothing, **shared}
     x, y = (a - corner for a, corner in zip(view.axis, view.crop_offset, strict=True))
-    fx = 1 / view.tangent_per_pixel
-    fy = fx * pitch_mm[0] / pitch_mm[1] if view.sequential else fx  # Mitsuba's own sensors have square pixels
-    sides = ((x, view.crop_size[0], fx), (y, view.crop_size[1], fy))
+    fx = fy = 1 / view.tangent_per_pixel  # Mitsuba's own sensors have square pixels
     lens, heights = camera.lens, _image_heights_mm(view, camera)
-    focal_mm = cardinal_points(lens).focal_length if view.sequential else focal_length_m(view, camera) * 1e3
+    model, focal_mm = "thin lens" if view.aperture_radius_m else "pinhole", focal_length_m(view, camera) * 1e3
+    if view.sequential:
+        model, focal_mm, fy = "sequential lens", cardinal_points(lens).focal_length, fx * pitch_mm[0] / pitch_mm[1]
+    sides = ((x, view.crop_size[0], fx), (y, view.crop_size[1], fy))
     return {
-        "model": "sequential lens" if view.sequential else "thin lens" if view.aperture_radius_m else "pinhole",
+        "model": model,
         "matrix": [[fx, 0.0, x - 0.5], [0.0, fy, y - 0.5], [0.0, 0.0, 1.0]],
         "distortion": None if heights else list(lens.distortion or (0.0,) * 5),
         "heights_mm": heights,

@@ -22,24 +22,17 @@ AXIAL_RAYS = 2048  # by which the largest aperture is found for the error messag
 
 @dataclass(frozen=True)
 class CardinalPoints:
-    """Focal points and pupils of a lens [mm].
-
-    front_focus, entrance_pupil : behind the first vertex.  back_focus, exit_pupil : behind the last vertex.
-    entrance_radius, exit_radius : of the pupils.  length : from the first to the last vertex.
-    scale : factor on all lengths of the prescription.
-    stop_radius : of the aperture stop, which a traced ray determines; see :func:`cardinal_points`.
-    """
+    """Focal points and pupils of a lens [mm]."""
 
     focal_length: float
-    front_focus: float
-    back_focus: float
-    entrance_pupil: float
+    front_focus: float  # behind the first vertex
+    back_focus: float  # behind the last vertex
+    entrance_pupil: float  # behind the first vertex
     entrance_radius: float
-    exit_pupil: float
-    exit_radius: float
-    stop_radius: float
-    length: float
-    scale: float
+    exit_pupil: float  # behind the last vertex
+    stop_radius: float  # of the aperture stop, which a traced ray determines; see :func:`cardinal_points`
+    length: float  # from the first to the last vertex
+    scale: float  # factor on all lengths of the prescription
 
     @property
     def f_number(self) -> float:
@@ -58,10 +51,7 @@ class CardinalPoints:
         return self.back_focus + self.focal_length**2 / self._object_distance(focus_m)
 
     def principal_distance(self, focus_m: float) -> float:
-        """Image height over the tangent of the field angle [mm]: the focal length of the K matrix.
-
-        Magnification times focus distance, |m| = f/|x|; f for a lens that is focused at infinity.
-        """
+        """Image height over the tangent of the field angle [mm]: |m|·focus distance, |m| = f/|x|; f at infinity."""
         if math.isinf(focus_m):
             return self.focal_length
         return self.focal_length * focus_m * 1e3 / self._object_distance(focus_m)
@@ -89,14 +79,14 @@ def cardinal_points(lens: LensSection) -> CardinalPoints:
     prescription = lens.prescription
     assert prescription is not None
     steps = [(s, s.thickness_mm) for s in prescription.surfaces[:-1]] + [(prescription.surfaces[-1], 0.0)]
-    a, _, c, d = _matrix(steps)
+    a, _, c, d, _ = _matrix(steps)
     if c >= 0:
         raise InputError(
             f"the lens {prescription.name!r} has a negative or infinite focal length; it must be positive."
         )
     stop = next(number for number, (surface, _) in enumerate(steps) if surface.stop)
-    fa, fb, _, _ = _matrix(steps[:stop])
-    ra, rb, rc, rd = _matrix(steps[stop:], _index(steps[stop - 1][0]) if stop else 1.0)
+    fa, fb, _, _, index = _matrix(steps[:stop])
+    _, rb, _, rd, _ = _matrix(steps[stop:], index)
     if fa == 0 or rd == 0 or a <= 0:
         raise InputError(f"the lens {prescription.name!r} has a pupil or an image at infinity; move its stop.")
     scale = 1.0 if lens.focal_length_mm is None else lens.focal_length_mm * -c
@@ -109,7 +99,6 @@ def cardinal_points(lens: LensSection) -> CardinalPoints:
         entrance_pupil=scale * fb / fa,
         entrance_radius=radius / abs(fa),
         exit_pupil=-scale * rb / rd,
-        exit_radius=radius * abs(ra - rb * rc / rd),
         stop_radius=radius,
         length=scale * sum(gap for _, gap in steps),
         scale=scale,
@@ -125,6 +114,7 @@ def surfaces_at_f_number(lens: LensSection) -> tuple[Surface, ...]:
 
 def _stop_radius(surfaces: tuple[Surface, ...], back_focus: float, lens: LensSection) -> float:
     """Radius of the stop at the camera's f-number [mm]; InputError if the lens is vignetted before that."""
+    assert lens.prescription is not None
 
     def axial_rays(sine: Float64Array) -> Ray:
         return Ray(0 * sine, 0 * sine, -back_focus, sine, 0 * sine, np.sqrt(1 - sine**2), sine > 0)
@@ -135,8 +125,7 @@ def _stop_radius(surfaces: tuple[Surface, ...], back_focus: float, lens: LensSec
         radius = abs(trace(surfaces_to_stop(surfaces), axial_rays(sines[-1:])).x[0])
     if not unvignetted[-1]:
         blocked = np.flatnonzero(~unvignetted[:-1])
-        name = getattr(lens.prescription, "name", "")
-        fastest = math.ceil(0.5 / sines[max(blocked[0] - 1, 0)] * 100) / 100
+        name, fastest = lens.prescription.name, math.ceil(0.5 / sines[max(blocked[0] - 1, 0)] * 100) / 100
         raise InputError(
             f"lens.f_number is {lens.f_number:g}, and the lens {name!r} opens to f/{fastest:g} at most; "
             f"set lens.f_number to {fastest:g} or more."
@@ -144,19 +133,15 @@ def _stop_radius(surfaces: tuple[Surface, ...], back_focus: float, lens: LensSec
     return float(radius)
 
 
-def _index(surface: SurfaceSection) -> float:
-    return float(glass_behind(surface).index(D_NM))
-
-
-def _matrix(steps: Sequence[tuple[SurfaceSection, float]], index: float = 1.0) -> tuple[float, float, float, float]:
-    """Ray-transfer matrix (A, B, C, D) from before the first surface to the end of the last gap.
+def _matrix(steps: Sequence[tuple[SurfaceSection, float]], index: float = 1.0) -> tuple[float, ...]:
+    """Ray-transfer matrix A, B, C, D from before the first surface to the end of the last gap, and the index there.
 
     steps : surfaces, each with the gap behind it [mm].  index : refractive index before the first one.
     """
     a, b, c, d = 1.0, 0.0, 0.0, 1.0
     for surface, gap in steps:
-        behind = _index(surface)
+        behind = float(glass_behind(surface).index(D_NM))
         power = 0.0 if surface.radius_mm is None else (behind - index) / (behind * surface.radius_mm)
         c, d = index / behind * c - power * a, index / behind * d - power * b
         a, b, index = a + gap * c, b + gap * d, behind
-    return a, b, c, d
+    return a, b, c, d, index

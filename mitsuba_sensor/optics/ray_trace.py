@@ -16,18 +16,14 @@ from ..core.arrays import maximum, sqrt
 from ..sensor.lens_datasheet import PrescriptionSection, SurfaceSection
 
 NEWTON_STEPS = 6  # from the conic to the asphere: converges quadratically, float64 needs four or five
-Vector = tuple[Array, Array, Array]
 D_NM, F_NM, C_NM = 587.5618, 486.1327, 656.2725  # Fraunhofer lines (ISO 7944): He d, H F, H C
 
 
 @dataclass(frozen=True)
 class Glass:
-    """n(λ): Sellmeier's three terms if the manufacturer gives them, else Cauchy's two from index and Abbe number.
+    """n(λ): Sellmeier's three terms if the manufacturer gives them, else Cauchy's two from index and Abbe number."""
 
-    coefficients : B1, B2, B3, C1, C2, C3 with C in µm² (n² − 1 = Σ B·λ²/(λ² − C)); or A, B of n = A + B/λ².
-    """
-
-    coefficients: tuple[float, ...]
+    coefficients: tuple[float, ...]  # B1 … B3, C1 … C3 [µm²] of n² − 1 = Σ B·λ²/(λ² − C); or A, B of n = A + B/λ²
 
     def index(self, wavelength_nm: Array = D_NM) -> Array:
         """n at a wavelength [nm], of the same type."""
@@ -71,39 +67,32 @@ class Ray(NamedTuple):
 
 @dataclass(frozen=True)
 class Surface:
-    """One surface, in the order from the sensor to the scene.
+    """One surface, in the order from the sensor to the scene."""
 
-    curvature : 1/radius [1/mm], positive if the centre is towards the scene.  gap : to the next surface towards the
-    scene [mm].  conic, aspheric : the sag is that of the conic plus Σ aspheric[k]·r^(2k + 4).  beyond : the medium
-    on the side of the scene.
-    """
-
-    curvature: float
+    curvature: float  # 1/radius [1/mm], positive if the centre is towards the scene
     conic: float
-    aspheric: tuple[float, ...]
+    aspheric: tuple[float, ...]  # the sag is that of the conic plus Σ aspheric[k]·r^(2k + 4)
     semi_diameter: Array
-    gap: float
-    beyond: Glass
+    gap: float  # to the next surface towards the scene [mm]
+    beyond: Glass  # the medium on the side of the scene
     stop: bool
 
 
 def lens_surfaces(prescription: PrescriptionSection, scale: float) -> tuple[Surface, ...]:
     """The surfaces of a prescription, from the sensor to the scene, all lengths times ``scale``, its stop wide open."""
-    surfaces: list[Surface] = []
-    for number, surface in reversed(list(enumerate(prescription.surfaces))):
-        before = prescription.surfaces[number - 1] if number else None
-        surfaces.append(
-            Surface(
-                curvature=0.0 if surface.radius_mm is None else -1 / (surface.radius_mm * scale),
-                conic=surface.conic,
-                aspheric=tuple(-a / scale ** (2 * k + 3) for k, a in enumerate(surface.aspheric)),
-                semi_diameter=surface.semi_diameter_mm * scale,
-                gap=before.thickness_mm * scale if before else 0.0,
-                beyond=glass_behind(before) if before else AIR,
-                stop=surface.stop,
-            )
+    in_order = prescription.surfaces
+    return tuple(
+        Surface(
+            curvature=0.0 if surface.radius_mm is None else -1 / (surface.radius_mm * scale),
+            conic=surface.conic,
+            aspheric=tuple(-a / scale ** (2 * k + 3) for k, a in enumerate(surface.aspheric)),
+            semi_diameter=surface.semi_diameter_mm * scale,
+            gap=before.thickness_mm * scale if before else 0.0,
+            beyond=glass_behind(before) if before else AIR,
+            stop=surface.stop,
         )
-    return tuple(surfaces)
+        for surface, before in zip(reversed(in_order), (*in_order[-2::-1], None), strict=True)
+    )
 
 
 def surfaces_to_stop(surfaces: tuple[Surface, ...]) -> tuple[Surface, ...]:
@@ -146,18 +135,11 @@ def _intersect(surface: Surface, ray: Ray) -> Ray:
         unvignetted = unvignetted & (root > 0.0)
         away = f / (g + _root(root))
         x, y, z = x + away * dx, y + away * dy, away * dz
-    if surface.aspheric:
-        x, y, z = _to_asphere(surface, x, y, z, dx, dy, dz)
-    return Ray(x, y, z, dx, dy, dz, unvignetted & (x * x + y * y <= surface.semi_diameter * surface.semi_diameter))
-
-
-def _to_asphere(surface: Surface, x: Array, y: Array, z: Array, dx: Array, dy: Array, dz: Array) -> Vector:
-    """Intersection with the asphere from that with its conic, by Newton's method along the ray."""
-    for _ in range(NEWTON_STEPS):
+    for _ in range(NEWTON_STEPS if surface.aspheric else 0):
         sag, slope = _sag(surface, x * x + y * y)
         away = (sag - z) / (dz - 2.0 * slope * (x * dx + y * dy))
         x, y, z = x + away * dx, y + away * dy, z + away * dz
-    return x, y, z
+    return Ray(x, y, z, dx, dy, dz, unvignetted & (x * x + y * y <= surface.semi_diameter * surface.semi_diameter))
 
 
 def _sag(surface: Surface, square: Array) -> tuple[Array, Array]:
@@ -174,27 +156,20 @@ def _sag(surface: Surface, square: Array) -> tuple[Array, Array]:
 def _refract(surface: Surface, ray: Ray, ratio: Array) -> Ray:
     """Snell's law, ratio = n/n′: d′ = ratio·d + (cos θ′ − ratio·cos θ)·normal."""
     x, y, z, dx, dy, dz, unvignetted = ray
-    nx, ny, nz = _normal(surface, x, y, z)
+    c, conic = surface.curvature, surface.conic
+    nx, ny, nz = -c * x, -c * y, 1.0 - c * (1.0 + conic) * z  # towards the scene; a unit vector of a sphere
+    if surface.aspheric:
+        slope = _sag(surface, x * x + y * y)[1]
+        nx, ny, nz = -2.0 * slope * x, -2.0 * slope * y, 1.0
+    if surface.aspheric or conic:
+        size = 1.0 / _root(nx * nx + ny * ny + nz * nz)
+        nx, ny, nz = nx * size, ny * size, nz * size
     cosine = dx * nx + dy * ny + dz * nz
     square = 1.0 - ratio * ratio * (1.0 - cosine * cosine)
     bend = _root(square) - ratio * cosine
     return Ray(
         x, y, z, ratio * dx + bend * nx, ratio * dy + bend * ny, ratio * dz + bend * nz, unvignetted & (square > 0.0)
     )
-
-
-def _normal(surface: Surface, x: Array, y: Array, z: Array) -> Vector:
-    """Unit normal, towards the scene."""
-    c = surface.curvature
-    if surface.aspheric:
-        slope = _sag(surface, x * x + y * y)[1]
-        nx, ny, nz = -2.0 * slope * x, -2.0 * slope * y, 1.0
-    else:
-        nx, ny, nz = -c * x, -c * y, 1.0 - c * (1.0 + surface.conic) * z
-        if not surface.conic:
-            return nx, ny, nz
-    size = 1.0 / _root(nx * nx + ny * ny + nz * nz)
-    return nx * size, ny * size, nz * size
 
 
 def _root(x: Array) -> Array:

@@ -1,8 +1,7 @@
 """AOVs of a frame: depth, position, normal, albedo, shape index and optical flow of each pixel.
 
-A pass separate from the render: one ray through the centre of each pixel and the centre of the pupil, without averaging
-at edges, pixel-aligned with the frame (same film, crop, lens). With a rolling shutter every row shows the scene at the
-time when that row opens.
+A pass of its own: one ray through the centre of each pixel and of the pupil, without averaging at edges, pixel-aligned
+with the frame (same film, crop, lens). With a rolling shutter every row shows the scene at the time when it opens.
 """
 
 from __future__ import annotations
@@ -19,16 +18,15 @@ from ..core import Exposure, Float64Array, InputError, check_types
 from ..core.options import complete, documents
 from ..optics.shutter import Shutter, shutter_of
 from ..sensor.camera import Camera
-from .animated_transforms import AnimatedTransforms, first_hits, reproject
 from .bands import LONGEST_NM, SHORTEST_NM, choose_bands
 from .motion import Motion, read_motion
+from .moving_scene import AnimatedTransforms
 from .options import SceneOptions
 from .passes import row_strips
-from .rays import pixel_rays
+from .rays import first_hits
 from .scene import Scene, load_scene
-from .scene_file import parse_scene
-from .scene_settings import settings_of, unit_m
-from .variants import choose_variant, use
+from .scene_file import SceneFile
+from .scene_settings import parse
 
 RowProgress = Callable[[int, int], None]
 SAMPLES_PER_RAY = 4  # samples of a render that take the memory of one ray of this pass
@@ -80,78 +78,68 @@ def render_aovs(
     """
     check_types(camera, Exposure(0.0) if exposure is None else exposure)
     chosen = complete(SceneOptions, options)
-    motion, scene_unit, parameters = chosen["motion"], chosen["scene_unit"], chosen["parameters"] or {}
-    if motion is not None and exposure is None:
+    if chosen["motion"] is not None and exposure is None:
         raise InputError("a motion is given and no exposure; pass exposure=Exposure(time_s) for the optical flow.")
-    if not isinstance(scene, str | os.PathLike):
-        raise InputError(f"scene is {scene!r}; pass the path of a scene file, e.g. 'scenes/cornell_box.xml'.")
-    moved = Motion() if motion is None else read_motion(motion)
-    use(choose_variant(chosen["variant"]))
-    bands = choose_bands(camera, None, LONGEST_NM - SHORTEST_NM, "auto")  # one is enough: only rays are traced
-    file = parse_scene(scene, parameters)
-    metres = unit_m(scene_unit if scene_unit is not None else settings_of(file).unit_m or 1.0)
-    loaded = load_scene(file, bands, parameters, camera, scene_unit, width=chosen["width"])
-    return aovs_of(loaded, moved, metres, shutter_of(camera, exposure or Exposure(0.0)), progress)
+    moved = read_motion(chosen["motion"])
+    parsed = parse(scene, chosen["parameters"], chosen["variant"])
+    metres, shutter = parsed.settings.metres(chosen["scene_unit"]), shutter_of(camera, exposure or Exposure(0.0))
+    loaded = load_for_rays(parsed.file, camera, chosen["scene_unit"], chosen["width"])
+    return aovs_of(loaded, moved, metres or 1.0, shutter, progress)
+
+
+def load_for_rays(file: SceneFile, camera: Camera, scene_unit: str | float | None, width: int | None) -> Scene:
+    """The scene at rest with one band, which is enough where rays are traced and no light."""
+    bands = choose_bands(camera, None, LONGEST_NM - SHORTEST_NM, "auto")
+    return load_scene(file, bands, {}, camera, scene_unit, width=width)
 
 
 def aovs_of(scene: Scene, motion: Motion, unit_m: float, shutter: Shutter, progress: RowProgress | None = None) -> Aovs:
     """The AOVs of a scene that is loaded. unit_m : metres per scene unit."""
     with AnimatedTransforms(scene, motion, unit_m) as transforms:
-        arrays = _trace(scene, transforms, shutter, progress or (lambda done, total: None))
+        arrays = _trace(transforms, shutter, progress)
     arrays["depth_m"] *= np.float32(unit_m)
     arrays["position_m"] *= np.float32(unit_m)
-    return Aovs(**arrays, shapes=shape_names(scene), scene_sha256=scene.sha256)
+    shapes = enumerate(scene.mitsuba_scene.shapes())
+    names = tuple(shape.id() or f"{shape.class_name().lower()} {k}" for k, shape in shapes)
+    return Aovs(**arrays, shapes=names, scene_sha256=scene.sha256)
 
 
 def denoising_guides(scene: Scene) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Albedo and normals of a loaded scene at rest, (H, W, 3) each, as auxiliary images of a denoiser."""
     with AnimatedTransforms(scene, Motion()) as transforms:
-        arrays = _trace(scene, transforms, Shutter(open_s=0.0), lambda done, total: None)
+        arrays = _trace(transforms, Shutter(open_s=0.0))
     return arrays["albedo"], arrays["normal"]
 
 
-def shape_names(scene: Scene) -> tuple[str, ...]:
-    """Ids of the shapes in the order of the scene file; without an id type and index, e.g. ``sphere 3``."""
-    shapes = scene.mitsuba_scene.shapes()
-    return tuple(shape.id() or f"{shape.class_name().lower()} {k}" for k, shape in enumerate(shapes))
-
-
 def _trace(
-    scene: Scene, transforms: AnimatedTransforms, shutter: Shutter, progress: RowProgress
+    transforms: AnimatedTransforms, shutter: Shutter, progress: RowProgress | None = None
 ) -> dict[str, NDArray[np.float32]]:
     """All arrays, strip by strip; row by row where the rows show the scene at different times."""
-    (columns, rows), (left, top) = scene.view.crop_size, scene.view.crop_offset
+    (columns, rows), (left, top) = transforms.scene.view.crop_size, transforms.scene.view.crop_offset
     row_by_row = shutter.row_time_s > 0 and transforms.motion != Motion()
     strips = [(r, r + 1) for r in range(rows)] if row_by_row else row_strips((columns, rows), 1, SAMPLES_PER_RAY)
-    parts = []
-    progress(0, rows)
+    parts, report = [], progress or (lambda done, total: None)
+    report(0, rows)
     for first, last in strips:
         start_s = float(shutter.start_s(first + top)) if row_by_row else 0.0
         transforms.set_time(start_s)
         grid = np.meshgrid(left + np.arange(columns) + 0.5, top + np.arange(first, last) + 0.5)
-        pixels = np.stack(grid, axis=-1).reshape(-1, 2)
-        arrays = _trace_pixels(scene, transforms, pixels, (start_s, start_s + shutter.open_s))
+        arrays = _trace_pixels(transforms, np.stack(grid, axis=-1).reshape(-1, 2), start_s, start_s + shutter.open_s)
         shape = (last - first, columns)
         parts.append({k: v.astype(np.float32).reshape(*shape, *v.shape[1:]) for k, v in arrays.items()})
-        progress(last, rows)
+        report(last, rows)
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 def _trace_pixels(
-    scene: Scene, transforms: AnimatedTransforms, pixels: Float64Array, times_s: tuple[float, float]
+    transforms: AnimatedTransforms, pixels: Float64Array, from_s: float, to_s: float
 ) -> dict[str, Float64Array | NDArray[np.intp]]:
     """The arrays of Aovs at pixels (N, 2), flat."""
-    camera = transforms.camera_at(times_s[0])
-    points, hits = first_hits(scene, camera, *pixel_rays(scene, pixels), albedo=True)
+    camera, flow = transforms.camera_at(from_s), np.zeros_like(pixels)
+    hits = first_hits(transforms.scene, camera, pixels, albedo=True)
     axis = camera[:3, 2] / np.linalg.norm(camera[:3, 2])
-    flow = np.zeros_like(pixels)
     if transforms.motion != Motion():
-        flow = reproject(scene, transforms, points, hits.shape, pixels, times_s) - pixels
-    return {
-        "depth_m": np.asarray(np.where(hits.found, (hits.position - camera[:3, 3]) @ axis, np.inf)),
-        "position_m": hits.position,
-        "normal": hits.normal,
-        "albedo": hits.albedo,
-        "shape_index": hits.shape,
-        "flow_px": flow,
-    }
+        flow = transforms.reproject(hits.points, hits.shape, pixels, from_s, to_s) - pixels
+    depth = np.asarray(np.where(hits.found, (hits.position - camera[:3, 3]) @ axis, np.inf))
+    arrays = {"depth_m": depth, "position_m": hits.position, "normal": hits.normal, "albedo": hits.albedo}
+    return {**arrays, "shape_index": hits.shape, "flow_px": flow}

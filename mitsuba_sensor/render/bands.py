@@ -52,35 +52,28 @@ class Bands:
     def groups(self) -> tuple[slice, ...]:
         """The channels that share light paths: four bands at a time where they are ``grouped``, else all.
 
-        Mitsuba samples four equidistant wavelengths per path. Of four equal bands each gets exactly one; of thirty,
-        most get none, which is noise of each band even where the radiance is exact; but the sum over all bands, which
-        a frame of this camera measures, then has less noise.
+        Mitsuba samples four equidistant wavelengths per path: of four equal bands each gets exactly one, of thirty most
+        get none. That is noise of each band, but less noise of the sum over all, which a frame of this camera measures.
         """
         if not self.grouped or len(self) <= GROUP:
             return (slice(0, len(self)),)
         return tuple(slice(k, min(k + GROUP, len(self))) for k in range(0, len(self), GROUP))
 
     @property
-    def low_nm(self) -> float:
-        """Where the first channel begins."""
-        return float(self.edges_nm[0])
-
-    @property
-    def high_nm(self) -> float:
-        """Where the last channel ends."""
-        return float(self.edges_nm[-1])
+    def ends_nm(self) -> tuple[float, float]:
+        """Where the first channel begins, and where the last one ends."""
+        return float(self.edges_nm[0]), float(self.edges_nm[-1])
 
     def __len__(self) -> int:
         return len(self.responses)
 
 
 def choose_bands(camera: Camera, wavelength_nm: float | None, bandwidth_nm: float, spectral: str) -> Bands:
-    """The channels for a render of this camera.
+    """The channels for a render of this camera. Raises InputError.
 
     wavelength_nm : centre of a single band.
-    spectral : "auto", adjacent bands of ``bandwidth_nm`` over the camera's band, least noise in this camera's frame;
-        "cube", the same bands, least noise in each; "channels", its colour filters.
-    Raises InputError.
+    spectral : "auto", adjacent bands of ``bandwidth_nm`` over the camera's band (the last one may be narrower), least
+        noise in this camera's frame; "cube", the same bands, least noise in each; "channels", its colour filters.
     """
     if spectral not in SPECTRAL:
         raise InputError(f"spectral is {spectral!r}; it must be one of {', '.join(SPECTRAL)}.")
@@ -88,7 +81,13 @@ def choose_bands(camera: Camera, wavelength_nm: float | None, bandwidth_nm: floa
         if wavelength_nm is not None:
             raise InputError("spectral is 'channels' and wavelength_nm is given; a single band has no colour filters.")
         return channel_bands(camera)
-    bands = box_bands(camera, band_edges_nm(camera, wavelength_nm, bandwidth_nm))
+    width = require("bandwidth_nm", bandwidth_nm, NARROWEST_NM, LONGEST_NM - SHORTEST_NM, "nanometres, e.g. 10")
+    if wavelength_nm is not None:
+        centre = require("wavelength_nm", wavelength_nm, SHORTEST_NM, LONGEST_NM, "nanometres, e.g. 550")
+        return box_bands(camera, np.array([centre - width / 2, centre + width / 2]))
+    low, high = (float(v) for v in camera.band_nm)
+    count = max(math.ceil((high - low) / width - 1e-9), 1)
+    bands = box_bands(camera, np.append(low + width * np.arange(count), high))
     return replace(bands, grouped=spectral == "cube" and bands.kind == "cube")
 
 
@@ -119,8 +118,8 @@ def channel_bands(camera: Camera) -> Bands:
     curves = np.atleast_2d(camera.qe(nodes)) * transmittance(camera, nodes) * nodes / reference_nm
     responses = tuple(_regular(low, high, curve.tolist()) for curve in curves)
     ones = np.ones(len(responses))
-    ends = np.array([low, high])
-    return Bands("channels", ends, reference_nm * ones, ones, responses, ones, response_fingerprint(camera))
+    fingerprint, ends = response_fingerprint(camera), np.array([low, high])
+    return Bands("channels", ends, reference_nm * ones, ones, responses, ones, fingerprint)
 
 
 def response_fingerprint(camera: Camera) -> str:
@@ -129,20 +128,6 @@ def response_fingerprint(camera: Camera) -> str:
     lens = camera.lens.transmission, camera.lens.transmission_curve, camera.lens.transmission_wavelengths_nm
     text = repr((section.wavelengths_nm, sorted(section.curves.items()), lens))
     return hashlib.blake2b(text.encode(), digest_size=8).hexdigest()
-
-
-def band_edges_nm(camera: Camera, wavelength_nm: float | None, bandwidth_nm: float) -> Float64Array:
-    """Edges of the bands, (B + 1,): one band centred on a wavelength, else adjacent ones over the camera's band.
-
-    The last band of a cube is narrower where the width does not divide the camera's band.
-    """
-    width = require("bandwidth_nm", bandwidth_nm, NARROWEST_NM, LONGEST_NM - SHORTEST_NM, "nanometres, e.g. 10")
-    if wavelength_nm is not None:
-        centre = require("wavelength_nm", wavelength_nm, SHORTEST_NM, LONGEST_NM, "nanometres, e.g. 550")
-        return np.array([centre - width / 2, centre + width / 2])
-    low, high = (float(v) for v in camera.band_nm)
-    count = max(math.ceil((high - low) / width - 1e-9), 1)
-    return np.append(low + width * np.arange(count), high)
 
 
 def _regular(low_nm: float, high_nm: float, values: list[float]) -> dict[str, object]:
@@ -162,11 +147,8 @@ def response_film(responses: Sequence[Mapping[str, object]], size: Mapping[str, 
 
 
 def restrict_wavelengths(film: MitsubaObject, low_nm: float, high_nm: float) -> None:
-    """Sample wavelengths uniformly between two edges of bands, and none elsewhere, without compiling a kernel.
-
-    The density is linear between its nodes, so a few samples fall into a sixteenth of a band on either side: they are
-    lost.
-    """
+    """Sample wavelengths only, and uniformly, between two edges of bands, without compiling a kernel. The density is
+    linear between its nodes: a few samples fall into a sixteenth of a band on either side, and are lost."""
     parameters = mitsuba().traverse(film.sensor_response_function())
     first, last = (float(x) for x in parameters["range"])
     nodes = np.linspace(first, last, len(parameters["values"]))

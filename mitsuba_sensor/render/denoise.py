@@ -1,8 +1,7 @@
 """Denoising of irradiance by Open Image Denoise, with its bias measured.
 
-Two half-sets of the passes, A and B, are denoised separately. The difference of the denoised A from the raw B is the
-denoiser's own error plus B's known noise; averaged over blocks, it is the bias. Off by default: no network conserves
-energy.
+Two half-sets of the passes, A and B, are denoised separately. Denoised A minus raw B is the denoiser's own error plus
+B's known noise; averaged over blocks, it is the bias. Off by default: no network conserves energy.
 """
 
 from __future__ import annotations
@@ -58,20 +57,16 @@ def smoothed(image: Float64Array | Image, guides: tuple[Image, Image]) -> Image:
     scale = float(padded.mean()) or 1.0
     albedo, normal = (np.ascontiguousarray(np.nan_to_num(g), np.float32) for g in guides)
     grey = np.repeat(albedo.mean(axis=-1, keepdims=True), LAYERS, axis=-1)  # a band has no colour
-    parts = [
-        library().denoise(
-            np.ascontiguousarray(padded[..., k : k + LAYERS] / scale, np.float32), albedo=grey, normal=normal, hdr=True
-        )
-        for k in range(0, padded.shape[2], LAYERS)
-    ]
+    layers = (padded[..., k : k + LAYERS] / scale for k in range(0, padded.shape[2], LAYERS))
+    images = (np.ascontiguousarray(layer, np.float32) for layer in layers)
+    parts = [library().denoise(image, albedo=grey, normal=normal, hdr=True) for image in images]
     return np.asarray(np.maximum(np.concatenate(parts, axis=-1)[..., :bands], 0.0) * scale, np.float32)
 
 
 def denoising_errors(raw: Float64Array, smooth: Float64Array | Image) -> dict[str, float]:
     """Errors of the denoiser from two half-sets (2, H, W, B), raw and denoised; each relative to its own pixel.
 
-    error_before, error_after : rms error of a half-set, raw and denoised; the noise of the other half, with which it is
-        compared, is subtracted.
+    error_before, error_after : rms error of a half-set, raw and denoised, without the noise of the other half.
     bias_mean : of the whole image, relative to its mean.  bias_blocks : rms over blocks of 8 × 8 pixels without noise.
     """
     level = smooth.mean(axis=0, dtype=np.float64)
@@ -79,11 +74,8 @@ def denoising_errors(raw: Float64Array, smooth: Float64Array | Image) -> dict[st
     noise = 0.5 * float(np.mean(((raw[0] - raw[1]) / level) ** 2))  # variance of one raw half
     difference = smooth - raw[::-1]  # of each from the other half
     error = max(float(np.mean((difference / level) ** 2)) - noise, 0.0)
-    blocks, noise_blocks = (
-        _block_means(difference.mean(axis=0) / level),
-        0.25 * _block_means((raw[0] - raw[1]) / level) ** 2,
-    )
-    bias = max(float(np.mean(blocks**2) - np.mean(noise_blocks)), 0.0)
+    blocks, noise_blocks = (_block_means(x / level) for x in (difference.mean(axis=0), raw[0] - raw[1]))
+    bias = max(float(np.mean(blocks**2) - np.mean(0.25 * noise_blocks**2)), 0.0)
     return {
         "error_before": noise**0.5,
         "error_after": error**0.5,
@@ -94,9 +86,8 @@ def denoising_errors(raw: Float64Array, smooth: Float64Array | Image) -> dict[st
 
 def _block_means(image: Float64Array) -> Float64Array:
     """Means over blocks of the image (H, W, B); the last blocks may be smaller."""
-    for axis in (0, 1):
+    for axis, shape in enumerate(((-1, 1, 1), (1, -1, 1))):
         starts = np.arange(0, image.shape[axis], BLOCK)
         counts = np.diff(np.append(starts, image.shape[axis]))
-        shape = [-1 if a == axis else 1 for a in range(3)]
         image = np.add.reduceat(image, starts, axis=axis) / counts.reshape(shape)
     return image

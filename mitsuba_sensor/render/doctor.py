@@ -9,7 +9,6 @@ import sys
 import tempfile
 from dataclasses import asdict
 from importlib import resources
-from importlib.resources.abc import Traversable
 from typing import Any, TypeAlias
 
 from ..core.llvm import find_llvm
@@ -19,47 +18,34 @@ VARIANTS = ("cuda_ad_spectral", "llvm_ad_spectral", "scalar_spectral")  # the fa
 SLOW = "scalar_spectral"
 RENDERER = "mitsuba>=3.9.1,<3.10"  # as in pyproject.toml
 LIMIT_S = 300
-Finding: TypeAlias = dict[str, Any]
-"""Ready for JSON."""
+Finding: TypeAlias = dict[str, Any]  # ready for JSON
 
 
 def examine() -> Finding:
     """Variants, LLVM libraries, versions, the variant that would be chosen, remedies (commands)."""
     chosen = _try(None)
     variants = [chosen if chosen["name"] == name else _try(name) for name in VARIANTS]
-    findings = {
-        "works": chosen["works"],
-        "variant": chosen["name"],
-        "seconds": chosen["seconds"],
-        "variants": variants,
-        "llvm": [asdict(library) for library in find_llvm()],
-        "versions": versions(),
-    }
+    findings = {"works": chosen["works"], "variant": chosen["name"], "seconds": chosen["seconds"], "variants": variants}
+    findings |= {"llvm": [asdict(library) for library in find_llvm()], "versions": versions()}
     return {**findings, "remedies": _remedies(findings, chosen["reason"])}
 
 
 def _try(variant: str | None) -> Finding:
     """Render the small scene as a user would, through the command line, in a child process."""
-    with tempfile.TemporaryDirectory() as folder, resources.as_file(_scene()) as scene:
+    failed: Finding = {"name": variant, "works": False, "reason": "", "seconds": None}
+    small = resources.as_file(resources.files("mitsuba_sensor.render") / "doctor.xml")
+    with tempfile.TemporaryDirectory() as folder, small as scene:
         command = [sys.executable, "-m", "mitsuba_sensor", "render", str(scene), "-o", folder, "--spp", "16", "--json"]
-        if variant:
-            command += ["--variant", variant]
+        command += ["--variant", variant] if variant else []
         try:
             child = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S)
         except subprocess.TimeoutExpired:
-            return _finding(variant, False, f"no end after {LIMIT_S} s")
+            return {**failed, "reason": f"no end after {LIMIT_S} s"}
     if child.returncode:
-        return _finding(variant, False, _why(child))
+        return {**failed, "reason": _why(child)}
     report = json.loads(child.stdout)
-    return _finding(report["render"]["variant"], True, "a test picture was rendered", report["times_s"]["render"])
-
-
-def _finding(name: str | None, works: bool, reason: str, seconds: float | None = None) -> Finding:
-    return {"name": name, "works": works, "reason": reason, "seconds": seconds}
-
-
-def _scene() -> Traversable:
-    return resources.files("mitsuba_sensor.render") / "doctor.xml"
+    name, seconds = report["render"]["variant"], report["times_s"]["render"]
+    return {"name": name, "works": True, "reason": "a test picture was rendered", "seconds": seconds}
 
 
 def _why(child: subprocess.CompletedProcess[str]) -> str:

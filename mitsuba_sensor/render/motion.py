@@ -101,7 +101,10 @@ class KeyPose(FileTable):
         """Translation of the pivot, and rotation, from the pose ``start`` of the scene file to this one."""
         if self.pose is None:
             return np.array(self.move_m), Rotation.from_rotvec(_rotation_vector(self.turn_deg, self.axis, "turn_deg"))
-        whole = self.pose @ np.linalg.inv(_unscaled(start))
+        rigid = start.copy()  # without scale or mirroring (an orthographic zoom)
+        rigid[:3, :3] /= np.linalg.norm(start[:3, :3], axis=0)
+        rigid[:3, 0] *= np.sign(np.linalg.det(start[:3, :3]))
+        whole = self.pose @ np.linalg.inv(rigid)
         turn = Rotation.from_matrix(whole[:3, :3])
         return whole[:3, 3] + turn.as_matrix() @ pivot - pivot, turn
 
@@ -175,13 +178,10 @@ class Motion(FileTable):
     objects: dict[str, ObjectMotion] = Field({}, description="tables [objects.ID]", examples=[{"fan": {}}])
 
 
-def read_motion(source: str | os.PathLike[str] | Mapping[str, Any] | Motion) -> Motion:
-    """A motion from a TOML file, or from a mapping of the same fields; a Motion is returned as it is.
-
-    Raises InputError, one sentence.
-    """
-    if isinstance(source, Motion):
-        return source
+def read_motion(source: str | os.PathLike[str] | Mapping[str, Any] | Motion | None) -> Motion:
+    """A motion from a TOML file or a mapping of the same fields; None is no motion. Raises InputError, one sentence."""
+    if source is None or isinstance(source, Motion):
+        return source or Motion()
     where, data = "the motion", source
     if not isinstance(source, Mapping):
         if not isinstance(source, str | os.PathLike):
@@ -201,14 +201,6 @@ def read_motion(source: str | os.PathLike[str] | Mapping[str, Any] | Motion) -> 
     if motion == Motion():
         raise InputError(f"{where} moves nothing; give it a table [camera] or [objects.ID].")
     return motion
-
-
-def _unscaled(pose: Float64Array) -> Float64Array:
-    """The rigid part of a scene's camera pose, without its scale or mirroring (an orthographic zoom)."""
-    rigid = pose.copy()
-    rigid[:3, :3] /= np.linalg.norm(pose[:3, :3], axis=0)
-    rigid[:3, 0] *= np.sign(np.linalg.det(pose[:3, :3]))
-    return rigid
 
 
 def _rotation_vector(angle_deg: float | None, axis: tuple[float, ...] | None, name: str) -> Float64Array:

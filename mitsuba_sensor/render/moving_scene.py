@@ -1,4 +1,7 @@
-"""A scene that moves while the shutter is open: renders sub-frames and weights them into the rows of one frame.
+"""Scenes that move: camera and objects at their poses of any time; sub-frames of an open shutter; optical flow.
+
+Mitsuba 3.9.1 has no animated transforms and nothing reads the time of its rays, so the transforms and vertices of the
+scene are set for each instant, and restored afterwards. One compiled kernel serves all poses.
 
 A sub-frame (see optics/shutter.py) renders all rows of its block, open or not, because every other crop compiles
 another kernel (1.1 s for a Cornell box, 4 s for a scene of eight materials). With a rolling shutter whose exposure is
@@ -10,19 +13,131 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import Exposure, Float64Array, InputError, require
+from ..core import Exposure, Float64Array, InputError, nearest
 from ..optics.shutter import shutter_of, subframes
 from ..sensor.camera import Camera
-from .animated_transforms import AnimatedTransforms, max_image_speed
-from .motion import Motion
-from .passes import MOST_SPP, hashed_seed
+from .motion import Motion, RigidMotion
+from .passes import hashed_seed, whole_grid
+from .rays import camera_to_world, first_hits, project
 from .scene import Scene
+from .variants import MitsubaObject, mitsuba
 
 MOST_BLOCKS = 8  # of rows, each with a kernel of its own; fewer blocks render more rows that are closed
+AT_REST = RigidMotion(velocity_m_per_s=(0.0, 0.0, 0.0))
+PROBES = 32  # rays along each side of the image that look for the largest speed
+INSTANTS = np.linspace(0, 1, 5)  # when they look, as fractions of the time from first row open to last row closed
+DIFFERENCE = 1 / 256  # of that time: speeds are differences over it, with 0.03 px of rounding in all
+
+
+class AnimatedTransforms:
+    """Sets camera and objects of a scene to their poses of a time; leaving the ``with`` block restores them.
+
+    unit_m : metres per scene unit. All poses and points here are in scene units.
+    Raises InputError for an object that the scene does not have or that cannot be moved.
+    """
+
+    def __init__(self, scene: Scene, motion: Motion, unit_m: float = 1.0) -> None:
+        mi = mitsuba()
+        self.scene, self.motion, self._unit_m, self._camera = scene, motion, unit_m, mi.traverse(scene.sensor)
+        self.rest_pose = camera_to_world(scene.sensor)
+        names = [shape.id() for shape in scene.mitsuba_scene.shapes()]
+        if missing := next((name for name in motion.objects if name not in names), None):
+            known = sorted(name for name in names if name)
+            has = f"the ids of its shapes are {', '.join(known)}" if known else "no shape of it has an id"
+            end = f"which is no shape of the scene; {has}.{nearest(missing, known)}"
+            raise InputError(f"the motion names {missing!r}, {end}")
+        self.indices = {name: names.index(name) for name in motion.objects}
+        self._shapes = mi.traverse(scene.mitsuba_scene)
+        self._at_rest = {name: _movable_parameters(self._shapes, name) for name in motion.objects}
+        self._shapes.keep([key for parameters in self._at_rest.values() for key in parameters])
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._set(self.rest_pose, {name: np.eye(4) for name in self._at_rest})
+
+    def set_time(self, time_s: float) -> None:
+        """Set everything to its pose at this time."""
+        moved = {name: self._displacement(motion, time_s) for name, motion in self.motion.objects.items()}
+        self._set(self.camera_at(time_s), moved)
+
+    def camera_at(self, time_s: float) -> Float64Array:
+        """Pose of the camera, 4×4 to world space."""
+        return self._displacement(self.motion.camera or AT_REST, time_s) @ self.rest_pose
+
+    def reproject(
+        self, points: Float64Array, shapes: NDArray[np.intp], guess: Float64Array, from_s: float, to_s: float
+    ) -> Float64Array:
+        """Positions on the film (N, 2) [pixels] of world points (N, 4) that have moved along with these shapes."""
+        moved = points.copy()
+        for name, motion in self.motion.objects.items():
+            mine = shapes == self.indices[name]
+            change = self._displacement(motion, to_s) @ np.linalg.inv(self._displacement(motion, from_s))
+            moved[mine] = points[mine] @ change.T
+        return project(self.scene, moved @ np.linalg.inv(self.camera_at(to_s)).T, guess)
+
+    def _displacement(self, motion: RigidMotion, time_s: float) -> Float64Array:
+        """4×4 in scene units; the pivot of a camera is its own position."""
+        metres = self.rest_pose.copy()
+        metres[:3, 3] *= self._unit_m
+        moved = motion.displacement(time_s, metres)
+        moved[:3, 3] /= self._unit_m
+        return moved
+
+    def _set(self, camera: Float64Array, objects: Mapping[str, Float64Array]) -> None:
+        """Arrays are data of the kernel; from lists the values would be literals, and every pose another kernel."""
+        if self.motion.camera is not None:
+            self._camera["to_world"] = type(self._camera["to_world"])(camera)
+            self._camera.update()
+        for name, displacement in objects.items():
+            for key, rest in self._at_rest[name].items():
+                if key.endswith(".to_world"):
+                    value = displacement @ rest
+                else:
+                    shift = displacement[:3, 3] if key.endswith("positions") else 0.0
+                    value = (rest @ displacement[:3, :3].T + shift).ravel().astype(np.float32)
+                self._shapes[key] = type(self._shapes[key])(value)
+        if objects:
+            self._shapes.update()
+
+    def image_speed(self, at_s: float, difference_s: float) -> float:
+        """The largest speed of anything in the image at an instant [px/s]: of all that a grid of rays meets, and of the
+        corners of the bounding boxes of the moved shapes, where they are in view."""
+        self.set_time(at_s)
+        (width, height), (left, top) = self.scene.view.crop_size, self.scene.view.crop_offset
+        x, y = (np.unique(np.linspace(0, n - 1, PROBES).round()) + 0.5 for n in (width, height))
+        grid: Float64Array = np.stack(np.meshgrid(left + x, top + y), axis=-1).reshape(-1, 2)
+        hits = first_hits(self.scene, self.camera_at(at_s), grid)
+        points, shapes = hits.points, hits.shape
+        for index in self.indices.values():
+            box = self.scene.mitsuba_scene.shapes()[index].bbox()
+            corners = np.array([[*np.ravel(box.corner(k)), 1.0] for k in range(8)])
+            points, shapes = np.concatenate([points, corners]), np.concatenate([shapes, np.full(8, index)])
+            grid = np.concatenate([grid, np.tile(np.mean(grid, axis=0), (8, 1))])
+        before = self.reproject(points, shapes, grid, at_s, at_s)
+        after = self.reproject(points, shapes, before, at_s, at_s + difference_s)
+        inside = (np.abs(before - (left + width / 2, top + height / 2)) <= (width / 2, height / 2)).all(axis=1)
+        moved = np.hypot(*(after - before)[inside].T)
+        return float(np.nanmax(moved, initial=0.0)) / difference_s
+
+
+def _movable_parameters(parameters: MitsubaObject, name: str) -> dict[str, Float64Array]:
+    """What changes when a shape moves, at its pose in the scene file: its transform, or the vertices of a mesh."""
+    transform = f"{name}.to_world"
+    if transform in parameters:
+        return {transform: np.array(parameters[transform].matrix, dtype=np.float64).reshape(4, 4)}
+    keys = [f"{name}.vertex_positions", f"{name}.vertex_normals"]
+    if keys[0] not in parameters:
+        raise InputError(f"the shape {name!r} cannot be moved: it has neither a transform nor vertices; use a mesh.")
+    return {key: np.array(parameters[key], dtype=np.float64).reshape(-1, 3) for key in keys if len(parameters[key])}
 
 
 class MovingScene:
@@ -43,39 +158,41 @@ class MovingScene:
         subframes: int | None = None,
         unit_m: float = 1.0,
     ) -> None:
-        if subframes is not None and require("subframes", subframes, 1, MOST_SPP, "e.g. 16") != int(subframes):
-            raise InputError(f"subframes is {subframes!r}; it must be a whole number (e.g. 16).")
         self.scene, self._shutter, self._given = scene, shutter_of(camera, exposure), subframes
         self.view, self.sha256, self.restrict_wavelengths = scene.view, scene.sha256, scene.restrict_wavelengths
-        self.transforms = AnimatedTransforms(scene, motion, unit_m)
-        self._counts: set[int] = set()
+        self.transforms, self._counts = AnimatedTransforms(scene, motion, unit_m), set[int]()
+        (_, rows), (_, top) = scene.view.crop_size, scene.view.crop_offset
+        first_s, last_s = self._shutter.span_s((top, top + rows))
         with self.transforms:
-            span_s = self._shutter.span_s(self._film_rows((0, scene.view.crop_size[1])))
-            self.speed_px_per_s = max_image_speed(scene, self.transforms, span_s)
+            length, speed = last_s - first_s, self.transforms.image_speed
+            speeds = (speed(first_s + fraction * length, length * DIFFERENCE) for fraction in INSTANTS)
+            self.speed_px_per_s = max(speeds) if length else 0.0
+        self._needed = self._shutter.subframes_needed(self.speed_px_per_s)
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Those of the scene, and the number of sub-frames."""
-        blur_px, needed = (
-            self.speed_px_per_s * self._shutter.open_s,
-            self._shutter.subframes_needed(self.speed_px_per_s),
-        )
+        blur_px, needed = self.speed_px_per_s * self._shutter.open_s, self._needed
         moves = f"sub-frames per exposure and pass; the image moves up to {blur_px:.3g} px while a row is open"
         more = f" ({needed} would be smooth in each pass; that takes more samples)"
         return (*self.scene.notes, *(f"{n} {moves}{more if n < needed else ''}" for n in sorted(self._counts)))
 
     def render(self, seed: int, samples: int, rows: tuple[int, int]) -> NDArray[np.float32]:
         """One pass over rows [first, last) of the crop: ∫response·L dλ [W m⁻² sr⁻¹], (rows, columns, channels)."""
-        needed = self._shutter.subframes_needed(self.speed_px_per_s) if self._given is None else self._given
-        count = subframes_of_pass(needed, samples)
+        count = subframes_of_pass(self._given or self._needed, samples)
         self._counts.add(count)
+        # Blocks are rows that are open at about the same time: as many as exposures fit into the read-out of all.
+        total, readout_s = rows[1] - rows[0], (rows[1] - rows[0] - 1) * self._shutter.row_time_s
+        duration_s = max(self._shutter.open_s, readout_s / MOST_BLOCKS, sys.float_info.min)
+        blocks = max(min(math.ceil(readout_s / duration_s), MOST_BLOCKS, total), 1)
+        edges = pairwise(rows[0] + total * k // blocks for k in range(blocks + 1))
         with self.transforms:
-            blocks = [self._render_block(seed, samples // count, count, block) for block in self._blocks(rows)]
-        return np.concatenate(blocks).astype(np.float32)
+            parts = [self._render_block(seed, samples // count, count, block) for block in edges]
+        return np.concatenate(parts).astype(np.float32)
 
     def _render_block(self, seed: int, samples: int, count: int, rows: tuple[int, int]) -> Float64Array:
         """The weighted sum of the sub-frames of some rows, (rows, columns, channels)."""
-        film_rows = self._film_rows(rows)
+        film_rows = rows[0] + self.view.crop_offset[1], rows[1] + self.view.crop_offset[1]
         step_s = self._shutter.step_s(count, math.inf if self._given else self.speed_px_per_s, film_rows)
         times_s, weights = subframes(self._shutter, film_rows, count, step_s, hashed_seed(seed, 0, 0) / 2**32)
         frame: Float64Array | None = None
@@ -88,28 +205,9 @@ class MovingScene:
         assert frame is not None
         return frame
 
-    def _blocks(self, rows: tuple[int, int]) -> list[tuple[int, int]]:
-        """Rows that are open at about the same time: as many blocks as exposures fit into their read-out."""
-        readout_s = (rows[1] - rows[0] - 1) * self._shutter.row_time_s
-        duration_s = max(self._shutter.open_s, readout_s / MOST_BLOCKS, sys.float_info.min)
-        count = max(min(math.ceil(readout_s / duration_s), MOST_BLOCKS, rows[1] - rows[0]), 1)
-        edges = [rows[0] + (rows[1] - rows[0]) * k // count for k in range(count + 1)]
-        return list(zip(edges[:-1], edges[1:], strict=True))
-
-    def _film_rows(self, rows: tuple[int, int]) -> tuple[int, int]:
-        """Rows of the crop as rows of the film."""
-        top = self.view.crop_offset[1]
-        return rows[0] + top, rows[1] + top
-
 
 def subframes_of_pass(needed: int, samples: int) -> int:
-    """The fewest sub-frames, at least ``needed``, that share the samples of a pass evenly; at most one per sample.
-
-    The samples of each are a count that multijitter keeps (see ``pass_plan``): r², r(r+1) or r(r+2).
-    """
-    for count in range(min(needed, samples), samples):
-        share, rest = divmod(samples, count)
-        root = math.isqrt(share)
-        if not rest and share in (root * root, root * (root + 1), root * (root + 2)):
-            return count
-    return samples
+    """The fewest sub-frames, at least ``needed``, that share the samples of a pass evenly, at most one per sample; each
+    gets a count that multijitter keeps (see ``pass_plan``)."""
+    shares = range(min(needed, samples), samples)
+    return next((n for n in shares if samples % n == 0 and whole_grid(samples // n) == samples // n), samples)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import math
-from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +13,7 @@ from numpy.typing import NDArray
 from ..core import Float64Array, InputError, require
 
 SAMPLER = "multijitter"  # at 64 samples per pixel a quarter of the noise of "independent", at the same cost
-# Passes; Student's t of 15 degrees of freedom: |z| < 1 in 66.7 %, |z| < 2 in 93.6 % of the pixels.
-FEWEST, MOST = 16, 32
+FEWEST, MOST = 16, 32  # passes; 15 degrees of freedom: |z| < 1 in 66.7 %, |z| < 2 in 93.6 % of the pixels
 FEWEST_SAMPLES = 16  # per pass, before passes are added instead: benchmarks/render_passes.py
 MOST_SPP = 1024  # per pass: the float32 film loses about 1e-8 per sample
 MOST_IN_ALL = 2**24
@@ -24,9 +24,9 @@ MOST_VALUES = 2**23  # pixels × bands per strip: 64 MB for each float64 array o
 def pass_plan(spp: int) -> tuple[int, int]:
     """(passes, samples per pixel and pass) whose product comes closest to ``spp``; at least two passes.
 
-    Multijitter fills a grid of about equal sides, so that it accepts 1, 2, 4, 6, 9, 12, 16 … samples and rounds other
-    counts up; only counts that it keeps are chosen, with 16 to 32 passes (more only to stay at 1024 samples per pass).
-    Of equal plans the one with more passes is chosen, as long as each has 16 samples.
+    Multijitter fills a grid of about equal sides: it keeps 1, 2, 4, 6, 9, 12, 16 … samples and rounds others up. Only
+    such counts are chosen, with 16 to 32 passes (more only to stay at 1024 samples per pass); of equal plans the one
+    with more passes, as long as each has 16 samples.
     """
     if require("spp", spp, 1, MOST_IN_ALL, "samples per pixel, e.g. 256") != int(spp):
         raise InputError(f"spp is {spp!r}; it must be a whole number of samples per pixel (e.g. 256).")
@@ -61,8 +61,7 @@ def row_strips(size: tuple[int, int], bands: int, samples: int) -> list[tuple[in
     columns, rows = size
     most = max(min(MOST_IN_FLIGHT // (columns * samples), MOST_VALUES // (columns * bands)), 1)
     count = -(-rows // most)
-    edges = [rows * k // count for k in range(count + 1)]
-    return list(zip(edges[:-1], edges[1:], strict=True))
+    return list(pairwise(rows * k // count for k in range(count + 1)))
 
 
 def hashed_seed(seed: int, strip: int, number: int) -> int:
@@ -70,8 +69,7 @@ def hashed_seed(seed: int, strip: int, number: int) -> int:
     return int.from_bytes(hashlib.blake2b(f"{seed}/{strip}/{number}".encode(), digest_size=4).digest(), "little")
 
 
-@dataclass(frozen=True, eq=False)
-class Cleaned:
+class Cleaned(NamedTuple):
     """Values without NaN, −inf and negatives, which became 0; +inf became 0 too and is marked, to saturate later."""
 
     values: Float64Array
@@ -113,8 +111,3 @@ class Welford:
     def variance_of_mean(self) -> Float64Array:
         """Variance of the mean of the passes; 0 for a single pass."""
         return self._squares / max(self.count * (self.count - 1), 1)
-
-    @property
-    def standard_error(self) -> Float64Array:
-        """Standard error of the mean of the passes."""
-        return np.asarray(np.sqrt(self.variance_of_mean))

@@ -5,10 +5,9 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any, Literal, Unpack
+from typing import Any, Literal, Unpack, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core import Exposure, InputError, Photons, first_given
 from ..core.options import complete, documents, part_of
@@ -29,7 +28,6 @@ from .statistics import median_bias
 from .stop_criterion import Progress, RenderProgress, StopCriterion, stop_criterion_of
 
 PerFrameNoise = Literal["compensated", "per-frame"]
-RENDER_NOISE_MODES = ("compensated", "per-frame")
 TARGET = LIMIT / 2  # median of v/μ: below it the total has the shape of a Poisson law (sensor/compensation.py)
 FEWEST_FREEDOM = 7  # degrees of freedom of a measured variance; with fewer passes more than 1 % stays uncompensated
 UNCOMPENSATED = 0.015  # of the shot variance, averaged over all but the noisiest pixels: what may stay as excess noise
@@ -73,8 +71,7 @@ def render_frames(
     a frame must come out the same when it is made alone. Raises InputError.
     """
     chosen = complete(FrameSeriesOptions, options)
-    series = FrameSeries.prepare(scene, camera, exposure, chosen, render_noise)
-    return series.frames(progress)
+    return FrameSeries.prepare(scene, camera, exposure, chosen, render_noise).frames(progress)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,13 +99,11 @@ class FrameSeries:
         render_noise: PerFrameNoise,
     ) -> FrameSeries:
         """Check everything that was asked for, and load the scene. Raises InputError."""
-        if render_noise not in RENDER_NOISE_MODES:
-            raise InputError(f"render_noise is {render_noise!r}; it must be one of {', '.join(RENDER_NOISE_MODES)}.")
+        if render_noise not in (modes := get_args(PerFrameNoise)):
+            raise InputError(f"render_noise is {render_noise!r}; it must be one of {', '.join(modes)}.")
         if options["denoise"]:
-            raise InputError(
-                "denoise and a render for every frame exclude each other: what a denoiser leaves of the noise cannot "
-                "be compensated; leave one of them out."
-            )
+            why = "what a denoiser leaves of the noise cannot be compensated; leave one of them out"
+            raise InputError(f"denoise and a render for every frame exclude each other: {why}.")
         compensated = render_noise == "compensated"
         measured = compensated and options["spp"] is None and options["noise_ratio"] is None
         rendering = part_of(RenderOptions, options)
@@ -116,15 +111,16 @@ class FrameSeries:
         check_options(wanted)
         check_numbers(options["frames"], options["first_frame"], first_given(options["seed"], 1))
         prepared = prepare(scene, camera, exposure, usual="channels", **rendering)
-        if compensated:
-            _refuse_uncompensable(prepared.camera, options)
+        if compensated and options["chain"] != "physical":
+            end = f"chain {options['chain']!r}; that needs the physical chain"
+            raise InputError(f"render_noise is 'compensated' and {end}.")
+        if compensated and prepared.camera.quantum_efficiency.quantum_yield:
+            end = "has a quantum_yield, whose electrons come in bursts; take render_noise 'per-frame'"
+            raise InputError(f"render_noise is 'compensated' and {prepared.camera.name} {end}.")
         sensor = prepared.sensor({**part_of(ExposeOptions, options), "frames": 1})
         stop = stop_criterion_of(wanted, len(prepared.bands.groups))
-        if not measured:
-            return cls(prepared, sensor, stop, None, compensated, options["frames"])
-        return cls(
-            prepared, sensor, replace(stop, reached="compensable"), _criterion(prepared), compensated, options["frames"]
-        )
+        stop, criterion = (replace(stop, reached="compensable"), _criterion(prepared)) if measured else (stop, None)
+        return cls(prepared, sensor, stop, criterion, compensated, options["frames"])
 
     def frames(self, progress: Progress | None = None, report: bool = False) -> Iterator[RenderedFrame]:
         """One frame after the other. report : whether the first one brings its report along."""
@@ -145,41 +141,23 @@ class FrameSeries:
                 photons = replace(photons, variance_e2=np.where(np.isfinite(photons.total), variance, 0.0))
             exposed = sensor.of(photons, number)
             made = exposed.frames_with_report() if report and number == first else exposed.frames()
-            yield RenderedFrame(made, light, photons, uncompensated(prepared, mean, variance, self.compensated))
+            left = _uncompensated(prepared, mean, variance, self.compensated)
+            yield RenderedFrame(made, light, photons, float(left.mean()))
 
     def _sized(self, stop: StopCriterion) -> StopCriterion:
-        """The stop criterion with the size of the passes that the first render has shown to be enough."""
-        samples = self.prepared.renderer.samples if self.criterion is None else _samples(self.prepared, self.criterion)
+        """The stop criterion with passes of such a size that the fewest are just enough, as the first render has shown:
+        a variance falls as one over the samples."""
+        renderer = self.prepared.renderer
+        samples = renderer.samples
+        if self.criterion is not None:
+            needed = renderer.passes * samples * self.criterion(*renderer.noise_estimate())
+            samples = min(whole_grid(max(MARGIN * needed / FEWEST, 1.0)), samples)
         return replace(stop, passes=max(stop.passes * stop.samples // samples, 2), samples=samples, sized=True)
 
 
-def _refuse_uncompensable(camera: Camera, options: FrameSeriesOptions) -> None:
-    """What :func:`expose` would refuse after the first render."""
-    if options["chain"] != "physical":
-        raise InputError(
-            f"render_noise is 'compensated' and chain {options['chain']!r}; that needs the physical chain."
-        )
-    if camera.quantum_efficiency.quantum_yield:
-        raise InputError(
-            f"render_noise is 'compensated' and {camera.name} has a quantum_yield, whose electrons come in bursts; "
-            "take render_noise 'per-frame'."
-        )
-
-
-def _samples(prepared: PreparedRender, criterion: Criterion) -> int:
-    """Samples per pass with which the fewest passes are just enough; a variance falls as one over the samples."""
-    renderer = prepared.renderer
-    needed = renderer.passes * renderer.samples * criterion(*renderer.noise_estimate())
-    return min(whole_grid(max(MARGIN * needed / FEWEST, 1.0)), renderer.samples)
-
-
-def uncompensated(prepared: PreparedRender, mean_e: Map, variance_e2: Map, compensate: bool = True) -> float:
-    """What is left of the render's variance over the shot variance of light and dark, averaged over the pixels."""
-    return float(_left(prepared, mean_e, variance_e2, compensate).mean())
-
-
-def _left(prepared: PreparedRender, mean_e: Map, variance_e2: Map, compensate: bool = True) -> NDArray[np.float64]:
-    """The same of every pixel that has any light and stays below the full well, (N,)."""
+def _uncompensated(prepared: PreparedRender, mean_e: Map, variance_e2: Map, compensate: bool = True) -> Map:
+    """What is left of the render's variance over the shot variance of light and dark, (N,): of every pixel that has any
+    light and stays below the full well."""
     dark = mean_dark_e(prepared.camera, prepared.exposure)
     total = mean_e + dark
     shown = (total > 0) & (total < prepared.camera.pixel.full_well_e)
@@ -198,7 +176,7 @@ def _criterion(prepared: PreparedRender) -> Criterion:
         median = float(np.median(ratio)) * median_bias(freedom + 1)
         if freedom < FEWEST_FREEDOM:  # a mean over pixels hangs on the few whose variance is not known yet
             return median / TARGET
-        left = _left(prepared, mean_e, variance_e2)
+        left = _uncompensated(prepared, mean_e, variance_e2)
         return max(median / TARGET, float(left[left <= np.quantile(left, 1 - NOISIEST)].mean()) / UNCOMPENSATED)
 
     return measure

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TypeGuard
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,8 +25,7 @@ def photons_per_irradiance(
     """
     area_m2 = camera.pixel.pitch_x_um * camera.pixel.pitch_y_um * 1e-12 * camera.pixel.fill_factor
     energy_j = photon_energy_j(np.asarray(wavelengths_nm, dtype=np.float64))
-    per_band = np.asarray(bandwidths_nm, dtype=np.float64) * area_m2 * exposure.time_s / energy_j
-    return np.asarray(per_band)
+    return np.asarray(np.asarray(bandwidths_nm, dtype=np.float64) * area_m2 * exposure.time_s / energy_j)
 
 
 def electrons_per_irradiance(camera: Camera, exposure: Exposure, bands: Bands) -> Float64Array:
@@ -56,8 +55,15 @@ def collect(
     check_types(camera, exposure)
     if isinstance(light, Photons):
         raise InputError("light is Photons already; pass it to expose(), or an irradiance to collect().")
-    if _is_render(light):
-        return _photons_of_render(light, camera, exposure)
+    if not isinstance(light, np.ndarray) and hasattr(light, "bandwidths_nm"):
+        light = cast(Irradiance, light)
+        if light.response not in (None, response_fingerprint(camera)):
+            why = "light was rendered into the channels of a camera with another quantum efficiency or lens"
+            remedy = "render it again for this one, or with spectral='cube', which can be used with any camera"
+            raise InputError(f"{why}; {remedy}.")
+        data = np.asarray(light.data, dtype=np.float64)
+        photons = _photons(data, light.wavelengths_nm, light.bandwidths_nm, camera, exposure)
+        return replace(photons, detected=light.filters is not None, origin=light.origin)
     values = _irradiance_values(light)
     if values.ndim == 2:
         centre = camera.quantum_efficiency.reference_nm if wavelengths_nm is None else wavelengths_nm
@@ -70,21 +76,6 @@ def collect(
     return _photons(values, centres, _widths(centres, bandwidths_nm), camera, exposure)
 
 
-def _is_render(light: object) -> TypeGuard[Irradiance]:
-    return not isinstance(light, np.ndarray) and hasattr(light, "bandwidths_nm")
-
-
-def _photons_of_render(light: Irradiance, camera: Camera, exposure: Exposure) -> Photons:
-    if light.response not in (None, response_fingerprint(camera)):
-        raise InputError(
-            "light was rendered into the channels of a camera with another quantum efficiency or lens; "
-            "render it again for this one, or with spectral='cube', which can be used with any camera."
-        )
-    data = np.asarray(light.data, dtype=np.float64)
-    photons = _photons(data, light.wavelengths_nm, light.bandwidths_nm, camera, exposure)
-    return replace(photons, detected=light.filters is not None, origin=light.origin)
-
-
 def _irradiance_values(light: object) -> Float64Array:
     """A map (H, W) or cube (H, W, B), checked; |U|² of a complex field U."""
     if getattr(light, "dtype", np.dtype(float)).kind == "c":
@@ -95,10 +86,8 @@ def _irradiance_values(light: object) -> Float64Array:
         raise InputError(f"light has shape {values.shape}; pass (H, W) in W/m², or (H, W, bands) in W/m²/nm.")
     bad = np.asarray(~(values >= 0))
     if bad.any():
-        first = tuple(int(i) for i in np.argwhere(bad)[0])
-        raise InputError(
-            f"light is negative or NaN in {int(bad.sum())} place(s), first at {first}; irradiance is 0 or more."
-        )
+        where = f"{int(bad.sum())} place(s), first at {tuple(np.argwhere(bad)[0].tolist())}"
+        raise InputError(f"light is negative or NaN in {where}; irradiance is 0 or more.")
     return values
 
 
@@ -135,17 +124,16 @@ def _photons(
 
 def _centres(wavelengths_nm: ArrayLike) -> Float64Array:
     """Band centres, checked."""
-    remedy = "nanometres, e.g. 550"
-    return np.array([require("wavelengths_nm", x, 1.0, 1e5, remedy) for x in np.ravel(wavelengths_nm).tolist()])
+    centres = np.ravel(wavelengths_nm).tolist()
+    return np.array([require("wavelengths_nm", x, 1.0, 1e5, "nanometres, e.g. 550") for x in centres])
 
 
 def _widths(centres: Float64Array, bandwidths_nm: ArrayLike | None) -> Float64Array:
     """The given widths, or the spacing of evenly spaced centres."""
     if bandwidths_nm is not None:
         if not isinstance(bandwidths_nm, str) and np.size(bandwidths_nm) not in (1, centres.size):
-            raise InputError(
-                f"bandwidths_nm has {np.size(bandwidths_nm)} widths for {centres.size} bands; pass one each."
-            )
+            given = np.size(bandwidths_nm)
+            raise InputError(f"bandwidths_nm has {given} widths for {centres.size} bands; pass one each.")
         widths = np.broadcast_to(numbers("bandwidths_nm", bandwidths_nm, "one width per band in nm"), centres.shape)
         if (wrong := widths[~((widths > 0) & np.isfinite(widths))]).size:
             raise InputError(f"bandwidths_nm is {wrong[0]:g}; every band needs a positive, finite width in nm.")

@@ -14,20 +14,12 @@ from __future__ import annotations
 
 import json
 import math
+from typing import Any
 
 from ..core import InputError
 from ..sensor.camera import Camera
 from .bands import BANDWIDTH_NM, choose_bands, response_film
-from .scene_settings import (
-    FILM,
-    PASSED_ON,
-    SENSOR,
-    Fields,
-    SceneSettings,
-    film_fields_of,
-    sensor_fields_of,
-    settings_from,
-)
+from .scene_settings import FILM, PASSED_ON, SENSOR, SceneSettings, film_fields_of, sensor_fields_of, settings_from
 from .variants import MitsubaObject, mitsuba
 
 
@@ -50,10 +42,8 @@ def built_in_sensor(settings: SceneSettings, camera: Camera, columns: int) -> tu
         raise InputError('a camera needs its focal length, e.g. <float name="focal_length_mm" value="25"/>.')
     focal_m, focus_m, unit_m = settings.focal_length_mm * 1e-3, settings.focus_distance_m, settings.unit_m or 1.0
     if focus_m is not None and focus_m <= focal_m:
-        far = f"more than the focal length, {focal_m:g} m"
-        raise InputError(
-            f"focus_distance_m is {focus_m:g}; it must be {far} (the distance of objects in focus, e.g. 2)."
-        )
+        far = f"more than the focal length, {focal_m:g} m (the distance of objects in focus, e.g. 2)"
+        raise InputError(f"focus_distance_m is {focus_m:g}; it must be {far}.")
     image_m = focal_m if focus_m is None else focal_m * focus_m / (focus_m - focal_m)
     half_width = columns * camera.pixel.pitch_x_um * 1e-6 / (2 * image_m)
     view: dict[str, float | str] = {"fov": 2 * math.degrees(math.atan(half_width)), "fov_axis": "x"}
@@ -65,26 +55,19 @@ def built_in_sensor(settings: SceneSettings, camera: Camera, columns: int) -> tu
 
 def _register(_before: str | None, _now: str | None) -> None:
     mi = mitsuba()
-    mi.register_film(FILM, _film)
+    mi.register_film(FILM, lambda props: _photosensor(film_fields_of(props), {}))
     mi.register_sensor(SENSOR, _sensor)
 
 
-def _film(props: MitsubaObject) -> MitsubaObject:
-    """<film type="photosensor"> → a specfilm with the bands of its camera."""
-    fields = film_fields_of(props)
-    return _photosensor(fields, settings_from(fields, {}))
-
-
-def _photosensor(fields: Fields, settings: SceneSettings) -> MitsubaObject:
-    """A specfilm with these parameters in its id."""
-    mi, camera = mitsuba(), settings.camera
+def _photosensor(fields: dict[str, Any], lens: dict[str, Any]) -> MitsubaObject:
+    """A specfilm with the bands of its camera, for the parameters of a film, which its id keeps, and of a sensor."""
+    mi, settings = mitsuba(), settings_from(fields, lens)
     if not mi.is_spectral:
         raise InputError("a photosensor needs a spectral variant; call mitsuba.set_variant('scalar_spectral') first.")
-    if camera is None:
+    if (camera := settings.camera) is None:
         raise InputError('a photosensor needs its camera, e.g. <string name="camera" value="konnik_table1"/>.')
-    bands = choose_bands(
-        camera, settings.wavelength_nm, settings.bandwidth_nm or BANDWIDTH_NM, settings.spectral or "auto"
-    )
+    width_nm = settings.bandwidth_nm or BANDWIDTH_NM
+    bands = choose_bands(camera, settings.wavelength_nm, width_nm, settings.spectral or "auto")
     full = {"width": camera.sensor.columns, "height": camera.sensor.rows}
     return response_film(bands.responses, {**full, **settings.size, "id": f"{FILM} {json.dumps(fields)}"})
 
@@ -96,11 +79,11 @@ def _sensor(props: MitsubaObject) -> MitsubaObject:
     film_name = next((name for name, value in nested.items() if isinstance(value, mi.Film)), None)
     if film_name is None or not nested[film_name].id().startswith(f"{FILM} "):
         raise InputError(f'a camera needs a <film type="{FILM}">: its pixels and the focal length determine the view.')
-    fields: Fields = json.loads(nested[film_name].id().removeprefix(f"{FILM} "))
+    fields = json.loads(nested[film_name].id().removeprefix(f"{FILM} "))
     settings = settings_from(fields, lens)
     assert settings.camera is not None  # a photosensor is not built without one
     kind, view = built_in_sensor(settings, settings.camera, nested[film_name].size()[0])
     if "transmission" in lens:  # it is part of the channels of the film
-        nested[film_name] = _photosensor(fields, settings)
+        nested[film_name] = _photosensor(fields, lens)
     passed = {name: props[name] for name in props if name in PASSED_ON}
     return mi.load_dict({"type": kind, "id": props.id(), **view, **passed, **nested})

@@ -7,7 +7,7 @@ Scalar variants trace them one by one, LLVM and CUDA variants all at once.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,11 +23,11 @@ CONVERGED_PX, LOST_PX = 1e-3, 0.1  # of project; float32 rays are accurate to 1e
 NO_SHAPE = -1
 
 
-@dataclass(frozen=True, eq=False)
-class SurfaceHits:
-    """The first surfaces that rays meet, glass and the shapes of emitters included.
+class SurfaceHits(NamedTuple):
+    """The first surfaces that N rays meet, glass and the shapes of emitters included.
 
     found : (N,) whether there is a surface.  position : (N, 3) in scene units, NaN without a surface.
+    points : (N, 4) positions in homogeneous coordinates; without a surface the direction, with a last component of 0.
     normal : (N, 3) shading normal as the surface has it (outwards; not turned to the camera).
     shape : (N,) index in the order of the scene file, −1 without a surface.
     albedo : (N, 3) diffuse reflectance, mean over 600–700, 500–600 and 400–500 nm; 0 for metals and clear glass.
@@ -35,6 +35,7 @@ class SurfaceHits:
 
     found: NDArray[np.bool_]
     position: Float64Array
+    points: Float64Array
     normal: Float64Array
     shape: NDArray[np.intp]
     albedo: Float64Array
@@ -42,12 +43,7 @@ class SurfaceHits:
 
 def camera_to_world(sensor: MitsubaObject) -> Float64Array:
     """4×4 from the camera's frame (x left, y up, z forward) to the world, at the sensor's present pose."""
-    return matrix4(mitsuba().traverse(sensor)["to_world"])
-
-
-def matrix4(transform: MitsubaObject) -> Float64Array:
-    """A Mitsuba transform as 4×4 float64."""
-    return np.array(transform.matrix, dtype=np.float64).reshape(4, 4)
+    return np.array(mitsuba().traverse(sensor)["to_world"].matrix, dtype=np.float64).reshape(4, 4)
 
 
 def pixel_rays(scene: Scene, pixels: Float64Array) -> tuple[Float64Array, Float64Array]:
@@ -69,30 +65,31 @@ def pixel_rays(scene: Scene, pixels: Float64Array) -> tuple[Float64Array, Float6
     return origins @ to_camera[:3, :3].T + to_camera[:3, 3], directions @ to_camera[:3, :3].T
 
 
-def intersect(scene: Scene, origins: Float64Array, directions: Float64Array, albedo: bool = True) -> SurfaceHits:
-    """First surfaces along rays in world space, (N, 3), at the scene's present pose; none for a direction of NaN.
-
-    albedo : False leaves it at 0.
-    """
-    mi, shapes = mitsuba(), list(scene.mitsuba_scene.shapes())
-    handle_of, index_of_handle = _shape_numbering(shapes)
+def first_hits(scene: Scene, camera: Float64Array, pixels: Float64Array, albedo: bool = False) -> SurfaceHits:
+    """First surfaces along the rays of pixels (N, 2), at the scene's present pose and with ``camera``, 4×4, as that of
+    the camera; none where the lens passes no light.  albedo : False leaves it at 0."""
+    mi, (origins, directions) = mitsuba(), pixel_rays(scene, pixels)
+    handle_of, index_of_handle = _shape_numbering(list(scene.mitsuba_scene.shapes()))
 
     def first_surface(*ray: Array) -> tuple[Array, ...]:
         hit = scene.mitsuba_scene.ray_intersect(mi.Ray3f(mi.Point3f(*ray[:3]), mi.Vector3f(*ray[3:])))
         colour = _albedo(hit) if albedo else (0.0, 0.0, 0.0)
         return hit.is_valid(), hit.p, hit.sh_frame.n, handle_of(hit), *colour
 
-    finite = np.asarray(np.isfinite(directions).all(axis=1))
-    rays = np.concatenate([origins, np.where(finite[:, None], directions, (0.0, 0.0, 1.0))], axis=1)
-    valid, position, normal, handles, *colour = _evaluate(first_surface, rays)
+    world = directions @ camera[:3, :3].T
+    unit = world / np.linalg.norm(world, axis=1, keepdims=True)
+    finite = np.asarray(np.isfinite(unit).all(axis=1))
+    starts, ahead = origins @ camera[:3, :3].T + camera[:3, 3], np.where(finite[:, None], unit, (0.0, 0.0, 1.0))
+    valid, position, normal, handles, *colour = _evaluate(first_surface, np.concatenate([starts, ahead], axis=1))
     found = valid.astype(bool).ravel() & finite
-    rgb = np.stack([np.broadcast_to(c.ravel(), found.shape) for c in colour], axis=-1)
+    rgb, at = np.stack([np.broadcast_to(c.ravel(), found.shape) for c in colour], axis=-1), found[:, None]
     return SurfaceHits(
         found,
-        np.where(found[:, None], position, np.nan),
-        np.where(found[:, None], normal, 0.0),
+        np.where(at, position, np.nan),
+        np.column_stack([np.where(at, position, world), found]),
+        np.where(at, normal, 0.0),
         np.where(found, index_of_handle[handles.ravel().astype(np.intp)], NO_SHAPE),
-        np.where(found[:, None], rgb, 0.0),
+        np.where(at, rgb, 0.0),
     )
 
 
@@ -100,8 +97,7 @@ def project(scene: Scene, points: Float64Array, guess: Float64Array) -> Float64A
     """Positions on the film (N, 2) [pixels] of points in the camera's frame; NaN where a point is not imaged.
 
     points : (N, 4) homogeneous; a last component of 0 is a direction, infinitely far.  guess : (N, 2) first estimate.
-    Newton's method on the sensor's own rays (one step for a pinhole or thin lens, whose film is flat): the ray through
-    the answer passes through the point.
+    Newton's method on the sensor's own rays; one step for a pinhole or thin lens, whose film is flat.
     """
     pixels, ahead = np.array(guess, dtype=float), points[:, 2] > 0
     pixels[~ahead] = np.nan
@@ -111,21 +107,17 @@ def project(scene: Scene, points: Float64Array, guess: Float64Array) -> Float64A
             break
         miss = _miss(scene, points[rest], pixels[rest])
         if slope is None:
-            slope = _inverse(*(_miss(scene, points[rest], pixels[rest] + side) - miss for side in np.eye(2)))
+            x, y = (_miss(scene, points[rest], pixels[rest] + side) - miss for side in np.eye(2))
+            with np.errstate(divide="ignore", invalid="ignore"):  # not finite where there is no inverse
+                scale = 1 / (x[:, 0] * y[:, 1] - y[:, 0] * x[:, 1])
+                inverse = np.array([[y[:, 1], -y[:, 0]], [-x[:, 1], x[:, 0]]]).transpose(2, 0, 1)
+                slope = inverse * scale[:, None, None]
         step = np.einsum("nij,nj->ni", slope, miss)
         pixels[rest] -= step
         far = np.asarray(np.abs(step).max(axis=1) > CONVERGED_PX)
         rest, slope, step = rest[far], slope[far], step[far]
     pixels[rest[np.abs(step).max(axis=1, initial=0) > LOST_PX]] = np.nan
     return pixels
-
-
-def _inverse(x: Float64Array, y: Float64Array) -> Float64Array:
-    """(N, 2, 2) inverses of the matrices with these columns, (N, 2); not finite where there is none."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        scale = 1 / (x[:, 0] * y[:, 1] - y[:, 0] * x[:, 1])
-        inverse: Float64Array = np.array([[y[:, 1], -y[:, 0]], [-x[:, 1], x[:, 0]]]).transpose(2, 0, 1)
-        return inverse * scale[:, None, None]
 
 
 def _miss(scene: Scene, points: Float64Array, pixels: Float64Array) -> Float64Array:
@@ -150,10 +142,7 @@ def _evaluate(function: Callable[..., tuple[Array, ...]], inputs: Float64Array) 
 
 
 def _shape_numbering(shapes: list[MitsubaObject]) -> tuple[Callable[[MitsubaObject], Array], NDArray[np.intp]]:
-    """A function from an intersection to the handle of its shape, and the index in the scene of each handle.
-
-    Of an instance the instance counts, not the shape inside it. Handle 0 is no shape.
-    """
+    """The handle of an intersection's shape, or of its instance; the index in the scene of each handle, 0 for none."""
     mi = mitsuba()
     if mi.variant().startswith("scalar"):
         handles = {shape: k + 1 for k, shape in enumerate(shapes)}
@@ -171,10 +160,8 @@ def _shape_numbering(shapes: list[MitsubaObject]) -> tuple[Callable[[MitsubaObje
 
 
 def _albedo(hit: MitsubaObject) -> tuple[Array, ...]:
-    """Diffuse reflectance in three bands: each the mean of the centres of its four quarters, under equal energy.
-
-    Only of materials with a diffuse part: of others Mitsuba would give the value of the lobe, which may be far above 1.
-    """
+    """Diffuse reflectance in three bands, each the mean of the centres of its four quarters; 0 without a diffuse part,
+    where Mitsuba would give the value of the lobe, which may be far above 1."""
     mi, valid = mitsuba(), hit.is_valid()
     if valid is False:  # a scalar ray without a surface, which has no material
         return (0.0, 0.0, 0.0)

@@ -1,8 +1,8 @@
 """Renders a loaded scene in passes, until a stop criterion is met, into mean and variance per pixel and band.
 
 Every pass has a hashed seed. Passes are combined in float64, because Mitsuba's film accumulates in float32, which loses
-1e-8 per sample; the spread of the passes gives the variance of the result. Large films are cut into strips of rows, so
-that no pass has more than a few million samples in memory.
+1e-8 per sample; their spread gives the variance of the result. Large films are cut into strips of rows, so that no pass
+has more than a few million samples in memory.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class RowStrip:
 
 
 class ProgressMeter:
-    """Times a render, forecasts its end, and reports to ``progress``."""
+    """Times a render of some strips of rows, forecasts its end, and reports to ``progress``."""
 
     def __init__(self, progress: Progress) -> None:
         self._progress, self._started = progress, time.monotonic()
@@ -62,33 +62,29 @@ class ProgressMeter:
         """Passes of so many strips start now."""
         self._strips, self._began = strips, time.monotonic()
 
-    @property
-    def seconds(self) -> float:
-        """Since the render started."""
-        return time.monotonic() - self._started
-
-    def per_pass(self, passes: int) -> float:
-        """Seconds per pass since :meth:`begin`."""
-        return (time.monotonic() - self._began) / max(passes, 1)
+    def times(self, passes: int) -> tuple[float, float]:
+        """Seconds since the render started, and per pass since :meth:`begin`."""
+        now = time.monotonic()
+        return now - self._started, (now - self._began) / max(passes, 1)
 
     def forecast(self, budget: StopCriterion, passes: int, value: float) -> None:
         """So many passes are done, and the criterion has this value."""
-        per_pass = self.per_pass(passes)
-        self._expected = budget.expected(passes, value, self.seconds, per_pass)
+        seconds, per_pass = self.times(passes)
+        self._expected = budget.expected(passes, value, seconds, per_pass)
         self._value, self._left_s = value, (self._expected - passes) * per_pass if passes else np.nan
         self.report(passes * self._strips)
 
     def report(self, strips: int) -> None:
         """So many strips of all passes are done."""
-        self._progress(RenderProgress(strips, self._expected * self._strips, self._value, self.seconds, self._left_s))
+        (seconds, _), expected = self.times(1), self._expected * self._strips
+        self._progress(RenderProgress(strips, expected, self._value, seconds, self._left_s))
 
 
 class Renderer:
     """Renders one scene for one camera, exposure and set of bands.
 
     passes, samples, groups : of the last render; samples per pixel, pass and group of bands.
-    negative, non_finite : its values that were set to 0 (+inf is kept: it saturates its pixel).
-    halves : whether to keep two half-sets of the passes.
+    negative, non_finite : its values that were set to 0.  halves : whether to keep two half-sets of the passes.
     """
 
     def __init__(
@@ -104,10 +100,8 @@ class Renderer:
         self.negative = self.non_finite = self.passes = self.samples = 0
 
     def run(self, seed: int, budget: StopCriterion, progress: Progress, criterion: Criterion | None = None) -> End:
-        """Render until ``budget`` is used up or its goal is met; returns which.
-
-        criterion : function of :meth:`noise_estimate` that the goal is for; by default the median noise ratio.
-        """
+        """Render until ``budget`` is used up or its goal is met; returns which. criterion : function of
+        :meth:`noise_estimate` that the goal is for; by default the median noise ratio."""
         measure, meter = criterion or self.median_ratio, ProgressMeter(progress)
         self.groups = self.bands.groups if budget.grouped else (slice(0, len(self.bands)),)
         self._begin(budget.samples, meter)
@@ -117,10 +111,10 @@ class Renderer:
             value = measure(*self.noise_estimate())
             meter.forecast(budget, self.passes, value)
             if budget.sized:
-                if end := budget.finished(self.passes, value, meter.seconds, meter.per_pass(self.passes)):
+                if end := budget.finished(self.passes, value, *meter.times(self.passes)):
                     return end
                 continue
-            budget = budget.sized_by(value, meter.seconds)
+            budget = budget.sized_by(value, meter.times(1)[0])
             if budget.samples != self.samples:  # passes of different sizes cannot be combined: start again
                 self._begin(budget.samples, meter)
 
@@ -135,29 +129,26 @@ class Renderer:
     def _pass(self, seed: int, meter: ProgressMeter) -> None:
         """One pass of all strips."""
         for s, strip in enumerate(self.strips):
-            self._render(strip, hashed_seed(seed, s, self.passes))
-            if s + 1 < len(self.strips):
-                meter.report(self.passes * len(self.strips) + s + 1)
+            if s:
+                meter.report(self.passes * len(self.strips) + s)
+            rows = strip.rows
+            radiance = clean(self._radiance(hashed_seed(seed, s, self.passes), (rows.start, rows.stop)))
+            self.negative += radiance.negative
+            self.non_finite += radiance.non_finite
+            if radiance.infinite is not None:
+                strip.infinite |= radiance.infinite.any(axis=-1)
+            irradiance = radiance.values
+            irradiance *= self._solid_angle[rows, :, None] * self._scale
+            per_filter = irradiance @ self._weights.T
+            electrons = np.take_along_axis(per_filter, self._filters[rows, :, None], axis=-1)[..., 0]
+            strip.add(irradiance, electrons)
         self.passes += 1
-
-    def _render(self, strip: RowStrip, seed: int) -> None:
-        """One pass of one strip."""
-        radiance = clean(self._radiance(seed, (strip.rows.start, strip.rows.stop)))
-        self.negative += radiance.negative
-        self.non_finite += radiance.non_finite
-        if radiance.infinite is not None:
-            strip.infinite |= radiance.infinite.any(axis=-1)
-        irradiance = radiance.values
-        irradiance *= self._solid_angle[strip.rows, :, None] * self._scale
-        per_filter = irradiance @ self._weights.T
-        electrons = np.take_along_axis(per_filter, self._filters[strip.rows, :, None], axis=-1)[..., 0]
-        strip.add(irradiance, electrons)
 
     def _radiance(self, seed: int, rows: tuple[int, int]) -> NDArray[np.float32]:
         """One pass of some rows, the groups of bands one after the other, (rows, columns, bands)."""
         if len(self.groups) == 1:
             if self.bands.kind == "cube":
-                self.scene.restrict_wavelengths(self.bands.low_nm, self.bands.high_nm)
+                self.scene.restrict_wavelengths(*self.bands.ends_nm)
             return np.asarray(self.scene.render(seed, self.samples, rows))
         parts = []
         for number, group in enumerate(self.groups):
@@ -172,8 +163,8 @@ class Renderer:
 
     def electrons(self) -> tuple[Float64Array, Float64Array]:
         """Mean photoelectrons of one exposure, and the variance of that mean, (H, W) each."""
-        mean = np.concatenate([strip.electrons.mean for strip in self.strips])
-        return mean, np.concatenate([strip.electrons.variance_of_mean for strip in self.strips])
+        parts = [strip.electrons for strip in self.strips]
+        return np.concatenate([e.mean for e in parts]), np.concatenate([e.variance_of_mean for e in parts])
 
     def noise_ratios(self) -> Float64Array:
         """Render variance over sensor variance of every pixel, (H, W); infinite where the irradiance is."""
@@ -182,17 +173,12 @@ class Renderer:
 
     def firefly_fraction(self) -> float:
         """See :func:`statistics.RenderStatistics.firefly_fraction`."""
-        brightest = np.concatenate([strip.brightest for strip in self.strips])
-        sums = (s.electrons.mean * s.electrons.count for s in self.strips)
-        total = np.concatenate([np.where(s.infinite, np.inf, e) for s, e in zip(self.strips, sums, strict=True)])
-        return firefly_fraction(brightest, total)
+        totals = [np.where(s.infinite, np.inf, s.electrons.mean * s.electrons.count) for s in self.strips]
+        return firefly_fraction(np.concatenate([s.brightest for s in self.strips]), np.concatenate(totals))
 
     def noise_estimate(self) -> tuple[Map, Map, int]:
-        """Mean photoelectrons, the variance of that mean, (H, W) each, and the degrees of freedom of the variance.
-
-        A single pass has no spread; its variance is estimated by half the squared difference of two neighbours behind
-        the same filter, which is correct where the image is smooth.
-        """
+        """Mean photoelectrons, the variance of that mean, (H, W) each, and its degrees of freedom. That of a single
+        pass is half the squared difference of neighbours behind one filter, correct where the image is smooth."""
         mean, variance = self.electrons()
         if self.passes > 1 or mean.shape[1] <= self._tile_columns:
             return mean, variance, max(self.passes - 1, 1)
@@ -205,29 +191,23 @@ class Renderer:
         return float(np.median(ratio)) * median_bias(freedom + 1) if ratio.size else 0.0
 
     def result(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
-        """Mean and standard error per band, (H, W, B), and relative standard error of the electrons, (H, W).
-
-        A pixel with an infinite band is infinite in all. Strips are freed as they are copied, to save memory.
-        """
+        """Mean and standard error per band, (H, W, B), and relative standard error of the electrons, (H, W). A pixel
+        with an infinite band is infinite in all. Strips are freed as they are copied, to save memory."""
         columns, rows = self.scene.view.crop_size
         data = np.empty((rows, columns, len(self.bands)), np.float32)
         error, relative = np.empty_like(data), np.empty((rows, columns), np.float32)
         for strip in self.strips:
             infinite = strip.infinite
-            data[strip.rows], error[strip.rows] = strip.bands.mean, strip.bands.standard_error
+            data[strip.rows], error[strip.rows] = strip.bands.mean, np.sqrt(strip.bands.variance_of_mean)
             data[strip.rows][infinite] = error[strip.rows][infinite] = np.inf
             positive = np.maximum(strip.electrons.mean, np.finfo(float).tiny)
-            relative[strip.rows] = np.where(infinite, np.inf, strip.electrons.standard_error / positive)
+            relative[strip.rows] = np.where(infinite, np.inf, np.sqrt(strip.electrons.variance_of_mean) / positive)
             strip.bands = Welford((0,))
         return data, error, relative
 
     def halves(self) -> tuple[Float64Array, Float64Array]:
         """Means of the even and of the odd passes, (H, W, B) each: two independent renders of half the samples."""
-        even, odd = [], []
-        for strip in self.strips:
-            assert strip.even is not None  # halves=True
-            first = (strip.bands.count + 1) // 2
-            total = strip.bands.mean * strip.bands.count
-            even.append(strip.even / first)
-            odd.append((total - strip.even) / (strip.bands.count - first))
-        return np.concatenate(even), np.concatenate(odd)
+        first = (self.passes + 1) // 2
+        even = np.concatenate([strip.even for strip in self.strips if strip.even is not None])  # halves=True
+        total = np.concatenate([strip.bands.mean * self.passes for strip in self.strips])
+        return even / first, (total - even) / (self.passes - first)

@@ -1,8 +1,9 @@
-"""Requirements: which options of the renderer a scene and camera need, measured on a render of them."""
+"""Requirements: which options a scene and camera need, measured on a render; a scene without some of its features."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -10,7 +11,16 @@ from ..core import Exposure, Float64Array
 from ..optics.f_number_law import transmittance
 from ..sensor.camera import Camera
 from .irradiance import Irradiance
+from .lint import WRAPPERS
 from .photons import photons_per_irradiance
+from .prepared import PreparedRender
+from .renderer import Renderer
+from .scene_file import SceneFile
+from .variants import mitsuba
+
+WITH_DEPTH = ("path", "volpath", "volpathmis")  # integrators of Mitsuba whose ``max_depth`` cuts off indirect light
+PASSED = ("max_depth", "hide_emitters")  # what an integrator without indirect light takes from the scene's own
+STOPPED_DOWN = 1e-6  # of the scene's aperture: what is left of it. Mitsuba refuses an aperture of 0
 
 
 @dataclass(frozen=True)
@@ -26,14 +36,10 @@ class RenderRequirement:
 def render_requirements(
     light: Irradiance, camera: Camera, exposure: Exposure, k_dn_per_e: float, tolerance_dn: float
 ) -> tuple[RenderRequirement, ...]:
-    """Whether bands, depth of field and AOVs are needed.
-
-    light : a render of the scene, at any quality.  k_dn_per_e : the camera's overall gain.
-    """
-    if light.filters:
-        why = "the render contains the channels of this camera's filters, and no bands"
-        bands = RenderRequirement("colour channels", True, None, why)
-    else:
+    """Whether bands, depth of field and AOVs are needed, by a render of any quality and the overall system gain K."""
+    why = "the render contains the channels of this camera's filters, and no bands"
+    bands = RenderRequirement("colour channels", True, None, why)
+    if not light.filters:
         bands = _bands(light, camera, exposure, k_dn_per_e, tolerance_dn)
     if (number := light.statistics.aperture_f_number) is None:
         why = "the scene's camera is a pinhole, which samples no lens"
@@ -48,8 +54,7 @@ def _bands(
     light: Irradiance, camera: Camera, exposure: Exposure, k_dn_per_e: float, tolerance_dn: float
 ) -> RenderRequirement:
     """The fewest equal groups of bands that change no pixel's mean signal by more than the tolerance."""
-    count = len(light.wavelengths_nm)
-    full = camera.pixel.full_well_e
+    count, full = len(light.wavelengths_nm), camera.pixel.full_well_e
     reference = np.minimum(grouped_electrons(light, camera, exposure, 1), full)
     change = 0.0
     for size in (s for s in range(count, 1, -1) if count % s == 0):
@@ -58,26 +63,52 @@ def _bands(
         if change <= tolerance_dn:
             reason = f"{count // size} are enough: --bandwidth-nm {float(np.sum(light.bandwidths_nm[:size])):g}"
             return RenderRequirement(f"{count} bands", False, change, reason)
-    return RenderRequirement(
-        f"{count} bands", True, change, "fewer bands would change the image by more than the tolerance"
-    )
+    why = "fewer bands would change the image by more than the tolerance"
+    return RenderRequirement(f"{count} bands", True, change, why)
 
 
 def grouped_electrons(light: Irradiance, camera: Camera, exposure: Exposure, size: int) -> Float64Array:
-    """Mean photoelectrons of every pixel with ``size`` neighbouring bands merged into one, (H, W).
-
-    The lens's transmission is that at the centre of the merged band, as in a render with such bands.
-    """
+    """Mean photoelectrons of every pixel with ``size`` neighbouring bands merged into one, (H, W), and the lens's
+    transmission at the centre of the merged band, as in a render with such bands."""
     widths = np.asarray(light.bandwidths_nm, dtype=np.float64)
     starts = np.arange(0, len(widths), size)
     grouped = np.add.reduceat(widths, starts)
     centres = np.add.reduceat(light.wavelengths_nm * widths, starts) / grouped
     transmission = transmittance(camera, light.wavelengths_nm)
-    safe = np.where(transmission > 0, transmission, 1.0)
-    before_lens = np.where(transmission > 0, light.data / safe, 0.0)
+    before_lens = np.where(transmission > 0, light.data / np.where(transmission > 0, transmission, 1.0), 0.0)
     finite = np.where(np.isfinite(before_lens), before_lens, 0.0)
     data = np.add.reduceat(finite * widths, starts, axis=2) / grouped
-    per_irradiance = photons_per_irradiance(camera, exposure, centres, grouped) * camera.qe(centres)
-    per_irradiance = per_irradiance * transmittance(camera, centres)
+    photons = photons_per_irradiance(camera, exposure, centres, grouped)
+    per_irradiance = photons * camera.qe(centres) * transmittance(camera, centres)
     filters = camera.filter_index((data.shape[0], data.shape[1]), light.origin)
     return np.asarray(np.einsum("hwb,hwb->hw", data, per_irradiance[filters]))
+
+
+def without_depth_of_field(loaded: PreparedRender) -> PreparedRender:
+    """The same, its thin lens stopped down to a point; the scene that was loaded is changed."""
+    parameters = mitsuba().traverse(loaded.at_rest.sensor)
+    parameters["aperture_radius"] = parameters["aperture_radius"] * STOPPED_DOWN
+    parameters.update()
+    return loaded
+
+
+def without_indirect_light(loaded: PreparedRender) -> PreparedRender:
+    """The same with the integrator of :func:`direct_integrator`, which must not be None."""
+    scene = replace(loaded.at_rest, integrator=mitsuba().load_dict(direct_integrator(loaded.parsed.file)))
+    return replace(loaded, scene=scene, renderer=Renderer(scene, loaded.camera, loaded.exposure, loaded.bands))
+
+
+def direct_integrator(scene: SceneFile) -> dict[str, Any] | None:
+    """The scene's integrator without indirect light, in Mitsuba's terms; None where it has no more to lose."""
+    name, given = "path", dict[str, Any]()
+    for _, node in scene.children(scene.root, "Integrator"):
+        nested: list[Any] = [node]
+        while nested:
+            node, name = nested[0], nested[0].props.plugin_name()
+            given = {key: node.props[key] for key in node.props if key in PASSED}
+            nested = [one for _, one in scene.children(node.props, "Integrator")] if name in WRAPPERS else []
+    if name in WRAPPERS:
+        name, given = "path", {}
+    if name not in WITH_DEPTH or 0 <= given.get("max_depth", -1) <= 2:
+        return None
+    return {"type": name, **given, "max_depth": 2}

@@ -1,7 +1,7 @@
 """Loads any Mitsuba 3 scene file and replaces its film by one of spectral bands.
 
-Film and sampler of the first sensor are replaced after parsing and before building, so that any scene (rgb, any film,
-any filter) renders as spectral irradiance. Nothing else is changed, and notes say what was replaced.
+Film and sampler of the first sensor are replaced between parsing and building, so that any scene (rgb, any film or
+filter) renders as spectral irradiance. Nothing else is changed, and notes say what was replaced.
 """
 
 from __future__ import annotations
@@ -23,8 +23,7 @@ from .lint import WRAPPERS, Finding, lint, lint_built, most_serious_first
 from .passes import SAMPLER
 from .plugins import built_in_sensor
 from .scene_file import SceneFile, as_input_error, parse_scene, plain_message
-from .scene_settings import FILM, SENSOR, SENSOR_FIELDS, SIZE, SceneSettings, settings_of, unit_m
-from .scene_spectra import SceneSpectra
+from .scene_settings import FILM, SENSOR, SIZE, SceneSettings, sensor_fields_of, settings_of
 from .variants import MitsubaObject, mitsuba
 
 SENSORS = ("perspective", "thinlens", "orthographic", SENSOR)
@@ -34,11 +33,10 @@ WIDTH, HEIGHT = 768, 576  # default of Mitsuba's films
 UNSUITABLE = {
     "depth": "computes no radiance; use 'path'",
     "ptracer": "starts its paths at the emitters and cannot write spectral bands; use 'path'",
-    "circular": "acts on polarised light, which is not simulated; leave it out",
-    "polarizer": "acts on polarised light, which is not simulated; leave it out",
-    "retarder": "acts on polarised light, which is not simulated; leave it out",
     "measured_polarized": "acts on polarised light, which is not simulated; use 'measured'",
-}
+} | dict.fromkeys(
+    ("circular", "polarizer", "retarder"), "acts on polarised light, which is not simulated; leave it out"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,26 +84,22 @@ def load_scene(
     width: int | None = None,
     sampler: str = SAMPLER,
 ) -> Scene:
-    """Load ``path`` with a film of these channels; the variant must be set.
+    """Load ``path`` with a film of these bands; the variant must be set. Raises InputError.
 
-    bands : spectral responses of its channels.  parameters : values for the scene's ``<default>`` names.
+    parameters, scene_unit, width : as for :func:`render`.  sampler : Mitsuba plugin that samples the light paths.
     camera : whose lens is used; by default the one that the scene file names, if any.
-    scene_unit : "m", "mm", … or metres per unit; by default that of the scene file, else metres.
-    width : the same view in so many columns of pixels, and rows in proportion; by default that of the scene file.
-    sampler : Mitsuba plugin that samples the light paths.
-    Raises InputError, one sentence, for anything wrong with the file.
     """
-    scene = path.copy() if isinstance(path, SceneFile) else parse_scene(path, parameters)
+    scene = path if isinstance(path, SceneFile) else parse_scene(path, parameters)
+    scene = replace(scene, state=mitsuba().parser.ParserState(scene.state))  # a copy, which is changed
     _refuse_unsuitable(scene)
     settings = settings_of(scene)
-    camera, metres = camera or settings.camera, _unit(settings, scene_unit)
-    findings, dark = _findings(scene, bands, metres)
+    camera, metres = camera or settings.camera, settings.metres(scene_unit)
+    findings, dark = lint(scene, bands.ends_nm, metres)
     if dark:
         why = f"{findings[0].what}; give it an emitter with a spectrum there"
         raise InputError(f"scene {scene.path.name!r} has no light in the bands: {why}.")
     _replace_camera(scene, replace(settings, unit_m=metres), camera)
     _replace_film(scene, bands, film_size(scene, camera, width), sampler)
-    _unwrap_integrator(scene)
     built = scene.build()
     if not built.emitters():
         raise InputError(f'scene {scene.path.name!r} has no light; add an emitter, e.g. <emitter type="constant"/>.')
@@ -123,58 +117,38 @@ def inspect_scene(
     parameters: Mapping[str, object],
     scene_unit: str | float | None = None,
 ) -> tuple[Finding, ...]:
-    """Findings about a scene for ``camera``, without rendering; the variant must be set.
-
-    The scene is built too, so that a missing mesh is an InputError here and not later.
-    """
+    """Findings about a scene for ``camera``, without rendering; the variant must be set. The scene is built too, so
+    that a missing mesh is an InputError here and not later."""
     bands = box_bands(camera, np.array(camera.band_nm, dtype=float))
     scene = path if isinstance(path, SceneFile) else parse_scene(path, parameters)
-    findings, dark = _findings(scene, bands, _unit(settings_of(scene), scene_unit))
+    findings, dark = lint(scene, bands.ends_nm, settings_of(scene).metres(scene_unit))
     return tuple(findings) if dark else load_scene(scene, bands, parameters, camera, scene_unit).findings
-
-
-def _findings(scene: SceneFile, bands: Bands, metres: float | None) -> tuple[list[Finding], bool]:
-    """What lint finds before building, and whether the scene has no light in the bands."""
-    spectra = SceneSpectra(scene.state)
-    findings = lint(scene, spectra, bands.low_nm, bands.high_nm, metres)
-    return findings, bool(spectra.lights) and not spectra.has_light(bands.low_nm, bands.high_nm)
-
-
-def _unit(settings: SceneSettings, scene_unit: str | float | None) -> float | None:
-    return settings.unit_m if scene_unit is None else unit_m(scene_unit)
 
 
 def _refuse_unsuitable(scene: SceneFile) -> None:
     """InputError for a sensor, integrator or material that cannot be rendered into spectral bands."""
-    mi, sensor = mitsuba(), scene.sensor()
-    kind = sensor.props.plugin_name()
-    if kind not in SENSORS:
+    if (kind := scene.sensor().props.plugin_name()) not in SENSORS:
         many = ", ".join(SENSORS)
         raise InputError(f"scene {scene.path.name!r} has a sensor of type {kind!r}; it must be one of {many}.")
-    for node in scene.state.nodes:
-        kind = node.props.plugin_name()
-        if node.type in (mi.ObjectType.Integrator, mi.ObjectType.BSDF) and kind in UNSUITABLE:
-            what = f"scene {scene.path.name!r}, {scene.where(node)}: {kind!r}"
-            raise InputError(f"{what} {UNSUITABLE[kind]}.")
+    for node in scene.nodes("Integrator", "BSDF"):
+        if (kind := node.props.plugin_name()) in UNSUITABLE:
+            raise InputError(f"scene {scene.path.name!r}, {scene.where(node)}: {kind!r} {UNSUITABLE[kind]}.")
 
 
 def _replace_camera(scene: SceneFile, settings: SceneSettings, camera: Camera | None) -> None:
     """Replace a <sensor type="camera"> by Mitsuba's perspective or thinlens."""
-    node, film = scene.sensor(), scene.film()
+    node = scene.sensor()
     if node.props.plugin_name() != SENSOR:
         return
     where = f"scene {scene.path.name!r}, {scene.where(node)}"
     if camera is None:
         raise InputError(f'{where}: a camera needs a <film type="{FILM}"> that names it, or --camera.')
-    default = camera.sensor.columns if film and film.props.plugin_name() == FILM else WIDTH
-    width = film.props["width"] if film and "width" in film.props else default
     try:
-        kind, view = built_in_sensor(settings, camera, width)
+        kind, view = built_in_sensor(settings, camera, film_size(scene, camera, None).get("width", WIDTH))
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
-    for name in SENSOR_FIELDS:
-        if name in node.props:
-            del node.props[name]
+    for name in sensor_fields_of(node.props):
+        del node.props[name]
     node.props.set_plugin_name(kind)
     for name, value in view.items():
         node.props[name] = value
@@ -190,40 +164,31 @@ def film_size(scene: SceneFile, camera: Camera | None, width: int | None) -> dic
     if width is None:
         return size
     full = size.get("width", WIDTH)
-    if isinstance(width, bool) or not hasattr(width, "__index__") or not 1 <= width <= full:
+    if not 1 <= width <= full:
         raise InputError(f"width is {width!r}; it must be a whole number from 1 to the film's own {full}.")
     whole = {"width": full, "height": size.get("height", HEIGHT), **size}
     return {k: max(round(v * width / full), 0 if "offset" in k else 1) for k, v in whole.items()}
 
 
 def _replace_film(scene: SceneFile, bands: Bands, size: dict[str, int], sampler: str) -> None:
-    """Replace film and sampler of the first sensor; remove the other sensors."""
+    """Replace film and sampler of the first sensor; remove other sensors; unwrap integrators that add channels."""
     mi, node = mitsuba(), scene.sensor()
-    for name, child in list(scene.children(node.props)):
-        if child.type in (mi.ObjectType.Film, mi.ObjectType.Sampler):
-            del node.props[name]
+    for name, _ in scene.children(node.props, "Film", "Sampler"):
+        del node.props[name]
     with as_input_error(scene.path):
         node.props["film"] = response_film(bands.responses, {**size, "id": FILM_ID})
     node.props["sampler"] = mi.load_dict({"type": sampler})
-    for name, child in list(scene.children(scene.root)):
-        if child.type == mi.ObjectType.Sensor and child != node:
+    for name, child in scene.children(scene.root, "Sensor"):
+        if child != node:
             del scene.root[name]
-
-
-def _unwrap_integrator(scene: SceneFile) -> None:
-    """Replace an integrator that adds channels by the one inside it."""
-    mi = mitsuba()
-    for name, node in list(scene.children(scene.root)):
-        if node.type == mi.ObjectType.Integrator and node.props.plugin_name() in WRAPPERS:
-            inner = [node.props[key] for key, child in scene.children(node.props) if child.type == node.type]
+    for name, child in scene.children(scene.root, "Integrator"):
+        if child.props.plugin_name() in WRAPPERS:
+            inner = [child.props[key] for key, _ in scene.children(child.props, "Integrator")]
             scene.root[name] = inner[0] if inner else mi.load_dict({"type": "path"})
 
 
 def _view(sensor: MitsubaObject, metres: float) -> View:
-    """The view of a built sensor; Mitsuba has already converted fov_axis or focal_length into x_fov.
-
-    metres : per scene unit.
-    """
+    """The view of a built sensor, whose fov_axis or focal_length Mitsuba has converted into x_fov; metres per unit."""
     parameters, film = mitsuba().traverse(sensor), sensor.film()
 
     def value(name: str, default: float) -> float:  # Dr.Jit scalars are arrays of one
@@ -234,7 +199,6 @@ def _view(sensor: MitsubaObject, metres: float) -> View:
 
     if 0 in pair(film.crop_size()):
         raise InputError(f"the film has {film.crop_size()[0]} × {film.crop_size()[1]} pixels; it needs at least 1 × 1.")
-
     return View(
         size=pair(film.size()),
         crop_size=pair(film.crop_size()),

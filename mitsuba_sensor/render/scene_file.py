@@ -8,28 +8,23 @@ import json
 import os
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from ..core import InputError, nearest
 from .variants import MitsubaObject, mitsuba
 
-# Example for the message about a scene without sensor.
 EXAMPLE_SENSOR = (
     '<sensor type="perspective"><float name="fov" value="40"/><transform name="to_world">'
     '<lookat origin="0, 1, 4" target="0, 1, 0" up="0, 1, 0"/></transform></sensor>'
 )
-# Integrators in Python, which exist in llvm and cuda variants only.
-DIFFERENTIABLE = ("prb", "prb_basic", "prb_projective", "prbvolpath", "direct_projective")
+DIFFERENTIABLE = ("prb", "prb_basic", "prb_projective", "prbvolpath", "direct_projective")  # not in scalar variants
 OWN_PLUGINS = ("camera", "photosensor")
 
 
 @dataclass(frozen=True, eq=False)
 class SceneFile:
-    """A parsed scene.
-
-    state : Mitsuba's parser state; nodes[0] is the scene.  values : of its ``<default>`` names, as given.
-    """
+    """A parsed scene: Mitsuba's parser state, whose nodes[0] is the scene, and values for its ``<default>`` names."""
 
     path: Path
     config: MitsubaObject
@@ -41,11 +36,18 @@ class SceneFile:
         """The properties of the scene itself."""
         return self.state.nodes[0].props
 
-    def children(self, props: MitsubaObject) -> Iterator[tuple[str, MitsubaObject]]:
-        """(name, node) of the objects nested in a node."""
-        for name in list(props.keys()):
-            if props.type(name) == mitsuba().Properties.Type.ResolvedReference:
-                yield name, self.state.nodes[props[name].index()]
+    def children(self, props: MitsubaObject, *kinds: str) -> list[tuple[str, MitsubaObject]]:
+        """(name, node) of the objects nested in a node; of these types only, where any are named."""
+        mi, nodes = mitsuba(), self.state.nodes
+        types = [getattr(mi.ObjectType, kind) for kind in kinds]
+        names = (name for name in props if props.type(name) == mi.Properties.Type.ResolvedReference)
+        found = [(name, nodes[props[name].index()]) for name in names]
+        return [(name, node) for name, node in found if not kinds or node.type in types]
+
+    def nodes(self, *kinds: str) -> list[MitsubaObject]:
+        """All nodes of these types."""
+        types = [getattr(mitsuba().ObjectType, kind) for kind in kinds]
+        return [node for node in self.state.nodes if node.type in types]
 
     def where(self, node: MitsubaObject) -> str:
         """``line 12``, with the name of the file if it is an included one."""
@@ -57,15 +59,13 @@ class SceneFile:
 
     def sensor(self) -> MitsubaObject:
         """The node of the scene's first sensor; raises InputError if there is none."""
-        sensors = [node for _, node in self.children(self.root) if node.type == mitsuba().ObjectType.Sensor]
-        if not sensors:
-            raise InputError(f"scene {self.path.name!r} has no sensor; add one, e.g. {EXAMPLE_SENSOR}.")
-        return sensors[0]
+        for _, sensor in self.children(self.root, "Sensor"):
+            return sensor
+        raise InputError(f"scene {self.path.name!r} has no sensor; add one, e.g. {EXAMPLE_SENSOR}.")
 
     def film(self) -> MitsubaObject:
         """The node of that sensor's film; None where it has Mitsuba's default."""
-        nested = (node for _, node in self.children(self.sensor().props))
-        return next((node for node in nested if node.type == mitsuba().ObjectType.Film), None)
+        return next((node for _, node in self.children(self.sensor().props, "Film")), None)
 
     def digest(self) -> str:
         """SHA-256 over the parameters, the scene file and its includes; not over meshes and textures."""
@@ -73,10 +73,6 @@ class SceneFile:
         for file in self.state.files:
             digest.update(Path(str(file)).read_bytes())
         return digest.hexdigest()
-
-    def copy(self) -> SceneFile:
-        """The same, to be changed while this one stays."""
-        return replace(self, state=mitsuba().parser.ParserState(self.state))
 
     def build(self) -> MitsubaObject:
         """The scene itself; raises InputError for whatever is missing or wrong."""
@@ -89,15 +85,17 @@ class SceneFile:
 
 
 def parse_scene(path: str | os.PathLike[str], parameters: Mapping[str, object]) -> SceneFile:
-    """Parse a scene file. No variant need be set, except to read colours and transforms.
-
-    parameters : values for the scene's ``<default>`` names.  Raises InputError, one sentence.
-    """
+    """Parse a scene file. No variant need be set, except to read colours and transforms. Raises InputError."""
     file, mi = Path(path), mitsuba()
     if not os.path.isfile(file):
         raise InputError(f"scene {os.fspath(path)!r} is not a file; give the path of a Mitsuba 3 scene in XML.")
     values = {str(k): str(v) for k, v in parameters.items()}
-    _check_parameters(file, values)
+    text = file.read_text(encoding="utf-8", errors="replace")
+    known = sorted({*re.findall(r'<default\s+name="(\w+)"', text), *re.findall(r"\$\{?(\w+)", text)})
+    unknown = next((name for name in values if name not in known), None)
+    if unknown is not None and "<include" not in text:  # names in included files are left to Mitsuba
+        has = f"it has {', '.join(known)}" if known else "it has none"
+        raise InputError(f"scene {file.name!r} has no parameter {unknown!r}; {has}.{nearest(unknown, known)}")
     config = mi.parser.ParserConfig(mi.variant() or "scalar_spectral")
     config.merge_meshes = False  # a merged mesh has lost its name: nothing could move or number it
     with folder_of(file), as_input_error(file):
@@ -107,16 +105,6 @@ def parse_scene(path: str | os.PathLike[str], parameters: Mapping[str, object]) 
     if state.nodes[0].type != mi.ObjectType.Scene:
         raise InputError(f'{file.name!r} holds no scene; its outermost element must be <scene version="3.0.0">.')
     return SceneFile(file, config, state, values)
-
-
-def _check_parameters(file: Path, values: Mapping[str, str]) -> None:
-    """InputError for a parameter that the scene does not have. (Names in included files are left to Mitsuba.)"""
-    text = _text(file)
-    known = sorted(set(re.findall(r'<default\s+name="(\w+)"', text)) | set(re.findall(r"\$\{?(\w+)", text)))
-    for name in values:
-        if name not in known and "<include" not in text:
-            has = f"it has {', '.join(known)}" if known else "it has none"
-            raise InputError(f"scene {file.name!r} has no parameter {name!r}; {has}.{nearest(name, known)}")
 
 
 @contextlib.contextmanager
@@ -153,7 +141,7 @@ def plain_message(error: BaseException) -> str:
 
 def _remedy(message: str, file: Path) -> str:
     """The way out that belongs to Mitsuba's message, from the full stop or semicolon on."""
-    version = re.search(r'<scene\s[^>]*version="(0\.[\d.]+)"', _text(file))
+    version = re.search(r'<scene\s[^>]*version="(0\.[\d.]+)"', file.read_text(encoding="utf-8", errors="replace"))
     if version and re.search("unsupported|unexpected|unreferenced|Plugin", message):
         return f"; the file has the format of Mitsuba {version[1]}: convert it to version 3.0.0 first."
     if "undefined parameter" in message:
@@ -165,7 +153,3 @@ def _remedy(message: str, file: Path) -> str:
         plugins = (Path(str(mitsuba().__file__)).parent / "plugins").iterdir()
         return f".{nearest(unknown[1], sorted({*OWN_PLUGINS, *(file.stem for file in plugins)}))}"
     return "."
-
-
-def _text(file: Path) -> str:
-    return file.read_text(encoding="utf-8", errors="replace")

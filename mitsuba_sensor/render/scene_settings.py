@@ -1,7 +1,6 @@
 """Reads camera, exposure and seeds of a scene file: <sensor type="camera"> and <film type="photosensor">.
 
-The parameters of the two elements, their meaning and their checks; :mod:`.plugins` builds Mitsuba's own objects from
-them, and :func:`settings_of` reads them without building anything.
+:mod:`.plugins` builds Mitsuba's own objects from them; :func:`settings_of` reads them without building anything.
 """
 
 from __future__ import annotations
@@ -29,8 +28,7 @@ LENS_FIELDS = {
     "pupil_magnification": "lens.pupil_magnification",
 }
 SENSOR_FIELDS = (*LENS_FIELDS, "transmission", "focal_length_mm", "focus_distance_m", "scene_unit")
-# Parameters of Mitsuba's own sensors, passed on unchanged.
-PASSED_ON = ("to_world", "near_clip", "far_clip", "principal_point_offset_x", "principal_point_offset_y")
+PASSED_ON = ("to_world", "near_clip", "far_clip", "principal_point_offset_x", "principal_point_offset_y")  # unchanged
 METRES = {"km": 1e3, "m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
 Fields = dict[str, Any]  # parameter name → value, of one element
 
@@ -39,8 +37,7 @@ Fields = dict[str, Any]  # parameter name → value, of one element
 class SceneSettings:
     """Camera, exposure and seeds of a scene file; None, or empty, where the file does not set them.
 
-    camera : the named one, with the fields that the file sets.
-    fields : those fields alone, by dotted name; see :meth:`applied_to`.
+    camera : the named one, with the fields that the file sets.  fields : those alone, by dotted name.
     focal_length_mm, focus_distance_m, unit_m : of <sensor type="camera">; metres per scene unit.
     size : width, height and crop of the film, in pixels.
     """
@@ -62,17 +59,15 @@ class SceneSettings:
     @property
     def exposure(self) -> Exposure | None:
         """The exposure, if the file sets its time; at 298.15 K unless it sets another temperature."""
-        if self.exposure_s is None:
-            return None
-        if self.temperature_k is None:
-            return Exposure(self.exposure_s)
-        return Exposure(self.exposure_s, self.temperature_k)
+        given = (self.exposure_s, self.temperature_k)
+        return None if self.exposure_s is None else Exposure(*(value for value in given if value is not None))
+
+    def metres(self, scene_unit: str | float | None) -> float | None:
+        """Metres per scene unit: as asked for, else as the file says; None if neither does."""
+        return self.unit_m if scene_unit is None else unit_m(scene_unit)
 
     def applied_to(self, camera: Camera) -> Camera:
-        """Another camera with the fields that this file sets.
-
-        Focal length and focus distance of the file apply to a prescription too. Raises InputError.
-        """
+        """Another camera with the fields that this file sets; focal length and focus apply to a prescription too."""
         changed = camera.replace(**self.fields) if self.fields else camera
         if changed.lens.prescription is None:
             return changed
@@ -84,23 +79,28 @@ class SceneSettings:
 def settings_of(scene: SceneFile) -> SceneSettings:
     """The settings of the first sensor of a parsed scene; no variant need be set. Raises InputError."""
     sensor, film = scene.sensor(), scene.film()
-    film_fields: Fields = {}
-    sensor_fields: Fields = {}
+    of_film, of_sensor = Fields(), Fields()
     try:
         node = film
         if film is not None and film.props.plugin_name() == FILM:
-            _check_names(film.props, FILM_FIELDS, dotted=True)
+            _check_names(film.props, (*FILM_FIELDS, *(name for name in film.props if "." in name)))  # a camera's field
             with folder_of(scene.path):
-                film_fields = film_fields_of(film.props)
-            settings_from(film_fields, {})  # its errors are located at the film
+                of_film = film_fields_of(film.props)
+            settings_from(of_film, {})  # its errors are located at the film
         node = sensor
         if sensor.props.plugin_name() == SENSOR:
-            nested = [name for name, _ in scene.children(sensor.props)]
-            _check_names(sensor.props, (*SENSOR_FIELDS, *PASSED_ON, *nested), dotted=False)
-            sensor_fields = sensor_fields_of(sensor.props)
-        return settings_from(film_fields, sensor_fields)
+            _check_names(sensor.props, (*SENSOR_FIELDS, *PASSED_ON, *dict(scene.children(sensor.props))))
+            of_sensor = sensor_fields_of(sensor.props)
+        return settings_from(of_film, of_sensor)
     except InputError as error:
         raise InputError(f"scene {scene.path.name!r}, {scene.where(node)}: {error}") from None
+
+
+def _check_names(props: MitsubaObject, known: Iterable[str]) -> None:
+    """InputError for a parameter that is not known."""
+    for name in props:
+        if name not in known:
+            raise InputError(f"{name!r} is not a parameter of a {props.plugin_name()}.{nearest(name, known)}")
 
 
 def film_fields_of(props: MitsubaObject) -> Fields:
@@ -124,22 +124,28 @@ def sensor_fields_of(props: MitsubaObject) -> Fields:
 def settings_from(film: Fields, lens: Fields) -> SceneSettings:
     """The checked settings of the parameters of a film and a sensor. Raises InputError."""
     own = {name: toml_value(v) if isinstance(v, str) else v for name, v in film.items() if "." in name}
-    fields = own | lens_fields(lens)
-    for name in sorted(set(own) & set(lens_fields(lens))):
+    of_lens = lens_fields(lens)
+    for name in sorted(own.keys() & of_lens):
         raise InputError(f"{name} is set in the film and in the sensor; give it in one of the two.")
     exposure = {name: film[name] for name in EXPOSURE_FIELDS if name in film}
-    _check_values(exposure, lens)
+    Exposure(exposure.get("exposure_s", 0.0), exposure.get("temperature_k", 0.0))  # checked here, with line numbers
+    for name in ("seed", "serial"):
+        require_seed(name, exposure.get(name, 0))
+    if exposure.get("spectral", SPECTRAL[0]) not in SPECTRAL:
+        raise InputError(f"spectral is {exposure['spectral']!r}; it must be one of {', '.join(SPECTRAL)}.")
+    for name, example in (("focal_length_mm", 25), ("focus_distance_m", 2)):
+        if name in lens:
+            require(name, lens[name], 1e-6, 1e9, f"e.g. {example}")
     settings = SceneSettings(
-        fields=fields,
+        fields=own | of_lens,
         focal_length_mm=lens.get("focal_length_mm"),
         focus_distance_m=lens.get("focus_distance_m"),
         unit_m=unit_m(lens["scene_unit"]) if "scene_unit" in lens else None,
         size={name: film[name] for name in SIZE if name in film},
         **exposure,
     )
-    if "camera" not in film:
-        return settings
-    return replace(settings, camera=settings.applied_to(load_camera(film["camera"])))
+    named = "camera" in film
+    return replace(settings, camera=settings.applied_to(load_camera(film["camera"]))) if named else settings
 
 
 def lens_fields(lens: Fields) -> Fields:
@@ -154,11 +160,9 @@ def lens_fields(lens: Fields) -> Fields:
         raise InputError('transmission must be a <float>, or a <spectrum> of pairs, e.g. value="400:0.9, 700:0.95".')
     if transmission.is_uniform():
         return fields | {"lens.transmission": float(transmission.values[0])}
-    return fields | {
-        "lens.transmission": 1.0,
-        "lens.transmission_curve": tuple(float(v) for v in transmission.values),
-        "lens.transmission_wavelengths_nm": tuple(float(v) for v in transmission.wavelengths),
-    }
+    curve, nodes_nm = (tuple(map(float, numbers)) for numbers in (transmission.values, transmission.wavelengths))
+    table = {"lens.transmission_curve": curve, "lens.transmission_wavelengths_nm": nodes_nm}
+    return fields | {"lens.transmission": 1.0, **table}
 
 
 def unit_m(scene_unit: str | float) -> float:
@@ -173,32 +177,9 @@ def unit_m(scene_unit: str | float) -> float:
     return require("scene_unit", metres, 1e-12, 1e12, "metres per unit, e.g. 0.001")
 
 
-def _check_names(props: MitsubaObject, known: Iterable[str], dotted: bool) -> None:
-    """InputError for a parameter that is not known; a dotted name is a field of the camera."""
-    for name in props:
-        if name not in known and not (dotted and "." in name):
-            kind = props.plugin_name()
-            raise InputError(f"{name!r} is not a parameter of a {kind}.{nearest(name, known)}")
-
-
-def _check_values(exposure: Fields, lens: Fields) -> None:
-    """Check values here, where their place in the file is known."""
-    Exposure(exposure.get("exposure_s", 0.0), exposure.get("temperature_k", 0.0))
-    for name in ("seed", "serial"):
-        require_seed(name, exposure.get(name, 0))
-    if exposure.get("spectral", SPECTRAL[0]) not in SPECTRAL:
-        raise InputError(f"spectral is {exposure['spectral']!r}; it must be one of {', '.join(SPECTRAL)}.")
-    for name, example in (("focal_length_mm", 25), ("focus_distance_m", 2)):
-        if name in lens:
-            require(name, lens[name], 1e-6, 1e9, f"e.g. {example}")
-
-
 @dataclass(frozen=True, eq=False)
 class ParsedScene:
-    """A scene file, parsed but not built.
-
-    settings : what the file says of camera, exposure and seeds.  variant : the Mitsuba variant that is set for it.
-    """
+    """A scene file, parsed but not built, what it says of camera, exposure and seeds, and the variant set for it."""
 
     file: SceneFile
     settings: SceneSettings

@@ -20,21 +20,16 @@ def d65(wavelengths_nm: ArrayLike) -> Float64Array:
     """CIE standard illuminant D65, relative (100 at 560 nm), 0 outside its table of 300 to 780 nm."""
     from colour import SDS_ILLUMINANTS
 
-    table = SDS_ILLUMINANTS["D65"]
-    return _interpolated(wavelengths_nm, table.wavelengths, table.values)
+    table, at_nm = SDS_ILLUMINANTS["D65"], np.asarray(wavelengths_nm, float)
+    return np.asarray(np.interp(at_nm, table.wavelengths, table.values, left=0.0, right=0.0))
 
 
 def photopic(wavelengths_nm: ArrayLike) -> Float64Array:
     """Luminous efficiency V(λ): CIE 1931 ȳ, 1 at 555 nm, 0 outside 360 to 830 nm."""
     from colour import MSDS_CMFS
 
-    table = MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
-    return _interpolated(wavelengths_nm, table.wavelengths, table.values[:, 1])
-
-
-def _interpolated(wavelengths_nm: ArrayLike, known_nm: Float64Array, values: Float64Array) -> Float64Array:
-    """Linear between the nodes of a table, 0 outside."""
-    return np.asarray(np.interp(np.asarray(wavelengths_nm, float), known_nm, values, left=0.0, right=0.0))
+    table, at_nm = MSDS_CMFS["CIE 1931 2 Degree Standard Observer"], np.asarray(wavelengths_nm, float)
+    return np.asarray(np.interp(at_nm, table.wavelengths, table.values[:, 1], left=0.0, right=0.0))
 
 
 def luminous(wavelengths_nm: Float64Array, radiometric: Float64Array) -> float:

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from .passes import FEWEST
 
+# Firefly fraction above which the error bars are not reliable. Cornell box and still life, 64 to 1152 samples: 0 to
+# 0.003; a glass ball's caustic under a small lamp: 0.017 to 0.085, where |z| < 1 holds in 0.30 to 0.44 of the pixels
+# instead of 0.68 (benchmarks/error_bar_coverage.py).
 MOST_FIREFLIES = 0.01
-"""Firefly fraction above which the error bars are not reliable. Cornell box and still life, 64 to 1152 samples: 0 to
-0.003; a glass ball's caustic under a small lamp: 0.017 to 0.085, where |z| < 1 holds in 0.30 to 0.44 of the pixels
-instead of 0.68 (benchmarks/error_bar_coverage.py)."""
 
 
 @dataclass(frozen=True)
@@ -72,10 +72,8 @@ class NoiseRatios(TypedDict):
 
 
 def summary_of(ratio: NDArray[np.float64], lit: NDArray[np.bool_], passes: int) -> NoiseRatios:
-    """Median, 95th percentile and largest noise ratio of the lit pixels; those of infinite light are left out.
-
-    A variance that was measured with few degrees of freedom has a median below its mean (χ²), which is put right.
-    """
+    """Of the lit pixels, without those of infinite light. A variance that was measured with few degrees of freedom has
+    a median below its mean (χ²), which is corrected."""
     finite = ratio[np.isfinite(ratio) & lit]
     median, p95, most = np.percentile(finite, (50, 95, 100)).tolist() if finite.size else (0.0, 0.0, 0.0)
     median *= median_bias(passes)
@@ -97,16 +95,12 @@ def firefly_fraction(brightest: NDArray[np.float64], total: NDArray[np.float64])
     return float((brightest[lit] > 0.5 * total[lit]).mean()) if lit.any() else 0.0
 
 
-def trusted(passes: int, fireflies: float) -> bool:
-    """Enough passes for a variance, and at most 1 % of the pixels that owe most of their light to a single one."""
-    return passes >= FEWEST and fireflies <= MOST_FIREFLIES
-
-
 def why_not_trusted(passes: int, fireflies: float) -> str:
-    """One line that says why the error bars are not reliable, and what helps."""
+    """One line that says why the error bars are not reliable, and what helps; empty if they are."""
     if passes < FEWEST:
         return f"error bars are guesses: {passes} passes of at least {FEWEST}; take more samples (--spp)"
-    return (
-        f"error bars are too small: {fireflies:.1%} of the lit pixels owe over half of their light to one pass (rare "
-        f"paths, e.g. caustics); more samples help slowly, a larger light or a rougher surface helps at once"
-    )
+    if fireflies <= MOST_FIREFLIES:
+        return ""
+    why = f"{fireflies:.1%} of the lit pixels owe over half of their light to one pass (rare paths, e.g. caustics)"
+    helps = "more samples help slowly, a larger light or a rougher surface helps at once"
+    return f"error bars are too small: {why}; {helps}"

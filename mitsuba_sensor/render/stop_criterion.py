@@ -91,10 +91,8 @@ Progress = Callable[[RenderProgress], None]
 
 
 def stop_criterion_of(options: RenderOptions, groups: int = 1) -> StopCriterion:
-    """When a render with these options is good enough; None is "not given". Raises InputError.
-
-    groups : of bands, that share the samples; where there are too few for all, the bands are rendered together.
-    """
+    """When a render with these options is good enough; None is "not given". Raises InputError. groups : of bands, that
+    share the samples; where there are too few for all, the bands are rendered together."""
     spp, noise_ratio, max_spp = options.get("spp"), options.get("noise_ratio"), options.get("max_spp")
     if spp is not None and noise_ratio is not None:
         raise InputError(f"spp is {spp!r} and noise_ratio {noise_ratio!r}; give one: samples, or what they reach.")
@@ -103,7 +101,11 @@ def stop_criterion_of(options: RenderOptions, groups: int = 1) -> StopCriterion:
     limit_s = options.get("max_seconds")
     max_seconds = math.inf if limit_s is None else limit_s
     if noise_ratio is None and max_spp is None and (spp is not None or limit_s is None):
-        return _of_samples(spp, max_seconds, groups)
+        wanted = DEFAULT_SPP if spp is None else spp
+        plan = pass_plan(wanted)
+        grouped = groups > 1 and math.prod(plan) >= FEWEST * groups
+        plan = pass_plan(max(round(wanted / groups), FEWEST)) if grouped else plan
+        return StopCriterion(*plan, max_seconds=max_seconds, asked=spp, grouped=grouped)
     most = MOST_SPP_ASKED if max_spp is None else max_spp
     grouped = groups > 1 and most >= FEWEST * groups
     most = most // groups if grouped else most
@@ -112,13 +114,3 @@ def stop_criterion_of(options: RenderOptions, groups: int = 1) -> StopCriterion:
     return StopCriterion(
         passes, samples, noise_ratio, max_seconds=max_seconds, end="max_spp", sized=False, grouped=grouped
     )
-
-
-def _of_samples(spp: int | None, max_seconds: float, groups: int) -> StopCriterion:
-    """A fixed number of samples per pixel."""
-    wanted = DEFAULT_SPP if spp is None else spp
-    plan = pass_plan(wanted)
-    grouped = groups > 1 and plan[0] * plan[1] >= FEWEST * groups
-    if grouped:
-        plan = pass_plan(max(round(wanted / groups), FEWEST))
-    return StopCriterion(*plan, max_seconds=max_seconds, asked=spp, grouped=grouped)

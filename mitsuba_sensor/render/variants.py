@@ -10,8 +10,7 @@ from typing import Any, TypeAlias
 from ..core import InputError, nearest
 from ..core.llvm import backend_problem, drjit, llvm_version
 
-MitsubaObject: TypeAlias = Any
-"""An object of Mitsuba: a scene, sensor, film, ray, transform, properties … Its class depends on the variant."""
+MitsubaObject: TypeAlias = Any  # a scene, sensor, film, ray, transform, properties …: its class depends on the variant
 
 FASTER = "up to about three times faster with LLVM, depending on the processor: apt-get install libllvm19"
 
@@ -35,17 +34,16 @@ def mitsuba() -> ModuleType:
 def choose_variant(requested: str | None = None) -> Variant:
     """Choose a spectral variant: the requested one, else the one already set, else cuda, guarded llvm, scalar.
 
-    Sets no variant; see :func:`use`. Raises InputError for an unknown or non-spectral variant, or one whose back end is
-    not available.
+    Sets none. Raises InputError for a variant that is unknown, not spectral, or without its back end on this machine.
     """
     current = mitsuba().variant()
     if requested is not None:
         return _checked(requested, "asked for", f"variant is {requested!r}")
     if current is not None:
         return _checked(current, "already set", f"the variant already set is {current!r}")
-    spectral = _spectral_variants()
     for backend, reason in (("cuda", "a CUDA device is present"), ("llvm", f"LLVM {llvm_version()} is usable")):
-        name = next((v for v in (f"{backend}_spectral", f"{backend}_ad_spectral") if v in spectral), None)
+        both = f"{backend}_spectral", f"{backend}_ad_spectral"
+        name = next((v for v in both if v in mitsuba().variants()), None)
         if name and backend_problem(backend) is None:
             return Variant(name, backend, reason)
     return Variant("scalar_spectral", "scalar", backend_problem("llvm") or "", FASTER)
@@ -59,13 +57,8 @@ def use(variant: Variant) -> ModuleType:
     return mi
 
 
-def _spectral_variants() -> list[str]:
-    """Unpolarised spectral variants of the installed Mitsuba."""
-    return [v for v in mitsuba().variants() if v.endswith("_spectral")]
-
-
 def _checked(name: str, reason: str, subject: str) -> Variant:
-    known = _spectral_variants()
+    known = [v for v in mitsuba().variants() if v.endswith("_spectral")]  # unpolarised
     if name not in known:
         call = "call mitsuba.set_variant('scalar_spectral') or pass variant='scalar_spectral'"
         raise InputError(f"{subject}; it must be one of {', '.join(known)} ({call}).{nearest(name, known)}")

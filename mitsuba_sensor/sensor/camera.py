@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
-from functools import cached_property
+from functools import cached_property, reduce
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeAlias, cast
@@ -14,8 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, PrivateAttr, ValidationError, create_model, model_validator
 
 from ..core import InputError, nearest
-from .added_stages import check_added
-from .chain import ORDER, chain
+from .chain import ORDER, chain, check_added
 from .datasheet import CameraTable, FileTable, PixelGeometry, SensorSection
 from .datasheet_checks import check_gains, check_technology
 from .datasheet_errors import fields_of, sentence
@@ -86,15 +85,12 @@ class Camera(FileTable):
 
     def replace(self, **changes: Any) -> Camera:
         """A copy with dotted fields changed: ``camera.replace(**{"adc.bits": 14})``. Raises InputError."""
-        data = self.model_dump()
-        known = fields_of(Camera)
+        data, known = self.model_dump(), fields_of(Camera)
         for dotted, value in changes.items():
             if dotted not in known:
                 raise InputError(f"{dotted} is not a field of a camera.{nearest(dotted, known)}")
             *path, last = dotted.split(".")
-            table = data
-            for part in path:
-                table = table[part]
+            table = reduce(dict.__getitem__, path, data)
             table[last] = value
             if path == ["quantum_efficiency"] and last in QE_WAYS and value is not None:
                 for other in QE_WAYS:  # the new way of giving the QE stands in for the old one
@@ -173,11 +169,9 @@ class Camera(FileTable):
     def band_nm(self) -> tuple[float, float]:
         """From the first to the last wavelength at which any filter sees anything [nm]."""
         points = self.quantum_efficiency.wavelengths_nm
-        seen = [any(curve[i] > 0 for curve in self.quantum_efficiency.curves.values()) for i in range(len(points))]
-        if not any(seen):
-            return points[0], points[-1]
-        first, last = seen.index(True), len(seen) - 1 - seen[::-1].index(True)
-        return points[max(first - 1, 0)], points[min(last + 1, len(points) - 1)]
+        curves = self.quantum_efficiency.curves.values()
+        seen = [i for i in range(len(points)) if any(curve[i] > 0 for curve in curves)] or [0, len(points) - 1]
+        return points[max(seen[0] - 1, 0)], points[min(seen[-1] + 1, len(points) - 1)]
 
     def qe(self, wavelengths_nm: ArrayLike) -> NDArray[np.float64]:
         """Quantum efficiency of every filter at (B,) wavelengths, (F, B)."""
@@ -199,21 +193,21 @@ def load_camera(name: str | Path) -> Camera:
     """
     if not isinstance(name, str | Path):
         raise InputError(f"name is {name!r}; pass the name of a camera or the path of a .toml file.")
-    if isinstance(name, str) and name in list_cameras():
-        return _parsed((SHIPPED / f"{name}.toml").read_text("utf-8"), f"{name}.toml")
-    path = Path(name)
+    shipped, path = list_cameras(), Path(name)
+    if isinstance(name, str) and name in shipped:
+        return _checked(tomllib.loads((SHIPPED / f"{name}.toml").read_text("utf-8")), f"{name}.toml")
     if path.suffix != ".toml" and not path.exists():
-        shipped = ", ".join(list_cameras())
         raise InputError(
-            f"{str(name)!r} is no camera that ships with mitsuba_sensor ({shipped}) and no .toml file."
-            f"{nearest(str(name), list_cameras())}"
+            f"{str(name)!r} is no camera that ships with mitsuba_sensor ({', '.join(shipped)}) and no .toml file."
+            f"{nearest(str(name), shipped)}"
         )
     try:
-        text = path.read_text("utf-8")
+        return _checked(tomllib.loads(path.read_text("utf-8")), str(path), str(path.parent))
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"The camera file {path} is not valid TOML: {error}.") from None
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
         raise InputError(f"The camera file {path} cannot be read: {reason}.") from None
-    return _parsed(text, str(path), str(path.parent))
 
 
 def list_cameras() -> list[str]:
@@ -224,14 +218,6 @@ def list_cameras() -> list[str]:
 def camera_schema() -> dict[str, Any]:
     """JSON Schema of a camera file, for editors and other programs."""
     return Camera.model_json_schema()
-
-
-def _parsed(text: str, where: str, folder: str = ".") -> Camera:
-    try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"The camera file {where} is not valid TOML: {error}.") from None
-    return _checked(data, where, folder)
 
 
 def _checked(data: dict[str, Any], where: str, folder: str = ".") -> Camera:

@@ -1,10 +1,14 @@
-"""The order of the signal chain: from photons to digital numbers."""
-
-from __future__ import annotations
+"""The order of the signal chain, from photons to digital numbers, and the check of a stage that a user adds to it."""
 
 import re
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..core import Array, Electrons, Exposure, Frame, InputError, Photons, SensorWindow
+from ..core.backend import NUMPY_FLOAT32
 from .effects.adc import Adc
 from .effects.cds_gain import CdsGain
 from .effects.dark_current import DarkCurrent
@@ -22,12 +26,12 @@ from .effects.shot_noise import ShotNoise
 from .effects.source_follower import SourceFollower
 from .effects.source_follower_noise import SourceFollowerNoise
 from .effects.temporal_line_noise import TemporalColumnNoise, TemporalRowNoise
-from .stage import Chain, Converter, Stage
+from .stage import Chain, Stage, converter_of, total
 
 if TYPE_CHECKING:
     from .camera import Camera
 
-ORDER: tuple[type[Stage], ...] = (
+ORDER: tuple[type[Stage], ...] = (  # a stage of its own: one file in effects/, one line here
     QuantumEfficiency,
     Prnu,
     DarkCurrent,
@@ -50,10 +54,9 @@ ORDER: tuple[type[Stage], ...] = (
     IntegralNonlinearity,
     Adc,
 )
-"""A stage of its own: one file in effects/, one line here."""
 
 
-def chain(camera: Camera) -> Chain:
+def chain(camera: "Camera") -> Chain:
     """The stages of this camera, with those that :meth:`Camera.with_stage` added."""
     stages: Chain = ()
     for effect in ORDER:
@@ -62,11 +65,55 @@ def chain(camera: Camera) -> Chain:
     return stages
 
 
-def black_level_dn(camera: Camera) -> float:
+def black_level_dn(camera: "Camera") -> float:
     """The code of darkness [DN], given or from the noise of a zero exposure."""
-    last = chain(camera)[-1]
-    assert isinstance(last, Converter)
-    return last.black_level_dn
+    return converter_of(chain(camera)).black_level_dn
+
+
+@dataclass(frozen=True, eq=False)
+class _Recorder(Frame):
+    """A frame that notes which noise sources are drawn from."""
+
+    sources: set[str] = field(default_factory=set)
+
+    def random_bits(self, source: str) -> Array:
+        self.sources.add(source)
+        return super().random_bits(source)
+
+    def random_bits_at(self, source: str, rows: ArrayLike, columns: ArrayLike, frame_index: int) -> Array:
+        self.sources.add(source)
+        return super().random_bits_at(source, rows, columns, frame_index)
+
+
+def check_added(stages: Chain, added: Stage, wavelength_nm: float) -> None:
+    """Expose a window of 8 × 8 pixels to light of this wavelength and look at what ``added`` does.
+
+    Raises InputError where it draws from the noise source of another stage, whose noise would be the same numbers,
+    where it turns float32 into float64, which a compiled engine does not have, and where it adds up Electrons.
+    """
+    signal: Array = Photons(np.full((8, 8, 1), 1e3), np.array([wavelength_nm]))
+    users: dict[str, int] = {}
+    for place, stage in enumerate(stages):
+        frame = _Recorder(Exposure(1.0), SensorWindow(0, (8, 8), backend=NUMPY_FLOAT32))
+        before, signal = signal, stage.sample(signal, frame)
+        entered, left = (getattr(total(x), "dtype", None) for x in (before, signal))
+        if stage is added and entered == np.float32 != left:
+            raise InputError(
+                f"{type(stage).__name__} makes {left} of float32, and the engines would differ; "
+                "take numbers from frame.number(…), which keeps the precision of the signal."
+            )
+        if stage is added and isinstance(before, Electrons) and not isinstance(signal, Electrons):
+            raise InputError(
+                f"{type(stage).__name__} returns a {type(signal).__name__}, and the stage behind it takes "
+                "photoelectrons and dark electrons apart; return Electrons, e.g. dataclasses.replace(signal, light=…)."
+            )
+        for source in frame.sources:
+            first = users.setdefault(source, place)
+            if first != place and (stage is added or stages[first] is added):
+                raise InputError(
+                    f"{type(added).__name__} draws from the noise source {source!r}, as another stage of this camera "
+                    "does, and both would have the same noise; give it a source of a name of its own."
+                )
 
 
 def stage_table() -> str:

@@ -1,7 +1,5 @@
 """Checks of the arguments of expose() and plan(); each error has the value, the allowed range and the remedy."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 
@@ -17,8 +15,8 @@ from .stage import Chain
 
 def check_numbers(frames: Any, first_frame: Any, seed: Any) -> tuple[int, int, int]:
     """The same as Python integers. Raises InputError where the random number generator's counters cannot hold them."""
-    given = (("frames", frames), ("first_frame", first_frame), ("seed", seed))
-    frames, first_frame, seed = (require_seed(name, number) for name, number in given)
+    given = {"frames": frames, "first_frame": first_frame, "seed": seed}
+    frames, first_frame, seed = (require_seed(name, number) for name, number in given.items())
     if frames < 1 or first_frame + frames > 2**32:
         raise InputError(f"frames is {frames} from {first_frame}; ask for at least 1, numbered from 0 to 2^32 - 1.")
     return frames, first_frame, seed
@@ -83,8 +81,12 @@ def as_photons(photons: Photons | ArrayLike, camera: Camera, wavelengths_nm: Arr
         raise InputError(f"photons has {expected} band(s) and wavelengths_nm {count}; pass one wavelength per band.")
     if bands is not None and (wrong := bands[~(np.isfinite(bands) & (bands > 0))]).size:
         raise InputError(f"wavelengths_nm holds {wrong[0]}; every band needs a positive, finite length in nm.")
-    _refuse(np.isnan(mean), "NaN")
-    _refuse(mean < 0, "negative")
+    for bad, kind in ((np.isnan(mean), "NaN"), (mean < 0, "negative")):
+        if bad.any():
+            raise InputError(
+                f"photons is {kind} in {int(bad.sum())} place(s), first at {_first(bad)}; a mean number of photons is "
+                "0 or more: clamp or correct them before expose()."
+            )
     if given is None:
         return Photons(mean, bands)
     variance_e2 = None if given.variance_e2 is None else _checked_variance(given.variance_e2, mean, camera)
@@ -117,7 +119,7 @@ def _checked_variance(values: Any, mean: NDArray[np.float64], camera: Camera) ->
     variance_e2 = np.where(saturated, 0.0, variance_e2)
     bad = ~((variance_e2 >= 0) & np.isfinite(variance_e2))
     if bad.any():
-        first = tuple(int(i) for i in np.argwhere(bad)[0])
+        first = _first(bad)
         raise InputError(
             f"{name} is {variance_e2[first]:g} in the first of {int(bad.sum())} bad place(s), {first}; a variance is "
             "finite and 0 or more: a render of one pass has none, so pass None for it."
@@ -141,13 +143,8 @@ def check_compensation(light: Photons, stages: Chain, frames: int) -> None:
         )
 
 
-def _refuse(bad: NDArray[np.bool_], kind: str) -> None:
-    if bad.any():
-        first = tuple(int(i) for i in np.argwhere(bad)[0])
-        raise InputError(
-            f"photons is {kind} in {int(bad.sum())} place(s), first at {first}; a mean number of photons is 0 or more: "
-            f"clamp or correct them before expose()."
-        )
+def _first(bad: NDArray[np.bool_]) -> tuple[int, ...]:
+    return tuple(int(i) for i in np.argwhere(bad)[0])
 
 
 def checked_origin(origin: Any) -> tuple[int, int]:

@@ -14,26 +14,20 @@ Light and dark current are counted apart; the one whose mean allows it gives way
 A frame alone varies by μ − s about its own render. A plan and its levels take the mean for exact.
 """
 
-from __future__ import annotations
-
 from ..core import Array, Frame, arrays
 
+# Share of μ that is compensated at most; what a render has beyond stays in the frame, and is reported. The noise that
+# is drawn must hide the shape of the render's. Renders should aim at half of this, v = 0.16·μ: where v comes from eight
+# passes, it is measured as more than the double in one pixel of twenty. Then the total has the variance of Poisson's
+# law to 1 % and its third moment to 38 %, from 1 e- up (benchmarks/compensation.py).
 LIMIT = 1 / 3
-"""Share of μ that is compensated at most; what a render has beyond stays in the frame, and is reported.
-
-The noise that is drawn must hide the shape of the render's. Renders should aim at half of this, v = 0.16·μ: where v
-comes from eight passes, it is measured as more than the double in one pixel of twenty. Then the total has the variance
-of Poisson's law to 1 % and its third moment to 38 %, from 1 e- up (benchmarks/compensation.py).
-"""
 
 
 def compensable(light_e: Array, dark_e: Array, variance_e2: Array) -> tuple[Array, Array]:
     """How much of the render's variance the shot noise of light and of dark current compensate, (H, W) each [e-²].
 
     min(v, LIMIT·(light + dark), the most that the larger of the two allows), all of it from the light where that
-    allows it, else all of it from the dark current.
-
-    light_e, dark_e : mean electrons.  variance_e2 : of the mean light over renders [e-²].
+    allows it, else all of it from the dark current.  variance_e2 : v, of the mean light over renders [e-²].
     """
     found = arrays.minimum(variance_e2, LIMIT * (light_e + dark_e))
     found = arrays.minimum(found, largest_e2(arrays.maximum(light_e, dark_e)))
@@ -48,11 +42,9 @@ def largest_e2(mean_e: Array) -> Array:
 
 
 def counted(source: str, mean_e: Array, compensated_e2: Array, frame: Frame) -> Array:
-    """Whole electrons about ``mean_e`` with variance ``mean_e − compensated_e2``, (H, W).
-
-    source : stream of the Poisson counts; that of the Bernoulli draw is shared, for only one source compensates.
-    """
+    """Whole electrons about ``mean_e`` with variance ``mean_e − compensated_e2``, (H, W).  source : of the counts."""
     whole = arrays.floor(compensated_e2)
     chance = arrays.sqrt(compensated_e2 - whole)
     rest = arrays.maximum((mean_e - whole) - chance, 0.0)
+    # One stream of Bernoulli draws for all, for only one source compensates.
     return whole + frame.bernoulli("compensation", chance) + frame.poisson(source, rest)

@@ -1,14 +1,11 @@
 """How fast a pixel fills in the dark: rates against temperature, in Python float64 (float32 underflows at 72 K)."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
 from ..core.units import BOLTZMANN_EV_PER_K, ELEMENTARY_CHARGE_C
 
-FIGURE_OF_MERIT_AT_K = 300.0
-"""The temperature at which dark current figures of merit are defined (Janesick 2001)."""
+FIGURE_OF_MERIT_AT_K = 300.0  # where figures of merit of dark current are defined (Janesick 2001)
 
 HOTTEST = math.log(1e30)
 """A dark current is not more than 1e30 times that at its reference temperature, so that squares stay finite."""
@@ -48,12 +45,10 @@ class FigureOfMerit:
     """Depletion dark current from its figure of merit at 300 K (paper eq. 1, normalised).
 
     D_R(T) = (P_A·D_FM/q)·(T/300)^1.5·exp(E_g(300)/(2k·300) − E_g(T)/(2kT))  [e-/s]
-
-    fom_na_per_cm2 : D_FM [nA/cm²].  area_cm2 : P_A, the whole pixel [cm²]; the fill factor does not count in the dark.
     """
 
-    fom_na_per_cm2: float
-    area_cm2: float
+    fom_na_per_cm2: float  # D_FM
+    area_cm2: float  # P_A, the whole pixel; the fill factor does not count in the dark
 
     def rate_e_per_s(self, temperature_k: float) -> float:
         """Dark electrons per second; 0 at 0 K."""
@@ -65,11 +60,9 @@ class Mpp:
     """Dark current of a multi-pinned-phase pixel: diffusion and depletion apart (paper eq. 2, normalised).
 
     D_R(T) = D_diff·(T/300)³·exp(E_g(300)/(k·300) − E_g/(kT)) + D_dep·(T/300)^1.5·exp(… /2k)  [e-/s]
-
-    diffusion_fom_na_per_cm2, fom_na_per_cm2 : figures of merit at 300 K [nA/cm²].  area_cm2 : the pixel [cm²].
     """
 
-    diffusion_fom_na_per_cm2: float
+    diffusion_fom_na_per_cm2: float  # at 300 K, as the next
     fom_na_per_cm2: float
     area_cm2: float
 
@@ -82,10 +75,7 @@ class Mpp:
 
 @dataclass(frozen=True)
 class Measured:
-    """A rate measured at one temperature, carried to others by the law of eq. 1.
-
-    rate : [e-/s].  at_temperature_k : where it was measured [K].
-    """
+    """A rate [e-/s] measured at one temperature [K], carried to others by the law of eq. 1."""
 
     rate: float
     at_temperature_k: float
@@ -97,10 +87,7 @@ class Measured:
 
 @dataclass(frozen=True)
 class Doubling:
-    """Dark current as datasheets give it: a rate at one temperature, and how many kelvin double it (EMVA 1288 T_d).
-
-    D_R(T) = rate·2^((T − T_ref)/T_d)  [e-/s]
-    """
+    """Dark current as datasheets give it: rate·2^((T − T_ref)/T_d) [e-/s], T_d kelvin double it (EMVA 1288)."""
 
     rate: float
     at_temperature_k: float

@@ -1,7 +1,5 @@
 """One sentence from a failed check of a camera or motion file: file, field, value, range, and the way out."""
 
-from __future__ import annotations
-
 import types
 from functools import cache
 from typing import Any, Union, get_args, get_origin
@@ -11,8 +9,8 @@ from pydantic.fields import FieldInfo
 
 from ..core import nearest
 
+# Pydantic's kinds of error → what such a file calls the thing that was expected.
 PLAIN = {"model_type": "a table", "dict_type": "a table", "tuple_type": "a list", "string_type": "a text in quotes"}
-"""Pydantic's kinds of error → what such a file calls the thing that was expected."""
 
 
 @cache
@@ -36,7 +34,7 @@ def sentence(error: ValidationError, model: type[BaseModel], where: str, kind: s
     first = error.errors(include_url=False)[0]
     path = ".".join(str(part) for part in first["loc"])
     field, names = _field(first["loc"], model)
-    what, value = first["type"], first["input"]
+    what, value = first["type"], repr(first["input"])
     if what == "extra_forbidden":
         return f"{where}: {path} is not a field of a {kind} file.{nearest(path, [*fields_of(model), *names])}"
     if what == "missing":
@@ -47,7 +45,8 @@ def sentence(error: ValidationError, model: type[BaseModel], where: str, kind: s
     if what in ("too_short", "too_long"):
         least, most = (first["ctx"].get(f"{end}_length") for end in ("min", "max"))
         rule = f"at most {most} long" if least is None else f"at least {least} long"
-    return f"{where}: {path} is {_short(value)}; it must be {rule} ({_way_out(path, field)[:-1]})."
+    value = value if len(value) <= 60 else value[:57] + "..."
+    return f"{where}: {path} is {value}; it must be {rule} ({_way_out(path, field)[:-1]})."
 
 
 def _field(loc: tuple[str | int, ...], model: type[BaseModel]) -> tuple[FieldInfo | None, list[str]]:
@@ -70,8 +69,3 @@ def _way_out(path: str, field: FieldInfo | None) -> str:
         return f"add the table [{path}]."
     example = f", e.g. {field.examples[0]!r}" if field.examples else ""
     return f"{field.description}{example}."
-
-
-def _short(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."

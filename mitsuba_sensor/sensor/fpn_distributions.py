@@ -4,8 +4,6 @@ Each has a coefficient of variation and mean 1, whatever that is (the paper's 1 
 are the theory of a map, ``map_of`` is its sample.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -60,11 +58,12 @@ class Wald(FpnDistribution):
 
     def map_of(self, window: SensorWindow, source: str) -> Any:
         """The camera's map, (H, W): the two roots of a χ² draw, and a second number that picks one."""
-        return window.cached((source, self), lambda: self._from(window, source))
 
-    def _from(self, window: SensorWindow, source: str) -> Any:
-        z, pick = window.fixed_map(source, normals), window.fixed_map(f"{source}_pick", uniforms)
-        return window.backend.wald(z, pick, self.cv)
+        def make() -> Any:
+            z, pick = window.fixed_map(source, normals), window.fixed_map(f"{source}_pick", uniforms)
+            return window.backend.wald(z, pick, self.cv)
+
+        return window.cached((source, self), make)
 
 
 @dataclass(frozen=True)
@@ -112,30 +111,22 @@ class Logistic(FpnDistribution):
     def from_bits(self, backend: Backend, bits: Any) -> Any:
         """(H, W) random bits → (H, W) factors ≥ 0."""
         factor = arrays.maximum(1 + backend.number(self._scale) * backend.logistic(bits), 0.0)
-        return factor * backend.number(1 / self._raw[0])
+        return factor * backend.number(1 / distributions.rectified_logistic(self._scale)[0])
 
     @property
     def variance(self) -> float:
         """cv² as long as nothing is cut."""
-        mean, variance = self._raw
+        mean, variance = distributions.rectified_logistic(self._scale)
         return variance / mean**2
 
     @property
     def _scale(self) -> float:
         return math.sqrt(3) * self.cv / math.pi
 
-    @property
-    def _raw(self) -> tuple[float, float]:
-        """Mean and variance of max(0, 1 + s·L)."""
-        return distributions.rectified_logistic(self._scale)
-
 
 @dataclass(frozen=True)
 class Autoregressive(Gaussian):
-    """A normal map whose neighbours are alike: separable isotropic AR, ρ₁ = 2·coupling along rows and columns.
-
-    (El Gamal et al. 1998, the pixel component.)  coupling : 0 … 0.45.
-    """
+    """Normal, separable isotropic AR along rows and columns, ρ₁ = 2·coupling (El Gamal et al. 1998, the pixels)."""
 
     coupling: float = 0.0
 
@@ -145,11 +136,5 @@ class Autoregressive(Gaussian):
 
 
 @dataclass(frozen=True)
-class AutoregressiveRectified(Rectified):
+class AutoregressiveRectified(Rectified, Autoregressive):
     """:class:`Autoregressive` for the PRNU: max(0, 1 + cv·x), x separable isotropic AR."""
-
-    coupling: float = 0.0
-
-    def map_of(self, window: SensorWindow, source: str) -> Any:
-        """The camera's map, (H, W)."""
-        return self.of_normal(window.backend, window.correlated(source, self.coupling))

@@ -1,7 +1,5 @@
 """Gains of the signal chain: A_SN, V_FS, A and the overall system gain K (EMVA 1288), from the datasheet."""
 
-from __future__ import annotations
-
 import math
 
 from ..core.units import ELEMENTARY_CHARGE_C

@@ -1,7 +1,5 @@
 """A camera's own temporal noise as electrons at its input, with which render noise is compared."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,10 +31,7 @@ class InputNoise:
 
 
 def input_noise(camera: Camera, exposure: Exposure) -> InputNoise:
-    """The input noise of this camera and exposure, from the moments of its chain.
-
-    At photoelectrons far above the read noise the weight is 1/μ: shot noise alone (EMVA 1288 R4, eq. 11).
-    """
+    """From the moments of the chain; far above the read noise the weight is 1/μ: shot noise (EMVA 1288 R4, eq. 11)."""
     most = BEYOND_WELL * camera.pixel.full_well_e
     levels = np.expm1(np.linspace(0.0, np.log1p(most), LEVELS))
     dark = Moments(levels[None, :], 0.0, 0.0, Frame(exposure, SensorWindow(0, (1, LEVELS))))

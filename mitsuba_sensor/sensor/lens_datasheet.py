@@ -1,7 +1,5 @@
 """Datasheet section [lens]: f-number, transmission, relative illumination, distortion, or a lens prescription."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import Annotated, Literal, Self
 
@@ -18,12 +16,11 @@ Chances = tuple[Chance, ...] | None
 Heights = tuple[NotNegative, ...] | None
 Coefficients = tuple[Number, Number, Number, Number, Number] | None
 Positives = tuple[Positive, ...] | None
-TABLES = (
-    ("transmission_curve", "transmission_wavelengths_nm"),
-    ("relative_illumination", "relative_illumination_heights_mm"),
-    ("distortion_percent", "distortion_heights_mm"),
+TABLES = (  # values, their positions, and the value on the axis
+    ("transmission_curve", "transmission_wavelengths_nm", None),
+    ("relative_illumination", "relative_illumination_heights_mm", 1.0),
+    ("distortion_percent", "distortion_heights_mm", 0.0),
 )
-ON_AXIS = {"relative_illumination": 1.0, "distortion_percent": 0.0}
 
 
 class SurfaceSection(FileTable):
@@ -127,7 +124,7 @@ class LensSection(FileTable):
 
     def _tables(self) -> None:
         """Every table has as many positions as values; heights start on the axis, where the correction is none."""
-        for name, axis_name in TABLES:
+        for name, axis_name, on_axis in TABLES:
             values, axis = getattr(self, name), getattr(self, axis_name)
             if (values is None) != (axis is None):
                 raise ValueError(f"{name} and {axis_name} go together; one is missing")
@@ -137,5 +134,5 @@ class LensSection(FileTable):
                 raise ValueError(f"{name} has {len(values)} values for {len(axis)} {axis_name}; at least 2 each")
             if any(b <= a for a, b in pairwise(axis)):
                 raise ValueError(f"{axis_name} must increase from each point to the next")
-            if name in ON_AXIS and (axis[0], values[0]) != (0, ON_AXIS[name]):
-                raise ValueError(f"{name} must start with {ON_AXIS[name]:g} at the height 0, the axis")
+            if on_axis is not None and (axis[0], values[0]) != (0, on_axis):
+                raise ValueError(f"{name} must start with {on_axis:g} at the height 0, the axis")

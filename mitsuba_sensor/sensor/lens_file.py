@@ -8,8 +8,6 @@
   both sides.
 """
 
-from __future__ import annotations
-
 import json
 from importlib import resources
 from pathlib import Path
@@ -17,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 BUILT_IN = resources.files(__package__) / "lenses"
+Row = tuple[float, float, float, float, float, float]
 COLUMNS = "radius, thickness, index, diameter and perhaps the Abbe number"
 
 
@@ -26,10 +25,7 @@ def list_lenses() -> list[str]:
 
 
 def read_lens(name: str, folder: str) -> dict[str, object]:
-    """The prescription of a built-in lens, or of a .json or .dat file, relative to ``folder``, that of the camera file.
-
-    Raises ValueError, one sentence, if there is no such lens or the file is not a prescription.
-    """
+    """The prescription of a built-in lens, or of a file from ``folder``, that of the camera file; else ValueError."""
     if name in list_lenses():
         return dict(json.loads((BUILT_IN / f"{name}.json").read_text("utf-8")))
     path = Path(folder) / name
@@ -76,9 +72,6 @@ def from_dat(text: str, name: str) -> dict[str, object]:
         raise ValueError(f"the lens {name!r} has a line that is not numbers; each must be {COLUMNS}") from None
     flat = [(radius, gap, index, diameter / 2, abbe, 0.0) for radius, gap, index, diameter, abbe in numbers]
     return {"name": name, "source": "; ".join(comments), "surfaces": _surfaces(flat, name)}
-
-
-Row = tuple[float, float, float, float, float, float]
 
 
 def _iset_row(surface: dict[str, object], name: str) -> Row:

@@ -37,8 +37,7 @@ class SensorOptions(MapOptions, total=False):
     """How photons become digital numbers: options that the command line has too."""
 
     chain: Annotated[
-        Chain,
-        Option("physical, or konnik2014: the paper's released code, for comparison (one band only).", "physical"),
+        Chain, Option("physical, or konnik2014: the paper's released code, for comparison (one band only).", "physical")
     ]
     engine: Annotated[
         Engine,
@@ -50,8 +49,8 @@ class SensorOptions(MapOptions, total=False):
     ]
 
 
-class KeepOptions(SensorOptions, total=False):
-    """The same, and what only Python has."""
+class FrameOptions(SensorOptions, total=False):
+    """What only Python has; which frames are made: how many, from which number on, and with which seeds."""
 
     keep: Annotated[
         Iterable[str],
@@ -60,11 +59,6 @@ class KeepOptions(SensorOptions, total=False):
         ),
     ]
     plan: Annotated["Plan | None", Option("What plan() left of the chain; the whole chain without one.", flag=None)]
-
-
-class FrameOptions(KeepOptions, total=False):
-    """Which frames are made: how many, from which number on, and with which seeds."""
-
     seed: Annotated[
         int | None,
         Option("Seed of the render and of all temporal noise. Default: the scene file's, else 1.", check=require_seed),

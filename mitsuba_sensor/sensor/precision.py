@@ -1,7 +1,5 @@
 """Effect of float32: the same pixels with the same random bits once more in float64."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -11,22 +9,16 @@ from ..core import Frame, Photons, SensorWindow
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
 from .stage import Chain, converter_of, sample
 
-SHARE, LARGEST_DN = 0.01, 1.0
-"""More pixels than this, or a larger step, and float64 is the better choice."""
-
-PIXELS = 2**14
-"""Pixels that are compared; a share of 1 % is then known to 0.1 %."""
+SHARE, LARGEST_DN = 0.01, 1.0  # more pixels than this, or a larger step, and float64 is the better choice
+PIXELS = 2**14  # that are compared; a share of 1 % is then known to 0.1 %
 
 
 @dataclass(frozen=True)
 class Float32:
-    """How far float32 frames are from float64 frames made with equal random bits.
+    """How far float32 frames are from float64 frames made with equal random bits."""
 
-    share_of_pixels : that differ at all, 0 … 1.  largest_dn : the largest difference [DN]; at least that of one
-        electron, for one draw in 100 000 lies so near to the next count that float32 takes that.
-    """
-
-    share_of_pixels: float
+    share_of_pixels: float  # that differ at all, 0 … 1
+    # The largest difference, at least that of one electron: one draw in 100 000 lies so near to the next count.
     largest_dn: float
 
     @property
@@ -44,10 +36,7 @@ class Float32:
 
 
 def float32_effect(stages: Chain, levels: Photons, frame: Frame) -> Float32:
-    """Compare both precisions on the light levels of a scene, as often as makes PIXELS of them.
-
-    levels : one window (H, W) or (H, W, B).  frame : whose exposure, serial and seed to take.
-    """
+    """Both precisions on the light of a scene, (H, W) or (H, W, B), repeated to PIXELS; serial, seed of ``frame``."""
     height, width = levels.mean.shape[:2]
     times = -(-PIXELS // (height * width))
     light = replace(levels, mean=np.concatenate([levels.mean] * times))

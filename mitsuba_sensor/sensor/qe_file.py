@@ -1,6 +1,4 @@
-"""Quantum efficiency curves from a CSV file, whose header must leave no doubt about the units."""
-
-from __future__ import annotations
+"""Quantum efficiency curves from a CSV file with the units in its header: wavelength_nm,R_percent,G_percent."""
 
 import csv
 from pathlib import Path
@@ -11,10 +9,7 @@ SHARES = {"fraction": 1.0, "percent": 0.01}
 
 
 def read_curves(name: str, folder: str) -> dict[str, Any]:
-    """``wavelengths_nm`` and ``curves`` of a file such as ``wavelength_nm,R_percent,G_percent,B_percent``.
-
-    name : path of the file, from ``folder``, that of the camera file.  Raises ValueError with what to change.
-    """
+    """``wavelengths_nm`` and ``curves`` of a file in ``folder``, that of the camera file; else ValueError."""
     path = Path(folder) / name
     try:
         rows = [row for row in csv.reader(path.read_text("utf-8-sig").splitlines()) if row and row[0][:1] != "#"]

@@ -1,7 +1,5 @@
 """Frames of one window and light: computed strip by strip of rows, on threads of the host or by a compiled kernel."""
 
-from __future__ import annotations
-
 import os
 import threading
 from collections.abc import Callable, Container, Hashable, Iterable, Iterator
@@ -19,23 +17,19 @@ from .options import Engine
 from .stage import Chain, Stage, sample, total
 
 ENGINES = get_args(Engine)
-
+# Pixels in all frames together from which on "auto" compiles a kernel. NumPy needs a second for them on two
+# processors, and so long does a new process need for Dr.Jit, the kernel and the maps (benchmarks/backend_speed.py).
 WORTH_COMPILING = 2**23
-"""Pixels in all frames together from which on "auto" compiles a kernel. NumPy needs a second for them on two
-processors, and so long does a new process need for Dr.Jit, the kernel and the maps (benchmarks/backend_speed.py)."""
-
+# Fields of Electrons that can have one value per pixel before the shot noise.
+LAYERS = ("light", "yield_mean", "yield_variance", "variance_e2")
 Sinks = dict[str, NDArray[Any]]
 
 
 def choose_backend(engine: str, precision: str, pixels: int) -> Backend:
-    """The backend for so many pixels. precision : "float32" or "float64"; the latter is NumPy's.
-
-    Raises InputError for an unknown engine, one that is not on this machine, and float64 on a compiled engine.
-    """
+    """The backend for so many pixels; InputError for an engine that is unknown or missing, or compiled and float64."""
     if engine not in ENGINES:
-        raise InputError(
-            f"engine is {engine!r}; it must be one of {', '.join(ENGINES)}.{nearest(str(engine), ENGINES)}"
-        )
+        known = f"{', '.join(ENGINES)}.{nearest(str(engine), ENGINES)}"
+        raise InputError(f"engine is {engine!r}; it must be one of {known}")
     if precision == "float64":
         if engine in ("drjit", "cuda"):
             raise InputError(
@@ -112,8 +106,11 @@ class FrameRunner:
             before.copy()
             if ready is not None:
                 yield ready
-        finally:  # also when nobody asks for the rest
-            self._close()
+        finally:  # also when nobody asks for the rest: release the threads and the maps
+            self._parts.clear()
+            self._maps.clear()
+            if self._pool:
+                self._pool.shutdown()
 
     def _jobs(self, index: int, sinks: Sinks, last: bool) -> Iterator[PendingStrip]:
         """One job per strip; on the host they are done."""
@@ -124,18 +121,15 @@ class FrameRunner:
             for done in [self._pool.submit(self._strip, number, index, sinks, last) for number in numbers]:
                 yield done.result()
 
-    def _close(self) -> None:
-        """Release the threads and the maps."""
-        self._parts.clear()
-        self._maps.clear()
-        if self._pool:
-            self._pool.shutdown()
-
     def _strip(self, number: int, index: int, sinks: Sinks, last: bool) -> PendingStrip:
         rows = self._rows[number]
         strip = self.light.crop_rows(rows)
-        new = number not in self._parts
-        window, start = self._part(strip, rows) if new else self._parts.pop(number)
+        if new := number not in self._parts:
+            window, start = self.first.window.crop_rows(rows), None
+            if window.backend.compiled:
+                start = begin(self.stages, strip, replace(self.first, window=window))
+        else:
+            window, start = self._parts.pop(number)
         frame = Frame(self.first.exposure, window, self.first.seed, index)
         found = {"photons"}
         if "photons" in sinks:
@@ -157,21 +151,14 @@ class FrameRunner:
         if not new or window.backend.compiled:
             return
         shape, rows = self.first.window.shape, self._rows[number]
-        for key, strip in window.cached_values.items():
+        for key, strip in list(window.cached_values.items()):
             if isinstance(strip, np.ndarray) and strip.shape == window.shape:
                 with self._lock:
                     if key not in self._maps:
                         self._maps[key] = np.empty(shape, strip.dtype)
                     whole = self._maps[key]
                 whole[rows] = strip
-                window.replace_cached(key, whole[rows])
-
-    def _part(self, strip: Photons, rows: slice) -> tuple[SensorWindow, Electrons | None]:
-        """The strip's window with its maps, and for a compiled backend its photoelectrons."""
-        window = self.first.window.crop_rows(rows)
-        if not window.backend.compiled:
-            return window, None
-        return window, begin(self.stages, strip, replace(self.first, window=window))
+                window.cached_values[key] = whole[rows]
 
 
 def require_kept(asked: Iterable[str], found: Container[str]) -> None:
@@ -186,17 +173,9 @@ def require_kept(asked: Iterable[str], found: Container[str]) -> None:
 
 def begin(stages: Chain, light: Photons, frame: Frame) -> Electrons:
     """What a compiled backend computes once for many frames: mean photoelectrons, and all FPN maps."""
-    electrons = detected(stages[0], light, frame)
-    sample(stages[1:], electrons, replace(frame, _blocks={}))  # traced and discarded: this makes the maps
-    frame.window.backend.evaluate(frame.window)
-    return electrons
-
-
-def detected(detection: Stage, light: Photons, frame: Frame) -> Electrons:
-    """Mean photoelectrons for a compiled backend: computed on the host, a few rows at a time."""
     window, host = frame.window, frame.on(NUMPY_FLOAT32).window
-    parts = [
-        detection.sample(light.crop_rows(rows), replace(frame, window=host.crop_rows(rows), _blocks={}))
+    parts = [  # on the host, a few rows at a time
+        stages[0].sample(light.crop_rows(rows), replace(frame, window=host.crop_rows(rows), _blocks={}))
         for rows in row_strips_of(window.shape, NUMPY_FLOAT32.strip_pixels)
     ]
     layers = {
@@ -204,11 +183,11 @@ def detected(detection: Stage, light: Photons, frame: Frame) -> Electrons:
         for name in LAYERS
         if isinstance(getattr(parts[0], name), np.ndarray)
     }
-    return Electrons(**layers)
-
-
-LAYERS = ("light", "yield_mean", "yield_variance", "variance_e2")
-"""Fields of :class:`Electrons` that can have one value per pixel before the shot noise."""
+    del parts  # no longer needed, and as large as the light
+    electrons = Electrons(**layers)
+    sample(stages[1:], electrons, replace(frame, _blocks={}))  # traced and discarded: this makes the maps
+    window.backend.evaluate(window)
+    return electrons
 
 
 def signals(stages: Chain, start: Photons | Electrons, frame: Frame) -> Iterator[tuple[str, Array]]:

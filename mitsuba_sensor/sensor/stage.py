@@ -10,47 +10,26 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import ClassVar, Literal, Protocol
+from typing import TYPE_CHECKING, ClassVar, Literal, TypeAlias
 
 import numpy as np
 
 from ..core import Array, Electrons, Frame, Moments, Photons, SensorWindow
-from .datasheet import CameraTable, FileTable, PixelGeometry, SensorSection
+from .datasheet import FileTable
 
+if TYPE_CHECKING:
+    from .camera import Camera
+
+Datasheet: TypeAlias = "Camera"  # whose tables the effects read
 Domain = Literal["photons", "electrons", "volts", "DN"]
-
 UNITS: dict[Domain, str] = {"photons": "photons", "electrons": "e-", "volts": "V", "DN": "DN"}
-
-
-def _spaced(name: str, gap: str) -> str:
-    return re.sub(r"(?<!^)(?=[A-Z])", gap, name).lower()
-
-
-class Datasheet(Protocol):
-    """The tables of a camera file, as the effects read them."""
-
-    @property
-    def sensor(self) -> SensorSection: ...
-    @property
-    def pixel(self) -> PixelGeometry: ...
-    @property
-    def quantum_efficiency(self) -> CameraTable: ...
-    @property
-    def dark_current(self) -> CameraTable: ...
-    @property
-    def source_follower(self) -> CameraTable: ...
-    @property
-    def readout(self) -> CameraTable: ...
-    @property
-    def adc(self) -> CameraTable: ...
 
 
 class Stage(ABC):
     """One effect of the signal chain; subclasses are frozen dataclasses of its parameters.
 
-    domain : what leaves the stage.
+    domain : what leaves the stage.  paper : equations of Konnik & Welsh 2014.
     table, fields : the table of the camera file and the fields there that belong to this effect.
-    paper : equations of Konnik & Welsh 2014.
     required : whether the stage changes the unit of the signal, so that no plan can leave it out.
     counts_electrons : whether mean electrons enter and whole electrons leave; where a render has a known variance, the
         stage compensates it.
@@ -72,7 +51,7 @@ class Stage(ABC):
     def __init_subclass__(cls) -> None:
         """``LineDrift`` gets the label ``line drift``, unless it has one of its own."""
         if "label" not in vars(cls):
-            cls.label = _spaced(cls.__name__, " ")
+            cls.label = re.sub(r"(?<!^)(?=[A-Z])", " ", cls.__name__).lower()
 
     @classmethod
     def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> Stage | None:
@@ -102,7 +81,7 @@ class Stage(ABC):
     @classmethod
     def key(cls) -> str:
         """``LineDrift`` → ``line_drift``: the name by which ``Camera.with_stage(after=…)`` finds the stage."""
-        return _spaced(cls.__name__, "_")
+        return re.sub(r"(?<!^)(?=[A-Z])", "_", cls.__name__).lower()
 
     @property
     def nominal_gain(self) -> float:
@@ -175,8 +154,7 @@ Chain = tuple[Stage, ...]
 def converter_of(stages: Chain) -> Converter:
     """The last stage of a chain."""
     last = stages[-1]
-    if not isinstance(last, Converter):
-        raise TypeError(f"the last stage of a chain is a Converter, not a {type(last).__name__}")
+    assert isinstance(last, Converter), last
     return last
 
 

@@ -13,7 +13,7 @@ from ..core import Electrons, Exposure, Frame, Photons, SensorWindow
 from ..core.backend import Backend
 from ..core.llvm import backend_problem, drjit
 from ..sensor.run import FrameRunner
-from ..sensor.stage import Stage, converter_of, sample
+from ..sensor.stage import Chain, converter_of, sample
 from ..sensor.theory import final_moments
 from .statistics import Array, Numbers
 
@@ -23,8 +23,9 @@ BACKENDS = {"drjit": "llvm", "cuda": "cuda"}  # compiled engine → back end of 
 ENDLESS = 2**31  # more frames than any stream is asked for
 FRAMES_A_TURN = 8  # of a compiled engine, which traces a frame while it computes the one before
 
-Stages = tuple[Stage, ...]
+Stages = Chain
 Groups = Mapping[str, NDArray[np.intp]]  # indices of pixels in the flattened window
+ByGroup = dict[str, dict[str, list[float]]]  # by group and moment, one value per sensor
 
 
 def problem_of(engine: str) -> str | None:
@@ -39,10 +40,10 @@ def resized(photons: Photons, shape: tuple[int, int]) -> Photons:
     return replace(photons, mean=np.ascontiguousarray(photons.mean[rows][:, columns]), variance_e2=None, origin=(0, 0))
 
 
-def expected_moments(stages: Stages, photons: Photons, exposure: Exposure) -> Array:
-    """Mean, temporal and spatial variance of every pixel in theory, (3, H, W) [DN, DN², DN²]."""
+def expected_moments(stages: Stages, photons: Photons, exposure: Exposure, rounded: bool = True) -> Array:
+    """Mean, temporal and spatial variance of every pixel in theory, (3, H, W) [DN, DN², DN²], or before rounding."""
     shape = photons.mean.shape[0], photons.mean.shape[1]
-    m = final_moments(stages, photons, Frame(exposure, SensorWindow(0, shape, photons.origin)))[1]
+    m = final_moments(stages, photons, Frame(exposure, SensorWindow(0, shape, photons.origin)))[rounded]
     return np.array([np.broadcast_to(x, shape) for x in (m.mean, m.temporal, m.spatial)])
 
 
@@ -89,17 +90,13 @@ class Illuminated:
         codes = sample(stages[1:], start, Frame(self.exposure, sensor, seed % 2**64))
         return np.asarray(codes, dtype=np.float64)
 
-    def measured_moments(
-        self, stages: Stages, replicas: Replicas, expected: Array, groups: Groups
-    ) -> dict[str, dict[str, list[float]]]:
-        """Moments of frames averaged over groups of pixels: by group and moment, one value per sensor.
+    def measured_moments(self, stages: Stages, replicas: Replicas, expected: Array, groups: Groups) -> ByGroup:
+        """Moments of frames averaged over groups of pixels.
 
         The spatial variance is the squared distance of the mean over a sensor's frames from its theory, expected[0],
-        less what the noise adds to it. Every frame is the first of a seed of its own, so that states that last from
-        frame to frame (random telegraph signals) are independent too.
+        less what the noise adds. Every frame has a seed of its own, so that telegraph signals are independent too.
         """
-        count = replicas.frames
-        found: dict[str, dict[str, list[float]]] = {name: {one: [] for one in MOMENTS} for name in groups}
+        count, found = replicas.frames, []
         for number in range(replicas.sensors):
             sensor = self.sensor(replicas.serial + number)
             start, total, squares = self.electrons(stages, sensor), np.zeros(sensor.shape), np.zeros(sensor.shape)
@@ -108,11 +105,8 @@ class Illuminated:
                 total += codes
                 squares += codes**2  # whole numbers: exact
             mean, temporal = total / count, (squares - total**2 / count) / (count - 1)
-            spatial = (mean - expected[0]) ** 2 - temporal / count
-            for name, values in averages(np.array([mean, temporal, spatial]), groups).items():
-                for one in MOMENTS:
-                    found[name][one].append(values[one])
-        return found
+            found.append(averages(np.array([mean, temporal, (mean - expected[0]) ** 2 - temporal / count]), groups))
+        return {name: {one: [values[name][one] for values in found] for one in MOMENTS} for name in groups}
 
     def stream(self, stages: Stages) -> Stream:
         """Frames of these stages, one after the other."""
@@ -134,12 +128,13 @@ class Stream:
 
     def turn(self) -> int:
         """The frames of one turn of a timing; how many. A kernel's work is waited for before another's turn."""
-        count = FRAMES_A_TURN if self._compiled else 1
-        for _ in range(count):
+        if not self._compiled:
             next(self)
-        if self._compiled:
-            drjit().sync_thread()
-        return count
+            return 1
+        for _ in range(FRAMES_A_TURN):
+            next(self)
+        drjit().sync_thread()
+        return FRAMES_A_TURN
 
     def close(self) -> None:
         """Let threads and maps go."""

@@ -11,10 +11,8 @@ import numpy as np
 
 from .statistics import Values
 
-Progress = Callable[[float, float, str], None]
-"""What a study calls as it goes: seconds of work done, seconds expected in all, and what is measured now."""
-Task = Callable[[], int]
-"""Something to be timed; returns how many times it did its work."""
+Progress = Callable[[float, float, str], None]  # told seconds of work done, seconds expected in all, and what is next
+Task = Callable[[], int]  # something to be timed; returns how many times it did its work
 
 
 class Step(NamedTuple):
@@ -26,16 +24,14 @@ class Step(NamedTuple):
 
 
 class Kit:
-    """Measures what is not measured yet, and says how long that will take.
+    """Measures what is not measured yet, and says how long that will take. new : how many it measured itself.
 
-    known : (value, seconds that it took) by key; if these are files (io/measurements.py), a study that was stopped
-        goes on from there.  new : how many were measured by this kit.
+    known : (value, seconds that it took) by key; as files (io/measurements.py), they let a stopped study go on.
     """
 
     def __init__(self, known: Values | None = None, progress: Progress | None = None) -> None:
         self.known = {} if known is None else known
-        self.new, self._taken_s = 0, 0.0
-        self._progress = progress or (lambda *_: None)
+        self.new, self._taken_s, self._progress = 0, 0.0, progress or (lambda *_: None)
 
     def __getitem__(self, key: str) -> Any:
         """A value that is measured already."""
@@ -47,15 +43,11 @@ class Kit:
         return float(sum(seconds for _, seconds in self.known.values()))
 
     def take(self, steps: Iterable[Step], after_s: float = 0.0) -> None:
-        """Measure every step that is not known yet, in order.
-
-        What is left is expected to take as much longer or shorter as the steps so far did. after_s : seconds that are
-        expected of the study behind these steps.
-        """
+        """Measure every step that is not known yet, in order. after_s : expected of the study behind these steps."""
         left = [step for step in steps if step.key not in self.known]
         before_s, expected_s = self._taken_s, 0.0
         for number, step in enumerate(left):
-            pace = (self._taken_s - before_s) / expected_s if expected_s else 1.0
+            pace = (self._taken_s - before_s) / expected_s if expected_s else 1.0  # of the steps so far
             rest_s = pace * sum(one.seconds for one in left[number:])
             self._progress(self._taken_s, self._taken_s + rest_s + after_s, step.key)
             started = time.perf_counter()
@@ -72,10 +64,8 @@ class Kit:
 
 
 def one_turn(tasks: Mapping[str, Task], number: int) -> dict[str, float]:
-    """Seconds of every task's work, one task after the other, in an order of its own for every turn.
-
-    A machine that slows down then slows all tasks alike, and no task always follows the same one.
-    """
+    """Seconds of every task's work, in an order of its own for every turn: no task always follows the same one."""
+    # A machine that slows down between turns slows all tasks alike.
     names, seconds = list(tasks), {}
     for place in np.random.default_rng(number).permutation(len(names)):
         start = time.perf_counter()

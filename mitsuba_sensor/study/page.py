@@ -1,18 +1,24 @@
-"""What a study hands over: findings, tables and plots as plain values, for a terminal, a program and a page alike."""
+"""What a study hands over, as plain values, and its page: one HTML file that needs nothing else, or drawings as PNG."""
 
 from __future__ import annotations
 
+import io
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Literal
+from html import escape
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
 
 from .statistics import Known, Values
 
-Mark = Literal["", "good", "bad", "best", "dim"]
-"""How a row or a cell is meant: as it must be, not as it must be, the one to take, of no weight."""
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Mark = Literal["", "good", "bad", "best", "dim"]  # as it must be, not as it must be, the one to take, of no weight
 MarkedRow = tuple[Mark, Sequence[object]]
-Level = tuple[float, str]
-"""Value and text of a line across a plot, to compare with."""
+Level = tuple[float, str]  # value and text of a line across a plot, to compare with
 
 
 @dataclass(frozen=True)
@@ -28,10 +34,9 @@ class Table:
 
 def table(title: str, headings: str, rows: Iterable[MarkedRow], note: str = "") -> Table:
     """A table whose headings are separated by `` | ``, of rows with their marks."""
-    marked = [(mark, tuple(row)) for mark, row in rows]
-    marks = tuple(mark for mark, _ in marked)
-    columns, cells = tuple(headings.split(" | ")), tuple(row for _, row in marked)
-    return Table(title, columns, cells, marks if any(marks) else (), note)
+    marked = list(rows)
+    marks, cells = tuple(mark for mark, _ in marked), tuple(tuple(row) for _, row in marked)
+    return Table(title, tuple(headings.split(" | ")), cells, marks if any(marks) else (), note)
 
 
 @dataclass(frozen=True)
@@ -61,6 +66,19 @@ class Plot:
     level: Level | None = None
     note: str = ""
 
+    def _draw(self, axes: Axes) -> float:
+        for number, line in enumerate(self.lines):
+            colour = f"C{number if line.colour is None else line.colour}"
+            style: Values = {"marker": MARKERS[number % len(MARKERS)], "markersize": 4.5, "elinewidth": 0.9}
+            style |= {"linewidth": 1.4 if line.joined else 0, "linestyle": "--" if line.dashed else "-"}
+            axes.errorbar(line.x, line.y, yerr=line.error or None, label=line.label or None, color=colour, **style)
+            x, y = ([values[i] for i in line.ringed] for values in (line.x, line.y))
+            axes.scatter(x, y, s=95, facecolors="none", edgecolors="black", zorder=3)
+        axes.set(xlabel=self.x_label, ylabel=self.y_label)
+        _log_scale(axes, "x", [x for line in self.lines for x in line.x if self.log_x])
+        _log_scale(axes, "y", [y for line in self.lines for y in line.y if self.log_y])
+        return HEIGHT_IN
+
 
 @dataclass(frozen=True)
 class Bars:
@@ -75,6 +93,19 @@ class Bars:
     level: Level | None = None
     note: str = ""
 
+    def _draw(self, axes: Axes) -> float:
+        height, rows = 0.8 / len(self.series), np.arange(len(self.labels))
+        for number, (name, values) in enumerate(self.series.items()):
+            places = rows + (number - (len(self.series) - 1) / 2) * height
+            error = np.array(self.error[name], dtype=float) if name in self.error else None
+            style: Values = {"label": name if len(self.series) > 1 else None, "error_kw": {"elinewidth": 0.9}}
+            axes.barh(places, np.array(values, dtype=float), height, xerr=error, **style)
+        _log_scale(axes, "x", [x for values in self.series.values() for x in values if self.log_x and x is not None])
+        axes.set_yticks(rows, self.labels)
+        axes.set(xlabel=self.x_label, ylim=(len(rows) - 0.4, -0.6))
+        axes.grid(visible=False, axis="y")
+        return 1.2 + BAR_IN * len(self.labels) * (len(self.series) + 0.6)
+
 
 @dataclass(frozen=True)
 class Grid:
@@ -86,6 +117,15 @@ class Grid:
     marks: tuple[tuple[Mark, ...], ...]
     texts: tuple[tuple[str, ...], ...]
     note: str = ""
+
+    def _draw(self, axes: Axes) -> float:
+        axes.set_axis_off()
+        colours = [[CELL[mark] for mark in marks] for marks in self.marks]
+        texts = {"cellText": self.texts, "rowLabels": self.rows, "colLabels": self.columns}
+        table = axes.table(cellColours=colours, cellLoc="center", bbox=axes.viewLim.unit(), **texts)  # type: ignore[arg-type]
+        for cell in table.get_celld().values():
+            cell.set_edgecolor("white")
+        return 1.0 + CELL_IN * len(self.rows)
 
 
 Picture = Plot | Bars | Grid
@@ -121,3 +161,116 @@ def study_of(name: str, title: str, sections: Sequence[Section], **data: object)
     findings = tuple(finding for section in sections for finding in section.findings)
     parts = tuple(part for section in sections for part in section.parts)
     return Study(findings, all(section.passed for section in sections), parts, name, title, data)
+
+
+COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7F3C8D", "#4D4D4D"]
+"""Told apart by colour-blind readers (Okabe & Ito 2008), two more at the end."""
+MARKERS = "osD^vPX*>"  # one more than colours: all pairs come before one comes again
+CELL: dict[Mark, str] = {"good": "#BFE3CF", "bad": "#F2B6A0", "best": "#8CCBA8", "dim": "#EEEEEE", "": "#FFFFFF"}
+WIDTH_IN, HEIGHT_IN, BAR_IN, CELL_IN = 8.4, 4.6, 0.2, 0.3
+MATPLOTLIB: Values = {
+    **{"font.size": 9.5, "axes.prop_cycle": f"cycler('color', {COLOURS})", "axes.axisbelow": True},
+    **{"axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.color": "#E4E4E4"},
+    **{"errorbar.capsize": 2, "legend.frameon": False},
+    **{"svg.fonttype": "none", "svg.hashsalt": "mitsuba_sensor"},  # text stays text, equal studies give equal files
+}
+STYLE = """
+body { font: 15px/1.5 system-ui, sans-serif; color: #222; max-width: 76rem; margin: 2rem auto; padding: 0 1.2rem; }
+h1 { font-size: 1.5rem; } h2 { font-size: 1.1rem; margin: 2rem 0 .4rem; }
+.note, footer { color: #555; font-size: .9rem; } .wide { overflow-x: auto; } svg { max-width: 100%; height: auto; }
+table { border-collapse: collapse; font-size: .86rem; font-variant-numeric: tabular-nums; }
+th, td { text-align: left; vertical-align: top; padding: .18rem .7rem .18rem 0; border-bottom: 1px solid #ddd; }
+td.number { text-align: right; white-space: nowrap; }
+.good { background: #e3f3ea; } .bad { background: #f9d9cc; } .best { background: #bfe3cf; } .dim { color: #888; }
+""".strip()
+ORIGIN = ("command", "scene", "camera", "exposure", "machine", "versions", "seconds", "date")
+"""What of a study's data stands at the foot of the page: what it was made with and how long that took."""
+
+
+def html(study: Study) -> str:
+    """The whole page."""
+    mark, verdict = ("good", "everything that must hold does") if study.passed else ("bad", "not all holds")
+    findings = "".join(f"<li>{escape(finding)}</li>" for finding in study.findings)
+    made = "".join(f"<div>{name}: {escape(text(study.data[name]))}</div>" for name in ORIGIN if name in study.data)
+    return (
+        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(study.title)}</title>\n'
+        f"<style>\n{STYLE}\n</style></head><body>\n<h1>{escape(study.title)}</h1>\n"
+        f'<p><strong class="{mark}">{verdict}</strong></p>\n<ul>{findings}</ul>\n'
+        f"{''.join(map(_part, study.parts))}<footer>{made}</footer>\n</body></html>\n"
+    )
+
+
+def text(value: object) -> str:
+    """A value for people: numbers with four digits, lists joined, nothing for None."""
+    match value:
+        case None:
+            return "–"
+        case bool():
+            return "yes" if value else "no"
+        case float():
+            plain = value == 0 or 1e-3 <= abs(value) < 1e5
+            return f"{value:.4g}" if plain or not math.isfinite(value) else f"{value:.3g}"
+        case dict():
+            return ", ".join(f"{key} {text(one)}" for key, one in value.items())
+        case list() | tuple():
+            return ", ".join(map(text, value))
+    return str(value)
+
+
+def _part(part: Part) -> str:
+    note = f'<p class="note">{escape(part.note)}</p>' if part.note else ""
+    inside = _table(part) if isinstance(part, Table) else svg(part)
+    return f'<section><h2>{escape(part.title)}</h2>{note}<div class="wide">{inside}</div></section>\n'
+
+
+def _table(table: Table) -> str:
+    heads = "".join(f"<th>{escape(column)}</th>" for column in table.columns)
+    marked = zip(table.marks or ("",) * len(table.rows), table.rows, strict=True)
+    rows = "".join(f'<tr class="{mark}">{"".join(map(_cell, row))}</tr>' for mark, row in marked)
+    return f"<table><thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table>"
+
+
+def _cell(value: object) -> str:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return f'<td class="{"number" if number else "text"}">{escape(text(value))}</td>'
+
+
+def svg(picture: Picture) -> str:
+    """An <svg> element to put into a page, below a heading."""
+    drawn = _drawn(picture, "svg", {"Date": None}).decode("utf-8")
+    return drawn[drawn.index("<svg") :]
+
+
+def png(picture: Picture) -> bytes:
+    """The same with its title, as a PNG file's bytes, about 1000 pixels wide."""
+    return _drawn(picture, "png")
+
+
+def _drawn(picture: Picture, kind: str, metadata: Values | None = None) -> bytes:
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    buffer = io.BytesIO()
+    with matplotlib.rc_context(MATPLOTLIB):  # type: ignore[arg-type]
+        figure = Figure(figsize=(WIDTH_IN, HEIGHT_IN))
+        axes = figure.subplots()
+        figure.set_figheight(picture._draw(axes))  # which knows how high it has to be
+        if not isinstance(picture, Grid) and picture.level is not None:
+            line = axes.axvline if isinstance(picture, Bars) else axes.axhline
+            line(picture.level[0], color="black", linewidth=1, linestyle=":", label=picture.level[1])
+        if axes.get_legend_handles_labels()[1]:
+            axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1), fontsize=8.5)
+        if kind == "png":
+            axes.set_title(picture.title, loc="left", fontsize=10.5)
+        figure.savefig(buffer, format=kind, dpi=120, bbox_inches="tight", metadata=metadata)
+    return buffer.getvalue()
+
+
+def _log_scale(axes: Axes, name: str, values: list[float]) -> None:
+    """Where any value is positive; between decades numbers stand only if there is less than one."""
+    positive = [value for value in values if value > 0]
+    if positive:
+        axes.set(**{f"{name}scale": "log"})
+        axis = axes.xaxis if name == "x" else axes.yaxis
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter("{x:g}" if max(positive) < 10 * min(positive) else "")

@@ -16,7 +16,6 @@ Array = NDArray[np.float64]
 Numbers = NDArray[Any]  # of any type, digital numbers for example
 Values = dict[str, Any]  # measured values by name
 Known = Mapping[str, Any]  # the same for reading
-CONFIDENCE = 0.95  # of every interval
 
 
 class Slope(NamedTuple):
@@ -41,7 +40,7 @@ def mean_of_runs(values: Sequence[float]) -> tuple[float, float]:
     count = len(values)
     if count < 2:
         raise InputError(f"there is {count} run; an interval needs at least 2.")
-    return float(np.mean(values)), float(stdtrit(count - 1, 0.5 + CONFIDENCE / 2)) * standard_error(np.array(values))
+    return float(np.mean(values)), float(stdtrit(count - 1, 0.975)) * standard_error(np.array(values))
 
 
 def slope_of_runs(runs: Sequence[tuple[Sequence[float], Sequence[float]]]) -> Slope:
@@ -50,10 +49,7 @@ def slope_of_runs(runs: Sequence[tuple[Sequence[float], Sequence[float]]]) -> Sl
 
 
 def pareto(points: Sequence[tuple[float, float]]) -> tuple[int, ...]:
-    """Indices of the points that no other beats (as small in both, smaller in one), by x; equal points stay together.
-
-    A point with NaN is never among them.
-    """
+    """Indices of the points that no other beats (as small in both, smaller in one), by x; of equal ones all, no NaN."""
     front: list[int] = []
     for i in sorted((i for i, point in enumerate(points) if not np.isnan(point).any()), key=lambda i: points[i]):
         if not front or points[i][1] < points[front[-1]][1] or points[i] == points[front[-1]]:

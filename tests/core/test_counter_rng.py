@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from mitsuba_sensor.core.counter_rng import FIXED_PATTERN, STREAMS, philox, random_bits, random_bits_at, split_key
+from mitsuba_sensor.core.counter_rng import FIXED_PATTERN, STREAMS, philox, random_bits_at, split_key
 
 ONES = 0xFFFFFFFF
 KNOWN_ANSWERS = [
@@ -36,7 +36,7 @@ def test_a_key_is_taken_as_its_lower_and_upper_half() -> None:
 def test_a_window_has_the_random_bits_of_its_pixels_on_the_sensor() -> None:
     """The counter is (x, y, frame, block), so the random bits of each pixel can be computed alone."""
     rows, columns = np.array([3, 4]), np.array([7, 8, 9])
-    window = random_bits(5, rows, columns, frame=12, key=99)
+    window = random_bits_at(5, rows[:, None], columns, frame=12, key=99)
     for (i, y), (j, x) in itertools.product(enumerate(rows), enumerate(columns)):
         alone = philox(tuple(np.array([c], dtype=np.uint64) for c in (x, y, 12, 5)), split_key(99))
         assert [int(integer[i, j]) for integer in window] == [int(integer[0]) for integer in alone]
@@ -44,7 +44,7 @@ def test_a_window_has_the_random_bits_of_its_pixels_on_the_sensor() -> None:
 
 def test_scattered_pixels_have_the_random_bits_that_a_window_has_there() -> None:
     rows, columns = np.array([3, 0, 4]), np.array([7, 9, 2])
-    window = random_bits(5, np.arange(5), np.arange(10), frame=12, key=99)
+    window = random_bits_at(5, np.arange(5)[:, None], np.arange(10), frame=12, key=99)
     for scattered, whole in zip(random_bits_at(5, rows, columns, frame=12, key=99), window, strict=True):
         assert scattered.dtype == np.uint32
         np.testing.assert_array_equal(scattered, whole[rows, columns])
@@ -76,7 +76,7 @@ def test_fpn_and_temporal_noise_never_share_random_bits() -> None:
 
 def test_random_bits_are_uniform_in_every_bit() -> None:
     """Each of the 32 bits is set in half of 2^16 integers: |z| < 5 for 128 bits, chance fails in 7e-5 of the seeds."""
-    integers = np.array(random_bits(0, np.arange(256), np.arange(256), frame=0, key=1))
+    integers = np.array(random_bits_at(0, np.arange(256)[:, None], np.arange(256), frame=0, key=1))
     bits = (integers[..., None] >> np.arange(32, dtype=np.uint32)) & 1
     z = (bits.mean(axis=(1, 2)) - 0.5) * 2 * 256
     assert np.abs(z).max() < 5
@@ -84,5 +84,5 @@ def test_random_bits_are_uniform_in_every_bit() -> None:
 
 def test_windows_at_the_edge_of_the_counter_keep_their_shape() -> None:
     """The filter of coupled columns starts at columns below 0; they wrap to the far end of the counter."""
-    integers = random_bits(FIXED_PATTERN + 1, np.zeros(1, dtype=np.int64), np.arange(-3, 2), 0, 1)[0]
+    integers = random_bits_at(FIXED_PATTERN + 1, np.zeros((1, 1), np.int64), np.arange(-3, 2), 0, 1)[0]
     assert integers.shape == (1, 5) and integers.dtype == np.uint32 and len(set(integers[0].tolist())) == 5

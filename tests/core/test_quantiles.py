@@ -19,7 +19,7 @@ from helpers import BENCHMARKS
 from numpy.typing import NDArray
 from scipy import special, stats
 
-from mitsuba_sensor.core import arrays, control_flow, distributions, quantiles
+from mitsuba_sensor.core import arrays, distributions, quantiles
 from mitsuba_sensor.core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, Backend
 from mitsuba_sensor.core.counter_rng import philox, split_key
 from mitsuba_sensor.core.llvm import backend_problem
@@ -317,13 +317,13 @@ OPERATIONS: dict[str, Callable[[Any, Any], Any]] = {
     "expm1": lambda x, y: arrays.expm1(x),
     "log": lambda x, y: quantiles.log(arrays.maximum(x, -x)),
     "polynomial": lambda x, y: arrays.polynomial(1.0 / (1.0 + x * x), [0.3, -1.7, 2.9, 0.1, -0.4, 1.1, 0.7]),
-    "bits": lambda x, y: arrays.from_float_bits((arrays.float_bits(x) >> 1) + 77),
+    "bits": lambda x, y: arrays.from_float_bits((arrays.signed_bits(x) >> 1) + 77),
     "whole": lambda x, y: arrays.float32(arrays.int32(arrays.minimum(arrays.maximum(x, -1e9), 1e9))),
     "double": lambda x, y: arrays.float32(arrays.float64(x) * 1.1 + arrays.float64(y)),
     "product": lambda x, y: arrays.product(x, y),
-    "amend": lambda x, y: control_flow.replace_where(x > 3.0, y, lambda a, b: a / b, x, y),
-    "choose": lambda x, y: control_flow.branch(x < y, lambda a, b: a * b, lambda a, b: a - b, x, y),
-    "repeat": lambda x, y: control_flow.loop(lambda a, b: a > 1.0, lambda a, b: (a * 0.7, b + 1.0), (x, y)),
+    "amend": lambda x, y: arrays.replace_where(x > 3.0, y, lambda a, b: a / b, x, y),
+    "choose": lambda x, y: arrays.branch(x < y, lambda a, b: a * b, lambda a, b: a - b, x, y),
+    "repeat": lambda x, y: arrays.loop(lambda a, b: a > 1.0, lambda a, b: (a * 0.7, b + 1.0), (x, y)),
     "count": lambda x, y: arrays.count_at_or_below([-5.0, -0.1, 0.0, 0.3, 1.0, 70.0], x),
 }
 """All that pixels meet; the numbers stay above 1e-38, below which Dr.Jit takes them for 0."""

@@ -13,7 +13,7 @@ from mitsuba_sensor.render.bands import choose_bands
 from mitsuba_sensor.render.irradiance import Irradiance
 from mitsuba_sensor.render.prepared import render
 from mitsuba_sensor.render.scene import load_scene
-from mitsuba_sensor.render.statistics import firefly_fraction, summary_of, trusted, why_not_trusted
+from mitsuba_sensor.render.statistics import firefly_fraction, summary_of, why_not_trusted
 from mitsuba_sensor.sensor.camera import load_camera
 
 CAMERA, EXPOSURE = load_camera("konnik_table1"), Exposure(0.02)
@@ -80,7 +80,7 @@ def test_the_share_counts_lit_pixels_that_hang_on_one_pass() -> None:
 
 
 def test_few_passes_are_never_trusted() -> None:
-    assert trusted(16, 0.0) and not trusted(15, 0.0) and not trusted(100, 0.02)
+    assert not why_not_trusted(16, 0.0) and why_not_trusted(15, 0.0) and why_not_trusted(100, 0.02)
     assert "guesses" in why_not_trusted(2, 0.0) and "too small" in why_not_trusted(64, 0.1)
 
 

@@ -20,11 +20,12 @@ from numpy.typing import NDArray
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.core.llvm import drjit
+from mitsuba_sensor.core.options import complete
 from mitsuba_sensor.optics.shutter import STEP_PX, Shutter, shutter_of, subframes
-from mitsuba_sensor.render.animated_transforms import AnimatedTransforms
 from mitsuba_sensor.render.bands import choose_bands
 from mitsuba_sensor.render.motion import Motion, read_motion
-from mitsuba_sensor.render.moving_scene import MovingScene, subframes_of_pass
+from mitsuba_sensor.render.moving_scene import AnimatedTransforms, MovingScene, subframes_of_pass
+from mitsuba_sensor.render.options import RenderOptions
 from mitsuba_sensor.render.passes import hashed_seed
 from mitsuba_sensor.render.scene import Scene, load_scene
 from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
@@ -440,7 +441,7 @@ def test_a_motion_file_that_is_not_there_or_not_toml_or_not_of_this_scene_is_sai
         MovingScene(loaded(tmp_path, EDGE), wrong, GLOBAL, Exposure(0.1))
     for bad in (0, 2.5, "many"):
         with pytest.raises(InputError, match="subframes is"):
-            MovingScene(loaded(tmp_path, EDGE), RIGHT["camera"], GLOBAL, Exposure(0.1), subframes=bad)  # type: ignore[arg-type]
+            complete(RenderOptions, {"subframes": bad})
 
 
 def test_the_shipped_example_is_a_fan_that_turns(tmp_path: Path) -> None:

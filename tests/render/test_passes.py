@@ -59,7 +59,7 @@ def test_welford_is_the_mean_and_its_standard_error() -> None:
     for row in values:
         running.add(row.copy())
     np.testing.assert_allclose(running.mean, values.mean(axis=0), rtol=1e-15)
-    np.testing.assert_allclose(running.standard_error, values.std(axis=0, ddof=1) / np.sqrt(12), rtol=1e-8)
+    np.testing.assert_allclose(np.sqrt(running.variance_of_mean), values.std(axis=0, ddof=1) / np.sqrt(12), rtol=1e-8)
 
 
 def test_bad_values_are_counted_and_clamped_and_infinity_is_marked() -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core import counter_rng, distributions
-from mitsuba_sensor.core.backend import Backend
+from mitsuba_sensor.core.backend import normals as normals_of
 from mitsuba_sensor.core.counter_rng import FIXED_PATTERN, STREAMS, stream_of
 from mitsuba_sensor.core.distributions import AR_BLOCK
 from mitsuba_sensor.core.frame import Frame
@@ -170,7 +170,7 @@ def test_coupled_columns_do_not_feel_the_border_of_a_block(coupling: float) -> N
     line = SensorWindow(3, (1, 2 * AR_BLOCK)).line_map("dsnu_col", coupling)[0]
     block, slot = STREAMS["dsnu_col"]
     columns = np.arange(-distributions.AR_WARM_UP, 2 * AR_BLOCK + distributions.AR_WARM_UP)
-    white = distributions.normal(counter_rng.random_bits(block, np.zeros(1, dtype=np.int64), columns, 0, 3)[slot])[0]
+    white = distributions.normal(counter_rng.random_bits_at(block, np.zeros(1, dtype=np.int64), columns, 0, 3)[slot])
     np.testing.assert_allclose(line, distributions.isotropic_ar(white, coupling, distributions.AR_WARM_UP), atol=1e-10)
 
 
@@ -240,7 +240,7 @@ def test_a_source_of_ones_own_has_a_stream_of_its_own() -> None:
     assert len({stream_of(f"source {i}") for i in range(1000)}) == 1000
     window = SensorWindow(4, (64, 64))
     frame = Frame(EXPOSURE, window, 4)
-    own, fixed = frame.normal("banding"), window.fixed_map("banding", Backend.normal)
+    own, fixed = frame.normal("banding"), window.fixed_map("banding", normals_of)
     correlated = window.correlated("banding of pixels", 0.2)
     for a, b in itertools.combinations((own, fixed, correlated, frame.normal("photon_shot")), 2):
         assert abs(np.mean(a * b)) < 5 / 64

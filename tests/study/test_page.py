@@ -11,11 +11,23 @@ import pytest
 from PIL import Image
 from rich.console import Console
 
-from mitsuba_sensor.cli.study_tables import LONGEST, seconds_bar, sheet
+from mitsuba_sensor.cli.studies import LONGEST, seconds_bar, sheet
 from mitsuba_sensor.io.files import to_json
-from mitsuba_sensor.study.drawing import png, svg
-from mitsuba_sensor.study.html import html, text
-from mitsuba_sensor.study.page import Bars, Grid, Line, Plot, Section, Study, Table, study_of, table
+from mitsuba_sensor.study.page import (
+    Bars,
+    Grid,
+    Line,
+    Plot,
+    Section,
+    Study,
+    Table,
+    html,
+    png,
+    study_of,
+    svg,
+    table,
+    text,
+)
 
 TABLE = Table(
     "Series <all>", ("name", "ms", "error"), (("a & b", 1.23456, None), ("c", 2.0, 1e-9)), ("good", "bad"), "read me"

@@ -35,10 +35,10 @@ from mitsuba_sensor.study.work_precision import render as render_module
 from mitsuba_sensor.study.work_precision import series as series_module
 from mitsuba_sensor.study.work_precision import work_precision
 from mitsuba_sensor.study.work_precision.errors import FEWEST_COMPENSATED, Ladder
-from mitsuba_sensor.study.work_precision.render import Render
-from mitsuba_sensor.study.work_precision.results import SAMPLE_COUNTS, Choice, Result, corrected, predict
+from mitsuba_sensor.study.work_precision.render import SAMPLE_COUNTS, Render, Result, corrected, predict
 from mitsuba_sensor.study.work_precision.series import (
     Block,
+    Choice,
     RenderSetting,
     Series,
     all_settings,
@@ -113,7 +113,7 @@ def test_blocks_are_the_means_and_variances_of_their_passes() -> None:
     assert last.seconds == pytest.approx(3.6)
     np.testing.assert_allclose(last.electrons, passes.mean(axis=0), rtol=1e-12)
     np.testing.assert_allclose(last.irradiance[..., 0], 2 * passes.mean(axis=0), rtol=1e-12)
-    np.testing.assert_allclose(last.variance_e2, passes.var(axis=0, ddof=1) / 8, rtol=1e-12)
+    np.testing.assert_allclose(last.squares, 7 * passes.var(axis=0, ddof=1), rtol=1e-12)
     np.testing.assert_allclose(next(b for b in blocks if b.passes == 4).electrons, passes[:4].mean(axis=0), rtol=1e-12)
 
 

@@ -27,9 +27,18 @@ from mitsuba_sensor.sensor.effects.dark_current import mean_dark_e
 from mitsuba_sensor.sensor.gains import adc_gain_dn_per_v, gain_dn_per_e
 from mitsuba_sensor.study import stress as package
 from mitsuba_sensor.study.kit import Kit
-from mitsuba_sensor.study.stress import THEMES, Theme, verdicts_of, volts
+from mitsuba_sensor.study.stress import (
+    THEMES,
+    Sensitivity,
+    Theme,
+    nudged,
+    of_camera,
+    strongest,
+    ulp,
+    verdicts_of,
+    volts,
+)
 from mitsuba_sensor.study.stress.case import ENGINES, NO_ENGINE, RENDERERS, Engine, Got, Rows, agree, refusal
-from mitsuba_sensor.study.stress.conditions import Sensitivity, nudged, of_camera, strongest, ulp
 
 ASKED = [
     (theme, engine) for theme in THEMES for engine in theme.asked if engine.compiler != "cuda" or not engine.problem

@@ -21,9 +21,9 @@ from ..effects.reset_noise import RESET_RESIDUAL
 from ..gains import sense_gain_v_per_e
 from ..stage import Chain, Stage
 from . import electrons, volts
-from .fpn_distributions import FpnName, PublishedFpnDistribution
+from .electrons import FpnName, PublishedFpnDistribution
 
-PAPER_ONLY = {
+PAPER_ONLY = {  # (setting, value) → why that formula of the paper is refused, and what to use instead
     ("dark_fpn", "paper_eq18"): (
         "the paper's 1 + lnN(0, (t·D_R·D_N)²) takes electrons for a logarithm: its mean is 941 e- where 174 is meant "
         "at 0.1 s, and it overflows at 10 s; use 'lognormal', which the released code scales by D_N"
@@ -38,7 +38,6 @@ PAPER_ONLY = {
         "released code does"
     ),
 }
-"""(setting, value) → why that formula of the paper is refused, and what to use instead."""
 
 PARAMETER_RANGES = {
     "gaussian": (-math.inf, math.inf, "not used"),
@@ -98,7 +97,7 @@ class Konnik2014Settings:
         Black level, full scale and CDS gain of the camera are not used: the published chain has none. Raises InputError
         for what it cannot express (colour filters, a measured dark rate, a gain A_SF) and ``overrides`` does not set.
         """
-        refuse_unknown(overrides, (setting.name for setting in declared(cls)))
+        refuse_unknown(overrides, cls)
         taken: dict[str, float | str] = {
             "technology": camera.sensor.technology,
             "prnu": camera.pixel.prnu,
@@ -109,9 +108,11 @@ class Konnik2014Settings:
             "column_fpn_factor": camera.readout.dsnu_col,
             "adc_bits": camera.adc.bits,
         }
-        for names, take in _TAKEN.items():
-            if not set(names) <= set(overrides):
-                taken |= dict(zip(names, take(camera), strict=True))
+
+        def missing(*names: str) -> bool:
+            return not set(names) <= set(overrides)
+
+        taken |= _light_and_dark(camera, missing) | _follower_and_columns(camera, missing)
         return cls(**(taken | overrides))
 
     @property
@@ -157,71 +158,59 @@ def _used(*stages: tuple[float, Stage]) -> Chain:
     return tuple(stage for used, stage in stages if used)
 
 
-def _quantum_efficiency(camera: Camera) -> tuple[float]:
-    reference = camera.quantum_efficiency.reference_nm
-    if reference is None or len(camera.filter_names) > 1:
-        raise InputError(
-            f"{camera.name} has {len(camera.filter_names)} colour filter(s) and quantum_efficiency.reference_nm "
-            f"{reference}; the published chain has one QE: pass e.g. quantum_efficiency=0.6."
+def _light_and_dark(camera: Camera, missing: Callable[..., bool]) -> dict[str, float | str]:
+    taken: dict[str, float | str] = {}
+    reference, filters, dark = camera.quantum_efficiency.reference_nm, len(camera.filter_names), camera.dark_current
+    if missing("quantum_efficiency"):
+        if reference is None or filters > 1:
+            raise InputError(
+                f"{camera.name} has {filters} colour filter(s) and quantum_efficiency.reference_nm {reference}; the "
+                "published chain has one QE: pass e.g. quantum_efficiency=0.6."
+            )
+        taken["quantum_efficiency"] = float(camera.qe([reference])[0, 0])
+    if missing("dark_fom_na_per_cm2"):
+        if dark.fom_na_per_cm2 is None:
+            raise InputError(
+                f"{camera.name} gives its dark current as a rate; the published chain has only the figure of merit: "
+                "pass e.g. dark_fom_na_per_cm2=1.0."
+            )
+        taken["dark_fom_na_per_cm2"] = dark.fom_na_per_cm2
+    if missing("dark_fpn", "dark_fpn_factor", "dark_fpn_parameter"):
+        parameters = {"gaussian": 0.0, "lognormal": 0.4}  # of the released code, at every D_N
+        if dark.distribution not in parameters:
+            raise InputError(
+                f"{camera.name} has dark_current.distribution {dark.distribution!r}, which the published chain lacks; "
+                "pass e.g. dark_fpn='lognormal', dark_fpn_factor=0.01, dark_fpn_parameter=0.4."
+            )
+        taken |= {"dark_fpn": dark.distribution, "dark_fpn_factor": dark.cv}
+        taken["dark_fpn_parameter"] = parameters[dark.distribution]
+    return taken
+
+
+def _follower_and_columns(camera: Camera, missing: Callable[..., bool]) -> dict[str, float | str]:
+    taken: dict[str, float | str] = {}
+    follower, coupling = camera.source_follower, camera.readout.dsnu_col_coupling
+    if missing("source_follower_e"):
+        if follower.gain != 1:
+            raise InputError(
+                f"{camera.name} has source_follower.gain {follower.gain}; the published chain would multiply the whole "
+                f"node voltage by it (0.9 saturates every pixel), and only 1 is on record: pass source_follower_e=6.09."
+            )
+        published = electrons.PublishedFollowerSpectrum(
+            white_nv_per_rthz=follower.white_nv_per_rthz or 0.0,
+            corner_hz=follower.corner_hz,
+            sample_s=follower.cds_sample_s,
+            dominant_s=follower.cds_dominant_s,
+            rtn_step=0.0 if camera.sensor.technology == "ccd" else follower.rtn_uv * 1e-6,
+            rtn_s=follower.rtn_s,
         )
-    return (float(camera.qe([reference])[0, 0]),)
-
-
-def _dark_fom(camera: Camera) -> tuple[float]:
-    if camera.dark_current.fom_na_per_cm2 is None:
-        raise InputError(
-            f"{camera.name} gives its dark current as a rate; the published chain has only the figure of merit: "
-            f"pass e.g. dark_fom_na_per_cm2=1.0."
-        )
-    return (camera.dark_current.fom_na_per_cm2,)
-
-
-def _dark_fpn(camera: Camera) -> tuple[str, float, float]:
-    """The log-normal of the released code is LogNormal(0, 0.4) times D_N for every D_N."""
-    numbers = {"gaussian": 0.0, "lognormal": 0.4}
-    name = camera.dark_current.distribution
-    if name not in numbers:
-        raise InputError(
-            f"{camera.name} has dark_current.distribution {name!r}, which the published chain lacks; "
-            f"pass e.g. dark_fpn='lognormal', dark_fpn_factor=0.01, dark_fpn_parameter=0.4."
-        )
-    return name, camera.dark_current.cv, numbers[name]
-
-
-def _source_follower(camera: Camera) -> tuple[float]:
-    follower = camera.source_follower
-    if follower.gain != 1:
-        raise InputError(
-            f"{camera.name} has source_follower.gain {follower.gain}; the published chain would multiply the whole "
-            f"node voltage by it (0.9 saturates every pixel), and only 1 is on record: pass source_follower_e=6.09."
-        )
-    if follower.read_noise_e is not None:
-        return (follower.read_noise_e,)
-    published = electrons.PublishedFollowerSpectrum(
-        white_nv_per_rthz=follower.white_nv_per_rthz or 0.0,
-        corner_hz=follower.corner_hz,
-        sample_s=follower.cds_sample_s,
-        dominant_s=follower.cds_dominant_s,
-        rtn_step=0.0 if camera.sensor.technology == "ccd" else follower.rtn_uv * 1e-6,
-        rtn_s=follower.rtn_s,
-    )
-    return (published.sigma_e(sense_gain_v_per_e(camera) * 1e6),)
-
-
-def _column_fpn(camera: Camera) -> tuple[str, float]:
-    if camera.readout.dsnu_col_coupling:
-        raise InputError(
-            f"{camera.name} has readout.dsnu_col_coupling {camera.readout.dsnu_col_coupling}, an isotropic process "
-            f"that the published chain lacks; pass e.g. column_fpn='ar', column_fpn_parameter=0.5."
-        )
-    return "gaussian", 0.0
-
-
-_TAKEN: dict[tuple[str, ...], Callable[[Camera], tuple[float | str, ...]]] = {
-    ("quantum_efficiency",): _quantum_efficiency,
-    ("dark_fom_na_per_cm2",): _dark_fom,
-    ("dark_fpn", "dark_fpn_factor", "dark_fpn_parameter"): _dark_fpn,
-    ("source_follower_e",): _source_follower,
-    ("column_fpn", "column_fpn_parameter"): _column_fpn,
-}
-"""Settings → function that reads them from a camera, called unless all of them are given."""
+        given = follower.read_noise_e
+        taken["source_follower_e"] = published.sigma_e(sense_gain_v_per_e(camera) * 1e6) if given is None else given
+    if missing("column_fpn", "column_fpn_parameter"):
+        if coupling:
+            raise InputError(
+                f"{camera.name} has readout.dsnu_col_coupling {coupling}, an isotropic process that the published "
+                "chain lacks; pass e.g. column_fpn='ar', column_fpn_parameter=0.5."
+            )
+        taken |= {"column_fpn": "gaussian", "column_fpn_parameter": 0.0}
+    return taken

@@ -4,8 +4,6 @@ As in ``electrons.py`` the behaviour is reproduced, not the text. The volts here
 published, not the swing S of the physical chain; some of the published effects exist only because of that.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
@@ -13,44 +11,31 @@ import numpy as np
 
 from ...core import Array, Frame, Moments
 from ..stage import Converter, Stage
-from .fpn_distributions import PublishedFpn
+from .electrons import PublishedFpn
 
-ELEMENTARY_CHARGE_C = 1.602176487e-19
-BOLTZMANN_J_PER_K = 1.3806504e-23
-"""CODATA 2006, as in that code."""
-
-K1_C = 10.909e-15
-"""k₁ of the V/e non-linearity [C] (paper eq. 8); with V_REF = 3.1 V it implies 45.5 µV/e-, independent of A_SN."""
+ELEMENTARY_CHARGE_C, BOLTZMANN_J_PER_K = 1.602176487e-19, 1.3806504e-23  # CODATA 2006, as in that code
+K1_C = 10.909e-15  # k₁ [C] (paper eq. 8); with V_REF = 3.1 V it implies 45.5 µV/e-, independent of A_SN
 
 
 @dataclass(frozen=True)
 class PublishedResetNoise:
-    """factor·(exp(σz) − 1) [V], σ = √(k_B·T·A_SN/q) (paper eq. 7, and 27 without the +1 V that its log-normal adds).
+    """factor·(exp(σz) − 1) [V], σ = √(k_B·T·A_SN/q) (paper eq. 7, and 27 without the +1 V that its log-normal adds)."""
 
-    gain_v_per_e : A_SN [V/e-].  factor : 0 for a CCD, 0.8 in the released parameters.
-    """
-
-    gain_v_per_e: float
-    factor: float
+    gain_v_per_e: float  # A_SN
+    factor: float  # 0 for a CCD, 0.8 in the released parameters
 
     def __call__(self, frame: Frame) -> Array:
         """Noise that is added to V_REF, (H, W) [V]."""
-        if self.factor == 0:
-            return 0.0
-        return self.factor * np.expm1(self.sigma(frame) * frame.normal("reset"))
+        return self.factor * np.expm1(self.sigma(frame) * frame.normal("reset")) if self.factor else 0.0
 
     def sigma(self, frame: Frame) -> float:
         """σ of the normal in the exponent; 3.584e-4 for 5 µV/e- at 298.15 K."""
         return math.sqrt(BOLTZMANN_J_PER_K * frame.exposure.temperature_k * self.gain_v_per_e / ELEMENTARY_CHARGE_C)
 
-    def mean(self, frame: Frame) -> float:
-        """Mean [V]."""
-        return self.factor * math.expm1(self.sigma(frame) ** 2 / 2)
-
-    def variance(self, frame: Frame) -> float:
-        """Variance [V²]."""
+    def moments(self, frame: Frame) -> tuple[float, float]:
+        """Mean [V] and variance [V²]."""
         squared = self.sigma(frame) ** 2
-        return self.factor**2 * math.exp(squared) * math.expm1(squared)
+        return self.factor * math.expm1(squared / 2), self.factor**2 * math.exp(squared) * math.expm1(squared)
 
 
 @dataclass(frozen=True)
@@ -68,19 +53,16 @@ class PublishedSenseNode(Stage):
 
     def moments(self, m: Moments) -> Moments:
         """Linear, plus mean and variance of the reset noise."""
-        mean = self.reference_v + self.reset.mean(m.frame)
-        return m.scale(-self.gain_v_per_e).add(mean=mean, temporal=self.reset.variance(m.frame))
+        mean, variance = self.reset.moments(m.frame)
+        return m.scale(-self.gain_v_per_e).add(mean=self.reference_v + mean, temporal=variance)
 
 
 @dataclass(frozen=True)
 class PublishedExponentialNode(Stage):
-    """V = (V_REF + reset)·exp(−α·q·N/k₁) (paper eq. 33): A_SN does not enter, α = 0.05 reads 0.45 of the signal.
+    """V = (V_REF + reset)·exp(−α·q·N/k₁) (paper eq. 33): A_SN does not enter, α = 0.05 reads 0.45 of the signal."""
 
-    reference_v : V_REF [V].  alpha : coefficient of non-linearity, above 0.
-    """
-
-    reference_v: float
-    alpha: float
+    reference_v: float  # V_REF
+    alpha: float  # coefficient of non-linearity, above 0
     reset: PublishedResetNoise
     domain = "volts"
 
@@ -90,9 +72,8 @@ class PublishedExponentialNode(Stage):
 
     def moments(self, m: Moments) -> Moments:
         """Second order in per_e·σ_N, which is below 1e-3, times the independent reference."""
-        scale, high = np.exp(-self.per_e * m.mean), self.reference_v + self.reset.mean(m.frame)
-        node = through(m, scale, self.per_e * scale, self.per_e**2 * scale)
-        noise = self.reset.variance(m.frame)
+        scale, (mean, noise) = np.exp(-self.per_e * m.mean), self.reset.moments(m.frame)
+        node, high = through(m, scale, self.per_e * scale, self.per_e**2 * scale), self.reference_v + mean
         return Moments(high * node.mean, high**2 * node.temporal + noise * scale**2, high**2 * node.spatial, m.frame)
 
     @property
@@ -103,14 +84,11 @@ class PublishedExponentialNode(Stage):
 
 @dataclass(frozen=True)
 class PublishedFollower(Stage):
-    """V·(1 + (γ − 1)·(V_REF − V)/(V_FW·V_REF)): the gain grows with the swing but multiplies the *node voltage*.
-
-    (Paper eq. 9, 34.) γ = 1.05 takes 29 % to 30 % of the signal away.  full_well_v : V_FW [V].  gamma : above 0.
-    """
+    """V·(1 + (γ − 1)·(V_REF − V)/(V_FW·V_REF)), the *node voltage* times a gain of the swing (paper eq. 9, 34)."""
 
     reference_v: float
-    full_well_v: float
-    gamma: float
+    full_well_v: float  # V_FW
+    gamma: float  # above 0; 1.05 takes 29 % to 30 % of the signal away
     domain = "volts"
 
     def sample(self, volts: Array, frame: Frame) -> Array:
@@ -128,26 +106,20 @@ class PublishedFollower(Stage):
 
 
 class PublishedColumnFpn(PublishedFpn):
-    """V·(1 + D·V_FW·x_j), x_j per column (paper eq. 28, 32 *add*): 512 µV where D·V_FW = 165 µV is meant.
+    """V·(1 + D·V_FW·x_j), x_j per column (paper eq. 28, 32 *add*): 512 µV where D·V_FW = 165 µV is meant."""
 
-    factor : D·V_FW, used as a number without unit.  distribution : of x.
-    """
-
-    domain, source = "volts", "dsnu_col"
+    domain, source = "volts", "dsnu_col"  # factor : D·V_FW, used as a number without unit
 
 
 @dataclass(frozen=True)
 class PublishedAdc(Converter):
-    """round(A·S·γ^(−S/V_FW)), S = V_REF − V, clipped to 0 … 2^bits: a code too many, no black level (paper eq. 35–37).
-
-    gain_dn_per_v : A = 2^bits/(V_FW − A_SN²) [DN/V].  full_well_v : V_FW [V].  gamma : 1 is linear.
-    """
+    """round(A·S·γ^(−S/V_FW)), S = V_REF − V, clipped to 0 … 2^bits: a code too many, no black level (paper 35–37)."""
 
     bits: int
-    gain_dn_per_v: float
+    gain_dn_per_v: float  # A = 2^bits/(V_FW − A_SN²)
     reference_v: float
-    full_well_v: float
-    gamma: float = 1.0
+    full_well_v: float  # V_FW
+    gamma: float = 1.0  # linear
 
     def sample(self, volts: Array, frame: Frame) -> Array:
         """Voltage [V] → whole digital numbers (H, W)."""

@@ -6,7 +6,6 @@ from dataclasses import asdict
 from functools import cache, partial
 
 from ...core import InputError, require, require_seed
-from ...render.irradiance import Irradiance
 from ...render.requirements import render_requirements
 from ...render.stop_criterion import stop_criterion_of
 from ...sensor.gains import gain_dn_per_e
@@ -16,14 +15,13 @@ from ..page import Study, study_of
 from ..statistics import Values
 from ..subject import Subject
 from .pages import render_section, sensor_section
-from .render import AOVS, ERROR_BARS, WHOLE_RENDERS, Measure, measures
+from .render import AOVS, ERROR_BARS, WHOLE_RENDERS, measures
 from .sensor import CALL_S, KERNEL_S, SENSORS, SensorAblation, SensorResults
 
 FRAMES = 24  # of each of the sensors: 1536 frames of each chain
 SPP = 32  # samples per pixel of each render. Most of their noise is in both pictures that are compared
 FEWEST_PASSES = 4  # two in each half, so that both have a standard error
-SAMPLE_NS = 4000.0
-"""Per light path (30 bands), on two cores of an AMD EPYC: for the estimate before anything is measured."""
+SAMPLE_NS = 4000.0  # per light path (30 bands) on two cores of an AMD EPYC: for the estimate before any measurement
 
 
 def ablation(
@@ -44,45 +42,34 @@ def ablation(
     if criterion.passes < FEWEST_PASSES:
         raise InputError(f"spp is {spp}; the study compares halves of the passes: ask for at least {FEWEST_PASSES}.")
 
-    @cache
-    def light() -> Irradiance:
-        return subject.job.render(seed, criterion)
-
-    @cache
-    def ways() -> dict[str, str | Measure]:
-        return measures(subject, criterion, seed)
+    light = cache(lambda: subject.job.render(seed, criterion))
+    ways = cache(lambda: measures(subject, criterion, seed))
 
     def scene() -> Values:
-        missing = {name: why for name, why in ways().items() if isinstance(why, str)}
+        here, missing = ways()
         columns, rows = subject.job.scene.view.crop_size
-        here = [name for name in ways() if name not in missing]
-        return {"features": here, "missing": missing, "columns": columns, "rows": rows}
-
-    def without(name: str) -> Values:
-        measure = ways()[name]
-        assert not isinstance(measure, str)
-        return measure()
+        return {"features": list(here), "missing": missing, "columns": columns, "rows": rows}
 
     def requirements() -> list[Values]:
         found = render_requirements(light(), camera, exposure, gain_dn_per_e(camera), tolerance_dn)
         return [asdict(one) for one in found]
+
+    def without(name: str) -> Values:
+        return ways()[0][name]()
 
     found = kit.measure("loading the scene", 60.0, scene)
     pixels = found["columns"] * found["rows"]
     render_s = criterion.passes * (CALL_S + 1e-9 * SAMPLE_NS * pixels * criterion.samples)
     sensor = SensorAblation(kit, subject, light, tolerance_dn, replicas)
     steps = [Step("rendering the scene", KERNEL_S + render_s, requirements), *sensor.steps(pixels)]
-    special = {AOVS: 1.0, ERROR_BARS: KERNEL_S + 2 * (WHOLE_RENDERS + 1) * render_s}
-    for name in found["features"]:
-        steps.append(Step(f"render: {name}", special.get(name, KERNEL_S + 2 * render_s), partial(without, name)))
+    expected_s = dict.fromkeys(found["features"], KERNEL_S + 2 * render_s)
+    expected_s |= {AOVS: 1.0, ERROR_BARS: KERNEL_S + 2 * (WHOLE_RENDERS + 1) * render_s}
+    steps += (Step(f"render: {one}", expected_s[one], partial(without, one)) for one in found["features"])
     kit.take(steps)
     changes = {name: kit[f"render: {name}"] for name in found["features"]}
     sections = (
         sensor_section(SensorResults(sensor), replicas, tolerance_dn),
         render_section(changes, found["missing"], kit["rendering the scene"], tolerance_dn),
     )
-    title = (
-        f"What {subject.name} and {camera.name} can do without ({found['columns']} × {found['rows']} pixels, "
-        f"{exposure.time_s:g} s, {exposure.temperature_k:g} K)"
-    )
-    return study_of("ablation", title, sections)
+    about = f"{found['columns']} × {found['rows']} pixels, {exposure.time_s:g} s, {exposure.temperature_k:g} K"
+    return study_of("ablation", f"What {subject.name} and {camera.name} can do without ({about})", sections)

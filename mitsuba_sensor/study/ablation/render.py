@@ -14,8 +14,7 @@ from ...render.aovs import render_aovs
 from ...render.irradiance import Irradiance
 from ...render.passes import hashed_seed, whole_grid
 from ...render.prepared import PreparedRender
-from ...render.reduced import direct_integrator, without_depth_of_field, without_indirect_light
-from ...render.requirements import grouped_electrons
+from ...render.requirements import direct_integrator, grouped_electrons, without_depth_of_field, without_indirect_light
 from ...render.stop_criterion import StopCriterion
 from ...sensor.gains import gain_dn_per_e
 from ..kit import in_turns, one_turn
@@ -24,8 +23,7 @@ from ..subject import Subject
 from .sensor import FEWEST_PIXELS, WORST
 
 FLAT_TO_MM = 1e6  # to this image height a lens without fall-off is as bright as on its axis: beyond any sensor
-WHOLE_RENDERS = 3
-"""How often the render is made in full, with and without error bars: no pass of the one is one of the other."""
+WHOLE_RENDERS = 3  # with and without error bars: no pass of the one is one of the other
 LAST_DIGIT = 1e-6  # of the mean signal: below it a change is one of float32 films
 AS_IT_IS, WITHOUT = "as it is", "without"
 APERTURE, ERROR_BARS, AOVS = "depth of field", "error bars", "AOVs"
@@ -36,8 +34,8 @@ Theory = Callable[[Irradiance, PreparedRender], Array]
 """Electrons that theory makes of a render of the scene as it is, (H, W), for the scene without a feature."""
 
 
-def measures(subject: Subject, criterion: StopCriterion, seed: int) -> dict[str, str | Measure]:
-    """How the change without each feature of this render is measured; of a feature that it has not, why not."""
+def measures(subject: Subject, criterion: StopCriterion, seed: int) -> tuple[dict[str, Measure], dict[str, str]]:
+    """How the change without each feature of this render is measured; of the features that it has not, why not."""
     job, camera, lens, view = subject.job, subject.camera, subject.camera.lens, subject.job.scene.view
 
     def change(load: Load, theory: Theory | None = None) -> Measure:
@@ -70,6 +68,8 @@ def measures(subject: Subject, criterion: StopCriterion, seed: int) -> dict[str,
     direct, deep = direct_integrator(job.parsed.file), "the integrator follows no path beyond the first surface"
     channels = change(partial(subject.job_with, spectral="channels"))
     rows: list[tuple[str, object, str, Measure]] = [  # what, whether it is here, why not, how it is measured
+        *((name, True, "", measure) for name, measure in bands.items()),
+        *([] if bands else [("coarser bands", False, "there is one band, or channels", dict)]),
         ("channels instead of bands", cube and not bursts, why, channels),
         (APERTURE, thin, "no thin lens", change(lambda: without_depth_of_field(subject.job_with()))),
         ("indirect light", direct, deep, change(lambda: without_indirect_light(subject.job_with()))),
@@ -81,24 +81,15 @@ def measures(subject: Subject, criterion: StopCriterion, seed: int) -> dict[str,
         (ERROR_BARS, True, "", partial(_in_one_pass, subject, criterion, seed)),
         (AOVS, True, "", partial(_without_aovs, subject)),
     ]
-    here = {name: measure if is_here else reason for name, is_here, reason, measure in rows}
-    return {**(bands or {"coarser bands": "there is one band, or channels"}), **here}
+    missing = {name: reason for name, is_here, reason, _ in rows if not is_here}
+    return {name: measure for name, is_here, _, measure in rows if is_here}, missing
 
 
-def change_without(
-    subject: Subject, criterion: StopCriterion, seed: int, load: Load, theory: Theory | None = None
-) -> Values:
-    """What happens to the picture of the scene that is loaded without a feature, and the seconds that are saved.
-
-    mean_dn, rms_dn, worst_dn : change of the mean signal, cut at the full well: averaged over the pixels; root of the
-        mean square, freed of the render's own noise; and averaged over the worst 1 % of the pixels, which theory names,
-        else half of the passes while the others measure. Each has its ``_error``.
-    predicted : what theory says of mean and worst 1 %, of the worst pixel, and z of the first two; else None.
-    seconds, seconds_without : of each pass, turn by turn.  passes : that a render has.
-    """
+def change_without(subject: Subject, criterion: StopCriterion, seed: int, load: Load, theory: Theory | None) -> Values:
+    """The change of the scene that is loaded without a feature, and the seconds of each pass, turn by turn."""
     k, jobs = gain_dn_per_e(subject.camera), {AS_IT_IS: subject.job, WITHOUT: load()}
     pictures: dict[str, list[Array]] = {name: [] for name in (*jobs, "theory")}
-    seconds: dict[str, list[float]] = {name: [] for name in jobs}
+    turns: list[dict[str, float]] = []
     lights: dict[str, Irradiance] = {}
 
     def render(name: str, seed: int) -> int:
@@ -107,26 +98,35 @@ def change_without(
 
     for number in range(-1, criterion.passes):  # the first compiles
         own = hashed_seed(seed, -2, max(number, 0))
-        elapsed = one_turn({name: partial(render, name, own) for name in jobs}, number + 1)
-        for name, job in jobs.items() if number >= 0 else ():
-            seconds[name].append(elapsed[name])
-            pictures[name].append(k * job.renderer.electrons()[0])
-        if theory and number >= 0:
-            pictures["theory"].append(k * theory(lights[AS_IT_IS], jobs[WITHOUT]))
+        turns.append(one_turn({name: partial(render, name, own) for name in jobs}, number + 1))
+        if number >= 0:
+            for name, job in jobs.items():
+                pictures[name].append(k * job.renderer.electrons()[0])
+            if theory:
+                pictures["theory"].append(k * theory(lights[AS_IT_IS], jobs[WITHOUT]))
     base, changed, expected = (np.array(stack) for stack in pictures.values())
     found = compared(base, changed, expected if theory else None, k * subject.camera.pixel.full_well_e)
-    return {**found, "seconds": seconds[AS_IT_IS], "seconds_without": seconds[WITHOUT], "passes": criterion.passes}
+    seconds, without = ([turn[name] for turn in turns[1:]] for name in jobs)
+    return {**found, "seconds": seconds, "seconds_without": without, "passes": criterion.passes}
 
 
 def compared(base: Array, changed: Array, theory: Array | None, full_dn: float) -> Values:
-    """Two renders of equal passes, (passes, H, W) each [DN]; theory : what it makes of the passes of the first."""
+    """Two renders of equal passes, (passes, H, W) each [DN]; theory : what it makes of the passes of the first.
+
+    mean_dn, rms_dn, worst_dn : change of the mean signal, cut at the full well: averaged over the pixels; root of the
+        mean square, freed of the render's own noise; and averaged over the worst 1 % of the pixels, which theory names,
+        else half of the passes while the others measure. Each has its ``_error``.
+    predicted : what theory says of mean and worst 1 %, of the worst pixel, and z of the first two; else None.
+    """
     off, each, unsaturated = _change(base, changed, full_dn)
     rms, rms_error = _rms(each)
-    signal_dn = float(np.minimum(base.mean(axis=0), full_dn).mean())
-    found: Values = {"signal_dn": signal_dn, "mean_dn": float(off.mean())}
-    found |= {"mean_error": standard_error(each.mean(axis=(1, 2))), "rms_dn": rms, "rms_error": rms_error}
-    if theory is None:
-        return {**found, **_worst_by_halves(base, changed, full_dn), "predicted": None}
+    signal_dn, mean_dn = float(np.minimum(base.mean(axis=0), full_dn).mean()), float(off.mean())
+    found: Values = {"signal_dn": signal_dn, "mean_dn": mean_dn, "mean_error": standard_error(each.mean(axis=(1, 2)))}
+    found |= {"rms_dn": rms, "rms_error": rms_error}
+    if theory is None:  # the pixels that every other pass names, as the others see them: no noise is picked
+        halves = [_change(base[k::2], changed[k::2], full_dn) for k in (0, 1)]
+        values, errors = zip(*(_over(*halves[1 - k][:2], _worst(halves[k][0])) for k in (0, 1)), strict=True)
+        return {**found, "worst_dn": 0.5 * sum(values), "worst_error": 0.5 * math.hypot(*errors), "predicted": None}
     expected, *_ = _change(base, theory, full_dn)
     weights, least = _worst(expected), LAST_DIGIT * signal_dn
     rest = np.where(unsaturated, changed - theory, 0.0)
@@ -148,10 +148,9 @@ def _change(base: Array, changed: Array, full_dn: float) -> tuple[Array, Array, 
 
 def _worst(change: Array) -> Array:
     """Weights of the worst pixels: the sign of their change over their number, (H, W); 0 for the others."""
-    count = min(max(int(WORST * change.size), FEWEST_PIXELS), change.size)
-    weights = np.zeros(change.size)
-    places = np.argsort(np.abs(change), axis=None)[-count:]
-    weights[places] = np.sign(change.ravel()[places]) / count
+    weights, places = np.zeros(change.size), np.argsort(np.abs(change), axis=None)
+    worst = places[-max(int(WORST * change.size), FEWEST_PIXELS) :]
+    weights[worst] = np.sign(change.ravel()[worst]) / worst.size
     return weights.reshape(change.shape)
 
 
@@ -161,12 +160,9 @@ def _over(change: Array, each: Array, weights: Array) -> tuple[float, float]:
 
 
 def _rms(each: Array) -> tuple[float, float]:
-    """Root of the mean square over the pixels of the change that all passes share, and its standard error.
+    """Root of the mean square over the pixels of the change that all passes share, and its standard error."""
 
-    The mean of products of two different passes has no noise in its mean; each pass left out once gives the error.
-    """
-
-    def square(passes: Array) -> float:
+    def square(passes: Array) -> float:  # the mean of products of two different passes has no noise in its mean
         count, total, squares = len(passes), passes.sum(axis=0), (passes**2).sum(axis=0)
         return float(((total**2 - squares) / (count * (count - 1))).mean())
 
@@ -175,17 +171,6 @@ def _rms(each: Array) -> tuple[float, float]:
     error = math.sqrt((count - 1) / count * float(((left - left.mean()) ** 2).sum()))
     rms = math.sqrt(max(whole, 0.0))
     return rms, error / (2 * rms) if whole > error else math.sqrt(error)
-
-
-def _worst_by_halves(base: Array, changed: Array, full_dn: float) -> dict[str, float]:
-    """The pixels that every other pass names, as the others see them, and the other way round: no noise is picked."""
-    found = []
-    for one, other in ((0, 1), (1, 0)):
-        weights = _worst(_change(base[one::2], changed[one::2], full_dn)[0])
-        off, each, _ = _change(base[other::2], changed[other::2], full_dn)
-        found.append(_over(off, each, weights))
-    values, errors = zip(*found, strict=True)
-    return {"worst_dn": 0.5 * sum(values), "worst_error": 0.5 * math.hypot(*errors)}
 
 
 def _in_one_pass(subject: Subject, criterion: StopCriterion, seed: int) -> Values:
@@ -201,8 +186,7 @@ def _in_one_pass(subject: Subject, criterion: StopCriterion, seed: int) -> Value
 
     seconds = in_turns({name: partial(render, name) for name in ways}, WHOLE_RENDERS)
     as_it_is, without = (np.array(means[name][1:]) for name in ways)
-    off = without - as_it_is
-    nothing = dict.fromkeys(("rms_dn", "rms_error", "worst_dn", "worst_error", "predicted"))
+    off, nothing = without - as_it_is, dict.fromkeys(("rms_dn", "rms_error", "worst_dn", "worst_error", "predicted"))
     found = {"signal_dn": float(as_it_is.mean()), "mean_dn": float(off.mean()), "mean_error": standard_error(off)}
     return {**found, **nothing, "seconds": seconds[AS_IT_IS], "seconds_without": seconds[WITHOUT], "passes": 1}
 

@@ -26,39 +26,34 @@ from ..subject import Subject
 
 WHOLE, PLAN, DETECTION = "whole chain", "the plan", "detection"
 SENSORS = 64  # serial numbers whose frames are measured: independent values, from whose spread the standard errors come
+THEORY, EQUAL_BITS = "moments of every pixel", "frames with equal random bits"  # names of measurements, and of frames:
+FRAMES_OF = f"frames of {SENSORS} sensors: "
 WORST, FEWEST_PIXELS = 0.01, 16
-"""Share of the pixels that are "the worst": those in which theory says that a chain moves most; of a small picture so
-many. One pixel alone has one fixed pattern per sensor, and its variance would be known to a sixth at best."""
+"""Share of the pixels, or so many, that are "the worst", which theory says that a chain moves most. One pixel alone has
+one fixed pattern per sensor, and its variance would be known to a sixth at best."""
 LOOKED_AT = 8  # frames, each of a sensor of its own, whose pixels are compared one by one with those of the whole chain
-SHAPE = {"numpy": (256, 512), "drjit": (1024, 1024)}
-"""Pixels of the frames that are timed, however small the render: one strip of NumPy's, and enough for a kernel."""
+SHAPE = {"numpy": (256, 512), "drjit": (1024, 1024)}  # of timed frames: one strip of NumPy's, enough for a kernel
 TURNS = {"numpy": 15, "drjit": 7}  # in each of which every chain makes frames
-RARE = 2.0
-"""Events that are the standard error where none was seen: of 3 · 2 expected, none is seen in 1 of 400 cases, 3 σ."""
+RARE = 2.0  # events, the standard error where none was seen: of 3 · 2 expected, none is seen in 1 of 400 cases, 3 σ
 NUMPY_NS, DRJIT_NS, CALL_S, KERNEL_S = 120.0, 12.0, 1.5e-3, 3.0
 """Per pixel and frame, per call of a chain, per kernel, on two cores of an AMD EPYC: for the estimate at first."""
 
 
 class Comparison(NamedTuple):
-    """One quantity of one chain, over all pixels or the worst, less that of the whole chain [DN].
-
-    z : how many standard errors the measurement is from the prediction, as the normal law that is as unlikely counts
-        them (Student's t has a wider tail); 0 where nothing changes in theory nor in frames.
-    """
+    """One quantity of one chain, over all pixels or the worst, less that of the whole chain [DN]."""
 
     case: str
     quantity: str
     predicted_dn: float = 0.0
     measured_dn: float = 0.0
     error_dn: float = 0.0
-    z: float = 0.0
+    z: float = 0.0  # standard errors from the prediction, as a normal law counts that are as unlikely as Student's t
 
 
 class Chains:
-    """Every chain of a camera under some light, and what theory says of it. photons : of every pixel, taken as exact.
+    """Every chain of a camera under some light, taken as exact: whole, without a stage, planned; and what theory says.
 
-    stages : by name, whole, without a stage, planned.  expected : moments of every pixel, (3, H, W).
-    moves : which of the quantities any pixel moves most in, and each pixel's move [DN].
+    worst : in which of the quantities any pixel moves most, and how far [DN].
     groups : pixels whose averages are looked at: all, and by chain those that it moves most, the worst last.
     """
 
@@ -69,37 +64,30 @@ class Chains:
         self.stages: dict[str, Stages] = {WHOLE: whole, **off, PLAN: self.plan.stages}
         self.light = Illuminated(photons, exposure, choose_backend("numpy", self.plan.precision, 0))
         self.expected = {case: frames.expected_moments(s, photons, exposure) for case, s in self.stages.items()}
-        self.moves: dict[str, tuple[int, Array]] = {}
+        self.worst: dict[str, Values] = {WHOLE: {}}
         self.groups = {WHOLE: np.arange(self.expected[WHOLE][0].size)}
-        count = min(max(int(WORST * self.groups[WHOLE].size), FEWEST_PIXELS), self.groups[WHOLE].size)
         for case in list(self.stages)[1:]:
             every = np.abs(frames.in_dn(self.expected[WHOLE], self.expected[case])).reshape(3, -1)
             row = int(np.argmax(every.max(axis=1)))
-            self.moves[case] = row, every[row]
-            self.groups[case] = np.argsort(every[row], kind="stable")[-count:]
+            self.worst[case] = {"worst_dn": float(every[row].max()), "of": QUANTITIES[row]}
+            self.groups[case] = np.argsort(every[row], kind="stable")[
+                -max(int(WORST * every[row].size), FEWEST_PIXELS) :
+            ]
 
     def theory(self) -> Values:
-        """What the plan says, and the moments of every chain, averaged over groups of pixels."""
-        cases: Values = {case: {"moments": frames.averages(x, self.groups)} for case, x in self.expected.items()}
-        for case, (row, moves) in self.moves.items():
-            cases[case] |= {"worst_dn": float(moves.max()), "of": QUANTITIES[row]}
-        sizes = {case: len(group) for case, group in self.groups.items()}
-        effects = [asdict(effect) for effect in self.plan.effects]
-        return {"plan": effects, "sizes": sizes, "limits": self._limits(), "cases": cases}
-
-    def _limits(self) -> list[str]:
-        """Where the theory of this chain is known to be approximate."""
+        """What the plan says, the moments of every chain averaged over groups of pixels, and how exact theory is."""
         whole = self.plan.whole
-        found = ["counts are taken for a normal law where full well or converter cut them"]
         well = hidden_well(whole, Frame(self.light.exposure, SensorWindow(0, (1, 1))))
+        limits = ["counts are taken for a normal law where full well or converter cut them"]
         if well is None and any(stage.saturation_e is not None for stage in whole):
-            found.append(
-                "full well and converter cut one after the other, and the second cut takes what is left of the "
-                "first for a normal law"
-            )
+            cuts = "full well and converter cut one after the other, and the second cut takes what is left of the "
+            limits.append(f"{cuts}first for a normal law")
         if any(stage.curved for stage in whole):
-            found.append("curved stages are taken to second order in the noise")
-        return found
+            limits.append("curved stages are taken to second order in the noise")
+        effects, sizes = [asdict(effect) for effect in self.plan.effects], {k: len(x) for k, x in self.groups.items()}
+        moments = ((case, frames.averages(x, self.groups)) for case, x in self.expected.items())
+        cases = {case: {"moments": found, **self.worst[case]} for case, found in moments}
+        return {"plan": effects, "sizes": sizes, "limits": limits, "cases": cases}
 
 
 class SensorAblation:
@@ -108,19 +96,18 @@ class SensorAblation:
     def __init__(
         self, kit: Kit, subject: Subject, light: Callable[[], Irradiance], tolerance_dn: float, replicas: Replicas
     ) -> None:
-        self.kit, self._subject, self._light, self._replicas = kit, subject, light, replicas
-        self.tolerance_dn = tolerance_dn
+        self.kit, self._subject, self._light = kit, subject, light
+        self._tolerance_dn, self._replicas = tolerance_dn, replicas
         self.names = [WHOLE, *(s.label for s in subject.camera.stages if not s.required), PLAN]
         self.engines = [engine for engine in SHAPE if frames.problem_of(engine) is None]
 
     def steps(self, pixels: int) -> Iterator[Step]:
         """All measurements of so many pixels."""
         frame_s = CALL_S + 1e-9 * NUMPY_NS * pixels
-        yield Step("moments of every pixel", 1.0, lambda: self.chains.theory())
-        yield Step("frames with equal random bits", LOOKED_AT * len(self.names) * frame_s, self._equal_bits)
-        for case in self.names:
-            seconds = self._replicas.sensors * self._replicas.frames * frame_s
-            yield Step(_frames_key(case), seconds, partial(self._frames, case))
+        yield Step(THEORY, 1.0, lambda: self.chains.theory())
+        yield Step(EQUAL_BITS, LOOKED_AT * len(self.names) * frame_s, self._equal_bits)
+        seconds = self._replicas.sensors * self._replicas.frames * frame_s
+        yield from (Step(FRAMES_OF + case, seconds, partial(self._frames, case)) for case in self.names)
         for engine in self.engines:
             cases = self.names if engine == "numpy" else [WHOLE, PLAN]  # where each chain has to be compiled
             each_s = 1e-9 * math.prod(SHAPE[engine]) * (TURNS[engine] + 1)
@@ -136,7 +123,7 @@ class SensorAblation:
     @cached_property
     def chains(self) -> Chains:
         """Every chain under that light."""
-        return Chains(self._subject.camera, self._subject.exposure, self.photons, self.tolerance_dn)
+        return Chains(self._subject.camera, self._subject.exposure, self.photons, self._tolerance_dn)
 
     def _equal_bits(self) -> dict[str, dict[str, float]]:
         """Pixels of each chain's frames beside those of the whole chain that were drawn with the same random bits."""
@@ -152,7 +139,7 @@ class SensorAblation:
 
     def is_whole(self, case: str) -> bool:
         """Whether theory and every frame that was looked at say that the chain is the whole one: nothing to measure."""
-        looked, theory = self.kit["frames with equal random bits"], self.kit["moments of every pixel"]["cases"]
+        looked, theory = self.kit[EQUAL_BITS], self.kit[THEORY]["cases"]
         return case != WHOLE and theory[case]["worst_dn"] == 0 and looked[case]["share_of_pixels"] == 0
 
     def _frames(self, case: str) -> Values | None:
@@ -163,10 +150,7 @@ class SensorAblation:
         return self.chains.light.measured_moments(stages, self._replicas, expected, self.chains.groups)
 
     def _nanoseconds(self, engine: str, cases: list[str]) -> dict[str, list[float]]:
-        """Per pixel of each chain behind the detection, turn by turn; on NumPy also of the detection.
-
-        Nothing for a compiled engine where the plan asks for float64, which it has not.
-        """
+        """Per pixel of each chain behind the detection, turn by turn; on NumPy also of the detection."""
         whole, shape, light = self.chains.plan.whole, SHAPE[engine], self.chains.light
         if engine == "numpy":
             light = replace(light, photons=frames.resized(self.photons, shape))
@@ -185,30 +169,22 @@ class SensorAblation:
             detected = Photons(np.repeat(mean[..., None], filters, axis=2), detected=True)
             light = replace(light, photons=detected, backend=choose_backend(engine, "float32", 0))
             tasks = {case: light.stream(self.chains.stages[case]).turn for case in cases}
-        else:
+        else:  # in float64, which a compiled engine has not
             return {}
         turns = in_turns(tasks, TURNS[engine])
         return {name: [1e9 * one_s / math.prod(shape) for one_s in seconds] for name, seconds in turns.items()}
 
 
 class SensorResults:
-    """All that was measured about the sensor, compared.
-
-    changes : by chain, of mean, temporal and spatial σ over all pixels; of the whole chain these themselves.
-    worst : by chain, of what it changes most, over the worst pixels.  theory, looked : as measured.
-    turns : by engine and chain, nanoseconds per pixel turn by turn.  furthest : the comparison with the largest |z|.
-    agree : whether theory and frames do.
-    """
+    """All that was measured about the sensor, compared; turns : ns per pixel.  furthest : with the largest |z|."""
 
     def __init__(self, ablation: SensorAblation) -> None:
         self._ablation, kit, names = ablation, ablation.kit, ablation.names
-        self.theory: Known = kit["moments of every pixel"]
-        self.looked: Known = kit["frames with equal random bits"]
-        self.changes = {case: [self._compare(case, WHOLE, k) for k in range(3)] for case in names}
-        of = {case: QUANTITIES.index(self.theory["cases"][case]["of"]) for case in names[1:]}
-        self.worst = {case: self._compare(case, case, row) for case, row in of.items()}
-        timed = {engine: kit[f"seconds, {engine}"] for engine in ablation.engines}
-        self.turns: dict[str, dict[str, list[float]]] = {engine: turns for engine, turns in timed.items() if turns}
+        self.theory: Known = kit[THEORY]
+        self.looked: Known = kit[EQUAL_BITS]
+        self.changes = {case: [self._compare(case, WHOLE, of) for of in QUANTITIES] for case in names}  # all pixels
+        self.worst = {case: self._compare(case, case, self.theory["cases"][case]["of"]) for case in names[1:]}
+        self.turns: dict[str, Values] = {one: x for one in ablation.engines if (x := kit[f"seconds, {one}"])}
         every = [*(one for row in self.changes.values() for one in row), *self.worst.values()]
         self.compared = [one for one in every if one.error_dn > 0]
         self.limit = z_limit(len(self.compared))
@@ -216,43 +192,31 @@ class SensorResults:
         self.agree = abs(self.furthest.z) <= self.limit
         self.left_out = [effect["stage"] for effect in self.theory["plan"] if not effect["kept"]]
 
-    def saved(self, engine: str, case: str, share: bool = False) -> Spread | None:
+    def saved(self, engine: str, case: str, share: bool = False) -> Spread:
         """What leaving out saves, over the turns [ns/pixel], or as a share of the whole chain's time."""
-        turns = self.turns.get(engine, {})
-        if case not in turns:
-            return None
-        pairs = zip(turns[WHOLE], turns[case], strict=True)
+        pairs = zip(self.turns[engine][WHOLE], self.turns[engine][case], strict=True)
         return spread((whole - other) / (whole if share else 1.0) for whole, other in pairs)
 
-    def _compare(self, case: str, group: str, row: int) -> Comparison:
+    def _compare(self, case: str, group: str, of: str) -> Comparison:
         """Variances are compared, because they average; to DN they come by the predicted σ: Δσ = ΔV/(σ + σ′)."""
-        name, of = MOMENTS[row], QUANTITIES[row]
         if self._ablation.is_whole(case):
             return Comparison(case, of)
-        now = self.theory["cases"][case]["moments"][group][name]
-        before = 0.0 if case == WHOLE else self.theory["cases"][WHOLE]["moments"][group][name]
+        row, kit, whole = QUANTITIES.index(of), self._ablation.kit, self.theory["cases"][WHOLE]["moments"][group]
+        name, now = MOMENTS[row], self.theory["cases"][case]["moments"][group][MOMENTS[row]]
+        before = 0.0 if case == WHOLE else whole[name]
         predicted_dn = now - before if row == 0 else math.sqrt(now) - math.sqrt(before)
-        measured, unseen = self._ablation.kit[_frames_key(case)][group], False
+        measured, unseen = kit[FRAMES_OF + case][group], False
         found = np.array(measured[name])
         if case != WHOLE:
-            other = self._ablation.kit[_frames_key(WHOLE)][group]
+            other = kit[FRAMES_OF + WHOLE][group]
             found, unseen = found - np.array(other[name]), all(measured[one] == other[one] for one in MOMENTS[:2])
         error = standard_error(found)
-        if unseen or error == 0:
-            error = self._least_error(group, row, len(found))
+        if unseen or error == 0:  # the next event may be a whole line of a sensor, which shares a pattern
+            sigma = math.sqrt(sum(whole[one] for one in MOMENTS[1:]))
+            step = 1.0 if row == 0 else 1.0 + 2.0 * sigma  # what a pixel that reads one code more adds
+            error = RARE * step / (len(found) * math.sqrt(self.theory["sizes"][group]))
         off = float(found.mean()) - (now - before)
         roots = math.sqrt(now) + math.sqrt(now if case == WHOLE else before)
         unit = 1.0 if row == 0 else max(roots, math.sqrt(error))  # an unresolved variance has no resolved root
         z = as_normal(off / error, len(found) - 1)
         return Comparison(case, of, predicted_dn, predicted_dn + off / unit, error / unit, z)
-
-    def _least_error(self, group: str, row: int, sensors: int) -> float:
-        """Where no frame differs: the next event may be a whole line of a sensor, which shares a pattern."""
-        whole = self.theory["cases"][WHOLE]["moments"][group]
-        sigma = math.sqrt(sum(whole[one] for one in MOMENTS[1:]))
-        step = 1.0 if row == 0 else 1.0 + 2.0 * sigma  # what a pixel that reads one code more adds
-        return RARE * step / (sensors * math.sqrt(self.theory["sizes"][group]))
-
-
-def _frames_key(case: str) -> str:
-    return f"frames of {SENSORS} sensors: {case}"

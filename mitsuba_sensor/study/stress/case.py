@@ -28,25 +28,24 @@ class Got(NamedTuple):
     passed: bool
 
 
-Rows = Iterator[tuple[str, str, str, Got]]
-"""Cases of a theme on one engine: stage, input, what must come, and what came."""
+Rows = Iterator[tuple[str, str, str, Got]]  # cases of a theme on one engine: stage, input, what must come, what came
 
 
-def agree(found: Array, exact: Array, allowed: Array = 0.0, unit: str = "") -> Got:
-    """Numbers, each within ``allowed`` (absolute) of what they must be; NaN is not."""
+def holds(text: str, *conditions: object) -> Got:
+    """What came as text, and whether all these hold."""
+    return Got(text, all(map(bool, conditions)))
+
+
+def agree(found: Array, exact: Array, allowed: Array = 0.0, unit: str = "", *also: object) -> Got:
+    """Numbers, each within ``allowed`` (absolute) of what they must be; NaN is not. also : what must hold besides."""
     values, off = np.asarray(found, dtype=np.float64), np.abs(np.subtract(found, exact, dtype=np.float64))
     text = f"{values.min():.8g}" + (f" … {values.max():.8g}" if values.size > 1 else "")
-    return Got(f"{text}{unit}, off by {off.max():.2g}", bool((off <= allowed).all()))
+    return holds(f"{text}{unit}, off by {off.max():.2g}", (off <= allowed).all(), *also)
 
 
 def relative(found: Array, exact: Array, allowed: float, unit: str = "") -> Got:
     """Numbers, each within ``allowed`` of itself."""
     return agree(found, exact, allowed * np.abs(exact), unit)
-
-
-def holds(text: str, *conditions: object) -> Got:
-    """What came as text, and whether all these hold."""
-    return Got(text, all(bool(condition) for condition in conditions))
 
 
 def together(*answers: Got) -> Got:
@@ -56,13 +55,12 @@ def together(*answers: Got) -> Got:
 
 def refusal(part: str, *actions: Callable[[], object]) -> Got:
     """An InputError of each action, which says ``part`` in one sentence."""
-    texts = []
-    for action in actions:
+    texts = ["nothing was refused"] * len(actions)
+    for number, action in enumerate(actions):
         try:
             action()
-            texts.append("nothing was refused")
         except InputError as error:
-            texts.append(str(error))
+            texts[number] = str(error)
     return holds("; ".join(texts), *(part in text and "\n" not in text for text in texts))
 
 
@@ -86,12 +84,12 @@ def stage_of(label: str, **changes: object) -> Any:
 
 @dataclass(frozen=True)
 class Engine:
-    """Who computes."""
+    """Who computes. option : of ``expose``; of a renderer, its Mitsuba variant. compiler : of Dr.Jit, that it needs."""
 
     name: str
-    option: Any  # of ``expose``; of a renderer, its Mitsuba variant
+    option: Any
     precision: Literal["float32", "float64"] = "float32"
-    compiler: str = "scalar"  # of Dr.Jit, that it needs on this machine
+    compiler: str = "scalar"
 
     @property
     def problem(self) -> str | None:
@@ -133,7 +131,4 @@ ENGINES = (
     *(Engine("NumPy float64", "numpy", "float64"), Engine("NumPy float32", "numpy")),
     *(Engine("LLVM float32", "drjit", compiler="llvm"), Engine("CUDA float32", "cuda", compiler="cuda")),
 )
-RENDERERS = (
-    *(SCALAR, Engine("Mitsuba LLVM", "llvm_ad_spectral", compiler="llvm")),
-    Engine("Mitsuba CUDA", "cuda_ad_spectral", compiler="cuda"),
-)
+RENDERERS = (SCALAR, *(Engine(f"Mitsuba {x.upper()}", f"{x}_ad_spectral", compiler=x) for x in ("llvm", "cuda")))

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from decimal import Decimal, localcontext
 from pathlib import Path
@@ -30,15 +29,12 @@ NEARLY = 3e-7  # relative spread of the nodes of a spectrum; float32 numbers nex
 CAMERA = table1(quantum_efficiency__wavelengths_nm=(400.0, 710.0))
 
 
-@contextmanager
-def variant(engine: Engine) -> Iterator[None]:
+def variant(engine: Engine) -> AbstractContextManager[None]:
     """This renderer; the variant that was set comes back afterwards."""
-    before = mitsuba().variant() or choose_variant().name
-    try:
-        use(choose_variant(engine.option))
-        yield
-    finally:
-        mitsuba().set_variant(before)
+    if mitsuba().variant() is None:
+        use(choose_variant())
+    context: AbstractContextManager[None] = mitsuba().util.variant_context(engine.option)
+    return context
 
 
 def sky(engine: Engine, radiance: float = LEVEL, size: int = 1, **options: float) -> Irradiance:
@@ -48,17 +44,16 @@ def sky(engine: Engine, radiance: float = LEVEL, size: int = 1, **options: float
         return render(SKY, CAMERA, TENTH, parameters=parameters, variant=engine.option, **options)  # type: ignore[arg-type]
 
 
-def one_film(
-    engine: Engine, bands: Bands, samples: int, size: int, touch: Callable[[MitsubaObject], None] | None = None
-) -> Array:
-    """Plain Mitsuba: all samples of a pixel in one float32 film, ∫L dλ of 10 nm over that of the sky (H, W, B).
-
-    touch : called with the film before it is used.
-    """
+def one_film(engine: Engine, bands: Bands, samples: int, size: int, repaired: bool = True) -> Array:
+    """Plain Mitsuba: all samples of a pixel in one float32 film, ∫L dλ of 10 nm over that of the sky (H, W, B)."""
     with variant(engine):
         scene = load_scene(SKY, bands, {"radiance": LEVEL, "size": size}, CAMERA)
-        if touch is not None:
-            touch(scene.sensor.film())
+        if not repaired:  # as Mitsuba has it: every node of the density a little different from its neighbours
+            density: MitsubaObject = mitsuba().traverse(scene.sensor.film().sensor_response_function())
+            values = np.array(density["values"], dtype=float)
+            values *= 1 + NEARLY * np.random.default_rng(4).standard_normal(values.size)
+            density["values"] = type(density["values"])(values.tolist())
+            density.update()
         return np.asarray(scene.render(1, samples, (0, size)), dtype=np.float64) / (10 * LEVEL)
 
 
@@ -74,10 +69,10 @@ def lost(samples: int) -> float:
 
 def radiances(engine: Engine) -> Rows:
     """Irradiance by its closed form, photons by theirs, and a frame."""
+    (per_irradiance,) = photons_per_irradiance(CAMERA, TENTH, [550.0], [10.0])
     for radiance in (1e-30, 1e-20, 1e-10, 2e-4, 1.0, 1e10, 1e20, 1e30):
-        light = sky(engine, radiance, 2, wavelength_nm=550.0, spp=SPP)
-        photons, exact = collect(light, CAMERA, TENTH), irradiance(radiance)
-        (per_irradiance,) = photons_per_irradiance(CAMERA, TENTH, [550.0], [10.0])
+        light, exact = sky(engine, radiance, 2, wavelength_nm=550.0, spp=SPP), irradiance(radiance)
+        photons = collect(light, CAMERA, TENTH)
         digital = expose(photons, CAMERA, TENTH).digital
         full = photons.mean.min() * 0.6 > 2 * CAMERA.pixel.full_well_e
         good = np.isfinite(light.standard_error).all(), digital.min() == 4095 if full else digital.max() < 4095
@@ -90,16 +85,17 @@ def radiances(engine: Engine) -> Rows:
 def samples(engine: Engine) -> Rows:
     """Passes are added up in float64; what is left is what one pass loses, and a million samples in one film."""
     scalar = engine == RENDERERS[0]
-    for spp in (1, 2, 100, 10**4, *([10**5] if scalar else [])):
+    for spp in (1, 2, 100, 10**4, *([10**5, 10**6] if scalar else [])):
         light = sky(engine, spp=spp, wavelength_nm=550.0)
         done, off = light.statistics, float(light.data.ravel()[0]) / irradiance() - 1
         each = done.samples_per_pixel // done.passes
-        got = holds(f"{off:+.1e}: {done.passes} passes of {each}", abs(off) <= lost(min(each, LARGEST_PASS)))
-        yield "irradiance", str(spp), "E = π·L/(4N²) to n·2^(−25) for n ≤ 1024 samples of a pass, and 4 roundings", got
+        if spp < 10**6:
+            got = holds(f"{off:+.1e}: {done.passes} passes of {each}", abs(off) <= lost(min(each, LARGEST_PASS)))
+            expected = "E = π·L/(4N²) to n·2^(−25) for n ≤ 1024 samples of a pass, and 4 roundings"
+            yield "irradiance", str(spp), expected, got
     if scalar:
-        passes = float(sky(engine, spp=10**6, wavelength_nm=550.0).data.ravel()[0]) / irradiance() - 1
         film = float(one_film(engine, box_bands(CAMERA, np.array([545.0, 555.0])), 10**6, 1).ravel()[0]) - 1
-        got = holds(f"passes {passes:+.1e}, one film {film:+.1e}", abs(passes) <= lost(LARGEST_PASS))
+        got = holds(f"passes {off:+.1e}, one film {film:+.1e}", abs(off) <= lost(LARGEST_PASS))
         expected = "E = π·L/(4N²) to 1024·2^(−25) = 3.1e-5 in passes, whatever the film loses"
         yield "irradiance", MILLION_SAMPLES, expected, got
 
@@ -118,20 +114,11 @@ def bands(engine: Engine) -> Rows:
     rows = zip(edges[:-1].tolist(), edges[1:].tolist(), heights.tolist(), strict=True)
     nodes = ({"wavelengths": f"{low}, {high}", "values": f"{y!r}, {y!r}"} for low, high, y in rows)
     nearly = replace(box_bands(CAMERA, edges), responses=tuple({"type": "irregular", **node} for node in nodes))
-    mended, plain = (one_film(engine, nearly, 400, 16, touch) for touch in (None, unrepaired))
+    mended, plain = (one_film(engine, nearly, 400, 16, repaired) for repaired in (True, False))
     error, highest = mended.std(axis=(0, 1)).max() / 16, plain.mean(axis=(0, 1)).max()
     means = agree(mended.mean(axis=(0, 1)), 1.0, SIGMAS * error)
     got = holds(f"{means.text} ± {error:.4f}; without the repair up to {highest:.2f}", means.passed)
     yield "irradiance", "31 bands of height 1 ± 3e-7", "1 in each, within 5 standard errors", got
-
-
-def unrepaired(film: MitsubaObject) -> None:
-    """As Mitsuba has it: every node of the density a little different from its neighbours."""
-    parameters = mitsuba().traverse(film.sensor_response_function())
-    values = np.array(parameters["values"], dtype=float)
-    values *= 1 + NEARLY * np.random.default_rng(4).standard_normal(values.size)
-    parameters["values"] = type(parameters["values"])(values.tolist())
-    parameters.update()
 
 
 def wavelength_formulas(_: Engine) -> Rows:
@@ -148,7 +135,7 @@ def wavelength_formulas(_: Engine) -> Rows:
 
 def wavelengths(engine: Engine) -> Rows:
     """Three bands, the middle one inside the QE curve."""
-    layers, nm = np.stack([np.full((2, 2), n) for n in (1e4, 1000.0, 1e4)], axis=-1), [200.0, 550.0, 1100.0]
+    layers, nm = np.tile([1e4, 1000.0, 1e4], (2, 2, 1)), [200.0, 550.0, 1100.0]
     frames = engine.expose(layers, CAMERA, Exposure(0.0), wavelengths_nm=nm, keep="electrons")
     alone = engine.expose(layers[..., 1], CAMERA, Exposure(0.0), keep="electrons")
     told = frames.report["outside_qe"]

@@ -22,7 +22,7 @@ VOLTS_PER_E = 5e-6
 SEAM = 1e-7  # at t_s/τ_D = 1e-4, J = 5e-8 is left of terms of 10, exact to 1e-16; the series there neglects a² = 1e-8
 RATIOS = (1e-9, 1e-6, 1e-4, 0.01, 1.0, 10.0, 100.0, 1e3, 1e6, 1e9)
 TIMES_S = (1e-9, 5e-8, 1e-7, 1e-6, 1e-5, 1e-3, 1.0)
-DISTANCES = (0.0, 1e-15, 1e-12, 1e-9, 1e-6, 0.99e-4, 1.01e-4, 1e-3)  # of τ_RTN from 2τ_D; a series below 1e-4
+COUPLINGS = (0.0, 5e-324, 0.25, 0.45, 0.49, 0.4999)
 TABLED = {5e-8: 6.6102, 1e-6: 17.8268, 1e-5: 10.1226, 1e-3: 1.1012, 1.0: 0.034855}  # τ_RTN [s] → e- (test_cds.py)
 
 
@@ -64,10 +64,10 @@ def follower_formulas(_: Engine) -> Rows:
         got = holds(f"{noise.sigma_v / VOLTS_PER_E:.6g} e- in all, off by {off:.1g}", off <= SEAM)
         yield stage, given, "white, flicker, telegraph and σ as with 120 digits, to 1e-7 of each", got
     for t, expected_e in TABLED.items():
-        noise = replace(PAPER, white_nv_per_rthz=0.0, rtn_s=t)
-        got = relative(noise.sigma_v / VOLTS_PER_E, expected_e, 3e-5, " e-")
+        alone = replace(PAPER, white_nv_per_rthz=0.0, rtn_s=t)
+        got = relative(alone.sigma_v / VOLTS_PER_E, expected_e, 3e-5, " e-")
         yield stage, f"τ_RTN = {shown(t)} s, 200 µV alone", f"{expected_e} e-", got
-    for x in DISTANCES:
+    for x in (0.0, 1e-15, 1e-12, 1e-9, 1e-6, 0.99e-4, 1.01e-4, 1e-3):  # of τ_RTN from 2τ_D; a series below 1e-4
         sides = [replace(PAPER, rtn_s=1e-6 * (1 + sign * x)) for sign in (-1, 1)]
         got = together(*(relative(noise.rtn_v2, float(exact_parts(noise)[2]), SEAM, " V²") for noise in sides))
         yield stage, f"τ_RTN = 2τ_D(1 ± {shown(x)})", "as with 120 digits, to 1e-7", got
@@ -76,17 +76,14 @@ def follower_formulas(_: Engine) -> Rows:
 
 def follower_in_camera(engine: Engine) -> Rows:
     """σ of what the stage adds."""
-    given: dict[str, dict[str, float]] = {
-        **{f"t_s/τ_D = {shown(a)}, 100 µV": {"cds_dominant_s": 1e-6 / a} for a in (1e-9, 1e-3, 1.0, 1e3, 1e9)},
-        **{f"τ_RTN = {shown(t)} s, 200 µV": {"rtn_s": t, "rtn_uv": 200.0} for t in (1e-9, 1e-6, 1.0)},
-    }
-    for text, changes in given.items():
-        changes = {f"source_follower__{name}": value for name, value in ({"rtn_uv": 100.0} | changes).items()}
+    given = [(f"t_s/τ_D = {shown(a)}, 100", "cds_dominant_s", 1e-6 / a, 100.0) for a in (1e-9, 1e-3, 1.0, 1e3, 1e9)]
+    given += [(f"τ_RTN = {shown(t)} s, 200", "rtn_s", t, 200.0) for t in (1e-9, 1e-6, 1.0)]
+    for text, field, value, rtn_uv in given:
+        changes = {f"source_follower__{field}": value, "source_follower__rtn_uv": rtn_uv}
         stage = stage_of("source follower noise", **changes)
-        added = engine.through(np.zeros((256, 256)), stage)
-        error = SIGMAS / math.sqrt(2 * added.size)
-        got = relative(added.std() / VOLTS_PER_E, stage.sigma_v / VOLTS_PER_E, error, " e-")
-        yield stage.label, f"in a camera, {text}", "σ of 65 536 pixels within 5 standard errors", got
+        added, sigma_e = engine.through(np.zeros((256, 256)), stage), stage.sigma_v / VOLTS_PER_E
+        got = relative(added.std() / VOLTS_PER_E, sigma_e, SIGMAS / math.sqrt(2 * added.size), " e-")
+        yield stage.label, f"in a camera, {text} µV", "σ of 65 536 pixels within 5 standard errors", got
 
 
 def sense_node(engine: Engine) -> Rows:
@@ -106,9 +103,8 @@ def sense_node(engine: Engine) -> Rows:
         expected = "the closed form to 8 roundings, rising, never beyond V_REF/α"
         yield stage, f"α = {shown(alpha)}, 1e-3 … 2e7 and 1e30 e-", expected, got
     electrons = np.array([0.0, 1.0, 100.0, 33_000.0, 330_000.0])
-    lost = np.exp(gain * electrons / v_ref)  # so many times more roundings where the curve is flatter
-    inverse = -v_ref / gain * np.log1p(-swing_of(electrons, 1.0) / v_ref)
-    got = agree(inverse, electrons, 8 * engine.unit * np.maximum(electrons * lost, 1.0), " e-")
+    lost = np.maximum(electrons * np.exp(gain * electrons / v_ref), 1.0)  # more roundings where the curve is flatter
+    got = agree(-v_ref / gain * np.log1p(-swing_of(electrons, 1.0) / v_ref), electrons, 8 * engine.unit * lost, " e-")
     yield stage, "α = 1, back from volts", "the electrons, to 8 roundings", got
     electrons = np.linspace(0, 33_000, 200)
     for alpha in (5e-324, 1e-200, 1e-100, 1e-12):
@@ -116,14 +112,10 @@ def sense_node(engine: Engine) -> Rows:
         yield stage, f"α = {shown(alpha)}", "linear", agree(swing_of(electrons, alpha), gain * electrons, allowed, " V")
 
 
-COUPLINGS = (0.0, 5e-324, 0.25, 0.45, 0.49, 0.4999)
-
-
 def column_formulas(_: Engine) -> Rows:
     """The answer h to one impulse: Σh² = 1, Σh_i·h_{i+1} = 2a, and h solves the recursion everywhere else."""
     margin = distributions.AR_WARM_UP
-    white = np.zeros(4 * margin + 1)
-    white[2 * margin] = 1.0
+    (white,) = np.eye(1, 4 * margin + 1, 2 * margin)
     for a in COUPLINGS:
         h = distributions.isotropic_ar(white, a, margin)
         left = np.delete(h[1:-1] - a * (h[:-2] + h[2:]), margin - 1)
@@ -160,11 +152,10 @@ def converter(engine: Engine) -> Rows:
     light = np.concatenate([np.zeros((5, 40)), np.full((5, 40), 1e9)])
     kinds = {1: "uint8", 8: "uint8", 9: "uint16", 12: "uint16", 16: "uint16", 17: "uint32", 24: "uint32"}
     for bits, kind in kinds.items():  # the smallest unsigned type that holds the codes
-        digital = engine.expose(light, table1(adc__bits=bits), Exposure(0.0)).digital
-        low, high, highest = digital.min(), digital.max(), 2**bits - 1
-        good = digital.dtype == kind, high == highest, low <= highest // 8
-        got, expected = holds(f"{low} … {high}, {digital.dtype}", *good), f"up to {highest}, {kind}, darkness below ⅛"
-        yield "adc", f"{bits} bit, darkness and 1e9 photons", expected, got
+        digital, highest = engine.expose(light, table1(adc__bits=bits), Exposure(0.0)).digital, 2**bits - 1
+        good = digital.dtype == kind, digital.max() == highest, digital.min() <= highest // 8
+        got = holds(f"{digital.min()} … {digital.max()}, {digital.dtype}", *good)
+        yield "adc", f"{bits} bit, darkness and 1e9 photons", f"up to {highest}, {kind}, darkness below ⅛", got
     four_bit = {"adc__bits": 4, "adc__full_scale_v": 16.0, "adc__black_level_dn": 2.0}
     swing = [-1e30, -9.0, -2.5, -1.51, -1.5, -0.5, 0.49, 0.5, 12.49, 12.5, 13.0, 99.0, 1e30]
     got = agree(engine.through([swing], stage_of("adc", **four_bit)), [[0, 0, 0, 0, 1, 2, 2, 3, 14, 15, 15, 15, 15]])
@@ -185,9 +176,8 @@ def converter(engine: Engine) -> Rows:
 
 def converter_curve(engine: Engine) -> Rows:
     """S·γ^(−S/V_FS) at a full scale of 1 V, and in front of a converter of 1 DN/V, where the paper's ln A is 0."""
-    stage = "integral nonlinearity"
+    stage, swing = "integral nonlinearity", np.linspace(0.01, 1.0, 50)
     for sign, offset in (("+", 1e-7), ("−", -1e-7)):
-        swing = np.linspace(0.01, 1.0, 50)
         x = math.log1p(offset) * swing  # 1e-7 at most: what is cut of 1 − x + x²/2 is below 1e-21
         allowed = 4 * engine.unit + 2e-9 * abs(offset)  # 1 + 1e-7 is held to 1e-16, its logarithm to 1e-9 of itself
         curve = engine.through([swing], stage_of(stage, adc__gamma=1 + offset, adc__full_scale_v=1.0))[0]
@@ -199,6 +189,5 @@ def converter_curve(engine: Engine) -> Rows:
     yield f"{stage}, adc", "A = 1 DN/V, γ = 1.04", "0, 2008, 3938", got
     for gamma in (0.5, 0.9, 2.0, 2.718):
         curve = engine.through([np.linspace(0, 1, 1001)], stage_of(stage, adc__gamma=gamma, adc__full_scale_v=1.0))[0]
-        step = float(np.diff(curve).min())
-        got = holds(f"ends at {curve[-1]:.6g}, smallest step {step:.2g}", step > 0)
+        got = holds(f"ends at {curve[-1]:.6g}, smallest step {(step := np.diff(curve).min()):.2g}", step > 0)
         yield stage, f"γ = {shown(gamma)}", "rises from 0 to full scale", got

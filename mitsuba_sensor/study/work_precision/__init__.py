@@ -28,9 +28,11 @@ def work_precision(
 ) -> Study:
     """What an error costs, of a render and of the frames.
 
-    kit : measures, and knows what is measured already.  tolerance, seeds, variants : see :class:`render.Render`.
-    sides : "render", "sensor" or both.
-    Raises InputError.
+    kit : measures, and knows what is measured already.  sides : "render", "sensor" or both.
+    tolerance : relative rms error of the electrons of a pixel, over the picture, for which options are recommended.
+    seeds : independent runs of each setting, 2 … 64; their spread makes the intervals.
+    variants : of Mitsuba, the first with all settings; by default every spectral one that works here.
+    Raises InputError for a variant that is not there, and for what :func:`mitsuba_sensor.render` would refuse.
     """
     if isinstance(sides, str) or not sides or set(sides) - set(SIDES):
         raise InputError(f"sides is {sides!r}; it must be one or both of {', '.join(SIDES)}.")

@@ -3,9 +3,8 @@
 Irradiance is compared with bands that are exact each for itself ("cube"), electrons with bands whose sum is exact
 ("auto"), channels with channels: bands of finite width have an error of their own, which is told apart.
 
-A run of passes is cut into all its blocks of 1, 2, 4, … of them. Each block is a render of its own, and all of one size
-are averaged, so that a rare bright path counts alike in blocks of every size; what is left to chance in a slope is only
-how the errors of different passes happen to line up.
+A run of passes is cut into all its blocks of 1, 2, 4, … of them. Each is a render of its own, and all of one size are
+averaged, so that a rare bright path counts alike in every size: chance is only how errors of passes line up.
 """
 
 from __future__ import annotations
@@ -54,8 +53,8 @@ SMOOTHINGS = 3  # pictures that the package smooths: the render, and two halves 
 PLAIN, COMPENSATED, DENOISED = "plain", "compensated", "denoised"  # what is done about the render's noise
 
 Rung = dict[str, float]
-"""All blocks of one size of one run: "passes", "blocks" and "seconds" of one; squared errors by measure ("electrons",
-"irradiance", "dn"); "variance_dn2" between frames. Only what was measured is there."""
+"""All blocks of one size of one run: "passes", "blocks" and "seconds" of one; where measured the squared errors of
+"electrons", "irradiance", "dn", and "variance_dn2" between frames."""
 
 
 class Reference(NamedTuple):
@@ -68,33 +67,27 @@ class Reference(NamedTuple):
 
 
 class Target:
-    """What a setting is compared with, and the scale of its errors.
-
-    bands, own : references of the irradiance and of all else.  seen : pixels with light and below full well, (H, W), or
-    all with light where none is.  level : light of a pixel over their mean, (H, W); darker ones count as DARKEST.
-    mean_dn : digital numbers of the light, (H, W).
-    """
+    """What a setting is compared with, and the scale of its errors; bands, own : of the irradiance and of all else."""
 
     def __init__(self, subject: Subject, references: Mapping[str, Reference], banding: str) -> None:
         self.subject, self.own = subject, references["channels" if banding == "channels" else "auto"]
         self.bands = self.own if banding == "channels" else references.get("cube", self.own)
-        lit = (self.own.electrons > 0) & np.isfinite(self.own.photons.total)
-        full_well_e = subject.camera.pixel.full_well_e
-        seen = lit & (self.own.electrons + mean_dark_e(subject.camera, subject.exposure) < full_well_e)
-        self.seen = seen if seen.any() else lit
-        self._mean_e = float(self.own.electrons[self.seen].mean())
+        electrons, dark_e = self.own.electrons, mean_dark_e(subject.camera, subject.exposure)
+        lit = (electrons > 0) & np.isfinite(self.own.photons.total)
+        seen = lit & (electrons + dark_e < subject.camera.pixel.full_well_e)
+        self.seen = seen if seen.any() else lit  # (H, W)
+        self._mean_e = float(electrons[self.seen].mean())
         self._mean_of_band = self.own.light.data[self.seen].mean(axis=0, dtype=np.float64)
-        self.level = np.maximum(self.own.electrons / self._mean_e, DARKEST)
+        self._level = np.maximum(electrons / self._mean_e, DARKEST)[self.seen]
         self.mean_dn = mean_dn(subject, self.own.photons)
 
     def mean_square(self, measure: str, off: Array) -> float:
-        """Mean of a squared error: of "electrons" (H, W), each relative to its pixel's light; of "irradiance"
-        (H, W, B), to its pixel's light and its band's; of "dn" (H, W) [DN²]."""
-        off, level, lit = off[self.seen], self.level[self.seen], self._mean_of_band > 0
-        if measure == "electrons":
-            off = off / (self._mean_e * level)
-        elif measure == "irradiance":
-            off = off[:, lit] / (level[:, None] * self._mean_of_band[lit])
+        """Mean of a squared error: of "electrons" or "dn" (H, W), of "irradiance" (H, W, B); of "dn" in DN²."""
+        off, lit = off[self.seen], self._mean_of_band > 0
+        if measure == "electrons":  # relative to the pixel's light
+            off = off / (self._mean_e * self._level)
+        elif measure == "irradiance":  # and to the band's
+            off = off[:, lit] / (self._level[:, None] * self._mean_of_band[lit])
         return float(np.mean(off**2))
 
     @property
@@ -104,10 +97,10 @@ class Target:
 
     def squares_of(self, reference: Reference) -> dict[str, float]:
         """Squared standard errors of one reference, by measure."""
-        lights = [replace(reference.photons, mean=reference.photons.mean * (1 + step)) for step in (STEP, -STEP)]
-        more, less = (mean_dn(self.subject, light) for light in lights)
-        error_e, lit = np.sqrt(reference.variance_e2), reference.electrons > 0  # slope 0 in the dark and where clipped
-        error_dn = (more - less) / (2 * STEP * np.maximum(reference.electrons, TINY)) * lit * error_e
+        photons, electrons = reference.photons, reference.electrons
+        more, less = (mean_dn(self.subject, replace(photons, mean=photons.mean * (1 + x))) for x in (STEP, -STEP))
+        error_e, lit = np.sqrt(reference.variance_e2), electrons > 0  # slope 0 in the dark and where clipped
+        error_dn = (more - less) / (2 * STEP * np.maximum(electrons, TINY)) * lit * error_e
         errors = {"electrons": error_e, "irradiance": reference.light.standard_error, "dn": error_dn}
         return {measure: self.mean_square(measure, error) for measure, error in errors.items()}
 
@@ -116,12 +109,10 @@ def render_reference(subject: Subject, setting: RenderSetting) -> Reference:
     """Render as many passes as the time allows. Raises InputError for a scene without light."""
     grouped = setting.banding == "cube"
     series = Series(subject, setting._replace(samples=SAMPLES_OF_FOUR if grouped else SAMPLES))
-
-    def rendered(passes: int) -> Irradiance:
-        return series.job.render(SEED, StopCriterion(passes, series.setting.samples, grouped=grouped))
-
-    rendered(1)  # compiles
-    light = rendered(max(math.ceil(REFERENCE_S / rendered(1).statistics.seconds), FEWEST_PASSES))
+    render, one = series.job.render, StopCriterion(1, series.setting.samples, grouped=grouped)
+    render(SEED, one)  # compiles
+    passes = max(math.ceil(REFERENCE_S / render(SEED, one).statistics.seconds), FEWEST_PASSES)
+    light = render(SEED, replace(one, passes=passes))
     electrons, variance_e2 = series.job.renderer.electrons()
     return Reference(light, series.light(light.data.astype(np.float64), electrons), electrons, variance_e2)
 
@@ -138,10 +129,7 @@ def mean_dn(subject: Subject, photons: Photons) -> Array:
 
 
 class FrameExposure(NamedTuple):
-    """The exposure at which frames are made: the given one, or a share of it at which render noise can be compensated.
-
-    Electrons go with the exposure, the variance of their mean with its square: so does a render's part of the noise.
-    """
+    """The exposure at which frames are made: the given one, or a share at which render noise can be compensated."""
 
     exposure: Exposure
     share: float
@@ -164,7 +152,7 @@ def frame_exposure(series: Series, target: Target, passes: int) -> FrameExposure
         """Whether so many passes are quiet enough at a share of the exposure, as render/per_frame.py decides: by the
         median, and by what is left; and whether the median pixel is below full well."""
         light, dark = share * target.own.electrons[shown], share * dark_e
-        variance = share**2 * one_pass_e2[shown] / count
+        variance = share**2 * one_pass_e2[shown] / count  # electrons go with the exposure, this with its square
         total = np.maximum(light + dark, TINY)
         left = variance - sum(compensable(light, dark, variance))
         quiet = np.median(variance / total) * median_bias(PILOT) <= TARGET and np.mean(left / total) <= UNCOMPENSATED
@@ -201,9 +189,9 @@ class Run:
         self._found = defaultdict[tuple[str, int], defaultdict[str, list[float]]](lambda: defaultdict(list))
         self._frames = defaultdict[tuple[str, int], Welford](lambda: Welford(series.shape))
 
-    def measure(self, smooth: bool = False) -> dict[str, list[Rung]]:
+    def measure(self, smooth: bool) -> dict[str, list[Rung]]:
         """Rungs of every treatment, the shortest first. smooth : whether the blocks are denoised too."""
-        guides, framed = denoising_guides(self._series.scene) if smooth else None, self._ladder.framed
+        guides, framed = denoising_guides(self._series.job.at_rest) if smooth else None, self._ladder.framed
         for block in in_blocks(self._series.passes(self._number, self._ladder.passes)):
             self._errors(PLAIN, block)
             if guides is not None and len(self._found[PLAIN, block.passes]["seconds"]) <= MOST_SMOOTHED:
@@ -212,26 +200,26 @@ class Run:
                 seconds = block.seconds + SMOOTHINGS * (time.perf_counter() - began)
                 electrons = electrons_of(self._series.light(image, block.electrons), self._target.subject)
                 self._errors(DENOISED, Block(block.passes, seconds, image, electrons))
-        rungs: dict[str, list[Rung]] = {}
+        rungs = defaultdict[str, list[Rung]](list)
         for (treatment, passes), found in sorted(self._found.items()):
             rung: Rung = {"passes": passes, "blocks": len(found["seconds"])}
             rung |= {name: statistics.fmean(values) for name, values in found.items()}
             if framed is not None and (frames := self._frames[treatment, passes]).count > 1:
                 rung["variance_dn2"] = float(frames.variance_of_mean[framed.shown].mean()) * frames.count
-            rungs.setdefault(treatment, []).append(rung)
-        return rungs
+            rungs[treatment].append(rung)
+        return dict(rungs)
 
     def _errors(self, treatment: str, block: Block) -> None:
         """What a block is off, and its frames."""
-        target, found = self._target, self._found[treatment, block.passes]
+        target, ladder, found = self._target, self._ladder, self._found[treatment, block.passes]
         off = {"electrons": block.electrons - target.own.electrons}
         if self._series.bands.kind != "channels":
             off["irradiance"] = block.irradiance - target.bands.light.data
-        if block.passes * MOST_BLOCKS >= self._ladder.passes:
+        if block.passes * MOST_BLOCKS >= ladder.passes:
             light = self._series.light(block.irradiance, block.electrons)
             off["dn"] = mean_dn(target.subject, light) - target.mean_dn
-            if self._ladder.framed is not None and FEWEST_COMPENSATED <= block.passes < self._ladder.passes:
-                self._expose(self._ladder.framed, treatment, block, light)
+            if ladder.framed is not None and FEWEST_COMPENSATED <= block.passes < ladder.passes:
+                self._expose(ladder.framed, treatment, block, light)
         found["seconds"].append(block.seconds)
         for measure, values in off.items():
             found[measure].append(target.mean_square(measure, values))
@@ -241,7 +229,8 @@ class Run:
         camera, number = self._target.subject.camera, sum(frames.count for frames in self._frames.values()) + 1
         lights = {treatment: replace(light, mean=framed.share * light.mean)}
         if treatment == PLAIN and not camera.quantum_efficiency.quantum_yield:  # its bursts are not Poisson's
-            lights[COMPENSATED] = replace(lights[PLAIN], variance_e2=framed.share**2 * block.variance_e2)
+            variance_e2 = np.asarray(block.squares / (block.passes * (block.passes - 1)))  # of the mean electrons
+            lights[COMPENSATED] = replace(lights[PLAIN], variance_e2=framed.share**2 * variance_e2)
             self._found[COMPENSATED, block.passes]["seconds"].append(block.seconds)
         for name, one in lights.items():
             digital = expose(one, camera, framed.exposure, seed=self._number, first_frame=number).digital[0]

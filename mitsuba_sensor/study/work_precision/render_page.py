@@ -6,13 +6,13 @@ import math
 import statistics
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import chain
 from typing import Any
 
 from ..page import Line, Mark, MarkedRow, Part, Plot, Section, Table, table
 from ..statistics import pareto
 from .errors import COMPENSATED, DENOISED, PLAIN
-from .render import Render
-from .results import FRAME_SIGMA, THEORY, WITHIN, Result
+from .render import FRAME_SIGMA, THEORY, WITHIN, Render
 
 CLEAR = 3.0  # standard errors that a σ which is right may be off
 SECONDS = "wall time of a render [s]"
@@ -29,14 +29,13 @@ DIAGRAMS = {
 
 def render_section(found: Render) -> Section:
     """The whole side; it has passed if every slope that has a theory follows it and compensated frames have their σ."""
-    diagrams = {measure: _diagram(found, measure) for measure in DIAGRAMS}
-    sigma, frames = _frames_parts(found)
-    plots, tables = (*diagrams.values(), sigma), (_choices(found), _settings(found), frames, _references(found))
+    diagrams, (sigma, frames) = [_diagram(found, measure) for measure in DIAGRAMS], _frames_parts(found)
+    plots, tables = (*diagrams, sigma), (_choices(found), _settings(found), frames, _references(found))
     parts: tuple[Part, ...] = *(one for one in plots if one.lines), *(one for one in tables if one.rows)
     framed = [point for one in found.results for point in one.sigma(COMPENSATED)[-1:]]  # of the longest renders
     passed = all(abs(point.error) <= FRAME_SIGMA + CLEAR * point.spread for point in framed)
     passed = passed and all(one.verdict != "off" for one in found.results)
-    return Section((_advice(found), *_findings(found, diagrams["electrons"])), passed, parts)
+    return Section((_advice(found), *_findings(found, diagrams[0])), passed, parts)
 
 
 def _advice(found: Render) -> str:
@@ -62,9 +61,19 @@ def _findings(found: Render, diagram: Plot) -> Iterator[str]:
             f"{'; not in ' + ', '.join(off) if off else ''}."
         )
     if front := sorted((line.x[k], line.label) for line in diagram.lines for k in line.ringed):
-        labels = ", ".join(dict.fromkeys(label for _, label in front))
-        yield f"Electrons: no other setting beats, from the quickest to the most exact, {labels}."
-    yield from (_frames(one) for one in found.results if one.sigma(COMPENSATED))
+        labels = dict.fromkeys(label for _, label in front)
+        yield f"Electrons: no other setting beats, from the quickest to the most exact, {', '.join(labels)}."
+    for one in found.results:  # how long frames with renders of their own take, compensated and plain
+        if (framed := one.ladder.framed) and one.sigma(COMPENSATED):
+            right, plain = (one.sigma(treatment)[0] for treatment in (COMPENSATED, PLAIN))
+            share = "" if framed.share == 1 else f"; all {1 / framed.share:.3g} times as long at the full exposure"
+            needed = "" if one.plain_s is None else f"{FRAME_SIGMA:.0%} after {one.plain_s:.2g} s without, "
+            yield (
+                f"Frames of {framed.exposure.time_s:.2g} s, each with a render ({one.label}): after "
+                f"{right.seconds:.2g} s σ is off by {right.error:+.1%} ± {right.spread:.1%} with --render-noise "
+                f"compensated, by {plain.error:+.1%} ± {plain.spread:.1%} without; {needed}compensable after "
+                f"{framed.compensable * one.pass_s:.2g} s{share}."
+            )
     spp, own = found.references["auto"].light.statistics.samples_per_pixel, found.results[0].own
     yield (
         f"The reference's own error ({spp} samples per pixel): electrons {math.sqrt(own['electrons']):.2g}, mean "
@@ -72,19 +81,6 @@ def _findings(found: Render, diagram: Plot) -> Iterator[str]:
     )
     if not found.smooth:
         yield "Denoising was left out: pip install 'mitsuba-sensor[denoise]'."
-
-
-def _frames(result: Result) -> str:
-    """How long frames with renders of their own take, compensated and plain."""
-    framed, (right, plain) = result.ladder.framed, (result.sigma(treatment)[0] for treatment in (COMPENSATED, PLAIN))
-    assert framed is not None
-    share = "" if framed.share == 1 else f"; all {1 / framed.share:.3g} times as long at the full exposure"
-    needed = "" if result.plain_s is None else f"{FRAME_SIGMA:.0%} after {result.plain_s:.2g} s without, "
-    return (
-        f"Frames of {framed.exposure.time_s:.2g} s, each with a render ({result.label}): after {right.seconds:.2g} s σ "
-        f"is off by {right.error:+.1%} ± {right.spread:.1%} with --render-noise compensated, by {plain.error:+.1%} ± "
-        f"{plain.spread:.1%} without; {needed}compensable after {framed.compensable * result.pass_s:.2g} s{share}."
-    )
 
 
 def line(label: str, points: Sequence[tuple[float, ...]], **style: Any) -> Line:
@@ -116,18 +112,18 @@ def _frames_parts(found: Render) -> tuple[Plot, Table]:
     """Temporal σ of frames over what it must be, drawn and in numbers."""
     lines: list[Line] = []
     rows: list[MarkedRow] = []
-    for one in found.results:
-        if (framed := one.ladder.framed) is None:
+    for one, framed in ((one, one.ladder.framed) for one in found.results):
+        if framed is None:
             continue
-        for name, text in FRAMES.items():
-            if points := [(point.seconds, 1 + point.error, point.spread) for point in one.sigma(name)]:
-                label = f"{one.label} at {framed.exposure.time_s:.2g} s: {text}"
-                lines.append(line(label, points, dashed=name == DENOISED))
-        by = [{point.passes: (point.error, point.spread) for point in one.sigma(name)} for name in FRAMES]
-        for point in one.sigma(PLAIN):
-            enough = "yes" if point.passes >= framed.compensable else "no"
-            about = framed.exposure.time_s, point.passes, point.seconds, enough
-            rows.append(("", (one.label, *about, *(x for own in by for x in own.get(point.passes, (None, None))))))
+        by = {name: {point.passes: point for point in one.sigma(name)} for name in FRAMES}
+        for name, points in by.items():
+            if places := [(point.seconds, 1 + point.error, point.spread) for point in points.values()]:
+                label = f"{one.label} at {framed.exposure.time_s:.2g} s: {FRAMES[name]}"
+                lines.append(line(label, places, dashed=name == DENOISED))
+        for passes, point in by[PLAIN].items():
+            about = framed.exposure.time_s, passes, point.seconds, "yes" if passes >= framed.compensable else "no"
+            errors = (points[passes][2:] if passes in points else (None, None) for points in by.values())
+            rows.append(("", (one.label, *about, *chain.from_iterable(errors))))
     note, y_label = f"Every frame has a render of its own. {SHOWN} Bars are 1 σ.", "σ of frames / σ of the camera"
     title, level = "Temporal σ of the digital numbers", (1.0, "right")
     return Plot(title, SECONDS, y_label, tuple(lines), log_y=False, level=level, note=note), table(
@@ -145,10 +141,9 @@ def _settings(found: Render) -> Table:
         ladder, seconds = one.ladder, statistics.median(run[PLAIN][-1]["seconds"] for run in one.runs)
         passes = ladder.samples * ladder.groups, ladder.first_s, 1e3 * one.pass_s, ladder.passes, seconds
         errors = (points[-1].error if (points := one.points(measure)) else None for measure in DIAGRAMS)
-        slopes = (one.slope(measure) for measure in ("electrons", "irradiance"))
-        numbers = (x for slope in slopes for x in ((slope.value, slope.half_width) if slope else (None, None)))
-        verdict = one.verdict or "below the reference"
-        rows.append((marks[one.verdict], (one.label, *passes, *errors, *numbers, THEORY, verdict)))
+        slopes = (x for measure in ("electrons", "irradiance") for x in (one.slope(measure) or (None, None))[:2])
+        verdict = THEORY, one.verdict or "below the reference"
+        rows.append((marks[one.verdict], (one.label, *passes, *errors, *slopes, *verdict)))
     base = found.results[0].setting
     return table(
         "Settings",

@@ -1,9 +1,8 @@
 """Samplers of counts, also those of other simulators, and the distance of each one's law from Poisson's.
 
-A count is a function of 32 random bits, and it falls as their number rises. So the share of all 2³² numbers that draw
-more than n is the place where n + 1 turns into n, which bisection finds in 32 steps: the whole law for the price of a
-few thousand draws. Rounding to float32 puts the numbers next to such a place out of order; that moves the place by a
-few of them, and no result here by more than 2 % (tests compare it with the full count of all numbers).
+A count is a function of 32 random bits that falls as their number rises: the share of the 2³² numbers that draw more
+than n is the place where n + 1 turns into n, which bisection finds in 32 steps. Rounding to float32 moves it by a few
+numbers, and no result here by more than 2 % (tests compare it with the full count of all numbers).
 """
 
 from __future__ import annotations
@@ -63,9 +62,7 @@ class FrameSetting(NamedTuple):
         return other
 
 
-REFERENCE = FrameSetting(
-    "numpy", "float64", EXACT
-)  # what all others are compared with: the whole chain, every law exact
+REFERENCE = FrameSetting("numpy", "float64", EXACT)  # all others are compared with it: whole chain, every law exact
 
 
 def gaussian(backend: Backend, bits: types.Array, mean: types.Array) -> types.Array:
@@ -74,11 +71,8 @@ def gaussian(backend: Backend, bits: types.Array, mean: types.Array) -> types.Ar
 
 
 def generator(backend: Backend, bits: types.Array, mean: types.Array) -> types.Array:
-    """NumPy's ``Generator.poisson``, a third party: exact by rejection, and with a state.
-
-    The first bits of a strip are its seed, so a frame can be made again, but a crop is no longer the frame's crop.
-    """
-    random = np.random.default_rng(bits.ravel()[:4])
+    """NumPy's ``Generator.poisson``, a third party: exact by rejection, and with a state."""
+    random = np.random.default_rng(bits.ravel()[:4])  # so a frame can be made again, but a crop is not the frame's crop
     return random.poisson(np.minimum(mean, LARGEST_MEAN), bits.shape).astype(np.float32)
 
 
@@ -88,18 +82,15 @@ DRAWN = {GAUSSIAN: gaussian, MEAN_ONLY: lambda backend, bits, mean: mean, GENERA
 def drawn_law(setting: FrameSetting, mean: float) -> Law:
     """The law that a sampler draws at a mean [events], rounded to float32: every engine is given the same."""
     exact, backend = float(np.float32(mean)), setting.backend()
-    if setting.sampler == GENERATOR:
-        bits = np.random.default_rng(1).integers(0, NUMBERS, DRAWS, dtype=np.uint32)
-        return law_of_counts(counts_of(backend, bits, exact), exact)
-    return law_of(lambda bits: counts_of(backend, bits, exact), exact)
+    if setting.sampler != GENERATOR:
+        return law_of(lambda bits: counts_of(backend, bits, exact), exact)
+    bits = np.random.default_rng(1).integers(0, NUMBERS, DRAWS, dtype=np.uint32)
+    return law_of_counts(counts_of(backend, bits, exact), exact)
 
 
 def counts_of(backend: types.Array, bits: types.RandomBits, mean: float) -> Array:
     """What a line of random bits (N,) draws from one mean, on whichever :class:`Backend`."""
-    if backend.compiled:
-        counts = backend.poisson(backend.uint(bits), backend.number(mean)).numpy()
-    else:
-        counts = backend.poisson(bits, np.float32(mean) if backend.precision == "float32" else mean)
+    counts = backend.poisson(backend.uint(bits) if backend.compiled else bits, backend.number(mean))
     return np.broadcast_to(np.asarray(counts, dtype=np.float64), bits.shape)
 
 

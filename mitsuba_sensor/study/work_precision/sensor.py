@@ -37,11 +37,7 @@ SINGLE = FrameSetting("numpy", "float32", QUANTILE)
 
 
 class Sensor:
-    """A camera and an exposure in a scene's light, and what a kit measures of them.
-
-    light : mean photons of the scene, as :func:`collect` makes them; a render's variance in them is left out.
-    Raises InputError for photons that ``expose`` would refuse and for a negative tolerance.
-    """
+    """A camera in a scene's light, without a render's variance. Raises InputError for light that ``expose`` refuses."""
 
     def __init__(self, kit: Kit, subject: Subject, light: Photons, tolerances: Sequence[float] = TOLERANCES_DN) -> None:
         self.kit, self.subject, self.photons = kit, subject, as_photons(light, subject.camera)
@@ -61,10 +57,8 @@ class Sensor:
     def settings(self) -> list[FrameSetting]:
         """Every engine and sampler with the whole chain, then every plan: in float64 that is NumPy's alone."""
         here = [engine for engine, problem in self.kit["engines"].items() if problem is None]
-        own = [
-            FrameSetting(engine, "float32", sampler) for sampler in (QUANTILE, GAUSSIAN, MEAN_ONLY) for engine in here
-        ]
-        found = [REFERENCE, *own, FrameSetting("numpy", "float32", GENERATOR)]
+        own = [FrameSetting(one, "float32", law) for law in (QUANTILE, GAUSSIAN, MEAN_ONLY) for one in here]
+        found = [REFERENCE, *own, SINGLE._replace(sampler=GENERATOR)]
         for dn in self.tolerances_dn:
             exact = self.plan(dn)["precision"] == "float64"
             found += [one._replace(tolerance_dn=dn) for one in ([REFERENCE] if exact else own[: len(here)])]
@@ -89,8 +83,7 @@ class Sensor:
         "moments" by light level (3, levels), "predicted_dn", their change, and "worst_pixel_dn", of any pixel."""
         if (key := f"plan: {tolerance_dn}") not in self.kit.known:
             self.kit.measure(key, SHORT_S, partial(self._planned, tolerance_dn))
-        found: Values = self.kit[key]
-        return found
+        return dict(self.kit[key])
 
     def _planned(self, tolerance_dn: float | None) -> Values:
         whole = stages = self.subject.camera.stages
@@ -99,15 +92,11 @@ class Sensor:
             made = plan(self.subject.camera, self.subject.exposure, self.photons, tolerance_dn)
             stages, precision = made.stages, made.precision
         kept, pixels = {stage.label for stage in stages}, [self.expected(one) for one in (stages, whole)]
+        left_out = [stage.label for stage in whole if stage.label not in kept]
         moments = [by_level(frames.averages(one, self.groups)) for one in pixels]
-        return {
-            "stages": stages,
-            "left_out": [stage.label for stage in whole if stage.label not in kept],
-            "precision": precision,
-            "moments": moments[0],
-            "predicted_dn": frames.in_dn(*moments),
-            "worst_pixel_dn": float(np.abs(frames.in_dn(*pixels)).max()),
-        }
+        worst_dn = float(np.abs(frames.in_dn(*pixels)).max())
+        found = {"stages": stages, "left_out": left_out, "precision": precision, "moments": moments[0]}
+        return {**found, "predicted_dn": frames.in_dn(*moments), "worst_pixel_dn": worst_dn}
 
     @cached_property
     def windows(self) -> dict[str, Photons]:
@@ -152,10 +141,7 @@ class Sensor:
         return {**frames.pixel_difference(digital, self._reference), "share_of_numpy": differ}
 
     def moments(self, setting: FrameSetting) -> Array:
-        """Of frames on the host, by light level, (3, levels, sensors).
-
-        Equal random bits in all settings make the differences between settings far better known than the values.
-        """
+        """Of frames on the host, by light level, (3, levels, sensors); equal random bits make differences clear."""
         stages = self.plan(setting.tolerance_dn)["stages"]
         light = frames.Illuminated(self.windows["small"], self.subject.exposure, setting.backend())
         return by_level(light.measured_moments(stages, REPLICAS, self.expected(stages), self.groups))
@@ -188,9 +174,8 @@ class Change(NamedTuple):
 def change(found: Array, other: Array, theory: Array, other_theory: Array) -> Change:
     """found − other, (3, levels, sensors), of frames with equal random bits; ``other`` may be a theory, without error.
 
-    √a − √b = (a − b)/(√a + √b), with the temporal variances that the frames show and the spatial ones of theory, which
-    the frames know less well. Where a variance is not resolved, neither is its root: √a + √b is at least √|a − b| and
-    the root of the standard error.
+    √a − √b = (a − b)/(√a + √b), with temporal variances of the frames and spatial ones of theory, known better. Where a
+    variance is not resolved, neither is its root: √a + √b is at least √|a − b| and the root of the standard error.
     """
     off = found - (other if other.ndim == 3 else other[..., None])
     value, error = off.mean(axis=2), off.std(axis=2, ddof=1) / np.sqrt(off.shape[2])
@@ -213,9 +198,8 @@ class Row:
         self.faster = ratio(*([turn[one.name] for turn in turns] for one in (REFERENCE, setting)))
         self.saved = spread(1 - turn[setting.name] / turn[whole.name] for turn in turns)  # of the whole chain's time
         self.pixels: dict[str, float] = {} if setting.sampler == GENERATOR else kit[f"pixels: {setting.name}"]
-        mine, reference, uncut = (
-            kit[f"moments: {one._replace(engine='numpy').name}"] for one in (setting, REFERENCE, whole)
-        )
+        host = (one._replace(engine="numpy") for one in (setting, REFERENCE, whole))
+        mine, reference, uncut = (kit[f"moments: {one.name}"] for one in host)
         theory, of_whole = sensor.plan(setting.tolerance_dn)["moments"], sensor.plan(None)["moments"]
         self.change = change(mine, reference, theory, of_whole)
         self.of_plan = change(mine, uncut, theory, of_whole)  # from the whole chain in the same precision
@@ -230,8 +214,7 @@ class Results:
         self.absent = {engine: why for engine, why in sensor.kit["engines"].items() if why is not None}
         self.rows = {one: Row(sensor, one) for one in sensor.settings}
         self.plans = {dn: sensor.plan(dn) for dn in sensor.tolerances_dn}
-        key = "Poisson law, mean {:g}: {}".format
-        whole = [one.name for one in self.rows if one.tolerance_dn is None]
+        key, whole = "Poisson law, mean {:g}: {}".format, [one.name for one in self.rows if one.tolerance_dn is None]
         self.laws = {name: {mean: sensor.kit[key(mean, name)] for mean in MEANS} for name in whole}
         points = [(row.ns.median, row.error_dn) for row in self.rows.values()]
         self.front = [list(self.rows)[i] for i in pareto(points)]  # those that no other beats in time and error
@@ -258,9 +241,8 @@ class Results:
                 what = f"total variation up to a mean of {VARIATION_UP_TO:g}, {one.name}"
                 yield what, worst["variation"], VARIATION + worst["resolution"]
             if one.engine == "drjit":
-                what = f"the bytes of NumPy float32, {one.name}: share of pixels"
-                yield what, row.pixels["share_of_numpy"], 0.0
-        if self.plans and self.plans[min(self.plans)]["precision"] == "float32":
+                yield f"the bytes of NumPy float32, {one.name}: share of pixels", row.pixels["share_of_numpy"], 0.0
+        if self.plans[min(self.plans)]["precision"] == "float32":
             pixels = self.rows[SINGLE].pixels
             yield "share of pixels that float32 moves", pixels["share_of_pixels"], SHARE
             yield "largest step that float32 makes [DN]", pixels["largest_dn"], LARGEST_DN

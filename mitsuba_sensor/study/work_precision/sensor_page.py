@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterator
+from itertools import starmap
 
 import numpy as np
 
@@ -29,23 +31,28 @@ def sensor_section(results: Results) -> Section:
         (("bad" if one in off else "good", one) for one in every),
         "Limits of measured changes hold as many standard errors that chance fails one setting in a thousand.",
     )
+    best = {dn: results.recommended(dn) for dn in results.plans}
+    what_to_take = table(
+        "What to take for a tolerance",
+        f"tolerance [DN] | fastest that keeps it | {NANOSECONDS} | {FASTER} | measured change [DN] | "
+        "± standard error [DN]",
+        (("", (dn, row.setting.name, row.ns.median, row.faster, *row.change.worst[:2])) for dn, row in best.items()),
+        "The change is the largest of mean, temporal σ and spatial σ at any light level, from float64, whole chain.",
+    )
     missed = [f"Not as it must be: {what} is {found:.3g}, the limit {limit:.3g}." for what, found, limit in off]
-    parts = _what_to_take(results), _error_against_time(results), _settings_table(results), *_plans_parts(results)
+    parts = what_to_take, _error_against_time(results), _settings_table(results), *_plans_parts(results)
     return Section((*missed, *findings(results)), not off, (*parts, *_laws_parts(results), requirements))
 
 
 def findings(results: Results) -> Iterator[str]:
     """Sentences, the most important first."""
-    if results.plans:
-        yield _advice(results, USUAL_DN if USUAL_DN in results.plans else next(iter(results.plans)))
+    yield _advice(results, USUAL_DN if USUAL_DN in results.plans else next(iter(results.plans)))
     plain, rounded, third = (results.rows[SINGLE._replace(sampler=one)] for one in (QUANTILE, GAUSSIAN, GENERATOR))
     for engine in frames.BACKENDS:  # the whole chain against NumPy in float32
         if row := results.rows.get(SINGLE._replace(engine=engine)):
-            yield (
-                f"The whole chain takes {row.ns.median:.3g} ns/pixel on {engine}, "
-                f"{ratio(plain.turns_ns, row.turns_ns):.3g} times as fast as NumPy float32 ({plain.ns.median:.3g}); "
-                f"their first frames took {row.first_s:.2g} and {plain.first_s:.2g} s."
-            )
+            fast = f"{ratio(plain.turns_ns, row.turns_ns):.3g} times as fast as NumPy float32 ({plain.ns.median:.3g})"
+            first = f"their first frames took {row.first_s:.2g} and {plain.first_s:.2g} s"
+            yield f"The whole chain takes {row.ns.median:.3g} ns/pixel on {engine}, {fast}; {first}."
     for engine, problem in results.absent.items():
         yield f"The engine {engine} is not here: {problem}."
     mean = min(measured.MEANS, key=lambda mean: mean != 10)
@@ -55,15 +62,15 @@ def findings(results: Results) -> Iterator[str]:
         f"{theirs:.2g}; in frames the Gaussian saves {plain.ns.median - rounded.ns.median:.3g} ns/pixel of "
         f"{plain.ns.median:.3g} (NumPy float32), and with NumPy's own generator they take {third.ns.median:.3g}."
     )
-    share, largest_dn = 100 * plain.pixels["share_of_pixels"], plain.pixels["largest_dn"]
-    apart = f"{share:.2g} % of the pixels are off, by up to {largest_dn:g} DN"
-    yield f"In float32 {apart}, from float64 with equal random bits."
+    apart = (
+        f"{100 * plain.pixels['share_of_pixels']:.2g} % of the pixels are off, by up to {plain.pixels['largest_dn']:g}"
+    )
+    yield f"In float32 {apart} DN, from float64 with equal random bits."
 
 
 def _advice(results: Results, dn: float) -> str:
     row = results.recommended(dn)
-    times = f"{row.ns.median:.3g} ns/pixel, {row.faster:.3g} {FASTER}"
-    start = f"For {dn:g} DN take {row.setting.name}: {times}"
+    start = f"For {dn:g} DN take {row.setting.name}: {row.ns.median:.3g} ns/pixel, {row.faster:.3g} {FASTER}"
     if row.setting.tolerance_dn is None:
         return f"{start}. No plan for this tolerance is measurably faster and as near."
     made, (value, error, _) = results.plans[row.setting.tolerance_dn], row.change.worst
@@ -75,25 +82,13 @@ def _advice(results: Results, dn: float) -> str:
     )
 
 
-def _what_to_take(results: Results) -> Table:
-    best = {dn: results.recommended(dn) for dn in results.plans}
-    return table(
-        "What to take for a tolerance",
-        f"tolerance [DN] | fastest that keeps it | {NANOSECONDS} | {FASTER} | measured change [DN] | "
-        "± standard error [DN]",
-        (("", (dn, row.setting.name, row.ns.median, row.faster, *row.change.worst[:2])) for dn, row in best.items()),
-        "The change is the largest of mean, temporal σ and spatial σ at any light level, from float64, whole chain.",
-    )
-
-
 def _error_against_time(results: Results) -> Plot:
     """Every setting as a point; plans share a colour, and each sampler has its own."""
-    kinds: dict[tuple[str, int], list[tuple[float, float]]] = {}
+    kinds = defaultdict[tuple[str, int], list[tuple[float, float]]](list)
     for s, row in results.rows.items():
         label = f"{s.engine} {s.precision}" + ("" if s.sampler in OWN else f", {s.sampler}")
-        planned = s.tolerance_dn is not None
-        kind = (f"{label}, plans", len(SAMPLERS)) if planned else (label, SAMPLERS.index(s.sampler))
-        kinds.setdefault(kind, []).append((row.ns.median, row.error_dn))
+        kind = (label, SAMPLERS.index(s.sampler)) if s.tolerance_dn is None else (f"{label}, plans", len(SAMPLERS))
+        kinds[kind].append((row.ns.median, row.error_dn))
     lines = [line(label, points, joined=False, colour=own) for (label, own), points in kinds.items()]
     note = (
         "The largest change at any light level, or its standard error where that is larger, and at least "
@@ -129,19 +124,18 @@ def _settings_table(results: Results) -> Table:
 
 def _plans_parts(results: Results) -> tuple[Plot, Table]:
     """What every tolerance buys, a line per engine; and what each plan leaves out, changes and saves."""
-    lines: dict[str, list[tuple[float, float]]] = {}
+    lines = defaultdict[str, list[tuple[float, float]]](list)
     rows: list[MarkedRow] = []
     for s, row in results.rows.items():
         if s.tolerance_dn is not None:
-            lines.setdefault(s.engine, []).append((row.error_dn, row.ns.median))
-            mark: Mark = "" if row.of_plan.within(s.tolerance_dn) else "bad"
+            lines[s.engine].append((row.error_dn, row.ns.median))
             made = results.plans[s.tolerance_dn]
             what = s.tolerance_dn, f"{s.engine} {s.precision}", ", ".join(made["left_out"])
             predicted = made["worst_pixel_dn"], float(np.abs(made["predicted_dn"]).max())
             times = row.ns.median, 100 * row.saved.median, f"{100 * row.saved.low:.0f} … {100 * row.saved.high:.0f}"
+            mark: Mark = "" if row.of_plan.within(s.tolerance_dn) else "bad"
             rows.append((mark, (*what, *predicted, *row.of_plan.worst, *times)))
-    drawn = tuple(line(engine, points) for engine, points in lines.items())
-    note = f"Plans for {', '.join(f'{dn:g}' for dn in results.plans)} DN."
+    drawn, note = tuple(starmap(line, lines.items())), f"Plans for {', '.join(f'{dn:g}' for dn in results.plans)} DN."
     plot = Plot("What a tolerance buys", f"measured {CHANGE}", NANOSECONDS, drawn, log_y=False, note=note)
     return plot, table(
         "Plans",
@@ -156,24 +150,20 @@ def _plans_parts(results: Results) -> tuple[Plot, Table]:
 def _laws_parts(results: Results) -> tuple[Plot, Table, Table]:
     """How far the samplers' laws are from Poisson's: total variation, drawn and in numbers, and the lowest moments."""
     every = {name: list(laws.values()) for name, laws in results.laws.items()}
-    names = list(every)
-    distinct = {name: laws for k, (name, laws) in enumerate(every.items()) if laws not in [every[n] for n in names[:k]]}
+    distinct = {name: laws for k, (name, laws) in enumerate(every.items()) if laws not in [*every.values()][:k]}
     headings = " | ".join(f"mean {mean:g}" for mean in measured.MEANS)
 
     def drawn(label: str, name: str, what: str) -> Line:
-        values = [law[what] for law in every[name]]
-        return line(label, [*zip(measured.MEANS, values, strict=True)], dashed=name.endswith(GENERATOR))
+        points = [(mean, law[what]) for mean, law in results.laws[name].items()]
+        return line(label, points, dashed=name.endswith(GENERATOR))
 
-    lines = [drawn(name, name, "variation") for name in distinct]
     third = next(name for name in distinct if name.endswith(GENERATOR))
-    plot = Plot(
-        "Distance of the drawn law from Poisson's",
-        "mean [events]",
-        "total variation ½Σ|p − q|",
-        (*lines, drawn("as many exact draws, by chance", third, "resolution")),
-        note="Over all 2^32 random bits, by bisection; a generator that has a state by 2 million draws, whose distance "
-        "from the law is then chance.",
-    )
+    lines = [drawn(name, name, "variation") for name in distinct]
+    lines.append(drawn("as many exact draws, by chance", third, "resolution"))
+    note = "Over all 2^32 random bits, by bisection; a generator that has a state by 2 million draws, whose distance "
+    note += "from the law is then chance."
+    title, x_label, y_label = "Distance of the drawn law from Poisson's", "mean [events]", "total variation ½Σ|p − q|"
+    plot = Plot(title, x_label, y_label, tuple(lines), note=note)
     values = {name: [law["variation"] for law in laws] for name, laws in every.items()}
     values["resolution"] = [law["resolution"] for law in every[REFERENCE.name]]
     variations = table(

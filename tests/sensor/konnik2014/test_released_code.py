@@ -33,9 +33,10 @@ from mitsuba_sensor.sensor.konnik2014.electrons import (
     PublishedDarkMean,
     PublishedDarkSignal,
     PublishedFollowerSpectrum,
+    PublishedFpnDistribution,
     PublishedWell,
+    fpn_map,
 )
-from mitsuba_sensor.sensor.konnik2014.fpn_distributions import PublishedFpnDistribution, fpn_map
 from mitsuba_sensor.sensor.konnik2014.volts import (
     PublishedAdc,
     PublishedExponentialNode,
@@ -540,9 +541,9 @@ PAGE = {
     "5.193": lambda: CdsNoise(15.0, 1e6, 1e-4, 0.5e-4).sigma_v / 5e-6,
     "2.19": lambda: clipped_noise(0),
     "3.39": lambda: clipped_noise(1),
-    "57.3": lambda: math.sqrt(PublishedResetNoise(5e-6, 0.8).variance(FRAME)) / 5e-6,
+    "57.3": lambda: math.sqrt(PublishedResetNoise(5e-6, 0.8).moments(FRAME)[1]) / 5e-6,
     "71.7": lambda: SignedResetNoise(5e-6, 1.0).sigma_v(FRAME) / 5e-6,
-    "0.0103": lambda: PublishedResetNoise(5e-6, 0.8).mean(FRAME) / 5e-6,
+    "0.0103": lambda: PublishedResetNoise(5e-6, 0.8).moments(FRAME)[0] / 5e-6,
     "0.455": lambda: exponential(3300),
     "0.450": lambda: exponential(33000),
     "0.699": lambda: signal_kept(0.1),

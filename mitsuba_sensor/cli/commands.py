@@ -1,0 +1,151 @@
+"""The commands render, expose, plan, fpn-maps, doctor and lint: from a scene, or from its irradiance, to raw frames."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+import typer
+from rich.console import Group
+from rich.text import Text
+
+import mitsuba_sensor as ms
+
+from ..core import InputError, first_given
+from ..core.options import complete
+from ..io import exr, files
+from ..pipeline import FILES, CaptureOptions, LightOptions, refuse_render_options
+from ..render.options import RenderOptions, SceneOptions
+from ..sensor.gains import gain_dn_per_e
+from . import options, terminal
+from .app import app, camera_and_exposure, err, other_flags, render_input, show
+
+LEVELS = {"black": "bold red", "wrong": "bold yellow", "note": "dim"}  # of a finding of lint → its style
+
+
+@app.command(epilog="Example: mitsuba-sensor render scenes/cornell_box.xml -o out/ --exposure-s 0.01 --set adc.bits=14")
+@options.flags(options.CameraFlags, CaptureOptions)
+def render(scene: options.Scene, out_dir: options.Out, as_json: options.Json = False, **flags: options.Flag) -> None:
+    """Render SCENE and expose a camera to it.
+
+    Writes frame.tiff, frame.png, irradiance.exr and frame.json into DIR (and aovs.exr if asked for): all, or none.
+    """
+    given, asked = render_input(scene, flags)
+    with files.output_folder(out_dir, FILES) as folder:
+        with terminal.render_progress(err, asked) as progress:
+            found = ms.capture(given.scene, given.camera, given.exposure, progress=progress, **asked)
+        found.save(folder)
+    show(found.metadata if as_json else terminal.summary(found.metadata, str(out_dir)), as_json)
+
+
+@app.command(epilog="Example: mitsuba-sensor expose out/irradiance.exr -o dark/ --exposure-s 0.001 --frames 8")
+@options.flags(options.CameraFlags, LightOptions)
+def expose(
+    irradiance: options.IrradianceFile, out_dir: options.Out, as_json: options.Json = False, **flags: options.Flag
+) -> None:
+    """Expose a camera to irradiance that is already rendered: another time, camera or seed at no cost.
+
+    Writes frame.tiff, frame.png and frame.json into DIR: all three, or none.
+    """
+    _refuse_lens(flags)
+    exr.require_exr(irradiance)
+    camera, exposure = camera_and_exposure(flags)
+    with files.output_folder(out_dir, FILES) as folder:
+        found = ms.capture(irradiance, camera, exposure, **other_flags(flags))
+        found.save(folder)
+    show(found.metadata if as_json else terminal.summary(found.metadata, str(out_dir)), as_json)
+
+
+@app.command(epilog="Example: mitsuba-sensor plan out/irradiance.exr --exposure-s 0.001 --tolerance-dn 0.02")
+@options.flags(options.CameraFlags, RenderOptions)
+def plan(
+    source: options.SceneOrIrradiance,
+    tolerance_dn: options.ToleranceDn = 0.0,
+    as_json: options.Json = False,
+    **flags: options.Flag,
+) -> None:
+    """Say which stages this light and exposure need, how far each moves the numbers, and the time that is saved.
+
+    Writes nothing. Times are medians of five interleaved runs on this machine.
+    """
+    from ..render.requirements import render_requirements
+
+    if source.suffix.lower() == ".exr":
+        _refuse_lens(flags)
+        refuse_render_options(flags)
+        camera, exposure = camera_and_exposure(flags)
+        light = exr.read_irradiance_exr(source)
+    else:
+        given, asked = render_input(source, flags)
+        camera, exposure = given.camera, given.exposure
+        with terminal.render_progress(err, asked) as progress:
+            light = ms.render(given.scene, camera, exposure, progress=progress, **asked)
+    found = ms.plan(camera, exposure, ms.collect(light, camera, exposure), tolerance_dn=tolerance_dn)
+    needs = render_requirements(light, camera, exposure, gain_dn_per_e(camera), tolerance_dn)
+    if as_json:
+        seconds = dict(zip(("whole_chain", "plan"), found.seconds, strict=True))
+        show({**found.to_dict(), "render": [asdict(need) for need in needs], "seconds_per_frame": seconds}, True)
+    else:
+        show(terminal.plan_sheet(found, needs), False)
+
+
+def _refuse_lens(flags: options.Flags) -> None:
+    """The irradiance is behind the lens already: another lens needs another render."""
+    for field in flags["settings"] or ():
+        if field.startswith("lens."):
+            raise InputError(
+                f"--set {field} comes too late: the irradiance is behind the lens already; set it in `render`."
+            )
+
+
+@app.command("fpn-maps", epilog="Example: mitsuba-sensor fpn-maps -o camera7.npz --serial 7; then render … --fpn-maps")
+@options.flags(options.CameraFlags, options.MapFlags, without=("exposure_s", "temperature_k"))
+def fpn_maps(out_file: options.MapFile, as_json: options.Json = False, **flags: options.Flag) -> None:
+    """Write the fixed-pattern noise (FPN) maps of one camera into a NumPy .npz.
+
+    To look at, to change, or to replace by measured ones: `render … --fpn-maps FILE.npz` takes such a file.
+    """
+    asked = complete(options.MapFlags, other_flags(flags))
+    camera, _ = camera_and_exposure(flags)
+    shape = first_given(asked["rows"], camera.sensor.rows), first_given(asked["width"], camera.sensor.columns)
+    found = ms.fpn_maps(camera, shape, serial=asked["serial"])
+    files.write_fpn_maps(out_file, found)
+    spread = {name: {"mean": float(x.mean()), "sigma": float(x.std()), "shape": x.shape} for name, x in found.items()}
+    show(spread if as_json else terminal.map_list(spread, str(out_file)), as_json)
+
+
+@app.command()
+def doctor(as_json: options.Json = False) -> None:
+    """Find out what works on this machine, and the command that mends what does not. Exit code 0 if a render works."""
+    from ..render.doctor import examine
+
+    with err.status("rendering a small scene with every variant"):
+        findings = examine()
+    show(findings if as_json else terminal.diagnosis(findings), as_json)
+    if not findings["works"]:
+        raise typer.Exit(1)
+
+
+@app.command(epilog="Example: mitsuba-sensor lint scenes/cornell_box.xml --camera rgbir_2mp")
+@options.flags(
+    options.CameraFlags, SceneOptions, without=("exposure_s", "temperature_k", "settings", "width", "motion")
+)
+def lint(scene: options.Scene, as_json: options.Json = False, **flags: options.Flag) -> None:
+    """Say what in SCENE is black, wrong or worth knowing for this camera. Nothing is rendered.
+
+    Exit code: 0 if there is nothing but notes, 1 if something is black or wrong, 2 if the scene cannot be loaded.
+    """
+    from ..render.scene import inspect_scene
+
+    given, _ = render_input(scene, flags)
+    camera, (low, high) = given.camera, given.camera.band_nm
+    findings = inspect_scene(given.scene.file, camera, flags["parameters"] or {}, flags["scene_unit"])
+    if as_json:
+        show([finding.to_dict() for finding in findings], True)
+    else:
+        table = terminal.columns_table("", "where", "what", "remedy")
+        for one in findings:
+            table.add_row(Text(one.level, style=LEVELS[one.level]), *map(Text, (one.where, one.what, one.remedy)))
+        head = Text.assemble((scene.name, "bold"), f" for {camera.name}, {low:g} to {high:g} nm")
+        show(Group(head, table if findings else Text("nothing to say", style="green")), False)
+    if any(finding.level != "note" for finding in findings):
+        raise typer.Exit(1)
