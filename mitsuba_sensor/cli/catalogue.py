@@ -38,7 +38,9 @@ def show_camera(name: options.CameraName, as_json: options.Json = False) -> None
     table.columns[0].no_wrap = True
     for field, value in _flat({key: value for key, value in fields.items() if key != "sources"}).items():
         table.add_row(field, Text(terminal.short(value)), Text(camera.sources.get(field, ""), style="dim"))
-    show({**fields, "sources": dict(camera.sources)} if as_json else table, as_json)
+    show({**fields, "sources": dict(camera.sources), "notes": list(camera.notes)} if as_json else table, as_json)
+    for note in () if as_json else camera.notes:
+        show(f"note: {note}", False)
 
 
 @cameras.command()

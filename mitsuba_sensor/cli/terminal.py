@@ -60,7 +60,8 @@ def summary(report: Report, folder: str) -> RenderableType:
     size = f"{image['columns']} × {image['rows']}, {image['frames']} frame{'s' if image['frames'] > 1 else ''}"
     conditions = f", {exposure['time_s']:g} s at {exposure['temperature_k']:g} K, {size} → "
     head = Text.assemble((report["camera"]["name"], "bold"), conditions, (folder, "bold"))
-    notes = (Text.assemble(("note: ", "bold yellow"), note) for note in report["render"]["notes"])
+    said = *report["render"]["notes"], *report["camera"].get("notes", ())
+    notes = (Text.assemble(("note: ", "bold yellow"), note) for note in said)
     return Group(head, _stages(report), *_facts(report), *notes)
 
 

@@ -27,10 +27,10 @@ FROM_NAME = 0x4000_0000  # bit for sources that are not in STREAMS; the 30 bits 
 # Noise source → stream (block, slot 0 … 3). Never change a line: the frames of a seed depend on it.
 _SLOTS = {
     0: ("photon_shot", "dark_shot", "source_follower", "reset"),
-    1: ("rts_switch", "rts_state", "quantum_yield", "compensation"),
+    1: ("rtn_pixels", "rts_state", "quantum_yield", "compensation"),
     FIXED_PATTERN: ("prnu", "dark_fpn", "dark_fpn_pick", "dark_component"),
     FIXED_PATTERN + 1: ("dsnu_col", "dsnu_row", "prnu_col", "dsnu_pixel"),
-    FIXED_PATTERN + 2: ("rts_site",),
+    FIXED_PATTERN + 2: ("rts_site", "rtn_site", "read_noise"),
 }
 STREAMS = {source: (block, slot) for block, sources in _SLOTS.items() for slot, source in enumerate(sources)}
 
@@ -60,11 +60,19 @@ def split_key(key: int) -> tuple[int, int]:
 
 
 def random_bits_at(
-    block: int, rows: NDArray[np.integer], columns: NDArray[np.integer], frame: int, key: int
+    block: int,
+    rows: NDArray[np.integer],
+    columns: NDArray[np.integer],
+    frame: int | NDArray[np.integer],
+    key: int,
 ) -> tuple[RandomBits, RandomBits, RandomBits, RandomBits]:
-    """Four random 32-bit integers of ``block`` at the pixels (rows, columns), which broadcast together, on NumPy."""
-    x, y = columns.astype(np.uint64) & np.uint64(_MASK), rows.astype(np.uint64) & np.uint64(_MASK)
-    drawn = philox((x, y, np.uint64(frame), np.uint64(block)), split_key(key))
-    shape = np.broadcast_shapes(x.shape, y.shape)
+    """Four random 32-bit integers of ``block`` at (rows, columns, frame), which broadcast together, on NumPy.
+
+    frame : below 2^32; or 2^32, which has the bits that frame 0 would have in a row beyond any sensor.
+    """
+    x, y = (n.astype(np.uint64) & np.uint64(_MASK) for n in (columns, rows))
+    z = np.asarray(frame).astype(np.uint64)
+    drawn = philox((x, y, z, np.uint64(block)), split_key(key))
+    shape = np.broadcast_shapes(x.shape, y.shape, z.shape)
     b0, b1, b2, b3 = (np.broadcast_to(b, shape).astype(np.uint32) for b in drawn)
     return b0, b1, b2, b3

@@ -43,13 +43,13 @@ class Frame:
             self._blocks[block] = self.window.backend.random_bits(block, self.window, self.index, self.seed)
         return self._blocks[block][slot]
 
-    def random_bits_at(self, source: str, rows: ArrayLike, columns: ArrayLike, frame_index: int) -> RandomBits:
+    def random_bits_at(self, source: str, rows: ArrayLike, columns: ArrayLike, frame_index: Array) -> RandomBits:
         """The random bits of ``source`` in frame ``frame_index`` at some pixels of the sensor, on NumPy.
 
-        rows, columns : pixel coordinates on the sensor (not in the window); they broadcast together.
+        rows, columns : pixel coordinates on the sensor (not in the window); they broadcast with the frames.
         """
         block, slot = stream_of(source)
-        return random_bits_at(block, np.asarray(rows), np.asarray(columns), frame_index, self.seed)[slot]
+        return random_bits_at(block, np.asarray(rows), np.asarray(columns), np.asarray(frame_index), self.seed)[slot]
 
     def row_normal(self, source: str, rows: ArrayLike | None = None) -> Array:
         """One standard normal per row of the window, new in every frame, (H, 1).

@@ -16,6 +16,7 @@ from pydantic import Field, PrivateAttr, ValidationError, create_model, model_va
 from ..core import InputError, nearest
 from .chain import ORDER, chain, check_added
 from .datasheet import CameraTable, FileTable, PixelGeometry, SensorSection
+from .datasheet_checks import check_gains, check_technology
 from .datasheet_errors import fields_of, sentence
 from .lens_datasheet import LensSection
 from .stage import Chain, Stage
@@ -76,6 +77,12 @@ class Camera(FileTable):
                 raise ValueError(f"sources names {key!r}, which is no field of a camera.{nearest(key, known)}")
         return self
 
+    @model_validator(mode="after")
+    def _tables_fit(self) -> Camera:
+        check_technology(self)
+        check_gains(self)
+        return self
+
     def replace(self, **changes: Any) -> Camera:
         """A copy with dotted fields changed: ``camera.replace(**{"adc.bits": 14})``. Raises InputError."""
         data, known = self.model_dump(), fields_of(Camera)
@@ -126,7 +133,13 @@ class Camera(FileTable):
     def to_dict(self) -> dict[str, Any]:
         """The datasheet, the source of each number, and the stages that were added: for the metadata of a frame."""
         added = [{"after": after, "stage": repr(stage)} for after, stage in self._added]
-        return {**self.model_dump(), "sources": dict(self.sources), **({"added_stages": added} if added else {})}
+        extra = {"added_stages": added, "notes": list(self.notes)}
+        return {**self.model_dump(), "sources": dict(self.sources), **{name: x for name, x in extra.items() if x}}
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences about values of the datasheet that are allowed and may surprise."""
+        return tuple(note for effect in ORDER for note in effect.notes(self))
 
     @property
     def added(self) -> tuple[Stage, ...]:

@@ -19,6 +19,7 @@ from .effects.prnu import Prnu, PrnuColumn
 from .effects.quantum_efficiency import QuantumEfficiency
 from .effects.quantum_yield import QuantumYield
 from .effects.reset_noise import ResetNoise
+from .effects.rtn_pixels import RtnPixels
 from .effects.rts_pixels import RtsPixels
 from .effects.sense_node import SenseNode
 from .effects.shot_noise import ShotNoise
@@ -41,6 +42,7 @@ ORDER: tuple[type[Stage], ...] = (  # a stage of its own: one file in effects/, 
     SenseNode,
     ResetNoise,
     SourceFollowerNoise,
+    RtnPixels,
     SourceFollower,
     DsnuColumn,
     DsnuRow,

@@ -7,7 +7,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..core import InputError, Photons, SensorWindow, nearest, numbers, require_seed
+from ..core.backend import FLOAT32_LIMIT
 from .camera import Camera
+from .gains import adc_gain_dn_per_v
 from .stage import Chain
 
 
@@ -150,3 +152,46 @@ def checked_origin(origin: Any) -> tuple[int, int]:
     if not isinstance(origin, tuple | list) or len(origin) != 2:
         raise InputError(f"origin is {origin!r}; it must be (row, column) of the first pixel, e.g. (0, 0).")
     return require_seed("origin", origin[0]), require_seed("origin", origin[1])
+
+
+def check_chip(one: tuple[Camera, SensorWindow], other: tuple[Camera, SensorWindow]) -> None:
+    """Raise InputError unless frames and their reference are of the same pixels, whose fixed patterns cancel."""
+    pairs = {
+        "the camera": (one[0].name, other[0].name),
+        "the serial": (one[1].serial, other[1].serial),
+        "the datasheet": (one[0].stages, other[0].stages),
+        "the part of the sensor": (tuple(one[1].origin), tuple(other[1].origin)),
+    }
+    differs = " and ".join(what for what, (mine, its) in pairs.items() if mine != its)
+    if not differs:
+        return
+    mine, its = (f"{camera.name}, serial {at.serial}, from pixel {tuple(at.origin)}" for camera, at in (one, other))
+    raise InputError(
+        f"the frames are of {mine}, and the reference of {its} ({differs} differs), whose fixed patterns are others; "
+        "expose the reference with the same camera, serial and origin."
+    )
+
+
+COUNTABLE_E, COUNTABLE_DN = 2**24, 2**23
+"""What float32 counts: whole electrons; digital numbers, which are rounded and therefore need halves too."""
+
+
+def float32_counts(camera: Camera) -> bool:
+    """Whether float32 holds single electrons of a full well and the codes of this camera."""
+    countable = camera.pixel.full_well_e <= COUNTABLE_E and 2**camera.adc.bits <= COUNTABLE_DN
+    return countable and adc_gain_dn_per_v(camera) <= FLOAT32_LIMIT
+
+
+def check_float32(camera: Camera) -> None:
+    """Raise InputError where float32, asked for, cannot compute this camera's codes."""
+    gain = adc_gain_dn_per_v(camera)
+    if gain > FLOAT32_LIMIT:
+        raise InputError(
+            f"precision is 'float32', which holds numbers up to {FLOAT32_LIMIT:g}, and the converter of {camera.name} "
+            f"makes {gain:.3g} DN of a volt; leave the precision out, or mend the gains and adc.full_scale_v."
+        )
+    if camera.adc.dnl_lsb and 2**camera.adc.bits > COUNTABLE_DN:
+        raise InputError(
+            f"precision is 'float32', which has no halves between codes from {COUNTABLE_DN} on, and {camera.name} has "
+            f"adc.dnl_lsb and {camera.adc.bits} bits; leave the precision out, or take 23 bits or fewer."
+        )

@@ -4,15 +4,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import accumulate
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from ..core import Frame, SensorWindow, arrays
+from ..core import Exposure, Frame, SensorWindow, arrays
 from ..core.backend import NUMPY_FLOAT64, Backend, uniforms
 from ..core.moments import rectified_normal
+from .dark_current_models import FIGURE_OF_MERIT_AT_K, arrhenius
 from .datasheet import Chance, FileTable, NotNegative, Positive
 from .pixel_law import PixelLaw, Quantiles, fixed_offsets
+from .stage import Datasheet
+
+MIDGAP_EV = 0.56
+"""Half of the band gap of silicon: generation at deep centres in the depletion region, which makes the hot pixels
+(Widenhorn et al., Proc. SPIE 4669, 193, 2002: 222–291 K; 0.5–0.65 eV from pixel to pixel)."""
+
+Activation = Annotated[float, Field(ge=0, le=2, strict=True)]
+Reference = Annotated[float, Field(ge=50, strict=True)]
 
 
 class DarkComponentSection(FileTable):
@@ -24,7 +33,17 @@ class DarkComponentSection(FileTable):
     high: Positive | None = Field(None, description="upper end of a uniform component [unit]", examples=[440])
     mean: Positive | None = Field(None, description="mean of a normal component [unit]", examples=[18])
     sigma: NotNegative | None = Field(None, description="σ of a normal component [unit]", examples=[4])
-    unit: Literal["e_per_s", "e", "dn"] = Field(description="unit of the numbers of this component", examples=["dn"])
+    unit: Literal["e_per_s", "e", "dn"] = Field(
+        description="unit of the numbers of this component; e and dn are of an exposure of any time", examples=["dn"]
+    )
+    at_temperature_k: Reference | None = Field(
+        None,
+        description="temperature of the numbers [K]; default: dark_current.at_temperature_k, or 300 K without one",
+        examples=[298.15],
+    )
+    activation_ev: Activation = Field(
+        MIDGAP_EV, description="activation energy E_a [eV]; 0 for a signal that no cooling changes", examples=[0.56]
+    )
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
@@ -45,7 +64,10 @@ class DarkComponent:
     """Share ``weight`` of the pixels has a mean dark signal from this distribution instead of the main one.
 
     family : "uniform" on [first, second], or "normal" of mean first and σ second, cut at 0.
-    e_per_unit : one of its unit in electrons [e-]; ``per_second`` says that it is a rate.
+    e_per_unit : one of its unit in electrons [e-]; ``per_second`` says that it is a rate. Otherwise the numbers are of
+        the exposure as it is, however long.
+    at_temperature_k, activation_ev : the numbers are of that temperature T_ref [K]; at another one they are
+        exp(E_a/k·(1/T_ref − 1/T)) times as large.
     """
 
     weight: float
@@ -54,6 +76,8 @@ class DarkComponent:
     second: float
     e_per_unit: float = 1.0
     per_second: bool = False
+    at_temperature_k: float = FIGURE_OF_MERIT_AT_K
+    activation_ev: float = 0.0
 
     def electrons(self, quantile: Any, frame: Frame) -> Any:
         """(H, W) quantiles, 0 … 1 → mean dark electrons of pixels of this component."""
@@ -62,18 +86,25 @@ class DarkComponent:
         else:
             z = frame.window.backend.normal_of(quantile)
             value = arrays.maximum(frame.number(self.first) + frame.number(self.second) * z, 0.0)
-        return frame.number(self._unit(frame.exposure.time_s)) * value
+        return frame.number(self.unit_e(frame.exposure)) * value
 
-    def moments(self, time_s: float) -> tuple[float, float]:
+    def moments(self, exposure: Exposure) -> tuple[float, float]:
         """Mean and variance of that [e-, e-²]."""
-        unit = self._unit(time_s)
+        unit = self.unit_e(exposure)
         if self.family == "uniform":
             return unit * (self.first + self.second) / 2, (unit * (self.second - self.first)) ** 2 / 12
         mean, variance = rectified_normal(self.second / self.first)
         return unit * self.first * mean, (unit * self.first) ** 2 * variance
 
-    def _unit(self, time_s: float) -> float:
-        return self.e_per_unit * (time_s if self.per_second else 1.0)
+    def unit_e(self, exposure: Exposure) -> float:
+        """One of the component's unit at this time and temperature [e-]."""
+        thermal = arrhenius(exposure.temperature_k, self.at_temperature_k, self.activation_ev)
+        return self.e_per_unit * thermal * (exposure.time_s if self.per_second else 1.0)
+
+
+def reference_temperature_k(camera: Datasheet) -> float:
+    """Temperature of dark signals that do not name their own: dark_current.at_temperature_k, else 300 K."""
+    return float(camera.dark_current.at_temperature_k or FIGURE_OF_MERIT_AT_K)
 
 
 def superimpose(parts: tuple[DarkComponent, ...], main: Any, frame: Frame) -> Any:
@@ -102,7 +133,7 @@ def mixture_moments(
 ) -> tuple[float, float]:
     """Mean and variance from pixel to pixel of the mixture: (1 − Σw)·main + Σ w·component."""
     laws = [(1 - sum(p.weight for p in parts), mean, variance)]
-    laws += [(p.weight, *p.moments(frame.exposure.time_s)) for p in parts]
+    laws += [(p.weight, *p.moments(frame.exposure)) for p in parts]
     average = sum(w * m for w, m, _ in laws)
     return average, sum(w * (v + (m - average) ** 2) for w, m, v in laws)
 

@@ -7,6 +7,9 @@ from ..core.units import BOLTZMANN_EV_PER_K, ELEMENTARY_CHARGE_C
 
 FIGURE_OF_MERIT_AT_K = 300.0  # where figures of merit of dark current are defined (Janesick 2001)
 
+HOTTEST = math.log(1e30)
+"""A dark current is not more than 1e30 times that at its reference temperature, so that squares stay finite."""
+
 
 def band_gap_ev(temperature_k: float) -> float:
     """Band gap of silicon E_g(T) = 1.1557 − 7.021e-4·T²/(1108 + T) [eV] (paper eq. 3); 1.11082145 eV at 300 K."""
@@ -20,6 +23,16 @@ def activation(temperature_k: float, power: float, divisor: float) -> float:
     reference = band_gap_ev(FIGURE_OF_MERIT_AT_K) / FIGURE_OF_MERIT_AT_K
     exponent = (reference - band_gap_ev(temperature_k) / temperature_k) / (divisor * BOLTZMANN_EV_PER_K)
     return float((temperature_k / FIGURE_OF_MERIT_AT_K) ** power * math.exp(exponent))
+
+
+def arrhenius(temperature_k: float, at_temperature_k: float, activation_ev: float) -> float:
+    """exp(E_a/k·(1/T_ref − 1/T)), at most 1e30: 1 at T_ref, and 0 at 0 K unless E_a is 0."""
+    if activation_ev == 0 or temperature_k == at_temperature_k:
+        return 1.0
+    if temperature_k == 0:
+        return 0.0
+    exponent = activation_ev / BOLTZMANN_EV_PER_K * (1 / at_temperature_k - 1 / temperature_k)
+    return math.exp(min(exponent, HOTTEST))
 
 
 def rate_at_300_e_per_s(fom_na_per_cm2: float, area_cm2: float) -> float:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -16,8 +17,12 @@ MapCoupling = Annotated[float, Field(ge=0, le=0.45, strict=True)]
 
 
 class FileTable(BaseModel):
-    """A table of a camera file: frozen, equal by value, no unknown fields, no NaN."""
+    """A table of a camera file: frozen, equal by value, no unknown fields, no NaN.
 
+    cmos_only : fields that a CCD cannot have, with the value that means none.
+    """
+
+    cmos_only: ClassVar[Mapping[str, float | str]] = {}
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 

@@ -11,13 +11,22 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..core import Exposure, Frame, InputError, Photons, SensorWindow, check_types, first_given
-from ..core.backend import FLOAT32_LIMIT, NUMPY_FLOAT32, NUMPY_FLOAT64
+from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
 from ..core.options import complete, documents
 from .camera import Camera
-from .checks import as_photons, check_compensation, check_numbers, checked_maps, checked_names, checked_origin
+from .checks import (
+    as_photons,
+    check_chip,
+    check_compensation,
+    check_float32,
+    check_numbers,
+    checked_maps,
+    checked_names,
+    checked_origin,
+    float32_counts,
+)
 from .detection import Detected, detect
 from .frame_theory import FrameTheory
-from .gains import adc_gain_dn_per_v
 from .konnik2014 import Konnik2014Settings, chain_of
 from .light_levels import light_levels
 from .noise_budget import NoiseBudget
@@ -33,9 +42,6 @@ current left in the well, their sum [e-], swing at the converter [V]."""
 
 KEPT_BY_PUBLISHED = ("photons", "electrons", "volts")
 """Those of them that chain konnik2014 has."""
-
-COUNTABLE = 2**24
-"""Whole numbers up to here are whole in float32: electrons of a full well, digital numbers."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,13 +89,14 @@ class Frames:
         """Signed difference to a zero-exposure frame or a stack of as many, (N, H, W) [DN]: the paper's CDS.
 
         Fixed patterns cancel, temporal variances add (√2 in σ for equal frames), and nothing wraps below zero.
-        Raises InputError when the frames do not fit.
+        Raises InputError when the frames do not fit, or are of another camera, serial number or part of the sensor.
         """
         if not isinstance(reference, Frames):
             raise InputError(f"the reference is a {type(reference).__name__}; pass the Frames of a zero exposure.")
         one, other = self.digital.shape, reference.digital.shape
         if one[1:] != other[1:] or other[0] not in (1, one[0]):
             raise InputError(f"the reference has shape {other}; it must be {one}, or (1, {one[1]}, {one[2]}).")
+        check_chip((self.camera, self.first.window), (reference.camera, reference.first.window))
         return self.digital.astype(np.int64) - reference.digital.astype(np.int64)
 
     def noise_budget(self) -> NoiseBudget:
@@ -250,18 +257,13 @@ def precision_of(asked: str, camera: Camera, plan: Plan | None, chain: str) -> s
         if asked == "float32":
             raise InputError("precision is 'float32' and chain konnik2014 is float64 only; leave the precision out.")
         return "float64"
-    gain = adc_gain_dn_per_v(camera)
-    if asked == "float32" and gain > FLOAT32_LIMIT:
-        raise InputError(
-            f"precision is 'float32', which holds numbers up to {FLOAT32_LIMIT:g}, and the converter of {camera.name} "
-            f"makes {gain:.3g} DN of a volt; leave the precision out, or mend the gains and adc.full_scale_v."
-        )
+    if asked == "float32":
+        check_float32(camera)
     if asked != "auto":
         return asked
     if plan is not None:
         return plan.precision
-    countable = camera.pixel.full_well_e <= COUNTABLE and 2**camera.adc.bits <= COUNTABLE
-    return "float32" if countable and gain <= FLOAT32_LIMIT else "float64"
+    return "float32" if float32_counts(camera) else "float64"
 
 
 def _stages(camera: Camera, plan: Plan | None, chain: str) -> Chain:

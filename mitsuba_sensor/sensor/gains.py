@@ -1,7 +1,12 @@
 """Gains of the signal chain: A_SN, V_FS, A and the overall system gain K (EMVA 1288), from the datasheet."""
 
+import math
+
 from ..core.units import ELEMENTARY_CHARGE_C
 from .stage import Datasheet
+
+LINEAR_BELOW = 1e-12
+"""A V/e non-linearity α·A_SN·N/V_REF below this at full well is none: the node is linear to that share."""
 
 
 def sense_gain_v_per_e(camera: Datasheet) -> float:
@@ -17,11 +22,30 @@ def volts_per_electron(camera: Datasheet) -> float:
     return float(sense_gain_v_per_e(camera) * camera.source_follower.gain * camera.readout.cds_gain)
 
 
+def ve_nonlinearity_at_full_well(camera: Datasheet) -> float:
+    """α·A_SN·N/V_REF of a full well, the exponent of the V/e curve; 0 where that is below LINEAR_BELOW."""
+    linear_v = camera.pixel.full_well_e * sense_gain_v_per_e(camera)
+    exponent = float(camera.readout.ve_nonlinearity * linear_v / camera.readout.v_ref_v)
+    return exponent if exponent > LINEAR_BELOW else 0.0
+
+
+def full_well_at_node_v(camera: Datasheet) -> float:
+    """Swing of a full well at the sense node [V], after its V/e curve."""
+    linear_v, x = float(camera.pixel.full_well_e * sense_gain_v_per_e(camera)), ve_nonlinearity_at_full_well(camera)
+    return linear_v * -math.expm1(-x) / x if x else linear_v
+
+
+def full_well_swing_v(camera: Datasheet) -> float:
+    """Swing of a full well at the converter [V]: after V/e and V/V non-linearity and both amplifiers."""
+    follower = camera.source_follower
+    at_node = full_well_at_node_v(camera)
+    return float(at_node * follower.gain * follower.vv_nonlinearity * camera.readout.cds_gain)
+
+
 def full_scale_v(camera: Datasheet) -> float:
     """V_FS, the swing that fills the code range [V]; the swing of a full well unless the datasheet says otherwise."""
-    if camera.adc.full_scale_v is not None:
-        return float(camera.adc.full_scale_v)
-    return float(camera.pixel.full_well_e * volts_per_electron(camera))
+    given = camera.adc.full_scale_v
+    return full_well_swing_v(camera) if given is None else float(given)
 
 
 def adc_gain_dn_per_v(camera: Datasheet) -> float:
@@ -30,5 +54,5 @@ def adc_gain_dn_per_v(camera: Datasheet) -> float:
 
 
 def gain_dn_per_e(camera: Datasheet) -> float:
-    """EMVA 1288's overall system gain K = A_SN·A_SF·A_CDS·2^bits/V_FS [DN/e-]."""
+    """EMVA 1288's overall system gain K = A_SN·A_SF·A_CDS·2^bits/V_FS [DN/e-], of small signals."""
     return volts_per_electron(camera) * adc_gain_dn_per_v(camera)

@@ -64,6 +64,11 @@ class Stage(ABC):
         """
         return None
 
+    @classmethod
+    def notes(cls, camera: Datasheet) -> tuple[str, ...]:
+        """Sentences about this camera's values of the effect that are allowed and may surprise."""
+        return ()
+
     @abstractmethod
     def sample(self, signal: Array, frame: Frame) -> Array:
         """The signal of one frame behind this stage, (H, W)."""

@@ -23,6 +23,7 @@ from typer.testing import CliRunner
 import mitsuba_sensor as ms
 from mitsuba_sensor import cli as command_line
 from mitsuba_sensor.io import exr
+from mitsuba_sensor.sensor.camera import SHIPPED
 
 OUTPUTS = {"frame.tiff", "frame.png", "irradiance.exr", "frame.json"}
 
@@ -173,6 +174,20 @@ def test_plan_of_a_scene_with_a_lens_is_json_too(light: Any, tmp_path: Path, cli
 def test_plan_takes_a_scene_as_well(scene_file: Path, cli: Callable[..., Any]) -> None:
     done = cli("plan", scene_file, "--spp", 16)
     assert done.exit_code == 0 and "shot noise" in done.stdout
+
+
+def test_a_camera_whose_noise_band_cuts_its_noise_says_so(light_file: Path, tmp_path: Path, cli: Any) -> None:
+    """On the screen for cameras show and expose, and in frame.json."""
+    file = tmp_path / "narrow.toml"
+    text = (SHIPPED / "konnik_table1.toml").read_text("utf-8")
+    file.write_text(text.replace("corner_hz = 1e6", "corner_hz = 1e6\nband_hz = [1.0, 1e4]"), "utf-8")
+    said = cli("cameras", "show", file).stdout
+    assert "note: source_follower.band_hz [1.0, 10000.0] leaves" in said
+    done = cli("expose", light_file, "--camera", file, "-o", tmp_path / "out")
+    assert done.exit_code == 0, done.stderr
+    assert "band_hz" in done.stdout + done.stderr
+    (note,) = json.loads((tmp_path / "out" / "frame.json").read_text("utf-8"))["camera"]["notes"]
+    assert "of 6.11 e- of read noise" in note
 
 
 def test_cameras_list_and_show_tell_where_every_number_comes_from(cli: Callable[..., Any]) -> None:

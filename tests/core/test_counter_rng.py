@@ -71,7 +71,7 @@ def test_fpn_and_temporal_noise_never_share_random_bits() -> None:
     """So that a serial and a seed of the same number give unrelated integers."""
     fixed = {name for name, (number, _) in STREAMS.items() if number & FIXED_PATTERN}
     temporal = {"photon_shot", "dark_shot", "source_follower", "reset", "quantum_yield", "compensation"}
-    assert fixed == set(STREAMS) - temporal - {"rts_switch", "rts_state"}
+    assert fixed == set(STREAMS) - temporal - {"rtn_pixels", "rts_state"}
 
 
 def test_random_bits_are_uniform_in_every_bit() -> None:

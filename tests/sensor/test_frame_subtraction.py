@@ -25,9 +25,31 @@ def test_fixed_patterns_cancel_exactly_where_nothing_is_temporal() -> None:
     assert not frames.minus(reference).any()
 
 
-def test_another_camera_does_not_cancel() -> None:
-    frames, reference = (ms.expose(DARKNESS, SILENT, ZERO, serial=serial) for serial in (1, 2))
-    assert frames.minus(reference).std() > 100
+OTHERS = {
+    "serial": (SILENT, {"serial": 2}, r"konnik_table1, serial 2, from pixel \(0, 0\)"),
+    "datasheet": (SILENT.replace(**{"pixel.dsnu_e": 31.0}), {}, r"konnik_table1, .*\(the datasheet differs\)"),
+    "camera": (SILENT.replace(name="another"), {}, "the reference of another, serial 1"),
+    "part of the sensor": (SILENT, {"origin": (0, 5)}, r"pixel \(0, 5\) \(the part of the sensor differs\)"),
+}
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_frames_of_another_chip_are_refused_with_both_named_for_their_patterns_do_not_cancel(name: str) -> None:
+    camera, how, sentence = OTHERS[name]
+    frames, reference = ms.expose(DARKNESS, SILENT, ZERO), ms.expose(DARKNESS, camera, ZERO, **how)
+    if name != "camera":
+        assert (frames.digital.astype(int) - reference.digital).std() > 1
+    with pytest.raises(ms.InputError, match=rf"frames are of konnik_table1, serial 1, .*{sentence}.*same camera"):
+        frames.minus(reference)
+
+
+def test_what_the_sensor_does_not_show_makes_no_other_camera() -> None:
+    """A reference under another lens is of the same chip; so is one whose chain a plan shortened."""
+    frames = ms.expose(DARKNESS, SILENT, ZERO)
+    capped = ms.expose(DARKNESS, SILENT.replace(**{"lens.f_number": 22.0}), ZERO, seed=2)
+    assert not frames.minus(capped).any()
+    short = ms.plan(SILENT, ZERO, ms.Photons(DARKNESS), tolerance_dn=0.5)
+    assert frames.minus(ms.expose(DARKNESS, SILENT, ZERO, plan=short)).shape == (1, 200, 200)
 
 
 def test_what_is_left_of_two_equal_frames_is_temporal_noise_times_the_root_of_two() -> None:
@@ -42,8 +64,9 @@ def test_what_is_left_of_two_equal_frames_is_temporal_noise_times_the_root_of_tw
 
 def test_a_bright_frame_keeps_its_signal_and_its_own_noise() -> None:
     """Signal: K·QE·photons; variance: that of the frame and that of the reference."""
-    light = ms.expose(np.full((200, 200), 10_000.0), STRIPES.replace(**{"pixel.prnu": 0.0}), ZERO, seed=1)
-    reference = ms.expose(DARKNESS, STRIPES, ZERO, seed=2)
+    camera = STRIPES.replace(**{"pixel.prnu": 0.0})
+    light = ms.expose(np.full((200, 200), 10_000.0), camera, ZERO, seed=1)
+    reference = ms.expose(DARKNESS, camera, ZERO, seed=2)
     lines = [frames.report["stages"][-1] for frames in (light, reference)]
     sigma = math.hypot(*(line["sigma_temporal_expected"] for line in lines))
     left = light.minus(reference)[0]

@@ -338,11 +338,14 @@ NO_SLOPE = (
     "dark_current.rts_fraction",
     "dark_current.rts_switching",
     "dark_current.rts_duty",
+    "dark_current.rts_switching_activation_ev",
     "pixel.prnu_coupling",
     "readout.dsnu_col_coupling",
     "pixel.fill_factor",
     "quantum_efficiency.reference_nm",
     "quantum_efficiency.fano_factor",
+    "source_follower.rtn_pixel_duty",
+    "source_follower.rtn_pixel_switching",
 )
 """Fields that select pixels, that shape maps on NumPy, or that do not matter to this camera and its photons."""
 

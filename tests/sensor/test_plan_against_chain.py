@@ -9,6 +9,7 @@ import mitsuba_sensor as ms
 
 FRAMES, SIZE = 24, 96
 PAIRS = range(30)
+CMOS_ONLY = ("readout.reset", "readout.dsnu_col", "readout.dsnu_row", "readout.prnu_col", "pixel.dsnu_e")
 
 
 def random_camera(chance: np.random.Generator) -> ms.Camera:
@@ -25,7 +26,10 @@ def random_camera(chance: np.random.Generator) -> ms.Camera:
         "source_follower.vv_nonlinearity": float(chance.choice([1.0, 1.0 + 1e-9, 1.05])),
         "adc.bits": int(chance.choice([8, 12, 14])),
     }
-    return ms.load_camera(name).replace(**changes)
+    camera = ms.load_camera(name)
+    if camera.sensor.technology == "ccd":
+        changes = {field: value for field, value in changes.items() if field not in CMOS_ONLY}
+    return camera.replace(**changes)
 
 
 def pair(number: int) -> tuple[ms.Camera, ms.Exposure, ms.Photons]:

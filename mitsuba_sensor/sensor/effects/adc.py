@@ -16,6 +16,9 @@ from ..datasheet import FileTable, NotNegative, Positive
 from ..gains import adc_gain_dn_per_v
 from ..stage import Converter, Datasheet, Stage, propagate
 
+HALVES_END = 2**23
+"""From here on float32 has no halves: x + ½ is a tie there, and goes to the even neighbour."""
+
 BLACK_LEVEL_AT = Exposure(time_s=0.0, temperature_k=298.15)
 """The default black level holds the noise of this exposure."""
 
@@ -25,7 +28,9 @@ class AdcFields(FileTable):
 
     bits: Annotated[int, Field(ge=1, le=24, strict=True)] = Field(description="resolution [bit]", examples=[12])
     full_scale_v: Positive | None = Field(
-        None, description="swing of the whole code range V_FS [V]; default: the swing of a full well", examples=[0.165]
+        None,
+        description="swing of the whole code range V_FS [V]; default: that of a full well, with its non-linearities",
+        examples=[0.165],
     )
     black_level_dn: NotNegative | None = Field(
         None, description="the code of darkness [DN]; default: 4σ of the noise of a zero exposure", examples=[64]
@@ -76,7 +81,7 @@ class Adc(Converter):
         highest = frame.number(self.highest)
         return arrays.with_derivative_of(
             self._line,
-            lambda x: arrays.minimum(arrays.maximum(arrays.floor(x + 0.5), 0.0), highest),
+            lambda x: arrays.minimum(arrays.maximum(self._rounded(x), 0.0), highest),
             self._ideal(swing, frame),
         )
 
@@ -93,6 +98,13 @@ class Adc(Converter):
     def highest(self) -> int:
         """The largest code, 2^bits − 1."""
         return int(2**self.bits - 1)
+
+    def _rounded(self, ideal: Array) -> Array:
+        """The nearest whole number, half up."""
+        if self.highest < HALVES_END:
+            return arrays.floor(ideal + 0.5)
+        below = arrays.floor(ideal)
+        return arrays.where(ideal - below < 0.5, below, below + 1.0)
 
     def _ideal(self, swing: Array, frame: Frame) -> Array:
         """The code of a converter with infinitely many bits [DN]."""

@@ -14,6 +14,7 @@ from ..dark_components import (
     component_laws,
     component_maps,
     mixture_moments,
+    reference_temperature_k,
     superimpose,
 )
 from ..dark_current_models import DarkCurrentModel, Doubling, FigureOfMerit, Measured, Mpp
@@ -49,7 +50,7 @@ class DarkCurrentFields(FileTable):
     coupling: MapCoupling = Field(0.0, description="coupling a of an ar distribution", examples=[0.25])
     components: tuple[DarkComponentSection, ...] = Field(
         (),
-        description="superimposed components of the distribution",
+        description="superimposed components of the distribution, each with a temperature and activation energy",
         examples=[[{"weight": 0.001, "family": "uniform", "low": 45, "high": 440, "unit": "dn"}]],
     )
 
@@ -165,6 +166,8 @@ def dark_components(camera: Datasheet) -> tuple[DarkComponent, ...]:
             *((part.low, part.high) if part.family == "uniform" else (part.mean, part.sigma)),
             e_per_unit=unit[part.unit],
             per_second=part.unit == "e_per_s",
+            at_temperature_k=part.at_temperature_k or reference_temperature_k(camera),
+            activation_ev=part.activation_ev,
         )
         for part in camera.dark_current.components
     )

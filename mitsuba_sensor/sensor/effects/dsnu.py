@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
@@ -18,6 +19,7 @@ from ..stage import Datasheet, Stage
 class DsnuColumnFields(FileTable):
     """Offsets of the columns."""
 
+    cmos_only: ClassVar[Mapping[str, float | str]] = {"dsnu_col": 0.0}
     dsnu_col: NotNegative = Field(0.0, description="column offsets, σ over the full-well swing", examples=[0.001])
     dsnu_col_coupling: LineCoupling = Field(0.0, description="coupling a of neighbouring columns", examples=[0.25])
     dsnu_residual: Chance = Field(
@@ -28,6 +30,7 @@ class DsnuColumnFields(FileTable):
 class DsnuRowFields(FileTable):
     """Offsets of the rows."""
 
+    cmos_only: ClassVar[Mapping[str, float | str]] = {"dsnu_row": 0.0}
     dsnu_row: NotNegative = Field(0.0, description="row offsets, σ over the full-well swing", examples=[0.0005])
     dsnu_row_coupling: LineCoupling = Field(0.0, description="coupling a of neighbouring rows", examples=[0.25])
 
@@ -35,6 +38,7 @@ class DsnuRowFields(FileTable):
 class DsnuPixelFields(FileTable):
     """Offsets of the pixels."""
 
+    cmos_only: ClassVar[Mapping[str, float | str]] = {"dsnu_e": 0.0}
     dsnu_e: NotNegative = Field(0.0, description="pixel offsets, σ as electrons [e-]", examples=[2.0])
     dsnu_coupling: MapCoupling = Field(0.0, description="coupling a of neighbouring pixel offsets", examples=[0.25])
 

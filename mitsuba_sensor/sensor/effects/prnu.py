@@ -5,8 +5,9 @@ Fixed offsets of columns, rows and pixels (column FPN, row FPN, pixel FPN) are i
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
@@ -30,6 +31,7 @@ class PrnuFields(FileTable):
 class PrnuColumnFields(FileTable):
     """Gains of the columns."""
 
+    cmos_only: ClassVar[Mapping[str, float | str]] = {"prnu_col": 0.0}
     prnu_col: NotNegative = Field(0.0, description="spread of the column gains, σ over 1", examples=[0.002])
     prnu_col_coupling: LineCoupling = Field(0.0, description="coupling a of the column gains", examples=[0.25])
 

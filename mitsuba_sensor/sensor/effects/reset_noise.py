@@ -3,29 +3,36 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
 from ...core import Array, Frame, Moments, arrays
 from ...core.units import BOLTZMANN_J_PER_K, ELEMENTARY_CHARGE_C
-from ..datasheet import Chance, FileTable
+from ..datasheet import FileTable
 from ..gains import sense_gain_v_per_e
 from ..stage import Datasheet, Stage
 
 RESET_RESIDUAL = {"hard": 1.0, "soft": math.sqrt(0.5), "true_cds": 0.0}
 """What is left of the kTC noise (paper, sense node reset noise; soft reset: Pain et al. 2000)."""
 
+UNCORRELATED = math.sqrt(2.0)
+"""Left where the reference level is sampled after another reset than the signal's (3T pixel): two equal variances."""
+
 
 class ResetNoiseFields(FileTable):
     """kTC noise."""
 
+    cmos_only: ClassVar[Mapping[str, float | str]] = {"reset": "true_cds", "ktc_residual": 0.0}
     reset: Literal["hard", "soft", "true_cds"] = Field(
         description="kTC noise: hard leaves all of it, soft 1/√2, true_cds none", examples=["hard"]
     )
-    ktc_residual: Chance | None = Field(
-        None, description="share of the kTC noise left, instead of what reset implies", examples=[0.05]
+    ktc_residual: Annotated[float, Field(ge=0, le=UNCORRELATED, strict=True)] | None = Field(
+        None,
+        description="share of the kTC noise left, instead of what reset implies; √2 after uncorrelated 3T sampling",
+        examples=[0.05],
     )
 
 
@@ -33,7 +40,8 @@ class ResetNoiseFields(FileTable):
 class ResetNoise(Stage):
     """Adds residual·√(k_B·T/C_SN)·z, C_SN = q/A_SN (paper eq. 7, 27, 30). A CCD has none.
 
-    gain_v_per_e : A_SN [V/e-].  residual : what the reset and the CDS leave of it; hard reset 1, soft reset 1/√2.
+    gain_v_per_e : A_SN [V/e-].  residual : what the reset and the CDS leave of it, 0 … √2; hard reset 1, soft
+        reset 1/√2, uncorrelated sampling of a hard reset √2.
     """
 
     gain_v_per_e: float

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Annotated
 
@@ -10,9 +12,24 @@ from pydantic import Field
 
 from ...core import Array, Electrons, Frame, Moments, SensorWindow, arrays, distributions
 from ...core.backend import Backend
+from ..dark_components import Activation, Reference, reference_temperature_k
+from ..dark_current_models import FIGURE_OF_MERIT_AT_K, arrhenius
 from ..datasheet import Chance, FileTable, NotNegative
 from ..pixel_law import PixelLaw, Quantiles
 from ..stage import Datasheet, Stage
+
+AMPLITUDE_EV, SWITCHING_EV = 0.57, 0.9
+"""Activation energies of the amplitude (0.5–0.6 eV) and of the mean times between switches (0.9 ± 0.1 eV) of irradiated
+CCDs (Hopkins & Hopkinson, IEEE Trans. Nucl. Sci. 40, 1567, 1993, and 42, 2074, 1995)."""
+
+FORGOTTEN = 33 * math.log(2)
+"""States correlated by e^-this, 2^-33, are independent: less than the resolution of the random bits."""
+
+LONGEST = 32
+"""Frame numbers are below 2^32, so that no block needs to be longer."""
+
+SITES = 2**14
+"""Traps that are computed at a time: a bound of the memory."""
 
 
 class RtsFields(FileTable):
@@ -21,11 +38,24 @@ class RtsFields(FileTable):
     rts_fraction: Chance = Field(
         0.0, description="fraction of the pixels with a random telegraph signal", examples=[0.001]
     )
-    rts_amplitude_e_per_s: NotNegative = Field(0.0, description="step of the telegraph signal [e-/s]", examples=[200])
+    rts_amplitude_e_per_s: NotNegative = Field(
+        0.0, description="step of the telegraph signal at rts_at_temperature_k [e-/s]", examples=[200]
+    )
     rts_switching: Annotated[float, Field(ge=1e-4, le=1, strict=True)] = Field(
         0.1, description="probability per frame that the state of a trap is drawn anew", examples=[0.1]
     )
     rts_duty: Chance = Field(0.5, description="fraction of the time that a trap is on", examples=[0.5])
+    rts_at_temperature_k: Reference | None = Field(
+        None,
+        description="temperature of amplitude and switching [K]; default: at_temperature_k, or 300 K without one",
+        examples=[298.15],
+    )
+    rts_activation_ev: Activation = Field(
+        AMPLITUDE_EV, description="activation energy of the amplitude [eV]", examples=[0.57]
+    )
+    rts_switching_activation_ev: Activation = Field(
+        SWITCHING_EV, description="activation energy of the switching rate [eV]", examples=[0.9]
+    )
 
 
 @dataclass(frozen=True)
@@ -35,12 +65,17 @@ class RtsPixels(Stage):
     fraction : of the pixels that have a trap.  amplitude_e_per_s : the step [e-/s].
     switching : probability per frame that a state is drawn anew; states Δ frames apart correlate by (1 − switching)^Δ.
     duty : fraction of the time that a trap is on.
+    at_temperature_k : T_ref of amplitude and switching [K]; both follow exp(E_a/k·(1/T_ref − 1/T)), the second as a
+        rate, −ln(1 − switching) per frame, each with its activation energy [eV].
     """
 
     fraction: float
     amplitude_e_per_s: float
     switching: float
     duty: float
+    at_temperature_k: float = FIGURE_OF_MERIT_AT_K
+    activation_ev: float = 0.0
+    switching_activation_ev: float = 0.0
     domain = "electrons"
     table = "dark_current"
     fields = RtsFields
@@ -52,18 +87,20 @@ class RtsPixels(Stage):
         dark = camera.dark_current
         if not dark.rts_fraction:
             return None
-        return cls(dark.rts_fraction, dark.rts_amplitude_e_per_s, dark.rts_switching, dark.rts_duty)
+        at = dark.rts_at_temperature_k or reference_temperature_k(camera)
+        energies = dark.rts_activation_ev, dark.rts_switching_activation_ev
+        return cls(dark.rts_fraction, dark.rts_amplitude_e_per_s, dark.rts_switching, dark.rts_duty, at, *energies)
 
     def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
         """Adds the electrons of the traps that are on."""
-        step = self.amplitude_e_per_s * frame.exposure.time_s
+        step = self.step_e(frame)
         if self.fraction == 0 or step == 0:
             return electrons
         return replace(electrons, dark=electrons.dark + frame.number(step) * self.states(frame))
 
     def moments(self, m: Moments) -> Moments:
         """A pixel has a trap with probability ``fraction``, and the trap is on with probability ``duty``."""
-        step = self.amplitude_e_per_s * m.frame.exposure.time_s
+        step = self.step_e(m.frame)
         mean = step * self.duty
         share, spread = m.frame.window.map_moments("rts_site", self.fraction, self.fraction * (1 - self.fraction))
         return m.add(mean=share * mean, temporal=share * step * mean * (1 - self.duty), spatial=spread * mean**2)
@@ -71,27 +108,34 @@ class RtsPixels(Stage):
     def pixel_law(self, frame: Frame, quantiles: Quantiles) -> PixelLaw:
         """Pixels with and without a trap, which is off or on."""
         share, _ = frame.window.map_moments("rts_site", self.fraction, 0.0)
-        step = self.amplitude_e_per_s * frame.exposure.time_s
-        offsets = np.array([[0.0, 0.0], [0.0, step]])
+        offsets = np.array([[0.0, 0.0], [0.0, self.step_e(frame)]])
         return PixelLaw(np.array([1 - share, share]), np.ones((2, 2)), offsets, np.array([1 - self.duty, self.duty]))
 
-    def states(self, frame: Frame) -> Array:
-        """1 where a trap is on in this frame, else 0, (H, W).
+    def step_e(self, frame: Frame) -> float:
+        """Electrons of a trap that is on all the time, at this exposure's temperature [e-]."""
+        exposure = frame.exposure
+        thermal = arrhenius(exposure.temperature_k, self.at_temperature_k, self.activation_ev)
+        return self.amplitude_e_per_s * thermal * exposure.time_s
 
-        The state is that of the latest frame in which it was drawn anew; that frame is searched backwards, so any frame
-        can be computed alone. Traps are few: this is done on the host.
-        """
+    def traps(self, frame: Frame) -> TwoStates:
+        """How the traps switch at this exposure's temperature. Those drawn anew in every frame do so unless frozen."""
+        thermal = arrhenius(frame.exposure.temperature_k, self.at_temperature_k, self.switching_activation_ev)
+        rate = math.inf if self.switching == 1 else -math.log1p(-self.switching)
+        return TwoStates(self.duty, rate * thermal if thermal else 0.0)
+
+    def states(self, frame: Frame) -> Array:
+        """1 where a trap is on in this frame, else 0, (H, W). Traps are few: this is done on the host."""
         window = frame.window
         state = np.zeros(window.shape)
         site = self.fpn_maps(window)["rts_site"]
         rows, columns = window.cached("rts_sites", lambda: np.nonzero(window.backend.to_numpy(site, window)))
-        index = frame.index
-        while rows.size:
-            pixels = window.rows[rows], window.columns[columns], index
-            switch, on = frame.random_bits_at("rts_switch", *pixels), frame.random_bits_at("rts_state", *pixels)
-            drawn = (distributions.survival(switch) < self.switching) | (index == 0)
-            state[rows[drawn], columns[drawn]] = distributions.survival(on[drawn]) < self.duty
-            rows, columns, index = rows[~drawn], columns[~drawn], index - 1
+        traps = self.traps(frame)
+        path = list(traps.path(frame.index))
+        for start in range(0, rows.size, SITES):
+            some = rows[start : start + SITES], columns[start : start + SITES]
+            pixels = window.rows[some[0]][None, :], window.columns[some[1]][None, :]
+            bits = frame.random_bits_at("rts_state", *pixels, np.array(path)[:, None])
+            state[some] = traps.state(frame.index, path, distributions.survival(bits))
         return window.backend.from_numpy(state, window)
 
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
@@ -102,3 +146,56 @@ class RtsPixels(Stage):
         return arrays.where(
             backend.uniform(bits) < backend.number(self.fraction), backend.number(1.0), backend.number(0.0)
         )
+
+
+@dataclass(frozen=True)
+class TwoStates:
+    """A stationary process of two states, on with probability ``duty``; Δ frames apart they correlate by e^(−rate·Δ).
+
+    Any frame is computed alone, in a number of steps that grows with the logarithm of 1/rate. Frames 2^levels apart are
+    independent (a block; the frame numbers of one block if the process is slower than that). Within a block the state
+    in the middle of two known ones follows from Bayes' rule, P(m | a, c) ∝ P(m | a)·P(c | m), and so on by halves.
+    """
+
+    duty: float
+    rate: float
+
+    @property
+    def levels(self) -> int:
+        """log₂ of the frames of a block."""
+        if self.rate * 2**LONGEST <= FORGOTTEN:
+            return LONGEST
+        return 0 if self.rate >= FORGOTTEN else math.ceil(math.log2(FORGOTTEN / self.rate))
+
+    def path(self, frame: int) -> Iterator[int]:
+        """Frames whose random numbers decide on the state in ``frame``: the block's ends, then by halves."""
+        low = frame >> self.levels << self.levels
+        high = low + (1 << self.levels)
+        yield low
+        yield high
+        while low != frame:
+            middle = (low + high) // 2
+            yield middle
+            low, high = (middle, high) if frame >= middle else (low, middle)
+
+    def state(self, frame: int, path: list[int], uniform: Array) -> Array:
+        """Whether each trap is on in ``frame``.  uniform : between 0 and 1, (frames of the path, traps)."""
+        low, high = path[:2]
+        on_low = uniform[0] < self.duty
+        on_high = uniform[1] < (self.duty if self.levels < LONGEST else self._on_after(on_low, high - low))
+        for middle, draw in zip(path[2:], uniform[2:], strict=True):
+            on = draw < self._between(on_low, on_high, middle - low)
+            low, on_low, on_high = (middle, on, on_high) if frame >= middle else (low, on_low, on)
+        return on_low
+
+    def _on_after(self, on: Array, frames: int) -> Array:
+        """Probability of being on so many frames after a state: duty + (state − duty)·e^(−rate·frames)."""
+        anew = -math.expm1(-self.rate * frames) if self.rate else 0.0
+        return arrays.where(on, 1 - (1 - self.duty) * anew, self.duty * anew)
+
+    def _between(self, before: Array, after: Array, frames: int) -> Array:
+        """Probability of being on in the middle between two states, ``frames`` from each."""
+        to_on, from_on, from_off = (self._on_after(state, frames) for state in (before, True, False))
+        on = to_on * arrays.where(after, from_on, 1 - from_on)
+        off = (1 - to_on) * arrays.where(after, from_off, 1 - from_off)
+        return arrays.ratio(on, on + off, 0.0)

@@ -9,11 +9,8 @@ from pydantic import Field, model_validator
 
 from ...core import Array, Electrons, Frame, Moments, arrays
 from ..datasheet import Chance, FileTable, Positive
-from ..gains import sense_gain_v_per_e
+from ..gains import sense_gain_v_per_e, ve_nonlinearity_at_full_well
 from ..stage import Datasheet, Stage
-
-LINEAR_BELOW = 1e-100
-"""V/e non-linearities below this are none: 1/α would overflow, and the node is linear."""
 
 
 class SenseNodeFields(FileTable):
@@ -52,9 +49,9 @@ class SenseNode(Stage):
 
     @classmethod
     def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> Stage:
-        """Linear, unless the datasheet has a V/e non-linearity."""
+        """Linear, unless the datasheet has a V/e non-linearity that a full well shows."""
         gain, readout = sense_gain_v_per_e(camera), camera.readout
-        if readout.ve_nonlinearity > LINEAR_BELOW:
+        if ve_nonlinearity_at_full_well(camera):
             return NonlinearSenseNode(gain, readout.v_ref_v, readout.ve_nonlinearity)
         return SenseNode(gain)
 

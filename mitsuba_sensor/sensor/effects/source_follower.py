@@ -9,7 +9,7 @@ from pydantic import Field
 
 from ...core import Array, Frame, Moments
 from ..datasheet import FileTable, Positive
-from ..gains import sense_gain_v_per_e
+from ..gains import full_well_at_node_v
 from ..stage import Datasheet, LinearGain, Stage
 
 
@@ -36,8 +36,7 @@ class SourceFollower(LinearGain):
         follower = camera.source_follower
         if follower.vv_nonlinearity == 1:
             return SourceFollower(follower.gain)
-        full_swing_v = camera.pixel.full_well_e * sense_gain_v_per_e(camera)
-        return NonlinearSourceFollower(follower.gain, follower.vv_nonlinearity, full_swing_v)
+        return NonlinearSourceFollower(follower.gain, follower.vv_nonlinearity, full_well_at_node_v(camera))
 
 
 @dataclass(frozen=True)

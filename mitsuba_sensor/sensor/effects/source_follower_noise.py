@@ -6,23 +6,37 @@ The paper sums S_SF(f)·H_CDS(f) over every hertz up to 20 MHz; the integral ove
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Self
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
 
 from pydantic import Field, model_validator
 
-from ...core import Array, Frame, Moments
+from ...core import Array, Frame, Moments, SensorWindow
 from ...core.special import EULER_GAMMA, integral, sinh_integrals, two_term_remainder
 from ..datasheet import FileTable, NotNegative, Positive
+from ..fpn_distributions import LogNormal
 from ..gains import sense_gain_v_per_e
 from ..stage import Datasheet, Stage
+
+NOTED = 0.01
+"""A band that leaves out more than this of the noise is worth a note."""
+
+READ_NOISE = "read_noise"
+"""Name of the map of every pixel's σ."""
 
 
 class SourceFollowerNoiseFields(FileTable):
     """Noise of the pixel's amplifier, from its densities (closed form) or as the datasheet's one number."""
 
+    cmos_only: ClassVar[Mapping[str, float | str]] = {"rtn_uv": 0.0}
     read_noise_e: NotNegative | None = Field(
         None, description="read noise as a datasheet gives it [e- rms]", examples=[3]
+    )
+    read_noise_cv: NotNegative = Field(
+        0.0,
+        description="spread of the read noise over pixels: σ over mean of a log-normal law; their rms stays as given",
+        examples=[0.3],
     )
     white_nv_per_rthz: NotNegative | None = Field(None, description="white noise density [nV/√Hz]", examples=[15])
     corner_hz: NotNegative = Field(0.0, description="flicker corner frequency [Hz]", examples=[1e6])
@@ -47,10 +61,14 @@ class SourceFollowerNoiseFields(FileTable):
 class SourceFollowerNoise(Stage):
     """Adds σ_V·z, signed and not rounded (paper eq. 19–24, in closed form).
 
-    sigma_v : at the sense node, after CDS [V rms].
+    sigma_v : at the sense node, after CDS, root mean square over the pixels [V rms].
+    cv : coefficient of variation of a log-normal σ from pixel to pixel; 0 for pixels that are all alike.
+    gain_v_per_e : one electron at this stage [V/e-].
     """
 
     sigma_v: float
+    cv: float = 0.0
+    gain_v_per_e: float = 1.0
     domain = "volts"
     table = "source_follower"
     fields = SourceFollowerNoiseFields
@@ -59,27 +77,63 @@ class SourceFollowerNoise(Stage):
     @classmethod
     def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> SourceFollowerNoise:
         """From the read noise, or from the densities; a CCD has one amplifier and no telegraph noise."""
-        follower = camera.source_follower
+        follower, per_e = camera.source_follower, sense_gain_v_per_e(camera)
         if follower.read_noise_e is not None:
-            return cls(follower.read_noise_e * sense_gain_v_per_e(camera))
-        noise = CdsNoise(
-            white_nv_per_rthz=follower.white_nv_per_rthz or 0.0,
-            corner_hz=follower.corner_hz,
-            sample_s=follower.cds_sample_s,
-            dominant_s=follower.cds_dominant_s,
-            rtn_uv=0.0 if camera.sensor.technology == "ccd" else follower.rtn_uv,
-            rtn_s=follower.rtn_s,
-            band_hz=follower.band_hz,
+            return cls(follower.read_noise_e * per_e, follower.read_noise_cv, per_e)
+        return cls(cds_noise(camera).sigma_v / follower.gain, follower.read_noise_cv, per_e)
+
+    @classmethod
+    def notes(cls, camera: Datasheet) -> tuple[str, ...]:
+        """One where band_hz leaves out more than 1 % of the noise."""
+        follower = camera.source_follower
+        if follower.read_noise_e is not None or follower.band_hz is None:
+            return ()
+        inside, whole = cds_noise(camera).sigma_v, replace(cds_noise(camera), band_hz=None).sigma_v
+        if inside >= (1 - NOTED) * whole:
+            return ()
+        left, of = (sigma / follower.gain / sense_gain_v_per_e(camera) for sigma in (inside, whole))
+        return (
+            f"source_follower.band_hz {list(follower.band_hz)} leaves {left:.3g} of {of:.3g} e- of read noise, "
+            f"{100 * inside / whole:.3g} %; leave it out for the noise of all frequencies",
         )
-        return cls(noise.sigma_v / follower.gain)
 
     def sample(self, swing: Array, frame: Frame) -> Array:
         """Swing with noise."""
-        return swing + frame.number(self.sigma_v) * frame.normal("source_follower") if self.sigma_v else swing
+        if self.sigma_v == 0 and READ_NOISE not in frame.window.given:
+            return swing
+        z = frame.normal("source_follower")
+        if self.cv == 0:
+            return swing + frame.number(self.sigma_v) * z
+        return swing + frame.number(self.gain_v_per_e) * (self.fpn_maps(frame.window)[READ_NOISE] * z)
 
     def moments(self, m: Moments) -> Moments:
-        """Adds σ² to the temporal variance."""
-        return m.add(temporal=self.sigma_v**2)
+        """Adds the mean of σ² over the pixels to the temporal variance."""
+        if READ_NOISE not in m.frame.window.given:
+            return m.add(temporal=self.sigma_v**2)
+        mean, variance = m.frame.window.map_moments(READ_NOISE, 0.0, 0.0)
+        return m.add(temporal=self.gain_v_per_e**2 * (mean**2 + variance))
+
+    def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
+        """``read_noise``: σ of every pixel [e- rms], where the pixels have noise of their own."""
+        return {READ_NOISE: window.measured_or(READ_NOISE, lambda: self._sigma_e(window))} if self.cv else {}
+
+    def _sigma_e(self, window: SensorWindow) -> Array:
+        scale = self.sigma_v / self.gain_v_per_e / math.sqrt(1 + self.cv**2)
+        return window.number(scale) * LogNormal(self.cv).map_of(window, READ_NOISE)
+
+
+def cds_noise(camera: Datasheet) -> CdsNoise:
+    """The noise of a camera that gives densities."""
+    follower = camera.source_follower
+    return CdsNoise(
+        white_nv_per_rthz=follower.white_nv_per_rthz or 0.0,
+        corner_hz=follower.corner_hz,
+        sample_s=follower.cds_sample_s,
+        dominant_s=follower.cds_dominant_s,
+        rtn_uv=0.0 if camera.sensor.technology == "ccd" else follower.rtn_uv,
+        rtn_s=follower.rtn_s,
+        band_hz=follower.band_hz,
+    )
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from mitsuba_sensor.core.signals import Electrons
 from mitsuba_sensor.core.units import BOLTZMANN_EV_PER_K, ELEMENTARY_CHARGE_C
 from mitsuba_sensor.sensor.chain import chain
 from mitsuba_sensor.sensor.dark_components import DarkComponent, mixture_moments
-from mitsuba_sensor.sensor.dark_current_models import Doubling, FigureOfMerit, Measured, Mpp, band_gap_ev
+from mitsuba_sensor.sensor.dark_current_models import Doubling, FigureOfMerit, Measured, Mpp, arrhenius, band_gap_ev
 from mitsuba_sensor.sensor.effects.dark_current import DarkCurrent, dark_components, dark_current_model
 from mitsuba_sensor.sensor.fpn_distributions import Gaussian, LogNormal
 from mitsuba_sensor.sensor.gains import gain_dn_per_e
@@ -91,6 +91,10 @@ LONG = {
     "dark_current.components": [{"weight": 0.001, "family": "uniform", "low": 45, "high": 440, "unit": "dn"}],
 }
 """The paper's long integration: gamma(914.6579, 0.0611) DN with one pixel in a thousand on U[45, 440] DN."""
+
+
+HOT = {"weight": 0.01, "family": "uniform", "low": 5e3, "high": 3e4, "unit": "e_per_s"}
+"""1 % hot pixels of 5000 to 30 000 e-/s at 300 K."""
 
 
 def test_the_superimposed_dark_signal_of_the_paper_has_its_mean_and_sigma() -> None:
@@ -215,9 +219,59 @@ def test_every_model_is_finite_and_not_negative_at_every_temperature(model: Any,
 
 
 def test_components_of_the_datasheet_reach_the_stage() -> None:
-    assert dark_components(TABLE1.replace(**LONG)) == (
-        DarkComponent(0.001, "uniform", 45.0, 440.0, pytest.approx(1 / K), False),
-    )
+    """Their numbers are of their own temperature, else of that of the rate, else of 300 K."""
+    for change, kelvin in (({}, 300.0), ({"dark_current.at_temperature_k": 293.15}, 293.15)):
+        assert dark_components(TABLE1.replace(**LONG | change)) == (
+            DarkComponent(0.001, "uniform", 45.0, 440.0, pytest.approx(1 / K), False, kelvin, 0.56),
+        )
+    own = HOT | {"at_temperature_k": 310.0, "activation_ev": 0.6}
+    (part,) = dark_components(TABLE1.replace(**{"dark_current.components": [own]}))
+    assert part == DarkComponent(0.01, "uniform", 5e3, 3e4, 1.0, True, 310.0, 0.6)
+    assert dark_components(TABLE1.replace(**{"dark_current.components": [HOT]}))[0].at_temperature_k == 300.0
+
+
+@pytest.mark.parametrize("unit", ["e_per_s", "e", "dn"])
+def test_hot_pixels_cool_with_their_activation_energy_in_every_unit(unit: str) -> None:
+    """0.56 eV: 1.98e-5 of it at 200 K, 7.8e-15 at 120 K. Of 1000 pixels above 400 e- none is left; for 0 eV all are."""
+    count = {}
+    for energy in (0.56, 0.0):
+        hot = HOT | {"unit": unit, "activation_ev": energy, "low": 5e3, "high": 3e4}
+        stage = dark_stage(TABLE1.replace(**{"dark_current.components": [hot]}))
+        for kelvin in (300.0, 200.0, 120.0, 0.0):
+            frame = Frame(ms.Exposure(0.1, kelvin), SensorWindow(7, (200, 500)))
+            dark = stage.sample(Electrons(np.zeros((200, 500))), frame).dark
+            count[energy, kelvin] = int(np.sum(dark > 400))
+            factor = math.exp(energy / BOLTZMANN_EV_PER_K * (1 / 300 - 1 / kelvin)) if kelvin else float(energy == 0)
+            one_e = {"e_per_s": 0.1, "e": 1.0, "dn": 1 / K}[unit] * factor
+            part = stage.components[0]
+            assert part.moments(frame.exposure) == pytest.approx(
+                (17_500 * one_e, (25_000 * one_e) ** 2 / 12), rel=1e-9, abs=1e-300
+            )
+    assert count[0.56, 300.0] == count[0.0, 300.0] == count[0.0, 120.0] > 900
+    assert count[0.56, 200.0] == count[0.56, 120.0] == count[0.56, 0.0] == 0
+
+
+def test_two_components_have_each_an_activation_energy_of_its_own() -> None:
+    """The ratio of their means changes by exp((E_1 − E_2)/k·(1/T_ref − 1/T)); the mixture's mean is their sum."""
+    parts = [HOT | {"weight": 0.2, "activation_ev": energy, "at_temperature_k": 293.15} for energy in (0.5, 0.65)]
+    stage = dark_stage(TABLE1.replace(**{"dark_current.components": parts, "dark_current.fom_na_per_cm2": 0.0}))
+    for kelvin in (230.0, 273.15, 293.15, 330.0):
+        frame = Frame(ms.Exposure(0.1, kelvin), SensorWindow(7, (1, 1)))
+        one, other = (part.moments(frame.exposure)[0] for part in stage.components)
+        expected = math.exp(-0.15 / BOLTZMANN_EV_PER_K * (1 / 293.15 - 1 / kelvin))
+        assert one / other == pytest.approx(expected, rel=1e-9)
+        assert stage.moments(Moments(0.0, 0.0, 0.0, frame)).mean == pytest.approx(0.2 * (one + other), rel=1e-12)
+
+
+@pytest.mark.parametrize("kelvin", [0.0, 5e-324, 1e-9, 50.0, 1e4])
+@pytest.mark.parametrize("at", [50.0, 300.0, 1e4])
+@pytest.mark.parametrize("energy", [0.0, 0.56, 2.0])
+def test_the_arrhenius_law_is_finite_at_every_temperature_and_one_at_its_own(
+    kelvin: float, at: float, energy: float
+) -> None:
+    assert 0 <= arrhenius(kelvin, at, energy) <= 1.0001e30
+    assert arrhenius(at, at, energy) == 1.0
+    assert arrhenius(0.0, at, 0.56) == 0.0
 
 
 class TestGaussianDarkCurrentFpn(StageTests):
@@ -256,6 +310,7 @@ class TestWaldDarkCurrentFpnWithComponentsInTwoUnits(TestGaussianDarkCurrentFpn)
             "dark_current.components": [
                 {"weight": 0.1, "family": "normal", "mean": 60, "sigma": 20, "unit": "dn"},
                 {"weight": 0.1, "family": "uniform", "low": 1000, "high": 3000, "unit": "e_per_s"},
+                HOT | {"weight": 0.1, "at_temperature_k": 330.0, "activation_ev": 0.65},
             ],
         },
     )

@@ -17,13 +17,13 @@ from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.moments import Moments
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.core.signals import Electrons, Photons
-from mitsuba_sensor.sensor.chain import chain
+from mitsuba_sensor.sensor.chain import black_level_dn, chain
 from mitsuba_sensor.sensor.effects.adc import Adc
 from mitsuba_sensor.sensor.effects.full_well import FullWell
 from mitsuba_sensor.sensor.effects.integral_nonlinearity import IntegralNonlinearity, end_point_ile, gamma_of_ile
 from mitsuba_sensor.sensor.effects.sense_node import NonlinearSenseNode, SenseNode
 from mitsuba_sensor.sensor.effects.source_follower import NonlinearSourceFollower, SourceFollower
-from mitsuba_sensor.sensor.gains import gain_dn_per_e, sense_gain_v_per_e
+from mitsuba_sensor.sensor.gains import full_scale_v, gain_dn_per_e, sense_gain_v_per_e
 
 TABLE1 = ms.load_camera("konnik_table1")
 HERE = Frame(ms.Exposure(0.1), SensorWindow(3, (1, 5)))
@@ -60,6 +60,29 @@ def test_the_sense_node_becomes_linear_as_alpha_goes_to_zero() -> None:
     assert tiny == pytest.approx(0.165, rel=1e-14)
     linear, zero = TABLE1, TABLE1.replace(**{"readout.ve_nonlinearity": 0.0, "readout.v_ref_v": 2.0})
     assert chain(linear) == chain(zero) and any(isinstance(stage, SenseNode) for stage in chain(zero))
+
+
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+@pytest.mark.parametrize("alpha", [5e-324, 1e-100, 1e-60, 1e-38, 1e-30, 1e-20, 1e-13])
+def test_an_alpha_that_no_full_well_shows_is_linear_to_the_last_bit(alpha: float, precision: Any) -> None:
+    """V_REF/α beyond 1e30 dimmed float32 frames, and at 1e-100 they were black."""
+    camera, light = TABLE1.replace(**{"readout.ve_nonlinearity": alpha}), np.linspace(0, 60_000, 500)[None]
+    assert chain(camera) == chain(TABLE1)
+    one, other = (ms.expose(light, c, ms.Exposure(0.1), precision=precision).digital for c in (camera, TABLE1))
+    np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("v_ref_v", [1e-3, 3.1, 1e6, 1e30])
+def test_an_alpha_of_next_to_nothing_keeps_float32_frames_within_a_code_of_float64(v_ref_v: float) -> None:
+    """Whatever V_REF: what counts is α·A_SN·N/V_REF, the exponent at full well."""
+    for alpha in (1e-14, 1e-12, 1e-10, 1e-6, 1.0):
+        camera = TABLE1.replace(**{"readout.ve_nonlinearity": alpha, "readout.v_ref_v": v_ref_v})
+        light = np.linspace(0, 50_000, 300)[None]
+        one, other = (
+            ms.expose(light, camera, ms.Exposure(0.1), precision=precision).digital.astype(int)
+            for precision in ("float32", "float64")
+        )
+        assert np.abs(one - other).max() <= 1 and one.max() > 3000
 
 
 @pytest.mark.parametrize("alpha", [0.1, 1.0])
@@ -132,6 +155,69 @@ def test_the_photon_transfer_slope_at_full_well_is_1_10_k_and_the_variance_1_21_
     low, mid, high = digital(31_350.0), digital(33_000.0), digital(34_650.0)
     assert (high.mean() - low.mean()) / 3300 == pytest.approx(1.10 * k, rel=1e-3)
     assert (mid.var() - 1 / 12) / (k**2 * 33_000) == pytest.approx(1.21, rel=0.0113)
+
+
+CURVES = {
+    "V/V 1.05": {"source_follower.vv_nonlinearity": 1.05},
+    "V/V 0.8": {"source_follower.vv_nonlinearity": 0.8},
+    "V/e": {"readout.ve_nonlinearity": 1.0, "readout.v_ref_v": 0.5},
+    "all": {
+        "readout.ve_nonlinearity": 0.7, "readout.v_ref_v": 1.0, "source_follower.vv_nonlinearity": 1.1,
+        "source_follower.gain": 0.8, "readout.cds_gain": 3.0,
+    },
+}  # fmt: skip
+
+
+def swings_of(camera: ms.Camera, electrons: Any) -> Any:
+    """What the converter is given for these electrons, without noise: the deterministic stages of the chain [V]."""
+    stages = chain(camera)
+    first = next(i for i, stage in enumerate(stages) if stage.domain == "volts")
+    quiet = [x for x in stages[first:-1] if type(x).__name__.endswith(("SenseNode", "Follower", "Gain"))]
+    signal: Any = Electrons(np.atleast_2d(electrons))
+    for stage in quiet:
+        signal = stage.sample(signal, HERE)
+    return np.ravel(signal)
+
+
+@pytest.mark.parametrize("name", CURVES)
+def test_the_code_range_ends_at_the_swing_of_a_full_well_with_its_curves(name: str) -> None:
+    """V_FS is what the stages make of a full well, to 1e-12; K stays the slope of small signals."""
+    camera = TABLE1.replace(**CURVES[name])
+    (full,) = swings_of(camera, [33_000.0])
+    assert full_scale_v(camera) == pytest.approx(full, rel=1e-12)
+    (small,) = swings_of(camera, [1e-4])
+    assert small / 1e-4 * 4096 / full == pytest.approx(gain_dn_per_e(camera), rel=1e-6)
+
+
+@pytest.mark.parametrize("name", CURVES)
+def test_the_well_and_not_the_converter_ends_a_curved_response(name: str) -> None:
+    """99 % of a full well is below the last code in every pixel; 110 % has the σ of the read noise alone.
+
+    K·3 e- is 0.004 codes here. Before, V/V 1.05 ended at 95.5 % of the well (1.05·x² + …), where the noise was cut.
+    """
+    camera = TABLE1.replace(
+        **CURVES[name], **{"pixel.prnu": 0.0, "readout.dsnu_col": 0.0, "adc.black_level_dn": 0.0, "adc.bits": 12},
+        **{"source_follower.white_nv_per_rthz": None, "source_follower.read_noise_e": 3.0},
+        **{"dark_current.fom_na_per_cm2": 0.0, "pixel.full_well_e": 3.3e6, "readout.sense_gain_uv_per_e": 0.05},
+    )  # fmt: skip
+    near, beyond = (np.full((100, 100), share * 3.3e6 / 0.6) for share in (0.99, 1.1))
+    frames = ms.expose(near, camera, ms.Exposure(0.1))
+    assert frames.report["counts"] == {"clipped_full_well": 0, "clipped_adc_low": 0, "clipped_adc_high": 0} | {
+        key: 0 for key in frames.report["counts"] if key.startswith("cut_to_zero")
+    }
+    saturated = ms.expose(beyond, camera, ms.Exposure(0.1))
+    assert saturated.report["counts"]["clipped_full_well"] == 10_000 and saturated.digital.min() >= 4094
+
+
+def test_the_black_level_and_the_dsnu_of_a_curved_camera_are_those_of_its_k() -> None:
+    """4σ of the dark noise in DN by the small-signal K; 33 e- of DSNU are 33·K codes in the dark."""
+    camera = TABLE1.replace(**CURVES["all"], **{"adc.bits": 14})
+    k, dark_e = gain_dn_per_e(camera), math.hypot(33.0, 6.105069 / 0.8)
+    assert black_level_dn(camera) == math.ceil(4 * math.hypot(k * dark_e, math.sqrt(1 / 12)))
+    digital = ms.expose(np.zeros((200, 2000)), camera, ms.Exposure(0.0)).digital[0]
+    columns = ms.fpn_maps(camera, (1, 2000))["dsnu_col_e"][0]
+    slope = np.polyfit(columns, digital.mean(axis=0), 1)[0]
+    assert slope == pytest.approx(k, rel=5 * dark_e / (33 * math.sqrt(digital.size)) + 1e-3)
 
 
 # ADC γ (4.4)

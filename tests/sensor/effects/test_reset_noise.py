@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import pytest
@@ -31,6 +32,22 @@ class TestResetNoiseOfASoftReset(TestResetNoise):
 
 class TestResetNoiseOfAGivenResidual(TestResetNoise):
     camera = BASE.replace(**{"readout.ktc_residual": 0.3})
+
+
+class TestResetNoiseOfUncorrelatedSampling(TestResetNoise):
+    camera = BASE.replace(**{"readout.ktc_residual": math.sqrt(2)})
+
+
+def test_uncorrelated_sampling_adds_the_variance_of_two_resets() -> None:
+    """√2·71.6835 e- = 101.376 e- at 298.15 K; the variance is that of the difference of two hard resets. No more."""
+    stage, hard = (
+        stage_of(BASE.replace(**change), ResetNoise)
+        for change in ({"readout.ktc_residual": math.sqrt(2)}, {"readout.reset": "hard"})
+    )
+    assert stage.sigma_v(SMALL) / 5e-6 == pytest.approx(101.376, rel=1e-5)
+    assert stage.sigma_v(SMALL) ** 2 == pytest.approx(2 * hard.sigma_v(SMALL) ** 2, rel=1e-14)
+    with pytest.raises(ms.InputError, match=r"readout\.ktc_residual is 1\.5; it must be less than or equal to 1\.414"):
+        BASE.replace(**{"readout.ktc_residual": 1.5})
 
 
 def stage_of(camera: ms.Camera, kind: type) -> Any:
