@@ -7,8 +7,8 @@ largest normal that can be drawn is 6.3 σ. No rejection loop, no state.
 import math
 
 import numpy as np
+import scipy
 from numpy.polynomial import chebyshev
-from scipy import special
 
 from .types import Array, Float64Array, RandomBits
 
@@ -34,7 +34,7 @@ def normal(bits: RandomBits) -> Float64Array:
 
 def normal_of(survival_probability: Array) -> Float64Array:
     """The value that a standard normal exceeds with this probability."""
-    z: Float64Array = special.ndtri(survival_probability)
+    z: Float64Array = scipy.special.ndtri(survival_probability)
     return -z
 
 
@@ -48,7 +48,7 @@ def gamma(bits: RandomBits, cv: float) -> Float64Array:
     """Gamma of mean 1 and coefficient of variation ``cv``: shape cv⁻², scale cv²."""
     if cv < 1e-6:  # normal to 1e-12
         return 1 + cv * normal(bits)
-    x: Float64Array = special.gammainccinv(cv**-2, survival(bits))
+    x: Float64Array = scipy.special.gammainccinv(cv**-2, survival(bits))
     return x * cv**2
 
 
@@ -63,8 +63,12 @@ def _log_gamma(z: Float64Array, cv: float) -> Float64Array:
     if cv < 1e-6:
         return np.log1p(cv * z)
     shape = cv**-2
-    x = np.where(z > 0, special.gammainccinv(shape, special.ndtr(-z)), special.gammaincinv(shape, special.ndtr(z)))
-    small = (special.log_ndtr(z) + special.gammaln(shape + 1)) / shape  # P(X < x) = x^k/Γ(k + 1) for x → 0
+    x = np.where(
+        z > 0,
+        scipy.special.gammainccinv(shape, scipy.special.ndtr(-z)),
+        scipy.special.gammaincinv(shape, scipy.special.ndtr(z)),
+    )
+    small = (scipy.special.log_ndtr(z) + scipy.special.gammaln(shape + 1)) / shape  # P(X < x) = x^k/Γ(k + 1) for x → 0
     with np.errstate(divide="ignore"):
         logarithm: Float64Array = np.where((x > 1e-290) & (small > -600), np.log(x), small)
     return logarithm + 2 * math.log(cv)
@@ -89,7 +93,7 @@ def rectified_logistic(scale: float) -> tuple[float, float]:
         return 1.0, (math.pi * scale) ** 2 / 3
     edge = 1 / scale
     mean = scale * float(np.logaddexp(0.0, edge))
-    dilogarithm = -(math.pi**2) / 6 - edge * edge / 2 - float(special.spence(1 + math.exp(-edge)))  # Li₂(−e^edge)
+    dilogarithm = -(math.pi**2) / 6 - edge * edge / 2 - float(scipy.special.spence(1 + math.exp(-edge)))  # Li₂(−e^edge)
     return mean, -2 * scale**2 * dilogarithm - mean**2
 
 
@@ -125,7 +129,7 @@ def _search(u: Float64Array, lam: Float64Array) -> Float64Array:
 
 def _expand(s: Float64Array, lam: Float64Array) -> Float64Array:
     """Normal expansion (Giles, *Algorithm 955*, ACM TOMS 42 (2016) 7); exact where its bound has a whole number."""
-    z: Float64Array = -special.ndtri(s)
+    z: Float64Array = -scipy.special.ndtri(s)
     root = np.sqrt(lam)
     x = lam + root * z + (1 / 3 + z * z / 6) - z * (1 / 36 + z * z / 72) / root
     bound = 4.0 * (1 / 40 + z * z / 80 + z**4 / 160) / lam
@@ -137,9 +141,9 @@ def _expand(s: Float64Array, lam: Float64Array) -> Float64Array:
 
 def _correct(n: Float64Array, s: Float64Array, lam: Float64Array) -> Array:
     """The smallest count with P(N > n) ≤ s, from a first guess n, by the regularised incomplete gamma function."""
-    while (up := special.gammainc(n + 1.0, lam) > s).any():
+    while (up := scipy.special.gammainc(n + 1.0, lam) > s).any():
         n = n + up
-    while (down := (n > 0) & (special.gammainc(np.maximum(n, 1.0), lam) <= s)).any():
+    while (down := (n > 0) & (scipy.special.gammainc(np.maximum(n, 1.0), lam) <= s)).any():
         n = n - down
     return n
 

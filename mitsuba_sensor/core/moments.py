@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import special
+import scipy
 
 from .rounding import rounded
 from .types import Array
@@ -85,7 +85,7 @@ def rectified_normal(sigma: float) -> tuple[float, float]:
     if sigma < 0.1:  # nothing is cut within 10σ, and 1 + σ² − 1 would lose σ below 1e-8
         return 1.0, sigma * sigma
     density = math.exp(-0.5 / sigma**2) / math.sqrt(2 * math.pi)
-    above = float(special.ndtr(1 / sigma))
+    above = float(scipy.special.ndtr(1 / sigma))
     mean = above + sigma * density
     return mean, (1 + sigma**2) * above + sigma * density - mean**2
 
@@ -111,7 +111,7 @@ def _clip_above(m: Moments, edge: float) -> Moments:
     temporal[saturated], spatial[saturated] = (1 - share) * left, share * left
     s, v = sigma[near], variance[near]
     c = np.maximum((edge - mean[near]) / s, -40.0)
-    below, density = special.ndtr(c), np.exp(-0.5 * c * c) / math.sqrt(2 * math.pi)
+    below, density = scipy.special.ndtr(c), np.exp(-0.5 * c * c) / math.sqrt(2 * math.pi)
     shortfall = s * (c * below + density)
     total = np.maximum(v * ((c * c + 1) * below + c * density) - shortfall**2, 0.0)
     kept_spatial = np.clip(v * _correlated(c, spatial[near] / v, below), 0.0, total)
@@ -124,7 +124,7 @@ def _saturated(mean: Array, sigma: Array, edge: float) -> tuple[Array, Array]:
     spread = np.maximum((sigma / mean) ** 2, np.finfo(float).tiny)
     width = np.sqrt(np.log1p(spread))
     c = np.log(edge / mean) / width + width / 2
-    below, light, square = (special.ndtr(c - k * width) for k in (0, 1, 2))
+    below, light, square = (scipy.special.ndtr(c - k * width) for k in (0, 1, 2))
     shortfall = edge * below - mean * light
     squared = edge**2 * below - 2 * edge * (mean * light) + (mean * np.sqrt((1 + spread) * square)) ** 2
     return edge - shortfall, np.maximum(squared - shortfall**2, 0.0)
@@ -137,6 +137,6 @@ def _correlated(c: Array, rho: Array, below: Array) -> Array:
     for node, weight in zip(nodes, weights, strict=True):
         theta = 0.5 * end * (node + 1)
         integral += (
-            0.5 * weight * end * np.cos(theta) * (below - 2 * special.owens_t(c, np.tan(math.pi / 4 - theta / 2)))
+            0.5 * weight * end * np.cos(theta) * (below - 2 * scipy.special.owens_t(c, np.tan(math.pi / 4 - theta / 2)))
         )
     return integral

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 
-from scipy import integrate, optimize, special
+import scipy
 
 EULER_GAMMA = 0.5772156649015329
 
@@ -13,23 +13,25 @@ def sinh_integrals(x: float) -> float:
     """½[e^(−x)·Ei(x) − e^(x)·E₁(x)] for x > 0; 1/x² + 6/x⁴ where the factors would overflow."""
     if x > 500.0:
         return 1 / x**2 + 6 / x**4
-    return 0.5 * float(math.exp(-x) * special.expi(x) - math.exp(x) * special.exp1(x))
+    return 0.5 * float(math.exp(-x) * scipy.special.expi(x) - math.exp(x) * scipy.special.exp1(x))
 
 
 def root(f: Callable[[float], float], low: float, high: float) -> float:
     """The zero of f between ``low`` and ``high`` (Brent)."""
-    return float(optimize.brentq(f, low, high, xtol=1e-15))
+    return float(scipy.optimize.brentq(f, low, high, xtol=1e-15))
 
 
 def largest(f: Callable[[float], float], low: float, high: float) -> float:
     """The largest value of a function with one hump between ``low`` and ``high``."""
-    found = optimize.minimize_scalar(lambda x: -f(x), bounds=(low, high), method="bounded", options={"xatol": 1e-9})
+    found = scipy.optimize.minimize_scalar(
+        lambda x: -f(x), bounds=(low, high), method="bounded", options={"xatol": 1e-9}
+    )
     return -float(found.fun)
 
 
 def integral(f: Callable[[float], float], edges: Sequence[float]) -> float:
     """∫ f from the first edge to the last, piece by piece between the edges (adaptive quadrature)."""
-    return math.fsum(integrate.quad(f, a, b, epsrel=1e-10, limit=200)[0] for a, b in pairwise(edges))
+    return math.fsum(scipy.integrate.quad(f, a, b, epsrel=1e-10, limit=200)[0] for a, b in pairwise(edges))
 
 
 def two_term_remainder(x: float) -> float:

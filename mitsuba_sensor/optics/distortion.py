@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
+import scipy
 
 from ..core import Float64Array, InputError
 from ..sensor.lens_datasheet import LensSection
@@ -29,7 +29,7 @@ class Distortion:
     """
 
     coefficients: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
-    growth: PchipInterpolator | None = None
+    growth: scipy.interpolate.PchipInterpolator | None = None
     table_end: float = np.inf
 
     def real(self, x: Float64Array, y: Float64Array) -> tuple[Float64Array, ...]:
@@ -106,5 +106,5 @@ def distortion_of(lens: LensSection, image_distance_mm: float) -> Distortion | N
     if lens.distortion is not None:
         return Distortion(coefficients=lens.distortion)
     heights = np.asarray(lens.distortion_heights_mm, dtype=float) / image_distance_mm
-    growth = PchipInterpolator(heights, np.asarray(lens.distortion_percent, dtype=float) / 100)
+    growth = scipy.interpolate.PchipInterpolator(heights, np.asarray(lens.distortion_percent, dtype=float) / 100)
     return Distortion(growth=growth, table_end=float(heights[-1]))

@@ -35,9 +35,9 @@ from pathlib import Path
 from typing import Annotated, Any, Self
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
-from scipy.spatial.transform import Rotation, Slerp
 
 from ..core import Float64Array, InputError
 from ..sensor.datasheet import FileTable
@@ -97,15 +97,19 @@ class KeyPose(FileTable):
             raise ValueError("to_world is not a rotation and a translation; remove scale, shear and mirroring")
         return matrix
 
-    def relative(self, start: Float64Array, pivot: Float64Array) -> tuple[Float64Array, Rotation]:
+    def relative(
+        self, start: Float64Array, pivot: Float64Array
+    ) -> tuple[Float64Array, scipy.spatial.transform.Rotation]:
         """Translation of the pivot, and rotation, from the pose ``start`` of the scene file to this one."""
         if self.pose is None:
-            return np.array(self.move_m), Rotation.from_rotvec(_rotation_vector(self.turn_deg, self.axis, "turn_deg"))
+            return np.array(self.move_m), scipy.spatial.transform.Rotation.from_rotvec(
+                _rotation_vector(self.turn_deg, self.axis, "turn_deg")
+            )
         rigid = start.copy()  # without scale or mirroring (an orthographic zoom)
         rigid[:3, :3] /= np.linalg.norm(start[:3, :3], axis=0)
         rigid[:3, 0] *= np.sign(np.linalg.det(start[:3, :3]))
         whole = self.pose @ np.linalg.inv(rigid)
-        turn = Rotation.from_matrix(whole[:3, :3])
+        turn = scipy.spatial.transform.Rotation.from_matrix(whole[:3, :3])
         return whole[:3, 3] + turn.as_matrix() @ pivot - pivot, turn
 
 
@@ -140,13 +144,15 @@ class RigidMotion(FileTable):
         else:
             move = time_s * np.array(self.velocity_m_per_s)
             spin = _rotation_vector(self.rotate_deg_per_s, self.axis, "rotate_deg_per_s")
-            turn = Rotation.from_rotvec(time_s * spin)
+            turn = scipy.spatial.transform.Rotation.from_rotvec(time_s * spin)
         result = np.eye(4)
         result[:3, :3] = turn.as_matrix()
         result[:3, 3] = pivot + move - result[:3, :3] @ pivot
         return result
 
-    def _between_keys(self, time_s: float, start: Float64Array, pivot: Float64Array) -> tuple[Float64Array, Rotation]:
+    def _between_keys(
+        self, time_s: float, start: Float64Array, pivot: Float64Array
+    ) -> tuple[Float64Array, scipy.spatial.transform.Rotation]:
         """Linear interpolation of the pivot, slerp of rotations; constant before the first and after the last key."""
         poses = [key.relative(start, pivot) for key in self.keys]
         if len(poses) == 1:
@@ -155,7 +161,9 @@ class RigidMotion(FileTable):
         at = float(np.clip(time_s, times[0], times[-1]))
         moves = np.array([move for move, _ in poses])
         move = np.array([np.interp(at, times, axis) for axis in moves.T])
-        return move, Slerp(times, Rotation.concatenate([turn for _, turn in poses]))(at)
+        return move, scipy.spatial.transform.Slerp(
+            times, scipy.spatial.transform.Rotation.concatenate([turn for _, turn in poses])
+        )(at)
 
 
 class ObjectMotion(RigidMotion):

@@ -6,8 +6,8 @@ The only module that imports colour-science, and only inside functions, because 
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.integrate import trapezoid
 
 from ..core import Float64Array
 
@@ -34,7 +34,7 @@ def photopic(wavelengths_nm: ArrayLike) -> Float64Array:
 
 def luminous(wavelengths_nm: Float64Array, radiometric: Float64Array) -> float:
     """Photometric value of a spectrum: W m⁻² nm⁻¹ → lux, W m⁻² sr⁻¹ nm⁻¹ → cd/m²."""
-    return float(LUMENS_PER_WATT * trapezoid(radiometric * photopic(wavelengths_nm), wavelengths_nm))
+    return float(LUMENS_PER_WATT * scipy.integrate.trapezoid(radiometric * photopic(wavelengths_nm), wavelengths_nm))
 
 
 def d65_radiance(luminance_cd_per_m2: float, wavelengths_nm: ArrayLike) -> Float64Array:

@@ -86,6 +86,10 @@ class RtnPixels(Stage):
         step_v = self.amplitude_e * self.gain_v_per_e
         return m.add(temporal=share * 2 * self.chance_of_a_step * step_v**2)
 
+    def rare(self, frame: Frame) -> tuple[float, float]:
+        """The pixels with a trap, and its step [V]."""
+        return (self.fraction if self.chance_of_a_step else 0.0), self.amplitude_e * self.gain_v_per_e
+
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
         """``rtn_site``: 1 where a pixel has a trap, else 0."""
         return {"rtn_site": window.measured_or("rtn_site", lambda: window.fixed_map("rtn_site", self._from_bits))}

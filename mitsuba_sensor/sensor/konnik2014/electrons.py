@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 import numpy as np
-from scipy import special
+import scipy
 
 from ...core import Array, Float64Array, Frame, InputError, Moments, Photons, SensorWindow
 from ...core.backend import normals
@@ -48,7 +48,7 @@ class PublishedFpnDistribution:
             return np.exp(self.parameter * x)
         if self.name == "wald":  # through the quantile function of the sum
             points, hazard = _wald_and_uniform(self.parameter)
-            return np.asarray(np.interp(-special.log_ndtr(-x), hazard, points))
+            return np.asarray(np.interp(-scipy.special.log_ndtr(-x), hazard, points))
         for step in (1, 2, 4, 8, 16, 32) if self.name == "ar" else ():  # 64 terms, summed by doubling, exact in float64
             x = x[:, step:] + (-self.parameter) ** step * x[:, :-step]
         return x
@@ -74,7 +74,7 @@ def _wald_and_uniform(chi: float) -> tuple[Float64Array, Float64Array]:
     x = np.arange(0, (3 + 60 / chi) * PER_UNIT + 1) / PER_UNIT
     with np.errstate(divide="ignore", invalid="ignore"):  # P(Wald > x): Φ(−√(χ/x)(x − 1)) − e^(2χ)·Φ(−√(χ/x)(x + 1))
         root = np.sqrt(chi / x)
-        tail = special.ndtr(-root * (x - 1)) - np.exp(2 * chi + special.log_ndtr(-root * (x + 1)))
+        tail = scipy.special.ndtr(-root * (x - 1)) - np.exp(2 * chi + scipy.special.log_ndtr(-root * (x + 1)))
     survival = np.where(x > 0, tail, 1.0)
     steps = 0.5 * (survival[1:] + survival[:-1]) / PER_UNIT
     integral = np.concatenate([[0.0], np.cumsum(steps[::-1])])[::-1]
