@@ -15,7 +15,7 @@ import numpy as np
 
 from . import arrays, distributions, quantiles
 from .counter_rng import random_bits_at
-from .types import Array, NumpyArray
+from .types import Array, Float32Array, NumpyArray
 
 if TYPE_CHECKING:
     from .sensor_window import SensorWindow
@@ -128,6 +128,14 @@ class NumpyFloat32(Backend):
 
     def poisson(self, bits: Array, mean: Array) -> Array:
         return quantiles.poisson(bits, np.broadcast_to(np.asarray(mean, dtype=np.float32), bits.shape))
+
+
+def aligned_float32(shape: tuple[int, ...]) -> Float32Array:
+    """An empty array aligned to 64 bytes, which Dr.Jit reads in place; other alignments need a kernel of their own."""
+    size = math.prod(shape)
+    memory = np.empty(size + 16, dtype=np.float32)
+    start = -memory.ctypes.data % 64 // 4
+    return memory[start : start + size].reshape(shape)
 
 
 def within_float32(value: float) -> float:

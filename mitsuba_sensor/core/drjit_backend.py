@@ -6,13 +6,11 @@ stages compiles another kernel.
 """
 
 import importlib
-import math
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .backend import FLOAT32_LIMIT, NumpyFloat32, PendingStrip, within_float32
+from .backend import FLOAT32_LIMIT, NumpyFloat32, PendingStrip, aligned_float32, within_float32
 from .counter_rng import philox, split_key
 from .llvm import drjit
 from .quantiles import poisson
@@ -38,8 +36,9 @@ class DrJitBackend(NumpyFloat32):
 
     def from_numpy(self, values: Array, window: SensorWindow) -> Array:
         """One value per pixel; a line (1, W) or (H, 1) is looked up by the column or row of each pixel."""
-        single = _aligned_float32(np.shape(values))
-        np.minimum(values, FLOAT32_LIMIT, out=single, casting="same_kind")
+        single = values if _is_ready(values) else aligned_float32(np.shape(values))
+        if single is not values:
+            np.minimum(values, FLOAT32_LIMIT, out=single, casting="same_kind")
         if single.size == 1:
             return DrJitBackend.number(self, float(single.ravel()[0]))  # of a map, not of the camera
         if single.shape == window.shape:
@@ -93,12 +92,10 @@ class DrJitBackend(NumpyFloat32):
         return window.cached("coordinates", make)
 
 
-def _aligned_float32(shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """An empty array aligned to 64 bytes, which Dr.Jit reads in place; other alignments need a kernel of their own."""
-    size = math.prod(shape)
-    memory = np.empty(size + 16, dtype=np.float32)
-    start = -memory.ctypes.data % 64 // 4
-    return memory[start : start + size].reshape(shape)
+def _is_ready(values: Array) -> bool:
+    """Whether Dr.Jit can read an array in place: aligned float32, as detection.py makes it, within the limit."""
+    ready = isinstance(values, np.ndarray) and values.dtype == np.float32 and values.flags.c_contiguous
+    return bool(ready and values.ctypes.data % 64 == 0 and values.size and values.max() <= FLOAT32_LIMIT)
 
 
 class KernelLaunch(PendingStrip):

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import Array, Electrons, Frame, Photons
-from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
+from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, aligned_float32
 from ..core.types import Float64Array
 from .run import processors, row_strips_of
 from .stage import Stage
@@ -67,6 +67,8 @@ def detect(photons: Photons, stage: Stage, frame: Frame) -> Detected:
                     single[name] = value
                 else:
                     if name not in found:
-                        found[name] = np.empty(shape, value.dtype)
+                        found[name] = (
+                            aligned_float32(shape) if value.dtype == np.float32 else np.empty(shape, value.dtype)
+                        )
                     found[name][rows] = value
     return Detected(photons, found[""] if "" in found else Electrons(**single, **found))

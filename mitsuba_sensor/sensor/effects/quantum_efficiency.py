@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Annotated, Any, ClassVar, Self
 
+import numpy as np
 from pydantic import Field, ValidationInfo, model_validator
 
-from ...core import Array, Electrons, Frame, InputError, Moments, Photons, arrays
+from ...core import Array, Electrons, Frame, InputError, Moments, Photons, SensorWindow, arrays
 from ..datasheet import Chance, FileTable, Positive
 from ..qe_file import read_curves
 from ..stage import Datasheet, Stage
@@ -132,20 +133,16 @@ class QuantumEfficiency(Stage):
 
     def sample(self, photons: Photons, frame: Frame) -> Electrons:
         """Mean photons (H, W) or (H, W, B) → mean photoelectrons (H, W); with a yield, mean interactions."""
-        weights = self._weights(photons)
-        if len(self.curves) > 1:
-            rows = frame.window.rows % len(self.tile)
-            columns = frame.window.columns % len(self.tile[0])
-            weights = arrays.look_up(weights, arrays.look_up(self.tile, (rows[:, None], columns[None, :])))
+        weights, window = self._weights(photons), frame.window
         layers = photons.mean if photons.mean.ndim == 3 else photons.mean[..., None]
-        light, window = arrays.weighted_sum(layers, weights), frame.window
+        light = self._collected(layers, weights, window)
         electrons = window.backend.from_numpy(light, window)
         if self.quantum_yield is None:
             noise = photons.variance_e2
             return Electrons(electrons, variance_e2=None if noise is None else window.backend.from_numpy(noise, window))
         per_photon = self.quantum_yield.at(self._wavelengths(photons))
-        first = arrays.ratio(arrays.weighted_sum(layers, weights * per_photon), light, 1.0)
-        second = arrays.ratio(arrays.weighted_sum(layers, weights * per_photon**2), light, 1.0)
+        first = arrays.ratio(self._collected(layers, weights * per_photon, window), light, 1.0)
+        second = arrays.ratio(self._collected(layers, weights * per_photon**2, window), light, 1.0)
         spread = arrays.maximum(second - first**2, 0.0)
         return Electrons(
             electrons,
@@ -166,12 +163,22 @@ class QuantumEfficiency(Stage):
             variance_e2=electrons.variance_e2,
         )
 
+    def _collected(self, layers: Array, weights: Array, window: SensorWindow) -> Array:
+        """Σ over the bands (H, W, B), each pixel with the weights of its filter, (F, B)."""
+        if len(self.curves) == 1:
+            return arrays.weighted_sum(layers, weights[0])
+        found, size = np.empty(window.shape), (len(self.tile), len(self.tile[0]))
+        for y, x in np.ndindex(size):
+            rows, columns = (slice((k - o) % n, None, n) for k, o, n in zip((y, x), window.origin, size, strict=True))
+            place = (rows, columns)
+            found[place] = arrays.weighted_sum(layers[place], weights[self.tile[y][x]])
+        return found
+
     def _weights(self, photons: Photons) -> Array:
-        """QE of every filter at the photons' wavelengths, (F, B); (B,) for one filter; 1 if it is applied already."""
+        """QE of every filter at the photons' wavelengths, (F, B); 1 if it is applied already."""
         if photons.detected:
-            return arrays.table_of([[float(i == j) for j in range(len(self.curves))] for i in range(len(self.curves))])
-        rows = [curve.at(self._wavelengths(photons)) for curve in self.curves]
-        return arrays.table_of(rows if len(rows) > 1 else rows[0])
+            return np.eye(len(self.curves))
+        return np.array([curve.at(self._wavelengths(photons)) for curve in self.curves])
 
     def _wavelengths(self, photons: Photons) -> Array:
         """(B,) [nm]; the camera's reference where the photons came without."""
