@@ -48,8 +48,8 @@ def _integrated(x: Float64Array, s: Float64Array, highest: int) -> tuple[Float64
         above = d * below + s * density  # E max(x − edge, 0)
         first += sign * (above + slope / 24 - 7 * third / 5760)
         squared = (d * d + s * s) * below + d * s * density + 2 * edge * above
-        bent = 2 * below + 2 * edge * slope
-        second += sign * (squared + bent / 24 - 7 * (6 * second_slope + 2 * edge * third) / 5760)
+        slope_of_square = 2 * below + 2 * edge * slope
+        second += sign * (squared + slope_of_square / 24 - 7 * (6 * second_slope + 2 * edge * third) / 5760)
     return first, np.maximum(second - first**2, 0.0)
 
 

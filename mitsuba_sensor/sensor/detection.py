@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core import Array, Electrons, Frame, Photons
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, aligned_float32
@@ -51,24 +49,25 @@ def detect(photons: Photons, stage: Stage, frame: Frame) -> Detected:
     """
     backend = NUMPY_FLOAT64 if frame.window.backend.precision == "float64" else NUMPY_FLOAT32
     whole, shape = frame.on(backend), frame.window.shape
-    found: dict[str, NDArray[Any]] = {}
-    single: dict[str, Array] = {}
+    found: dict[str, Array] = {}
 
-    def one(rows: slice) -> tuple[slice, Array]:
+    def layers(rows: slice) -> dict[str, Array]:
         part = replace(whole, window=whole.window.crop_rows(rows), _blocks={})
-        return rows, stage.sample(photons.crop_rows(rows), part)
+        signal = stage.sample(photons.crop_rows(rows), part)
+        return {k: getattr(signal, k) for k in LAYERS} if isinstance(signal, Electrons) else {"": signal}
 
-    strips = list(row_strips_of(shape, backend.strip_pixels))
+    def write(rows: slice) -> None:
+        for name, values in layers(rows).items():
+            if np.ndim(values):
+                found[name][rows] = values
+
+    first, *others = row_strips_of(shape, backend.strip_pixels)
+    for name, values in layers(first).items():
+        if np.ndim(values) == 0:
+            found[name] = values
+        else:
+            found[name] = aligned_float32(shape) if values.dtype == np.float32 else np.empty(shape, values.dtype)
+            found[name][first] = values
     with ThreadPoolExecutor(processors()) as pool:
-        for rows, signal in pool.map(one, strips):
-            values = {k: getattr(signal, k) for k in LAYERS} if isinstance(signal, Electrons) else {"": signal}
-            for name, value in values.items():
-                if np.ndim(value) == 0:
-                    single[name] = value
-                else:
-                    if name not in found:
-                        found[name] = (
-                            aligned_float32(shape) if value.dtype == np.float32 else np.empty(shape, value.dtype)
-                        )
-                    found[name][rows] = value
-    return Detected(photons, found[""] if "" in found else Electrons(**single, **found))
+        list(pool.map(write, others))
+    return Detected(photons, found[""] if "" in found else Electrons(**found))

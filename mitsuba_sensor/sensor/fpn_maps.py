@@ -1,4 +1,4 @@
-"""fpn_maps(): every fixed-pattern noise map of one chip, to look at, to keep, or to replace by measured ones."""
+"""Every fixed-pattern noise (FPN) map of one chip: to look at, to keep, or to replace by measured ones."""
 
 from __future__ import annotations
 

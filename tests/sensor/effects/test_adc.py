@@ -15,7 +15,7 @@ from mitsuba_sensor.core.moments import Moments
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.sensor.chain import black_level_dn, chain
 from mitsuba_sensor.sensor.effects.adc import Adc, AdcWithDnl
-from mitsuba_sensor.sensor.expose import _precision
+from mitsuba_sensor.sensor.expose import precision_of
 from mitsuba_sensor.sensor.gains import gain_dn_per_e
 
 TABLE1 = ms.load_camera("konnik_table1")
@@ -109,7 +109,7 @@ def test_codes_keep_their_range_and_type_at_every_resolution() -> None:
 
 
 @pytest.mark.parametrize("engine", ["float64", "numpy", "drjit"])
-def test_24_bits_deliver_every_code_even_and_odd_in_every_precision(engine: str) -> None:
+def test_24_bits_deliver_every_code_even_and_odd_in_everyprecision_of(engine: str) -> None:
     """x + ½ is a tie from 2^23 on in float32, which would leave the even codes alone; whole numbers stay what they are.
 
     1000 codes on both sides of 2^23, of 3·2^22 and below the last one, given as whole numbers of codes.
@@ -147,8 +147,8 @@ def test_steps_of_unequal_width_at_24_bits_are_refused_in_float32_and_made_in_fl
     with pytest.raises(
         ms.InputError, match=r"no halves between codes from 8388608 on, .*adc\.dnl_lsb and 24 bits; .*23"
     ):
-        _precision("float32", camera, None, "physical")
-    assert _precision("auto", camera, None, "physical") == "float64"
+        precision_of("float32", camera, None, "physical")
+    assert precision_of("auto", camera, None, "physical") == "float64"
 
 
 @pytest.mark.parametrize("level", [0.1, 0.5, 0.9])
