@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import threading
 from collections.abc import Callable, Container, Hashable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -25,6 +26,9 @@ ENGINES = get_args(Engine)
 # Pixels in all frames together from which on "auto" compiles a kernel. NumPy needs a second for them on two
 # processors, and so long does a new process need for Dr.Jit, the kernel and the maps (benchmarks/backend_speed.py).
 WORTH_COMPILING = 2**23
+# The same in a process that has loaded Dr.Jit's LLVM backend already, for a render or another frame: only a kernel that
+# this machine has not seen is compiled then, which takes NumPy's time for a megapixel.
+WORTH_COMPILING_LOADED = 2**20
 Sinks = dict[str, NDArray[Any]]
 
 
@@ -40,7 +44,8 @@ def choose_backend(engine: str, precision: str, pixels: int) -> Backend:
                 "float32: take numpy, or precision float32."
             )
         return NUMPY_FLOAT64
-    if engine == "numpy" or (engine == "auto" and (pixels < WORTH_COMPILING or backend_problem("llvm"))):
+    worth = WORTH_COMPILING_LOADED if "drjit.llvm" in sys.modules else WORTH_COMPILING
+    if engine == "numpy" or (engine == "auto" and (pixels < worth or backend_problem("llvm"))):
         return NUMPY_FLOAT32
     backend = "cuda" if engine == "cuda" else "llvm"
     problem = backend_problem(backend)

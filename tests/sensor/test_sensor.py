@@ -1,0 +1,104 @@
+"""A sensor that is kept from call to call delivers the frames of expose(), and says what it keeps."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.core.llvm import backend_problem
+from mitsuba_sensor.core.sensor_window import SensorWindow
+
+EXPOSURE = ms.Exposure(0.1)
+CAMERAS = {
+    "table 1": ms.load_camera("konnik_table1").replace(**{"dark_current.cv": 0.4, "readout.prnu_col": 0.002}),
+    "rts, ar": ms.load_camera("konnik_table1").replace(
+        **{
+            "dark_current.rts_fraction": 0.1,
+            "dark_current.rts_amplitude_e_per_s": 500.0,
+            "pixel.dsnu_e": 5.0,
+            "pixel.dsnu_coupling": 0.25,
+        }
+    ),
+    "bayer": ms.load_camera("bayer_2mp"),
+    "ccd": ms.load_camera("eev_44_82"),
+}
+ENGINES = ["numpy", "drjit"] if backend_problem("llvm") is None else ["numpy"]
+
+
+def light(seed: int, shape: tuple[int, int] = (40, 60)) -> Any:
+    return np.random.default_rng(seed).uniform(0, 50_000, shape)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("name", CAMERAS)
+def test_calls_one_after_the_other_are_the_frames_of_expose(name: str, engine: str) -> None:
+    """Light, exposure, shape, origin, seed and number of frames change from call to call; the bytes are the same."""
+    camera, sensor = CAMERAS[name], ms.Sensor(CAMERAS[name], serial=7)
+    calls: list[tuple[Any, ms.Exposure, dict[str, Any]]] = [
+        (light(1), EXPOSURE, {}),
+        (light(2), EXPOSURE, {"frames": 3}),
+        (light(3), ms.Exposure(1.0, 320.0), {"seed": 5, "first_frame": 9}),
+        (light(4, (20, 30)), EXPOSURE, {"origin": (3, 5)}),
+        (light(1), EXPOSURE, {"precision": "float64"} if engine == "numpy" else {}),
+        (light(5), EXPOSURE, {"keep": ("electrons", "photons")}),
+        (light(1), EXPOSURE, {"tolerance_dn": 0.5}),
+    ]
+    for photons, exposure, options in calls:
+        kept = sensor.expose(photons, exposure, engine=engine, **options)
+        fresh = ms.expose(photons, camera, exposure, serial=7, engine=engine, **options)
+        np.testing.assert_array_equal(kept.digital, fresh.digital)
+        for one in options.get("keep", ()):
+            np.testing.assert_array_equal(getattr(kept, one), getattr(fresh, one))
+    streamed = np.array(list(sensor.stream(light(2), EXPOSURE, engine=engine, frames=3)))
+    np.testing.assert_array_equal(streamed, sensor.expose(light(2), EXPOSURE, engine=engine, frames=3).digital)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_maps_are_made_once_and_forgotten_when_that_is_asked_for(
+    engine: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[str] = []
+    original = SensorWindow.fixed_map
+
+    def fixed_map(self: Any, source: str, distribution: Any) -> Any:
+        if (source, distribution) not in self.cached_values:
+            made.append(source)
+        return original(self, source, distribution)
+
+    monkeypatch.setattr(SensorWindow, "fixed_map", fixed_map)
+    sensor = ms.Sensor(CAMERAS["table 1"])
+    sensor.expose(light(1), EXPOSURE, engine=engine)
+    first = len(made)
+    assert first and sensor.bytes > 0 and "MiB" in repr(sensor)
+    sensor.expose(light(2), EXPOSURE, engine=engine)
+    assert len(made) == first
+    sensor.clear()
+    assert sensor.bytes == 0
+    sensor.expose(light(3), EXPOSURE, engine=engine)
+    assert len(made) == 2 * first
+
+
+def test_memory_is_bounded_and_the_window_used_last_stays() -> None:
+    sensor = ms.Sensor(CAMERAS["table 1"], most_bytes=100_000)
+    for size in (100, 110, 120, 130):
+        sensor.expose(light(1, (size, size)), EXPOSURE, engine="numpy")
+    assert 0 < sensor.bytes <= 3 * 4 * 130 * 130
+
+
+def test_what_belongs_to_the_sensor_is_refused_in_a_call() -> None:
+    sensor = ms.Sensor(CAMERAS["table 1"])
+    for name, value in {"serial": 3, "maps": {}, "chain": "konnik2014"}.items():
+        with pytest.raises(ms.InputError, match=f"{name} belongs to the sensor"):
+            sensor.expose(light(1), EXPOSURE, **{name: value})
+    with pytest.raises(ms.InputError, match="photons"):
+        sensor.expose(-light(1), EXPOSURE)
+
+
+def test_measured_maps_are_those_of_the_sensor() -> None:
+    camera = CAMERAS["table 1"]
+    maps = ms.fpn_maps(camera, (40, 60), serial=7)
+    given = ms.Sensor(camera, serial=1, maps=maps).expose(light(1), EXPOSURE).digital
+    np.testing.assert_array_equal(given, ms.expose(light(1), camera, EXPOSURE, serial=7).digital)
