@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..core import Exposure, Frame, InputError, Photons, SensorWindow, check_types, first_given
-from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
+from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, Backend
 from ..core.options import complete, documents
 from .camera import Camera
 from .checks import (
@@ -50,7 +50,7 @@ class Frames:
 
     digital : (N, H, W) uint8, uint16 or uint32, whichever holds ``adc.bits`` [DN].
     plan : what was left out of the chain, where ``plan`` or ``tolerance_dn`` was given.
-    detected : mean photoelectrons of the light.
+    detected : mean photoelectrons of the light.  backend : what computed the frames.
     photons, photoelectrons, dark_electrons, electrons, volts : (N, H, W) float64 if asked for by ``keep``, else None.
     """
 
@@ -60,6 +60,7 @@ class Frames:
     first: Frame
     stages: Chain
     detected: Detected
+    backend: Backend
     plan: Plan | None = None
     photons: NDArray[np.float64] | None = None
     photoelectrons: NDArray[np.float64] | None = None
@@ -82,7 +83,8 @@ class Frames:
     def _observer(self) -> FrameObserver:
         """Who saw the first frame; it is computed again unless :meth:`PreparedExposure.frames_with_report` made it."""
         observer = FrameObserver(FrameTheory(self.stages, self.detected, self.first))
-        PreparedExposure(self.camera, self.stages, self.first, 1, (), light=self.detected).frames(observer)
+        first = self.first.on(self.backend)
+        PreparedExposure(self.camera, self.stages, first, 1, (), light=self.detected).frames(observer)
         return observer
 
     def minus(self, reference: Frames) -> NDArray[np.int64]:
@@ -172,7 +174,10 @@ class PreparedExposure:
         for _ in done:
             pass
         digital: NDArray[Any] = kept.pop("digital")
-        return Frames(digital, self.camera, light.photons, self._on_numpy, self.stages, light, self.plan, **kept)
+        backend = self.first.window.backend
+        return Frames(
+            digital, self.camera, light.photons, self._on_numpy, self.stages, light, backend, self.plan, **kept
+        )
 
     def frames_with_report(self) -> Frames:
         """The same, with the report of the first frame made along with it: each frame is computed once."""
