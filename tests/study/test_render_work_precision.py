@@ -26,10 +26,8 @@ from mitsuba_sensor.render.prepared import prepare
 from mitsuba_sensor.render.renderer import Renderer
 from mitsuba_sensor.render.stop_criterion import StopCriterion
 from mitsuba_sensor.render.variants import Variant
-from mitsuba_sensor.study.kit import Kit
+from mitsuba_sensor.study.kit import Kit, Subject, slope_of_runs
 from mitsuba_sensor.study.page import Plot, Section, Study
-from mitsuba_sensor.study.statistics import slope_of_runs
-from mitsuba_sensor.study.subject import Subject
 from mitsuba_sensor.study.work_precision import errors as errors_module
 from mitsuba_sensor.study.work_precision import render as render_module
 from mitsuba_sensor.study.work_precision import series as series_module
@@ -165,10 +163,10 @@ def test_every_setting_is_compared_one_factor_at_a_time(studied: Studied, result
 def test_errors_fall_as_the_square_root_of_time(studied: Studied, results: dict[str, Result]) -> None:
     """Slopes of irradiance and electrons within 0.05 of −1/2 in every setting."""
     for label, one in results.items():
-        for slope in one.slopes:
+        for slope in one.slopes.values():
             assert slope.value == pytest.approx(-0.5, abs=0.05), label
         assert one.verdict == "holds"
-    assert results["channels"].slope("irradiance") is None
+    assert "irradiance" not in results["channels"].slopes
     assert all(row[-1] == "holds" for row in part_of(studied[0], "Settings").rows)
 
 
@@ -328,7 +326,7 @@ def test_the_references_own_error_is_taken_off() -> None:
     result = _result(16, floor=1 / 500)
     assert [point.passes for point in result.points("electrons")] == [1, 2, 4]
     assert result.points("electrons")[1].error == pytest.approx(math.sqrt(1 / 128), rel=1e-9)
-    assert result.slope("electrons").value == pytest.approx(-0.5, abs=1e-9)
+    assert result.slopes["electrons"].value == pytest.approx(-0.5, abs=1e-9)
 
 
 @pytest.mark.parametrize("spp", [16, 256, 512, 1024, 4096, 65536])

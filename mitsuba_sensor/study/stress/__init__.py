@@ -20,16 +20,14 @@ from ...sensor.datasheet_errors import fields_of
 from ..frames import QUANTITIES, expected_moments, in_dn
 from ..kit import Kit, Step
 from ..page import Bars, Grid, Mark, Section, Study, Table, study_of, table
-from . import electrons, light, volts, whole
+from . import light, volts, whole
 from .case import ENGINES, NAME, NO_ENGINE, RENDERERS, SCALAR, Engine, Got, Rows, table1
 
 ASKED = (NO_ENGINE, *ENGINES, *RENDERERS)  # columns of the grid
 CONDITIONS_S = 2.5  # how long the condition numbers take on two cores [s]
 MILLION = "A million samples per pixel, relative error of the irradiance"
-GRID_NOTE = (
-    "No engine: formulas of single numbers, and what is refused before anybody computes. Not here: an engine that this "
-    "machine does not have."
-)
+GRID_NOTE = "No engine: formulas of single numbers, and what is refused before anybody computes. Not here: an engine "
+GRID_NOTE += "that this machine does not have."
 SHOWN, BARS = 5, 3  # condition numbers of each camera in the table and in the plot
 NOTICED_DN = 0.1  # A change of a mean that a careful measurement shows: a tenth of a code
 LEVELS = {"dark": 0.0, "10 %": 0.1, "50 %": 0.5, "90 %": 0.9}  # shares of the full well of the most sensitive filter
@@ -50,35 +48,28 @@ class Theme(NamedTuple):
 Case = tuple[str, str, str, str]  # theme, stage, input, what must come; no two have the first three in common
 Verdicts = dict[Case, dict[str, Got]]  # case → engine → what came
 Nudged = tuple[str, float | None, Camera, Photons, Exposure]  # input, its value, and everything with another input
-THEMES = (
-    Theme("light", whole.lights, seconds=1.2),
-    Theme("light", whole.renderers_values, (NO_ENGINE,)),
-    Theme("light", whole.infinite_light),
-    Theme("exposure time", whole.times, seconds=0.7),
-    Theme("temperature", whole.temperatures, seconds=0.7),
-    Theme("Poisson means", electrons.poisson, seconds=1.0),
-    Theme("full well", electrons.full_well),
-    Theme("full well", whole.no_exact_count, (NO_ENGINE,)),
-    Theme("dark current", electrons.dark_current, (NO_ENGINE,)),
-    Theme("fixed patterns", electrons.fixed_patterns, seconds=1.0),
-    Theme("source follower", volts.follower_formulas, (NO_ENGINE,)),
-    Theme("source follower", volts.follower_in_camera),
-    Theme("sense node", volts.sense_node),
-    Theme("coupled columns", volts.column_formulas, (NO_ENGINE,)),
-    Theme("coupled columns", volts.columns),
-    Theme("converter", volts.converter_refused, (NO_ENGINE,)),
-    Theme("converter", volts.converter),
-    Theme("converter", volts.converter_curve),
-    Theme("radiance", light.radiances, RENDERERS, 1.5),
-    Theme("samples per pixel", light.samples, RENDERERS, 2.0),
-    Theme("bands", light.bands, (SCALAR,), 0.6),
-    Theme("wavelength", light.wavelength_formulas, (NO_ENGINE,)),
-    Theme("wavelength", light.wavelengths),
-    Theme("refusals", whole.refusals, (NO_ENGINE,)),
-    Theme("whole frames", whole.whole_frames, seconds=1.5),
-    Theme("whole frames", whole.published_frames, (NO_ENGINE,)),
-    Theme("frame sizes", whole.frame_sizes, seconds=2.0),
-)
+NOBODY = (NO_ENGINE,)
+CASES: dict[str, list[tuple[Any, ...]]] = {  # of a theme; who is asked, and the seconds that one takes
+    "light": [(whole.lights, ENGINES, 1.2), (whole.renderers_values, NOBODY), (whole.infinite_light,)],
+    "exposure time": [(whole.times, ENGINES, 0.7)],
+    "temperature": [(whole.temperatures, ENGINES, 0.7)],
+    "Poisson means": [(light.poisson, ENGINES, 1.0)],
+    "full well": [(light.full_well,), (whole.no_exact_count, NOBODY)],
+    "dark current": [(light.dark_current, NOBODY)],
+    "fixed patterns": [(light.fixed_patterns, ENGINES, 1.0)],
+    "source follower": [(volts.follower_formulas, NOBODY), (volts.follower_in_camera,)],
+    "sense node": [(volts.sense_node,)],
+    "coupled columns": [(volts.column_formulas, NOBODY), (volts.columns,)],
+    "converter": [(volts.converter_refused, NOBODY), (volts.converter,), (volts.converter_curve,)],
+    "radiance": [(light.radiances, RENDERERS, 1.5)],
+    "samples per pixel": [(light.samples, RENDERERS, 2.0)],
+    "bands": [(light.bands, (SCALAR,), 0.6)],
+    "wavelength": [(light.wavelength_formulas, NOBODY), (light.wavelengths,)],
+    "refusals": [(whole.refusals, NOBODY)],
+    "whole frames": [(whole.whole_frames, ENGINES, 1.5), (whole.published_frames, NOBODY)],
+    "frame sizes": [(whole.frame_sizes, ENGINES, 2.0)],
+}
+THEMES = tuple(Theme(name, *one) for name, some in CASES.items() for one in some)
 
 
 def verdicts_of(theme: Theme, engine: Engine) -> list[tuple[Case, Got]]:

@@ -12,7 +12,7 @@ import numpy as np
 from ... import Exposure
 from ...core import Array, distributions
 from ...sensor.effects.source_follower_noise import CdsNoise, flicker_integral
-from ..statistics import standard_error
+from ..kit import standard_error
 from .case import SIGMAS, Engine, Rows, agree, holds, refusal, relative, shown, stage_of, table1, together
 
 DIGITS = 120  # A float64 has up to 75 of them, so that even τ_RTN/2 is exact

@@ -32,8 +32,7 @@ from ...sensor.compensation import compensable
 from ...sensor.effects.dark_current import mean_dark_e
 from ...sensor.expose import expose
 from ..frames import expected_moments
-from ..statistics import Array
-from ..subject import Subject
+from ..kit import Array, Subject
 from .series import Block, RenderSetting, Series, in_blocks
 
 REFERENCE_S = 15.0  # seconds that each reference may take, as its first passes tell
@@ -41,20 +40,16 @@ FEWEST_PASSES = 8  # of a reference: its variance is the spread of its passes, a
 SAMPLES, SAMPLES_OF_FOUR = 256, 64  # per pass, of all bands and of four at a time (benchmarks/render_passes.py)
 SEED = 0  # of the references; runs have 1, 2, …
 DARKEST = 0.1  # of the mean: errors of darker pixels are relative to this level, or they would be all of it
-STEP = 0.01  # relative step of the light by which the slope of the digital numbers is found
-PILOT = 8  # passes whose spread tells how noisy one is
+STEP, PILOT = 0.01, 8  # relative, of the light, for the slope of the DN; passes whose spread tells how noisy one is
 FEWEST_COMPENSATED = 8  # passes from which a variance can be compensated: 7 degrees of freedom (render/per_frame.py)
 SHARE_COMPENSATED = 8  # or one in so many of a run's passes, with which the noise of a render shall just be compensable
 DIMMER, DIMMEST = 2.0**-0.25, 2.0**-30  # steps in which the exposure is shortened; there any render is compensable
 TINY = float(np.finfo(float).tiny)
 MOST_BLOCKS = 16  # of a size up to which digital numbers are looked at; their moments and frames take as long as a pass
-MOST_SMOOTHED = 4  # blocks of a size that are denoised
-SMOOTHINGS = 3  # pictures that the package smooths: the render, and two halves of it for the bias
+MOST_SMOOTHED, SMOOTHINGS = 4, 3  # blocks of a size that are denoised; what the package smooths: the render and halves
 PLAIN, COMPENSATED, DENOISED = "plain", "compensated", "denoised"  # what is done about the render's noise
 
-Rung = dict[str, float]
-"""All blocks of one size of one run: "passes", "blocks" and "seconds" of one; where measured the squared errors of
-"electrons", "irradiance", "dn", and "variance_dn2" between frames."""
+Rung = dict[str, float]  # of all blocks of a size: "passes", "blocks", "seconds", squared errors, "variance_dn2"
 
 
 class Reference(NamedTuple):
@@ -110,9 +105,8 @@ def render_reference(subject: Subject, setting: RenderSetting) -> Reference:
     grouped = setting.banding == "cube"
     series = Series(subject, setting._replace(samples=SAMPLES_OF_FOUR if grouped else SAMPLES))
     render, one = series.job.render, StopCriterion(1, series.setting.samples, grouped=grouped)
-    render(SEED, one)  # compiles
-    passes = max(math.ceil(REFERENCE_S / render(SEED, one).statistics.seconds), FEWEST_PASSES)
-    light = render(SEED, replace(one, passes=passes))
+    _, second = render(SEED, one), render(SEED, one)  # the first compiles
+    light = render(SEED, replace(one, passes=max(math.ceil(REFERENCE_S / second.statistics.seconds), FEWEST_PASSES)))
     electrons, variance_e2 = series.job.renderer.electrons()
     return Reference(light, series.light(light.data.astype(np.float64), electrons), electrons, variance_e2)
 
@@ -149,8 +143,7 @@ def frame_exposure(series: Series, target: Target, passes: int) -> FrameExposure
     shown = target.seen & (noise <= np.quantile(noise[target.seen], 1 - NOISIEST))
 
     def enough(share: float, count: float) -> bool:
-        """Whether so many passes are quiet enough at a share of the exposure, as render/per_frame.py decides: by the
-        median, and by what is left; and whether the median pixel is below full well."""
+        """Whether so many passes are quiet enough at a share of the exposure, as render/per_frame.py decides."""
         light, dark = share * target.own.electrons[shown], share * dark_e
         variance = share**2 * one_pass_e2[shown] / count  # electrons go with the exposure, this with its square
         total = np.maximum(light + dark, TINY)

@@ -19,9 +19,7 @@ from ...render.passes import FEWEST, MOST_IN_ALL, SAMPLER
 from ...render.photons import collect
 from ...render.stop_criterion import stop_criterion_of
 from ...render.variants import use
-from ..kit import Kit, Step
-from ..statistics import Array, Slope, slope_of_runs
-from ..subject import Subject
+from ..kit import Array, Kit, Slope, Step, Subject, slope_of_runs
 from . import errors
 from .errors import DENOISED, PLAIN, Ladder, Rung, Target
 from .series import Choice, RenderSetting, Series, all_settings, usable_variants
@@ -37,7 +35,7 @@ THEORY = -0.5  # slope of an unbiased mean of independent passes; of its varianc
 WITHIN = 0.05  # how near a slope must come, or as near as its interval is wide
 FEWEST_RUNGS = 3  # that make a slope
 FRAME_SIGMA = 0.01  # how much too large the temporal σ of a frame may be
-SAMPLE_COUNTS = [2**k * part // 2 for k in range(4, MOST_IN_ALL.bit_length()) for part in (2, 3)]  # 16, 24, 32, 48 …
+SAMPLE_COUNTS = [n for k in range(3, 24) for n in (2 * 2**k, 3 * 2**k) if n <= MOST_IN_ALL]  # 16, 24, 32, 48 …
 MARGIN = 1.1  # on the samples that a check asks for: its error is known to some percent
 
 
@@ -55,8 +53,7 @@ class Render:
         self._base = RenderSetting(self._variants[0].name)
         self.smooth = False
         with suppress(InputError):  # Open Image Denoise is not installed
-            library()
-            self.smooth = True
+            self.smooth = bool(library())
         self.checks: list[tuple[Choice, dict[str, float]]] = []
         self.reached = False  # whether the recommended options were rendered and kept the tolerance
         self._open: Series | None = None
@@ -165,26 +162,23 @@ class Result(NamedTuple):
         clear = [(passes, s, math.sqrt(x - own), error) for passes, s, x, error, _ in every if x - own > own]
         return [Point(passes, seconds, root, error / (2 * root)) for passes, seconds, root, error in clear]
 
-    def slope(self, measure: str) -> Slope | None:
-        """Of log error against log seconds, None with too few rungs."""
-        clear, runs = {point.passes for point in self.points(measure)}, []
-        for run in self.runs:
-            rungs = [rung for rung in run[PLAIN] if rung["passes"] in clear]
-            squares = [rung[measure] - self.own[measure] for rung in rungs]
-            if len(rungs) < FEWEST_RUNGS or min(squares) <= 0:
-                return None
-            runs.append(([rung["seconds"] for rung in rungs], [math.sqrt(square) for square in squares]))
-        return slope_of_runs(runs)
-
     @property
-    def slopes(self) -> list[Slope]:
-        """Those that have a theory."""
-        return [slope for measure in ("electrons", "irradiance") if (slope := self.slope(measure)) is not None]
+    def slopes(self) -> dict[str, Slope]:
+        """Of log error against log seconds, by measures that have a theory and enough rungs."""
+        found = {}
+        for measure in ("electrons", "irradiance"):
+            clear, own = {point.passes for point in self.points(measure)}, self.own[measure]
+            runs = [[rung for rung in run[PLAIN] if rung["passes"] in clear] for run in self.runs]
+            if all(len(rungs) >= FEWEST_RUNGS and min(rung[measure] for rung in rungs) > own for rungs in runs):
+                roots = [[math.sqrt(rung[measure] - own) for rung in rungs] for rungs in runs]
+                seconds = [[rung["seconds"] for rung in rungs] for rungs in runs]
+                found[measure] = slope_of_runs(zip(seconds, roots, strict=True))
+        return found
 
     @property
     def verdict(self) -> str:
         """Whether every slope follows theory, as its runs can tell; "" where no error is clear of the reference's."""
-        held = [slope.within(THEORY, max(WITHIN, slope.half_width)) for slope in self.slopes]
+        held = [abs(one.value - THEORY) <= max(WITHIN, one.half_width) for one in self.slopes.values()]
         return ("holds" if all(held) else "off") if held else ""
 
     def sigma(self, treatment: str) -> list[Point]:
@@ -192,11 +186,9 @@ class Result(NamedTuple):
         framed, found = self.ladder.framed, list[Point]()
         for passes, seconds, variance, error, frames in self._means("variance_dn2", treatment):
             assert framed is not None
-            ratio = math.sqrt(variance / framed.variance_dn2)
-            normal = ratio * math.sqrt(
-                0.5 / (framed.pixels * (frames - 1) * len(self.runs))
-            )  # few runs agree by chance
-            found.append(Point(passes, seconds, ratio - 1, max(error / (2 * ratio * framed.variance_dn2), normal)))
+            ratio, count = math.sqrt(variance / framed.variance_dn2), framed.pixels * (frames - 1) * len(self.runs)
+            least = ratio * math.sqrt(0.5 / count)  # few runs agree by chance
+            found.append(Point(passes, seconds, ratio - 1, max(error / (2 * ratio * framed.variance_dn2), least)))
         return found
 
     @property

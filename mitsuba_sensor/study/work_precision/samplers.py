@@ -19,7 +19,7 @@ from ...core import arrays, types
 from ...core.backend import Backend
 from ...sensor.run import choose_backend
 from ..frames import BACKENDS
-from ..statistics import Array
+from ..kit import Array
 
 EXACT, QUANTILE, GAUSSIAN, MEAN_ONLY, GENERATOR = "exact", "quantile", "Gaussian", "mean only", "NumPy Generator"
 SAMPLERS = (EXACT, QUANTILE, GAUSSIAN, MEAN_ONLY, GENERATOR)

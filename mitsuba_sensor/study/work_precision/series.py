@@ -18,7 +18,7 @@ from ...render.photons import photons_per_irradiance
 from ...render.prepared import PreparedRender
 from ...render.stop_criterion import PASS_SPP, StopCriterion
 from ...render.variants import Variant, choose_variant, mitsuba
-from ..subject import Subject
+from ..kit import Subject
 
 SAMPLERS = {"independent": 16, "stratified": 16, "orthogonal": 25, "ldsampler": 16}
 """Mitsuba's others, with a number of samples per pass that each keeps: orthogonal wants the square of a prime."""
