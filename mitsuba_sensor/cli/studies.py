@@ -34,7 +34,6 @@ Texts = list[str]
 PAGE, NUMBERS, MEASUREMENTS = "study.html", "study.json", "measurements"
 STYLES = {"good": "green", "bad": "bold red", "best": "bold green", "dim": "dim", "": ""}  # of a mark
 LONGEST = 48  # rows of a table that a terminal still shows; of a longer one only those that are not as they must be
-WIDEST, GAP = 30, 2  # characters of a column that holds text, and between two columns
 
 study = typer.Typer(
     no_args_is_help=True,
@@ -207,9 +206,9 @@ def _table(table: Table, width: int) -> Iterator[RenderableType]:
     rows = list(zip(table.marks or ("",) * len(table.rows), table.rows, strict=True))
     shown = rows if len(rows) <= LONGEST else [row for row in rows if row[0] in ("bad", "best")][:LONGEST]
     cells = [[f"{v:.3g}" if isinstance(v, float) else text(v) for v in row] for _, row in shown]
-    texts = zip(table.columns, zip(*cells, strict=True) if cells else [()] * len(table.columns), strict=True)
-    longest = (max(map(len, (*heading.split(), "", *column))) for heading, column in texts)  # headings break at spaces
-    count = max(sum(used <= width for used in accumulate(min(one, WIDEST) + GAP for one in longest)), 1)
+    columns = zip(table.columns, zip(*cells, strict=True) if cells else [()] * len(table.columns), strict=True)
+    longest = (max(map(len, (*heading.split(), "", *column))) for heading, column in columns)  # they break at spaces
+    count = max(sum(used <= width for used in accumulate(min(one, 30) + 2 for one in longest)), 1)
     drawn = columns_table(*table.columns[:count])
     for index, column in enumerate(drawn.columns):
         if shown and all(isinstance(row[index], int | float | None) for _, row in shown):

@@ -77,8 +77,7 @@ class Illuminated:
 
     def electrons(self, stages: Chain, sensor: SensorWindow) -> Electrons:
         """Mean electrons that a sensor detects, from which frames of the stages behind the first one can start."""
-        detected: Electrons = stages[0].sample(self.photons, Frame(self.exposure, sensor))
-        return detected
+        return stages[0].sample(self.photons, Frame(self.exposure, sensor))  # type: ignore[no-any-return]
 
     def frame(self, stages: Chain, start: Electrons, sensor: SensorWindow, seed: int) -> Array:
         """The first frame of a seed, (H, W) [DN]; start : detected electrons."""

@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -42,11 +41,6 @@ class Subject:
     def __post_init__(self) -> None:
         check_types(self.camera, self.exposure)
 
-    @property
-    def name(self) -> str:
-        """Of the scene."""
-        return Path(self.scene).stem
-
     @cached_property
     def job(self) -> PreparedRender:
         """The scene as it is."""
@@ -73,8 +67,7 @@ class Step(NamedTuple):
 class Kit:
     """Measures what is not measured yet, and says how long that will take. new : how many it measured itself.
 
-    known : (value, seconds that it took) by key; as files (io/measurements.py), they let a stopped study go on.
-    """
+    known : (value, seconds that it took) by key; as files (io/measurements.py), they let a stopped study go on."""
 
     def __init__(self, known: Values | None = None, progress: Progress | None = None) -> None:
         self.known = {} if known is None else known

@@ -30,11 +30,11 @@ from mitsuba_sensor.study.kit import Kit, Subject, slope_of_runs
 from mitsuba_sensor.study.page import Plot, Section, Study
 from mitsuba_sensor.study.work_precision import errors as errors_module
 from mitsuba_sensor.study.work_precision import render as render_module
-from mitsuba_sensor.study.work_precision import series as series_module
+from mitsuba_sensor.study.work_precision import settings as settings_module
 from mitsuba_sensor.study.work_precision import work_precision
 from mitsuba_sensor.study.work_precision.errors import FEWEST_COMPENSATED, Ladder
 from mitsuba_sensor.study.work_precision.render import SAMPLE_COUNTS, Render, Result, corrected, predict
-from mitsuba_sensor.study.work_precision.series import (
+from mitsuba_sensor.study.work_precision.settings import (
     Block,
     Choice,
     RenderSetting,
@@ -81,8 +81,8 @@ def quick() -> Any:
         for name in ("FEWEST_PASSES", "FEWEST_FRAMED", "MOST_PASSES"):
             patch.setattr(render_module, name, PASSES)
         patch.setattr(errors_module, "REFERENCE_S", 0.0)
-        patch.setattr(series_module, "SIZES", (4, 36))
-        patch.setattr(series_module, "SAMPLERS", {"independent": 16})
+        patch.setattr(settings_module, "SIZES", (4, 36))
+        patch.setattr(settings_module, "OTHERS", {"independent": 16})
         yield
 
 

@@ -29,7 +29,9 @@ from mitsuba_sensor.study.frames import Replicas, averages, expected_moments, re
 from mitsuba_sensor.study.kit import Kit, Step, Subject, one_turn, ratio, spread
 from mitsuba_sensor.study.page import Plot, Section, Table
 from mitsuba_sensor.study.work_precision import sensor as measured
-from mitsuba_sensor.study.work_precision.samplers import (
+from mitsuba_sensor.study.work_precision.sensor import Results, Sensor, change
+from mitsuba_sensor.study.work_precision.sensor_page import findings, sensor_section
+from mitsuba_sensor.study.work_precision.settings import (
     EXACT,
     GAUSSIAN,
     GENERATOR,
@@ -43,8 +45,6 @@ from mitsuba_sensor.study.work_precision.samplers import (
     law_of,
     law_of_counts,
 )
-from mitsuba_sensor.study.work_precision.sensor import Results, Sensor, change
-from mitsuba_sensor.study.work_precision.sensor_page import findings, sensor_section
 
 CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.1)
 SUBJECT = Subject("", CAMERA, EXPOSURE)

@@ -6,6 +6,7 @@ import statistics
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from functools import cache, partial
+from pathlib import Path
 
 from ...core import InputError, require, require_seed
 from ...render.requirements import render_requirements
@@ -17,8 +18,6 @@ from ..page import Bars, Mark, MarkedRow, Part, Section, Study, Table, study_of,
 from .render import AOVS, APERTURE, ERROR_BARS, WHOLE_RENDERS, measures
 from .sensor import CALL_S, DETECTION, KERNEL_S, LOOKED_AT, PLAN, SENSORS, SHAPE, WHOLE, SensorAblation, SensorResults
 
-FRAMES = 24  # of each of the sensors: 1536 frames of each chain
-SPP = 32  # samples per pixel of each render. Most of their noise is in both pictures that are compared
 FEWEST_PASSES = 4  # two in each half, so that both have a standard error
 SAMPLE_NS = 4000.0  # per light path (30 bands) on two cores of an AMD EPYC: for the estimate before any measurement
 LABELS = {PLAN: "all that the plan leaves out"}
@@ -27,7 +26,7 @@ SHOWN = 0.05  # share of a render's seconds from which on a sentence speaks of t
 
 
 def ablation(
-    kit: Kit, subject: Subject, *, tolerance_dn: float = 0.02, frames: int = FRAMES, seed: int = 1, serial: int = 1
+    kit: Kit, subject: Subject, *, tolerance_dn: float = 0.02, frames: int = 24, seed: int = 1, serial: int = 1
 ) -> Study:
     """What each stage and each feature does to the picture, in theory and in frames, and what it costs.
 
@@ -39,7 +38,7 @@ def ablation(
     if require_seed("frames", frames) < 2:
         raise InputError(f"frames is {frames}; a sensor needs at least 2 frames to show its temporal noise (e.g. 16).")
     replicas = Replicas(SENSORS, frames, require_seed("seed", seed), require_seed("serial", serial))
-    spp, camera, exposure = subject.options.get("spp", SPP), subject.camera, subject.exposure
+    spp, camera, exposure = subject.options.get("spp", 32), subject.camera, subject.exposure
     criterion = stop_criterion_of({"spp": spp})
     if criterion.passes < FEWEST_PASSES:
         raise InputError(f"spp is {spp}; the study compares halves of the passes: ask for at least {FEWEST_PASSES}.")
@@ -53,26 +52,22 @@ def ablation(
         return {"features": list(here), "missing": missing, "columns": columns, "rows": rows}
 
     def requirements() -> list[Values]:
-        found = render_requirements(light(), camera, exposure, gain_dn_per_e(camera), tolerance_dn)
-        return [asdict(one) for one in found]
-
-    def without(name: str) -> Values:
-        return ways()[0][name]()
+        return [*map(asdict, render_requirements(light(), camera, exposure, gain_dn_per_e(camera), tolerance_dn))]
 
     found = kit.measure("loading the scene", 60.0, scene)
     pixels = found["columns"] * found["rows"]
     render_s = criterion.passes * (CALL_S + 1e-9 * SAMPLE_NS * pixels * criterion.samples)
     sensor = SensorAblation(kit, subject, light, tolerance_dn, replicas)
     steps = [Step("rendering the scene", KERNEL_S + render_s, requirements), *sensor.steps(pixels)]
-    expected_s = dict.fromkeys(found["features"], KERNEL_S + 2 * render_s)
+    expected_s = dict.fromkeys(found["features"], KERNEL_S + 2 * render_s)  # AOVs and error bars are always among them
     expected_s |= {AOVS: 1.0, ERROR_BARS: KERNEL_S + 2 * (WHOLE_RENDERS + 1) * render_s}
-    steps += (Step(f"render: {one}", expected_s[one], partial(without, one)) for one in found["features"])
+    steps += (Step(f"render: {one}", s, partial(lambda name: ways()[0][name](), one)) for one, s in expected_s.items())
     kit.take(steps)
     changes = {name: kit[f"render: {name}"] for name in found["features"]}
     shown = render_section(changes, found["missing"], kit["rendering the scene"], tolerance_dn)
     sections = sensor_section(SensorResults(sensor), replicas, tolerance_dn), shown
     about = f"{found['columns']} × {found['rows']} pixels, {exposure.time_s:g} s, {exposure.temperature_k:g} K"
-    return study_of("ablation", f"What {subject.name} and {camera.name} can do without ({about})", sections)
+    return study_of("ablation", f"What {Path(subject.scene).stem} and {camera.name} can do without ({about})", sections)
 
 
 def sensor_section(results: SensorResults, replicas: Replicas, tolerance_dn: float) -> Section:

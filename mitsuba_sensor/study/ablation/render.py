@@ -20,9 +20,7 @@ from ...sensor.gains import gain_dn_per_e
 from ..kit import Array, Known, Subject, Values, in_turns, one_turn, standard_error
 from .sensor import FEWEST_PIXELS, WORST
 
-FLAT_TO_MM = 1e6  # to this image height a lens without fall-off is as bright as on its axis: beyond any sensor
 WHOLE_RENDERS = 3  # with and without error bars: no pass of the one is one of the other
-LAST_DIGIT = 1e-6  # of the mean signal: below it a change is one of float32 films
 AS_IT_IS, WITHOUT = "as it is", "without"
 APERTURE, ERROR_BARS, AOVS = "depth of field", "error bars", "AOVs"
 
@@ -57,7 +55,7 @@ def measures(subject: Subject, criterion: StopCriterion, seed: int) -> tuple[dic
     why = "electrons come in bursts, which needs bands" if cube else "the scene asks for one band, or for channels"
     curve = lens.transmission_curve or (1.0,)
     mean = lens.transmission * math.fsum(curve) / len(curve)  # one number for all wavelengths
-    flat = {"relative_illumination": (1.0, 1.0), "relative_illumination_heights_mm": (0.0, FLAT_TO_MM)}
+    flat = {"relative_illumination": (1.0, 1.0), "relative_illumination_heights_mm": (0.0, 1e6)}  # beyond any sensor
     plain = {"transmission": mean, "transmission_curve": None, "transmission_wavelengths_nm": None}
     straight = dict.fromkeys(("distortion", "distortion_percent", "distortion_heights_mm"))
     curved = lens.distortion is not None or lens.distortion_percent is not None
@@ -122,7 +120,7 @@ def compared(base: Array, changed: Array, theory: Array | None, full_dn: float) 
         values, errors = zip(*(_over(*halves[1 - k][:2], _worst(halves[k][0])) for k in (0, 1)), strict=True)
         return {**found, "worst_dn": 0.5 * sum(values), "worst_error": 0.5 * math.hypot(*errors), "predicted": None}
     expected, *_ = _change(base, theory, full_dn)
-    weights, least = _worst(expected), LAST_DIGIT * signal_dn
+    weights, least = _worst(expected), 1e-6 * signal_dn  # below which a change is one of float32 films
     rest = np.where(unsaturated, changed - theory, 0.0)
     value, error = _over(off, each, weights)
     said, rest_error = _over(expected, rest, weights)

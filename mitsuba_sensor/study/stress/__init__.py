@@ -1,7 +1,4 @@
-"""``study stress``: every stage on every engine at the edge of what is allowed, and condition numbers.
-
-A condition number tells how far one float32 step of an input moves mean and noise, in float64 theory before rounding.
-"""
+"""``study stress``: every stage on every engine at the edge of what is allowed; condition numbers of float32 steps."""
 
 from __future__ import annotations
 
@@ -24,8 +21,6 @@ from . import light, volts, whole
 from .case import ENGINES, NAME, NO_ENGINE, RENDERERS, SCALAR, Engine, Got, Rows, table1
 
 ASKED = (NO_ENGINE, *ENGINES, *RENDERERS)  # columns of the grid
-CONDITIONS_S = 2.5  # how long the condition numbers take on two cores [s]
-MILLION = "A million samples per pixel, relative error of the irradiance"
 GRID_NOTE = "No engine: formulas of single numbers, and what is refused before anybody computes. Not here: an engine "
 GRID_NOTE += "that this machine does not have."
 SHOWN, BARS = 5, 3  # condition numbers of each camera in the table and in the plot
@@ -91,7 +86,7 @@ def stress(kit: Kit) -> Study:
     pairs = [(k, theme, engine) for k, theme in enumerate(THEMES) for engine in theme.asked if engine.problem is None]
     here = {f"{k}: {theme.name} | {engine.name}": (theme, engine) for k, theme, engine in pairs}
     steps = [Step(key, pair[0].seconds, partial(verdicts_of, *pair)) for key, pair in here.items()]
-    kit.take([*steps, Step("condition numbers", CONDITIONS_S, sensitivities)])
+    kit.take([*steps, Step("condition numbers", 2.5, sensitivities)])
     verdicts: Verdicts = {}
     for key, (_, engine) in here.items():
         for case, got in kit[key]:
@@ -109,11 +104,12 @@ def findings(verdicts: Verdicts, seconds: float) -> list[str]:
     failed = [(case, engine, got) for case, engine, got in rows if not got.passed]
     held, engines = len(verdicts) - len({case for case, _, _ in failed}), dict.fromkeys(engine for _, engine, _ in rows)
     names = ", ".join(engine for engine in engines if engine != NO_ENGINE.name)
+    million = "A million samples per pixel, relative error of the irradiance"
     return [
         f"{held} of {len(verdicts)} cases hold on {names}: {len(rows)} verdicts in {seconds:.0f} s.",
         *(f"Fails: {' | '.join(case[:3])}, {e}: {got.text}; expected {case[3]}." for case, e, got in failed[:5]),
         *(f"Not here: {engine.name} ({engine.problem})." for engine in ASKED if engine.problem),
-        *(f"{MILLION}: {got.text}." for case, _, got in rows if case[2] == light.MILLION_SAMPLES),
+        *(f"{million}: {got.text}." for case, _, got in rows if case[2] == light.MILLION_SAMPLES),
     ]
 
 

@@ -25,7 +25,6 @@ from ...sensor.stage import propagate
 from .case import RARE, SIGMAS, TENTH, Engine, Rows, agree, holds, relative, shown, stage_of, table1, to_numpy, together
 
 SKY = Path(__file__).with_name("sky.xml")
-F_NUMBER = 2.8  # of Table 1's lens (cameras/konnik_table1.toml)
 LEVEL = 0.07  # radiance [W m⁻² sr⁻¹ nm⁻¹]; no multiple of it is exact in float32, so that sums are rounded
 SPP = 16  # samples per pixel where their number is not the question
 LARGEST_PASS = 1024  # samples per pixel that a pass may have, so that it loses 3e-5 at most
@@ -65,7 +64,7 @@ def one_film(engine: Engine, bands: Bands, samples: int, size: int, repaired: bo
 
 def irradiance(radiance: float = LEVEL) -> float:
     """E = π·L/(4N²) [W m⁻² nm⁻¹]."""
-    return math.pi * radiance / (4 * F_NUMBER**2)
+    return math.pi * radiance / (4 * 2.8**2)  # of Table 1's lens
 
 
 def lost(samples: int) -> float:

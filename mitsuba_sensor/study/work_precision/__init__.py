@@ -17,7 +17,6 @@ from .sensor import Results, Sensor
 from .sensor_page import sensor_section
 
 SIDES = ("render", "sensor")
-CLEAR = 3.0  # standard errors that a σ which is right may be off
 SECONDS = "wall time of a render [s]"
 FRAMES = {PLAIN: "render noise on top", COMPENSATED: "render noise compensated", DENOISED: "denoised"}
 SEEN = "Over all pixels below full well"
@@ -67,7 +66,7 @@ def render_section(found: Render) -> Section:
     plots, tables = (*diagrams, sigma), (_choices(found), _settings(found), frames, _references(found))
     parts: tuple[Part, ...] = *(one for one in plots if one.lines), *(one for one in tables if one.rows)
     framed = [point for one in found.results for point in one.sigma(COMPENSATED)[-1:]]  # of the longest renders
-    passed = all(abs(point.error) <= FRAME_SIGMA + CLEAR * point.spread for point in framed)
+    passed = all(abs(point.error) <= FRAME_SIGMA + 3.0 * point.spread for point in framed)  # three standard errors
     passed = passed and all(one.verdict != "off" for one in found.results)
     return Section((_advice(found), *_findings(found, diagrams[0])), passed, parts)
 
@@ -133,9 +132,7 @@ def _frames_parts(found: Render) -> tuple[Plot, Table]:
     """Temporal σ of frames over what it must be, drawn and in numbers."""
     lines: list[Line] = []
     rows: list[MarkedRow] = []
-    for one, framed in ((one, one.ladder.framed) for one in found.results):
-        if framed is None:
-            continue
+    for one, framed in ((one, framed) for one in found.results if (framed := one.ladder.framed)):
         by = {name: {point.passes: point for point in one.sigma(name)} for name in FRAMES}
         for name, points in by.items():
             if places := [(point.seconds, 1 + point.error, point.spread) for point in points.values()]:

@@ -22,18 +22,16 @@ from ...render.variants import use
 from ..kit import Array, Kit, Slope, Step, Subject, slope_of_runs
 from . import errors
 from .errors import DENOISED, PLAIN, Ladder, Rung, Target
-from .series import Choice, RenderSetting, Series, all_settings, usable_variants
+from .settings import Choice, RenderSetting, Series, all_settings, usable_variants
 
 RUN_S = 2.5  # seconds that the passes of one run may take: so long is its ladder
 FEWEST_PASSES, FEWEST_FRAMED, MOST_PASSES = 4, 32, 256  # of a run: for three rungs; for frames of two sizes; for nine
 PILOT = 2  # passes that tell the time of one, after the first has compiled
 COMPILE_S, COMPARING = 6.0, 1.4  # as expected until the first pass; of a run, over the seconds of its passes
-CHECK_S = 15.0  # a recommendation that takes longer is not checked
-CHECKS = 3  # renders of the recommended options, with more samples after each that missed
+CHECK_S, CHECKS = 15.0, 3  # no longer recommendation is checked; renders of one, with more samples after a miss
 CHECK_SEEDS = (1001, 1002)  # no run and no reference has them. The first compiles, the second is timed
 THEORY = -0.5  # slope of an unbiased mean of independent passes; of its variance, twice that
-WITHIN = 0.05  # how near a slope must come, or as near as its interval is wide
-FEWEST_RUNGS = 3  # that make a slope
+WITHIN, FEWEST_RUNGS = 0.05, 3  # how near a slope must come, or as near as its interval is wide; that make a slope
 FRAME_SIGMA = 0.01  # how much too large the temporal σ of a frame may be
 SAMPLE_COUNTS = [n for k in range(3, 24) for n in (2 * 2**k, 3 * 2**k) if n <= MOST_IN_ALL]  # 16, 24, 32, 48 …
 MARGIN = 1.1  # on the samples that a check asks for: its error is known to some percent
@@ -193,8 +191,7 @@ class Result(NamedTuple):
 
     @property
     def plain_s(self) -> float | None:
-        """Seconds after which a frame on top of a render has a σ that is FRAME_SIGMA too large, at the frames' own
-        exposure: the excess of its variance falls as 1/t. None where no excess was seen."""
+        """Seconds after which a frame has a σ that is FRAME_SIGMA too large: excess variance falls as 1/t; or None."""
         every = [(point.seconds, 1 + point.error, point.spread) for point in self.sigma(PLAIN)]
         if not every:
             return None
@@ -215,10 +212,7 @@ class Result(NamedTuple):
 
 
 def predict(result: Result, sizes: Sequence[Result], spp: int) -> tuple[float, float] | None:
-    """Seconds and error of --spp in a setting; None where the bands would not be rendered apart.
-
-    sizes : of the base setting, for each size of pass: what they gain and cost there is taken to be the same here.
-    """
+    """Seconds and error of --spp in a setting, None if its bands are not apart; sizes : the base setting by size of pass."""
     criterion = stop_criterion_of({"spp": spp}, result.ladder.groups)
     if criterion.grouped != (result.ladder.groups > 1):
         return None

@@ -18,21 +18,19 @@ from ...sensor.precision import LARGEST_DN, SHARE
 from ...sensor.stage import Chain
 from .. import frames
 from ..kit import Array, Kit, Numbers, Step, Subject, Values, one_turn, pareto, ratio, spread
-from .samplers import GAUSSIAN, GENERATOR, MEAN_ONLY, OWN, QUANTILE, REFERENCE, FrameSetting, drawn_law
+from .settings import GAUSSIAN, GENERATOR, MEAN_ONLY, OWN, QUANTILE, REFERENCE, FrameSetting, drawn_law
 
 ENGINES = ("numpy", "drjit", "cuda")
 TOLERANCES_DN = (0.0, 0.02, 0.2, 1.0, 5.0)  # of the plans that are tried
 MEANS = (0.01, 0.1, 1.0, 10.0, 100.0, 1e4, 1e6)  # of the Poisson laws that are compared [events]
 TURNS = 7  # in each of which every setting makes frames
-LARGE = (1024, 1024)  # pixels of the frames that are timed and compared pixel by pixel, however small the render
-SMALL = (128, 128)  # pixels of the frames whose moments are measured, on each sensor
+LARGE, SMALL = (1024, 1024), (128, 128)  # frames that are timed and compared by pixels; whose moments are measured
 REPLICAS = frames.Replicas(sensors=32, frames=2, seed=2)  # the spread between sensors is the standard error
 LEVELS = 5  # groups of equally many pixels, from the darkest to the brightest, whose moments are averaged
 EXPECTED_S = {"numpy": 0.2, "drjit": 0.02, "cuda": 0.002}  # of a large frame, before anything is measured
 OPENING_S, SHORT_S = 0.5, 0.1  # as expected of a stream's kernel and maps; of moments in theory, and of one law
 VARIATION, VARIATION_UP_TO = 2e-5, 1e4  # how near float32's Poisson law is to the exact one up to this mean [events]
 LEAST_DN = 1e-5  # no change below this is told apart: 0 has no place on a logarithmic axis
-FALSE_ALARM = 1e-3  # chance that some measured change of one setting passes its limit although the true one does not
 SINGLE = FrameSetting("numpy", "float32", QUANTILE)
 
 
@@ -41,6 +39,7 @@ class Sensor:
 
     def __init__(self, kit: Kit, subject: Subject, light: Photons) -> None:
         self.kit, self.subject, self.photons = kit, subject, as_photons(light, subject.camera)
+        self._large, self._small = (frames.resized(self.photons, shape) for shape in (LARGE, SMALL))
         self._streams: dict[str, frames.Stream] = {}
         self._reference: Numbers | None = None
 
@@ -78,9 +77,8 @@ class Sensor:
     def plan(self, tolerance_dn: float | None) -> Values:
         """What a plan leaves of the chain (None: all): "stages", "left_out", "precision"; what theory says of them:
         "moments" by light level (3, levels), "predicted_dn", their change, and "worst_pixel_dn", of any pixel."""
-        if (key := f"plan: {tolerance_dn}") not in self.kit.known:
-            self.kit.measure(key, SHORT_S, partial(self._planned, tolerance_dn))
-        return dict(self.kit[key])
+        key, measure = f"plan: {tolerance_dn}", partial(self._planned, tolerance_dn)
+        return dict(self.kit[key] if key in self.kit.known else self.kit.measure(key, SHORT_S, measure))
 
     def _planned(self, tolerance_dn: float | None) -> Values:
         camera, precision = self.subject.camera, "float64"
@@ -95,14 +93,9 @@ class Sensor:
         found = {"stages": stages, "left_out": left_out, "precision": precision, "moments": moments[0]}
         return {**found, "predicted_dn": frames.in_dn(*moments), "worst_pixel_dn": worst_dn}
 
-    @cached_property
-    def windows(self) -> dict[str, Photons]:
-        """The scene's light on a large window and on a small one."""
-        return {"large": frames.resized(self.photons, LARGE), "small": frames.resized(self.photons, SMALL)}
-
     def expected(self, stages: Chain) -> Array:
         """Moments of every pixel of the small window in theory, (3, H, W)."""
-        return frames.expected_moments(stages, self.windows["small"], self.subject.exposure)
+        return frames.expected_moments(stages, self._small, self.subject.exposure)
 
     @cached_property
     def groups(self) -> dict[str, NDArray[np.intp]]:
@@ -112,7 +105,7 @@ class Sensor:
 
     def stream(self, setting: FrameSetting) -> frames.Stream:
         """Frames of the large window."""
-        light = frames.Illuminated(self.windows["large"], self.subject.exposure, setting.backend())
+        light = frames.Illuminated(self._large, self.subject.exposure, setting.backend())
         return frames.Stream(self.plan(setting.tolerance_dn)["stages"], light)
 
     def first(self, setting: FrameSetting) -> float:
@@ -140,7 +133,7 @@ class Sensor:
     def moments(self, setting: FrameSetting) -> Array:
         """Of frames on the host, by light level, (3, levels, sensors); equal random bits make differences clear."""
         stages = self.plan(setting.tolerance_dn)["stages"]
-        light = frames.Illuminated(self.windows["small"], self.subject.exposure, setting.backend())
+        light = frames.Illuminated(self._small, self.subject.exposure, setting.backend())
         found = light.measured_moments(stages, REPLICAS, self.expected(stages), self.groups)
         return np.stack([*found.values()], axis=1)
 
@@ -175,7 +168,7 @@ def change(found: Array, other: Array, theory: Array, other_theory: Array) -> Ch
     roots = np.sqrt(np.maximum([temporal, [theory[2], other_theory[2]]], 0.0)).sum(axis=1)
     least = np.sqrt(np.maximum(np.maximum(np.abs(value[1:]), error[1:]), np.finfo(float).tiny))
     unit = np.concatenate([np.ones_like(value[:1]), np.maximum(roots, least)])
-    limit = float(stdtrit(off.shape[2] - 1, 1 - FALSE_ALARM / (2 * value.size)))  # Student, Bonferroni
+    limit = float(stdtrit(off.shape[2] - 1, 1 - 1e-3 / (2 * value.size)))  # one study in 1000: Student, Bonferroni
     return Change(value / unit, error / unit, limit * error / unit)
 
 

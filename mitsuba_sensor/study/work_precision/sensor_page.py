@@ -12,8 +12,8 @@ from .. import frames
 from ..kit import ratio
 from ..page import Mark, MarkedRow, Plot, Section, Table, line, ringed, table
 from . import sensor as measured
-from .samplers import GAUSSIAN, GENERATOR, OWN, QUANTILE, REFERENCE, SAMPLERS
 from .sensor import LEAST_DN, SINGLE, Results
+from .settings import GAUSSIAN, GENERATOR, OWN, QUANTILE, REFERENCE, SAMPLERS
 
 USUAL_DN = 0.02  # the tolerance that the first finding is about, where it was tried
 NANOSECONDS, FASTER = "time [ns/pixel]", f"times as fast as {REFERENCE.name}"
