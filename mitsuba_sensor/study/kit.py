@@ -48,8 +48,7 @@ class Subject:
 
     def job_with(self, camera: Camera | None = None, sampler: str = SAMPLER, **options: Any) -> PreparedRender:
         """The scene, loaded for another camera, with another sampler or with other options."""
-        changed = {**self.options, **options}
-        return prepare(self.scene, camera or self.camera, self.exposure, sampler=sampler, **changed)
+        return prepare(self.scene, camera or self.camera, self.exposure, sampler=sampler, **{**self.options, **options})
 
     def render(self, seed: int, **options: Any) -> Irradiance:
         """One render, with these options changed."""

@@ -19,10 +19,7 @@ from .render import AOVS, APERTURE, ERROR_BARS, WHOLE_RENDERS, measures
 from .sensor import CALL_S, DETECTION, KERNEL_S, LOOKED_AT, PLAN, SENSORS, SHAPE, WHOLE, SensorAblation, SensorResults
 
 FEWEST_PASSES = 4  # two in each half, so that both have a standard error
-SAMPLE_NS = 4000.0  # per light path (30 bands) on two cores of an AMD EPYC: for the estimate before any measurement
 LABELS = {PLAN: "all that the plan leaves out"}
-SLACK = 1.05  # A plan looks at some light levels (sensor/plan.py): between them it may move a pixel by so much more
-SHOWN = 0.05  # share of a render's seconds from which on a sentence speaks of them: turns of one differ by as much
 
 
 def ablation(
@@ -56,7 +53,7 @@ def ablation(
 
     found = kit.measure("loading the scene", 60.0, scene)
     pixels = found["columns"] * found["rows"]
-    render_s = criterion.passes * (CALL_S + 1e-9 * SAMPLE_NS * pixels * criterion.samples)
+    render_s = criterion.passes * (CALL_S + 4e-6 * pixels * criterion.samples)  # at first: 4 µs per path of 30 bands
     sensor = SensorAblation(kit, subject, light, tolerance_dn, replicas)
     steps = [Step("rendering the scene", KERNEL_S + render_s, requirements), *sensor.steps(pixels)]
     expected_s = dict.fromkeys(found["features"], KERNEL_S + 2 * render_s)  # AOVs and error bars are always among them
@@ -72,7 +69,9 @@ def ablation(
 
 def sensor_section(results: SensorResults, replicas: Replicas, tolerance_dn: float) -> Section:
     """What the sensor shows. passed : theory and frames agree, and the plan keeps to its tolerance."""
-    keeps = results.theory["cases"][PLAN]["worst_dn"] <= SLACK * tolerance_dn + 1e-9
+    keeps = (
+        results.theory["cases"][PLAN]["worst_dn"] <= 1.05 * tolerance_dn + 1e-9
+    )  # between the levels that it looks at
     parts: tuple[Part, ...] = _changes(results, replicas), _costs(results), *_sensor_bars(results, tolerance_dn)
     return Section(tuple(_sensor_findings(results, tolerance_dn)), results.agree and keeps, parts)
 
@@ -201,7 +200,7 @@ def _row(name: str, found: Known, plan: Mapping[str, Known], tolerance_dn: float
 def _render_findings(rows: Sequence[Known], plan: Mapping[str, Known]) -> Iterator[str]:
     if changing := [row for row in rows if row["changes"]]:
         most = max(changing, key=lambda row: float(row["rms_dn"] or 0.0))
-        dear = most["saved_share"] > SHOWN
+        dear = most["saved_share"] > 0.05  # turns of one render differ by as much
         cost = f"for {most['saved_share']:.0%} of the seconds" if dear else "at no cost that shows"
         yield (
             f"Of the render, the picture depends most on what '{most['name']}' leaves out: {most['rms_dn']:.3g} ± "

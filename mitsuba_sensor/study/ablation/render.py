@@ -26,17 +26,15 @@ APERTURE, ERROR_BARS, AOVS = "depth of field", "error bars", "AOVs"
 
 Measure = Callable[[], Values]
 Load = Callable[[], PreparedRender]
-Theory = Callable[[Irradiance, PreparedRender], Array]  # electrons (H, W) without a feature, from a render with it
+Theory = Callable[[Irradiance, PreparedRender], Array] | None  # electrons (H, W) without a feature, from a render
 
 
 def measures(subject: Subject, criterion: StopCriterion, seed: int) -> tuple[dict[str, Measure], dict[str, str]]:
     """How the change without each feature of this render is measured; of the features that it has not, why not."""
     job, camera, lens, view = subject.job, subject.camera, subject.camera.lens, subject.job.scene.view
+    change = partial(partial, change_without, subject, criterion, seed)  # makes a Measure of what is loaded, and theory
 
-    def change(load: Load, theory: Theory | None = None) -> Measure:
-        return partial(change_without, subject, criterion, seed, load, theory)
-
-    def lens_change(fields: Known, theory: Theory | None = None) -> Measure:
+    def lens_change(fields: Known, theory: Theory = None) -> Measure:
         changes = {f"lens.{name}": value for name, value in fields.items()}
         return change(lambda: subject.job_with(camera.replace(**changes)), theory)
 
@@ -80,7 +78,7 @@ def measures(subject: Subject, criterion: StopCriterion, seed: int) -> tuple[dic
     return {name: measure for name, is_here, _, measure in rows if is_here}, missing
 
 
-def change_without(subject: Subject, criterion: StopCriterion, seed: int, load: Load, theory: Theory | None) -> Values:
+def change_without(subject: Subject, criterion: StopCriterion, seed: int, load: Load, theory: Theory = None) -> Values:
     """The change of the scene that is loaded without a feature, and the seconds of each pass, turn by turn."""
     k, jobs = gain_dn_per_e(subject.camera), {AS_IT_IS: subject.job, WITHOUT: load()}
     pictures: dict[str, list[Array]] = {name: [] for name in (*jobs, "theory")}
@@ -109,8 +107,7 @@ def compared(base: Array, changed: Array, theory: Array | None, full_dn: float) 
 
     mean_dn, rms_dn, worst_dn : change of the mean signal, cut at the full well: averaged over the pixels; root of the
     mean square, freed of noise; averaged over the worst 1 % of the pixels, which theory names, else half of the passes
-    while the others measure.  predicted : by theory, if there is one; z of mean and worst 1 %.
-    """
+    while the others measure.  predicted : by theory, if there is one; z of mean and worst 1 %."""
     off, each, unsaturated = _change(base, changed, full_dn)
     signal_dn, mean_dn = float(np.minimum(base.mean(axis=0), full_dn).mean()), float(off.mean())
     found: Values = {"signal_dn": signal_dn, "mean_dn": mean_dn, "mean_error": standard_error(each.mean(axis=(1, 2)))}

@@ -54,8 +54,7 @@ class Comparison(NamedTuple):
 class Chains:
     """Every chain of a camera under some light, taken as exact: whole, without a stage, planned; and what theory says.
 
-    worst : how far any pixel moves at most [DN], and of what.  groups : all pixels; by chain those that it moves most.
-    """
+    worst : how far any pixel moves at most [DN], and of what.  groups : all pixels; by chain those that move most."""
 
     def __init__(self, camera: Camera, exposure: Exposure, photons: Photons, tolerance_dn: float) -> None:
         self.plan = plan(camera, exposure, photons, tolerance_dn)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from operator import attrgetter
 from typing import Any, NamedTuple
@@ -199,8 +199,7 @@ def of_camera(name: str, camera: Camera, exposure: Exposure) -> Iterator[Sensiti
 def nudges(camera: Camera, light: Photons, exposure: Exposure) -> Iterator[Nudged]:
     """Every input, its value where that is one number, and everything with that input one float32 step away."""
     yield "photons", None, camera, replace(light, mean=light.mean + ulp(light.mean) * (light.mean > 0)), exposure
-    for name in ("time_s", "temperature_k"):
-        value = getattr(exposure, name)
+    for name, value in asdict(exposure).items():
         yield name, value, camera, light, replace(exposure, **{name: nudged(value, 1)})
     for field in (name for name in fields_of(Camera) if name.split(".")[0] not in UNUSED):
         value = attrgetter(field)(camera)
@@ -249,7 +248,7 @@ def conditions(found: Sequence[Sensitivity]) -> Section:
         f"One float32 step of an input moves an output of a shipped camera by {shipped.largest_dn:.2g} DN at most: "
         f"{of}; {only}, at most {worst.largest_dn:.2g} DN: {at}."
     )
-    rows, level = strongest(found, BARS), (NOTICED_DN, f"{NOTICED_DN:g} DN")
+    rows, most, level = strongest(found, BARS), strongest(found, SHOWN), (NOTICED_DN, f"{NOTICED_DN:g} DN")
     labels = tuple(f"{s.camera}: {s.field}, {s.time_s:g} s, {s.level}" for s in rows)
     moved = {name: tuple(s.moved_dn[k] or None for s in rows) for k, name in enumerate(QUANTITIES)}
     bars = Bars("What one float32 step of an input moves", "change [DN]", labels, moved, log_x=True, level=level)
@@ -257,10 +256,7 @@ def conditions(found: Sequence[Sensitivity]) -> Section:
         "Condition numbers: what one float32 step of an input does",
         "camera | time [s] | light, share of well | input | value | mean [DN] | mean moves [DN] | temporal σ moves [DN]"
         f" | spatial σ moves [DN] | condition number of the mean | why above {NOTICED_DN:g} DN",
-        [
-            ("bad" if s.why else "", (*s[:4], s.value or "", s.mean_dn, *s.moved_dn, s.number, s.why))
-            for s in strongest(found, SHOWN)
-        ],
+        (("bad" if s.why else "", (*s[:4], s.value or "", s.mean_dn, *s.moved_dn, s.number, s.why)) for s in most),
         "The strongest inputs of each camera, at the exposure and level where they move most; float64 theory before "
         "rounding. Engines compute such numbers in float64 and round each once; only pixels are float32 all the way. "
         "The condition number is the relative change of the mean over that of the input.",

@@ -20,8 +20,7 @@ EULER_GAMMA = Decimal("0.5772156649015328606065120900824024310421593359399235988
 PAPER = CdsNoise(15.0, 1e6, sample_s=1e-6, dominant_s=0.5e-6, rtn_uv=200.0)  # Konnik & Welsh 2014; 200 µV are ours
 VOLTS_PER_E = 5e-6
 SEAM = 1e-7  # at t_s/τ_D = 1e-4, J = 5e-8 is left of terms of 10, exact to 1e-16; the series there neglects a² = 1e-8
-RATIOS = (1e-9, 1e-6, 1e-4, 0.01, 1.0, 10.0, 100.0, 1e3, 1e6, 1e9)
-TIMES_S = (1e-9, 5e-8, 1e-7, 1e-6, 1e-5, 1e-3, 1.0)
+RATIOS, TIMES_S = (1e-9, 1e-6, 1e-4, 0.01, 1.0, 10.0, 100.0, 1e3, 1e6, 1e9), (1e-9, 5e-8, 1e-7, 1e-6, 1e-5, 1e-3, 1.0)
 COUPLINGS = (0.0, 5e-324, 0.25, 0.45, 0.49, 0.4999)
 
 

@@ -23,7 +23,6 @@ from ...sensor.gains import adc_gain_dn_per_v
 from .case import NAME, RARE, SIGMAS, TENTH, Engine, Rows, agree, holds, refusal, shown, table1, to_numpy, together
 
 SHAPE, TILE = (64, 64), (2, 2)  # 5 standard errors are 8 % of a pixel's σ, 60 % of a column's; theory has one tile
-ROUNDINGS = 16  # A number that went through a chain is some unit roundoffs off: one for each operation
 COMPARED = 1e-2 * FLOAT32_LIMIT  # engines count no further than the limit; no pixel's share of an FPN is a hundredth
 NODE_OPTIONS = {"readout.reset": "hard", "readout.dsnu_row": 5e-4, "readout.prnu_col": 2e-3, "pixel.dsnu_e": 20.0}
 CURVES = {"readout.ve_nonlinearity": 0.5, "source_follower.vv_nonlinearity": 1.05, "adc.gamma": 1.04}
@@ -73,7 +72,7 @@ def seen_behind(name: str, condition: Condition, engine: Engine) -> dict[str, tu
         if all(np.isfinite(x).all() for x in (values, *parts)):
             mean = np.tile(np.minimum(theory.mean, COMPARED) * tile, np.floor_divide(SHAPE, TILE))
             error = math.sqrt(float(np.mean(parts[1])) / values.size + float(np.mean(parts[2])) / averaged)
-            explained = RARE * unit / values.size + ROUNDINGS * engine.unit * float(np.abs(mean).max())
+            explained = RARE * unit / values.size + 16 * engine.unit * float(np.abs(mean).max())  # operations
             beyond = max(abs(float(np.mean(np.minimum(values, COMPARED) - mean))) - explained, 0.0)
             off = beyond / error if error else (math.inf if beyond else 0.0)
         found[stage.label] = float(values[lit].min()), float(values[lit].max()), off

@@ -34,13 +34,9 @@ from ..kit import Array, Subject
 from .settings import Block, RenderSetting, Series, in_blocks
 
 REFERENCE_S = 15.0  # seconds that each reference may take, as its first passes tell
-FEWEST_PASSES = 8  # of a reference: its variance is the spread of its passes, averaged over all pixels
-SAMPLES, SAMPLES_OF_FOUR = 256, 64  # per pass, of all bands and of four at a time (benchmarks/render_passes.py)
 STEP, PILOT = 0.01, 8  # relative, of the light, for the slope of the DN; passes whose spread tells how noisy one is
 FEWEST_COMPENSATED = 8  # passes from which a variance can be compensated: 7 degrees of freedom (render/per_frame.py)
-DIMMER, DIMMEST = 2.0**-0.25, 2.0**-30  # steps in which the exposure is shortened; there any render is compensable
 TINY = float(np.finfo(float).tiny)
-MOST_BLOCKS = 16  # of a size up to which digital numbers are looked at; their moments and frames take as long as a pass
 MOST_SMOOTHED, SMOOTHINGS = 4, 3  # blocks of a size that are denoised; what the package smooths: the render and halves
 PLAIN, COMPENSATED, DENOISED = "plain", "compensated", "denoised"  # what is done about the render's noise
 
@@ -98,10 +94,10 @@ class Target:
 def render_reference(subject: Subject, setting: RenderSetting) -> Reference:
     """Render as many passes as the time allows. Raises InputError for a scene without light."""
     grouped = setting.banding == "cube"
-    series = Series(subject, setting._replace(samples=SAMPLES_OF_FOUR if grouped else SAMPLES))
+    series = Series(subject, setting._replace(samples=64 if grouped else 256))  # benchmarks/render_passes.py
     render, one = series.job.render, StopCriterion(1, series.setting.samples, grouped=grouped)
     _, second = render(0, one), render(0, one)  # the first compiles; runs have seeds 1, 2, …
-    light = render(0, replace(one, passes=max(math.ceil(REFERENCE_S / second.statistics.seconds), FEWEST_PASSES)))
+    light = render(0, replace(one, passes=max(math.ceil(REFERENCE_S / second.statistics.seconds), 8)))
     electrons, variance_e2 = series.job.renderer.electrons()
     return Reference(light, series.light(light.data.astype(np.float64), electrons), electrons, variance_e2)
 
@@ -147,8 +143,8 @@ def frame_exposure(series: Series, target: Target, passes: int) -> FrameExposure
         return bool(quiet and np.median(total) < camera.pixel.full_well_e)
 
     share, count = 1.0, max(passes / 8, FEWEST_COMPENSATED)  # noise just compensable
-    while not enough(share, count) and share > DIMMEST:
-        share *= DIMMER
+    while not enough(share, count) and share > 2.0**-30:  # where any render is compensable
+        share *= 2.0**-0.25
     while count > FEWEST_COMPENSATED and enough(share, count / 2):
         count /= 2
     dimmed = Exposure(share * exposure.time_s, exposure.temperature_k)
@@ -203,7 +199,7 @@ class Run:
         off = {"electrons": block.electrons - target.own.electrons}
         if self._series.bands.kind != "channels":
             off["irradiance"] = block.irradiance - target.bands.light.data
-        if block.passes * MOST_BLOCKS >= ladder.passes:
+        if 16 * block.passes >= ladder.passes:  # moments and frames take as long as a pass
             light = self._series.light(block.irradiance, block.electrons)
             off["dn"] = mean_dn(target.subject, light) - target.mean_dn
             if ladder.framed is not None and FEWEST_COMPENSATED <= block.passes < ladder.passes:

@@ -26,10 +26,8 @@ from .settings import Choice, RenderSetting, Series, all_settings, usable_varian
 
 RUN_S = 2.5  # seconds that the passes of one run may take: so long is its ladder
 FEWEST_PASSES, FEWEST_FRAMED, MOST_PASSES = 4, 32, 256  # of a run: for three rungs; for frames of two sizes; for nine
-PILOT = 2  # passes that tell the time of one, after the first has compiled
 COMPILE_S, COMPARING = 6.0, 1.4  # as expected until the first pass; of a run, over the seconds of its passes
 CHECK_S, CHECKS = 15.0, 3  # no longer recommendation is checked; renders of one, with more samples after a miss
-CHECK_SEEDS = (1001, 1002)  # no run and no reference has them. The first compiles, the second is timed
 THEORY = -0.5  # slope of an unbiased mean of independent passes; of its variance, twice that
 WITHIN, FEWEST_RUNGS = 0.05, 3  # how near a slope must come, or as near as its interval is wide; that make a slope
 FRAME_SIGMA = 0.01  # how much too large the temporal σ of a frame may be
@@ -99,7 +97,7 @@ class Render:
         series = Series(self._subject, setting)
         list(series.passes(0, 1))
         first_s = time.perf_counter() - began
-        pass_s = min(block.seconds for block in series.passes(0, PILOT))
+        pass_s = min(block.seconds for block in series.passes(0, 2))
         framed = setting in (self._base, self._base._replace(banding="channels"))
         passes = 2 ** max(math.floor(math.log2(max(RUN_S / pass_s, 1.0))), 0)
         passes = int(np.clip(passes, FEWEST_FRAMED if framed else FEWEST_PASSES, MOST_PASSES))
@@ -124,8 +122,8 @@ class Render:
             found = self.kit.measure(f"check: {choice.options}", 2 * choice.seconds + COMPILE_S, measure)
             self.checks.append((choice, found))
             self.reached = found["error"] <= self.tolerance
-            again = not self.reached and len(self.checks) < CHECKS
-            choice = corrected(choice, found["error"], self.tolerance) if again else None
+            more = corrected(choice, found["error"], self.tolerance)
+            choice = None if self.reached or len(self.checks) == CHECKS else more
 
 
 class Point(NamedTuple):
@@ -212,7 +210,7 @@ class Result(NamedTuple):
 
 
 def predict(result: Result, sizes: Sequence[Result], spp: int) -> tuple[float, float] | None:
-    """Seconds and error of --spp in a setting, None if its bands are not apart; sizes : the base setting by size of pass."""
+    """Seconds and error of --spp in a setting, None if its bands are not apart; sizes : of pass, the base setting's."""
     criterion = stop_criterion_of({"spp": spp}, result.ladder.groups)
     if criterion.grouped != (result.ladder.groups > 1):
         return None
@@ -262,7 +260,7 @@ def checked(choice: Choice, target: Target) -> dict[str, float]:
     """Render with these very options and compare with the reference: seconds and relative error of electrons."""
     subject, squares = target.subject, []
     asked = {name: getattr(choice, name) for name in ("spp", "spectral", "denoise", "variant")}
-    for seed in CHECK_SEEDS:
+    for seed in (1001, 1002):  # no run and no reference has them; the first compiles, the second is timed
         light = subject.render(seed, **asked)
         off = errors.electrons_of(collect(light, subject.camera, subject.exposure), subject) - target.own.electrons
         squares.append(target.mean_square("electrons", off) - target.squares["electrons"])

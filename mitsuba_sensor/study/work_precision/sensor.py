@@ -75,8 +75,7 @@ class Sensor:
                 yield Step(f"Poisson law, mean {mean:g}: {one.name}", SHORT_S, partial(drawn_law, one, mean))
 
     def plan(self, tolerance_dn: float | None) -> Values:
-        """What a plan leaves of the chain (None: all): "stages", "left_out", "precision"; what theory says of them:
-        "moments" by light level (3, levels), "predicted_dn", their change, and "worst_pixel_dn", of any pixel."""
+        """What a plan leaves of the chain (None: all), and what theory says of it by light level (3, levels)."""
         key, measure = f"plan: {tolerance_dn}", partial(self._planned, tolerance_dn)
         return dict(self.kit[key] if key in self.kit.known else self.kit.measure(key, SHORT_S, measure))
 
@@ -202,12 +201,10 @@ class Results:
         self.plans = {dn: sensor.plan(dn) for dn in TOLERANCES_DN}
         key, whole = "Poisson law, mean {:g}: {}".format, [one.name for one in self.rows if one.tolerance_dn is None]
         self.laws = {name: {mean: sensor.kit[key(mean, name)] for mean in MEANS} for name in whole}
-        points = [(row.ns.median, row.error_dn) for row in self.rows.values()]
-        self.front = [list(self.rows)[i] for i in pareto(points)]  # those that no other beats in time and error
+        self.front = [[*self.rows][i] for i in pareto([(row.ns.median, row.error_dn) for row in self.rows.values()])]
 
     def recommended(self, dn: float) -> Row:
-        """The fastest that the package offers whose frames keep within the tolerance, as the reference does; of several
-        that cannot be told from the fastest (its upper quartile is not reached) the nearest to the reference."""
+        """The fastest own setting whose frames keep the tolerance; of those below its upper quartile the nearest."""
         fit = [
             row
             for one, row in self.rows.items()

@@ -102,8 +102,8 @@ def _settings_table(results: Results) -> Table:
         steps = share, row.pixels.get("largest_dn"), row.pixels.get("rms_dn"), plain if one.compiled else None
         mark: Mark = "dim" if one.sampler not in OWN else "best" if one in results.front else ""
         rows.append((mark, (one.name, *times, *steps, *row.change.worst[:2], *row.theory.worst[:2])))
-    for engine, problem in results.absent.items():
-        rows.append(("dim", (f"{engine}: not here ({problem})", *(None,) * (len(rows[0][1]) - 1))))
+    none = (None,) * (len(rows[0][1]) - 1)
+    rows += (("dim", (f"{engine}: not here ({problem})", *none)) for engine, problem in results.absent.items())
     return table(
         "Settings of the sensor",
         f"setting | {NANOSECONDS} | quartiles [ns/pixel] | {FASTER} | first frame [s] | "

@@ -1,8 +1,7 @@
 """The settings that are compared: ways to render a scene, ways to make its frames, and the laws of their counts.
 
 A count is a function of 32 random bits that falls as their number rises: the share of the 2³² numbers that draw more
-than n is the place where n + 1 turns into n, which bisection finds in 32 steps. Rounding to float32 moves it by a few
-numbers, and no result here by more than 2 % (tests compare it with the full count of all numbers).
+than n is where n + 1 turns into n, found by bisection; rounding to float32 moves no result by more than 2 % (tests).
 """
 
 from __future__ import annotations
@@ -89,8 +88,7 @@ class Series:
         self._loaded = partial(subject.job_with, sampler=setting.sampler, variant=setting.variant)
         self.job = job = self._loaded(spectral="auto" if self.loop else setting.banding)
         self.bands, self.groups = job.bands, len(job.bands if self.loop else job.bands.groups)
-        (columns, rows), (column, row) = job.scene.view.crop_size, job.scene.view.crop_offset
-        self.shape, self._origin = (rows, columns), (row, column)
+        self.shape, self._origin = job.scene.view.crop_size[::-1], job.scene.view.crop_offset[::-1]
         self._centres_nm, widths_nm = np.array(job.bands.wavelengths_nm), np.array(job.bands.bandwidths_nm)
         self._photons = photons_per_irradiance(subject.camera, subject.exposure, self._centres_nm, widths_nm)
         if self.loop:
