@@ -255,6 +255,16 @@ def test_a_coarser_band_has_the_transmission_of_its_own_middle(light: Any) -> No
     np.testing.assert_allclose(joined, coarse, rtol=1e-12)
 
 
+def test_a_render_that_theory_does_not_explain_fails_and_the_sentence_says_so(studied: Any) -> None:
+    scene, known, study = studied
+    assert any(", renders agree: largest |z| " in finding for finding in study.findings)
+    wrong = copy.deepcopy(known)
+    wrong["render: lens fall-off"][0]["predicted"]["z_mean"] = 60.0
+    again = study_of(scene, wrong)
+    assert not again.passed
+    assert any(", renders do not agree (limit " in finding for finding in again.findings)
+
+
 def test_what_a_scene_has_not_is_said_in_one_line(studied: Any) -> None:
     missing = studied[1]["loading the scene"][0]["missing"]
     assert set(missing) == {"lens distortion", "lens transmission curve", "lens prescription", "motion and subframes"}

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.render.bands import choose_bands
-from mitsuba_sensor.render.passes import pass_plan
+from mitsuba_sensor.render.passes import MOST_IN_ALL, pass_plan
 from mitsuba_sensor.render.prepared import prepare
 from mitsuba_sensor.render.renderer import Renderer
 from mitsuba_sensor.render.stop_criterion import StopCriterion
@@ -33,7 +33,7 @@ from mitsuba_sensor.study.work_precision import render as render_module
 from mitsuba_sensor.study.work_precision import settings as settings_module
 from mitsuba_sensor.study.work_precision import work_precision
 from mitsuba_sensor.study.work_precision.errors import FEWEST_COMPENSATED, Ladder
-from mitsuba_sensor.study.work_precision.render import SAMPLE_COUNTS, Render, Result, corrected, predict
+from mitsuba_sensor.study.work_precision.render import SAMPLE_COUNTS, Render, Result, choices, corrected, predict
 from mitsuba_sensor.study.work_precision.settings import (
     Block,
     Choice,
@@ -344,6 +344,15 @@ def test_a_missed_tolerance_asks_for_the_samples_that_its_error_says() -> None:
     more = corrected(choice, 0.02, 0.01)
     assert more.spp == next(count for count in SAMPLE_COUNTS if count >= 4 * 1.1 * 512)
     assert more.options == f"--spp {more.spp} --spectral auto"
+
+
+def test_no_number_of_samples_is_tried_that_a_render_refuses() -> None:
+    """Up to the most that a render takes, which is one of them; a tolerance that needs more is not reached."""
+    assert sorted(SAMPLE_COUNTS) == SAMPLE_COUNTS and SAMPLE_COUNTS[:4] == [16, 24, 32, 48]
+    assert SAMPLE_COUNTS[-1] == MOST_IN_ALL
+    results = [_result(samples) for samples in (4, 16, 64)]
+    assert choices(results, 1e-6, "scalar_spectral") == []
+    assert corrected(Choice("auto", 512, False, "scalar_spectral", True, 1.0, 0.01), 1.0, 1e-6).spp == MOST_IN_ALL
 
 
 def test_frames_are_dimmed_until_the_noise_of_their_renders_can_be_compensated(results: dict[str, Result]) -> None:
