@@ -23,9 +23,8 @@ from ..io.measurements import Measurements
 from ..io.metadata import machine, versions
 from ..render.options import SceneOptions
 from ..render.passes import MOST_IN_ALL
-from ..study.kit import Kit
+from ..study.kit import Kit, Subject
 from ..study.page import Grid, Study, Table, html, png, text
-from ..study.subject import Subject
 from . import options
 from .app import RenderInput, app, err, out, render_input, show
 from .options import Flag, Flags
@@ -35,7 +34,6 @@ Texts = list[str]
 PAGE, NUMBERS, MEASUREMENTS = "study.html", "study.json", "measurements"
 STYLES = {"good": "green", "bad": "bold red", "best": "bold green", "dim": "dim", "": ""}  # of a mark
 LONGEST = 48  # rows of a table that a terminal still shows; of a longer one only those that are not as they must be
-WIDEST, GAP = 30, 2  # characters of a column that holds text, and between two columns
 
 study = typer.Typer(
     no_args_is_help=True,
@@ -163,8 +161,7 @@ def _run(name: str, flags: Flags, question: dict[str, Flag], measure: Callable[[
         files.write_json(scratch / NUMBERS, found.to_dict())
         for picture in [part for part in found.parts if not isinstance(part, Table)][:1]:
             files.write_drawing(scratch / f"{name}.png", png(picture))
-    as_json = flags["as_json"]
-    show(found.to_dict() if as_json else sheet(found, str(folder / PAGE), out.width), as_json)
+    show(found.to_dict() if flags["as_json"] else sheet(found, str(folder / PAGE), out.width), flags["as_json"])
     if not found.passed:
         raise typer.Exit(1)
 
@@ -190,7 +187,7 @@ def sheet(found: Study, page: str, width: int) -> RenderableType:
     """The whole study in the terminal, its findings and as much of its tables as fits into so many characters."""
     verdict = ("everything that must hold does", "bold green") if found.passed else ("not all holds", "bold red")
     lines: list[RenderableType] = [Text.assemble((found.title, "bold"), " – ", verdict, " → ", (page, "bold"))]
-    lines += [Text(f"• {finding}") for finding in found.findings]
+    lines += (Text(f"• {finding}") for finding in found.findings)
     for part in found.parts:
         if isinstance(part, Grid):
             drawn = columns_table("", *part.columns)
@@ -198,10 +195,9 @@ def sheet(found: Study, page: str, width: int) -> RenderableType:
             for name, marks, texts in zip(part.rows, part.marks, part.texts, strict=True):
                 drawn.add_row(name, *(Text(cell, STYLES[mark]) for cell, mark in zip(texts, marks, strict=True)))
             lines.append(drawn)
-        elif isinstance(part, Table) and part.rows and set(part.marks) == {"good"}:
-            lines.append(Text(f"{part.title}: all {len(part.rows)} rows as they must be"))
         elif isinstance(part, Table) and part.rows:
-            lines += _table(part, width)
+            held = Text(f"{part.title}: all {len(part.rows)} rows as they must be")
+            lines += [held] if set(part.marks) == {"good"} else _table(part, width)
     return Group(*lines)
 
 
@@ -210,11 +206,9 @@ def _table(table: Table, width: int) -> Iterator[RenderableType]:
     rows = list(zip(table.marks or ("",) * len(table.rows), table.rows, strict=True))
     shown = rows if len(rows) <= LONGEST else [row for row in rows if row[0] in ("bad", "best")][:LONGEST]
     cells = [[f"{v:.3g}" if isinstance(v, float) else text(v) for v in row] for _, row in shown]
-    longest = (  # headings break at spaces, long texts anywhere
-        max(len(one) for one in (*heading.split(), "", *(row[index] for row in cells)))
-        for index, heading in enumerate(table.columns)
-    )
-    count = max(sum(used <= width for used in accumulate(min(one, WIDEST) + GAP for one in longest)), 1)
+    columns = zip(table.columns, zip(*cells, strict=True) if cells else [()] * len(table.columns), strict=True)
+    longest = (max(map(len, (*heading.split(), "", *column))) for heading, column in columns)  # they break at spaces
+    count = max(sum(used <= width for used in accumulate(min(one, 30) + 2 for one in longest)), 1)
     drawn = columns_table(*table.columns[:count])
     for index, column in enumerate(drawn.columns):
         if shown and all(isinstance(row[index], int | float | None) for _, row in shown):

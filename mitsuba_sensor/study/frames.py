@@ -16,17 +16,13 @@ from ..sensor.detection import detect
 from ..sensor.run import FrameRunner
 from ..sensor.stage import Chain, converter_of, sample
 from ..sensor.theory import Theory
-from .statistics import Array, Numbers
+from .kit import Array, Numbers
 
 QUANTITIES = ("mean", "temporal σ", "spatial σ")
-MOMENTS = ("mean_dn", "temporal_dn2", "spatial_dn2")  # the quantities as they are averaged: variances, not their roots
 BACKENDS = {"drjit": "llvm", "cuda": "cuda"}  # compiled engine → back end of Dr.Jit
-ENDLESS = 2**31  # more frames than any stream is asked for
 FRAMES_A_TURN = 8  # of a compiled engine, which traces a frame while it computes the one before
 
-Stages = Chain
 Groups = Mapping[str, NDArray[np.intp]]  # indices of pixels in the flattened window
-ByGroup = dict[str, dict[str, list[float]]]  # by group and moment, one value per sensor
 
 
 def problem_of(engine: str) -> str | None:
@@ -58,10 +54,9 @@ def in_dn(moments: Array, other: Array) -> Array:
     return np.concatenate([moments[:1] - other[:1], np.sqrt(moments[1:]) - np.sqrt(other[1:])])
 
 
-def averages(values: Array, groups: Groups) -> dict[str, dict[str, float]]:
-    """Moments (3, H, W) averaged over groups of pixels: by group and moment."""
-    means = {name: values.reshape(3, -1)[:, pixels].mean(axis=1).tolist() for name, pixels in groups.items()}
-    return {name: dict(zip(MOMENTS, mean, strict=True)) for name, mean in means.items()}
+def averages(moments: Array, groups: Groups) -> dict[str, Array]:
+    """Mean and variances (3, H, W) of pixels, averaged over groups of them, (3,) each."""
+    return {name: moments.reshape(3, -1)[:, pixels].mean(axis=1) for name, pixels in groups.items()}
 
 
 class Replicas(NamedTuple):
@@ -86,22 +81,17 @@ class Illuminated:
         rows, columns = self.photons.mean.shape[:2]
         return SensorWindow(serial % 2**64, (rows, columns), self.photons.origin, backend=self.backend)
 
-    def electrons(self, stages: Stages, sensor: SensorWindow) -> Electrons:
+    def electrons(self, stages: Chain, sensor: SensorWindow) -> Electrons:
         """Mean electrons that a sensor detects, from which frames of the stages behind the first one can start."""
-        detected: Electrons = stages[0].sample(self.photons, Frame(self.exposure, sensor))
-        return detected
+        return stages[0].sample(self.photons, Frame(self.exposure, sensor))  # type: ignore[no-any-return]
 
-    def frame(self, stages: Stages, start: Electrons, sensor: SensorWindow, seed: int) -> Array:
+    def frame(self, stages: Chain, start: Electrons, sensor: SensorWindow, seed: int) -> Array:
         """The first frame of a seed, (H, W) [DN]; start : detected electrons."""
         codes = sample(stages[1:], start, Frame(self.exposure, sensor, seed % 2**64))
         return np.asarray(codes, dtype=np.float64)
 
-    def measured_moments(self, stages: Stages, replicas: Replicas, expected: Array, groups: Groups) -> ByGroup:
-        """Moments of frames averaged over groups of pixels.
-
-        The spatial variance is the squared distance of the mean over a sensor's frames from its theory, expected[0],
-        less what the noise adds. Every frame has a seed of its own, so that telegraph signals are independent too.
-        """
+    def measured_moments(self, stages: Chain, replicas: Replicas, expected: Array, groups: Groups) -> dict[str, Array]:
+        """Moments of frames averaged over groups of pixels, (3, sensors) each; every frame has a seed of its own."""
         count, found = replicas.frames, []
         for number in range(replicas.sensors):
             sensor = self.sensor(replicas.serial + number)
@@ -111,22 +101,19 @@ class Illuminated:
                 total += codes
                 squares += codes**2  # whole numbers: exact
             mean, temporal = total / count, (squares - total**2 / count) / (count - 1)
-            found.append(averages(np.array([mean, temporal, (mean - expected[0]) ** 2 - temporal / count]), groups))
-        return {name: {one: [values[name][one] for values in found] for one in MOMENTS} for name in groups}
-
-    def stream(self, stages: Stages) -> Stream:
-        """Frames of these stages, one after the other."""
-        return Stream(stages, self)
+            spatial = (mean - expected[0]) ** 2 - temporal / count  # from theory, less what the noise adds
+            found.append(averages(np.array([mean, temporal, spatial]), groups))
+        return {name: np.stack([values[name] for values in found], axis=1) for name in groups}
 
 
 class Stream:
     """Frames of one sensor, kept going from turn to turn, so that maps and kernels are made once."""
 
-    def __init__(self, stages: Stages, light: Illuminated) -> None:
+    def __init__(self, stages: Chain, light: Illuminated) -> None:
         sensor, dtype = light.sensor(1), np.min_scalar_type(converter_of(stages).highest)
         first = Frame(light.exposure, sensor)
         run = FrameRunner(stages, detect(light.photons, stages[0], first), first)
-        self._frames = run.frames(0, ENDLESS, lambda _: {"digital": np.empty(sensor.shape, dtype)})
+        self._frames = run.frames(0, 2**31, lambda _: {"digital": np.empty(sensor.shape, dtype)})
         self._compiled = light.backend.compiled
 
     def __next__(self) -> Numbers:
@@ -135,17 +122,12 @@ class Stream:
 
     def turn(self) -> int:
         """The frames of one turn of a timing; how many. A kernel's work is waited for before another's turn."""
-        if not self._compiled:
+        count = FRAMES_A_TURN if self._compiled else 1
+        for _ in range(count):
             next(self)
-            return 1
-        for _ in range(FRAMES_A_TURN):
-            next(self)
-        drjit().sync_thread()
-        return FRAMES_A_TURN
-
-    def close(self) -> None:
-        """Let threads and maps go."""
-        self._frames.close()  # type: ignore[attr-defined]
+        if self._compiled:
+            drjit().sync_thread()
+        return count
 
 
 def pixel_difference(frame: Numbers, reference: Numbers) -> dict[str, float]:

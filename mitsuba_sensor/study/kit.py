@@ -1,18 +1,58 @@
-"""The measuring kit: steps that are measured once, with the time that is left; tasks that are timed in turns."""
+"""The kit of all studies: their subject, steps measured once, tasks timed in turns, estimates with intervals."""
 
 from __future__ import annotations
 
+import math
+import os
 import statistics
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri, stdtr, stdtrit
 
-from .statistics import Values
+from ..core import Exposure, check_types
+from ..render.irradiance import Irradiance
+from ..render.passes import SAMPLER
+from ..render.prepared import PreparedRender, prepare, render
+from ..sensor.camera import Camera
 
+Array = NDArray[np.float64]
+Numbers = NDArray[Any]  # of any type, digital numbers for example
+Values = dict[str, Any]  # measured values by name
+Known = Mapping[str, Any]  # the same for reading
 Progress = Callable[[float, float, str], None]  # told seconds of work done, seconds expected in all, and what is next
-Task = Callable[[], int]  # something to be timed; returns how many times it did its work
+Task = Callable[[], object]  # something to be timed; an integer that it returns says how often it did its work
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """What a study of a scene is about: fields and options by name as in :func:`mitsuba_sensor.render`."""
+
+    scene: str | os.PathLike[str]
+    camera: Camera
+    exposure: Exposure
+    options: Known = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        check_types(self.camera, self.exposure)
+
+    @cached_property
+    def job(self) -> PreparedRender:
+        """The scene as it is."""
+        return self.job_with()
+
+    def job_with(self, camera: Camera | None = None, sampler: str = SAMPLER, **options: Any) -> PreparedRender:
+        """The scene, loaded for another camera, with another sampler or with other options."""
+        return prepare(self.scene, camera or self.camera, self.exposure, sampler=sampler, **{**self.options, **options})
+
+    def render(self, seed: int, **options: Any) -> Irradiance:
+        """One render, with these options changed."""
+        return render(self.scene, self.camera, self.exposure, seed=seed, **{**self.options, **options})
 
 
 class Step(NamedTuple):
@@ -26,8 +66,7 @@ class Step(NamedTuple):
 class Kit:
     """Measures what is not measured yet, and says how long that will take. new : how many it measured itself.
 
-    known : (value, seconds that it took) by key; as files (io/measurements.py), they let a stopped study go on.
-    """
+    known : (value, seconds that it took) by key; as files (io/measurements.py), they let a stopped study go on."""
 
     def __init__(self, known: Values | None = None, progress: Progress | None = None) -> None:
         self.known = {} if known is None else known
@@ -65,12 +104,11 @@ class Kit:
 
 def one_turn(tasks: Mapping[str, Task], number: int) -> dict[str, float]:
     """Seconds of every task's work, in an order of its own for every turn: no task always follows the same one."""
-    # A machine that slows down between turns slows all tasks alike.
-    names, seconds = list(tasks), {}
+    names, seconds = list(tasks), {}  # a machine that slows down between turns slows all tasks alike
     for place in np.random.default_rng(number).permutation(len(names)):
         start = time.perf_counter()
         runs = tasks[names[place]]()
-        seconds[names[place]] = (time.perf_counter() - start) / runs
+        seconds[names[place]] = (time.perf_counter() - start) / (runs if isinstance(runs, int) else 1)
     return seconds
 
 
@@ -81,19 +119,55 @@ def in_turns(tasks: Mapping[str, Task], turns: int) -> dict[str, list[float]]:
 
 
 class Spread(NamedTuple):
-    """Median of what several turns gave, and the quartiles."""
+    """Median of what two turns or more gave, between the quartiles."""
 
-    median: float
     low: float
+    median: float
     high: float
 
 
 def spread(values: Iterable[float]) -> Spread:
-    """Of two values or more."""
-    low, middle, high = statistics.quantiles(values, n=4, method="inclusive")
-    return Spread(middle, low, high)
+    """Of the values of turns."""
+    return Spread(*statistics.quantiles(values, n=4, method="inclusive"))
 
 
 def ratio(slow: Iterable[float], fast: Iterable[float]) -> float:
     """How many times as fast the second is: the median of the turns' own ratios, whose times lie next to each other."""
     return statistics.median(one / other for one, other in zip(slow, fast, strict=True))
+
+
+class Slope(NamedTuple):
+    """d log y / d log x: the mean of the runs' own slopes, and half the width of its 95 % interval (Student's t)."""
+
+    value: float
+    half_width: float
+
+
+def slope_of_runs(runs: Iterable[tuple[Sequence[float], Sequence[float]]]) -> Slope:
+    """Least squares in 2 or more runs of (x, y); points of one run share samples, so its residuals give no interval."""
+    slopes = np.array([np.polyfit(np.log(x), np.log(y), 1)[0] for x, y in runs])
+    return Slope(float(slopes.mean()), float(stdtrit(len(slopes) - 1, 0.975)) * standard_error(slopes))
+
+
+def standard_error(values: Array) -> float:
+    """Of the mean of independent values."""
+    return float(values.std(ddof=1)) / math.sqrt(len(values))
+
+
+def pareto(points: Sequence[tuple[float, float]]) -> tuple[int, ...]:
+    """Indices of the points that no other beats (as small in both, smaller in one), by x; of equal ones all, no NaN."""
+    front: list[int] = []
+    for i in sorted((i for i, point in enumerate(points) if not np.isnan(point).any()), key=lambda i: points[i]):
+        if not front or points[i][1] < points[front[-1]][1] or points[i] == points[front[-1]]:
+            front.append(i)
+    return tuple(front)
+
+
+def z_limit(comparisons: int, false_alarm: float = 0.01) -> float:
+    """|z| that none of so many right independent comparisons exceeds, but in this share of all studies."""
+    return float(-ndtri(0.5 * (1 - (1 - false_alarm) ** (1 / max(comparisons, 1)))))
+
+
+def as_normal(t: float, freedom: int) -> float:
+    """The standard normal that is as unlikely as this Student's t."""
+    return math.copysign(-float(ndtri(max(stdtr(freedom, -abs(t)), 1e-300))), t) if t else 0.0

@@ -5,13 +5,13 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from html import escape
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from .statistics import Known, Values
+from .kit import Known, Values, pareto
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -51,6 +51,19 @@ class Line:
     dashed: bool = False
     colour: int | None = None  # lines of one number share a colour, by default each has its own
     ringed: tuple[int, ...] = ()  # indices of points with a ring
+
+
+def line(label: str, points: Sequence[tuple[float, ...]], **style: Any) -> Line:
+    """Through points (x, y) or (x, y, error)."""
+    x, y, *error = (tuple(values) for values in zip(*points, strict=True))
+    return Line(label, x, y, error[0] if error else (), **style)
+
+
+def ringed(lines: Sequence[Line]) -> tuple[Line, ...]:
+    """With rings around the points that no other of all lines beats in x and y."""
+    places = [(n, k) for n, line in enumerate(lines) for k in range(len(line.x))]
+    front = {places[i] for i in pareto([(lines[n].x[k], lines[n].y[k]) for n, k in places])}
+    return tuple(replace(line, ringed=tuple(k for m, k in sorted(front) if m == n)) for n, line in enumerate(lines))
 
 
 @dataclass(frozen=True)
@@ -164,16 +177,14 @@ def study_of(name: str, title: str, sections: Sequence[Section], **data: object)
 
 
 COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7F3C8D", "#4D4D4D"]
-"""Told apart by colour-blind readers (Okabe & Ito 2008), two more at the end."""
-MARKERS = "osD^vPX*>"  # one more than colours: all pairs come before one comes again
+MARKERS = "osD^vPX*>"  # one more than colours, which colour-blind readers tell apart (Okabe & Ito 2008, and two more)
 CELL: dict[Mark, str] = {"good": "#BFE3CF", "bad": "#F2B6A0", "best": "#8CCBA8", "dim": "#EEEEEE", "": "#FFFFFF"}
 WIDTH_IN, HEIGHT_IN, BAR_IN, CELL_IN = 8.4, 4.6, 0.2, 0.3
 MATPLOTLIB: Values = {
     **{"font.size": 9.5, "axes.prop_cycle": f"cycler('color', {COLOURS})", "axes.axisbelow": True},
     **{"axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.color": "#E4E4E4"},
-    **{"errorbar.capsize": 2, "legend.frameon": False},
-    **{"svg.fonttype": "none", "svg.hashsalt": "mitsuba_sensor"},  # text stays text, equal studies give equal files
-}
+    **{"errorbar.capsize": 2, "legend.frameon": False, "svg.fonttype": "none", "svg.hashsalt": "mitsuba_sensor"},
+}  # text stays text, equal studies give equal files
 STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; color: #222; max-width: 76rem; margin: 2rem auto; padding: 0 1.2rem; }
 h1 { font-size: 1.5rem; } h2 { font-size: 1.1rem; margin: 2rem 0 .4rem; }
@@ -183,8 +194,7 @@ th, td { text-align: left; vertical-align: top; padding: .18rem .7rem .18rem 0; 
 td.number { text-align: right; white-space: nowrap; }
 .good { background: #e3f3ea; } .bad { background: #f9d9cc; } .best { background: #bfe3cf; } .dim { color: #888; }
 """.strip()
-ORIGIN = ("command", "scene", "camera", "exposure", "machine", "versions", "seconds", "date")
-"""What of a study's data stands at the foot of the page: what it was made with and how long that took."""
+ORIGIN = ("command", "scene", "camera", "exposure", "machine", "versions", "seconds", "date")  # at the foot of the page
 
 
 def html(study: Study) -> str:
@@ -219,15 +229,14 @@ def text(value: object) -> str:
 
 def _part(part: Part) -> str:
     note = f'<p class="note">{escape(part.note)}</p>' if part.note else ""
-    inside = _table(part) if isinstance(part, Table) else svg(part)
+    if isinstance(part, Table):
+        heads = "".join(f"<th>{escape(column)}</th>" for column in part.columns)
+        marked = zip(part.marks or ("",) * len(part.rows), part.rows, strict=True)
+        rows = "".join(f'<tr class="{mark}">{"".join(map(_cell, row))}</tr>' for mark, row in marked)
+        inside = f"<table><thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table>"
+    else:
+        inside = svg(part)
     return f'<section><h2>{escape(part.title)}</h2>{note}<div class="wide">{inside}</div></section>\n'
-
-
-def _table(table: Table) -> str:
-    heads = "".join(f"<th>{escape(column)}</th>" for column in table.columns)
-    marked = zip(table.marks or ("",) * len(table.rows), table.rows, strict=True)
-    rows = "".join(f'<tr class="{mark}">{"".join(map(_cell, row))}</tr>' for mark, row in marked)
-    return f"<table><thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table>"
 
 
 def _cell(value: object) -> str:

@@ -12,9 +12,8 @@ from typer.testing import CliRunner
 
 from mitsuba_sensor.cli import app
 from mitsuba_sensor.study import ablation, work_precision
-from mitsuba_sensor.study.kit import Kit, Step
+from mitsuba_sensor.study.kit import Kit, Step, Subject
 from mitsuba_sensor.study.page import Line, Plot, Section, Study, Table, study_of
-from mitsuba_sensor.study.subject import Subject
 
 STEPS = ("one", "two", "three")
 

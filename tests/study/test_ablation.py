@@ -24,9 +24,8 @@ from mitsuba_sensor.study import ablation as package
 from mitsuba_sensor.study.ablation.render import compared
 from mitsuba_sensor.study.ablation.sensor import PLAN, SENSORS, WHOLE, SensorAblation, SensorResults
 from mitsuba_sensor.study.frames import Replicas
-from mitsuba_sensor.study.kit import Kit
+from mitsuba_sensor.study.kit import Kit, Subject
 from mitsuba_sensor.study.page import Bars, Study, Table
-from mitsuba_sensor.study.subject import Subject
 
 EXPOSURE = ms.Exposure(0.1)
 REPLICAS = Replicas(SENSORS, frames=2, seed=1)
@@ -83,17 +82,13 @@ def test_a_stage_that_changes_nothing_is_left_out_and_its_frames_are_the_same_by
 
 
 @pytest.mark.parametrize(
-    ("case", "name", "wrong"),
-    [
-        ("source follower noise", "mean_dn", 0.05),
-        ("source follower noise", "temporal_dn2", 0.8),
-        ("PRNU", "spatial_dn2", 10.0),
-    ],
+    ("case", "moment", "wrong"),
+    [("source follower noise", 0, 0.05), ("source follower noise", 1, 0.8), ("PRNU", 2, 10.0)],
 )
-def test_a_theory_that_is_wrong_is_found_out(case: str, name: str, wrong: float) -> None:
+def test_a_theory_that_is_wrong_is_found_out(case: str, moment: int, wrong: float) -> None:
     """A mean that is 0.05 DN off; a temporal variance by 0.8 of 110 DN²; a spatial one by 10 of 17 DN²."""
     known = copy.deepcopy(shipped("konnik_table1"))
-    known["moments of every pixel"][0]["cases"][case]["moments"][WHOLE][name] += wrong
+    known["moments of every pixel"][0]["cases"][case]["moments"][WHOLE][moment] += wrong
     found = results_of("konnik_table1", known)
     assert abs(found.furthest.z) > found.limit and found.furthest.case == case and not found.agree
 
@@ -204,14 +199,15 @@ def test_a_resumed_study_measures_nothing_twice_and_is_the_same_study(
 ) -> None:
     scene, known, study = studied
     kept = pickle.loads(pickle.dumps(known))
-    monkeypatch.setattr("mitsuba_sensor.study.subject.prepare", None)
+    monkeypatch.setattr("mitsuba_sensor.study.kit.prepare", None)
     assert json.dumps(study_of(scene, kept).to_dict()) == json.dumps(study.to_dict())
     monkeypatch.undo()
     key, told = f"frames of {SENSORS} sensors: PRNU", list[str]()
     del kept[key]
     again = study_of(scene, kept, lambda elapsed, expected, now: told.append(now))
     assert [now for now in told if now != "done"] == [key]
-    assert kept[key][0] == known[key][0] and again.to_dict() == study.to_dict()
+    np.testing.assert_equal(kept[key][0], known[key][0])
+    assert again.to_dict() == study.to_dict()
 
 
 def test_the_time_is_estimated_before_anything_is_measured(studied: Any) -> None:
@@ -257,6 +253,16 @@ def test_a_coarser_band_has_the_transmission_of_its_own_middle(light: Any) -> No
 
     joined, coarse = (grouped_electrons(sky(width), camera, EXPOSURE, size) for width, size in ((10, 2), (20, 1)))
     np.testing.assert_allclose(joined, coarse, rtol=1e-12)
+
+
+def test_a_render_that_theory_does_not_explain_fails_and_the_sentence_says_so(studied: Any) -> None:
+    scene, known, study = studied
+    assert any(", renders agree: largest |z| " in finding for finding in study.findings)
+    wrong = copy.deepcopy(known)
+    wrong["render: lens fall-off"][0]["predicted"]["z_mean"] = 60.0
+    again = study_of(scene, wrong)
+    assert not again.passed
+    assert any(", renders do not agree (limit " in finding for finding in again.findings)
 
 
 def test_what_a_scene_has_not_is_said_in_one_line(studied: Any) -> None:

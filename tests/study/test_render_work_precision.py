@@ -21,22 +21,20 @@ from numpy.typing import NDArray
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.render.bands import choose_bands
-from mitsuba_sensor.render.passes import pass_plan
+from mitsuba_sensor.render.passes import MOST_IN_ALL, pass_plan
 from mitsuba_sensor.render.prepared import prepare
 from mitsuba_sensor.render.renderer import Renderer
 from mitsuba_sensor.render.stop_criterion import StopCriterion
 from mitsuba_sensor.render.variants import Variant
-from mitsuba_sensor.study.kit import Kit
+from mitsuba_sensor.study.kit import Kit, Subject, slope_of_runs
 from mitsuba_sensor.study.page import Plot, Section, Study
-from mitsuba_sensor.study.statistics import slope_of_runs
-from mitsuba_sensor.study.subject import Subject
 from mitsuba_sensor.study.work_precision import errors as errors_module
 from mitsuba_sensor.study.work_precision import render as render_module
-from mitsuba_sensor.study.work_precision import series as series_module
+from mitsuba_sensor.study.work_precision import settings as settings_module
 from mitsuba_sensor.study.work_precision import work_precision
 from mitsuba_sensor.study.work_precision.errors import FEWEST_COMPENSATED, Ladder
-from mitsuba_sensor.study.work_precision.render import SAMPLE_COUNTS, Render, Result, corrected, predict
-from mitsuba_sensor.study.work_precision.series import (
+from mitsuba_sensor.study.work_precision.render import SAMPLE_COUNTS, Render, Result, choices, corrected, predict
+from mitsuba_sensor.study.work_precision.settings import (
     Block,
     Choice,
     RenderSetting,
@@ -83,8 +81,8 @@ def quick() -> Any:
         for name in ("FEWEST_PASSES", "FEWEST_FRAMED", "MOST_PASSES"):
             patch.setattr(render_module, name, PASSES)
         patch.setattr(errors_module, "REFERENCE_S", 0.0)
-        patch.setattr(series_module, "SIZES", (4, 36))
-        patch.setattr(series_module, "SAMPLERS", {"independent": 16})
+        patch.setattr(settings_module, "SIZES", (4, 36))
+        patch.setattr(settings_module, "OTHERS", {"independent": 16})
         yield
 
 
@@ -165,10 +163,10 @@ def test_every_setting_is_compared_one_factor_at_a_time(studied: Studied, result
 def test_errors_fall_as_the_square_root_of_time(studied: Studied, results: dict[str, Result]) -> None:
     """Slopes of irradiance and electrons within 0.05 of −1/2 in every setting."""
     for label, one in results.items():
-        for slope in one.slopes:
+        for slope in one.slopes.values():
             assert slope.value == pytest.approx(-0.5, abs=0.05), label
         assert one.verdict == "holds"
-    assert results["channels"].slope("irradiance") is None
+    assert "irradiance" not in results["channels"].slopes
     assert all(row[-1] == "holds" for row in part_of(studied[0], "Settings").rows)
 
 
@@ -328,7 +326,7 @@ def test_the_references_own_error_is_taken_off() -> None:
     result = _result(16, floor=1 / 500)
     assert [point.passes for point in result.points("electrons")] == [1, 2, 4]
     assert result.points("electrons")[1].error == pytest.approx(math.sqrt(1 / 128), rel=1e-9)
-    assert result.slope("electrons").value == pytest.approx(-0.5, abs=1e-9)
+    assert result.slopes["electrons"].value == pytest.approx(-0.5, abs=1e-9)
 
 
 @pytest.mark.parametrize("spp", [16, 256, 512, 1024, 4096, 65536])
@@ -346,6 +344,15 @@ def test_a_missed_tolerance_asks_for_the_samples_that_its_error_says() -> None:
     more = corrected(choice, 0.02, 0.01)
     assert more.spp == next(count for count in SAMPLE_COUNTS if count >= 4 * 1.1 * 512)
     assert more.options == f"--spp {more.spp} --spectral auto"
+
+
+def test_no_number_of_samples_is_tried_that_a_render_refuses() -> None:
+    """Up to the most that a render takes, which is one of them; a tolerance that needs more is not reached."""
+    assert sorted(SAMPLE_COUNTS) == SAMPLE_COUNTS and SAMPLE_COUNTS[:4] == [16, 24, 32, 48]
+    assert SAMPLE_COUNTS[-1] == MOST_IN_ALL
+    results = [_result(samples) for samples in (4, 16, 64)]
+    assert choices(results, 1e-6, "scalar_spectral") == []
+    assert corrected(Choice("auto", 512, False, "scalar_spectral", True, 1.0, 0.01), 1.0, 1e-6).spp == MOST_IN_ALL
 
 
 def test_frames_are_dimmed_until_the_noise_of_their_renders_can_be_compensated(results: dict[str, Result]) -> None:

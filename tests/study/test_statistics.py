@@ -7,32 +7,26 @@ import math
 import numpy as np
 import pytest
 
-from mitsuba_sensor.core.errors import InputError
-from mitsuba_sensor.study.statistics import as_normal, log_slope, mean_of_runs, pareto, slope_of_runs, t_limit, z_limit
+from mitsuba_sensor.study.kit import as_normal, pareto, slope_of_runs, z_limit
 
 
 @pytest.mark.parametrize("power", [-1.0, -0.5, 0.0, 2.0])
 def test_a_power_law_has_its_power_as_slope(power: float) -> None:
     x = [0.5, 1.0, 2.0, 8.0]
-    assert log_slope(x, [3 * v**power for v in x]) == pytest.approx(power, abs=1e-12)
+    assert slope_of_runs([(x, [3 * v**power for v in x])] * 2).value == pytest.approx(power, abs=1e-12)
 
 
 def test_equal_runs_have_an_interval_of_no_width() -> None:
     run = [1.0, 2.0, 4.0], [1.0, 0.5, 0.25]
     slope = slope_of_runs([run, run, run])
     assert slope.value == pytest.approx(-1, abs=1e-12) and slope.half_width == pytest.approx(0, abs=1e-12)
-    assert slope.runs == 3
 
 
 def test_two_runs_have_the_interval_of_students_t_with_one_degree_of_freedom() -> None:
-    """Half width t·|a − b|/2 with t = 12.706 of every table of Student's t."""
-    mean, half_width = mean_of_runs([1.0, 3.0])
-    assert mean == 2 and half_width == pytest.approx(12.7062 * 1.0, rel=1e-5)
-
-
-def test_one_run_has_no_interval() -> None:
-    with pytest.raises(InputError, match="1 run; an interval needs at least 2"):
-        mean_of_runs([1.0])
+    """Half width t·|a − b|/2 with t = 12.706 of every table of Student's t, of the slopes 1 and 3."""
+    x = [1.0, 2.0, 4.0]
+    value, half_width = slope_of_runs([(x, x), (x, [v**3 for v in x])])
+    assert value == pytest.approx(2) and half_width == pytest.approx(12.7062 * 1.0, rel=1e-5)
 
 
 def test_the_interval_covers_the_true_slope_as_often_as_it_says() -> None:
@@ -78,9 +72,3 @@ def test_students_t_counts_as_the_normal_that_is_as_unlikely() -> None:
     """Tables: |t| > 3.460 has a chance of 0.1 % at 63 − 2 = 61 degrees of freedom; that of a normal law is 3.2905."""
     assert as_normal(-3.457, 63) == pytest.approx(-3.29, abs=0.02) and as_normal(0.0, 63) == 0
     assert z_limit(1) == pytest.approx(2.5758, abs=1e-4) and z_limit(45) == pytest.approx(3.69, abs=0.02)
-
-
-def test_the_limit_of_many_comparisons_is_that_of_one_with_a_smaller_share() -> None:
-    """Student's t of 31 degrees of freedom, two-sided: 3.633 at 0.001."""
-    assert t_limit(31, 1e-3, 1) == pytest.approx(3.633, abs=2e-3)
-    assert t_limit(31, 1e-3, 15) == t_limit(31, 1e-3 / 15, 1) > 3.633

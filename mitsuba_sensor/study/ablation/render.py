@@ -17,31 +17,24 @@ from ...render.prepared import PreparedRender
 from ...render.requirements import direct_integrator, grouped_electrons, without_depth_of_field, without_indirect_light
 from ...render.stop_criterion import StopCriterion
 from ...sensor.gains import gain_dn_per_e
-from ..kit import in_turns, one_turn
-from ..statistics import Array, Known, Values, standard_error
-from ..subject import Subject
+from ..kit import Array, Known, Subject, Values, in_turns, one_turn, standard_error
 from .sensor import FEWEST_PIXELS, WORST
 
-FLAT_TO_MM = 1e6  # to this image height a lens without fall-off is as bright as on its axis: beyond any sensor
 WHOLE_RENDERS = 3  # with and without error bars: no pass of the one is one of the other
-LAST_DIGIT = 1e-6  # of the mean signal: below it a change is one of float32 films
 AS_IT_IS, WITHOUT = "as it is", "without"
 APERTURE, ERROR_BARS, AOVS = "depth of field", "error bars", "AOVs"
 
 Measure = Callable[[], Values]
 Load = Callable[[], PreparedRender]
-Theory = Callable[[Irradiance, PreparedRender], Array]
-"""Electrons that theory makes of a render of the scene as it is, (H, W), for the scene without a feature."""
+Theory = Callable[[Irradiance, PreparedRender], Array] | None  # electrons (H, W) without a feature, from a render
 
 
 def measures(subject: Subject, criterion: StopCriterion, seed: int) -> tuple[dict[str, Measure], dict[str, str]]:
     """How the change without each feature of this render is measured; of the features that it has not, why not."""
     job, camera, lens, view = subject.job, subject.camera, subject.camera.lens, subject.job.scene.view
+    change = partial(partial, change_without, subject, criterion, seed)  # makes a Measure of what is loaded, and theory
 
-    def change(load: Load, theory: Theory | None = None) -> Measure:
-        return partial(change_without, subject, criterion, seed, load, theory)
-
-    def lens_change(fields: Known, theory: Theory | None = None) -> Measure:
+    def lens_change(fields: Known, theory: Theory = None) -> Measure:
         changes = {f"lens.{name}": value for name, value in fields.items()}
         return change(lambda: subject.job_with(camera.replace(**changes)), theory)
 
@@ -60,7 +53,7 @@ def measures(subject: Subject, criterion: StopCriterion, seed: int) -> tuple[dic
     why = "electrons come in bursts, which needs bands" if cube else "the scene asks for one band, or for channels"
     curve = lens.transmission_curve or (1.0,)
     mean = lens.transmission * math.fsum(curve) / len(curve)  # one number for all wavelengths
-    flat = {"relative_illumination": (1.0, 1.0), "relative_illumination_heights_mm": (0.0, FLAT_TO_MM)}
+    flat = {"relative_illumination": (1.0, 1.0), "relative_illumination_heights_mm": (0.0, 1e6)}  # beyond any sensor
     plain = {"transmission": mean, "transmission_curve": None, "transmission_wavelengths_nm": None}
     straight = dict.fromkeys(("distortion", "distortion_percent", "distortion_heights_mm"))
     curved = lens.distortion is not None or lens.distortion_percent is not None
@@ -85,16 +78,15 @@ def measures(subject: Subject, criterion: StopCriterion, seed: int) -> tuple[dic
     return {name: measure for name, is_here, _, measure in rows if is_here}, missing
 
 
-def change_without(subject: Subject, criterion: StopCriterion, seed: int, load: Load, theory: Theory | None) -> Values:
+def change_without(subject: Subject, criterion: StopCriterion, seed: int, load: Load, theory: Theory = None) -> Values:
     """The change of the scene that is loaded without a feature, and the seconds of each pass, turn by turn."""
     k, jobs = gain_dn_per_e(subject.camera), {AS_IT_IS: subject.job, WITHOUT: load()}
     pictures: dict[str, list[Array]] = {name: [] for name in (*jobs, "theory")}
     turns: list[dict[str, float]] = []
     lights: dict[str, Irradiance] = {}
 
-    def render(name: str, seed: int) -> int:
+    def render(name: str, seed: int) -> None:
         lights[name] = jobs[name].render(seed, StopCriterion(1, criterion.samples))
-        return 1
 
     for number in range(-1, criterion.passes):  # the first compiles
         own = hashed_seed(seed, -2, max(number, 0))
@@ -114,21 +106,18 @@ def compared(base: Array, changed: Array, theory: Array | None, full_dn: float) 
     """Two renders of equal passes, (passes, H, W) each [DN]; theory : what it makes of the passes of the first.
 
     mean_dn, rms_dn, worst_dn : change of the mean signal, cut at the full well: averaged over the pixels; root of the
-        mean square, freed of the render's own noise; and averaged over the worst 1 % of the pixels, which theory names,
-        else half of the passes while the others measure. Each has its ``_error``.
-    predicted : what theory says of mean and worst 1 %, of the worst pixel, and z of the first two; else None.
-    """
+    mean square, freed of noise; averaged over the worst 1 % of the pixels, which theory names, else half of the passes
+    while the others measure.  predicted : by theory, if there is one; z of mean and worst 1 %."""
     off, each, unsaturated = _change(base, changed, full_dn)
-    rms, rms_error = _rms(each)
     signal_dn, mean_dn = float(np.minimum(base.mean(axis=0), full_dn).mean()), float(off.mean())
     found: Values = {"signal_dn": signal_dn, "mean_dn": mean_dn, "mean_error": standard_error(each.mean(axis=(1, 2)))}
-    found |= {"rms_dn": rms, "rms_error": rms_error}
+    found["rms_dn"], found["rms_error"] = _rms(each)
     if theory is None:  # the pixels that every other pass names, as the others see them: no noise is picked
         halves = [_change(base[k::2], changed[k::2], full_dn) for k in (0, 1)]
         values, errors = zip(*(_over(*halves[1 - k][:2], _worst(halves[k][0])) for k in (0, 1)), strict=True)
         return {**found, "worst_dn": 0.5 * sum(values), "worst_error": 0.5 * math.hypot(*errors), "predicted": None}
     expected, *_ = _change(base, theory, full_dn)
-    weights, least = _worst(expected), LAST_DIGIT * signal_dn
+    weights, least = _worst(expected), 1e-6 * signal_dn  # below which a change is one of float32 films
     rest = np.where(unsaturated, changed - theory, 0.0)
     value, error = _over(off, each, weights)
     said, rest_error = _over(expected, rest, weights)
@@ -148,8 +137,8 @@ def _change(base: Array, changed: Array, full_dn: float) -> tuple[Array, Array, 
 
 def _worst(change: Array) -> Array:
     """Weights of the worst pixels: the sign of their change over their number, (H, W); 0 for the others."""
-    weights, places = np.zeros(change.size), np.argsort(np.abs(change), axis=None)
-    worst = places[-max(int(WORST * change.size), FEWEST_PIXELS) :]
+    weights, count = np.zeros(change.size), max(int(WORST * change.size), FEWEST_PIXELS)
+    worst = np.argsort(np.abs(change), axis=None)[-count:]
     weights[worst] = np.sign(change.ravel()[worst]) / worst.size
     return weights.reshape(change.shape)
 
@@ -179,10 +168,9 @@ def _in_one_pass(subject: Subject, criterion: StopCriterion, seed: int) -> Value
     ways = {AS_IT_IS: criterion, WITHOUT: StopCriterion(1, whole_grid(criterion.passes * criterion.samples))}
     means: dict[str, list[float]] = {name: [] for name in ways}
 
-    def render(name: str) -> int:
+    def render(name: str) -> None:
         job.render(hashed_seed(seed, -3, max(len(means[name]) - 1, 0)), ways[name])
         means[name].append(float(np.minimum(k * job.renderer.electrons()[0], k * full_e).mean()))
-        return 1
 
     seconds = in_turns({name: partial(render, name) for name in ways}, WHOLE_RENDERS)
     as_it_is, without = (np.array(means[name][1:]) for name in ways)
@@ -194,11 +182,7 @@ def _in_one_pass(subject: Subject, criterion: StopCriterion, seed: int) -> Value
 def _without_aovs(subject: Subject) -> Values:
     """Nothing of the picture: they are a pass of their own."""
     options = {name: subject.options.get(name) for name in ("parameters", "variant", "scene_unit", "width")}
-
-    def render() -> int:
-        render_aovs(subject.scene, subject.camera, exposure=subject.exposure, **options)
-        return 1
-
+    render = partial(render_aovs, subject.scene, subject.camera, exposure=subject.exposure, **options)
     zeros = dict.fromkeys(("mean_dn", "mean_error", "rms_dn", "rms_error", "worst_dn", "worst_error"), 0.0)
     nothing = {"signal_dn": None, "predicted": None, "seconds_without": [0.0] * WHOLE_RENDERS, "passes": 1}
     return {**zeros, **nothing, "seconds": in_turns({AOVS: render}, WHOLE_RENDERS)[AOVS]}

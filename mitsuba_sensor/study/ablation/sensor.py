@@ -3,40 +3,41 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, replace
 from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
 
-from ...core import Electrons, Exposure, Frame, Photons
+from ...core import Exposure, Frame, Photons
 from ...render.irradiance import Irradiance
 from ...render.photons import collect
 from ...sensor.camera import Camera
 from ...sensor.plan import plan
 from ...sensor.run import choose_backend
-from ...sensor.stage import sample
+from ...sensor.stage import Chain, sample
 from ...sensor.stage_effects import without
 from .. import frames
-from ..frames import MOMENTS, QUANTITIES, Illuminated, Replicas, Stages
-from ..kit import Kit, Spread, Step, Task, in_turns, spread
-from ..statistics import Array, Known, Values, as_normal, standard_error, z_limit
-from ..subject import Subject
+from ..frames import QUANTITIES, Illuminated, Replicas
+from ..kit import Array, Kit, Spread, Step, Subject, Task, Values, as_normal, in_turns, spread, standard_error, z_limit
+from ..page import Mark
 
 WHOLE, PLAN, DETECTION = "whole chain", "the plan", "detection"
 SENSORS = 64  # serial numbers whose frames are measured: independent values, from whose spread the standard errors come
 THEORY, EQUAL_BITS = "moments of every pixel", "frames with equal random bits"  # names of measurements, and of frames:
 FRAMES_OF = f"frames of {SENSORS} sensors: "
-WORST, FEWEST_PIXELS = 0.01, 16
-"""Share of the pixels, or so many, that are "the worst", which theory says that a chain moves most. One pixel alone has
-one fixed pattern per sensor, and its variance would be known to a sixth at best."""
+WORST, FEWEST_PIXELS = 0.01, 16  # share of the pixels, or so many, that are the worst: of one, no variance is known
 LOOKED_AT = 8  # frames, each of a sensor of its own, whose pixels are compared one by one with those of the whole chain
 SHAPE = {"numpy": (256, 512), "drjit": (1024, 1024)}  # of timed frames: one strip of NumPy's, enough for a kernel
 TURNS = {"numpy": 15, "drjit": 7}  # in each of which every chain makes frames
 RARE = 2.0  # events, the standard error where none was seen: of 3 · 2 expected, none is seen in 1 of 400 cases, 3 σ
-NUMPY_NS, DRJIT_NS, CALL_S, KERNEL_S = 120.0, 12.0, 1.5e-3, 3.0
-"""Per pixel and frame, per call of a chain, per kernel, on two cores of an AMD EPYC: for the estimate at first."""
+NUMPY_NS, DRJIT_NS, CALL_S, KERNEL_S = (
+    120.0,
+    12.0,
+    1.5e-3,
+    3.0,
+)  # at first: per pixel and frame, call of a chain, kernel
 
 
 class Comparison(NamedTuple):
@@ -53,15 +54,13 @@ class Comparison(NamedTuple):
 class Chains:
     """Every chain of a camera under some light, taken as exact: whole, without a stage, planned; and what theory says.
 
-    worst : in which of the quantities any pixel moves most, and how far [DN].
-    groups : pixels whose averages are looked at: all, and by chain those that it moves most, the worst last.
-    """
+    worst : how far any pixel moves at most [DN], and of what.  groups : all pixels; by chain those that move most."""
 
     def __init__(self, camera: Camera, exposure: Exposure, photons: Photons, tolerance_dn: float) -> None:
         self.plan = plan(camera, exposure, photons, tolerance_dn)
         whole = self.plan.whole
         off = {stage.label: without(whole, {stage}) for stage in whole if not stage.required}
-        self.stages: dict[str, Stages] = {WHOLE: whole, **off, PLAN: self.plan.stages}
+        self.stages: dict[str, Chain] = {WHOLE: whole, **off, PLAN: self.plan.stages}
         self.light = Illuminated(photons, exposure, choose_backend("numpy", self.plan.precision, 0))
         self.expected = {case: frames.expected_moments(s, photons, exposure) for case, s in self.stages.items()}
         self.worst: dict[str, Values] = {WHOLE: {}}
@@ -70,9 +69,8 @@ class Chains:
             every = np.abs(frames.in_dn(self.expected[WHOLE], self.expected[case])).reshape(3, -1)
             row = int(np.argmax(every.max(axis=1)))
             self.worst[case] = {"worst_dn": float(every[row].max()), "of": QUANTITIES[row]}
-            self.groups[case] = np.argsort(every[row], kind="stable")[
-                -max(int(WORST * every[row].size), FEWEST_PIXELS) :
-            ]
+            count = max(int(WORST * every[row].size), FEWEST_PIXELS)
+            self.groups[case] = np.argsort(every[row], kind="stable")[-count:]
 
     def theory(self) -> Values:
         """What the plan says, the moments of every chain averaged over groups of pixels, and how exact theory is."""
@@ -80,8 +78,8 @@ class Chains:
         if any(stage.curved for stage in self.plan.whole):
             limits.append("curved stages are taken to second order in that noise")
         effects, sizes = [asdict(effect) for effect in self.plan.effects], {k: len(x) for k, x in self.groups.items()}
-        moments = ((case, frames.averages(x, self.groups)) for case, x in self.expected.items())
-        cases = {case: {"moments": found, **self.worst[case]} for case, found in moments}
+        averages = {case: frames.averages(moments, self.groups) for case, moments in self.expected.items()}
+        cases = {case: {"moments": found, **self.worst[case]} for case, found in averages.items()}
         return {"plan": effects, "sizes": sizes, "limits": limits, "cases": cases}
 
 
@@ -150,20 +148,15 @@ class SensorAblation:
         if engine == "numpy":
             light = replace(light, photons=frames.resized(self.photons, shape))
             sensor = light.sensor(1)
-            start = light.electrons(whole, sensor)
-
-            def once(stages: Stages, signal: Photons | Electrons) -> int:
-                sample(stages, signal, Frame(light.exposure, sensor))
-                return 1
-
-            tasks: dict[str, Task] = {case: partial(once, self.chains.stages[case][1:], start) for case in cases}
-            tasks[DETECTION] = partial(once, whole[:1], light.photons)
+            start, frame, chains = light.electrons(whole, sensor), Frame(light.exposure, sensor), self.chains.stages
+            tasks: dict[str, Task] = {case: partial(sample, chains[case][1:], start, frame) for case in cases}
+            tasks[DETECTION] = partial(sample, whole[:1], light.photons, frame)
         elif self.chains.plan.precision == "float32":  # the same behind every filter: a cube would fill memory
             mean = frames.resized(Photons(np.asarray(light.electrons(whole, light.sensor(1)).light)), shape).mean
             filters = len(self._subject.camera.filter_names)
             detected = Photons(np.repeat(mean[..., None], filters, axis=2), detected=True)
             light = replace(light, photons=detected, backend=choose_backend(engine, "float32", 0))
-            tasks = {case: light.stream(self.chains.stages[case]).turn for case in cases}
+            tasks = {case: frames.Stream(self.chains.stages[case], light).turn for case in cases}
         else:  # in float64, which a compiled engine has not
             return {}
         turns = in_turns(tasks, TURNS[engine])
@@ -175,8 +168,8 @@ class SensorResults:
 
     def __init__(self, ablation: SensorAblation) -> None:
         self._ablation, kit, names = ablation, ablation.kit, ablation.names
-        self.theory: Known = kit[THEORY]
-        self.looked: Known = kit[EQUAL_BITS]
+        self.theory: Values = kit[THEORY]
+        self.looked: Values = kit[EQUAL_BITS]
         self.changes = {case: [self._compare(case, WHOLE, of) for of in QUANTITIES] for case in names}  # all pixels
         self.worst = {case: self._compare(case, case, self.theory["cases"][case]["of"]) for case in names[1:]}
         self.turns: dict[str, Values] = {one: x for one in ablation.engines if (x := kit[f"seconds, {one}"])}
@@ -192,22 +185,26 @@ class SensorResults:
         pairs = zip(self.turns[engine][WHOLE], self.turns[engine][case], strict=True)
         return spread((whole - other) / (whole if share else 1.0) for whole, other in pairs)
 
+    def mark(self, compared: Sequence[Comparison]) -> Mark:
+        """Nothing changes; theory and frames disagree; they agree."""
+        if all(one.error_dn == 0 for one in compared):
+            return "dim"
+        return "bad" if max(abs(one.z) for one in compared) > self.limit else "good"
+
     def _compare(self, case: str, group: str, of: str) -> Comparison:
         """Variances are compared, because they average; to DN they come by the predicted σ: Δσ = ΔV/(σ + σ′)."""
         if self._ablation.is_whole(case):
             return Comparison(case, of)
         row, kit, whole = QUANTITIES.index(of), self._ablation.kit, self.theory["cases"][WHOLE]["moments"][group]
-        name, now = MOMENTS[row], self.theory["cases"][case]["moments"][group][MOMENTS[row]]
-        before = 0.0 if case == WHOLE else whole[name]
+        now, before = self.theory["cases"][case]["moments"][group][row], 0.0 if case == WHOLE else whole[row]
         predicted_dn = now - before if row == 0 else math.sqrt(now) - math.sqrt(before)
-        measured, unseen = kit[FRAMES_OF + case][group], False
-        found = np.array(measured[name])
+        measured, other = (kit[FRAMES_OF + one][group] for one in (case, WHOLE))
+        found, unseen = measured[row], False
         if case != WHOLE:
-            other = kit[FRAMES_OF + WHOLE][group]
-            found, unseen = found - np.array(other[name]), all(measured[one] == other[one] for one in MOMENTS[:2])
+            found, unseen = found - other[row], np.array_equal(measured[:2], other[:2])
         error = standard_error(found)
         if unseen or error == 0:  # the next event may be a whole line of a sensor, which shares a pattern
-            sigma = math.sqrt(sum(whole[one] for one in MOMENTS[1:]))
+            sigma = math.sqrt(sum(whole[1:]))
             step = 1.0 if row == 0 else 1.0 + 2.0 * sigma  # what a pixel that reads one code more adds
             error = RARE * step / (len(found) * math.sqrt(self.theory["sizes"][group]))
         off = float(found.mean()) - (now - before)

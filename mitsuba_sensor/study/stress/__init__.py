@@ -1,13 +1,10 @@
-"""``study stress``: every stage on every engine at the edge of what is allowed, and condition numbers.
-
-A condition number tells how far one float32 step of an input moves mean and noise, in float64 theory before rounding.
-"""
+"""``study stress``: every stage on every engine at the edge of what is allowed; condition numbers of float32 steps."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from operator import attrgetter
 from typing import Any, NamedTuple
@@ -20,16 +17,12 @@ from ...sensor.datasheet_errors import fields_of
 from ..frames import QUANTITIES, expected_moments, in_dn
 from ..kit import Kit, Step
 from ..page import Bars, Grid, Mark, Section, Study, Table, study_of, table
-from . import electrons, light, volts, whole
+from . import light, volts, whole
 from .case import ENGINES, NAME, NO_ENGINE, RENDERERS, SCALAR, Engine, Got, Rows, table1
 
 ASKED = (NO_ENGINE, *ENGINES, *RENDERERS)  # columns of the grid
-CONDITIONS_S = 2.5  # how long the condition numbers take on two cores [s]
-MILLION = "A million samples per pixel, relative error of the irradiance"
-GRID_NOTE = (
-    "No engine: formulas of single numbers, and what is refused before anybody computes. Not here: an engine that this "
-    "machine does not have."
-)
+GRID_NOTE = "No engine: formulas of single numbers, and what is refused before anybody computes. Not here: an engine "
+GRID_NOTE += "that this machine does not have."
 SHOWN, BARS = 5, 3  # condition numbers of each camera in the table and in the plot
 NOTICED_DN = 0.1  # A change of a mean that a careful measurement shows: a tenth of a code
 LEVELS = {"dark": 0.0, "10 %": 0.1, "50 %": 0.5, "90 %": 0.9}  # shares of the full well of the most sensitive filter
@@ -50,35 +43,28 @@ class Theme(NamedTuple):
 Case = tuple[str, str, str, str]  # theme, stage, input, what must come; no two have the first three in common
 Verdicts = dict[Case, dict[str, Got]]  # case → engine → what came
 Nudged = tuple[str, float | None, Camera, Photons, Exposure]  # input, its value, and everything with another input
-THEMES = (
-    Theme("light", whole.lights, seconds=1.2),
-    Theme("light", whole.renderers_values, (NO_ENGINE,)),
-    Theme("light", whole.infinite_light),
-    Theme("exposure time", whole.times, seconds=0.7),
-    Theme("temperature", whole.temperatures, seconds=0.7),
-    Theme("Poisson means", electrons.poisson, seconds=1.0),
-    Theme("full well", electrons.full_well),
-    Theme("full well", whole.no_exact_count, (NO_ENGINE,)),
-    Theme("dark current", electrons.dark_current, (NO_ENGINE,)),
-    Theme("fixed patterns", electrons.fixed_patterns, seconds=1.0),
-    Theme("source follower", volts.follower_formulas, (NO_ENGINE,)),
-    Theme("source follower", volts.follower_in_camera),
-    Theme("sense node", volts.sense_node),
-    Theme("coupled columns", volts.column_formulas, (NO_ENGINE,)),
-    Theme("coupled columns", volts.columns),
-    Theme("converter", volts.converter_refused, (NO_ENGINE,)),
-    Theme("converter", volts.converter),
-    Theme("converter", volts.converter_curve),
-    Theme("radiance", light.radiances, RENDERERS, 1.5),
-    Theme("samples per pixel", light.samples, RENDERERS, 2.0),
-    Theme("bands", light.bands, (SCALAR,), 0.6),
-    Theme("wavelength", light.wavelength_formulas, (NO_ENGINE,)),
-    Theme("wavelength", light.wavelengths),
-    Theme("refusals", whole.refusals, (NO_ENGINE,)),
-    Theme("whole frames", whole.whole_frames, seconds=1.5),
-    Theme("whole frames", whole.published_frames, (NO_ENGINE,)),
-    Theme("frame sizes", whole.frame_sizes, seconds=2.0),
-)
+NOBODY = (NO_ENGINE,)
+CASES: dict[str, list[tuple[Any, ...]]] = {  # of a theme; who is asked, and the seconds that one takes
+    "light": [(whole.lights, ENGINES, 1.2), (whole.renderers_values, NOBODY), (whole.infinite_light,)],
+    "exposure time": [(whole.times, ENGINES, 0.7)],
+    "temperature": [(whole.temperatures, ENGINES, 0.7)],
+    "Poisson means": [(light.poisson, ENGINES, 1.0)],
+    "full well": [(light.full_well,), (whole.no_exact_count, NOBODY)],
+    "dark current": [(light.dark_current, NOBODY)],
+    "fixed patterns": [(light.fixed_patterns, ENGINES, 1.0)],
+    "source follower": [(volts.follower_formulas, NOBODY), (volts.follower_in_camera,)],
+    "sense node": [(volts.sense_node,)],
+    "coupled columns": [(volts.column_formulas, NOBODY), (volts.columns,)],
+    "converter": [(volts.converter_refused, NOBODY), (volts.converter,), (volts.converter_curve,)],
+    "radiance": [(light.radiances, RENDERERS, 1.5)],
+    "samples per pixel": [(light.samples, RENDERERS, 2.0)],
+    "bands": [(light.bands, (SCALAR,), 0.6)],
+    "wavelength": [(light.wavelength_formulas, NOBODY), (light.wavelengths,)],
+    "refusals": [(whole.refusals, NOBODY)],
+    "whole frames": [(whole.whole_frames, ENGINES, 1.5), (whole.published_frames, NOBODY)],
+    "frame sizes": [(whole.frame_sizes, ENGINES, 2.0)],
+}
+THEMES = tuple(Theme(name, *one) for name, some in CASES.items() for one in some)
 
 
 def verdicts_of(theme: Theme, engine: Engine) -> list[tuple[Case, Got]]:
@@ -100,7 +86,7 @@ def stress(kit: Kit) -> Study:
     pairs = [(k, theme, engine) for k, theme in enumerate(THEMES) for engine in theme.asked if engine.problem is None]
     here = {f"{k}: {theme.name} | {engine.name}": (theme, engine) for k, theme, engine in pairs}
     steps = [Step(key, pair[0].seconds, partial(verdicts_of, *pair)) for key, pair in here.items()]
-    kit.take([*steps, Step("condition numbers", CONDITIONS_S, sensitivities)])
+    kit.take([*steps, Step("condition numbers", 2.5, sensitivities)])
     verdicts: Verdicts = {}
     for key, (_, engine) in here.items():
         for case, got in kit[key]:
@@ -118,11 +104,12 @@ def findings(verdicts: Verdicts, seconds: float) -> list[str]:
     failed = [(case, engine, got) for case, engine, got in rows if not got.passed]
     held, engines = len(verdicts) - len({case for case, _, _ in failed}), dict.fromkeys(engine for _, engine, _ in rows)
     names = ", ".join(engine for engine in engines if engine != NO_ENGINE.name)
+    million = "A million samples per pixel, relative error of the irradiance"
     return [
         f"{held} of {len(verdicts)} cases hold on {names}: {len(rows)} verdicts in {seconds:.0f} s.",
         *(f"Fails: {' | '.join(case[:3])}, {e}: {got.text}; expected {case[3]}." for case, e, got in failed[:5]),
         *(f"Not here: {engine.name} ({engine.problem})." for engine in ASKED if engine.problem),
-        *(f"{MILLION}: {got.text}." for case, _, got in rows if case[2] == light.MILLION_SAMPLES),
+        *(f"{million}: {got.text}." for case, _, got in rows if case[2] == light.MILLION_SAMPLES),
     ]
 
 
@@ -212,8 +199,7 @@ def of_camera(name: str, camera: Camera, exposure: Exposure) -> Iterator[Sensiti
 def nudges(camera: Camera, light: Photons, exposure: Exposure) -> Iterator[Nudged]:
     """Every input, its value where that is one number, and everything with that input one float32 step away."""
     yield "photons", None, camera, replace(light, mean=light.mean + ulp(light.mean) * (light.mean > 0)), exposure
-    for name in ("time_s", "temperature_k"):
-        value = getattr(exposure, name)
+    for name, value in asdict(exposure).items():
         yield name, value, camera, light, replace(exposure, **{name: nudged(value, 1)})
     for field in (name for name in fields_of(Camera) if name.split(".")[0] not in UNUSED):
         value = attrgetter(field)(camera)
@@ -262,7 +248,7 @@ def conditions(found: Sequence[Sensitivity]) -> Section:
         f"One float32 step of an input moves an output of a shipped camera by {shipped.largest_dn:.2g} DN at most: "
         f"{of}; {only}, at most {worst.largest_dn:.2g} DN: {at}."
     )
-    rows, level = strongest(found, BARS), (NOTICED_DN, f"{NOTICED_DN:g} DN")
+    rows, most, level = strongest(found, BARS), strongest(found, SHOWN), (NOTICED_DN, f"{NOTICED_DN:g} DN")
     labels = tuple(f"{s.camera}: {s.field}, {s.time_s:g} s, {s.level}" for s in rows)
     moved = {name: tuple(s.moved_dn[k] or None for s in rows) for k, name in enumerate(QUANTITIES)}
     bars = Bars("What one float32 step of an input moves", "change [DN]", labels, moved, log_x=True, level=level)
@@ -270,10 +256,7 @@ def conditions(found: Sequence[Sensitivity]) -> Section:
         "Condition numbers: what one float32 step of an input does",
         "camera | time [s] | light, share of well | input | value | mean [DN] | mean moves [DN] | temporal σ moves [DN]"
         f" | spatial σ moves [DN] | condition number of the mean | why above {NOTICED_DN:g} DN",
-        [
-            ("bad" if s.why else "", (*s[:4], s.value or "", s.mean_dn, *s.moved_dn, s.number, s.why))
-            for s in strongest(found, SHOWN)
-        ],
+        (("bad" if s.why else "", (*s[:4], s.value or "", s.mean_dn, *s.moved_dn, s.number, s.why)) for s in most),
         "The strongest inputs of each camera, at the exposure and level where they move most; float64 theory before "
         "rounding. Engines compute such numbers in float64 and round each once; only pixels are float32 all the way. "
         "The condition number is the relative change of the mean over that of the input.",

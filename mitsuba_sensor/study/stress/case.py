@@ -14,7 +14,6 @@ from ...core.llvm import backend_problem, drjit
 from ...sensor.run import choose_backend
 from ...sensor.stage import sample, total
 
-FLOAT32 = 2.0**-24  # unit roundoff: how far the nearest float32 may be, relative to the number (IEEE 754)
 SIGMAS = 5.0  # standard errors that averages may be off: chance exceeds it in 6 of 10 million normal values
 RARE = 5.0  # counts more than a mean far below one explains: chance makes as many in one of a million cases
 TENTH = Exposure(0.1)

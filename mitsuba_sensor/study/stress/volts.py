@@ -12,7 +12,7 @@ import numpy as np
 from ... import Exposure
 from ...core import Array, distributions
 from ...sensor.effects.source_follower_noise import CdsNoise, flicker_integral
-from ..statistics import standard_error
+from ..kit import standard_error
 from .case import SIGMAS, Engine, Rows, agree, holds, refusal, relative, shown, stage_of, table1, together
 
 DIGITS = 120  # A float64 has up to 75 of them, so that even τ_RTN/2 is exact
@@ -20,10 +20,8 @@ EULER_GAMMA = Decimal("0.5772156649015328606065120900824024310421593359399235988
 PAPER = CdsNoise(15.0, 1e6, sample_s=1e-6, dominant_s=0.5e-6, rtn_uv=200.0)  # Konnik & Welsh 2014; 200 µV are ours
 VOLTS_PER_E = 5e-6
 SEAM = 1e-7  # at t_s/τ_D = 1e-4, J = 5e-8 is left of terms of 10, exact to 1e-16; the series there neglects a² = 1e-8
-RATIOS = (1e-9, 1e-6, 1e-4, 0.01, 1.0, 10.0, 100.0, 1e3, 1e6, 1e9)
-TIMES_S = (1e-9, 5e-8, 1e-7, 1e-6, 1e-5, 1e-3, 1.0)
+RATIOS, TIMES_S = (1e-9, 1e-6, 1e-4, 0.01, 1.0, 10.0, 100.0, 1e3, 1e6, 1e9), (1e-9, 5e-8, 1e-7, 1e-6, 1e-5, 1e-3, 1.0)
 COUPLINGS = (0.0, 5e-324, 0.25, 0.45, 0.49, 0.4999)
-TABLED = {5e-8: 6.6102, 1e-6: 17.8268, 1e-5: 10.1226, 1e-3: 1.1012, 1.0: 0.034855}  # τ_RTN [s] → e- (test_cds.py)
 
 
 def exact_flicker(a: Decimal) -> Decimal:
@@ -63,8 +61,8 @@ def follower_formulas(_: Engine) -> Rows:
         off = np.abs(np.divide(ours, [float(x) for x in exact_parts(noise)]) - 1).max()
         got = holds(f"{noise.sigma_v / VOLTS_PER_E:.6g} e- in all, off by {off:.1g}", off <= SEAM)
         yield stage, given, "white, flicker, telegraph and σ as with 120 digits, to 1e-7 of each", got
-    for t, expected_e in TABLED.items():
-        alone = replace(PAPER, white_nv_per_rthz=0.0, rtn_s=t)
+    for t, expected_e in ((5e-8, 6.6102), (1e-6, 17.8268), (1e-5, 10.1226), (1e-3, 1.1012), (1.0, 0.034855)):
+        alone = replace(PAPER, white_nv_per_rthz=0.0, rtn_s=t)  # as in test_cds.py
         got = relative(alone.sigma_v / VOLTS_PER_E, expected_e, 3e-5, " e-")
         yield stage, f"τ_RTN = {shown(t)} s, 200 µV alone", f"{expected_e} e-", got
     for x in (0.0, 1e-15, 1e-12, 1e-9, 1e-6, 0.99e-4, 1.01e-4, 1e-3):  # of τ_RTN from 2τ_D; a series below 1e-4

@@ -1,10 +1,8 @@
 """Errors of a render in irradiance, electrons, mean and temporal σ of the digital numbers, against long references.
 
 Irradiance is compared with bands that are exact each for itself ("cube"), electrons with bands whose sum is exact
-("auto"), channels with channels: bands of finite width have an error of their own, which is told apart.
-
-A run of passes is cut into all its blocks of 1, 2, 4, … of them. Each is a render of its own, and all of one size are
-averaged, so that a rare bright path counts alike in every size: chance is only how errors of passes line up.
+("auto"), channels with channels. A run of passes is cut into all its blocks of 1, 2, 4, …, each a render of its own;
+all of one size are averaged, so that a rare bright path counts alike in every size.
 """
 
 from __future__ import annotations
@@ -32,29 +30,17 @@ from ...sensor.compensation import compensable
 from ...sensor.effects.dark_current import mean_dark_e
 from ...sensor.expose import expose
 from ..frames import expected_moments
-from ..statistics import Array
-from ..subject import Subject
-from .series import Block, RenderSetting, Series, in_blocks
+from ..kit import Array, Subject
+from .settings import Block, RenderSetting, Series, in_blocks
 
 REFERENCE_S = 15.0  # seconds that each reference may take, as its first passes tell
-FEWEST_PASSES = 8  # of a reference: its variance is the spread of its passes, averaged over all pixels
-SAMPLES, SAMPLES_OF_FOUR = 256, 64  # per pass, of all bands and of four at a time (benchmarks/render_passes.py)
-SEED = 0  # of the references; runs have 1, 2, …
-DARKEST = 0.1  # of the mean: errors of darker pixels are relative to this level, or they would be all of it
-STEP = 0.01  # relative step of the light by which the slope of the digital numbers is found
-PILOT = 8  # passes whose spread tells how noisy one is
+STEP, PILOT = 0.01, 8  # relative, of the light, for the slope of the DN; passes whose spread tells how noisy one is
 FEWEST_COMPENSATED = 8  # passes from which a variance can be compensated: 7 degrees of freedom (render/per_frame.py)
-SHARE_COMPENSATED = 8  # or one in so many of a run's passes, with which the noise of a render shall just be compensable
-DIMMER, DIMMEST = 2.0**-0.25, 2.0**-30  # steps in which the exposure is shortened; there any render is compensable
 TINY = float(np.finfo(float).tiny)
-MOST_BLOCKS = 16  # of a size up to which digital numbers are looked at; their moments and frames take as long as a pass
-MOST_SMOOTHED = 4  # blocks of a size that are denoised
-SMOOTHINGS = 3  # pictures that the package smooths: the render, and two halves of it for the bias
+MOST_SMOOTHED, SMOOTHINGS = 4, 3  # blocks of a size that are denoised; what the package smooths: the render and halves
 PLAIN, COMPENSATED, DENOISED = "plain", "compensated", "denoised"  # what is done about the render's noise
 
-Rung = dict[str, float]
-"""All blocks of one size of one run: "passes", "blocks" and "seconds" of one; where measured the squared errors of
-"electrons", "irradiance", "dn", and "variance_dn2" between frames."""
+Rung = dict[str, float]  # of all blocks of a size: "passes", "blocks", "seconds", squared errors, "variance_dn2"
 
 
 class Reference(NamedTuple):
@@ -78,7 +64,7 @@ class Target:
         self.seen = seen if seen.any() else lit  # (H, W)
         self._mean_e = float(electrons[self.seen].mean())
         self._mean_of_band = self.own.light.data[self.seen].mean(axis=0, dtype=np.float64)
-        self._level = np.maximum(electrons / self._mean_e, DARKEST)[self.seen]
+        self._level = np.maximum(electrons / self._mean_e, 0.1)[self.seen]  # or errors of darker ones would be all
         self.mean_dn = mean_dn(subject, self.own.photons)
 
     def mean_square(self, measure: str, off: Array) -> float:
@@ -108,11 +94,10 @@ class Target:
 def render_reference(subject: Subject, setting: RenderSetting) -> Reference:
     """Render as many passes as the time allows. Raises InputError for a scene without light."""
     grouped = setting.banding == "cube"
-    series = Series(subject, setting._replace(samples=SAMPLES_OF_FOUR if grouped else SAMPLES))
+    series = Series(subject, setting._replace(samples=64 if grouped else 256))  # benchmarks/render_passes.py
     render, one = series.job.render, StopCriterion(1, series.setting.samples, grouped=grouped)
-    render(SEED, one)  # compiles
-    passes = max(math.ceil(REFERENCE_S / render(SEED, one).statistics.seconds), FEWEST_PASSES)
-    light = render(SEED, replace(one, passes=passes))
+    _, second = render(0, one), render(0, one)  # the first compiles; runs have seeds 1, 2, …
+    light = render(0, replace(one, passes=max(math.ceil(REFERENCE_S / second.statistics.seconds), 8)))
     electrons, variance_e2 = series.job.renderer.electrons()
     return Reference(light, series.light(light.data.astype(np.float64), electrons), electrons, variance_e2)
 
@@ -149,8 +134,7 @@ def frame_exposure(series: Series, target: Target, passes: int) -> FrameExposure
     shown = target.seen & (noise <= np.quantile(noise[target.seen], 1 - NOISIEST))
 
     def enough(share: float, count: float) -> bool:
-        """Whether so many passes are quiet enough at a share of the exposure, as render/per_frame.py decides: by the
-        median, and by what is left; and whether the median pixel is below full well."""
+        """Whether so many passes are quiet enough at a share of the exposure, as render/per_frame.py decides."""
         light, dark = share * target.own.electrons[shown], share * dark_e
         variance = share**2 * one_pass_e2[shown] / count  # electrons go with the exposure, this with its square
         total = np.maximum(light + dark, TINY)
@@ -158,9 +142,9 @@ def frame_exposure(series: Series, target: Target, passes: int) -> FrameExposure
         quiet = np.median(variance / total) * median_bias(PILOT) <= TARGET and np.mean(left / total) <= UNCOMPENSATED
         return bool(quiet and np.median(total) < camera.pixel.full_well_e)
 
-    share, count = 1.0, max(passes / SHARE_COMPENSATED, FEWEST_COMPENSATED)
-    while not enough(share, count) and share > DIMMEST:
-        share *= DIMMER
+    share, count = 1.0, max(passes / 8, FEWEST_COMPENSATED)  # noise just compensable
+    while not enough(share, count) and share > 2.0**-30:  # where any render is compensable
+        share *= 2.0**-0.25
     while count > FEWEST_COMPENSATED and enough(share, count / 2):
         count /= 2
     dimmed = Exposure(share * exposure.time_s, exposure.temperature_k)
@@ -215,7 +199,7 @@ class Run:
         off = {"electrons": block.electrons - target.own.electrons}
         if self._series.bands.kind != "channels":
             off["irradiance"] = block.irradiance - target.bands.light.data
-        if block.passes * MOST_BLOCKS >= ladder.passes:
+        if 16 * block.passes >= ladder.passes:  # moments and frames take as long as a pass
             light = self._series.light(block.irradiance, block.electrons)
             off["dn"] = mean_dn(target.subject, light) - target.mean_dn
             if ladder.framed is not None and FEWEST_COMPENSATED <= block.passes < ladder.passes:

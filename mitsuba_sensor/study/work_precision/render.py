@@ -19,25 +19,19 @@ from ...render.passes import FEWEST, MOST_IN_ALL, SAMPLER
 from ...render.photons import collect
 from ...render.stop_criterion import stop_criterion_of
 from ...render.variants import use
-from ..kit import Kit, Step
-from ..statistics import Array, Slope, slope_of_runs
-from ..subject import Subject
+from ..kit import Array, Kit, Slope, Step, Subject, slope_of_runs
 from . import errors
 from .errors import DENOISED, PLAIN, Ladder, Rung, Target
-from .series import Choice, RenderSetting, Series, all_settings, usable_variants
+from .settings import Choice, RenderSetting, Series, all_settings, usable_variants
 
 RUN_S = 2.5  # seconds that the passes of one run may take: so long is its ladder
 FEWEST_PASSES, FEWEST_FRAMED, MOST_PASSES = 4, 32, 256  # of a run: for three rungs; for frames of two sizes; for nine
-PILOT = 2  # passes that tell the time of one, after the first has compiled
 COMPILE_S, COMPARING = 6.0, 1.4  # as expected until the first pass; of a run, over the seconds of its passes
-CHECK_S = 15.0  # a recommendation that takes longer is not checked
-CHECKS = 3  # renders of the recommended options, with more samples after each that missed
-CHECK_SEEDS = (1001, 1002)  # no run and no reference has them. The first compiles, the second is timed
+CHECK_S, CHECKS = 15.0, 3  # no longer recommendation is checked; renders of one, with more samples after a miss
 THEORY = -0.5  # slope of an unbiased mean of independent passes; of its variance, twice that
-WITHIN = 0.05  # how near a slope must come, or as near as its interval is wide
-FEWEST_RUNGS = 3  # that make a slope
+WITHIN, FEWEST_RUNGS = 0.05, 3  # how near a slope must come, or as near as its interval is wide; that make a slope
 FRAME_SIGMA = 0.01  # how much too large the temporal σ of a frame may be
-SAMPLE_COUNTS = [2**k * part // 2 for k in range(4, MOST_IN_ALL.bit_length()) for part in (2, 3)]  # 16, 24, 32, 48 …
+SAMPLE_COUNTS = [n for k in range(3, 24) for n in (2 * 2**k, 3 * 2**k) if n <= MOST_IN_ALL]  # 16, 24, 32, 48 …
 MARGIN = 1.1  # on the samples that a check asks for: its error is known to some percent
 
 
@@ -55,8 +49,7 @@ class Render:
         self._base = RenderSetting(self._variants[0].name)
         self.smooth = False
         with suppress(InputError):  # Open Image Denoise is not installed
-            library()
-            self.smooth = True
+            self.smooth = bool(library())
         self.checks: list[tuple[Choice, dict[str, float]]] = []
         self.reached = False  # whether the recommended options were rendered and kept the tolerance
         self._open: Series | None = None
@@ -104,7 +97,7 @@ class Render:
         series = Series(self._subject, setting)
         list(series.passes(0, 1))
         first_s = time.perf_counter() - began
-        pass_s = min(block.seconds for block in series.passes(0, PILOT))
+        pass_s = min(block.seconds for block in series.passes(0, 2))
         framed = setting in (self._base, self._base._replace(banding="channels"))
         passes = 2 ** max(math.floor(math.log2(max(RUN_S / pass_s, 1.0))), 0)
         passes = int(np.clip(passes, FEWEST_FRAMED if framed else FEWEST_PASSES, MOST_PASSES))
@@ -129,8 +122,8 @@ class Render:
             found = self.kit.measure(f"check: {choice.options}", 2 * choice.seconds + COMPILE_S, measure)
             self.checks.append((choice, found))
             self.reached = found["error"] <= self.tolerance
-            again = not self.reached and len(self.checks) < CHECKS
-            choice = corrected(choice, found["error"], self.tolerance) if again else None
+            more = corrected(choice, found["error"], self.tolerance)
+            choice = None if self.reached or len(self.checks) == CHECKS else more
 
 
 class Point(NamedTuple):
@@ -165,26 +158,23 @@ class Result(NamedTuple):
         clear = [(passes, s, math.sqrt(x - own), error) for passes, s, x, error, _ in every if x - own > own]
         return [Point(passes, seconds, root, error / (2 * root)) for passes, seconds, root, error in clear]
 
-    def slope(self, measure: str) -> Slope | None:
-        """Of log error against log seconds, None with too few rungs."""
-        clear, runs = {point.passes for point in self.points(measure)}, []
-        for run in self.runs:
-            rungs = [rung for rung in run[PLAIN] if rung["passes"] in clear]
-            squares = [rung[measure] - self.own[measure] for rung in rungs]
-            if len(rungs) < FEWEST_RUNGS or min(squares) <= 0:
-                return None
-            runs.append(([rung["seconds"] for rung in rungs], [math.sqrt(square) for square in squares]))
-        return slope_of_runs(runs)
-
     @property
-    def slopes(self) -> list[Slope]:
-        """Those that have a theory."""
-        return [slope for measure in ("electrons", "irradiance") if (slope := self.slope(measure)) is not None]
+    def slopes(self) -> dict[str, Slope]:
+        """Of log error against log seconds, by measures that have a theory and enough rungs."""
+        found = {}
+        for measure in ("electrons", "irradiance"):
+            clear, own = {point.passes for point in self.points(measure)}, self.own[measure]
+            runs = [[rung for rung in run[PLAIN] if rung["passes"] in clear] for run in self.runs]
+            if all(len(rungs) >= FEWEST_RUNGS and min(rung[measure] for rung in rungs) > own for rungs in runs):
+                roots = [[math.sqrt(rung[measure] - own) for rung in rungs] for rungs in runs]
+                seconds = [[rung["seconds"] for rung in rungs] for rungs in runs]
+                found[measure] = slope_of_runs(zip(seconds, roots, strict=True))
+        return found
 
     @property
     def verdict(self) -> str:
         """Whether every slope follows theory, as its runs can tell; "" where no error is clear of the reference's."""
-        held = [slope.within(THEORY, max(WITHIN, slope.half_width)) for slope in self.slopes]
+        held = [abs(one.value - THEORY) <= max(WITHIN, one.half_width) for one in self.slopes.values()]
         return ("holds" if all(held) else "off") if held else ""
 
     def sigma(self, treatment: str) -> list[Point]:
@@ -192,17 +182,14 @@ class Result(NamedTuple):
         framed, found = self.ladder.framed, list[Point]()
         for passes, seconds, variance, error, frames in self._means("variance_dn2", treatment):
             assert framed is not None
-            ratio = math.sqrt(variance / framed.variance_dn2)
-            normal = ratio * math.sqrt(
-                0.5 / (framed.pixels * (frames - 1) * len(self.runs))
-            )  # few runs agree by chance
-            found.append(Point(passes, seconds, ratio - 1, max(error / (2 * ratio * framed.variance_dn2), normal)))
+            ratio, count = math.sqrt(variance / framed.variance_dn2), framed.pixels * (frames - 1) * len(self.runs)
+            least = ratio * math.sqrt(0.5 / count)  # few runs agree by chance
+            found.append(Point(passes, seconds, ratio - 1, max(error / (2 * ratio * framed.variance_dn2), least)))
         return found
 
     @property
     def plain_s(self) -> float | None:
-        """Seconds after which a frame on top of a render has a σ that is FRAME_SIGMA too large, at the frames' own
-        exposure: the excess of its variance falls as 1/t. None where no excess was seen."""
+        """Seconds after which a frame has a σ that is FRAME_SIGMA too large: excess variance falls as 1/t; or None."""
         every = [(point.seconds, 1 + point.error, point.spread) for point in self.sigma(PLAIN)]
         if not every:
             return None
@@ -223,10 +210,7 @@ class Result(NamedTuple):
 
 
 def predict(result: Result, sizes: Sequence[Result], spp: int) -> tuple[float, float] | None:
-    """Seconds and error of --spp in a setting; None where the bands would not be rendered apart.
-
-    sizes : of the base setting, for each size of pass: what they gain and cost there is taken to be the same here.
-    """
+    """Seconds and error of --spp in a setting, None if its bands are not apart; sizes : of pass, the base setting's."""
     criterion = stop_criterion_of({"spp": spp}, result.ladder.groups)
     if criterion.grouped != (result.ladder.groups > 1):
         return None
@@ -276,7 +260,7 @@ def checked(choice: Choice, target: Target) -> dict[str, float]:
     """Render with these very options and compare with the reference: seconds and relative error of electrons."""
     subject, squares = target.subject, []
     asked = {name: getattr(choice, name) for name in ("spp", "spectral", "denoise", "variant")}
-    for seed in CHECK_SEEDS:
+    for seed in (1001, 1002):  # no run and no reference has them; the first compiles, the second is timed
         light = subject.render(seed, **asked)
         off = errors.electrons_of(collect(light, subject.camera, subject.exposure), subject) - target.own.electrons
         squares.append(target.mean_square("electrons", off) - target.squares["electrons"])

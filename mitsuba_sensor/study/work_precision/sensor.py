@@ -3,55 +3,51 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import stdtrit
 
-from ...core import Photons, require
+from ...core import Photons
 from ...sensor.checks import as_photons
 from ...sensor.plan import plan
 from ...sensor.precision import LARGEST_DN, SHARE
+from ...sensor.stage import Chain
 from .. import frames
-from ..kit import Kit, Step, one_turn, ratio, spread
-from ..statistics import Array, Numbers, Values, pareto, t_limit
-from ..subject import Subject
-from .samplers import GAUSSIAN, GENERATOR, MEAN_ONLY, OWN, QUANTILE, REFERENCE, FrameSetting, drawn_law
+from ..kit import Array, Kit, Numbers, Step, Subject, Values, one_turn, pareto, ratio, spread
+from .settings import GAUSSIAN, GENERATOR, MEAN_ONLY, OWN, QUANTILE, REFERENCE, FrameSetting, drawn_law
 
 ENGINES = ("numpy", "drjit", "cuda")
 TOLERANCES_DN = (0.0, 0.02, 0.2, 1.0, 5.0)  # of the plans that are tried
 MEANS = (0.01, 0.1, 1.0, 10.0, 100.0, 1e4, 1e6)  # of the Poisson laws that are compared [events]
 TURNS = 7  # in each of which every setting makes frames
-LARGE = (1024, 1024)  # pixels of the frames that are timed and compared pixel by pixel, however small the render
-SMALL = (128, 128)  # pixels of the frames whose moments are measured, on each sensor
+LARGE, SMALL = (1024, 1024), (128, 128)  # frames that are timed and compared by pixels; whose moments are measured
 REPLICAS = frames.Replicas(sensors=32, frames=2, seed=2)  # the spread between sensors is the standard error
 LEVELS = 5  # groups of equally many pixels, from the darkest to the brightest, whose moments are averaged
 EXPECTED_S = {"numpy": 0.2, "drjit": 0.02, "cuda": 0.002}  # of a large frame, before anything is measured
 OPENING_S, SHORT_S = 0.5, 0.1  # as expected of a stream's kernel and maps; of moments in theory, and of one law
 VARIATION, VARIATION_UP_TO = 2e-5, 1e4  # how near float32's Poisson law is to the exact one up to this mean [events]
 LEAST_DN = 1e-5  # no change below this is told apart: 0 has no place on a logarithmic axis
-FALSE_ALARM = 1e-3  # chance that some measured change of one setting passes its limit although the true one does not
 SINGLE = FrameSetting("numpy", "float32", QUANTILE)
 
 
 class Sensor:
     """A camera in a scene's light, without a render's variance. Raises InputError for light that ``expose`` refuses."""
 
-    def __init__(self, kit: Kit, subject: Subject, light: Photons, tolerances: Sequence[float] = TOLERANCES_DN) -> None:
+    def __init__(self, kit: Kit, subject: Subject, light: Photons) -> None:
         self.kit, self.subject, self.photons = kit, subject, as_photons(light, subject.camera)
-        self.tolerances_dn = [require("tolerances_dn", float(dn), 0.0, np.inf, "e.g. 0.02") for dn in tolerances]
+        self._large, self._small = (frames.resized(self.photons, shape) for shape in (LARGE, SMALL))
         self._streams: dict[str, frames.Stream] = {}
         self._reference: Numbers | None = None
 
     def measure(self) -> None:
         """All that is not measured yet; what is timed comes first, while no other work has warmed a kernel."""
         self.kit.measure("engines", SHORT_S, lambda: {engine: frames.problem_of(engine) for engine in ENGINES})
-        try:
-            self.kit.take(self._steps())
-        finally:
-            self._streams.clear()
+        self.kit.take(self._steps())
+        self._streams.clear()
 
     @property
     def settings(self) -> list[FrameSetting]:
@@ -59,7 +55,7 @@ class Sensor:
         here = [engine for engine, problem in self.kit["engines"].items() if problem is None]
         own = [FrameSetting(one, "float32", law) for law in (QUANTILE, GAUSSIAN, MEAN_ONLY) for one in here]
         found = [REFERENCE, *own, SINGLE._replace(sampler=GENERATOR)]
-        for dn in self.tolerances_dn:
+        for dn in TOLERANCES_DN:
             exact = self.plan(dn)["precision"] == "float64"
             found += [one._replace(tolerance_dn=dn) for one in ([REFERENCE] if exact else own[: len(here)])]
         return found
@@ -79,33 +75,26 @@ class Sensor:
                 yield Step(f"Poisson law, mean {mean:g}: {one.name}", SHORT_S, partial(drawn_law, one, mean))
 
     def plan(self, tolerance_dn: float | None) -> Values:
-        """What a plan leaves of the chain (None: all): "stages", "left_out", "precision"; what theory says of them:
-        "moments" by light level (3, levels), "predicted_dn", their change, and "worst_pixel_dn", of any pixel."""
-        if (key := f"plan: {tolerance_dn}") not in self.kit.known:
-            self.kit.measure(key, SHORT_S, partial(self._planned, tolerance_dn))
-        return dict(self.kit[key])
+        """What a plan leaves of the chain (None: all), and what theory says of it by light level (3, levels)."""
+        key, measure = f"plan: {tolerance_dn}", partial(self._planned, tolerance_dn)
+        return dict(self.kit[key] if key in self.kit.known else self.kit.measure(key, SHORT_S, measure))
 
     def _planned(self, tolerance_dn: float | None) -> Values:
-        whole = stages = self.subject.camera.stages
-        precision = "float64"
+        camera, precision = self.subject.camera, "float64"
+        whole = stages = camera.stages
         if tolerance_dn is not None:
-            made = plan(self.subject.camera, self.subject.exposure, self.photons, tolerance_dn)
+            made = plan(camera, self.subject.exposure, self.photons, tolerance_dn)
             stages, precision = made.stages, made.precision
-        kept, pixels = {stage.label for stage in stages}, [self.expected(one) for one in (stages, whole)]
+        pixels = [self.expected(one) for one in (stages, whole)]
+        moments = [np.stack([*frames.averages(one, self.groups).values()], axis=1) for one in pixels]
+        kept, worst_dn = {stage.label for stage in stages}, float(np.abs(frames.in_dn(*pixels)).max())
         left_out = [stage.label for stage in whole if stage.label not in kept]
-        moments = [by_level(frames.averages(one, self.groups)) for one in pixels]
-        worst_dn = float(np.abs(frames.in_dn(*pixels)).max())
         found = {"stages": stages, "left_out": left_out, "precision": precision, "moments": moments[0]}
         return {**found, "predicted_dn": frames.in_dn(*moments), "worst_pixel_dn": worst_dn}
 
-    @cached_property
-    def windows(self) -> dict[str, Photons]:
-        """The scene's light on a large window and on a small one."""
-        return {"large": frames.resized(self.photons, LARGE), "small": frames.resized(self.photons, SMALL)}
-
-    def expected(self, stages: frames.Stages) -> Array:
+    def expected(self, stages: Chain) -> Array:
         """Moments of every pixel of the small window in theory, (3, H, W)."""
-        return frames.expected_moments(stages, self.windows["small"], self.subject.exposure)
+        return frames.expected_moments(stages, self._small, self.subject.exposure)
 
     @cached_property
     def groups(self) -> dict[str, NDArray[np.intp]]:
@@ -115,8 +104,8 @@ class Sensor:
 
     def stream(self, setting: FrameSetting) -> frames.Stream:
         """Frames of the large window."""
-        light = frames.Illuminated(self.windows["large"], self.subject.exposure, setting.backend())
-        return light.stream(self.plan(setting.tolerance_dn)["stages"])
+        light = frames.Illuminated(self._large, self.subject.exposure, setting.backend())
+        return frames.Stream(self.plan(setting.tolerance_dn)["stages"], light)
 
     def first(self, setting: FrameSetting) -> float:
         """Seconds until the first frame: light, maps and, unless Dr.Jit has it already, the kernel."""
@@ -143,13 +132,9 @@ class Sensor:
     def moments(self, setting: FrameSetting) -> Array:
         """Of frames on the host, by light level, (3, levels, sensors); equal random bits make differences clear."""
         stages = self.plan(setting.tolerance_dn)["stages"]
-        light = frames.Illuminated(self.windows["small"], self.subject.exposure, setting.backend())
-        return by_level(light.measured_moments(stages, REPLICAS, self.expected(stages), self.groups))
-
-
-def by_level(levels: Mapping[str, Mapping[str, float | list[float]]]) -> Array:
-    """Moments by light level, (3, levels) or (3, levels, sensors)."""
-    return np.array([[level[name] for level in levels.values()] for name in frames.MOMENTS])
+        light = frames.Illuminated(self._small, self.subject.exposure, setting.backend())
+        found = light.measured_moments(stages, REPLICAS, self.expected(stages), self.groups)
+        return np.stack([*found.values()], axis=1)
 
 
 class Change(NamedTuple):
@@ -174,16 +159,16 @@ class Change(NamedTuple):
 def change(found: Array, other: Array, theory: Array, other_theory: Array) -> Change:
     """found − other, (3, levels, sensors), of frames with equal random bits; ``other`` may be a theory, without error.
 
-    √a − √b = (a − b)/(√a + √b), with temporal variances of the frames and spatial ones of theory, known better. Where a
-    variance is not resolved, neither is its root: √a + √b is at least √|a − b| and the root of the standard error.
-    """
+    √a − √b = (a − b)/(√a + √b), with temporal variances of the frames and spatial ones of theory, known better; where a
+    variance is not resolved, neither is its root: √a + √b is at least √|a − b| and the root of the standard error."""
     off = found - (other if other.ndim == 3 else other[..., None])
     value, error = off.mean(axis=2), off.std(axis=2, ddof=1) / np.sqrt(off.shape[2])
     temporal = [x[1].mean(axis=-1) if x.ndim == 3 else x[1] for x in (found, other)]
     roots = np.sqrt(np.maximum([temporal, [theory[2], other_theory[2]]], 0.0)).sum(axis=1)
     least = np.sqrt(np.maximum(np.maximum(np.abs(value[1:]), error[1:]), np.finfo(float).tiny))
     unit = np.concatenate([np.ones_like(value[:1]), np.maximum(roots, least)])
-    return Change(value / unit, error / unit, t_limit(off.shape[2] - 1, FALSE_ALARM, value.size) * error / unit)
+    limit = float(stdtrit(off.shape[2] - 1, 1 - 1e-3 / (2 * value.size)))  # one study in 1000: Student, Bonferroni
+    return Change(value / unit, error / unit, limit * error / unit)
 
 
 class Row:
@@ -213,15 +198,13 @@ class Results:
     def __init__(self, sensor: Sensor) -> None:
         self.absent = {engine: why for engine, why in sensor.kit["engines"].items() if why is not None}
         self.rows = {one: Row(sensor, one) for one in sensor.settings}
-        self.plans = {dn: sensor.plan(dn) for dn in sensor.tolerances_dn}
+        self.plans = {dn: sensor.plan(dn) for dn in TOLERANCES_DN}
         key, whole = "Poisson law, mean {:g}: {}".format, [one.name for one in self.rows if one.tolerance_dn is None]
         self.laws = {name: {mean: sensor.kit[key(mean, name)] for mean in MEANS} for name in whole}
-        points = [(row.ns.median, row.error_dn) for row in self.rows.values()]
-        self.front = [list(self.rows)[i] for i in pareto(points)]  # those that no other beats in time and error
+        self.front = [[*self.rows][i] for i in pareto([(row.ns.median, row.error_dn) for row in self.rows.values()])]
 
     def recommended(self, dn: float) -> Row:
-        """The fastest that the package offers whose frames keep within the tolerance, as the reference does; of several
-        that cannot be told from the fastest (its upper quartile is not reached) the nearest to the reference."""
+        """The fastest own setting whose frames keep the tolerance; of those below its upper quartile the nearest."""
         fit = [
             row
             for one, row in self.rows.items()

@@ -10,11 +10,10 @@ import numpy as np
 
 from .. import frames
 from ..kit import ratio
-from ..page import Line, Mark, MarkedRow, Plot, Section, Table, table
+from ..page import Mark, MarkedRow, Plot, Section, Table, line, ringed, table
 from . import sensor as measured
-from .render_page import line, ringed
-from .samplers import GAUSSIAN, GENERATOR, OWN, QUANTILE, REFERENCE, SAMPLERS
 from .sensor import LEAST_DN, SINGLE, Results
+from .settings import GAUSSIAN, GENERATOR, OWN, QUANTILE, REFERENCE, SAMPLERS
 
 USUAL_DN = 0.02  # the tolerance that the first finding is about, where it was tried
 NANOSECONDS, FASTER = "time [ns/pixel]", f"times as fast as {REFERENCE.name}"
@@ -62,10 +61,8 @@ def findings(results: Results) -> Iterator[str]:
         f"{theirs:.2g}; in frames the Gaussian saves {plain.ns.median - rounded.ns.median:.3g} ns/pixel of "
         f"{plain.ns.median:.3g} (NumPy float32), and with NumPy's own generator they take {third.ns.median:.3g}."
     )
-    apart = (
-        f"{100 * plain.pixels['share_of_pixels']:.2g} % of the pixels are off, by up to {plain.pixels['largest_dn']:g}"
-    )
-    yield f"In float32 {apart} DN, from float64 with equal random bits."
+    off = f"{100 * plain.pixels['share_of_pixels']:.2g} % of the pixels are off"
+    yield f"In float32 {off}, by up to {plain.pixels['largest_dn']:g} DN, from float64 with equal random bits."
 
 
 def _advice(results: Results, dn: float) -> str:
@@ -105,8 +102,8 @@ def _settings_table(results: Results) -> Table:
         steps = share, row.pixels.get("largest_dn"), row.pixels.get("rms_dn"), plain if one.compiled else None
         mark: Mark = "dim" if one.sampler not in OWN else "best" if one in results.front else ""
         rows.append((mark, (one.name, *times, *steps, *row.change.worst[:2], *row.theory.worst[:2])))
-    for engine, problem in results.absent.items():
-        rows.append(("dim", (f"{engine}: not here ({problem})", *(None,) * (len(rows[0][1]) - 1))))
+    none = (None,) * (len(rows[0][1]) - 1)
+    rows += (("dim", (f"{engine}: not here ({problem})", *none)) for engine, problem in results.absent.items())
     return table(
         "Settings of the sensor",
         f"setting | {NANOSECONDS} | quartiles [ns/pixel] | {FASTER} | first frame [s] | "
@@ -153,17 +150,16 @@ def _laws_parts(results: Results) -> tuple[Plot, Table, Table]:
     distinct = {name: laws for k, (name, laws) in enumerate(every.items()) if laws not in [*every.values()][:k]}
     headings = " | ".join(f"mean {mean:g}" for mean in measured.MEANS)
 
-    def drawn(label: str, name: str, what: str) -> Line:
-        points = [(mean, law[what]) for mean, law in results.laws[name].items()]
-        return line(label, points, dashed=name.endswith(GENERATOR))
-
     third = next(name for name in distinct if name.endswith(GENERATOR))
-    lines = [drawn(name, name, "variation") for name in distinct]
-    lines.append(drawn("as many exact draws, by chance", third, "resolution"))
+    drawn = [*((name, name, "variation") for name in distinct), ("as many exact draws, by chance", third, "resolution")]
+    lines = tuple(
+        line(label, [(mean, law[what]) for mean, law in results.laws[name].items()], dashed=name == third)
+        for label, name, what in drawn
+    )
     note = "Over all 2^32 random bits, by bisection; a generator that has a state by 2 million draws, whose distance "
     note += "from the law is then chance."
     title, x_label, y_label = "Distance of the drawn law from Poisson's", "mean [events]", "total variation ½Σ|p − q|"
-    plot = Plot(title, x_label, y_label, tuple(lines), note=note)
+    plot = Plot(title, x_label, y_label, lines, note=note)
     values = {name: [law["variation"] for law in laws] for name, laws in every.items()}
     values["resolution"] = [law["resolution"] for law in every[REFERENCE.name]]
     variations = table(
