@@ -18,6 +18,7 @@ from mitsuba_sensor.core.llvm import drjit
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.core.signals import Photons
 from mitsuba_sensor.sensor.chain import chain
+from mitsuba_sensor.sensor.detection import detect
 from mitsuba_sensor.sensor.run import begin, choose_backend, row_strips_of
 from mitsuba_sensor.sensor.stage import sample
 
@@ -33,7 +34,8 @@ def kernel_only(engine: str, photons: NDArray[np.float64], camera: ms.Camera) ->
     parts = []
     for rows in row_strips_of(photons.shape, backend.strip_pixels):
         frame = Frame(EXPOSURE, whole.window.crop_rows(rows))
-        parts.append((begin(stages, Photons(photons[rows]), frame), frame))
+        light = detect(Photons(photons[rows]), stages[0], frame)
+        parts.append((begin(stages, light.signal, frame), frame))
 
     def run() -> None:
         for start, frame in parts * FRAMES_PER_TURN:
