@@ -216,7 +216,7 @@ def frame_metadata(
         statistics, camera, first = light.statistics.to_dict(), frames.camera, frames.first
         made = frames.plan
         if made is None and options["chain"] == "physical":
-            made = plan(camera, first.exposure, frames.light)
+            made = plan(camera, first.exposure, frames.light, maps=first.window.given)
         found = {} if made is None else made.to_dict()
         noise, report = render_noise(light, frames), frames.report
     return {

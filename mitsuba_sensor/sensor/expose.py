@@ -18,7 +18,6 @@ from .checks import as_photons, check_compensation, check_numbers, checked_maps,
 from .frame_theory import FrameTheory
 from .gains import adc_gain_dn_per_v
 from .konnik2014 import Konnik2014Settings, chain_of
-from .light_levels import light_levels
 from .noise_budget import NoiseBudget
 from .options import ExposeOptions, Precision
 from .plan import Plan
@@ -144,10 +143,9 @@ class PreparedExposure:
         first = self.first if number is None else replace(self.first, index=number, _blocks={})
         plan = self.plan
         if self.tolerance_dn is not None:
-            plan = make_plan(self.camera, first.exposure, light, self.tolerance_dn)
+            plan = make_plan(self.camera, first.exposure, light, self.tolerance_dn, maps=first.window.given)
         elif plan is not None:
-            levels = light_levels(replace(light, variance_e2=None), plan.whole[0], first)
-            plan.range.check(first.exposure, levels, first.window.shape)
+            plan.check(light, first)
         stages = self.stages if plan is None else plan.stages
         check_compensation(light, stages, self.count)
         return replace(self, light=light, first=first, plan=plan, stages=stages)
@@ -222,7 +220,7 @@ def prepare_exposure(
     precision = _precision(chosen["precision"], camera, chosen["plan"], chosen["chain"])
     backend = choose_backend(chosen["engine"], precision, frames * shape[0] * shape[1])
     window = SensorWindow(serial, (shape[0], shape[1]), origin)
-    given = checked_maps({} if chosen["maps"] is None else chosen["maps"], stages, window, camera)
+    given = checked_maps(chosen["maps"] or {}, camera.stages if chosen["plan"] else stages, window, camera)
     window = replace(window, given=given, backend=backend)
     first = Frame(exposure, window, seed, first_frame)
     return PreparedExposure(
