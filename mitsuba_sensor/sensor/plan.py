@@ -50,19 +50,19 @@ class Plan:
 
     def explain(self) -> str:
         """A table for people."""
-        names = ("mean", "temporal σ", "spatial σ", "structure", "pixels")
+        names = ("mean", "temporal", "spatial", "structure", "pixels")
         held = self.range
         lines = [
             f"Plan for {self.camera}: all that is left out moves no level by more than {self.tolerance_dn:g} DN.",
             f"It holds for {held.darkest_e:.4g} … {held.brightest_e:.4g} mean photoelectrons per pixel, "
             f"{held.exposure.time_s:g} s at {held.exposure.temperature_k:g} K, {held.columns} × {held.rows} pixels.",
             "What each stage changes by itself at most [DN], and the pixels that it moves by more than the tolerance:",
-            f"{'stage':<23}{'':<9}" + "".join(f"{name:>11}" for name in names),
+            f"{'stage':<26}{'':<9}" + "".join(f"{name:>10}" for name in names),
         ]
         for e in self.effects:
             numbers = (e.mean_dn, e.temporal_dn, e.spatial_dn, e.structure_dn, e.pixels_beyond)
             kept = "kept" if e.kept else "left out"
-            row = f"{e.stage:<23}{kept:<9}" + "".join(f"{x:>11.4g}" for x in numbers) + f"  {e.reason}"
+            row = f"{e.stage:<26}{kept:<9}" + "".join(f"{x:>10.4g}" for x in numbers) + f"  {e.reason}"
             lines.append(row.rstrip())
         whole_s, planned_s = self.seconds
         lines.append(self.float32.explain())

@@ -97,6 +97,8 @@ class Trial:
     def full(self) -> Theory:
         """Theory of the whole chain."""
         theory, last = Theory.of(self.whole, self.frame, self.kind), len(self.whole) - 1
+        ends = [self.range.darkest_e, min(self.range.brightest_e, float(theory.nodes[-1]))]
+        vars(theory)["nodes"] = np.union1d(theory.nodes, ends)
         filling = [k - 1 for k, stage in enumerate(self.whole) if stage.saturation_e is not None]
         theory.prepare([*filling, last - 1])
         return theory
@@ -116,13 +118,11 @@ class Trial:
         rest, last = theory_without(self.full, out), len(self.whole) - 1
         rest.prepare([len(rest.stages) - 2])
         changes = [np.abs(self._levels(rest, len(rest.stages) - 1) - self._levels(self.full, last))]
-        gain = converter_of(self.whole).gain_dn_per_v
-        inside = self._inside
-        if inside.any():  # before rounding, which can hide a change
-            scale = np.array([gain, gain**2, gain**2])
-            analogue = self._levels(rest, len(rest.stages) - 2) - self._levels(self.full, last - 1)
-            changes.append(np.abs(analogue[inside]) * scale)
-        mean, temporal, spatial = np.max([change.max(axis=0) for change in changes], axis=0)
+        scale = converter_of(self.whole).gain_dn_per_v ** np.array([1, 2, 2])
+        analogue = [self._levels(rest, len(rest.stages) - 2) * scale, self._levels(self.full, last - 1) * scale]
+        changes.append(np.abs(analogue[0] - analogue[1])[self._inside])  # before rounding, which can hide a change
+        changes.append(np.abs(_rounding(analogue[0]) - _rounding(analogue[1])))  # between the levels
+        mean, temporal, spatial = np.max([change.max(axis=0, initial=0.0) for change in changes], axis=0)
         return float(mean), float(np.sqrt(temporal)), float(np.sqrt(spatial))
 
     def chosen(self, free: list[Stage], alone: dict[int, Effect]) -> list[Stage]:
@@ -219,6 +219,16 @@ class Tails:
             place = int(np.searchsorted(np.cumsum(pixels[order]), FEW))
             reach = max(reach, float(steps[order][place]) if place < steps.size else 0.0)
         return reach
+
+
+def _rounding(analogue: Float64Array) -> Float64Array:
+    """How far rounding to codes may move mean and variances of a signal in DN, wherever in a step it lies, (N, 3).
+
+    The steps are blurred by the noise: their first harmonic falls with exp(-2π²σ²).
+    """
+    variance = analogue[:, 1] + analogue[:, 2]
+    left = np.exp(-2 * np.pi**2 * variance)
+    return np.stack([0.5 * left, (0.25 + 4 * variance) * left, 0.0 * left], axis=1)
 
 
 def without(stages: Chain, out: Collection[Stage]) -> Chain:
