@@ -18,7 +18,6 @@ import numpy as np
 import pytest
 import tifffile
 from PIL import Image
-from rich.console import Console
 from typer.testing import CliRunner
 
 import mitsuba_sensor as ms
@@ -158,11 +157,13 @@ def test_plan_cuts_no_number_and_no_name_in_a_narrow_terminal(
     columns: int, light_file: Path, cli: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Every number of the table stands on the line of its stage, between blanks; nothing ends in an ellipsis."""
-    monkeypatch.setattr("mitsuba_sensor.cli.app.out", Console(width=columns))
+    from mitsuba_sensor.cli.app import out
+
+    monkeypatch.setattr(out, "width", columns)
     arguments = ("plan", light_file, "--tolerance-dn", 0.02, "--set", "readout.row_noise_e=0.01")
     said = cli(*arguments).stdout
     assert max(map(len, said.splitlines())) <= columns and "…" not in said.replace(" … ", "")
-    rows = [line.split() for line in said.splitlines() if re.search(r" (yes|no) .* \d+$", line)]
+    rows = [line.split() for line in said.splitlines() if re.search(r" (yes|no) .* \d+ *$", line)]
     stages = [one for one in json.loads(cli(*arguments, "--json").stdout)["stages"] if not is_listed(one)]
     assert len(rows) == len(stages)
     for words, stage in zip(rows, stages, strict=True):
