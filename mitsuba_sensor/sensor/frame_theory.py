@@ -13,6 +13,7 @@ from ..core.types import Float64Array
 from .light_levels import LightLevels, light_levels
 from .stage import Chain, Stage
 from .theory import Theory
+from .uncounted import theory_of
 
 
 class Averages(NamedTuple):
@@ -47,7 +48,7 @@ class FrameTheory:
     @cached_property
     def theories(self) -> list[Theory]:
         """One for each kind of light."""
-        return [Theory.of(self.stages, self.frame, levels.kind) for levels in self.levels]
+        return [theory_of(self.stages, self.frame, levels.kind) for levels in self.levels]
 
     def averages(self, stage: Stage) -> Averages:
         """Behind a stage."""

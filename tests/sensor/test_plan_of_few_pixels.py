@@ -8,8 +8,12 @@ import numpy as np
 import pytest
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.core import Frame, SensorWindow
 from mitsuba_sensor.sensor.gains import gain_dn_per_e
+from mitsuba_sensor.sensor.light_levels import light_levels
+from mitsuba_sensor.sensor.stage import sample
 from mitsuba_sensor.sensor.stage_effects import Effect
+from mitsuba_sensor.sensor.uncounted import theory_of
 
 EXPOSURE, SHORT = ms.Exposure(0.1), ms.Exposure(1e-3)
 TABLE1 = ms.load_camera("konnik_table1")
@@ -170,3 +174,31 @@ def test_one_hot_pixel_of_a_measured_map_is_counted() -> None:
     camera = TABLE1.replace(**{"pixel.prnu": 0.0})
     found = effect(ms.plan(camera, EXPOSURE, np.full((40, 60), 1000.0), 1.0, maps={"prnu": gains}), "PRNU")
     assert found.kept and found.pixels_beyond >= 1
+
+
+@pytest.mark.parametrize("photons", [2.0, 30_000.0, 70_000.0])
+def test_theory_without_shot_noise_is_that_of_frames_without_it(photons: float) -> None:
+    """σ of the columns 4.1 DN, of a well at 0.25 V full scale; within 4 standard errors of 24 serials."""
+    camera, light = TABLE1.replace(**{"adc.full_scale_v": 0.25}), np.full((24, 200), photons)
+    plan = ms.plan(camera, EXPOSURE, light, float("inf"))
+    stages = tuple(stage for stage in plan.whole if not stage.counts_electrons)
+    frames = np.stack(
+        [sample(stages, ms.Photons(light), Frame(EXPOSURE, SensorWindow(n, (24, 200)), n)) for n in range(24)]
+    )
+    level = light_levels(ms.Photons(light), stages[0], plan.frame)[0].light_e
+    (mean,), (temporal,), (spatial,) = theory_of(stages, plan.frame).digital(level)
+    means = frames.mean(axis=(1, 2))
+    assert abs(means.mean() - mean) < 4 * means.std(ddof=1) / np.sqrt(24) + 1e-6
+    squares = ((frames - mean) ** 2).mean(axis=(1, 2))
+    assert abs(squares.mean() - temporal - spatial) < 4 * squares.std(ddof=1) / np.sqrt(24) + 1e-6
+
+
+def test_the_report_of_a_frame_without_shot_noise_is_right() -> None:
+    """Its light is in photoelectrons: the QE is not applied a second time."""
+    light = np.full((40, 40), 2.0)
+    frames = ms.expose(light, TABLE1, ms.Exposure(1e-6), tolerance_dn=0.5)
+    assert "shot noise" in frames.plan.left_out  # type: ignore[union-attr]
+    dark, *_ = [line for line in frames.report["stages"] if line["name"] == "quantum efficiency"]
+    assert dark["mean_expected"] == pytest.approx(1.2, rel=1e-3)
+    last = frames.report["stages"][-1]
+    assert last["mean_expected"] == pytest.approx(last["mean_frame"], abs=1.0)
