@@ -153,3 +153,13 @@ def test_compensated_frames_are_timed_and_held_against_poissons_law() -> None:
     found = run("compensated_frames.py", "--quick")
     assert_positive(found["time"])
     assert found["frames"]["variance_over_mean"] == pytest.approx(1, abs=5 * found["frames"]["standard_error"])
+
+
+def test_plans_of_random_cameras_are_compared_and_continued(tmp_path: Path) -> None:
+    """Two cases, then the same two from the file and a third."""
+    file = str(tmp_path / "plans.jsonl")
+    first = run("plan_adversaries.py", "--seeds", "1", "3", "--frames-every", "2", "--file", file)
+    assert (first["cases"], first["with_frames"], first["failed"]) == (2, 1, [])
+    assert {name.split(":")[0] for name in first["worst"]} == {"theory", "frames"}
+    more = run("plan_adversaries.py", "--seeds", "1", "4", "--frames-every", "2", "--file", file)
+    assert more["cases"] == len(Path(file).read_text(encoding="utf-8").splitlines()) == 3

@@ -13,13 +13,14 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
-from ..sensor.plan import IDLE, Plan
+from ..sensor.plan import IDLE, NEEDED, Plan
 
 if TYPE_CHECKING:
     from ..render.requirements import RenderRequirement
     from ..render.stop_criterion import RenderProgress
 
 Report = Mapping[str, Any]  # ready for JSON: frame.json, or what a command prints
+KEPT = {True: Text("yes"), False: Text("no", style="green")}  # of a plan
 END = {"max_seconds": ", the time was up", "max_spp": ", the most samples were taken"}
 
 
@@ -67,21 +68,44 @@ def summary(report: Report, folder: str) -> RenderableType:
 
 def plan_sheet(plan: Plan, needs: Sequence[RenderRequirement]) -> RenderableType:
     """What a plan keeps and leaves out, sensor and render, with the effect in DN and the time that is saved."""
-    table = columns_table("", "", "mean", "temporal", "spatial", "structure", "pixels", "")
-    kept = {True: Text("kept"), False: Text("left out", style="green")}
-    for e in plan.effects:
-        if e.reason != IDLE:
-            numbers = map(_number, (e.mean_dn, e.temporal_dn, e.spatial_dn, e.structure_dn, e.pixels_beyond))
-            table.add_row(e.stage, kept[e.kept], *numbers, e.reason)
-    for need in needs:
-        table.add_row(need.what, kept[need.kept], _number(need.effect_dn), *[""] * 4, need.reason)
-    table.caption = "what each changes by itself at most on this scene [DN]; pixels beyond the tolerance"
-    whole_s, planned_s = plan.seconds
-    saved = f"{whole_s:.3g} s a frame with the whole chain, {planned_s:.3g} s with this plan"
+    held, whole_s, planned_s = plan.range, *plan.seconds
     head = f"{plan.camera}: what is left out moves no light level by more than {plan.tolerance_dn:g} DN in all"
-    idle = ", ".join(e.stage for e in plan.effects if e.reason == IDLE)
-    facts = (_fact("left out, changes nothing", idle or "–"), _fact("time", saved), Text(plan.float32.explain()))
-    return Group(Text(head, style="bold"), table, *facts)
+    light = f"{_number(held.darkest_e)} … {_number(held.brightest_e)} mean photoelectrons per pixel"
+    conditions = f"{held.exposure.time_s:g} s at {held.exposure.temperature_k:g} K, {held.columns} × {held.rows} pixels"
+    below = [e.stage for e in plan.effects if not e.kept and e.reason != IDLE]
+    stages = {reason: [e.stage for e in plan.effects if e.reason == reason] for reason in (NEEDED, IDLE)}
+    names = {"always needed": stages[NEEDED], "changes nothing": stages[IDLE], "left out beside that": below}
+    saved = f"{whole_s:.3g} s a frame with the whole chain, {planned_s:.3g} s with this plan"
+    lists = {name: ", ".join(found) or "–" for name, found in names.items()}
+    facts = {"holds for": f"{light}, {conditions}", **lists, "time": saved}
+    lines = (_fact(name, text) for name, text in facts.items())
+    return Group(Text(head, style="bold"), _effects(plan), _needs(needs), *lines, Text(plan.float32.explain()))
+
+
+def _effects(plan: Plan) -> Table:
+    """One row per stage that does something and can be left out."""
+    table = columns_table("stage", "kept", "mean", "temporal", "spatial", "lines", "pixels")
+    table.caption = (
+        "what each changes by itself at most on this scene [DN]; lines: what a row or column shares, times √length; "
+        "pixels that it moves beyond the tolerance"
+    )
+    for column in table.columns[1:]:
+        column.no_wrap, column.justify = True, "right"
+    for e in plan.effects:
+        if e.reason not in (IDLE, NEEDED):
+            numbers = (e.mean_dn, e.temporal_dn, e.spatial_dn, e.structure_dn, e.pixels_beyond)
+            table.add_row(e.stage, KEPT[e.kept], *map(_rough, numbers))
+    return table
+
+
+def _needs(needs: Sequence[RenderRequirement]) -> Table:
+    """One row per option of the render."""
+    table = columns_table("render", "kept", "DN", "why")
+    for column in table.columns[:3]:
+        column.no_wrap = True
+    for need in needs:
+        table.add_row(need.what, KEPT[need.kept], _number(need.effect_dn), need.reason)
+    return table
 
 
 def map_list(spread: Report, path: str) -> RenderableType:
@@ -187,6 +211,11 @@ def columns_table(*headings: str) -> Table:
 def _number(value: float | None) -> str:
     """Four significant digits, without an exponent where it can be avoided."""
     return "–" if value is None else f"{value:.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:.4g}"
+
+
+def _rough(value: float) -> str:
+    """Two significant digits, no more than six characters for most numbers."""
+    return "<0.001" if 0 < value < 1e-3 else f"{value:.0f}" if 10 <= value < 1e6 else f"{value:.2g}"
 
 
 def short(value: object) -> str:

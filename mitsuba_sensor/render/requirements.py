@@ -53,13 +53,14 @@ def render_requirements(
 def _bands(
     light: Irradiance, camera: Camera, exposure: Exposure, k_dn_per_e: float, tolerance_dn: float
 ) -> RenderRequirement:
-    """The fewest equal groups of bands that change no pixel's mean signal by more than the tolerance."""
-    count, full = len(light.wavelengths_nm), camera.pixel.full_well_e
-    reference = np.minimum(grouped_electrons(light, camera, exposure, 1), full)
-    change = 0.0
+    """The fewest equal groups of bands that change no pixel's mean signal by more than the tolerance.
+
+    What the bands of a group change must not cancel, for another scene or frame has other spectra; nor may a full well
+    hide it.
+    """
+    count, change = len(light.wavelengths_nm), 0.0
     for size in (s for s in range(count, 1, -1) if count % s == 0):
-        coarse = np.minimum(grouped_electrons(light, camera, exposure, size), full)
-        change = k_dn_per_e * float(np.max(np.abs(coarse - reference)))
+        change = k_dn_per_e * float(np.max(electrons_moved(light, camera, exposure, size)))
         if change <= tolerance_dn:
             reason = f"{count // size} are enough: --bandwidth-nm {float(np.sum(light.bandwidths_nm[:size])):g}"
             return RenderRequirement(f"{count} bands", False, change, reason)
@@ -67,13 +68,34 @@ def _bands(
     return RenderRequirement(f"{count} bands", True, change, why)
 
 
+def electrons_moved(light: Irradiance, camera: Camera, exposure: Exposure, size: int) -> Float64Array:
+    """Σ|E|·|Δ(QE·T·λ)| of every pixel, over the bands, where ``size`` neighbours become one, (H, W) [e-]."""
+    widths = np.asarray(light.bandwidths_nm, dtype=np.float64)
+    grouped, centres = _groups(light, size)
+    group, transmission = np.arange(len(widths)) // size, transmittance(camera, light.wavelengths_nm)
+    of_group = photons_per_irradiance(camera, exposure, centres, grouped) * camera.qe(centres)
+    of_group = (of_group * transmittance(camera, centres) / grouped)[:, group] * widths
+    merged = np.divide(of_group, transmission, out=np.zeros_like(of_group), where=transmission > 0)
+    own = photons_per_irradiance(camera, exposure, light.wavelengths_nm, widths) * camera.qe(light.wavelengths_nm)
+    finite = np.where(np.isfinite(light.data), np.abs(light.data), 0.0)
+    filters = camera.filter_index((finite.shape[0], finite.shape[1]), light.origin)
+    return np.asarray(np.einsum("hwb,hwb->hw", finite, np.abs(merged - own)[filters]))
+
+
+def _groups(light: Irradiance, size: int) -> tuple[Float64Array, Float64Array]:
+    """Widths and centres of groups of ``size`` neighbouring bands."""
+    widths = np.asarray(light.bandwidths_nm, dtype=np.float64)
+    starts = np.arange(0, len(widths), size)
+    grouped = np.add.reduceat(widths, starts)
+    return grouped, np.add.reduceat(light.wavelengths_nm * widths, starts) / grouped
+
+
 def grouped_electrons(light: Irradiance, camera: Camera, exposure: Exposure, size: int) -> Float64Array:
     """Mean photoelectrons of every pixel with ``size`` neighbouring bands merged into one, (H, W), and the lens's
     transmission at the centre of the merged band, as in a render with such bands."""
     widths = np.asarray(light.bandwidths_nm, dtype=np.float64)
     starts = np.arange(0, len(widths), size)
-    grouped = np.add.reduceat(widths, starts)
-    centres = np.add.reduceat(light.wavelengths_nm * widths, starts) / grouped
+    grouped, centres = _groups(light, size)
     transmission = transmittance(camera, light.wavelengths_nm)
     before_lens = np.where(transmission > 0, light.data / np.where(transmission > 0, transmission, 1.0), 0.0)
     finite = np.where(np.isfinite(before_lens), before_lens, 0.0)

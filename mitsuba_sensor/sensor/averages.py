@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -98,17 +99,25 @@ class ByDistribution:
         second = np.clip(np.nan_to_num(second), 0.0, first)
         return cls(mass, first, second, partial[0][:, 0], 1 - partial[0][:, -1])
 
+    @cached_property
+    def _weights(self) -> tuple[sparse.csr_array, ...]:
+        """Of both ends of the intervals in a mean; of their squares and product in a mean square. Most are zero."""
+        mass, first, second = self.mass, self.first, self.second
+        weights = mass - first, first, mass - 2 * first + second, 2 * (first - second), second
+        return tuple(sparse.csr_array(x) for x in weights)
+
     def averaged(self, values: Float64Array) -> Float64Array:
         """Mean and variances in front of the stage."""
         flat = values.reshape(values.shape[0], -1)
-        found = (self.mass - self.first) @ flat[:-1] + self.first @ flat[1:]
+        lower, upper, below, both, above = self._weights
+        found = lower @ flat[:-1] + upper @ flat[1:]
         found += self.below[:, None] * flat[0] + self.above[:, None] * flat[-1]
         result: NumpyArray = found.reshape(values.shape)
         reference = result[result.shape[0] // 2, :, 0]
         means = values[:, :, 0] - reference
         a, b = means[:-1], means[1:]
-        square = (self.mass - 2 * self.first + self.second) @ a**2 + 2 * (self.first - self.second) @ (a * b)
-        square += self.second @ b**2 + self.below[:, None] * means[0] ** 2 + self.above[:, None] * means[-1] ** 2
+        square = below @ a**2 + both @ (a * b) + above @ b**2
+        square += self.below[:, None] * means[0] ** 2 + self.above[:, None] * means[-1] ** 2
         result[:, :, 2] += np.maximum(square - (result[:, :, 0] - reference) ** 2, 0.0)
         return result
 

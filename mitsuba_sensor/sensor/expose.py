@@ -28,7 +28,6 @@ from .checks import (
 from .detection import Detected, detect
 from .frame_theory import FrameTheory
 from .konnik2014 import Konnik2014Settings, chain_of
-from .light_levels import light_levels
 from .noise_budget import NoiseBudget
 from .options import ExposeOptions
 from .plan import Plan, plan_for
@@ -159,7 +158,7 @@ class PreparedExposure:
         if self.tolerance_dn is not None:
             plan = plan_for(self.camera, detected, first, self.tolerance_dn)
         elif plan is not None:
-            plan.range.check(first.exposure, light_levels(detected), first.window.shape)
+            plan.check(detected, first)
         stages = self.stages if plan is None else plan.stages
         check_compensation(light, stages, self.count)
         return replace(self, light=detected, first=first, plan=plan, stages=stages)
@@ -236,7 +235,7 @@ def prepare_exposure(
     precision = precision_of(chosen["precision"], camera, chosen["plan"], chosen["chain"])
     backend = choose_backend(chosen["engine"], precision, frames * shape[0] * shape[1])
     window = SensorWindow(serial, (shape[0], shape[1]), origin)
-    given = checked_maps({} if chosen["maps"] is None else chosen["maps"], stages, window, camera)
+    given = checked_maps(chosen["maps"] or {}, camera.stages if chosen["plan"] else stages, window, camera)
     window = replace(window, given=given, backend=backend)
     first = Frame(exposure, window, seed, first_frame)
     return PreparedExposure(

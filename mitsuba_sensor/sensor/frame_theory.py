@@ -14,6 +14,7 @@ from .detection import Detected
 from .light_levels import LightLevels, light_levels
 from .stage import Chain, Stage
 from .theory import Theory
+from .uncounted import theory_of
 
 
 class Averages(NamedTuple):
@@ -48,7 +49,7 @@ class FrameTheory:
     @cached_property
     def theories(self) -> list[Theory]:
         """One for each kind of light."""
-        return [Theory.of(self.stages, self.frame, levels.kind) for levels in self.levels]
+        return [theory_of(self.stages, self.frame, levels.kind) for levels in self.levels]
 
     def averages(self, stage: Stage) -> Averages:
         """Behind a stage."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import statistics
 import time
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -11,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core import Exposure, Frame, Photons, SensorWindow, check_types, require
+from ..core import Exposure, Frame, InputError, Photons, SensorWindow, check_types, require
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
 from .camera import Camera
-from .checks import as_photons
+from .checks import as_photons, checked_maps
 from .detection import Detected, detect
 from .light_levels import WIDTH, light_levels
 from .precision import Float32, float32_effect
@@ -25,6 +26,7 @@ from .stage_effects import Effect, PlanRange, Trial, among, ends_of, without
 RUNS = 5  # timed runs of each chain; they take turns, so that a machine that slows down slows both
 LEVELS = 65  # pixels of the scene, from dark to bright, on which float32 is compared with float64
 IDLE = "changes nothing"  # why a neutral stage is left out
+NEEDED = "changes the unit; always needed"
 
 
 @dataclass(frozen=True)
@@ -48,22 +50,35 @@ class Plan:
 
     def explain(self) -> str:
         """A table for people."""
-        names = ("mean", "temporal σ", "spatial σ", "structure", "pixels")
-        head = f"{'stage':<24}{'':<10}" + "".join(f"{name:>12}" for name in names)
+        names = ("mean", "temporal", "spatial", "structure", "pixels")
+        held = self.range
         lines = [
             f"Plan for {self.camera}: all that is left out moves no level by more than {self.tolerance_dn:g} DN.",
-            f"It holds for {self.range.darkest_e:.4g} … {self.range.brightest_e:.4g} mean photoelectrons per pixel, "
-            f"{self.range.exposure.time_s:g} s at {self.range.exposure.temperature_k:g} K.",
-            head + "   what it changes by itself at most [DN]; pixels beyond the tolerance",
+            f"It holds for {held.darkest_e:.4g} … {held.brightest_e:.4g} mean photoelectrons per pixel, "
+            f"{held.exposure.time_s:g} s at {held.exposure.temperature_k:g} K, {held.columns} × {held.rows} pixels.",
+            "What each stage changes by itself at most [DN], and the pixels that it moves by more than the tolerance:",
+            f"{'stage':<26}{'':<9}" + "".join(f"{name:>10}" for name in names),
         ]
         for e in self.effects:
             numbers = (e.mean_dn, e.temporal_dn, e.spatial_dn, e.structure_dn, e.pixels_beyond)
             kept = "kept" if e.kept else "left out"
-            lines.append(f"{e.stage:<24}{kept:<10}" + "".join(f"{x:>12.4g}" for x in numbers) + f"   {e.reason}")
+            row = f"{e.stage:<26}{kept:<9}" + "".join(f"{x:>10.4g}" for x in numbers) + f"  {e.reason}"
+            lines.append(row.rstrip())
         whole_s, planned_s = self.seconds
         lines.append(self.float32.explain())
         lines.append(f"measured: {whole_s:.3g} s a frame with the whole chain, {planned_s:.3g} s with this plan")
         return "\n".join(lines)
+
+    def check(self, light: Detected, frame: Frame) -> None:
+        """Raise InputError for an exposure, a window, measured maps or light that this plan was not made for."""
+        self.range.check(frame.exposure, light_levels(light), frame.window.shape)
+        own, given = self.frame.window.given, frame.window.given
+        if own.keys() != given.keys() or not all(np.array_equal(own[name], given[name]) for name in own):
+            with_, has = (", ".join(sorted(maps)) or "none" for maps in (own, given))
+            raise InputError(
+                f"the plan was made for other measured maps ({with_}) than this exposure has ({has}); make a plan for "
+                "this one: plan(…, maps=…)."
+            )
 
     @property
     def precision(self) -> str:
@@ -104,25 +119,27 @@ def plan(
     photons: Photons | ArrayLike,
     tolerance_dn: float = 0.0,
     wavelengths_nm: ArrayLike | None = None,
+    maps: Mapping[str, ArrayLike] | None = None,
 ) -> Plan:
     """Which stages this exposure needs, from the theory of the codes over the range of light of the scene.
 
-    photons, wavelengths_nm : as for :func:`expose`.
+    photons, wavelengths_nm, maps : as for :func:`expose`.
     tolerance_dn : how far the stages left out may together move the mean, the temporal σ, the spatial σ or the mean of
         a row or column (times the root of its length) at any level of light between the darkest and the brightest
         pixel, and more than which they may not be expected to move any pixel of a law with tails [DN]; 0 leaves out
         only what changes nothing at all.
-    Raises InputError for a negative tolerance and for photons that ``expose`` would refuse.
+    Raises InputError for a negative tolerance, and for photons and maps that ``expose`` would refuse.
     """
     check_types(camera, exposure)
     require("tolerance_dn", tolerance_dn, 0.0, float("inf"), "digital numbers, e.g. 0.02")
     light = as_photons(photons, camera, wavelengths_nm)
-    frame = Frame(exposure, SensorWindow(1, (light.mean.shape[0], light.mean.shape[1]), light.origin))
+    window = SensorWindow(1, (light.mean.shape[0], light.mean.shape[1]), light.origin)
+    frame = Frame(exposure, replace(window, given=checked_maps(maps or {}, camera.stages, window, camera)))
     return plan_for(camera, detect(replace(light, variance_e2=None), camera.stages[0], frame), frame, tolerance_dn)
 
 
 def plan_for(camera: Camera, light: Detected, frame: Frame, tolerance_dn: float = 0.0) -> Plan:
-    """The plan of a window in light that is detected already."""
+    """The plan of a window in light that is detected already; measured maps are those of the frame's window."""
     whole, window, levels = camera.stages, frame.window, light_levels(light)
     darkest, brightest = ends_of(levels)
     held = PlanRange(frame.exposure, *window.shape, darkest * (1 - WIDTH), brightest * (1 + WIDTH))
@@ -138,7 +155,7 @@ def plan_for(camera: Camera, light: Detected, frame: Frame, tolerance_dn: float 
 
 def _verdict(stage: Stage, alone: Effect, left_out: bool) -> Effect:
     if stage.required:
-        return replace(alone, reason="changes the unit; always needed")
+        return replace(alone, reason=NEEDED)
     idle = alone.largest_dn == 0 and alone.pixels_beyond == 0
     return replace(alone, kept=not left_out, reason=IDLE if idle else "below the tolerance" if left_out else "")
 

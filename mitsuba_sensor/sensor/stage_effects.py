@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import Exposure, Frame, InputError
+from ..core import Array, Electrons, Exposure, Frame, InputError
+from ..core.backend import NUMPY_FLOAT64
 from ..core.types import Float64Array
 from .light_levels import LightLevels
 from .pixel_law import COARSE
-from .stage import Chain, Stage, converter_of
+from .stage import Chain, Stage, converter_of, total
 from .theory import LightKind, Theory
+from .uncounted import theory_without
 
 NEVER = 1e-6  # expected pixels of a frame that fill a well, below which none does
+
+FEW = 1 / 8
+"""Expected pixels that a stage which is left out may move further than its share of the tolerance."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +96,12 @@ class Trial:
     @cached_property
     def full(self) -> Theory:
         """Theory of the whole chain."""
-        return Theory.of(self.whole, self.frame, self.kind)
+        theory, last = Theory.of(self.whole, self.frame, self.kind), len(self.whole) - 1
+        ends = [self.range.darkest_e, min(self.range.brightest_e, float(theory.nodes[-1]))]
+        vars(theory)["nodes"] = np.union1d(theory.nodes, ends)
+        filling = [k - 1 for k, stage in enumerate(self.whole) if stage.saturation_e is not None]
+        theory.prepare([*filling, last - 1])
+        return theory
 
     def effect(self, stage: Stage) -> Effect:
         """Of one stage by itself."""
@@ -100,31 +110,32 @@ class Trial:
         mean, temporal, spatial = self.moved([stage])
         rows, columns = self.range.rows, self.range.columns
         length = {"column": rows, "row": columns}.get(stage.shared_by or "", 0)
-        structure = float(np.sqrt(length)) * max(temporal, spatial)
-        return Effect(stage.label, True, mean, temporal, spatial, structure, self._beyond(stage), "")
+        structure, beyond = float(np.sqrt(length)) * max(temporal, spatial), self._tails_of(stage).beyond
+        return Effect(stage.label, True, mean, temporal, spatial, structure, beyond(self.tolerance_dn), "")
 
     def moved(self, out: Collection[Stage]) -> tuple[float, float, float]:
         """Largest change of the mean, and roots of the largest changes of both variances, without some stages [DN]."""
-        rest, last = self.full.without(out), len(self.whole) - 1
+        rest, last = theory_without(self.full, out), len(self.whole) - 1
+        rest.prepare([len(rest.stages) - 2])
         changes = [np.abs(self._levels(rest, len(rest.stages) - 1) - self._levels(self.full, last))]
-        gain = converter_of(self.whole).gain_dn_per_v
-        inside = self._inside
-        if inside.any():  # before rounding, which can hide a change
-            scale = np.array([gain, gain**2, gain**2])
-            analogue = self._levels(rest, len(rest.stages) - 2) - self._levels(self.full, last - 1)
-            changes.append(np.abs(analogue[inside]) * scale)
-        mean, temporal, spatial = np.max([change.max(axis=0) for change in changes], axis=0)
+        scale = converter_of(self.whole).gain_dn_per_v ** np.array([1, 2, 2])
+        analogue = [self._levels(rest, len(rest.stages) - 2) * scale, self._levels(self.full, last - 1) * scale]
+        changes.append(np.abs(analogue[0] - analogue[1])[self._inside])  # before rounding, which can hide a change
+        changes.append(np.abs(_rounding(analogue[0]) - _rounding(analogue[1])))  # between the levels
+        mean, temporal, spatial = np.max([change.max(axis=0, initial=0.0) for change in changes], axis=0)
         return float(mean), float(np.sqrt(temporal)), float(np.sqrt(spatial))
 
     def chosen(self, free: list[Stage], alone: dict[int, Effect]) -> list[Stage]:
         """Stages whose effects stay within the tolerance together, from the smallest on."""
-        tolerance, sums = self.tolerance_dn, np.zeros(5)
+        tolerance, sums = self.tolerance_dn, np.zeros(6)
         out: list[Stage] = []
         small = [stage for stage in free if alone[id(stage)].largest_dn <= tolerance]
         for stage in sorted(small, key=lambda stage: (alone[id(stage)].largest_dn, alone[id(stage)].pixels_beyond)):
             e = alone[id(stage)]
-            added = sums + np.array([e.mean_dn, e.temporal_dn**2, e.spatial_dn**2, e.structure_dn**2, e.pixels_beyond])
-            if max(added[0], *np.sqrt(added[1:4])) <= tolerance and (added[4] < 1 or tolerance == np.inf):
+            squares = np.array([e.temporal_dn, e.spatial_dn, max(e.temporal_dn, e.spatial_dn, e.structure_dn)]) ** 2
+            added = sums + np.array([e.mean_dn, *squares, e.pixels_beyond, self._tails_of(stage).reach_dn])
+            within = max(added[0], *np.sqrt(added[1:4]), added[5]) <= tolerance
+            if (within and added[4] < 1) or tolerance == np.inf:
                 out, sums = [*out, stage], added
         while (active := [stage for stage in out if alone[id(stage)].largest_dn]) and max(
             self.moved(active)
@@ -160,16 +171,64 @@ class Trial:
             return not full and theory.chance_to_fill(at) * pixels < NEVER
         return theory.is_neutral(stage)
 
-    def _beyond(self, stage: Stage) -> float:
-        """Expected number of pixels that a law with tails moves by more than the tolerance."""
-        pixels, per_e = self.range.rows * self.range.columns, self.full.to_dn(self.whole[0])
-        share, size_dn = stage.rare(self.full.conditions)
-        beyond = share if size_dn * self.full.to_dn(stage) > self.tolerance_dn else 0.0
-        law = stage.pixel_law(self.full.conditions, COARSE)
-        if law is not None:
-            moved = np.abs((law.gains - 1) * self._levels_e[-1] + law.offsets) * per_e > self.tolerance_dn
-            beyond = max(beyond, float(law.weights @ np.any(moved & (law.states > 0), axis=1)))
-        return pixels * beyond
+    def _tails_of(self, stage: Stage) -> Tails:
+        """Of the pixels that a stage moves much further than its σ says: by its law, or by the measured map."""
+        conditions, pixels = self.full.conditions, self.range.rows * self.range.columns
+        per_e, (share, step) = self.full.to_dn(self.whole[0]), stage.rare(conditions)
+        parts = [(np.array([step * self.full.to_dn(stage)]), np.array([share * pixels]))]
+        if (law := stage.pixel_law(conditions, COARSE)) is not None:
+            steps = np.abs((law.gains - 1) * self._levels_e[-1] + law.offsets) * per_e
+            parts.append((np.where(law.states > 0, steps, 0.0).max(axis=1), law.weights * pixels))
+        if conditions.window.given.keys() & stage.fpn_maps(conditions.window).keys():
+            moved = self._moved_by_map(stage)
+            parts.append((moved, np.ones(moved.size)))
+        return Tails(tuple(parts))
+
+    def _moved_by_map(self, stage: Stage) -> Float64Array:
+        """How far a stage with a measured map moves every pixel of the window, at the brightest level [DN]."""
+        frame = replace(self.frame.on(NUMPY_FLOAT64), _blocks={})
+        level = np.full(frame.window.shape, self._levels_e[-1])
+        signal: Array = Electrons(level, 0.0)
+        if stage.domain == "volts":
+            before = self.whole[next(k for k, one in enumerate(self.whole) if one is stage) - 1]
+            signal = np.full(level.shape, self.full.behind(before, self._levels_e[-1:]).mean[0])
+        change = np.subtract(total(stage.sample(signal, frame)), total(signal))
+        moved = np.abs(np.broadcast_to(change, level.shape)).ravel()
+        return np.asarray(moved * self.full.to_dn(stage), dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class Tails:
+    """How many pixels one stage moves how far.
+
+    parts : steps [DN] and the expected number of pixels of each; of several descriptions the worst counts.
+    """
+
+    parts: tuple[tuple[Float64Array, Float64Array], ...]
+
+    def beyond(self, tolerance_dn: float) -> float:
+        """Expected number of pixels that it moves by more than the tolerance."""
+        return max(float(pixels[steps > tolerance_dn].sum()) for steps, pixels in self.parts)
+
+    @property
+    def reach_dn(self) -> float:
+        """How far it moves any pixel, but FEW."""
+        reach = 0.0
+        for steps, pixels in self.parts:
+            order = np.argsort(-steps)
+            place = int(np.searchsorted(np.cumsum(pixels[order]), FEW))
+            reach = max(reach, float(steps[order][place]) if place < steps.size else 0.0)
+        return reach
+
+
+def _rounding(analogue: Float64Array) -> Float64Array:
+    """How far rounding to codes may move mean and variances of a signal in DN, wherever in a step it lies, (N, 3).
+
+    The steps are blurred by the noise: their first harmonic falls with exp(-2π²σ²).
+    """
+    variance = analogue[:, 1] + analogue[:, 2]
+    left = np.exp(-2 * np.pi**2 * variance)
+    return np.stack([0.5 * left, (0.25 + 4 * variance) * left, 0.0 * left], axis=1)
 
 
 def without(stages: Chain, out: Collection[Stage]) -> Chain:

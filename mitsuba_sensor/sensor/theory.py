@@ -156,9 +156,13 @@ class Theory:
         """Mean and variances behind stage ``number`` at the nodes of mean photoelectrons, (nodes, 3)."""
         if number not in self._found:
             last = len(self.stages) - 1
-            numbers = [last] if number == last else [k for k in range(last) if k not in self._found]
-            self._found.update(self._averaged(numbers))
+            self.prepare([last] if number == last else range(last))
         return self._found[number]
+
+    def prepare(self, numbers: Sequence[int]) -> None:
+        """Make the tables behind several stages at once."""
+        missing = [number for number in numbers if number not in self._found]
+        self._found.update(self._averaged(missing) if missing else {})
 
     def _averaged(self, numbers: Sequence[int]) -> dict[int, Float64Array]:
         """Average over the laws of the stages between the light and the count."""

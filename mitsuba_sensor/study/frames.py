@@ -15,7 +15,7 @@ from ..core.llvm import backend_problem, drjit
 from ..sensor.detection import detect
 from ..sensor.run import FrameRunner
 from ..sensor.stage import Chain, converter_of, sample
-from ..sensor.theory import Theory
+from ..sensor.uncounted import theory_of
 from .kit import Array, Numbers
 
 QUANTITIES = ("mean", "temporal σ", "spatial σ")
@@ -41,7 +41,7 @@ def expected_moments(stages: Chain, photons: Photons, exposure: Exposure, rounde
     """Mean, temporal and spatial variance of every pixel in theory, (3, H, W) [DN, DN², DN²], or before rounding."""
     shape = photons.mean.shape[0], photons.mean.shape[1]
     frame = Frame(exposure, SensorWindow(0, shape, photons.origin))
-    light, theory = detect(photons, stages[0], frame).mean_e, Theory.of(stages, frame)
+    light, theory = detect(photons, stages[0], frame).mean_e, theory_of(stages, frame)
     if rounded:
         return np.array(theory.digital(light.ravel())).reshape(3, *shape)
     gain = converter_of(stages).gain_dn_per_v

@@ -153,6 +153,67 @@ def test_plan_says_what_the_render_needs_and_what_time_is_saved(light_file: Path
         assert text in said, text
 
 
+@pytest.mark.parametrize("columns", [60, 80, 120])
+def test_plan_cuts_no_number_and_no_name_in_a_narrow_terminal(
+    columns: int, light_file: Path, cli: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every number of the table stands on the line of its stage, between blanks; nothing ends in an ellipsis."""
+    from mitsuba_sensor.cli.app import out
+
+    monkeypatch.setattr(out, "width", columns)
+    arguments = ("plan", light_file, "--tolerance-dn", 0.02, "--set", "readout.row_noise_e=0.01")
+    said = cli(*arguments).stdout
+    assert max(map(len, said.splitlines())) <= columns and "…" not in said.replace(" … ", "")
+    rows = [line.split() for line in said.splitlines() if re.search(r" (yes|no) .* \d+ *$", line)]
+    stages = [one for one in json.loads(cli(*arguments, "--json").stdout)["stages"] if not is_listed(one)]
+    assert len(rows) == len(stages)
+    for words, stage in zip(rows, stages, strict=True):
+        assert stage["stage"].startswith(words[0]) and words[-6] == ("yes" if stage["kept"] else "no")
+        for word, name in zip(words[-5:], ("mean", "temporal", "spatial", "structure"), strict=False):
+            value = stage[f"{name}_dn"]
+            assert word == "<0.001" if 0 < value < 1e-3 else float(word) == pytest.approx(value, rel=0.06)
+    assert "holds for:" in said and "mean photoelectrons" in " ".join(said.split())
+
+
+def is_listed(stage: dict[str, Any]) -> bool:
+    """Whether a stage is in a list below the table."""
+    return stage["reason"] in ("changes nothing", "changes the unit; always needed")
+
+
+@pytest.mark.parametrize("command", ["render", "expose", "plan"])
+def test_help_explains_the_tolerance(command: str, cli: Callable[..., Any]) -> None:
+    said = " ".join(re.sub(r"[│╭╮╰╯─]", " ", cli(command, "--help").stdout).split())
+    assert "--tolerance-dn" in said and "DN" in said
+
+
+def test_expose_leaves_out_what_the_tolerance_allows_and_says_so(
+    light_file: Path, tmp_path: Path, cli: Callable[..., Any]
+) -> None:
+    done = cli("expose", light_file, "-o", tmp_path, "--tolerance-dn", 0.5)
+    found = json.loads((tmp_path / "frame.json").read_text(encoding="utf-8"))
+    plan = json.loads(cli("plan", light_file, "--tolerance-dn", 0.5, "--json").stdout)
+    assert found["left_out"] == [one["stage"] for one in plan["stages"] if not one["kept"]] and found["left_out"]
+    assert found["options"]["tolerance_dn"] == 0.5
+    assert f"left out: {', '.join(found['left_out'])} (tolerance 0.5 DN)" in " ".join(done.stdout.split())
+    assert "left out:" not in cli("expose", light_file, "-o", tmp_path, "--force").stdout
+
+
+def test_render_takes_a_tolerance_too(scene_file: Path, tmp_path: Path, cli: Callable[..., Any]) -> None:
+    done = cli("render", scene_file, "--spp", 16, "-o", tmp_path / "out", "--tolerance-dn", 0)
+    assert done.exit_code == 0, done.stderr
+    found = json.loads((tmp_path / "out" / "frame.json").read_text(encoding="utf-8"))
+    assert found["left_out"] and all(one["reason"] == "changes nothing" for one in found["effects"] if not one["kept"])
+
+
+@pytest.mark.parametrize("more", [("--tolerance-dn", -1), ("--tolerance-dn", 0.1, "--chain", "konnik2014")])
+def test_a_refused_tolerance_ends_with_code_2_and_writes_nothing(
+    more: tuple[Any, ...], light_file: Path, tmp_path: Path, cli: Callable[..., Any]
+) -> None:
+    done = cli("expose", light_file, "-o", tmp_path / "out", *more)
+    assert done.exit_code == 2 and "tolerance_dn is" in done.stderr
+    assert not (tmp_path / "out").exists() or not any((tmp_path / "out").iterdir())
+
+
 def test_plan_as_json_holds_the_stages_the_render_and_the_seconds(light_file: Path, cli: Callable[..., Any]) -> None:
     found = json.loads(cli("plan", light_file, "--tolerance-dn", 0.5, "--json").stdout)
     assert {"camera", "tolerance_dn", "stages", "render", "seconds_per_frame"} <= set(found)

@@ -62,11 +62,36 @@ def signal_dn(light: Any, camera: ms.Camera) -> Any:
     return gain_dn_per_e(camera) * (photons.mean * qe).sum(axis=-1)
 
 
-def test_a_flat_light_on_a_flat_curve_needs_one_band(make: Any) -> None:
-    """Photons grow linearly with λ, so the middle of the band stands for all of it, exactly."""
-    need = bands_of(make(np.full(30, 1e-5), 400, 700), TABLE1, 1e-6)
-    assert not need.kept and need.effect_dn < 1e-6
-    assert need.reason == "1 are enough: --bandwidth-nm 300"
+def alone(light: Any, band: int) -> Any:
+    """The light of one band."""
+    return replace(light, data=np.where(np.arange(light.data.shape[2]) == band, light.data, 0.0))
+
+
+def moved_dn(light: Any, camera: ms.Camera, size: int) -> float:
+    """What re-binning changes, every band by itself and summed up, at the pixel where it is most."""
+    bands = [alone(light, band) for band in range(light.data.shape[2])]
+    changes = [np.abs(signal_dn(rebinned(one, size), camera) - signal_dn(one, camera)) for one in bands]
+    return float(np.sum(changes, axis=0).max())
+
+
+def test_what_the_bands_of_a_group_change_does_not_cancel(make: Any) -> None:
+    """Photons grow with λ: the middle of 400 to 700 nm stands for all of it by chance, each band is 75/550 off."""
+    light = make(np.full(30, 1e-5), 400, 700)
+    brightest = signal_dn(light, TABLE1).max()
+    assert np.abs(signal_dn(rebinned(light, 30), TABLE1) - signal_dn(light, TABLE1)).max() < 1e-6
+    need = bands_of(light, TABLE1, 0.14 * brightest)
+    assert need.effect_dn == pytest.approx(75 / 550 * brightest, rel=1e-6)
+    assert not need.kept and need.reason == "1 are enough: --bandwidth-nm 300"
+    assert bands_of(light, TABLE1, 0.01 * brightest).reason != need.reason
+
+
+def test_a_full_well_hides_no_band(make: Any) -> None:
+    """Ten times as much light as the well holds: its spectrum matters all the same, in a shorter exposure."""
+    light = make(np.linspace(1e-5, 3e-5, 30), 400, 700)
+    bright = replace(light, data=light.data * 1e4)
+    assert signal_dn(bright, BAYER).min() > 10 * 2**BAYER.adc.bits
+    assert bands_of(bright, BAYER, 1.0).kept
+    assert bands_of(bright, BAYER, 1.0).effect_dn == pytest.approx(1e4 * moved_dn(light, BAYER, 2), rel=1e-6)
 
 
 def test_a_narrow_line_under_a_mosaic_needs_all_bands(make: Any) -> None:
@@ -87,13 +112,9 @@ def test_a_narrow_line_under_a_mosaic_needs_all_bands(make: Any) -> None:
 def test_the_bands_that_are_left_out_move_no_pixel_by_more_than_the_tolerance(
     camera: ms.Camera, tolerance_dn: float, make: Any
 ) -> None:
-    """A smooth spectrum: the stated effect is that of really re-binning, and the next coarser grid breaks it."""
+    """A smooth spectrum: the stated effect is that of re-binning band by band, and the next coarser grid breaks it."""
     light = make(2e-6 * (1 + np.sin(np.linspace(0, 2, 36)) ** 2), 400, 760)
-    whole = signal_dn(light, camera)
-    moved = {
-        size: float(np.abs(signal_dn(rebinned(light, size), camera) - whole).max())
-        for size in (36, 18, 12, 9, 6, 4, 3, 2)
-    }
+    moved = {size: moved_dn(light, camera, size) for size in (36, 18, 12, 9, 6, 4, 3, 2)}
     size = next((size for size, effect in moved.items() if effect <= tolerance_dn), 1)
     need = bands_of(light, camera, tolerance_dn)
     assert need.kept == (size == 1)
@@ -101,6 +122,8 @@ def test_the_bands_that_are_left_out_move_no_pixel_by_more_than_the_tolerance(
         assert need.reason == f"{36 // size} are enough: --bandwidth-nm {10 * size:g}"
         assert need.effect_dn == pytest.approx(moved[size], rel=1e-6, abs=1e-9)
         assert need.effect_dn <= tolerance_dn
+        whole, coarse = signal_dn(light, camera), signal_dn(rebinned(light, size), camera)
+        assert np.abs(coarse - whole).max() <= need.effect_dn * (1 + 1e-9)
 
 
 def test_the_tolerances_of_these_tests_lead_to_different_answers(make: Any) -> None:

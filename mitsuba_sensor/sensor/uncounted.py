@@ -1,0 +1,81 @@
+"""Theory of a chain without its shot noise: every pixel has its mean number of electrons, whole or not."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+
+from ..core import Frame
+from ..core.types import Float64Array
+from .given_count import GivenCount
+from .stage import Chain, Stage
+from .theory import PLAIN, LightKind, Theory
+
+
+@dataclass(frozen=True, eq=False)
+class GivenMean(GivenCount):
+    """The stages behind the shot noise that is left out.  means_e : of the electrons that enter them."""
+
+    means_e: Float64Array
+
+    @cached_property
+    def counts(self) -> Float64Array:
+        """The means themselves, up to the full well."""
+        largest = min((s.saturation_e for s in self.stages if s.saturation_e is not None), default=self.means_e[-1])
+        return np.append(self.means_e[self.means_e < largest], largest)
+
+    @property
+    def dn_per_e(self) -> float:
+        """No shot noise blurs the codes."""
+        return 0.0
+
+
+class TheoryOfMeans(Theory):
+    """Theory of a physical chain that counts no electrons."""
+
+    @cached_property
+    def nodes(self) -> Float64Array:
+        """As if the electrons were counted."""
+        like = Theory(self.stages, self.conditions, self.kind)
+        vars(like).update(_count=self._split, _split=self._split)
+        return like.nodes
+
+    @cached_property
+    def _count(self) -> int:
+        return self._split
+
+    @cached_property
+    def _split(self) -> int:
+        behind = (s.saturation_e is not None or s.domain in ("volts", "DN") for s in self.stages)
+        return list(behind).index(True)
+
+    @cached_property
+    def _given(self) -> GivenMean:
+        return GivenMean(self.stages[self._split :], self.conditions, self.nodes)
+
+    @cached_property
+    def _law(self) -> sparse.csr_array:
+        """Each mean is itself for certain."""
+        counts, rows = self._given.counts, np.arange(self.nodes.size)
+        column = np.searchsorted(counts, np.minimum(self.nodes, counts[-1]))
+        return sparse.csr_array((np.ones(rows.size), (rows, column)), shape=(rows.size, counts.size))
+
+
+def theory_of(stages: Chain, frame: Frame, kind: LightKind = PLAIN) -> Theory:
+    """For any chain: of counted electrons, of mean electrons, or (chain konnik2014) of photons."""
+    counted = stages[0].domain == "photons" or any(stage.counts_electrons for stage in stages)
+    return (Theory if counted else TheoryOfMeans).of(stages, frame, kind)
+
+
+def theory_without(theory: Theory, out: Collection[Stage]) -> Theory:
+    """The theory of the chain without some stages, of which the shot noise may be one."""
+    rest = theory.without(out)
+    if any(stage.counts_electrons for stage in rest.stages):
+        return rest
+    uncounted = TheoryOfMeans(rest.stages, rest.conditions, rest.kind)
+    vars(uncounted).update(nodes=rest.nodes, _laws=[(k, law) for k, law in rest._laws if k < uncounted._count])
+    return uncounted
