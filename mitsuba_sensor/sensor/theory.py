@@ -285,7 +285,7 @@ class Theory:
 
     @cached_property
     def _codes(self) -> Float64Array:
-        return self._given.code_table(self._law, self.nodes)
+        return self._given.code_table(self._law)
 
     # -- before the count --------------------------------------------------------------------------------------------
 
