@@ -84,8 +84,7 @@ class ByDistribution:
         """The distribution is even between the middles of the quantiles."""
         values = (law.gains if of_gains else law.offsets)[:, 0]
         order = np.argsort(values, kind="stable")
-        values, weights = values[order], law.weights[order]
-        borders = np.concatenate([values[:1], 0.5 * (values[1:] + values[:-1]), values[-1:]])
+        borders, weights = _borders(values[order], law.weights[order])
         x = nodes[:, None]
         with np.errstate(divide="ignore", invalid="ignore"):
             edges = np.where(x > 0, nodes / x, np.where(nodes > 0, np.inf, 0.0)) if of_gains else nodes - x
@@ -111,6 +110,20 @@ class ByDistribution:
         square += self.second @ b**2 + self.below[:, None] * means[0] ** 2 + self.above[:, None] * means[-1] ** 2
         result[:, :, 2] += np.maximum(square - (result[:, :, 0] - reference) ** 2, 0.0)
         return result
+
+
+def _borders(values: Float64Array, weights: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """Borders of the intervals of rising quantiles, and their weights.
+
+    Equal values at the lower end are pixels that a law has cut to it; what is next to them begins half a step below.
+    """
+    borders = np.concatenate([values[:1], 0.5 * (values[1:] + values[:-1]), values[-1:]])
+    cut = int(np.searchsorted(values, values[0], side="right"))
+    if cut < 2 or cut > values.size - 2:
+        return borders, weights
+    start = max(values[0], 1.5 * values[cut] - 0.5 * values[cut + 1])
+    borders = np.concatenate([borders[:cut], [values[0], start], borders[cut + 1 :]])
+    return borders, np.insert(weights, cut, 0.0)
 
 
 def _partial_moments(

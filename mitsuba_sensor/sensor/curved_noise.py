@@ -68,7 +68,8 @@ class Swing:
         for stage in stages:
             if stage.curved:
                 found = found._apart(stage)
-            found = replace(found, m=stage.moments(found.m))
+            with np.errstate(over="ignore", invalid="ignore"):  # a curve far beyond its range
+                found = replace(found, m=stage.moments(found.m))
         return found
 
     @cached_property

@@ -14,16 +14,19 @@ from .count_law import count_nodes
 from .curved_noise import Swing
 from .stage import Chain, Converter, converter_of, propagate
 
-OFFSET_STEPS, FARTHEST, BLUR, FINE_DN = (0.75, 0.2, 0.06, 0.019, 0.006, 0.0019), 5.25, 0.7, 0.06
-"""Quantiles of the fixed offsets lie one of these steps apart, up to the farthest [σ]; at most BLUR of the noise
-and FINE_DN more."""
+OFFSET_STEPS, FARTHEST, BLUR = (0.75, 0.2, 0.06, 0.019, 0.006, 0.0019), 5.25, 0.7
+"""Quantiles of the fixed offsets lie one of these steps apart, up to the farthest [σ]; at most BLUR of the noise."""
 
 SHARP_DN = 0.5
 """Noise behind the count [DN] below which single electrons and steps of the converter show in the codes: at this one
 they move a mean by 0.002 DN."""
 
-AT_ONCE = 2**18
-"""Codes that are looked at together."""
+BLURRING = 1 / 16
+"""Up to this gain [DN/e-] shot noise blurs the steps of the converter; of a larger one electrons can keep to the same
+place between the steps, at 1 or ½ DN/e- all of them."""
+
+AT_ONCE, MOST = 2**18, 5e6
+"""Codes that are looked at together, and in all."""
 
 LARGEST_E = 1e12
 """Without a full well counts are looked at up to where the converter is full, and no further than this."""
@@ -116,7 +119,8 @@ class GivenCount:
         centre = mean[:, mean.shape[1] // 2]
         off = centre - centre[0]
         first, second, own, offset = (law @ np.stack([off, off**2, temporal.min(1), spatial.max(1)], axis=1)).T
-        blur = BLUR * np.sqrt(own + np.maximum(second - first**2, 0.0)) + FINE_DN / self.converter.gain_dn_per_v
+        shot = np.maximum(second - first**2, 0.0) if self.dn_per_e < BLURRING or not self.is_sharp else 0.0
+        blur = BLUR * np.sqrt(own + shot)
         with np.errstate(divide="ignore", invalid="ignore"):
             wanted = np.where(offset > 0, blur / np.sqrt(offset), np.inf)
         steps = np.array(OFFSET_STEPS)
@@ -141,12 +145,14 @@ def _over_offsets(
 ) -> Float64Array:
     """Codes of these counts, for quantiles of the offsets so many σ apart."""
     mean, temporal, spatial = (x[used] for x in swing.parts)
+    step = max(step, 2 * FARTHEST * mean.size / MOST)
     z = np.arange(-FARTHEST, FARTHEST + step / 2, step) if spatial.any() else np.zeros(1)
     weights = np.outer(swing.fixed, np.exp(-0.5 * z**2) / np.exp(-0.5 * z**2).sum()).ravel()
     code, square = np.empty((2, mean.shape[0], weights.size))
     for some in np.array_split(np.arange(mean.shape[0]), min(mean.size * z.size // AT_ONCE + 1, mean.shape[0])):
         x = mean[some, ..., None] + np.sqrt(spatial[some])[..., None] * z
-        first, variance = converter.code_moments(x, np.broadcast_to(np.sqrt(temporal[some])[..., None], x.shape))
+        sigma = np.broadcast_to(np.sqrt(temporal[some])[..., None], x.shape)
+        first, variance = converter.code_moments(x, sigma)
         for found, values in ((code, first), (square, variance + first**2)):
             found[some] = np.tensordot(values, swing.temporal, axes=(1, 0)).reshape(some.size, -1)
     first = law @ code

@@ -32,7 +32,7 @@ class Quantiles:
         return cls(z, weights / weights.sum(), survival, bits)
 
 
-COARSE, FINE = Quantiles.of(0.16), Quantiles.of(0.01)
+COARSE, FINE = Quantiles.of(0.16), Quantiles.of(0.002)
 """For laws that are narrow and wide beside the shot noise."""
 
 
