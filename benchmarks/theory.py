@@ -1,6 +1,6 @@
 """Compare the theory of frames with frames: mean, temporal σ and spatial σ of cameras built to break it.
 
-    python benchmarks/theory.py [--serials 64] [--frames 4] [--cases FULL-WELL] [--random 200] [--json]
+    python benchmarks/theory.py [--serials 64] [--frames 4] [--cases TEXT …] [--random 200] [--json]
 
 The cases are those of benchmarks/theory_cases.py, and cameras out of wide random ranges with --random. Each is exposed
 with many serials, a few frames each. A standard error is the spread from serial to serial: rows and columns are shared
@@ -70,7 +70,9 @@ def frames_of(case: Case, serial: int, count: int, shape: tuple[int, int]) -> ND
     if photons.variance_e2 is None:
         found = ms.expose(photons, case.camera, case.exposure, frames=count, **options).digital
     else:  # frames of one render, one at a time
-        one = (ms.expose(photons, case.camera, case.exposure, first_frame=k, **options).digital[0] for k in range(count))
+        one = (
+            ms.expose(photons, case.camera, case.exposure, first_frame=k, **options).digital[0] for k in range(count)
+        )
         found = np.stack(list(one))
     return found.astype(np.float64)
 
@@ -81,11 +83,11 @@ def measured(
     """Mean, temporal and spatial variance of frames, and their standard errors, (3,) each."""
     height, width = case.tile
     tiles = (shape[0] // height, height, shape[1] // width, width)
-    means, squares, temporal = [], [], []
+    means, squares, temporal, reference = [], [], [], 0.0  # the last one: squares of small numbers are exact
     first = zlib.crc32(f"{case.name} {case.level_e:g}".encode()) % 10**6  # other serials for every case
     for serial in range(first, first + serials):
         stack = frames_of(case, serial, count, shape)
-        reference = stack.mean() if serial == first else reference
+        reference = reference or float(stack.mean())
         pixels = (stack.mean(axis=0) - reference).reshape(tiles)
         means.append(pixels.mean(axis=(0, 2)))
         squares.append((pixels**2).mean(axis=(0, 2)))
@@ -122,11 +124,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--serials", type=int, default=64, help="serials of each case (default 64)")
     parser.add_argument("--frames", type=int, default=4, help="frames of each serial (default 4)")
-    parser.add_argument("--cases", default="", help="only the cases whose name contains this")
-    parser.add_argument("--random", type=int, nargs="+", default=(), help="instead: so many random cases [from this one]")
+    parser.add_argument("--cases", nargs="+", default=[""], help="only the cases whose name contains one of these")
+    parser.add_argument(
+        "--random", type=int, nargs="+", default=(), help="instead: so many random cases [from this one]"
+    )
     parser.add_argument("--json", action="store_true", help="print JSON only")
     options = parser.parse_args()
-    chosen = [case for case in cases() if options.cases.lower() in case.name.lower()]
+    chosen = [case for case in cases() if any(text.lower() in case.name.lower() for text in options.cases)]
     if options.random:
         first = options.random[1] if len(options.random) > 1 else 0
         chosen = [random_case(first + k) for k in range(options.random[0])]

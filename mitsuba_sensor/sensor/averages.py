@@ -59,7 +59,9 @@ class ByQuantiles:
         mean, temporal, spatial = (found[..., k] for k in range(3))
         own = np.einsum("nkst,s->nkt", mean, states)
         flicker = np.einsum("nkst,s->nkt", temporal + (mean - own[:, :, None]) ** 2, states)
-        shared = np.einsum("nkst,s->nkt", np.sqrt(np.maximum(spatial, 0.0)), states) ** 2
+        spatial = np.maximum(spatial, 0.0)
+        shared = np.einsum("nkst,s->nkt", np.sqrt(spatial), states) ** 2
+        flicker += np.maximum(np.einsum("nkst,s->nkt", spatial, states) - shared, 0.0)  # steps that offsets change
         average = np.einsum("nkt,k->nt", own, weights)
         spread = np.einsum("nkt,k->nt", shared + (own - average[:, None]) ** 2, weights)
         return np.stack([average, np.einsum("nkt,k->nt", flicker, weights), spread], axis=-1)

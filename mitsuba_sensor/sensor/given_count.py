@@ -25,7 +25,7 @@ BLURRING = 1 / 16
 """Up to this gain [DN/e-] shot noise blurs the steps of the converter; of a larger one electrons can keep to the same
 place between the steps, at 1 or ½ DN/e- all of them."""
 
-AT_ONCE, MOST = 2**18, 5e6
+AT_ONCE, MOST = 2**18, 2e6
 """Codes that are looked at together, and in all."""
 
 LARGEST_E = 1e12
@@ -96,7 +96,7 @@ class GivenCount:
 
     def code_table(self, law: sparse.csr_array) -> Float64Array:
         """The same of the codes."""
-        swing = Swing.behind(self.stages[:-1], self.counts, self.conditions)
+        swing = Swing.behind(self.stages[:-1], self.converter, self.counts, self.conditions)
         found, of_step = np.empty((law.shape[0], 3)), self._offset_steps(law, swing)
         for step in np.unique(of_step):
             rows = np.flatnonzero(of_step == step)
@@ -136,13 +136,12 @@ def _mixed(law: sparse.csr_array, mean: Float64Array, temporal: Float64Array, sp
     """Over the counts: what is fixed is shared by all of them."""
     reference = float(mean[mean.size // 2])
     off = mean - reference
-    first, second, shared = (law @ np.stack([off, temporal + off**2, np.sqrt(spatial)], axis=1)).T
-    return np.stack([reference + first, np.maximum(second - first**2, 0.0), shared**2], axis=1)
+    columns = np.stack([off, temporal + spatial + off**2, np.sqrt(spatial)], axis=1)
+    first, second, shared = (law @ columns).T
+    return np.stack([reference + first, np.maximum(second - first**2 - shared**2, 0.0), shared**2], axis=1)
 
 
-def _over_offsets(
-    converter: Converter, law: sparse.csr_array, swing: Swing, used: slice, step: float
-) -> Float64Array:
+def _over_offsets(converter: Converter, law: sparse.csr_array, swing: Swing, used: slice, step: float) -> Float64Array:
     """Codes of these counts, for quantiles of the offsets so many σ apart."""
     mean, temporal, spatial = (x[used] for x in swing.parts)
     step = max(step, 2 * FARTHEST * mean.size / MOST)
