@@ -97,7 +97,8 @@ class ByDistribution:
             second = np.where(mass > 0, (two - 2 * start * one + start**2 * mass) / width**2, 0.0)
         first = np.clip(np.nan_to_num(first), 0.0, mass)
         second = np.clip(np.nan_to_num(second), 0.0, first)
-        return cls(mass, first, second, partial[0][:, 0], 1 - partial[0][:, -1])
+        above = np.where(edges[:, -1] >= borders[-1], 0.0, 1 - partial[0][:, -1])  # no rounding error far above the end
+        return cls(mass, first, second, partial[0][:, 0], above)
 
     def averaged(self, values: Float64Array) -> Float64Array:
         """Mean and variances in front of the stage."""
