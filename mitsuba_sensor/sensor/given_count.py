@@ -25,8 +25,8 @@ BLURRING = 1 / 16
 """Up to this gain [DN/e-] shot noise blurs the steps of the converter; of a larger one electrons can keep to the same
 place between the steps, at 1 or ½ DN/e- all of them."""
 
-AT_ONCE, MOST = 2**18, 2e6
-"""Codes that are looked at together, and in all."""
+AT_ONCE, MOST, GROUPS = 2**18, 1e6, 6
+"""Codes that are looked at together, at most for one group of means, and how many groups there are."""
 
 LARGEST_E = 1e12
 """Without a full well counts are looked at up to where the converter is full, and no further than this."""
@@ -100,9 +100,10 @@ class GivenCount:
         found, of_step = np.empty((law.shape[0], 3)), self._offset_steps(law, swing)
         for step in np.unique(of_step):
             rows = np.flatnonzero(of_step == step)
-            part = law[rows]
-            used = slice(int(part.indices.min()), int(part.indices.max()) + 1)
-            found[rows] = _over_offsets(self.converter, part[:, used], swing, used, step)
+            for some in np.array_split(rows, min(GROUPS, rows.size)):  # small means have few counts: fine steps
+                part = law[some]
+                used = slice(int(part.indices.min()), int(part.indices.max()) + 1)
+                found[some] = _over_offsets(self.converter, part[:, used], swing, used, step)
         return found
 
     def _entering(self, counts: Float64Array) -> Moments:
