@@ -13,6 +13,12 @@ from .types import Float64Array
 NARROW = 1.0
 """σ [DN] from which on the sum over equal steps is its integral, by Euler-Maclaurin: there the next term is 4e-5 DN."""
 
+BROAD = 0.25
+"""σ as a share of the range from which on the integral is a quadrature."""
+
+HUGE = 1e90
+"""Numbers beyond this one are as good as infinite, and their powers are not."""
+
 REACH = 8.0
 """Transitions further away than so many σ are sure."""
 
@@ -26,7 +32,7 @@ def code_moments(
     inl_lsb : (highest,) INL of the lower edge of the codes 1 … highest: T_k = k − ½ + INL_k; None: equal steps.
     """
     ideal, sigma = np.broadcast_arrays(ideal_dn, sigma_dn)
-    x, s = ideal.ravel(), sigma.ravel()
+    x, s = (np.clip(np.nan_to_num(part.ravel()), -HUGE, HUGE) for part in (ideal, sigma))
     mean, variance = np.empty(x.size), np.empty(x.size)
     wide = np.zeros(x.size, dtype=bool) if inl_lsb is not None else s >= NARROW
     mean[wide], variance[wide] = _integrated(x[wide], s[wide], highest)
@@ -38,19 +44,47 @@ def code_moments(
 
 
 def _integrated(x: Float64Array, s: Float64Array, highest: int) -> tuple[Float64Array, Float64Array]:
-    """Equal steps: Σ f(k − ½) = ∫ f − [f′]/24 + 7·[f‴]/5760 for f(t) = Φ((x − t)/s), and the same for 2t·f(t)."""
-    first, second = np.zeros(x.shape), np.zeros(x.shape)
+    """Equal steps: Σ f(k − ½) = ∫ f − [f′]/24 + 7·[f‴]/5760 for f(t) = Φ((x − t)/s), and the same for 2(t − c)·f(t).
+
+    Squares are about c, the place of the mean between the clips: nothing large is subtracted from its like.
+    """
+    x = np.clip(x, -9 * s, highest + 9 * s)
+    c = np.clip(x, 0.0, highest)
+    first, second = np.where(s < BROAD * highest, _clipped(x, s, c, highest), 0.0)
+    broad = s >= BROAD * highest
+    first[broad], second[broad] = _by_quadrature(x[broad], s[broad], c[broad], highest)
     for edge, sign in ((0.0, 1.0), (float(highest), -1.0)):
-        d = x - edge
-        u = d / s
+        u = (x - edge) / s
         below, density = special.ndtr(u), np.exp(-0.5 * u * u) / math.sqrt(2 * math.pi)
         slope, second_slope, third = -density / s, -u * density / s**2, -(u * u - 1) * density / s**3
-        above = d * below + s * density  # E max(x − edge, 0)
-        first += sign * (above + slope / 24 - 7 * third / 5760)
-        squared = (d * d + s * s) * below + d * s * density + 2 * edge * above
-        slope_of_square = 2 * below + 2 * edge * slope
-        second += sign * (squared + slope_of_square / 24 - 7 * (6 * second_slope + 2 * edge * third) / 5760)
-    return first, np.maximum(second - first**2, 0.0)
+        first += sign * (slope / 24 - 7 * third / 5760)
+        slope_of_square = 2 * below + 2 * (edge - c) * slope
+        second += sign * (slope_of_square / 24 - 7 * (6 * second_slope + 2 * (edge - c) * third) / 5760)
+    return c + first, np.maximum(second - first**2, 0.0)
+
+
+def _clipped(x: Float64Array, s: Float64Array, c: Float64Array, highest: int) -> tuple[Float64Array, Float64Array]:
+    """E(y − c) and E(y − c)² of y = min(max(X, 0), highest) for normal X."""
+    low, high = -x / s, (highest - x) / s
+    p_low, p_high = special.ndtr(low), special.ndtr(-high)
+    d_low, d_high = (np.exp(-0.5 * u * u) / math.sqrt(2 * math.pi) for u in (low, high))
+    inside = np.maximum(1 - p_low - p_high, 0.0)
+    about_x = s * (d_low - d_high) + low * s * p_low + high * s * p_high
+    squared = s**2 * (inside - (high * d_high - low * d_low) + low**2 * p_low + high**2 * p_high)
+    return about_x + (x - c), squared + 2 * (x - c) * about_x + (x - c) ** 2
+
+
+def _by_quadrature(
+    x: Float64Array, s: Float64Array, c: Float64Array, highest: int
+) -> tuple[Float64Array, Float64Array]:
+    """The same where the noise is wide beside the range of codes: ∫ f and ∫ 2(t − c)·f by Gauss-Legendre."""
+    nodes, weights = np.polynomial.legendre.leggauss(12)
+    first, second = -c, c**2
+    for t, weight in zip(0.5 * highest * (nodes + 1), 0.5 * highest * weights, strict=True):
+        above = special.ndtr((x - t) / s)
+        first = first + weight * above
+        second = second + weight * 2 * (t - c) * above
+    return first, second
 
 
 def _summed(

@@ -60,7 +60,9 @@ class ByQuantiles:
         mean, temporal, spatial = (found[..., k] for k in range(3))
         own = np.einsum("nkst,s->nkt", mean, states)
         flicker = np.einsum("nkst,s->nkt", temporal + (mean - own[:, :, None]) ** 2, states)
-        shared = np.einsum("nkst,s->nkt", np.sqrt(np.maximum(spatial, 0.0)), states) ** 2
+        spatial = np.maximum(spatial, 0.0)
+        shared = np.einsum("nkst,s->nkt", np.sqrt(spatial), states) ** 2
+        flicker += np.maximum(np.einsum("nkst,s->nkt", spatial, states) - shared, 0.0)  # steps that offsets change
         average = np.einsum("nkt,k->nt", own, weights)
         spread = np.einsum("nkt,k->nt", shared + (own - average[:, None]) ** 2, weights)
         return np.stack([average, np.einsum("nkt,k->nt", flicker, weights), spread], axis=-1)
@@ -85,8 +87,7 @@ class ByDistribution:
         """The distribution is even between the middles of the quantiles."""
         values = (law.gains if of_gains else law.offsets)[:, 0]
         order = np.argsort(values, kind="stable")
-        values, weights = values[order], law.weights[order]
-        borders = np.concatenate([values[:1], 0.5 * (values[1:] + values[:-1]), values[-1:]])
+        borders, weights = _borders(values[order], law.weights[order])
         x = nodes[:, None]
         with np.errstate(divide="ignore", invalid="ignore"):
             edges = np.where(x > 0, nodes / x, np.where(nodes > 0, np.inf, 0.0)) if of_gains else nodes - x
@@ -97,7 +98,8 @@ class ByDistribution:
             second = np.where(mass > 0, (two - 2 * start * one + start**2 * mass) / width**2, 0.0)
         first = np.clip(np.nan_to_num(first), 0.0, mass)
         second = np.clip(np.nan_to_num(second), 0.0, first)
-        return cls(mass, first, second, partial[0][:, 0], 1 - partial[0][:, -1])
+        above = np.where(edges[:, -1] >= borders[-1], 0.0, 1 - partial[0][:, -1])  # no rounding error far above the end
+        return cls(mass, first, second, partial[0][:, 0], above)
 
     @cached_property
     def _weights(self) -> tuple[sparse.csr_array, ...]:
@@ -120,6 +122,20 @@ class ByDistribution:
         square += self.below[:, None] * means[0] ** 2 + self.above[:, None] * means[-1] ** 2
         result[:, :, 2] += np.maximum(square - (result[:, :, 0] - reference) ** 2, 0.0)
         return result
+
+
+def _borders(values: Float64Array, weights: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """Borders of the intervals of rising quantiles, and their weights.
+
+    Equal values at the lower end are pixels that a law has cut to it; what is next to them begins half a step below.
+    """
+    borders = np.concatenate([values[:1], 0.5 * (values[1:] + values[:-1]), values[-1:]])
+    cut = int(np.searchsorted(values, values[0], side="right"))
+    if cut < 2 or cut > values.size - 2:
+        return borders, weights
+    start = max(values[0], 1.5 * values[cut] - 0.5 * values[cut + 1])
+    borders = np.concatenate([borders[:cut], [values[0], start], borders[cut + 1 :]])
+    return borders, np.insert(weights, cut, 0.0)
 
 
 def _partial_moments(

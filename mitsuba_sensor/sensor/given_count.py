@@ -11,14 +11,22 @@ from scipy import sparse
 from ..core import Frame, Moments
 from ..core.types import Float64Array
 from .count_law import count_nodes
+from .curved_noise import Swing
 from .stage import Chain, Converter, converter_of, propagate
 
-OFFSET_STEPS, FARTHEST, BLUR = (0.75, 0.2, 0.06), 5.25, 0.7
+OFFSET_STEPS, FARTHEST, BLUR = (0.75, 0.2, 0.06, 0.019, 0.006, 0.0019), 5.25, 0.7
 """Quantiles of the fixed offsets lie one of these steps apart, up to the farthest [σ]; at most BLUR of the noise."""
 
 SHARP_DN = 0.5
 """Noise behind the count [DN] below which single electrons and steps of the converter show in the codes: at this one
 they move a mean by 0.002 DN."""
+
+BLURRING = 1 / 16
+"""Up to this gain [DN/e-] shot noise blurs the steps of the converter; of a larger one electrons can keep to the same
+place between the steps, at 1 or ½ DN/e- all of them."""
+
+AT_ONCE, MOST, GROUPS = 2**18, 1e6, 6
+"""Codes that are looked at together, at most for one group of means, and how many groups there are."""
 
 LARGEST_E = 1e12
 """Without a full well counts are looked at up to where the converter is full, and no further than this."""
@@ -86,17 +94,16 @@ class GivenCount:
             found[id(stage)] = _mixed(law, *parts_of(m, self.counts.shape))
         return found
 
-    def code_table(self, law: sparse.csr_array, mean_e: Float64Array) -> Float64Array:
-        """The same of the codes.  mean_e : of the counts, one for each row of the law."""
-        m = propagate(self.stages[:-1], self._entering(self.counts))
-        mean, temporal, spatial = parts_of(m, self.counts.shape)
-        found, of_step = np.empty((mean_e.size, 3)), self._offset_steps(temporal, spatial, mean_e)
+    def code_table(self, law: sparse.csr_array) -> Float64Array:
+        """The same of the codes."""
+        swing = Swing.behind(self.stages[:-1], self.converter, self.counts, self.conditions)
+        found, of_step = np.empty((law.shape[0], 3)), self._offset_steps(law, swing)
         for step in np.unique(of_step):
             rows = np.flatnonzero(of_step == step)
-            part = law[rows]
-            used = slice(int(part.indices.min()), int(part.indices.max()) + 1)
-            given = mean[used], np.sqrt(temporal[used]), np.sqrt(spatial[used])
-            found[rows] = _over_offsets(self.converter, part[:, used], *given, step)
+            for some in np.array_split(rows, min(GROUPS, rows.size)):  # small means have few counts: fine steps
+                part = law[some]
+                used = slice(int(part.indices.min()), int(part.indices.max()) + 1)
+                found[some] = _over_offsets(self.converter, part[:, used], swing, used, step)
         return found
 
     def _entering(self, counts: Float64Array) -> Moments:
@@ -107,12 +114,16 @@ class GivenCount:
         mean, temporal, _ = parts_of(m, counts.shape)
         return self.converter.black_level_dn + gain * mean, gain * np.sqrt(temporal)
 
-    def _offset_steps(self, temporal: Float64Array, spatial: Float64Array, mean_e: Float64Array) -> Float64Array:
+    def _offset_steps(self, law: sparse.csr_array, swing: Swing) -> Float64Array:
         """Distance of the quantiles of the offsets [σ] for every row: less than the noise that blurs the codes."""
-        at = np.minimum(np.searchsorted(self.counts, mean_e), self.counts.size - 1)
-        shot_v2 = (self.dn_per_e / self.converter.gain_dn_per_v) ** 2 * np.minimum(mean_e, self.counts[-1])
+        mean, temporal, spatial = (x.reshape(x.shape[0], -1) for x in swing.parts)
+        centre = mean[:, mean.shape[1] // 2]
+        off = centre - centre[0]
+        first, second, own, offset = (law @ np.stack([off, off**2, temporal.min(1), spatial.max(1)], axis=1)).T
+        shot = np.maximum(second - first**2, 0.0) if self.dn_per_e < BLURRING or not self.is_sharp else 0.0
+        blur = BLUR * np.sqrt(own + shot)
         with np.errstate(divide="ignore", invalid="ignore"):
-            wanted = np.where(spatial[at] > 0, BLUR * np.sqrt((temporal[at] + shot_v2) / spatial[at]), np.inf)
+            wanted = np.where(offset > 0, blur / np.sqrt(offset), np.inf)
         steps = np.array(OFFSET_STEPS)
         return np.asarray(steps[np.searchsorted(-steps, -wanted).clip(0, steps.size - 1)])
 
@@ -126,24 +137,25 @@ def _mixed(law: sparse.csr_array, mean: Float64Array, temporal: Float64Array, sp
     """Over the counts: what is fixed is shared by all of them."""
     reference = float(mean[mean.size // 2])
     off = mean - reference
-    first, second, shared = (law @ np.stack([off, temporal + off**2, np.sqrt(spatial)], axis=1)).T
-    return np.stack([reference + first, np.maximum(second - first**2, 0.0), shared**2], axis=1)
+    columns = np.stack([off, temporal + spatial + off**2, np.sqrt(spatial)], axis=1)
+    first, second, shared = (law @ columns).T
+    return np.stack([reference + first, np.maximum(second - first**2 - shared**2, 0.0), shared**2], axis=1)
 
 
-def _over_offsets(
-    converter: Converter,
-    law: sparse.csr_array,
-    mean: Float64Array,
-    sigma: Float64Array,
-    offset: Float64Array,
-    step: float,
-) -> Float64Array:
-    """Codes of a normal signal, for quantiles of the offsets so many σ apart."""
-    z = np.arange(-FARTHEST, FARTHEST + step / 2, step) if offset.any() else np.zeros(1)
-    weights = np.exp(-0.5 * z**2) / np.exp(-0.5 * z**2).sum()
-    swing = mean[:, None] + offset[:, None] * z
-    code, variance = converter.code_moments(swing, np.broadcast_to(sigma[:, None], swing.shape))
+def _over_offsets(converter: Converter, law: sparse.csr_array, swing: Swing, used: slice, step: float) -> Float64Array:
+    """Codes of these counts, for quantiles of the offsets so many σ apart."""
+    mean, temporal, spatial = (x[used] for x in swing.parts)
+    step = max(step, 2 * FARTHEST * mean.size / MOST)
+    z = np.arange(-FARTHEST, FARTHEST + step / 2, step) if spatial.any() else np.zeros(1)
+    weights = np.outer(swing.fixed, np.exp(-0.5 * z**2) / np.exp(-0.5 * z**2).sum()).ravel()
+    code, square = np.empty((2, mean.shape[0], weights.size))
+    for some in np.array_split(np.arange(mean.shape[0]), min(mean.size * z.size // AT_ONCE + 1, mean.shape[0])):
+        x = mean[some, ..., None] + np.sqrt(spatial[some])[..., None] * z
+        sigma = np.broadcast_to(np.sqrt(temporal[some])[..., None], x.shape)
+        first, variance = converter.code_moments(x, sigma)
+        for found, values in ((code, first), (square, variance + first**2)):
+            found[some] = np.tensordot(values, swing.temporal, axes=(1, 0)).reshape(some.size, -1)
     first = law @ code
-    own = np.maximum(law @ (variance + code**2) - first**2, 0.0)
+    own = np.maximum(law @ square - first**2, 0.0)
     average = first @ weights
     return np.stack([average, own @ weights, (first - average[:, None]) ** 2 @ weights], axis=1)

@@ -32,8 +32,12 @@ class Quantiles:
         return cls(z, weights / weights.sum(), survival, bits)
 
 
-COARSE, FINE = Quantiles.of(0.16), Quantiles.of(0.01)
+COARSE, FINE = Quantiles.of(0.16), Quantiles.of(0.002)
 """For laws that are narrow and wide beside the shot noise."""
+
+
+MAP_STEP = 0.02
+"""Of the groups of a measured map [σ]: 250 groups, which lose 3e-5 of a normal map's variance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,10 +73,15 @@ def mixed(parts: Sequence[tuple[float, PixelLaw]]) -> PixelLaw:
 
 
 def of_map(values: Float64Array, make: Callable[[Float64Array, Float64Array], PixelLaw]) -> PixelLaw:
-    """The law of a measured map: means of 256 groups of equally many pixels, in order."""
-    parts = np.array_split(np.sort(np.asarray(values, dtype=np.float64), axis=None), min(256, np.size(values)))
-    weights = np.array([part.size for part in parts], dtype=np.float64)
-    return make(np.array([part.mean() for part in parts]), weights / weights.sum())
+    """The law of a measured map: means of groups of pixels in order, every pixel for itself at both ends.
+
+    Borders between the groups are quantiles of a normal law, MAP_STEP apart, so that few hot pixels keep their tail.
+    """
+    ordered = np.sort(np.asarray(values, dtype=np.float64), axis=None)
+    borders = np.unique(np.rint(special.ndtr(np.arange(-8.0, 8.0, MAP_STEP)) * ordered.size).astype(np.intp))
+    borders = borders[borders < ordered.size]
+    weights = np.diff(borders, append=ordered.size).astype(np.float64)
+    return make(np.add.reduceat(ordered, borders) / weights, weights / ordered.size)
 
 
 def normal_law(mean_e: Float64Array, temporal_e2: Float64Array, spatial_e2: Float64Array) -> PixelLaw:

@@ -26,20 +26,14 @@ from ..core import Frame, Moments, Photons, SensorWindow
 from ..core.types import Float64Array
 from .averages import Average, average_over
 from .count_law import count_law
+from .electron_nodes import electron_nodes
 from .given_count import GivenCount, parts_of
 from .interpolation import interpolation
 from .pixel_law import COARSE, PixelLaw, Quantiles, normal_law
 from .stage import Chain, Stage, propagate
 
-PER_DECADE = 48
-KINK: Float64Array = np.arange(-10.0, 10.001, 0.25)
-"""Nodes in a decade of mean electrons, and about the levels where well or converter are full, in σ of the count."""
-
 NARROW = 0.4
 """Quantiles of a law lie close together where their distance is below so many σ of the count at saturation."""
-
-BEATS = 8
-"""Harmonics of the steps of the converter whose beat with the electrons is resolved."""
 
 
 class Expected(NamedTuple):
@@ -190,42 +184,8 @@ class Theory:
 
     @cached_property
     def nodes(self) -> Float64Array:
-        """Nodes of mean electrons, of light and dark alike: evenly in their logarithm, and close where the ends are."""
-        top = 1e4 * max(self._given.counts[-1], 1.0)
-        parts = [np.array([0.0]), np.geomspace(1e-4, top, int(PER_DECADE * np.log10(top * 1e4)))]
-        dark = self._dark_e
-        for end in self._given.ends_e:
-            around = end + KINK * np.sqrt(end + self._given.read_noise_e**2 + 1)
-            parts += [around, around - dark]
-        parts.append(self._beats())
-        if self._given.converter.inl_lsb is not None:
-            parts.append(self._evenly(top))
-        found = np.unique(np.concatenate(parts))
-        found = found[(found >= 0) & np.isfinite(found)]
-        return np.asarray(found[np.diff(found, prepend=-1.0) > 1e-5 * found + 1e-6])
-
-    def _beats(self) -> Float64Array:
-        """Nodes that resolve slow beats between electrons and steps of the converter where little noise hides them."""
-        if not self._given.is_sharp:
-            return np.zeros(0)
-        pitch, sigma, top = (
-            self._given.dn_per_e,
-            self._given.codes_before_rounding[1].min(),
-            self._given.counts[-1] * 1.2,
-        )
-        found: list[Float64Array] = []
-        for k in range(1, BEATS + 1):
-            slow = abs(k * pitch - round(k * pitch))
-            if slow > 1e-5 and np.exp(-2 * (np.pi * k * sigma) ** 2) > 1e-3:
-                period = 1 / slow
-                found.append(np.arange(0, min((period / 4) ** 2, top, 250 * period), period / 8))
-        return np.concatenate(found) if found else np.zeros(0)
-
-    def _evenly(self, top: float) -> Float64Array:
-        """Nodes a third of the noise apart, for steps of unequal width."""
-        read = self._given.read_noise_e
-        steps = np.arange(0, 6 * (np.sqrt(1.2 * self._given.counts[-1] + read**2) - read))
-        return np.minimum((read + steps / 6) ** 2 - read**2, top)
+        """Nodes of mean electrons, of light and dark alike."""
+        return electron_nodes(self._given, self._dark_e)
 
     @cached_property
     def _dark_e(self) -> float:
@@ -289,7 +249,7 @@ class Theory:
 
     @cached_property
     def _codes(self) -> Float64Array:
-        return self._given.code_table(self._law, self.nodes)
+        return self._given.code_table(self._law)
 
     # -- before the count --------------------------------------------------------------------------------------------
 

@@ -27,6 +27,7 @@ from mitsuba_sensor.sensor.effects.dark_current import DarkCurrent
 from mitsuba_sensor.sensor.effects.prnu import Prnu
 from mitsuba_sensor.sensor.effects.shot_noise import ShotNoise
 from mitsuba_sensor.sensor.fpn_distributions import Rectified
+from mitsuba_sensor.sensor.frame_theory import FrameTheory
 from mitsuba_sensor.sensor.gains import gain_dn_per_e
 
 problem = backend_problem("llvm")
@@ -342,16 +343,14 @@ def test_float32_agrees_with_float64() -> None:
 
 
 @pytest.mark.parametrize("name", CAMERAS)
-def test_the_noise_budget_adds_up_to_the_frame_and_to_the_moments(name: str) -> None:
+def test_the_noise_budget_adds_up_to_the_frame_and_to_the_theory(name: str) -> None:
     frames = ms.expose(rendered(LIGHT_E, NOISE_E2), CAMERAS[name], EXPOSURE, precision="float64")
     noise_budget = frames.noise_budget()
     assert np.abs(noise_budget.total - frames.digital[0]).max() < 1e-6
-    m = Moments(frames.light, 0.0, 0.0, frames.first)
-    for stage in frames.stages:
-        m = stage.moments(m)
+    m = FrameTheory(frames.stages, frames.light, frames.first).averages(frames.stages[-1])
     size = sum(abs(e.temporal_dn2) + abs(e.spatial_dn2) for e in noise_budget.entries)
-    assert sum(e.temporal_dn2 for e in noise_budget.entries) == pytest.approx(np.mean(m.temporal), abs=1e-9 * size)
-    assert sum(e.spatial_dn2 for e in noise_budget.entries) == pytest.approx(np.mean(m.spatial), abs=1e-9 * size)
+    assert sum(e.temporal_dn2 for e in noise_budget.entries) == pytest.approx(m.temporal, abs=1e-9 * size)
+    assert sum(e.spatial_dn2 for e in noise_budget.entries) == pytest.approx(m.spatial, abs=1e-9 * size)
 
 
 def test_a_plan_takes_the_mean_for_exact_and_exposes_with_it() -> None:

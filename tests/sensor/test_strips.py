@@ -144,7 +144,8 @@ def peak_mib(pixels: int) -> float:
 def test_twelve_megapixels_fit_into_400_mib(monkeypatch: pytest.MonkeyPatch) -> None:
     """From ½ and 1 Mpx on a straight line: 8 bytes of light, 4 of photoelectrons, 2 of mask, 2 of code per pixel.
 
-    (And one strip in flight; without strips it is above 100 bytes per pixel. One thread, so that what is in flight is the same in both.)
+    (And one strip in flight; without strips it is above 100 bytes per pixel. One thread, so that what is in flight is
+    the same in both.)
     """
     monkeypatch.setattr(run, "processors", lambda: 1)
     one, two = peak_mib(500_000), peak_mib(1_000_000)

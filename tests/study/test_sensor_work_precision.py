@@ -474,7 +474,7 @@ def test_plots_have_a_line_per_sampler_and_rings_on_the_front(known: Known) -> N
 
 
 def test_a_plan_that_leaves_out_more_is_predicted_and_measured_to_change_the_same(known: Known) -> None:
-    """1 DN leaves out the noise of the source follower, 0.8 DN by itself; theory and frames agree within the limit of one in a thousand."""
+    """1 DN leaves out the noise of the source follower, 0.8 DN by itself; a false alarm in a thousand."""
     results = results_of(known)
     plan, row = results.plans[1.0], results.rows[FrameSetting("numpy", "float32", QUANTILE, 1.0)]
     assert "source follower noise" in plan["left_out"]

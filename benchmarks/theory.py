@@ -1,0 +1,169 @@
+"""Compare the theory of frames with frames: mean, temporal σ and spatial σ of cameras built to break it.
+
+    python benchmarks/theory.py [--serials 64] [--frames 4] [--cases TEXT …] [--random 200] [--json]
+
+The cases are those of benchmarks/theory_cases.py, and cameras out of wide random ranges with --random. Each is exposed
+with many serials, a few frames each. A standard error is the spread from serial to serial: rows and columns are shared
+by the pixels of a serial, serials are independent. The columns are theory, frames and the distance in standard errors
+(z, for σ of the variances). The verdict is ok where each of the three lies within 4 standard errors, 0.3 % or 0.01 DN.
+By chance one of 5000 distances is above 4. The last column is the processor time of the theory.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+import time
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from theory_cases import SHAPE, Case, cases, random_case
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.core import Frame, SensorWindow
+from mitsuba_sensor.sensor.frame_theory import FrameTheory
+
+ERRORS, RELATIVE, DN = 4.0, 0.003, 0.01
+QUANTITIES = ("mean", "temporal", "spatial")
+
+
+@dataclass(frozen=True)
+class Compared:
+    """One quantity of one case.
+
+    theory, frames : [DN], of variances the root.  z : distance in standard errors, of the variances.
+    """
+
+    theory: float
+    frames: float
+    z: float
+
+    @property
+    def close(self) -> bool:
+        """Within 0.3 % or 0.01 DN."""
+        return abs(self.theory - self.frames) <= max(RELATIVE * abs(self.frames), DN)
+
+    @property
+    def ok(self) -> bool:
+        """That, or within four standard errors."""
+        return self.close or abs(self.z) <= ERRORS
+
+
+def theory_of(case: Case, shape: tuple[int, int] = SHAPE) -> tuple[NDArray[np.float64], float]:
+    """Mean, temporal and spatial variance of the codes [DN, DN²], and the processor seconds that this took."""
+    start = time.process_time()
+    frame = Frame(case.exposure, SensorWindow(0, shape, given=dict(case.maps)))
+    found = FrameTheory(case.camera.stages, case.photons(shape), frame).averages(case.camera.stages[-1])
+    return np.array(found), time.process_time() - start
+
+
+def frames_of(case: Case, serial: int, count: int, shape: tuple[int, int]) -> NDArray[np.float64]:
+    """Frames of one serial, (count, H, W) [DN]; with a seed of its own."""
+    photons = case.photons(shape)
+    options: dict[str, Any] = {"serial": serial, "seed": serial, "engine": "numpy", "maps": dict(case.maps)}
+    if photons.variance_e2 is None:
+        found = ms.expose(photons, case.camera, case.exposure, frames=count, **options).digital
+    else:  # frames of one render, one at a time
+        one = (
+            ms.expose(photons, case.camera, case.exposure, first_frame=k, **options).digital[0] for k in range(count)
+        )
+        found = np.stack(list(one))
+    return found.astype(np.float64)
+
+
+def measured(
+    case: Case, serials: int, count: int, shape: tuple[int, int] = SHAPE
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Mean, temporal and spatial variance of frames, and their standard errors, (3,) each."""
+    height, width = case.tile
+    tiles = (shape[0] // height, height, shape[1] // width, width)
+    means, squares, temporal, reference = [], [], [], 0.0  # the last one: squares of small numbers are exact
+    first = zlib.crc32(f"{case.name} {case.level_e:g}".encode()) % 10**6  # other serials for every case
+    for serial in range(first, first + serials):
+        stack = frames_of(case, serial, count, shape)
+        reference = reference or float(stack.mean())
+        pixels = (stack.mean(axis=0) - reference).reshape(tiles)
+        means.append(pixels.mean(axis=(0, 2)))
+        squares.append((pixels**2).mean(axis=(0, 2)))
+        temporal.append(stack.var(axis=0, ddof=1).mean())
+    mean, square, own = np.array(means), np.array(squares), np.array(temporal)
+    average = mean.mean(axis=0)
+    lost = mean.var(axis=0, ddof=1).mean() / serials  # by taking the average of these serials for the expected mean
+    fixed = (square - 2 * average * mean + average**2).mean(axis=(1, 2)) - own / count + lost
+    values = np.stack([mean.mean(axis=(1, 2)) + reference, own, fixed])
+    return values.mean(axis=1), values.std(axis=1, ddof=1) / math.sqrt(serials)
+
+
+def compared(case: Case, serials: int, count: int, shape: tuple[int, int] = SHAPE) -> dict[str, Any]:
+    """One row of the table."""
+    expected, seconds = theory_of(case, shape)
+    found, errors = measured(case, serials, count, shape)
+    rows = {}
+    for k, name in enumerate(QUANTITIES):
+        pair = [float(x[k]) if k == 0 else math.sqrt(max(x[k], 0.0)) for x in (expected, found)]
+        rare = 1 / (serials * shape[0] * shape[1])  # what one pixel would have shown
+        rows[name] = Compared(*pair, float(expected[k] - found[k]) / max(errors[k], rare))
+    return {
+        "case": case.name,
+        "level_e": case.level_e,
+        **{name: vars(one) for name, one in rows.items()},
+        "close": all(one.close for one in rows.values()),
+        "ok": all(one.ok for one in rows.values()),
+        "seconds": seconds,
+    }
+
+
+def main() -> int:
+    """Parse the options, compare, print the table; 1 where one case disagrees."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--serials", type=int, default=64, help="serials of each case (default 64)")
+    parser.add_argument("--frames", type=int, default=4, help="frames of each serial (default 4)")
+    parser.add_argument("--cases", nargs="+", default=[""], help="only the cases whose name contains one of these")
+    parser.add_argument(
+        "--random", type=int, nargs="+", default=(), help="instead: so many random cases [from this one]"
+    )
+    parser.add_argument("--json", action="store_true", help="print JSON only")
+    options = parser.parse_args()
+    chosen = [case for case in cases() if any(text.lower() in case.name.lower() for text in options.cases)]
+    if options.random:
+        first = options.random[1] if len(options.random) > 1 else 0
+        chosen = [random_case(first + k) for k in range(options.random[0])]
+    rows = []
+    for case in chosen:
+        rows.append(compared(case, options.serials, options.frames))
+        if not options.json:
+            show(rows[-1], header=len(rows) == 1)
+    if options.json:
+        print(json.dumps({"serials": options.serials, "frames": options.frames, "rows": rows}))
+    else:
+        summarise(rows)
+    return 0 if all(row["ok"] for row in rows) else 1
+
+
+def show(row: dict[str, Any], *, header: bool = False) -> None:
+    """Print one row."""
+    if header:
+        print(f"{'case':30}{'level':>9}" + "".join(f"{name:>30}{'z':>6}" for name in QUANTITIES) + "  verdict")
+    cells = "".join(f"{row[q]['theory']:>15.4f}{row[q]['frames']:>15.4f}{row[q]['z']:>6.1f}" for q in QUANTITIES)
+    verdict = "ok" if row["ok"] else "NOT"
+    print(f"{row['case'][:29]:30}{row['level_e']:>9.4g}{cells}  {verdict:4}{row['seconds']:.2f} s", flush=True)
+
+
+def summarise(rows: Sequence[dict[str, Any]]) -> None:
+    """Print how many there are, how far off the worst is, and the time of the theory."""
+    worst = max(rows, key=lambda row: max(abs(row[q]["z"]) for q in QUANTITIES))
+    z = max(abs(worst[q]["z"]) for q in QUANTITIES)
+    times = sorted(row["seconds"] for row in rows)
+    good, close = (sum(row[key] for row in rows) for key in ("ok", "close"))
+    print(f"{len(rows)} cases, {good} ok, {close} of them within 0.3 % or 0.01 DN; worst z {z:.1f} ({worst['case']})")
+    print(f"processor time of a theory: median {times[len(times) // 2]:.2f} s, largest {times[-1]:.2f} s")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

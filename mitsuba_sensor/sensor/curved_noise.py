@@ -1,0 +1,131 @@
+"""Swing at the converter given the electron count: normal, or a mixture of normals where noise meets a curve.
+
+A curved stage bends a wide noise into another law. There the noise in front of it is taken apart: nodes that carry most
+of it, and a narrow normal rest about each, for which the second order of Moments.through is enough.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core import Frame, Moments
+from ..core.types import Float64Array
+from .stage import Chain, Converter, Stage
+
+BENT_DN = 0.01
+"""Noise is taken apart where the curve leaves its tangent by more than this within 2σ."""
+
+FARTHEST = 5.0
+"""How far out the nodes lie [σ]."""
+
+RESTS = {0.5: 0.01, 0.15: 0.08, 0.01: 0.25}
+"""σ of the narrow normals as a share of the noise, where the slope changes by more than so much of it within 2σ."""
+
+ALONE: Float64Array = np.ones(1)
+
+MOST = 400_000
+"""Values at most: beyond them noise is not taken apart."""
+
+
+class Parting(NamedTuple):
+    """Of a normal: nodes and a rest, of variance 1 together.  z, weights : of the nodes.  rest : σ."""
+
+    z: Float64Array
+    weights: Float64Array
+    rest: float
+
+    @classmethod
+    def of(cls, rest: float) -> Parting:
+        """Nodes 1.4 σ of the rest apart: their ripple is 6e-5."""
+        number = np.floor(FARTHEST * 0.7 / rest)
+        z = np.arange(-number, number + 1) * (rest / 0.7)
+        weights = np.exp(-0.5 * z**2 / (1 - rest**2))
+        return cls(z, weights / weights.sum(), rest)
+
+
+PARTINGS = {bend: Parting.of(rest) for bend, rest in RESTS.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class Swing:
+    """Normals for every count, node of the temporal noise and node of what is fixed.
+
+    m : mean and variances, (C, T·S).  temporal, fixed : (T,), (S,) weights of the nodes.
+    """
+
+    m: Moments
+    temporal: Float64Array
+    fixed: Float64Array
+
+    @classmethod
+    def behind(cls, stages: Chain, converter: Converter, counts: Float64Array, frame: Frame) -> Swing:
+        """Of these counts behind these stages, in front of the converter."""
+        found = cls(Moments(counts[:, None], np.zeros((1, 1)), np.zeros((1, 1)), frame), ALONE, ALONE)
+        for number, stage in enumerate(stages):
+            if stage.curved:
+                later = math.prod(one.nominal_gain for one in stages[number + 1 :])
+                found = found._apart(_Curve(stage, converter, later, frame))
+            with np.errstate(over="ignore", invalid="ignore"):  # a curve far beyond its range
+                found = replace(found, m=stage.moments(found.m))
+        return found
+
+    @cached_property
+    def parts(self) -> tuple[Float64Array, Float64Array, Float64Array]:
+        """Mean, temporal and spatial variance, (C, T, S)."""
+        counts = np.shape(self.m.mean)[0]
+        flat, shape = (counts, self.temporal.size * self.fixed.size), (counts, self.temporal.size, self.fixed.size)
+        mean, temporal, spatial = (
+            np.broadcast_to(x, flat).reshape(shape) for x in (self.m.mean, self.m.temporal, self.m.spatial)
+        )
+        return mean, temporal, spatial
+
+    def _apart(self, curve: _Curve) -> Swing:
+        """With nodes for what is wide beside the curve."""
+        mean, *variances = self.parts  # (C, T, S)
+        weights = [self.temporal, self.fixed]
+        for axis in (0, 1):
+            sigma = np.sqrt(variances[axis])
+            bend = curve.bend(mean, sigma)
+            fitting = [p for least, p in PARTINGS.items() if bend > least and mean.size * p.z.size <= MOST]
+            if not fitting:
+                continue
+            shape = (mean.shape[0], -1, mean.shape[2]) if axis == 0 else (*mean.shape[:2], -1)
+            z = fitting[0].z.reshape((-1, 1) if axis == 0 else (-1,))
+            centre, sigma, other = (np.expand_dims(x, axis + 2) for x in (mean, sigma, variances[1 - axis]))
+            moved = centre + sigma * z
+            rest, same = (np.broadcast_to(x, moved.shape) for x in ((fitting[0].rest * sigma) ** 2, other))
+            mean, variances[axis], variances[1 - axis] = (x.reshape(shape) for x in (moved, rest, same))
+            weights[axis] = np.outer(weights[axis], fitting[0].weights).ravel()
+        flat = [x.reshape(mean.shape[0], -1) for x in (mean, *variances)]
+        return Swing(replace(self.m, mean=flat[0], temporal=flat[1], spatial=flat[2]), *weights)
+
+
+@dataclass(frozen=True, eq=False)
+class _Curve:
+    """A curved stage.  later : nominal gain between it and the converter."""
+
+    stage: Stage
+    converter: Converter
+    later: float
+    frame: Frame
+
+    def bend(self, mean: Float64Array, sigma: Float64Array) -> float:
+        """The largest change of the slope within 2σ, as a share of it, where that shows in the codes."""
+        x = [part.reshape(mean.shape[0], -1) for part in (mean - 2 * sigma, mean, mean + 2 * sigma)]
+        with np.errstate(over="ignore", invalid="ignore"):
+            low, centre, high = (self._dn(part) for part in x)
+            away = np.abs(high - 2 * centre + low)
+            bend = away / np.maximum(np.abs(high - centre) + np.abs(centre - low), 1e-300)
+            ends = np.maximum(np.maximum(low, high), centre), np.minimum(np.minimum(low, high), centre)
+            shown = (away > BENT_DN) & (ends[0] > -1) & (ends[1] < self.converter.highest + 1)
+        return float(np.max(bend[shown], initial=0.0))
+
+    def _dn(self, swing: Float64Array) -> Float64Array:
+        """About the code of a swing in front of the curve."""
+        behind = self.stage.moments(Moments(swing, 0.0, 0.0, self.frame)).mean
+        return np.asarray(self.converter.black_level_dn + self.converter.gain_dn_per_v * self.later * behind)
