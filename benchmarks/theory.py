@@ -27,6 +27,7 @@ from theory_cases import SHAPE, Case, cases, random_case
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core import Frame, SensorWindow
+from mitsuba_sensor.sensor.detection import detect
 from mitsuba_sensor.sensor.frame_theory import FrameTheory
 
 ERRORS, RELATIVE, DN = 4.0, 0.003, 0.01
@@ -59,7 +60,9 @@ def theory_of(case: Case, shape: tuple[int, int] = SHAPE) -> tuple[NDArray[np.fl
     """Mean, temporal and spatial variance of the codes [DN, DN²], and the processor seconds that this took."""
     start = time.process_time()
     frame = Frame(case.exposure, SensorWindow(0, shape, given=dict(case.maps)))
-    found = FrameTheory(case.camera.stages, case.photons(shape), frame).averages(case.camera.stages[-1])
+    found = FrameTheory(case.camera.stages, detect(case.photons(shape), case.camera.stages[0], frame), frame).averages(
+        case.camera.stages[-1]
+    )
     return np.array(found), time.process_time() - start
 
 

@@ -36,6 +36,9 @@ NARROW = 0.4
 """Quantiles of a law lie close together where their distance is below so many σ of the count at saturation."""
 
 
+CHUNK = 2**16  # levels that are looked up at a time
+
+
 class Expected(NamedTuple):
     """Mean, temporal and spatial variance of a signal at some levels of light, in the unit of its stage."""
 
@@ -86,7 +89,8 @@ class Theory:
         if self._count is None:
             return self._normal(number, levels)
         table = self.table(number)
-        found = interpolation(self.nodes, levels) @ table
+        parts = np.array_split(levels.ravel(), max(levels.size // CHUNK, 1))
+        found = np.concatenate([interpolation(self.nodes, part) @ table for part in parts])
         return Expected(found[:, 0], np.maximum(found[:, 1], 0.0), np.maximum(found[:, 2], 0.0))
 
     def digital(self, light_e: Float64Array) -> Expected:

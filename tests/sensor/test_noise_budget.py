@@ -48,7 +48,7 @@ def test_contributions_add_up_to_the_frame_and_variances_to_the_theory(name: str
     frames = frames_of(CAMERAS[name], light)
     noise_budget = frames.noise_budget()
     assert np.abs(noise_budget.total - frames.digital[0]).max() < 1e-6
-    m = FrameTheory(frames.stages, frames.light, frames.first).averages(frames.stages[-1])
+    m = FrameTheory(frames.stages, frames.detected, frames.first).averages(frames.stages[-1])
     size = sum(abs(e.temporal_dn2) + abs(e.spatial_dn2) for e in noise_budget.entries)
     assert sum(e.temporal_dn2 for e in noise_budget.entries) == pytest.approx(m.temporal, abs=1e-9 * size)
     assert sum(e.spatial_dn2 for e in noise_budget.entries) == pytest.approx(m.spatial, abs=1e-9 * size)
