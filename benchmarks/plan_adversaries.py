@@ -95,7 +95,7 @@ def by_theory(one: Case, plan: ms.Plan) -> dict[str, float]:
     """Change of mean, and roots of the changes of the variances, at all levels that occur, over the tolerance."""
     out = [stage for stage in plan.whole if not among(stage, plan.stages)]
     most = np.zeros(3)
-    for levels in light_levels(plan.photons, plan.whole[0], plan.frame):
+    for levels in light_levels(plan.light):
         theory = Theory.of(plan.whole, plan.frame, levels.kind)
         occupied = levels.light_e[np.linspace(0, levels.light_e.size - 1, min(levels.light_e.size, LEVELS)).astype(int)]
         vars(theory)["nodes"] = np.union1d(theory.nodes, np.minimum(occupied, theory.nodes[-1]))  # exact there

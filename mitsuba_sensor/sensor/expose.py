@@ -235,7 +235,8 @@ def prepare_exposure(
     precision = precision_of(chosen["precision"], camera, chosen["plan"], chosen["chain"])
     backend = choose_backend(chosen["engine"], precision, frames * shape[0] * shape[1])
     window = SensorWindow(serial, (shape[0], shape[1]), origin)
-    given = checked_maps(chosen["maps"] or {}, camera.stages if chosen["plan"] else stages, window, camera)
+    named = camera.stages if chosen["plan"] else stages  # a map of a stage that is left out is known, too
+    given = checked_maps({} if chosen["maps"] is None else chosen["maps"], named, window, camera)
     window = replace(window, given=given, backend=backend)
     first = Frame(exposure, window, seed, first_frame)
     return PreparedExposure(

@@ -27,7 +27,7 @@ WIDTH = 2.0 ** (SHIFT - 23)
 Kind = tuple[Array, Array, Array]
 """Of some pixels: the fields of :class:`LightKind`."""
 
-YIELD_STEP, COMPENSATED_STEP = 1 / 8, 1 / 24
+YIELD_STEP, COMPENSATED_STEP = 1 / 4, 1 / 6
 """Pixels whose quantum yield or share of compensated render noise lies within one step are of one kind."""
 
 

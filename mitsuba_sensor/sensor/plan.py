@@ -134,7 +134,9 @@ def plan(
     require("tolerance_dn", tolerance_dn, 0.0, float("inf"), "digital numbers, e.g. 0.02")
     light = as_photons(photons, camera, wavelengths_nm)
     window = SensorWindow(1, (light.mean.shape[0], light.mean.shape[1]), light.origin)
-    frame = Frame(exposure, replace(window, given=checked_maps(maps or {}, camera.stages, window, camera)))
+    frame = Frame(
+        exposure, replace(window, given=checked_maps({} if maps is None else maps, camera.stages, window, camera))
+    )
     return plan_for(camera, detect(replace(light, variance_e2=None), camera.stages[0], frame), frame, tolerance_dn)
 
 
