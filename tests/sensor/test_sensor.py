@@ -57,9 +57,7 @@ def test_calls_one_after_the_other_are_the_frames_of_expose(name: str, engine: s
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-def test_maps_are_made_once_and_forgotten_when_that_is_asked_for(
-    engine: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_maps_are_made_once_and_forgotten_when_that_is_asked_for(engine: str, monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[str] = []
     original = SensorWindow.fixed_map
 
