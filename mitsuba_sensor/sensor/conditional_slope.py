@@ -105,15 +105,17 @@ class _Pixels:
         dr, expected = self.backend.dr, self.expected
         digital = self.slope.converter.sample(sample(self.slope.behind[:-1], self.counted, self.frame), self.frame)
         single = len(self.slope.count) == 1 and mean.variance_e2 is None  # else a count is more than one electron
-        law = self.law(self.fixed if single else self.counted)
-        signal, sigma = (dr.detach(x) for x in law)
-        code = expected.code(signal)
+        counts = self.fixed if single else self.counted
+        sampled, (signal, sigma) = self.signal(self.frame, counts), self.law(counts)
+        z = dr.detach((sampled - signal) / dr.maximum(sigma, 1e-30))
+        middle, spread = dr.detach(signal), dr.detach(sigma)
+        code = expected.code(middle)
         off = dr.detach(digital) - code
-        by_signal, by_sigma = expected.weights(code, signal, sigma, off)
-        narrow = by_signal * law[0] + by_sigma * law[1]
+        by_signal, by_sigma = expected.weights(code, middle, spread, off)
+        narrow = by_signal * (sampled - z * sigma) + by_sigma * sigma  # the sample knows the curvature of a response
         if single:
-            narrow = narrow + self.per_electron(dr.detach(mean.total), signal, sigma, off) * mean.total
-        return dr.replace_grad(digital, dr.select(sigma > LARGEST_DN, digital, narrow))
+            narrow = narrow + self.per_electron(dr.detach(mean.total), middle, spread, off) * mean.total
+        return dr.replace_grad(digital, dr.select(spread > LARGEST_DN, digital, narrow))
 
     @cached_property
     def expected(self) -> ExpectedCode:
