@@ -46,7 +46,19 @@ def test_the_plain_chain_makes_the_frames_that_expose_makes() -> None:
         assert found["agrees"], f"{camera}: {found}"
 
 
-WELL_KNOWN = {"coverage", "numba", "torch", "jax", "pandas", "xarray", "dask", "astropy", "pyxel", "galsim", "getframes"}
+WELL_KNOWN = {
+    "coverage",
+    "numba",
+    "torch",
+    "jax",
+    "pandas",
+    "xarray",
+    "dask",
+    "astropy",
+    "pyxel",
+    "galsim",
+    "getframes",
+}
 
 
 @pytest.mark.parametrize("folder", [BENCHMARKS, BENCHMARKS.parent / "examples"], ids=lambda folder: folder.name)
