@@ -9,7 +9,7 @@ both            all of these together
 
 Times are medians of turns; ``times_plain`` is the median of the ratios to the plain frame of the same turn.
 
---sigma-dn measures errors instead, at each of these read noises: the mean over --frames million pixels of the derivative
+--sigma-dn measures errors instead, at each of these read noises: the mean over --frames Mpx of the derivative
 of the code and of (code − mean)², as a ratio to the derivative of the mean and of the variance, which expected_codes.py
 enumerates; the first one, by the photons, also as a ratio to differences of frames with equal random bits.
 """

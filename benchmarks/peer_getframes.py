@@ -1,7 +1,7 @@
 """Simulate a camera with getframes: photon shot noise, dark current and its shot noise, full well, read noise, ADC.
 
-Its dark current is given at a temperature; here it has that of our camera at the temperature of the exposure. The truth
-that getframes attaches to a frame is left out, and its arrays are kept between the frames: its fastest way.
+Its dark current is given at a temperature; here it has that of our camera at the temperature of the exposure. What
+getframes attaches to a frame without noise is left out, and its arrays are kept between the frames: its fastest way.
 """
 
 from __future__ import annotations

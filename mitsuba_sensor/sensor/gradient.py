@@ -174,8 +174,7 @@ def differentiable(
     parameters : names of fields of the camera (``"readout.sense_gain_uv_per_e"``), ``"exposure.time_s"`` and
         ``"exposure.temperature_k"`` at the same photons, and ``"photons"`` for the mean photons of every pixel.
     The rest as for :func:`expose`. The mean of a derivative over frames is the derivative of the expected code, to 1 %,
-    clips and codes edges included. That of a squared error is right too where the noise behind the count hides the
-    steps of the ADC (σ of ¾ DN or more) and the pixel is not within 3σ of a clip; docs/backends.md has the numbers.
+    at clips and code edges too. That of a squared error is right but for 1 to 2 DN of noise at a clip (docs/backends.md).
     Raises InputError for what ``expose`` refuses, and for a parameter that has no derivative.
     """
     check_types(camera, exposure)
