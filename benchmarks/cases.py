@@ -69,7 +69,7 @@ def photon_map(camera: ms.Camera, electrons: float, content: str, shape: tuple[i
 
 
 def shot_dark_read_quantise() -> ms.Camera:
-    """Table 1 without fixed-pattern noise: the stages that Pyxel has too."""
+    """Table 1 without fixed-pattern noise: the stages that Pyxel and getframes have too."""
     return ms.load_camera("konnik_table1").replace(
         **{"pixel.prnu": 0.0, "dark_current.cv": 0.0, "readout.dsnu_col": 0.0}
     )

@@ -1,6 +1,6 @@
-"""Measure the time of a frame with gradients, compared with the next frame of an open stream.
+"""Measure the time of a frame with gradients, compared with the next frame of an open stream, and their errors.
 
-    python benchmarks/gradients.py [--mpx 1 4] [--electrons 1000] [--turns 9] [--json]
+    python benchmarks/gradients.py [--mpx 1 4] [--electrons 1000] [--turns 9] [--sigma-dn 0.1 1 …] [--json]
 
 plain           a frame of the full chain from the compiled backend, uint16 in NumPy
 ten_parameters  a frame, and the gradient of a squared error with respect to ten camera parameters
@@ -8,6 +8,10 @@ all_photons     a frame, and the gradient of a squared error with respect to the
 both            all of these together
 
 Times are medians of turns; ``times_plain`` is the median of the ratios to the plain frame of the same turn.
+
+--sigma-dn measures errors instead, at each of these read noises: the mean over --frames Mpx of the derivative
+of the code and of (code − mean)², as a ratio to the derivative of the mean and of the variance, which expected_codes.py
+enumerates; the first one, by the photons, also as a ratio to differences of frames with equal random bits.
 """
 
 from __future__ import annotations
@@ -18,13 +22,16 @@ import statistics
 from collections.abc import Callable
 from typing import Any
 
-from cases import EXPOSURE, full_chain, photon_map, shape_of
+import numpy as np
+from cases import EXPOSURE, full_chain, photon_map, reference_qe, shape_of
+from expected_codes import bare_camera, mean_and_variance, slopes, value_of
 from frame_sources import next_frame
 from numpy.typing import NDArray
 from timing import alternate, ratio
 
+import mitsuba_sensor as ms
+from mitsuba_sensor import differentiable
 from mitsuba_sensor.io.metadata import machine
-from mitsuba_sensor.sensor.gradient import differentiable
 
 TEN = (
     "readout.sense_gain_uv_per_e",
@@ -47,8 +54,13 @@ def main() -> None:
     parser.add_argument("--mpx", type=float, nargs="+", default=[1, 4], help="million pixels")
     parser.add_argument("--electrons", type=float, default=1000, help="mean photoelectrons")
     parser.add_argument("--turns", type=int, default=9, help="measured turns (default 9)")
+    parser.add_argument("--sigma-dn", type=float, nargs="+", help="read noises [DN] at which errors are measured")
+    parser.add_argument("--frames", type=int, default=4, help="frames of a megapixel for the errors (default 4)")
     parser.add_argument("--json", action="store_true", help="print JSON only")
     options = parser.parse_args()
+    if options.sigma_dn:
+        show_errors([found for sigma in options.sigma_dn for found in errors(sigma, options.frames)], options.json)
+        return
     rows = [row(mpx, options.electrons, options.turns) for mpx in options.mpx]
     if options.json:
         print(json.dumps({**machine(), "turns": options.turns, "rows": rows}))
@@ -57,6 +69,90 @@ def main() -> None:
         print(f"{found['mpx']:g} Mpx, {found['electrons']:g} e-, {options.turns} turns")
         for name, task in found["tasks"].items():
             print(f"  {name:15} {task['seconds'] * 1e3:8.1f} ms   {task['times_plain']:5.2f} × plain")
+
+
+CASES: dict[str, tuple[float, dict[str, float]]] = {
+    "few electrons, code centre": (3.0, {"adc__black_level_dn": 64.0}),
+    "code edge": (40.0, {"adc__black_level_dn": 16.5}),
+    "lower clip": (4.0, {"adc__black_level_dn": 0.3}),
+    "upper clip, 8 bit": (1940.0, {"adc__black_level_dn": 16.0, "adc__bits": 8}),
+    "full well, 1000 e-": (1020.0, {"adc__black_level_dn": 16.0, "pixel__full_well_e": 1000.0}),
+    "3 DN/e-": (5.0, {"adc__black_level_dn": 9.3, "dn_per_e": 3.0}),
+}
+"""Mean photoelectrons, and what else the camera has."""
+
+NAMES = (
+    "photons",
+    "readout.sense_gain_uv_per_e",
+    "source_follower.read_noise_e",
+    "adc.black_level_dn",
+    "pixel.full_well_e",
+)
+SIDE = 1024
+DIFFERENCE = 0.1
+"""Half the difference of two levels of light, in σ of the shot noise."""
+
+SMALL = 0.02
+"""Derivatives by ln(parameter) below so many DN or DN² are not compared: they are 0 but for the tails of the noise."""
+
+
+def errors(sigma_dn: float, frames: int) -> list[dict[str, Any]]:
+    """Ratios of every case and parameter, with their standard errors."""
+    rows = []
+    for case, (electrons, fields) in CASES.items():
+        camera = bare_camera(sigma_dn, **fields)
+        mean = mean_and_variance(camera, electrons)[0]
+        found = sampled(camera, electrons, mean, frames)
+        for name in NAMES:
+            ratios: dict[str, Any] = {"sigma_dn": sigma_dn, "case": case, "parameter": name}
+            for what, exact, samples in zip(
+                ("mean", "variance"), slopes(camera, electrons, name), found[name], strict=True
+            ):
+                if abs(exact) > SMALL:
+                    ratios[what] = [samples[0] / exact, abs(samples[1] / exact)]
+            if name == "photons":
+                moved, error = differences(camera, electrons, frames)
+                ratios["frames"] = [found[name][0][0] / moved, abs(error / moved)]
+            rows.append(ratios)
+    return rows
+
+
+def sampled(camera: ms.Camera, electrons: float, mean: float, frames: int) -> dict[str, list[tuple[float, float]]]:
+    """Name → mean over the pixels, and its standard error, of dcode and of 2·(code − mean)·dcode, by ln(parameter)."""
+    photons = np.full((SIDE, SIDE), electrons / reference_qe(camera))
+    stream = differentiable(photons, camera, EXPOSURE, NAMES)
+    moved: dict[str, list[list[NDArray[Any]]]] = {name: [[], []] for name in NAMES}
+    for index in range(frames):
+        frame = stream.frame(index)
+        frame.store()
+        for name in NAMES:
+            scale = photons[0, 0] if name == "photons" else value_of(name, camera)
+            slope = frame.forward(name).astype(float) * scale
+            for kept, values in zip(moved[name], (slope, 2 * (frame.codes - mean) * slope), strict=True):
+                kept.append(np.array([values.mean(), values.var() / values.size]))
+    averages = {name: [np.mean(kept, axis=0) for kept in both] for name, both in moved.items()}
+    return {name: [(float(a), float(np.sqrt(v / frames))) for a, v in both] for name, both in averages.items()}
+
+
+def differences(camera: ms.Camera, electrons: float, frames: int) -> tuple[float, float]:
+    """d mean/d ln(photons) and its standard error, from pairs of frames with equal random bits."""
+    step, ends = DIFFERENCE / np.sqrt(electrons), []
+    for factor in (1 + step, 1 - step):
+        photons = np.full((SIDE, SIDE), electrons / reference_qe(camera) * factor)
+        ends.append(ms.expose(photons, camera, EXPOSURE, frames=frames, engine="drjit").digital.astype(float))
+    moved = (ends[0] - ends[1]) / (2 * step)
+    return float(moved.mean()), float(moved.std() / np.sqrt(moved.size))
+
+
+def show_errors(rows: list[dict[str, Any]], as_json: bool) -> None:
+    """Print the ratios."""
+    if as_json:
+        print(json.dumps({**machine(), "rows": rows}))
+        return
+    for found in rows:
+        shown = [f"{what} {x[0]:.4f} ± {x[1]:.4f}" for what, x in found.items() if isinstance(x, list)]
+        label = f"{found['sigma_dn']:5g} DN  {found['case']:27} {found['parameter']:29}"
+        print(label, "   ".join(shown) or "(no derivative)")
 
 
 def row(mpx: float, electrons: float, turns: int) -> dict[str, Any]:

@@ -1,6 +1,6 @@
-"""Compare results and speed with Pyxel and GalSim, for the stages that both packages have.
+"""Compare results and speed with Pyxel, GalSim and getframes, for the stages that both packages have.
 
-    python benchmarks/peers.py [--peers pyxel galsim] [--mpx 1 4] [--electrons 1000] [--turns 5]
+    python benchmarks/peers.py [--peers pyxel galsim getframes] [--mpx 1 4] [--electrons 1000] [--turns 5]
         [--engines numpy drjit] [--json]
 
 Each package computes frames of a ramp from 0 to twice the level, with the parameters of the same camera. First, means
@@ -26,10 +26,14 @@ from timing import alternate, lines, speeds
 import mitsuba_sensor as ms
 from mitsuba_sensor.io.metadata import machine
 
-CAMERAS: dict[str, Callable[[], ms.Camera]] = {"pyxel": shot_dark_read_quantise, "galsim": shot_read_quantise}
+CAMERAS: dict[str, Callable[[], ms.Camera]] = {
+    "pyxel": shot_dark_read_quantise,
+    "galsim": shot_read_quantise,
+    "getframes": shot_dark_read_quantise,
+}
 """A camera with the stages that the other package has too."""
 
-INSTALL = {"pyxel": "pyxel-sim==3.0.2", "galsim": "galsim"}
+INSTALL = {"pyxel": "pyxel-sim==3.0.2", "galsim": "galsim", "getframes": "getframes==2.6.*"}
 """Names of the packages for pip."""
 
 COMPARED_MPX, COMPARED_FRAMES = 0.1, 16

@@ -18,6 +18,7 @@ from .render.prepared import render
 from .sensor.camera import Camera, list_cameras, load_camera
 from .sensor.expose import Frames, expose, stream
 from .sensor.fpn_maps import fpn_maps
+from .sensor.gradient import differentiable
 from .sensor.plan import Plan, plan
 from .sensor.sensor import Sensor
 from .sensor.stage import Stage
@@ -25,5 +26,15 @@ from .sensor.stage import Stage
 __version__ = "0.1.0"
 
 __all__ = ["Camera", "Capture", "Exposure", "Frames", "InputError", "Irradiance", "Photons", "Plan", "Sensor", "Stage"]
-__all__ += ["capture", "collect", "expose", "fpn_maps", "gradient_light", "list_cameras", "load_camera", "plan"]
+__all__ += [
+    "capture",
+    "collect",
+    "differentiable",
+    "expose",
+    "fpn_maps",
+    "gradient_light",
+    "list_cameras",
+    "load_camera",
+    "plan",
+]
 __all__ += ["register_plugins", "render", "render_frames", "stream", "uniform_light"]

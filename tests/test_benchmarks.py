@@ -7,6 +7,7 @@ import math
 import subprocess
 import sys
 from collections.abc import Iterator
+from importlib.metadata import packages_distributions
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +44,30 @@ def assert_speeds(found: Any, *names: str) -> None:
 def test_the_plain_chain_makes_the_frames_that_expose_makes() -> None:
     for camera, found in run("plain_chain.py", "--mpx", "0.03").items():
         assert found["agrees"], f"{camera}: {found}"
+
+
+WELL_KNOWN = {
+    "coverage",
+    "numba",
+    "torch",
+    "jax",
+    "pandas",
+    "xarray",
+    "dask",
+    "astropy",
+    "pyxel",
+    "galsim",
+    "getframes",
+}
+
+
+@pytest.mark.parametrize("folder", [BENCHMARKS, BENCHMARKS.parent / "examples"], ids=lambda folder: folder.name)
+def test_no_script_has_the_name_of_a_package(folder: Path) -> None:
+    """A script's folder comes first on the path of imports, so that its neighbours would hide the package."""
+    taken = WELL_KNOWN | sys.stdlib_module_names | set(packages_distributions())
+    ours = {path.stem for path in folder.glob("*.py")}
+    assert ours or not folder.exists()
+    assert not ours & taken
 
 
 TINY = ("--mpx", "0.01", "--content", "ramp", "--turns", "1")
@@ -85,7 +110,7 @@ def test_first_and_changed_frames_are_timed_in_new_processes() -> None:
         assert row["compiled_kernels"] == 0, f"another {name} compiled {row['compiled_kernels']} kernels"
 
 
-@pytest.mark.parametrize("peer", ["pyxel", "galsim"])
+@pytest.mark.parametrize("peer", ["pyxel", "galsim", "getframes"])
 def test_a_peer_agrees_or_says_how_to_install_it(peer: str) -> None:
     result = run("peers.py", "--peers", peer, "--mpx", "0.01", "--turns", "1", "--engines", "numpy")
     found = result["peers"][peer]

@@ -170,8 +170,9 @@ def test_public_names_have_docstrings_and_return_types() -> None:
     ]
 
 
-def test_the_public_api_has_at_most_23_names() -> None:
-    assert len(mitsuba_sensor.__all__) <= 23
+def test_the_public_api_has_at_most_24_names() -> None:
+    """24 since frames with derivatives, which nothing else offers, can be had without a look into the package."""
+    assert len(mitsuba_sensor.__all__) <= 24
     assert all(hasattr(mitsuba_sensor, name) for name in mitsuba_sensor.__all__)
 
 

@@ -43,7 +43,7 @@ WORDS = (
     Word(r"devices?", "sensor window; chip, serial", allowed=r"GPU|CUDA|cuda"),  # a GPU is a device
     Word(r"rooms?", "domain (photons, electrons, volts, DN)", allowed=r"room temperature"),
     Word(r"words?", "random bits; options, arguments; text, label"),
-    Word(r"truth", "AOVs; reference"),
+    Word(r"truth", "AOVs; reference", allowed=r"include_truth=False"),  # the keyword of getframes
     Word(r"(column|row|pixel) offsets?", "DSNU_col, DSNU_row, DSNU_pixel in names", allowed=r"(column|row|pixel) off"),
     Word(r"column gains?", "PRNU_col in names", allowed=r"column gain"),
     Word(r"light electrons?", "photoelectrons"),

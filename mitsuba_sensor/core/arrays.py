@@ -64,6 +64,18 @@ def with_derivative_of(surrogate: Callable[..., Array], function: Callable[[Arra
     return drjit_module().replace_grad(value, surrogate(x, value))
 
 
+def detached(x: Array) -> Array:
+    """``x`` without derivatives."""
+    return x if is_numpy(x) else drjit_module().detach(x)
+
+
+def with_gradient(value: Array, line: Callable[..., Array], *inputs: Array) -> Array:
+    """``value``, whose derivatives, if any are computed, are those of ``line(*inputs)``."""
+    if is_numpy(value) or not drjit_module().grad_enabled(*inputs):
+        return value
+    return drjit_module().replace_grad(value, line(*inputs))
+
+
 def sqrt(x: Array) -> Array:
     """√x; its derivative at 0 is set to 0."""
     if is_numpy(x):

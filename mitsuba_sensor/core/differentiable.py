@@ -6,13 +6,14 @@ variance have the right derivatives:
     Poisson     n of mean λ: dn/dλ = (1 + n/λ)/2, for E[dn] = dλ and E[2n·dn] = d(λ + λ²)
     Bernoulli   b of probability p: db/dp = 1/(2p) where it is 1, 1/(2(1 − p)) where 0, for E[db] = dp and E[2b·db] = dp
     Wald        x of coefficient of variation c: dx/dc = (x − 1)/c, for E[dx] = 0 and E[2x·dx] = d(c²)
-    ADC         that of the line through its steps: right where the noise is large enough to hide the steps
+    ADC         codes per DN about the signal, or the slope of E[code] where the noise is small (code_slope.py)
 
 Normal, log-normal, gamma and logistic are smooth functions of their parameters.
 """
 
 import importlib
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -64,6 +65,7 @@ class DifferentiableBackend(DrJitBackend):
     def __init__(self, backend: str, numbers: Sequence[CameraNumber], size: int = 1, start: int = 0) -> None:
         super().__init__(backend, differentiable=True)
         self._backend, self._numbers, self._size, self._next = backend, numbers, size, start
+        self._constant = False
         self._packets = importlib.import_module(self.float.__module__).ArrayXf
         self._leaves: list[tuple[Array, Mapping[str, Array]]] = []
         self._maps: dict[Hashable, tuple[Array, dict[str, Array]]] = {}
@@ -107,8 +109,24 @@ class DifferentiableBackend(DrJitBackend):
         known = self._numbers[self._next]
         self._next += 1
         assert known.value == float(value), "the stages use the numbers of the camera in another order than recorded"
+        if self._constant:
+            return super().number(value)
         slopes = {name: super(DifferentiableBackend, self).number(slope) for name, slope in known.slopes.items()}
         return self.with_slopes(super().number(value), slopes)
+
+    @property
+    def place(self) -> int:
+        """Index of the number that is used next."""
+        return self._next
+
+    @contextmanager
+    def again(self, place: int, derivatives: bool = False) -> Iterator[None]:
+        """Run stages another time, from this place on; without derivatives by the numbers unless asked for."""
+        after, self._next, self._constant = self._next, place, not derivatives
+        try:
+            yield
+        finally:
+            self._next, self._constant = after, False
 
     def normal(self, bits: Array) -> Array:
         """Standard normal, mean 0 and variance 1."""
@@ -157,6 +175,10 @@ class DifferentiableBackend(DrJitBackend):
         backend = DifferentiableBackend(self._backend, self._numbers, height * width, self._next)
         maps = {key: backend.with_slopes(x, slopes) for key, (x, slopes) in self._maps.items()}
         return backend, replace(window, backend=backend, _maps={**window.cached_values, **maps})
+
+    def unused(self) -> "DifferentiableBackend":
+        """One for another window of the same camera."""
+        return DifferentiableBackend(self._backend, self._numbers)
 
     def totals(self, pixels: Mapping[str, Array]) -> Array:
         """Sums over all pixels, not evaluated yet: (SLOTS, W) as one array, a column per name and W a power of two.

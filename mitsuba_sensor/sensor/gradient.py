@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import warnings
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Unpack
@@ -12,15 +13,17 @@ from numpy.typing import ArrayLike
 
 from ..core import Array, Electrons, Exposure, Float32Array, Frame, InputError, Photons, SensorWindow, check_types
 from ..core.backend import NUMPY_FLOAT32
+from ..core.code_slope import LARGEST_DN, LEAST_DN
 from ..core.differentiable import SLOTS, DifferentiableBackend
 from ..core.options import complete, documents
 from .camera import Camera
 from .chain import chain
 from .checks import as_photons, check_numbers, checked_maps, checked_origin
-from .detection import detect
+from .conditional_slope import ConditionalSlope
+from .detection import Detected, detect
 from .field_derivatives import Recording
 from .options import GradientOptions
-from .run import begin, choose_backend
+from .run import begin, choose_backend, row_strips_of
 from .stage import Chain, sample
 
 PHOTONS = "photons"
@@ -85,24 +88,64 @@ class DifferentiableFrame:
 
 @dataclass(frozen=True, eq=False)
 class DifferentiableFrames:
-    """Frames of one camera and one array of photons, with derivatives by ``parameters``."""
+    """Frames of one camera and one array of photons, with derivatives by ``parameters``.
+
+    slope : of the expected code, where the noise does not hide the steps of the converter.
+    """
 
     parameters: tuple[str, ...]
     light: Photons
     stages: Chain = field(repr=False)
     first: Frame = field(repr=False)
-    start: Electrons = field(repr=False)
+    detected: Detected = field(repr=False)
+    slope: ConditionalSlope | None = field(repr=False)
 
     def frame(self, index: int = 0) -> DifferentiableFrame:
         """Frame ``index``, whose digital numbers are those of ``expose(engine="drjit", first_frame=index)``."""
         check_numbers(1, index, self.first.seed)
-        assert isinstance(self.first.window.backend, DifferentiableBackend)
-        backend, window = self.first.window.backend.renewed(self.first.window)
-        start = self.start
+        start = self._start
+        backend, window = _backend_of(self.first).renewed(self.first.window)
         if PHOTONS in self.parameters:
             start = replace(start, light=backend.with_slopes(start.light, {PHOTONS: 1.0}))
-        digital = sample(self.stages[1:], start, replace(self.first, index=index, window=window, _blocks={}))
+        frame = replace(self.first, index=index, window=window, _blocks={})
+        digital = self.slope.sample(start, frame) if self.slope else sample(self.stages[1:], start, frame)
         return DifferentiableFrame(digital, self, backend)
+
+    def backward(self, loss: Callable[[Array, slice], Array], index: int = 0) -> dict[str, Array]:
+        """d Σloss/d parameter of frame ``index``, in strips of rows: for windows that do not fit into memory at once.
+
+        loss : takes ``digital`` of a strip, a Dr.Jit array, and its rows, a slice; returns the loss of its pixels.
+        """
+        found: dict[str, Array] = dict.fromkeys(self.parameters, 0.0)
+        if PHOTONS in found:
+            found[PHOTONS] = np.empty(self.light.mean.shape, dtype=np.float32)
+        for rows, strip in self.strips():
+            frame = strip.frame(index)
+            for name, part in frame.backward(loss(frame.digital, rows)).items():
+                if name == PHOTONS:
+                    found[name][rows] = part
+                else:
+                    found[name] += part
+        return found
+
+    def strips(self) -> Iterator[tuple[slice, DifferentiableFrames]]:
+        """The rows of every strip, and its frames; the whole window where it is one strip."""
+        shape = self.first.window.shape
+        strips = list(row_strips_of(shape, self.first.window.backend.strip_pixels))
+        for rows in strips:
+            yield rows, self if len(strips) == 1 else self.crop_rows(rows)
+
+    def crop_rows(self, rows: slice) -> DifferentiableFrames:
+        """The same frames of these rows of the window."""
+        window = replace(self.first.window.crop_rows(rows), backend=_backend_of(self.first).unused())
+        light, detected = self.light.crop_rows(rows), self.detected.crop_rows(rows)
+        return replace(self, light=light, detected=detected, first=replace(self.first, window=window, _blocks={}))
+
+    @cached_property
+    def _start(self) -> Electrons:
+        """Mean photoelectrons in the memory of the backend; the FPN maps are computed too."""
+        found: Electrons = begin(self.stages, self.detected.signal, self.first)
+        return found
 
     @cached_property
     def efficiency(self) -> Float32Array:
@@ -130,8 +173,8 @@ def differentiable(
 
     parameters : names of fields of the camera (``"readout.sense_gain_uv_per_e"``), ``"exposure.time_s"`` and
         ``"exposure.temperature_k"`` at the same photons, and ``"photons"`` for the mean photons of every pixel.
-    The rest as for :func:`expose`. Derivatives of means and of variances are right where the noise hides the steps of
-    the ADC: to 1 % if σ is ¾ DN or more; tests/sensor/test_gradient.py has a table.
+    The rest as for :func:`expose`. The mean of a derivative over frames is the derivative of the expected code, to 1 %,
+    at clips and code edges too. That of a squared error is off at a clip if the noise is 1 to 2 DN (docs/backends.md).
     Raises InputError for what ``expose`` refuses, and for a parameter that has no derivative.
     """
     check_types(camera, exposure)
@@ -147,8 +190,26 @@ def differentiable(
     first = Frame(exposure, window, seed)
     numbers = Recording.of(light, camera, first).by(tuple(name for name in names if name != PHOTONS))
     first = first.on(DifferentiableBackend(BACKENDS[chosen["engine"]], numbers))
-    start = begin(stages, detect(light, stages[0], first).signal, first)
-    return DifferentiableFrames(names, light, stages, first, start)
+    return DifferentiableFrames(names, light, stages, first, detect(light, stages[0], first), _slope(stages, first))
+
+
+def _slope(stages: Chain, first: Frame) -> ConditionalSlope | None:
+    """None where the noise behind the count hides the steps of the converter."""
+    slope = ConditionalSlope.of(stages)
+    window = SensorWindow(0, (1, 1), given=first.window.given)
+    sigma = slope.least_sigma_dn(Frame(first.exposure, window))
+    if sigma < LEAST_DN:
+        warnings.warn(
+            f"the noise behind the count is {sigma:.2g} DN; derivatives by numbers behind the count (gains, offsets, "
+            f"the ADC) are those of noise of {LEAST_DN} DN. Those by the light are exact.",
+            stacklevel=4,
+        )
+    return slope if sigma < LARGEST_DN else None
+
+
+def _backend_of(frame: Frame) -> DifferentiableBackend:
+    assert isinstance(frame.window.backend, DifferentiableBackend)
+    return frame.window.backend
 
 
 def _check(names: tuple[str, ...], light: Photons, camera: Camera) -> None:

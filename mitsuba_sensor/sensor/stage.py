@@ -142,6 +142,10 @@ class Converter(Stage):
         ideal = self.black_level_dn + self.gain_dn_per_v * swing
         return code_moments(ideal, self.gain_dn_per_v * sigma, self.highest, self.inl_lsb)
 
+    def ideal(self, swing: Array, frame: Frame) -> Array:
+        """The code of a converter with infinitely many bits [DN]."""
+        return frame.number(self.black_level_dn) + frame.number(self.gain_dn_per_v) * swing
+
     def marked(self, signal: Array, frame: Frame) -> dict[str, Array]:
         """Pixels at either end of the code range."""
         return {"clipped_adc_low": signal <= 0, "clipped_adc_high": signal >= frame.number(self.highest)}
