@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import special
 
 from .types import Float64Array
 
@@ -55,7 +55,7 @@ def _integrated(x: Float64Array, s: Float64Array, highest: int) -> tuple[Float64
     first[broad], second[broad] = _by_quadrature(x[broad], s[broad], c[broad], highest)
     for edge, sign in ((0.0, 1.0), (float(highest), -1.0)):
         u = (x - edge) / s
-        below, density = special.ndtr(u), np.exp(-0.5 * u * u) / math.sqrt(2 * math.pi)
+        below, density = scipy.special.ndtr(u), np.exp(-0.5 * u * u) / math.sqrt(2 * math.pi)
         slope, second_slope, third = -density / s, -u * density / s**2, -(u * u - 1) * density / s**3
         first += sign * (slope / 24 - 7 * third / 5760)
         slope_of_square = 2 * below + 2 * (edge - c) * slope
@@ -66,7 +66,7 @@ def _integrated(x: Float64Array, s: Float64Array, highest: int) -> tuple[Float64
 def _clipped(x: Float64Array, s: Float64Array, c: Float64Array, highest: int) -> tuple[Float64Array, Float64Array]:
     """E(y − c) and E(y − c)² of y = min(max(X, 0), highest) for normal X."""
     low, high = -x / s, (highest - x) / s
-    p_low, p_high = special.ndtr(low), special.ndtr(-high)
+    p_low, p_high = scipy.special.ndtr(low), scipy.special.ndtr(-high)
     d_low, d_high = (np.exp(-0.5 * u * u) / math.sqrt(2 * math.pi) for u in (low, high))
     inside = np.maximum(1 - p_low - p_high, 0.0)
     about_x = s * (d_low - d_high) + low * s * p_low + high * s * p_high
@@ -81,7 +81,7 @@ def _by_quadrature(
     nodes, weights = np.polynomial.legendre.leggauss(12)
     first, second = -c, c**2
     for t, weight in zip(0.5 * highest * (nodes + 1), 0.5 * highest * weights, strict=True):
-        above = special.ndtr((x - t) / s)
+        above = scipy.special.ndtr((x - t) / s)
         first = first + weight * above
         second = second + weight * 2 * (t - c) * above
     return first, second
@@ -107,7 +107,7 @@ def _summed(
                 if not near.any():
                     break
                 sure = (distance >= 0) if sign > 0 else (distance > 0)
-                chance = np.where(s > 0, special.ndtr(distance / s), sure)
+                chance = np.where(s > 0, scipy.special.ndtr(distance / s), sure)
                 chance = np.where(near, chance, 0.0)
                 mean += sign * chance
                 square += (2 * j - 1) * chance

@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from scipy import sparse
+import scipy
 
 from ..core.types import Float64Array, NumpyArray
 from .interpolation import interpolation
@@ -44,7 +44,7 @@ class ByQuantiles:
     """Sums over the kinds of pixels and their states."""
 
     law: PixelLaw
-    matrix: sparse.csr_array
+    matrix: scipy.sparse.csr_array
     nodes: int
 
     @classmethod
@@ -102,11 +102,11 @@ class ByDistribution:
         return cls(mass, first, second, partial[0][:, 0], above)
 
     @cached_property
-    def _weights(self) -> tuple[sparse.csr_array, ...]:
+    def _weights(self) -> tuple[scipy.sparse.csr_array, ...]:
         """Of both ends of the intervals in a mean; of their squares and product in a mean square. Most are zero."""
         mass, first, second = self.mass, self.first, self.second
         weights = mass - first, first, mass - 2 * first + second, 2 * (first - second), second
-        return tuple(sparse.csr_array(x) for x in weights)
+        return tuple(scipy.sparse.csr_array(x) for x in weights)
 
     def averaged(self, values: Float64Array) -> Float64Array:
         """Mean and variances in front of the stage."""

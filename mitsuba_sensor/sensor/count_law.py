@@ -7,8 +7,8 @@ smaller one (compensated render noise) that of a + n, with n of Poisson's law an
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse, special
 
 from ..core.types import Float64Array
 
@@ -44,12 +44,12 @@ def count_nodes(largest: float, single: bool) -> Float64Array:
     return np.unique(np.append(nodes[nodes < largest], largest))
 
 
-def count_law(mean_e: Float64Array, variance_e2: Float64Array, nodes: Float64Array) -> sparse.csr_array:
+def count_law(mean_e: Float64Array, variance_e2: Float64Array, nodes: Float64Array) -> scipy.sparse.csr_array:
     """Chance of every node for each mean and variance, (means, nodes); the last node stands for all that lie above."""
     rows = [_row(mean, variance, nodes) for mean, variance in zip(mean_e, variance_e2, strict=True)]
     pointers = np.cumsum([0, *(len(places) for places, _ in rows)])
     places, chances = (np.concatenate(parts) for parts in zip(*rows, strict=True))
-    return sparse.csr_array((chances, places, pointers), shape=(len(rows), nodes.size))
+    return scipy.sparse.csr_array((chances, places, pointers), shape=(len(rows), nodes.size))
 
 
 def _row(mean: float, variance: float, nodes: Float64Array) -> Row:
@@ -77,13 +77,13 @@ def _poisson(rate: float, low: float, high: float, nodes: Float64Array) -> Row:
     if end < 2 or nodes[end - 1] - nodes[first] == end - 1 - first:  # every count is a node
         chance = _chance(n, rate)
         if end == last:
-            chance[-1] = special.pdtrc(np.ceil(n[-1]) - 1, rate) if n[-1] >= 1 else 1.0
+            chance[-1] = scipy.special.pdtrc(np.ceil(n[-1]) - 1, rate) if n[-1] >= 1 else 1.0
         return places, chance / chance.sum()
     edges = 0.5 * (nodes[first : end + 1] + nodes[np.maximum(places - 1, 0)])  # the lower one of every node
     chance = _chance(n, rate) * np.diff(edges, append=0.5 * (n[-1] + nodes[min(end + 1, last)]))
     if end == last:
         below, edge = chance[:-1], edges[-1]
-        above = special.ndtr((rate - edge) / np.sqrt(rate)) if rate > LARGE else special.pdtrc(edge, rate)
+        above = scipy.special.ndtr((rate - edge) / np.sqrt(rate)) if rate > LARGE else scipy.special.pdtrc(edge, rate)
         chance = np.append(below * (1 - above) / max(below.sum(), 1e-300), above)
     return places, chance / chance.sum()
 
@@ -92,7 +92,7 @@ def _chance(n: Float64Array, rate: float) -> Float64Array:
     """Poisson's law."""
     if rate == 0:
         return np.where(n == 0, 1.0, 0.0)
-    chance: Float64Array = np.exp(n * np.log(rate) - rate - special.gammaln(n + 1))
+    chance: Float64Array = np.exp(n * np.log(rate) - rate - scipy.special.gammaln(n + 1))
     return chance
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy import sparse
+import scipy
 
 from ..core import Frame, Moments
 from ..core.types import Float64Array
@@ -86,7 +86,7 @@ class GivenCount:
         slope = max((codes[-1] - codes[0]) / max(self.counts[-1], 1.0), 1e-300)
         return float(min(sigma.max() / slope, self.counts[-1]))
 
-    def analogue_tables(self, law: sparse.csr_array) -> dict[int, Float64Array]:
+    def analogue_tables(self, law: scipy.sparse.csr_array) -> dict[int, Float64Array]:
         """Mean and variances behind every stage before the converter, by its id, (rows of the law, 3)."""
         found, m = {}, self._entering(self.counts)
         for stage in self.stages[:-1]:
@@ -94,7 +94,7 @@ class GivenCount:
             found[id(stage)] = _mixed(law, *parts_of(m, self.counts.shape))
         return found
 
-    def code_table(self, law: sparse.csr_array) -> Float64Array:
+    def code_table(self, law: scipy.sparse.csr_array) -> Float64Array:
         """The same of the codes."""
         swing = Swing.behind(self.stages[:-1], self.converter, self.counts, self.conditions)
         found, of_step = np.empty((law.shape[0], 3)), self._offset_steps(law, swing)
@@ -114,7 +114,7 @@ class GivenCount:
         mean, temporal, _ = parts_of(m, counts.shape)
         return self.converter.black_level_dn + gain * mean, gain * np.sqrt(temporal)
 
-    def _offset_steps(self, law: sparse.csr_array, swing: Swing) -> Float64Array:
+    def _offset_steps(self, law: scipy.sparse.csr_array, swing: Swing) -> Float64Array:
         """Distance of the quantiles of the offsets [σ] for every row: less than the noise that blurs the codes."""
         mean, temporal, spatial = (x.reshape(x.shape[0], -1) for x in swing.parts)
         centre = mean[:, mean.shape[1] // 2]
@@ -133,7 +133,9 @@ def parts_of(m: Moments, shape: tuple[int, ...]) -> tuple[Float64Array, Float64A
     return np.broadcast_to(m.mean, shape), np.broadcast_to(m.temporal, shape), np.broadcast_to(m.spatial, shape)
 
 
-def _mixed(law: sparse.csr_array, mean: Float64Array, temporal: Float64Array, spatial: Float64Array) -> Float64Array:
+def _mixed(
+    law: scipy.sparse.csr_array, mean: Float64Array, temporal: Float64Array, spatial: Float64Array
+) -> Float64Array:
     """Over the counts: what is fixed is shared by all of them."""
     reference = float(mean[mean.size // 2])
     off = mean - reference
@@ -142,7 +144,9 @@ def _mixed(law: sparse.csr_array, mean: Float64Array, temporal: Float64Array, sp
     return np.stack([reference + first, np.maximum(second - first**2 - shared**2, 0.0), shared**2], axis=1)
 
 
-def _over_offsets(converter: Converter, law: sparse.csr_array, swing: Swing, used: slice, step: float) -> Float64Array:
+def _over_offsets(
+    converter: Converter, law: scipy.sparse.csr_array, swing: Swing, used: slice, step: float
+) -> Float64Array:
     """Codes of these counts, for quantiles of the offsets so many σ apart."""
     mean, temporal, spatial = (x[used] for x in swing.parts)
     step = max(step, 2 * FARTHEST * mean.size / MOST)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import sparse
+import scipy
 
 from ..core.types import Float64Array
 
 
-def interpolation(nodes: Float64Array, at: Float64Array) -> sparse.csr_array:
+def interpolation(nodes: Float64Array, at: Float64Array) -> scipy.sparse.csr_array:
     """Lagrange's cubic through the four nodes about each place, (places, nodes); constant beyond the last."""
     places = np.minimum(at, nodes[-1])
     first = np.clip(np.searchsorted(nodes, places, side="right") - 2, 0, nodes.size - 4)
@@ -20,4 +20,4 @@ def interpolation(nodes: Float64Array, at: Float64Array) -> sparse.csr_array:
             if j != k:
                 weights[:, k] *= (places - x[:, j]) / (x[:, k] - x[:, j])
     pointers = np.arange(0, 4 * places.size + 1, 4)
-    return sparse.csr_array((weights.ravel(), columns.ravel(), pointers), shape=(places.size, nodes.size))
+    return scipy.sparse.csr_array((weights.ravel(), columns.ravel(), pointers), shape=(places.size, nodes.size))

@@ -4,35 +4,46 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from scipy import special
+import scipy
 
 from ..core.types import Float64Array, RandomBits
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Quantiles:
-    """Standard normals at equal steps; with the weights a sum over them is an integral, to 1e-15 for smooth functions.
+    """Standard normals from −8 to 8; with the weights a sum over them is an integral, to 1e-15 for smooth functions.
 
-    survival : chance that a normal is above each.  bits : random bits that a backend turns into these quantiles.
+    step : between them.
     """
 
-    normals: Float64Array
-    weights: Float64Array
-    survival: Float64Array
-    bits: RandomBits
+    step: float
 
-    @classmethod
-    def of(cls, step: float) -> Quantiles:
-        """From −8 to 8."""
-        z = np.arange(-8.0, 8.0 + step / 2, step)
-        weights, survival = np.exp(-0.5 * z**2), special.ndtr(-z)
-        bits = np.clip(np.floor(survival * 2.0**32), 0, 2**32 - 1).astype(np.uint32)
-        return cls(z, weights / weights.sum(), survival, bits)
+    @cached_property
+    def normals(self) -> Float64Array:
+        """The normals."""
+        return np.arange(-8.0, 8.0 + self.step / 2, self.step)
+
+    @cached_property
+    def weights(self) -> Float64Array:
+        """The share of each."""
+        weights = np.exp(-0.5 * self.normals**2)
+        return np.asarray(weights / weights.sum())
+
+    @cached_property
+    def survival(self) -> Float64Array:
+        """The chance that a normal is above each."""
+        return np.asarray(scipy.special.ndtr(-self.normals))
+
+    @cached_property
+    def bits(self) -> RandomBits:
+        """Random bits that a backend turns into these quantiles."""
+        return np.clip(np.floor(self.survival * 2.0**32), 0, 2**32 - 1).astype(np.uint32)
 
 
-COARSE, FINE = Quantiles.of(0.16), Quantiles.of(0.002)
+COARSE, FINE = Quantiles(0.16), Quantiles(0.002)
 """For laws that are narrow and wide beside the shot noise."""
 
 
@@ -78,7 +89,7 @@ def of_map(values: Float64Array, make: Callable[[Float64Array, Float64Array], Pi
     Borders between the groups are quantiles of a normal law, MAP_STEP apart, so that few hot pixels keep their tail.
     """
     ordered = np.sort(np.asarray(values, dtype=np.float64), axis=None)
-    borders = np.unique(np.rint(special.ndtr(np.arange(-8.0, 8.0, MAP_STEP)) * ordered.size).astype(np.intp))
+    borders = np.unique(np.rint(scipy.special.ndtr(np.arange(-8.0, 8.0, MAP_STEP)) * ordered.size).astype(np.intp))
     borders = borders[borders < ordered.size]
     weights = np.diff(borders, append=ordered.size).astype(np.float64)
     return make(np.add.reduceat(ordered, borders) / weights, weights / ordered.size)
@@ -86,8 +97,8 @@ def of_map(values: Float64Array, make: Callable[[Float64Array, Float64Array], Pi
 
 def normal_law(mean_e: Float64Array, temporal_e2: Float64Array, spatial_e2: Float64Array) -> PixelLaw:
     """A normal law about ``mean_e`` at every node, with a fixed and a temporal part."""
-    none = Quantiles.of(16.0)
-    fixed, moving = (Quantiles.of(0.4) if np.any(x) else none for x in (spatial_e2, temporal_e2))
+    none = Quantiles(16.0)
+    fixed, moving = (Quantiles(0.4) if np.any(x) else none for x in (spatial_e2, temporal_e2))
     z, t = fixed.normals[:, None] * (fixed is not none), moving.normals * (moving is not none)
     spread = np.sqrt(spatial_e2)[:, None, None] * z + np.sqrt(temporal_e2)[:, None, None] * t
     return PixelLaw(fixed.weights, np.zeros((1, 1)), mean_e[:, None, None] + spread, moving.weights)

@@ -20,7 +20,7 @@ from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import sparse
+import scipy
 
 from ..core import Frame, Moments, Photons, SensorWindow
 from ..core.types import Float64Array
@@ -242,7 +242,7 @@ class Theory:
         return replace(m, mean=np.broadcast_to(m.mean, shape), temporal=np.broadcast_to(m.temporal, shape))
 
     @cached_property
-    def _law(self) -> sparse.csr_array:
+    def _law(self) -> scipy.sparse.csr_array:
         """Chance of every count at the nodes of mean electrons."""
         m = self._counted(self._counting)
         return count_law(m.mean, m.temporal, self._given.counts)

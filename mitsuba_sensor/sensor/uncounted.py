@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy import sparse
+import scipy
 
 from ..core import Frame
 from ..core.types import Float64Array
@@ -58,11 +58,11 @@ class TheoryOfMeans(Theory):
         return GivenMean(self.stages[self._split :], self.conditions, self.nodes)
 
     @cached_property
-    def _law(self) -> sparse.csr_array:
+    def _law(self) -> scipy.sparse.csr_array:
         """Each mean is itself for certain."""
         counts, rows = self._given.counts, np.arange(self.nodes.size)
         column = np.searchsorted(counts, np.minimum(self.nodes, counts[-1]))
-        return sparse.csr_array((np.ones(rows.size), (rows, column)), shape=(rows.size, counts.size))
+        return scipy.sparse.csr_array((np.ones(rows.size), (rows, column)), shape=(rows.size, counts.size))
 
 
 def theory_of(stages: Chain, frame: Frame, kind: LightKind = PLAIN) -> Theory:

@@ -83,8 +83,8 @@ def test_switching_a_source_off_changes_its_own_entry_only(source: str) -> None:
     """Entries of the sources before it are the same bits; those after it too, but for the last digits of adding up.
 
     (A contribution is a difference of two signals of about 3000 DN, whose float64 step is 4.5e-13.) Rounding to codes
-    and clips see the sum and are left out. The variance of a shot noise is shared by photoelectrons and dark electrons as
-    the means of these pixels are, 1e-5 of which changes with a map.
+    and clips see the sum and are left out. The variance of the shot noise is shared by photoelectrons and dark
+    electrons as the means of these pixels are, 1e-5 of which changes with a map.
     """
     on = TABLE1.replace(**{key: value for key, value in RICH.items() if "rts" not in key})
     before, after = (entries(frames_of(camera).noise_budget()) for camera in (on, on.replace(**OFF[source])))
