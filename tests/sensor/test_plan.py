@@ -38,7 +38,7 @@ def final(plan: ms.Plan, out: list[Stage], levels_e: Any) -> Any:
 
 
 @pytest.mark.parametrize("name", ms.list_cameras())
-@pytest.mark.parametrize("light", [0.0, 1.0, 1e3, 1e5])
+@pytest.mark.parametrize("light", [0.0, 1e3, 1e5])
 def test_without_tolerance_the_planned_frame_is_the_whole_frame_bit_for_bit(name: str, light: float) -> None:
     """Tolerance 0 leaves out what changes nothing, and that must be true of the sample too, not only of its moments."""
     camera = ms.load_camera(name)
@@ -49,7 +49,7 @@ def test_without_tolerance_the_planned_frame_is_the_whole_frame_bit_for_bit(name
 
 
 @pytest.mark.parametrize("name", ms.list_cameras())
-@pytest.mark.parametrize("tolerance", [0.0, 0.02, 0.5, 3.0, 50.0])
+@pytest.mark.parametrize("tolerance", [0.02, 0.5, 50.0])
 def test_all_that_is_left_out_together_moves_no_level_by_more_than_the_tolerance(name: str, tolerance: float) -> None:
     """Mean, and the roots of the changes of both variances, also between the levels that the plan looked at."""
     camera = ms.load_camera(name)
