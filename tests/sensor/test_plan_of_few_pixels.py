@@ -185,7 +185,7 @@ def test_theory_without_shot_noise_is_that_of_frames_without_it(photons: float) 
     frames = np.stack(
         [sample(stages, ms.Photons(light), Frame(EXPOSURE, SensorWindow(n, (24, 200)), n)) for n in range(24)]
     )
-    level = light_levels(ms.Photons(light), stages[0], plan.frame)[0].light_e
+    level = light_levels(plan.light)[0].light_e
     (mean,), (temporal,), (spatial,) = theory_of(stages, plan.frame).digital(level)
     means = frames.mean(axis=(1, 2))
     assert abs(means.mean() - mean) < 4 * means.std(ddof=1) / np.sqrt(24) + 1e-6
