@@ -11,6 +11,7 @@ from .theory import Theory
 
 LEVELS = 513  # light levels of the table, evenly spaced in ln(1 + μ): 3 % apart at a full well of 33 000 e-
 BEYOND_WELL = 4.0  # the table ends at so many full wells; nothing is left of the light there
+NO_SLOPE = 1e-9  # of the largest: full, up to the last digits of the theory
 ROUNDING_DN2 = 1 / 12  # variance of the rounding: the least that a code varies by, also where little noise shows it
 
 
@@ -35,4 +36,6 @@ def input_noise(camera: Camera, exposure: Exposure) -> InputNoise:
     """From the theory of the codes; far above the read noise the weight is 1/μ: shot noise (EMVA 1288 R4, eq. 11)."""
     levels = np.expm1(np.linspace(0.0, np.log1p(BEYOND_WELL * camera.pixel.full_well_e), LEVELS))
     code = Theory.of(camera.stages, Frame(exposure, SensorWindow(0, (1, 1)))).digital(levels)
-    return InputNoise(levels, np.gradient(code.mean, levels) ** 2 / np.maximum(code.temporal, ROUNDING_DN2))
+    slope = np.gradient(code.mean, levels)
+    slope[slope < NO_SLOPE * slope.max()] = 0.0
+    return InputNoise(levels, slope**2 / np.maximum(code.temporal, ROUNDING_DN2))
