@@ -1,6 +1,6 @@
 """Swing at the converter given the electron count: normal, or a mixture of normals where noise meets a curve.
 
-A curved stage bends a wide noise into another law. There the noise in front of it is taken apart: nodes that carry most
+A curved stage makes another law of a wide noise. There the noise in front of it is taken apart: nodes that carry most
 of it, and a narrow normal rest about each, for which the second order of Moments.through is enough.
 """
 

@@ -52,7 +52,8 @@ class _Sums:
         self.pixels, self.light, self.kind = np.zeros(LEVELS, dtype=np.int64), np.zeros(LEVELS), np.zeros(3)
 
     def add(self, light_e: Float64Array, kind: Kind) -> None:
-        level = light_e.astype(np.float32).view(np.uint32) >> SHIFT
+        with np.errstate(over="ignore", under="ignore"):
+            level = light_e.astype(np.float32).view(np.uint32) >> SHIFT
         self.pixels += np.bincount(level, minlength=LEVELS)
         self.light += np.bincount(level, light_e, minlength=LEVELS)
         self.kind += [np.sum(np.broadcast_to(x, light_e.shape)) for x in kind]

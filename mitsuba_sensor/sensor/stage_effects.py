@@ -23,6 +23,8 @@ NEVER = 1e-6  # expected pixels of a frame that fill a well, below which none do
 FEW = 1 / 8
 """Expected pixels that a stage which is left out may move further than its share of the tolerance."""
 
+TOO_CLOSE_E = 1e-9  # to 0: so much light is none
+
 
 @dataclass(frozen=True)
 class Effect:
@@ -98,7 +100,8 @@ class Trial:
         """Theory of the whole chain."""
         theory, last = Theory.of(self.whole, self.frame, self.kind), len(self.whole) - 1
         ends = [self.range.darkest_e, min(self.range.brightest_e, float(theory.nodes[-1]))]
-        vars(theory)["nodes"] = np.union1d(theory.nodes, ends)
+        apart = [end for end in ends if end > TOO_CLOSE_E]  # a node next to 0 has no slope
+        vars(theory)["nodes"] = np.union1d(theory.nodes, apart)
         filling = [k - 1 for k, stage in enumerate(self.whole) if stage.saturation_e is not None]
         theory.prepare([*filling, last - 1])
         return theory

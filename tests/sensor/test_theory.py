@@ -162,7 +162,7 @@ EXTREMES: dict[str, tuple[dict[str, Any], ms.Exposure]] = {
         {"pixel.prnu": 1.0, "dark_current.cv": 10.0, "pixel.dsnu_e": 1e5, "readout.prnu_col": 0.5,
          "readout.reset": "hard", "readout.row_noise_e": 1e4}, ms.Exposure(10.0),
     ),
-    "bent beyond": (
+    "non-linear beyond": (
         {"pixel.full_well_e": 1.0, "source_follower.vv_nonlinearity": 5.0, "readout.ve_nonlinearity": 1.0,
          "readout.sense_gain_uv_per_e": 1e5, "adc.gamma": 2.7, "readout.reset": "hard"}, EXPOSURE,
     ),
