@@ -174,12 +174,12 @@ def _converters() -> list[Case]:
     dnl = changed(TABLE1, adc__bits=8, adc__dnl_lsb=dnl_table(8, 0.4), adc__black_level_dn=10.0)
     vv = {"source_follower__vv_nonlinearity": 1.05}
     ve = {"readout__ve_nonlinearity": 1.0}
-    non-linear = changed(TABLE1, **vv, **ve, adc__gamma=1.04, readout__sense_gain_uv_per_e=40.0)
+    curved = changed(TABLE1, **vv, **ve, adc__gamma=1.04, readout__sense_gain_uv_per_e=40.0)
     return [
         *(Case("8 bit, DNL 0.4 LSB rms", dnl, e) for e in (0.0, 700.0, 30_000.0)),
         *(Case("V/V 1.05", changed(TABLE1, **vv), e) for e in (5e3, 32_900.0)),
         *(Case("V/e 1 at 40 µV/e-", changed(TABLE1, **ve, readout__sense_gain_uv_per_e=40.0), e) for e in (5e3, 3e4)),
-        *(Case("V/V, V/e and ADC non-linear", non-linear, e) for e in (5e3, 32_500.0)),
+        *(Case("V/V, V/e and ADC non-linear", curved, e) for e in (5e3, 32_500.0)),
         Case("16 bit", changed(TABLE1, adc__bits=16), 30_000.0),
         Case("24 bit", changed(TABLE1, adc__bits=24), 1000.0),
         Case("PRNU_col 1 %, DSNU 30 e-", changed(TABLE1, readout__prnu_col=0.01, pixel__dsnu_e=30.0), 2e4),
