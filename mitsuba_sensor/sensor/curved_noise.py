@@ -17,7 +17,7 @@ from ..core import Frame, Moments
 from ..core.types import Float64Array
 from .stage import Chain, Converter, Stage
 
-BENT_DN = 0.01
+CURVED_DN = 0.01
 """Noise is taken apart where the curve leaves its tangent by more than this within 2σ."""
 
 FARTHEST = 5.0
@@ -122,7 +122,7 @@ class _Curve:
             away = np.abs(high - 2 * centre + low)
             bend = away / np.maximum(np.abs(high - centre) + np.abs(centre - low), 1e-300)
             ends = np.maximum(np.maximum(low, high), centre), np.minimum(np.minimum(low, high), centre)
-            shown = (away > BENT_DN) & (ends[0] > -1) & (ends[1] < self.converter.highest + 1)
+            shown = (away > CURVED_DN) & (ends[0] > -1) & (ends[1] < self.converter.highest + 1)
         return float(np.max(bend[shown], initial=0.0))
 
     def _dn(self, swing: Float64Array) -> Float64Array:
