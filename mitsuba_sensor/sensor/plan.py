@@ -20,8 +20,8 @@ from .detection import Detected, detect
 from .light_levels import WIDTH, light_levels
 from .precision import Float32, float32_effect
 from .run import row_strips_of
-from .stage import Chain, Stage, sample
-from .stage_effects import Effect, PlanRange, Trial, among, ends_of, without
+from .stage import Chain, Stage, sample, without
+from .stage_effects import Effect, PlanRange, Trial, ends_of
 
 RUNS = 5  # timed runs of each chain; they take turns, so that a machine that slows down slows both
 LEVELS = 65  # pixels of the scene, from dark to bright, on which float32 is compared with float64
@@ -150,7 +150,7 @@ def plan_for(camera: Camera, light: Detected, frame: Frame, tolerance_dn: float 
     alone = {id(stage): trial.effect(stage) for stage in whole}
     out = trial.chosen([stage for stage in whole if not stage.required], alone)
     kept = without(whole, out)
-    effects = tuple(_verdict(stage, alone[id(stage)], not among(stage, kept)) for stage in whole)
+    effects = tuple(_verdict(stage, alone[id(stage)], any(stage is one for one in out)) for stage in whole)
     single = float32_effect(kept, *_some_pixels(light.photons, camera, frame.exposure))
     return Plan(camera.name, tolerance_dn, effects, kept, whole, single, held, light, frame)
 

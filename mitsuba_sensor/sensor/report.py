@@ -18,7 +18,7 @@ from .compensation import LIMIT, compensable
 from .frame_theory import FrameTheory
 from .gains import gain_dn_per_e
 from .run import row_strips_of
-from .stage import UNITS, Stage, total
+from .stage import UNITS, Stage, place_of, total
 
 SAMPLED = 2**18
 """Pixels of a frame whose signals are followed behind every stage: σ is then known to 0.14 %. Of larger frames these
@@ -95,7 +95,7 @@ class StripFollower:
     def behind(self, stage: Stage, signal: Array) -> None:
         """The signal behind a stage."""
         stages, value = self.observer.theory.stages, total(signal)
-        number = next(k for k, one in enumerate(stages) if one is stage)
+        number = place_of(stage, stages)
         self.masks |= stage.marked(value, self.frame)
         following = stages[number + 1] if number + 1 < len(stages) else None
         if following is not None and following.counts_electrons and signal.variance_e2 is not None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal, TypeAlias
 
@@ -180,6 +180,16 @@ def converter_of(stages: Chain) -> Converter:
     last = stages[-1]
     assert isinstance(last, Converter), last
     return last
+
+
+def place_of(stage: Stage, stages: Sequence[Stage]) -> int:
+    """Number of a stage in its chain: that very stage, for there may be another that is equal."""
+    return next(number for number, one in enumerate(stages) if one is stage)
+
+
+def without(stages: Chain, out: Collection[Stage]) -> Chain:
+    """The chain without these very stages. (Those of a user need no hash, and may hold arrays.)"""
+    return tuple(stage for stage in stages if not any(stage is other for other in out))
 
 
 def sample(stages: Iterable[Stage], signal: Array, frame: Frame) -> Array:

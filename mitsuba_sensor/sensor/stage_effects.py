@@ -14,7 +14,7 @@ from ..core.backend import NUMPY_FLOAT64
 from ..core.types import Float64Array
 from .light_levels import LightLevels
 from .pixel_law import COARSE
-from .stage import Chain, Stage, converter_of, total
+from .stage import Chain, Stage, converter_of, place_of, total
 from .theory import LightKind, Theory
 from .uncounted import theory_without
 
@@ -168,7 +168,7 @@ class Trial:
         theory = self.full
         if stage.saturation_e is not None:
             pixels, at = self.range.rows * self.range.columns, np.array([self._levels_e[-1]])
-            entering = theory.behind(self.whole[self.whole.index(stage) - 1], at)
+            entering = theory.behind(self.whole[place_of(stage, self.whole) - 1], at)
             sigma = float(np.sqrt(entering.temporal + entering.spatial)[0])
             full = float(entering.mean[0]) + 9 * sigma >= stage.saturation_e
             return not full and theory.chance_to_fill(at) * pixels < NEVER
@@ -193,7 +193,7 @@ class Trial:
         level = np.full(frame.window.shape, self._levels_e[-1])
         signal: Array = Electrons(level, 0.0)
         if stage.domain == "volts":
-            before = self.whole[next(k for k, one in enumerate(self.whole) if one is stage) - 1]
+            before = self.whole[place_of(stage, self.whole) - 1]
             signal = np.full(level.shape, self.full.behind(before, self._levels_e[-1:]).mean[0])
         change = np.subtract(total(stage.sample(signal, frame)), total(signal))
         moved = np.abs(np.broadcast_to(change, level.shape)).ravel()
@@ -232,15 +232,6 @@ def _rounding(analogue: Float64Array) -> Float64Array:
     variance = analogue[:, 1] + analogue[:, 2]
     left = np.exp(-2 * np.pi**2 * variance)
     return np.stack([0.5 * left, (0.25 + 4 * variance) * left, 0.0 * left], axis=1)
-
-
-def without(stages: Chain, out: Collection[Stage]) -> Chain:
-    """The chain without these stages. (Those of a user need no hash, and may hold arrays.)"""
-    return tuple(stage for stage in stages if not among(stage, out))
-
-
-def among(stage: Stage, stages: Collection[Stage]) -> bool:
-    return any(stage is other for other in stages)
 
 
 def ends_of(light: list[LightLevels]) -> tuple[float, float]:

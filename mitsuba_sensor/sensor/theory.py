@@ -30,7 +30,7 @@ from .electron_nodes import electron_nodes
 from .given_count import GivenCount, parts_of
 from .interpolation import interpolation
 from .pixel_law import COARSE, PixelLaw, Quantiles, normal_law
-from .stage import Chain, Stage, propagate
+from .stage import Chain, Stage, place_of, propagate, without
 
 NARROW = 0.4
 """Quantiles of a law lie close together where their distance is below so many σ of the count at saturation."""
@@ -84,7 +84,7 @@ class Theory:
 
     def behind(self, stage: Stage, light_e: Float64Array) -> Expected:
         """At these levels of mean photoelectrons; of chain konnik2014, of photons."""
-        number = next(k for k, one in enumerate(self.stages) if one is stage)
+        number = place_of(stage, self.stages)
         levels = np.atleast_1d(np.asarray(light_e, dtype=np.float64))
         if self._count is None:
             return self._normal(number, levels)
@@ -109,8 +109,8 @@ class Theory:
 
     def without(self, out: Collection[Stage]) -> Theory:
         """The same without some stages; what does not depend on them is not computed again."""
-        kept = [stage for stage in self.stages if not any(stage is other for other in out)]
-        rest, count = replace(self, stages=tuple(kept), _found={}), self._count
+        kept = without(self.stages, out)
+        rest, count = replace(self, stages=kept, _found={}), self._count
         assert count is not None
         place = {id(stage): k for k, stage in enumerate(kept)}
         shared: dict[str, Any] = {"nodes": self.nodes}
@@ -127,7 +127,7 @@ class Theory:
 
     def is_neutral(self, stage: Stage) -> bool:
         """Whether the stage changes neither its signal nor any moment of it."""
-        number = next(k for k, one in enumerate(self.stages) if one is stage)
+        number = place_of(stage, self.stages)
         count = self._count
         assert count is not None
         if number < count and (law := stage.pixel_law(self.conditions, COARSE)) is not None:
@@ -147,7 +147,7 @@ class Theory:
 
     def to_dn(self, stage: Stage) -> float:
         """Digital numbers of one unit of the signal behind a stage, by the nominal gains of the stages behind it."""
-        number = next(k for k, one in enumerate(self.stages) if one is stage)
+        number = place_of(stage, self.stages)
         return float(np.prod([one.nominal_gain for one in self.stages[number + 1 :]]))
 
     def table(self, number: int) -> Float64Array:

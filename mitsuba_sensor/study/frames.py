@@ -44,9 +44,10 @@ def expected_moments(stages: Chain, photons: Photons, exposure: Exposure, rounde
     light, theory = detect(photons, stages[0], frame).mean_e, theory_of(stages, frame)
     if rounded:
         return np.array(theory.digital(light.ravel())).reshape(3, *shape)
-    gain = converter_of(stages).gain_dn_per_v
-    volts = np.array(theory.behind(stages[-2], light.ravel())).reshape(3, *shape)
-    return np.asarray(volts * np.array([gain, gain**2, gain**2])[:, None, None])
+    converter = converter_of(stages)
+    volts, gain = np.array(theory.behind(stages[-2], light.ravel())).reshape(3, -1), converter.gain_dn_per_v
+    analogue = volts * np.array([[gain], [gain**2], [gain**2]]) + np.array([[converter.black_level_dn], [0.0], [0.0]])
+    return np.asarray(analogue.reshape(3, *shape))
 
 
 def in_dn(moments: Array, other: Array) -> Array:

@@ -208,7 +208,7 @@ def test_what_exceeds_a_tenth_of_a_code_says_why() -> None:
     assert rows[0].largest_dn > 0.1 and all(bool(one.why) == (one.largest_dn > 0.1) for one in rows)
     assert "has float32 steps of 1 DN itself" in next(one for one in rows if one.field == "photons").why
     assert (
-        "with power 25" in found(sensitivities("konnik_table1", 10.0, **{"adc.bits": 24}), "temperature_k", "dark").why
+        "with power 24" in found(sensitivities("konnik_table1", 10.0, **{"adc.bits": 24}), "temperature_k", "dark").why
     )
     assert not any(one.why for one in sensitivities("konnik_table1"))
 

@@ -16,8 +16,7 @@ from ...render.photons import collect
 from ...sensor.camera import Camera
 from ...sensor.plan import plan
 from ...sensor.run import choose_backend
-from ...sensor.stage import Chain, sample
-from ...sensor.stage_effects import without
+from ...sensor.stage import Chain, sample, without
 from .. import frames
 from ..frames import QUANTITIES, Illuminated, Replicas
 from ..kit import Array, Kit, Spread, Step, Subject, Task, Values, as_normal, in_turns, spread, standard_error, z_limit
