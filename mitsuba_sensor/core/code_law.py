@@ -8,10 +8,14 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from .rounding import rounding_error
 from .types import Float64Array
 
 NARROW = 1.0
 """σ [DN] from which on the sum over equal steps is its integral, by Euler-Maclaurin: there the next term is 4e-5 DN."""
+
+FEW_HARMONICS = 0.3
+"""σ [DN] from which on, far from both clips, three harmonics give the rounding of equal steps to 1e-12."""
 
 BROAD = 0.25
 """σ as a share of the range from which on the integral is a quadrature."""
@@ -34,10 +38,14 @@ def code_moments(
     ideal, sigma = np.broadcast_arrays(ideal_dn, sigma_dn)
     x, s = (np.clip(np.nan_to_num(part.ravel()), -HUGE, HUGE) for part in (ideal, sigma))
     mean, variance = np.empty(x.size), np.empty(x.size)
-    wide = np.zeros(x.size, dtype=bool) if inl_lsb is not None else s >= NARROW
+    inside = (s >= FEW_HARMONICS) & (x > 9 * s) & (x < highest - 9 * s) & (inl_lsb is None)
+    wide = (s >= NARROW) & ~inside & (inl_lsb is None)
+    error, squared, slope = rounding_error(x[inside], s[inside] ** 2, 3)
+    mean[inside] = x[inside] + error
+    variance[inside] = s[inside] ** 2 * (1 + 2 * slope) + squared - error**2
     mean[wide], variance[wide] = _integrated(x[wide], s[wide], highest)
     levels = None if inl_lsb is None else np.arange(1, highest + 1) - 0.5 + inl_lsb
-    narrow = np.flatnonzero(~wide)
+    narrow = np.flatnonzero(~wide & ~inside)
     for part in np.array_split(narrow, max(narrow.size // 2**15, 1)):
         mean[part], variance[part] = _summed(x[part], s[part], highest, levels)
     return mean.reshape(ideal.shape), variance.reshape(ideal.shape)

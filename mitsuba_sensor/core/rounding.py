@@ -41,17 +41,30 @@ def _with_phase(m: Float64Array, temporal: Float64Array, spatial: Float64Array) 
     """As :func:`rounded`, for noise below a step, where the fraction of the mean m matters."""
     noiseless = temporal + spatial == 0
     total = np.maximum(temporal + spatial, FINEST**2)
-    k, sign = HARMONICS, (-1.0) ** HARMONICS
-    fall = np.exp(-2 * (np.pi * k) ** 2 * total[:, None])
-    cosine = np.cos(2 * np.pi * k * m[:, None]) * fall
-    error = np.sum(sign / (np.pi * k) * np.sin(2 * np.pi * k * m[:, None]) * fall, axis=1)
-    squared = 1 / 12 + np.sum(sign / (np.pi * k) ** 2 * cosine, axis=1)
-    slope = np.sum(2 * sign * cosine, axis=1)
+    error, squared, slope = rounding_error(m, total, HARMONICS.size)
     variance = np.maximum(total * (1 + 2 * slope) + squared - error**2, 0.0)
     shared = np.clip(spatial * (1 + 2 * slope) + _shared(m, temporal, spatial) - error**2, 0.0, variance)
     shared = np.where(temporal == 0, variance, shared)
     mean = np.where(noiseless, np.floor(m + 0.5), m + error)
     return mean, np.where(noiseless, 0.0, variance - shared), np.where(noiseless, 0.0, shared)
+
+
+def rounding_error(mean: Array, variance: Array, harmonics: int) -> tuple[Float64Array, Float64Array, Float64Array]:
+    """E e, E e² and E de/dx of e = round(x) − x for normal x, from so many harmonics; all of one shape.
+
+    The k-th is exp(−2π²k²σ²): three are enough from σ = 0.3 on (1e-12), eight from 0.1 on.
+    """
+    angle = 2 * np.pi * (mean - np.floor(mean))
+    sine, cosine, fall = np.sin(angle), np.cos(angle), np.exp(-2 * np.pi**2 * variance)
+    error, squared, slope = np.zeros(sine.shape), np.full(sine.shape, 1 / 12), np.zeros(sine.shape)
+    s, c = sine, cosine
+    for k in range(1, harmonics + 1):
+        left = (-1.0) ** k * fall ** (k * k)
+        error += left / (np.pi * k) * s
+        squared += left / (np.pi * k) ** 2 * c
+        slope += 2 * left * c
+        s, c = s * cosine + c * sine, c * cosine - s * sine
+    return error, squared, slope
 
 
 def _shared(m: Float64Array, temporal: Float64Array, spatial: Float64Array) -> Array:
