@@ -23,7 +23,7 @@ BROAD = 0.25
 HUGE = 1e90
 """Numbers beyond this one are as good as infinite, and their powers are not."""
 
-REACH = 8.0
+REACH = 7.0
 """Transitions further away than so many σ are sure."""
 
 
@@ -103,23 +103,19 @@ def _summed(
         return x, s
     centre = _code_of(x, highest, levels)
     mean, square = np.zeros(x.shape), np.zeros(x.shape)
-    reach = REACH * s
-    with np.errstate(divide="ignore", invalid="ignore"):
-        for sign in (1, -1):
-            j = 1
-            while True:
-                number = centre + j if sign > 0 else centre - j + 1  # of the transition that d = ±j lies behind
-                exists = (number >= 1) & (number <= highest)
-                distance = sign * (x - _level(np.clip(number, 1, highest), levels))
-                near = exists & (distance > -reach) if j > 1 else exists
-                if not near.any():
-                    break
+    for sign in (1, -1):
+        here, j = np.arange(x.size), 1  # those whose noise reaches the transition that d = ±j lies behind
+        while here.size:
+            number = centre[here] + (j if sign > 0 else 1 - j)
+            exists = (number >= 1) & (number <= highest)
+            here, number = here[exists], number[exists]
+            distance, width = sign * (x[here] - _level(number, levels)), s[here]
+            with np.errstate(divide="ignore", invalid="ignore"):
                 sure = (distance >= 0) if sign > 0 else (distance > 0)
-                chance = np.where(s > 0, scipy.special.ndtr(distance / s), sure)
-                chance = np.where(near, chance, 0.0)
-                mean += sign * chance
-                square += (2 * j - 1) * chance
-                j += 1
+                chance = np.where(width > 0, scipy.special.ndtr(distance / width), sure)
+            mean[here] += sign * chance
+            square[here] += (2 * j - 1) * chance
+            here, j = here[distance > -REACH * width], j + 1
     return centre + mean, np.maximum(square - mean**2, 0.0)
 
 

@@ -158,7 +158,8 @@ def _over_offsets(
         sigma = np.broadcast_to(np.sqrt(temporal[some])[..., None], x.shape)
         first, variance = converter.code_moments(x, sigma)
         for found, values in ((code, first), (square, variance + first**2)):
-            found[some] = np.tensordot(values, swing.temporal, axes=(1, 0)).reshape(some.size, -1)
+            over_time = values[:, 0] if swing.temporal.size == 1 else np.einsum("ct...,t->c...", values, swing.temporal)
+            found[some] = over_time.reshape(some.size, -1)
     first = law @ code
     own = np.maximum(law @ square - first**2, 0.0)
     average = first @ weights
