@@ -33,8 +33,7 @@ from mitsuba_sensor.core.backend import NUMPY_FLOAT64
 from mitsuba_sensor.sensor.checks import as_photons
 from mitsuba_sensor.sensor.gains import gain_dn_per_e
 from mitsuba_sensor.sensor.light_levels import light_levels
-from mitsuba_sensor.sensor.stage import Chain, converter_of, sample, total
-from mitsuba_sensor.sensor.stage_effects import among
+from mitsuba_sensor.sensor.stage import Chain, converter_of, sample, total, without
 from mitsuba_sensor.sensor.theory import Theory
 from mitsuba_sensor.sensor.uncounted import theory_without
 
@@ -93,7 +92,7 @@ def result(one: Case, with_frames: bool) -> Result:
 
 def by_theory(one: Case, plan: ms.Plan) -> dict[str, float]:
     """Change of mean, and roots of the changes of the variances, at all levels that occur, over the tolerance."""
-    out = [stage for stage in plan.whole if not among(stage, plan.stages)]
+    out = without(plan.whole, plan.stages)
     most = np.zeros(3)
     for levels in light_levels(plan.light):
         theory = Theory.of(plan.whole, plan.frame, levels.kind)

@@ -31,16 +31,19 @@ Row = tuple[NDArray[np.intp], Float64Array]
 """Numbers of the nodes that a count can have, and their chances."""
 
 
-def count_nodes(largest: float, single: bool) -> Float64Array:
+def count_nodes(largest: float, single: bool, full: float = np.inf) -> Float64Array:
     """Counts from 0 to ``largest``, that one included [e-].
 
     single : whether the codes may follow single electrons, so that no count can stand for its neighbours.
+    full : count from which on the converter is full, and only analogue signals follow the count: nodes √N apart.
     """
     last = min(largest, float(EVERY_COUNT if single else FROM))
     nodes = np.arange(0.0, np.floor(last) + 1)
-    if largest > last:
-        steps = np.arange(1, np.ceil(2 * STEPS * (np.sqrt(largest) - np.sqrt(last))))
-        nodes = np.concatenate([nodes, np.unique(np.floor((np.sqrt(last) + steps / (2 * STEPS)) ** 2))])
+    for end, steps_per_sigma in ((min(full, largest), STEPS), (largest, 1.0)):
+        if end > last:
+            steps = np.arange(1, np.ceil(2 * steps_per_sigma * (np.sqrt(end) - np.sqrt(last))))
+            nodes = np.concatenate([nodes, np.floor((np.sqrt(last) + steps / (2 * steps_per_sigma)) ** 2)])
+            last = end
     return np.unique(np.append(nodes[nodes < largest], largest))
 
 

@@ -11,8 +11,8 @@ PER_DECADE = 48
 KINK: Float64Array = np.arange(-10.0, 10.001, 0.25)
 """Nodes in a decade of mean electrons, and about the levels where well or converter are full, in σ of the count."""
 
-BEATS = 8
-"""Harmonics of the steps of the converter whose beat with the electrons is resolved."""
+BEATS, MOST_BEATS = 8, 64
+"""Harmonics of the steps of the converter whose beat with the electrons is resolved, and how many beats of each."""
 
 
 def electron_nodes(given: GivenCount, dark_e: float) -> Float64Array:
@@ -34,16 +34,16 @@ def electron_nodes(given: GivenCount, dark_e: float) -> Float64Array:
 
 
 def _beats(given: GivenCount) -> Float64Array:
-    """Nodes that resolve slow beats between electrons and steps of the converter where little noise hides them."""
+    """Nodes that resolve slow beats between electrons and steps of the converter where noise and DSNU hide them not."""
     if not given.is_sharp:
         return np.zeros(0)
-    pitch, sigma, top = given.dn_per_e, given.codes_before_rounding[1].min(), given.counts[-1] * 1.2
+    pitch, sigma, top = given.dn_per_e, given.spread_dn.min(), given.counts[-1] * 1.2
     found: list[Float64Array] = []
     for k in range(1, BEATS + 1):
         slow = abs(k * pitch - round(k * pitch))
         if slow > 1e-5 and np.exp(-2 * (np.pi * k * sigma) ** 2) > 1e-3:
             period = 1 / slow
-            found.append(np.arange(0, min((period / 4) ** 2, top, 250 * period), period / 8))
+            found.append(np.arange(0, min((period / 4) ** 2, top, MOST_BEATS * period), period / 8))
     return np.concatenate(found) if found else np.zeros(0)
 
 

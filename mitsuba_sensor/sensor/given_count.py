@@ -55,11 +55,25 @@ class GivenCount:
             largest = 64.0
             while largest < LARGEST_E and self._line(np.array([largest]))[0][0] < self.converter.highest * 1.5:
                 largest *= 2
-        return count_nodes(float(largest), bool(self._line(np.linspace(0.0, largest, 65))[1].min() < SHARP_DN))
+        some = np.linspace(0.0, largest, 65)
+        codes, sigma, spread = self._line(some)
+        electron = np.diff(codes[:2]).max(initial=0.0) > BLURRING * some[1]
+        single = sigma.min() < SHARP_DN and (electron or spread.min() < SHARP_DN)  # offsets spread them over the steps
+        full = some[codes >= self.converter.highest * 1.5]
+        return count_nodes(float(largest), bool(single), full[0] if full.size else np.inf)
 
-    @cached_property
+    @property
     def codes_before_rounding(self) -> tuple[Float64Array, Float64Array]:
         """Mean and temporal σ at the nodes of the count [DN]."""
+        return self._lines[:2]
+
+    @property
+    def spread_dn(self) -> Float64Array:
+        """σ of noise and fixed offsets together."""
+        return self._lines[2]
+
+    @cached_property
+    def _lines(self) -> tuple[Float64Array, Float64Array, Float64Array]:
         return self._line(self.counts)
 
     @property
@@ -109,10 +123,11 @@ class GivenCount:
     def _entering(self, counts: Float64Array) -> Moments:
         return Moments(counts, 0.0, 0.0, self.conditions)
 
-    def _line(self, counts: Float64Array) -> tuple[Float64Array, Float64Array]:
+    def _line(self, counts: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
+        """Mean, temporal σ, and σ of temporal and fixed parts together, of some counts [DN]."""
         m, gain = propagate(self.stages[:-1], self._entering(counts)), self.converter.gain_dn_per_v
-        mean, temporal, _ = parts_of(m, counts.shape)
-        return self.converter.black_level_dn + gain * mean, gain * np.sqrt(temporal)
+        mean, temporal, spatial = parts_of(m, counts.shape)
+        return self.converter.black_level_dn + gain * mean, gain * np.sqrt(temporal), gain * np.sqrt(temporal + spatial)
 
     def _offset_steps(self, law: scipy.sparse.csr_array, swing: Swing) -> Float64Array:
         """Distance of the quantiles of the offsets [σ] for every row: less than the noise that blurs the codes."""
