@@ -15,6 +15,8 @@ WIDEST, NARROWEST, PIXELS = 400, 16, 40_000
 
 TOLERANCES_DN = 0.005, 5.0
 
+OF_CMOS = "source_follower.rtn_uv", "readout.ktc_residual"
+
 SCENES = ("flat", "dark", "ramp", "bright minority", "one saturated pixel", "bright line", "dim")
 
 
@@ -71,6 +73,8 @@ def _fields(chance: np.random.Generator, base: ms.Camera, exposure: ms.Exposure)
             fields[name] = float(chance.choice([1.0, 1 + 1e-7, 1.0005, 1.02, 1.1]))
         elif kind and ends is not None:
             fields[name] = float(np.exp(chance.uniform(*np.log(ends)))) if kind == 2 else 0.0
+    if base.sensor.technology == "ccd":
+        fields = {name: value for name, value in fields.items() if name not in OF_CMOS}
     if fields.get("dark_current.rts_fraction"):
         step_e = float(10 ** chance.uniform(-2, 4))
         fields["dark_current.rts_amplitude_e_per_s"] = step_e / exposure.time_s

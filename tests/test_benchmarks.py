@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import math
 import subprocess
@@ -178,6 +179,16 @@ def test_compensated_frames_are_timed_and_held_against_poissons_law() -> None:
     found = run("compensated_frames.py", "--quick")
     assert_positive(found["time"])
     assert found["frames"]["variance_over_mean"] == pytest.approx(1, abs=5 * found["frames"]["standard_error"])
+
+
+def test_cases_of_plans_are_cameras_that_exist() -> None:
+    """The first 300 are drawn; nothing is computed."""
+    sys.path.insert(0, str(BENCHMARKS))
+    try:
+        draw = importlib.import_module("plan_cases").case
+    finally:
+        sys.path.remove(str(BENCHMARKS))
+    assert len({draw(number).scene for number in range(300)}) == 7
 
 
 def test_plans_of_random_cameras_are_compared_and_continued(tmp_path: Path) -> None:

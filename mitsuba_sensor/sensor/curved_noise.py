@@ -45,7 +45,8 @@ class Parting(NamedTuple):
         number = np.floor(FARTHEST * 0.7 / rest)
         z = np.arange(-number, number + 1) * (rest / 0.7)
         weights = np.exp(-0.5 * z**2 / (1 - rest**2))
-        return cls(z, weights / weights.sum(), rest)
+        weights /= weights.sum()
+        return cls(z * np.sqrt((1 - rest**2) / (weights @ z**2)), weights, rest)
 
 
 PARTINGS = {bend: Parting.of(rest) for bend, rest in RESTS.items()}

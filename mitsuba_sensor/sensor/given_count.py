@@ -166,7 +166,10 @@ def _over_offsets(
     mean, temporal, spatial = (x[used] for x in swing.parts)
     step = max(step, 2 * FARTHEST * mean.size / MOST)
     z = np.arange(-FARTHEST, FARTHEST + step / 2, step) if spatial.any() else np.zeros(1)
-    weights = np.outer(swing.fixed, np.exp(-0.5 * z**2) / np.exp(-0.5 * z**2).sum()).ravel()
+    chance = np.exp(-0.5 * z**2) / np.exp(-0.5 * z**2).sum()
+    if z.size > 1:
+        z = z / np.sqrt(chance @ z**2)  # of variance 1, wherever it is cut
+    weights = np.outer(swing.fixed, chance).ravel()
     code, square = np.empty((2, mean.shape[0], weights.size))
     for some in np.array_split(np.arange(mean.shape[0]), min(mean.size * z.size // AT_ONCE + 1, mean.shape[0])):
         x = mean[some, ..., None] + np.sqrt(spatial[some])[..., None] * z

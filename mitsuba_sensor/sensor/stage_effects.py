@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -25,12 +25,16 @@ FEW = 1 / 8
 
 TOO_CLOSE_E = 1e-9  # to 0: so much light is none
 
+TINY = 1e-30
+"""Variance [DN²] that is none."""
+
 
 @dataclass(frozen=True)
 class Effect:
     """What one stage does by itself, at the light level where it does most.
 
-    mean_dn, temporal_dn, spatial_dn : the change of the mean, and the root of the change of each variance [DN].
+    mean_dn, temporal_dn, spatial_dn : the change of the mean, and the root of the change of each variance [DN]: of the
+        codes; or, where that is beyond the tolerance, before rounding and away from the clips.
     structure_dn : of what the pixels of a row or column share, what it does to the mean over that line, times the root
         of the line's length: to be compared with the noise of a pixel [DN].
     pixels_beyond : expected number of pixels that it moves by more than the tolerance, of a law with tails.
@@ -94,6 +98,7 @@ class Trial:
     range: PlanRange
     kind: LightKind
     tolerance_dn: float
+    _lost: dict[int, Float64Array] = field(default_factory=dict)
 
     @cached_property
     def full(self) -> Theory:
@@ -110,23 +115,49 @@ class Trial:
         """Of one stage by itself."""
         if stage.required or self._idle(stage):
             return Effect(stage.label, True, 0.0, 0.0, 0.0, 0.0, 0.0, "")
-        mean, temporal, spatial = self.moved([stage])
-        rows, columns = self.range.rows, self.range.columns
-        length = {"column": rows, "row": columns}.get(stage.shared_by or "", 0)
-        structure, beyond = float(np.sqrt(length)) * max(temporal, spatial), self._tails_of(stage).beyond
-        return Effect(stage.label, True, mean, temporal, spatial, structure, beyond(self.tolerance_dn), "")
+        mean, temporal, spatial, dither = self.moved([stage])
+        own, beyond = self._length(stage) ** 0.5 * max(temporal, spatial), self._tails_of(stage).beyond
+        return Effect(stage.label, True, mean, temporal, spatial, max(own, dither), beyond(self.tolerance_dn), "")
 
-    def moved(self, out: Collection[Stage]) -> tuple[float, float, float]:
-        """Largest change of the mean, and roots of the largest changes of both variances, without some stages [DN]."""
+    def moved(self, out: Collection[Stage]) -> tuple[float, float, float, float]:
+        """What some stages do together [DN]: the largest change of the mean; roots of the largest changes of both
+        variances, and of the variance that lines keep because the stages no longer hide steps of the converter."""
         rest, last = theory_without(self.full, out), len(self.whole) - 1
-        rest.prepare([len(rest.stages) - 2])
-        changes = [np.abs(self._levels(rest, len(rest.stages) - 1) - self._levels(self.full, last))]
         scale = converter_of(self.whole).gain_dn_per_v ** np.array([1, 2, 2])
         analogue = [self._levels(rest, len(rest.stages) - 2) * scale, self._levels(self.full, last - 1) * scale]
-        changes.append(np.abs(analogue[0] - analogue[1])[self._inside])  # before rounding, which can hide a change
+        changes = [np.abs(analogue[0] - analogue[1])[self._inside]]  # before rounding, which can hide a change
         changes.append(np.abs(_rounding(analogue[0]) - _rounding(analogue[1])))  # between the levels
+        if np.max(changes[0] ** [1, 0.5, 0.5], initial=0.0) <= self.tolerance_dn:  # else it is needed already
+            changes.append(np.abs(self._levels(rest, len(rest.stages) - 1) - self._levels(self.full, last)))
         mean, temporal, spatial = np.max([change.max(axis=0, initial=0.0) for change in changes], axis=0)
-        return float(mean), float(np.sqrt(temporal)), float(np.sqrt(spatial))
+        lost = (analogue[1] - analogue[0])[:, 1:].sum(axis=1)
+        if len(out) == 1:
+            self._lost.update((id(stage), lost) for stage in out)
+        in_lines = sum((self._lost[id(stage)] for stage in out if stage.shared_by is None), np.zeros(lost.size))
+        return float(mean), float(np.sqrt(temporal)), float(np.sqrt(spatial)), self._dithered(in_lines)
+
+    def _dithered(self, lost: Float64Array) -> float:
+        """Root of the largest change of the variance of the means of lines, times their length, where the noise and
+        the offsets within a line lose a variance at every level, and hide less of the steps of the converter [DN]."""
+        lines = [stage for stage in self.whole if stage.shared_by is not None]
+        if not lines or not lost.any():
+            return 0.0
+        within, of_lines = self._variances
+        moved = _steps_of_lines(np.maximum(within - lost, TINY), np.maximum(within, TINY), of_lines)
+        return float(np.sqrt(max(map(self._length, lines)) * np.max(moved, initial=0.0)))
+
+    @cached_property
+    def _variances(self) -> tuple[Float64Array, Float64Array]:
+        """In front of the converter, at every level, of what varies inside of a line, and of what its pixels share."""
+        rest = theory_without(self.full, [stage for stage in self.whole if stage.shared_by is not None])
+        gain, found = converter_of(self.whole).gain_dn_per_v, []
+        for theory in (rest, self.full):
+            found.append(gain**2 * self._levels(theory, len(theory.stages) - 2)[:, 1:].sum(axis=1))
+        return found[0], np.maximum(found[1] - found[0], 0.0)
+
+    def _length(self, stage: Stage) -> int:
+        """Pixels in the lines that share what a stage does."""
+        return {"column": self.range.rows, "row": self.range.columns}.get(stage.shared_by or "", 0)
 
     def chosen(self, free: list[Stage], alone: dict[int, Effect]) -> list[Stage]:
         """Stages whose effects stay within the tolerance together, from the smallest on."""
@@ -232,6 +263,25 @@ def _rounding(analogue: Float64Array) -> Float64Array:
     variance = analogue[:, 1] + analogue[:, 2]
     left = np.exp(-2 * np.pi**2 * variance)
     return np.stack([0.5 * left, (0.25 + 4 * variance) * left, 0.0 * left], axis=1)
+
+
+def _steps_of_lines(kept: Float64Array, before: Float64Array, of_lines: Float64Array) -> Float64Array:
+    """How far rounding may move the variance of the means of lines, wherever in a step they lie [DN²].
+
+    kept, before : variance inside of a line, less and more.  of_lines : of what the pixels of a line share. Lines that
+    lie closer than a step crowd at one of them, where the slope of the mean code limits what can change.
+    """
+    crowded = np.maximum(1.0, 0.4 / np.sqrt(np.maximum(of_lines, TINY)))
+    lost = [crowded * _steps_seen(v) + 4 * of_lines * np.exp(-2 * np.pi**2 * v) for v in (kept, before)]
+    left = np.exp(-2 * np.pi**2 * kept)
+    steepest = np.maximum(1 + 2 * left + 2 * left**4, 1 / np.sqrt(2 * np.pi * kept))
+    return np.asarray(np.minimum(np.abs(lost[0] - lost[1]), of_lines * (steepest**2 - 1)))
+
+
+def _steps_seen(variance: Float64Array) -> Float64Array:
+    """Variance of the mean code about its signal that a noise leaves of even steps: Σ exp(-4π²k²·v)/(2π²k²) [DN²]."""
+    waves = sum(np.exp(-4 * (np.pi * k) ** 2 * variance) / (2 * (np.pi * k) ** 2) for k in (1, 2, 3))
+    return np.where(variance < 0.04, 1 / 12 + variance - np.sqrt(variance / np.pi), waves)
 
 
 def ends_of(light: list[LightLevels]) -> tuple[float, float]:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.special import ndtr
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core import Frame, SensorWindow
@@ -66,6 +67,28 @@ def test_shot_noise_of_few_pixels_of_one_filter_is_seen(few_green: ms.Camera) ->
     assert effect(plan, "shot noise").temporal_dn == pytest.approx(sigma_dn, rel=0.02)
     whole, planned = (x[:, 4::18, 9::18].std(axis=0).mean() for x in both(light, few_green, plan, SHORT, frames=60))
     assert planned == pytest.approx(whole, rel=0.01)
+
+
+@pytest.mark.parametrize("black_level_dn", [2.0, 2.3, 2.5])
+def test_pixel_offsets_that_dither_the_offsets_of_columns_are_kept(black_level_dn: float) -> None:
+    """6 bit, 0.013 DN of noise, pixel DSNU 0.013 DN: without it the column means follow the steps of the converter.
+
+    The variance of the column means is ∫ (Σ Φ)² - (∫ Σ Φ)² over the offsets of the columns, by summing 40 000 of them.
+    """
+    fields = {"adc.bits": 6, "adc.black_level_dn": black_level_dn, "pixel.dsnu_e": 6.69, "readout.dsnu_col": 0.0044}
+    camera, rows = ms.load_camera("bayer_2mp").replace(**fields), 400
+    dn_per_e = gain_dn_per_e(camera)
+    noise, offset, column = 6.83 * dn_per_e, 6.69 * dn_per_e, 0.0044 * 64
+    z = np.linspace(-6, 6, 40_001)
+    chance = np.exp(-0.5 * z**2) / np.exp(-0.5 * z**2).sum()
+    found = []
+    for sigma in (noise, np.hypot(noise, offset)):
+        ends = np.arange(1, 64) - 0.5
+        code = ndtr((black_level_dn + column * z[:, None] - ends) / sigma).sum(axis=1)
+        found.append(chance @ code**2 - (chance @ code) ** 2)
+    moved = np.sqrt(rows * abs(found[1] - found[0]))
+    alone = effect(ms.plan(camera, ms.Exposure(1e-3, 255.0), np.zeros((rows, 64)), 0.9 * moved), "DSNU pixel")
+    assert alone.kept and alone.spatial_dn < 0.2 * moved < moved < alone.structure_dn
 
 
 def test_column_offsets_do_not_hide_behind_a_larger_prnu() -> None:
