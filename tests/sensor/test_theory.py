@@ -351,7 +351,7 @@ def test_interpolation_is_exact_for_cubics_and_constant_beyond_the_last_node() -
 
 def test_a_full_well_that_nothing_fills_does_not_change_the_offsets() -> None:
     """Spatial variance is that of the offsets to 1e-8, however the counts are parted: a plan compares such theories."""
-    camera = ms.load_camera("bayer_2mp").replace(**{"readout.dsnu_col": 0.0044, "pixel.dsnu_e": 400.0})
+    camera = ms.load_camera("bayer_2mp").replace(**{"readout.dsnu_col": 0.0022, "pixel.dsnu_e": 100.0})
     theory = Theory.of(camera.stages, Frame(EXPOSURE, SensorWindow(0, (1, 1))))
     rest = theory.without([stage for stage in camera.stages if stage.saturation_e is not None])
     light = np.array([10.0, 300.0, 3000.0])
