@@ -23,13 +23,19 @@ CURVED_DN = 0.01
 FARTHEST = 5.0
 """How far out the nodes lie [σ]."""
 
-RESTS = {0.5: 0.01, 0.15: 0.08, 0.01: 0.25}
-"""σ of the narrow normals as a share of the noise, where the slope changes by more than so much of it within 2σ."""
+BENT = 0.01
+"""Noise is taken apart where the slope changes by more than so much of it within 2σ."""
+
+RESTS = 0.25, 0.1, 0.04, 0.015
+"""σ of the narrow normals as a share of the noise: the first that leaves its tangent by less than LEAVING of the noise
+within 2σ."""
+
+LEAVING = 2e-3
 
 ALONE: Float64Array = np.ones(1)
 
-MOST = 400_000
-"""Values at most: beyond them noise is not taken apart."""
+MOST = 1_500_000
+"""Values at most: noise is not taken apart further."""
 
 
 class Parting(NamedTuple):
@@ -49,7 +55,7 @@ class Parting(NamedTuple):
         return cls(z * np.sqrt((1 - rest**2) / (weights @ z**2)), weights, rest)
 
 
-PARTINGS = {bend: Parting.of(rest) for bend, rest in RESTS.items()}
+PARTINGS = tuple(map(Parting.of, RESTS))
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,16 +98,18 @@ class Swing:
         for axis in (0, 1):
             sigma = np.sqrt(variances[axis])
             bend = curve.bend(mean, sigma)
-            fitting = [p for least, p in PARTINGS.items() if bend > least and mean.size * p.z.size <= MOST]
-            if not fitting:
+            fitting = [parting for parting in PARTINGS if mean.size * parting.z.size <= MOST]
+            if bend <= BENT or not fitting:
                 continue
+            fine = (one for one in fitting if curve.leaves(mean, sigma, one) <= LEAVING)
+            parting = next(fine, fitting[-1])
             shape = (mean.shape[0], -1, mean.shape[2]) if axis == 0 else (*mean.shape[:2], -1)
-            z = fitting[0].z.reshape((-1, 1) if axis == 0 else (-1,))
+            z = parting.z.reshape((-1, 1) if axis == 0 else (-1,))
             centre, sigma, other = (np.expand_dims(x, axis + 2) for x in (mean, sigma, variances[1 - axis]))
             moved = centre + sigma * z
-            rest, same = (np.broadcast_to(x, moved.shape) for x in ((fitting[0].rest * sigma) ** 2, other))
+            rest, same = (np.broadcast_to(x, moved.shape) for x in ((parting.rest * sigma) ** 2, other))
             mean, variances[axis], variances[1 - axis] = (x.reshape(shape) for x in (moved, rest, same))
-            weights[axis] = np.outer(weights[axis], fitting[0].weights).ravel()
+            weights[axis] = np.outer(weights[axis], parting.weights).ravel()
         flat = [x.reshape(mean.shape[0], -1) for x in (mean, *variances)]
         return Swing(replace(self.m, mean=flat[0], temporal=flat[1], spatial=flat[2]), *weights)
 
@@ -125,6 +133,19 @@ class _Curve:
             ends = np.maximum(np.maximum(low, high), centre), np.minimum(np.minimum(low, high), centre)
             shown = (away > CURVED_DN) & (ends[0] > -1) & (ends[1] < self.converter.highest + 1)
         return float(np.max(bend[shown], initial=0.0))
+
+    def leaves(self, mean: Float64Array, sigma: Float64Array, parting: Parting) -> float:
+        """How far the curve leaves its tangent within 2σ of the rest, in noise: at most, where that is on the scale."""
+        middle = np.unique(np.linspace(0, mean.shape[0] - 1, 9).astype(int))
+        wide = sigma[middle].reshape(middle.size, -1, 1)
+        x = mean[middle].reshape(middle.size, -1, 1) + wide * parting.z[np.abs(parting.z) < 3.5]
+        with np.errstate(over="ignore", invalid="ignore"):
+            low, centre, high = (self._dn(x + part * parting.rest * wide) for part in (-2, 0, 2))
+            away = np.abs(high - 2 * centre + low) / 2
+            scale = self.converter.gain_dn_per_v * self.later * np.maximum(wide, 1e-300)
+            on = (np.maximum(low, high) > -1) & (np.minimum(low, high) < self.converter.highest + 1)
+            shown = on & (away > CURVED_DN)
+        return float(np.max((away / scale)[shown], initial=0.0))
 
     def _dn(self, swing: Float64Array) -> Float64Array:
         """About the code of a swing in front of the curve."""

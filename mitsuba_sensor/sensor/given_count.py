@@ -25,8 +25,9 @@ BLURRING = 1 / 16
 """Up to this gain [DN/e-] shot noise blurs the steps of the converter; of a larger one electrons can keep to the same
 place between the steps, at 1 or ½ DN/e- all of them."""
 
-AT_ONCE, MOST, GROUPS = 2**18, 1e6, 6
-"""Codes that are looked at together, at most for one group of means, and how many groups there are."""
+AT_ONCE, MOST, GROUPS, LEAST = 2**18, 1e6, 6, 6
+"""Codes that are looked at together, at most for one group of means, how many groups there are, and the least number
+of distances between the quantiles of the offsets."""
 
 LARGEST_E = 1e12
 """Without a full well counts are looked at up to where the converter is full, and no further than this."""
@@ -89,15 +90,17 @@ class GivenCount:
 
     @cached_property
     def ends_e(self) -> list[float]:
-        """Counts at which well or converter are full."""
-        full = np.flatnonzero(self.codes_before_rounding[0] >= self.converter.highest - 0.5)
-        return [float(self.counts[-1]), *([float(self.counts[full[0]])] if full.size else [])]
+        """Counts at which well or converter are full, and stay so (a curve may bend back)."""
+        below = np.flatnonzero(self.codes_before_rounding[0] < self.converter.highest - 0.5)
+        full = self.counts[below[-1] + 1 if below.size else 0 :]
+        return [float(self.counts[-1]), *map(float, full[:1])]
 
     @cached_property
     def read_noise_e(self) -> float:
         """Noise behind the count, as electrons."""
         codes, sigma = self.codes_before_rounding
-        slope = max((codes[-1] - codes[0]) / max(self.counts[-1], 1.0), 1e-300)
+        ends = self.counts[[codes.argmin(), codes.argmax()]]
+        slope = max(np.ptp(codes) / max(np.ptp(ends), 1.0), 1e-300)
         return float(min(sigma.max() / slope, self.counts[-1]))
 
     def analogue_tables(self, law: scipy.sparse.csr_array) -> dict[int, Float64Array]:
@@ -133,8 +136,11 @@ class GivenCount:
         """Distance of the quantiles of the offsets [σ] for every row: less than the noise that blurs the codes."""
         mean, temporal, spatial = (x.reshape(x.shape[0], -1) for x in swing.parts)
         centre = mean[:, mean.shape[1] // 2]
-        off = centre - centre[0]
-        first, second, own, offset = (law @ np.stack([off, off**2, temporal.min(1), spatial.max(1)], axis=1)).T
+        off, largest = centre - centre[0], spatial.max(1)
+        with np.errstate(divide="ignore", invalid="ignore"):  # where a curve is flat there is little of both
+            noise = np.where(spatial > 0, temporal / spatial, np.inf).min(1)
+        blurring = np.where(largest > 0, np.minimum(noise, 1e12) * largest, 0.0)
+        first, second, own, offset = (law @ np.stack([off, off**2, blurring, largest], axis=1)).T
         shot = np.maximum(second - first**2, 0.0) if self.dn_per_e < BLURRING or not self.is_sharp else 0.0
         blur = BLUR * np.sqrt(own + shot)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -164,8 +170,8 @@ def _over_offsets(
 ) -> Float64Array:
     """Codes of these counts, for quantiles of the offsets so many σ apart."""
     mean, temporal, spatial = (x[used] for x in swing.parts)
-    step = max(step, 2 * FARTHEST * mean.size / MOST)
-    z = np.arange(-FARTHEST, FARTHEST + step / 2, step) if spatial.any() else np.zeros(1)
+    number = max(2 * FARTHEST / max(step, 2 * FARTHEST * mean.size / MOST), LEAST)
+    z = np.linspace(-FARTHEST, FARTHEST, int(np.ceil(number)) + 1) if spatial.any() else np.zeros(1)
     chance = np.exp(-0.5 * z**2) / np.exp(-0.5 * z**2).sum()
     if z.size > 1:
         z = z / np.sqrt(chance @ z**2)  # of variance 1, wherever it is cut
