@@ -23,7 +23,7 @@ CURVED_DN = 0.01
 FARTHEST = 5.0
 """How far out the nodes lie [σ]."""
 
-BENT = 0.01
+TURNING = 0.01
 """Noise is taken apart where the slope changes by more than so much of it within 2σ."""
 
 RESTS = 0.25, 0.1, 0.04, 0.015
@@ -99,7 +99,7 @@ class Swing:
             sigma = np.sqrt(variances[axis])
             bend = curve.bend(mean, sigma)
             fitting = [parting for parting in PARTINGS if mean.size * parting.z.size <= MOST]
-            if bend <= BENT or not fitting:
+            if bend <= TURNING or not fitting:
                 continue
             fine = (one for one in fitting if curve.leaves(mean, sigma, one) <= LEAVING)
             parting = next(fine, fitting[-1])
