@@ -97,6 +97,12 @@ def with_read_noise(camera: ms.Camera, sigma_e: float, **changes: Any) -> ms.Cam
     return changed(camera, source_follower__read_noise_e=sigma_e, source_follower__white_nv_per_rthz=None, **changes)
 
 
+def telegraph(**changes: Any) -> ms.Camera:
+    """K 1 DN/e-, read noise 0.2 e-, steps of 1 e-: the noise hides no code."""
+    step = {"source_follower__rtn_pixel_amplitude_e": 1.0, "adc__black_level_dn": 10.3, "readout__dsnu_col": 0.0}
+    return with_read_noise(with_gain(TABLE1, 1.0, 12, 4000.0), 0.2, **(step | changes))
+
+
 def dark(seconds: float) -> ms.Exposure:
     """An exposure of so many seconds."""
     return ms.Exposure(seconds)
@@ -185,6 +191,16 @@ def _converters() -> list[Case]:
         Case("PRNU_col 1 %, DSNU 30 e-", changed(TABLE1, readout__prnu_col=0.01, pixel__dsnu_e=30.0), 2e4),
         Case("PRNU_col 2 % at the full well", changed(TABLE1, readout__prnu_col=0.02), 32_800.0),
         Case("row and column noise", changed(TABLE1, readout__row_noise_e=40.0, readout__column_noise_e=25.0), 100.0),
+        Case("read noise of its own in every pixel", telegraph(source_follower__read_noise_cv=1.0), 0.0, dark(1e-4)),
+        *(
+            Case(
+                f"RTN pixels, black level {level:g} DN",
+                telegraph(source_follower__rtn_pixel_fraction=0.3, adc__black_level_dn=level),
+                0.0,
+                dark(1e-4),
+            )
+            for level in (10.0, 10.3, 10.5)
+        ),
         Case("hard reset", changed(TABLE1, readout__reset="hard"), 500.0),
     ]
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..core.types import Float64Array
 
 EVERY_COUNT = 2**17
-"""Every count up to this one is a node where single electrons may show in the codes."""
+"""Every count up to this one is a node where single electrons may show in the codes; or so many nodes, evenly."""
 
 FROM = 2048
 """Nodes are all counts up to here, and then lie √N/STEPS apart where single electrons do not show."""
@@ -31,20 +31,32 @@ Row = tuple[NDArray[np.intp], Float64Array]
 """Numbers of the nodes that a count can have, and their chances."""
 
 
-def count_nodes(largest: float, single: bool, full: float = np.inf) -> Float64Array:
+def count_nodes(largest: float, widest: float, full: float = np.inf) -> Float64Array:
     """Counts from 0 to ``largest``, that one included [e-].
 
-    single : whether the codes may follow single electrons, so that no count can stand for its neighbours.
+    widest : how far apart nodes may lie where the codes may follow single electrons, 1 for every count; else inf.
     full : count from which on the converter is full, and only analogue signals follow the count: nodes √N apart.
     """
-    last = min(largest, float(EVERY_COUNT if single else FROM))
+    single, end = widest < 2, min(full, largest)
+    last = min(largest, EVERY_COUNT if single else FROM)
     nodes = np.arange(0.0, np.floor(last) + 1)
-    for end, steps_per_sigma in ((min(full, largest), STEPS), (largest, 1.0)):
-        if end > last:
-            steps = np.arange(1, np.ceil(2 * steps_per_sigma * (np.sqrt(end) - np.sqrt(last))))
-            nodes = np.concatenate([nodes, np.floor((np.sqrt(last) + steps / (2 * steps_per_sigma)) ** 2)])
-            last = end
+    for until, apart in (
+        (0.0 if single else min((STEPS * widest) ** 2, end), None),  # there √N/STEPS is as wide as allowed
+        (0.0 if single else min(last + EVERY_COUNT * widest, end), widest),
+        (end, None),
+        (largest, None),
+    ):
+        if until > last:
+            per_sigma = 1.0 if last >= full else STEPS
+            more = _roots(last, until, per_sigma) if apart is None else np.arange(last + apart, until, apart)
+            nodes, last = np.concatenate([nodes, np.floor(more)]), until
     return np.unique(np.append(nodes[nodes < largest], largest))
+
+
+def _roots(first: float, last: float, per_sigma: float) -> Float64Array:
+    """Between two counts, √N/per_sigma apart."""
+    steps = np.arange(1, np.ceil(2 * per_sigma * (np.sqrt(last) - np.sqrt(first))))
+    return np.asarray((np.sqrt(first) + steps / (2 * per_sigma)) ** 2)
 
 
 def count_law(mean_e: Float64Array, variance_e2: Float64Array, nodes: Float64Array) -> scipy.sparse.csr_array:

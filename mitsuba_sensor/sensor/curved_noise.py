@@ -15,6 +15,7 @@ import numpy as np
 
 from ..core import Frame, Moments
 from ..core.types import Float64Array
+from .pixel_law import NoiseLaw
 from .stage import Chain, Converter, Stage
 
 CURVED_DN = 0.01
@@ -78,7 +79,8 @@ class Swing:
                 later = math.prod(one.nominal_gain for one in stages[number + 1 :])
                 found = found._apart(_Curve(stage, converter, later, frame))
             with np.errstate(over="ignore", invalid="ignore"):  # a curve far beyond its range
-                found = replace(found, m=stage.moments(found.m))
+                law = stage.noise_law(frame)
+                found = replace(found, m=stage.moments(found.m)) if law is None else found._with(law)
         return found
 
     @cached_property
@@ -90,6 +92,15 @@ class Swing:
             np.broadcast_to(x, flat).reshape(shape) for x in (self.m.mean, self.m.temporal, self.m.spatial)
         )
         return mean, temporal, spatial
+
+    def _with(self, law: NoiseLaw) -> Swing:
+        """Noise of its own in every kind of pixels, which are fixed."""
+        mean, temporal, spatial = (x[:, :, None, :, None] for x in self.parts)  # (C, T, steps, S, kinds)
+        moved = mean + law.steps.T[:, None, :]
+        more, same = (np.broadcast_to(x, moved.shape) for x in (temporal + law.variances, spatial))
+        weights = [np.outer(*both).ravel() for both in ((self.temporal, law.states), (self.fixed, law.weights))]
+        flat = [x.reshape(moved.shape[0], -1) for x in (moved, more, same)]
+        return Swing(replace(self.m, mean=flat[0], temporal=flat[1], spatial=flat[2]), *weights)
 
     def _apart(self, curve: _Curve) -> Swing:
         """With nodes for what is wide beside the curve."""

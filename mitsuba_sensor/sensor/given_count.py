@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -28,6 +29,9 @@ place between the steps, at 1 or ½ DN/e- all of them."""
 AT_ONCE, MOST, GROUPS, LEAST = 2**18, 1e6, 6, 6
 """Codes that are looked at together, at most for one group of means, how many groups there are, and the least number
 of distances between the quantiles of the offsets."""
+
+SURE = 9.0
+"""A signal so many σ beyond the last step of the converter has the largest code."""
 
 LARGEST_E = 1e12
 """Without a full well counts are looked at up to where the converter is full, and no further than this."""
@@ -58,10 +62,11 @@ class GivenCount:
                 largest *= 2
         some = np.linspace(0.0, largest, 65)
         codes, sigma, spread = self._line(some)
-        electron = np.diff(codes[:2]).max(initial=0.0) > BLURRING * some[1]
-        single = sigma.min() < SHARP_DN and (electron or spread.min() < SHARP_DN)  # offsets spread them over the steps
+        dn_per_e = max(np.abs(np.diff(codes)).max() / max(some[1], 1e-300), 1e-300)
+        hidden = sigma.min() >= SHARP_DN or (dn_per_e < BLURRING and spread.min() >= SHARP_DN)  # by noise, or offsets
         full = some[codes >= self.converter.highest * 1.5]
-        return count_nodes(float(largest), bool(single), full[0] if full.size else np.inf)
+        widest = np.inf if hidden else np.floor(max(sigma.min() / dn_per_e, 1.0))  # noise fills the gaps
+        return count_nodes(float(largest), float(widest), full[0] if full.size else np.inf)
 
     @property
     def codes_before_rounding(self) -> tuple[Float64Array, Float64Array]:
@@ -127,9 +132,13 @@ class GivenCount:
         return Moments(counts, 0.0, 0.0, self.conditions)
 
     def _line(self, counts: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
-        """Mean, temporal σ, and σ of temporal and fixed parts together, of some counts [DN]."""
+        """Mean, temporal σ, and σ of temporal and fixed parts together, of some counts in the quietest pixels [DN]."""
         m, gain = propagate(self.stages[:-1], self._entering(counts)), self.converter.gain_dn_per_v
         mean, temporal, spatial = parts_of(m, counts.shape)
+        for number, stage in enumerate(self.stages):
+            if (law := stage.noise_law(self.conditions)) is not None:
+                later = math.prod(one.nominal_gain for one in self.stages[number + 1 : -1])
+                temporal = np.maximum(temporal - later**2 * law.quieter, 0.0)
         return self.converter.black_level_dn + gain * mean, gain * np.sqrt(temporal), gain * np.sqrt(temporal + spatial)
 
     def _offset_steps(self, law: scipy.sparse.csr_array, swing: Swing) -> Float64Array:
@@ -176,8 +185,13 @@ def _over_offsets(
     if z.size > 1:
         z = z / np.sqrt(chance @ z**2)  # of variance 1, wherever it is cut
     weights = np.outer(swing.fixed, chance).ravel()
-    code, square = np.empty((2, mean.shape[0], weights.size))
-    for some in np.array_split(np.arange(mean.shape[0]), min(mean.size * z.size // AT_ONCE + 1, mean.shape[0])):
+    farthest = mean - SURE * (np.sqrt(temporal) + np.sqrt(spatial))
+    full = converter.black_level_dn + converter.gain_dn_per_v * farthest.min(axis=(1, 2)) > converter.last_step_dn
+    code, square = np.full((2, mean.shape[0], weights.size), [[[converter.highest]], [[converter.highest**2]]], float)
+    rows = np.flatnonzero(~full)
+    for some in np.array_split(rows, min(rows.size * mean[0].size * z.size // AT_ONCE + 1, rows.size) or 1):
+        if not some.size:
+            continue
         x = mean[some, ..., None] + np.sqrt(spatial[some])[..., None] * z
         sigma = np.broadcast_to(np.sqrt(temporal[some])[..., None], x.shape)
         first, variance = converter.code_moments(x, sigma)

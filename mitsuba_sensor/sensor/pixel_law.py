@@ -66,6 +66,25 @@ class PixelLaw:
     states: Float64Array
 
 
+@dataclass(frozen=True, eq=False)
+class NoiseLaw:
+    """Temporal noise that differs from pixel to pixel: of each kind steps and a normal part, in the unit of its stage.
+
+    weights : (K,) share of the pixels of each kind.  variances : (K,) of the normal part.
+    steps : (K, T) of each kind.  states : (T,) chance of each step.
+    """
+
+    weights: Float64Array
+    variances: Float64Array
+    steps: Float64Array
+    states: Float64Array
+
+    @property
+    def quieter(self) -> float:
+        """How much less than the mean variance that of the quietest kind is."""
+        return float(self.weights @ (self.variances + self.steps**2 @ self.states) - self.variances.min())
+
+
 def fixed_gains(gains: Float64Array, weights: Float64Array) -> PixelLaw:
     """Every pixel has its gain."""
     return PixelLaw(weights, gains[:, None], np.zeros((gains.size, 1)), np.ones(1))

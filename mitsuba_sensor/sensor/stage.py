@@ -16,7 +16,7 @@ from ..core import Array, Electrons, Frame, Moments, Photons, SensorWindow
 from ..core.code_law import code_moments
 from ..core.types import Float64Array
 from .datasheet import FileTable
-from .pixel_law import PixelLaw, Quantiles
+from .pixel_law import NoiseLaw, PixelLaw, Quantiles
 
 if TYPE_CHECKING:
     from .camera import Camera
@@ -81,6 +81,10 @@ class Stage(ABC):
         """Of a stage between light and shot noise: the law of the pixels' gains and offsets; None: by its moments."""
         return None
 
+    def noise_law(self, frame: Frame) -> NoiseLaw | None:
+        """Of a stage behind the shot noise whose noise differs from pixel to pixel; None: normal, by its moments."""
+        return None
+
     def rare(self, frame: Frame) -> tuple[float, float]:
         """Share of the pixels that a large step moves, and that step in the unit of the stage: what σ does not show."""
         return 0.0, 0.0
@@ -136,6 +140,11 @@ class Converter(Stage):
     def inl_lsb(self) -> Float64Array | None:
         """INL of the lower edges of the codes 1, 2, … [LSB]; None for equal steps."""
         return None
+
+    @property
+    def last_step_dn(self) -> float:
+        """The ideal code from which on there is only the largest code."""
+        return self.highest - 0.5 + (0.0 if self.inl_lsb is None else float(self.inl_lsb[-1]))
 
     def code_moments(self, swing: Float64Array, sigma: Float64Array) -> tuple[Float64Array, Float64Array]:
         """Mean and variance of the code of a normal swing with this mean and σ [V], both clips included."""

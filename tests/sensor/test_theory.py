@@ -21,6 +21,7 @@ from mitsuba_sensor.core.types import Float64Array
 from mitsuba_sensor.sensor.averages import ByDistribution, ByQuantiles, average_over
 from mitsuba_sensor.sensor.count_law import count_law, count_nodes
 from mitsuba_sensor.sensor.fpn_distributions import FpnDistribution, Gamma, Gaussian, LogNormal, Wald
+from mitsuba_sensor.sensor.gains import gain_dn_per_e
 from mitsuba_sensor.sensor.interpolation import interpolation
 from mitsuba_sensor.sensor.pixel_law import PixelLaw, Quantiles, fixed_gains, fixed_offsets, of_map
 from mitsuba_sensor.sensor.theory import LightKind, Theory
@@ -249,7 +250,7 @@ def test_noise_of_a_few_codes_is_not_lost_in_24_bits() -> None:
 
 @pytest.mark.parametrize("mean", [0.0, 1e-3, 0.4, 7.0, 90.0, 150.0])
 def test_chances_of_counts_are_those_of_poisson_and_the_last_node_stands_for_all_above(mean: float) -> None:
-    nodes = count_nodes(100.5, single=True)
+    nodes = count_nodes(100.5, 1.0)
     row = count_law(np.array([mean]), np.array([mean]), nodes).toarray()[0]
     np.testing.assert_allclose(row[:-1], stats.poisson.pmf(nodes[:-1], mean), atol=1e-12)
     assert row[-1] == pytest.approx(stats.poisson.sf(100, mean), abs=1e-12)
@@ -260,7 +261,7 @@ def test_chances_of_counts_are_those_of_poisson_and_the_last_node_stands_for_all
 @pytest.mark.parametrize("mean", [20.0, 3e3, 2e5, 3e7])
 def test_counts_have_the_mean_and_variance_that_are_asked_for(mean: float, share: float) -> None:
     """Also where the nodes of the count are further apart than one electron; ⅛ σ apart they add 0.1 %."""
-    nodes = count_nodes(10 * mean + 100, single=False)
+    nodes = count_nodes(10 * mean + 100, np.inf)
     row = count_law(np.array([mean]), np.array([share * mean]), nodes).toarray()[0]
     assert row @ nodes == pytest.approx(mean, rel=1e-9, abs=2e-2 * math.sqrt(mean))
     assert row @ (nodes - row @ nodes) ** 2 == pytest.approx(share * mean, rel=0.01, abs=0.3)
@@ -357,3 +358,62 @@ def test_a_full_well_that_nothing_fills_does_not_change_the_offsets() -> None:
     light = np.array([300.0, 3000.0, 9000.0])
     whole, without = theory.digital(light), rest.digital(light)
     np.testing.assert_allclose(without.spatial, whole.spatial, rtol=1e-8)
+
+
+def test_codes_of_a_large_well_with_little_noise_do_not_depend_on_how_counts_are_parted() -> None:
+    """6 bit, K 0.002 DN/e-, 0.1 DN of noise: a full well of 33 000 e- and none, in darkness with DSNU 0.06 DN.
+
+    Σ Φ over the transitions and over the DSNU by 2001 quantiles, in darkness of 100 e- on average.
+    """
+    read_e, dsnu_e, dark_e = 3.0, 30.0, 100.0
+    noise = {"source_follower.read_noise_e": read_e, "source_follower.white_nv_per_rthz": None}
+    rate = {"rate_e_per_s": dark_e, "at_temperature_k": 300.0, "cv": 0.0, "fom_na_per_cm2": None}
+    noise |= {f"dark_current.{name}": value for name, value in rate.items()}
+    few = {"adc.bits": 6, "adc.black_level_dn": 1.3, "pixel.dsnu_e": dsnu_e}
+    camera = TABLE1.replace(**QUIET | noise | few)
+    exposure, dn_per_e = ms.Exposure(1.0, 300.0), gain_dn_per_e(camera)
+    whole = Theory.of(camera.stages, Frame(exposure, SensorWindow(0, (1, 1))))
+    rest = whole.without([stage for stage in camera.stages if stage.saturation_e is not None])
+    n, z = np.arange(200), np.linspace(-6, 6, 2001)
+    swing = 1.3 + dn_per_e * (n[:, None] + dsnu_e * z)
+    reached = stats.norm.cdf((swing[..., None] - np.arange(1, 8) + 0.5) / (dn_per_e * read_e))
+    mean, square = reached.sum(axis=-1), reached @ (2 * np.arange(1, 8) - 1)
+    over_counts = stats.poisson.pmf(n, dark_e)
+    first, second, chance = over_counts @ mean, over_counts @ square, stats.norm.pdf(z) / stats.norm.pdf(z).sum()
+    for theory_ in (whole, rest):
+        found = theory_.digital(np.zeros(1))
+        assert found.mean[0] == pytest.approx(chance @ first, abs=1e-5)
+        assert found.temporal[0] == pytest.approx(chance @ (second - first**2), rel=2e-3)
+        assert found.spatial[0] == pytest.approx(chance @ first**2 - (chance @ first) ** 2, rel=2e-3)
+
+
+@pytest.mark.parametrize("black_level_dn", [10.0, 10.3, 10.5])
+def test_telegraph_noise_of_some_pixels_keeps_its_three_levels(black_level_dn: float) -> None:
+    """K 1 DN/e-, 0.1 e- of noise, steps of 1 e- in 30 % of the pixels: Σ Φ of both kinds of pixels."""
+    trap = {"source_follower.rtn_pixel_fraction": 0.3, "source_follower.rtn_pixel_amplitude_e": 1.0}
+    found = theory(quiet(1.0, 0.1, **trap, **{"adc.black_level_dn": black_level_dn})).digital(np.zeros(1))
+    k = np.arange(1, 30)
+    reached = stats.norm.cdf((black_level_dn + np.array([[-1.0], [0.0], [1.0]]) - k + 0.5) / 0.1)
+    chance = np.array([0.25, 0.5, 0.25]), np.array([0.0, 1.0, 0.0])
+    mean, square = (np.array([one @ reached @ part for one in chance]) for part in (np.ones(29), 2 * k - 1))
+    assert found.mean[0] == pytest.approx(0.3 * mean[0] + 0.7 * mean[1], abs=1e-4)
+    variances = square - mean**2
+    assert found.temporal[0] == pytest.approx(0.3 * variances[0] + 0.7 * variances[1], abs=1e-4)
+
+
+@pytest.mark.parametrize("cv", [0.2, 1.0])
+def test_read_noise_of_its_own_in_every_pixel_is_averaged_over_the_pixels(cv: float) -> None:
+    """K 1 DN/e-, log-normal σ of rms 0.3 e-: Σ Φ at 4001 quantiles of σ; and a measured map of three values."""
+    camera = quiet(1.0, 0.3, **{"adc.black_level_dn": 10.3, "source_follower.read_noise_cv": cv})
+    z, s = np.linspace(-8, 8, 4001), math.sqrt(math.log1p(cv**2))
+    log_normal = 0.3 / math.sqrt(1 + cv**2) * np.exp(s * z - s**2 / 2)
+    given, k = np.resize([0.05, 0.2, 3.0], (3, 3)), np.arange(1, 40)
+    laws = (log_normal, stats.norm.pdf(z), {}), (np.array([0.05, 0.2, 3.0]), np.ones(3), {"read_noise": given})
+    for sigma, weights, maps in laws:
+        window = SensorWindow(0, given.shape, given=maps)
+        found = Theory.of(camera.stages, Frame(EXPOSURE, window)).digital(np.zeros(1))
+        reached = stats.norm.cdf((10.3 - k + 0.5) / sigma[:, None])
+        mean, square, weights = reached.sum(axis=1), reached @ (2 * k - 1), weights / weights.sum()
+        assert found.mean[0] == pytest.approx(weights @ mean, abs=2e-3)
+        assert found.temporal[0] == pytest.approx(weights @ (square - mean**2), rel=5e-3)
+        assert found.spatial[0] == pytest.approx(weights @ mean**2 - (weights @ mean) ** 2, rel=2e-2, abs=1e-4)

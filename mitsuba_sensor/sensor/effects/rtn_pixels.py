@@ -10,12 +10,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
 from pydantic import Field
 
 from ...core import Array, Frame, Moments, SensorWindow, arrays
 from ...core.backend import Backend
 from ..datasheet import Chance, FileTable, NotNegative
 from ..gains import sense_gain_v_per_e
+from ..pixel_law import NoiseLaw
 from ..stage import Datasheet, Stage
 
 
@@ -85,6 +87,15 @@ class RtnPixels(Stage):
         share, _ = m.frame.window.map_moments("rtn_site", self.fraction, 0.0)
         step_v = self.amplitude_e * self.gain_v_per_e
         return m.add(temporal=share * 2 * self.chance_of_a_step * step_v**2)
+
+    def noise_law(self, frame: Frame) -> NoiseLaw | None:
+        """Three levels in the pixels that have a trap."""
+        share, _ = frame.window.map_moments("rtn_site", self.fraction, 0.0)
+        chance, step_v = self.chance_of_a_step, self.amplitude_e * self.gain_v_per_e
+        if share * chance * step_v == 0:
+            return None
+        steps = np.array([[0.0, 0.0, 0.0], [-step_v, 0.0, step_v]])
+        return NoiseLaw(np.array([1 - share, share]), np.zeros(2), steps, np.array([chance, 1 - 2 * chance, chance]))
 
     def rare(self, frame: Frame) -> tuple[float, float]:
         """The pixels with a trap, and its step [V]."""

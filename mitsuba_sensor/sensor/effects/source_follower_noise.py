@@ -10,17 +10,23 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from ...core import Array, Frame, Moments, SensorWindow
 from ...core.special import EULER_GAMMA, integral, sinh_integrals, two_term_remainder
+from ...core.types import Float64Array
 from ..datasheet import FileTable, NotNegative, Positive
 from ..fpn_distributions import LogNormal
 from ..gains import sense_gain_v_per_e
+from ..pixel_law import NoiseLaw
 from ..stage import Datasheet, Stage
 
 NOTED = 0.01
 """A band that leaves out more than this of the noise is worth a note."""
+
+GROUPS = 13
+"""Kinds of pixels that differ in read noise, for the theory."""
 
 READ_NOISE = "read_noise"
 """Name of the map of every pixel's σ."""
@@ -113,6 +119,21 @@ class SourceFollowerNoise(Stage):
         mean, variance = m.frame.window.map_moments(READ_NOISE, 0.0, 0.0)
         return m.add(temporal=self.gain_v_per_e**2 * (mean**2 + variance))
 
+    def noise_law(self, frame: Frame) -> NoiseLaw | None:
+        """Normals whose σ is a quantile of the law of the pixels, or the rms of a group of the measured map."""
+        if READ_NOISE in frame.window.given:
+            weights, squares = frame.window.cached(
+                (READ_NOISE, GROUPS), lambda: _groups(frame.window.given[READ_NOISE])
+            )
+            squares = self.gain_v_per_e**2 * squares
+        elif self.cv and self.sigma_v:
+            z = np.linspace(-4, 4, GROUPS)
+            weights, squares = np.exp(-0.5 * z**2), np.exp(2 * math.sqrt(math.log1p(self.cv**2)) * z)
+            squares *= self.sigma_v**2 * weights.sum() / (weights @ squares)
+        else:
+            return None
+        return NoiseLaw(weights / weights.sum(), squares, np.zeros((weights.size, 1)), np.ones(1))
+
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
         """``read_noise``: σ of every pixel [e- rms], where the pixels have noise of their own."""
         return {READ_NOISE: window.measured_or(READ_NOISE, lambda: self._sigma_e(window))} if self.cv else {}
@@ -120,6 +141,14 @@ class SourceFollowerNoise(Stage):
     def _sigma_e(self, window: SensorWindow) -> Array:
         scale = self.sigma_v / self.gain_v_per_e / math.sqrt(1 + self.cv**2)
         return window.number(scale) * LogNormal(self.cv).map_of(window, READ_NOISE)
+
+
+def _groups(sigma_e: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """Numbers of pixels of a measured map and their mean σ²: of every value, or of groups where there are many."""
+    values, counts = np.unique(sigma_e, return_counts=True)
+    parts = np.array_split(np.arange(values.size), min(values.size, 3 * GROUPS))
+    weights = np.array([counts[part].sum() for part in parts], dtype=np.float64)
+    return weights, np.array([counts[part] @ values[part] ** 2 for part in parts]) / weights
 
 
 def cds_noise(camera: Datasheet) -> CdsNoise:
