@@ -8,7 +8,6 @@ import math
 
 import numpy as np
 import scipy
-from numpy.polynomial import chebyshev
 
 from .types import Array, Float64Array, RandomBits
 
@@ -55,7 +54,7 @@ def gamma(bits: RandomBits, cv: float) -> Float64Array:
 def gamma_series(cv: float, reach: float, terms: int) -> list[float]:
     """Chebyshev coefficients of ln(gamma quantile) over z/reach; 41 terms hold it to 1e-4 of σ for a cv up to 2."""
     z = reach * np.cos(np.pi * (np.arange(4 * terms) + 0.5) / (4 * terms))
-    return [float(c) for c in chebyshev.chebfit(z / reach, _log_gamma(z, cv), terms - 1)]
+    return [float(c) for c in np.polynomial.chebyshev.chebfit(z / reach, _log_gamma(z, cv), terms - 1)]
 
 
 def _log_gamma(z: Float64Array, cv: float) -> Float64Array:
