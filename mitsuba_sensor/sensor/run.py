@@ -210,9 +210,9 @@ class FrameRunner:
                 require_kept(sinks, found)
                 if not (last and self._own):
                     self._kept.keep(number, window)
-                return window.backend.pending(signal, window, sinks[name][rows], follower.end() if follower else {})
+                return window.backend.pending(signal(), window, sinks[name][rows], follower.end() if follower else {})
             if name in sinks:
-                sinks[name][rows] = window.backend.to_numpy(signal, window)
+                sinks[name][rows] = window.backend.to_numpy(signal(), window)
         raise AssertionError("the last stage of a chain delivers digital numbers")
 
     def _start(self, number: int, frame: Frame, last: bool) -> Array:
@@ -248,8 +248,10 @@ def begin(stages: Chain, light: Array, frame: Frame) -> Array:
     return electrons
 
 
-def signals(stages: Chain, start: Array, frame: Frame, follower: Follower | None = None) -> Iterator[tuple[str, Array]]:
-    """One frame from what the first stage delivered; (name, signal) where the unit changes."""
+def signals(
+    stages: Chain, start: Array, frame: Frame, follower: Follower | None = None
+) -> Iterator[tuple[str, Callable[[], Array]]]:
+    """One frame from what the first stage delivered; name and a function that returns the signal where units change."""
     signal = start
     for number, (stage, following) in enumerate(zip(stages, (*stages[1:], None), strict=True)):
         signal = stage.sample(signal, frame) if number else signal
@@ -259,12 +261,12 @@ def signals(stages: Chain, start: Array, frame: Frame, follower: Follower | None
             yield from named(stage, signal, last=following is None)
 
 
-def named(stage: Stage, signal: Array, last: bool) -> Iterator[tuple[str, Array]]:
+def named(stage: Stage, signal: Array, last: bool) -> Iterator[tuple[str, Callable[[], Array]]]:
     """The signal behind the last stage of a domain, under the names that ``expose(keep=…)`` knows."""
     if last:
-        yield "digital", signal
+        yield "digital", lambda: signal
     elif stage.domain != "photons":
         if isinstance(signal, Electrons):
-            yield "photoelectrons", signal.light
-            yield "dark_electrons", signal.dark
-        yield stage.domain, total(signal)
+            yield "photoelectrons", lambda: signal.light
+            yield "dark_electrons", lambda: signal.dark
+        yield stage.domain, lambda: total(signal)
