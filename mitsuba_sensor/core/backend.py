@@ -113,7 +113,9 @@ class NumpyFloat32(Backend):
 
     def from_numpy(self, values: Array, window: SensorWindow) -> Array:
         """The nearest float32s."""
-        return np.minimum(values, FLOAT32_LIMIT).astype(np.float32)
+        with np.errstate(over="ignore"):
+            single = np.array(values, dtype=np.float32)
+        return np.minimum(single, np.float32(FLOAT32_LIMIT), out=single)
 
     uniform = staticmethod(quantiles.uniform)
     normal = staticmethod(quantiles.normal)

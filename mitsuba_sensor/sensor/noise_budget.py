@@ -14,8 +14,9 @@ from ..core import Array, CountedElectrons, Electrons, Frame
 from ..core.types import Float64Array
 from .detection import Detected
 from .frame_theory import FrameTheory
-from .run import processors, row_strips_of
+from .run import row_strips_of
 from .stage import Chain, total
+from .threads import processors
 
 Contributions = list[dict[str, tuple[Float64Array, Array]]]
 """By stage: source → its contribution to every pixel of a strip, and the variance that it states [DN, DN²]."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import threading
 from collections.abc import Callable, Container, Hashable, Iterable, Iterator, Mapping
@@ -18,6 +17,7 @@ from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, Backend, PendingStrip
 from ..core.llvm import backend_problem
 from .options import Engine
 from .stage import Chain, Stage, sample, total
+from .threads import processors
 
 if TYPE_CHECKING:
     from .detection import Detected
@@ -55,11 +55,6 @@ def choose_backend(engine: str, precision: str, pixels: int) -> Backend:
     from ..core.drjit_backend import DrJitBackend  # imports Dr.Jit
 
     return DrJitBackend(backend)
-
-
-def processors() -> int:
-    """How many this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def row_strips_of(shape: tuple[int, int], pixels: int) -> Iterator[slice]:
