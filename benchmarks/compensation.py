@@ -96,14 +96,10 @@ def known(x: Array, variance_e2: float) -> Renders:
 
 
 class Arguments:
-    """A stand-in for a frame that records the arguments of its random numbers instead of returning random numbers."""
+    """A stand-in for a frame that records the chance of its random numbers instead of returning random numbers."""
 
     def bernoulli(self, _: str, chance: Any) -> float:
         self.chance = np.asarray(chance)
-        return 0.0
-
-    def poisson(self, _: str, mean: Any) -> float:
-        self.mean = np.asarray(mean)
         return 0.0
 
 
@@ -114,8 +110,8 @@ def total_distribution(renders: Renders, compensated: bool, counts: Array) -> tu
         x, variance_e2, weight = (column[start : start + CHUNK, None] for column in renders)
         used_e2, _ = compensation.compensable(x, 0.0, variance_e2 if compensated else 0.0 * variance_e2)
         frame: Any = Arguments()
-        whole = compensation.counted("photon_shot", x, used_e2, frame)
-        without, with_one = (stats.poisson.pmf(counts - whole - one, frame.mean) for one in (0, 1))
+        whole, rest = compensation.reserved(x, used_e2, frame)
+        without, with_one = (stats.poisson.pmf(counts - whole - one, rest) for one in (0, 1))
         probability += np.sum(weight * ((1 - frame.chance) * without + frame.chance * with_one), axis=0)
         short += float(np.sum(weight * (used_e2 < variance_e2)))
     return probability, short

@@ -6,9 +6,9 @@ from .exposure import Exposure
 from .frame import Frame
 from .moments import Moments
 from .sensor_window import SensorWindow
-from .signals import Electrons, Photons
+from .signals import CountedElectrons, Electrons, Photons
 from .types import Array, Float32Array, Float64Array, NumpyArray
 
-__all__ = ["Array", "Electrons", "Exposure", "Float32Array", "Float64Array", "Frame", "InputError", "Moments"]
-__all__ += ["NumpyArray", "Photons", "SensorWindow", "check_types", "first_given", "nearest", "numbers", "require"]
-__all__ += ["require_seed"]
+__all__ = ["Array", "CountedElectrons", "Electrons", "Exposure", "Float32Array", "Float64Array", "Frame"]
+__all__ += ["InputError", "Moments", "NumpyArray", "Photons", "SensorWindow", "check_types", "first_given", "nearest"]
+__all__ += ["numbers", "require", "require_seed"]

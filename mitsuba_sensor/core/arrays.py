@@ -249,8 +249,8 @@ def weighted_sum(layers: Array, weights: Array) -> Array:
     with np.errstate(invalid="ignore"):
         one = weights.size == 1  # for which einsum is ten times slower
         total = layers[..., 0] * weights[0] if one else np.einsum("...k,k->...", layers, weights)
-    lost = np.isnan(total)
-    if lost.any():
+    if not weights.all() and np.isnan(np.min(total, initial=0.0)):  # ∞·0
+        lost = np.isnan(total)
         total[lost] = product(layers[lost], weights).sum(axis=-1)
     return total
 

@@ -92,6 +92,11 @@ class Backend:
         """Poisson counts of this ``mean``, one for all or one per pixel."""
         return distributions.poisson(bits, mean)
 
+    def split(self, bits: Array, count: Array, light: Array, dark: Array) -> tuple[Array, Array]:
+        """A Poisson count of mean light + dark in two independent ones, by thinning: each electron is either."""
+        counted = distributions.binomial(bits, count, dark, light)
+        return count - counted, counted
+
     def bernoulli(self, bits: Array, probability: Array) -> Array:
         """1 with this ``probability``, one per pixel, else 0."""
         return arrays.where(self.uniform(bits) < probability, 1.0, probability * 0.0)
@@ -108,7 +113,9 @@ class NumpyFloat32(Backend):
 
     def from_numpy(self, values: Array, window: SensorWindow) -> Array:
         """The nearest float32s."""
-        return np.minimum(values, FLOAT32_LIMIT).astype(np.float32)
+        with np.errstate(over="ignore"):
+            single = np.array(values, dtype=np.float32)
+        return np.minimum(single, np.float32(FLOAT32_LIMIT), out=single)
 
     uniform = staticmethod(quantiles.uniform)
     normal = staticmethod(quantiles.normal)
@@ -128,6 +135,11 @@ class NumpyFloat32(Backend):
 
     def poisson(self, bits: Array, mean: Array) -> Array:
         return quantiles.poisson(bits, np.broadcast_to(np.asarray(mean, dtype=np.float32), bits.shape))
+
+    def split(self, bits: Array, count: Array, light: Array, dark: Array) -> tuple[Array, Array]:
+        means = (np.broadcast_to(np.asarray(x, dtype=np.float32), bits.shape) for x in (count, dark, light))
+        counted = quantiles.binomial(bits, *means)
+        return count - counted, counted
 
 
 def aligned_float32(shape: tuple[int, ...]) -> Float32Array:

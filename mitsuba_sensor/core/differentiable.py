@@ -136,13 +136,20 @@ class DifferentiableBackend(DrJitBackend):
     def poisson(self, bits: Array, mean: Array) -> Array:
         """Poisson counts of this ``mean``, one for all or one per pixel."""
 
-        def surrogate(mean: Array, count: Array) -> Array:
-            fixed = self.dr.detach(mean)
-            return mean * (0.5 + 0.5 * arrays.where(fixed > NEVER_COUNTED, count / fixed, 1.0))
-
-        count = arrays.with_derivative_of(surrogate, partial(super().poisson, bits), self.float(mean))
+        count = arrays.with_derivative_of(self._line, partial(super().poisson, bits), self.float(mean))
         self.random_numbers.append(self.dr.detach(count))
         return count
+
+    def split(self, bits: Array, count: Array, light: Array, dark: Array) -> tuple[Array, Array]:
+        """A Poisson count of mean light + dark in two, each with the derivatives of its own law."""
+        means = self.float(light), self.float(dark)
+        counts = super().split(bits, *(self.dr.detach(x) for x in (count, *means)))
+        self.random_numbers += counts
+        return tuple(arrays.with_gradient(n, self._line, m, n) for n, m in zip(counts, means, strict=True))
+
+    def _line(self, mean: Array, count: Array) -> Array:
+        fixed = self.dr.detach(mean)
+        return mean * (0.5 + 0.5 * arrays.where(fixed > NEVER_COUNTED, count / fixed, 1.0))
 
     def bernoulli(self, bits: Array, probability: Array) -> Array:
         """1 with this ``probability``, one per pixel, else 0."""

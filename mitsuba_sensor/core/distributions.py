@@ -5,10 +5,10 @@ largest normal that can be drawn is 6.3 σ. No rejection loop, no state.
 """
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import scipy
-from numpy.polynomial import chebyshev
 
 from .types import Array, Float64Array, RandomBits
 
@@ -55,7 +55,7 @@ def gamma(bits: RandomBits, cv: float) -> Float64Array:
 def gamma_series(cv: float, reach: float, terms: int) -> list[float]:
     """Chebyshev coefficients of ln(gamma quantile) over z/reach; 41 terms hold it to 1e-4 of σ for a cv up to 2."""
     z = reach * np.cos(np.pi * (np.arange(4 * terms) + 0.5) / (4 * terms))
-    return [float(c) for c in chebyshev.chebfit(z / reach, _log_gamma(z, cv), terms - 1)]
+    return [float(c) for c in np.polynomial.chebyshev.chebfit(z / reach, _log_gamma(z, cv), terms - 1)]
 
 
 def _log_gamma(z: Float64Array, cv: float) -> Float64Array:
@@ -135,17 +135,48 @@ def _expand(s: Float64Array, lam: Float64Array) -> Float64Array:
     bound = 4.0 * (1 / 40 + z * z / 80 + z**4 / 160) / lam
     count = np.maximum(np.floor(x), 0.0)
     doubt = np.flatnonzero((np.floor(x - bound) != np.floor(x + bound)) & (lam < EXACT_BELOW))
-    count[doubt] = _correct(count[doubt], s[doubt], lam[doubt])
+    count[doubt] = _correct(count[doubt], s[doubt], lambda n: scipy.special.gammainc(n + 1.0, lam[doubt]))
     return count
 
 
-def _correct(n: Float64Array, s: Float64Array, lam: Float64Array) -> Array:
-    """The smallest count with P(N > n) ≤ s, from a first guess n, by the regularised incomplete gamma function."""
-    while (up := scipy.special.gammainc(n + 1.0, lam) > s).any():
+def _correct(n: Float64Array, s: Float64Array, beyond: Callable[[Float64Array], Array]) -> Array:
+    """The smallest count with P(N > n) ≤ s, from a first guess n.  beyond : P(N > n) of every element."""
+    while (up := beyond(n) > s).any():
         n = n + up
-    while (down := (n > 0) & (scipy.special.gammainc(np.maximum(n, 1.0), lam) <= s)).any():
+    while (down := (n > 0) & (beyond(np.maximum(n - 1.0, 0.0)) <= s)).any():
         n = n - down
     return n
+
+
+def binomial(bits: RandomBits, number: Array, mean: Array, other: Array) -> Float64Array:
+    """How many of ``number`` electrons are of one kind, each with chance mean/(mean + other); +inf counts as 1e30.
+
+    Cornish–Fisher expansion to the third order; the exact law where that is in doubt, and for variances below 10.
+    """
+    s = survival(bits).ravel()
+    limited = (np.minimum(np.asarray(x, dtype=np.float64), 1e30) for x in (number, mean, other))
+    n, a, b = (np.broadcast_to(x, bits.shape).ravel() for x in limited)
+    p = np.minimum(a, b) / np.maximum(a + b, 1e-300)
+    variance = n * p * (1 - p)
+    z, sigma = normal_of(s), np.sqrt(np.maximum(variance, 1e-300))
+    x = n * p + 0.5 + sigma * z + (1 - 2 * p) * (z * z - 1) / 6 + binomial_third(z * z, p * (1 - p)) * z / sigma
+    bound = 8.0 * (1 / 40 + z * z / 80 + z**4 / 160) / sigma**2
+    count = np.clip(np.floor(np.where(variance < 1, n * p, x)), 0.0, n)
+    near = (variance < SEARCH_BELOW) | (np.floor(x - bound) != np.floor(x + bound))
+    doubt = np.flatnonzero(near & (variance > 0) & (variance < EXACT_BELOW))
+    n_, p_ = n[doubt], p[doubt]
+
+    def beyond(k: Float64Array) -> Array:
+        return np.where(k < n_, scipy.special.betainc(k + 1.0, np.maximum(n_ - k, 1.0), p_), 0.0)
+
+    count[doubt] = _correct(count[doubt], s[doubt], beyond)
+    result: Float64Array = np.where(a > b, n - count, count)
+    return result.reshape(bits.shape)
+
+
+def binomial_third(z2: Array, pq: Array) -> Array:
+    """Third order of the expansion of a binomial quantile in 1/σ, over z/σ.  z2 : z².  pq : p·(1 − p)."""
+    return (1 - 6 * pq) * (z2 - 3) / 24 - (1 - 4 * pq) * (2 * z2 - 5) / 36 - 1 / 24
 
 
 def isotropic_ar(normals: Float64Array, coupling: float, margin: int) -> Float64Array:

@@ -13,7 +13,7 @@ import numpy as np
 from .backend import FLOAT32_LIMIT, NumpyFloat32, PendingStrip, aligned_float32, within_float32
 from .counter_rng import philox, split_key
 from .llvm import drjit
-from .quantiles import poisson
+from .quantiles import binomial, poisson
 from .sensor_window import SensorWindow
 from .types import Array, DrJitModule, NumpyArray
 
@@ -71,6 +71,12 @@ class DrJitBackend(NumpyFloat32):
         """Poisson counts of this ``mean``, one for all or one per pixel."""
         zeros = self.dr.zeros(self.float, len(bits))  # a branch has the length of its condition, not of its arguments
         return poisson(bits, self.float(mean) + zeros)
+
+    def split(self, bits: Array, count: Array, light: Array, dark: Array) -> tuple[Array, Array]:
+        """A Poisson count of mean light + dark in two independent ones."""
+        zeros = self.dr.zeros(self.float, len(bits))
+        counted = binomial(bits, *(self.float(x) + zeros for x in (count, dark, light)))
+        return count - counted, counted
 
     def _opaque(self, value: int) -> Array:
         return self.dr.opaque(self.uint, value)

@@ -83,6 +83,10 @@ class Frame:
         """Poisson counts of ``source`` with this ``mean`` (scalar or (H, W)), (H, W)."""
         return self.window.backend.poisson(self.random_bits(source), mean)
 
+    def split(self, source: str, count: Array, light: Array, dark: Array) -> tuple[Array, Array]:
+        """A Poisson count of mean light + dark in two, of these means (scalars or (H, W)) and independent, (H, W)."""
+        return self.window.backend.split(self.random_bits(source), count, light, dark)
+
     def bernoulli(self, source: str, probability: Array) -> Array:
         """1 with this ``probability`` (0 … 1, (H, W)), else 0, (H, W)."""
         return self.window.backend.bernoulli(self.random_bits(source), probability)

@@ -1,6 +1,8 @@
 """Mean photons and electrons per pixel: what enters the sensor and what its well collects."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -55,3 +57,50 @@ class Electrons:
     def total(self) -> Array:
         """Photoelectrons and dark electrons together, (H, W)."""
         return self.light + self.dark
+
+    def changed(self, total: Callable[[Array], Array], parts: Callable[[Array, Array], tuple[Array, Array]]) -> Self:
+        """Other electrons: ``parts(light, dark)``, whose sum is ``total(sum)``."""
+        light, dark = parts(self.light, self.dark)
+        return replace(self, light=light, dark=dark)
+
+
+class CountedElectrons(Electrons):
+    """Electrons of light and dark current that are counted as one; the two apart are drawn when somebody asks.
+
+    ``dataclasses.replace(electrons, light=…)`` asks, and its result is the two and their sum.
+    """
+
+    _count: Array = None
+    _split: Callable[[], tuple[Array, Array]]
+
+    @classmethod
+    def of(cls, count: Array, split: Callable[[], tuple[Array, Array]]) -> Self:
+        """count : of both.  split : returns photoelectrons and dark electrons."""
+        electrons = cls.__new__(cls)
+        vars(electrons).update(_count=count, _split=split)
+        return electrons
+
+    @property
+    def total(self) -> Array:
+        """Photoelectrons and dark electrons together, (H, W)."""
+        return super().total if self._count is None else self._count
+
+    @cached_property
+    def _parts(self) -> tuple[Array, Array]:
+        return self._split()
+
+    @cached_property
+    def light(self) -> Array:
+        """Photoelectrons."""
+        return self._parts[0]
+
+    @cached_property
+    def dark(self) -> Array:
+        """Dark electrons."""
+        return self._parts[1]
+
+    def changed(self, total: Callable[[Array], Array], parts: Callable[[Array, Array], tuple[Array, Array]]) -> Self:
+        """The same; the parts of the others are drawn when somebody asks, too."""
+        if self._count is None:
+            return super().changed(total, parts)
+        return self.of(total(self._count), lambda: parts(self.light, self.dark))

@@ -30,7 +30,6 @@ from .scene import Scene
 from .variants import MitsubaObject, mitsuba
 
 MOST_BLOCKS = 8  # of rows, each with a kernel of its own; fewer blocks render more rows that are closed
-AT_REST = RigidMotion(velocity_m_per_s=(0.0, 0.0, 0.0))
 PROBES = 32  # rays along each side of the image that look for the largest speed
 INSTANTS = np.linspace(0, 1, 5)  # when they look, as fractions of the time from first row open to last row closed
 DIFFERENCE = 1 / 256  # of that time: speeds are differences over it, with 0.03 px of rounding in all
@@ -71,7 +70,8 @@ class AnimatedTransforms:
 
     def camera_at(self, time_s: float) -> Float64Array:
         """Pose of the camera, 4×4 to world space."""
-        return self._displacement(self.motion.camera or AT_REST, time_s) @ self.rest_pose
+        motion = self.motion.camera or RigidMotion(velocity_m_per_s=(0.0, 0.0, 0.0))
+        return self._displacement(motion, time_s) @ self.rest_pose
 
     def reproject(
         self, points: Float64Array, shapes: NDArray[np.intp], guess: Float64Array, from_s: float, to_s: float

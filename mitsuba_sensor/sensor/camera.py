@@ -61,7 +61,7 @@ class Camera(FileTable):
     source_follower: SourceFollowerTable
     readout: ReadoutTable
     adc: AdcTable
-    lens: LensSection = LensSection()
+    lens: LensSection = Field(default_factory=LensSection)
     sources: dict[str, str] = Field(
         default_factory=dict,
         description="dotted field → where its number comes from",

@@ -81,12 +81,12 @@ def as_photons(photons: Photons | ArrayLike, camera: Camera, wavelengths_nm: Arr
         raise InputError(f"photons has {expected} band(s) and wavelengths_nm {count}; pass one wavelength per band.")
     if bands is not None and (wrong := bands[~(np.isfinite(bands) & (bands > 0))]).size:
         raise InputError(f"wavelengths_nm holds {wrong[0]}; every band needs a positive, finite length in nm.")
-    for bad, kind in ((np.isnan(mean), "NaN"), (mean < 0, "negative")):
-        if bad.any():
-            raise InputError(
-                f"photons is {kind} in {int(bad.sum())} place(s), first at {_first(bad)}; a mean number of photons is "
-                "0 or more: clamp or correct them before expose()."
-            )
+    if not mean.min() >= 0:  # NaN if any of them is: one pass over the photons, of which there may be many
+        kind, bad = ("NaN", np.isnan(mean)) if np.isnan(mean).any() else ("negative", mean < 0)
+        raise InputError(
+            f"photons is {kind} in {int(bad.sum())} place(s), first at {_first(bad)}; a mean number of photons is "
+            "0 or more: clamp or correct them before expose()."
+        )
     if given is None:
         return Photons(mean, bands)
     variance_e2 = None if given.variance_e2 is None else _checked_variance(given.variance_e2, mean, camera)

@@ -9,7 +9,7 @@ Of a mean μ, light or dark, the variance s ≤ μ is compensated by drawing
 
 whole electrons, mean μ, variance f(1 − f) + μ − m − f = μ − s: both exact at every mean. It needs m + f ≤ μ; below one
 electron that is s ≤ μ², and no law of whole numbers goes further, for those about a mean μ < 1 vary by μ − μ² at least.
-Light and dark current are counted apart; the one whose mean allows it gives way to all of v: only their sum shows.
+Of light and dark current the one whose mean allows it gives way to all of v: only their sum shows.
 
 A frame alone varies by μ − s about its own render. A plan and its levels take the mean for exact.
 """
@@ -41,10 +41,13 @@ def largest_e2(mean_e: Array) -> Array:
     return whole + (mean_e - whole) * (mean_e - whole)
 
 
-def counted(source: str, mean_e: Array, compensated_e2: Array, frame: Frame) -> Array:
-    """Whole electrons about ``mean_e`` with variance ``mean_e − compensated_e2``, (H, W).  source : of the counts."""
+def reserved(mean_e: Array, compensated_e2: Array, frame: Frame) -> tuple[Array, Array]:
+    """Whole electrons m + Bernoulli(f), and the mean of the Poisson count beside them, (H, W).
+
+    With that count they are electrons of mean ``mean_e`` and variance ``mean_e − compensated_e2``.
+    """
     whole = arrays.floor(compensated_e2)
     chance = arrays.sqrt(compensated_e2 - whole)
     rest = arrays.maximum((mean_e - whole) - chance, 0.0)
     # One stream of Bernoulli draws for all, for only one source compensates.
-    return whole + frame.bernoulli("compensation", chance) + frame.poisson(source, rest)
+    return whole + frame.bernoulli("compensation", chance), rest

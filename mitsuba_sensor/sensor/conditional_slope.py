@@ -11,8 +11,9 @@ count a pixel is normal, about the signal that the stages give without temporal 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+from operator import add
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -125,8 +126,7 @@ class _Pixels:
     @cached_property
     def fixed(self) -> Electrons:
         """The counts without derivatives."""
-        light, dark = (arrays.detached(x) for x in (self.counted.light, self.counted.dark))
-        return replace(self.counted, light=light, dark=dark)
+        return self.counted.changed(arrays.detached, lambda *parts: tuple(map(arrays.detached, parts)))
 
     def law(self, counts: Electrons) -> tuple[Array, Array]:
         """Mean and σ of the signal given the count, with their derivatives [DN]."""
@@ -147,7 +147,7 @@ class _Pixels:
         """
         dr, quiet, moments = self.backend.dr, _Quiet.of(self.frame), []
         for more in (0.0, 1.0, -1.0):
-            counts = replace(self.fixed, light=self.fixed.light + more)
+            counts = self.fixed.changed(partial(add, more), partial(_with_more, more))
             there = dr.detach(self.signal(quiet, counts, derivatives=False)) if more else signal
             code = self.expected.code(there)
             moments.append((code, *self.expected.moments(code, there, sigma)))
@@ -161,3 +161,8 @@ class _Pixels:
 
         share = per_variance(dr, off - here[1], here[2])
         return change(lambda x, y: (x[0] - y[0]) + (x[1] - y[1])) + 0.5 * share * change(lambda x, y: x[2] - y[2])
+
+
+def _with_more(more: float, light: Array, dark: Array) -> tuple[Array, Array]:
+    """So many photoelectrons more."""
+    return light + more, dark

@@ -23,7 +23,7 @@ class FileTable(BaseModel):
     """
 
     cmos_only: ClassVar[Mapping[str, float | str]] = {}
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
 
 def optional(description: str, example: object, default: Any = None) -> Any:

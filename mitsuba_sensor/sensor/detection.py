@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,8 +9,9 @@ import numpy as np
 from ..core import Array, Electrons, Frame, Photons
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, aligned_float32
 from ..core.types import Float64Array
-from .run import processors, row_strips_of
+from .run import row_strips_of
 from .stage import Stage
+from .threads import for_each
 
 LAYERS = ("light", "yield_mean", "yield_variance", "variance_e2")  # of Electrons: one value per pixel before the count
 
@@ -68,6 +68,5 @@ def detect(photons: Photons, stage: Stage, frame: Frame) -> Detected:
         else:
             found[name] = aligned_float32(shape) if values.dtype == np.float32 else np.empty(shape, values.dtype)
             found[name][first] = values
-    with ThreadPoolExecutor(processors()) as pool:
-        list(pool.map(write, others))
+    for_each(write, others)
     return Detected(photons, found[""] if "" in found else Electrons(**found))

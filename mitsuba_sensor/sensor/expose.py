@@ -27,7 +27,6 @@ from .checks import (
 )
 from .detection import Detected, detect
 from .frame_theory import FrameTheory
-from .konnik2014 import Konnik2014Settings, chain_of
 from .noise_budget import NoiseBudget
 from .options import ExposeOptions
 from .plan import Plan, plan_for
@@ -280,6 +279,8 @@ def _stages(camera: Camera, plan: Plan | None, chain: str) -> Chain:
                     f"chain is 'konnik2014' and {camera.name} has an added {type(camera.added[0]).__name__}, for which "
                     "the published chain has no place; take the camera without it, or the physical chain."
                 )
+            from .konnik2014 import Konnik2014Settings, chain_of  # a chain that few ask for
+
             return chain_of(Konnik2014Settings.from_camera(camera))
         return camera.stages
     if not hasattr(plan, "whole"):

@@ -13,8 +13,9 @@ from ..core import Electrons
 from ..core.backend import NUMPY_FLOAT64
 from ..core.types import Array, Float64Array
 from .detection import Detected
-from .run import processors, row_strips_of
+from .run import row_strips_of
 from .theory import LightKind
+from .threads import processors
 
 SHIFT = 15
 """Bits of a float32 that a level leaves out: 256 levels from one power of two to the next."""

@@ -10,12 +10,13 @@ from functools import cached_property
 
 import numpy as np
 
-from ..core import Array, Electrons, Frame
+from ..core import Array, CountedElectrons, Electrons, Frame
 from ..core.types import Float64Array
 from .detection import Detected
 from .frame_theory import FrameTheory
-from .run import processors, row_strips_of
+from .run import row_strips_of
 from .stage import Chain, total
+from .threads import processors
 
 Contributions = list[dict[str, tuple[Float64Array, Array]]]
 """By stage: source → its contribution to every pixel of a strip, and the variance that it states [DN, DN²]."""
@@ -138,6 +139,6 @@ def _sums(strip: Contributions) -> list[dict[str, Float64Array]]:
 
 def _float64(signal: Array) -> Array:
     """The same in float64, so that the parts of a float32 frame add up too."""
-    if isinstance(signal, Electrons):
+    if isinstance(signal, Electrons) and not isinstance(signal, CountedElectrons):
         return np.add(signal.light, signal.dark, dtype=np.float64)
     return np.asarray(total(signal), dtype=np.float64)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import threading
 from collections.abc import Callable, Container, Hashable, Iterable, Iterator, Mapping
@@ -18,6 +17,7 @@ from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, Backend, PendingStrip
 from ..core.llvm import backend_problem
 from .options import Engine
 from .stage import Chain, Stage, sample, total
+from .threads import processors
 
 if TYPE_CHECKING:
     from .detection import Detected
@@ -55,11 +55,6 @@ def choose_backend(engine: str, precision: str, pixels: int) -> Backend:
     from ..core.drjit_backend import DrJitBackend  # imports Dr.Jit
 
     return DrJitBackend(backend)
-
-
-def processors() -> int:
-    """How many this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def row_strips_of(shape: tuple[int, int], pixels: int) -> Iterator[slice]:
@@ -210,9 +205,9 @@ class FrameRunner:
                 require_kept(sinks, found)
                 if not (last and self._own):
                     self._kept.keep(number, window)
-                return window.backend.pending(signal, window, sinks[name][rows], follower.end() if follower else {})
+                return window.backend.pending(signal(), window, sinks[name][rows], follower.end() if follower else {})
             if name in sinks:
-                sinks[name][rows] = window.backend.to_numpy(signal, window)
+                sinks[name][rows] = window.backend.to_numpy(signal(), window)
         raise AssertionError("the last stage of a chain delivers digital numbers")
 
     def _start(self, number: int, frame: Frame, last: bool) -> Array:
@@ -248,8 +243,10 @@ def begin(stages: Chain, light: Array, frame: Frame) -> Array:
     return electrons
 
 
-def signals(stages: Chain, start: Array, frame: Frame, follower: Follower | None = None) -> Iterator[tuple[str, Array]]:
-    """One frame from what the first stage delivered; (name, signal) where the unit changes."""
+def signals(
+    stages: Chain, start: Array, frame: Frame, follower: Follower | None = None
+) -> Iterator[tuple[str, Callable[[], Array]]]:
+    """One frame from what the first stage delivered; name and a function that returns the signal where units change."""
     signal = start
     for number, (stage, following) in enumerate(zip(stages, (*stages[1:], None), strict=True)):
         signal = stage.sample(signal, frame) if number else signal
@@ -259,12 +256,12 @@ def signals(stages: Chain, start: Array, frame: Frame, follower: Follower | None
             yield from named(stage, signal, last=following is None)
 
 
-def named(stage: Stage, signal: Array, last: bool) -> Iterator[tuple[str, Array]]:
+def named(stage: Stage, signal: Array, last: bool) -> Iterator[tuple[str, Callable[[], Array]]]:
     """The signal behind the last stage of a domain, under the names that ``expose(keep=…)`` knows."""
     if last:
-        yield "digital", signal
+        yield "digital", lambda: signal
     elif stage.domain != "photons":
         if isinstance(signal, Electrons):
-            yield "photoelectrons", signal.light
-            yield "dark_electrons", signal.dark
-        yield stage.domain, total(signal)
+            yield "photoelectrons", lambda: signal.light
+            yield "dark_electrons", lambda: signal.dark
+        yield stage.domain, lambda: total(signal)

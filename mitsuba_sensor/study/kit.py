@@ -12,8 +12,8 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import ndtri, stdtr, stdtrit
 
 from ..core import Exposure, check_types
 from ..render.irradiance import Irradiance
@@ -146,7 +146,7 @@ class Slope(NamedTuple):
 def slope_of_runs(runs: Iterable[tuple[Sequence[float], Sequence[float]]]) -> Slope:
     """Least squares in 2 or more runs of (x, y); points of one run share samples, so its residuals give no interval."""
     slopes = np.array([np.polyfit(np.log(x), np.log(y), 1)[0] for x, y in runs])
-    return Slope(float(slopes.mean()), float(stdtrit(len(slopes) - 1, 0.975)) * standard_error(slopes))
+    return Slope(float(slopes.mean()), float(scipy.special.stdtrit(len(slopes) - 1, 0.975)) * standard_error(slopes))
 
 
 def standard_error(values: Array) -> float:
@@ -165,9 +165,10 @@ def pareto(points: Sequence[tuple[float, float]]) -> tuple[int, ...]:
 
 def z_limit(comparisons: int, false_alarm: float = 0.01) -> float:
     """|z| that none of so many right independent comparisons exceeds, but in this share of all studies."""
-    return float(-ndtri(0.5 * (1 - (1 - false_alarm) ** (1 / max(comparisons, 1)))))
+    return float(-scipy.special.ndtri(0.5 * (1 - (1 - false_alarm) ** (1 / max(comparisons, 1)))))
 
 
 def as_normal(t: float, freedom: int) -> float:
     """The standard normal that is as unlikely as this Student's t."""
-    return math.copysign(-float(ndtri(max(stdtr(freedom, -abs(t)), 1e-300))), t) if t else 0.0
+    tail = scipy.special.stdtr(freedom, -abs(t))
+    return math.copysign(-float(scipy.special.ndtri(max(tail, 1e-300))), t) if t else 0.0

@@ -252,6 +252,30 @@ def test_poisson_is_a_whole_number_within_6_4_sigma_for_any_mean(power: int) -> 
 # NumPy and Dr.Jit: the same bits
 
 
+THINNED = ((5, 3.0, 1.0), (30, 100.0, 174.0), (1000, 16_500.0, 174.0), (40, 1.0, 1.0), (60, 1.0, 0.3), (7, 0.0, 3.0))
+THINNED += ((7, 3.0, 0.0), (0, 5.0, 5.0), (400, 1.0, 1.0), (16_674, 174.0, 16_500.0), (10**6, 1e6, 300.0))
+"""Electrons, and the mean of either kind."""
+
+
+@pytest.mark.parametrize(("number", "light", "dark"), THINNED)
+def test_binomial_distribution_of_a_million_even_integers_is_the_exact_distribution(
+    number: int, light: float, dark: float
+) -> None:
+    """Total variation: of the float64 draw that of the grid of 2^20 integers, of the float32 one 6e-4 at most."""
+    w, reach, chance = even_integers(20), np.arange(number + 1), dark / (light + dark)
+    exact = stats.binom.pmf(reach, number, chance)
+    grid = np.count_nonzero(exact > 2**-21) * 2**-20
+    drawn = distributions.binomial(w, float(number), dark, light), thinned(w, number, dark, light)
+    for counts, variation in zip(drawn, (grid, 6e-4 if number * chance * (1 - chance) < 100 else 3e-5), strict=True):
+        share = np.bincount(counts.astype(int), minlength=reach.size) / w.size
+        assert 0.5 * np.abs(share - exact).sum() <= variation + grid
+
+
+def thinned(w: NDArray[np.uint32], *numbers: float) -> NDArray[np.float32]:
+    """Counts in float32, on NumPy."""
+    return quantiles.binomial(w, *(np.broadcast_to(single(x), w.shape) for x in numbers))
+
+
 @pytest.fixture(scope="module")
 def llvm() -> Any:
     """The compiled engine, where LLVM is usable."""
@@ -291,6 +315,14 @@ def test_every_distribution_has_the_same_bits_on_numpy_and_on_llvm(name: str, ll
 def test_poisson_has_the_same_bits_on_numpy_and_on_llvm(mean: float, llvm: Any) -> None:
     within_float32 = np.full(W.shape, mean, dtype=np.float32)
     assert_same_bits(llvm.poisson(llvm.uint(W), llvm.float(within_float32)), NUMPY_FLOAT32.poisson(W, within_float32))
+
+
+@pytest.mark.parametrize(("number", "light", "dark"), [*THINNED, (1e30, 1e30, 174.0), (1e12, 3.0, 1e12)])
+def test_binomial_has_the_same_bits_on_numpy_and_on_llvm(number: float, light: float, dark: float, llvm: Any) -> None:
+    _, found = llvm.split(llvm.uint(W), llvm.float(number), light, dark)
+    expected = thinned(W, number, dark, light)
+    assert_same_bits(found, expected)
+    assert expected.min() >= 0 and expected.max() <= single(number)
 
 
 @pytest.mark.parametrize("size", [1, 2, 7, 8, 9, 31, 1001, 100_003])

@@ -22,7 +22,7 @@ from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.core.signals import Electrons, Photons
 from mitsuba_sensor.sensor import expose, run
 from mitsuba_sensor.sensor.chain import chain
-from mitsuba_sensor.sensor.compensation import LIMIT, compensable, counted, largest_e2
+from mitsuba_sensor.sensor.compensation import LIMIT, compensable, largest_e2, reserved
 from mitsuba_sensor.sensor.effects.dark_current import DarkCurrent
 from mitsuba_sensor.sensor.effects.prnu import Prnu
 from mitsuba_sensor.sensor.effects.shot_noise import ShotNoise
@@ -58,14 +58,10 @@ def frame_of(shape: tuple[int, int], backend: Backend = NUMPY_FLOAT64, seed: int
 
 
 class Parts:
-    """A frame that draws nothing and keeps what it is asked for."""
+    """A frame that draws nothing and keeps the chance that it is asked for."""
 
     def bernoulli(self, _: str, chance: Any) -> float:
         self.chance = float(chance)
-        return 0.0
-
-    def poisson(self, _: str, mean: Any) -> float:
-        self.rest = float(mean)
         return 0.0
 
 
@@ -73,10 +69,10 @@ def law_of(mean: float, variance: float) -> tuple[NDArray[Any], NDArray[Any]]:
     """Every count and its probability, from the parts that are drawn: a Poisson law, shifted and mixed."""
     compensated, _ = compensable(np.float64(mean), 0.0, np.float64(variance))
     parts: Any = Parts()
-    whole = float(counted("photon_shot", np.float64(mean), compensated, parts))
-    reach = 12 * np.sqrt(parts.rest) + 40
-    n = np.arange(np.floor(max(parts.rest - reach, 0)), parts.rest + reach)
-    poisson = stats.poisson.pmf(n, parts.rest)
+    whole, rest = map(float, reserved(np.float64(mean), compensated, parts))
+    reach = 12 * np.sqrt(rest) + 40
+    n = np.arange(np.floor(max(rest - reach, 0)), rest + reach)
+    poisson = stats.poisson.pmf(n, rest)
     moved = np.concatenate([[0.0], poisson])
     law = (1 - parts.chance) * np.concatenate([poisson, [0.0]]) + parts.chance * moved
     return whole + np.append(n, n[-1] + 1), law
@@ -106,8 +102,8 @@ def test_a_mean_compensates_as_much_as_its_distribution_can_lose(mean: float) ->
     0 or 1 with mean μ has variance μ − μ², and no law has less."""
     most = float(largest_e2(np.float64(mean)))
     parts: Any = Parts()
-    counted("photon_shot", np.float64(mean), np.float64(most), parts)
-    assert parts.rest == pytest.approx(0, abs=1e-7)
+    _, rest = reserved(np.float64(mean), np.float64(most), parts)
+    assert rest == pytest.approx(0, abs=1e-7)
     if mean < 1:
         assert most == pytest.approx(mean**2)
 

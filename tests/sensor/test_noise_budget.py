@@ -71,11 +71,11 @@ OFF = {
     "PRNU column": {"readout.prnu_col": 0.0},
 }
 FOLLOWS = {
-    "PRNU": {"photon shot noise", "PRNU column"},
-    "dark current": {"dark shot noise", "PRNU column"},
+    **{name: {"photon shot noise", "dark shot noise", "PRNU column"} for name in ("PRNU", "dark current")},
     **{name: {"PRNU column"} for name in OFF if name not in ("PRNU", "dark current")},
 }
-"""What must change along: a source's own shot noise, and the gain that multiplies all that stands before it."""
+"""What must change along: the shot noise of light and dark current, which is one count that is split, and the gain that
+multiplies all that stands before it."""
 
 
 @pytest.mark.parametrize("source", OFF)

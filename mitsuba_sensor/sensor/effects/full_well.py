@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 from typing import Annotated
 
 from pydantic import Field
@@ -43,9 +44,15 @@ class FullWell(Stage):
     def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
         """Clips the sum; the excess is taken from the photoelectrons."""
         capacity = frame.number(self.full_well_e)
-        dark = arrays.minimum(electrons.dark, capacity)
-        light = arrays.minimum(electrons.light, capacity - dark)
-        return replace(electrons, light=arrays.with_gradient(light, _line, electrons.light, dark, capacity), dark=dark)
+
+        def beside(dark: Array, light: Array) -> Array:
+            return arrays.with_gradient(arrays.minimum(light, capacity - dark), _line, light, dark, capacity)
+
+        def parts(light: Array, dark: Array) -> tuple[Array, Array]:
+            dark = arrays.minimum(dark, capacity)
+            return beside(dark, light), dark
+
+        return electrons.changed(partial(beside, 0.0), parts)
 
     def moments(self, m: Moments) -> Moments:
         """A clipped normal: shot noise near a full well is one."""

@@ -13,6 +13,7 @@ from ...core import Array, Electrons, Frame, InputError, Moments, Photons, Senso
 from ..datasheet import Chance, FileTable, Positive
 from ..qe_file import read_curves
 from ..stage import Datasheet, Stage
+from .quantum_yield import bursts
 
 Fractions = tuple[Annotated[float, Field(ge=0, le=1, strict=True)], ...]
 
@@ -128,7 +129,7 @@ class QuantumEfficiency(Stage):
         """The camera's curves, and its quantum yield where that is not one."""
         section = camera.quantum_efficiency
         curves = tuple(SpectralCurve(section.wavelengths_nm, curve) for curve in section.curves.values())
-        burst = SpectralCurve(section.wavelengths_nm, section.quantum_yield) if section.quantum_yield else None
+        burst = SpectralCurve(section.wavelengths_nm, section.quantum_yield) if bursts(section.quantum_yield) else None
         return cls(curves, section.filter_tile, section.reference_nm, burst)
 
     def sample(self, photons: Photons, frame: Frame) -> Electrons:

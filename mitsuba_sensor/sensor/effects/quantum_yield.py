@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar, Self
 
@@ -43,9 +44,9 @@ class QuantumYield(Stage):
 
     @classmethod
     def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> QuantumYield | None:
-        """None where the datasheet has no yield."""
+        """None where the datasheet has no yield but 1."""
         section = camera.quantum_efficiency
-        return cls(section.fano_factor) if section.quantum_yield else None
+        return cls(section.fano_factor) if bursts(section.quantum_yield) else None
 
     def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
         """Interactions → electrons; whole numbers stay whole."""
@@ -65,3 +66,8 @@ class QuantumYield(Stage):
             temporal=light.mean * (mean**2 - 1 + noise) + arrays.where(mean == 1, 0.0, 1 / 12),
             spatial=light.spatial * (mean**2 - 1),
         )
+
+
+def bursts(quantum_yield: Sequence[float] | None) -> bool:
+    """Whether any photon frees more than one electron."""
+    return any(electrons != 1 for electrons in quantum_yield or ())

@@ -7,14 +7,17 @@ from typing import ClassVar
 
 import numpy as np
 
-from ...core import Array, Electrons, Frame, Moments, arrays
-from ..compensation import compensable, counted
+from ...core import Array, CountedElectrons, Electrons, Frame, Moments, arrays
+from ..compensation import compensable, reserved
 from ..stage import Datasheet, Stage
 
 
 @dataclass(frozen=True)
 class ShotNoise(Stage):
     """Poisson(light) + Poisson(dark), in *detected* electrons (paper eq. 13, 17 corrected).
+
+    The two are drawn as one Poisson(light + dark). Where they are needed apart, each electron of that count is a dark
+    electron with chance dark/(light + dark), by a random number of its own: the count is the same.
 
     Thinning a Poisson stream of photons by QE leaves a Poisson stream, so var/mean = 1 here, not QE.
 
@@ -33,11 +36,14 @@ class ShotNoise(Stage):
 
     def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
         """Mean electrons → whole electrons."""
-        if electrons.variance_e2 is not None:
-            return self._compensated(electrons, frame)
-        light = frame.poisson("photon_shot", electrons.light)
-        dark = frame.poisson("dark_shot", electrons.dark) if arrays.any_positive(electrons.dark) else 0.0
-        return replace(electrons, light=light, dark=dark)
+        if electrons.variance_e2 is None:
+            return self._counts(electrons, frame)
+        light, dark = electrons.light, electrons.dark
+        by_light, by_dark = compensable(light, dark, electrons.variance_e2)
+        more_light, light = reserved(light, by_light, frame)
+        more_dark, dark = reserved(dark, by_dark, frame) if arrays.any_positive(dark) else (0.0, 0.0)
+        rest = self._counts(replace(electrons, light=light, dark=dark, variance_e2=None), frame)
+        return rest.changed(lambda n: n + (more_light + more_dark), lambda n, d: (n + more_light, d + more_dark))
 
     def moments(self, m: Moments) -> Moments:
         """The temporal variance is the mean; about its own render a frame varies less by what is compensated."""
@@ -56,11 +62,12 @@ class ShotNoise(Stage):
         changes = [np.subtract(n, mean, dtype=np.float64) for n, mean in zip(counts, means, strict=True)]
         return {name: (x, mean - by) for name, x, mean, by in zip(parts, changes, means, less, strict=True)}
 
-    def _compensated(self, electrons: Electrons, frame: Frame) -> Electrons:
-        """The same where a part of the variance is in the mean already."""
-        by_light, by_dark = compensable(electrons.light, electrons.dark, electrons.variance_e2)
-        light = counted("photon_shot", electrons.light, by_light, frame)
-        dark = 0.0
-        if arrays.any_positive(electrons.dark):
-            dark = counted("dark_shot", electrons.dark, by_dark, frame)
-        return replace(electrons, light=light, dark=dark, variance_e2=None)
+    def _counts(self, mean: Electrons, frame: Frame) -> Electrons:
+        """Poisson counts; of light and dark current as one, but where light is still interactions, not electrons."""
+        light, dark = mean.light, mean.dark
+        if not arrays.any_positive(dark):
+            return replace(mean, light=frame.poisson("photon_shot", light), dark=0.0)
+        if not isinstance(mean.yield_mean, float):
+            return replace(mean, light=frame.poisson("photon_shot", light), dark=frame.poisson("dark_shot", dark))
+        count = frame.poisson("photon_shot", light + dark)
+        return CountedElectrons.of(count, lambda: frame.split("dark_shot", count, light, dark))
