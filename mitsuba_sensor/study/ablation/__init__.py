@@ -69,9 +69,7 @@ def ablation(
 
 def sensor_section(results: SensorResults, replicas: Replicas, tolerance_dn: float) -> Section:
     """What the sensor shows. passed : theory and frames agree, and the plan keeps to its tolerance."""
-    keeps = (
-        results.theory["cases"][PLAN]["worst_dn"] <= 1.05 * tolerance_dn + 1e-9
-    )  # between the levels that it looks at
+    keeps = results.theory["cases"][PLAN]["worst_dn"] <= 1.05 * tolerance_dn + 1e-9  # between the plan's levels
     parts: tuple[Part, ...] = _changes(results, replicas), _costs(results), *_sensor_bars(results, tolerance_dn)
     return Section(tuple(_sensor_findings(results, tolerance_dn)), results.agree and keeps, parts)
 
