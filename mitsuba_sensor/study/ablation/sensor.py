@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core import Exposure, Frame, Photons
+from ...lab.estimators import Spread, as_normal, spread, standard_error, z_limit
 from ...render.irradiance import Irradiance
 from ...render.photons import collect
 from ...sensor.camera import Camera
@@ -19,7 +20,7 @@ from ...sensor.run import choose_backend
 from ...sensor.stage import Chain, sample, without
 from .. import frames
 from ..frames import QUANTITIES, Illuminated, Replicas
-from ..kit import Array, Kit, Spread, Step, Subject, Task, Values, as_normal, in_turns, spread, standard_error, z_limit
+from ..kit import Array, Kit, Step, Subject, Task, Values, in_turns
 from ..page import Mark
 
 WHOLE, PLAN, DETECTION = "whole chain", "the plan", "detection"
