@@ -139,9 +139,9 @@ class Grid:
         colours = [[CELL[mark] for mark in marks] for marks in self.marks]
         texts = {"cellText": self.texts, "rowLabels": self.rows, "colLabels": self.columns}
         table = axes.table(cellColours=colours, cellLoc="center", bbox=axes.viewLim.unit(), **texts)  # type: ignore[arg-type]
-        for cell in table.get_celld().values():
-            cell.set_edgecolor("white")
-        return 1.0 + CELL_IN * len(self.rows)
+        for (row, _), cell in table.get_celld().items():
+            cell.set(edgecolor="white", height=cell.get_height() * (1.0 if row else 1.6))  # a heading has two lines
+        return 1.2 + CELL_IN * len(self.rows)
 
 
 Picture = Plot | Bars | Grid
