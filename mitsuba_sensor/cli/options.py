@@ -12,6 +12,7 @@ from ..core import InputError, require_seed
 from ..core.options import Declared, Option, declared
 from ..io import files
 from ..render.options import RenderOptions, SceneOptions
+from ..render.passes import MOST_IN_ALL
 from ..sensor.options import FrameOptions, SensorOptions
 
 Command = TypeVar("Command", bound=Callable[..., None])
@@ -89,6 +90,46 @@ class MapFlags(TypedDict, total=False):
     ]
     rows: Annotated[int | None, Option("Height of the maps. Default: the whole sensor.", low=1, metavar="PIXELS")]
     width: Annotated[int | None, Option("Width of the maps. Default: the whole sensor.", low=1, metavar="PIXELS")]
+
+
+class StudyFlags(TypedDict, total=False):
+    """Flags of every study."""
+
+    out: Annotated[
+        Path | None,
+        Option("Folder for the page. Default: study/ and the study's name.", flag="-o --out", metavar="DIR"),
+    ]
+    force: Annotated[bool, Option("Measure again what the folder holds already.", False, flag="--force")]
+    as_json: Annotated[bool, Option("Only JSON on stdout, for programs.", False, flag="--json")]
+
+
+class WorkPrecisionFlags(TypedDict, total=False):
+    """Flags of ``study work-precision``."""
+
+    tolerance: Annotated[
+        float, Option("Relative error of a pixel's irradiance for which a setting is recommended.", 0.01)
+    ]
+    seeds: Annotated[
+        int, Option("Independent runs of each setting; their spread makes the intervals.", 4, low=2, example="4")
+    ]
+    sides: Annotated[
+        list[str] | None,
+        Option("render or sensor: only this half. Repeatable. Default: both.", flag="--side", text=list[str]),
+    ]
+    variants: Annotated[
+        list[str] | None,
+        Option("A Mitsuba variant to compare. Repeatable. Default: all that work.", flag="--variant", text=list[str]),
+    ]
+
+
+class AblationFlags(TypedDict, total=False):
+    """Flags of ``study ablation``."""
+
+    tolerance_dn: Annotated[float, Option("Of the plan that is put to the test, in DN.", 0.02)]
+    frames: Annotated[int, Option("Frames of each of the 64 cameras that are measured.", 24, low=2, example="24")]
+    spp: Annotated[int, Option("Samples per pixel of every render.", 32, low=1, high=MOST_IN_ALL, example="32")]
+    seed: Annotated[int | None, Option("Of the first frame. Default: the scene file's, else 1.", check=require_seed)]
+    serial: Annotated[int | None, Option("Of the first camera. Default: the scene file's, else 1.", check=require_seed)]
 
 
 def flags(*kinds: type, without: tuple[str, ...] = ()) -> Callable[[Command], Command]:

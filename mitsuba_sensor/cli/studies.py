@@ -1,39 +1,28 @@
-"""Commands of study: error against run time, what can be left out, and stiff and extreme cases; and how they report."""
+"""Commands of study: error against run time, what can be left out, and stiff and extreme cases."""
 
-# Without `from __future__ import annotations`: core/options.py reads these declarations at run time.
 import shlex
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from functools import partial
-from itertools import accumulate
 from pathlib import Path
-from typing import Annotated, TypedDict
 
 import typer
-from rich.console import Console, Group, RenderableType
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.text import Text
 
-from ..core import first_given, require_seed
-from ..core.options import Option, complete, part_of
+from ..core import first_given
+from ..core.options import complete, part_of
 from ..io import files
 from ..io.measurements import Measurements
 from ..io.metadata import machine, versions
 from ..render.options import SceneOptions
-from ..render.passes import MOST_IN_ALL
 from ..study.kit import Kit, Subject
-from ..study.page import Grid, Study, Table, html, png, text
+from ..study.page import Study, Table, html, png
 from . import options
 from .app import RenderInput, app, err, out, render_input, show
-from .options import Flag, Flags
-from .terminal import columns_table
+from .options import AblationFlags, Flag, Flags, StudyFlags, WorkPrecisionFlags
+from .terminal import seconds_bar, study_sheet
 
-Texts = list[str]
 PAGE, NUMBERS, MEASUREMENTS = "study.html", "study.json", "measurements"
-STYLES = {"good": "green", "bad": "bold red", "best": "bold green", "dim": "dim", "": ""}  # of a mark
-LONGEST = 48  # rows of a table that a terminal still shows; of a longer one only those that are not as they must be
 
 study = typer.Typer(
     no_args_is_help=True,
@@ -42,45 +31,6 @@ study = typer.Typer(
     "stopped goes on where it was when the same command is given again. Exit code 1: something that must hold fails.",
 )
 app.add_typer(study, name="study")
-
-
-class StudyFlags(TypedDict, total=False):
-    """Flags of every study."""
-
-    out: Annotated[
-        Path | None,
-        Option("Folder for the page. Default: study/ and the study's name.", flag="-o --out", metavar="DIR"),
-    ]
-    force: Annotated[bool, Option("Measure again what the folder holds already.", False, flag="--force")]
-    as_json: Annotated[bool, Option("Only JSON on stdout, for programs.", False, flag="--json")]
-
-
-class WorkPrecisionFlags(TypedDict, total=False):
-    """Flags of ``study work-precision``."""
-
-    tolerance: Annotated[
-        float, Option("Relative error of a pixel's irradiance for which a setting is recommended.", 0.01)
-    ]
-    seeds: Annotated[
-        int, Option("Independent runs of each setting; their spread makes the intervals.", 4, low=2, example="4")
-    ]
-    sides: Annotated[
-        Texts | None, Option("render or sensor: only this half. Repeatable. Default: both.", flag="--side", text=Texts)
-    ]
-    variants: Annotated[
-        Texts | None,
-        Option("A Mitsuba variant to compare. Repeatable. Default: all that work.", flag="--variant", text=Texts),
-    ]
-
-
-class AblationFlags(TypedDict, total=False):
-    """Flags of ``study ablation``."""
-
-    tolerance_dn: Annotated[float, Option("Of the plan that is put to the test, in DN.", 0.02)]
-    frames: Annotated[int, Option("Frames of each of the 64 cameras that are measured.", 24, low=2, example="24")]
-    spp: Annotated[int, Option("Samples per pixel of every render.", 32, low=1, high=MOST_IN_ALL, example="32")]
-    seed: Annotated[int | None, Option("Of the first frame. Default: the scene file's, else 1.", check=require_seed)]
-    serial: Annotated[int | None, Option("Of the first camera. Default: the scene file's, else 1.", check=require_seed)]
 
 
 @study.command(
@@ -161,61 +111,6 @@ def _run(name: str, flags: Flags, question: dict[str, Flag], measure: Callable[[
         files.write_json(scratch / NUMBERS, found.to_dict())
         for picture in [part for part in found.parts if not isinstance(part, Table)][:1]:
             files.write_drawing(scratch / f"{name}.png", png(picture))
-    show(found.to_dict() if flags["as_json"] else sheet(found, str(folder / PAGE), out.width), flags["as_json"])
+    show(found.to_dict() if flags["as_json"] else study_sheet(found, str(folder / PAGE), out.width), flags["as_json"])
     if not found.passed:
         raise typer.Exit(1)
-
-
-@contextmanager
-def seconds_bar(console: Console) -> Iterator[Callable[[float, float, str], None]]:
-    """A bar over the seconds that a study expects to take, and what it does now. Yields what a kit reports to."""
-    texts = TextColumn("{task.percentage:>3.0f} %"), TimeElapsedColumn(), TextColumn("{task.description}")
-    with Progress(BarColumn(), *texts, console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task("", total=None)
-
-        def tell(done_s: float, expected_s: float, now: str) -> None:
-            left_s = max(expected_s - done_s, 0.0)
-            left = f"about {left_s / 60:.0f} min" if left_s > 90 else f"about {left_s:.0f} s"
-            if progress.tasks[task].total is None:
-                console.print(f"this takes {left}", highlight=False)
-            progress.update(task, completed=done_s, total=expected_s, description=f"{left} left [dim]{now}")
-
-        yield tell
-
-
-def sheet(found: Study, page: str, width: int) -> RenderableType:
-    """The whole study in the terminal, its findings and as much of its tables as fits into so many characters."""
-    verdict = ("everything that must hold does", "bold green") if found.passed else ("not all holds", "bold red")
-    lines: list[RenderableType] = [Text.assemble((found.title, "bold"), " – ", verdict, " → ", (page, "bold"))]
-    lines += (Text(f"• {finding}") for finding in found.findings)
-    for part in found.parts:
-        if isinstance(part, Grid):
-            drawn = columns_table("", *part.columns)
-            drawn.title, drawn.title_justify, drawn.title_style = part.title, "left", "bold"
-            for name, marks, texts in zip(part.rows, part.marks, part.texts, strict=True):
-                drawn.add_row(name, *(Text(cell, STYLES[mark]) for cell, mark in zip(texts, marks, strict=True)))
-            lines.append(drawn)
-        elif isinstance(part, Table) and part.rows:
-            held = Text(f"{part.title}: all {len(part.rows)} rows as they must be")
-            lines += [held] if set(part.marks) == {"good"} else _table(part, width)
-    return Group(*lines)
-
-
-def _table(table: Table, width: int) -> Iterator[RenderableType]:
-    """As many of its columns, from the left, as fit, and what of it stands only in the page."""
-    rows = list(zip(table.marks or ("",) * len(table.rows), table.rows, strict=True))
-    shown = rows if len(rows) <= LONGEST else [row for row in rows if row[0] in ("bad", "best")][:LONGEST]
-    cells = [[f"{v:.3g}" if isinstance(v, float) else text(v) for v in row] for _, row in shown]
-    columns = zip(table.columns, zip(*cells, strict=True) if cells else [()] * len(table.columns), strict=True)
-    longest = (max(map(len, (*heading.split(), "", *column))) for heading, column in columns)  # they break at spaces
-    count = max(sum(used <= width for used in accumulate(min(one, 30) + 2 for one in longest)), 1)
-    drawn = columns_table(*table.columns[:count])
-    for index, column in enumerate(drawn.columns):
-        if shown and all(isinstance(row[index], int | float | None) for _, row in shown):
-            column.justify = "right"
-    for (mark, _), texts in zip(shown, cells, strict=True):
-        drawn.add_row(*map(Text, texts[:count]), style=STYLES[mark])
-    yield from (Text(f"\n{table.title}", style="bold"), drawn)
-    hidden = {"rows": len(rows) - len(shown), "columns": len(table.columns) - count}
-    if more := " and ".join(f"{number} more {name}" for name, number in hidden.items() if number):
-        yield Text(f"{more} stand in the page", style="dim")

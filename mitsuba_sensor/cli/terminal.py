@@ -1,10 +1,11 @@
-"""Tables and the progress bar of the terminal; :mod:`mitsuba_sensor.cli.app` prints them."""
+"""Tables and progress bars of the terminal; :mod:`mitsuba_sensor.cli.app` prints them."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import accumulate
 from typing import TYPE_CHECKING, Any
 
 from rich import box
@@ -14,6 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ..sensor.plan import IDLE, NEEDED, Plan
+from ..study import page
 
 if TYPE_CHECKING:
     from ..render.requirements import RenderRequirement
@@ -21,6 +23,8 @@ if TYPE_CHECKING:
 
 Report = Mapping[str, Any]  # ready for JSON: frame.json, or what a command prints
 KEPT = {True: Text("yes"), False: Text("no", style="green")}  # of a plan
+STYLES = {"good": "green", "bad": "bold red", "best": "bold green", "dim": "dim", "": ""}  # of a mark
+LONGEST = 48  # rows of a table that a terminal still shows; of a longer one only those that are not as they must be
 END = {"max_seconds": ", the time was up", "max_spp": ", the most samples were taken"}
 
 
@@ -53,6 +57,23 @@ def render_progress(console: Console, options: Mapping[str, object]) -> Iterator
             progress.update(task, description=name, completed=completed, total=total, ratio=ratio, left=left)
 
         yield show
+
+
+@contextmanager
+def seconds_bar(console: Console) -> Iterator[Callable[[float, float, str], None]]:
+    """A bar over the seconds that a study expects to take, and what it does now. Yields what a kit reports to."""
+    texts = TextColumn("{task.percentage:>3.0f} %"), TimeElapsedColumn(), TextColumn("{task.description}")
+    with Progress(BarColumn(), *texts, console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task("", total=None)
+
+        def tell(done_s: float, expected_s: float, now: str) -> None:
+            left_s = max(expected_s - done_s, 0.0)
+            left = f"about {left_s / 60:.0f} min" if left_s > 90 else f"about {left_s:.0f} s"
+            if progress.tasks[task].total is None:
+                console.print(f"this takes {left}", highlight=False)
+            progress.update(task, completed=done_s, total=expected_s, description=f"{left} left [dim]{now}")
+
+        yield tell
 
 
 def summary(report: Report, folder: str) -> RenderableType:
@@ -131,6 +152,44 @@ def diagnosis(findings: Report) -> RenderableType:
     verdict = Text(f"renders with {findings['variant']}" if findings["works"] else "cannot render", style="bold")
     verdict.stylize("green" if findings["works"] else "red")
     return Group(variants, llvm, Text(versions, style="dim"), verdict, *remedies)
+
+
+def study_sheet(found: page.Study, path: str, width: int) -> RenderableType:
+    """The whole study in the terminal, its findings and as much of its tables as fits into so many characters."""
+    verdict = ("everything that must hold does", "bold green") if found.passed else ("not all holds", "bold red")
+    lines: list[RenderableType] = [Text.assemble((found.title, "bold"), " – ", verdict, " → ", (path, "bold"))]
+    lines += (Text(f"• {finding}") for finding in found.findings)
+    for part in found.parts:
+        if isinstance(part, page.Grid):
+            drawn = columns_table("", *part.columns)
+            drawn.title, drawn.title_justify, drawn.title_style = part.title, "left", "bold"
+            for name, marks, texts in zip(part.rows, part.marks, part.texts, strict=True):
+                drawn.add_row(name, *(Text(cell, STYLES[mark]) for cell, mark in zip(texts, marks, strict=True)))
+            lines.append(drawn)
+        elif isinstance(part, page.Table) and part.rows:
+            held = Text(f"{part.title}: all {len(part.rows)} rows as they must be")
+            lines += [held] if set(part.marks) == {"good"} else _study_table(part, width)
+    return Group(*lines)
+
+
+def _study_table(table: page.Table, width: int) -> Iterator[RenderableType]:
+    """As many of its columns, from the left, as fit, and what of it stands only in the page."""
+    rows = list(zip(table.marks or ("",) * len(table.rows), table.rows, strict=True))
+    shown = rows if len(rows) <= LONGEST else [row for row in rows if row[0] in ("bad", "best")][:LONGEST]
+    cells = [[f"{v:.3g}" if isinstance(v, float) else page.text(v) for v in row] for _, row in shown]
+    columns = zip(table.columns, zip(*cells, strict=True) if cells else [()] * len(table.columns), strict=True)
+    longest = (max(map(len, (*heading.split(), "", *column))) for heading, column in columns)  # they break at spaces
+    count = max(sum(used <= width for used in accumulate(min(one, 30) + 2 for one in longest)), 1)
+    drawn = columns_table(*table.columns[:count])
+    for index, column in enumerate(drawn.columns):
+        if shown and all(isinstance(row[index], int | float | None) for _, row in shown):
+            column.justify = "right"
+    for (mark, _), texts in zip(shown, cells, strict=True):
+        drawn.add_row(*map(Text, texts[:count]), style=STYLES[mark])
+    yield from (Text(f"\n{table.title}", style="bold"), drawn)
+    hidden = {"rows": len(rows) - len(shown), "columns": len(table.columns) - count}
+    if more := " and ".join(f"{number} more {name}" for name, number in hidden.items() if number):
+        yield Text(f"{more} stand in the page", style="dim")
 
 
 def _stages(report: Report) -> Table:

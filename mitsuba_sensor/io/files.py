@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import os
 import tempfile
+import tomllib
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
@@ -82,6 +83,11 @@ def write_json(path: Path, report: dict[str, Any]) -> None:
 def to_json(report: Any) -> str:
     """Indented strict JSON: NumPy values become plain ones, NaN and ±inf, which JSON does not have, become null."""
     return json.dumps(plain_values(report), indent=2, ensure_ascii=False, allow_nan=False)
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The tables of a TOML file that comes with the package."""
+    return tomllib.loads(path.read_text("utf-8"))
 
 
 def write_fpn_maps(path: Path, maps: Mapping[str, np.ndarray]) -> None:

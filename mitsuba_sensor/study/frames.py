@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -43,24 +43,18 @@ def expected_moments(stages: Chain, photons: Photons, exposure: Exposure, rounde
     """Mean, temporal and spatial variance of every pixel in theory, (3, H, W) [DN, DN², DN²], or before rounding."""
     shape = photons.mean.shape[0], photons.mean.shape[1]
     frame = Frame(exposure, SensorWindow(0, shape, photons.origin))
-    light, theory = detect(photons, stages[0], frame).mean_e, _theory(stages, frame)
+    light, theory = detect(photons, stages[0], frame).mean_e, _theory(tuple(stages), exposure)
     if rounded:
         return np.array(theory.digital(light.ravel())).reshape(3, *shape)
     converter = converter_of(stages)
-    volts, gain = np.array(theory.behind(stages[-2], light.ravel())).reshape(3, -1), converter.gain_dn_per_v
+    volts, gain = np.array(theory.behind(theory.stages[-2], light.ravel())).reshape(3, -1), converter.gain_dn_per_v
     analogue = volts * np.array([[gain], [gain**2], [gain**2]]) + np.array([[converter.black_level_dn], [0.0], [0.0]])
     return np.asarray(analogue.reshape(3, *shape))
 
 
-_LAST: deque[Theory] = deque(maxlen=8)  # theories: settings of a study share their sensor
-
-
-def _theory(stages: Chain, frame: Frame) -> Theory:
-    for one in _LAST:
-        if one.conditions.exposure == frame.exposure and [*map(id, one.stages)] == [*map(id, stages)]:
-            return one
-    _LAST.append(theory_of(stages, frame))
-    return _LAST[-1]
+@lru_cache(maxsize=8)  # settings of a study share their sensor
+def _theory(stages: Chain, exposure: Exposure) -> Theory:
+    return theory_of(stages, Frame(exposure, SensorWindow(0, (1, 1))))
 
 
 def in_dn(moments: Array, other: Array) -> Array:

@@ -7,11 +7,14 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from html import escape
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from .kit import Known, Values, pareto
+from ..io.files import read_toml
+from ..lab.estimators import pareto
+from .kit import Known, Values
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -136,9 +139,9 @@ class Grid:
         colours = [[CELL[mark] for mark in marks] for marks in self.marks]
         texts = {"cellText": self.texts, "rowLabels": self.rows, "colLabels": self.columns}
         table = axes.table(cellColours=colours, cellLoc="center", bbox=axes.viewLim.unit(), **texts)  # type: ignore[arg-type]
-        for cell in table.get_celld().values():
-            cell.set_edgecolor("white")
-        return 1.0 + CELL_IN * len(self.rows)
+        for (row, _), cell in table.get_celld().items():
+            cell.set(edgecolor="white", height=cell.get_height() * (1.0 if row else 1.6))  # a heading has two lines
+        return 1.2 + CELL_IN * len(self.rows)
 
 
 Picture = Plot | Bars | Grid
@@ -176,24 +179,10 @@ def study_of(name: str, title: str, sections: Sequence[Section], **data: object)
     return Study(findings, all(section.passed for section in sections), parts, name, title, data)
 
 
-COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7F3C8D", "#4D4D4D"]
 MARKERS = "osD^vPX*>"  # one more than colours, which colour-blind readers tell apart (Okabe & Ito 2008, and two more)
 CELL: dict[Mark, str] = {"good": "#BFE3CF", "bad": "#F2B6A0", "best": "#8CCBA8", "dim": "#EEEEEE", "": "#FFFFFF"}
 WIDTH_IN, HEIGHT_IN, BAR_IN, CELL_IN = 8.4, 4.6, 0.2, 0.3
-MATPLOTLIB: Values = {
-    **{"font.size": 9.5, "axes.prop_cycle": f"cycler('color', {COLOURS})", "axes.axisbelow": True},
-    **{"axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.color": "#E4E4E4"},
-    **{"errorbar.capsize": 2, "legend.frameon": False, "svg.fonttype": "none", "svg.hashsalt": "mitsuba_sensor"},
-}  # text stays text, equal studies give equal files
-STYLE = """
-body { font: 15px/1.5 system-ui, sans-serif; color: #222; max-width: 76rem; margin: 2rem auto; padding: 0 1.2rem; }
-h1 { font-size: 1.5rem; } h2 { font-size: 1.1rem; margin: 2rem 0 .4rem; }
-.note, footer { color: #555; font-size: .9rem; } .wide { overflow-x: auto; } svg { max-width: 100%; height: auto; }
-table { border-collapse: collapse; font-size: .86rem; font-variant-numeric: tabular-nums; }
-th, td { text-align: left; vertical-align: top; padding: .18rem .7rem .18rem 0; border-bottom: 1px solid #ddd; }
-td.number { text-align: right; white-space: nowrap; }
-.good { background: #e3f3ea; } .bad { background: #f9d9cc; } .best { background: #bfe3cf; } .dim { color: #888; }
-""".strip()
+LOOK = read_toml(Path(__file__).with_name("page.toml"))  # CSS of the page, and Matplotlib's settings
 ORIGIN = ("command", "scene", "camera", "exposure", "machine", "versions", "seconds", "date")  # at the foot of the page
 
 
@@ -204,7 +193,7 @@ def html(study: Study) -> str:
     made = "".join(f"<div>{name}: {escape(text(study.data[name]))}</div>" for name in ORIGIN if name in study.data)
     return (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(study.title)}</title>\n'
-        f"<style>\n{STYLE}\n</style></head><body>\n<h1>{escape(study.title)}</h1>\n"
+        f"<style>\n{LOOK['css'].strip()}\n</style></head><body>\n<h1>{escape(study.title)}</h1>\n"
         f'<p><strong class="{mark}">{verdict}</strong></p>\n<ul>{findings}</ul>\n'
         f"{''.join(map(_part, study.parts))}<footer>{made}</footer>\n</body></html>\n"
     )
@@ -260,7 +249,7 @@ def _drawn(picture: Picture, kind: str, metadata: Values | None = None) -> bytes
     from matplotlib.figure import Figure
 
     buffer = io.BytesIO()
-    with matplotlib.rc_context(MATPLOTLIB):  # type: ignore[arg-type]
+    with matplotlib.rc_context(LOOK["matplotlib"]):
         figure = Figure(figsize=(WIDTH_IN, HEIGHT_IN))
         axes = figure.subplots()
         figure.set_figheight(picture._draw(axes))  # which knows how high it has to be

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 from rich.console import Console
 
-from mitsuba_sensor.cli.studies import LONGEST, seconds_bar, sheet
+from mitsuba_sensor.cli.terminal import LONGEST, seconds_bar, study_sheet
 from mitsuba_sensor.io.files import to_json
 from mitsuba_sensor.study.page import (
     Bars,
@@ -118,7 +118,7 @@ def test_study_json_holds_the_numbers_of_every_part() -> None:
 
 def shown(found: Study) -> str:
     console = Console(record=True, width=140, file=io.StringIO())
-    console.print(sheet(found, "here/study.html", console.width))
+    console.print(study_sheet(found, "here/study.html", console.width))
     return console.export_text()
 
 
@@ -153,7 +153,7 @@ def test_a_wide_table_shows_the_columns_that_fit_and_says_so(width: int, columns
     names = tuple(f"column {i:02}" for i in range(12))
     table = Table("wide", names, (tuple("1234567890" for _ in names),))
     console = Console(record=True, width=width, file=io.StringIO())
-    console.print(sheet(study(table), "here", console.width))
+    console.print(study_sheet(study(table), "here", console.width))
     said = console.export_text()
     assert said.count("1234567890") == columns
     assert (f"{12 - columns} more columns" in " ".join(said.split())) == (columns < 12)

@@ -20,13 +20,14 @@ from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.errors import InputError
+from mitsuba_sensor.lab.estimators import slope_of_runs
 from mitsuba_sensor.render.bands import choose_bands
 from mitsuba_sensor.render.passes import MOST_IN_ALL, pass_plan
 from mitsuba_sensor.render.prepared import prepare
 from mitsuba_sensor.render.renderer import Renderer
 from mitsuba_sensor.render.stop_criterion import StopCriterion
 from mitsuba_sensor.render.variants import Variant
-from mitsuba_sensor.study.kit import Kit, Subject, slope_of_runs
+from mitsuba_sensor.study.kit import Kit, Subject
 from mitsuba_sensor.study.page import Plot, Section, Study
 from mitsuba_sensor.study.work_precision import errors as errors_module
 from mitsuba_sensor.study.work_precision import render as render_module

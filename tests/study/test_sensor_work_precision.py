@@ -20,13 +20,14 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.core.backend import NUMPY_FLOAT32
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.llvm import backend_problem
+from mitsuba_sensor.lab.estimators import Spread, ratio, spread
 from mitsuba_sensor.sensor.chain import chain
 from mitsuba_sensor.sensor.checks import as_photons
 from mitsuba_sensor.sensor.effects.shot_noise import ShotNoise
 from mitsuba_sensor.study import frames as study_frames
 from mitsuba_sensor.study import kit as study_kit
 from mitsuba_sensor.study.frames import Replicas, averages, expected_moments, resized
-from mitsuba_sensor.study.kit import Kit, Step, Subject, one_turn, ratio, spread
+from mitsuba_sensor.study.kit import Kit, Step, Subject, one_turn
 from mitsuba_sensor.study.page import Plot, Section, Table
 from mitsuba_sensor.study.work_precision import sensor as measured
 from mitsuba_sensor.study.work_precision.sensor import Results, Sensor, change
@@ -341,7 +342,7 @@ def test_a_task_that_works_several_times_is_divided() -> None:
 
 def test_a_ratio_is_the_median_of_the_turns_own_and_a_spread_has_their_quartiles() -> None:
     assert ratio([2.0, 30.0, 4.0], [1.0, 10.0, 1.0]) == 3.0
-    assert spread([1.0, 2.0, 3.0, 4.0, 5.0]) == study_kit.Spread(2.0, 3.0, 4.0)
+    assert spread([1.0, 2.0, 3.0, 4.0, 5.0]) == Spread(2.0, 3.0, 4.0)
 
 
 # The whole side

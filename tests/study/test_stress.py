@@ -1,7 +1,7 @@
 """Stiff and extreme cases: every one gives the right number or one clear sentence, never a NaN, a hang or a wrap.
 
 The cases are those of ``mitsuba-sensor study stress``, asked theme by theme of every engine on this machine. Seeds are
-fixed. Of about 1600 comparisons of averages, each with 5 standard errors (6e-7), other seeds would fail one in 1000.
+fixed. Of about 1700 comparisons of averages, each with 5 standard errors (6e-7), other seeds would fail one in 1000.
 """
 
 from __future__ import annotations

@@ -9,11 +9,12 @@ from functools import cache, partial
 from pathlib import Path
 
 from ...core import InputError, require, require_seed
+from ...lab.estimators import as_normal, spread, z_limit
 from ...render.requirements import render_requirements
 from ...render.stop_criterion import stop_criterion_of
 from ...sensor.gains import gain_dn_per_e
 from ..frames import QUANTITIES, Replicas
-from ..kit import Kit, Known, Step, Subject, Values, as_normal, spread, z_limit
+from ..kit import Kit, Known, Step, Subject, Values
 from ..page import Bars, Mark, MarkedRow, Part, Section, Study, Table, study_of, table
 from .render import AOVS, APERTURE, ERROR_BARS, WHOLE_RENDERS, measures
 from .sensor import CALL_S, DETECTION, KERNEL_S, LOOKED_AT, PLAN, SENSORS, SHAPE, WHOLE, SensorAblation, SensorResults
@@ -69,9 +70,7 @@ def ablation(
 
 def sensor_section(results: SensorResults, replicas: Replicas, tolerance_dn: float) -> Section:
     """What the sensor shows. passed : theory and frames agree, and the plan keeps to its tolerance."""
-    keeps = (
-        results.theory["cases"][PLAN]["worst_dn"] <= 1.05 * tolerance_dn + 1e-9
-    )  # between the levels that it looks at
+    keeps = results.theory["cases"][PLAN]["worst_dn"] <= 1.05 * tolerance_dn + 1e-9  # between the plan's levels
     parts: tuple[Part, ...] = _changes(results, replicas), _costs(results), *_sensor_bars(results, tolerance_dn)
     return Section(tuple(_sensor_findings(results, tolerance_dn)), results.agree and keeps, parts)
 

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from ...lab.estimators import standard_error
 from ...optics.f_number_law import solid_angle_sr
 from ...render.aovs import render_aovs
 from ...render.irradiance import Irradiance
@@ -17,7 +18,7 @@ from ...render.prepared import PreparedRender
 from ...render.requirements import direct_integrator, grouped_electrons, without_depth_of_field, without_indirect_light
 from ...render.stop_criterion import StopCriterion
 from ...sensor.gains import gain_dn_per_e
-from ..kit import Array, Known, Subject, Values, in_turns, one_turn, standard_error
+from ..kit import Array, Known, Subject, Values, in_turns, one_turn
 from .sensor import FEWEST_PIXELS, WORST
 
 WHOLE_RENDERS = 3  # with and without error bars: no pass of the one is one of the other

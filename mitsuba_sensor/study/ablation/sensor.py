@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core import Exposure, Frame, Photons
+from ...lab.estimators import Spread, as_normal, spread, standard_error, z_limit
 from ...render.irradiance import Irradiance
 from ...render.photons import collect
 from ...sensor.camera import Camera
@@ -19,7 +20,7 @@ from ...sensor.run import choose_backend
 from ...sensor.stage import Chain, sample, without
 from .. import frames
 from ..frames import QUANTITIES, Illuminated, Replicas
-from ..kit import Array, Kit, Spread, Step, Subject, Task, Values, as_normal, in_turns, spread, standard_error, z_limit
+from ..kit import Array, Kit, Step, Subject, Task, Values, in_turns
 from ..page import Mark
 
 WHOLE, PLAN, DETECTION = "whole chain", "the plan", "detection"
@@ -31,12 +32,7 @@ LOOKED_AT = 8  # frames, each of a sensor of its own, whose pixels are compared 
 SHAPE = {"numpy": (256, 512), "drjit": (1024, 1024)}  # of timed frames: one strip of NumPy's, enough for a kernel
 TURNS = {"numpy": 15, "drjit": 7}  # in each of which every chain makes frames
 RARE = 2.0  # events, the standard error where none was seen: of 3 · 2 expected, none is seen in 1 of 400 cases, 3 σ
-NUMPY_NS, DRJIT_NS, CALL_S, KERNEL_S = (
-    120.0,
-    12.0,
-    1.5e-3,
-    3.0,
-)  # at first: per pixel and frame, call of a chain, kernel
+NUMPY_NS, DRJIT_NS, CALL_S, KERNEL_S = 120.0, 12.0, 1.5e-3, 3.0  # at first: per pixel and frame; a chain, a kernel
 
 
 class Comparison(NamedTuple):

@@ -17,8 +17,9 @@ from ...sensor.datasheet_errors import fields_of
 from ..frames import QUANTITIES, expected_moments, in_dn
 from ..kit import Kit, Step
 from ..page import Bars, Grid, Mark, Section, Study, Table, study_of, table
-from . import light, volts, whole
-from .case import ENGINES, NAME, NO_ENGINE, RENDERERS, SCALAR, Engine, Got, Rows, table1
+from . import light, moments, volts, whole
+from .case import CASES as TABLES
+from .case import ENGINES, NO_ENGINE, RENDERERS, SCALAR, Engine, Got, Rows, table1
 
 ASKED = (NO_ENGINE, *ENGINES, *RENDERERS)  # columns of the grid
 GRID_NOTE = "No engine: formulas of single numbers, and what is refused before anybody computes. Not here: an engine "
@@ -27,7 +28,6 @@ SHOWN, BARS = 5, 3  # condition numbers of each camera in the table and in the p
 NOTICED_DN = 0.1  # A change of a mean that a careful measurement shows: a tenth of a code
 LEVELS = {"dark": 0.0, "10 %": 0.1, "50 %": 0.5, "90 %": 0.9}  # shares of the full well of the most sensitive filter
 EXPOSURES = (Exposure(0.1), Exposure(10.0))  # at 25 °C; the longer one lets the dark current fill a good part of a well
-CURVED = {**whole.NODE_OPTIONS, **whole.CURVES, "adc.bits": 16, "source_follower.rtn_uv": 100.0}
 UNUSED = ("name", "description", "sources", "lens", "sensor")  # by the chain: the lens is in the photons already
 
 
@@ -43,24 +43,27 @@ class Theme(NamedTuple):
 Case = tuple[str, str, str, str]  # theme, stage, input, what must come; no two have the first three in common
 Verdicts = dict[Case, dict[str, Got]]  # case → engine → what came
 Nudged = tuple[str, float | None, Camera, Photons, Exposure]  # input, its value, and everything with another input
-NOBODY = (NO_ENGINE,)
+NOBODY, COMPILED = (NO_ENGINE,), tuple(engine for engine in ENGINES if engine.compiler != "scalar")
 CASES: dict[str, list[tuple[Any, ...]]] = {  # of a theme; who is asked, and the seconds that one takes
     "light": [(whole.lights, ENGINES, 1.2), (whole.renderers_values, NOBODY), (whole.infinite_light,)],
     "exposure time": [(whole.times, ENGINES, 0.7)],
     "temperature": [(whole.temperatures, ENGINES, 0.7)],
     "Poisson means": [(light.poisson, ENGINES, 1.0)],
-    "full well": [(light.full_well,), (whole.no_exact_count, NOBODY)],
+    "full well": [(light.full_well,), (whole.no_exact_count, NOBODY), (moments.well_theory, NOBODY, 6.0)],
     "dark current": [(light.dark_current, NOBODY)],
     "fixed patterns": [(light.fixed_patterns, ENGINES, 1.0)],
-    "source follower": [(volts.follower_formulas, NOBODY), (volts.follower_in_camera,)],
+    "source follower": [(volts.follower_formulas, NOBODY), (moments.noted, NOBODY), (volts.follower_in_camera,)],
     "sense node": [(volts.sense_node,)],
-    "coupled columns": [(volts.column_formulas, NOBODY), (volts.columns,)],
-    "converter": [(volts.converter_refused, NOBODY), (volts.converter,), (volts.converter_curve,)],
+    "coupled columns": [(volts.column_formulas, NOBODY), (partial(moments.refused, "dsnu"), NOBODY), (volts.columns,)],
+    "converter": [(partial(moments.refused, "converter"), NOBODY), (volts.converter,), (volts.converter_curve,)],
     "radiance": [(light.radiances, RENDERERS, 1.5)],
     "samples per pixel": [(light.samples, RENDERERS, 2.0)],
-    "bands": [(light.bands, (SCALAR,), 0.6)],
+    "bands": [(light.bands, (SCALAR,), 0.6), (moments.merged_bands, (SCALAR,), 0.5)],
     "wavelength": [(light.wavelength_formulas, NOBODY), (light.wavelengths,)],
-    "refusals": [(whole.refusals, NOBODY)],
+    "refusals": [(whole.refusals, NOBODY), (partial(moments.refused, "refusals"), NOBODY), (moments.strangers, NOBODY)],
+    "edges and clips": [(moments.shots, ENGINES, 3.0), (moments.ends,)],
+    "defects": [(moments.defects,)],
+    "derivatives": [(moments.slopes, COMPILED, 5.0)],
     "whole frames": [(whole.whole_frames, ENGINES, 1.5), (whole.published_frames, NOBODY)],
     "frame sizes": [(whole.frame_sizes, ENGINES, 2.0)],
 }
@@ -174,7 +177,10 @@ class Sensitivity(NamedTuple):
 def sensitivities() -> list[Sensitivity]:
     """Every shipped camera, and Table 1 with all curves and with 24 bits; the strongest input first."""
     cameras = {name: load_camera(name) for name in list_cameras()}
-    cameras |= {"table 1, 16 bit, curved": load_camera(NAME).replace(**CURVED), "table 1, 24 bit": table1(adc__bits=24)}
+    cameras |= {
+        "table 1, 16 bit, curved": table1(adc__bits=16).replace(**TABLES["curved"]),
+        "table 1, 24 bit": table1(adc__bits=24),
+    }
     found = [one for name, camera in cameras.items() for e in EXPOSURES for one in of_camera(name, camera, e)]
     return sorted(found, key=lambda one: -one.largest_dn)
 
@@ -242,7 +248,7 @@ def conditions(found: Sequence[Sensitivity]) -> Section:
     """The inputs that move each camera's output most: in a sentence, as bars and in a table."""
     shipped, worst = next(one for one in found if one.camera in list_cameras()), found[0]
     beyond = " and ".join(dict.fromkeys(one.camera for one in found if one.largest_dn > NOTICED_DN))
-    only = f"only {beyond} goes beyond {NOTICED_DN:g} DN" if beyond else f"none exceeds {NOTICED_DN:g} DN"
+    only = f"only {beyond} can exceed {NOTICED_DN:g} DN" if beyond else f"none exceeds {NOTICED_DN:g} DN"
     of, at = (f"{one.field} of {one.camera}, {one.time_s:g} s, light {one.level}" for one in (shipped, worst))
     which = (
         f"One float32 step of an input moves an output of a shipped camera by {shipped.largest_dn:.2g} DN at most: "

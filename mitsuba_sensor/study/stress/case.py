@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from ... import Camera, Exposure, Frames, InputError, Stage, expose, load_camera
 from ...core import Array, Electrons, Float64Array, Frame, SensorWindow
 from ...core.llvm import backend_problem, drjit
+from ...io.files import read_toml
 from ...sensor.run import choose_backend
 from ...sensor.stage import sample, total
 
@@ -18,6 +20,7 @@ SIGMAS = 5.0  # standard errors that averages may be off: chance exceeds it in 6
 RARE = 5.0  # counts more than a mean far below one explains: chance makes as many in one of a million cases
 TENTH = Exposure(0.1)
 NAME = "konnik_table1"
+CASES = read_toml(Path(__file__).with_name("cases.toml"))
 
 
 class Got(NamedTuple):

@@ -22,6 +22,7 @@ from ...render.scene import load_scene
 from ...render.variants import MitsubaObject, choose_variant, mitsuba, use
 from ...sensor.effects.dark_current import mean_dark_e
 from ...sensor.stage import propagate
+from .case import CASES as TABLES
 from .case import RARE, SIGMAS, TENTH, Engine, Rows, agree, holds, relative, shown, stage_of, table1, to_numpy, together
 
 SKY = Path(__file__).with_name("sky.xml")
@@ -231,10 +232,6 @@ def dark_current(_: Engine) -> Rows:
 
 
 SHAPE, ONE_SECOND, TENTHS = (256, 256), Exposure(1.0, 300.0), np.arange(1, 10) / 10
-FAMILIES = {
-    **{"normal, cut at 0": "gaussian", "log-normal": "lognormal", "gamma": "gamma", "inverse Gaussian": "wald"},
-    **{"logistic, cut at 0": "logistic", "normal, neighbours coupled by 0.25": "ar", "PRNU": ""},
-}
 SLIGHT = (5e-324, 1e-150, 1e-9)
 FARTHEST = 25.0  # σ of the widest tail, the logistic one's: ln(2³³)·√3/π = 12.6, and as many for coupled neighbours
 HEAVY = {  # at a width of 10 a few pixels carry the mean, which does not converge: shares of pixels are looked at
@@ -263,7 +260,7 @@ def of_family(engine: Engine, option: str, cv: float) -> tuple[Array, float, flo
 
 def fixed_patterns(engine: Engine) -> Rows:
     """Every family at every width. Shapes are cv⁻² and would overflow; variances are differences and would cancel."""
-    for family, option in FAMILIES.items():
+    for family, option in TABLES["families"].items():
         stage, answers, near = "dark current" if option else "prnu", [], []
         for cv in (0.0, 0.01, 0.4, 1.0, 10.0):
             x, exact, variance = of_family(engine, option, cv)

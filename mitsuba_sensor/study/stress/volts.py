@@ -5,15 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from decimal import Decimal, localcontext
-from functools import partial
 
 import numpy as np
 
 from ... import Exposure
 from ...core import Array, distributions
+from ...lab.estimators import standard_error
 from ...sensor.effects.source_follower_noise import CdsNoise, flicker_integral
-from ..kit import standard_error
-from .case import SIGMAS, Engine, Rows, agree, holds, refusal, relative, shown, stage_of, table1, together
+from .case import SIGMAS, Engine, Rows, agree, holds, relative, shown, stage_of, table1, together
 
 DIGITS = 120  # A float64 has up to 75 of them, so that even τ_RTN/2 is exact
 EULER_GAMMA = Decimal("0.57721566490153286060651209008240243104215933593992359880576723")  # γ_E (DLMF 5.2.3)
@@ -119,9 +118,6 @@ def column_formulas(_: Engine) -> Rows:
         left = np.delete(h[1:-1] - a * (h[:-2] + h[2:]), margin - 1)
         got = agree([h @ h, h[1:] @ h[:-1], np.abs(left).max()], [1.0, 2 * a, 0.0], 1e-9)
         yield "dsnu column", f"a = {shown(a)}, one impulse", "variance 1, ρ₁ = 2a, to 1e-9", got
-    for a in (0.5, 0.49991, 1.0, -1e-9):
-        got = refusal("readout.dsnu_col_coupling is", partial(table1, readout__dsnu_col_coupling=a))
-        yield "dsnu column", f"a = {shown(a)}", "refused: at ½ columns have no finite variance", got
 
 
 def columns(engine: Engine) -> Rows:
@@ -134,15 +130,6 @@ def columns(engine: Engine) -> Rows:
         pairs = (variance, 1.0), (covariance, 2 * a)
         got = together(*(agree(y.mean(), exact, SIGMAS * standard_error(y)) for y, exact in pairs))
         yield "dsnu column", f"a = {shown(a)}, 262 144 columns", "variance 1, ρ₁ = 2a, within 5 standard errors", got
-
-
-def converter_refused(_: Engine) -> Rows:
-    """Bits and curves that there are not."""
-    for bits in (0, 25, -1):
-        yield "adc", f"{bits} bit", "refused", refusal("adc.bits is", partial(table1, adc__bits=bits))
-    for name, gamma in (("e", math.e), ("3", 3.0)):
-        got = refusal("adc.gamma is", partial(table1, adc__gamma=gamma))
-        yield "integral nonlinearity", f"γ = {name}", "refused: not monotone", got
 
 
 def converter(engine: Engine) -> Rows:

@@ -20,21 +20,14 @@ from ...io.files import to_json
 from ...render.passes import clean
 from ...sensor.chain import black_level_dn
 from ...sensor.gains import adc_gain_dn_per_v
+from .case import CASES as TABLES
 from .case import NAME, RARE, SIGMAS, TENTH, Engine, Rows, agree, holds, refusal, shown, table1, to_numpy, together
 
 SHAPE, TILE = (64, 64), (2, 2)  # 5 standard errors are 8 % of a pixel's σ, 60 % of a column's; theory has one tile
 COMPARED = 1e-2 * FLOAT32_LIMIT  # engines count no further than the limit; no pixel's share of an FPN is a hundredth
-NODE_OPTIONS = {"readout.reset": "hard", "readout.dsnu_row": 5e-4, "readout.prnu_col": 2e-3, "pixel.dsnu_e": 20.0}
-CURVES = {"readout.ve_nonlinearity": 0.5, "source_follower.vv_nonlinearity": 1.05, "adc.gamma": 1.04}
 EVERY_OPTION = "every option"
-OPTIONS: dict[str, object] = {
-    **(NODE_OPTIONS | CURVES | {"adc.dnl_lsb": {"100": 0.7, "511": -1.0, "900": 0.3}}),
-    **{"pixel.prnu_distribution": "lognormal", "dark_current.distribution": "gamma", "dark_current.cv": 0.1},
-    **{"dark_current.rts_fraction": 0.2, "dark_current.rts_amplitude_e_per_s": 900.0},
-    **{"dark_current.rts_switching": 0.5, "quantum_efficiency.quantum_yield": [2.3, 1.1]},
-    **{"source_follower.rtn_uv": 100.0, "source_follower.gain": 0.9, "readout.cds_gain": 2.0},
-}  # every stage that a camera may have, all of them at once, on Table 1
-CAMERAS = {name: load_camera(name) for name in list_cameras()} | {EVERY_OPTION: load_camera(NAME).replace(**OPTIONS)}
+CAMERAS = {name: load_camera(name) for name in list_cameras()}
+CAMERAS[EVERY_OPTION] = load_camera(NAME).replace(**TABLES["curved"], **TABLES["options"])
 
 
 def reference_qe(camera: Camera) -> Float64Array:
@@ -117,12 +110,7 @@ temperatures = partial(extremes, "1000 photons, {}", WARMTH, {"600 and 1e4 K": (
 
 WRONG_S = (math.nan, math.inf, -math.inf, -1e-300, -1.0, 1.1e12, "0.1", None, [0.1])
 WRONG_K = (math.nan, math.inf, -1e-9, -273.15, 1.001e4, 1e9, "cold")
-DIVISORS = (
-    *("pixel.pitch_x_um", "source_follower.cds_sample_s", "source_follower.cds_dominant_s", "source_follower.rtn_s"),
-    *("source_follower.gain", "readout.sense_gain_uv_per_e", "readout.cds_gain", "readout.v_ref_v", "adc.full_scale_v"),
-)
-SMALLEST = {**dict.fromkeys(DIVISORS, 1e-30), "pixel.full_well_e": 1.0}  # what is divided by, and how small it may be
-NEEDED = {"rtn_s": {"source_follower.rtn_uv": 100.0}, "v_ref_v": {"readout.ve_nonlinearity": 1.0}}  # to divide by them
+SMALLEST, NEEDED = TABLES["smallest"], TABLES["needed"]
 CORNERS = ("0", "0", "0"), ("1e-320", "1e-12", "5e-324"), ("1e150", "1e12", "1e4"), ("+inf", "1e6", "600")
 EDGES = {f"{n} photons, {t} s, {k} K": (float(n), Exposure(float(t), float(k))) for n, t, k in CORNERS}
 
@@ -218,14 +206,17 @@ def published_frames(_: Engine) -> Rows:
 
 
 def no_exact_count(_: Engine) -> Rows:
-    """Beyond 2^24 the precision that nobody chose."""
-    light, camera = np.ones((2, 2)), table1(pixel__full_well_e=5e7)
-    found = expose(light, camera, Exposure(0.0), engine="numpy").first.window.backend.precision
-    compiled = partial(expose, light, camera, Exposure(0.0), engine="drjit")
-    refused = refusal("compiled engines are float32: take numpy, or precision float32", compiled)
-    got = holds(f"NumPy takes {found}; {refused.text}", found == "float64", refused.passed)
-    expected = "float64 on NumPy; a compiled engine says that it has none"
-    yield "expose", "5e7 e- without a precision", expected, got
+    """Electrons beyond 2^24, and codes beyond 2^23: the precision that nobody chose."""
+    cameras = {"23 bit": table1(adc__bits=23), "24 bit": table1(adc__bits=24), "5e7 e-": table1(pixel__full_well_e=5e7)}
+    for given, camera in cameras.items():
+        exposed = partial(expose, np.ones((2, 2)), camera, Exposure(0.0))
+        found, exact = exposed(engine="numpy").first.window.backend.precision, given != "23 bit"
+        refused = refusal("compiled engines are float32: take numpy" * exact, partial(exposed, engine="drjit"))
+        got = holds(
+            f"NumPy takes {found}; {refused.text}", found == ("float64" if exact else "float32"), refused.passed
+        )
+        expected = "float64 on NumPy; a compiled engine says that it has none"
+        yield "expose", f"{given} without a precision", expected if exact else "float32", got
 
 
 def frame_sizes(engine: Engine) -> Rows:

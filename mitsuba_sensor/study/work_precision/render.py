@@ -14,12 +14,13 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from ...core import InputError, Photons, require
+from ...lab.estimators import Slope, slope_of_runs
 from ...render.denoise import library
 from ...render.passes import FEWEST, MOST_IN_ALL, SAMPLER
 from ...render.photons import collect
 from ...render.stop_criterion import stop_criterion_of
 from ...render.variants import use
-from ..kit import Array, Kit, Slope, Step, Subject, slope_of_runs
+from ..kit import Array, Kit, Step, Subject
 from . import errors
 from .errors import DENOISED, PLAIN, Ladder, Rung, Target
 from .settings import Choice, RenderSetting, Series, all_settings, usable_variants

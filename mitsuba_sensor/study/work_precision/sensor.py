@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from ...core import Photons
+from ...lab.estimators import pareto, ratio, spread
 from ...sensor.checks import as_photons
 from ...sensor.plan import plan
 from ...sensor.precision import LARGEST_DN, SHARE
 from ...sensor.stage import Chain
 from .. import frames
-from ..kit import Array, Kit, Numbers, Step, Subject, Values, one_turn, pareto, ratio, spread
+from ..kit import Array, Kit, Numbers, Step, Subject, Values, one_turn
 from .settings import GAUSSIAN, GENERATOR, MEAN_ONLY, OWN, QUANTILE, REFERENCE, FrameSetting, drawn_law
 
 ENGINES = ("numpy", "drjit", "cuda")

@@ -8,8 +8,8 @@ from itertools import starmap
 
 import numpy as np
 
+from ...lab.estimators import ratio
 from .. import frames
-from ..kit import ratio
 from ..page import Mark, MarkedRow, Plot, Section, Table, line, ringed, table
 from . import sensor as measured
 from .sensor import LEAST_DN, SINGLE, Results

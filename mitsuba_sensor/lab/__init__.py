@@ -1,0 +1,1 @@
+"""Estimators: numbers in, quantities with intervals out; knows no simulator."""
