@@ -248,9 +248,11 @@ ONCE_WRONG = {
     17: "full wells between two codes",
     33: "read noise 14 wells, non-linear",
     40: "1 bit, DSNU 7 DN, non-linear",
+    226: "RTS pixels, DSNU of many code ranges",
     339: "2 bit, DSNU 2 DN on two curves",
     498: "7 bit, DSNU 16 DN on a curve",
     549: "a curve that falls again",
+    1017: "RTS pixels of 6 full wells, DSNU 18 DN",
 }
 """Random cases that an earlier theory had wrong."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 import scipy
@@ -18,8 +18,16 @@ from .pixel_law import COARSE, FINE, PixelLaw, Quantiles
 class Average(Protocol):
     """(nodes, stages, 3), mean and variances behind some stages → the same in front of one of them."""
 
-    def averaged(self, values: Float64Array) -> Float64Array:
-        """Means average; the spread of the means adds to a variance."""
+    @property
+    def has_states(self) -> bool:
+        """Whether pixels switch between states."""
+
+    def averaged(self, values: Float64Array, modes: Float64Array | None = None) -> Float64Array:
+        """Means average; the spread of the means adds to a variance.
+
+        modes : (nodes, J) how the mean behind the last stage follows the fixed offsets there, at J of them; without
+            them all states of a pixel are taken to follow in the same way.
+        """
 
 
 def average_over(law_at: Callable[[Quantiles], PixelLaw], nodes: Float64Array, end_e: float, gap_e: float) -> Average:
@@ -47,13 +55,18 @@ class ByQuantiles:
     matrix: scipy.sparse.csr_array
     nodes: int
 
+    @property
+    def has_states(self) -> bool:
+        """Whether pixels switch between states."""
+        return self.law.states.size > 1
+
     @classmethod
     def of(cls, law: PixelLaw, nodes: Float64Array) -> ByQuantiles:
         """Look-ups at gain·x + offset for every node, kind and state."""
         at = np.maximum(law.gains * nodes[:, None, None] + law.offsets, 0.0)
         return cls(law, interpolation(nodes, at.ravel()), nodes.size)
 
-    def averaged(self, values: Float64Array) -> Float64Array:
+    def averaged(self, values: Float64Array, modes: Float64Array | None = None) -> Float64Array:
         """What is fixed is shared by all states of a pixel."""
         weights, states = self.law.weights, self.law.states
         found = (self.matrix @ values.reshape(self.nodes, -1)).reshape(self.nodes, weights.size, states.size, -1, 3)
@@ -61,7 +74,13 @@ class ByQuantiles:
         own = np.einsum("nkst,s->nkt", mean, states)
         flicker = np.einsum("nkst,s->nkt", temporal + (mean - own[:, :, None]) ** 2, states)
         spatial = np.maximum(spatial, 0.0)
-        shared = np.einsum("nkst,s->nkt", np.sqrt(spatial), states) ** 2
+        sigma = np.sqrt(spatial)
+        shared = np.einsum("nkst,s->nkt", sigma, states) ** 2
+        if modes is not None and states.size > 1:
+            seen = (self.matrix @ modes).reshape(self.nodes, weights.size, states.size, -1)
+            seen /= np.maximum(np.sqrt(np.einsum("nksj,nksj->nks", seen, seen)), 1e-150)[..., None]
+            together = np.einsum("nksj,nks,s->nkj", seen, sigma[..., -1], states)
+            shared[..., -1] = np.minimum(np.einsum("nkj,nkj->nk", together, together), shared[..., -1])
         flicker += np.maximum(np.einsum("nkst,s->nkt", spatial, states) - shared, 0.0)  # steps that offsets change
         average = np.einsum("nkt,k->nt", own, weights)
         spread = np.einsum("nkt,k->nt", shared + (own - average[:, None]) ** 2, weights)
@@ -81,6 +100,7 @@ class ByDistribution:
     second: Float64Array
     below: Float64Array
     above: Float64Array
+    has_states: ClassVar[bool] = False
 
     @classmethod
     def of(cls, law: PixelLaw, nodes: Float64Array, of_gains: bool) -> ByDistribution:
@@ -108,7 +128,7 @@ class ByDistribution:
         weights = mass - first, first, mass - 2 * first + second, 2 * (first - second), second
         return tuple(scipy.sparse.csr_array(x) for x in weights)
 
-    def averaged(self, values: Float64Array) -> Float64Array:
+    def averaged(self, values: Float64Array, modes: Float64Array | None = None) -> Float64Array:
         """Mean and variances in front of the stage."""
         flat = values.reshape(values.shape[0], -1)
         lower, upper, below, both, above = self._weights

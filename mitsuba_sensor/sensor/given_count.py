@@ -30,6 +30,9 @@ AT_ONCE, MOST, GROUPS, LEAST = 2**18, 1e6, 6, 6
 """Codes that are looked at together, at most for one group of means, how many groups there are, and the least number
 of distances between the quantiles of the offsets."""
 
+MODES: Float64Array = np.linspace(-4.5, 4.5, 37)
+"""Offsets [σ] at which the codes of the states of a pixel are compared."""
+
 SURE = 9.0
 """A signal so many σ beyond the last step of the converter has the largest code."""
 
@@ -128,6 +131,21 @@ class GivenCount:
                 found[some] = _over_offsets(self.converter, part[:, used], swing, used, step)
         return found
 
+    def modes(self, law: scipy.sparse.csr_array) -> Float64Array | None:
+        """(rows of the law, J): how the mean code follows the fixed offsets, at some of them, times √ of their weights.
+
+        None without offsets.
+        """
+        swing = Swing.behind(self.stages[:-1], self.converter, self.counts, self.conditions)
+        mean, temporal, spatial = swing.parts
+        if not spatial.any():
+            return None
+        chance = np.exp(-0.5 * MODES**2) / np.exp(-0.5 * MODES**2).sum()
+        weights = np.outer(swing.fixed, chance).ravel()
+        code, _ = _codes(self.converter, swing, mean, temporal, spatial, MODES)
+        found = law @ code
+        return np.asarray((found - (found @ weights)[:, None]) * np.sqrt(weights))
+
     def _entering(self, counts: Float64Array) -> Moments:
         return Moments(counts, 0.0, 0.0, self.conditions)
 
@@ -185,9 +203,26 @@ def _over_offsets(
     if z.size > 1:
         z = z / np.sqrt(chance @ z**2)  # of variance 1, wherever it is cut
     weights = np.outer(swing.fixed, chance).ravel()
+    code, square = _codes(converter, swing, mean, temporal, spatial, z)
+    first = law @ code
+    own = np.maximum(law @ square - first**2, 0.0)
+    average = first @ weights
+    return np.stack([average, own @ weights, (first - average[:, None]) ** 2 @ weights], axis=1)
+
+
+def _codes(
+    converter: Converter,
+    swing: Swing,
+    mean: Float64Array,
+    temporal: Float64Array,
+    spatial: Float64Array,
+    z: Float64Array,
+) -> tuple[Float64Array, Float64Array]:
+    """Mean code and mean square of the code of every count, for each kind of pixels at each offset [σ]."""
     farthest = mean - SURE * (np.sqrt(temporal) + np.sqrt(spatial))
     full = converter.black_level_dn + converter.gain_dn_per_v * farthest.min(axis=(1, 2)) > converter.last_step_dn
-    code, square = np.full((2, mean.shape[0], weights.size), [[[converter.highest]], [[converter.highest**2]]], float)
+    kinds = swing.fixed.size * z.size
+    code, square = np.full((2, mean.shape[0], kinds), [[[converter.highest]], [[converter.highest**2]]], float)
     rows = np.flatnonzero(~full)
     for some in np.array_split(rows, min(rows.size * mean[0].size * z.size // AT_ONCE + 1, rows.size) or 1):
         if not some.size:
@@ -198,7 +233,4 @@ def _over_offsets(
         for found, values in ((code, first), (square, variance + first**2)):
             over_time = values[:, 0] if swing.temporal.size == 1 else np.einsum("ct...,t->c...", values, swing.temporal)
             found[some] = over_time.reshape(some.size, -1)
-    first = law @ code
-    own = np.maximum(law @ square - first**2, 0.0)
-    average = first @ weights
-    return np.stack([average, own @ weights, (first - average[:, None]) ** 2 @ weights], axis=1)
+    return code, square

@@ -168,7 +168,9 @@ class Theory:
         for stage, average in reversed(self._laws):
             behind = [number for number in numbers if number >= stage]
             if behind:
-                values = average.averaged(np.stack([found[number] for number in behind], axis=1))
+                of_codes = stage == self._laws[-1][0] and behind[-1] == len(self.stages) - 1
+                modes = self._given.modes(self._law) if of_codes and average.has_states else None
+                values = average.averaged(np.stack([found[number] for number in behind], axis=1), modes)
                 found.update((number, values[:, k]) for k, number in enumerate(behind))
         return found
 
