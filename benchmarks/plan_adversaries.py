@@ -91,8 +91,12 @@ def result(one: Case, with_frames: bool) -> Result:
 
 
 def by_theory(one: Case, plan: ms.Plan) -> dict[str, float]:
-    """Change of mean, and roots of the changes of the variances, at all levels that occur, over the tolerance."""
-    out = without(plan.whole, plan.stages)
+    """Change of mean, and roots of the changes of the variances, at all levels that occur, over the tolerance.
+
+    Stages that change nothing stay in both: frames without them are the same, and the sums of the theory are rounded.
+    """
+    idle = {effect.stage for effect in plan.effects if not effect.kept and not effect.largest_dn}
+    out = [stage for stage in without(plan.whole, plan.stages) if stage.label not in idle]
     most = np.zeros(3)
     for levels in light_levels(plan.light):
         theory = Theory.of(plan.whole, plan.frame, levels.kind)

@@ -113,9 +113,8 @@ class NumpyFloat32(Backend):
 
     def from_numpy(self, values: Array, window: SensorWindow) -> Array:
         """The nearest float32s."""
-        with np.errstate(over="ignore"):
-            single = np.array(values, dtype=np.float32)
-        return np.minimum(single, np.float32(FLOAT32_LIMIT), out=single)
+        single = np.empty(np.shape(values), dtype=np.float32)
+        return np.minimum(values, FLOAT32_LIMIT, out=single, casting="same_kind")
 
     uniform = staticmethod(quantiles.uniform)
     normal = staticmethod(quantiles.normal)
