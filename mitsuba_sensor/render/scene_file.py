@@ -24,12 +24,16 @@ OWN_PLUGINS = ("camera", "photosensor")
 
 @dataclass(frozen=True, eq=False)
 class SceneFile:
-    """A parsed scene: Mitsuba's parser state, whose nodes[0] is the scene, and values for its ``<default>`` names."""
+    """A parsed scene: Mitsuba's parser state, whose nodes[0] is the scene, and values for its ``<default>`` names.
+
+    resolver : finds meshes and textures beside the file and in the folders that its ``<path>`` elements name.
+    """
 
     path: Path
     config: MitsubaObject
     state: MitsubaObject
     values: Mapping[str, str]
+    resolver: MitsubaObject
 
     @property
     def root(self) -> MitsubaObject:
@@ -78,7 +82,7 @@ class SceneFile:
         """The scene itself; raises InputError for whatever is missing or wrong."""
         mi = mitsuba()
         state = mi.parser.ParserState(self.state)  # a copy, because the transforms leave nothing where it was
-        with folder_of(self.path), as_input_error(self.path):
+        with searching(self.resolver), as_input_error(self.path):
             mi.parser.transform_all(self.config, state)
             built = mi.parser.instantiate(self.config, state)
         return built[0] if isinstance(built, list) else built
@@ -98,23 +102,24 @@ def parse_scene(path: str | os.PathLike[str], parameters: Mapping[str, object]) 
         raise InputError(f"scene {file.name!r} has no parameter {unknown!r}; {has}.{nearest(unknown, known)}")
     config = mi.parser.ParserConfig(mi.variant() or "scalar_spectral")
     config.merge_meshes = False  # a merged mesh has lost its name: nothing could move or number it
-    with folder_of(file), as_input_error(file):
+    beside = type(mi.file_resolver())(mi.file_resolver())
+    beside.prepend(str(file.resolve().parent))
+    with searching(beside), as_input_error(file):
         state = mi.parser.parse_file(config, str(file), **values)
         mi.parser.transform_upgrade(config, state)
         mi.parser.transform_resolve(config, state)
+        resolver = mi.file_resolver()
     if state.nodes[0].type != mi.ObjectType.Scene:
         raise InputError(f'{file.name!r} holds no scene; its outermost element must be <scene version="3.0.0">.')
-    return SceneFile(file, config, state, values)
+    return SceneFile(file, config, state, values, resolver)
 
 
 @contextlib.contextmanager
-def folder_of(file: Path) -> Iterator[None]:
-    """Let Mitsuba find meshes and textures beside the scene file inside the ``with`` block."""
+def searching(resolver: MitsubaObject) -> Iterator[None]:
+    """Let Mitsuba find files with this resolver inside the ``with`` block."""
     mi = mitsuba()
     before = mi.file_resolver()
-    extended = type(before)(before)
-    extended.prepend(str(file.resolve().parent))
-    mi.set_file_resolver(extended)
+    mi.set_file_resolver(resolver)
     try:
         yield
     finally:

@@ -14,7 +14,7 @@ from typing import Any
 from ..core import Exposure, InputError, nearest, require, require_seed
 from ..sensor.camera import Camera, list_cameras, load_camera, toml_value
 from .bands import SPECTRAL
-from .scene_file import SceneFile, folder_of, parse_scene
+from .scene_file import SceneFile, parse_scene, searching
 from .variants import MitsubaObject, Variant, choose_variant, mitsuba, use
 
 FILM, SENSOR = "photosensor", "camera"  # plugin names of the two elements
@@ -84,7 +84,7 @@ def settings_of(scene: SceneFile) -> SceneSettings:
         node = film
         if film is not None and film.props.plugin_name() == FILM:
             _check_names(film.props, (*FILM_FIELDS, *(name for name in film.props if "." in name)))  # a camera's field
-            with folder_of(scene.path):
+            with searching(scene.resolver):
                 of_film = film_fields_of(film.props)
             settings_from(of_film, {})  # its errors are located at the film
         node = sensor

@@ -175,6 +175,22 @@ def test_assets_beside_the_scene_are_found_and_the_search_path_is_restored(tmp_p
         load_scene(write_scene(tmp_path / "elsewhere", text), BANDS, {})
 
 
+def test_folders_that_the_scene_names_are_searched_and_no_later_scene_sees_them(tmp_path: Path) -> None:
+    """<path value="…"/>, relative to the scene file, as plain Mitsuba reads it."""
+    mi = use(choose_variant("scalar_spectral"))
+    (tmp_path / "pictures").mkdir()
+    mi.Bitmap(np.full((2, 2, 3), 128, np.uint8)).write(str(tmp_path / "pictures" / "grey.png"))
+    texture = (
+        '<bsdf type="diffuse"><texture type="bitmap" name="reflectance">'
+        '<string name="filename" value="grey.png"/></texture></bsdf>'
+    )
+    before, ball = str(mi.file_resolver()), BALL.format(bsdf=texture)
+    assert load_scene(write_scene(tmp_path, scene_text('<path value="pictures"/>', SKY, ball)), BANDS, {})
+    assert str(mi.file_resolver()) == before
+    with pytest.raises(InputError, match=r"grey\.png"):
+        load_scene(write_scene(tmp_path, scene_text(SKY, ball)), BANDS, {})
+
+
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
