@@ -1,17 +1,19 @@
 """Measure the speed of the backends in Mpx/s, compared with a simple NumPy chain of the same stages.
 
     python benchmarks/backend_speed.py [--mpx 1 4 12] [--electrons 1 1000 30000] [--content flat ramp random]
-        [--turns 5] [--engines numpy drjit numpy64] [--parts cases short conversion rng first changed] [--json]
+        [--turns 5] [--engines numpy drjit numpy64] [--json]
+        [--parts cases single short conversion rng first changed]
 
 cases       frames of the full chain for every size × level × content; the time of the next frame of an open stream
+single      frames of new photon maps, one per call of ms.Sensor, for every size; beside a stream of one photon map
 short       shot noise, read noise and ADC only, compared with the full chain
 conversion  NumPy input to uint16 output, compared with the kernel alone
 rng         the full chain, compared with its random bits and four normal deviates alone
 first       the first frame of a process, with and without compiled kernels on disk
 changed     the first frame after a change of a parameter, in a process that has computed a frame before
 
-All parts but ``cases`` use the median size and level, and a ramp. Ratios are medians of the ratios of single turns; a
-ratio above 1 means that the backend is faster.
+All parts but ``cases`` and ``single`` use the median size and level, and a ramp. Ratios are medians of the ratios of
+single turns; a ratio above 1 means that the backend is faster.
 """
 
 from __future__ import annotations
@@ -29,7 +31,7 @@ from typing import Any
 import kernel_timings
 import numpy as np
 from cases import CONTENTS, EXPOSURE, full_chain, photon_map, shape_of, shot_read_quantise
-from frame_sources import ENGINES, PLAIN, next_frame, open_stream, refusal
+from frame_sources import ENGINES, PLAIN, next_exposure, next_frame, open_stream, refusal
 from numpy.typing import NDArray
 from timing import alternate, in_child, lines, ratio, seconds_of, speeds
 
@@ -83,6 +85,19 @@ def cases(options: argparse.Namespace) -> dict[str, Any]:
     ratios = {name: [row["engines"][name]["ratio_to_plain"] for row in rows] for name in options.engines}
     summary = {name: {"min_ratio": min(all_), "median_ratio": statistics.median(all_)} for name, all_ in ratios.items()}
     return {"rows": rows, "summary": summary}
+
+
+def single(options: argparse.Namespace) -> dict[str, Any]:
+    """Speed of frames of new photon maps each, computed by an object that keeps maps and kernels."""
+    rows = []
+    for mpx in options.mpx:
+        maps = [photon_map(full_chain(), level, "ramp", shape_of(mpx)) for level in (300, 3000, 30_000)]
+        tasks: dict[str, Callable[[], object]] = {PLAIN: next_frame(PLAIN, maps[0], full_chain())}
+        for name in options.engines:
+            tasks[f"{name} sensor"] = next_exposure(name, maps)
+            tasks[f"{name} stream"] = next_frame(name, maps[0], full_chain())
+        rows.append({"mpx": mpx, "engines": speeds(alternate(tasks, options.turns), maps[0].size, PLAIN)})
+    return {"rows": rows}
 
 
 def short(options: argparse.Namespace) -> dict[str, Any]:
@@ -238,6 +253,7 @@ def middle_light(options: argparse.Namespace) -> NDArray[np.float64]:
 
 PARTS: dict[str, Callable[[argparse.Namespace], dict[str, Any]]] = {
     "cases": cases,
+    "single": single,
     "short": short,
     "conversion": conversion,
     "rng": rng,

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
-from cases import EXPOSURE
+from cases import EXPOSURE, full_chain
 from numpy.typing import NDArray
 from plain_chain import PlainChain
 
@@ -63,6 +63,18 @@ def next_frame(name: str, photons: NDArray[np.float64], camera: ms.Camera) -> Ca
         return frame
 
     task.runs = FRAMES_PER_TURN  # type: ignore[attr-defined]
+    return task
+
+
+def next_exposure(name: str, maps: Sequence[NDArray[np.float64]]) -> Callable[[], NDArray[Any]]:
+    """A task for ``alternate``: frames of these photon maps, one after the other, by one ``ms.Sensor``."""
+    sensor = ms.Sensor(full_chain(), serial=1)
+
+    def task() -> NDArray[Any]:
+        *_, frames = (sensor.expose(photons, EXPOSURE, **ENGINES[name]) for photons in maps)
+        return frames.digital
+
+    task.runs = len(maps)  # type: ignore[attr-defined]
     return task
 
 

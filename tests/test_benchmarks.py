@@ -75,7 +75,7 @@ TINY = ("--mpx", "0.01", "--content", "ramp", "--turns", "1")
 
 
 def test_every_case_has_a_speed_and_a_ratio_and_parts_are_timed_against_the_whole() -> None:
-    arguments = "--electrons 1 1000 --engines numpy drjit --parts cases short conversion rng"
+    arguments = "--electrons 1 1000 --engines numpy drjit --parts cases single short conversion rng"
     speed = run("backend_speed.py", *TINY, *arguments.split())
     engines = {"numpy", "drjit"} - set(speed["refused"])
     assert [row["electrons"] for row in speed["cases"]["rows"]] == [1, 1000]
@@ -83,6 +83,8 @@ def test_every_case_has_a_speed_and_a_ratio_and_parts_are_timed_against_the_whol
         assert_speeds(row["engines"], "plain", *engines)
         assert row["engines"]["plain"]["ratio_to_plain"] == 1
     assert_speeds(speed["cases"]["summary"], *engines)
+    (row,) = speed["single"]["rows"]
+    assert_speeds(row["engines"], "plain", *(f"{name} {what}" for name in engines for what in ("sensor", "stream")))
     for engine in ("plain", *engines):
         assert_speeds(speed["short"][engine], "full_chain", "shot_read_quantise")
     for part in ("conversion", "rng"):
