@@ -22,11 +22,14 @@ class Average(Protocol):
     def has_states(self) -> bool:
         """Whether pixels switch between states."""
 
-    def averaged(self, values: Float64Array, modes: Float64Array | None = None) -> Float64Array:
+    def averaged(
+        self, values: Float64Array, modes: Float64Array | None = None, of_dark: Float64Array | None = None
+    ) -> Float64Array:
         """Means average; the spread of the means adds to a variance.
 
         modes : (nodes, J) how the mean behind the last stage follows the fixed offsets there, at J of them; without
             them all states of a pixel are taken to follow in the same way.
+        of_dark : the values of dark electrons, where they are others than those of light. What gains act on is light.
         """
 
 
@@ -54,6 +57,7 @@ class ByQuantiles:
     law: PixelLaw
     matrix: scipy.sparse.csr_array
     nodes: int
+    light: Float64Array
 
     @property
     def has_states(self) -> bool:
@@ -64,12 +68,19 @@ class ByQuantiles:
     def of(cls, law: PixelLaw, nodes: Float64Array) -> ByQuantiles:
         """Look-ups at gain·x + offset for every node, kind and state."""
         at = np.maximum(law.gains * nodes[:, None, None] + law.offsets, 0.0)
-        return cls(law, interpolation(nodes, at.ravel()), nodes.size)
+        gained = law.gains * nodes[:, None, None] if np.any(law.gains) else at
+        share = np.divide(gained, at, out=np.ones(at.shape), where=at > 0)
+        return cls(law, interpolation(nodes, at.ravel()), nodes.size, np.clip(share, 0.0, 1.0).reshape(-1, 1))
 
-    def averaged(self, values: Float64Array, modes: Float64Array | None = None) -> Float64Array:
+    def averaged(
+        self, values: Float64Array, modes: Float64Array | None = None, of_dark: Float64Array | None = None
+    ) -> Float64Array:
         """What is fixed is shared by all states of a pixel."""
         weights, states = self.law.weights, self.law.states
-        found = (self.matrix @ values.reshape(self.nodes, -1)).reshape(self.nodes, weights.size, states.size, -1, 3)
+        at = self.matrix @ values.reshape(self.nodes, -1)
+        if of_dark is not None:
+            at = self.light * at + (1 - self.light) * (self.matrix @ of_dark.reshape(self.nodes, -1))
+        found = at.reshape(self.nodes, weights.size, states.size, -1, 3)
         mean, temporal, spatial = (found[..., k] for k in range(3))
         own = np.einsum("nkst,s->nkt", mean, states)
         flicker = np.einsum("nkst,s->nkt", temporal + (mean - own[:, :, None]) ** 2, states)
@@ -91,9 +102,13 @@ class ByQuantiles:
 class ByDistribution:
     """Integrals over the intervals between the nodes, in each of which the function is a straight line.
 
+    nodes : of mean electrons.  of_gains : whether the law is one of gains, else of offsets.
     mass, first, second : (nodes, intervals), moments 0, 1, 2 of the place in the interval, 0 … 1.
     below, above : (nodes,) share of the pixels below the first and above the last node.
     """
+
+    nodes: Float64Array
+    of_gains: bool
 
     mass: Float64Array
     first: Float64Array
@@ -119,7 +134,7 @@ class ByDistribution:
         first = np.clip(np.nan_to_num(first), 0.0, mass)
         second = np.clip(np.nan_to_num(second), 0.0, first)
         above = np.where(edges[:, -1] >= borders[-1], 0.0, 1 - partial[0][:, -1])  # no rounding error far above the end
-        return cls(mass, first, second, partial[0][:, 0], above)
+        return cls(nodes, of_gains, mass, first, second, partial[0][:, 0], above)
 
     @cached_property
     def _weights(self) -> tuple[scipy.sparse.csr_array, ...]:
@@ -128,20 +143,40 @@ class ByDistribution:
         weights = mass - first, first, mass - 2 * first + second, 2 * (first - second), second
         return tuple(scipy.sparse.csr_array(x) for x in weights)
 
-    def averaged(self, values: Float64Array, modes: Float64Array | None = None) -> Float64Array:
-        """Mean and variances in front of the stage."""
-        flat = values.reshape(values.shape[0], -1)
-        lower, upper, below, both, above = self._weights
-        found = lower @ flat[:-1] + upper @ flat[1:]
-        found += self.below[:, None] * flat[0] + self.above[:, None] * flat[-1]
-        result: NumpyArray = found.reshape(values.shape)
+    def averaged(
+        self, values: Float64Array, modes: Float64Array | None = None, of_dark: Float64Array | None = None
+    ) -> Float64Array:
+        """Mean and variances in front of the stage: linear in the light at a sum of light and dark."""
+        base, per_light = values, np.zeros(values.shape)
+        apart = of_dark is not None and not self.of_gains
+        if of_dark is not None and apart:
+            base = of_dark
+            np.divide(values - of_dark, self.nodes[:, None, None], out=per_light, where=self.nodes[:, None, None] > 0)
+        x: Float64Array = self.nodes[:, None]
+        result: NumpyArray = self._mean(base) + (x[..., None] * self._mean(per_light) if apart else 0.0)
         reference = result[result.shape[0] // 2, :, 0]
-        means = values[:, :, 0] - reference
-        a, b = means[:-1], means[1:]
-        square = below @ a**2 + both @ (a * b) + above @ b**2
-        square += self.below[:, None] * means[0] ** 2 + self.above[:, None] * means[-1] ** 2
+        fixed, more = base[:, :, 0] - reference, per_light[:, :, 0]
+        square = self._product(fixed, fixed)
+        if apart:
+            square += 2 * x * self._product(fixed, more) + x**2 * self._product(more, more)
         result[:, :, 2] += np.maximum(square - (result[:, :, 0] - reference) ** 2, 0.0)
         return result
+
+    def _mean(self, values: Float64Array) -> Float64Array:
+        """Of a function that is a straight line between the nodes, (nodes, …)."""
+        flat = values.reshape(values.shape[0], -1)
+        lower, upper, *_ = self._weights
+        found = lower @ flat[:-1] + upper @ flat[1:]
+        found += self.below[:, None] * flat[0] + self.above[:, None] * flat[-1]
+        return np.asarray(found.reshape(values.shape))
+
+    def _product(self, one: Float64Array, other: Float64Array) -> Float64Array:
+        """Mean of the product of two such functions, (nodes, stages)."""
+        *_, below, both, above = self._weights
+        (a, b), (c, d) = (one[:-1], one[1:]), (other[:-1], other[1:])
+        found = below @ (a * c) + both @ (0.5 * (a * d + b * c)) + above @ (b * d)
+        found += self.below[:, None] * one[0] * other[0] + self.above[:, None] * one[-1] * other[-1]
+        return np.asarray(found)
 
 
 def _borders(values: Float64Array, weights: Float64Array) -> tuple[Float64Array, Float64Array]:

@@ -13,8 +13,8 @@ from ..core import Electrons
 from ..core.backend import NUMPY_FLOAT64
 from ..core.types import Array, Float64Array
 from .detection import Detected
+from .light_kind import LightKind
 from .run import row_strips_of
-from .theory import LightKind
 from .threads import processors
 
 SHIFT = 15

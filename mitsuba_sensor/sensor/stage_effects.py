@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from ..core import Array, Electrons, Exposure, Frame, InputError
 from ..core.backend import NUMPY_FLOAT64
 from ..core.types import Float64Array
+from .light_kind import LightKind
 from .light_levels import LightLevels
 from .pixel_law import COARSE
 from .stage import Chain, Stage, converter_of, place_of, total
-from .theory import LightKind, Theory
+from .theory import Theory
 from .uncounted import theory_without
 
 NEVER = 1e-6  # expected pixels of a frame that fill a well, below which none does
@@ -104,9 +105,9 @@ class Trial:
     def full(self) -> Theory:
         """Theory of the whole chain."""
         theory, last = Theory.of(self.whole, self.frame, self.kind), len(self.whole) - 1
-        ends = [self.range.darkest_e, min(self.range.brightest_e, float(theory.nodes[-1]))]
+        ends = [self.range.darkest_e, min(self.range.brightest_e, float(theory.light_nodes[-1]))]
         apart = [end for end in ends if end > TOO_CLOSE_E]  # a node next to 0 has no slope
-        vars(theory)["nodes"] = np.union1d(theory.nodes, apart)
+        vars(theory)["nodes"] = np.union1d(theory.nodes, np.multiply(apart, self.kind.yield_mean))
         filling = [k - 1 for k, stage in enumerate(self.whole) if stage.saturation_e is not None]
         theory.prepare([*filling, last - 1])
         return theory
@@ -180,8 +181,8 @@ class Trial:
     @cached_property
     def _levels_e(self) -> Float64Array:
         """Levels between the darkest and the brightest pixel, both included."""
-        low, high = self.range.darkest_e, min(self.range.brightest_e, float(self.full.nodes[-1]))
-        nodes = self.full.nodes
+        low, high = self.range.darkest_e, min(self.range.brightest_e, float(self.full.light_nodes[-1]))
+        nodes = self.full.light_nodes
         return np.unique(np.concatenate([[low, high], nodes[(nodes > low) & (nodes < high)]]))
 
     def _levels(self, theory: Theory, number: int) -> Float64Array:

@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import scipy
@@ -29,6 +29,7 @@ from .count_law import count_law
 from .electron_nodes import electron_nodes
 from .given_count import GivenCount, parts_of
 from .interpolation import interpolation
+from .light_kind import PLAIN, Expected, LightKind
 from .pixel_law import COARSE, PixelLaw, Quantiles, normal_law
 from .stage import Chain, Stage, place_of, propagate, without
 
@@ -37,29 +38,6 @@ NARROW = 0.4
 
 
 CHUNK = 2**16  # levels that are looked up at a time
-
-
-class Expected(NamedTuple):
-    """Mean, temporal and spatial variance of a signal at some levels of light, in the unit of its stage."""
-
-    mean: Float64Array
-    temporal: Float64Array
-    spatial: Float64Array
-
-
-class LightKind(NamedTuple):
-    """What else the counts of a pixel depend on.
-
-    yield_mean, yield_variance : electrons per interaction.
-    compensated : variance of a render that the shot noise compensates, as a share of the mean photoelectrons.
-    """
-
-    yield_mean: float = 1.0
-    yield_variance: float = 0.0
-    compensated: float = 0.0
-
-
-PLAIN = LightKind()  # visible light that is known exactly
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +67,7 @@ class Theory:
         if self._count is None:
             return self._normal(number, levels)
         table = self.table(number)
-        parts = np.array_split(levels.ravel(), max(levels.size // CHUNK, 1))
+        parts = np.array_split(levels.ravel() * self.kind.yield_mean, max(levels.size // CHUNK, 1))
         found = np.concatenate([interpolation(self.nodes, part) @ table for part in parts])
         return Expected(found[:, 0], np.maximum(found[:, 1], 0.0), np.maximum(found[:, 2], 0.0))
 
@@ -102,8 +80,9 @@ class Theory:
         if self._count is None:
             levels, place = np.unique(light_e, return_inverse=True)
             return {k: self._normal(k, levels).mean[place].reshape(light_e.shape) for k in range(len(self.stages))}
-        left = np.clip(np.searchsorted(self.nodes, light_e, side="right") - 1, 0, self.nodes.size - 2)
-        share = np.minimum((light_e - self.nodes[left]) / (self.nodes[left + 1] - self.nodes[left]), 1.0)
+        electrons = light_e * self.kind.yield_mean
+        left = np.clip(np.searchsorted(self.nodes, electrons, side="right") - 1, 0, self.nodes.size - 2)
+        share = np.minimum((electrons - self.nodes[left]) / (self.nodes[left + 1] - self.nodes[left]), 1.0)
         columns = {k: self.table(k)[:, 0] for k in range(len(self.stages))}
         return {k: mean[left] + share * (mean[left + 1] - mean[left]) for k, mean in columns.items()}
 
@@ -123,6 +102,8 @@ class Theory:
         else:
             names = ()
         vars(rest).update(shared, **{name: getattr(self, name) for name in names})
+        if self._of_dark is not None:
+            vars(rest)["_of_dark"] = self._of_dark.without(out)
         return rest
 
     def is_neutral(self, stage: Stage) -> bool:
@@ -139,11 +120,20 @@ class Theory:
 
     def chance_to_fill(self, light_e: Float64Array) -> float:
         """The largest chance that the well is full at these levels."""
+        values, of_dark = (
+            self._chances_of_the_last,
+            None if self._of_dark is None else self._of_dark._chances_of_the_last,
+        )
+        for _, average in reversed(self._laws):
+            values = average.averaged(values, None, of_dark)
+            of_dark = None if of_dark is None else average.averaged(of_dark)
+        return float(np.interp(light_e * self.kind.yield_mean, self.nodes, values[:, 0, 0]).max())
+
+    @property
+    def _chances_of_the_last(self) -> Float64Array:
         values = np.zeros((self.nodes.size, 1, 3))
         values[:, 0, 0] = self._law[:, [-1]].toarray()[:, 0]
-        for _, average in reversed(self._laws):
-            values = average.averaged(values)
-        return float(np.interp(light_e, self.nodes, values[:, 0, 0]).max())
+        return values
 
     def to_dn(self, stage: Stage) -> float:
         """Digital numbers of one unit of the signal behind a stage, by the nominal gains of the stages behind it."""
@@ -165,13 +155,20 @@ class Theory:
     def _averaged(self, numbers: Sequence[int]) -> dict[int, Float64Array]:
         """Average over the laws of the stages between the light and the count."""
         found = {number: self._given_electrons(number) for number in numbers}
+        of_dark = (
+            {} if self._of_dark is None else {number: self._of_dark._given_electrons(number) for number in numbers}
+        )
         for stage, average in reversed(self._laws):
             behind = [number for number in numbers if number >= stage]
             if behind:
                 of_codes = stage == self._laws[-1][0] and behind[-1] == len(self.stages) - 1
                 modes = self._given.modes(self._law) if of_codes and average.has_states else None
-                values = average.averaged(np.stack([found[number] for number in behind], axis=1), modes)
+                dark = np.stack([of_dark[number] for number in behind], axis=1) if of_dark else None
+                values = average.averaged(np.stack([found[number] for number in behind], axis=1), modes, dark)
                 found.update((number, values[:, k]) for k, number in enumerate(behind))
+                if dark is not None:
+                    values = average.averaged(dark, modes)
+                    of_dark.update((number, values[:, k]) for k, number in enumerate(behind))
         return found
 
     def _given_electrons(self, number: int) -> Float64Array:
@@ -179,7 +176,7 @@ class Theory:
         count, zero = self._count, np.zeros(self.nodes.size)
         assert count is not None
         if number < count:
-            return np.stack([self.nodes, zero, zero], axis=1)
+            return np.stack([self.nodes / self.kind.yield_mean, zero, zero], axis=1)
         if number < self._split:
             m = self._counted(self.stages[count : number + 1])
             return np.stack([m.mean, m.temporal, zero], axis=1)
@@ -190,8 +187,25 @@ class Theory:
 
     @cached_property
     def nodes(self) -> Float64Array:
-        """Nodes of mean electrons, of light and dark alike."""
+        """Nodes of mean electrons after the quantum yield, of light and dark alike."""
         return electron_nodes(self._given, self._dark_e)
+
+    @property
+    def light_nodes(self) -> Float64Array:
+        """Mean photoelectrons (interactions) that give so many electrons."""
+        return self.nodes / self.kind.yield_mean
+
+    @cached_property
+    def _of_dark(self) -> Theory | None:
+        """The same for dark electrons, whose counts vary otherwise: with a quantum yield, or compensated light.
+
+        What light and dark give together lies between the two tables, by their shares of the mean electrons.
+        """
+        if self.kind == PLAIN or self._count is None:
+            return None
+        like = replace(self, kind=PLAIN, _found={})
+        vars(like).update(nodes=self.nodes, _given=self._given, _laws=self._laws)
+        return like
 
     @cached_property
     def _dark_e(self) -> float:
@@ -224,10 +238,10 @@ class Theory:
 
     @property
     def _entering(self) -> Moments:
-        """What enters the count, at the nodes."""
-        light = np.maximum(self.nodes - self._dark_e, 0.0)
+        """What enters the count, at the nodes: light alone, and after its yield so many electrons as they say."""
+        light = self.nodes / self.kind.yield_mean
         return Moments(
-            self.nodes,
+            light,
             0.0,
             0.0,
             self.conditions,

@@ -12,8 +12,9 @@ import scipy
 from ..core import Frame
 from ..core.types import Float64Array
 from .given_count import GivenCount
+from .light_kind import PLAIN, LightKind
 from .stage import Chain, Stage
-from .theory import PLAIN, LightKind, Theory
+from .theory import Theory
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,8 +23,9 @@ from mitsuba_sensor.sensor.count_law import count_law, count_nodes
 from mitsuba_sensor.sensor.fpn_distributions import FpnDistribution, Gamma, Gaussian, LogNormal, Wald
 from mitsuba_sensor.sensor.gains import gain_dn_per_e
 from mitsuba_sensor.sensor.interpolation import interpolation
+from mitsuba_sensor.sensor.light_kind import LightKind
 from mitsuba_sensor.sensor.pixel_law import PixelLaw, Quantiles, fixed_gains, fixed_offsets, of_map
-from mitsuba_sensor.sensor.theory import LightKind, Theory
+from mitsuba_sensor.sensor.theory import Theory
 
 EXPOSURE = ms.Exposure(0.1)
 TABLE1, BAYER = ms.load_camera("konnik_table1"), ms.load_camera("bayer_2mp")

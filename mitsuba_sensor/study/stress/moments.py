@@ -17,7 +17,8 @@ from ...lab.estimators import standard_error
 from ...render.requirements import electrons_moved, grouped_electrons
 from ...sensor.chain import black_level_dn
 from ...sensor.gains import gain_dn_per_e
-from ...sensor.theory import Expected, Theory
+from ...sensor.light_kind import Expected
+from ...sensor.theory import Theory
 from . import light as lights
 from .case import CASES as TABLES
 from .case import NAME, SIGMAS, TENTH, Engine, Rows, agree, holds, refusal, relative, shown, stage_of, table1, together
