@@ -217,6 +217,9 @@ def _few_electrons() -> list[Case]:
 
 def _light() -> list[Case]:
     ultraviolet = changed(TABLE1, quantum_efficiency__quantum_yield=[2.3, 1.2])
+    traps = {"dark_current__rts_fraction": 0.02, "dark_current__rts_amplitude_e_per_s": 2e5}
+    switching = changed(ultraviolet, **traps, dark_current__rts_switching=1.0)
+    dim = with_read_noise(changed(TABLE1, **traps, dark_current__rts_switching=1.0), 1.0)
     rng = np.random.default_rng(2)
     maps = {
         "prnu": 1 + 0.03 * rng.standard_normal(SHAPE),
@@ -227,6 +230,8 @@ def _light() -> list[Case]:
         *(Case("900 nm on a mosaic", RGBIR, p, light=of_band(900.0), tile=(4, 4)) for p in (100.0, 40_000.0)),
         *(Case("620 nm on a mosaic", BAYER, p, light=of_band(620.0), tile=(2, 2)) for p in (9.0, 90_000.0)),
         *(Case("quantum yield", ultraviolet, p, light=of_band(450.0)) for p in (5.0, 4000.0)),
+        Case("quantum yield, RTS pixels", switching, 300.0, light=of_band(450.0)),
+        Case("compensated render, RTS pixels", dim, 300.0, light=compensated(0.3)),
         *(Case("compensated render", TABLE1, e, light=compensated(0.16)) for e in (8.0, 5000.0, 32_800.0)),
         *(Case(f"measured {name}", TABLE1, 31_000.0, dark(0.5), maps={name: maps[name]}) for name in maps),
         Case("scientific CCD", CCD, 1e4, dark(1.0)),

@@ -33,6 +33,9 @@ within 2σ."""
 
 LEAVING = 2e-3
 
+HUGE = 1e60
+"""A swing [V] so far beyond every converter that its noise does not matter."""
+
 ALONE: Float64Array = np.ones(1)
 
 MOST = 1_500_000
@@ -78,9 +81,8 @@ class Swing:
             if stage.curved:
                 later = math.prod(one.nominal_gain for one in stages[number + 1 :])
                 found = found._apart(_Curve(stage, converter, later, frame))
-            with np.errstate(over="ignore", invalid="ignore"):  # a curve far beyond its range
-                law = stage.noise_law(frame)
-                found = replace(found, m=stage.moments(found.m)) if law is None else found._with(law)
+            law = stage.noise_law(frame)
+            found = replace(found, m=behind(stage, found.m)) if law is None else found._with(law)
         return found
 
     @cached_property
@@ -110,6 +112,8 @@ class Swing:
             sigma = np.sqrt(variances[axis])
             bend = curve.bend(mean, sigma)
             fitting = [parting for parting in PARTINGS if mean.size * parting.z.size <= MOST]
+            if not fitting and mean.size * PARTINGS[0].z.size <= 2 * MOST:
+                fitting = [PARTINGS[0]]
             if bend <= TURNING or not fitting:
                 continue
             fine = (one for one in fitting if curve.leaves(mean, sigma, one) <= LEAVING)
@@ -123,6 +127,18 @@ class Swing:
             weights[axis] = np.outer(weights[axis], parting.weights).ravel()
         flat = [x.reshape(mean.shape[0], -1) for x in (mean, *variances)]
         return Swing(replace(self.m, mean=flat[0], temporal=flat[1], spatial=flat[2]), *weights)
+
+
+def behind(stage: Stage, m: Moments) -> Moments:
+    """Moments behind a stage; means at HUGE where a curve has left all numbers: there noise changes no code."""
+    if not stage.curved:
+        return stage.moments(m)
+    with np.errstate(over="ignore", invalid="ignore"):
+        m = stage.moments(m)
+    lost = ~(np.abs(m.mean) < HUGE)
+    mean = np.where(lost, np.copysign(HUGE, np.nan_to_num(m.mean, nan=1.0)), m.mean)
+    temporal, spatial = (np.where(lost, 0.0, x) for x in (m.temporal, m.spatial))
+    return replace(m, mean=mean, temporal=temporal, spatial=spatial)
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 
 import numpy as np
 import scipy
@@ -12,8 +12,8 @@ import scipy
 from ..core import Frame, Moments
 from ..core.types import Float64Array
 from .count_law import count_nodes
-from .curved_noise import Swing
-from .stage import Chain, Converter, converter_of, propagate
+from .curved_noise import Swing, behind
+from .stage import Chain, Converter, converter_of
 
 OFFSET_STEPS, FARTHEST, BLUR = (0.75, 0.2, 0.06, 0.019, 0.006, 0.0019), 5.25, 0.7
 """Quantiles of the fixed offsets lie one of these steps apart, up to the farthest [σ]; at most BLUR of the noise."""
@@ -115,7 +115,7 @@ class GivenCount:
         """Mean and variances behind every stage before the converter, by its id, (rows of the law, 3)."""
         found, m = {}, self._entering(self.counts)
         for stage in self.stages[:-1]:
-            m = stage.moments(m)
+            m = behind(stage, m)
             found[id(stage)] = _mixed(law, *parts_of(m, self.counts.shape))
         return found
 
@@ -151,7 +151,10 @@ class GivenCount:
 
     def _line(self, counts: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
         """Mean, temporal σ, and σ of temporal and fixed parts together, of some counts in the quietest pixels [DN]."""
-        m, gain = propagate(self.stages[:-1], self._entering(counts)), self.converter.gain_dn_per_v
+        m, gain = (
+            reduce(lambda m, stage: behind(stage, m), self.stages[:-1], self._entering(counts)),
+            self.converter.gain_dn_per_v,
+        )
         mean, temporal, spatial = parts_of(m, counts.shape)
         for number, stage in enumerate(self.stages):
             if (law := stage.noise_law(self.conditions)) is not None:

@@ -47,6 +47,9 @@ COARSE, FINE = Quantiles(0.16), Quantiles(0.002)
 """For laws that are narrow and wide beside the shot noise."""
 
 
+RARE = 0.02
+"""Share of the pixels below which a kind shows in no average."""
+
 MAP_STEP = 0.02
 """Of the groups of a measured map [σ]: 250 groups, which lose 3e-5 of a normal map's variance."""
 
@@ -81,8 +84,9 @@ class NoiseLaw:
 
     @property
     def quieter(self) -> float:
-        """How much less than the mean variance that of the quietest kind is."""
-        return float(self.weights @ (self.variances + self.steps**2 @ self.states) - self.variances.min())
+        """How much less than the mean variance that of the quietest kind is, of those that are not RARE."""
+        mean = self.weights @ (self.variances + self.steps**2 @ self.states)
+        return float(mean - self.variances[self.weights > min(RARE, 0.5 * self.weights.max())].min())
 
 
 def fixed_gains(gains: Float64Array, weights: Float64Array) -> PixelLaw:

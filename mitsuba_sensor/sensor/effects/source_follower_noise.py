@@ -25,8 +25,8 @@ from ..stage import Datasheet, Stage
 NOTED = 0.01
 """A band that leaves out more than this of the noise is worth a note."""
 
-GROUPS = 13
-"""Kinds of pixels that differ in read noise, for the theory."""
+GROUPS, FARTHEST = 9, 3.2
+"""Kinds of pixels that differ in read noise, for the theory, and how far out they lie [σ]."""
 
 READ_NOISE = "read_noise"
 """Name of the map of every pixel's σ."""
@@ -127,7 +127,7 @@ class SourceFollowerNoise(Stage):
             )
             squares = self.gain_v_per_e**2 * squares
         elif self.cv and self.sigma_v:
-            z = np.linspace(-4, 4, GROUPS)
+            z = np.linspace(-FARTHEST, FARTHEST, GROUPS)
             weights, squares = np.exp(-0.5 * z**2), np.exp(2 * math.sqrt(math.log1p(self.cv**2)) * z)
             squares *= self.sigma_v**2 * weights.sum() / (weights @ squares)
         else:
