@@ -1,7 +1,7 @@
 """Law of the electron count of a pixel: the chance of every count for a mean and a variance, as a sparse matrix.
 
 A variance equal to the mean is Poisson's law, exactly. A larger one (quantum yield, multiplication) is that of c·n, a
-smaller one (compensated render noise) that of a + n, with n of Poisson's law and the same mean and variance.
+smaller one (compensated render noise) that of a + b + n with whole a, b = 0 or 1, and n of Poisson's law.
 """
 
 from __future__ import annotations
@@ -80,8 +80,14 @@ def _row(mean: float, variance: float, nodes: Float64Array) -> Row:
         return _poisson(rate, low, high, nodes)
     step = max(int(np.sqrt(rate) / (2 * STEPS)), 1)
     n = np.arange(max(np.floor(low), 0.0), high, step)
-    chance = _chance(n, rate)
-    return _spread(shift + scale * n, chance / chance.sum(), nodes)
+    if scale > 1.0:
+        chance = _chance(n, rate)
+        return _spread(scale * n, chance / chance.sum(), nodes)
+    whole = np.floor(shift)
+    one = np.sqrt(shift - whole)  # a count of 0 or 1 of this mean varies less than its mean by what is left
+    chance = _chance(n, max(mean - whole - one, 0.0))
+    chance /= max(chance.sum(), 1e-300)
+    return _spread(whole + np.append(n, n + 1), np.append((1 - one) * chance, one * chance), nodes)
 
 
 def _poisson(rate: float, low: float, high: float, nodes: Float64Array) -> Row:
