@@ -34,7 +34,7 @@ def electron_nodes(given: GivenCount, dark_e: float) -> Float64Array:
 
 
 def _beats(given: GivenCount) -> Float64Array:
-    """Nodes that resolve slow beats between electrons and steps of the converter where noise and DSNU hide them not."""
+    """Nodes that resolve slow beats between electrons and steps of the converter that noise and DSNU leave visible."""
     if not given.is_sharp:
         return np.zeros(0)
     pitch, sigma, top = given.dn_per_e, given.spread_dn.min(), given.counts[-1] * 1.2

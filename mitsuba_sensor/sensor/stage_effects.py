@@ -105,9 +105,9 @@ class Trial:
     def full(self) -> Theory:
         """Theory of the whole chain."""
         theory, last = Theory.of(self.whole, self.frame, self.kind), len(self.whole) - 1
-        ends = [self.range.darkest_e, min(self.range.brightest_e, float(theory.light_nodes[-1]))]
+        ends = [self.range.darkest_e, min(self.range.brightest_e, float(theory.nodes[-1]) / theory.electrons_per_light)]
         apart = [end for end in ends if end > TOO_CLOSE_E]  # a node next to 0 has no slope
-        vars(theory)["nodes"] = np.union1d(theory.nodes, np.multiply(apart, self.kind.yield_mean))
+        vars(theory)["nodes"] = np.union1d(theory.nodes, np.multiply(apart, theory.electrons_per_light))
         filling = [k - 1 for k, stage in enumerate(self.whole) if stage.saturation_e is not None]
         theory.prepare([*filling, last - 1])
         return theory
@@ -181,8 +181,8 @@ class Trial:
     @cached_property
     def _levels_e(self) -> Float64Array:
         """Levels between the darkest and the brightest pixel, both included."""
-        low, high = self.range.darkest_e, min(self.range.brightest_e, float(self.full.light_nodes[-1]))
-        nodes = self.full.light_nodes
+        nodes = self.full.nodes / self.full.electrons_per_light
+        low, high = self.range.darkest_e, min(self.range.brightest_e, float(nodes[-1]))
         return np.unique(np.concatenate([[low, high], nodes[(nodes > low) & (nodes < high)]]))
 
     def _levels(self, theory: Theory, number: int) -> Float64Array:

@@ -36,7 +36,6 @@ from .stage import Chain, Stage, place_of, propagate, without
 NARROW = 0.4
 """Quantiles of a law lie close together where their distance is below so many σ of the count at saturation."""
 
-
 CHUNK = 2**16  # levels that are looked up at a time
 
 
@@ -67,7 +66,7 @@ class Theory:
         if self._count is None:
             return self._normal(number, levels)
         table = self.table(number)
-        parts = np.array_split(levels.ravel() * self.kind.yield_mean, max(levels.size // CHUNK, 1))
+        parts = np.array_split(levels.ravel() * self.electrons_per_light, max(levels.size // CHUNK, 1))
         found = np.concatenate([interpolation(self.nodes, part) @ table for part in parts])
         return Expected(found[:, 0], np.maximum(found[:, 1], 0.0), np.maximum(found[:, 2], 0.0))
 
@@ -80,7 +79,7 @@ class Theory:
         if self._count is None:
             levels, place = np.unique(light_e, return_inverse=True)
             return {k: self._normal(k, levels).mean[place].reshape(light_e.shape) for k in range(len(self.stages))}
-        electrons = light_e * self.kind.yield_mean
+        electrons = light_e * self.electrons_per_light
         left = np.clip(np.searchsorted(self.nodes, electrons, side="right") - 1, 0, self.nodes.size - 2)
         share = np.minimum((electrons - self.nodes[left]) / (self.nodes[left + 1] - self.nodes[left]), 1.0)
         columns = {k: self.table(k)[:, 0] for k in range(len(self.stages))}
@@ -127,7 +126,7 @@ class Theory:
         for _, average in reversed(self._laws):
             values = average.averaged(values, None, of_dark)
             of_dark = None if of_dark is None else average.averaged(of_dark)
-        return float(np.interp(light_e * self.kind.yield_mean, self.nodes, values[:, 0, 0]).max())
+        return float(np.interp(light_e * self.electrons_per_light, self.nodes, values[:, 0, 0]).max())
 
     @property
     def _chances_of_the_last(self) -> Float64Array:
@@ -176,7 +175,7 @@ class Theory:
         count, zero = self._count, np.zeros(self.nodes.size)
         assert count is not None
         if number < count:
-            return np.stack([self.nodes / self.kind.yield_mean, zero, zero], axis=1)
+            return np.stack([self._entering.mean, zero, zero], axis=1)
         if number < self._split:
             m = self._counted(self.stages[count : number + 1])
             return np.stack([m.mean, m.temporal, zero], axis=1)
@@ -190,10 +189,12 @@ class Theory:
         """Nodes of mean electrons after the quantum yield, of light and dark alike."""
         return electron_nodes(self._given, self._dark_e)
 
-    @property
-    def light_nodes(self) -> Float64Array:
-        """Mean photoelectrons (interactions) that give so many electrons."""
-        return self.nodes / self.kind.yield_mean
+    @cached_property
+    def electrons_per_light(self) -> float:
+        """The quantum yield, where a stage of the chain multiplies by it, else 1."""
+        one = Moments(1.0, 0.0, 0.0, self.conditions)
+        plain, more = (propagate(self.stages[1 : self._split], replace(one, yield_mean=y)) for y in (1.0, 2.0))
+        return self.kind.yield_mean if np.any(plain.mean != more.mean) else 1.0
 
     @cached_property
     def _of_dark(self) -> Theory | None:
@@ -239,7 +240,7 @@ class Theory:
     @property
     def _entering(self) -> Moments:
         """What enters the count, at the nodes: light alone, and after its yield so many electrons as they say."""
-        light = self.nodes / self.kind.yield_mean
+        light = self.nodes / self.electrons_per_light
         return Moments(
             light,
             0.0,

@@ -26,6 +26,7 @@ from mitsuba_sensor.sensor.interpolation import interpolation
 from mitsuba_sensor.sensor.light_kind import LightKind
 from mitsuba_sensor.sensor.pixel_law import PixelLaw, Quantiles, fixed_gains, fixed_offsets, of_map
 from mitsuba_sensor.sensor.theory import Theory
+from mitsuba_sensor.sensor.uncounted import theory_without
 
 EXPOSURE = ms.Exposure(0.1)
 TABLE1, BAYER = ms.load_camera("konnik_table1"), ms.load_camera("bayer_2mp")
@@ -418,3 +419,14 @@ def test_read_noise_of_its_own_in_every_pixel_is_averaged_over_the_pixels(cv: fl
         assert found.mean[0] == pytest.approx(weights @ mean, abs=2e-3)
         assert found.temporal[0] == pytest.approx(weights @ (square - mean**2), rel=5e-3)
         assert found.spatial[0] == pytest.approx(weights @ mean**2 - (weights @ mean) ** 2, rel=2e-2, abs=1e-4)
+
+
+@pytest.mark.parametrize("out", [(), ("quantum yield",), ("shot noise",), ("shot noise", "quantum yield")])
+def test_a_chain_without_its_quantum_yield_has_one_electron_per_interaction(out: tuple[str, ...]) -> None:
+    """300 interactions, 3 electrons each: K·(300·yield + dark) + black level, whatever a plan has left out."""
+    camera = TABLE1.replace(**{"quantum_efficiency.quantum_yield": [3.0, 3.0]})
+    frame, kind = Frame(EXPOSURE, SensorWindow(0, (1, 1))), LightKind(yield_mean=3.0)
+    whole = Theory.of(camera.stages, frame, kind)
+    found = theory_without(whole, [stage for stage in camera.stages if stage.label in out]).digital(np.array([300.0]))
+    electrons = 300 * (1 if "quantum yield" in out else 3) + 174.158
+    assert found.mean[0] == pytest.approx(0.1241212 * electrons + camera.stages[-1].black_level_dn, abs=0.02)
