@@ -18,7 +18,7 @@ from mitsuba_sensor.core.llvm import drjit
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.core.signals import Photons
 from mitsuba_sensor.sensor.chain import chain
-from mitsuba_sensor.sensor.detection import detect
+from mitsuba_sensor.sensor.detection import detect, uploaded
 from mitsuba_sensor.sensor.run import begin, choose_backend, row_strips_of
 from mitsuba_sensor.sensor.stage import sample
 
@@ -35,7 +35,7 @@ def kernel_only(engine: str, photons: NDArray[np.float64], camera: ms.Camera) ->
     for rows in row_strips_of(photons.shape, backend.strip_pixels):
         frame = Frame(EXPOSURE, whole.window.crop_rows(rows))
         light = detect(Photons(photons[rows]), stages[0], frame)
-        parts.append((begin(stages, light.signal, frame), frame))
+        parts.append((begin(stages, uploaded(light.signal, frame), frame), frame))
 
     def run() -> None:
         for start, frame in parts * FRAMES_PER_TURN:

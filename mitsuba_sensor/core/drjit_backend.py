@@ -15,7 +15,7 @@ from .counter_rng import philox, split_key
 from .llvm import drjit
 from .quantiles import binomial, poisson
 from .sensor_window import SensorWindow
-from .types import Array, DrJitModule, NumpyArray
+from .types import Array, DrJitModule, Float64Array, NumpyArray
 
 
 class DrJitBackend(NumpyFloat32):
@@ -28,7 +28,7 @@ class DrJitBackend(NumpyFloat32):
         self.dr: DrJitModule = drjit()
         self.bytes_of_numpy = backend == "llvm"  # of CUDA it is not measured yet
         module = importlib.import_module(f"drjit.{backend}.ad" if differentiable else f"drjit.{backend}")
-        self.float, self.uint = module.Float32, module.UInt32
+        self.float, self.uint, self.double = module.Float32, module.UInt32, module.Float64
 
     def number(self, value: float) -> Array:
         """A parameter of the camera: one float32 that the kernel reads as data instead of having it compiled in."""
@@ -45,6 +45,24 @@ class DrJitBackend(NumpyFloat32):
             return self.float(single.ravel())
         column, row = self._coordinates(window)
         return self.dr.gather(self.float, self.float(single.ravel()), column if single.shape[0] == 1 else row)
+
+    def scaled(self, values: Float64Array, factor: float, window: SensorWindow) -> Array:
+        """The same, computed by the kernel, which reads the values in place; 0 where they are negative or NaN."""
+        select, product = self.dr.select, self.double(values.ravel()) * self.dr.opaque(self.double, factor)
+        limited = select(product < FLOAT32_LIMIT, product, FLOAT32_LIMIT)
+        return self.float(select(product >= 0, limited, 0.0))
+
+    def faulty(self, values: Float64Array) -> Array:
+        """A mask of the values that are negative or NaN."""
+        return ~(self.double(values.ravel()) >= 0)
+
+    def schedule(self, *arrays: Array) -> None:
+        """Compute these together with the next kernel."""
+        self.dr.schedule(*arrays)
+
+    def any(self, mask: Array) -> bool:
+        """Whether a mask has a pixel."""
+        return bool(self.dr.any(mask)[0])
 
     def to_numpy(self, signal: Array, window: SensorWindow) -> NumpyArray:
         """Run the kernel and wait for it."""

@@ -64,8 +64,10 @@ def checked_maps(
     return checked
 
 
-def as_photons(photons: Photons | ArrayLike, camera: Camera, wavelengths_nm: ArrayLike | None = None) -> Photons:
-    """Anything that ``expose`` accepts as mean photons, checked: shape, NaN, negative values."""
+def as_photons(
+    photons: Photons | ArrayLike, camera: Camera, wavelengths_nm: ArrayLike | None = None, check: bool = True
+) -> Photons:
+    """Anything that ``expose`` accepts as mean photons, checked: shape, and if ``check``, NaN and negative values."""
     given = photons if isinstance(photons, Photons) else None
     mean = numbers("photons", given.mean if given else photons, "a number or an array of mean photons per pixel")
     wavelengths = given.wavelengths_nm if given and wavelengths_nm is None else wavelengths_nm
@@ -81,16 +83,22 @@ def as_photons(photons: Photons | ArrayLike, camera: Camera, wavelengths_nm: Arr
         raise InputError(f"photons has {expected} band(s) and wavelengths_nm {count}; pass one wavelength per band.")
     if bands is not None and (wrong := bands[~(np.isfinite(bands) & (bands > 0))]).size:
         raise InputError(f"wavelengths_nm holds {wrong[0]}; every band needs a positive, finite length in nm.")
+    if check:
+        check_photons(mean)
+    if given is None:
+        return Photons(mean, bands)
+    variance_e2 = None if given.variance_e2 is None else _checked_variance(given.variance_e2, mean, camera)
+    return Photons(mean, bands, variance_e2, _checked_channels(given.detected, mean, camera), given.origin)
+
+
+def check_photons(mean: NDArray[np.float64]) -> None:
+    """Raise InputError for NaN or negative photons, with how many there are and where the first one is."""
     if not mean.min() >= 0:  # NaN if any of them is: one pass over the photons, of which there may be many
         kind, bad = ("NaN", np.isnan(mean)) if np.isnan(mean).any() else ("negative", mean < 0)
         raise InputError(
             f"photons is {kind} in {int(bad.sum())} place(s), first at {_first(bad)}; a mean number of photons is "
             "0 or more: clamp or correct them before expose()."
         )
-    if given is None:
-        return Photons(mean, bands)
-    variance_e2 = None if given.variance_e2 is None else _checked_variance(given.variance_e2, mean, camera)
-    return Photons(mean, bands, variance_e2, _checked_channels(given.detected, mean, camera), given.origin)
 
 
 def _checked_channels(detected: bool, mean: NDArray[np.float64], camera: Camera) -> bool:

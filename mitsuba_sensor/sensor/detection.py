@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Self, cast
 
 import numpy as np
 
 from ..core import Array, Electrons, Frame, Photons
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, aligned_float32
 from ..core.types import Float64Array
+from .checks import check_photons
 from .run import row_strips_of
 from .stage import Stage
 from .threads import for_each
+
+if TYPE_CHECKING:
+    from ..core.drjit_backend import DrJitBackend  # imports Dr.Jit
 
 LAYERS = ("light", "yield_mean", "yield_variance", "variance_e2")  # of Electrons: one value per pixel before the count
 
@@ -40,6 +46,84 @@ class Detected:
             return Detected(photons, self.signal[rows])
         layers = {name: getattr(self.signal, name) for name in LAYERS}
         return Detected(photons, Electrons(**{k: x[rows] if np.ndim(x) else x for k, x in layers.items()}))
+
+    def on_backend(self, rows: slice, frame: Frame) -> Array:
+        """The signal of some rows in arrays of a compiled backend.  frame : of these rows."""
+        return uploaded(self.crop_rows(rows).signal, frame)
+
+    def now(self) -> Detected:
+        """With the signal that the photons make now, whatever is written over them later."""
+        return self
+
+    def check(self) -> None:
+        """Raise InputError for photons that are NaN or negative, if nobody has looked yet."""
+
+
+class DetectedByKernel(Detected):
+    """Light that is detected by the kernel that computes the frame, of which there is one.
+
+    Its ``signal`` is what the kernel found. The kernel also notes negative photons and NaN, for :meth:`check`.
+    """
+
+    _stage: Stage
+    _frame: Frame
+    _found: dict[int, tuple[Electrons, Array]]
+
+    @classmethod
+    def of(cls, photons: Photons, stage: Stage, frame: Frame) -> Self:
+        """photons : as for :func:`detect`, but not checked."""
+        light = cls.__new__(cls)
+        vars(light).update(photons=photons, _stage=stage, _frame=frame, _found={})
+        return light
+
+    @cached_property
+    def signal(self) -> Array:
+        """On NumPy; of the kernel once all strips are computed."""
+        strips = [electrons.light.numpy() for _, (electrons, _) in sorted(self._found.items())]
+        if sum(strip.size for strip in strips) < self.photons.mean.size:
+            return self.now().signal
+        whole = strips[0] if len(strips) == 1 else np.concatenate(strips)
+        return Electrons(whole.reshape(self._frame.window.shape))
+
+    def on_backend(self, rows: slice, frame: Frame) -> Array:
+        """Traced, to be computed with what comes next."""
+        photons, backend = self.photons.crop_rows(rows), _compiled(frame)
+        electrons, faulty = self._stage.sample(photons, frame), backend.faulty(photons.mean)
+        backend.schedule(electrons.light, faulty)
+        self._found[rows.start] = electrons, faulty
+        return electrons
+
+    def now(self) -> Detected:
+        """Detected by the host."""
+        return checked_and_detected(self.photons, self._stage, self._frame, once=False)
+
+    def check(self) -> None:
+        """By the masks of the kernel."""
+        backend = _compiled(self._frame)
+        if any(backend.any(faulty) for _, faulty in self._found.values()):
+            check_photons(self.photons.mean)
+
+
+def checked_and_detected(photons: Photons, stage: Stage, frame: Frame, once: bool) -> Detected:
+    """The light of :func:`detect`. Raises InputError for photons that are NaN or negative.
+
+    once : whether one frame is all that needs it: a kernel then detects it and checks it, if it can, with the frame.
+    """
+    if once and frame.window.backend.compiled and stage.in_kernel(photons):
+        return DetectedByKernel.of(photons, stage, frame)
+    check_photons(photons.mean)
+    return detect(photons, stage, frame)
+
+
+def _compiled(frame: Frame) -> DrJitBackend:
+    return cast("DrJitBackend", frame.window.backend)
+
+
+def uploaded(signal: Array, frame: Frame) -> Array:
+    """Electrons on NumPy in arrays of the frame's backend."""
+    window = frame.window
+    layers = {name: window.backend.from_numpy(x, window) for name, x in vars(signal).items() if np.ndim(x)}
+    return replace(signal, **layers)
 
 
 def detect(photons: Photons, stage: Stage, frame: Frame) -> Detected:

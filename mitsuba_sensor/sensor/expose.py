@@ -25,7 +25,7 @@ from .checks import (
     checked_origin,
     float32_counts,
 )
-from .detection import Detected, detect
+from .detection import Detected, checked_and_detected
 from .frame_theory import FrameTheory
 from .noise_budget import NoiseBudget
 from .options import ExposeOptions
@@ -153,7 +153,8 @@ class PreparedExposure:
         number : of the first frame, if it is another than before.
         """
         first = self.first if number is None else replace(self.first, index=number, _blocks={})
-        detected, plan = detect(light, self.stages[0], first), self.plan
+        once = self.count == 1 and self.plan is None and self.tolerance_dn is None
+        detected, plan = checked_and_detected(light, self.stages[0], first, once), self.plan
         if self.tolerance_dn is not None:
             plan = plan_for(self.camera, detected, first, self.tolerance_dn)
         elif plan is not None:
@@ -171,6 +172,7 @@ class PreparedExposure:
         done = runner.frames(first, self.count, lambda i: {name: x[i - first] for name, x in kept.items()})
         for _ in done:
             pass
+        light.check()
         digital: NDArray[Any] = kept.pop("digital")
         backend = self.first.window.backend
         return Frames(
@@ -187,7 +189,7 @@ class PreparedExposure:
     def stream(self) -> Iterator[NDArray[np.unsignedinteger]]:
         """One frame at a time."""
         shape, code_type = self.first.window.shape, self._code_type
-        runner = FrameRunner(self.stages, self._light, self.first, strips=self.strips)
+        runner = FrameRunner(self.stages, self._light.now(), self.first, strips=self.strips)
         done = runner.frames(self.first.index, self.count, lambda _: {"digital": np.empty(shape, code_type)})
         return (sinks.pop("digital") for sinks in done)  # popped: nobody here keeps a frame that was delivered
 
@@ -210,7 +212,7 @@ class PreparedExposure:
 def prepared(photons: Any, camera: Camera, exposure: Exposure, options: ExposeOptions) -> PreparedExposure:
     """An exposure with its light. Raises InputError."""
     check_types(camera, exposure)
-    light = as_photons(photons, camera, options.get("wavelengths_nm"))
+    light = as_photons(photons, camera, options.get("wavelengths_nm"), check=False)  # where it is detected
     given = options.get("origin")
     origin = checked_origin(light.origin if given is None else given)
     return prepare_exposure(camera, exposure, light.mean.shape[:2], origin, options).of(light)

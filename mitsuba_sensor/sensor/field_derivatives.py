@@ -17,7 +17,7 @@ from ..core.differentiable import CameraNumber, RecordingBackend
 from .camera import Camera
 from .chain import chain
 from .datasheet_errors import fields_of
-from .detection import detect
+from .detection import detect, uploaded
 from .run import begin
 from .stage import sample
 
@@ -127,7 +127,7 @@ class Recording:
         frame = replace(self.first, exposure=exposure, window=replace(self.first.window, backend=backend, _maps={}))
         sample(
             stages[1:],
-            begin(stages, detect(self.light, stages[0], self.first).signal, frame),
+            begin(stages, uploaded(detect(self.light, stages[0], self.first).signal, frame), frame),
             replace(frame, _blocks={}),
         )
         return backend.numbers

@@ -20,7 +20,7 @@ from .camera import Camera
 from .chain import chain
 from .checks import as_photons, check_numbers, checked_maps, checked_origin
 from .conditional_slope import ConditionalSlope
-from .detection import Detected, detect
+from .detection import Detected, detect, uploaded
 from .field_derivatives import Recording
 from .options import GradientOptions
 from .run import begin, choose_backend, row_strips_of
@@ -144,7 +144,7 @@ class DifferentiableFrames:
     @cached_property
     def _start(self) -> Electrons:
         """Mean photoelectrons in the memory of the backend; the FPN maps are computed too."""
-        found: Electrons = begin(self.stages, self.detected.signal, self.first)
+        found: Electrons = begin(self.stages, uploaded(self.detected.signal, self.first), self.first)
         return found
 
     @cached_property

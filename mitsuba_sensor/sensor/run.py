@@ -216,7 +216,7 @@ class FrameRunner:
             return self.light.crop_rows(self._kept.rows[number]).signal
         if number in self._starts:
             return self._starts.pop(number) if last else self._starts[number]
-        start = begin(self.stages, self.light.crop_rows(self._kept.rows[number]).signal, frame)
+        start = begin(self.stages, self.light.on_backend(self._kept.rows[number], frame), frame)
         if not last:
             self._starts[number] = start
         return start
@@ -232,11 +232,9 @@ def require_kept(asked: Iterable[str], found: Container[str]) -> None:
             )
 
 
-def begin(stages: Chain, light: Array, frame: Frame) -> Array:
+def begin(stages: Chain, electrons: Array, frame: Frame) -> Array:
     """What a compiled backend needs once for many frames: the mean photoelectrons, and all FPN maps."""
     window = frame.window
-    layers = {name: window.backend.from_numpy(x, window) for name, x in vars(light).items() if np.ndim(x)}
-    electrons = replace(light, **layers)
     if not window.cached_values:  # of a sensor that was not exposed before
         sample(stages[1:], electrons, replace(frame, _blocks={}))  # traced and discarded: this makes the maps
         window.backend.evaluate(window)

@@ -73,6 +73,10 @@ class Stage(ABC):
     def sample(self, signal: Array, frame: Frame) -> Array:
         """The signal of one frame behind this stage, (H, W)."""
 
+    def in_kernel(self, photons: Photons) -> bool:
+        """Of the first stage: whether a compiled backend detects these photons itself."""
+        return False
+
     @abstractmethod
     def moments(self, m: Moments) -> Moments:
         """Mean, temporal and spatial variance of the signal behind this stage."""

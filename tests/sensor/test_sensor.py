@@ -100,3 +100,56 @@ def test_measured_maps_are_those_of_the_sensor() -> None:
     maps = ms.fpn_maps(camera, (40, 60), serial=7)
     given = ms.Sensor(camera, serial=1, maps=maps).expose(light(1), EXPOSURE).digital
     np.testing.assert_array_equal(given, ms.expose(light(1), camera, EXPOSURE, serial=7).digital)
+
+
+def mean_photons(kind: str) -> Any:
+    """300 × 500, with what a kernel may detect in another way than the host."""
+    photons = light(6, (300, 500))
+    photons[0, :6] = [0.0, -0.0, 1e-320, 1e29, 1e300, np.inf]
+    shifted = np.empty(photons.size + 1)[1:].reshape(photons.shape)
+    shifted[...] = photons
+    kinds = {"plain": photons, "bands": photons[..., None], "columns": np.asfortranarray(photons), "shifted": shifted}
+    return {**kinds, "every second": np.repeat(photons, 2, axis=1)[:, ::2], "float32": photons.astype(np.float32)}[kind]
+
+
+@pytest.mark.parametrize("qe", [0.63, 1 / 3, 0.0])
+@pytest.mark.parametrize("kind", ["plain", "bands", "columns", "shifted", "every second", "float32"])
+@pytest.mark.filterwarnings("ignore:overflow")
+def test_light_that_the_kernel_detects_is_that_of_a_stream_and_of_the_host(kind: str, qe: float) -> None:
+    """The bytes of the frame and of the mean photoelectrons; also where photons times QE ends between two float32s."""
+    camera = CAMERAS["table 1"].replace(**{"quantum_efficiency.value": qe})
+    sensor, photons = ms.Sensor(camera, serial=7), mean_photons(kind)
+    options: Any = {"wavelengths_nm": [550.0]} if kind == "bands" else {}
+    fast = [sensor.expose(photons, EXPOSURE, engine=engine, first_frame=1, **options) for engine in ENGINES]
+    streamed = list(sensor.stream(photons, EXPOSURE, engine=ENGINES[-1], frames=2, **options))[1]
+    cropped = sensor.expose(photons[7:], EXPOSURE, engine=ENGINES[-1], first_frame=1, origin=(7, 0), **options)
+    for one in fast:
+        np.testing.assert_array_equal(one.digital[0], streamed)
+        np.testing.assert_array_equal(one.digital[0, 7:], cropped.digital[0])
+        np.testing.assert_array_equal(one.detected.mean_e, fast[0].detected.mean_e)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("bad", [np.nan, -1.0, -np.inf, -1e-300])
+def test_bad_photons_are_refused_where_they_are_detected(bad: float, engine: str) -> None:
+    sensor, photons = ms.Sensor(CAMERAS["table 1"]), light(1)
+    before = sensor.expose(photons, EXPOSURE, engine=engine).digital
+    photons[30, 7] = bad
+    kind = "NaN" if np.isnan(bad) else "negative"
+    for refused in (sensor.expose, sensor.stream):
+        with pytest.raises(ms.InputError, match=rf"photons is {kind} in 1 place\(s\), first at \(30, 7\)"):
+            refused(photons, EXPOSURE, engine=engine)
+    np.testing.assert_array_equal(sensor.expose(light(1), EXPOSURE, engine=engine).digital, before)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_photons_may_be_written_over_once_a_frame_is_there(engine: str) -> None:
+    """The next scene of a data set in the same memory: report, electrons and a stream are those of the first."""
+    sensor, photons = ms.Sensor(CAMERAS["table 1"]), light(1)
+    frames, stream = sensor.expose(photons, EXPOSURE, engine=engine), sensor.stream(photons, EXPOSURE, engine=engine)
+    fresh = sensor.expose(photons.copy(), EXPOSURE, engine=engine)
+    photons[...] = 0.0
+    sensor.expose(photons, EXPOSURE, engine=engine)
+    np.testing.assert_array_equal(next(stream), fresh.digital[0])
+    np.testing.assert_array_equal(frames.detected.mean_e, fresh.detected.mean_e)
+    assert frames.report["stages"] == fresh.report["stages"]
