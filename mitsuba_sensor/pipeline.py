@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, TypeAlias, Unpack
 
 import numpy as np
 
-from .core import Exposure, InputError, Photons, check_types
+from .core import Exposure, InputError, Photons
 from .core.options import Option, complete, declared, documents, part_of, used
 from .io import exr, files
 from .io.metadata import versions
@@ -20,7 +20,7 @@ from .render.aovs import Aovs
 from .render.irradiance import Irradiance
 from .render.options import FrameSeriesOptions, RenderOptions
 from .render.per_frame import FrameSeries
-from .render.photons import collect
+from .render.photons import collect, metered
 from .render.prepared import PreparedRender, prepare
 from .render.scene_settings import ParsedScene
 from .render.statistics import summary_of
@@ -30,13 +30,14 @@ from .sensor.checks import as_photons
 from .sensor.detection import detect
 from .sensor.expose import KEEP, Frames, prepare_exposure
 from .sensor.input_noise import input_noise
+from .sensor.metering import MANY_CLIPPED, AskedExposure, Metering, checked_exposure
 from .sensor.options import ExposeOptions, FrameOptions
 from .sensor.plan import plan_for
 
 FILES = ("frame.tiff", "frame.png", "irradiance.exr", "aovs.exr", "frame.json")
 Scene: TypeAlias = str | os.PathLike[str] | ParsedScene
 Light: TypeAlias = str | os.PathLike[str] | Irradiance
-Asked: TypeAlias = tuple[Scene, Camera | None, Exposure | None]
+Asked: TypeAlias = tuple[Scene, Camera | None, Exposure | Metering | None]
 Made: TypeAlias = tuple[PreparedRender, Irradiance, Frames, dict[str, float]]  # … and what is left uncompensated
 
 
@@ -100,7 +101,7 @@ class Capture:
 def capture(
     source: Scene | Light,
     camera: Camera | None = None,
-    exposure: Exposure | None = None,
+    exposure: AskedExposure | None = None,
     *,
     progress: Progress | None = None,
     **options: Unpack[CaptureOptions],
@@ -108,22 +109,24 @@ def capture(
     """Render a scene and expose a camera to it; ``capture("scene.xml").save("out/")``.
 
     source : a scene file, or light that is there already: an irradiance.exr, or what :func:`render` returned.
-    camera, exposure : what is not given is read from the scene's <film type="photosensor">.
+    camera, exposure : what is not given is read from the scene's <film type="photosensor">; an exposure of "auto", or
+        none anywhere, is metered.
     progress : called with a :class:`render.stop_criterion.RenderProgress` after every pass.
     Everything is checked before the first ray is traced. Raises InputError.
     """
-    check_types(camera, exposure, optional=True)
+    asked = checked_exposure(camera, exposure)
     chosen, times_s = complete(CaptureOptions, options), dict[str, float]()
     if isinstance(source, Irradiance) or (isinstance(source, str | os.PathLike) and exr.is_exr(source)):
         refuse_render_options(chosen)
-        return _of_light(source, camera, exposure, chosen, times_s)
+        return _of_light(source, camera, asked, chosen, times_s)
     make = _shared_render if chosen["render_noise"] == "shared" else _render_per_frame
-    prepared, light, frames, left = make((source, camera, exposure), chosen, progress, times_s)
+    prepared, light, frames, left = make((source, camera, asked), chosen, progress, times_s)
     origin = {
         "scene": prepared.parsed.file.path,
         "parameters": dict(chosen["parameters"] or {}),
         "motion": used(CaptureOptions, chosen)["motion"],
         "render_noise": chosen["render_noise"],
+        "metering": light.statistics.metering,
         **left,
     }
     metadata, aovs = frame_metadata(frames, light, chosen, origin, times_s), None
@@ -142,19 +145,25 @@ def _timed(times_s: dict[str, float], name: str) -> Iterator[None]:
 
 
 def _of_light(
-    source: Light, camera: Camera | None, exposure: Exposure | None, options: CaptureOptions, times_s: dict[str, float]
+    source: Light,
+    camera: Camera | None,
+    asked: Exposure | Metering | None,
+    options: CaptureOptions,
+    times_s: dict[str, float],
 ) -> Capture:
     """Frames of light that is rendered already."""
-    if camera is None or exposure is None:
-        missing = "camera" if camera is None else "exposure"
-        raise InputError(f"no {missing} is given and an irradiance has none; pass {missing}=….")
+    if camera is None:
+        raise InputError("no camera is given and an irradiance has none; pass camera=….")
+    metering = None if isinstance(asked, Exposure) else asked or Metering()
     path = None if isinstance(source, Irradiance) else Path(source)
     with _timed(times_s, "read irradiance"):
         light = source if isinstance(source, Irradiance) else exr.read_irradiance_exr(source)
+    exposure = asked if isinstance(asked, Exposure) else metered(light, camera, asked or Metering())
+    origin = {"irradiance": path, "metering": None if metering is None else metering.record(exposure)}
     sensor = prepare_exposure(camera, exposure, light.data.shape[:2], light.origin, part_of(ExposeOptions, options))
     with _timed(times_s, "expose"):
         frames = sensor.of(as_photons(collect(light, camera, exposure), camera)).frames_with_report()
-    metadata = frame_metadata(frames, light, options, {"irradiance": path}, times_s)
+    metadata = frame_metadata(frames, light, options, origin, times_s)
     return Capture(frames, light, frames.light, None, metadata, rendered=False)
 
 
@@ -169,8 +178,9 @@ def _shared_render(asked: Asked, options: CaptureOptions, progress: Progress | N
         sensor = prepared.sensor(part_of(ExposeOptions, options))  # checked before the first ray
         light = prepared.render(sensor.first.seed, prepared.stop_criterion(rendering), progress, started=started)
     with _timed(times_s, "expose"):
-        photons = as_photons(collect(light, prepared.camera, prepared.exposure), prepared.camera)
-        return prepared, light, sensor.of(photons).frames_with_report(), {}
+        exposure = prepared.exposure_of(light)
+        photons = as_photons(collect(light, prepared.camera, exposure), prepared.camera)
+        return prepared, light, sensor.at(exposure).of(photons).frames_with_report(), {}
 
 
 def _render_per_frame(
@@ -234,12 +244,23 @@ def frame_metadata(
         "counts": {**report["counts"], **{name: statistics[name] for name in ("negative", "non_finite")}},
         "render": statistics,
         "render_noise": noise,
+        "notes": [*clipped_note(frames)],
         "versions": versions(),
         "effects": found.get("stages", []),
         "left_out": [] if frames.plan is None else frames.plan.left_out,
         "float32": found.get("float32"),
         "times_s": times_s,
     }
+
+
+def clipped_note(frames: Frames) -> Iterator[str]:
+    """Where many pixels are saturated: how many, and the time that metering would choose."""
+    counts, exposure = frames.report["counts"], frames.first.exposure
+    pixels = frames.digital[0].size
+    share = max(counts["clipped_full_well"], counts["clipped_adc_high"]) / pixels
+    if share > MANY_CLIPPED:
+        shorter = Metering().time_s(frames.light, frames.camera, exposure)
+        yield f"{share:.0%} of the pixels are saturated at {exposure.time_s:g} s; --exposure-s {shorter:g} is metered"
 
 
 def render_noise(light: Irradiance, frames: Frames) -> dict[str, float]:

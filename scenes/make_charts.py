@@ -28,6 +28,8 @@ HEAD = """<?xml version="1.0" encoding="utf-8"?>
     <!-- Columns and rows of the film: a window of the camera's pixels. -->
     <default name="width" value="{width}"/>
     <default name="height" value="{height}"/>
+    <!-- Exposure time [s]; plain Mitsuba ignores it. -->
+    <default name="exposure_s" value="0.1"/>
     <!-- Illuminance of the chart [lux]. {level} -->
     <default name="lux" value="{lux:g}"/>
 

@@ -17,6 +17,7 @@ from mitsuba_sensor.sensor.run import choose_backend
 SCENE = """
 <scene version="3.0.0">
     <default name="level" value="0.0002"/>
+    <default name="exposure_s" value="0.1"/>
     <integrator type="path"><integer name="max_depth" value="3"/></integrator>
     <sensor type="perspective">
         <float name="fov" value="40"/>
@@ -46,7 +47,7 @@ def backend(request: pytest.FixtureRequest) -> Any:
 
 @pytest.fixture(scope="session")
 def scene_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A grey ball under a grey sky, 16 × 12 pixels, with one parameter: level [W m⁻² sr⁻¹ nm⁻¹]."""
+    """A grey ball under a grey sky, 16 × 12 pixels, exposed for 0.1 s, with a level [W m⁻² sr⁻¹ nm⁻¹]."""
     path = tmp_path_factory.mktemp("scene") / "ball.xml"
     path.write_text(SCENE, encoding="utf-8")
     return path

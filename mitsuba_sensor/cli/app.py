@@ -16,6 +16,7 @@ from ..core import InputError, first_given
 from ..io import files
 from ..render.scene_settings import ParsedScene, SceneSettings, parse
 from ..sensor.camera import toml_value
+from ..sensor.metering import Metering
 from . import options
 from .options import Flag, Flags
 
@@ -54,7 +55,7 @@ class RenderInput(NamedTuple):
 
     scene: ParsedScene
     camera: ms.Camera
-    exposure: ms.Exposure
+    exposure: ms.Exposure | Metering
 
 
 def render_input(scene: Path, flags: Flags) -> tuple[RenderInput, dict[str, Flag]]:
@@ -68,8 +69,9 @@ def other_flags(flags: Flags) -> dict[str, Flag]:
     return {name: value for name, value in flags.items() if name not in options.CameraFlags.__annotations__}
 
 
-def camera_and_exposure(flags: Flags, settings: SceneSettings = NO_SCENE) -> tuple[ms.Camera, ms.Exposure]:
-    """The named camera behind the scene's lens, else the scene's own, else the default one; the exposure likewise.
+def camera_and_exposure(flags: Flags, settings: SceneSettings = NO_SCENE) -> tuple[ms.Camera, ms.Exposure | Metering]:
+    """The named camera behind the scene's lens, else the scene's own, else the default one; the exposure likewise, else
+    how it is metered.
 
     The --set fields are set before the scene's too, because a prescription takes focal length and focus from the scene.
     """
@@ -78,10 +80,11 @@ def camera_and_exposure(flags: Flags, settings: SceneSettings = NO_SCENE) -> tup
     camera = camera or ms.load_camera(options.DEFAULT_CAMERA if name is None else name)
     camera = settings.applied_to(camera.replace(**changes) if changes else camera)
     camera = camera.replace(**changes) if changes else camera
-    return camera, ms.Exposure(
-        first_given(flags.get("exposure_s"), settings.exposure_s, options.DEFAULT_EXPOSURE_S),
-        first_given(flags.get("temperature_k"), settings.temperature_k, options.DEFAULT_TEMPERATURE_K),
-    )
+    time_s: float | str | None = first_given(flags.get("exposure_s"), settings.exposure_s)
+    temperature_k = first_given(flags.get("temperature_k"), settings.temperature_k, options.DEFAULT_TEMPERATURE_K)
+    if time_s is None or isinstance(time_s, str):
+        return camera, Metering(temperature_k)
+    return camera, ms.Exposure(time_s, temperature_k)
 
 
 def show(what: object, as_json: bool) -> None:

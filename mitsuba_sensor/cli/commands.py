@@ -16,6 +16,7 @@ from ..io import exr, files
 from ..pipeline import FILES, CaptureOptions, LightOptions, refuse_render_options
 from ..render.options import RenderOptions, SceneOptions
 from ..sensor.gains import gain_dn_per_e
+from ..sensor.metering import Metering
 from . import options, terminal
 from .app import app, camera_and_exposure, err, other_flags, render_input, show
 
@@ -67,6 +68,7 @@ def plan(
 
     Writes nothing. Times are medians of five interleaved runs on this machine.
     """
+    from ..render.photons import metered
     from ..render.requirements import render_requirements
 
     if source.suffix.lower() == ".exr":
@@ -79,6 +81,8 @@ def plan(
         camera, exposure = given.camera, given.exposure
         with terminal.render_progress(err, asked) as progress:
             light = ms.render(given.scene, camera, exposure, progress=progress, **asked)
+    if isinstance(exposure, Metering):
+        exposure = metered(light, camera, exposure)
     found = ms.plan(camera, exposure, ms.collect(light, camera, exposure), tolerance_dn=tolerance_dn)
     needs = render_requirements(light, camera, exposure, gain_dn_per_e(camera), tolerance_dn)
     if as_json:

@@ -13,13 +13,14 @@ from ..core.options import Declared, Option, declared
 from ..io import files
 from ..render.options import RenderOptions, SceneOptions
 from ..render.passes import MOST_IN_ALL
+from ..sensor.metering import PERCENTILE, SHARE
 from ..sensor.options import FrameOptions, SensorOptions
 
 Command = TypeVar("Command", bound=Callable[..., None])
 Flag: TypeAlias = Any  # the value of one flag; its type is that of the option
 Flags = Mapping[str, Flag]
 
-DEFAULT_CAMERA, DEFAULT_EXPOSURE_S, DEFAULT_TEMPERATURE_K = "konnik_table1", 0.1, 298.15
+DEFAULT_CAMERA, DEFAULT_TEMPERATURE_K = "konnik_table1", 298.15
 
 Scene = Annotated[
     Path, typer.Argument(metavar="SCENE", help="A Mitsuba 3 scene file (.xml); its film becomes the sensor's.")
@@ -51,8 +52,12 @@ class CameraFlags(TypedDict, total=False):
         ),
     ]
     exposure_s: Annotated[
-        float | None,
-        Option(f"Exposure time in seconds. Default: the scene file's, else {DEFAULT_EXPOSURE_S}.", metavar="SECONDS"),
+        str | None,
+        Option(
+            f"Exposure time in seconds, or auto: metered, so that the {PERCENTILE:g}th percentile of the lit pixels is "
+            f"at {100 * SHARE:g} % of saturation. Default: the scene file's, else auto.",
+            metavar="SECONDS|auto",
+        ),
     ]
     temperature_k: Annotated[
         float | None,
@@ -169,6 +174,14 @@ def pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
     return {name: value for name, _, value in found}
 
 
+def _seconds(text: str) -> float:
+    """The number in the text. Raises InputError."""
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"--exposure-s {text!r} is no time; give seconds, e.g. 0.01, or auto.") from None
+
+
 def _type(one: Declared) -> Flag:
     """The type of an option as typer wants it, with its flag and its help."""
     flag, kinds = one.option.flag or f"--{one.name.replace('_', '-')}", one.kinds
@@ -182,5 +195,6 @@ def _type(one: Declared) -> Flag:
 READERS: dict[str, Callable[[Flag], Flag]] = {  # how the text of an option becomes its value, where typer does not know
     "parameters": lambda texts: pairs("-D", texts),
     "settings": lambda texts: pairs("--set", texts),
+    "exposure_s": lambda text: text if text == "auto" else _seconds(text),
     "maps": files.read_fpn_maps,
 }

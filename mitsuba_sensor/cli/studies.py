@@ -15,6 +15,8 @@ from ..io import files
 from ..io.measurements import Measurements
 from ..io.metadata import machine, versions
 from ..render.options import SceneOptions
+from ..render.prepared import prepare
+from ..sensor.metering import Metering
 from ..study.kit import Kit, Subject
 from ..study.page import Study, Table, html, png
 from . import options
@@ -83,8 +85,11 @@ def _subject(scene: Path, found: RenderInput, flags: Flags, **more: Flag) -> tup
     parameters = flags["parameters"] or {}
     render = {"parameters": parameters, "scene_unit": flags["scene_unit"], "width": flags["width"], **more}
     about = {"scene": str(scene), "scene_sha256": found.scene.file.digest()}
-    question = {**about, "camera": found.camera.model_dump(), "exposure": asdict(found.exposure), "render": render}
-    return Subject(scene, found.camera, found.exposure, render), question
+    exposure = found.exposure
+    if isinstance(exposure, Metering):
+        exposure = prepare(scene, found.camera, exposure, **render).metered_first().exposure
+    question = {**about, "camera": found.camera.model_dump(), "exposure": asdict(exposure), "render": render}
+    return Subject(scene, found.camera, exposure, render), question
 
 
 def _run(name: str, flags: Flags, question: dict[str, Flag], measure: Callable[[Kit], Study]) -> None:

@@ -80,9 +80,10 @@ def summary(report: Report, folder: str) -> RenderableType:
     """A frame in short: photons, the signal after each stage in theory and in the frame, noise by source."""
     image, exposure = report["image"], report["exposure"]
     size = f"{image['columns']} × {image['rows']}, {image['frames']} frame{'s' if image['frames'] > 1 else ''}"
-    conditions = f", {exposure['time_s']:g} s at {exposure['temperature_k']:g} K, {size} → "
+    metered = " (metered)" if report["origin"].get("metering") else ""
+    conditions = f", {exposure['time_s']:g} s{metered} at {exposure['temperature_k']:g} K, {size} → "
     head = Text.assemble((report["camera"]["name"], "bold"), conditions, (folder, "bold"))
-    said = *report["render"]["notes"], *report["camera"].get("notes", ())
+    said = *report["render"]["notes"], *report["camera"].get("notes", ()), *report["notes"]
     notes = (Text.assemble(("note: ", "bold yellow"), note) for note in said)
     return Group(head, _stages(report), *_facts(report), *notes)
 

@@ -9,13 +9,14 @@ from typing import Any, Literal, Unpack, get_args
 
 import numpy as np
 
-from ..core import Exposure, InputError, Photons, first_given
+from ..core import InputError, Photons, first_given
 from ..core.options import complete, documents, part_of
 from ..sensor.camera import Camera
 from ..sensor.checks import as_photons, check_numbers
 from ..sensor.compensation import LIMIT, compensable
 from ..sensor.effects.dark_current import mean_dark_e
 from ..sensor.expose import Frames, PreparedExposure
+from ..sensor.metering import AskedExposure
 from ..sensor.options import ExposeOptions
 from .irradiance import Irradiance
 from .options import FrameSeriesOptions, RenderOptions
@@ -53,7 +54,7 @@ class RenderedFrame:
 def render_frames(
     scene: str | os.PathLike[str] | ParsedScene,
     camera: Camera | None = None,
-    exposure: Exposure | None = None,
+    exposure: AskedExposure | None = None,
     *,
     render_noise: PerFrameNoise = "compensated",
     progress: Progress | None = None,
@@ -94,7 +95,7 @@ class FrameSeries:
         cls,
         scene: str | os.PathLike[str] | ParsedScene,
         camera: Camera | None,
-        exposure: Exposure | None,
+        exposure: AskedExposure | None,
         options: FrameSeriesOptions,
         render_noise: PerFrameNoise,
     ) -> FrameSeries:
@@ -117,6 +118,7 @@ class FrameSeries:
         if compensated and prepared.camera.quantum_efficiency.quantum_yield:
             end = "has a quantum_yield, whose electrons come in bursts; take render_noise 'per-frame'"
             raise InputError(f"render_noise is 'compensated' and {prepared.camera.name} {end}.")
+        prepared = prepared.metered_first()
         sensor = prepared.sensor({**part_of(ExposeOptions, options), "frames": 1})
         stop = stop_criterion_of(wanted, len(prepared.bands.groups))
         stop, criterion = (replace(stop, reached="compensable"), _criterion(prepared)) if measured else (stop, None)

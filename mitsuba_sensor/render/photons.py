@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike
 from ..core import Exposure, Float64Array, InputError, Photons, check_types, numbers, require, require_seed
 from ..core.units import photon_energy_j
 from ..sensor.camera import Camera
+from ..sensor.checks import as_photons
+from ..sensor.metering import Metering
 from .bands import Bands, response_fingerprint
 from .irradiance import Irradiance
 
@@ -74,6 +76,11 @@ def collect(
         raise InputError(f"light has {values.shape[2]} bands; pass wavelengths_nm with that many centres.")
     centres = _centres(wavelengths_nm)
     return _photons(values, centres, _widths(centres, bandwidths_nm), camera, exposure)
+
+
+def metered(light: Irradiance, camera: Camera, metering: Metering) -> Exposure:
+    """The exposure at which a picture of this light is as bright as asked for. Raises InputError if it is black."""
+    return metering.exposure(as_photons(collect(light, camera, metering.unit_exposure), camera), camera)
 
 
 def _irradiance_values(light: object) -> Float64Array:

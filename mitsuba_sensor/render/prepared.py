@@ -6,15 +6,19 @@ import functools
 import operator
 import os
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, Unpack
 
-from ..core import Exposure, InputError, check_types, first_given, require_seed
+import numpy as np
+
+from ..core import Exposure, Float64Array, InputError, first_given, require_seed
 from ..core.options import complete, documents
 from ..optics.intrinsics import aperture_f_number, intrinsics
 from ..optics.shutter import shutter_of
 from ..sensor.camera import Camera
 from ..sensor.expose import PreparedExposure, prepare_exposure
+from ..sensor.input_noise import input_noise
+from ..sensor.metering import AskedExposure, Metering, checked_exposure
 from ..sensor.options import ExposeOptions
 from .aovs import Aovs, aovs_of, load_for_rays
 from .bands import BANDWIDTH_NM, Bands, choose_bands
@@ -24,18 +28,21 @@ from .motion import Motion, read_motion
 from .moving_scene import MovingScene
 from .options import RenderOptions
 from .passes import SAMPLER
+from .photons import metered
 from .renderer import Criterion, Renderer
 from .scene import Scene, load_scene
 from .scene_settings import ParsedScene, SceneSettings, parse
 from .statistics import RenderStatistics, summary_of, why_not_trusted
 from .stop_criterion import End, Progress, StopCriterion, stop_criterion_of
 
+METERING_SPP = 32  # of the render that is metered where the exposure must be known before
+
 
 @documents(RenderOptions)
 def render(
     scene: str | os.PathLike[str] | ParsedScene,
     camera: Camera | None = None,
-    exposure: Exposure | None = None,
+    exposure: AskedExposure | None = None,
     *,
     seed: int | None = None,
     progress: Progress | None = None,
@@ -45,7 +52,8 @@ def render(
 
     camera, exposure, seed : what is not given is read from the scene's <film type="photosensor">, and so are the
         options wavelength_nm, bandwidth_nm and spectral. A camera that is given brings its own lens; a note says so
-        where the scene's <sensor type="camera"> has another.
+        where the scene's <sensor type="camera"> has another. An exposure of "auto", or none anywhere, is metered:
+        ``statistics.metering`` has what was found.
     progress : called with a :class:`render.stop_criterion.RenderProgress`, also once before the first pass.
     Raises InputError for anything wrong with the arguments or the scene. Ctrl-C is obeyed between passes.
     """
@@ -67,7 +75,11 @@ def check_options(options: RenderOptions) -> None:
 
 @dataclass(frozen=True, eq=False)
 class PreparedRender:
-    """A loaded scene that can be rendered for one camera and exposure as often as asked; unit_m : metres per unit."""
+    """A loaded scene that can be rendered for one camera and exposure as often as asked.
+
+    unit_m : metres per unit.  metering : how the exposure is found, or was; None where it was given.
+    metered : whether ``exposure`` is known; otherwise it is one second, and each light has :meth:`exposure_of` its own.
+    """
 
     parsed: ParsedScene
     scene: Scene | MovingScene
@@ -80,6 +92,8 @@ class PreparedRender:
     motion: Motion
     unit_m: float
     sampler: str = SAMPLER
+    metering: Metering | None = None
+    metered: bool = False
 
     @property
     def at_rest(self) -> Scene:
@@ -106,7 +120,6 @@ class PreparedRender:
         """One render; started : when it began, on the monotonic clock [s]; criterion : see :meth:`Renderer.run`."""
         began, renderer = time.monotonic() if started is None else started, self.renderer
         end = renderer.run(seed, stop, progress or (lambda step: None), criterion)
-        statistics = self._statistics(stop, end, began)
         halves = renderer.halves() if self.denoise else None
         data, error, relative = renderer.result()
         bands, (column, row) = self.bands, self.scene.view.crop_offset
@@ -121,12 +134,30 @@ class PreparedRender:
             bandwidths_nm=bands.bandwidths_nm,
             standard_error=error,
             relative_error=relative,
-            statistics=statistics,
+            statistics=self._statistics(stop, end, began, self.exposure),
             filters=tuple(self.camera.quantum_efficiency.curves) if bands.kind == "channels" else None,
             response=bands.response,
             origin=(row, column),
         )
+        if self.metering is not None and not self.metered:
+            exposure = metered(light, self.camera, self.metering)
+            light = replace(light, statistics=self._statistics(stop, end, began, exposure))
         return light if halves is None else denoised(light, self.at_rest, halves)
+
+    def exposure_of(self, light: Irradiance) -> Exposure:
+        """The exposure of this light: what was given, or found when it was metered."""
+        if (found := light.statistics.metering) is None:
+            return self.exposure
+        return replace(self.exposure, time_s=found["exposure_s"])
+
+    def metered_first(self) -> PreparedRender:
+        """The same, its exposure known: where it is to be metered, by a short render from now on. Raises InputError."""
+        if self.metering is None or self.metered:
+            return self
+        light = replace(self, denoise=False).render(self.seed(None), stop_criterion_of({"spp": METERING_SPP}))
+        exposure = self.exposure_of(light)
+        renderer = Renderer(self.scene, self.camera, exposure, self.bands, halves=self.denoise)
+        return replace(self, exposure=exposure, renderer=renderer, metered=True)
 
     def sensor(self, options: ExposeOptions) -> PreparedExposure:
         """The exposure of what is rendered, checked before anything is: ``.of(photons).frames()``. Seed and serial
@@ -143,7 +174,16 @@ class PreparedRender:
             scene = load_for_rays(self.parsed.file, self.camera, self.unit_m, self.width)
         return aovs_of(scene, self.motion, self.unit_m, shutter_of(self.camera, self.exposure))
 
-    def _statistics(self, stop: StopCriterion, end: End, started: float) -> RenderStatistics:
+    def _noise_ratios(self, exposure: Exposure) -> Float64Array:
+        """Render variance over sensor variance of every pixel in an exposure, (H, W); infinite where the light is."""
+        found = self.renderer.noise_ratios()
+        if exposure == self.exposure:
+            return found
+        longer, (mean_e, variance_e2) = exposure.time_s / self.exposure.time_s, self.renderer.electrons()
+        ratio = input_noise(self.camera, exposure).ratio(mean_e * longer, variance_e2 * longer**2)
+        return np.where(np.isinf(found), np.inf, ratio)
+
+    def _statistics(self, stop: StopCriterion, end: End, started: float, exposure: Exposure) -> RenderStatistics:
         renderer, passes = self.renderer, self.renderer.passes
         fireflies, samples = renderer.firefly_fraction(), renderer.samples_per_pixel
         doubt, notes = why_not_trusted(passes, fireflies), [*self.scene.notes]
@@ -160,7 +200,7 @@ class PreparedRender:
             variant=self.parsed.variant.name,
             sampler=self.sampler,
             spectral=self.bands.kind,
-            **summary_of(renderer.noise_ratios(), renderer.electrons()[0] > 0, passes),
+            **summary_of(self._noise_ratios(exposure), renderer.electrons()[0] > 0, passes),
             noise_ratio_asked=stop.goal if stop.reached == "noise_ratio" else None,
             ended_by=end,
             reliable=not doubt,
@@ -171,6 +211,7 @@ class PreparedRender:
             scene_sha256=self.scene.sha256,
             aperture_f_number=aperture_f_number(self.scene.view, self.camera),
             intrinsics=intrinsics(self.scene.view, self.camera),
+            metering=None if self.metering is None else self.metering.record(exposure),
         )
 
 
@@ -182,39 +223,43 @@ def _value(fields: Any, name: str) -> Any:
 def prepare(
     scene: str | os.PathLike[str] | ParsedScene,
     camera: Camera | None = None,
-    exposure: Exposure | None = None,
+    exposure: AskedExposure | None = None,
     *,
     usual: Literal["auto", "channels"] = "auto",
     sampler: str = SAMPLER,
     **options: Unpack[RenderOptions],
 ) -> PreparedRender:
-    """Check all that was asked for, read what was not from the scene file, and load the scene; no ray is traced.
+    """Check all that was asked for, read what was not from the scene file, and load the scene.
 
     usual : the value of ``spectral`` where neither the options nor the scene file ask for anything.
     sampler : of Mitsuba; no option of :func:`render`, because no other is better (benchmarks/render_passes.py).
-    Raises InputError.
+    No ray is traced, except where an exposure that is to be metered decides what is rendered, with a motion or a noise
+    ratio: a short render at rest finds it. Raises InputError.
     """
-    check_types(camera, exposure, optional=True)
+    asked = checked_exposure(camera, exposure)
     chosen = complete(RenderOptions, options)
     check_options(chosen)
     parsed = scene if isinstance(scene, ParsedScene) else parse(scene, chosen["parameters"], chosen["variant"])
     settings = parsed.settings
-    camera, exposure = first_given(camera, settings.camera), first_given(exposure, settings.exposure)
-    for name, value, field in (("camera", camera, "camera"), ("exposure", exposure, "exposure_s")):
-        if value is None:
-            place = f'put <film type="photosensor"> with {field} into its sensor'
-            raise InputError(f"no {name} is given and the scene has none; pass one, or {place}.")
-    assert camera is not None and exposure is not None
+    camera, asked = first_given(camera, settings.camera), first_given(asked, settings.exposure)
+    if camera is None:
+        place = 'put <film type="photosensor"> with camera into its sensor'
+        raise InputError(f"no camera is given and the scene has none; pass one, or {place}.")
+    metering = asked if isinstance(asked, Metering) else None
+    known = asked.unit_exposure if isinstance(asked, Metering) else asked
     bands, metres = _bands(chosen, settings, camera, usual), settings.metres(chosen["scene_unit"]) or 1.0
     at_rest = load_scene(parsed.file, bands, {}, camera, chosen["scene_unit"], width=chosen["width"], sampler=sampler)
-    loaded: Scene | MovingScene = at_rest
-    motion = read_motion(chosen["motion"])
-    if chosen["motion"] is not None:
-        loaded = MovingScene(at_rest, motion, camera, exposure, chosen["subframes"], metres)
-    renderer = Renderer(loaded, camera, exposure, bands, halves=chosen["denoise"])
-    return PreparedRender(
-        parsed, loaded, camera, exposure, bands, renderer, chosen["denoise"], chosen["width"], motion, metres, sampler
+    motion, denoise = read_motion(chosen["motion"]), chosen["denoise"]
+    renderer = Renderer(at_rest, camera, known, bands, halves=denoise)
+    still = PreparedRender(
+        parsed, at_rest, camera, known, bands, renderer, denoise, chosen["width"], Motion(), metres, sampler, metering
     )
+    if chosen["motion"] is None:
+        return still if chosen["noise_ratio"] is None else still.metered_first()
+    still = still.metered_first()
+    moving = MovingScene(at_rest, motion, camera, still.exposure, chosen["subframes"], metres)
+    renderer = Renderer(moving, camera, still.exposure, bands, halves=denoise)
+    return replace(still, scene=moving, motion=motion, renderer=renderer)
 
 
 def _bands(options: RenderOptions, settings: SceneSettings, camera: Camera, usual: str) -> Bands:

@@ -26,6 +26,7 @@ OWN_PLUGINS = ("camera", "photosensor")
 class SceneFile:
     """A parsed scene: Mitsuba's parser state, whose nodes[0] is the scene, and values for its ``<default>`` names.
 
+    exposure_s : value of the ``<default>`` of that name, which no element need use.
     resolver : finds meshes and textures beside the file and in the folders that its ``<path>`` elements name.
     """
 
@@ -34,6 +35,7 @@ class SceneFile:
     state: MitsubaObject
     values: Mapping[str, str]
     resolver: MitsubaObject
+    exposure_s: str | None = None
 
     @property
     def root(self) -> MitsubaObject:
@@ -95,6 +97,9 @@ def parse_scene(path: str | os.PathLike[str], parameters: Mapping[str, object]) 
         raise InputError(f"scene {os.fspath(path)!r} is not a file; give the path of a Mitsuba 3 scene in XML.")
     values = {str(k): str(v) for k, v in parameters.items()}
     text = file.read_text(encoding="utf-8", errors="replace")
+    usual = re.search(r'<default\s+name="exposure_s"\s+value="([^"]*)"', text)
+    exposure_s = values.get("exposure_s", usual[1]) if usual else None
+    used = {k: v for k, v in values.items() if k != "exposure_s" or "$exposure_s" in text}  # Mitsuba refuses others
     known = sorted({*re.findall(r'<default\s+name="(\w+)"', text), *re.findall(r"\$\{?(\w+)", text)})
     unknown = next((name for name in values if name not in known), None)
     if unknown is not None and "<include" not in text:  # names in included files are left to Mitsuba
@@ -105,13 +110,13 @@ def parse_scene(path: str | os.PathLike[str], parameters: Mapping[str, object]) 
     beside = type(mi.file_resolver())(mi.file_resolver())
     beside.prepend(str(file.resolve().parent))
     with searching(beside), as_input_error(file):
-        state = mi.parser.parse_file(config, str(file), **values)
+        state = mi.parser.parse_file(config, str(file), **used)
         mi.parser.transform_upgrade(config, state)
         mi.parser.transform_resolve(config, state)
         resolver = mi.file_resolver()
     if state.nodes[0].type != mi.ObjectType.Scene:
         raise InputError(f'{file.name!r} holds no scene; its outermost element must be <scene version="3.0.0">.')
-    return SceneFile(file, config, state, values, resolver)
+    return SceneFile(file, config, state, values, resolver, exposure_s)
 
 
 @contextlib.contextmanager

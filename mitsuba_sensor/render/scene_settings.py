@@ -11,8 +11,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from ..core import Exposure, InputError, nearest, require, require_seed
+from ..core import Exposure, InputError, first_given, nearest, require, require_seed
 from ..sensor.camera import Camera, list_cameras, load_camera, toml_value
+from ..sensor.metering import Metering
 from .bands import SPECTRAL
 from .scene_file import SceneFile, parse_scene, searching
 from .variants import MitsubaObject, Variant, choose_variant, mitsuba, use
@@ -38,13 +39,14 @@ class SceneSettings:
     """Camera, exposure and seeds of a scene file; None, or empty, where the file does not set them.
 
     camera : the named one, with the fields that the file sets.  fields : those alone, by dotted name.
+    exposure_s : seconds, or "auto".
     focal_length_mm, focus_distance_m, unit_m : of <sensor type="camera">; metres per scene unit.
     size : width, height and crop of the film, in pixels.
     """
 
     camera: Camera | None = None
     fields: Mapping[str, object] = field(default_factory=dict)
-    exposure_s: float | None = None
+    exposure_s: float | str | None = None
     temperature_k: float | None = None
     seed: int | None = None
     serial: int | None = None
@@ -57,10 +59,12 @@ class SceneSettings:
     size: Mapping[str, int] = field(default_factory=dict)
 
     @property
-    def exposure(self) -> Exposure | None:
-        """The exposure, if the file sets its time; at 298.15 K unless it sets another temperature."""
-        given = (self.exposure_s, self.temperature_k)
-        return None if self.exposure_s is None else Exposure(*(value for value in given if value is not None))
+    def exposure(self) -> Exposure | Metering:
+        """The exposure, metered unless the file sets its time; at 298.15 K unless it sets another temperature."""
+        temperature_k = first_given(self.temperature_k, Exposure(0.0).temperature_k)
+        if self.exposure_s is None or isinstance(self.exposure_s, str):
+            return Metering(temperature_k)
+        return Exposure(self.exposure_s, temperature_k)
 
     def metres(self, scene_unit: str | float | None) -> float | None:
         """Metres per scene unit: as asked for, else as the file says; None if neither does."""
@@ -81,12 +85,14 @@ def settings_of(scene: SceneFile) -> SceneSettings:
     sensor, film = scene.sensor(), scene.film()
     of_film, of_sensor = Fields(), Fields()
     try:
-        node = film
+        node = film or sensor
         if film is not None and film.props.plugin_name() == FILM:
             _check_names(film.props, (*FILM_FIELDS, *(name for name in film.props if "." in name)))  # a camera's field
             with searching(scene.resolver):
                 of_film = film_fields_of(film.props)
-            settings_from(of_film, {})  # its errors are located at the film
+        elif scene.exposure_s is not None:
+            of_film = {"exposure_s": seconds_of(scene.exposure_s)}
+        settings_from(of_film, {})  # its errors are located at the film
         node = sensor
         if sensor.props.plugin_name() == SENSOR:
             _check_names(sensor.props, (*SENSOR_FIELDS, *PASSED_ON, *dict(scene.children(sensor.props))))
@@ -128,7 +134,8 @@ def settings_from(film: Fields, lens: Fields) -> SceneSettings:
     for name in sorted(own.keys() & of_lens):
         raise InputError(f"{name} is set in the film and in the sensor; give it in one of the two.")
     exposure = {name: film[name] for name in EXPOSURE_FIELDS if name in film}
-    Exposure(exposure.get("exposure_s", 0.0), exposure.get("temperature_k", 0.0))  # checked here, with line numbers
+    time_s = exposure.get("exposure_s", "auto")
+    Exposure(0.0 if time_s == "auto" else time_s, exposure.get("temperature_k", 0.0))  # checked here, with line numbers
     for name in ("seed", "serial"):
         require_seed(name, exposure.get(name, 0))
     if exposure.get("spectral", SPECTRAL[0]) not in SPECTRAL:
@@ -163,6 +170,14 @@ def lens_fields(lens: Fields) -> Fields:
     curve, nodes_nm = (tuple(map(float, numbers)) for numbers in (transmission.values, transmission.wavelengths))
     table = {"lens.transmission_curve": curve, "lens.transmission_wavelengths_nm": nodes_nm}
     return fields | {"lens.transmission": 1.0, **table}
+
+
+def seconds_of(text: str) -> float | str:
+    """The number in a <default name="exposure_s">, "auto" as it is; other text is left to the check of an exposure."""
+    try:
+        return float(text)
+    except ValueError:
+        return text
 
 
 def unit_m(scene_unit: str | float) -> float:

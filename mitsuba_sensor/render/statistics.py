@@ -35,6 +35,7 @@ class RenderStatistics:
         the blur; the camera's f-number makes the light.
     intrinsics : how the picture is a projection of the world, see :func:`optics.intrinsics.intrinsics`.
     denoised : what a denoiser did and the bias that two half-sets show, or None: nothing was denoised.
+    metering : the exposure time that was found and how, see :class:`sensor.metering.Metering`; None where it was given.
     """
 
     passes: int
@@ -57,6 +58,7 @@ class RenderStatistics:
     aperture_f_number: float | None
     intrinsics: dict[str, Any] | None = None
     denoised: dict[str, Any] | None = None
+    metering: dict[str, float] | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, ready for JSON."""

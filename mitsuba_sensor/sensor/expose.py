@@ -147,6 +147,10 @@ class PreparedExposure:
     light: Detected | None = None
     strips: StripWindows | None = None
 
+    def at(self, exposure: Exposure) -> PreparedExposure:
+        """With another exposure."""
+        return replace(self, first=replace(self.first, exposure=exposure, _blocks={}))
+
     def of(self, light: Photons, number: int | None = None) -> PreparedExposure:
         """With this light, of the shape of the window. Raises InputError where its variance cannot be compensated.
 

@@ -41,7 +41,7 @@ class Recorder:
 
 @pytest.fixture
 def scene(tmp_path: Path) -> Path:
-    return write_scene(tmp_path, scene_text(SKY))
+    return write_scene(tmp_path, scene_text('<default name="exposure_s" value="0.1"/>', SKY))
 
 
 def study(monkeypatch: pytest.MonkeyPatch, recorder: Recorder, *arguments: str) -> Any:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import CAMERAS
-from helpers.scenes import BALL, SCENES, SKY, both_variants, read_settings, skip_unless_usable, write_scene
+from helpers.scenes import BALL, SCENES, SKY, both_variants, read_settings, scene_text, skip_unless_usable, write_scene
 
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
@@ -23,6 +23,7 @@ from mitsuba_sensor.render.prepared import render
 from mitsuba_sensor.render.scene import Scene, load_scene
 from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
 from mitsuba_sensor.sensor.camera import load_camera
+from mitsuba_sensor.sensor.metering import Metering
 
 CAMERA = load_camera("konnik_table1")
 PITCH_M = CAMERA.pixel.pitch_x_um * 1e-6
@@ -226,9 +227,11 @@ def test_setup_holds_what_the_file_says(tmp_path: Path) -> None:
     assert settings.camera == CAMERA.replace(**expected, **{"lens.transmission": 0.8, "pixel.prnu": 0.02})
 
 
-def test_setup_is_empty_where_the_file_says_nothing() -> None:
-    settings = read_settings(SCENES / "cornell_box.xml", {})
-    assert settings.camera is settings.exposure is settings.seed is settings.serial is settings.spectral is None
+def test_setup_is_empty_where_the_file_says_nothing(tmp_path: Path) -> None:
+    """And the exposure is metered."""
+    settings = read_settings(write_scene(tmp_path, scene_text(SKY)), {})
+    assert settings.camera is settings.seed is settings.serial is settings.spectral is None
+    assert settings.exposure == Metering()
     assert not settings.fields and settings.applied_to(CAMERA) == CAMERA
 
 

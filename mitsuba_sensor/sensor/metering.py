@@ -1,0 +1,88 @@
+"""Metering: the exposure time at which a picture of this light is well exposed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from ..core import Exposure, Float64Array, Frame, InputError, Photons, SensorWindow, check_types, require
+from ..core.exposure import LONGEST_S
+from .camera import Camera
+from .detection import detect
+from .effects.dark_current import mean_dark_e
+from .gains import gain_dn_per_e
+from .stage import converter_of
+
+PERCENTILE, SHARE = 95.0, 0.7  # five pixels of a hundred are brighter, and mostly still below saturation
+MANY_CLIPPED = 0.2  # of the pixels: beyond this share a shorter time is suggested
+DIGITS = 3  # of the time, so that it can be typed
+
+
+@dataclass(frozen=True)
+class Metering:
+    """An exposure whose time follows from the light.
+
+    temperature_k : of the sensor [K].  percentile : of the lit pixels that is to reach ``share`` of saturation, light
+        and dark current together.  Raises InputError for numbers out of range.
+    """
+
+    temperature_k: float = 298.15
+    percentile: float = PERCENTILE
+    share: float = SHARE
+
+    def __post_init__(self) -> None:
+        Exposure(0.0, self.temperature_k)
+        require("percentile", self.percentile, 0.0, 100.0, "of the lit pixels, e.g. 95")
+        require("share", self.share, 1e-6, 1.0, "of saturation, e.g. 0.7")
+
+    @property
+    def unit_exposure(self) -> Exposure:
+        """One second: what the light is collected in to be metered."""
+        return Exposure(1.0, self.temperature_k)
+
+    def exposure(self, photons: Photons, camera: Camera) -> Exposure:
+        """The exposure found, with a time of three digits [s].
+
+        photons : mean photons of :attr:`unit_exposure`.  Raises InputError where no pixel has any light.
+        """
+        return Exposure(self.time_s(photons, camera, self.unit_exposure), self.temperature_k)
+
+    def time_s(self, photons: Photons, camera: Camera, exposure: Exposure) -> float:
+        """The time found [s], from the mean photons of any exposure. Raises InputError."""
+        electrons = electrons_of(photons, camera, exposure)
+        lit = electrons[(electrons > 0) & np.isfinite(photons.total)]
+        if not lit.size:
+            raise InputError("no pixel has any light to meter; give an exposure time, e.g. 0.1 s.")
+        level_e = float(np.percentile(lit, self.percentile)) + mean_dark_e(camera, exposure)
+        time_s = exposure.time_s * self.share * saturation_e(camera) / level_e
+        return min(float(f"{time_s:.{DIGITS}g}"), LONGEST_S)
+
+    def record(self, exposure: Exposure) -> dict[str, float]:
+        """What was found and how, for metadata."""
+        return {"exposure_s": exposure.time_s, "percentile": self.percentile, "share_of_saturation": self.share}
+
+
+AskedExposure: TypeAlias = Exposure | Metering | Literal["auto"]
+
+
+def checked_exposure(camera: object, exposure: AskedExposure | None) -> Exposure | Metering | None:
+    """The exposure asked for, or how it is metered. Raises InputError for another type of it or of the camera."""
+    asked = Metering() if isinstance(exposure, str) and exposure == "auto" else exposure
+    check_types(camera, None if isinstance(asked, Metering) else asked, optional=True)
+    return asked
+
+
+def saturation_e(camera: Camera) -> float:
+    """Electrons at which a pixel saturates: its full well, or less where the converter ends before."""
+    converter = converter_of(camera.stages)
+    converted_e = (converter.highest - converter.black_level_dn) / gain_dn_per_e(camera)
+    return float(min(camera.pixel.full_well_e, converted_e))
+
+
+def electrons_of(photons: Photons, camera: Camera, exposure: Exposure) -> Float64Array:
+    """Mean electrons that the light of an exposure makes in each pixel, (H, W)."""
+    rows, columns = photons.mean.shape[:2]
+    signal = detect(photons, camera.stages[0], Frame(exposure, SensorWindow(0, (rows, columns), photons.origin))).signal
+    return np.asarray(signal.light * signal.yield_mean, dtype=np.float64)

@@ -1,0 +1,141 @@
+"""Metering: the time at which a percentile of the pixels is at a share of saturation."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.scenes import SCENES, SKY, scene_text, write_scene
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.core.errors import InputError
+from mitsuba_sensor.render.photons import metered
+from mitsuba_sensor.sensor.effects.dark_current import mean_dark_e
+from mitsuba_sensor.sensor.metering import PERCENTILE, SHARE, Metering, saturation_e
+
+CAMERA = ms.load_camera("konnik_table1")
+WELL = CAMERA.pixel.full_well_e
+SMALL = {"spp": 16, "wavelength_nm": 550, "variant": "scalar_spectral"}
+
+
+def electrons(light: Any, camera: ms.Camera, exposure: ms.Exposure) -> np.ndarray:
+    """Mean electrons of light and dark current."""
+    frames = ms.expose(ms.collect(light, camera, exposure), camera, exposure)
+    return frames.detected.mean_e + mean_dark_e(camera, exposure)
+
+
+@pytest.mark.parametrize(("percentile", "share"), [(PERCENTILE, SHARE), (50.0, 0.3), (100.0, 1.0)])
+def test_the_percentile_of_the_pixels_stands_at_the_share_of_saturation(
+    light: Any, percentile: float, share: float
+) -> None:
+    """Times have three digits: within 0.5 %."""
+    exposure = metered(light, CAMERA, Metering(percentile=percentile, share=share))
+    level = np.percentile(electrons(light, CAMERA, exposure), percentile)
+    assert level == pytest.approx(share * saturation_e(CAMERA), rel=0.005)
+    assert float(f"{exposure.time_s:.3g}") == exposure.time_s
+
+
+def test_twice_the_light_takes_half_the_time(light: Any) -> None:
+    once, twice = (metered(replace(light, data=factor * light.data), CAMERA, Metering()).time_s for factor in (1, 2))
+    assert once == pytest.approx(2 * twice, rel=0.1)  # dark current takes its part of the longer time
+
+
+def test_dark_pixels_and_infinite_ones_do_not_count(light: Any) -> None:
+    data = np.concatenate([light.data, 0 * light.data, np.full_like(light.data, np.inf)])
+    whole = metered(replace(light, data=data), CAMERA, Metering())
+    assert whole == metered(light, CAMERA, Metering())
+
+
+def test_dark_current_fills_the_well_too(light: Any) -> None:
+    """At 400 K, in light a million times weaker: what light and dark current make together is at the share."""
+    dim, hot = replace(light, data=light.data * np.float32(1e-6)), Metering(temperature_k=400.0)
+    exposure = metered(dim, CAMERA, hot)
+    frames = ms.expose(ms.collect(dim, CAMERA, exposure), CAMERA, exposure, keep=("electrons", "dark_electrons"))
+    assert frames.dark_electrons.mean() > 0.9 * frames.electrons.mean()
+    assert np.median(frames.electrons) == pytest.approx(SHARE * WELL, rel=0.1)
+
+
+def test_a_converter_that_ends_below_the_full_well_is_the_saturation() -> None:
+    half = CAMERA.replace(**{"adc.full_scale_v": 0.5 * 33000 * 5e-6})
+    assert saturation_e(half) < 0.6 * WELL < saturation_e(CAMERA) <= WELL
+
+
+def test_black_light_and_numbers_out_of_range_are_refused(light: Any) -> None:
+    with pytest.raises(InputError, match="no pixel has any light"):
+        metered(replace(light, data=0 * light.data), CAMERA, Metering())
+    for wrong in ({"percentile": 101.0}, {"share": 0.0}, {"temperature_k": -1.0}):
+        with pytest.raises(InputError, match="it must be"):
+            Metering(**wrong)
+    with pytest.raises(InputError, match="exposure is 'bright'"):
+        ms.capture(light, CAMERA, "bright")  # type: ignore[arg-type]
+
+
+def test_a_scene_that_names_no_exposure_is_metered_however_bright(tmp_path: Path) -> None:
+    """A sky of 3 W/(m² sr nm), which is white at 0.1 s: 0.7 of saturation, and frame.json says so."""
+    sky = '<emitter type="constant"><spectrum name="radiance" value="3"/></emitter>'
+    path = write_scene(tmp_path, scene_text(sky))
+    found = ms.capture(path, CAMERA, **SMALL)
+    level = electrons(found.light, CAMERA, found.frames.first.exposure)
+    assert np.percentile(level, PERCENTILE) == pytest.approx(SHARE * saturation_e(CAMERA), rel=0.01)
+    record = found.metadata["origin"]["metering"]
+    assert record == found.light.statistics.metering
+    assert record["exposure_s"] == found.metadata["exposure"]["time_s"] == found.frames.first.exposure.time_s
+    assert record["percentile"] == PERCENTILE and record["share_of_saturation"] == SHARE
+    assert not found.metadata["notes"]
+    again = ms.capture(found.light, CAMERA, "auto")
+    assert (again.frames.digital == found.frames.digital).all()
+    given = ms.capture(path, CAMERA, ms.Exposure(record["exposure_s"]), **SMALL)
+    assert (given.frames.digital == found.frames.digital).all() and given.metadata["origin"]["metering"] is None
+    assert given.light.statistics.noise_ratio_p95 == pytest.approx(found.light.statistics.noise_ratio_p95, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    "more", [{"noise_ratio": 10.0, "spp": None}, {"motion": {"camera": {"velocity_m_per_s": [1, 0, 0]}}}]
+)
+def test_where_the_exposure_decides_what_is_rendered_a_short_render_is_metered_first(
+    tmp_path: Path, more: dict[str, Any]
+) -> None:
+    path = write_scene(
+        tmp_path, scene_text(SKY, '<shape type="sphere"><point name="center" z="4" x="0" y="0"/></shape>')
+    )
+    still = ms.capture(path, CAMERA, "auto", **SMALL).metadata["exposure"]["time_s"]
+    found = ms.capture(path, CAMERA, "auto", **{**SMALL, **more})
+    assert found.metadata["exposure"]["time_s"] == pytest.approx(still, rel=0.05)
+
+
+def test_frames_with_a_render_each_have_one_exposure(tmp_path: Path) -> None:
+    frames = ms.render_frames(write_scene(tmp_path, scene_text(SKY)), CAMERA, "auto", frames=2, **SMALL)
+    times = {one.frames.first.exposure.time_s for one in frames}
+    assert len(times) == 1 and 0.3 < times.pop() < 10
+
+
+def test_a_white_picture_is_told_the_time_that_metering_finds(tmp_path: Path) -> None:
+    path = write_scene(tmp_path, scene_text(SKY))
+    metered_s = ms.capture(path, CAMERA, **SMALL).frames.first.exposure.time_s
+    white = ms.capture(path, CAMERA, ms.Exposure(10.0), **SMALL)
+    (note,) = white.metadata["notes"]
+    assert note == f"100% of the pixels are saturated at 10 s; --exposure-s {metered_s:g} is metered"
+
+
+def test_auto_of_the_command_line_and_of_the_scene_file(tmp_path: Path, cli: Callable[..., Any]) -> None:
+    """--exposure-s overrules the file's exposure_s, which may be "auto" or a <default> that nothing uses."""
+    named = '<default name="exposure_s" value="0.02"/>'
+    path, options = write_scene(tmp_path, scene_text(named, SKY)), ("--spp", 16, "--wavelength-nm", 550)
+    times = []
+    for more in ((), ("-D", "exposure_s=0.03"), ("-D", "exposure_s=auto"), ("--exposure-s", "auto")):
+        done = cli("render", path, "-o", tmp_path / "out", "--json", "--variant", "scalar_spectral", *options, *more)
+        times.append(json.loads(done.stdout)["exposure"]["time_s"])
+    assert times[:2] == [0.02, 0.03] and times[2] == times[3] > 0.1
+    assert "give seconds, e.g. 0.01, or auto" in cli("render", path, "-o", tmp_path / "o", "--exposure-s", "1ms").stderr
+    wrong = cli("lint", path, "-D", "exposure_s=soon", "--variant", "scalar_spectral")
+    assert wrong.exit_code == 2 and "time_s is 'soon'" in wrong.stderr
+
+
+def test_every_shipped_scene_names_its_exposure() -> None:
+    for path in sorted(SCENES.glob("*.xml")):
+        assert 'name="exposure_s" value="0.1"' in path.read_text(encoding="utf-8"), path.name
