@@ -15,7 +15,7 @@ import numpy as np
 
 from . import arrays, distributions, quantiles
 from .counter_rng import random_bits_at
-from .types import Array, Float32Array, Float64Array, NumpyArray
+from .types import Array, Float32Array, NumpyArray
 
 if TYPE_CHECKING:
     from .sensor_window import SensorWindow
@@ -59,10 +59,6 @@ class Backend:
     def from_numpy(self, values: Array, window: SensorWindow) -> Array:
         """NumPy values, (H, W), (1, W), (H, 1) or one, as an array of this backend, limited to 1e30."""
         return np.minimum(np.asarray(values, dtype=np.float64), FLOAT32_LIMIT)
-
-    def scaled(self, values: Float64Array, factor: float, window: SensorWindow) -> Array:
-        """NumPy values (H, W), 0 or more, times ``factor`` in float64, to :meth:`from_numpy`; ∞·0 = 0."""
-        return self.from_numpy(arrays.product(values, np.float64(factor)), window)
 
     def to_numpy(self, signal: Array, window: SensorWindow) -> NumpyArray:
         """An array of this backend as a NumPy array (H, W)."""

@@ -7,6 +7,8 @@ stages compiles another kernel.
 
 import importlib
 from collections.abc import Mapping
+from functools import reduce
+from operator import and_
 
 import numpy as np
 
@@ -15,6 +17,7 @@ from .counter_rng import philox, split_key
 from .llvm import drjit
 from .quantiles import binomial, poisson
 from .sensor_window import SensorWindow
+from .signals import Filters
 from .types import Array, DrJitModule, Float64Array, NumpyArray
 
 
@@ -46,15 +49,31 @@ class DrJitBackend(NumpyFloat32):
         column, row = self._coordinates(window)
         return self.dr.gather(self.float, self.float(single.ravel()), column if single.shape[0] == 1 else row)
 
-    def scaled(self, values: Float64Array, factor: float, window: SensorWindow) -> Array:
-        """The same, computed by the kernel, which reads the values in place; 0 where they are negative or NaN."""
-        select, product = self.dr.select, self.double(values.ravel()) * self.dr.opaque(self.double, factor)
-        limited = select(product < FLOAT32_LIMIT, product, FLOAT32_LIMIT)
-        return self.float(select(product >= 0, limited, 0.0))
+    def filtered(self, layers: Float64Array, filters: Filters, window: SensorWindow) -> Array:
+        """Layers (H, W, B) behind the filters, computed in float64 by the kernel, which reads them in place.
 
-    def faulty(self, values: Float64Array) -> Array:
-        """A mask of the values that are negative or NaN."""
-        return ~(self.double(values.ravel()) >= 0)
+        As :meth:`from_numpy` of the product: limited, and ∞·0 = 0; 0 where the layer is negative or NaN.
+        """
+        dr, value = self.dr, self.double(layers.ravel())
+        if len(filters.shares) == 1:
+            share = dr.opaque(self.double, filters.shares[0])
+        else:
+            number, pixel = self._tiled(filters.tile, window), dr.arange(self.uint, window.shape[0] * window.shape[1])
+            layer = dr.gather(self.uint, self.uint(filters.layers), number)
+            value = dr.gather(self.double, value, pixel * layers.shape[2] + layer)
+            share = dr.gather(self.double, self.double(filters.shares), number)
+        product = value * share
+        limited = dr.select(product < FLOAT32_LIMIT, product, FLOAT32_LIMIT)
+        return self.float(dr.select(product >= 0, limited, 0.0))
+
+    def faulty(self, layers: Float64Array) -> Array:
+        """A mask of the pixels in which any of the layers (H, W, B) is negative or NaN."""
+        given, bands = self.double(layers.ravel()), layers.shape[2]
+        if bands == 1:
+            return ~(given >= 0)
+        first = self.dr.arange(self.uint, layers.shape[0] * layers.shape[1]) * bands
+        good = [self.dr.gather(self.double, given, first + band) >= 0 for band in range(bands)]
+        return ~reduce(and_, good)
 
     def schedule(self, *arrays: Array) -> None:
         """Compute these together with the next kernel."""
@@ -114,6 +133,12 @@ class DrJitBackend(NumpyFloat32):
             return select(short, column - across, column), select(short, row + 1, row)
 
         return window.cached("coordinates", make)
+
+    def _tiled(self, tile: tuple[tuple[int, ...], ...], window: SensorWindow) -> Array:
+        """The number in the tile at every pixel; the tile begins at the sensor's first one."""
+        (rows, columns), (top, left), (column, row) = np.shape(tile), window.origin, self._coordinates(window)
+        y, x = (row + self._opaque(top % rows)) % rows, (column + self._opaque(left % columns)) % columns
+        return self.dr.gather(self.uint, self.uint([number for line in tile for number in line]), y * columns + x)
 
 
 def _is_ready(values: Array) -> bool:

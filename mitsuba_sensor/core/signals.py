@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import DTypeLike
@@ -41,6 +41,17 @@ class Photons:
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NumpyArray:
         return np.array(self.mean, dtype=dtype, copy=copy)
+
+
+class Filters(NamedTuple):
+    """Colour filters of a mosaic, each of which passes a share of one layer of the photons.
+
+    layers, shares : of each filter.  tile : rows of filter numbers that repeat over the sensor.
+    """
+
+    layers: tuple[int, ...]
+    shares: tuple[float, ...]
+    tile: tuple[tuple[int, ...], ...]
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..core import Array, Electrons, Frame, Photons
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, aligned_float32
+from ..core.signals import Filters
 from ..core.types import Float64Array
 from .checks import check_photons
 from .run import row_strips_of
@@ -67,31 +68,34 @@ class DetectedByKernel(Detected):
 
     _stage: Stage
     _frame: Frame
-    _found: dict[int, tuple[Electrons, Array]]
+    _filters: Filters
+    _found: dict[int, tuple[Array, Array]]
 
     @classmethod
-    def of(cls, photons: Photons, stage: Stage, frame: Frame) -> Self:
-        """photons : as for :func:`detect`, but not checked."""
+    def of(cls, photons: Photons, stage: Stage, frame: Frame, filters: Filters) -> Self:
+        """photons : as for :func:`detect`, but not checked.  filters : of the stage in these photons."""
         light = cls.__new__(cls)
-        vars(light).update(photons=photons, _stage=stage, _frame=frame, _found={})
+        vars(light).update(photons=photons, _stage=stage, _frame=frame, _filters=filters, _found={})
         return light
 
     @cached_property
     def signal(self) -> Array:
         """On NumPy; of the kernel once all strips are computed."""
-        strips = [electrons.light.numpy() for _, (electrons, _) in sorted(self._found.items())]
-        if sum(strip.size for strip in strips) < self.photons.mean.size:
+        height, width = self._frame.window.shape
+        strips = [light.numpy() for _, (light, _) in sorted(self._found.items())]
+        if sum(strip.size for strip in strips) < height * width:
             return self.now().signal
         whole = strips[0] if len(strips) == 1 else np.concatenate(strips)
-        return Electrons(whole.reshape(self._frame.window.shape))
+        return Electrons(whole.reshape(height, width))
 
     def on_backend(self, rows: slice, frame: Frame) -> Array:
         """Traced, to be computed with what comes next."""
         photons, backend = self.photons.crop_rows(rows), _compiled(frame)
-        electrons, faulty = self._stage.sample(photons, frame), backend.faulty(photons.mean)
-        backend.schedule(electrons.light, faulty)
-        self._found[rows.start] = electrons, faulty
-        return electrons
+        layers = np.atleast_3d(photons.mean)
+        light, faulty = backend.filtered(layers, self._filters, frame.window), backend.faulty(layers)
+        backend.schedule(light, faulty)
+        self._found[rows.start] = light, faulty
+        return Electrons(light)
 
     def now(self) -> Detected:
         """Detected by the host."""
@@ -109,8 +113,9 @@ def checked_and_detected(photons: Photons, stage: Stage, frame: Frame, once: boo
 
     once : whether one frame is all that needs it: a kernel then detects it and checks it, if it can, with the frame.
     """
-    if once and frame.window.backend.compiled and stage.in_kernel(photons):
-        return DetectedByKernel.of(photons, stage, frame)
+    filters = stage.filters(photons) if once and frame.window.backend.compiled else None
+    if filters is not None:
+        return DetectedByKernel.of(photons, stage, frame, filters)
     check_photons(photons.mean)
     return detect(photons, stage, frame)
 

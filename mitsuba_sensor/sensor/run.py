@@ -216,7 +216,8 @@ class FrameRunner:
             return self.light.crop_rows(self._kept.rows[number]).signal
         if number in self._starts:
             return self._starts.pop(number) if last else self._starts[number]
-        start = begin(self.stages, self.light.on_backend(self._kept.rows[number], frame), frame)
+        kept = bool(frame.window.cached_values)  # by a sensor that was exposed before
+        start = begin(self.stages, self.light.on_backend(self._kept.rows[number], frame), frame, kept)
         if not last:
             self._starts[number] = start
         return start
@@ -232,10 +233,10 @@ def require_kept(asked: Iterable[str], found: Container[str]) -> None:
             )
 
 
-def begin(stages: Chain, electrons: Array, frame: Frame) -> Array:
-    """What a compiled backend needs once for many frames: the mean photoelectrons, and all FPN maps."""
+def begin(stages: Chain, electrons: Array, frame: Frame, kept: bool = False) -> Array:
+    """What a compiled backend needs once for many frames: the mean photoelectrons, and FPN maps if none are kept."""
     window = frame.window
-    if not window.cached_values:  # of a sensor that was not exposed before
+    if not kept:
         sample(stages[1:], electrons, replace(frame, _blocks={}))  # traced and discarded: this makes the maps
         window.backend.evaluate(window)
     return electrons

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal, TypeAlias
 
 from ..core import Array, Electrons, Frame, Moments, Photons, SensorWindow
 from ..core.code_law import code_moments
+from ..core.signals import Filters
 from ..core.types import Float64Array
 from .datasheet import FileTable
 from .pixel_law import NoiseLaw, PixelLaw, Quantiles
@@ -73,9 +74,9 @@ class Stage(ABC):
     def sample(self, signal: Array, frame: Frame) -> Array:
         """The signal of one frame behind this stage, (H, W)."""
 
-    def in_kernel(self, photons: Photons) -> bool:
-        """Of the first stage: whether a compiled backend detects these photons itself."""
-        return False
+    def filters(self, photons: Photons) -> Filters | None:
+        """Of the first stage: the filters in front of the pixels, where each pixel gets a share of one layer only."""
+        return None
 
     @abstractmethod
     def moments(self, m: Moments) -> Moments:

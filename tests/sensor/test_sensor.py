@@ -129,6 +129,35 @@ def test_light_that_the_kernel_detects_is_that_of_a_stream_and_of_the_host(kind:
         np.testing.assert_array_equal(one.detected.mean_e, fast[0].detected.mean_e)
 
 
+@pytest.mark.parametrize("shape", [(301, 499), (64, 1), (1, 64)])
+@pytest.mark.parametrize("kind", ["channels", "one band"])
+def test_light_on_a_mosaic_that_the_kernel_detects_is_that_of_the_host(kind: str, shape: tuple[int, int]) -> None:
+    """From every corner of the tile, each pixel gets the layer or the QE of its filter."""
+    camera, layers = CAMERAS["bayer"], np.random.default_rng(3).uniform(0, 20_000, (*shape, 3))
+    layers[0, 0], layers[-1, -1] = np.inf, [0, np.inf, 1e300]
+    photons = (
+        ms.Photons(layers, np.array([450.0, 550.0, 650.0]), detected=True) if kind == "channels" else layers[..., 0]
+    )
+    options: Any = {} if kind == "channels" else {"wavelengths_nm": [612.0]}
+    for origin in ((0, 0), (0, 1), (1, 0), (7, 9)):
+        sensor = ms.Sensor(camera, serial=7)
+        one = [sensor.expose(photons, EXPOSURE, engine=engine, origin=origin, **options) for engine in ENGINES]
+        streamed = next(sensor.stream(photons, EXPOSURE, engine=ENGINES[-1], origin=origin, frames=2, **options))
+        np.testing.assert_array_equal(one[-1].digital[0], streamed)
+        np.testing.assert_array_equal(one[-1].digital, one[0].digital)
+        np.testing.assert_array_equal(one[-1].detected.mean_e, one[0].detected.mean_e)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_bad_photons_of_any_channel_are_refused(engine: str) -> None:
+    layers = np.ones((20, 30, 3))
+    layers[3, 4, 2] = np.nan
+    photons = ms.Photons(layers, np.array([450.0, 550.0, 650.0]), detected=True)
+    for at in ((3, 4), (3, 5), (4, 4), (4, 5)):  # whichever filter that pixel has
+        with pytest.raises(ms.InputError, match=r"photons is NaN in 1 place\(s\), first at \(3, 4, 2\)"):
+            ms.Sensor(CAMERAS["bayer"]).expose(photons, EXPOSURE, engine=engine, origin=at)
+
+
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("bad", [np.nan, -1.0, -np.inf, -1e-300])
 def test_bad_photons_are_refused_where_they_are_detected(bad: float, engine: str) -> None:

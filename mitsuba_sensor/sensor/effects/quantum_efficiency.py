@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import Field, ValidationInfo, model_validator
 
 from ...core import Array, Electrons, Frame, InputError, Moments, Photons, SensorWindow, arrays
+from ...core.signals import Filters
 from ..datasheet import Chance, FileTable, Positive
 from ..qe_file import read_curves
 from ..stage import Datasheet, Stage
@@ -136,8 +137,6 @@ class QuantumEfficiency(Stage):
         """Mean photons (H, W) or (H, W, B) → mean photoelectrons (H, W); with a yield, mean interactions."""
         weights, window = self._weights(photons), frame.window
         layers = photons.mean if photons.mean.ndim == 3 else photons.mean[..., None]
-        if self.in_kernel(photons):
-            return Electrons(window.backend.scaled(layers[..., 0], float(weights[0, 0]), window))
         light = self._collected(layers, weights, window)
         electrons = window.backend.from_numpy(light, window)
         if self.quantum_yield is None:
@@ -153,10 +152,14 @@ class QuantumEfficiency(Stage):
             yield_variance=window.backend.from_numpy(spread, window),
         )
 
-    def in_kernel(self, photons: Photons) -> bool:
-        """One band behind one filter, known exactly; of many bands the host reads nothing twice, and is faster."""
-        plain = len(self.curves) == 1 and self.quantum_yield is None and photons.variance_e2 is None
-        return plain and (photons.mean.ndim == 2 or photons.mean.shape[2] == 1)
+    def filters(self, photons: Photons) -> Filters | None:
+        """For sums over bands, quantum yield and render noise: None. There the host is faster than a kernel."""
+        one_layer = photons.detected or photons.mean.ndim == 2 or photons.mean.shape[2] == 1
+        if not one_layer or self.quantum_yield is not None or photons.variance_e2 is not None:
+            return None
+        weights = self._weights(photons)
+        layers = range(len(weights)) if photons.detected else [0] * len(weights)
+        return Filters(tuple(layers), tuple(float(line.max()) for line in weights), self.tile)
 
     def moments(self, m: Moments) -> Moments:
         """The mean itself; nothing is random yet."""
