@@ -72,7 +72,8 @@ class SensorWindow:
         """Mean and variance of the FPN map ``name`` over the window: of the measured one if one was given."""
         if name not in self.given:
             return mean, variance
-        return float(np.mean(self.given[name])), float(np.var(self.given[name]))
+        values = self.given[name]
+        return self.cached(("moments", name), lambda: (float(np.mean(values)), float(np.var(values))))
 
     def fixed_map(self, source: str, distribution: Callable[[Backend, Array], Array]) -> Array:
         """FPN map of ``source``, (H, W): ``distribution`` turns its random bits into values, once per window."""

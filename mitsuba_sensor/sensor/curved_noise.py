@@ -15,6 +15,7 @@ import numpy as np
 
 from ..core import Frame, Moments
 from ..core.types import Float64Array
+from .measured_maps import groups_of, widened
 from .pixel_law import NoiseLaw
 from .stage import Chain, Converter, Stage
 
@@ -40,6 +41,10 @@ ALONE: Float64Array = np.ones(1)
 
 MOST = 1_500_000
 """Values at most: noise is not taken apart further."""
+
+
+MOST_OF_MAPS, HIDDEN = 300_000, 0.3
+"""Values at most in the groups of measured maps; share of the noise below which it hides what differs in a group."""
 
 
 class Parting(NamedTuple):
@@ -77,13 +82,19 @@ class Swing:
     def behind(cls, stages: Chain, converter: Converter, counts: Float64Array, frame: Frame) -> Swing:
         """Of these counts behind these stages, in front of the converter."""
         found = cls(Moments(counts[:, None], np.zeros((1, 1)), np.zeros((1, 1)), frame), ALONE, ALONE)
+        maps: Chain = ()  # with measured maps, and gains behind them
         for number, stage in enumerate(stages):
+            law, measured = stage.noise_law(frame), stage.measured(frame.window)
+            if maps and (stage.curved or law is not None):
+                found, maps = found._in_groups(maps), ()
             if stage.curved:
                 later = math.prod(one.nominal_gain for one in stages[number + 1 :])
                 found = found._apart(_Curve(stage, converter, later, frame))
-            law = stage.noise_law(frame)
-            found = replace(found, m=behind(stage, found.m)) if law is None else found._with(law)
-        return found
+            if measured is not None or (maps and stage.nominal_gain != 1):
+                maps += (stage,)
+            if measured is None:
+                found = replace(found, m=behind(stage, found.m)) if law is None else found._with(law)
+        return found._in_groups(maps) if maps else found
 
     @cached_property
     def parts(self) -> tuple[Float64Array, Float64Array, Float64Array]:
@@ -103,6 +114,20 @@ class Swing:
         weights = [np.outer(*both).ravel() for both in ((self.temporal, law.states), (self.fixed, law.weights))]
         flat = [x.reshape(moved.shape[0], -1) for x in (moved, more, same)]
         return Swing(replace(self.m, mean=flat[0], temporal=flat[1], spatial=flat[2]), *weights)
+
+    def _in_groups(self, maps: Chain) -> Swing:
+        """In groups of pixels that are alike; what is left inside of a group is normal where no noise hides it."""
+        mean, temporal, spatial = (x[..., None] for x in self.parts)  # (C, T, S, groups)
+        weights, gains, offsets, rest = groups_of(maps, self.m.frame.window, MOST_OF_MAPS // mean.size)
+        left = float(weights @ rest)
+        if not spatial.any() and left < HIDDEN**2 * temporal.min():
+            variance = left + float(weights @ (offsets - weights @ offsets) ** 2)
+            offsets, rest = widened(offsets, weights, variance), np.zeros(rest.size)
+        moved = gains * mean + offsets
+        parts = moved, *(np.broadcast_to(x, moved.shape) for x in (gains**2 * temporal, gains**2 * spatial + rest))
+        flat = [x.reshape(moved.shape[0], -1) for x in parts]
+        kinds = np.outer(self.fixed, weights).ravel()
+        return Swing(replace(self.m, mean=flat[0], temporal=flat[1], spatial=flat[2]), self.temporal, kinds)
 
     def _apart(self, curve: _Curve) -> Swing:
         """With nodes for what is wide beside the curve."""

@@ -138,11 +138,11 @@ class GivenCount:
         """
         swing = Swing.behind(self.stages[:-1], self.converter, self.counts, self.conditions)
         mean, temporal, spatial = swing.parts
-        if not spatial.any():
+        if not spatial.any() and swing.fixed.size == 1:
             return None
-        chance = np.exp(-0.5 * MODES**2) / np.exp(-0.5 * MODES**2).sum()
-        weights = np.outer(swing.fixed, chance).ravel()
-        code, _ = _codes(self.converter, swing, mean, temporal, spatial, MODES)
+        z = MODES if spatial.any() else np.zeros(1)
+        weights = np.outer(swing.fixed, np.exp(-0.5 * z**2) / np.exp(-0.5 * z**2).sum()).ravel()
+        code, _ = _codes(self.converter, swing, mean, temporal, spatial, z)
         found = law @ code
         return np.asarray((found - (found @ weights)[:, None]) * np.sqrt(weights))
 
@@ -157,9 +157,12 @@ class GivenCount:
         )
         mean, temporal, spatial = parts_of(m, counts.shape)
         for number, stage in enumerate(self.stages):
+            later = math.prod(one.nominal_gain for one in self.stages[number + 1 : -1])
             if (law := stage.noise_law(self.conditions)) is not None:
-                later = math.prod(one.nominal_gain for one in self.stages[number + 1 : -1])
                 temporal = np.maximum(temporal - later**2 * law.quieter, 0.0)
+            if stage.measured(self.conditions.window) is not None:  # a map may be of few values
+                of_map = stage.moments(Moments(0.0, 0.0, 0.0, self.conditions)).spatial
+                spatial = np.maximum(spatial - later**2 * of_map, 0.0)
         return self.converter.black_level_dn + gain * mean, gain * np.sqrt(temporal), gain * np.sqrt(temporal + spatial)
 
     def _offset_steps(self, law: scipy.sparse.csr_array, swing: Swing) -> Float64Array:

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from ..core.types import Float64Array, RandomBits
 
@@ -106,14 +107,19 @@ def mixed(parts: Sequence[tuple[float, PixelLaw]]) -> PixelLaw:
     return PixelLaw(weights / weights.sum(), gains, offsets, np.ones(1))
 
 
+def borders_of(pixels: int, step: float) -> NDArray[np.intp]:
+    """First number of every group of ordered pixels: quantiles of a normal law, so many σ apart."""
+    borders = np.unique(np.rint(scipy.special.ndtr(np.arange(-8.0, 8.0, step)) * pixels).astype(np.intp))
+    return borders[borders < pixels]
+
+
 def of_map(values: Float64Array, make: Callable[[Float64Array, Float64Array], PixelLaw]) -> PixelLaw:
     """The law of a measured map: means of groups of pixels in order, every pixel for itself at both ends.
 
-    Borders between the groups are quantiles of a normal law, MAP_STEP apart, so that few hot pixels keep their tail.
+    Few hot pixels keep their tail.
     """
     ordered = np.sort(np.asarray(values, dtype=np.float64), axis=None)
-    borders = np.unique(np.rint(scipy.special.ndtr(np.arange(-8.0, 8.0, MAP_STEP)) * ordered.size).astype(np.intp))
-    borders = borders[borders < ordered.size]
+    borders = borders_of(ordered.size, MAP_STEP)
     weights = np.diff(borders, append=ordered.size).astype(np.float64)
     return make(np.add.reduceat(ordered, borders) / weights, weights / ordered.size)
 

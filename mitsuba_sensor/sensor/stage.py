@@ -90,6 +90,10 @@ class Stage(ABC):
         """Of a stage behind the shot noise whose noise differs from pixel to pixel; None: normal, by its moments."""
         return None
 
+    def measured(self, window: SensorWindow) -> tuple[Array, Array] | None:
+        """Of a stage behind the shot noise with a measured map: gain and offset of every pixel, in its unit."""
+        return None
+
     def rare(self, frame: Frame) -> tuple[float, float]:
         """Share of the pixels that a large step moves, and that step in the unit of the stage: what σ does not show."""
         return 0.0, 0.0

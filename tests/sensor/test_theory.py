@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import BENCHMARKS
-from scipy import integrate, stats
+from scipy import integrate, special, stats
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core import Frame, SensorWindow
@@ -430,3 +430,33 @@ def test_a_chain_without_its_quantum_yield_has_one_electron_per_interaction(out:
     found = theory_without(whole, [stage for stage in camera.stages if stage.label in out]).digital(np.array([300.0]))
     electrons = 300 * (1 if "quantum yield" in out else 3) + 174.158
     assert found.mean[0] == pytest.approx(0.1241212 * electrons + camera.stages[-1].black_level_dn, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    "named", [("dsnu_col_e",), ("dsnu_col_e", "dsnu_row_e", "dsnu_pixel_e"), ("prnu_col", "dsnu_row_e")]
+)
+@pytest.mark.parametrize("read_e", [0.1, 3.0])
+def test_measured_maps_behind_the_count_enter_by_their_own_distribution(named: tuple[str, ...], read_e: float) -> None:
+    """Two-valued, skewed and shared maps next to the low clip: Σ Φ over the transitions in every pixel."""
+    rng = np.random.default_rng(3)
+    maps = {
+        "dsnu_col_e": rng.choice([-20.0, 5.0, 60.0], (1, 60), p=[0.5, 0.45, 0.05]),
+        "dsnu_row_e": rng.gamma(0.5, 8.0, (10, 1)),
+        "dsnu_pixel_e": rng.standard_t(3, (10, 60)),
+        "prnu_col": rng.gamma(20.0, 0.05, (1, 60)),
+    }
+    given = {name: maps[name] for name in named}
+    camera = quiet(1.0, read_e, **{"adc.black_level_dn": 4.3})
+    found = Theory.of(camera.stages, Frame(EXPOSURE, SensorWindow(0, (10, 60), given=given))).digital(np.array([30.0]))
+    offset, gain = sum(given[name] for name in named if name.endswith("_e")), given.get("prnu_col", 1.0)
+    offset, gain = (np.broadcast_to(x, (10, 60)).ravel() for x in (offset, gain))
+    n, k = np.arange(80.0), np.arange(1, 300)
+    count, mean, square = stats.poisson.pmf(n, 30.0), np.empty(600), np.empty(600)
+    for pixel in range(600):
+        reached = count @ special.ndtr(
+            (4.3 + gain[pixel] * (n + offset[pixel]) - k[:, None] + 0.5).T / (gain[pixel] * read_e)
+        )
+        mean[pixel], square[pixel] = reached.sum(), reached @ (2 * k - 1)
+    assert found.mean[0] == pytest.approx(mean.mean(), rel=1e-3, abs=0.01)
+    assert math.sqrt(found.temporal[0]) == pytest.approx(math.sqrt(np.mean(square - mean**2)), rel=3e-3)
+    assert math.sqrt(found.spatial[0]) == pytest.approx(mean.std(), rel=3e-3)

@@ -127,6 +127,10 @@ class PrnuColumn(Stage):
         spatial = m.spatial * squared + arrays.product(m.mean**2, variance)
         return replace(m, mean=m.mean * mean, temporal=m.temporal * squared, spatial=spatial)
 
+    def measured(self, window: SensorWindow) -> tuple[Array, Array] | None:
+        """The measured gains."""
+        return (window.given["prnu_col"], 0.0) if "prnu_col" in window.given else None
+
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
         """``prnu_col``: gain of every column, 1 on average, (1, W)."""
         return {"prnu_col": window.measured_or("prnu_col", lambda: self._gains(window))}
