@@ -19,6 +19,9 @@ NARROW = 1.0
 FEW_HARMONICS = 0.3
 """σ [DN] from which on, far from both clips, three harmonics give the rounding of equal steps to 1e-12."""
 
+NO_HARMONICS = 1.2
+"""σ [DN] from which on rounding far from both clips adds 1/12, to 1e-12."""
+
 BROAD = 0.25
 """σ as a share of the range from which on the integral is a quadrature."""
 
@@ -55,10 +58,13 @@ def code_moments(
     x, s = (np.clip(np.nan_to_num(part.ravel()), -HUGE, HUGE) for part in (ideal, sigma))
     mean, variance = np.empty(x.size), np.empty(x.size)
     inside = (s >= FEW_HARMONICS) & (x > 9 * s) & (x < highest - 9 * s) & (inl_lsb is None)
+    even = inside & (s >= NO_HARMONICS)
+    mean[even], variance[even] = x[even], s[even] ** 2 + 1 / 12
+    waved = np.flatnonzero(inside & ~even)
     wide = (s >= NARROW) & ~inside & (inl_lsb is None)
-    error, squared, slope = rounding_error(x[inside], s[inside] ** 2, 3)
-    mean[inside] = x[inside] + error
-    variance[inside] = s[inside] ** 2 * (1 + 2 * slope) + squared - error**2
+    error, squared, slope = rounding_error(x[waved], s[waved] ** 2, 3)
+    mean[waved] = x[waved] + error
+    variance[waved] = s[waved] ** 2 * (1 + 2 * slope) + squared - error**2
     mean[wide], variance[wide] = _integrated(x[wide], s[wide], highest)
     levels = None if inl_lsb is None else np.arange(1, highest + 1) - 0.5 + inl_lsb
     narrow = np.flatnonzero(~wide & ~inside)

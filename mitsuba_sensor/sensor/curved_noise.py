@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..core import Frame, Moments
 from ..core.types import Float64Array
@@ -105,6 +106,17 @@ class Swing:
             np.broadcast_to(x, flat).reshape(shape) for x in (self.m.mean, self.m.temporal, self.m.spatial)
         )
         return mean, temporal, spatial
+
+    def of_counts(self, rows: slice | NDArray[np.intp]) -> Swing:
+        """Of some of the counts."""
+        mean, temporal, spatial = (x[rows].reshape(-1, self.temporal.size * self.fixed.size) for x in self.parts)
+        return replace(self, m=replace(self.m, mean=mean, temporal=temporal, spatial=spatial))
+
+    def of_kinds(self, kinds: NDArray[np.bool_], states: slice) -> Swing:
+        """Some of the kinds of pixels, in some of the states."""
+        temporal, fixed = self.temporal[states] / self.temporal[states].sum(), self.fixed[kinds]
+        flat = [x[:, states, kinds].reshape(x.shape[0], -1) for x in self.parts]
+        return Swing(replace(self.m, mean=flat[0], temporal=flat[1], spatial=flat[2]), temporal, fixed)
 
     def _with(self, law: NoiseLaw) -> Swing:
         """Noise of its own in every kind of pixels, which are fixed."""

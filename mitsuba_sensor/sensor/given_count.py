@@ -8,11 +8,14 @@ from functools import cached_property, reduce
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from ..core import Frame, Moments
 from ..core.types import Float64Array
-from .count_law import count_nodes
+from .count_law import STEPS, count_nodes
 from .curved_noise import Swing, behind
+from .interpolation import interpolation
+from .pixel_law import RARE
 from .stage import Chain, Converter, converter_of
 
 OFFSET_STEPS, FARTHEST, BLUR = (0.75, 0.2, 0.06, 0.019, 0.006, 0.0019), 5.25, 0.7
@@ -128,7 +131,9 @@ class GivenCount:
             for some in np.array_split(rows, min(GROUPS, rows.size)):  # small means have few counts: fine steps
                 part = law[some]
                 used = slice(int(part.indices.min()), int(part.indices.max()) + 1)
-                found[some] = _over_offsets(self.converter, part[:, used], swing, used, step)
+                found[some] = _over_offsets(
+                    self.converter, part[:, used], swing.of_counts(used), self.counts[used], step
+                )
         return found
 
     def modes(self, law: scipy.sparse.csr_array) -> Float64Array | None:
@@ -137,12 +142,12 @@ class GivenCount:
         None without offsets.
         """
         swing = Swing.behind(self.stages[:-1], self.converter, self.counts, self.conditions)
-        mean, temporal, spatial = swing.parts
-        if not spatial.any() and swing.fixed.size == 1:
+        moving = swing.parts[2].any()
+        if not moving and swing.fixed.size == 1:
             return None
-        z = MODES if spatial.any() else np.zeros(1)
+        z = MODES if moving else np.zeros(1)
         weights = np.outer(swing.fixed, np.exp(-0.5 * z**2) / np.exp(-0.5 * z**2).sum()).ravel()
-        code, _ = _codes(self.converter, swing, mean, temporal, spatial, z)
+        code, _ = _codes(self.converter, swing, self.counts, z)
         found = law @ code
         return np.asarray((found - (found @ weights)[:, None]) * np.sqrt(weights))
 
@@ -169,7 +174,10 @@ class GivenCount:
         """Distance of the quantiles of the offsets [σ] for every row: less than the noise that blurs the codes."""
         mean, temporal, spatial = (x.reshape(x.shape[0], -1) for x in swing.parts)
         centre = mean[:, mean.shape[1] // 2]
-        off, largest = centre - centre[0], spatial.max(1)
+        off = centre - centre[0]
+        shown = swing.fixed > min(RARE, 0.5 * swing.fixed.max())
+        temporal, spatial = (x[:, np.tile(shown, swing.temporal.size)] for x in (temporal, spatial))
+        largest = spatial.max(1)
         with np.errstate(divide="ignore", invalid="ignore"):  # where a curve is flat there is little of both
             noise = np.where(spatial > 0, temporal / spatial, np.inf).min(1)
         blurring = np.where(largest > 0, np.minimum(noise, 1e12) * largest, 0.0)
@@ -199,17 +207,17 @@ def _mixed(
 
 
 def _over_offsets(
-    converter: Converter, law: scipy.sparse.csr_array, swing: Swing, used: slice, step: float
+    converter: Converter, law: scipy.sparse.csr_array, swing: Swing, counts: Float64Array, step: float
 ) -> Float64Array:
     """Codes of these counts, for quantiles of the offsets so many σ apart."""
-    mean, temporal, spatial = (x[used] for x in swing.parts)
+    mean, _, spatial = swing.parts
     number = max(2 * FARTHEST / max(step, 2 * FARTHEST * mean.size / MOST), LEAST)
     z = np.linspace(-FARTHEST, FARTHEST, int(np.ceil(number)) + 1) if spatial.any() else np.zeros(1)
     chance = np.exp(-0.5 * z**2) / np.exp(-0.5 * z**2).sum()
     if z.size > 1:
         z = z / np.sqrt(chance @ z**2)  # of variance 1, wherever it is cut
     weights = np.outer(swing.fixed, chance).ravel()
-    code, square = _codes(converter, swing, mean, temporal, spatial, z)
+    code, square = _codes(converter, swing, counts, z)
     first = law @ code
     own = np.maximum(law @ square - first**2, 0.0)
     average = first @ weights
@@ -217,14 +225,44 @@ def _over_offsets(
 
 
 def _codes(
-    converter: Converter,
-    swing: Swing,
-    mean: Float64Array,
-    temporal: Float64Array,
-    spatial: Float64Array,
-    z: Float64Array,
+    converter: Converter, swing: Swing, counts: Float64Array, z: Float64Array
 ) -> tuple[Float64Array, Float64Array]:
-    """Mean code and mean square of the code of every count, for each kind of pixels at each offset [σ]."""
+    """Mean code and mean square of the code of every count, for each kind of pixels at each offset [σ].
+
+    Kinds of pixels whose noise hides single electrons are looked at where the counts are √N/STEPS apart, and kinds that
+    are the same in all states in one of them.
+    """
+    few = np.unique(np.floor(2 * STEPS * np.sqrt(counts)), return_index=True)[1]
+    few = np.append(few, counts.size - 1) if few[-1] < counts.size - 1 else few
+    loud = _loud(converter, swing) & (few.size >= LEAST) & (2 * few.size < counts.size)
+    still = np.all([np.all(x == x[:, :1], axis=(0, 1)) for x in swing.parts[:2]], axis=0) & (swing.temporal.size > 1)
+    code, square = np.empty((2, counts.size, loud.size, z.size))
+    for kinds, thin, one in ((a & b, a is loud, b is still) for a in (loud, ~loud) for b in (still, ~still)):
+        if not kinds.any():
+            continue
+        part = swing.of_kinds(kinds, slice(1) if one else slice(None))
+        mean, squared = _codes_of_all(converter, part.of_counts(few) if thin else part, z)
+        if thin:
+            between = interpolation(counts[few], counts)
+            mean, variance = between @ mean, between @ (squared - mean**2)
+            squared = variance + mean**2
+        code[:, kinds], square[:, kinds] = (x.reshape(counts.size, -1, z.size) for x in (mean, squared))
+    return code.reshape(counts.size, -1), square.reshape(counts.size, -1)
+
+
+def _loud(converter: Converter, swing: Swing) -> NDArray[np.bool_]:
+    """Kinds of pixels in whose codes no steps show: together these move the mean by less than at SHARP_DN."""
+    sigma = converter.gain_dn_per_v * np.sqrt(swing.parts[1].min(axis=(0, 1)))
+    moves = swing.fixed * np.exp(-2 * (np.pi * sigma) ** 2)
+    order = np.argsort(moves)
+    loud = np.empty(moves.size, bool)
+    loud[order] = np.cumsum(moves[order]) <= np.exp(-2 * (np.pi * SHARP_DN) ** 2)
+    return loud
+
+
+def _codes_of_all(converter: Converter, swing: Swing, z: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """The same at every count."""
+    mean, temporal, spatial = swing.parts
     farthest = mean - SURE * (np.sqrt(temporal) + np.sqrt(spatial))
     full = converter.black_level_dn + converter.gain_dn_per_v * farthest.min(axis=(1, 2)) > converter.last_step_dn
     kinds = swing.fixed.size * z.size
