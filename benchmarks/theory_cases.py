@@ -180,12 +180,15 @@ def _converters() -> list[Case]:
     dnl = changed(TABLE1, adc__bits=8, adc__dnl_lsb=dnl_table(8, 0.4), adc__black_level_dn=10.0)
     vv = {"source_follower__vv_nonlinearity": 1.05}
     ve = {"readout__ve_nonlinearity": 1.0}
+    hot_curve = with_read_noise(with_gain(hot(200.0, 900.0, 0.02), 4.0, 2, 1700.0, adc__gamma=0.97), 3.7)
+    hot_curve = changed(hot_curve, readout__prnu_col=0.04)
     curved = changed(TABLE1, **vv, **ve, adc__gamma=1.04, readout__sense_gain_uv_per_e=40.0)
     return [
         *(Case("8 bit, DNL 0.4 LSB rms", dnl, e) for e in (0.0, 700.0, 30_000.0)),
         *(Case("V/V 1.05", changed(TABLE1, **vv), e) for e in (5e3, 32_900.0)),
         *(Case("V/e 1 at 40 µV/e-", changed(TABLE1, **ve, readout__sense_gain_uv_per_e=40.0), e) for e in (5e3, 3e4)),
         *(Case("V/V, V/e and ADC non-linear", curved, e) for e in (5e3, 32_500.0)),
+        Case("hot pixels far beyond a curve", hot_curve, 30.0, dark(1e-3)),
         Case("16 bit", changed(TABLE1, adc__bits=16), 30_000.0),
         Case("24 bit", changed(TABLE1, adc__bits=24), 1000.0),
         Case("PRNU_col 1 %, DSNU 30 e-", changed(TABLE1, readout__prnu_col=0.01, pixel__dsnu_e=30.0), 2e4),
@@ -234,7 +237,26 @@ def _light() -> list[Case]:
         Case("compensated render, RTS pixels", dim, 300.0, light=compensated(0.3)),
         *(Case("compensated render", TABLE1, e, light=compensated(0.16)) for e in (8.0, 5000.0, 32_800.0)),
         *(Case(f"measured {name}", TABLE1, 31_000.0, dark(0.5), maps={name: maps[name]}) for name in maps),
+        *_measured(rng),
         Case("scientific CCD", CCD, 1e4, dark(1.0)),
+    ]
+
+
+def _measured(rng: np.random.Generator) -> list[Case]:
+    """Maps of few values, of long tails, and several at once, next to both clips."""
+    offsets = {
+        "dsnu_col_e": rng.choice([-60.0, 10.0, 400.0], (1, SHAPE[1]), p=[0.6, 0.38, 0.02]),
+        "dsnu_row_e": rng.normal(0.0, 50.0, (SHAPE[0], 1)),
+        "dsnu_pixel_e": 40.0 * rng.standard_t(3, SHAPE),
+        "prnu_col": rng.gamma(400.0, 1 / 400, (1, SHAPE[1])),
+    }
+    low = changed(TABLE1, adc__black_level_dn=5.0, dark_current__fom_na_per_cm2=0.0)
+    sigma = {"read_noise": 8.0 * np.exp(rng.standard_normal(SHAPE))}
+    coarse = with_read_noise(with_gain(TABLE1, 0.07, 2, 900.0), 8.0, source_follower__read_noise_cv=1.0)
+    return [
+        *(Case("measured maps, low clip", low, e, dark(1e-3), maps=offsets) for e in (10.0, 300.0)),
+        Case("measured maps, high clip", low, 32_900.0, dark(1e-3), maps=offsets),
+        Case("measured read noise, 2 bit", coarse, 40.0, dark(1e-3), maps=sigma),
     ]
 
 

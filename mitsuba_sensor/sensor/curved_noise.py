@@ -38,6 +38,9 @@ LEAVING = 2e-3
 HUGE = 1e60
 """A swing [V] so far beyond every converter that its noise does not matter."""
 
+BEYOND = 2.0, 3.0, 4.0, 5.0, 7.0
+"""Distances from the mean at which it is asked whether a signal is on the scale of the converter [σ]."""
+
 ALONE: Float64Array = np.ones(1)
 
 MOST = 1_500_000
@@ -90,11 +93,15 @@ class Swing:
                 found, maps = found._in_groups(maps), ()
             if stage.curved:
                 later = math.prod(one.nominal_gain for one in stages[number + 1 :])
-                found = found._apart(_Curve(stage, converter, later, frame))
+                curve = _Curve(stage, converter, later, frame)
+                found = found._apart(curve)
             if measured is not None or (maps and stage.nominal_gain != 1):
                 maps += (stage,)
-            if measured is None:
-                found = replace(found, m=behind(stage, found.m)) if law is None else found._with(law)
+            if measured is None and law is None:
+                m = behind(stage, found.m)
+                found = replace(found, m=curve.beyond(found.m, m) if stage.curved else m)
+            elif law is not None:
+                found = found._with(law)
         return found._in_groups(maps) if maps else found
 
     @cached_property
@@ -130,13 +137,19 @@ class Swing:
     def _in_groups(self, maps: Chain) -> Swing:
         """In groups of pixels that are alike; what is left inside of a group is normal where no noise hides it."""
         mean, temporal, spatial = (x[..., None] for x in self.parts)  # (C, T, S, groups)
-        weights, gains, offsets, rest = groups_of(maps, self.m.frame.window, MOST_OF_MAPS // mean.size)
+        weights, gains, offsets, of_gains, rest = groups_of(maps, self.m.frame.window, MOST_OF_MAPS // mean.size)
         left = float(weights @ rest)
-        if not spatial.any() and left < HIDDEN**2 * temporal.min():
+        if not spatial.any() and not of_gains.any() and left < HIDDEN**2 * temporal.min():
             variance = left + float(weights @ (offsets - weights @ offsets) ** 2)
             offsets, rest = widened(offsets, weights, variance), np.zeros(rest.size)
         moved = gains * mean + offsets
-        parts = moved, *(np.broadcast_to(x, moved.shape) for x in (gains**2 * temporal, gains**2 * spatial + rest))
+        parts = (
+            moved,
+            *(
+                np.broadcast_to(x, moved.shape)
+                for x in (gains**2 * temporal, gains**2 * spatial + of_gains * mean**2 + rest)
+            ),
+        )
         flat = [x.reshape(moved.shape[0], -1) for x in parts]
         kinds = np.outer(self.fixed, weights).ravel()
         return Swing(replace(self.m, mean=flat[0], temporal=flat[1], spatial=flat[2]), self.temporal, kinds)
@@ -210,6 +223,25 @@ class _Curve:
             on = (np.maximum(low, high) > -1) & (np.minimum(low, high) < self.converter.highest + 1)
             shown = on & (away > CURVED_DN)
         return float(np.max((away / scale)[shown], initial=0.0))
+
+    def beyond(self, before: Moments, m: Moments) -> Moments:
+        """Behind the curve; what stays beyond an end of the converter within some σ in front of the curve, stays so."""
+        sigma, last = np.sqrt(before.temporal + before.spatial), self.converter.highest + 1
+        x, sigma = np.broadcast_arrays(before.mean, sigma)
+        with np.errstate(over="ignore", invalid="ignore"):
+            centre = np.nan_to_num(self._dn(x))
+            distance = np.where(centre > last, centre - last, -1 - centre)
+            off, far = distance > 0, np.zeros(x.shape)
+            for k in BEYOND:
+                ends = self._dn(x - k * sigma), self._dn(x + k * sigma)
+                off &= np.where(centre > 0, np.minimum(*ends) > last, np.maximum(*ends) < -1)
+                far = np.where(off, k, far)
+        per_v = self.converter.gain_dn_per_v * self.later
+        largest = np.where(far > 0, distance / np.maximum(far * per_v, 1e-300), np.inf) ** 2
+        total = np.maximum(m.temporal + m.spatial, 1e-300)
+        share = np.minimum(largest / total, 1.0)
+        mean = np.where(far > 0, np.clip((centre - self.converter.black_level_dn) / per_v, -HUGE, HUGE), m.mean)
+        return replace(m, mean=mean, temporal=m.temporal * share, spatial=m.spatial * share)
 
     def _dn(self, swing: Float64Array) -> Float64Array:
         """About the code of a swing in front of the curve."""

@@ -16,12 +16,13 @@ STEPS = 0.16, 0.32, 0.64
 
 
 class Groups(NamedTuple):
-    """Groups of pixels: their shares, mean gains and offsets, and what varies inside of each, (K,) each."""
+    """Groups of pixels: their shares, mean gains and offsets, and the variance of both inside of each, (K,) each."""
 
     weights: Float64Array
     gains: Float64Array
     offsets: Float64Array
-    rest: Float64Array
+    of_gains: Float64Array
+    of_offsets: Float64Array
 
 
 class MeasuredMaps(NamedTuple):
@@ -46,18 +47,18 @@ class MeasuredMaps(NamedTuple):
     def groups(self, most: float) -> Groups:
         """Of pixels of nearly the same gain and offset; most : about how many."""
         if np.size(self.gains) == 1:
-            offsets = np.sort(self.offsets, axis=None)
-            weights, means, rest = _grouped(offsets, most)
-            return Groups(weights / offsets.size, np.full(weights.size, np.ravel(self.gains)[0]), means, rest)
+            weights, means, rest = _grouped(np.sort(self.offsets, axis=None), most)
+            gains = np.full(weights.size, np.ravel(self.gains)[0])
+            return Groups(weights / weights.sum(), gains, means, np.zeros(rest.size), rest)
         gains, offsets = (x.ravel() for x in np.broadcast_arrays(self.gains, self.offsets))
         order = np.argsort(gains)
         gains, offsets = gains[order], offsets[order]
-        pixels, values, _ = _grouped(gains, 0.0)
-        values = widened(values, pixels, float(gains.var()))
+        pixels, *of_gains = _grouped(gains, most if np.size(self.offsets) == 1 else np.sqrt(most))
         parts = np.split(offsets, np.cumsum(pixels[:-1]).astype(np.intp))
         found = [_grouped(np.sort(part), most / len(parts)) for part in parts]
         weights, means, rest = (np.concatenate(one) for one in zip(*found, strict=True))
-        return Groups(weights / gains.size, np.repeat(values, [one[0].size for one in found]), means, rest)
+        values, inside = (np.repeat(x, [one[0].size for one in found]) for x in of_gains)
+        return Groups(weights / weights.sum(), values, means, inside, rest)
 
 
 def _grouped(ordered: Float64Array, most: float) -> tuple[Float64Array, Float64Array, Float64Array]:

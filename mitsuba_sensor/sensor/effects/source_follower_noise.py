@@ -19,7 +19,7 @@ from ...core.types import Float64Array
 from ..datasheet import FileTable, NotNegative, Positive
 from ..fpn_distributions import LogNormal
 from ..gains import sense_gain_v_per_e
-from ..pixel_law import NoiseLaw
+from ..pixel_law import NoiseLaw, borders_of
 from ..stage import Datasheet, Stage
 
 NOTED = 0.01
@@ -144,11 +144,15 @@ class SourceFollowerNoise(Stage):
 
 
 def _groups(sigma_e: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Numbers of pixels of a measured map and their mean σ²: of every value, or of groups where there are many."""
+    """Numbers of pixels of a measured map and their mean σ²: of every value, or of groups where there are many.
+
+    Borders of the groups are quantiles of a normal law, so that few noisy pixels keep their tail.
+    """
     values, counts = np.unique(sigma_e, return_counts=True)
-    parts = np.array_split(np.arange(values.size), min(values.size, 3 * GROUPS))
-    weights = np.array([counts[part].sum() for part in parts], dtype=np.float64)
-    return weights, np.array([counts[part] @ values[part] ** 2 for part in parts]) / weights
+    few = values.size <= 3 * GROUPS
+    borders = np.arange(values.size) if few else borders_of(values.size, 2 * FARTHEST / (2 * GROUPS))
+    weights = np.add.reduceat(counts, borders).astype(np.float64)
+    return weights, np.add.reduceat(counts * values**2, borders) / weights
 
 
 def cds_noise(camera: Datasheet) -> CdsNoise:
