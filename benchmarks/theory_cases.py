@@ -248,7 +248,7 @@ def _measured(rng: np.random.Generator) -> list[Case]:
         "dsnu_col_e": rng.choice([-60.0, 10.0, 400.0], (1, SHAPE[1]), p=[0.6, 0.38, 0.02]),
         "dsnu_row_e": rng.normal(0.0, 50.0, (SHAPE[0], 1)),
         "dsnu_pixel_e": 40.0 * rng.standard_t(3, SHAPE),
-        "prnu_col": rng.gamma(400.0, 1 / 400, (1, SHAPE[1])),
+        "prnu_col": rng.gamma(2500.0, 1 / 2500, (1, SHAPE[1])),
     }
     low = changed(TABLE1, adc__black_level_dn=5.0, dark_current__fom_na_per_cm2=0.0)
     sigma = {"read_noise": 8.0 * np.exp(rng.standard_normal(SHAPE))}

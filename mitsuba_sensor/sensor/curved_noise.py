@@ -142,14 +142,8 @@ class Swing:
         if not spatial.any() and not of_gains.any() and left < HIDDEN**2 * temporal.min():
             variance = left + float(weights @ (offsets - weights @ offsets) ** 2)
             offsets, rest = widened(offsets, weights, variance), np.zeros(rest.size)
-        moved = gains * mean + offsets
-        parts = (
-            moved,
-            *(
-                np.broadcast_to(x, moved.shape)
-                for x in (gains**2 * temporal, gains**2 * spatial + of_gains * mean**2 + rest)
-            ),
-        )
+        moved, fixed = gains * mean + offsets, gains**2 * spatial + of_gains * mean**2 + rest
+        parts = moved, *(np.broadcast_to(x, moved.shape) for x in (gains**2 * temporal, fixed))
         flat = [x.reshape(moved.shape[0], -1) for x in parts]
         kinds = np.outer(self.fixed, weights).ravel()
         return Swing(replace(self.m, mean=flat[0], temporal=flat[1], spatial=flat[2]), self.temporal, kinds)

@@ -458,5 +458,5 @@ def test_measured_maps_behind_the_count_enter_by_their_own_distribution(named: t
         )
         mean[pixel], square[pixel] = reached.sum(), reached @ (2 * k - 1)
     assert found.mean[0] == pytest.approx(mean.mean(), rel=1e-3, abs=0.01)
-    assert math.sqrt(found.temporal[0]) == pytest.approx(math.sqrt(np.mean(square - mean**2)), rel=3e-3)
-    assert math.sqrt(found.spatial[0]) == pytest.approx(mean.std(), rel=3e-3)
+    assert math.sqrt(found.temporal[0]) == pytest.approx(math.sqrt(np.mean(square - mean**2)), rel=5e-3)
+    assert math.sqrt(found.spatial[0]) == pytest.approx(mean.std(), rel=5e-3)
