@@ -293,3 +293,21 @@ def test_lines_and_pixels_of_one_source_are_uncorrelated(axis: int) -> None:
     across = (other.column_normal if axis == 0 else other.row_normal)("amplifier").ravel()
     assert abs(np.corrcoef(line, across)[0, 1]) < 5 / np.sqrt(n)
     assert line[0] != across[0]
+
+
+@pytest.mark.parametrize("engine", ["numpy", "drjit"])
+@pytest.mark.parametrize("compensated", [False, True])
+def test_frames_are_the_same_with_and_without_the_signals_that_are_kept(engine: str, compensated: bool) -> None:
+    """RTS and RTN pixels: light and dark electrons are split from one count only where somebody asks for them."""
+    traps = {"dark_current.rts_fraction": 0.1, "dark_current.rts_amplitude_e_per_s": 2e4}
+    traps |= {"source_follower.rtn_pixel_fraction": 0.2, "source_follower.rtn_pixel_amplitude_e": 9.0}
+    camera = ms.load_camera("konnik_table1").replace(**traps)
+    light = np.linspace(10.0, 4000.0, 960).reshape(24, 40)
+    photons = ms.Photons(light, variance_e2=0.1 * light if compensated else None)
+    kept = ["photoelectrons", "dark_electrons", "electrons", "volts"]
+    for frame in range(2):
+        plain, more = (
+            ms.expose(photons, camera, ms.Exposure(0.1), seed=5, first_frame=frame, engine=engine, keep=keep)
+            for keep in ([], kept)
+        )
+        assert np.array_equal(plain.digital, more.digital)
