@@ -60,7 +60,7 @@ class RenderInput(NamedTuple):
 
 def render_input(scene: Path, flags: Flags) -> tuple[RenderInput, dict[str, Flag]]:
     """The scene with the camera and exposure that are asked for, or that it names itself; and all other flags."""
-    parsed = parse(scene, flags.get("parameters"), flags.get("variant"))
+    parsed = parse(scene, flags)
     return RenderInput(parsed, *camera_and_exposure(flags, parsed.settings)), other_flags(flags)
 
 

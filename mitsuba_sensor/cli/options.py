@@ -11,7 +11,7 @@ import typer
 from ..core import InputError, require_seed
 from ..core.options import Declared, Option, declared
 from ..io import files
-from ..render.options import RenderOptions, SceneOptions
+from ..render.options import FileOptions, RenderOptions, SceneOptions
 from ..render.passes import MOST_IN_ALL
 from ..sensor.metering import PERCENTILE, SHARE
 from ..sensor.options import FrameOptions, SensorOptions
@@ -79,6 +79,7 @@ class CameraFlags(TypedDict, total=False):
 
 PANELS: dict[type, str] = {  # titles in --help, above the options that are declared there first
     CameraFlags: "Camera and exposure",
+    FileOptions: "Scene",
     SceneOptions: "Scene",
     RenderOptions: "Render: samples, bands, noise",
     SensorOptions: "Sensor",

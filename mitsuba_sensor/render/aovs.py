@@ -81,7 +81,7 @@ def render_aovs(
     if chosen["motion"] is not None and exposure is None:
         raise InputError("a motion is given and no exposure; pass exposure=Exposure(time_s) for the optical flow.")
     moved = read_motion(chosen["motion"])
-    parsed = parse(scene, chosen["parameters"], chosen["variant"])
+    parsed = parse(scene, chosen)
     metres, shutter = parsed.settings.metres(chosen["scene_unit"]), shutter_of(camera, exposure or Exposure(0.0))
     loaded = load_for_rays(parsed.file, camera, chosen["scene_unit"], chosen["width"])
     return aovs_of(loaded, moved, metres or 1.0, shutter, progress)

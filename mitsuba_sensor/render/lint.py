@@ -16,7 +16,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from .passes import SAMPLER
-from .scene_file import SceneFile
+from .scene_file import POLARISING, SceneFile
 from .scene_settings import FILM
 from .variants import MitsubaObject, mitsuba
 
@@ -63,7 +63,7 @@ def lint(scene: SceneFile, band_nm: Range, unit_m: float | None) -> tuple[list[F
     """Findings in a parsed scene for a sensor with this band, most serious first; and whether no light is in it."""
     spectra = SceneSpectra(scene)
     dark = not any(low < band_nm[1] and high > band_nm[0] for _, (low, high) in spectra.lights)
-    others = (check(scene) for check in (_integrator, _film, _sensors))
+    others = (check(scene) for check in (_changes, _integrator, _film, _sensors))
     found = chain(_spectra(scene, spectra, *band_nm), _units(scene, unit_m), *others)
     return most_serious_first(found), bool(spectra.lights) and dark
 
@@ -155,6 +155,16 @@ def _units(scene: SceneFile, unit_m: float | None) -> Iterator[Finding]:
         return
     what = f"{kinds} light in {_places(len(nodes))} takes distances in units of {unit_m:g} m, as if they were metres"
     yield Finding("wrong", _lines(scene, nodes), what, f"multiply its intensity by {unit_m**-2:g}")
+
+
+def _changes(scene: SceneFile) -> Iterator[Finding]:
+    """What was changed when the file was parsed, and elements that polarise light."""
+    for where, (change, why) in scene.changes:
+        yield Finding("note", where, change, why)
+    for node in scene.nodes("BSDF") if scene.ignore_polarization else ():
+        if (kind := node.props.plugin_name()) in POLARISING:
+            what = f"{kind!r} acts on unpolarised light alone: behind a second one the light is wrong"
+            yield Finding("note", scene.where(node), what, "its transmittance is that for unpolarised light")
 
 
 def _integrator(scene: SceneFile) -> Iterator[Finding]:

@@ -13,8 +13,35 @@ from .motion import Motion
 from .passes import MOST_IN_ALL, MOST_SPP
 
 
-class SceneOptions(TypedDict, total=False):
-    """How a scene file is read: unit of length, size of the picture, motion, parameters, Mitsuba variant."""
+class FileOptions(TypedDict, total=False):
+    """How a scene file is parsed: parameters, Mitsuba variant, what is replaced in it."""
+
+    parameters: Annotated[
+        Mapping[str, Any] | None,
+        Option("Values for the <default> names of the scene file.", flag="-D", metavar="NAME=VALUE", text=list[str]),
+    ]
+    variant: Annotated[
+        str | None,
+        Option(
+            "Spectral Mitsuba variant. Default: the one that is set, else the fastest that works.",
+            example="scalar_spectral",
+        ),
+    ]
+    integrator: Annotated[
+        Literal["path", "volpath", "volpathmis", "direct"] | None,
+        Option(
+            "Render with this integrator of Mitsuba in place of the scene's own, with its depth; volpath where light "
+            "passes through media. Default: the scene's."
+        ),
+    ]
+    ignore_polarization: Annotated[
+        bool,
+        Option("Render polarizers, retarders and measured_polarized as they act on unpolarised light.", False),
+    ]
+
+
+class SceneOptions(FileOptions, total=False):
+    """How a scene is loaded: unit of length, size of the picture, motion, and how its file is parsed."""
 
     scene_unit: Annotated[
         str | float | None,
@@ -31,17 +58,6 @@ class SceneOptions(TypedDict, total=False):
     motion: Annotated[
         str | os.PathLike[str] | Mapping[str, Any] | Motion | None,
         Option("What moves while the shutter is open: a file, see docs/rendering.md.", metavar="FILE.toml", text=Path),
-    ]
-    parameters: Annotated[
-        Mapping[str, Any] | None,
-        Option("Values for the <default> names of the scene file.", flag="-D", metavar="NAME=VALUE", text=list[str]),
-    ]
-    variant: Annotated[
-        str | None,
-        Option(
-            "Spectral Mitsuba variant. Default: the one that is set, else the fastest that works.",
-            example="scalar_spectral",
-        ),
     ]
 
 

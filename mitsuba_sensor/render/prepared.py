@@ -239,7 +239,7 @@ def prepare(
     asked = checked_exposure(camera, exposure)
     chosen = complete(RenderOptions, options)
     check_options(chosen)
-    parsed = scene if isinstance(scene, ParsedScene) else parse(scene, chosen["parameters"], chosen["variant"])
+    parsed = scene if isinstance(scene, ParsedScene) else parse(scene, chosen)
     settings = parsed.settings
     camera, asked = first_given(camera, settings.camera), first_given(asked, settings.exposure)
     if camera is None:

@@ -22,20 +22,21 @@ from .lens_sensor import with_lens
 from .lint import WRAPPERS, Finding, lint, lint_built, most_serious_first
 from .passes import SAMPLER
 from .plugins import built_in_sensor
-from .scene_file import SceneFile, as_input_error, parse_scene, plain_message
+from .scene_file import POLARISING, SceneFile, as_input_error, parse_scene, plain_message
 from .scene_settings import FILM, SENSOR, SIZE, SceneSettings, sensor_fields_of, settings_of
 from .variants import MitsubaObject, mitsuba
 
 SENSORS = ("perspective", "thinlens", "orthographic", SENSOR)
 FILM_ID = "sensor"  # id of the new film, by which its sensor is found in the built scene
+WITH_FILES = ("Shape", "Texture", "Emitter", "Volume", "BSDF", "Medium", "PhaseFunction")
 WIDTH, HEIGHT = 768, 576  # default of Mitsuba's films
 # Plugins that cannot be used, and what to do instead.
 UNSUITABLE = {
-    "depth": "computes no radiance; use 'path'",
-    "ptracer": "starts its paths at the emitters and cannot write spectral bands; use 'path'",
-    "measured_polarized": "acts on polarised light, which is not simulated; use 'measured'",
+    "depth": "computes no radiance; take --integrator path (integrator='path')",
+    "ptracer": "starts its paths at the emitters and cannot write spectral bands; take --integrator path "
+    "(integrator='path')",
 } | dict.fromkeys(
-    ("circular", "polarizer", "retarder"), "acts on polarised light, which is not simulated; leave it out"
+    POLARISING, "acts on polarised light, which is not simulated; for unpolarised light take --ignore-polarization"
 )
 
 
@@ -90,8 +91,21 @@ def load_scene(
     camera : whose lens is used; by default the one that the scene file names, if any.
     """
     scene = path if isinstance(path, SceneFile) else parse_scene(path, parameters)
+    with as_input_error(scene.path):
+        return _load(scene, bands, camera, scene_unit, width, sampler)
+
+
+def _load(
+    scene: SceneFile,
+    bands: Bands,
+    camera: Camera | None,
+    scene_unit: str | float | None,
+    width: int | None,
+    sampler: str,
+) -> Scene:
     scene = replace(scene, state=mitsuba().parser.ParserState(scene.state))  # a copy, which is changed
     _refuse_unsuitable(scene)
+    _refuse_missing_files(scene)
     settings = settings_of(scene)
     camera, metres = camera or settings.camera, settings.metres(scene_unit)
     findings, dark = lint(scene, bands.ends_nm, metres)
@@ -131,8 +145,22 @@ def _refuse_unsuitable(scene: SceneFile) -> None:
         many = ", ".join(SENSORS)
         raise InputError(f"scene {scene.path.name!r} has a sensor of type {kind!r}; it must be one of {many}.")
     for node in scene.nodes("Integrator", "BSDF"):
-        if (kind := node.props.plugin_name()) in UNSUITABLE:
+        if (kind := node.props.plugin_name()) in UNSUITABLE and not (scene.ignore_polarization and kind in POLARISING):
             raise InputError(f"scene {scene.path.name!r}, {scene.where(node)}: {kind!r} {UNSUITABLE[kind]}.")
+
+
+def _refuse_missing_files(scene: SceneFile) -> None:
+    """InputError that names all missing meshes, textures and tables."""
+    missing = dict[str, str]()
+    for node in scene.nodes(*WITH_FILES):
+        name = node.props.get("filename", None)
+        if isinstance(name, str) and not os.path.isfile(str(scene.resolver.resolve(name))):
+            missing.setdefault(name, scene.where(node))
+    if missing:
+        named = ", ".join(f"{name} ({line})" for name, line in missing.items())
+        files = f"{len(missing)} files" if len(missing) > 1 else "a file"
+        where = "look in the folder of the scene, or name another with <path value=…/>"
+        raise InputError(f"scene {scene.path.name!r} lacks {files}: {named}; {where}.")
 
 
 def _replace_camera(scene: SceneFile, settings: SceneSettings, camera: Camera | None) -> None:

@@ -8,18 +8,21 @@ import json
 import os
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..core import InputError, nearest
+from . import old_formats
 from .variants import MitsubaObject, mitsuba
 
 EXAMPLE_SENSOR = (
     '<sensor type="perspective"><float name="fov" value="40"/><transform name="to_world">'
     '<lookat origin="0, 1, 4" target="0, 1, 0" up="0, 1, 0"/></transform></sensor>'
 )
+AS_TEXT = "<string>"  # the name that Mitsuba gives to a file that was changed before it was parsed
 DIFFERENTIABLE = ("prb", "prb_basic", "prb_projective", "prbvolpath", "direct_projective")  # not in scalar variants
 OWN_PLUGINS = ("camera", "photosensor")
+POLARISING = ("circular", "polarizer", "retarder", "measured_polarized")
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +30,9 @@ class SceneFile:
     """A parsed scene: Mitsuba's parser state, whose nodes[0] is the scene, and values for its ``<default>`` names.
 
     exposure_s : value of the ``<default>`` of that name, which no element need use.
+    changes : where, what was changed in it and why: an old format, or another integrator that was asked for.
+    text : what was parsed, if not the file as it is; Mitsuba's state refers to it and does not keep it.
+    ignore_polarization : whether elements that polarise light are rendered in unpolarised light.
     resolver : finds meshes and textures beside the file and in the folders that its ``<path>`` elements name.
     """
 
@@ -36,6 +42,9 @@ class SceneFile:
     values: Mapping[str, str]
     resolver: MitsubaObject
     exposure_s: str | None = None
+    changes: tuple[tuple[str, tuple[str, str]], ...] = ()
+    text: str = ""
+    ignore_polarization: bool = False
 
     @property
     def root(self) -> MitsubaObject:
@@ -77,7 +86,10 @@ class SceneFile:
         """SHA-256 over the parameters, the scene file and its includes; not over meshes and textures."""
         digest = hashlib.sha256(json.dumps(sorted(self.values.items())).encode())
         for file in self.state.files:
-            digest.update(Path(str(file)).read_bytes())
+            path = self.path if str(file) == AS_TEXT else Path(str(file))
+            digest.update(path.read_bytes())
+        if self.changes:
+            digest.update(json.dumps(self.changes).encode())
         return digest.hexdigest()
 
     def build(self) -> MitsubaObject:
@@ -90,8 +102,16 @@ class SceneFile:
         return built[0] if isinstance(built, list) else built
 
 
-def parse_scene(path: str | os.PathLike[str], parameters: Mapping[str, object]) -> SceneFile:
-    """Parse a scene file. No variant need be set, except to read colours and transforms. Raises InputError."""
+def parse_scene(
+    path: str | os.PathLike[str],
+    parameters: Mapping[str, object],
+    integrator: str | None = None,
+    ignore_polarization: bool = False,
+) -> SceneFile:
+    """Parse a scene file. No variant need be set, except to read colours and transforms. Raises InputError.
+
+    integrator, ignore_polarization : see :class:`render.options.SceneOptions`.
+    """
     file, mi = Path(path), mitsuba()
     if not os.path.isfile(file):
         raise InputError(f"scene {os.fspath(path)!r} is not a file; give the path of a Mitsuba 3 scene in XML.")
@@ -109,14 +129,45 @@ def parse_scene(path: str | os.PathLike[str], parameters: Mapping[str, object]) 
     config.merge_meshes = False  # a merged mesh has lost its name: nothing could move or number it
     beside = type(mi.file_resolver())(mi.file_resolver())
     beside.prepend(str(file.resolve().parent))
+    new, tags = old_formats.upgraded_text(_with_old_includes(text, file.parent)) if is_old(text) else (text, [])
     with searching(beside), as_input_error(file):
-        state = mi.parser.parse_file(config, str(file), **used)
+        state = mi.parser.parse_string(config, new, **used) if tags else mi.parser.parse_file(config, str(file), **used)
         mi.parser.transform_upgrade(config, state)
+        changed = old_formats.upgrade(state)
         mi.parser.transform_resolve(config, state)
         resolver = mi.file_resolver()
     if state.nodes[0].type != mi.ObjectType.Scene:
         raise InputError(f'{file.name!r} holds no scene; its outermost element must be <scene version="3.0.0">.')
-    return SceneFile(file, config, state, values, resolver, exposure_s)
+    scene = SceneFile(file, config, state, values, resolver, exposure_s, (), new, ignore_polarization)
+    converted = f"converted from the format of Mitsuba {old_formats.version_name(text)}"
+    changes = [(scene.where(state.nodes[0]), (f"<{', '.join(tags)}> in the terms of Mitsuba 3", converted))][
+        : len(tags)
+    ]
+    if integrator is not None:
+        changed = [one for one in changed if one[0].type != mi.ObjectType.Integrator]
+        asked = old_formats.take_integrator(scene.root, scene.children(scene.root, "Integrator"), integrator)
+        changes += [(scene.where(node), (what, "leave the option out for the scene's own")) for node, what in asked]
+    changes += [(scene.where(node), (what, converted)) for node, what in changed]
+    return replace(scene, changes=tuple(changes))
+
+
+def is_old(text: str) -> bool:
+    """Whether a scene file has the format of a Mitsuba before version 3."""
+    return old_formats.version_of(text) < old_formats.CURRENT
+
+
+def _with_old_includes(text: str, folder: Path) -> str:
+    """The text with the old files that it includes in place of the <include>, on its line: they too must be changed."""
+
+    def content(found: re.Match[str]) -> str:
+        file = folder / found[1]
+        inner = file.read_text(encoding="utf-8", errors="replace") if file.is_file() else ""
+        if not is_old(inner):
+            return found[0]
+        body = re.search(r"<scene[^>]*>(.*)</scene>", re.sub(r"<!--.*?-->", "", inner, flags=re.DOTALL), re.DOTALL)
+        return " ".join(_with_old_includes(body[1], file.parent).split()) if body else found[0]
+
+    return re.sub(r'<include\s+filename="([^"$]+)"\s*/>', content, text)
 
 
 @contextlib.contextmanager
@@ -133,14 +184,27 @@ def searching(resolver: MitsubaObject) -> Iterator[None]:
 
 @contextlib.contextmanager
 def as_input_error(file: Path) -> Iterator[None]:
-    """Turn Mitsuba's RuntimeError about a file into an InputError."""
+    """Turn Mitsuba's RuntimeError about a file into an InputError; that of an old file names its format."""
     try:
         yield
     except RuntimeError as error:
         begin, name = "At|While loading|Error while loading|Parsing of XML file", re.escape(str(file))
-        where = rf'(?:{begin}) "?(?:{name}|{re.escape(str(file.resolve()))})"?(?: failed)?:? '
+        where = rf'(?:{begin}) "?(?:{name}|{re.escape(str(file.resolve()))}|string)"?(?: failed)?:? '
         text = re.sub(where, "", plain_message(error))
-        raise InputError(f"scene {file.name!r} cannot be loaded: {text}{_remedy(text, file)}") from error
+        said = f"scene {file.name!r} cannot be loaded: {text}{_remedy(text, file)}"
+        raise InputError(_with_version(said, file)) from error
+    except InputError as error:
+        raise InputError(_with_version(str(error), file)) from error
+
+
+def _with_version(said: str, file: Path) -> str:
+    """An error with the format of the file, where that is an old one; once."""
+    text = file.read_text(encoding="utf-8", errors="replace")
+    if not is_old(text) or "has the format of Mitsuba" in said:
+        return said
+    version = old_formats.version_name(text)
+    known = "what has an equivalent in version 3 was converted"
+    return f"{said[:-1]}; the file has the format of Mitsuba {version}, and {known}{said[-1]}"
 
 
 def plain_message(error: BaseException) -> str:
@@ -151,15 +215,14 @@ def plain_message(error: BaseException) -> str:
 
 def _remedy(message: str, file: Path) -> str:
     """The way out that belongs to Mitsuba's message, from the full stop or semicolon on."""
-    version = re.search(r'<scene\s[^>]*version="(0\.[\d.]+)"', file.read_text(encoding="utf-8", errors="replace"))
-    if version and re.search("unsupported|unexpected|unreferenced|Plugin", message):
-        return f"; the file has the format of Mitsuba {version[1]}: convert it to version 3.0.0 first."
     if "undefined parameter" in message:
         return "; give it a value (-D name=value)."
     unknown = re.search(r'Plugin "(\w+)" not found', message)
     if unknown and unknown[1] in DIFFERENTIABLE:
         return "; it computes gradients and needs an llvm or cuda variant: 'path' gives the same image."
     if unknown:
+        of_integrator = "failed to instantiate integrator" in message
+        way_out = "; take --integrator path (integrator='path')" if of_integrator else ""
         plugins = (Path(str(mitsuba().__file__)).parent / "plugins").iterdir()
-        return f".{nearest(unknown[1], sorted({*OWN_PLUGINS, *(file.stem for file in plugins)}))}"
+        return f"{way_out}.{nearest(unknown[1], sorted({*OWN_PLUGINS, *(file.stem for file in plugins)}))}"
     return "."

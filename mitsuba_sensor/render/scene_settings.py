@@ -12,10 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from ..core import Exposure, InputError, first_given, nearest, require, require_seed
+from ..core.options import complete, part_of
 from ..sensor.camera import Camera, list_cameras, load_camera, toml_value
 from ..sensor.metering import Metering
 from .bands import SPECTRAL
-from .scene_file import SceneFile, parse_scene, searching
+from .options import FileOptions
+from .scene_file import SceneFile, as_input_error, parse_scene, searching
 from .variants import MitsubaObject, Variant, choose_variant, mitsuba, use
 
 FILM, SENSOR = "photosensor", "camera"  # plugin names of the two elements
@@ -201,15 +203,17 @@ class ParsedScene:
     variant: Variant
 
 
-def parse(
-    scene: str | os.PathLike[str], parameters: Mapping[str, Any] | None = None, variant: str | None = None
-) -> ParsedScene:
-    """Parse a scene file, and set the variant. parameters, variant : as for :func:`render`. Raises InputError."""
+def parse(scene: str | os.PathLike[str], options: Mapping[str, Any]) -> ParsedScene:
+    """Parse a scene file, and set the variant. options : those of :class:`render.options.SceneOptions`, or some of
+    them. Raises InputError."""
     if not isinstance(scene, str | os.PathLike):
         raise InputError(f"scene is {scene!r}; pass the path of a scene file, e.g. 'scenes/cornell_box.xml'.")
+    chosen = complete(FileOptions, part_of(FileOptions, options))
+    parameters = chosen["parameters"]
     if parameters is not None and not isinstance(parameters, Mapping):
         raise InputError(f"parameters is {parameters!r}; pass a dict of the scene's <default> names and their values.")
-    chosen = choose_variant(variant)
-    use(chosen)
-    file = parse_scene(scene, parameters or {})
-    return ParsedScene(file, settings_of(file), chosen)
+    variant = choose_variant(chosen["variant"])
+    use(variant)
+    file = parse_scene(scene, parameters or {}, chosen["integrator"], chosen["ignore_polarization"])
+    with as_input_error(file.path):
+        return ParsedScene(file, settings_of(file), variant)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -16,6 +17,7 @@ from mitsuba_sensor.optics.f_number_law import solid_angle_sr
 from mitsuba_sensor.optics.intrinsics import aperture_f_number, magnification
 from mitsuba_sensor.render.bands import box_bands
 from mitsuba_sensor.render.scene import load_scene
+from mitsuba_sensor.render.scene_file import parse_scene
 from mitsuba_sensor.render.variants import choose_variant, use
 from mitsuba_sensor.sensor.camera import load_camera
 
@@ -147,15 +149,18 @@ BROKEN = [
     (scene_text(SKY, BALL.format(bsdf='<bsdf type="rough_plastic"/>')), "Did you mean 'roughplastic'?"),
     (scene_text(SKY, '<integrator type="pathtracer"/>'), "Did you mean 'ptracer'?"),
     (scene_text(SKY, '<shape type="diffuse"/>'), "does not match the expected type"),
-    (scene_text(SKY, more=LOOK_AT).replace("3.0.0", "0.5.0"), "format of Mitsuba 0.5.0"),
-    (scene_text(SKY, BALL.format(bsdf=HEX)).replace("3.0.0", "0.5.0"), "format of Mitsuba 0.5.0"),
+    (scene_text(SKY, '<integrator type="bdpt"/>'), "take --integrator path"),
+    (scene_text(SKY, sensor="").replace("3.0.0", "2.1.0"), "format of Mitsuba 2.1.0"),
+    (scene_text(SKY, '<shape type="ply"/>').replace("3.0.0", "2.0.0"), "format of Mitsuba 2.0.0"),
+    (scene_text(SKY, "<shape").replace("3.0.0", "0.5.0"), "format of Mitsuba 0.5.0"),
+    (scene_text(SKY, '<subsurface type="dipole"/>').replace("3.0.0", "0.6.0"), "format of Mitsuba 0.6.0"),
     (scene_text(SKY, BALL.format(bsdf='<bsdf type="ward"/>')).replace("3.0.0", "0.6.0"), "format of Mitsuba 0.6.0"),
     (scene_text(SKY, BALL.format(bsdf='<bsdf type="polarizer"/>')), "acts on polarised light, which is not simulated"),
     (scene_text(SKY, BALL.format(bsdf='<bsdf type="circular"/>')), "line 2: 'circular' acts on polarised light"),
     (scene_text(SKY, BALL.format(bsdf='<bsdf type="retarder"/>')), "acts on polarised light"),
-    (scene_text(SKY, BALL.format(bsdf='<bsdf type="measured_polarized"/>')), "use 'measured'"),
-    (scene_text(SKY, '<integrator type="ptracer"/>'), "use 'path'"),
-    (scene_text(SKY, '<integrator type="depth"/>'), "use 'path'"),
+    (scene_text(SKY, BALL.format(bsdf='<bsdf type="measured_polarized"/>')), "--ignore-polarization"),
+    (scene_text(SKY, '<integrator type="ptracer"/>'), "take --integrator path"),
+    (scene_text(SKY, '<integrator type="depth"/>'), "take --integrator path"),
     (scene_text(SKY, '<shape type="sphere"><float name="radius" value="$size"/></shape>'), "-D name=value"),
     (scene_text(SKY, sensor=""), '<sensor type="perspective">'),
     (scene_text(SKY, sensor='<sensor type="fisheye"/>'), "must be one of perspective"),
@@ -179,3 +184,74 @@ def test_render_refuses_it_with_the_same_sentence(tmp_path: Path, cli: Callable[
     done = [cli(*arguments, "--variant", "scalar_spectral") for arguments in calls]
     assert [one.exit_code for one in done] == [2, 2] and done[0].stderr == done[1].stderr
     assert not (tmp_path / "out").exists()
+
+
+def test_all_missing_files_are_named_at_once(tmp_path: Path) -> None:
+    """Three of them, with their lines, in one sentence; a file that is there is not."""
+    ready().Bitmap(np.ones((2, 2, 3), np.float32)).write(str(tmp_path / "here.exr"))
+    mesh = '\n<shape type="ply"><string name="filename" value="{}"/></shape>'
+    pictures = [WALL.format(bsdf=PICTURE.format(name=name, more="")) for name in ("here.exr", "wood.png")]
+    text = scene_text(SKY, mesh.format("a.ply"), mesh.format("b.ply"), *pictures)
+    with pytest.raises(InputError, match=r"lacks 3 files: a\.ply \(line 3\), b\.ply \(line 4\), wood\.png") as caught:
+        load_scene(write_scene(tmp_path, text), BANDS, {})
+    assert "here.exr" not in str(caught.value)
+
+
+@pytest.mark.parametrize("kind", ["bdpt", "depth", "ptracer", "pathtracer", "aov"])
+def test_integrator_replaces_whatever_the_scene_has_and_says_so(tmp_path: Path, kind: str) -> None:
+    ready()
+    inside = '<integer name="max_depth" value="2"/><integrator type="direct"/>'
+    scene = scene_text(SKY, BALL.format(bsdf=""), '<integrator type="{}">{}</integrator>')
+    path = write_scene(tmp_path, scene.format(kind, inside))
+    found = load_scene(parse_scene(path, {}, "path"), BANDS, {})
+    plain = write_scene(tmp_path, scene.format("path", '<integer name="max_depth" value="2"/>'))
+    assert (found.render(1, 16, (0, 8)) == load_scene(plain, BANDS, {}).render(1, 16, (0, 8))).all()
+    assert any(f"integrator '{kind}' is replaced by 'path'" in note for note in found.notes)
+
+
+def test_integrator_of_a_scene_without_one_and_of_the_command_line(tmp_path: Path, cli: Callable[..., Any]) -> None:
+    """A ball of fog needs volpath, which the scene does not name: it is dark for 'path' and bright for 'volpath'."""
+    fog = '<medium name="interior" type="homogeneous"><float name="sigma_t" value="5"/></medium><bsdf type="null"/>'
+    path = write_scene(tmp_path, scene_text(SKY, BALL.format(bsdf=fog)))
+    photons = []
+    for kind in ("path", "volpath"):
+        options = ("--integrator", kind, "--spp", 16, "--variant", "scalar_spectral", "--exposure-s", 0.1, "--json")
+        done = cli("render", path, "-o", tmp_path / "out", *options)
+        photons.append(json.loads(done.stdout)["photons"]["min"])
+    assert photons[0] != pytest.approx(photons[1], rel=0.05)
+    wrong = cli("lint", path, "--integrator", "bdpt")
+    assert wrong.exit_code == 2 and "it must be one of path, volpath" in " ".join(wrong.stderr.split())
+
+
+def test_polarising_elements_act_on_unpolarised_light_where_that_is_asked_for(tmp_path: Path) -> None:
+    """An ideal linear or circular polarizer lets half of it through, a retarder all; a note says what is wrong then."""
+    ready()
+    pane = '<shape type="rectangle"><bsdf type="{}"/><transform name="to_world"><scale value="9"/><translate z="2"/>'
+    for kind, share in (("polarizer", 0.5), ("circular", 0.5), ("retarder", 1.0)):
+        path = write_scene(tmp_path, scene_text(FLAT, pane.format(kind) + "</transform></shape>"))
+        scene = load_scene(parse_scene(path, {}, ignore_polarization=True), BANDS, {})
+        light = scene.render(1, 64, (0, 8)) / BANDS.bandwidths_nm
+        np.testing.assert_allclose(light.mean(), share, rtol=0.01)
+        assert any("unpolarised light" in note for note in scene.notes)
+
+
+def test_path_elements_work_beside_nested_includes_defaults_and_instances(tmp_path: Path) -> None:
+    """<path value="$folder"/> finds the mesh that an included file includes, and its instance is drawn."""
+    ready()
+    (tmp_path / "meshes").mkdir()
+    (tmp_path / "meshes" / "m.obj").write_text("v 0 -1 0\nv 1 1 0\nv -1 1 0\nf 1 2 3\nf 1 3 2\n", encoding="utf-8")
+    group = """<scene version="3.0.0"><shape type="shapegroup" id="group"><shape type="obj">
+    <string name="filename" value="m.obj"/></shape></shape></scene>"""
+    (tmp_path / "inner.xml").write_text(group, encoding="utf-8")
+    (tmp_path / "outer.xml").write_text(
+        '<scene version="3.0.0"><include filename="inner.xml"/></scene>', encoding="utf-8"
+    )
+    paths = '<default name="folder" value="nowhere"/><path value="$folder"/><include filename="outer.xml"/>'
+    pose = '<transform name="to_world"><translate z="4"/></transform>'
+    text = scene_text(SKY, f'<shape type="instance"><ref id="group"/>{pose}</shape>')
+    path = write_scene(tmp_path, text.replace('3.0.0">', f'3.0.0">{paths}', 1))
+    found = load_scene(path, BANDS, {"folder": "meshes"}).render(1, 16, (0, 8))
+    empty = load_scene(write_scene(tmp_path, scene_text(SKY)), BANDS, {}).render(1, 16, (0, 8))
+    assert found.mean() < 0.99 * empty.mean()
+    with pytest.raises(InputError, match="nowhere"):
+        load_scene(write_scene(tmp_path, text.replace('3.0.0">', f'3.0.0">{paths}', 1)), BANDS, {})

@@ -9,10 +9,12 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.options import part_of
 from ...lab.estimators import standard_error
 from ...optics.f_number_law import solid_angle_sr
 from ...render.aovs import render_aovs
 from ...render.irradiance import Irradiance
+from ...render.options import SceneOptions
 from ...render.passes import hashed_seed, whole_grid
 from ...render.prepared import PreparedRender
 from ...render.requirements import direct_integrator, grouped_electrons, without_depth_of_field, without_indirect_light
@@ -182,7 +184,7 @@ def _in_one_pass(subject: Subject, criterion: StopCriterion, seed: int) -> Value
 
 def _without_aovs(subject: Subject) -> Values:
     """Nothing of the picture: they are a pass of their own."""
-    options = {name: subject.options.get(name) for name in ("parameters", "variant", "scene_unit", "width")}
+    options = part_of(SceneOptions, {**subject.options, "motion": None})
     render = partial(render_aovs, subject.scene, subject.camera, exposure=subject.exposure, **options)
     zeros = dict.fromkeys(("mean_dn", "mean_error", "rms_dn", "rms_error", "worst_dn", "worst_error"), 0.0)
     nothing = {"signal_dn": None, "predicted": None, "seconds_without": [0.0] * WHOLE_RENDERS, "passes": 1}
