@@ -25,6 +25,7 @@ KEPT = ("max_depth", "rr_depth", "hide_emitters")  # parameters of an integrator
 BIDIRECTIONAL = ("bdpt", "erpt", "mlt", "photonmapper", "ppm", "pssmlt", "sppm", "vpl", "volpath_simple")
 AROUND_ANOTHER = ("adaptive", "irrcache", "multichannel")
 RENAMED_PLUGINS = {"vertexcolors": "mesh_attribute", "grid3d": "gridvolume", "constant3d": "constvolume"}
+SUN_DEGREES, SMALLEST_SUN = 0.5358, 0.01  # Mitsuba's default aperture; of it, instead of a sun that is a point
 FILTERS = {"trilinear": "bilinear", "ewa": "bilinear"}
 DISTRIBUTIONS = {"phong": "beckmann", "as": "beckmann"}  # of microfacets, with the same roughness
 DROPPED = {  # type of node → parameters that change the picture not at all, or hardly
@@ -130,6 +131,10 @@ def upgrade(state: MitsubaObject) -> list[Change]:
     for node in state.nodes:
         if str(state.versions[node.file_index]) >= "3":
             continue
+        name = node.props.plugin_name()
+        if name != name.lower():
+            node.props.set_plugin_name(name.lower())
+            found.append((node, f"{name!r} is {name.lower()!r} now"))
         for kind, convert in CONVERSIONS.items():
             if node.type == getattr(types, kind):
                 found += [(node, what) for what in convert(node, state)]
@@ -205,8 +210,19 @@ def _texture(node: MitsubaObject, state: MitsubaObject) -> Iterator[str]:
         yield f"{wraps[0]!r} is 'wrap_mode' now"
 
 
-def _bsdf(node: MitsubaObject, _: MitsubaObject) -> Iterator[str]:
-    yield from _values(node.props, "distribution", DISTRIBUTIONS)
+def _bsdf(node: MitsubaObject, state: MitsubaObject) -> Iterator[str]:
+    props, kind = node.props, node.props.plugin_name()
+    yield from _values(props, "distribution", DISTRIBUTIONS)
+    if kind not in ("bumpmap", "normalmap"):
+        return
+    reference = mitsuba().Properties.Type.ResolvedReference
+    for name in [name for name in props if props.type(name) == reference]:
+        child = state.nodes[props[name].index()]
+        if child.type == mitsuba().ObjectType.Texture and child.props.plugin_name() == "bitmap":
+            child.props["raw"] = True
+            if kind == "normalmap" and name != "normalmap":
+                _rename(props, name, "normalmap")
+            yield f"the texture of a {kind} is read as numbers and not as colours"
 
 
 def _values(props: MitsubaObject, name: str, new: Mapping[str, str]) -> Iterator[str]:
@@ -223,11 +239,26 @@ def _emitter(node: MitsubaObject, _: MitsubaObject) -> Iterator[str]:
         props.set_plugin_name("sunsky")
         props["sky_scale" if kind == "sun" else "sun_scale"] = 0.0
         yield f"emitter {kind!r} is 'sunsky' without its {'sky' if kind == 'sun' else 'sun'} now"
+    if props.plugin_name() == "sunsky":
+        yield from _sunsky(props)
     renamed = {"intensity": {"area": "radiance", "constant": "radiance", "directional": "irradiance"}.get(kind)}
     for old, new in renamed.items():
         if new is not None and old in props:
             _rename(props, old, new)
             yield f"{old!r} of {kind!r} is {new!r} now"
+
+
+def _sunsky(props: MitsubaObject) -> Iterator[str]:
+    """One scale of sun and sky is two now; the radius of the sun is its aperture."""
+    if "scale" in props:
+        for name in ("sun_scale", "sky_scale"):
+            props[name] = props.get(name, 1.0) * props["scale"]
+        del props["scale"]
+        yield "'scale' of the sky is 'sun_scale' and 'sky_scale' now"
+    if "sun_radius_scale" in props:
+        props["sun_aperture"] = SUN_DEGREES * max(props["sun_radius_scale"], SMALLEST_SUN)
+        del props["sun_radius_scale"]
+        yield "'sun_radius_scale' is 'sun_aperture' now"
 
 
 def _medium(node: MitsubaObject, _: MitsubaObject) -> Iterator[str]:

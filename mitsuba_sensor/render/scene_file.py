@@ -200,11 +200,10 @@ def as_input_error(file: Path) -> Iterator[None]:
 def _with_version(said: str, file: Path) -> str:
     """An error with the format of the file, where that is an old one; once."""
     text = file.read_text(encoding="utf-8", errors="replace")
-    if not is_old(text) or "has the format of Mitsuba" in said:
+    if not is_old(text) or "The file has the format" in said:
         return said
     version = old_formats.version_name(text)
-    known = "what has an equivalent in version 3 was converted"
-    return f"{said[:-1]}; the file has the format of Mitsuba {version}, and {known}{said[-1]}"
+    return f"{said} The file has the format of Mitsuba {version}; what has an equivalent in version 3 was converted."
 
 
 def plain_message(error: BaseException) -> str:
