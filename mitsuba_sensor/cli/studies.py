@@ -83,7 +83,7 @@ def stress(**flags: Flag) -> None:
 def _subject(scene: Path, found: RenderInput, flags: Flags, **more: Flag) -> tuple[Subject, dict[str, Flag]]:
     """What a study of a scene is about, and all that decides what is measured of it. more : options of the render."""
     parameters = flags["parameters"] or {}
-    same = {name: flags[name] for name in ("scene_unit", "width", "integrator", "ignore_polarization") if flags[name]}
+    same = {name: flags[name] for name in ("scene_unit", "width", "integrator", "ignore_polarization")}
     render = {"parameters": parameters, **same, **more}
     about = {"scene": str(scene), "scene_sha256": found.scene.file.digest()}
     exposure = found.exposure

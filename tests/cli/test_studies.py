@@ -125,7 +125,7 @@ def test_the_options_of_the_command_reach_the_study(
     subject = recorder.subject
     assert (subject.camera.name, subject.exposure.time_s, subject.exposure.temperature_k) == ("bayer_2mp", 0.01, 250)
     assert recorder.given == {"tolerance_dn": 0.5, "frames": 3, "seed": 5, "serial": 9}
-    same = {"parameters": {}, "scene_unit": None}
+    same = {"parameters": {}, "scene_unit": None, "integrator": None, "ignore_polarization": False}
     assert subject.options == {**same, "width": 6, "spp": 8, "variant": None}
     recorder, folder = Recorder(), ("-o", str(tmp_path / "b"))
     asked = ("--tolerance", "0.1", "--seeds", "3", "--side", "sensor", "--variant", "scalar_spectral")
