@@ -1,26 +1,19 @@
-"""Converts scene files of Mitsuba 0.3 to 2.x where version 3 has the same thing under another name, or an obvious one.
+"""Converts parsed scenes of Mitsuba 0.3 to 2 where version 3 has the same thing under another name, or an obvious one.
 
-Elements that the parser of Mitsuba 3 refuses are changed in the text, line by line, so that line numbers stay
-(:func:`upgraded_text`); plugins and parameters are changed in the parsed nodes (:func:`upgrade`), after Mitsuba's own
-upgrade, which knows no more than parameters in camelCase and offsets of textures. Each change is a note.
+Plugins and parameters are changed in the parsed nodes, after Mitsuba's own upgrade, which knows no more than parameters
+in camelCase and offsets of textures. Each change is a note. What the parser refuses is changed before, in the text, see
+:mod:`.old_text`.
 """
 
 from __future__ import annotations
 
-import math
-import re
 from collections.abc import Callable, Iterator, Mapping
 from typing import TypeAlias
 
-from ..core.units import BOLTZMANN_J_PER_K, LIGHT_SPEED_M_PER_S, PLANCK_J_S
 from .variants import MitsubaObject, mitsuba
 
-Attributes: TypeAlias = dict[str, str]
 Change: TypeAlias = tuple[MitsubaObject, str]  # a node, and what was changed in it
 
-CURRENT = (3, 0, 0)
-RENAMED_TAGS = {"lookAt": "lookat", "luminaire": "emitter", "camera": "sensor"}
-BLACKBODY_NM = range(300, 1201, 5)  # the table of a <blackbody>, linear in between: within 0.03 % at 2000 to 10 000 K
 KEPT = ("max_depth", "rr_depth", "hide_emitters")  # parameters of an integrator that mean the same in 'path'
 BIDIRECTIONAL = ("bdpt", "erpt", "mlt", "photonmapper", "ppm", "pssmlt", "sppm", "vpl", "volpath_simple")
 AROUND_ANOTHER = ("adaptive", "irrcache", "multichannel")
@@ -31,97 +24,11 @@ DISTRIBUTIONS = {"phong": "beckmann", "as": "beckmann"}  # of microfacets, with 
 DROPPED = {  # type of node → parameters that change the picture not at all, or hardly
     "Integrator": ("strict_normals",),
     "Shape": ("max_smooth_angle", "collapse", "srgb"),
-    "Texture": ("cache", "max_anisotropy", "gamma"),
+    "Texture": ("cache", "max_anisotropy"),
     "Emitter": ("cache", "gamma", "samples", "stretch", "extend", "resolution"),
     "BSDF": ("ext_eta", "specular_sampling_weight", "diffuse_sampling_weight"),
     "Medium": ("method", "step_size"),
 }
-
-
-def version_of(text: str) -> tuple[int, ...]:
-    """The format of a scene file, from its text; that of Mitsuba 3 where it names none."""
-    found = re.search(r'<scene\s[^>]*?version\s*=\s*"([\d.]+)"', text)
-    return tuple(int(part) for part in found[1].split(".") if part) if found else CURRENT
-
-
-def version_name(text: str) -> str:
-    """The same as it is written: 0.5.0."""
-    return ".".join(map(str, version_of(text)))
-
-
-def upgraded_text(text: str) -> tuple[str, list[str]]:
-    """The text with the elements of Mitsuba 3, and the names of those that were changed."""
-    text = re.sub(r"<!--.*?-->", lambda found: "\n" * found[0].count("\n"), text, flags=re.DOTALL)
-    changed: list[str] = []
-
-    def element(found: re.Match[str]) -> str:
-        end, tag, inside, close = found.groups()
-        attributes = dict(re.findall(r'([\w:]+)\s*=\s*"([^"]*)"', inside))
-        new = (RENAMED_TAGS.get(tag, tag), attributes) if end else _element(tag, attributes)
-        if new == (tag, attributes) or new is None:
-            return found[0]
-        if not end and tag not in changed:
-            changed.append(tag)
-        written = "".join(f' {name}="{value}"' for name, value in new[1].items())
-        return f"<{end}{new[0]}{written}{close}>" + "\n" * found[0].count("\n")
-
-    return re.sub(r'<(/?)(\w+)((?:\s+[\w:]+\s*=\s*"[^"]*")*)\s*(/?)>', element, text), changed
-
-
-def _element(tag: str, given: Attributes) -> tuple[str, Attributes] | None:
-    """An element in the terms of Mitsuba 3; None where nothing is known of it."""
-    attributes = {name: value for name, value in given.items() if tag not in COLOURS or name != "intent"}
-    if tag == "blackbody":
-        return "spectrum", {"name": attributes.get("name", "radiance"), "value": _planck(attributes)}
-    if tag in COLOURS and "value" in attributes:
-        tag, attributes["value"] = COLOURS[tag](tag, attributes["value"])
-    if tag == "lookAt" and "ox" in attributes:
-        points = {"origin": "o", "target": "t", "up": "u"}
-        attributes = {name: ", ".join(attributes.get(p + axis, "0") for axis in "xyz") for name, p in points.items()}
-    return RENAMED_TAGS.get(tag, tag), attributes
-
-
-def _rgb(tag: str, value: str) -> tuple[str, str]:
-    """#rrggbb as three linear numbers, as Mitsuba 0.6 read it in an <rgb>."""
-    return tag, " ".join(f"{part:.6g}" for part in _hexadecimal(value)) if value.startswith("#") else value
-
-
-def _srgb(_: str, value: str) -> tuple[str, str]:
-    """sRGB as linear rgb, by the curve of IEC 61966-2-1."""
-    if not value.startswith("#") and not re.fullmatch(r"[\d.eE+\-,\s]+", value):
-        return "rgb", value  # a parameter
-    encoded = _hexadecimal(value) if value.startswith("#") else [float(x) for x in re.split(r"[,\s]+", value.strip())]
-    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in encoded]
-    return "rgb", " ".join(f"{part:.6g}" for part in linear)
-
-
-def _spectrum(tag: str, value: str) -> tuple[str, str]:
-    """Three numbers without wavelengths are red, green and blue: Mitsuba 0.6 counted in three bins unless built
-    otherwise."""
-    numbers = re.split(r"[,\s]+", value.strip())
-    return ("rgb", value) if len(numbers) == 3 and ":" not in value else (tag, value)
-
-
-COLOURS: Mapping[str, Callable[[str, str], tuple[str, str]]] = {"rgb": _rgb, "srgb": _srgb, "spectrum": _spectrum}
-
-
-def _hexadecimal(value: str) -> list[float]:
-    """#rrggbb or #rgb, from 0 to 1."""
-    digits = value[1:] if len(value) == 7 else "".join(digit * 2 for digit in value[1:])
-    return [int(digits[k : k + 2], 16) / 255 for k in (0, 2, 4)]
-
-
-def _planck(attributes: Attributes) -> str:
-    """The table of a <blackbody temperature="5000k" scale="1">, W m⁻² sr⁻¹ nm⁻¹."""
-    kelvin = float(attributes.get("temperature", "5000").strip().rstrip("kK"))
-    scale = float(attributes.get("scale", attributes.get("multiplier", "1")))
-
-    def radiance(nm: int) -> float:
-        length_m = nm * 1e-9
-        x = PLANCK_J_S * LIGHT_SPEED_M_PER_S / (length_m * BOLTZMANN_J_PER_K * kelvin)
-        return scale * 2e-9 * PLANCK_J_S * LIGHT_SPEED_M_PER_S**2 / length_m**5 / math.expm1(x)
-
-    return ", ".join(f"{nm}:{radiance(nm):.6g}" for nm in BLACKBODY_NM)
 
 
 def upgrade(state: MitsubaObject) -> list[Change]:
@@ -201,6 +108,9 @@ def _plugin(node: MitsubaObject, _: MitsubaObject) -> Iterator[str]:
 def _texture(node: MitsubaObject, state: MitsubaObject) -> Iterator[str]:
     yield from _plugin(node, state)
     props = node.props
+    if "gamma" in props:
+        del props["gamma"]
+        yield "'gamma' of a texture left out: pictures of 8 bits are read as sRGB, others as linear"
     yield from _values(props, "filter_type", FILTERS)
     wraps = [name for name in props if name in ("wrap_mode_u", "wrap_mode_v")]
     if wraps:

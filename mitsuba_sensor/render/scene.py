@@ -28,6 +28,7 @@ from .variants import MitsubaObject, mitsuba
 
 SENSORS = ("perspective", "thinlens", "orthographic", SENSOR)
 FILM_ID = "sensor"  # id of the new film, by which its sensor is found in the built scene
+SCALAR_ONLY = ("timed_sunsky",)  # Dr.Jit refuses to trace it, and every render of the process after that
 WITH_FILES = ("Shape", "Texture", "Emitter", "Volume", "BSDF", "Medium", "PhaseFunction")
 WIDTH, HEIGHT = 768, 576  # default of Mitsuba's films
 # Plugins that cannot be used, and what to do instead.
@@ -71,7 +72,10 @@ class Scene:
         try:
             image = self.integrator.render(self.mitsuba_scene, sensor=self.sensor, seed=seed, spp=samples)
         except RuntimeError as error:
-            raise InputError(f"the scene cannot be rendered: {plain_message(error)}.") from error
+            variant = mitsuba().variant()
+            way_out = "" if variant.startswith("scalar") else f" in {variant}: try --variant scalar_spectral"
+            first = plain_message(RuntimeError(str(error).split("\n\n")[0]))
+            raise InputError(f"the scene cannot be rendered{way_out} ({first}).") from error
         return np.array(image, dtype=np.float32).reshape(size[1], size[0], -1)
 
 
@@ -147,6 +151,11 @@ def _refuse_unsuitable(scene: SceneFile) -> None:
     for node in scene.nodes("Integrator", "BSDF"):
         if (kind := node.props.plugin_name()) in UNSUITABLE and not (scene.ignore_polarization and kind in POLARISING):
             raise InputError(f"scene {scene.path.name!r}, {scene.where(node)}: {kind!r} {UNSUITABLE[kind]}.")
+    for node in scene.nodes("Emitter"):
+        kind, variant = node.props.plugin_name(), mitsuba().variant()
+        if kind in SCALAR_ONLY and not variant.startswith("scalar"):
+            why = f"{kind!r} of Mitsuba 3.9.1 fails in {variant}; take --variant scalar_spectral"
+            raise InputError(f"scene {scene.path.name!r}, {scene.where(node)}: {why}.")
 
 
 def _refuse_missing_files(scene: SceneFile) -> None:

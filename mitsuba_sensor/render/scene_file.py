@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..core import InputError, nearest
-from . import old_formats
+from . import old_formats, old_text
 from .variants import MitsubaObject, mitsuba
 
 EXAMPLE_SENSOR = (
@@ -119,7 +119,6 @@ def parse_scene(
     text = file.read_text(encoding="utf-8", errors="replace")
     usual = re.search(r'<default\s+name="exposure_s"\s+value="([^"]*)"', text)
     exposure_s = values.get("exposure_s", usual[1]) if usual else None
-    used = {k: v for k, v in values.items() if k != "exposure_s" or "$exposure_s" in text}  # Mitsuba refuses others
     known = sorted({*re.findall(r'<default\s+name="(\w+)"', text), *re.findall(r"\$\{?(\w+)", text)})
     unknown = next((name for name in values if name not in known), None)
     if unknown is not None and "<include" not in text:  # names in included files are left to Mitsuba
@@ -129,7 +128,10 @@ def parse_scene(
     config.merge_meshes = False  # a merged mesh has lost its name: nothing could move or number it
     beside = type(mi.file_resolver())(mi.file_resolver())
     beside.prepend(str(file.resolve().parent))
-    new, tags = old_formats.upgraded_text(_with_old_includes(text, file.parent)) if is_old(text) else (text, [])
+    old = _with_old_includes(text, file.parent) if is_old(text) else ""
+    new, tags = old_text.upgraded_text(old, values) if old else (text, [])
+    gone = [name for name in values if f"${name}" not in new and (name == "exposure_s" or f"${name}" in text)]
+    used = {name: value for name, value in values.items() if name not in gone}  # Mitsuba refuses what is not used
     with searching(beside), as_input_error(file):
         state = mi.parser.parse_string(config, new, **used) if tags else mi.parser.parse_file(config, str(file), **used)
         mi.parser.transform_upgrade(config, state)
@@ -139,7 +141,7 @@ def parse_scene(
     if state.nodes[0].type != mi.ObjectType.Scene:
         raise InputError(f'{file.name!r} holds no scene; its outermost element must be <scene version="3.0.0">.')
     scene = SceneFile(file, config, state, values, resolver, exposure_s, (), new, ignore_polarization)
-    converted = f"converted from the format of Mitsuba {old_formats.version_name(text)}"
+    converted = f"converted from the format of Mitsuba {old_text.version_name(text)}"
     changes = [(scene.where(state.nodes[0]), (f"<{', '.join(tags)}> in the terms of Mitsuba 3", converted))][
         : len(tags)
     ]
@@ -153,7 +155,7 @@ def parse_scene(
 
 def is_old(text: str) -> bool:
     """Whether a scene file has the format of a Mitsuba before version 3."""
-    return old_formats.version_of(text) < old_formats.CURRENT
+    return old_text.version_of(text) < old_text.CURRENT
 
 
 def _with_old_includes(text: str, folder: Path) -> str:
@@ -202,7 +204,7 @@ def _with_version(said: str, file: Path) -> str:
     text = file.read_text(encoding="utf-8", errors="replace")
     if not is_old(text) or "The file has the format" in said:
         return said
-    version = old_formats.version_name(text)
+    version = old_text.version_name(text)
     return f"{said} The file has the format of Mitsuba {version}; what has an equivalent in version 3 was converted."
 
 

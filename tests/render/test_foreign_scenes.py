@@ -255,3 +255,14 @@ def test_path_elements_work_beside_nested_includes_defaults_and_instances(tmp_pa
     assert found.mean() < 0.99 * empty.mean()
     with pytest.raises(InputError, match="nowhere"):
         load_scene(write_scene(tmp_path, text.replace('3.0.0">', f'3.0.0">{paths}', 1)), BANDS, {})
+
+
+def test_what_a_compiled_variant_cannot_render_is_told_the_one_that_can(
+    tmp_path: Path, cli: Callable[..., Any]
+) -> None:
+    """timed_sunsky of Mitsuba 3.9.1 works in scalar variants only, and its failure would spoil all later renders."""
+    path = write_scene(tmp_path, scene_text('<emitter type="timed_sunsky"/>', BALL.format(bsdf="")))
+    variant = skip_unless_usable("llvm_ad_spectral")
+    done = cli("render", path, "-o", tmp_path / "out", "--spp", 16, "--variant", variant)
+    said = " ".join(done.stderr.split())
+    assert done.exit_code == 2 and "take --variant scalar_spectral" in said

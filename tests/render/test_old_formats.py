@@ -12,7 +12,7 @@ from helpers.scenes import BALL, PERSPECTIVE, SKY, scene_text, skip_unless_usabl
 
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.render.bands import box_bands
-from mitsuba_sensor.render.old_formats import upgraded_text, version_of
+from mitsuba_sensor.render.old_text import upgraded_text, version_of
 from mitsuba_sensor.render.scene import Scene, load_scene
 from mitsuba_sensor.render.scene_file import parse_scene
 from mitsuba_sensor.render.variants import choose_variant, use
@@ -180,7 +180,7 @@ def test_included_files_of_the_same_age_are_converted_too(tmp_path: Path) -> Non
 
 def test_line_numbers_stay_and_comments_are_no_elements() -> None:
     text = '<scene version="0.6.0">\n<!-- <srgb value="#000000"/>\n-->\n<srgb\n name="a" value="#ffffff"/>\n</scene>'
-    new, tags = upgraded_text(text)
+    new, tags = upgraded_text(text, {})
     assert tags == ["srgb"] and new.count("\n") == text.count("\n")
     assert new.splitlines()[3].startswith("<rgb")
 
@@ -190,6 +190,27 @@ def test_an_error_names_the_line_in_the_file_that_was_converted(tmp_path: Path) 
     text = f'<scene version="0.5.0">\n{film}\n{SKY}\n{PAIRS["srgb"][0]}\n<shape type="hair"/></scene>'
     with pytest.raises(InputError, match=r"line 6.*hair.*format of Mitsuba 0\.5\.0"):
         load_scene(write_scene(tmp_path, text), BANDS, {})
+
+
+def test_parameters_single_quotes_and_white_space_are_read(tmp_path: Path) -> None:
+    element = "<srgb  name='reflectance'\n value='$grey' />"
+    text = scene_text('<default name="grey" value="#000000"/>', SKY, diffuse(element)).replace("3.0.0", "0.6.0")
+    path = write_scene(tmp_path, text)
+    expected = loaded(tmp_path, SKY, diffuse(f'<rgb name="reflectance" value="{LINEAR}"/>'), version="3.0.0")
+    path.write_text(text, encoding="utf-8")
+    found = load_scene(path, BANDS, {"grey": "#808080"})
+    np.testing.assert_allclose(picture(found), picture(expected), rtol=1e-4)
+
+
+UNREADABLE = ['<srgb name="reflectance" value="#12"/>', '<srgb name="reflectance" value="#xyzxyz"/>']
+UNREADABLE += ['<srgb name="reflectance" value="red"/>', '<blackbody name="reflectance" temperature="hot"/>']
+UNREADABLE += ['<blackbody name="reflectance" temperature="0"/>', '<srgb name="reflectance" value="$none"/>']
+
+
+@pytest.mark.parametrize("element", UNREADABLE)
+def test_what_cannot_be_read_is_refused_with_the_format(tmp_path: Path, element: str) -> None:
+    with pytest.raises(InputError, match=r"The file has the format of Mitsuba 0\.6\.0"):
+        loaded(tmp_path, SKY, diffuse(element))
 
 
 def test_new_files_are_left_as_they_are(tmp_path: Path) -> None:
