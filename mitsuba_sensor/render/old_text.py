@@ -1,5 +1,6 @@
-"""Converts the text of scene files of Mitsuba 0.3 to 2: elements that the parser of Mitsuba 3 refuses, under their new
-names. Line numbers stay. Plugins and parameters follow when it is parsed, see :mod:`.old_formats`.
+"""Converts elements in the text of scene files of Mitsuba 0.3 to 2 that the parser of Mitsuba 3 refuses.
+
+Line numbers stay. Plugins and parameters are converted after parsing, see :mod:`.old_formats`.
 """
 
 from __future__ import annotations
