@@ -53,7 +53,7 @@ def reference(scene: str, passes: int, size: int) -> np.ndarray:
 def coverage(scene: str, spp: int, radiance: np.ndarray, seed: int = 7) -> tuple[float, float, ms.Irradiance]:
     """Fractions of the pixels with |z| < 1 and < 2 for a reference radiance, and the render."""
     path, size = ROOT / "scenes" / f"{scene}.xml", {"width": len(radiance), "height": len(radiance)}
-    light = ms.render(path, CAMERA, EXPOSURE, spp=spp, wavelength_nm=550, seed=seed, parameters=size)
+    light = ms.render(path, CAMERA, EXPOSURE, spp=spp, wavelength_nm=550, seed=seed, parameters=size, denoise=False)
     view = load_scene(path, choose_bands(CAMERA, 550.0, 10.0, "auto"), size).view
     expected = radiance * solid_angle_sr(view, CAMERA) * CAMERA.lens.transmission / (BAND_NM[1] - BAND_NM[0])
     error = light.standard_error[..., 0].astype(float)

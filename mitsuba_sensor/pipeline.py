@@ -21,9 +21,9 @@ from .render.irradiance import Irradiance
 from .render.options import FrameSeriesOptions, RenderOptions
 from .render.per_frame import FrameSeries
 from .render.photons import collect, metered
-from .render.prepared import PreparedRender, prepare
+from .render.prepared import PreparedRender, denoised_if_possible, prepare
 from .render.scene_settings import ParsedScene
-from .render.statistics import summary_of
+from .render.statistics import POOLED, summary_of
 from .render.stop_criterion import Progress
 from .sensor.camera import Camera
 from .sensor.checks import as_photons
@@ -169,7 +169,7 @@ def _of_light(
 
 def _shared_render(asked: Asked, options: CaptureOptions, progress: Progress | None, times_s: dict[str, float]) -> Made:
     """One render, and all frames of it."""
-    rendering = part_of(RenderOptions, options)
+    rendering = denoised_if_possible(part_of(RenderOptions, options))
     with _timed(times_s, "render"):
         started = time.monotonic()
         prepared = prepare(*asked, **rendering)
@@ -271,10 +271,11 @@ def render_noise(light: Irradiance, frames: Frames) -> dict[str, float]:
     detection = frames.camera.stages[0]
     known = frames.stages[0] == detection  # the published chain counts its photoelectrons in another way
     electrons = (frames.detected if known else detect(frames.light, detection, frames.first)).mean_e
+    passes = light.statistics.passes if light.statistics.denoised is None else POOLED
     with np.errstate(invalid="ignore"):
         variance_e2 = (light.relative_error.astype(np.float64) * electrons) ** 2
     ratio = input_noise(frames.camera, frames.first.exposure).ratio(electrons, variance_e2)
-    found = summary_of(np.where(np.isfinite(electrons), ratio, np.inf), electrons > 0, light.statistics.passes)
+    found = summary_of(np.where(np.isfinite(electrons), ratio, np.inf), electrons > 0, passes)
     return {
         "over_sensor_median": found["noise_ratio_median"],
         "over_sensor_p95": found["noise_ratio_p95"],

@@ -25,6 +25,7 @@ Report = Mapping[str, Any]  # ready for JSON: frame.json, or what a command prin
 KEPT = {True: Text("yes"), False: Text("no", style="green")}  # of a plan
 STYLES = {"good": "green", "bad": "bold red", "best": "bold green", "dim": "dim", "": ""}  # of a mark
 LONGEST = 48  # rows of a table that a terminal still shows; of a longer one only those that are not as they must be
+LITTLE_NOISE = 0.1  # of the sensor's variance: 5 % more noise in the frame
 END = {"max_seconds": ", the time was up", "max_spp": ", the most samples were taken"}
 
 
@@ -224,13 +225,14 @@ def _facts(report: Report) -> Iterator[Text]:
     yield _fact(
         "render noise / sensor noise",
         f"variance × {_number(noise['over_sensor_median'])} median, {_number(noise['over_sensor_p95'])} at the 95th "
-        f"percentile, {render['samples_per_pixel']} samples per pixel{ended}",
+        f"percentile, {render['samples_per_pixel']} samples per pixel{ended}{_for_less(noise, report)}",
     )
     if "uncompensated" in report["origin"]:
         left = f"{100 * report['origin']['uncompensated']:.2g} % of the shot noise's variance is left on top of it"
         yield _fact("a render for every frame", left)
-    if render["denoised"]:
-        yield _fact("denoised", ", ".join(f"{k} {short(v)}" for k, v in render["denoised"].items()))
+    if done := render["denoised"]:
+        before = f"× {_number(done['raw_noise_ratio_median'])} median, {_number(done['raw_noise_ratio_p95'])}"
+        yield _fact("denoised", f"by {done['by']}; without it {before} at the 95th percentile (--no-denoise)")
     seen = {name.replace("_", " "): number for name, number in counts.items() if number}
     yield _fact("pixels", ", ".join(f"{name} {number}" for name, number in seen.items()) or "none clipped, none bad")
     outside = report["outside_qe"]
@@ -248,6 +250,15 @@ def _facts(report: Report) -> Iterator[Text]:
         advice = "" if single["precision"] == "float32" else "; --precision float64 is better"
         yield _fact("float32", f"about {share} of the pixels differ from float64, by at most {most}{advice}")
     yield _fact("seconds", ", ".join(f"{name} {seconds:.2f}" for name, seconds in report["times_s"].items()))
+
+
+def _for_less(noise: Mapping[str, float], report: Report) -> str:
+    """What a render would take whose noise is a tenth of the sensor's variance."""
+    render, factor = report["render"], noise["over_sensor_median"] / LITTLE_NOISE
+    if not 1 < factor < 1e6 or "render" not in report["times_s"]:
+        return ""
+    samples, seconds = factor * render["samples_per_pixel"], factor * report["times_s"]["render"]
+    return f"; × {LITTLE_NOISE:g} takes {_rough(samples)} samples, {_rough(seconds)} s (--noise-ratio {LITTLE_NOISE:g})"
 
 
 def _ended(asked: float | None, end: str) -> str:

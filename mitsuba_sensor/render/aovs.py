@@ -104,13 +104,6 @@ def aovs_of(scene: Scene, motion: Motion, unit_m: float, shutter: Shutter, progr
     return Aovs(**arrays, shapes=names, scene_sha256=scene.sha256)
 
 
-def denoising_guides(scene: Scene) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Albedo and normals of a loaded scene at rest, (H, W, 3) each, as auxiliary images of a denoiser."""
-    with AnimatedTransforms(scene, Motion()) as transforms:
-        arrays = _trace(transforms, Shutter(open_s=0.0))
-    return arrays["albedo"], arrays["normal"]
-
-
 def _trace(
     transforms: AnimatedTransforms, shutter: Shutter, progress: RowProgress | None = None
 ) -> dict[str, NDArray[np.float32]]:

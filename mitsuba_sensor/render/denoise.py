@@ -1,28 +1,52 @@
-"""Denoising of irradiance by Open Image Denoise, with its bias measured.
+"""Denoised photoelectrons: what every colour filter detects, by Open Image Denoise, where it is better than the render.
 
-Two half-sets of the passes, A and B, are denoised separately. Denoised A minus raw B is the denoiser's own error plus
-B's known noise; averaged over blocks, it is the bias. Off by default: no network conserves energy.
+The network sees the two halves of the passes apart, as photoelectrons behind each filter, once as they are and once
+divided by the reflectance of the surfaces. render/combine.py then takes from each as much as the halves prove right.
 """
 
 from __future__ import annotations
 
 import importlib
-from dataclasses import replace
+from collections.abc import Mapping
 from importlib import metadata
 from types import ModuleType
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core import Float64Array, InputError
-from .aovs import denoising_guides
-from .irradiance import Irradiance
-from .scene import Scene
+from .combine import Combined, combine, with_residuals
+from .guides import Guides
 
-Image = NDArray[np.float32]
-BLOCK = 8  # pixels along a block's side: noise of 64 pixels averages to 1/8, edges stay
-DARKEST = 0.01  # of the median: errors of darker pixels are taken relative to this level
-LAYERS = 3  # the network takes colour images, so it denoises three bands at a time
+DARKEST_REFLECTANCE = 0.02  # what is darker is not divided by its own
+COLOURS = 3  # channels of the images that the network takes
+LEAST_PASSES = 4  # two in each half, so that their variance is known
+LEAST_PIXELS = 13 * 13  # the neighbourhood from which the weights are estimated
+
+
+class Halves(NamedTuple):
+    """Photoelectrons behind each filter.
+
+    even, odd : (H, W, F) means of the even and the odd passes.  variance : (H, W, F) of the mean of all passes.
+    share : of the even passes in all of them.
+    """
+
+    even: Float64Array
+    odd: Float64Array
+    variance: Float64Array
+    share: float
+
+
+class Denoised(NamedTuple):
+    """mean, variance : (H, W, F) photoelectrons behind each filter and their expected squared error.  even, odd :
+    (H, W, F) of both halves with the same weights.  record : what was done, for the metadata."""
+
+    mean: Float64Array
+    variance: Float64Array
+    even: Float64Array
+    odd: Float64Array
+    record: Mapping[str, object]
 
 
 def library() -> ModuleType:
@@ -30,64 +54,72 @@ def library() -> ModuleType:
     try:
         return importlib.import_module("pyoidn")
     except ImportError:
-        raise InputError("denoise needs Open Image Denoise; pip install 'mitsuba-sensor[denoise]'.") from None
+        remedy = "pip install pyoidn, or leave denoise out"
+        raise InputError(f"denoise needs Open Image Denoise, which this machine has not; {remedy}.") from None
 
 
-def denoised(light: Irradiance, scene: Scene, halves: tuple[Float64Array, Float64Array]) -> Irradiance:
-    """The denoised irradiance, guided by albedo and normals, with the measured bias in its statistics.
-
-    scene : at rest.  halves : (H, W, B) each, two independent renders of half the samples.
-    Its error bars are those before denoising: they bound the noise, not the bias.
-    """
-    guides = denoising_guides(scene)
-    raw = np.stack([half.astype(np.float64) for half in halves])
-    smooth = np.stack([smoothed(half, guides) for half in halves])
-    finite = np.isfinite(light.data)
-    data = np.where(finite, smoothed(np.where(finite, light.data, 0), guides), light.data).astype(np.float32)
-    report = {"by": f"Open Image Denoise (pyoidn {metadata.version('pyoidn')})", **denoising_errors(raw, smooth)}
-    note = "denoised: error bars are those before; the bias is in the render statistics"
-    statistics = replace(light.statistics, denoised=report, notes=(*light.statistics.notes, note))
-    return replace(light, data=data, statistics=statistics)
+def is_installed() -> bool:
+    """Whether Open Image Denoise can be loaded."""
+    try:
+        library()
+    except InputError:
+        return False
+    return True
 
 
-def smoothed(image: Float64Array | Image, guides: tuple[Image, Image]) -> Image:
-    """The denoised image (H, W, B), never negative.  guides : albedo and normals, (H, W, 3)."""
-    bands = image.shape[2]
-    padded = np.concatenate([image, *[image[..., -1:]] * (-bands % LAYERS)], axis=-1)
-    scale = float(padded.mean()) or 1.0
-    albedo, normal = (np.ascontiguousarray(np.nan_to_num(g), np.float32) for g in guides)
-    grey = np.repeat(albedo.mean(axis=-1, keepdims=True), LAYERS, axis=-1)  # a band has no colour
-    layers = (padded[..., k : k + LAYERS] / scale for k in range(0, padded.shape[2], LAYERS))
-    images = (np.ascontiguousarray(layer, np.float32) for layer in layers)
-    parts = [library().denoise(image, albedo=grey, normal=normal, hdr=True) for image in images]
-    return np.asarray(np.maximum(np.concatenate(parts, axis=-1)[..., :bands], 0.0) * scale, np.float32)
-
-
-def denoising_errors(raw: Float64Array, smooth: Float64Array | Image) -> dict[str, float]:
-    """Errors of the denoiser from two half-sets (2, H, W, B), raw and denoised; each relative to its own pixel.
-
-    error_before, error_after : rms error of a half-set, raw and denoised, without the noise of the other half.
-    bias_mean : of the whole image, relative to its mean.  bias_blocks : rms over blocks of 8 × 8 pixels without noise.
-    """
-    level = smooth.mean(axis=0, dtype=np.float64)
-    level = np.maximum(level, DARKEST * np.median(level[level > 0])) if (level > 0).any() else np.ones_like(level)
-    noise = 0.5 * float(np.mean(((raw[0] - raw[1]) / level) ** 2))  # variance of one raw half
-    difference = smooth - raw[::-1]  # of each from the other half
-    error = max(float(np.mean((difference / level) ** 2)) - noise, 0.0)
-    blocks, noise_blocks = (_block_means(x / level) for x in (difference.mean(axis=0), raw[0] - raw[1]))
-    bias = max(float(np.mean(blocks**2) - np.mean(0.25 * noise_blocks**2)), 0.0)
-    return {
-        "error_before": noise**0.5,
-        "error_after": error**0.5,
-        "bias_mean": float(difference.mean() / (raw.mean() or 1.0)),
-        "bias_blocks": bias**0.5,
+def denoise(halves: Halves, guides: Guides | None) -> Denoised:
+    """guides : None where no rays were traced for them; the network then sees the photoelectrons alone."""
+    candidates = [_candidates(half, guides) for half in (halves.even, halves.odd)]
+    found: list[Combined] = []
+    for number in range(halves.even.shape[2]):
+        even, odd = ([image[..., number] for image in half] for half in candidates)
+        even, odd = (_with_residuals(half, guides, number) for half in (even, odd))
+        found.append(combine(even, odd, halves.variance[..., number], halves.share))
+    mean, variance, first, second = (
+        np.stack([getattr(one, name) for one in found], axis=-1) for name in ("mean", "variance", "even", "odd")
+    )
+    record = {
+        "by": f"Open Image Denoise (pyoidn {metadata.version('pyoidn')})",
+        "guided": guides is not None,
+        "raw_weight": float(np.mean([one.raw_weight.mean() for one in found])),
+        "sum_corrected_by": float(np.abs([one.shift for one in found]).max()),
     }
+    return Denoised(mean, variance, first, second, record)
 
 
-def _block_means(image: Float64Array) -> Float64Array:
-    """Means over blocks of the image (H, W, B); the last blocks may be smaller."""
-    for axis, shape in enumerate(((-1, 1, 1), (1, -1, 1))):
-        starts = np.arange(0, image.shape[axis], BLOCK)
-        counts = np.diff(np.append(starts, image.shape[axis]))
-        image = np.add.reduceat(image, starts, axis=axis) / counts.reshape(shape)
-    return image
+def _candidates(half: Float64Array, guides: Guides | None) -> list[Float64Array]:
+    """(H, W, F) each: a half as it is, denoised, and where there are guides denoised without its reflectance."""
+    if guides is None:
+        return [half, smoothed(half, None, None)]
+    albedo = guides.reflectance.mean(axis=-1)
+    reflectance = np.maximum(guides.reflectance, DARKEST_REFLECTANCE)
+    white = np.ones_like(albedo)
+    return [
+        half,
+        smoothed(half, albedo, guides.normal),
+        reflectance * smoothed(half / reflectance, white, guides.normal),
+    ]
+
+
+def _with_residuals(half: list[Float64Array], guides: Guides | None, number: int) -> list[Float64Array]:
+    """The candidates of one filter, with what the last one lost."""
+    reflectance = 1.0 if guides is None else np.maximum(guides.reflectance[..., number], DARKEST_REFLECTANCE)
+    return [*half[:-1], *with_residuals(half[0], half[-1], reflectance)]
+
+
+def smoothed(
+    image: Float64Array, albedo: NDArray[np.float32] | None, normal: NDArray[np.float32] | None
+) -> Float64Array:
+    """The denoised image (H, W, F), never negative.  albedo : (H, W).  normal : (H, W, 3)."""
+    count, colours = image.shape[2], np.arange(-(-image.shape[2] // COLOURS) * COLOURS)
+    scale = float(image.mean()) or 1.0
+    layers = np.ascontiguousarray(image[..., np.minimum(colours, count - 1)] / scale, np.float32)
+    extra = {}
+    if albedo is not None:
+        grey = np.repeat(albedo[..., None], COLOURS, axis=-1)
+        extra = {"albedo": np.ascontiguousarray(grey, np.float32), "normal": normal, "clean_aux": True}
+    parts = [
+        library().denoise(np.ascontiguousarray(layers[..., k : k + COLOURS]), hdr=True, **extra)
+        for k in range(0, len(colours), COLOURS)
+    ]
+    return np.asarray(np.maximum(np.concatenate(parts, axis=-1)[..., :count], 0.0) * scale, np.float64)

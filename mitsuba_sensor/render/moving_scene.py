@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from itertools import pairwise
 from typing import Self
 
@@ -23,16 +23,20 @@ from numpy.typing import NDArray
 from ..core import Exposure, Float64Array, InputError, nearest
 from ..optics.shutter import shutter_of, subframes
 from ..sensor.camera import Camera
+from .guides import render_guides, whole_square
 from .motion import Motion, RigidMotion
 from .passes import hashed_seed, whole_grid
 from .rays import camera_to_world, first_hits, project
-from .scene import Scene
+from .scene import GUIDE_SEED, Scene
 from .variants import MitsubaObject, mitsuba
 
 MOST_BLOCKS = 8  # of rows, each with a kernel of its own; fewer blocks render more rows that are closed
 PROBES = 32  # rays along each side of the image that look for the largest speed
 INSTANTS = np.linspace(0, 1, 5)  # when they look, as fractions of the time from first row open to last row closed
+MOST_GUIDE_SUBFRAMES, FEWEST_GUIDE_RAYS = 16, 16  # of one exposure; per pixel and sub-frame
 DIFFERENCE = 1 / 256  # of that time: speeds are differences over it, with 0.03 px of rounding in all
+
+Make = Callable[[int, tuple[int, int]], NDArray[np.float32]]
 
 
 class AnimatedTransforms:
@@ -181,16 +185,32 @@ class MovingScene:
         """One pass over rows [first, last) of the crop: ∫response·L dλ [W m⁻² sr⁻¹], (rows, columns, channels)."""
         count = subframes_of_pass(self._given or self._needed, samples)
         self._counts.add(count)
+        return self._exposed(
+            lambda number, block: self.scene.render(number, samples // count, block), seed, count, rows
+        )
+
+    def guides(self, wavelengths_nm: Float64Array, rays: int, rows: tuple[int, int]) -> NDArray[np.float32]:
+        """Guides of a denoiser for rows [first, last) of the crop, averaged over the exposure."""
+        count = min(self._given or self._needed, MOST_GUIDE_SUBFRAMES)
+        each = whole_square(max(rays / count, FEWEST_GUIDE_RAYS))
+
+        def make(seed: int, block: tuple[int, int]) -> NDArray[np.float32]:
+            return render_guides(self.scene, wavelengths_nm, seed, each, block)
+
+        return self._exposed(make, GUIDE_SEED, count, rows)
+
+    def _exposed(self, make: Make, seed: int, count: int, rows: tuple[int, int]) -> NDArray[np.float32]:
+        """What ``make`` renders with a seed of some rows, averaged over ``count`` sub-frames of the exposure."""
         # Blocks are rows that are open at about the same time: as many as exposures fit into the read-out of all.
         total, readout_s = rows[1] - rows[0], (rows[1] - rows[0] - 1) * self._shutter.row_time_s
         duration_s = max(self._shutter.open_s, readout_s / MOST_BLOCKS, sys.float_info.min)
         blocks = max(min(math.ceil(readout_s / duration_s), MOST_BLOCKS, total), 1)
         edges = pairwise(rows[0] + total * k // blocks for k in range(blocks + 1))
         with self.transforms:
-            parts = [self._render_block(seed, samples // count, count, block) for block in edges]
+            parts = [self._exposed_block(make, seed, count, block) for block in edges]
         return np.concatenate(parts).astype(np.float32)
 
-    def _render_block(self, seed: int, samples: int, count: int, rows: tuple[int, int]) -> Float64Array:
+    def _exposed_block(self, make: Make, seed: int, count: int, rows: tuple[int, int]) -> Float64Array:
         """The weighted sum of the sub-frames of some rows, (rows, columns, channels)."""
         film_rows = rows[0] + self.view.crop_offset[1], rows[1] + self.view.crop_offset[1]
         step_s = self._shutter.step_s(count, math.inf if self._given else self.speed_px_per_s, film_rows)
@@ -198,7 +218,7 @@ class MovingScene:
         frame: Float64Array | None = None
         for k, time_s in enumerate(times_s):
             self.transforms.set_time(time_s)
-            image = self.scene.render(hashed_seed(seed, 1 + rows[0], k), samples, rows)
+            image = make(hashed_seed(seed, 1 + rows[0], k), rows)
             frame = np.zeros(image.shape) if frame is None else frame
             open_ = weights[:, k] > 0  # only these rows, because 0 times an infinite value of a closed row would be NaN
             frame[open_] += weights[open_, k, None, None] * image[open_]

@@ -30,8 +30,9 @@ class FileOptions(TypedDict, total=False):
     integrator: Annotated[
         Literal["path", "volpath", "volpathmis", "direct"] | None,
         Option(
-            "Render with this integrator of Mitsuba in place of the scene's own, with its depth; volpath where light "
-            "passes through media. Default: the scene's."
+            "Render with this integrator of Mitsuba in place of the scene's own, with its depth: path, volpath (where "
+            "light passes through media), volpathmis or direct. Default: the scene's.",
+            metavar="NAME",
         ),
     ]
     ignore_polarization: Annotated[
@@ -67,7 +68,7 @@ class RenderOptions(SceneOptions, total=False):
     spp: Annotated[
         int | None,
         Option(
-            "Samples (light paths) per pixel over all passes; 4 × as many halve the render noise. Default: 128.",
+            "Samples (light paths) per pixel over all passes; 4 × as many halve the render noise. Default: 256.",
             low=1,
             high=MOST_IN_ALL,
             example="256",
@@ -127,9 +128,11 @@ class RenderOptions(SceneOptions, total=False):
         ),
     ]
     denoise: Annotated[
-        bool,
+        bool | None,
         Option(
-            "Denoise the irradiance with Open Image Denoise; its bias is measured. Needs the extra 'denoise'.", False
+            "Denoise what each colour filter detects, where two halves of the samples prove that better than the "
+            "render itself. Default: yes, unless each frame has a render of its own.",
+            flag="--denoise/--no-denoise",
         ),
     ]
 

@@ -11,7 +11,7 @@ from typing import Any, Literal, Unpack
 
 import numpy as np
 
-from ..core import Exposure, Float64Array, InputError, first_given, require_seed
+from ..core import Exposure, InputError, first_given, require_seed
 from ..core.options import complete, documents
 from ..optics.intrinsics import aperture_f_number, intrinsics
 from ..optics.shutter import shutter_of
@@ -22,17 +22,17 @@ from ..sensor.metering import AskedExposure, Metering, checked_exposure
 from ..sensor.options import ExposeOptions
 from .aovs import Aovs, aovs_of, load_for_rays
 from .bands import BANDWIDTH_NM, Bands, choose_bands
-from .denoise import denoised, library
+from .denoise import is_installed, library
 from .irradiance import Irradiance
 from .motion import Motion, read_motion
 from .moving_scene import MovingScene
 from .options import RenderOptions
 from .passes import SAMPLER
 from .photons import metered
-from .renderer import Criterion, Renderer
+from .renderer import Criterion, Electrons, Renderer
 from .scene import Scene, load_scene
 from .scene_settings import ParsedScene, SceneSettings, parse
-from .statistics import RenderStatistics, summary_of, why_not_trusted
+from .statistics import POOLED, NoiseRatios, RenderStatistics, summary_of, why_not_trusted
 from .stop_criterion import End, Progress, StopCriterion, stop_criterion_of
 
 METERING_SPP = 32  # of the render that is metered where the exposure must be known before
@@ -58,10 +58,15 @@ def render(
     Raises InputError for anything wrong with the arguments or the scene. Ctrl-C is obeyed between passes.
     """
     started = time.monotonic()
-    chosen = complete(RenderOptions, options)
+    chosen = denoised_if_possible(complete(RenderOptions, options))
     check_options(chosen)
     prepared = prepare(scene, camera, exposure, **chosen)
     return prepared.render(prepared.seed(seed), prepared.stop_criterion(chosen), progress, started=started)
+
+
+def denoised_if_possible(options: RenderOptions) -> RenderOptions:
+    """The options with ``denoise`` decided where it was not: wherever Open Image Denoise is installed."""
+    return {**options, "denoise": is_installed()} if options["denoise"] is None else options
 
 
 def check_options(options: RenderOptions) -> None:
@@ -120,7 +125,9 @@ class PreparedRender:
         """One render; started : when it began, on the monotonic clock [s]; criterion : see :meth:`Renderer.run`."""
         began, renderer = time.monotonic() if started is None else started, self.renderer
         end = renderer.run(seed, stop, progress or (lambda step: None), criterion)
-        halves = renderer.halves() if self.denoise else None
+        raw = renderer.electrons()
+        if self.denoise:
+            renderer.denoise()
         data, error, relative = renderer.result()
         bands, (column, row) = self.bands, self.scene.view.crop_offset
         if not data.any():
@@ -134,15 +141,15 @@ class PreparedRender:
             bandwidths_nm=bands.bandwidths_nm,
             standard_error=error,
             relative_error=relative,
-            statistics=self._statistics(stop, end, began, self.exposure),
+            statistics=self._statistics(stop, end, began, self.exposure, raw),
             filters=tuple(self.camera.quantum_efficiency.curves) if bands.kind == "channels" else None,
             response=bands.response,
             origin=(row, column),
         )
         if self.metering is not None and not self.metered:
             exposure = metered(light, self.camera, self.metering)
-            light = replace(light, statistics=self._statistics(stop, end, began, exposure))
-        return light if halves is None else denoised(light, self.at_rest, halves)
+            light = replace(light, statistics=self._statistics(stop, end, began, exposure, raw))
+        return light
 
     def exposure_of(self, light: Irradiance) -> Exposure:
         """The exposure of this light: what was given, or found when it was metered."""
@@ -174,22 +181,32 @@ class PreparedRender:
             scene = load_for_rays(self.parsed.file, self.camera, self.unit_m, self.width)
         return aovs_of(scene, self.motion, self.unit_m, shutter_of(self.camera, self.exposure))
 
-    def _noise_ratios(self, exposure: Exposure) -> Float64Array:
-        """Render variance over sensor variance of every pixel in an exposure, (H, W); infinite where the light is."""
-        found = self.renderer.noise_ratios()
-        if exposure == self.exposure:
-            return found
-        longer, (mean_e, variance_e2) = exposure.time_s / self.exposure.time_s, self.renderer.electrons()
-        ratio = input_noise(self.camera, exposure).ratio(mean_e * longer, variance_e2 * longer**2)
-        return np.where(np.isinf(found), np.inf, ratio)
+    def _noise_ratios(self, exposure: Exposure, electrons: Electrons, passes: int) -> NoiseRatios:
+        """Render variance over sensor variance in an exposure. passes : that measured the variance, many if pooled."""
+        (mean_e, variance_e2), known = electrons, exposure == self.exposure
+        longer = 1.0 if known else exposure.time_s / self.exposure.time_s
+        noise = self.renderer.noise if known else input_noise(self.camera, exposure)
+        ratio = noise.ratio(mean_e * longer, variance_e2 * longer**2)
+        return summary_of(np.where(self.renderer.infinite(), np.inf, ratio), mean_e > 0, passes)
 
-    def _statistics(self, stop: StopCriterion, end: End, started: float, exposure: Exposure) -> RenderStatistics:
+    def _denoised(self, exposure: Exposure, raw: Electrons) -> dict[str, object] | None:
+        """What the denoiser did, and the noise ratio before."""
+        if (found := self.renderer.denoised) is None:
+            return None
+        before = self._noise_ratios(exposure, raw, self.renderer.passes)
+        return {**found.record, **{f"raw_{name}": before[name] for name in ("noise_ratio_median", "noise_ratio_p95")}}
+
+    def _statistics(
+        self, stop: StopCriterion, end: End, started: float, exposure: Exposure, raw: Electrons
+    ) -> RenderStatistics:
         renderer, passes = self.renderer, self.renderer.passes
         fireflies, samples = renderer.firefly_fraction(), renderer.samples_per_pixel
         doubt, notes = why_not_trusted(passes, fireflies), [*self.scene.notes]
         given, file = (one.model_dump() for one in (self.camera, self.parsed.settings.applied_to(self.camera)))
         if overruled := [name for name in self.parsed.settings.fields if _value(given, name) != _value(file, name)]:
             notes.append(f"{', '.join(overruled)} of the scene file overruled by the camera that was given")
+        if not self.denoise and not is_installed():
+            notes.append("not denoised: Open Image Denoise is not installed; pip install pyoidn")
         if stop.asked is not None and stop.asked != samples:
             why = "equal passes, each a full grid" if end == "spp" else "the time was up"
             notes.append(f"{stop.asked} samples per pixel asked for, {samples} taken: {why}")
@@ -200,7 +217,7 @@ class PreparedRender:
             variant=self.parsed.variant.name,
             sampler=self.sampler,
             spectral=self.bands.kind,
-            **summary_of(self._noise_ratios(exposure), renderer.electrons()[0] > 0, passes),
+            **self._noise_ratios(exposure, renderer.electrons(), passes if renderer.denoised is None else POOLED),
             noise_ratio_asked=stop.goal if stop.reached == "noise_ratio" else None,
             ended_by=end,
             reliable=not doubt,
@@ -211,6 +228,7 @@ class PreparedRender:
             scene_sha256=self.scene.sha256,
             aperture_f_number=aperture_f_number(self.scene.view, self.camera),
             intrinsics=intrinsics(self.scene.view, self.camera),
+            denoised=self._denoised(exposure, raw),
             metering=None if self.metering is None else self.metering.record(exposure),
         )
 
@@ -249,7 +267,7 @@ def prepare(
     known = asked.unit_exposure if isinstance(asked, Metering) else asked
     bands, metres = _bands(chosen, settings, camera, usual), settings.metres(chosen["scene_unit"]) or 1.0
     at_rest = load_scene(parsed.file, bands, {}, camera, chosen["scene_unit"], width=chosen["width"], sampler=sampler)
-    motion, denoise = read_motion(chosen["motion"]), chosen["denoise"]
+    motion, denoise = read_motion(chosen["motion"]), bool(chosen["denoise"])
     renderer = Renderer(at_rest, camera, known, bands, halves=denoise)
     still = PreparedRender(
         parsed, at_rest, camera, known, bands, renderer, denoise, chosen["width"], Motion(), metres, sampler, metering

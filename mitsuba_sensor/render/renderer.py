@@ -18,35 +18,45 @@ from ..optics.f_number_law import solid_angle_sr
 from ..sensor.camera import Camera
 from ..sensor.input_noise import input_noise
 from .bands import Bands
+from .denoise import LEAST_PASSES, LEAST_PIXELS, Denoised, Halves, denoise
+from .filter_bands import band_errors, bands_of_filters
+from .guides import FEWEST_RAYS, QUARTERS, Guides, rays_per_pixel, whole_square
 from .moving_scene import MovingScene
 from .passes import Welford, clean, hashed_seed, row_strips
 from .photons import electrons_per_irradiance
 from .scene import Scene
 from .statistics import firefly_fraction, median_bias
 from .stop_criterion import End, Progress, RenderProgress, StopCriterion
+from .variants import mitsuba
 
+MOST_RELATIVE = 1e6  # standard error over the light: of pixels in which there is none
 Map = Float64Array
 Criterion = Callable[[Map, Map, int], float]
+Electrons = tuple[Map, Map]  # mean, and expected squared error of the mean
 
 
 class RowStrip:
-    """Accumulated passes of some rows: per band, and as photoelectrons of each pixel behind its own filter.
+    """Accumulated passes of some rows: per band, and as photoelectrons behind the filters.
 
-    even : sum of the passes 0, 2, 4, … per band, or None.  brightest : largest photoelectrons of any pass, (H, W).
+    electrons : (H, W, F) behind every filter where ``halves`` are kept, else (H, W, 1) of each pixel's own.
+    even, even_e : sums of the passes 0, 2, 4, … of bands and electrons, or None.
+    brightest : largest photoelectrons of any pass behind the pixel's own filter, (H, W).
     """
 
-    def __init__(self, rows: slice, columns: int, bands: int, halves: bool) -> None:
+    def __init__(self, rows: slice, columns: int, bands: int, filters: int, halves: bool) -> None:
         shape = (rows.stop - rows.start, columns)
         self.rows = rows
-        self.bands, self.electrons = Welford((*shape, bands)), Welford(shape)
+        self.bands, self.electrons = Welford((*shape, bands)), Welford((*shape, filters))
         self.brightest, self.infinite = np.zeros(shape), np.zeros(shape, bool)
         self.even = np.zeros((*shape, bands), np.float32) if halves else None
+        self.even_e = np.zeros((*shape, filters)) if halves else None
 
-    def add(self, irradiance: Float64Array, electrons: Float64Array) -> None:
-        """Add one pass; both arrays are overwritten."""
-        if self.even is not None and self.bands.count % 2 == 0:
+    def add(self, irradiance: Float64Array, electrons: Float64Array, own: Float64Array) -> None:
+        """Add one pass; the first two arrays are overwritten. own : (H, W) electrons of each pixel's own filter."""
+        if self.even is not None and self.even_e is not None and self.bands.count % 2 == 0:
             self.even += irradiance
-        np.maximum(self.brightest, electrons, out=self.brightest)
+            self.even_e += electrons
+        np.maximum(self.brightest, own, out=self.brightest)
         self.bands.add(irradiance)
         self.electrons.add(electrons)
 
@@ -84,7 +94,8 @@ class Renderer:
     """Renders one scene for one camera, exposure and set of bands.
 
     passes, samples, groups : of the last render; samples per pixel, pass and group of bands.
-    negative, non_finite : its values that were set to 0.  halves : whether to keep two half-sets of the passes.
+    negative, non_finite : its values that were set to 0.  halves : whether to keep two half-sets of the passes, which
+        :meth:`denoise` needs.  denoised : what it made of the last render, else None.
     """
 
     def __init__(
@@ -96,13 +107,16 @@ class Renderer:
         self._filters = np.asarray(camera.filter_index((rows, columns), (row, column)))
         self._tile_columns = len(camera.tile[0])
         self._solid_angle, self._scale = solid_angle_sr(scene.view, camera), bands.transmission / bands.bandwidths_nm
-        self._noise = input_noise(camera, exposure)
+        self.noise = input_noise(camera, exposure)
         self.negative = self.non_finite = self.passes = self.samples = 0
+        self.denoised: Denoised | None = None
+        self._guides: Guides | None = None
 
     def run(self, seed: int, budget: StopCriterion, progress: Progress, criterion: Criterion | None = None) -> End:
         """Render until ``budget`` is used up or its goal is met; returns which. criterion : function of
         :meth:`noise_estimate` that the goal is for; by default the median noise ratio."""
-        measure, meter = criterion or self.median_ratio, ProgressMeter(progress)
+        usual = self.denoised_ratio if self._halves and budget.goal is not None else self.median_ratio
+        measure, meter = criterion or usual, ProgressMeter(progress)
         self.groups = self.bands.groups if budget.grouped else (slice(0, len(self.bands)),)
         self._begin(budget.samples, meter)
         meter.forecast(budget, 0, np.nan)
@@ -122,8 +136,10 @@ class Renderer:
         """Empty strips for passes of so many samples per pixel."""
         columns, count = self.scene.view.crop_size[0], len(self.bands)
         rows = row_strips(self.scene.view.crop_size, count, samples)
-        self.strips = [RowStrip(slice(*edges), columns, count, self._halves) for edges in rows]
+        filters = len(self._weights) if self._halves else 1
+        self.strips = [RowStrip(slice(*edges), columns, count, filters, self._halves) for edges in rows]
         self.samples, self.passes, self.negative, self.non_finite = samples, 0, 0, 0
+        self.denoised, self._compared = None, (0, np.nan)
         meter.begin(len(rows))
 
     def _pass(self, seed: int, meter: ProgressMeter) -> None:
@@ -140,8 +156,8 @@ class Renderer:
             irradiance = radiance.values
             irradiance *= self._solid_angle[rows, :, None] * self._scale
             per_filter = irradiance @ self._weights.T
-            electrons = np.take_along_axis(per_filter, self._filters[rows, :, None], axis=-1)[..., 0]
-            strip.add(irradiance, electrons)
+            own = self._own(per_filter, rows)
+            strip.add(irradiance, per_filter if self._halves else own[..., None].copy(), own)
         self.passes += 1
 
     def _radiance(self, seed: int, rows: tuple[int, int]) -> NDArray[np.float32]:
@@ -161,25 +177,66 @@ class Renderer:
         """Light paths per pixel of the last render, of all passes and groups."""
         return self.passes * self.samples * len(self.groups)
 
-    def electrons(self) -> tuple[Float64Array, Float64Array]:
-        """Mean photoelectrons of one exposure, and the variance of that mean, (H, W) each."""
+    def _own(self, per_filter: Float64Array, rows: slice = slice(None)) -> Float64Array:
+        """(H, W, F) as each pixel's own filter has it, (H, W)."""
+        if per_filter.shape[2] == 1:
+            return per_filter[..., 0]
+        return np.take_along_axis(per_filter, self._filters[rows, :, None], axis=-1)[..., 0]
+
+    def electrons(self) -> Electrons:
+        """Mean photoelectrons of one exposure, and the expected squared error of that mean, (H, W) each: denoised where
+        that was done, else the mean of the passes and its variance."""
+        if self.denoised is not None:
+            return self._own(self.denoised.mean), self._own(self.denoised.variance)
+        mean, variance = self._raw_electrons()
+        return self._own(mean), self._own(variance)
+
+    def _raw_electrons(self) -> Electrons:
+        """Mean of the passes and its variance, (H, W, F) each."""
         parts = [strip.electrons for strip in self.strips]
         return np.concatenate([e.mean for e in parts]), np.concatenate([e.variance_of_mean for e in parts])
 
-    def noise_ratios(self) -> Float64Array:
-        """Render variance over sensor variance of every pixel, (H, W); infinite where the irradiance is."""
-        infinite = np.concatenate([strip.infinite for strip in self.strips])
-        return np.where(infinite, np.inf, self._noise.ratio(*self.electrons()))
+    def denoise(self) -> None:
+        """Denoise what was rendered so far; from now on :meth:`electrons` and :meth:`result` are the denoised light.
+        Of few passes or pixels, and where nothing is detected, they stay as they are."""
+        columns, rows = self.scene.view.crop_size
+        if self.passes < LEAST_PASSES or columns * rows < LEAST_PIXELS or not self._weights.any():
+            return
+        mean, variance = self._raw_electrons()
+        share = ((self.passes + 1) // 2) / self.passes
+        even = np.concatenate([s.even_e for s in self.strips if s.even_e is not None]) / (share * self.passes)
+        odd = (mean - share * even) / (1 - share)
+        if self._guides is None and not mitsuba().variant().startswith("scalar"):
+            self._guides = self._render_guides()
+        self.denoised = denoise(Halves(even, odd, variance, share), self._guides)
+
+    def _render_guides(self) -> Guides:
+        """Guides at four wavelengths of each filter: the middles of quarters of what it detects of this scene."""
+        (columns, rows), bands = self.scene.view.crop_size, self.bands
+        spectrum = np.mean([strip.bands.mean.mean(axis=(0, 1)) for strip in self.strips], axis=0)
+        detected = np.cumsum(self._weights * spectrum + np.finfo(float).tiny, axis=1)
+        middles = (detected - 0.5 * np.diff(detected, axis=1, prepend=0.0)) / detected[:, -1:]
+        quarters = (np.arange(QUARTERS) + 0.5) / QUARTERS
+        wavelengths_nm = np.array([np.interp(quarters, one, bands.wavelengths_nm) for one in middles])
+        rays = min(rays_per_pixel(columns * rows), max(whole_square(self.samples * self.passes), FEWEST_RAYS))
+        found = self.scene.guides(wavelengths_nm, rays, (0, rows))
+        return Guides(found[..., :-3], found[..., -3:])
+
+    def infinite(self) -> NDArray[np.bool_]:
+        """(H, W) where the irradiance is infinite."""
+        return np.concatenate([strip.infinite for strip in self.strips])
 
     def firefly_fraction(self) -> float:
         """See :func:`statistics.RenderStatistics.firefly_fraction`."""
-        totals = [np.where(s.infinite, np.inf, s.electrons.mean * s.electrons.count) for s in self.strips]
-        return firefly_fraction(np.concatenate([s.brightest for s in self.strips]), np.concatenate(totals))
+        mean, variance = (self._own(x) for x in self._raw_electrons())
+        mean[self.infinite()] = np.inf
+        squares = variance * self.passes * (self.passes - 1)
+        return firefly_fraction(np.concatenate([s.brightest for s in self.strips]), mean, squares)
 
     def noise_estimate(self) -> tuple[Map, Map, int]:
         """Mean photoelectrons, the variance of that mean, (H, W) each, and its degrees of freedom. That of a single
         pass is half the squared difference of neighbours behind one filter, correct where the image is smooth."""
-        mean, variance = self.electrons()
+        mean, variance = (self._own(x) for x in self._raw_electrons())
         if self.passes > 1 or mean.shape[1] <= self._tile_columns:
             return mean, variance, max(self.passes - 1, 1)
         right, left = mean[:, self._tile_columns :], mean[:, : -self._tile_columns]
@@ -187,8 +244,22 @@ class Renderer:
 
     def median_ratio(self, mean_e: Map, variance_e2: Map, freedom: int) -> float:
         """Median noise ratio of the lit pixels, corrected for the bias of a median of few degrees of freedom (χ²)."""
-        ratio = self._noise.ratio(mean_e, variance_e2)[mean_e > 0]
+        ratio = self.noise.ratio(mean_e, variance_e2)[mean_e > 0]
         return float(np.median(ratio)) * median_bias(freedom + 1) if ratio.size else 0.0
+
+    def denoised_ratio(self, mean_e: Map, variance_e2: Map, freedom: int) -> float:
+        """Median noise ratio of the denoised light; denoised again after half as many passes more, and between as if it
+        fell as one over the passes. Of the passes themselves where these cannot be denoised."""
+        passes, ratio = self._compared
+        if 2 * self.passes >= 3 * passes:
+            self.denoise()
+            if self.denoised is None:
+                return self.median_ratio(mean_e, variance_e2, freedom)
+            mean, variance = self.electrons()
+            found = self.noise.ratio(mean, variance)[mean > 0]
+            passes, ratio = self._compared = self.passes, float(np.median(found)) if found.size else 0.0
+            self.denoised = None
+        return ratio * passes / self.passes
 
     def result(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
         """Mean and standard error per band, (H, W, B), and relative standard error of the electrons, (H, W). A pixel
@@ -196,18 +267,23 @@ class Renderer:
         columns, rows = self.scene.view.crop_size
         data = np.empty((rows, columns, len(self.bands)), np.float32)
         error, relative = np.empty_like(data), np.empty((rows, columns), np.float32)
+        mean, variance = self.electrons()
         for strip in self.strips:
-            infinite = strip.infinite
-            data[strip.rows], error[strip.rows] = strip.bands.mean, np.sqrt(strip.bands.variance_of_mean)
-            data[strip.rows][infinite] = error[strip.rows][infinite] = np.inf
-            positive = np.maximum(strip.electrons.mean, np.finfo(float).tiny)
-            relative[strip.rows] = np.where(infinite, np.inf, np.sqrt(strip.electrons.variance_of_mean) / positive)
-            strip.bands = Welford((0,))
+            infinite, here = strip.infinite, strip.rows
+            sigma = np.sqrt(variance[here])
+            positive = np.maximum(mean[here], sigma / MOST_RELATIVE + np.finfo(float).tiny)
+            relative[here] = np.where(infinite, np.inf, sigma / positive)
+            data[here], error[here] = self._bands_of(strip, relative[here])
+            data[here][infinite] = error[here][infinite] = np.inf
+            strip.bands, strip.even = Welford((0,)), None
         return data, error, relative
 
-    def halves(self) -> tuple[Float64Array, Float64Array]:
-        """Means of the even and of the odd passes, (H, W, B) each: two independent renders of half the samples."""
-        first = (self.passes + 1) // 2
-        even = np.concatenate([strip.even for strip in self.strips if strip.even is not None])  # halves=True
-        total = np.concatenate([strip.bands.mean * self.passes for strip in self.strips])
-        return even / first, (total - even) / (self.passes - first)
+    def _bands_of(self, strip: RowStrip, relative: NDArray[np.float32]) -> Electrons:
+        """Bands of a strip and their standard errors; denoised, they agree with the electrons behind each filter."""
+        if self.denoised is None or strip.even is None:
+            return strip.bands.mean, np.sqrt(strip.bands.variance_of_mean)
+        first, rows = (self.passes + 1) // 2, strip.rows
+        odd = (strip.bands.mean * self.passes - strip.even) / (self.passes - first)
+        triple = ((strip.bands.mean, "mean"), (strip.even / first, "even"), (odd, "odd"))
+        mean, even, odd = (bands_of_filters(x, self._weights, getattr(self.denoised, name)[rows]) for x, name in triple)
+        return mean, band_errors(even, odd, mean, np.nan_to_num(relative.astype(np.float64), posinf=0.0))

@@ -14,10 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import Array, InputError
+from ..core import Array, Float64Array, InputError
 from ..optics.intrinsics import View
 from ..sensor.camera import Camera
 from .bands import Bands, box_bands, response_film, restrict_wavelengths
+from .guides import render_guides
 from .lens_sensor import with_lens
 from .lint import WRAPPERS, Finding, lint, lint_built, most_serious_first
 from .passes import SAMPLER
@@ -27,6 +28,7 @@ from .scene_settings import FILM, SENSOR, SIZE, SceneSettings, sensor_fields_of,
 from .variants import MitsubaObject, mitsuba
 
 SENSORS = ("perspective", "thinlens", "orthographic", SENSOR)
+GUIDE_SEED = 1
 FILM_ID = "sensor"  # id of the new film, by which its sensor is found in the built scene
 SCALAR_ONLY = ("timed_sunsky",)  # Dr.Jit refuses to trace it, and every render of the process after that
 WITH_FILES = ("Shape", "Texture", "Emitter", "Volume", "BSDF", "Medium", "PhaseFunction")
@@ -77,6 +79,10 @@ class Scene:
             first = plain_message(RuntimeError(str(error).split("\n\n")[0]))
             raise InputError(f"the scene cannot be rendered{way_out} ({first}).") from error
         return np.array(image, dtype=np.float32).reshape(size[1], size[0], -1)
+
+    def guides(self, wavelengths_nm: Float64Array, rays: int, rows: tuple[int, int]) -> NDArray[np.float32]:
+        """Guides of a denoiser for rows [first, last) of the crop: see :func:`guides.render_guides`."""
+        return render_guides(self, wavelengths_nm, GUIDE_SEED, rays, rows)
 
 
 def load_scene(

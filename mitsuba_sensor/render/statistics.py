@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 
 from .passes import FEWEST
 
-# Firefly fraction above which the error bars are not reliable. Cornell box and still life, 64 to 1152 samples: 0 to
-# 0.003; a glass ball's caustic under a small lamp: 0.017 to 0.085, where |z| < 1 holds in 0.30 to 0.44 of the pixels
-# instead of 0.68 (benchmarks/error_bar_coverage.py).
-MOST_FIREFLIES = 0.01
+# Firefly fraction above which the error bars are not reliable: at most 0.036 in calm scenes, 0.12 to 0.36 before
+# caustics and bulbs, at every number of samples (benchmarks/error_bar_coverage.py).
+MOST_FIREFLIES = 0.08
+POOLED = 2**20  # passes whose variance is known: a denoised pixel's is that of its neighbourhood
+ROUNDING = 1e-6  # of the light: what a float32 film loses is no noise
+ONE_PASS = 0.75  # of the squared deviations of all passes
 
 
 @dataclass(frozen=True)
@@ -26,7 +28,7 @@ class RenderStatistics:
     noise_ratio_asked, ended_by : the ratio that it worked towards (None if none), and what ended it: "spp",
         "noise_ratio", "compensable" (see :func:`render_frames`), "max_seconds" or "max_spp".
     reliable, firefly_fraction : whether the error bars can be trusted, and the share of the lit pixels that owe more
-        than half of their light to one single pass: rare paths (caustics) that most pixels have not seen yet.
+        than three quarters of their variance to one bright pass: rare paths (caustics) that others have not seen yet.
     spectral : "cube", "single" or "channels".
     negative, non_finite : values of single passes that were set to 0 (+inf is kept: it saturates its pixel).
     notes : what was replaced in the scene, what is black, hints.
@@ -34,7 +36,8 @@ class RenderStatistics:
     aperture_f_number : what the scene's own thin-lens aperture means on this sensor, None where it has none. It makes
         the blur; the camera's f-number makes the light.
     intrinsics : how the picture is a projection of the world, see :func:`optics.intrinsics.intrinsics`.
-    denoised : what a denoiser did and the bias that two half-sets show, or None: nothing was denoised.
+    denoised : what the denoiser did, or None; raw_noise_ratio_* : before, raw_weight : mean weight of the render,
+        sum_corrected_by : by how much the picture's sum was brought back to the render's, relative.
     metering : the exposure time that was found and how, see :class:`sensor.metering.Metering`; None where it was given.
     """
 
@@ -91,10 +94,15 @@ def median_bias(passes: int) -> float:
     return freedom / float(chi2.median(freedom))
 
 
-def firefly_fraction(brightest: NDArray[np.float64], total: NDArray[np.float64]) -> float:
-    """Share of the lit pixels of which the brightest pass gave more than half of all passes together."""
-    lit = (total > 0) & np.isfinite(total)
-    return float((brightest[lit] > 0.5 * total[lit]).mean()) if lit.any() else 0.0
+def firefly_fraction(brightest: NDArray[np.float64], mean: NDArray[np.float64], squares: NDArray[np.float64]) -> float:
+    """Share of the lit pixels whose brightest pass makes most of the spread: (b − m)² > 3/4 Σ(x − m)².
+
+    brightest, mean : of the passes of each pixel.  squares : the sum of their squared deviations.
+    """
+    lit = (mean > 0) & np.isfinite(mean)
+    alone = (brightest[lit] - mean[lit]) ** 2 > ONE_PASS * squares[lit]
+    noisy = squares[lit] > (ROUNDING * mean[lit]) ** 2
+    return float((alone & noisy).mean()) if lit.any() else 0.0
 
 
 def why_not_trusted(passes: int, fireflies: float) -> str:
@@ -103,6 +111,6 @@ def why_not_trusted(passes: int, fireflies: float) -> str:
         return f"error bars are guesses: {passes} passes of at least {FEWEST}; take more samples (--spp)"
     if fireflies <= MOST_FIREFLIES:
         return ""
-    why = f"{fireflies:.1%} of the lit pixels owe over half of their light to one pass (rare paths, e.g. caustics)"
+    why = f"{fireflies:.1%} of the lit pixels owe most of their noise to one pass (rare paths, e.g. caustics)"
     helps = "more samples help slowly, a larger light or a rougher surface helps at once"
     return f"error bars are too small: {why}; {helps}"

@@ -11,7 +11,7 @@ from ..core import InputError
 from .options import RenderOptions
 from .passes import FEWEST, MOST, pass_plan, whole_grid
 
-DEFAULT_SPP = 128
+DEFAULT_SPP = 256
 PASS_SPP = 16  # of the first pass of a render without a fixed number; it tells how large the others are
 MOST_SPP_ASKED = 2**16  # of a render that works towards a noise ratio, unless max_spp says otherwise
 

@@ -280,7 +280,7 @@ def test_help_shows_an_example_for_every_command_that_needs_one(cli: Callable[..
         assert f"Example: mitsuba-sensor {command}" in cli(command, "--help").stdout
 
 
-@pytest.mark.parametrize("columns", [60, 80, 200])
+@pytest.mark.parametrize("columns", [72, 80, 200])
 @pytest.mark.parametrize("command", ["render", "expose", "plan", "fpn-maps", "lint"])
 def test_help_names_every_flag_in_full(
     command: str, columns: int, cli: Callable[..., Any], monkeypatch: pytest.MonkeyPatch

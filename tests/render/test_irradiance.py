@@ -177,6 +177,7 @@ def test_error_bars_cover_the_reference() -> None:
         bandwidth_nm=30,
         parameters={"width": 24, "height": 24},
         variant="scalar_spectral",
+        denoise=False,
     )
     assert light.statistics.passes == 16
     weights = photons_per_irradiance(CAMERA, EXPOSURE, light.wavelengths_nm, light.bandwidths_nm)
@@ -191,7 +192,7 @@ def test_noise_ratio_is_render_variance_over_the_variance_of_the_sensor() -> Non
     Dark current of 174 e- in 0.1 s and 3 e- of read noise beside 16 000 e- of light; 1/12 DN² is 5 e-².
     """
     camera = CAMERA.replace(**{"readout.reset": "true_cds", "readout.ve_nonlinearity": 0.0})
-    options = {"spp": 64, "bandwidth_nm": 60, "parameters": SMALL, "variant": "scalar_spectral"}
+    options = {"spp": 64, "bandwidth_nm": 60, "parameters": SMALL, "variant": "scalar_spectral", "denoise": False}
     light = render(SCENES / "flat_field.xml", camera, EXPOSURE, **options)
     electrons = 0.6 * (light.data @ photons_per_irradiance(camera, EXPOSURE, light.wavelengths_nm, light.bandwidths_nm))
     k, read_noise = gain_dn_per_e(camera), SourceFollowerNoise.from_camera(camera, ())

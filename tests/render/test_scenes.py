@@ -41,6 +41,7 @@ def render_frames(name: str, spp: int, size: tuple[int, int], **parameters: obje
             bandwidth_nm=50,
             parameters=options,
             variant="scalar_spectral",
+            denoise=False,
         )
     )
 

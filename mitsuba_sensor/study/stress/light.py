@@ -47,7 +47,7 @@ def sky(engine: Engine, radiance: float = LEVEL, size: int = 1, **options: float
     """A render of the sky."""
     with variant(engine):
         parameters = {"radiance": radiance, "size": size}
-        return render(SKY, CAMERA, TENTH, parameters=parameters, variant=engine.option, **options)  # type: ignore[arg-type]
+        return render(SKY, CAMERA, TENTH, parameters=parameters, variant=engine.option, denoise=False, **options)  # type: ignore[arg-type]
 
 
 def one_film(engine: Engine, bands: Bands, samples: int, size: int, repaired: bool = True) -> Array:

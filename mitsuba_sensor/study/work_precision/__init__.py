@@ -113,7 +113,7 @@ def _findings(found: Render, diagram: Plot) -> Iterator[str]:
         f"{math.sqrt(own['dn']):.2g} DN; it is taken off every error."
     )
     if not found.smooth:
-        yield "Denoising was left out: pip install 'mitsuba-sensor[denoise]'."
+        yield "Denoising was left out: pip install pyoidn."
 
 
 def _diagram(found: Render, measure: str) -> Plot:

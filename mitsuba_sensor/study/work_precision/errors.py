@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import statistics
-import time
 from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import replace
@@ -19,8 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import Exposure, Frame, Photons, SensorWindow
-from ...render.aovs import denoising_guides
-from ...render.denoise import smoothed
+from ...render.denoise import LEAST_PASSES
 from ...render.irradiance import Irradiance
 from ...render.passes import Welford
 from ...render.per_frame import NOISIEST, TARGET, UNCOMPENSATED
@@ -37,7 +35,6 @@ REFERENCE_S = 15.0  # seconds that each reference may take, as its first passes 
 STEP, PILOT = 0.01, 8  # relative, of the light, for the slope of the DN; passes whose spread tells how noisy one is
 FEWEST_COMPENSATED = 8  # passes from which a variance can be compensated: 7 degrees of freedom (render/per_frame.py)
 TINY = float(np.finfo(float).tiny)
-MOST_SMOOTHED, SMOOTHINGS = 4, 3  # blocks of a size that are denoised; what the package smooths: the render and halves
 PLAIN, COMPENSATED, DENOISED = "plain", "compensated", "denoised"  # what is done about the render's noise
 
 Rung = dict[str, float]  # of all blocks of a size: "passes", "blocks", "seconds", squared errors, "variance_dn2"
@@ -174,16 +171,14 @@ class Run:
         self._frames = defaultdict[tuple[str, int], Welford](lambda: Welford(series.shape))
 
     def measure(self, smooth: bool) -> dict[str, list[Rung]]:
-        """Rungs of every treatment, the shortest first. smooth : whether the blocks are denoised too."""
-        guides, framed = denoising_guides(self._series.job.at_rest) if smooth else None, self._ladder.framed
+        """Rungs of every treatment, the shortest first. smooth : whether there are denoised renders too."""
+        framed = self._ladder.framed
         for block in in_blocks(self._series.passes(self._number, self._ladder.passes)):
             self._errors(PLAIN, block)
-            if guides is not None and len(self._found[PLAIN, block.passes]["seconds"]) <= MOST_SMOOTHED:
-                began = time.perf_counter()
-                image = smoothed(block.irradiance, guides).astype(np.float64)
-                seconds = block.seconds + SMOOTHINGS * (time.perf_counter() - began)
-                electrons = electrons_of(self._series.light(image, block.electrons), self._target.subject)
-                self._errors(DENOISED, Block(block.passes, seconds, image, electrons))
+        passes = LEAST_PASSES
+        while smooth and passes <= self._ladder.passes:
+            self._errors(DENOISED, self._series.denoised(self._number, passes))
+            passes *= 2
         rungs = defaultdict[str, list[Rung]](list)
         for (treatment, passes), found in sorted(self._found.items()):
             rung: Rung = {"passes": passes, "blocks": len(found["seconds"])}

@@ -23,6 +23,7 @@ from ...render.bands import GROUP, NARROWEST_NM, Bands
 from ...render.passes import SAMPLER, hashed_seed
 from ...render.photons import photons_per_irradiance
 from ...render.prepared import PreparedRender
+from ...render.renderer import Renderer
 from ...render.stop_criterion import PASS_SPP, StopCriterion
 from ...render.variants import Variant, choose_variant, mitsuba
 from ...sensor.run import choose_backend
@@ -75,7 +76,7 @@ class Choice(NamedTuple):
     def options(self) -> str:
         """As they are typed."""
         variant = "" if self.usual else f" --variant {self.variant}"
-        return f"--spp {self.spp} --spectral {self.spectral}{' --denoise' if self.denoise else ''}{variant}"
+        return f"--spp {self.spp} --spectral {self.spectral}{'' if self.denoise else ' --no-denoise'}{variant}"
 
 
 class Series:
@@ -120,6 +121,14 @@ class Series:
                 block.irradiance[..., k] = one.irradiance[..., 0]
                 block.electrons += one.electrons
         yield from blocks
+
+    def denoised(self, seed: int, count: int) -> Block:
+        """A render of so many passes with the package's denoiser, and the time of both."""
+        began, job = time.perf_counter(), self.job
+        renderer = Renderer(job.scene, job.camera, job.exposure, job.bands, halves=True)
+        criterion = StopCriterion(count, self.setting.samples, grouped=self.groups > 1)
+        light = replace(job, denoise=True, renderer=renderer).render(hashed_seed(seed, count, 1), criterion)
+        return Block(count, time.perf_counter() - began, light.data.astype(np.float64), renderer.electrons()[0])
 
 
 @dataclass(eq=False)

@@ -119,7 +119,16 @@ def test_the_command_line_renders_one_wavelength_with_the_published_chain(
     assert report["chain"] == "konnik2014" and report["effects"] == []
     raw = tifffile.imread(tmp_path / "out" / "frame.tiff")
     assert raw.shape == (12, 16) and raw.mean() == pytest.approx(report["stages"][-1]["mean_frame"])
-    again = cli("expose", tmp_path / "out" / "irradiance.exr", "-o", tmp_path / "again", "--chain", "konnik2014")
+    again = cli(
+        "expose",
+        tmp_path / "out" / "irradiance.exr",
+        "-o",
+        tmp_path / "again",
+        "--chain",
+        "konnik2014",
+        "--exposure-s",
+        report["exposure"]["time_s"],
+    )
     assert again.exit_code == 0, again.stderr
     np.testing.assert_array_equal(tifffile.imread(tmp_path / "again" / "frame.tiff"), raw)
 

@@ -1,0 +1,112 @@
+"""Measure denoised and raw renders against long references: errors over shot noise, bias, error bars, seconds.
+
+    python benchmarks/denoise.py [--scenes FILE.xml …] [--spp 64 128 512 2048] [--width 96] [--seeds 4] [--json]
+
+Each scene is rendered at 550 nm, exposed so that the median pixel has 1500 photoelectrons. Squared error over the
+electrons of the reference is the noise ratio of a camera without read noise: 1 is a render as noisy as the light.
+median, mean, 95 % : of that ratio, over all pixels below the full well and seeds; the reference's own noise is in it.
+bias : of the sum over the picture.  z1, z2 : pixels within one and two standard errors.
+equal time : the raw render's ratio, scaled to the seconds of the denoised one, over the denoised one's. Loading and
+compiling are not timed, because both have them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.render.passes import hashed_seed
+from mitsuba_sensor.render.prepared import PreparedRender, prepare
+from mitsuba_sensor.render.renderer import Renderer
+from mitsuba_sensor.render.stop_criterion import stop_criterion_of
+
+Array = NDArray[np.float64]
+Row = dict[str, Any]
+
+SCENES = Path(__file__).parent.parent / "scenes"
+SHIPPED = ("cornell_box", "still_life", "color_checker", "caustic")
+CAMERA = ms.load_camera("konnik_table1")
+MEDIAN_E = 1500.0
+PILOT_SPP = 64
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--scenes", type=Path, nargs="+", default=[SCENES / f"{name}.xml" for name in SHIPPED])
+    parser.add_argument("--spp", type=int, nargs="+", default=[64, 128, 512, 2048])
+    parser.add_argument("--width", type=int, default=96, help="columns of the pictures")
+    parser.add_argument("--reference", type=int, default=16384, help="samples per pixel of the reference")
+    parser.add_argument("--seeds", type=int, default=4, help="renders of each kind")
+    parser.add_argument("--json", action="store_true", help="print JSON only")
+    options = parser.parse_args()
+    rows = [row for scene in options.scenes for row in of_scene(scene, options)]
+    if options.json:
+        print(json.dumps(rows))
+        return
+    for row in rows:
+        print(f"{row['scene']}, {row['spp']} samples; equal time: {', '.join(f'{x:.3g}' for x in row['equal_time'])}")
+        for kind in ("raw", "denoised"):
+            one = row[kind]
+            found = ", ".join(f"{name} {one[name]:.4g}" for name in ("median", "mean", "p95", "bias", "z1", "z2"))
+            print(f"    {kind:9s}{found}, {one['seconds']:.2f} s")
+
+
+def of_scene(scene: Path, options: argparse.Namespace) -> list[Row]:
+    """One row for each number of samples."""
+    asked = {"wavelength_nm": 550, "width": options.width}
+    job = prepare(scene, CAMERA, ms.Exposure(1.0), **asked)
+    made(job, PILOT_SPP, 0, denoise=False)
+    time_s = MEDIAN_E / float(np.median(job.renderer.electrons()[0]))
+    job = replace(job, exposure=ms.Exposure(time_s))
+    _, expected, _ = made(job, options.reference, 10**6, denoise=False)
+    rows = []
+    for spp in options.spp:
+        row: Row = {"scene": scene.stem, "spp": spp}
+        for kind in ("raw", "denoised"):
+            made(job, spp, 99, kind == "denoised")  # compiles
+            found = [made(job, spp, seed, kind == "denoised") for seed in range(options.seeds)]
+            row[kind] = errors(found, expected)
+        longer = row["denoised"]["seconds"] / row["raw"]["seconds"]
+        row["equal_time"] = [row["raw"][x] / longer / max(row["denoised"][x], 1e-30) for x in ("median", "mean", "p95")]
+        rows.append(row)
+    return rows
+
+
+def made(job: PreparedRender, spp: int, seed: int, denoise: bool) -> tuple[float, Array, Array]:
+    """Seconds, mean photoelectrons and their standard error, (H, W), of one render."""
+    renderer = Renderer(job.scene, job.camera, job.exposure, job.bands, halves=denoise)
+    vars(job)["renderer"] = renderer
+    started = time.perf_counter()
+    replace(job, renderer=renderer, denoise=denoise).render(hashed_seed(seed, spp, 0), stop_criterion_of({"spp": spp}))
+    mean, variance = renderer.electrons()
+    return time.perf_counter() - started, mean, np.sqrt(variance)
+
+
+def errors(found: list[tuple[float, Array, Array]], expected: Array) -> dict[str, float]:
+    """Figures of renders against a reference."""
+    below = (expected > 0) & (expected < CAMERA.pixel.full_well_e)
+    ratio = np.concatenate([((mean - expected) ** 2 / np.maximum(expected, 1e-30))[below] for _, mean, _ in found])
+    z = np.concatenate(
+        [(np.abs(mean - expected) / np.maximum(sigma, 1e-12 * expected))[below] for _, mean, sigma in found]
+    )
+    return {
+        "median": float(np.median(ratio)),
+        "mean": float(ratio.mean()),
+        "p95": float(np.percentile(ratio, 95)),
+        "bias": float(np.mean([mean[below].sum() / expected[below].sum() - 1 for _, mean, _ in found])),
+        "z1": float((z < 1).mean()),
+        "z2": float((z < 2).mean()),
+        "seconds": float(np.median([seconds for seconds, _, _ in found])),
+    }
+
+
+if __name__ == "__main__":
+    main()
