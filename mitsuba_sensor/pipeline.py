@@ -17,6 +17,7 @@ from .io import exr, files
 from .io.metadata import versions
 from .io.preview import preview
 from .render.aovs import Aovs
+from .render.band_error import band_error, notes_of_bands
 from .render.irradiance import Irradiance
 from .render.options import FrameSeriesOptions, RenderOptions
 from .render.per_frame import FrameSeries
@@ -228,7 +229,7 @@ def frame_metadata(
         if made is None and options["chain"] == "physical":
             made = plan_for(camera, frames.detected, first)
         found = {} if made is None else made.to_dict()
-        noise, report = render_noise(light, frames), frames.report
+        noise, report, off = render_noise(light, frames), frames.report, band_error(light, camera)
     return {
         "origin": {**origin, "scene_sha256": statistics["scene_sha256"]},
         "camera": camera.to_dict(),
@@ -239,12 +240,12 @@ def frame_metadata(
         "precision": first.window.backend.precision,
         "given_maps": sorted(options["maps"] or ()),
         "image": dict(zip(("frames", "rows", "columns"), frames.digital.shape, strict=True)),
-        "bands": {"wavelengths_nm": light.wavelengths_nm, "bandwidths_nm": light.bandwidths_nm},
+        "bands": {"wavelengths_nm": light.wavelengths_nm, "bandwidths_nm": light.bandwidths_nm, **off._asdict()},
         **report,
         "counts": {**report["counts"], **{name: statistics[name] for name in ("negative", "non_finite")}},
         "render": statistics,
         "render_noise": noise,
-        "notes": [*clipped_note(frames)],
+        "notes": [*clipped_note(frames), *notes_of_bands(light, camera, off)],
         "versions": versions(),
         "effects": found.get("stages", []),
         "left_out": [] if frames.plan is None else frames.plan.left_out,

@@ -19,6 +19,9 @@ class Photons:
     wavelengths_nm : (B,) centre of each band, or None when ``mean`` is (H, W) at the camera's own wavelength.
     detected : whether ``mean`` is in photoelectrons, one layer per colour filter, with the QE applied already.
     origin : (row, column) of the first pixel on the sensor, used unless a function is given another.
+    bandwidths_nm : (B,) of the bands, over which the QE is then averaged; None: the photons have ``wavelengths_nm``.
+    in_band : (H, W), the photoelectrons over those of a spectrum that is flat within each band, of each pixel behind
+        its own filter at ``origin``; None: 1.  in_band_of : fingerprint of the camera that it is for.
     variance_e2 : (H, W), variance of the mean photoelectrons over renders [e-²], for a frame that has a render of its
         own, whose render noise replaces a part of the shot noise; None: the mean is exact.
     """
@@ -28,6 +31,9 @@ class Photons:
     variance_e2: NumpyArray | None = None
     detected: bool = False
     origin: tuple[int, int] = (0, 0)
+    bandwidths_nm: Float64Array | None = None
+    in_band: NumpyArray | None = None
+    in_band_of: str | None = None
 
     @property
     def total(self) -> NumpyArray:
@@ -36,8 +42,8 @@ class Photons:
 
     def crop_rows(self, rows: slice) -> Self:
         """The photons of ``rows`` of the window."""
-        variance_e2 = None if self.variance_e2 is None else self.variance_e2[rows]
-        return replace(self, mean=self.mean[rows], variance_e2=variance_e2)
+        variance_e2, in_band = (None if x is None else x[rows] for x in (self.variance_e2, self.in_band))
+        return replace(self, mean=self.mean[rows], variance_e2=variance_e2, in_band=in_band)
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NumpyArray:
         return np.array(self.mean, dtype=dtype, copy=copy)

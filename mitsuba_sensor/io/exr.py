@@ -24,6 +24,7 @@ SPECTRAL_CHANNEL = "S0."  # Fichet, Pacanowski & Wilkie 2021, "An OpenEXR Layout
 FILTER_CHANNEL = "channel."
 ERROR_CHANNEL = "standard_error."
 RELATIVE_ERROR_CHANNEL = "relative_error"
+IN_BAND_CHANNEL = "in_band"
 AOV_LAYERS = {  # array of Aovs → its components, its unit
     "depth_m": ("", "m along the optical axis, inf where nothing is"),
     "position_m": ("XYZ", "m in world space, NaN where nothing is"),
@@ -39,6 +40,7 @@ def write_irradiance_exr(path: Path, irradiance: Irradiance) -> None:
 
     Channels ``S0.<nm>nm`` hold the bands and ``standard_error.<nm>nm`` their standard errors in the same unit (decimal
     comma, as Fichet et al. 2021 have it, because a dot separates layers); ``relative_error`` that of the electrons.
+    ``in_band`` is the factor on the electrons of the camera whose fingerprint is ``response`` in the header.
     What was rendered into colour filters has ``channel.<filter>`` instead, in W m⁻² at the wavelength in the header.
     """
     header: dict[str, str | float] = {
@@ -56,6 +58,8 @@ def write_irradiance_exr(path: Path, irradiance: Irradiance) -> None:
         header |= {"filters": json.dumps(names), "response": irradiance.response or ""}
         header["reference_nm"] = float(irradiance.wavelengths_nm[0])
     channels = {RELATIVE_ERROR_CHANNEL: irradiance.relative_error}
+    if irradiance.in_band is not None:
+        channels[IN_BAND_CHANNEL], header["response"] = irradiance.in_band, irradiance.response or ""
     for band, name in enumerate(names):
         channels[prefix + name] = irradiance.data[..., band]
         channels[ERROR_CHANNEL + name] = irradiance.standard_error[..., band]
@@ -90,6 +94,7 @@ def read_irradiance_exr(path: str | os.PathLike[str]) -> Irradiance:
             filters=filters,
             response=header.get("response") or None,
             origin=tuple(json.loads(header.get("first_pixel", "[0, 0]"))),
+            in_band=pixels.get(IN_BAND_CHANNEL),
         )
 
 

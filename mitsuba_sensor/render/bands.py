@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -13,6 +13,7 @@ import numpy as np
 from ..core import Float64Array, InputError, require
 from ..optics.f_number_law import transmittance
 from ..sensor.camera import Camera
+from ..sensor.fingerprint import response_fingerprint
 from .variants import MitsubaObject, mitsuba
 
 SHORTEST_NM, LONGEST_NM = 200.0, 1100.0  # range of silicon sensors
@@ -20,8 +21,9 @@ NARROWEST_NM = 0.5  # below it the float32 nodes of a band lose accuracy
 BANDWIDTH_NM = 10.0  # of each band, unless asked otherwise
 GROUP = 4  # wavelengths that Mitsuba samples for one path
 NODES = 17  # of a box in a cube; the density of wavelengths has the same nodes
-RESPONSE_STEP_NM = 1.0  # of tabulated responses; linear in between
+STEPS_NM = (1.0, 0.5, 0.25, 0.2, 0.1, 0.05)  # of tabulated responses, linear in between: the first that meets all kinks
 DENSITY_STEPS = 64  # see round_wavelength_density
+NOTHING = 1e-30  # in place of 0
 SPECTRAL = ("auto", "cube", "channels")
 BandKind = Literal["cube", "single", "channels"]
 
@@ -34,8 +36,10 @@ class Bands:
         response T(λ)·QE(λ)·λ/λ_ref per colour filter, so that ∫E dλ of a channel at λ_ref gives the photoelectrons.
     edges_nm : (B + 1,) of the boxes; for channels the two ends of the camera's band.
     wavelengths_nm, bandwidths_nm : (B,) centres and widths; λ_ref and 1 nm for every channel.
-    responses : (B,) Mitsuba spectra.  transmission : (B,) of the lens, still to be applied; 1 for channels.
-    response : None, or the fingerprint of the QE and transmission in the channels.
+    responses : of the channels of the film, Mitsuba spectra: (B,), and behind them of ``filters`` colour filters for
+        every group of bands, like those of kind "channels" (film_channels.py).
+    transmission : (B,) of the lens, still to be applied; 1 where it is part of the responses.
+    response : None, or the fingerprint of the camera whose filters are in the responses.
     grouped : whether bands are rendered in groups of four: less noise in each band, more in their sum.
     """
 
@@ -47,6 +51,17 @@ class Bands:
     transmission: Float64Array
     response: str | None = None
     grouped: bool = False
+    filters: int = 0
+
+    @property
+    def reference_nm(self) -> float:
+        """λ_ref of the colour filters: the middle of all bands."""
+        return float(self.edges_nm[0] + self.edges_nm[-1]) / 2
+
+    @property
+    def scale(self) -> Float64Array:
+        """Irradiance over what the film has, (B + filters,): T/Δλ of a band, 1 of a filter."""
+        return np.append(self.transmission / self.bandwidths_nm, np.ones(self.filters))
 
     @property
     def groups(self) -> tuple[slice, ...]:
@@ -64,8 +79,12 @@ class Bands:
         """Where the first channel begins, and where the last one ends."""
         return float(self.edges_nm[0]), float(self.edges_nm[-1])
 
+    def ends_of(self, group: slice) -> tuple[float, float]:
+        """Where the first band of a group begins, and where its last one ends."""
+        return float(self.edges_nm[group.start]), float(self.edges_nm[group.stop])
+
     def __len__(self) -> int:
-        return len(self.responses)
+        return len(self.wavelengths_nm)
 
 
 def choose_bands(camera: Camera, wavelength_nm: float | None, bandwidth_nm: float, spectral: str) -> Bands:
@@ -92,19 +111,22 @@ def choose_bands(camera: Camera, wavelength_nm: float | None, bandwidth_nm: floa
 
 
 def box_bands(camera: Camera, edges_nm: Float64Array) -> Bands:
-    """Adjacent boxes of height 1 between the edges, (B + 1,): ∫L dλ over each.
+    """Adjacent boxes of height 1 between the edges, (B + 1,): ∫L dλ over each; ∫T·L dλ behind a coloured lens.
 
     A box is a ``regular`` spectrum: an ``irregular`` one needs a search for every sample and band (a 30-band film was
     1.5 to 1.7 times slower with it), and ``uniform`` cannot be a response.
     """
     edges = edges_nm.tolist()
     width = max(edges[1] - edges[0], 1e-9)
+    centres = (edges_nm[:-1] + edges_nm[1:]) / 2
+    kind: BandKind = "cube" if len(centres) > 1 else "single"
+    if camera.lens.transmission_curve is not None:
+        lens = tuple(_lens_response(camera, low, high) for low, high in pairwise(edges))
+        return Bands(kind, edges_nm, centres, np.diff(edges_nm), lens, np.ones(len(centres)))
     boxes = tuple(
         _regular(low, high, [1.0] * (NODES if len(edges) > GROUP + 1 and high - low > 0.999 * width else 2))
-        for low, high in zip(edges[:-1], edges[1:], strict=True)
+        for low, high in pairwise(edges)
     )
-    centres = (edges_nm[:-1] + edges_nm[1:]) / 2
-    kind: BandKind = "cube" if len(boxes) > 1 else "single"
     return Bands(kind, edges_nm, centres, np.diff(edges_nm), boxes, transmittance(camera, centres))
 
 
@@ -113,26 +135,39 @@ def channel_bands(camera: Camera) -> Bands:
     if camera.quantum_efficiency.quantum_yield is not None:
         raise InputError("spectral is 'channels' and the camera has a quantum_yield, which needs bands; take 'cube'.")
     low, high = (float(v) for v in camera.band_nm)
-    nodes = np.linspace(low, high, max(math.ceil((high - low) / RESPONSE_STEP_NM), 1) + 1)
     reference_nm = (low + high) / 2
-    curves = np.atleast_2d(camera.qe(nodes)) * transmittance(camera, nodes) * nodes / reference_nm
-    responses = tuple(_regular(low, high, curve.tolist()) for curve in curves)
+    responses = filter_responses(camera, low, high, reference_nm)
     ones = np.ones(len(responses))
     fingerprint, ends = response_fingerprint(camera), np.array([low, high])
     return Bands("channels", ends, reference_nm * ones, ones, responses, ones, fingerprint)
 
 
-def response_fingerprint(camera: Camera) -> str:
-    """A hash of what "channels" contain of a camera: QE curves and the transmission of the lens."""
-    section = camera.quantum_efficiency
-    lens = camera.lens.transmission, camera.lens.transmission_curve, camera.lens.transmission_wavelengths_nm
-    text = repr((section.wavelengths_nm, sorted(section.curves.items()), lens))
-    return hashlib.blake2b(text.encode(), digest_size=8).hexdigest()
+def filter_responses(
+    camera: Camera, low_nm: float, high_nm: float, reference_nm: float
+) -> tuple[dict[str, object], ...]:
+    """T(λ)·QE(λ)·λ/λ_ref of every filter from one wavelength to another, 0 beyond them."""
+    nodes = _nodes(camera, low_nm, high_nm)
+    curves = np.atleast_2d(camera.qe(nodes)) * transmittance(camera, nodes) * nodes / reference_nm
+    return tuple(_regular(low_nm, high_nm, curve.tolist()) for curve in curves)
+
+
+def _lens_response(camera: Camera, low_nm: float, high_nm: float) -> dict[str, object]:
+    """T(λ) from one wavelength to another, 0 beyond them."""
+    nodes = _nodes(camera, low_nm, high_nm)
+    return _regular(low_nm, high_nm, transmittance(camera, nodes).tolist())
+
+
+def _nodes(camera: Camera, low_nm: float, high_nm: float) -> Float64Array:
+    """Equidistant wavelengths, among them the points of the camera's curves where these are on a grid of 0.05 nm."""
+    points = np.array([*camera.quantum_efficiency.wavelengths_nm, *(camera.lens.transmission_wavelengths_nm or ())])
+    kinks = np.append(points[(points > low_nm) & (points < high_nm)], high_nm) - low_nm
+    met = (step for step in STEPS_NM if np.allclose(kinks / step, np.round(kinks / step), atol=1e-6))
+    return np.linspace(low_nm, high_nm, max(math.ceil((high_nm - low_nm) / next(met, STEPS_NM[-1]) - 1e-6), 1) + 1)
 
 
 def _regular(low_nm: float, high_nm: float, values: list[float]) -> dict[str, object]:
-    """A Mitsuba spectrum of equidistant nodes."""
-    text = ", ".join(repr(float(v)) for v in values)
+    """A Mitsuba spectrum of equidistant nodes; Mitsuba refuses one that is 0 everywhere."""
+    text = ", ".join(repr(float(v)) for v in (values if any(values) else [NOTHING] * len(values)))
     return {"type": "regular", "wavelength_min": low_nm, "wavelength_max": high_nm, "values": text}
 
 

@@ -20,7 +20,10 @@ class Irradiance:
     relative_error : (H, W) relative standard error of the photoelectrons of the camera that it was rendered for;
         kept beside ``standard_error`` because the bands of a pixel are correlated.
     filters : None, or the colour filters whose responses took the place of bands: ``data`` [W m⁻²] is then what would
-        be detected with a quantum efficiency of 1 at ``wavelengths_nm``.  response : the fingerprint of that camera.
+        be detected with a quantum efficiency of 1 at ``wavelengths_nm``.
+    in_band : (H, W) photoelectrons of each pixel of the camera that it was rendered for, over those of a spectrum that
+        is flat within each band; None where they are not known.
+    response : the fingerprint of the camera of ``filters`` or ``in_band``.
     origin : (row, column) of the first pixel on the sensor: where the film's crop window begins.
     """
 
@@ -33,3 +36,4 @@ class Irradiance:
     filters: tuple[str, ...] | None = None
     response: str | None = None
     origin: tuple[int, int] = (0, 0)
+    in_band: NDArray[np.float32] | None = None

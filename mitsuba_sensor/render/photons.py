@@ -13,8 +13,9 @@ from ..core import Exposure, Float64Array, InputError, Photons, check_types, num
 from ..core.units import photon_energy_j
 from ..sensor.camera import Camera
 from ..sensor.checks import as_photons
+from ..sensor.fingerprint import pixel_fingerprint, response_fingerprint
 from ..sensor.metering import Metering
-from .bands import Bands, response_fingerprint
+from .bands import Bands
 from .irradiance import Irradiance
 
 
@@ -31,9 +32,10 @@ def photons_per_irradiance(
 
 
 def electrons_per_irradiance(camera: Camera, exposure: Exposure, bands: Bands) -> Float64Array:
-    """Photoelectrons behind each colour filter from 1 W m⁻² nm⁻¹ in each band, (F, B) (paper eq. 12, 14)."""
+    """Photoelectrons behind each colour filter from 1 W m⁻² nm⁻¹ in each band, (F, B) (paper eq. 12, 14); of a flat
+    spectrum within each."""
     photons = photons_per_irradiance(camera, exposure, bands.wavelengths_nm, bands.bandwidths_nm)
-    detected = np.eye(len(bands)) if bands.kind == "channels" else camera.qe(bands.wavelengths_nm)
+    detected = np.eye(len(bands)) if bands.kind == "channels" else camera.qe(bands.wavelengths_nm, bands.bandwidths_nm)
     return np.asarray(detected * photons)
 
 
@@ -59,19 +61,22 @@ def collect(
         raise InputError("light is Photons already; pass it to expose(), or an irradiance to collect().")
     if not isinstance(light, np.ndarray) and hasattr(light, "bandwidths_nm"):
         light = cast(Irradiance, light)
-        if light.response not in (None, response_fingerprint(camera)):
+        if light.filters is not None and light.response not in (None, response_fingerprint(camera)):
             why = "light was rendered into the channels of a camera with another quantum efficiency or lens"
             remedy = "render it again for this one, or with spectral='cube', which can be used with any camera"
             raise InputError(f"{why}; {remedy}.")
         data = np.asarray(light.data, dtype=np.float64)
         photons = _photons(data, light.wavelengths_nm, light.bandwidths_nm, camera, exposure)
-        return replace(photons, detected=light.filters is not None, origin=light.origin)
+        if light.filters is not None:
+            return replace(photons, detected=True, bandwidths_nm=None, origin=light.origin)
+        in_band = light.in_band if is_exact(light, camera) else None
+        return replace(photons, origin=light.origin, in_band=in_band, in_band_of=light.response)
     values = _irradiance_values(light)
     if values.ndim == 2:
         centre = camera.quantum_efficiency.reference_nm if wavelengths_nm is None else wavelengths_nm
         if centre is None or np.size(centre) != 1:
             raise InputError("light is a map at one wavelength; pass that one as wavelengths_nm, e.g. 550.")
-        return _photons(values[..., None], _centres(centre), np.ones(1), camera, exposure)
+        return replace(_photons(values[..., None], _centres(centre), np.ones(1), camera, exposure), bandwidths_nm=None)
     if wavelengths_nm is None or np.size(wavelengths_nm) != values.shape[2]:
         raise InputError(f"light has {values.shape[2]} bands; pass wavelengths_nm with that many centres.")
     centres = _centres(wavelengths_nm)
@@ -81,6 +86,12 @@ def collect(
 def metered(light: Irradiance, camera: Camera, metering: Metering) -> Exposure:
     """The exposure at which a picture of this light is as bright as asked for. Raises InputError if it is black."""
     return metering.exposure(as_photons(collect(light, camera, metering.unit_exposure), camera), camera)
+
+
+def is_exact(light: Irradiance, camera: Camera) -> bool:
+    """Whether the light holds this camera's photoelectrons, whatever its bands."""
+    known = light.in_band is not None and light.response == pixel_fingerprint(camera)
+    return known or (light.filters is not None and light.response == response_fingerprint(camera))
 
 
 def _irradiance_values(light: object) -> Float64Array:
@@ -126,7 +137,7 @@ def _photons(
     factor = photons_per_irradiance(camera, exposure, centres, widths)
     with np.errstate(invalid="ignore"):
         mean = np.where(factor == 0, 0.0, data * factor)
-    return Photons(mean, np.asarray(centres, dtype=np.float64))
+    return Photons(mean, np.asarray(centres, dtype=np.float64), bandwidths_nm=np.asarray(widths, dtype=np.float64))
 
 
 def _centres(wavelengths_nm: ArrayLike) -> Float64Array:

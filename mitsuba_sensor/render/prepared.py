@@ -23,6 +23,7 @@ from ..sensor.options import ExposeOptions
 from .aovs import Aovs, aovs_of, load_for_rays
 from .bands import BANDWIDTH_NM, Bands, choose_bands
 from .denoise import is_installed, library
+from .film_channels import with_filters
 from .irradiance import Irradiance
 from .motion import Motion, read_motion
 from .moving_scene import MovingScene
@@ -145,6 +146,7 @@ class PreparedRender:
             filters=tuple(self.camera.quantum_efficiency.curves) if bands.kind == "channels" else None,
             response=bands.response,
             origin=(row, column),
+            in_band=renderer.in_band(data) if bands.filters else None,
         )
         if self.metering is not None and not self.metered:
             exposure = metered(light, self.camera, self.metering)
@@ -265,7 +267,8 @@ def prepare(
         raise InputError(f"no camera is given and the scene has none; pass one, or {place}.")
     metering = asked if isinstance(asked, Metering) else None
     known = asked.unit_exposure if isinstance(asked, Metering) else asked
-    bands, metres = _bands(chosen, settings, camera, usual), settings.metres(chosen["scene_unit"]) or 1.0
+    bands = with_filters(_bands(chosen, settings, camera, usual), camera)
+    metres = settings.metres(chosen["scene_unit"]) or 1.0
     at_rest = load_scene(parsed.file, bands, {}, camera, chosen["scene_unit"], width=chosen["width"], sampler=sampler)
     motion, denoise = read_motion(chosen["motion"]), bool(chosen["denoise"])
     renderer = Renderer(at_rest, camera, known, bands, halves=denoise)

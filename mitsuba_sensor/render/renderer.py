@@ -19,6 +19,7 @@ from ..sensor.camera import Camera
 from ..sensor.input_noise import input_noise
 from .bands import Bands
 from .denoise import LEAST_PASSES, LEAST_PIXELS, Denoised, Halves, denoise
+from .film_channels import electrons_of_film, folded, in_band_factor
 from .filter_bands import band_errors, bands_of_filters
 from .guides import FEWEST_RAYS, QUARTERS, Guides, rays_per_pixel, whole_square
 from .moving_scene import MovingScene
@@ -104,9 +105,10 @@ class Renderer:
         (columns, rows), (column, row) = scene.view.crop_size, scene.view.crop_offset
         self.scene, self.bands, self._halves = scene, bands, halves
         self._weights = electrons_per_irradiance(camera, exposure, bands)
+        self._film_weights = electrons_of_film(camera, exposure, bands)
         self._filters = np.asarray(camera.filter_index((rows, columns), (row, column)))
         self._tile_columns = len(camera.tile[0])
-        self._solid_angle, self._scale = solid_angle_sr(scene.view, camera), bands.transmission / bands.bandwidths_nm
+        self._solid_angle, self._scale = solid_angle_sr(scene.view, camera), bands.scale
         self.noise = input_noise(camera, exposure)
         self.negative = self.non_finite = self.passes = self.samples = 0
         self.denoised: Denoised | None = None
@@ -155,22 +157,24 @@ class Renderer:
                 strip.infinite |= radiance.infinite.any(axis=-1)
             irradiance = radiance.values
             irradiance *= self._solid_angle[rows, :, None] * self._scale
-            per_filter = irradiance @ self._weights.T
+            per_filter = irradiance @ self._film_weights.T
             own = self._own(per_filter, rows)
-            strip.add(irradiance, per_filter if self._halves else own[..., None].copy(), own)
+            strip.add(irradiance[..., : len(self.bands)], per_filter if self._halves else own[..., None].copy(), own)
         self.passes += 1
 
     def _radiance(self, seed: int, rows: tuple[int, int]) -> NDArray[np.float32]:
-        """One pass of some rows, the groups of bands one after the other, (rows, columns, bands)."""
+        """One pass of some rows, the groups of bands one after the other, (rows, columns, bands + filters)."""
         if len(self.groups) == 1:
             if self.bands.kind == "cube":
                 self.scene.restrict_wavelengths(*self.bands.ends_nm)
-            return np.asarray(self.scene.render(seed, self.samples, rows))
-        parts = []
-        for number, group in enumerate(self.groups):
-            self.scene.restrict_wavelengths(self.bands.edges_nm[group.start], self.bands.edges_nm[group.stop])
-            parts.append(self.scene.render(hashed_seed(seed, number, 0), self.samples, rows)[..., group])
-        return np.concatenate(parts, axis=-1)
+            return folded([self.scene.render(seed, self.samples, rows)], self.groups, self.bands)
+        images = (self._of_group(number, seed, rows) for number in range(len(self.groups)))
+        return folded(images, self.groups, self.bands)
+
+    def _of_group(self, number: int, seed: int, rows: tuple[int, int]) -> NDArray[np.float32]:
+        """One pass of some rows with wavelengths of one group only, (rows, columns, channels of the film)."""
+        self.scene.restrict_wavelengths(*self.bands.ends_of(self.groups[number]))
+        return np.asarray(self.scene.render(hashed_seed(seed, number, 0), self.samples, rows))
 
     @property
     def samples_per_pixel(self) -> int:
@@ -278,12 +282,19 @@ class Renderer:
             strip.bands, strip.even = Welford((0,)), None
         return data, error, relative
 
+    def in_band(self, data: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Photoelectrons over those of bands ``data`` whose spectrum is flat within each, (H, W)."""
+        found = [self._own(data[s.rows] @ self._weights.T, s.rows) for s in self.strips]
+        return in_band_factor(self.electrons()[0], np.concatenate(found))
+
     def _bands_of(self, strip: RowStrip, relative: NDArray[np.float32]) -> Electrons:
         """Bands of a strip and their standard errors; denoised, they agree with the electrons behind each filter."""
         if self.denoised is None or strip.even is None:
             return strip.bands.mean, np.sqrt(strip.bands.variance_of_mean)
         first, rows = (self.passes + 1) // 2, strip.rows
         odd = (strip.bands.mean * self.passes - strip.even) / (self.passes - first)
-        triple = ((strip.bands.mean, "mean"), (strip.even / first, "even"), (odd, "odd"))
-        mean, even, odd = (bands_of_filters(x, self._weights, getattr(self.denoised, name)[rows]) for x, name in triple)
+        flat = in_band_factor(strip.bands.mean @ self._weights.T, strip.electrons.mean)  # in bands, of all electrons
+        spectra = strip.bands.mean, strip.even / first, odd
+        wanted = [getattr(self.denoised, name)[rows] * flat for name in ("mean", "even", "odd")]
+        mean, even, odd = (bands_of_filters(x, self._weights, e) for x, e in zip(spectra, wanted, strict=True))
         return mean, band_errors(even, odd, mean, np.nan_to_num(relative.astype(np.float64), posinf=0.0))

@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 
 from ..core import Exposure, Float64Array
-from ..optics.f_number_law import transmittance
 from ..sensor.camera import Camera
 from .irradiance import Irradiance
 from .lint import WRAPPERS
-from .photons import photons_per_irradiance
+from .photons import is_exact, photons_per_irradiance
 from .prepared import PreparedRender
 from .renderer import Renderer
 from .scene_file import SceneFile
@@ -39,7 +38,10 @@ def render_requirements(
     """Whether bands, depth of field and AOVs are needed, by a render of any quality and the overall system gain K."""
     why = "the render contains the channels of this camera's filters, and no bands"
     bands = RenderRequirement("colour channels", True, None, why)
-    if not light.filters:
+    if not light.filters and is_exact(light, camera):
+        why = "this camera's filters are rendered beside the bands: any number of them gives the same frame"
+        bands = RenderRequirement(f"{len(light.wavelengths_nm)} bands", False, 0.0, why)
+    elif not light.filters:
         bands = _bands(light, camera, exposure, k_dn_per_e, tolerance_dn)
     if (number := light.statistics.aperture_f_number) is None:
         why = "the scene's camera is a pinhole, which samples no lens"
@@ -69,17 +71,21 @@ def _bands(
 
 
 def electrons_moved(light: Irradiance, camera: Camera, exposure: Exposure, size: int) -> Float64Array:
-    """Σ|E|·|Δ(QE·T·λ)| of every pixel, over the bands, where ``size`` neighbours become one, (H, W) [e-]."""
+    """Σ|E|·|Δ(QE·λ)| of every pixel, over the bands, where ``size`` neighbours become one, (H, W) [e-]."""
     widths = np.asarray(light.bandwidths_nm, dtype=np.float64)
-    grouped, centres = _groups(light, size)
-    group, transmission = np.arange(len(widths)) // size, transmittance(camera, light.wavelengths_nm)
-    of_group = photons_per_irradiance(camera, exposure, centres, grouped) * camera.qe(centres)
-    of_group = (of_group * transmittance(camera, centres) / grouped)[:, group] * widths
-    merged = np.divide(of_group, transmission, out=np.zeros_like(of_group), where=transmission > 0)
-    own = photons_per_irradiance(camera, exposure, light.wavelengths_nm, widths) * camera.qe(light.wavelengths_nm)
+    merged = _per_irradiance(camera, exposure, *_groups(light, size))[:, np.arange(len(widths)) // size] * widths
+    own = _per_irradiance(camera, exposure, widths, light.wavelengths_nm) * widths
     finite = np.where(np.isfinite(light.data), np.abs(light.data), 0.0)
     filters = camera.filter_index((finite.shape[0], finite.shape[1]), light.origin)
     return np.asarray(np.einsum("hwb,hwb->hw", finite, np.abs(merged - own)[filters]))
+
+
+def _per_irradiance(
+    camera: Camera, exposure: Exposure, widths_nm: Float64Array, centres_nm: Float64Array
+) -> Float64Array:
+    """Photoelectrons of 1 W m⁻² in each band, (F, B)."""
+    photons = photons_per_irradiance(camera, exposure, centres_nm, np.ones(len(widths_nm)))
+    return camera.qe(centres_nm, widths_nm) * photons
 
 
 def _groups(light: Irradiance, size: int) -> tuple[Float64Array, Float64Array]:
@@ -91,17 +97,10 @@ def _groups(light: Irradiance, size: int) -> tuple[Float64Array, Float64Array]:
 
 
 def grouped_electrons(light: Irradiance, camera: Camera, exposure: Exposure, size: int) -> Float64Array:
-    """Mean photoelectrons of every pixel with ``size`` neighbouring bands merged into one, (H, W), and the lens's
-    transmission at the centre of the merged band, as in a render with such bands."""
-    widths = np.asarray(light.bandwidths_nm, dtype=np.float64)
-    starts = np.arange(0, len(widths), size)
-    grouped, centres = _groups(light, size)
-    transmission = transmittance(camera, light.wavelengths_nm)
-    before_lens = np.where(transmission > 0, light.data / np.where(transmission > 0, transmission, 1.0), 0.0)
-    finite = np.where(np.isfinite(before_lens), before_lens, 0.0)
-    data = np.add.reduceat(finite * widths, starts, axis=2) / grouped
-    photons = photons_per_irradiance(camera, exposure, centres, grouped)
-    per_irradiance = photons * camera.qe(centres) * transmittance(camera, centres)
+    """Mean photoelectrons of every pixel with ``size`` neighbouring bands merged into one, (H, W)."""
+    finite = np.where(np.isfinite(light.data), light.data, 0.0) * light.bandwidths_nm
+    data = np.add.reduceat(finite, np.arange(0, finite.shape[2], size), axis=2)
+    per_irradiance = _per_irradiance(camera, exposure, *_groups(light, size))
     filters = camera.filter_index((data.shape[0], data.shape[1]), light.origin)
     return np.asarray(np.einsum("hwb,hwb->hw", data, per_irradiance[filters]))
 

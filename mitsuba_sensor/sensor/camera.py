@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, PrivateAttr, ValidationError, create_model, model_validator
 
 from ..core import InputError, nearest
+from ..core.band_average import photon_averages
 from .chain import ORDER, chain, check_added
 from .datasheet import CameraTable, FileTable, PixelGeometry, SensorSection
 from .datasheet_checks import check_gains, check_technology
@@ -173,10 +174,18 @@ class Camera(FileTable):
         seen = [i for i in range(len(points)) if any(curve[i] > 0 for curve in curves)] or [0, len(points) - 1]
         return points[max(seen[0] - 1, 0)], points[min(seen[-1] + 1, len(points) - 1)]
 
-    def qe(self, wavelengths_nm: ArrayLike) -> NDArray[np.float64]:
-        """Quantum efficiency of every filter at (B,) wavelengths, (F, B)."""
-        points, x = self.quantum_efficiency.wavelengths_nm, np.asarray(wavelengths_nm)
-        return np.array([np.interp(x, points, curve, 0.0, 0.0) for curve in self.quantum_efficiency.curves.values()])
+    def qe(self, wavelengths_nm: ArrayLike, bandwidths_nm: ArrayLike | None = None) -> NDArray[np.float64]:
+        """Quantum efficiency of every filter at (B,) wavelengths, (F, B); or averaged over bands, weighted by photons
+        of a flat spectrum."""
+        points, curves = np.array(self.quantum_efficiency.wavelengths_nm), self.quantum_efficiency.curves.values()
+
+        def at(nm: NDArray[np.float64]) -> NDArray[np.float64]:
+            return np.array([np.interp(nm, points, curve, 0.0, 0.0) for curve in curves])
+
+        centres = np.asarray(wavelengths_nm, dtype=np.float64)
+        if bandwidths_nm is None:
+            return at(centres)
+        return photon_averages(at, points, centres, np.asarray(bandwidths_nm, dtype=np.float64))
 
     def filter_index(self, shape: tuple[int, int], origin: tuple[int, int] = (0, 0)) -> NDArray[np.intp]:
         """Filter number of every pixel of a window, (H, W)."""

@@ -1,6 +1,7 @@
 """Checks of the arguments of expose() and plan(); each error has the value, the allowed range and the remedy."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..core import InputError, Photons, SensorWindow, nearest, numbers, require_seed
 from ..core.backend import FLOAT32_LIMIT
 from .camera import Camera
+from .fingerprint import pixel_fingerprint
 from .gains import adc_gain_dn_per_v
 from .stage import Chain
 
@@ -88,7 +90,15 @@ def as_photons(
     if given is None:
         return Photons(mean, bands)
     variance_e2 = None if given.variance_e2 is None else _checked_variance(given.variance_e2, mean, camera)
-    return Photons(mean, bands, variance_e2, _checked_channels(given.detected, mean, camera), given.origin)
+    detected = _checked_channels(given.detected, mean, camera)
+    if bands is None or wavelengths_nm is not None or given.bandwidths_nm is None:
+        return Photons(mean, bands, variance_e2, detected, given.origin)
+    widths = numbers("photons.bandwidths_nm", given.bandwidths_nm, "one width per band in nm")
+    if widths.shape != bands.shape or not (np.isfinite(widths) & (widths > 0)).all():
+        raise InputError("photons.bandwidths_nm must hold one positive, finite width in nm per band; or leave it out.")
+    known = given.in_band is not None and given.in_band_of in (None, pixel_fingerprint(camera))
+    in_band = _checked_factor(given.in_band, mean.shape[:2]) if known else None
+    return Photons(mean, bands, variance_e2, detected, given.origin, widths, in_band, given.in_band_of)
 
 
 def check_photons(mean: NDArray[np.float64]) -> None:
@@ -110,6 +120,24 @@ def _checked_channels(detected: bool, mean: NDArray[np.float64], camera: Camera)
             "colour filter of a camera without quantum_yield: render it again for this camera."
         )
     return detected
+
+
+def placed(light: Photons, first_pixel: object, camera: Camera) -> Photons:
+    """The light where it was asked for on the sensor, or where it is; what is known of each pixel's own filter holds
+    behind that one only. Raises InputError."""
+    if first_pixel is None:
+        return replace(light, origin=checked_origin(light.origin))
+    row, column = checked_origin(first_pixel)
+    moved = (row - light.origin[0]) % len(camera.tile) or (column - light.origin[1]) % len(camera.tile[0])
+    return replace(light, origin=(row, column), in_band=None if moved else light.in_band)
+
+
+def _checked_factor(values: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """One finite factor for every pixel, (H, W)."""
+    found = numbers("photons.in_band", values, "an array (H, W) of factors of the photoelectrons")
+    if found.shape != shape or not (np.isfinite(found) & (found >= 0)).all():
+        raise InputError(f"photons.in_band has shape {found.shape}; it must be {shape}, finite and 0 or more.")
+    return found
 
 
 def _checked_variance(values: Any, mean: NDArray[np.float64], camera: Camera) -> NDArray[np.float64]:

@@ -22,8 +22,8 @@ from .checks import (
     check_numbers,
     checked_maps,
     checked_names,
-    checked_origin,
     float32_counts,
+    placed,
 )
 from .detection import Detected, checked_and_detected
 from .frame_theory import FrameTheory
@@ -217,9 +217,8 @@ def prepared(photons: Any, camera: Camera, exposure: Exposure, options: ExposeOp
     """An exposure with its light. Raises InputError."""
     check_types(camera, exposure)
     light = as_photons(photons, camera, options.get("wavelengths_nm"), check=False)  # where it is detected
-    given = options.get("origin")
-    origin = checked_origin(light.origin if given is None else given)
-    return prepare_exposure(camera, exposure, light.mean.shape[:2], origin, options).of(light)
+    light = placed(light, options.get("origin"), camera)
+    return prepare_exposure(camera, exposure, light.mean.shape[:2], light.origin, options).of(light)
 
 
 def prepare_exposure(

@@ -62,7 +62,7 @@ class Recording:
         """The first pixel of a run: the numbers are the same for all pixels."""
         given = {name: x[:1, :1] for name, x in first.window.given.items()}
         window = SensorWindow(first.window.serial, (1, 1), first.window.origin, given)
-        corner = Photons(light.mean[:1, :1], light.wavelengths_nm)
+        corner = replace(light.crop_rows(slice(1)), mean=light.mean[:1, :1], variance_e2=None, in_band=None)
         return cls(corner, camera, replace(first, window=window, _blocks={}))
 
     def by(self, names: tuple[str, ...]) -> list[CameraNumber]:

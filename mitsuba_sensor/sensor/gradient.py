@@ -18,7 +18,7 @@ from ..core.differentiable import SLOTS, DifferentiableBackend
 from ..core.options import complete, documents
 from .camera import Camera
 from .chain import chain
-from .checks import as_photons, check_numbers, checked_maps, checked_origin
+from .checks import as_photons, check_numbers, checked_maps, placed
 from .conditional_slope import ConditionalSlope
 from .detection import Detected, detect, uploaded
 from .field_derivatives import Recording
@@ -154,7 +154,9 @@ class DifferentiableFrames:
         if bands is None or len(shape) == 2:
             light: Float32Array = self.stages[0].sample(Photons(np.ones(shape), bands), frame).light
             return light
-        ones = [Photons(np.ones((*shape[:2], 1)), np.array([nm])) for nm in bands]
+        one = replace(self.light, mean=np.ones((*shape[:2], 1)), variance_e2=None)
+        widths = [None] * len(bands) if one.bandwidths_nm is None else one.bandwidths_nm[:, None]
+        ones = [replace(one, wavelengths_nm=bands[[k]], bandwidths_nm=width) for k, width in enumerate(widths)]
         return np.stack([self.stages[0].sample(one, frame).light for one in ones], axis=-1)
 
 
@@ -184,8 +186,8 @@ def differentiable(
     _check(names, light, camera)
     choose_backend(chosen["engine"], "float32", 0)  # refuses one that is not on this machine
     check_numbers(1, 0, seed)
-    first_pixel = checked_origin(light.origin if chosen["origin"] is None else chosen["origin"])
-    window = SensorWindow(serial, (light.mean.shape[0], light.mean.shape[1]), first_pixel)
+    light = placed(light, chosen["origin"], camera)
+    window = SensorWindow(serial, (light.mean.shape[0], light.mean.shape[1]), light.origin)
     window = replace(window, given=checked_maps(chosen["maps"] or {}, stages, window, camera))
     first = Frame(exposure, window, seed)
     numbers = Recording.of(light, camera, first).by(tuple(name for name in names if name != PHOTONS))

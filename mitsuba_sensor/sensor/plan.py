@@ -171,4 +171,4 @@ def _some_pixels(photons: Photons, camera: Camera, exposure: Exposure) -> tuple[
     window = np.repeat(np.repeat(rows[None], len(tile[0]), axis=1), len(tile), axis=0)
     mean = window if photons.mean.ndim == 3 else window[..., 0]
     frame = Frame(exposure, SensorWindow(0, (mean.shape[0], mean.shape[1])))
-    return Photons(mean, photons.wavelengths_nm, detected=photons.detected), frame
+    return replace(photons, mean=mean, variance_e2=None, origin=(0, 0), in_band=None), frame

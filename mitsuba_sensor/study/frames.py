@@ -36,7 +36,8 @@ def resized(photons: Photons, shape: tuple[int, int]) -> Photons:
     """The same light on a window of another size, each pixel that of the nearest; without the render's variance."""
     sizes = zip(photons.mean.shape[:2], shape, strict=True)
     rows, columns = (np.linspace(0, there - 1, here).round().astype(int) for there, here in sizes)
-    return replace(photons, mean=np.ascontiguousarray(photons.mean[rows][:, columns]), variance_e2=None, origin=(0, 0))
+    mean = np.ascontiguousarray(photons.mean[rows][:, columns])
+    return replace(photons, mean=mean, variance_e2=None, in_band=None, origin=(0, 0))
 
 
 def expected_moments(stages: Chain, photons: Photons, exposure: Exposure, rounded: bool = True) -> Array:

@@ -152,10 +152,10 @@ def test_a_textured_floor_is_denoised_without_its_texture() -> None:
 
 
 def test_scalar_variants_denoise_without_guides_and_exact_light_is_left_alone() -> None:
-    """A flat field has no noise but that of float32: denoised, no pixel moves by more than 1e-6."""
+    """A flat field has no noise but that of λ within its band of 10 nm: denoised, no pixel moves by more than 2e-4."""
     options = {"spp": 32, "wavelength_nm": 550, "parameters": {"width": 24, "height": 16}, "variant": "scalar_spectral"}
     plain, smooth = (render(SCENES / "flat_field.xml", CAMERA, EXPOSURE, denoise=d, **options) for d in (False, True))
-    np.testing.assert_allclose(smooth.data, plain.data, rtol=1e-6)
+    np.testing.assert_allclose(smooth.data, plain.data, rtol=2e-4)
     assert smooth.statistics.denoised is not None and smooth.statistics.denoised["guided"] is False
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -43,9 +44,10 @@ def test_a_crop_of_a_mosaic_is_the_mosaic_of_the_crop(tmp_path: Path, spectral: 
     part = render(write_scene(tmp_path, scene_text(SKY, film=cropped(3, 1))), BAYER, EXPOSURE, **options)
     assert part.origin == (1, 3)
     photons = collect(part, BAYER, EXPOSURE)
-    whole = np.zeros((8, 12, photons.mean.shape[2]))
+    whole, in_band = np.zeros((8, 12, photons.mean.shape[2])), np.ones((8, 12))
     whole[1:5, 3:9] = photons.mean
-    full = expose(type(photons)(whole, photons.wavelengths_nm, None, photons.detected), BAYER, EXPOSURE)
+    in_band[1:5, 3:9] = 1.0 if photons.in_band is None else photons.in_band
+    full = expose(replace(photons, mean=whole, in_band=in_band, origin=(0, 0)), BAYER, EXPOSURE)
     np.testing.assert_array_equal(expose(photons, BAYER, EXPOSURE).digital[0], full.digital[0, 1:5, 3:9])
 
 

@@ -58,7 +58,7 @@ def rebinned(light: Any, size: int) -> Any:
 def signal_dn(light: Any, camera: ms.Camera) -> Any:
     """Mean signal of every pixel through the public API: photons, then the QE of the pixel's own filter."""
     photons = ms.collect(light, camera, EXPOSURE)
-    qe = camera.qe(photons.wavelengths_nm)[camera.filter_index(SHAPE)]
+    qe = camera.qe(photons.wavelengths_nm, photons.bandwidths_nm)[camera.filter_index(SHAPE)]
     return gain_dn_per_e(camera) * (photons.mean * qe).sum(axis=-1)
 
 

@@ -1,4 +1,7 @@
-"""Quantum efficiency (QE, η): mean photoelectrons = Σ_k QE(λ_k)·Λ_k, behind each pixel's colour filter."""
+"""Quantum efficiency (QE, η): mean photoelectrons = Σ_k QE_k·Λ_k, behind each pixel's colour filter.
+
+QE_k is that of a wavelength, or the mean over a band, weighted by photons.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,7 @@ import numpy as np
 from pydantic import Field, ValidationInfo, model_validator
 
 from ...core import Array, Electrons, Frame, InputError, Moments, Photons, SensorWindow, arrays
+from ...core.band_average import photon_averages
 from ...core.signals import Filters
 from ..datasheet import Chance, FileTable, Positive
 from ..qe_file import read_curves
@@ -105,6 +109,16 @@ class SpectralCurve:
         """Values at these wavelengths, (B,)."""
         return arrays.interpolate(wavelengths_nm, self.wavelengths_nm, self.values)
 
+    def of(self, photons: Photons, wavelengths_nm: Array, factor: SpectralCurve | None = None, power: int = 1) -> Array:
+        """Means over the bands of the photons, or values at their wavelengths, (B,); times factor**power."""
+
+        def values(nm: Array) -> Array:
+            return self.at(nm) if factor is None else self.at(nm) * factor.at(nm) ** power
+
+        if photons.bandwidths_nm is None:
+            return values(wavelengths_nm)
+        return photon_averages(values, np.array(self.wavelengths_nm), wavelengths_nm, photons.bandwidths_nm)
+
 
 @dataclass(frozen=True)
 class QuantumEfficiency(Stage):
@@ -137,14 +151,16 @@ class QuantumEfficiency(Stage):
         """Mean photons (H, W) or (H, W, B) → mean photoelectrons (H, W); with a yield, mean interactions."""
         weights, window = self._weights(photons), frame.window
         layers = photons.mean if photons.mean.ndim == 3 else photons.mean[..., None]
-        light = self._collected(layers, weights, window)
+        known = 1.0 if photons.in_band is None else photons.in_band
+        flat = self._collected(layers, weights, window)
+        light = flat * known
         electrons = window.backend.from_numpy(light, window)
         if self.quantum_yield is None:
             noise = photons.variance_e2
             return Electrons(electrons, variance_e2=None if noise is None else window.backend.from_numpy(noise, window))
-        per_photon = self.quantum_yield.at(self._wavelengths(photons))
-        first = arrays.ratio(self._collected(layers, weights * per_photon, window), light, 1.0)
-        second = arrays.ratio(self._collected(layers, weights * per_photon**2, window), light, 1.0)
+        once, twice = (self._weights(photons, power) for power in (1, 2))
+        first = arrays.ratio(self._collected(layers, once, window), flat, 1.0)
+        second = arrays.ratio(self._collected(layers, twice, window), flat, 1.0)
         spread = arrays.maximum(second - first**2, 0.0)
         return Electrons(
             electrons,
@@ -155,7 +171,8 @@ class QuantumEfficiency(Stage):
     def filters(self, photons: Photons) -> Filters | None:
         """For sums over bands, quantum yield and render noise: None. There the host is faster than a kernel."""
         one_layer = photons.detected or photons.mean.ndim == 2 or photons.mean.shape[2] == 1
-        if not one_layer or self.quantum_yield is not None or photons.variance_e2 is not None:
+        maps = (self.quantum_yield, photons.variance_e2, photons.in_band)
+        if not one_layer or any(one is not None for one in maps):
             return None
         weights = self._weights(photons)
         layers = range(len(weights)) if photons.detected else [0] * len(weights)
@@ -185,11 +202,13 @@ class QuantumEfficiency(Stage):
             found[place] = arrays.weighted_sum(layers[place], weights[self.tile[y][x]])
         return found
 
-    def _weights(self, photons: Photons) -> Array:
-        """QE of every filter at the photons' wavelengths, (F, B); 1 if it is applied already."""
+    def _weights(self, photons: Photons, power: int = 0) -> Array:
+        """QE of every filter for the photons' wavelengths or bands, (F, B), times a power of the quantum yield; 1 if it
+        is applied already."""
         if photons.detected:
             return np.eye(len(self.curves))
-        return np.array([curve.at(self._wavelengths(photons)) for curve in self.curves])
+        nm, burst = self._wavelengths(photons), self.quantum_yield if power else None
+        return np.array([curve.of(photons, nm, burst, power) for curve in self.curves])
 
     def _wavelengths(self, photons: Photons) -> Array:
         """(B,) [nm]; the camera's reference where the photons came without."""

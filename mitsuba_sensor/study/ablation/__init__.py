@@ -62,7 +62,7 @@ def ablation(
     steps += (Step(f"render: {one}", s, partial(lambda name: ways()[0][name](), one)) for one, s in expected_s.items())
     kit.take(steps)
     changes = {name: kit[f"render: {name}"] for name in found["features"]}
-    shown = render_section(changes, found["missing"], kit["rendering the scene"], tolerance_dn)
+    shown = render_section(changes, found["missing"], kit["rendering the scene"])
     sections = sensor_section(SensorResults(sensor), replicas, tolerance_dn), shown
     about = f"{found['columns']} × {found['rows']} pixels, {exposure.time_s:g} s, {exposure.temperature_k:g} K"
     return study_of("ablation", f"What {Path(subject.scene).stem} and {camera.name} can do without ({about})", sections)
@@ -162,10 +162,10 @@ def _sensor_bars(results: SensorResults, tolerance_dn: float) -> Iterator[Bars]:
         yield Bars(title, "saved [ns/pixel]", labels, {"saved": times}, {"saved": whiskers}, note=note)
 
 
-def render_section(features: Known, missing: Known, said: Iterable[Known], tolerance_dn: float) -> Section:
+def render_section(features: Known, missing: Known, said: Iterable[Known]) -> Section:
     """What the render shows, by feature; missing : what is not in this scene, and why.  said : the requirements."""
     plan = {one["what"]: one for one in said}
-    rows = [_row(name, found, plan, tolerance_dn) for name, found in features.items()]
+    rows = [_row(name, found, plan) for name, found in features.items()]
     scores = [abs(z) for row in rows for z in row["z"] if z is not None]
     limit = z_limit(len(scores))
     agree = max(scores, default=0.0) <= limit  # theory and renders, wherever theory says something
@@ -176,7 +176,7 @@ def render_section(features: Known, missing: Known, said: Iterable[Known], toler
     return Section(tuple(findings), agree, (_table(rows, missing, limit), *_render_bars(rows)))
 
 
-def _row(name: str, found: Known, plan: Mapping[str, Known], tolerance_dn: float) -> Values:
+def _row(name: str, found: Known, plan: Mapping[str, Known]) -> Values:
     """What was measured of a feature, and what follows from it: seconds of a render saved, z of mean and worst."""
     pairs = zip(found["seconds"], found["seconds_without"], strict=True)
     saved_s = float(found["passes"] * statistics.median(x - y for x, y in pairs))
@@ -185,10 +185,7 @@ def _row(name: str, found: Known, plan: Mapping[str, Known], tolerance_dn: float
     changes = rms_dn > 2 * rms_error or abs(found["mean_dn"]) > 3 * found["mean_error"]  # as surely
     predicted, said = found["predicted"] or {}, ""
     z = [as_normal(predicted[one], found["passes"] - 1) if predicted else None for one in ("z_mean", "z_worst")]
-    if predicted and name.endswith(("bands", "band")):
-        enough = "would do" if predicted["pixel_dn"] <= tolerance_dn else "too few"
-        said = f"{enough}: a pixel moves by up to {predicted['pixel_dn']:.3g} DN"
-    elif name == ERROR_BARS:
+    if name == ERROR_BARS:
         said = "kept: without them nobody knows how noisy the render is"
     elif name in plan and name in (APERTURE, AOVS):
         said = f"{'kept' if plan[name]['kept'] else 'left out'}: {plan[name]['reason']}"
@@ -212,11 +209,6 @@ def _render_findings(rows: Sequence[Known], plan: Mapping[str, Known]) -> Iterat
             f"and it saves {best['saved_share']:.0%} of the render's seconds."
         )
     yield from (f"Bands: {one['reason']} ({what} now)." for what, one in plan.items() if what.endswith(" bands"))
-    if noisy := [row for row in free if row["predicted"]]:  # the plan looks at one render, whose bands are noisy
-        yield (
-            f"With {noisy[-1]['name']} a pixel of this render moves by up to {noisy[-1]['predicted']['pixel_dn']:.3g} "
-            f"DN, but that is the noise of its bands: freed of it, by {noisy[-1]['rms']} rms."
-        )
 
 
 def _table(rows: Sequence[Known], missing: Mapping[str, str], limit: float) -> Table:

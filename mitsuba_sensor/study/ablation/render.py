@@ -17,7 +17,7 @@ from ...render.irradiance import Irradiance
 from ...render.options import SceneOptions
 from ...render.passes import hashed_seed, whole_grid
 from ...render.prepared import PreparedRender
-from ...render.requirements import direct_integrator, grouped_electrons, without_depth_of_field, without_indirect_light
+from ...render.requirements import direct_integrator, without_depth_of_field, without_indirect_light
 from ...render.stop_criterion import StopCriterion
 from ...sensor.gains import gain_dn_per_e
 from ..kit import Array, Known, Subject, Values, in_turns, one_turn
@@ -42,8 +42,7 @@ def measures(subject: Subject, criterion: StopCriterion, seed: int) -> tuple[dic
         return change(lambda: subject.job_with(camera.replace(**changes)), theory)
 
     def coarser(size: int) -> Measure:
-        load = partial(subject.job_with, bandwidth_nm=float(job.bands.bandwidths_nm[0]) * size)
-        return change(load, lambda light, _: grouped_electrons(light, camera, subject.exposure, size))
+        return change(partial(subject.job_with, bandwidth_nm=float(job.bands.bandwidths_nm[0]) * size))
 
     def without_fall_off(_: Irradiance, other: PreparedRender) -> Array:
         before, after = (solid_angle_sr(one.scene.view, one.camera) for one in (job, other))
@@ -125,7 +124,7 @@ def compared(base: Array, changed: Array, theory: Array | None, full_dn: float) 
     value, error = _over(off, each, weights)
     said, rest_error = _over(expected, rest, weights)
     z_mean = float((off - expected).mean()) / max(standard_error(rest.mean(axis=(1, 2))), least)
-    predicted = {"mean_dn": float(expected.mean()), "worst_dn": said, "pixel_dn": float(np.abs(expected).max())}
+    predicted = {"mean_dn": float(expected.mean()), "worst_dn": said}
     predicted |= {"z_mean": z_mean, "z_worst": (value - said) / max(rest_error, least)}
     return {**found, "worst_dn": value, "worst_error": error, "predicted": predicted}
 
