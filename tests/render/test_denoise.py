@@ -168,8 +168,8 @@ def test_bands_of_a_mosaic_give_the_electrons_of_its_filters() -> None:
     mean, variance = prepared.renderer.electrons()
     per_band = photons_per_irradiance(camera, EXPOSURE, light.wavelengths_nm, light.bandwidths_nm)
     index = np.asarray(camera.filter_index((48, 48), (0, 0)))
-    weights = (camera.qe(light.wavelengths_nm) * per_band)[index]
-    np.testing.assert_allclose((light.data * weights).sum(axis=-1), mean, rtol=2e-3)
+    weights = (camera.qe(light.wavelengths_nm, light.bandwidths_nm) * per_band)[index]
+    np.testing.assert_allclose((light.data * weights).sum(axis=-1) * light.in_band, mean, rtol=2e-3)
     np.testing.assert_allclose(light.relative_error * mean, np.sqrt(variance), rtol=1e-5)
     assert np.isfinite(light.standard_error).all() and (light.standard_error > 0).mean() > 0.99
 
