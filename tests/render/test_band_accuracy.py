@@ -108,7 +108,7 @@ def test_the_film_has_the_integral_at_any_bandwidth(name: str, width_nm: float, 
 
 @pytest.mark.parametrize("width_nm", [5.0, 10.0, 20.0, 50.0, 330.0])
 def test_electrons_are_the_integral_at_any_bandwidth(tmp_path: Path, width_nm: float) -> None:
-    """A rendered flat field behind a coloured lens: each filter's mean to 0.1 % (measured: 0.03 %)."""
+    """A rendered flat field behind a coloured lens: each filter's mean to 0.1 %."""
     light, view = rendered(flat_field(tmp_path, SPECTRA["sloped"]), COLOURED, width_nm, 4096)
     found = means_per_sr(light, COLOURED, view)
     np.testing.assert_allclose(found, expected_e(COLOURED, SPECTRA["sloped"]), rtol=1e-3)
@@ -154,7 +154,7 @@ def test_electrons_of_a_lamp_of_lines_do_not_depend_on_the_bands(tmp_path: Path)
 
 
 def test_groups_of_a_cube_add_up(tmp_path: Path) -> None:
-    """Filters are integrated in each group of bands apart: their sum to 1 % (measured: 0.2 %; the seed is fixed)."""
+    """Filters are integrated in each group of bands apart: their sum to 1 %; the seed is fixed."""
     light, view = rendered(flat_field(tmp_path, SPECTRA["sloped"]), BAYER, 20.0, 4096, "cube")
     found = means_per_sr(light, BAYER, view)
     np.testing.assert_allclose(found, expected_e(BAYER, SPECTRA["sloped"]), rtol=1e-2)
