@@ -320,7 +320,7 @@ def test_interrupting_a_render_leaves_no_file(scene_file: Path, tmp_path: Path) 
         _, said = child.communicate(timeout=120)
     finally:
         child.kill()
-    assert child.returncode == 130
+    assert child.returncode in (130, -signal.SIGINT)  # Mitsuba sometimes raises it again at the end; a shell says 130
     assert "nothing was written" in said
     assert list(tmp_path.iterdir()) == []
 

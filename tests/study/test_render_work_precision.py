@@ -344,7 +344,7 @@ def test_a_missed_tolerance_asks_for_the_samples_that_its_error_says() -> None:
     choice = Choice("auto", 512, False, "scalar_spectral", True, 1.0, 0.01)
     more = corrected(choice, 0.02, 0.01)
     assert more.spp == next(count for count in SAMPLE_COUNTS if count >= 4 * 1.1 * 512)
-    assert more.options == f"--spp {more.spp} --spectral auto"
+    assert more.options == f"--spp {more.spp} --spectral auto --no-denoise"
 
 
 def test_no_number_of_samples_is_tried_that_a_render_refuses() -> None:

@@ -107,12 +107,15 @@ def samples(engine: Engine) -> Rows:
 
 
 def bands(engine: Engine) -> Rows:
-    """Adjacent bands, whose sum has no noise; and 31 with a nearly flat density, whose inverse in Mitsuba cancels."""
+    """Adjacent bands and a wide one, sampled for the colour filters too, which leaves noise of λ; and 31 with a nearly
+    flat density, whose inverse in Mitsuba cancels."""
     cube = sky(engine, size=4, spp=SPP, bandwidth_nm=10.0)
     wide = sky(engine, size=4, spp=SPP, bandwidth_nm=310.0, wavelength_nm=555.0)
     sums = cube.data.astype(np.float64) @ cube.bandwidths_nm / 310
-    got = together(*(relative(x, irradiance(), lost(SPP), " W/m²/nm") for x in (sums, wide.data)))
-    expected = "both the closed form: sums of 16 float32 numbers"
+    error = SIGMAS * float(np.mean(wide.standard_error.astype(np.float64) ** 2) ** 0.5)
+    found = (sums, 1e-4 * irradiance()), (wide.data[..., 0], error)
+    got = together(*(agree(x, irradiance(), allowed, " W/m²/nm") for x, allowed in found))
+    expected = "both the closed form: the sum to 1e-4, the wide band within 5 standard errors"
     yield "irradiance", "31 adjacent bands of 10 nm, and one of 310 nm", expected, got
     edges = np.linspace(400, 710, 32)
     heights = 1 + NEARLY * np.random.default_rng(3).standard_normal(31)
