@@ -1,4 +1,4 @@
-"""Make the pictures of docs/rendering.md: a fan with a global and a rolling shutter, and AOVs of the still life.
+"""Make the pictures of docs/rendering.md: two shutters before a fan, denoised and raw light, AOVs of the still life.
 
 python examples/rendering_pictures.py                                    # small, into rendering_pictures/
 python examples/rendering_pictures.py docs/images --size 256 --spp 128   # the pictures of docs/rendering.md
@@ -34,6 +34,17 @@ def fan(shutter: str, size: int, spp: int) -> np.ndarray:
     return preview(frame.digital[0], camera, gain=3.0)
 
 
+def box(denoise: bool, size: int, spp: int) -> np.ndarray:
+    """A preview of a raw frame of the Cornell box, of denoised light or of the render itself."""
+    camera, exposure = ms.load_camera("konnik_table1"), ms.Exposure(0.1)
+    irradiance = ms.render(
+        SCENES / "cornell_box.xml", camera, exposure, spp=spp, denoise=denoise,
+        parameters={"width": size, "height": size},
+    )  # fmt: skip
+    frame = ms.expose(ms.collect(irradiance, camera, exposure), camera, exposure)
+    return preview(frame.digital[0], camera)
+
+
 def aovs(size: int) -> tuple[np.ndarray, np.ndarray]:
     """Depth (near is bright) and normals (x, y, z as red, green, blue) of the still life."""
     aov = render_aovs(
@@ -55,6 +66,8 @@ def main() -> None:
     options.folder.mkdir(parents=True, exist_ok=True)
     depth, normal = aovs(options.size)
     pictures = {f"fan_{s}": fan(s, options.size, options.spp) for s in ("global", "rolling")}
+    boxes = {"cornell_render": False, "cornell_denoised": True}
+    pictures |= {name: box(denoise, options.size, options.spp) for name, denoise in boxes.items()}
     for name, picture in {**pictures, "still_life_depth": depth, "still_life_normal": normal}.items():
         write_png(options.folder / f"{name}.png", picture)
         print(options.folder / f"{name}.png")
