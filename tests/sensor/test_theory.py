@@ -49,7 +49,7 @@ def quiet(dn_per_e: float, read_e: float, **changes: Any) -> ms.Camera:
 CASES = (
     "5 s, dark", "U[5e3", "wald cv 10", "RTS pixels, K 3", "between two clips", "both clips", "e-, 1 bit", "DNL",
     "V/e and ADC", "24 bit", "code edge", "900 nm", "quantum yield", "compensated", "measured", "own stage",
-    "cut logistic", "1 bit, DSNU", "falls again", "of many code ranges", "far beyond",
+    "cut logistic", "falls again", "of many code ranges",
 )  # fmt: skip
 
 
