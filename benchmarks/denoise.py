@@ -63,8 +63,8 @@ def of_scene(scene: Path, options: argparse.Namespace) -> list[Row]:
     """One row for each number of samples."""
     asked = {"wavelength_nm": 550, "width": options.width}
     job = prepare(scene, CAMERA, ms.Exposure(1.0), **asked)
-    made(job, PILOT_SPP, 0, denoise=False)
-    time_s = MEDIAN_E / float(np.median(job.renderer.electrons()[0]))
+    _, pilot, _ = made(job, PILOT_SPP, 0, denoise=False)
+    time_s = MEDIAN_E / float(np.median(pilot))
     job = replace(job, exposure=ms.Exposure(time_s))
     _, expected, _ = made(job, options.reference, 10**6, denoise=False)
     rows = []
@@ -83,7 +83,6 @@ def of_scene(scene: Path, options: argparse.Namespace) -> list[Row]:
 def made(job: PreparedRender, spp: int, seed: int, denoise: bool) -> tuple[float, Array, Array]:
     """Seconds, mean photoelectrons and their standard error, (H, W), of one render."""
     renderer = Renderer(job.scene, job.camera, job.exposure, job.bands, halves=denoise)
-    vars(job)["renderer"] = renderer
     started = time.perf_counter()
     replace(job, renderer=renderer, denoise=denoise).render(hashed_seed(seed, spp, 0), stop_criterion_of({"spp": spp}))
     mean, variance = renderer.electrons()

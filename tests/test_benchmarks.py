@@ -201,3 +201,13 @@ def test_plans_of_random_cameras_are_compared_and_continued(tmp_path: Path) -> N
     assert {name.split(":")[0] for name in first["worst"]} == {"theory", "frames"}
     more = run("plan_adversaries.py", "--seeds", "1", "4", "--frames-every", "2", "--file", file)
     assert more["cases"] == len(Path(file).read_text(encoding="utf-8").splitlines()) == 3
+
+
+def test_denoised_light_is_compared_with_a_reference() -> None:
+    """16 samples of a Cornell box of 32 × 32 pixels: denoised, the median squared error is at most two thirds."""
+    scene = str(BENCHMARKS.parent / "scenes" / "cornell_box.xml")
+    sizes = ("--width", "32", "--spp", "16", "--reference", "256", "--seeds", "1")
+    (row,) = run("denoise.py", "--scenes", scene, *sizes)
+    assert all(math.isfinite(number) for _, number in numbers(row))
+    assert row["denoised"]["median"] < 0.67 * row["raw"]["median"]
+    assert row["denoised"]["z2"] > 0.85

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 MOST_BOUNCES = 6  # at mirrors and clear glass
 FEWEST_RAYS, MOST_RAYS = 64, 1024  # per pixel; noise of the guides stays in the denoised light (benchmarks/denoise.py)
-RAYS_IN_ALL = 2**23  # of small pictures; 1.5 s on two processors
+RAYS_IN_ALL = 2**23  # of small pictures; a ray takes about a quarter of the time of a light path
 RAYS_IN_FLIGHT = 2**21
 QUARTERS = 4  # wavelengths that Mitsuba evaluates at once
 

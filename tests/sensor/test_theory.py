@@ -55,7 +55,7 @@ CASES = (
 
 def test_cameras_built_to_break_the_theory_have_the_moments_of_their_frames() -> None:
     """16 serials, 3 frames of 8192 pixels each; mean, temporal and spatial σ within four standard errors, 0.3 % or
-    0.01 DN. Of 130 quantities 60 are not within the latter by themselves: other seeds would fail one run in 30."""
+    0.01 DN. Half of over 100 quantities are not within the latter by themselves: other seeds fail one run in 30."""
     command = [sys.executable, str(BENCHMARKS / "theory.py"), "--serials", "16", "--frames", "3", "--json", "--cases"]
     done = subprocess.run([*command, *CASES], capture_output=True, text=True)
     assert done.stdout, done.stderr
