@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..core import Array, Electrons, Exposure, Frame, InputError
 from ..core.backend import NUMPY_FLOAT64
 from ..core.types import Float64Array
+from .converter_steps import TINY, beats, rounding, steps_of_lines
 from .light_kind import LightKind
 from .light_levels import LightLevels
 from .pixel_law import COARSE
@@ -25,9 +26,6 @@ FEW = 1 / 8
 """Expected pixels that a stage which is left out may move further than its share of the tolerance."""
 
 TOO_CLOSE_E = 1e-9  # to 0: so much light is none
-
-TINY = 1e-30
-"""Variance [DN²] that is none."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +125,8 @@ class Trial:
         scale = converter_of(self.whole).gain_dn_per_v ** np.array([1, 2, 2])
         analogue = [self._levels(rest, len(rest.stages) - 2) * scale, self._levels(self.full, last - 1) * scale]
         changes = [np.abs(analogue[0] - analogue[1])[self._inside]]  # before rounding, which can hide a change
-        changes.append(np.abs(_rounding(analogue[0]) - _rounding(analogue[1])))  # between the levels
+        between = [rounding(a) + beats(t._given, a) for t, a in zip((rest, self.full), analogue, strict=True)]
+        changes.append(np.abs(between[0] - between[1]))  # of the levels that are looked at
         if np.max(changes[0] ** [1, 0.5, 0.5], initial=0.0) <= self.tolerance_dn:  # else it is needed already
             changes.append(np.abs(self._levels(rest, len(rest.stages) - 1) - self._levels(self.full, last)))
         mean, temporal, spatial = np.max([change.max(axis=0, initial=0.0) for change in changes], axis=0)
@@ -144,7 +143,7 @@ class Trial:
         if not lines or not lost.any():
             return 0.0
         within, of_lines = self._variances
-        moved = _steps_of_lines(np.maximum(within - lost, TINY), np.maximum(within, TINY), of_lines)
+        moved = steps_of_lines(np.maximum(within - lost, TINY), np.maximum(within, TINY), of_lines)
         return float(np.sqrt(max(map(self._length, lines)) * np.max(moved, initial=0.0)))
 
     @cached_property
@@ -254,35 +253,6 @@ class Tails:
             place = int(np.searchsorted(np.cumsum(pixels[order]), FEW))
             reach = max(reach, float(steps[order][place]) if place < steps.size else 0.0)
         return reach
-
-
-def _rounding(analogue: Float64Array) -> Float64Array:
-    """How far rounding to codes may move mean and variances of a signal in DN, wherever in a step it lies, (N, 3).
-
-    The steps are blurred by the noise: their first harmonic falls with exp(-2π²σ²).
-    """
-    variance = analogue[:, 1] + analogue[:, 2]
-    left = np.exp(-2 * np.pi**2 * variance)
-    return np.stack([0.5 * left, (0.25 + 4 * variance) * left, 0.0 * left], axis=1)
-
-
-def _steps_of_lines(kept: Float64Array, before: Float64Array, of_lines: Float64Array) -> Float64Array:
-    """How far rounding may move the variance of the means of lines, wherever in a step they lie [DN²].
-
-    kept, before : variance inside of a line, less and more.  of_lines : of what the pixels of a line share. Lines that
-    lie closer than a step crowd at one of them, where the slope of the mean code limits what can change.
-    """
-    crowded = np.maximum(1.0, 0.4 / np.sqrt(np.maximum(of_lines, TINY)))
-    lost = [crowded * _steps_seen(v) + 4 * of_lines * np.exp(-2 * np.pi**2 * v) for v in (kept, before)]
-    left = np.exp(-2 * np.pi**2 * kept)
-    steepest = np.maximum(1 + 2 * left + 2 * left**4, 1 / np.sqrt(2 * np.pi * kept))
-    return np.asarray(np.minimum(np.abs(lost[0] - lost[1]), of_lines * (steepest**2 - 1)))
-
-
-def _steps_seen(variance: Float64Array) -> Float64Array:
-    """Variance of the mean code about its signal that a noise leaves of even steps: Σ exp(-4π²k²·v)/(2π²k²) [DN²]."""
-    waves = sum(np.exp(-4 * (np.pi * k) ** 2 * variance) / (2 * (np.pi * k) ** 2) for k in (1, 2, 3))
-    return np.where(variance < 0.04, 1 / 12 + variance - np.sqrt(variance / np.pi), waves)
 
 
 def ends_of(light: list[LightLevels]) -> tuple[float, float]:
