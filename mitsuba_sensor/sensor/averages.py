@@ -77,6 +77,8 @@ class ByQuantiles:
     ) -> Float64Array:
         """What is fixed is shared by all states of a pixel."""
         weights, states = self.law.weights, self.law.states
+        if not self.has_states:
+            return self._of_one_state(values, of_dark)
         at = self.matrix @ values.reshape(self.nodes, -1)
         if of_dark is not None:
             at = self.light * at + (1 - self.light) * (self.matrix @ of_dark.reshape(self.nodes, -1))
@@ -87,7 +89,7 @@ class ByQuantiles:
         spatial = np.maximum(spatial, 0.0)
         sigma = np.sqrt(spatial)
         shared = np.einsum("nkst,s->nkt", sigma, states) ** 2
-        if modes is not None and states.size > 1:
+        if modes is not None:
             seen = (self.matrix @ modes).reshape(self.nodes, weights.size, states.size, -1)
             seen /= np.maximum(np.sqrt(np.einsum("nksj,nksj->nks", seen, seen)), 1e-150)[..., None]
             together = np.einsum("nksj,nks,s->nkj", seen, sigma[..., -1], states)
@@ -96,6 +98,31 @@ class ByQuantiles:
         average = np.einsum("nkt,k->nt", own, weights)
         spread = np.einsum("nkt,k->nt", shared + (own - average[:, None]) ** 2, weights)
         return np.stack([average, np.einsum("nkt,k->nt", flicker, weights), spread], axis=-1)
+
+    @cached_property
+    def _over_kinds(self) -> tuple[scipy.sparse.csr_array, scipy.sparse.csr_array]:
+        """(nodes, nodes): averages over the kinds of pixels, of the share that is light and of the rest."""
+        pointers = np.arange(0, self.matrix.shape[0] + 1, self.law.weights.size)
+        columns, weights = np.arange(self.matrix.shape[0]), np.tile(self.law.weights, self.nodes)
+        shares = self.light[:, 0], 1 - self.light[:, 0]
+        of_light, rest = (
+            scipy.sparse.csr_array((weights * share, columns, pointers), shape=(self.nodes, columns.size)) @ self.matrix
+            for share in shares
+        )
+        return of_light, rest
+
+    def _of_one_state(self, values: Float64Array, of_dark: Float64Array | None) -> Float64Array:
+        """The same where pixels keep their state: all but the squares of the means is linear in the values."""
+        of_light, rest = self._over_kinds
+        dark = values if of_dark is None else of_dark
+        flat, flat_dark = (x.reshape(self.nodes, -1) for x in (values, dark))
+        found = (of_light @ flat + rest @ flat_dark).reshape(values.shape)
+        mean = self.matrix @ values[..., 0]
+        if of_dark is not None:
+            mean = self.light * mean + (1 - self.light) * (self.matrix @ of_dark[..., 0])
+        off = mean.reshape(self.nodes, self.law.weights.size, -1) - found[:, None, :, 0]
+        found[..., 2] = np.maximum(found[..., 2], 0.0) + self.law.weights @ off**2
+        return np.asarray(found)
 
 
 @dataclass(frozen=True, eq=False)
