@@ -11,6 +11,7 @@ import scipy
 
 from ..core import Frame
 from ..core.types import Float64Array
+from .effects.quantum_yield import QuantumYield
 from .given_count import GivenCount
 from .light_kind import PLAIN, LightKind
 from .stage import Chain, Stage
@@ -66,17 +67,44 @@ class TheoryOfMeans(Theory):
         return scipy.sparse.csr_array((np.ones(rows.size), (rows, column)), shape=(rows.size, counts.size))
 
 
+class TheoryOfBursts(Theory):
+    """Theory of a chain that counts the electrons which a photon frees, and not the photons: quantum yield alone."""
+
+    @cached_property
+    def _count(self) -> int | None:
+        return _place_of_bursts(self.stages)
+
+    @cached_property
+    def _of_dark(self) -> Theory:
+        """Dark electrons are as many as they are on average."""
+        like = TheoryOfMeans(self.stages, self.conditions, PLAIN)
+        vars(like).update(nodes=self.nodes, _laws=self._laws)
+        return like
+
+
+def _place_of_bursts(stages: Chain) -> int | None:
+    return next((k for k, stage in enumerate(stages) if isinstance(stage, QuantumYield)), None)
+
+
+def _kind_of_theory(stages: Chain, kind: LightKind) -> type[Theory]:
+    """Of counted electrons, of mean electrons, or (chain konnik2014) of photons."""
+    if stages[0].domain == "photons" or any(stage.counts_electrons for stage in stages):
+        return Theory
+    return TheoryOfBursts if kind.yield_mean > 1 and _place_of_bursts(stages) is not None else TheoryOfMeans
+
+
 def theory_of(stages: Chain, frame: Frame, kind: LightKind = PLAIN) -> Theory:
-    """For any chain: of counted electrons, of mean electrons, or (chain konnik2014) of photons."""
-    counted = stages[0].domain == "photons" or any(stage.counts_electrons for stage in stages)
-    return (Theory if counted else TheoryOfMeans).of(stages, frame, kind)
+    """For any chain."""
+    return _kind_of_theory(stages, kind).of(stages, frame, kind)
 
 
 def theory_without(theory: Theory, out: Collection[Stage]) -> Theory:
     """The theory of the chain without some stages, of which the shot noise may be one."""
     rest = theory.without(out)
-    if any(stage.counts_electrons for stage in rest.stages):
+    like = _kind_of_theory(rest.stages, rest.kind)
+    if like is Theory:
         return rest
-    uncounted = TheoryOfMeans(rest.stages, rest.conditions, rest.kind)
-    vars(uncounted).update(nodes=rest.nodes, _laws=[(k, law) for k, law in rest._laws if k < uncounted._count])
+    uncounted = like(rest.stages, rest.conditions, rest.kind)
+    laws = [(k, law) for k, law in rest._laws if k < uncounted._count]  # type: ignore[operator]
+    vars(uncounted).update(nodes=rest.nodes, _laws=laws)
     return uncounted

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.special import ndtr
+from scipy.stats import poisson
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core import Frame, SensorWindow
@@ -214,6 +215,46 @@ def test_theory_without_shot_noise_is_that_of_frames_without_it(photons: float) 
     assert abs(means.mean() - mean) < 4 * means.std(ddof=1) / np.sqrt(24) + 1e-6
     squares = ((frames - mean) ** 2).mean(axis=(1, 2))
     assert abs(squares.mean() - temporal - spatial) < 4 * squares.std(ddof=1) / np.sqrt(24) + 1e-6
+
+
+@pytest.mark.parametrize("photons", [3.0, 900.0])
+def test_electrons_that_photons_free_vary_without_shot_noise(photons: float) -> None:
+    """Yield 2.5, Fano 0.5: temporal variance within 4 standard errors of 24 serials (chance of a miss 6e-5)."""
+    yields = {"quantum_yield": [2.5, 2.5], "fano_factor": 0.5, "curves": {"mono": [0.6, 0.6]}}
+    camera = TABLE1.replace(**{f"quantum_efficiency.{name}": value for name, value in yields.items()})
+    light = ms.Photons(np.full((24, 200, 1), photons), np.array([550.0]))
+    plan = ms.plan(camera, EXPOSURE, light)
+    stages = tuple(stage for stage in plan.whole if not stage.counts_electrons)
+    windows = [SensorWindow(n, (24, 200)) for n in range(24)]
+    frames = [
+        [sample(stages, light, Frame(EXPOSURE, window, n, k)) for k in range(2)] for n, window in enumerate(windows)
+    ]
+    found = 0.5 * np.diff(np.array(frames), axis=1)[:, 0] ** 2
+    (levels,) = light_levels(plan.light)
+    (temporal,) = theory_of(stages, plan.frame, levels.kind).digital(levels.light_e).temporal
+    of_serials = found.mean(axis=(1, 2))
+    assert abs(of_serials.mean() - temporal) < 4 * of_serials.std(ddof=1) / np.sqrt(24)
+
+
+def test_noise_that_hides_whole_electrons_from_the_converter_is_kept() -> None:
+    """Of steps 118.95 electrons wide some take 118 counts and others 119: without read noise the variance goes up and
+    down by 0.01 DN² over 2 300 electrons, whatever the shot noise; here by SciPy's Poisson law and the steps alone.
+    """
+    changes = {"pixel.prnu": 0.0, "source_follower.read_noise_e": 4.0, "adc.bits": 10, "adc.full_scale_v": 0.73084}
+    camera, cold = ms.load_camera("eev_44_82").replace(**changes), ms.Exposure(1e-3, 200.0)
+    per_e = gain_dn_per_e(camera)
+    assert 1 / per_e == pytest.approx(118.95, abs=0.01)
+    means = np.linspace(66_000.0, 70_000.0, 81)
+    counts = np.arange(64_000, 72_000)
+    chance, codes = poisson.pmf(counts, means[:, None]), np.floor(counts * per_e + 0.5)
+    without = chance @ codes**2 - (chance @ codes) ** 2
+    moved = np.abs(without - (per_e**2 * (means + 4.0**2) + 1 / 12)).max()  # the noise hides the wave: K²σ² and 1/12
+    assert moved > 0.009
+    light = np.tile(means / camera.qe([camera.quantum_efficiency.reference_nm])[0, 0], (20, 1))
+    plan = ms.plan(camera, cold, light, 0.9 * moved**0.5)
+    assert effect(plan, "source follower noise").temporal_dn >= moved**0.5
+    assert "source follower noise" not in plan.left_out
+    assert "source follower noise" in ms.plan(camera, cold, light, 1.6 * moved**0.5).left_out
 
 
 def test_the_report_of_a_frame_without_shot_noise_is_right() -> None:

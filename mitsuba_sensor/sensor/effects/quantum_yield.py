@@ -58,12 +58,12 @@ class QuantumYield(Stage):
         return replace(electrons, light=light, yield_mean=1.0, yield_variance=0.0)
 
     def moments(self, m: Moments) -> Moments:
-        """var = λ·(η² + F·η + var η) + 1/12 for λ interactions, where η is not 1."""
+        """var = η²·v + λ·(F·η + var η) + 1/12 for λ interactions of variance v (= λ behind shot noise), η not 1."""
         light, mean = m.light or m, m.yield_mean
         noise = arrays.where(mean == 1, 0.0, self.fano * mean + m.yield_variance)
         return m.add(
             mean=light.mean * (mean - 1),
-            temporal=light.mean * (mean**2 - 1 + noise) + arrays.where(mean == 1, 0.0, 1 / 12),
+            temporal=light.temporal * (mean**2 - 1) + light.mean * noise + arrays.where(mean == 1, 0.0, 1 / 12),
             spatial=light.spatial * (mean**2 - 1),
         )
 

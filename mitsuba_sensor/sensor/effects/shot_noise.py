@@ -47,11 +47,10 @@ class ShotNoise(Stage):
 
     def moments(self, m: Moments) -> Moments:
         """The temporal variance is the mean; about its own render a frame varies less by what is compensated."""
-        if m.variance_e2 is None:
-            return m.add(temporal=m.mean)
-        light = (m.light or m).mean
-        by_light, by_dark = compensable(light, m.mean - light, m.variance_e2)
-        return replace(m.add(temporal=m.mean - by_light - by_dark), variance_e2=None)
+        light, noise = m.light or m, m.variance_e2
+        by_light, by_dark = (0.0, 0.0) if noise is None else compensable(light.mean, m.mean - light.mean, noise)
+        counted = light.add(temporal=light.mean - by_light)
+        return replace(m.add(temporal=m.mean - by_light - by_dark), light=counted, variance_e2=None)
 
     def noise_sources(self, before: Electrons, after: Electrons) -> dict[str, tuple[Array, Array]]:
         """Photon shot noise and dark shot noise apart; the variance of each is its mean, less what it compensates."""
