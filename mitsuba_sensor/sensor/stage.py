@@ -35,6 +35,7 @@ class Stage(ABC):
     required : whether the stage changes the unit of the signal, so that no plan can leave it out.
     counts_electrons : whether mean electrons enter and whole electrons leave; where a render has a known variance, the
         stage compensates it.
+    frees_electrons : whether an interaction frees more than one electron, with a spread of its own.
     even_codes : whether the codes of 0, 1, 2 … electrons are still evenly spaced behind this stage.
     shared_by : "row" or "column" where all pixels of one have the same value.
     curved : whether the response is not a straight line, so that its moments are of second order in the noise.
@@ -47,6 +48,7 @@ class Stage(ABC):
     paper: ClassVar[str] = "–"
     required: ClassVar[bool] = False
     counts_electrons: ClassVar[bool] = False
+    frees_electrons: ClassVar[bool] = False
     even_codes: ClassVar[bool] = True
     curved: ClassVar[bool] = False
     shared_by: ClassVar[Literal["row", "column"] | None] = None

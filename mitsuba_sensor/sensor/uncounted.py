@@ -11,7 +11,6 @@ import scipy
 
 from ..core import Frame
 from ..core.types import Float64Array
-from .effects.quantum_yield import QuantumYield
 from .given_count import GivenCount
 from .light_kind import PLAIN, LightKind
 from .stage import Chain, Stage
@@ -83,7 +82,7 @@ class TheoryOfBursts(Theory):
 
 
 def _place_of_bursts(stages: Chain) -> int | None:
-    return next((k for k, stage in enumerate(stages) if isinstance(stage, QuantumYield)), None)
+    return next((k for k, stage in enumerate(stages) if stage.frees_electrons), None)
 
 
 def _kind_of_theory(stages: Chain, kind: LightKind) -> type[Theory]:

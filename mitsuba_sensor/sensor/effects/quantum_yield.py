@@ -40,6 +40,7 @@ class QuantumYield(Stage):
     domain = "electrons"
     table = "quantum_efficiency"
     fields = QuantumYieldFields
+    frees_electrons: ClassVar[bool] = True
     even_codes: ClassVar[bool] = False
 
     @classmethod
