@@ -220,20 +220,19 @@ def _borders(values: Float64Array, weights: Float64Array) -> tuple[Float64Array,
     return borders, np.insert(weights, cut, 0.0)
 
 
-def _partial_moments(
-    at: Float64Array, borders: Float64Array, weights: Float64Array
-) -> tuple[Float64Array, Float64Array, Float64Array]:
+def _partial_moments(at: Float64Array, borders: Float64Array, weights: Float64Array) -> tuple[Float64Array, ...]:
     """Moments 0, 1, 2 of all that lies below each place, for a law that is even between its borders."""
     low, high = borders[:-1], borders[1:]
     sums = [weights, weights * (low + high) / 2, weights * (low**2 + low * high + high**2) / 3]
     whole = [np.concatenate([[0.0], np.cumsum(part)]) for part in sums]
-    place = np.clip(at, borders[0], borders[-1])
+    beyond = at >= borders[-1]
+    found = tuple(np.where(beyond, part[-1], 0.0) for part in whole)
+    within = (at >= borders[0]) & ~beyond  # all of an atom at the first border lies at it, not below
+    place = at[within]
     j = np.clip(np.searchsorted(borders, place, side="right") - 1, 0, weights.size - 1)
     width = high[j] - low[j]
-    share = np.where(width > 0, (place - low[j]) / np.where(width > 0, width, 1.0), 1.0)
-    part, seen = weights[j] * share, at >= borders[0]  # all of an atom at the first border lies at it, not below
-    return (
-        seen * (whole[0][j] + part),
-        seen * (whole[1][j] + part * (low[j] + place) / 2),
-        seen * (whole[2][j] + part * (low[j] ** 2 + low[j] * place + place**2) / 3),
-    )
+    part = weights[j] * np.where(width > 0, (place - low[j]) / np.where(width > 0, width, 1.0), 1.0)
+    found[0][within] = whole[0][j] + part
+    found[1][within] = whole[1][j] + part * (low[j] + place) / 2
+    found[2][within] = whole[2][j] + part * (low[j] ** 2 + low[j] * place + place**2) / 3
+    return found
