@@ -5,7 +5,7 @@
 Each scene is rendered at 550 nm, exposed so that the median pixel has 1500 photoelectrons. Squared error over the
 electrons of the reference is the noise ratio of a camera without read noise: 1 is a render as noisy as the light.
 median, mean, 95 % : of that ratio, over all pixels below the full well and seeds; the reference's own noise is in it.
-bias : of the sum over the picture.  z1, z2 : pixels within one and two standard errors.
+bias : of the sum over the pixels below the full well.  z1, z2 : pixels within one and two standard errors.
 equal time : the raw render's ratio, scaled to the seconds of the denoised one, over the denoised one's. Loading and
 compiling are not timed, because both have them.
 """

@@ -26,13 +26,15 @@ TYPICAL_PX = 5  # side of the window whose median variance a pixel has at least
 PIXELS_AT_ONCE = 2**17  # 36 float64 maps of products, and as many means over boxes: 75 MB
 ROUNDING = 1e-6  # of the light: what a float32 film loses is no noise that could be denoised
 SMALLEST = 1e-150  # its square is a number still
+OCTAVES = 2  # between the levels of brightness whose pixels have the raw sums
+DARKEST_LEVEL = 1 / 16  # of the median: all that is darker belongs together
 HALO_ROWS = 12  # beyond them no pixel matters: of the error bars, and of the weights in their neighbourhood
 
 
 class Combined(NamedTuple):
     """mean, variance : (H, W) result and its expected squared error.  even, odd : (H, W) the same weights applied to
-    each half.  raw_weight : (H, W) of the unbiased estimate.  shift : of the picture's sum to that of the raw one,
-    relative."""
+    each half.  raw_weight : (H, W) of the unbiased estimate.  shift : light that was moved to have the sums of the raw
+    mean, over all light."""
 
     mean: Float64Array
     variance: Float64Array
@@ -60,7 +62,8 @@ def combine(even: list[Float64Array], odd: list[Float64Array], variance: Float64
     """The combination of least expected squared error.
 
     even, odd : candidates of both halves, (H, W) each, the first one raw.  variance : (H, W) of the raw mean of both.
-    share : of the even half in that mean.  The sum over the picture is that of the raw mean.
+    share : of the even half in that mean.  The sum over the picture is that of the raw mean, and so is that over the
+        pixels of about one brightness.
     """
     raw = share * even[0] + (1 - share) * odd[0]
     scale, (rows, columns) = _scale(raw, variance), variance.shape
@@ -72,10 +75,23 @@ def combine(even: list[Float64Array], odd: list[Float64Array], variance: Float64
         here = _combine([x[near] for x in even], [x[near] for x in odd], variance[near], scale[near], share)
         parts.append([x[first - top : last - top] for x in here])
     mean, bars, spread, even_mean, odd_mean, raw_weight = (np.concatenate(x) for x in zip(*parts, strict=True))
-    missing = float((raw - mean).sum())
-    if (total := float(spread.sum())) > 0:
-        mean += spread * (missing / total)
-    return Combined(np.maximum(mean, 0.0), bars, even_mean, odd_mean, raw_weight, missing / (float(raw.sum()) or 1.0))
+    missing = _missing(raw, mean, spread)
+    shift = float(np.abs(missing).sum()) / (float(raw.sum()) or 1.0)
+    return Combined(np.maximum(mean + missing, 0.0), bars, even_mean, odd_mean, raw_weight, shift)
+
+
+def _missing(raw: Float64Array, mean: Float64Array, spread: Float64Array) -> Float64Array:
+    """(H, W) what the mean lacks of the raw sums over the pixels of each brightness, shared out in proportion to
+    ``spread``: what a filter takes from a lamp does not go to the walls. Between the levels of brightness a pixel
+    belongs to both neighbours, so that its own noise hardly decides where."""
+    usual = float(np.median(mean)) + SMALLEST
+    level = np.log2(np.maximum(mean / usual, DARKEST_LEVEL)) / OCTAVES
+    found = np.zeros_like(mean)
+    for k in range(int(np.floor(level.min())), int(level.max()) + 2):
+        belongs = np.maximum(1 - np.abs(level - k), 0.0)
+        if (total := float((belongs * spread).sum())) > 0:
+            found += belongs * spread * (float((belongs * (raw - mean)).sum()) / total)
+    return found
 
 
 def _combine(

@@ -107,7 +107,7 @@ class FrameSeries:
             raise InputError(f"denoise and a render for every frame exclude each other: {why}.")
         compensated = render_noise == "compensated"
         measured = compensated and options["spp"] is None and options["noise_ratio"] is None
-        rendering = part_of(RenderOptions, options)
+        rendering: RenderOptions = {**part_of(RenderOptions, options), "denoise": False}
         wanted: RenderOptions = {**rendering, "noise_ratio": 1.0} if measured else rendering
         check_options(wanted)
         check_numbers(options["frames"], options["first_frame"], first_given(options["seed"], 1))

@@ -66,8 +66,8 @@ def render(
 
 
 def denoised_if_possible(options: RenderOptions) -> RenderOptions:
-    """The options with ``denoise`` decided where it was not: wherever Open Image Denoise is installed."""
-    return {**options, "denoise": is_installed()} if options["denoise"] is None else options
+    """The options with ``denoise`` where it is not decided and Open Image Denoise is installed."""
+    return {**options, "denoise": True} if options["denoise"] is None and is_installed() else options
 
 
 def check_options(options: RenderOptions) -> None:
@@ -83,7 +83,8 @@ def check_options(options: RenderOptions) -> None:
 class PreparedRender:
     """A loaded scene that can be rendered for one camera and exposure as often as asked.
 
-    unit_m : metres per unit.  metering : how the exposure is found, or was; None where it was given.
+    unit_m : metres per unit.  denoise : None where nobody has decided; not denoised then.
+    metering : how the exposure is found, or was; None where it was given.
     metered : whether ``exposure`` is known; otherwise it is one second, and each light has :meth:`exposure_of` its own.
     """
 
@@ -93,7 +94,7 @@ class PreparedRender:
     exposure: Exposure
     bands: Bands
     renderer: Renderer
-    denoise: bool
+    denoise: bool | None
     width: int | None
     motion: Motion
     unit_m: float
@@ -165,7 +166,7 @@ class PreparedRender:
             return self
         light = replace(self, denoise=False).render(self.seed(None), stop_criterion_of({"spp": METERING_SPP}))
         exposure = self.exposure_of(light)
-        renderer = Renderer(self.scene, self.camera, exposure, self.bands, halves=self.denoise)
+        renderer = Renderer(self.scene, self.camera, exposure, self.bands, halves=bool(self.denoise))
         return replace(self, exposure=exposure, renderer=renderer, metered=True)
 
     def sensor(self, options: ExposeOptions) -> PreparedExposure:
@@ -207,7 +208,7 @@ class PreparedRender:
         given, file = (one.model_dump() for one in (self.camera, self.parsed.settings.applied_to(self.camera)))
         if overruled := [name for name in self.parsed.settings.fields if _value(given, name) != _value(file, name)]:
             notes.append(f"{', '.join(overruled)} of the scene file overruled by the camera that was given")
-        if not self.denoise and not is_installed():
+        if self.denoise is None and not is_installed():
             notes.append("not denoised: Open Image Denoise is not installed; pip install pyoidn")
         if stop.asked is not None and stop.asked != samples:
             why = "equal passes, each a full grid" if end == "spp" else "the time was up"
@@ -270,8 +271,8 @@ def prepare(
     bands = with_filters(_bands(chosen, settings, camera, usual), camera)
     metres = settings.metres(chosen["scene_unit"]) or 1.0
     at_rest = load_scene(parsed.file, bands, {}, camera, chosen["scene_unit"], width=chosen["width"], sampler=sampler)
-    motion, denoise = read_motion(chosen["motion"]), bool(chosen["denoise"])
-    renderer = Renderer(at_rest, camera, known, bands, halves=denoise)
+    motion, denoise = read_motion(chosen["motion"]), chosen["denoise"]
+    renderer = Renderer(at_rest, camera, known, bands, halves=bool(denoise))
     still = PreparedRender(
         parsed, at_rest, camera, known, bands, renderer, denoise, chosen["width"], Motion(), metres, sampler, metering
     )
@@ -279,7 +280,7 @@ def prepare(
         return still if chosen["noise_ratio"] is None else still.metered_first()
     still = still.metered_first()
     moving = MovingScene(at_rest, motion, camera, still.exposure, chosen["subframes"], metres)
-    renderer = Renderer(moving, camera, still.exposure, bands, halves=denoise)
+    renderer = Renderer(moving, camera, still.exposure, bands, halves=bool(denoise))
     return replace(still, scene=moving, motion=motion, renderer=renderer)
 
 

@@ -37,7 +37,7 @@ class RenderStatistics:
         the blur; the camera's f-number makes the light.
     intrinsics : how the picture is a projection of the world, see :func:`optics.intrinsics.intrinsics`.
     denoised : what the denoiser did, or None; raw_noise_ratio_* : before, raw_weight : mean weight of the render,
-        sum_corrected_by : by how much the picture's sum was brought back to the render's, relative.
+        sum_corrected_by : share of the light that was moved to have the render's sums.
     metering : the exposure time that was found and how, see :class:`sensor.metering.Metering`; None where it was given.
     """
 

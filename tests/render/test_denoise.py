@@ -60,6 +60,20 @@ def test_the_sum_over_the_picture_is_that_of_the_render() -> None:
     assert found.mean.sum() == pytest.approx(raw.sum(), rel=1e-12)
 
 
+def test_what_a_filter_takes_from_a_lamp_does_not_brighten_the_walls() -> None:
+    """The lamp has 4/5 of the light and loses a twentieth: shared out over all pixels that would be a fifth of the
+    walls' light. Their sum stays within 1e-12 of the render's."""
+    truth = np.full((48, 40), 50.0)
+    lamp = np.s_[20:28, 16:24]
+    truth[lamp] = 6000.0
+    even, odd, variance, raw = picture(truth, 0.02 * truth, 2)
+    filtered = [np.where(truth > 100, 0.95, 1.0) * half for half in (even, odd)]
+    found = combine([even, filtered[0]], [odd, filtered[1]], variance)
+    walls = truth < 100
+    assert found.mean[walls].sum() == pytest.approx(raw[walls].sum(), rel=1e-12)
+    assert found.mean[lamp].sum() == pytest.approx(raw[lamp].sum(), rel=1e-12)
+
+
 def test_error_bars_hold_for_any_mixture_of_filters() -> None:
     """Gradient, edge and texture; two filters: |z| < 1 in 0.60 … 0.84, |z| < 2 in 0.90 … 0.98 of 8 × 4096 pixels."""
     from scipy.ndimage import gaussian_filter, median_filter
@@ -204,6 +218,10 @@ def test_without_the_library_the_render_is_raw_and_asked_for_it_is_refused(monke
     options = {"wavelength_nm": 550, "parameters": {"width": 12, "height": 8}, "variant": "scalar_spectral"}
     found = render(SCENES / "flat_field.xml", CAMERA, EXPOSURE, spp=16, **options).statistics
     assert found.denoised is None and any("not denoised" in note for note in found.notes)
+    plain = render(SCENES / "flat_field.xml", CAMERA, EXPOSURE, spp=16, denoise=False, **options).statistics
+    assert not any("not denoised" in note for note in plain.notes)
+    series = ms.render_frames(SCENES / "flat_field.xml", CAMERA, EXPOSURE, spp=16, **options)
+    assert not any("not denoised" in note for note in next(series).light.statistics.notes)
     with pytest.raises(InputError, match="pip install pyoidn"):
         render(SCENES / "flat_field.xml", CAMERA, EXPOSURE, denoise=True, spp=10**6, **options)
 
