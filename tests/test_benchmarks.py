@@ -177,6 +177,13 @@ def test_a_cube_is_timed_against_plain_mitsuba_at_equal_error() -> None:
     assert_positive(run("render_speed.py", "--quick")["cornell_box"])
 
 
+def test_a_render_is_timed_against_plain_mitsuba_in_one_process_and_in_new_ones() -> None:
+    arguments = "--variants scalar_spectral --spp 16 --size 8 --turns 1 --processes 0"
+    (found,) = run("render_cost.py", *arguments.split()).values()
+    assert_positive(found)
+    assert {"plain 1 band", "ours 1 band", "ours channels", "ours 30 bands"} <= set(found["warm"])
+
+
 def test_compensated_frames_are_timed_and_held_against_poissons_law() -> None:
     found = run("compensated_frames.py", "--quick")
     assert_positive(found["time"])

@@ -6,6 +6,7 @@ largest normal that can be drawn is 6.3 σ. No rejection loop, no state.
 
 import math
 from collections.abc import Callable
+from itertools import accumulate
 
 import numpy as np
 import scipy
@@ -185,10 +186,14 @@ def isotropic_ar(normals: Float64Array, coupling: float, margin: int) -> Float64
     normals : (…, n + 2·margin) → (…, n).  coupling a : 0 … 0.4999; neighbours then correlate by ρ₁ = 2a.
     El Gamal et al. 1998 (paper eq. 28 on a vector of its own), solved as one forward and one backward AR(1) pass.
     """
-    from scipy.signal import lfilter  # takes half a second to import, and few cameras need it
-
     phi = 2 * coupling / (1 + math.sqrt((1 - 2 * coupling) * (1 + 2 * coupling)))
-    forward = lfilter([1.0], [1.0, -phi], normals)
-    both: Float64Array = lfilter([1.0], [1.0, -phi], forward[..., ::-1])[..., ::-1]
+    forward = _recursion(normals, phi)
+    both = _recursion(forward[..., ::-1], phi)[..., ::-1]
     gain: float = (phi / coupling if coupling else 1.0) * (1 - 4 * coupling * coupling) ** 0.75
     return gain * both[..., margin:-margin]
+
+
+def _recursion(x: Float64Array, phi: float) -> Float64Array:
+    """y_j = x_j + φ·y_{j−1} along the last axis; scipy.signal.lfilter has it too, and takes half a second to import."""
+    steps = accumulate(np.moveaxis(x, -1, 0), lambda before, new: new + phi * before)
+    return np.moveaxis(np.array(list(steps)), 0, -1)

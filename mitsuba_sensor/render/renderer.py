@@ -7,8 +7,8 @@ has more than a few million samples in memory.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..core import Exposure, Float64Array
 from ..optics.f_number_law import solid_angle_sr
 from ..sensor.camera import Camera
-from ..sensor.input_noise import input_noise
+from ..sensor.input_noise import InputNoise, input_noise
 from .bands import Bands
 from .denoise import LEAST_PASSES, LEAST_PIXELS, Denoised, Halves, denoise
 from .film_channels import electrons_of_film, folded, in_band_factor
@@ -27,7 +27,7 @@ from .passes import Welford, clean, hashed_seed, row_strips
 from .photons import electrons_per_irradiance
 from .scene import Scene
 from .statistics import firefly_fraction, median_bias
-from .stop_criterion import End, Progress, RenderProgress, StopCriterion
+from .stop_criterion import End, Progress, ProgressMeter, StopCriterion
 from .variants import mitsuba
 
 MOST_RELATIVE = 1e6  # standard error over the light: of pixels in which there is none
@@ -62,35 +62,6 @@ class RowStrip:
         self.electrons.add(electrons)
 
 
-class ProgressMeter:
-    """Times a render of some strips of rows, forecasts its end, and reports to ``progress``."""
-
-    def __init__(self, progress: Progress) -> None:
-        self._progress, self._started = progress, time.monotonic()
-        self._value, self._left_s, self._expected = np.nan, np.nan, 0
-
-    def begin(self, strips: int) -> None:
-        """Passes of so many strips start now."""
-        self._strips, self._began = strips, time.monotonic()
-
-    def times(self, passes: int) -> tuple[float, float]:
-        """Seconds since the render started, and per pass since :meth:`begin`."""
-        now = time.monotonic()
-        return now - self._started, (now - self._began) / max(passes, 1)
-
-    def forecast(self, budget: StopCriterion, passes: int, value: float) -> None:
-        """So many passes are done, and the criterion has this value."""
-        seconds, per_pass = self.times(passes)
-        self._expected = budget.expected(passes, value, seconds, per_pass)
-        self._value, self._left_s = value, (self._expected - passes) * per_pass if passes else np.nan
-        self.report(passes * self._strips)
-
-    def report(self, strips: int) -> None:
-        """So many strips of all passes are done."""
-        (seconds, _), expected = self.times(1), self._expected * self._strips
-        self._progress(RenderProgress(strips, expected, self._value, seconds, self._left_s))
-
-
 class Renderer:
     """Renders one scene for one camera, exposure and set of bands.
 
@@ -109,7 +80,7 @@ class Renderer:
         self._filters = np.asarray(camera.filter_index((rows, columns), (row, column)))
         self._tile_columns = len(camera.tile[0])
         self._solid_angle, self._scale = solid_angle_sr(scene.view, camera), bands.scale
-        self.noise = input_noise(camera, exposure)
+        self._camera, self._exposure = camera, exposure
         self.negative = self.non_finite = self.passes = self.samples = 0
         self.denoised: Denoised | None = None
         self._guides: Guides | None = None
@@ -175,6 +146,11 @@ class Renderer:
         """One pass of some rows with wavelengths of one group only, (rows, columns, channels of the film)."""
         self.scene.restrict_wavelengths(*self.bands.ends_of(self.groups[number]))
         return np.asarray(self.scene.render(hashed_seed(seed, number, 0), self.samples, rows))
+
+    @cached_property
+    def noise(self) -> InputNoise:
+        """The camera's own, in this exposure."""
+        return input_noise(self._camera, self._exposure)
 
     @property
     def samples_per_pixel(self) -> int:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from functools import lru_cache
 from typing import Any, TypedDict
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from .passes import FEWEST
@@ -85,13 +85,10 @@ def summary_of(ratio: NDArray[np.float64], lit: NDArray[np.bool_], passes: int) 
     return {"noise_ratio_median": median, "noise_ratio_p95": p95, "noise_ratio_max": most}
 
 
-@lru_cache  # SciPy takes longer for it than a small pass lasts
 def median_bias(passes: int) -> float:
     """Mean over median of a variance that was measured by so many passes: of χ² with one degree of freedom less."""
     freedom = max(passes - 1, 1)
-    from scipy.stats import chi2  # takes half a second to import
-
-    return freedom / float(chi2.median(freedom))
+    return freedom / float(scipy.special.chdtri(freedom, 0.5))
 
 
 def firefly_fraction(brightest: NDArray[np.float64], mean: NDArray[np.float64], squares: NDArray[np.float64]) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -88,6 +89,35 @@ class RenderProgress:
 
 
 Progress = Callable[[RenderProgress], None]
+
+
+class ProgressMeter:
+    """Times a render of some strips of rows, forecasts its end, and reports to ``progress``."""
+
+    def __init__(self, progress: Progress) -> None:
+        self._progress, self._started = progress, time.monotonic()
+        self._value, self._left_s, self._expected = math.nan, math.nan, 0
+
+    def begin(self, strips: int) -> None:
+        """Passes of so many strips start now."""
+        self._strips, self._began = strips, time.monotonic()
+
+    def times(self, passes: int) -> tuple[float, float]:
+        """Seconds since the render started, and per pass since :meth:`begin`."""
+        now = time.monotonic()
+        return now - self._started, (now - self._began) / max(passes, 1)
+
+    def forecast(self, budget: StopCriterion, passes: int, value: float) -> None:
+        """So many passes are done, and the criterion has this value."""
+        seconds, per_pass = self.times(passes)
+        self._expected = budget.expected(passes, value, seconds, per_pass)
+        self._value, self._left_s = value, (self._expected - passes) * per_pass if passes else math.nan
+        self.report(passes * self._strips)
+
+    def report(self, strips: int) -> None:
+        """So many strips of all passes are done."""
+        (seconds, _), expected = self.times(1), self._expected * self._strips
+        self._progress(RenderProgress(strips, expected, self._value, seconds, self._left_s))
 
 
 def stop_criterion_of(options: RenderOptions, groups: int = 1) -> StopCriterion:

@@ -1,12 +1,14 @@
 """A camera's own temporal noise as electrons at its input, with which render noise is compared."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..core import Exposure, Frame, SensorWindow
 from .camera import Camera
+from .stage import Chain
 from .theory import Theory
 
 LEVELS = 513  # light levels of the table, evenly spaced in ln(1 + μ): 3 % apart at a full well of 33 000 e-
@@ -34,8 +36,16 @@ class InputNoise:
 
 def input_noise(camera: Camera, exposure: Exposure) -> InputNoise:
     """From the theory of the codes; far above the read noise the weight is 1/μ: shot noise (EMVA 1288 R4, eq. 11)."""
-    levels = np.expm1(np.linspace(0.0, np.log1p(BEYOND_WELL * camera.pixel.full_well_e), LEVELS))
-    code = Theory.of(camera.stages, Frame(exposure, SensorWindow(0, (1, 1)))).digital(levels)
+    try:
+        return _of_chain(camera.stages, camera.pixel.full_well_e, exposure)
+    except TypeError:  # a stage of the user's that holds arrays has no hash
+        return _of_chain.__wrapped__(camera.stages, camera.pixel.full_well_e, exposure)
+
+
+@lru_cache(maxsize=8)  # it takes longer than a short render
+def _of_chain(stages: Chain, full_well_e: float, exposure: Exposure) -> InputNoise:
+    levels = np.expm1(np.linspace(0.0, np.log1p(BEYOND_WELL * full_well_e), LEVELS))
+    code = Theory.of(stages, Frame(exposure, SensorWindow(0, (1, 1)))).digital(levels)
     slope = np.gradient(code.mean, levels)
     slope[slope < NO_SLOPE * slope.max()] = 0.0
     return InputNoise(levels, slope**2 / np.maximum(code.temporal, ROUNDING_DN2))

@@ -1,0 +1,140 @@
+"""Measure what a render costs more than plain ``mi.render`` of the same scene, variant and samples.
+
+    python benchmarks/render_cost.py [--variants V …] [--spp 16 128] [--size 96] [--turns 5] [--processes 3] [--json]
+
+plain    : ``mi.load_file`` and ``mi.render`` with a specfilm of one band (or thirty) and its default sampler.
+ours     : ``mitsuba_sensor.render`` without denoising, from the scene file to standard errors and statistics.
+Warm     : in one process, alternately, scene and kernels loaded; ours loads the scene again, which is counted.
+Process  : a whole process, alternately: with no kernel on disk, and with those of the processes before; with imports.
+``first_pass_s`` is the time from its start until the first samples are there. ``over_plain`` are ratios of processor
+seconds of all threads, which other load on the machine hardly changes; wall-clock seconds stand beside them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from timing import in_child, lines
+
+SCENE = str(Path(__file__).resolve().parent.parent / "scenes" / "cornell_box.xml")
+KINDS = ("plain 1 band", "plain 30 bands", "ours 1 band", "ours channels", "ours 30 bands")
+LOW_NM, HIGH_NM = 400.0, 700.0
+Seconds = dict[str, float]
+
+
+def main() -> None:
+    """Parse the options, measure, print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--variants", nargs="+", default=["llvm_ad_spectral", "scalar_spectral"])
+    parser.add_argument("--spp", type=int, nargs="+", default=[16, 128])
+    parser.add_argument("--size", type=int, default=96, help="width and height in pixels (default 96)")
+    parser.add_argument("--turns", type=int, default=5, help="warm renders of each kind (default 5)")
+    parser.add_argument("--processes", type=int, default=3, help="processes of each kind with kernels (default 3)")
+    parser.add_argument("--json", action="store_true", help="print JSON only")
+    options = parser.parse_args()
+    found: dict[str, Any] = {}
+    for variant in options.variants:
+        for spp in options.spp:
+            case = (variant, options.size, spp)
+            found[f"{variant} {spp} samples"] = {
+                "warm": summary(in_child("render_cost", "warm", *case, options.turns)),
+                **processes(case, options.processes),
+            }
+    print(json.dumps(found) if options.json else "\n".join(lines(found)))
+
+
+def processes(case: tuple[str, int, int], count: int) -> dict[str, Any]:
+    """Whole processes of every kind but thirty plain bands: the first with an empty kernel cache, and the others."""
+    kinds = [kind for kind in KINDS if kind != "plain 30 bands"]
+    with tempfile.TemporaryDirectory() as home:
+        turns = [
+            {kind: in_child("render_cost", "whole", *case, kind, time.time(), home=home) for kind in kinds}
+            for _ in range(count + 1)
+        ]
+    first, others = (
+        {kind: [turn[kind] for turn in those] for kind in kinds} for those in (turns[:1], turns[1:] or turns[:1])
+    )
+    return {"first process": summary(first), "second process": summary(others)}
+
+
+def summary(found: dict[str, list[Seconds]]) -> dict[str, Seconds]:
+    """Medians, and processor seconds over those of plain Mitsuba."""
+    medians = {
+        kind: {name: statistics.median(one[name] for one in runs) for name in runs[0]} for kind, runs in found.items()
+    }
+    for kind, median in medians.items():
+        base = medians.get(kind.replace("ours", "plain"), medians["plain 1 band"])
+        median["over_plain"] = median["cpu_s"] / base["cpu_s"]
+    return medians
+
+
+def warm(variant: str, size: int, spp: int, turns: int) -> dict[str, list[Seconds]]:
+    """Wall-clock and processor seconds of every kind, in turns, after one turn that is not counted."""
+    renders = {kind: renderer(kind, variant, size, spp) for kind in KINDS}
+    found: dict[str, list[Seconds]] = {kind: [] for kind in KINDS}
+    for turn in range(turns + 1):
+        for kind, render in renders.items():
+            wall, processor = time.perf_counter(), time.process_time()
+            render(turn)
+            one = {"wall_s": time.perf_counter() - wall, "cpu_s": time.process_time() - processor}
+            found[kind] += [one] if turn else []
+    return found
+
+
+def whole(variant: str, size: int, spp: int, kind: str, started: float) -> Seconds:
+    """Seconds of this process since ``started`` on the clock, with one render in it."""
+    first: list[float] = []
+    renderer(kind, variant, size, spp, lambda: first.append(time.time() - started))(1)
+    found = {"wall_s": time.time() - started, "cpu_s": time.process_time()}
+    return {"first_pass_s": (first or [found["wall_s"]])[0], **found}
+
+
+def renderer(
+    kind: str, variant: str, size: int, spp: int, first_pass: Callable[[], None] = lambda: None
+) -> Callable[[int], np.ndarray]:
+    """A render of one kind, from its seed. first_pass : called when its first samples are there, if not at its end."""
+    if kind.startswith("plain"):
+        return plain(30 if "30" in kind else 1, variant, size, spp)
+    import mitsuba_sensor as ms
+
+    camera, exposure = ms.load_camera("konnik_table1"), ms.Exposure(0.02)
+    asked: dict[str, Any] = {"variant": variant, "spp": spp, "parameters": {"width": size, "height": size}}
+    asked |= {"denoise": False, "progress": lambda step: first_pass() if step.done else None}
+    asked |= {"ours 1 band": {"wavelength_nm": 550}, "ours channels": {"spectral": "channels"}}.get(kind, {})
+    return lambda seed: ms.render(SCENE, camera, exposure, seed=seed, **asked).data
+
+
+def plain(bands: int, variant: str, size: int, spp: int) -> Callable[[int], np.ndarray]:
+    """The same with plain Mitsuba alone."""
+    import mitsuba as mi
+
+    mi.set_variant(variant)
+    scene = mi.load_file(SCENE, width=str(size), height=str(size))
+    old, edges = scene.sensors()[0], np.linspace(LOW_NM, HIGH_NM, bands + 1).tolist()
+    boxes = {
+        f"band{k:02}": {"type": "regular", "wavelength_min": edges[k], "wavelength_max": edges[k + 1], "values": "1, 1"}
+        for k in range(bands)
+    }
+    film = {"type": "specfilm", "width": size, "height": size, "component_format": "float32", **boxes}
+    sensor = mi.load_dict(
+        {
+            "type": "perspective",
+            "fov": float(np.ravel(mi.traverse(old)["x_fov"])[0]),
+            "to_world": mi.ScalarTransform4f(np.array(old.world_transform().matrix).reshape(4, 4)),
+            "film": {**film, "rfilter": {"type": "box"}},
+            "sampler": {"type": "independent"},
+        }
+    )
+    return lambda seed: np.array(mi.render(scene, sensor=sensor, seed=seed, spp=spp))
+
+
+if __name__ == "__main__":
+    main()
