@@ -19,7 +19,7 @@ from .io.preview import preview
 from .render.aovs import Aovs
 from .render.band_error import band_error, notes_of_bands
 from .render.irradiance import Irradiance
-from .render.options import FrameSeriesOptions, RenderOptions
+from .render.options import FrameSeriesOptions, RawLightOptions, RenderOptions
 from .render.per_frame import FrameSeries
 from .render.photons import collect, metered
 from .render.prepared import PreparedRender, denoised_if_possible, prepare
@@ -159,6 +159,7 @@ def _of_light(
     path = None if isinstance(source, Irradiance) else Path(source)
     with _timed(times_s, "read irradiance"):
         light = source if isinstance(source, Irradiance) else exr.read_irradiance_exr(source)
+        light = light.before_denoising() if options["raw_light"] else light
     exposure = asked if isinstance(asked, Exposure) else metered(light, camera, asked or Metering())
     origin = {"irradiance": path, "metering": None if metering is None else metering.record(exposure)}
     sensor = prepare_exposure(camera, exposure, light.data.shape[:2], light.origin, part_of(ExposeOptions, options))
@@ -206,7 +207,7 @@ def _render_per_frame(
 
 def refuse_render_options(options: Mapping[str, object]) -> None:
     """Raise InputError for options of a render where the light is rendered already."""
-    of_light = {one.name for one in declared(LightOptions)}
+    of_light = {one.name for kind in (LightOptions, RawLightOptions) for one in declared(kind)}
     for one in declared(CaptureOptions):
         usual = one.option.default
         value = options.get(one.name, usual)

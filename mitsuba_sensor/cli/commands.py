@@ -14,7 +14,7 @@ from ..core import InputError, first_given
 from ..core.options import complete
 from ..io import exr, files
 from ..pipeline import FILES, CaptureOptions, LightOptions, refuse_render_options
-from ..render.options import RenderOptions, SceneOptions
+from ..render.options import RawLightOptions, RenderOptions, SceneOptions
 from ..sensor.gains import gain_dn_per_e
 from ..sensor.metering import Metering
 from . import options, terminal
@@ -39,7 +39,7 @@ def render(scene: options.Scene, out_dir: options.Out, as_json: options.Json = F
 
 
 @app.command(epilog="Example: mitsuba-sensor expose out/irradiance.exr -o dark/ --exposure-s 0.001 --frames 8")
-@options.flags(options.CameraFlags, LightOptions)
+@options.flags(options.CameraFlags, LightOptions, RawLightOptions)
 def expose(
     irradiance: options.IrradianceFile, out_dir: options.Out, as_json: options.Json = False, **flags: options.Flag
 ) -> None:
@@ -76,6 +76,7 @@ def plan(
         refuse_render_options(flags)
         camera, exposure = camera_and_exposure(flags)
         light = exr.read_irradiance_exr(source)
+        light = light.before_denoising() if flags["raw_light"] else light
     else:
         given, asked = render_input(source, flags)
         camera, exposure = given.camera, given.exposure

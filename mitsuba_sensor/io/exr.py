@@ -18,6 +18,7 @@ from .files import appearing, plain_values
 if TYPE_CHECKING:
     from ..render.aovs import Aovs
     from ..render.irradiance import Irradiance
+    from ..render.statistics import RenderStatistics
 
 EXR_MAGIC = b"\x76\x2f\x31\x01"  # OpenEXR file layout, "Magic Number"
 SPECTRAL_CHANNEL = "S0."  # Fichet, Pacanowski & Wilkie 2021, "An OpenEXR Layout for Spectral Images", JCGT 10(3)
@@ -25,6 +26,7 @@ FILTER_CHANNEL = "channel."
 ERROR_CHANNEL = "standard_error."
 RELATIVE_ERROR_CHANNEL = "relative_error"
 IN_BAND_CHANNEL = "in_band"
+RAW_LAYER = "raw."
 AOV_LAYERS = {  # array of Aovs → its components, its unit
     "depth_m": ("", "m along the optical axis, inf where nothing is"),
     "position_m": ("XYZ", "m in world space, NaN where nothing is"),
@@ -41,6 +43,7 @@ def write_irradiance_exr(path: Path, irradiance: Irradiance) -> None:
     Channels ``S0.<nm>nm`` hold the bands and ``standard_error.<nm>nm`` their standard errors in the same unit (decimal
     comma, as Fichet et al. 2021 have it, because a dot separates layers); ``relative_error`` that of the electrons.
     ``in_band`` is the factor on the electrons of the camera whose fingerprint is ``response`` in the header.
+    Light that was kept as it was before denoising has the same channels in the layer ``raw``.
     What was rendered into colour filters has ``channel.<filter>`` instead, in W m⁻² at the wavelength in the header.
     """
     header: dict[str, str | float] = {
@@ -57,13 +60,24 @@ def write_irradiance_exr(path: Path, irradiance: Irradiance) -> None:
         names, prefix = list(irradiance.filters), FILTER_CHANNEL
         header |= {"filters": json.dumps(names), "response": irradiance.response or ""}
         header["reference_nm"] = float(irradiance.wavelengths_nm[0])
+    if irradiance.in_band is not None:
+        header["response"] = irradiance.response or ""
+    channels = _channels(irradiance, prefix, names)
+    if (raw := irradiance.raw) is not None:
+        header["raw_statistics"] = json.dumps(raw.statistics.to_dict(), default=plain_values)
+        channels |= {RAW_LAYER + name: image for name, image in _channels(raw, prefix, names).items()}
+    _write_exr(path, header, channels)
+
+
+def _channels(irradiance: Irradiance, prefix: str, names: list[str]) -> dict[str, np.ndarray]:
+    """The images of one light. prefix, names : of the channels of its bands."""
     channels = {RELATIVE_ERROR_CHANNEL: irradiance.relative_error}
     if irradiance.in_band is not None:
-        channels[IN_BAND_CHANNEL], header["response"] = irradiance.in_band, irradiance.response or ""
+        channels[IN_BAND_CHANNEL] = irradiance.in_band
     for band, name in enumerate(names):
         channels[prefix + name] = irradiance.data[..., band]
         channels[ERROR_CHANNEL + name] = irradiance.standard_error[..., band]
-    _write_exr(path, header, channels)
+    return channels
 
 
 def read_irradiance_exr(path: str | os.PathLike[str]) -> Irradiance:
@@ -72,7 +86,6 @@ def read_irradiance_exr(path: str | os.PathLike[str]) -> Irradiance:
     Raises InputError for anything else: no such file, not an EXR, no spectrum in it, cut short.
     """
     from ..render.irradiance import Irradiance
-    from ..render.statistics import RenderStatistics
 
     wrong = "but not the focal-plane irradiance that `mitsuba-sensor render` writes"
     with _whole_exr(Path(path), wrong, "; give an irradiance.exr") as (header, pixels):
@@ -81,21 +94,35 @@ def read_irradiance_exr(path: str | os.PathLike[str]) -> Irradiance:
         names = list(filters or sorted(names, key=_wavelength_nm))  # EXR sorts them as text
         prefix = FILTER_CHANNEL if filters else SPECTRAL_CHANNEL
         lengths = [header["reference_nm"] if filters else _wavelength_nm(name) for name in names]
-        data = np.stack([pixels[prefix + name] for name in names], axis=-1)
-        statistics: dict[str, Any] = json.loads(header["render_statistics"])  # JSON's lists are tuples again
-        statistics |= {name: tuple(value) for name, value in statistics.items() if isinstance(value, list)}
-        return Irradiance(
-            data=data,
-            wavelengths_nm=np.array(lengths, dtype=float),
-            bandwidths_nm=np.array(json.loads(header["bandwidths_nm"]), dtype=float),
-            standard_error=np.stack([pixels[ERROR_CHANNEL + name] for name in names], axis=-1),
-            relative_error=pixels[RELATIVE_ERROR_CHANNEL],
-            statistics=RenderStatistics(**statistics),
-            filters=filters,
-            response=header.get("response") or None,
-            origin=tuple(json.loads(header.get("first_pixel", "[0, 0]"))),
-            in_band=pixels.get(IN_BAND_CHANNEL),
-        )
+        common = {
+            "wavelengths_nm": np.array(lengths, dtype=float),
+            "bandwidths_nm": np.array(json.loads(header["bandwidths_nm"]), dtype=float),
+            "filters": filters,
+            "response": header.get("response") or None,
+            "origin": tuple(json.loads(header.get("first_pixel", "[0, 0]"))),
+        }
+
+        def light(layer: str, statistics: str) -> dict[str, Any]:
+            return {
+                **common,
+                "data": np.stack([pixels[layer + prefix + name] for name in names], axis=-1),
+                "standard_error": np.stack([pixels[layer + ERROR_CHANNEL + name] for name in names], axis=-1),
+                "relative_error": pixels[layer + RELATIVE_ERROR_CHANNEL],
+                "in_band": pixels.get(layer + IN_BAND_CHANNEL),
+                "statistics": _statistics(header[statistics]),
+            }
+
+        raw = Irradiance(**light(RAW_LAYER, "raw_statistics")) if "raw_statistics" in header else None
+        return Irradiance(**light("", "render_statistics"), raw=raw)
+
+
+def _statistics(text: str) -> RenderStatistics:
+    """Of JSON, whose lists are tuples again."""
+    from ..render.statistics import RenderStatistics
+
+    found: dict[str, Any] = json.loads(text)
+    found |= {name: tuple(value) for name, value in found.items() if isinstance(value, list)}
+    return RenderStatistics(**found)
 
 
 def write_aovs_exr(path: Path, aovs: Aovs) -> None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core import InputError
 from .statistics import RenderStatistics
 
 
@@ -25,6 +26,7 @@ class Irradiance:
         is flat within each band; None where they are not known.
     response : the fingerprint of the camera of ``filters`` or ``in_band``.
     origin : (row, column) of the first pixel on the sensor: where the film's crop window begins.
+    raw : the same light before it was denoised, if asked for and denoised; its statistics are its own.
     """
 
     data: NDArray[np.float32]
@@ -37,3 +39,12 @@ class Irradiance:
     response: str | None = None
     origin: tuple[int, int] = (0, 0)
     in_band: NDArray[np.float32] | None = None
+    raw: Irradiance | None = None
+
+    def before_denoising(self) -> Irradiance:
+        """The light as it was rendered. Raises InputError where it was denoised and that was not kept."""
+        if self.raw is None and self.statistics.denoised is not None:
+            raise InputError(
+                "raw_light is asked for and this light is denoised only; render it again with --raw-light."
+            )
+        return self if self.raw is None else self.raw

@@ -62,7 +62,20 @@ class SceneOptions(FileOptions, total=False):
     ]
 
 
-class RenderOptions(SceneOptions, total=False):
+class RawLightOptions(TypedDict, total=False):
+    """Which light a file has, or is read from it."""
+
+    raw_light: Annotated[
+        bool,
+        Option(
+            "The light as it was before denoising, with its standard errors: a render keeps it beside the denoised "
+            "one, also in irradiance.exr; an exposure takes it from there.",
+            False,
+        ),
+    ]
+
+
+class RenderOptions(SceneOptions, RawLightOptions, total=False):
     """How a scene is rendered, beside scene, camera, exposure and seed."""
 
     spp: Annotated[

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import functools
-import operator
 import os
 import time
 from dataclasses import dataclass, replace
-from typing import Any, Literal, Unpack
+from typing import Literal, Unpack
 
 import numpy as np
 
@@ -30,7 +28,7 @@ from .moving_scene import MovingScene
 from .options import RenderOptions
 from .passes import SAMPLER
 from .photons import metered
-from .renderer import Criterion, Electrons, Renderer
+from .renderer import Criterion, Electrons, Estimate, Renderer
 from .scene import Scene, load_scene
 from .scene_settings import ParsedScene, SceneSettings, parse
 from .statistics import POOLED, NoiseRatios, RenderStatistics, summary_of, why_not_trusted
@@ -84,6 +82,7 @@ class PreparedRender:
     """A loaded scene that can be rendered for one camera and exposure as often as asked.
 
     unit_m : metres per unit.  denoise : None where nobody has decided; not denoised then.
+    raw_light : whether what is denoised is kept as it was, too.
     metering : how the exposure is found, or was; None where it was given.
     metered : whether ``exposure`` is known; otherwise it is one second, and each light has :meth:`exposure_of` its own.
     """
@@ -95,6 +94,7 @@ class PreparedRender:
     bands: Bands
     renderer: Renderer
     denoise: bool | None
+    raw_light: bool
     width: int | None
     motion: Motion
     unit_m: float
@@ -127,32 +127,37 @@ class PreparedRender:
         """One render; started : when it began, on the monotonic clock [s]; criterion : see :meth:`Renderer.run`."""
         began, renderer = time.monotonic() if started is None else started, self.renderer
         end = renderer.run(seed, stop, progress or (lambda step: None), criterion)
-        raw = renderer.electrons()
+        raw, kept = renderer.electrons(), None
         if self.denoise:
+            kept = renderer.result(keep=True) if self.raw_light else None
             renderer.denoise()
-        data, error, relative = renderer.result()
-        bands, (column, row) = self.bands, self.scene.view.crop_offset
-        if not data.any():
-            low_nm, high_nm = bands.ends_nm
+        found = renderer.result()
+        if not found.data.any():
+            low_nm, high_nm = self.bands.ends_nm
             why = f" ({renderer.non_finite} values were not finite)" if renderer.non_finite else ""
             remedy = "give it an emitter that lights what the sensor sees, with a spectrum there"
             raise InputError(f"the scene is black from {low_nm:g} to {high_nm:g} nm{why}; {remedy}.")
-        light = Irradiance(
-            data=data,
-            wavelengths_nm=bands.wavelengths_nm,
-            bandwidths_nm=bands.bandwidths_nm,
-            standard_error=error,
-            relative_error=relative,
-            statistics=self._statistics(stop, end, began, self.exposure, raw),
-            filters=tuple(self.camera.quantum_efficiency.curves) if bands.kind == "channels" else None,
-            response=bands.response,
-            origin=(row, column),
-            in_band=renderer.in_band(data) if bands.filters else None,
-        )
+        exposure = self.exposure
+        light = self._irradiance(found, self._statistics(stop, end, began, exposure, raw))
         if self.metering is not None and not self.metered:
             exposure = metered(light, self.camera, self.metering)
             light = replace(light, statistics=self._statistics(stop, end, began, exposure, raw))
-        return light
+        if kept is None or renderer.denoised is None:
+            return light
+        ratios = self._noise_ratios(exposure, raw, renderer.passes)
+        return replace(light, raw=self._irradiance(kept, replace(light.statistics, denoised=None, **ratios)))
+
+    def _irradiance(self, found: Estimate, statistics: RenderStatistics) -> Irradiance:
+        bands, (column, row) = self.bands, self.scene.view.crop_offset
+        return Irradiance(
+            **found._asdict(),
+            wavelengths_nm=bands.wavelengths_nm,
+            bandwidths_nm=bands.bandwidths_nm,
+            statistics=statistics,
+            filters=tuple(self.camera.quantum_efficiency.curves) if bands.kind == "channels" else None,
+            response=bands.response,
+            origin=(row, column),
+        )
 
     def exposure_of(self, light: Irradiance) -> Exposure:
         """The exposure of this light: what was given, or found when it was metered."""
@@ -205,8 +210,7 @@ class PreparedRender:
         renderer, passes = self.renderer, self.renderer.passes
         fireflies, samples = renderer.firefly_fraction(), renderer.samples_per_pixel
         doubt, notes = why_not_trusted(passes, fireflies), [*self.scene.notes]
-        given, file = (one.model_dump() for one in (self.camera, self.parsed.settings.applied_to(self.camera)))
-        if overruled := [name for name in self.parsed.settings.fields if _value(given, name) != _value(file, name)]:
+        if overruled := self.parsed.settings.overruled_by(self.camera):
             notes.append(f"{', '.join(overruled)} of the scene file overruled by the camera that was given")
         if self.denoise is None and not is_installed():
             notes.append("not denoised: Open Image Denoise is not installed; pip install pyoidn")
@@ -234,11 +238,6 @@ class PreparedRender:
             denoised=self._denoised(exposure, raw),
             metering=None if self.metering is None else self.metering.record(exposure),
         )
-
-
-def _value(fields: Any, name: str) -> Any:
-    """A nested field by its dotted name."""
-    return functools.reduce(operator.getitem, name.split("."), fields)
 
 
 def prepare(
@@ -273,8 +272,9 @@ def prepare(
     at_rest = load_scene(parsed.file, bands, {}, camera, chosen["scene_unit"], width=chosen["width"], sampler=sampler)
     motion, denoise = read_motion(chosen["motion"]), chosen["denoise"]
     renderer = Renderer(at_rest, camera, known, bands, halves=bool(denoise))
+    asked_for = denoise, chosen["raw_light"], chosen["width"]
     still = PreparedRender(
-        parsed, at_rest, camera, known, bands, renderer, denoise, chosen["width"], Motion(), metres, sampler, metering
+        parsed, at_rest, camera, known, bands, renderer, *asked_for, Motion(), metres, sampler, metering
     )
     if chosen["motion"] is None:
         return still if chosen["noise_ratio"] is None else still.metered_first()

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,19 @@ MOST_RELATIVE = 1e6  # standard error over the light: of pixels in which there i
 Map = Float64Array
 Criterion = Callable[[Map, Map, int], float]
 Electrons = tuple[Map, Map]  # mean, and expected squared error of the mean
+
+
+class Estimate(NamedTuple):
+    """What a render found, as a file has it.
+
+    data, standard_error : (H, W, B) mean and standard error per band [W m⁻² nm⁻¹].  relative_error, in_band : (H, W),
+        see :class:`irradiance.Irradiance`.
+    """
+
+    data: NDArray[np.float32]
+    standard_error: NDArray[np.float32]
+    relative_error: NDArray[np.float32]
+    in_band: NDArray[np.float32] | None
 
 
 class RowStrip:
@@ -241,9 +255,9 @@ class Renderer:
             self.denoised = None
         return ratio * passes / self.passes
 
-    def result(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
-        """Mean and standard error per band, (H, W, B), and relative standard error of the electrons, (H, W). A pixel
-        with an infinite band is infinite in all. Strips are freed as they are copied, to save memory."""
+    def result(self, keep: bool = False) -> Estimate:
+        """What was rendered and, where that was done, denoised. A pixel with an infinite band is infinite in all.
+        Unless asked to ``keep`` them, the strips are freed as they are copied, to save memory."""
         columns, rows = self.scene.view.crop_size
         data = np.empty((rows, columns, len(self.bands)), np.float32)
         error, relative = np.empty_like(data), np.empty((rows, columns), np.float32)
@@ -255,13 +269,10 @@ class Renderer:
             relative[here] = np.where(infinite, np.inf, sigma / positive)
             data[here], error[here] = self._bands_of(strip, relative[here])
             data[here][infinite] = error[here][infinite] = np.inf
-            strip.bands, strip.even = Welford((0,)), None
-        return data, error, relative
-
-    def in_band(self, data: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Photoelectrons over those of bands ``data`` whose spectrum is flat within each, (H, W)."""
-        found = [self._own(data[s.rows] @ self._weights.T, s.rows) for s in self.strips]
-        return in_band_factor(self.electrons()[0], np.concatenate(found))
+            if not keep:
+                strip.bands, strip.even = Welford((0,)), None
+        flat = [self._own(data[s.rows] @ self._weights.T, s.rows) for s in self.strips] if self.bands.filters else []
+        return Estimate(data, error, relative, in_band_factor(mean, np.concatenate(flat)) if flat else None)
 
     def _bands_of(self, strip: RowStrip, relative: NDArray[np.float32]) -> Electrons:
         """Bands of a strip and their standard errors; denoised, they agree with the electrons behind each filter."""

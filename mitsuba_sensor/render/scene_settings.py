@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+import functools
+import operator
 import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -80,6 +82,15 @@ class SceneSettings:
         focus = {"lens.focal_length_mm": self.focal_length_mm, "lens.focus_m": self.focus_distance_m}
         given = {name: value for name, value in focus.items() if value is not None and name not in self.fields}
         return changed.replace(**given) if given else changed
+
+    def overruled_by(self, camera: Camera) -> list[str]:
+        """The fields that this file sets and this camera has otherwise."""
+        given, file = (one.model_dump() for one in (camera, self.applied_to(camera)))
+
+        def value(fields: Fields, name: str) -> Any:
+            return functools.reduce(operator.getitem, name.split("."), fields)
+
+        return [name for name in self.fields if value(given, name) != value(file, name)]
 
 
 def settings_of(scene: SceneFile) -> SceneSettings:
