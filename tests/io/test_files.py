@@ -7,7 +7,7 @@ import os
 import re
 import subprocess
 import sys
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,21 @@ def test_irradiance_comes_back_exactly(light: Any, light_file: Path) -> None:
     for field in fields(light):
         if field.name != "statistics":
             np.testing.assert_array_equal(getattr(back, field.name), getattr(light, field.name), err_msg=field.name)
+
+
+def test_raw_light_comes_back_from_its_own_layer(light: Any, tmp_path: Path) -> None:
+    """And neither this reader nor colour-science takes it for the light."""
+    done = {"by": "a filter", "raw_weight": 0.5}
+    raw = replace(light, data=2 * light.data, in_band=light.relative_error)
+    both = replace(raw, data=light.data, statistics=replace(light.statistics, denoised=done), raw=raw)
+    exr.write_irradiance_exr(tmp_path / "x.exr", both)
+    back = exr.read_irradiance_exr(tmp_path / "x.exr")
+    np.testing.assert_array_equal(back.data, light.data)
+    assert back.statistics.denoised == done and back.raw is not None and back.before_denoising() is back.raw
+    for field in fields(light):
+        np.testing.assert_array_equal(getattr(back.raw, field.name), getattr(raw, field.name), err_msg=field.name)
+    bands = colour.read_spectral_image_Fichet2021(str(tmp_path / "x.exr"))
+    np.testing.assert_array_equal(bands["S0"][1][..., np.argsort(bands["S0"][0])], light.data)
 
 
 def test_infinite_and_tiny_irradiance_comes_back_exactly(light: Any, tmp_path: Path) -> None:

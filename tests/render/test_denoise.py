@@ -238,6 +238,31 @@ def test_few_pixels_or_passes_stay_raw_and_claim_no_gain(width: int, height: int
     np.testing.assert_array_equal(smooth.relative_error, plain.relative_error)
 
 
+@pytest.mark.parametrize("camera", ["konnik_table1", "bayer_2mp"])
+def test_raw_light_beside_the_denoised_one_is_the_render_without_denoising(camera: str) -> None:
+    """Bit for bit, with its standard errors, and the denoised light is what it is without it."""
+    options = {"parameters": {"width": 24, "height": 24}, "bandwidth_nm": 100, "spp": 16, "variant": "scalar_spectral"}
+    scene = SCENES / "cornell_box.xml", load_camera(camera), EXPOSURE
+    both, smooth = (render(*scene, raw_light=kept, **options) for kept in (True, False))
+    plain = render(*scene, denoise=False, raw_light=True, **options)
+    assert both.raw is not None and smooth.raw is None and plain.raw is None and plain.before_denoising() is plain
+    for name in ("data", "standard_error", "relative_error", "in_band"):
+        np.testing.assert_array_equal(getattr(both.raw, name), getattr(plain, name), err_msg=name)
+        np.testing.assert_array_equal(getattr(both, name), getattr(smooth, name), err_msg=name)
+    assert replace(both.raw.statistics, seconds=0.0) == replace(plain.statistics, seconds=0.0)
+
+
+def test_an_exposure_takes_raw_light_where_it_is_asked_for() -> None:
+    options = {"wavelength_nm": 550, "parameters": {"width": 24, "height": 24}, "spp": 16, "variant": "scalar_spectral"}
+    both = render(SCENES / "cornell_box.xml", CAMERA, EXPOSURE, raw_light=True, **options)
+    smooth, raw = (ms.capture(both, CAMERA, EXPOSURE, raw_light=asked) for asked in (False, True))
+    np.testing.assert_array_equal(smooth.photons.mean, ms.collect(both, CAMERA, EXPOSURE).mean)
+    np.testing.assert_array_equal(raw.photons.mean, ms.collect(both.raw, CAMERA, EXPOSURE).mean)
+    assert raw.metadata["render"]["denoised"] is None and raw.metadata["options"]["raw_light"] is True
+    with pytest.raises(InputError, match="render it again with --raw-light"):
+        ms.capture(replace(both, raw=None), CAMERA, EXPOSURE, raw_light=True)
+
+
 def test_denoised_and_raw_frames_say_which_they_are() -> None:
     options = {"wavelength_nm": 550, "parameters": {"width": 24, "height": 24}, "spp": 16, "variant": "scalar_spectral"}
     smooth, raw = (
