@@ -12,7 +12,9 @@ Then the electrons of many frames are recorded, each with its own render. For a 
 variance of every pixel is equal to its mean. Pixels within six σ of the full well are excluded, because clipping
 changes the variance. The results are the mean of variance/mean over the pixels with its standard error; the same
 without the noisiest 1 % of the pixels (by their renders, not by the result); the share of pixels within the χ² limits
-(two-sided 5 %); and the correlation of neighbouring pixels after normalisation of each pixel over frames.
+(two-sided 5 %); the third central moment over the mean, 1 for a Poisson distribution, weighted by 1/mean; samples per
+frame; the share of pixels whose render has more variance than their shot noise; and the correlation of neighbouring
+pixels after normalisation of each pixel over frames.
 """
 
 from __future__ import annotations
@@ -102,17 +104,20 @@ def timed(exposure: ms.Exposure, options: argparse.Namespace) -> dict[str, Any]:
 
 def measured(exposure: ms.Exposure, options: argparse.Namespace) -> dict[str, Any]:
     """Statistics of the electrons over frames, compared with the Poisson distribution."""
-    electrons, noise, uncompensated = [], [], []
+    electrons, noise, uncompensated, above, samples = [], [], [], [], []
     for frame in compensated_frames(exposure, options.size, options.frames):
         electrons.append(frame.frames.electrons[0])
         noise.append(frame.photons.variance_e2)
         uncompensated.append(frame.uncompensated)
+        above.append(frame.above_shot_noise)
+        samples.append(frame.light.statistics.samples_per_pixel)
     counts = np.array(electrons)
     mean, variance = counts.mean(axis=0), counts.var(axis=0, ddof=1)
     free = (mean > 0) & (mean + CLIP_SIGMAS * np.sqrt(mean) < CAMERA.pixel.full_well_e)
     share, render = variance[free] / mean[free], (np.mean(noise, axis=0)[free] / mean[free])
     quiet = render <= np.quantile(render, 1 - TRIMMED)
     degrees = len(counts) - 1
+    third = stats.kstat(counts[:, free], 3, axis=0)  # of a Poisson count its variance is about 6 mean³/frames
     chance = stats.chi2.cdf(share * degrees, degrees)
     normal = np.where(free, (counts - mean) / np.sqrt(np.maximum(variance, 1e-9)), 0.0)
     pairs = (free[:, 1:] & free[:, :-1]).sum() * len(counts)
@@ -127,6 +132,11 @@ def measured(exposure: ms.Exposure, options: argparse.Namespace) -> dict[str, An
         "without_noisiest_1_percent": float(share[quiet].mean()),
         "median_variance_over_mean": float(np.median(share) * degrees / stats.chi2.median(degrees)),
         "largest": float(share.max()),
+        "third_moment_over_mean": float((third / mean[free] ** 2).sum() / (1 / mean[free]).sum()),
+        "third_moment_standard_error": float(np.sqrt(6 / len(counts) / (1 / mean[free]).sum())),
+        "third_moment_without_noisiest": float((third / mean[free] ** 2)[quiet].sum() / (1 / mean[free])[quiet].sum()),
+        "samples_per_frame": float(np.mean(samples)),
+        "above_shot_noise": float(np.mean(above)),
         "share_within_chance": float(((chance > 0.025) & (chance < 0.975)).mean()),
         "uncompensated": float(np.mean(uncompensated)),
         "neighbour_correlation": float((normal[:, :, 1:] * normal[:, :, :-1]).sum() / pairs),

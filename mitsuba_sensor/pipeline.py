@@ -23,19 +23,18 @@ from .render.options import FrameSeriesOptions, RawLightOptions, RenderOptions
 from .render.per_frame import FrameSeries
 from .render.photons import collect, metered
 from .render.prepared import PreparedRender, denoised_if_possible, prepare
+from .render.render_noise import render_noise
 from .render.scene_settings import ParsedScene
-from .render.statistics import POOLED, summary_of
 from .render.stop_criterion import Progress
 from .sensor.camera import Camera
 from .sensor.checks import as_photons
-from .sensor.detection import detect
 from .sensor.expose import KEEP, Frames, prepare_exposure
-from .sensor.input_noise import input_noise
 from .sensor.metering import MANY_CLIPPED, AskedExposure, Metering, checked_exposure
 from .sensor.options import ExposeOptions, FrameOptions
 from .sensor.plan import plan_for
 
 FILES = ("frame.tiff", "frame.png", "irradiance.exr", "aovs.exr", "frame.json")
+LEFT = ("uncompensated", "above_shot_noise")  # of renders for every frame: what their noise leaves in the frames
 Scene: TypeAlias = str | os.PathLike[str] | ParsedScene
 Light: TypeAlias = str | os.PathLike[str] | Irradiance
 Asked: TypeAlias = tuple[Scene, Camera | None, Exposure | Metering | None]
@@ -201,7 +200,7 @@ def _render_per_frame(
     whole: dict[str, Any] = {name: np.concatenate([getattr(one.frames, name) for one in found]) for name in names}
     frames = replace(first.frames, **whole)
     vars(frames)["_observer"] = first.frames._observer
-    left = {"uncompensated": float(np.mean([one.uncompensated for one in found]))}
+    left = {name: float(np.mean([getattr(one, name) for one in found])) for name in LEFT}
     return series.prepared, first.light, frames, left
 
 
@@ -263,23 +262,3 @@ def clipped_note(frames: Frames) -> Iterator[str]:
     if share > MANY_CLIPPED:
         shorter = Metering().time_s(frames.light, frames.camera, exposure)
         yield f"{share:.0%} of the pixels are saturated at {exposure.time_s:g} s; --exposure-s {shorter:g} is metered"
-
-
-def render_noise(light: Irradiance, frames: Frames) -> dict[str, float]:
-    """Variance of the render over the sensor's own temporal variance, both as electrons at the input, in this exposure.
-
-    The render statistics have the same for the exposure of the render; a longer exposure of the same light shows more.
-    """
-    detection = frames.camera.stages[0]
-    known = frames.stages[0] == detection  # the published chain counts its photoelectrons in another way
-    electrons = (frames.detected if known else detect(frames.light, detection, frames.first)).mean_e
-    passes = light.statistics.passes if light.statistics.denoised is None else POOLED
-    with np.errstate(invalid="ignore"):
-        variance_e2 = (light.relative_error.astype(np.float64) * electrons) ** 2
-    ratio = input_noise(frames.camera, frames.first.exposure).ratio(electrons, variance_e2)
-    found = summary_of(np.where(np.isfinite(electrons), ratio, np.inf), electrons > 0, passes)
-    return {
-        "over_sensor_median": found["noise_ratio_median"],
-        "over_sensor_p95": found["noise_ratio_p95"],
-        "over_sensor_max": found["noise_ratio_max"],
-    }

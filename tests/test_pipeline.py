@@ -81,6 +81,7 @@ def test_frames_with_a_render_each_are_those_of_render_frames(scene_file: Path, 
     np.testing.assert_array_equal(found.light.data, each[0].light.data)
     uncompensated = float(np.mean([one.uncompensated for one in each]))
     assert found.metadata["origin"]["uncompensated"] == uncompensated
+    assert found.metadata["origin"]["above_shot_noise"] == float(np.mean([one.above_shot_noise for one in each]))
 
 
 REFUSED: dict[str, tuple[dict[str, Any], str]] = {

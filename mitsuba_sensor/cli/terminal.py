@@ -14,6 +14,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
+from ..render.passes import MOST_IN_ALL
+from ..render.render_noise import LITTLE_NOISE
 from ..sensor.plan import IDLE, NEEDED, Plan
 from ..study import page
 
@@ -25,7 +27,6 @@ Report = Mapping[str, Any]  # ready for JSON: frame.json, or what a command prin
 KEPT = {True: Text("yes"), False: Text("no", style="green")}  # of a plan
 STYLES = {"good": "green", "bad": "bold red", "best": "bold green", "dim": "dim", "": ""}  # of a mark
 LONGEST = 48  # rows of a table that a terminal still shows; of a longer one only those that are not as they must be
-LITTLE_NOISE = 0.1  # of the sensor's variance: 5 % more noise in the frame
 END = {"max_seconds": ", the time was up", "max_spp": ", the most samples were taken"}
 
 
@@ -225,10 +226,13 @@ def _facts(report: Report) -> Iterator[Text]:
     yield _fact(
         "render noise / sensor noise",
         f"variance × {_number(noise['over_sensor_median'])} median, {_number(noise['over_sensor_p95'])} at the 95th "
-        f"percentile, {render['samples_per_pixel']} samples per pixel{ended}{_for_less(noise, report)}",
+        f"percentile: {100 * noise['share_of_variance_median']:.0f} % of the variance of a pixel is the render's "
+        f"(median), more than half in {100 * noise['above_sensor']:.0f} % of the pixels; "
+        f"{render['samples_per_pixel']} samples per pixel{ended}{_for_less(noise, report)}",
     )
     if "uncompensated" in report["origin"]:
-        left = f"{100 * report['origin']['uncompensated']:.2g} % of the shot noise's variance is left on top of it"
+        left, above = (f"{100 * report['origin'][name]:.2g} %" for name in ("uncompensated", "above_shot_noise"))
+        left = f"{left} of the shot noise's variance is left on top of it; {above} of the pixels have more render noise"
         yield _fact("a render for every frame", left)
     if done := render["denoised"]:
         before = f"× {_number(done['raw_noise_ratio_median'])} median, {_number(done['raw_noise_ratio_p95'])}"
@@ -252,13 +256,13 @@ def _facts(report: Report) -> Iterator[Text]:
     yield _fact("seconds", ", ".join(f"{name} {seconds:.2f}" for name, seconds in report["times_s"].items()))
 
 
-def _for_less(noise: Mapping[str, float], report: Report) -> str:
+def _for_less(noise: Mapping[str, float | None], report: Report) -> str:
     """What a render would take whose noise is a tenth of the sensor's variance."""
-    render, factor = report["render"], noise["over_sensor_median"] / LITTLE_NOISE
-    if not 1 < factor < 1e6 or "render" not in report["times_s"]:
+    samples, seconds = noise["samples_for_a_tenth"], noise["seconds_for_a_tenth"]
+    if samples is None or seconds is None or samples > MOST_IN_ALL or "render" not in report["times_s"]:
         return ""
-    samples, seconds = factor * render["samples_per_pixel"], factor * report["times_s"]["render"]
-    return f"; × {LITTLE_NOISE:g} takes {_rough(samples)} samples, {_rough(seconds)} s (--noise-ratio {LITTLE_NOISE:g})"
+    takes = f"about {_rough(samples)} samples, {_rough(seconds)} s"
+    return f"; × {LITTLE_NOISE:g} takes {takes} (--noise-ratio {LITTLE_NOISE:g})"
 
 
 def _ended(asked: float | None, end: str) -> str:

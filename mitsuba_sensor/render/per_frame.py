@@ -42,12 +42,14 @@ class RenderedFrame:
 
     uncompensated : what is left of the render's variance over the shot variance, averaged over the pixels: the frame is
         that much too noisy; without compensation, all of it.
+    above_shot_noise : share of the pixels whose render has more variance than their shot noise: only more samples help.
     """
 
     frames: Frames
     light: Irradiance
     photons: Photons
     uncompensated: float
+    above_shot_noise: float
 
 
 @documents(FrameSeriesOptions)
@@ -144,7 +146,8 @@ class FrameSeries:
             exposed = sensor.of(photons, number)
             made = exposed.frames_with_report() if report and number == first else exposed.frames()
             left = _uncompensated(prepared, mean, variance, self.compensated)
-            yield RenderedFrame(made, light, photons, float(left.mean()))
+            above = _uncompensated(prepared, mean, variance, compensate=False) > 1
+            yield RenderedFrame(made, light, photons, float(left.mean()), float(above.mean()))
 
     def _sized(self, stop: StopCriterion) -> StopCriterion:
         """The stop criterion with passes of such a size that the fewest are just enough, as the first render has shown:

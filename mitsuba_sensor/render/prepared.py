@@ -221,6 +221,7 @@ class PreparedRender:
             passes=passes,
             samples_per_pixel=samples,
             seconds=time.monotonic() - started,
+            seconds_per_sample=renderer.seconds_per_sample,
             variant=self.parsed.variant.name,
             sampler=self.sampler,
             spectral=self.bands.kind,

@@ -80,6 +80,7 @@ class Renderer:
     """Renders one scene for one camera, exposure and set of bands.
 
     passes, samples, groups : of the last render; samples per pixel, pass and group of bands.
+    seconds_per_sample : of one sample in every pixel, without the first pass, which compiles.
     negative, non_finite : its values that were set to 0.  halves : whether to keep two half-sets of the passes, which
         :meth:`denoise` needs.  denoised : what it made of the last render, else None.
     """
@@ -96,6 +97,7 @@ class Renderer:
         self._solid_angle, self._scale = solid_angle_sr(scene.view, camera), bands.scale
         self._camera, self._exposure = camera, exposure
         self.negative = self.non_finite = self.passes = self.samples = 0
+        self.seconds_per_sample = 0.0
         self.denoised: Denoised | None = None
         self._guides: Guides | None = None
 
@@ -111,6 +113,7 @@ class Renderer:
             self._pass(seed, meter)
             value = measure(*self.noise_estimate())
             meter.forecast(budget, self.passes, value)
+            self.seconds_per_sample = meter.later_pass_s / (self.samples * len(self.groups))
             if budget.sized:
                 if end := budget.finished(self.passes, value, *meter.times(self.passes)):
                     return end
@@ -242,10 +245,10 @@ class Renderer:
         return float(np.median(ratio)) * median_bias(freedom + 1) if ratio.size else 0.0
 
     def denoised_ratio(self, mean_e: Map, variance_e2: Map, freedom: int) -> float:
-        """Median noise ratio of the denoised light; denoised again after half as many passes more, and between as if it
-        fell as one over the passes. Of the passes themselves where these cannot be denoised."""
+        """Median noise ratio of the denoised light; denoised again after a quarter as many passes more, and between as
+        if it fell as one over the passes. Of the passes themselves where these cannot be denoised."""
         passes, ratio = self._compared
-        if 2 * self.passes >= 3 * passes:
+        if 4 * self.passes >= 5 * passes:
             self.denoise()
             if self.denoised is None:
                 return self.median_ratio(mean_e, variance_e2, freedom)

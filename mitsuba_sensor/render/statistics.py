@@ -38,6 +38,7 @@ class RenderStatistics:
     intrinsics : how the picture is a projection of the world, see :func:`optics.intrinsics.intrinsics`.
     denoised : what the denoiser did, or None; raw_noise_ratio_* : before, raw_weight : mean weight of the render,
         sum_corrected_by : share of the light that was moved to have the render's sums.
+    seconds_per_sample : of one sample in every pixel, by the passes after the first one, which compiles.
     metering : the exposure time that was found and how, see :class:`sensor.metering.Metering`; None where it was given.
     """
 
@@ -62,6 +63,7 @@ class RenderStatistics:
     intrinsics: dict[str, Any] | None = None
     denoised: dict[str, Any] | None = None
     metering: dict[str, float] | None = None
+    seconds_per_sample: float = 0.0
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, ready for JSON."""

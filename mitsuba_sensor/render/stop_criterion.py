@@ -97,6 +97,7 @@ class ProgressMeter:
     def __init__(self, progress: Progress) -> None:
         self._progress, self._started = progress, time.monotonic()
         self._value, self._left_s, self._expected = math.nan, math.nan, 0
+        self._compiled, self.later_pass_s = self._started, 0.0  # when the first pass ended; seconds of a later one
 
     def begin(self, strips: int) -> None:
         """Passes of so many strips start now."""
@@ -110,6 +111,9 @@ class ProgressMeter:
     def forecast(self, budget: StopCriterion, passes: int, value: float) -> None:
         """So many passes are done, and the criterion has this value."""
         seconds, per_pass = self.times(passes)
+        now = self._started + seconds
+        self._compiled = now if passes == 1 else self._compiled
+        self.later_pass_s = (now - self._compiled) / (passes - 1) if passes > 1 else per_pass
         self._expected = budget.expected(passes, value, seconds, per_pass)
         self._value, self._left_s = value, (self._expected - passes) * per_pass if passes else math.nan
         self.report(passes * self._strips)

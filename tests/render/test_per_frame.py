@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 import tifffile
-from helpers.scenes import scene_text, write_scene
+from helpers.scenes import SCENES, scene_text, write_scene
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
@@ -121,6 +121,18 @@ def test_frames_that_follow_each_other_are_not_correlated(compensated: Series) -
 def test_frames_without_compensation_are_too_noisy_by_what_they_say(each: Series) -> None:
     """Variance over mean is 1 + ``uncompensated`` within 2.4 %, four standard errors."""
     assert each.variance_over_mean == pytest.approx(1 + each.uncompensated, abs=0.024)
+
+
+def test_a_frame_says_in_how_many_pixels_its_render_has_more_noise_than_shot_noise() -> None:
+    """A dim exposure of a rough render: of some pixels, and those whose variance exceeds the mean of light and dark."""
+    options = {"parameters": {"width": 16, "height": 16}, "wavelength_nm": 550, "variant": "scalar_spectral"}
+    scene, exposure = SCENES / "cornell_box.xml", ms.Exposure(0.02)
+    frame = next(render_frames(scene, CAMERA, exposure, spp=16, **options))
+    variance, relative = frame.photons.variance_e2, frame.light.relative_error.astype(float)
+    mean = np.sqrt(variance) / np.maximum(relative, 1e-12) + mean_dark_e(CAMERA, exposure)
+    shown = (mean > 0) & (mean < CAMERA.pixel.full_well_e)
+    assert 0 < frame.above_shot_noise < 1
+    assert frame.above_shot_noise == pytest.approx((variance > mean)[shown].mean(), abs=0.005)
 
 
 def test_what_a_render_has_beyond_the_limit_stays_in_the_frame_uncompensated(floor: Path) -> None:

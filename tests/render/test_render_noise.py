@@ -1,0 +1,45 @@
+"""What render noise means in a frame: its part of the variance, and the samples that a tenth of the sensor's takes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.render.render_noise import render_noise, samples_for
+
+CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.1)
+
+
+def test_without_denoising_the_variance_falls_as_one_over_the_samples(light: Any) -> None:
+    """64 samples of ratio 1.5: 15 times as many for 0.1, none where the ratio is reached, is infinite or unknown."""
+    assert samples_for(0.1, 1.5, light.statistics) == pytest.approx(15 * 64)
+    assert samples_for(0.1, 0.1, light.statistics) is None
+    assert samples_for(0.1, np.inf, light.statistics) is None
+
+
+def test_with_denoising_more_are_needed_as_its_gain_falls(light: Any) -> None:
+    """A gain of 8 costs twice the samples; of a small step no more than the cube root of that step."""
+    statistics = replace(light.statistics, denoised={"raw_noise_ratio_median": 12.0})
+    assert samples_for(0.1, 1.5, statistics) == pytest.approx(2 * 15 * 64)
+    assert samples_for(1.4, 1.5, statistics) == pytest.approx((1.5 / 1.4) ** (4 / 3) * 64)
+
+
+def test_a_pixel_as_noisy_by_the_render_as_by_the_sensor_owes_half_its_variance_to_it(light: Any) -> None:
+    """The render's error scaled until the median ratio is 1: half of the variance, more than that in half the pixels;
+    seconds are those of the render and of the samples that are missing."""
+    statistics = replace(light.statistics, passes=2**20, seconds=2.0, seconds_per_sample=0.5)
+    known = replace(light, statistics=statistics)
+    frames = ms.expose(ms.collect(known, CAMERA, EXPOSURE), CAMERA, EXPOSURE)
+    before = render_noise(known, frames)["over_sensor_median"]
+    assert before is not None
+    noisy = replace(known, relative_error=known.relative_error / np.float32(before**0.5))
+    found = render_noise(noisy, frames)
+    assert found["over_sensor_median"] == pytest.approx(1.0, rel=1e-5)
+    assert found["share_of_variance_median"] == pytest.approx(0.5, rel=1e-5)
+    assert found["above_sensor"] == pytest.approx(0.5, abs=1e-2)
+    assert found["samples_for_a_tenth"] == pytest.approx(640, rel=1e-5)
+    assert found["seconds_for_a_tenth"] == pytest.approx(2.0 + 0.5 * (640 - 64), rel=1e-5)
