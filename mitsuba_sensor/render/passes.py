@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from ..core import Float64Array, InputError, require
 
 SAMPLER = "multijitter"  # at 64 samples per pixel a quarter of the noise of "independent", at the same cost
-FEWEST, MOST = 16, 32  # passes; 15 degrees of freedom: |z| < 1 in 66.7 %, |z| < 2 in 93.6 % of the pixels
-FEWEST_SAMPLES = 16  # per pass, before passes are added instead: benchmarks/render_passes.py
+FEWEST, MOST = 8, 16  # passes of a fixed number of samples: few large ones have less noise; pooled.py does the rest
 MOST_SPP = 1024  # per pass: the float32 film loses about 1e-8 per sample
 MOST_IN_ALL = 2**24
 MOST_IN_FLIGHT = 2**22  # samples per pass: 45 MB a million in LLVM variants
@@ -25,8 +24,8 @@ def pass_plan(spp: int) -> tuple[int, int]:
     """(passes, samples per pixel and pass) whose product comes closest to ``spp``; at least two passes.
 
     Multijitter fills a grid of about equal sides: it keeps 1, 2, 4, 6, 9, 12, 16 … samples and rounds others up. Only
-    such counts are chosen, with 16 to 32 passes (more only to stay at 1024 samples per pass); of equal plans the one
-    with more passes, as long as each has 16 samples.
+    such counts are chosen, with 8 to 16 passes (more only to stay at 1024 samples per pass); of equal plans the one
+    with fewer passes.
     """
     if require("spp", spp, 1, MOST_IN_ALL, "samples per pixel, e.g. 256") != int(spp):
         raise InputError(f"spp is {spp!r}; it must be a whole number of samples per pixel (e.g. 256).")
@@ -36,12 +35,7 @@ def pass_plan(spp: int) -> tuple[int, int]:
     fewest = max(FEWEST, math.ceil(spp / MOST_SPP))
     plans = [(k, n) for k in range(fewest, max(MOST, 2 * fewest) + 1) for n in _kept_counts(spp / k)]
 
-    def preference(plan: tuple[int, int]) -> tuple[int, bool, int]:
-        passes, samples = plan
-        few = samples < FEWEST_SAMPLES
-        return abs(passes * samples - spp), few, passes if few else -passes
-
-    return min(plans, key=preference)
+    return min(plans, key=lambda plan: (abs(plan[0] * plan[1] - spp), plan[0]))
 
 
 def _kept_counts(samples: float) -> list[int]:

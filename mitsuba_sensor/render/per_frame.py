@@ -20,13 +20,13 @@ from ..sensor.metering import AskedExposure
 from ..sensor.options import ExposeOptions
 from .irradiance import Irradiance
 from .options import FrameSeriesOptions, RenderOptions
-from .passes import FEWEST, hashed_seed, whole_grid
+from .passes import hashed_seed, whole_grid
 from .photons import collect
 from .prepared import PreparedRender, check_options, prepare
 from .renderer import Criterion, Map
 from .scene_settings import ParsedScene
 from .statistics import median_bias
-from .stop_criterion import Progress, RenderProgress, StopCriterion, stop_criterion_of
+from .stop_criterion import FEWEST_TO_STOP, Progress, RenderProgress, StopCriterion, stop_criterion_of
 
 PerFrameNoise = Literal["compensated", "per-frame"]
 TARGET = LIMIT / 2  # median of v/μ: below it the total has the shape of a Poisson law (sensor/compensation.py)
@@ -156,7 +156,7 @@ class FrameSeries:
         samples = renderer.samples
         if self.criterion is not None:
             needed = renderer.passes * samples * self.criterion(*renderer.noise_estimate())
-            samples = min(whole_grid(max(MARGIN * needed / FEWEST, 1.0)), samples)
+            samples = min(whole_grid(max(MARGIN * needed / FEWEST_TO_STOP, 1.0)), samples)
         return replace(stop, passes=max(stop.passes * stop.samples // samples, 2), samples=samples, sized=True)
 
 

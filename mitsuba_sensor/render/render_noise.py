@@ -29,12 +29,11 @@ def render_noise(light: Irradiance, frames: Frames) -> dict[str, float | None]:
     known = frames.stages[0] == detection  # the published chain counts its photoelectrons in another way
     electrons = (frames.detected if known else detect(frames.light, detection, frames.first)).mean_e
     statistics = light.statistics
-    passes = statistics.passes if statistics.denoised is None else POOLED
     with np.errstate(invalid="ignore"):
         variance_e2 = (light.relative_error.astype(np.float64) * electrons) ** 2
     ratio = input_noise(frames.camera, frames.first.exposure).ratio(electrons, variance_e2)
     lit = np.isfinite(electrons) & np.isfinite(ratio) & (electrons > 0)
-    found = summary_of(np.where(np.isfinite(electrons), ratio, np.inf), electrons > 0, passes)
+    found = summary_of(np.where(np.isfinite(electrons), ratio, np.inf), electrons > 0, POOLED)
     median = found["noise_ratio_median"]
     samples = samples_for(LITTLE_NOISE, median, statistics)
     more = None if samples is None else (samples - statistics.samples_per_pixel) * statistics.seconds_per_sample

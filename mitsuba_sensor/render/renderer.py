@@ -26,6 +26,7 @@ from .guides import FEWEST_RAYS, QUARTERS, Guides, rays_per_pixel, whole_square
 from .moving_scene import MovingScene
 from .passes import Welford, clean, hashed_seed, row_strips
 from .photons import electrons_per_irradiance
+from .pooled import pooled
 from .scene import Scene
 from .statistics import firefly_fraction, median_bias
 from .stop_criterion import End, Progress, ProgressMeter, StopCriterion
@@ -265,6 +266,8 @@ class Renderer:
         data = np.empty((rows, columns, len(self.bands)), np.float32)
         error, relative = np.empty_like(data), np.empty((rows, columns), np.float32)
         mean, variance = self.electrons()
+        if self.denoised is None:
+            variance = pooled(mean, variance, self.passes)
         for strip in self.strips:
             infinite, here = strip.infinite, strip.rows
             sigma = np.sqrt(variance[here])
@@ -280,7 +283,9 @@ class Renderer:
     def _bands_of(self, strip: RowStrip, relative: NDArray[np.float32]) -> Electrons:
         """Bands of a strip and their standard errors; denoised, they agree with the electrons behind each filter."""
         if self.denoised is None or strip.even is None:
-            return strip.bands.mean, np.sqrt(strip.bands.variance_of_mean)
+            mean, variance = strip.bands.mean, strip.bands.variance_of_mean
+            every = [pooled(mean[..., k], variance[..., k], self.passes) for k in range(mean.shape[2])]
+            return mean, np.sqrt(np.stack(every, axis=-1))
         first, rows = (self.passes + 1) // 2, strip.rows
         odd = (strip.bands.mean * self.passes - strip.even) / (self.passes - first)
         flat = in_band_factor(strip.bands.mean @ self._weights.T, strip.electrons.mean)  # in bands, of all electrons

@@ -10,9 +10,11 @@ from typing import Literal
 
 from ..core import InputError
 from .options import RenderOptions
-from .passes import FEWEST, MOST, pass_plan, whole_grid
+from .passes import FEWEST, pass_plan, whole_grid
 
-DEFAULT_SPP = 256
+DEFAULT_SPP = 240  # 8 passes of 30
+FEWEST_TO_STOP = 16  # passes before a goal counts as reached: 15 degrees of freedom
+SIZED = 32  # passes that a render towards a goal is sized for
 PASS_SPP = 16  # of the first pass of a render without a fixed number; it tells how large the others are
 MOST_SPP_ASKED = 2**16  # of a render that works towards a noise ratio, unless max_spp says otherwise
 
@@ -44,7 +46,7 @@ class StopCriterion:
         """Why there is no further pass after ``done``, or None."""
         if done >= self.passes:
             return self.end
-        if self.goal is not None and done >= FEWEST and value <= self.goal:
+        if self.goal is not None and done >= FEWEST_TO_STOP and value <= self.goal:
             return self.reached
         if done >= 2 and seconds + per_pass > self.max_seconds:
             return "max_seconds"
@@ -54,7 +56,7 @@ class StopCriterion:
         """Forecast: how many passes there will be; a variance falls as one over the passes."""
         most = self.passes
         if self.goal is not None and done and value > 0:
-            most = min(most, max(math.ceil(done * value / self.goal), FEWEST, done))
+            most = min(most, max(math.ceil(done * value / self.goal), FEWEST_TO_STOP, done))
         if done and math.isfinite(self.max_seconds) and per_pass > 0:
             most = min(most, max(done + int((self.max_seconds - seconds) / per_pass), 2, done))
         return most
@@ -66,7 +68,7 @@ class StopCriterion:
             needed = min(needed, self.samples * value / self.goal)
         if math.isfinite(self.max_seconds) and seconds > 0:
             needed = min(needed, self.samples * max(self.max_seconds / seconds - 1, 1))
-        samples = max(whole_grid(needed / MOST), self.samples)
+        samples = max(whole_grid(needed / SIZED), self.samples)
         return replace(self, samples=samples, passes=max(self.passes * self.samples // samples, 2), sized=True)
 
 
@@ -141,9 +143,9 @@ def stop_criterion_of(options: RenderOptions, groups: int = 1) -> StopCriterion:
         plan = pass_plan(max(round(wanted / groups), FEWEST)) if grouped else plan
         return StopCriterion(*plan, max_seconds=max_seconds, asked=spp, grouped=grouped)
     most = MOST_SPP_ASKED if max_spp is None else max_spp
-    grouped = groups > 1 and most >= FEWEST * groups
+    grouped = groups > 1 and most >= FEWEST_TO_STOP * groups
     most = most // groups if grouped else most
-    samples = PASS_SPP if most >= FEWEST * PASS_SPP else pass_plan(most)[1]
+    samples = PASS_SPP if most >= FEWEST_TO_STOP * PASS_SPP else pass_plan(most)[1]
     passes = max(most // samples, 2)
     return StopCriterion(
         passes, samples, noise_ratio, max_seconds=max_seconds, end="max_spp", sized=False, grouped=grouped
