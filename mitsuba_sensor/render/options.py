@@ -81,7 +81,7 @@ class RenderOptions(SceneOptions, RawLightOptions, total=False):
     spp: Annotated[
         int | None,
         Option(
-            "Samples (light paths) per pixel over all passes; 4 × as many halve the render noise. Default: 256.",
+            "Samples (light paths) per pixel over all passes; 4 × as many halve the render noise. Default: 240.",
             low=1,
             high=MOST_IN_ALL,
             example="256",

@@ -17,6 +17,7 @@ FEWEST, MOST = 8, 16  # passes of a fixed number of samples: few large ones have
 MOST_SPP = 1024  # per pass: the float32 film loses about 1e-8 per sample
 MOST_IN_ALL = 2**24
 MOST_IN_FLIGHT = 2**22  # samples per pass: 45 MB a million in LLVM variants
+VALUES_AT_ONCE = 2**14  # that stay in a processor's cache
 MOST_VALUES = 2**23  # pixels × bands per strip: 64 MB for each float64 array of the running mean
 
 
@@ -92,14 +93,16 @@ class Welford:
         self._squares = np.zeros(shape)
 
     def add(self, values: Float64Array) -> None:
-        """Add one pass; ``values`` is overwritten."""
+        """Add one pass, some rows at a time."""
         self.count += 1
-        delta = values - self.mean
-        values -= self.mean
-        values *= (self.count - 1) / self.count  # the distance to the new mean
-        self.mean += delta / self.count
-        values *= delta
-        self._squares += values
+        step = max(VALUES_AT_ONCE // max(math.prod(values.shape[1:]), 1), 1)
+        for first in range(0, len(values), step):
+            mean = self.mean[first : first + step]
+            delta = values[first : first + step] - mean
+            mean += delta / self.count
+            delta *= delta
+            delta *= (self.count - 1) / self.count  # one distance is to the new mean
+            self._squares[first : first + step] += delta
 
     @property
     def variance_of_mean(self) -> Float64Array:

@@ -68,7 +68,7 @@ class RowStrip:
         self.even_e = np.zeros((*shape, filters)) if halves else None
 
     def add(self, irradiance: Float64Array, electrons: Float64Array, own: Float64Array) -> None:
-        """Add one pass; the first two arrays are overwritten. own : (H, W) electrons of each pixel's own filter."""
+        """Add one pass. own : (H, W) electrons of each pixel's own filter."""
         if self.even is not None and self.even_e is not None and self.bands.count % 2 == 0:
             self.even += irradiance
             self.even_e += electrons
@@ -148,7 +148,7 @@ class Renderer:
             irradiance *= self._solid_angle[rows, :, None] * self._scale
             per_filter = irradiance @ self._film_weights.T
             own = self._own(per_filter, rows)
-            strip.add(irradiance[..., : len(self.bands)], per_filter if self._halves else own[..., None].copy(), own)
+            strip.add(irradiance[..., : len(self.bands)], per_filter if self._halves else own[..., None], own)
         self.passes += 1
 
     def _radiance(self, seed: int, rows: tuple[int, int]) -> NDArray[np.float32]:
@@ -280,12 +280,14 @@ class Renderer:
         flat = [self._own(data[s.rows] @ self._weights.T, s.rows) for s in self.strips] if self.bands.filters else []
         return Estimate(data, error, relative, in_band_factor(mean, np.concatenate(flat)) if flat else None)
 
-    def _bands_of(self, strip: RowStrip, relative: NDArray[np.float32]) -> Electrons:
+    def _bands_of(self, strip: RowStrip, relative: NDArray[np.float32]) -> tuple[Float64Array, NDArray[np.floating]]:
         """Bands of a strip and their standard errors; denoised, they agree with the electrons behind each filter."""
         if self.denoised is None or strip.even is None:
             mean, variance = strip.bands.mean, strip.bands.variance_of_mean
-            every = [pooled(mean[..., k], variance[..., k], self.passes) for k in range(mean.shape[2])]
-            return mean, np.sqrt(np.stack(every, axis=-1))
+            sigma = np.empty_like(mean, dtype=np.float32)
+            for k in range(mean.shape[2]):
+                sigma[..., k] = np.sqrt(pooled(mean[..., k], variance[..., k], self.passes))
+            return mean, sigma
         first, rows = (self.passes + 1) // 2, strip.rows
         odd = (strip.bands.mean * self.passes - strip.even) / (self.passes - first)
         flat = in_band_factor(strip.bands.mean @ self._weights.T, strip.electrons.mean)  # in bands, of all electrons

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from .passes import FEWEST
 
-# Firefly fraction above which the error bars are not reliable: at most 0.036 in calm scenes, 0.12 to 0.36 before
-# caustics and bulbs, at every number of samples (benchmarks/error_bar_coverage.py).
-MOST_FIREFLIES = 0.08
+# Firefly fraction above which the error bars are not reliable: at most 0.09 in calm scenes, 0.14 to 0.27 before a
+# caustic, at every number of samples (benchmarks/error_bar_coverage.py).
+MOST_FIREFLIES = 0.1
 POOLED = 2**20  # passes whose variance is known: a denoised or pooled pixel's is that of its neighbourhood
 ROUNDING = 1e-6  # of the light: what a float32 film loses is no noise
 ONE_PASS = 0.75  # of the squared deviations of all passes

@@ -22,7 +22,7 @@ from mitsuba_sensor.render import bands as film
 from mitsuba_sensor.render import passes, spectra
 from mitsuba_sensor.render.bands import box_bands
 from mitsuba_sensor.render.photons import photons_per_irradiance
-from mitsuba_sensor.render.prepared import render
+from mitsuba_sensor.render.prepared import prepare, render
 from mitsuba_sensor.render.scene import Scene
 from mitsuba_sensor.render.variants import choose_variant, use
 from mitsuba_sensor.sensor.camera import load_camera
@@ -187,19 +187,20 @@ def test_error_bars_cover_the_reference() -> None:
 
 
 def test_noise_ratio_is_render_variance_over_the_variance_of_the_sensor() -> None:
-    """ratio = (ε·N_e)²/(N_e + dark + read noise²): for a quiet linear sensor, all electrons of variance at the input.
+    """ratio = σ_e²/(N_e + dark + read noise²): for a quiet linear sensor, all electrons of variance at the input.
 
     Dark current of 174 e- in 0.1 s and 3 e- of read noise beside 16 000 e- of light; 1/12 DN² is 5 e-².
     """
     camera = CAMERA.replace(**{"readout.reset": "true_cds", "readout.ve_nonlinearity": 0.0})
     options = {"spp": 64, "bandwidth_nm": 60, "parameters": SMALL, "variant": "scalar_spectral", "denoise": False}
-    light = render(SCENES / "flat_field.xml", camera, EXPOSURE, **options)
+    job = prepare(SCENES / "flat_field.xml", camera, EXPOSURE, **options)
+    light = job.render(1, job.stop_criterion({"spp": 64}))
     electrons = 0.6 * (light.data @ photons_per_irradiance(camera, EXPOSURE, light.wavelengths_nm, light.bandwidths_nm))
     k, read_noise = gain_dn_per_e(camera), SourceFollowerNoise.from_camera(camera, ())
     noise = electrons + mean_dark_e(camera, EXPOSURE) + (read_noise.sigma_v / sense_gain_v_per_e(camera)) ** 2
-    ratio = (light.relative_error.astype(float) * electrons) ** 2 / (noise + 1 / 12 / k**2)
+    ratio = job.renderer.electrons()[1] / (noise + 1 / 12 / k**2)
     found = light.statistics
-    assert found.noise_ratio_median == pytest.approx(np.median(ratio) * 15 / 14.339, rel=2e-3)  # χ² of 15
+    assert found.noise_ratio_median == pytest.approx(np.median(ratio) * 7 / 6.346, rel=2e-3)  # χ² of 7
     assert found.noise_ratio_max == pytest.approx(ratio.max(), rel=2e-3)
     assert found.noise_ratio_p95 == pytest.approx(np.percentile(ratio, 95), rel=2e-3)
 
@@ -233,7 +234,7 @@ def test_strips_of_rows_see_what_the_whole_film_sees(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(passes, "MOST_VALUES", 12 * 2)
     cut = render(path, CAMERA, EXPOSURE, **options, progress=lambda step: reports.append((step.done, step.expected)))
     np.testing.assert_allclose(cut.data, whole.data, rtol=1e-5)
-    assert reports == [(k, 64) for k in range(65)]
+    assert reports == [(k, 32) for k in range(33)]
 
 
 def test_crop_of_the_film_is_the_crop_of_the_picture(tmp_path: Path) -> None:
@@ -250,7 +251,7 @@ def test_crop_of_the_film_is_the_crop_of_the_picture(tmp_path: Path) -> None:
 
 
 def test_bad_values_of_the_renderer_are_counted_and_infinity_saturates(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In every one of 16 passes: one NaN, one negative (both become 0), one +inf band (then its pixel is infinite)."""
+    """In every one of 8 passes: one NaN, one negative (both become 0), one +inf band (then its pixel is infinite)."""
     real = Scene.render
 
     def spoilt(self: Scene, *arguments: Any) -> np.ndarray:
@@ -268,7 +269,7 @@ def test_bad_values_of_the_renderer_are_counted_and_infinity_saturates(monkeypat
         parameters={"width": 2, "height": 2},
         variant="scalar_spectral",
     )
-    assert (light.statistics.negative, light.statistics.non_finite) == (16, 32)
+    assert (light.statistics.negative, light.statistics.non_finite) == (8, 16)
     assert light.data[0, 0, 0] == 0 and light.data[0, 1, 0] == 0
     assert np.isinf(light.data[1, 1]).all() and np.isinf(light.relative_error[1, 1])
     assert np.isfinite(light.data).sum() == 6 and not np.isnan(light.data).any()

@@ -125,7 +125,7 @@ def frame_exposure(series: Series, target: Target, passes: int) -> FrameExposure
     """For runs of so many passes: the given exposure, if an eighth of them is enough to compensate the noise there."""
     camera, exposure, pilot = target.subject.camera, target.subject.exposure, Welford(series.shape)
     for block in series.passes(0, PILOT):
-        pilot.add(block.electrons.copy())
+        pilot.add(block.electrons)
     dark_e, one_pass_e2 = mean_dark_e(camera, exposure), PILOT * pilot.variance_of_mean
     noise = one_pass_e2 / np.maximum(target.own.electrons + dark_e, TINY)
     shown = target.seen & (noise <= np.quantile(noise[target.seen], 1 - NOISIEST))
