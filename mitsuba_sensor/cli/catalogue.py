@@ -9,8 +9,9 @@ from rich.text import Text
 
 import mitsuba_sensor as ms
 
-from . import options, terminal
+from . import options
 from .app import app, show
+from .tables import FittedTable, short
 
 cameras = typer.Typer(
     no_args_is_help=True, help="The cameras that ship with the package, their lenses, and the format of a camera file."
@@ -22,7 +23,7 @@ app.add_typer(cameras, name="cameras")
 def list_command(as_json: options.Json = False) -> None:
     """The cameras that ship with the package."""
     known = [ms.load_camera(name) for name in ms.list_cameras()]
-    table = terminal.columns_table("camera", "technology", "pixels", "what it is")
+    table = FittedTable(("camera", "technology", "pixels", "what it is"))
     for one in known:
         size = f"{one.sensor.columns} × {one.sensor.rows}"
         table.add_row(one.name, one.sensor.technology, size, one.description)
@@ -34,10 +35,9 @@ def show_camera(name: options.CameraName, as_json: options.Json = False) -> None
     """Every number of one camera, with its unit (the end of the field's name) and where it comes from."""
     camera = ms.load_camera(name)
     fields = camera.model_dump(mode="json")
-    table = terminal.columns_table("field", "value", "source")
-    table.columns[0].no_wrap = True
+    table = FittedTable(("field", "value", "source"))
     for field, value in _flat({key: value for key, value in fields.items() if key != "sources"}).items():
-        table.add_row(field, Text(terminal.short(value)), Text(camera.sources.get(field, ""), style="dim"))
+        table.add_row(field, Text(short(value)), Text(camera.sources.get(field, ""), style="dim"))
     show({**fields, "sources": dict(camera.sources), "notes": list(camera.notes)} if as_json else table, as_json)
     for note in () if as_json else camera.notes:
         show(f"note: {note}", False)
@@ -71,7 +71,7 @@ def lenses(as_json: options.Json = False) -> None:
     found = [
         {"name": x.name, "focal_length_mm": f, "surfaces": len(x.surfaces), "source": x.source} for x, f in lengths
     ]
-    table = terminal.columns_table("lens", "focal length", "surfaces", "source")
+    table = FittedTable(("lens", "focal length", "surfaces", "source"))
     for x, f in lengths:
         table.add_row(x.name, f"{f:.4g} mm", str(len(x.surfaces)), x.source)
     show(found if as_json else table, as_json)

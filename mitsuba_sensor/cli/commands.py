@@ -19,6 +19,7 @@ from ..sensor.gains import gain_dn_per_e
 from ..sensor.metering import Metering
 from . import options, terminal
 from .app import app, camera_and_exposure, err, other_flags, render_input, show
+from .tables import FittedTable
 
 LEVELS = {"black": "bold red", "wrong": "bold yellow", "note": "dim"}  # of a finding of lint → its style
 
@@ -147,7 +148,7 @@ def lint(scene: options.Scene, as_json: options.Json = False, **flags: options.F
     if as_json:
         show([finding.to_dict() for finding in findings], True)
     else:
-        table = terminal.columns_table("", "where", "what", "remedy")
+        table = FittedTable(("", "where", "what", "remedy"), keys=2)
         for one in findings:
             table.add_row(Text(one.level, style=LEVELS[one.level]), *map(Text, (one.where, one.what, one.remedy)))
         head = Text.assemble((scene.name, "bold"), f" for {camera.name}, {low:g} to {high:g} nm")

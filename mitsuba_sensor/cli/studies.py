@@ -22,7 +22,8 @@ from ..study.page import Study, Table, html, png
 from . import options
 from .app import RenderInput, app, err, out, render_input, show
 from .options import AblationFlags, Flag, Flags, StudyFlags, WorkPrecisionFlags
-from .terminal import seconds_bar, study_sheet
+from .study_sheet import study_sheet
+from .terminal import seconds_bar
 
 PAGE, NUMBERS, MEASUREMENTS = "study.html", "study.json", "measurements"
 

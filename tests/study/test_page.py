@@ -11,7 +11,8 @@ import pytest
 from PIL import Image
 from rich.console import Console
 
-from mitsuba_sensor.cli.terminal import LONGEST, seconds_bar, study_sheet
+from mitsuba_sensor.cli.study_sheet import LONGEST, study_sheet
+from mitsuba_sensor.cli.terminal import seconds_bar
 from mitsuba_sensor.io.files import to_json
 from mitsuba_sensor.study.page import (
     Bars,

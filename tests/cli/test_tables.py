@@ -1,0 +1,121 @@
+"""Tables of the terminal at several widths: no number is cut, and none is finer than what matters."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import re
+from typing import Any
+
+import pytest
+from rich.console import Console, RenderableType
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.cli import terminal
+from mitsuba_sensor.cli.study_sheet import study_sheet
+from mitsuba_sensor.cli.tables import FittedTable, number, rough
+from mitsuba_sensor.render.requirements import RenderRequirement
+from mitsuba_sensor.study.page import Grid, Section, Table, study_of
+
+WIDTHS = (40, 60, 80, 120)
+WHOLE = 400  # characters, in which every table stands in one block
+HARD = (13093.0, 8.8e-13, 1.2e-115, 1e9, 123456.7, 0.00012345, 3.14159e-5, 2345678.9, 0.5, 99999.9)
+
+
+def shown(what: RenderableType, width: int) -> str:
+    console = Console(record=True, width=width, file=io.StringIO(), color_system=None)
+    console.print(what, highlight=False)
+    return console.export_text()
+
+
+def numbers(text: str) -> list[str]:
+    """Every number of a text, as it stands there; names of stages and files have none."""
+    return sorted(re.findall(r"(?<![\w.])<?-?\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w.])", text))
+
+
+def sheets(light: Any) -> dict[str, Any]:
+    """Every table of terminal.py, with hard numbers: name → a function of the width."""
+    camera, exposure = ms.load_camera("konnik_table1"), ms.Exposure(0.1)
+    found = ms.capture(light, camera, exposure)
+    report = {**found.metadata, "times_s": {}, "render": {**found.metadata["render"], "notes": []}}
+    keys = ("mean_frame", "mean_expected", "sigma_frame", "sigma_expected")
+    report["stages"] = [
+        {**stage, **{key: HARD[(i + k) % len(HARD)] for k, key in enumerate(keys)}}
+        for i, stage in enumerate(report["stages"])
+    ]
+    report["effects"] = [
+        {**one, "temporal_dn": HARD[i % len(HARD)], "spatial_dn": HARD[-i % len(HARD)]}
+        for i, one in enumerate(report["effects"])
+    ]
+    plan = ms.plan(camera, exposure, ms.collect(light, camera, exposure), tolerance_dn=0.02)
+    names = ("mean_dn", "temporal_dn", "spatial_dn", "structure_dn")
+    effects = [
+        dataclasses.replace(one, **{name: HARD[(i + k) % len(HARD)] for k, name in enumerate(names)})
+        for i, one in enumerate(plan.effects)
+    ]
+    vars(plan)["effects"] = tuple(effects)
+    needs = [RenderRequirement(f"option {i}", bool(i % 2), x, "for a reason") for i, x in enumerate(HARD)]
+    spread = {f"map_{chr(97 + i)}": {"shape": (1200, 1920), "mean": x, "sigma": x / 3} for i, x in enumerate(HARD)}
+    rows = tuple((f"case {chr(97 + i)}", *(HARD[(i + k) % len(HARD)] for k in range(9))) for i in range(len(HARD)))
+    columns = ("case", *(f"column {chr(97 + k)}" for k in range(9)))
+    texts = (tuple(f"{x + 1:.3g}" for x in HARD),) * 2
+    grid = Grid("grid", ("r", "s"), tuple(f"the {chr(97 + k)}" for k in range(10)), (("good",) * 10,) * 2, texts)
+    study = study_of("stress", "hard", [Section((), True, (Table("table", columns, rows), grid))])
+    return {
+        "stages": lambda width: terminal.summary(report, "out"),
+        "plan": lambda width: terminal.plan_sheet(plan, needs),
+        "maps": lambda width: terminal.map_list(spread, "maps.npz"),
+        "study": lambda width: study_sheet(study, "study.html", width),
+    }
+
+
+@pytest.fixture(scope="module")
+def made(light: Any) -> dict[str, Any]:
+    return sheets(light)
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize("name", ["stages", "plan", "maps", "study"])
+def test_every_number_of_a_narrow_table_is_one_of_the_whole_table(name: str, width: int, made: dict[str, Any]) -> None:
+    """Nothing but whole columns of a study is left out, as the sentence below its table says."""
+    whole, narrow = shown(made[name](WHOLE), WHOLE), shown(made[name](width), width)
+    assert max(map(len, narrow.splitlines())) <= width and "…" not in narrow.replace(" … ", " ")
+    left_out = re.findall(r"(\d+) more columns", narrow)
+    found, known = numbers(narrow), numbers(whole)
+    if name == "study":
+        assert set(found) - set(left_out) <= set(known) and (left_out or width >= 120)
+    else:
+        assert found == known and "8.8e-13" not in narrow, "a number is missing, or cut, or too fine"
+    assert "e-115" not in narrow
+
+
+def test_all_columns_of_a_narrow_table_follow_in_blocks_that_name_their_rows() -> None:
+    table = FittedTable(("name", "one", "two", "three"))
+    table.add_row("first row", "1111111111", "2222222222", "3333333333")
+    said = shown(table, 24)
+    assert len(re.findall("first row", said)) == 3 and numbers(said) == ["1111111111", "2222222222", "3333333333"]
+    assert shown(table, 80).count("first row") == 1
+
+
+def test_a_name_breaks_before_a_number_does() -> None:
+    table = FittedTable(("name", "value"))
+    table.add_row("internationalization", "1234567890")
+    assert numbers(shown(table, 18)) == ["1234567890"]
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (None, "–"), (0.0, "0"), (1.2e-115, "0"), (-8.8e-13, "0"), (4.9e-5, "0"), (0.00012345, "0.0001"),
+        (0.012345, "0.0123"), (0.5, "0.5"), (12.3456, "12.35"), (13093.2, "13093"), (1e9, "1e+09"), (-0.25, "-0.25"),
+    ],
+)  # fmt: skip
+def test_numbers_have_four_digits_and_at_most_four_decimals(value: float | None, text: str) -> None:
+    assert number(value) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(0.0, "0"), (1.2e-115, "<0.001"), (0.0123, "0.012"), (13093.0, "13093"), (1e9, "1e+09")]
+)
+def test_rough_numbers_say_where_they_are_too_small_to_matter(value: float, text: str) -> None:
+    assert rough(value) == text
