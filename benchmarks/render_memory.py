@@ -28,6 +28,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--scene", type=Path, default=SCENE)
     parser.add_argument("--spp", type=int, default=16)
+    parser.add_argument("--no-denoise", action="store_true", help="the render itself")
     parser.add_argument("--quick", action="store_true", help="64 × 64 pixels: a check of the script")
     parser.add_argument("--json", action="store_true", help="print JSON only")
     options = parser.parse_args()
@@ -35,9 +36,8 @@ def main() -> None:
     curve = {"wavelengths_nm": [400.0, 710.0], "curves": {"mono": [0.6, 0.6]}, "reference_nm": 550.0}
     camera = ms.load_camera("konnik_table1").replace(**{f"quantum_efficiency.{k}": v for k, v in curve.items()})
     exposure, started = ms.Exposure(0.02), time.perf_counter()
-    light = ms.render(
-        options.scene, camera, exposure, spp=options.spp, bandwidth_nm=10, parameters={"width": size, "height": size}
-    )
+    asked = {"parameters": {"width": size, "height": size}, "denoise": False if options.no_denoise else None}
+    light = ms.render(options.scene, camera, exposure, spp=options.spp, bandwidth_nm=10, **asked)
     rendered, seconds = peak_mib(), time.perf_counter() - started
     photons = ms.collect(light, camera, exposure)
     frames = ms.expose(photons, camera, exposure)
