@@ -1,4 +1,4 @@
-"""Make the pictures of docs/rendering.md: two shutters before a fan, denoised and raw light, AOVs of the still life.
+"""Make the pictures of docs/rendering.md: two shutters, denoised and raw light, colours, AOVs.
 
 python examples/rendering_pictures.py                                    # small, into rendering_pictures/
 python examples/rendering_pictures.py docs/images --size 256 --spp 128   # the pictures of docs/rendering.md
@@ -45,6 +45,15 @@ def box(denoise: bool, size: int, spp: int) -> np.ndarray:
     return preview(frame.digital[0], camera)
 
 
+def color_checker(spp: int) -> np.ndarray:
+    """frame.png of a ColorChecker in the Bayer camera."""
+    camera, exposure = ms.load_camera("bayer_2mp"), ms.Exposure(0.1)
+    irradiance = ms.render(SCENES / "color_checker.xml", camera, exposure, spp=spp)
+    frame = ms.expose(ms.collect(irradiance, camera, exposure), camera, exposure)
+    known = irradiance.rendered_for
+    return preview(frame.digital[0], camera, illuminant=None if known is None else known.illuminant)
+
+
 def aovs(size: int) -> tuple[np.ndarray, np.ndarray]:
     """Depth (near is bright) and normals (x, y, z as red, green, blue) of the still life."""
     aov = render_aovs(
@@ -68,6 +77,7 @@ def main() -> None:
     pictures = {f"fan_{s}": fan(s, options.size, options.spp) for s in ("global", "rolling")}
     boxes = {"cornell_render": False, "cornell_denoised": True}
     pictures |= {name: box(denoise, options.size, options.spp) for name, denoise in boxes.items()}
+    pictures["color_checker"] = color_checker(options.spp)
     for name, picture in {**pictures, "still_life_depth": depth, "still_life_normal": normal}.items():
         write_png(options.folder / f"{name}.png", picture)
         print(options.folder / f"{name}.png")

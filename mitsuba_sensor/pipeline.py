@@ -10,12 +10,14 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias, Unpack
 
 import numpy as np
+from numpy.typing import NDArray
 
-from .core import Exposure, InputError, Photons
+from .core import Exposure, InputError, Photons, first_given
 from .core.options import Option, complete, declared, documents, part_of, used
 from .io import exr, files
-from .io.metadata import versions
-from .io.preview import preview
+from .io.colour_matrix import ColourMatrix, colour_matrix
+from .io.metadata import image_facts, versions
+from .io.preview import developed
 from .render.aovs import Aovs
 from .render.band_error import band_error, notes_of_bands
 from .render.irradiance import Irradiance
@@ -29,7 +31,7 @@ from .render.stop_criterion import Progress
 from .sensor.camera import Camera
 from .sensor.checks import as_photons
 from .sensor.expose import KEEP, Frames, prepare_exposure
-from .sensor.metering import MANY_CLIPPED, AskedExposure, Metering, checked_exposure
+from .sensor.metering import AskedExposure, Metering, checked_exposure, clipped_note
 from .sensor.options import ExposeOptions, FrameOptions
 from .sensor.plan import plan_for
 
@@ -88,13 +90,20 @@ class Capture:
         """
         gain = float(self.metadata["options"]["preview_gain"])
         with files.output_folder(os.fspath(folder), FILES) as scratch:
-            files.write_tiff(scratch / "frame.tiff", self.frames.digital)
-            files.write_png(scratch / "frame.png", preview(self.frames.digital[0], self.frames.camera, gain))
+            image = self.metadata["image"]
+            files.write_tiff(scratch / "frame.tiff", self.frames.digital, image)
+            files.write_png(scratch / "frame.png", self._preview(gain), image)
             if self.rendered:
                 exr.write_irradiance_exr(scratch / "irradiance.exr", self.light)
             if self.aovs is not None:
                 exr.write_aovs_exr(scratch / "aovs.exr", self.aovs)
             files.write_json(scratch / "frame.json", self.metadata)
+
+    def _preview(self, gain: float) -> NDArray[np.uint8]:
+        colours = self.metadata["colour"]
+        matrix = None if colours is None else ColourMatrix(**colours)
+        frames = self.frames
+        return developed(frames.digital[0], frames.camera, matrix, gain, frames.first.window.origin)
 
 
 @documents(CaptureOptions)
@@ -109,8 +118,8 @@ def capture(
     """Render a scene and expose a camera to it; ``capture("scene.xml").save("out/")``.
 
     source : a scene file, or light that is there already: an irradiance.exr, or what :func:`render` returned.
-    camera, exposure : what is not given is read from the scene's <film type="photosensor">; an exposure of "auto", or
-        none anywhere, is metered.
+    camera, exposure : what is not given is read from the scene's <film type="photosensor">, or is what the light was
+        rendered for, and so is its serial number; an exposure of "auto", or none anywhere, is metered.
     progress : called with a :class:`render.stop_criterion.RenderProgress` after every pass.
     Everything is checked before the first ray is traced. Raises InputError.
     """
@@ -129,6 +138,7 @@ def capture(
         "metering": light.statistics.metering,
         **left,
     }
+    light = light.of_serial(frames.first.window.serial)
     metadata, aovs = frame_metadata(frames, light, chosen, origin, times_s), None
     if chosen["aovs"]:
         with _timed(times_s, "aovs"):
@@ -152,15 +162,22 @@ def _of_light(
     times_s: dict[str, float],
 ) -> Capture:
     """Frames of light that is rendered already."""
-    if camera is None:
-        raise InputError("no camera is given and an irradiance has none; pass camera=….")
-    metering = None if isinstance(asked, Exposure) else asked or Metering()
     path = None if isinstance(source, Irradiance) else Path(source)
     with _timed(times_s, "read irradiance"):
         light = source if isinstance(source, Irradiance) else exr.read_irradiance_exr(source)
         light = light.before_denoising() if options["raw_light"] else light
+    if (known := light.rendered_for) is not None:
+        camera, asked = first_given(camera, known.camera), known.exposure if asked is None else asked
+        options = {**options, "serial": first_given(options["serial"], known.serial)}
+    if camera is None:
+        raise InputError("no camera is given and the irradiance names none; pass camera=….")
+    metering = None if isinstance(asked, Exposure) else asked or Metering()
     exposure = asked if isinstance(asked, Exposure) else metered(light, camera, asked or Metering())
-    origin = {"irradiance": path, "metering": None if metering is None else metering.record(exposure)}
+    origin = {
+        "irradiance": path,
+        "as_rendered": [] if known is None else known.shared_with(camera, exposure, options["serial"]),
+        "metering": None if metering is None else metering.record(exposure),
+    }
     sensor = prepare_exposure(camera, exposure, light.data.shape[:2], light.origin, part_of(ExposeOptions, options))
     with _timed(times_s, "expose"):
         frames = sensor.of(as_photons(collect(light, camera, exposure), camera)).frames_with_report()
@@ -229,6 +246,8 @@ def frame_metadata(
         if made is None and options["chain"] == "physical":
             made = plan_for(camera, frames.detected, first)
         found = {} if made is None else made.to_dict()
+        known = light.rendered_for
+        colours = colour_matrix(camera, None if known is None else known.illuminant)
         noise, report, off = render_noise(light, frames), frames.report, band_error(light, camera)
     return {
         "origin": {**origin, "scene_sha256": statistics["scene_sha256"]},
@@ -239,7 +258,8 @@ def frame_metadata(
         "chain": options["chain"],
         "precision": first.window.backend.precision,
         "given_maps": sorted(options["maps"] or ()),
-        "image": dict(zip(("frames", "rows", "columns"), frames.digital.shape, strict=True)),
+        "image": image_facts(frames),
+        "colour": None if colours is None else colours._asdict(),
         "bands": {"wavelengths_nm": light.wavelengths_nm, "bandwidths_nm": light.bandwidths_nm, **off._asdict()},
         **report,
         "counts": {**report["counts"], **{name: statistics[name] for name in ("negative", "non_finite")}},
@@ -252,13 +272,3 @@ def frame_metadata(
         "float32": found.get("float32"),
         "times_s": times_s,
     }
-
-
-def clipped_note(frames: Frames) -> Iterator[str]:
-    """Where many pixels are saturated: how many, and the time that metering would choose."""
-    counts, exposure = frames.report["counts"], frames.first.exposure
-    pixels = frames.digital[0].size
-    share = max(counts["clipped_full_well"], counts["clipped_adc_high"]) / pixels
-    if share > MANY_CLIPPED:
-        shorter = Metering().time_s(frames.light, frames.camera, exposure)
-        yield f"{share:.0%} of the pixels are saturated at {exposure.time_s:g} s; --exposure-s {shorter:g} is metered"

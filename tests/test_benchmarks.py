@@ -218,3 +218,12 @@ def test_denoised_light_is_compared_with_a_reference() -> None:
     assert all(math.isfinite(number) for _, number in numbers(row))
     assert row["denoised"]["median"] < 0.67 * row["raw"]["median"]
     assert row["denoised"]["z2"] > 0.85
+
+
+def test_samples_where_they_count_are_compared_with_uniform_ones() -> None:
+    """A Cornell box of 24 × 24 pixels, 256 samples at most: finite figures, and never fewer samples than the first."""
+    scene = str(BENCHMARKS.parent / "scenes" / "cornell_box.xml")
+    rows = run("adaptive.py", "--scenes", scene, "--width", "24", "--most", "256", "--reference", "64")
+    assert [row["by"] for row in rows] == ["bars", "error"]
+    for row in rows:
+        assert row["spp"] >= 128 and 0 < row["share"] <= 1 and row["gain"] > 0

@@ -31,6 +31,7 @@ IMPORTED_IN = {
     "PIL": ("io/files.py",),
     "matplotlib": ("study/page.py",),
     "colour": ("render/spectra.py",),
+    "colour_demosaicing": ("io/preview.py",),
     "typer": ("cli/",),
     "rich": ("cli/",),
     "pydantic": ("sensor/", "render/"),
@@ -38,7 +39,19 @@ IMPORTED_IN = {
 }
 """Foreign library → the one place that imports it."""
 
-SLOW = {"mitsuba", "drjit", "colour", "OpenEXR", "tifffile", "PIL", "matplotlib", "pyoidn", "numpy.f2py", "numpy.ma"}
+SLOW = {
+    "mitsuba",
+    "drjit",
+    "colour",
+    "colour_demosaicing",
+    "OpenEXR",
+    "tifffile",
+    "PIL",
+    "matplotlib",
+    "pyoidn",
+    "numpy.f2py",
+    "numpy.ma",
+}
 SLOW |= {f"scipy.{name}" for name in ("integrate", "interpolate", "linalg", "optimize", "signal", "special", "stats")}
 """What neither `import mitsuba_sensor` nor `--help` imports: together these take more than five seconds."""
 

@@ -14,6 +14,7 @@ import mitsuba_sensor as ms
 
 from ..core import InputError, first_given
 from ..io import files
+from ..render.irradiance import RenderedFor
 from ..render.scene_settings import ParsedScene, SceneSettings, parse
 from ..sensor.camera import toml_value
 from ..sensor.metering import Metering
@@ -85,6 +86,13 @@ def camera_and_exposure(flags: Flags, settings: SceneSettings = NO_SCENE) -> tup
     if time_s is None or isinstance(time_s, str):
         return camera, Metering(temperature_k)
     return camera, ms.Exposure(time_s, temperature_k)
+
+
+def settings_of(known: RenderedFor | None) -> SceneSettings:
+    """Camera and exposure that an irradiance was rendered for, as if a scene named them."""
+    if known is None:
+        return NO_SCENE
+    return SceneSettings(known.camera, exposure_s=known.exposure.time_s, temperature_k=known.exposure.temperature_k)
 
 
 def show(what: object, as_json: bool) -> None:

@@ -18,7 +18,7 @@ from ..render.options import RawLightOptions, RenderOptions, SceneOptions
 from ..sensor.gains import gain_dn_per_e
 from ..sensor.metering import Metering
 from . import options, terminal
-from .app import app, camera_and_exposure, err, other_flags, render_input, show
+from .app import app, camera_and_exposure, err, other_flags, render_input, settings_of, show
 from .tables import FittedTable
 
 LEVELS = {"black": "bold red", "wrong": "bold yellow", "note": "dim"}  # of a finding of lint → its style
@@ -46,11 +46,11 @@ def expose(
 ) -> None:
     """Expose a camera to irradiance that is already rendered: another time, camera or seed at no cost.
 
+    Camera, exposure and serial number are those that it was rendered for, unless you give others.
     Writes frame.tiff, frame.png and frame.json into DIR: all three, or none.
     """
     _refuse_lens(flags)
-    exr.require_exr(irradiance)
-    camera, exposure = camera_and_exposure(flags)
+    camera, exposure = camera_and_exposure(flags, settings_of(exr.rendered_for(irradiance)))
     with files.output_folder(out_dir, FILES) as folder:
         found = ms.capture(irradiance, camera, exposure, **other_flags(flags))
         found.save(folder)
@@ -75,8 +75,8 @@ def plan(
     if source.suffix.lower() == ".exr":
         _refuse_lens(flags)
         refuse_render_options(flags)
-        camera, exposure = camera_and_exposure(flags)
         light = exr.read_irradiance_exr(source)
+        camera, exposure = camera_and_exposure(flags, settings_of(light.rendered_for))
         light = light.before_denoising() if flags["raw_light"] else light
     else:
         given, asked = render_input(source, flags)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +17,7 @@ from .files import appearing, plain_values
 
 if TYPE_CHECKING:
     from ..render.aovs import Aovs
-    from ..render.irradiance import Irradiance
+    from ..render.irradiance import Irradiance, RenderedFor
     from ..render.statistics import RenderStatistics
 
 EXR_MAGIC = b"\x76\x2f\x31\x01"  # OpenEXR file layout, "Magic Number"
@@ -43,6 +43,7 @@ def write_irradiance_exr(path: Path, irradiance: Irradiance) -> None:
     Channels ``S0.<nm>nm`` hold the bands and ``standard_error.<nm>nm`` their standard errors in the same unit (decimal
     comma, as Fichet et al. 2021 have it, because a dot separates layers); ``relative_error`` that of the electrons.
     ``in_band`` is the factor on the electrons of the camera whose fingerprint is ``response`` in the header.
+    ``rendered_for`` in the header is camera (its whole datasheet), exposure, serial number and illuminant as JSON.
     Light that was kept as it was before denoising has the same channels in the layer ``raw``.
     What was rendered into colour filters has ``channel.<filter>`` instead, in W m⁻² at the wavelength in the header.
     """
@@ -63,6 +64,8 @@ def write_irradiance_exr(path: Path, irradiance: Irradiance) -> None:
     if irradiance.in_band is not None:
         header["response"] = irradiance.response or ""
     channels = _channels(irradiance, prefix, names)
+    if (known := irradiance.rendered_for) is not None:
+        header["rendered_for"] = json.dumps(plain_values(known.to_dict()))
     if (raw := irradiance.raw) is not None:
         header["raw_statistics"] = json.dumps(raw.statistics.to_dict(), default=plain_values)
         channels |= {RAW_LAYER + name: image for name, image in _channels(raw, prefix, names).items()}
@@ -113,7 +116,22 @@ def read_irradiance_exr(path: str | os.PathLike[str]) -> Irradiance:
             }
 
         raw = Irradiance(**light(RAW_LAYER, "raw_statistics")) if "raw_statistics" in header else None
-        return Irradiance(**light("", "render_statistics"), raw=raw)
+        return Irradiance(**light("", "render_statistics"), rendered_for=_rendered_for(header), raw=raw)
+
+
+def rendered_for(path: str | os.PathLike[str]) -> RenderedFor | None:
+    """What an irradiance.exr was rendered for, without reading its pixels; None where it does not say.
+
+    Raises InputError for what is no EXR.
+    """
+    with _whole_exr(Path(path), "whose header cannot be read", pixels=False) as (header, _):
+        return _rendered_for(header)
+
+
+def _rendered_for(header: Mapping[str, Any]) -> RenderedFor | None:
+    from ..render.irradiance import RenderedFor
+
+    return RenderedFor.from_dict(json.loads(header["rendered_for"])) if "rendered_for" in header else None
 
 
 def _statistics(text: str) -> RenderStatistics:
@@ -168,18 +186,21 @@ def _write_exr(path: Path, header: dict[str, Any], channels: dict[str, np.ndarra
 
 
 @contextmanager
-def _whole_exr(path: Path, wrong: str, remedy: str = "") -> Iterator[tuple[dict[str, Any], dict[str, np.ndarray]]]:
+def _whole_exr(
+    path: Path, wrong: str, remedy: str = "", pixels: bool = True
+) -> Iterator[tuple[dict[str, Any], dict[str, np.ndarray]]]:
     """Header and channels of an EXR; InputError if it is not there, not an EXR, not whole, or lacks what is read."""
     import OpenEXR
 
     require_exr(path)
     try:
-        with OpenEXR.File(str(path), separate_channels=True) as file:
-            header, pixels = dict(file.header()), {name: channel.pixels for name, channel in file.channels().items()}
+        with OpenEXR.File(str(path), separate_channels=True, header_only=not pixels) as file:
+            header = dict(file.header())
+            images = {name: channel.pixels for name, channel in file.channels().items()} if pixels else {}
     except (RuntimeError, ValueError) as error:
         raise InputError(f"{path} cannot be read as an OpenEXR file ({error}); render it again.") from error
     try:
-        yield header, pixels
+        yield header, images
     except (KeyError, ValueError, TypeError) as error:
         raise InputError(f"{path} is an EXR {wrong} (missing or unreadable: {error}){remedy}.") from error
 

@@ -21,6 +21,10 @@ import numpy as np
 
 from ..core import InputError
 
+NOTHING: Mapping[str, Any] = {}
+CFA_COLOURS = "rgb"  # numbers 0, 1, 2 in the CFAPattern of TIFF/EP
+TIFF_BYTE, TIFF_SHORT, TIFF_LONG = 1, 3, 4  # types of tags
+
 
 @contextmanager
 def output_folder(path: Path | str, names: Sequence[str]) -> Iterator[Path]:
@@ -48,20 +52,51 @@ def output_folder(path: Path | str, names: Sequence[str]) -> Iterator[Path]:
         raise
 
 
-def write_tiff(path: Path, frames: np.ndarray) -> None:
-    """Raw digital numbers (N, H, W), unsigned 8, 16 or 32 bit, one page per frame, nothing scaled."""
+def write_tiff(path: Path, frames: np.ndarray, facts: Mapping[str, Any] = NOTHING) -> None:
+    """Raw digital numbers (N, H, W), unsigned 8, 16 or 32 bit, one page per frame, nothing scaled.
+
+    facts : ``image`` of frame.json; as JSON in the description, and black level, white level and the pattern of red,
+        green and blue filters in the tags of TIFF/EP and DNG too.
+    """
     import tifffile
 
+    tags = _raw_tags(facts) if facts else []
+    text = to_json(dict(facts)) if facts else None
     with appearing(path) as temporary:
-        tifffile.imwrite(temporary, frames, photometric="minisblack", metadata=None, software="mitsuba_sensor")
+        tifffile.imwrite(
+            temporary,
+            frames,
+            photometric="minisblack",
+            metadata=None,
+            software="mitsuba_sensor",
+            description=text,
+            extratags=tags,
+        )
 
 
-def write_png(path: Path, picture: np.ndarray) -> None:
-    """An 8-bit preview, (H, W) grey or (H, W, 3) sRGB."""
-    from PIL import Image
+def _raw_tags(facts: Mapping[str, Any]) -> list[tuple[int, int, int, Any, bool]]:
+    """(code, type, count, value, first page only) of BlackLevel, WhiteLevel, CFARepeatPatternDim and CFAPattern."""
+    tags: list[tuple[int, int, int, Any, bool]] = [
+        (50714, TIFF_LONG, 1, round(facts["black_level_dn"]), False),
+        (50717, TIFF_LONG, 1, facts["white_level_dn"], False),
+    ]
+    names = np.array(facts["cfa_pattern"] or [[]])
+    initials = [name[:1].lower() for name in names.ravel()]
+    if initials and set(initials) <= set(CFA_COLOURS):
+        tags.append((33421, TIFF_SHORT, 2, names.shape, False))
+        tags.append((33422, TIFF_BYTE, names.size, bytes(CFA_COLOURS.index(one) for one in initials), False))
+    return tags
 
+
+def write_png(path: Path, picture: np.ndarray, facts: Mapping[str, Any] = NOTHING) -> None:
+    """An 8-bit preview, (H, W) grey or (H, W, 3) sRGB.  facts : what becomes text in it, each value as JSON."""
+    from PIL import Image, PngImagePlugin
+
+    texts = PngImagePlugin.PngInfo()
+    for name, value in facts.items():
+        texts.add_text(name, json.dumps(plain_values(value)))
     with appearing(path) as temporary:
-        Image.fromarray(picture).save(temporary, format="PNG")
+        Image.fromarray(picture).save(temporary, format="PNG", pnginfo=texts)
 
 
 def write_page(path: Path, text: str) -> None:

@@ -1,4 +1,4 @@
-"""8-bit preview of a raw frame: black level subtracted, white level to 1, demosaiced, sRGB curve.
+"""8-bit preview of a raw frame: black level subtracted, white level to 1, demosaiced, colours of the scene, sRGB curve.
 
 Nothing is stretched unless asked for: an exposure that is too dark looks too dark.
 """
@@ -8,37 +8,68 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.units import BOLTZMANN_J_PER_K, photon_energy_j
+from ..core.illuminant import Illuminant
 from ..sensor.camera import Camera
 from ..sensor.stage import converter_of
+from .colour_matrix import ColourMatrix, colour_matrix, colour_order
 
-DAYLIGHT_K = 6504.0  # correlated colour temperature of CIE D65, the white of sRGB
 NEAR, CORNER = 2.0, 1.0  # bilinear weights of the four neighbours beside and across
+BAYER = 2  # rows and columns of a tile of two greens, and of the smallest picture that has one
 
 
-def preview(digital: NDArray[np.generic], camera: Camera, gain: float = 1.0) -> NDArray[np.uint8]:
+def preview(
+    digital: NDArray[np.generic],
+    camera: Camera,
+    gain: float = 1.0,
+    origin: tuple[int, int] = (0, 0),
+    illuminant: Illuminant | None = None,
+) -> NDArray[np.uint8]:
     """One raw frame (H, W) in DN → (H, W) grey or (H, W, 3) colour, 8 bit.
 
-    White is the largest code, or 1/``gain`` of it for a picture that is pushed; colours are balanced so that a grey
-    surface in daylight looks grey.
+    origin : row and column of its first pixel on the sensor, from which its colour filters follow.
+    illuminant : of the scene; daylight where it is not known. A white surface under it is white.
+    White is the largest code, or 1/``gain`` of it for a picture that is pushed.
     """
+    return developed(digital, camera, colour_matrix(camera, illuminant), gain, origin)
+
+
+def developed(
+    digital: NDArray[np.generic],
+    camera: Camera,
+    colours: ColourMatrix | None,
+    gain: float = 1.0,
+    origin: tuple[int, int] = (0, 0),
+) -> NDArray[np.uint8]:
+    """The same with a matrix that is known; grey where there is none."""
     black_dn, white_dn = converter_of(camera.stages).black_level_dn, 2.0**camera.adc.bits - 1.0
-    linear = np.clip(gain * (np.asarray(digital, dtype=np.float64) - black_dn) / (white_dn - black_dn), 0.0, 1.0)
-    order = colour_order(camera.filter_names)
-    if order is not None:
-        planes = demosaic(linear, camera.filter_index(digital.shape), len(camera.filter_names))
-        linear = np.clip(planes[..., order] * white_balance(camera)[order], 0.0, 1.0)
-    return np.rint(255.0 * srgb_curve(linear)).astype(np.uint8)
+    linear = (np.asarray(digital, dtype=np.float64) - black_dn) / (white_dn - black_dn)
+    if colours is not None:
+        filters = camera.filter_index(linear.shape, origin)
+        balanced = np.minimum(colours.white_balance * demosaic(linear, filters, camera), 1.0)
+        linear = balanced @ colours.to_srgb.T
+        linear[(balanced[..., colour_order(camera.filter_names)] >= 1).all(axis=-1)] = 1.0  # saturation is white
+    return np.rint(255.0 * srgb_curve(np.clip(gain * linear, 0.0, 1.0))).astype(np.uint8)
 
 
-def colour_order(filter_names: tuple[str, ...]) -> list[int] | None:
-    """Which filter is red, green, blue; None when the camera is not of that kind and its preview stays grey."""
-    initials = [name[:1].lower() for name in filter_names]
-    return [initials.index(one) for one in "rgb"] if {*"rgb"} <= {*initials} else None
+def demosaic(mosaic: NDArray[np.float64], filters: NDArray[np.integer], camera: Camera) -> NDArray[np.float64]:
+    """(H, W) values and filter numbers → (H, W, F): by Menon, Andriani and Calvagno 2007 behind a Bayer pattern (the
+    edges that it follows stay without colour), else by bilinear means."""
+    names = "".join(camera.filter_names[number][:1].upper() for number in filters[:BAYER, :BAYER].ravel())
+    if (
+        sorted(names) != ["B", "G", "G", "R"]
+        or len(camera.filter_names) != 3
+        or np.shape(camera.tile) != (BAYER, BAYER)
+    ):
+        return bilinear(mosaic, filters, len(camera.filter_names))
+    from colour_demosaicing import demosaicing_CFA_Bayer_Menon2007
+
+    order = [name[:1].upper() for name in camera.filter_names]
+    found = demosaicing_CFA_Bayer_Menon2007(mosaic, names)
+    return np.asarray(found[..., ["RGB".index(name) for name in order]], dtype=np.float64)
 
 
-def demosaic(mosaic: NDArray[np.float64], filters: NDArray[np.integer], count: int) -> NDArray[np.float64]:
-    """Bilinear: every pixel keeps what it measured and takes the weighted mean of its neighbours for the rest.
+def bilinear(mosaic: NDArray[np.float64], filters: NDArray[np.integer], count: int) -> NDArray[np.float64]:
+    """Every pixel keeps what it measured and takes the weighted mean of its neighbours for the rest.
 
     mosaic, filters : (H, W), value and filter number of each pixel; count : F, how many filters → (H, W, F).
     """
@@ -48,19 +79,6 @@ def demosaic(mosaic: NDArray[np.float64], filters: NDArray[np.integer], count: i
         mean = np.divide(_spread(np.where(own, mosaic, 0.0)), weight, out=np.zeros_like(mosaic), where=weight > 0)
         planes.append(np.where(own, mosaic, mean))
     return np.stack(planes, axis=-1)
-
-
-def white_balance(camera: Camera) -> NDArray[np.float64]:
-    """(F,) factors ≥ 1 that make the filters equal under daylight."""
-    wavelengths_nm = np.linspace(*camera.band_nm, 256)
-    electrons: NDArray[np.float64] = (camera.qe(wavelengths_nm) * daylight_photons(wavelengths_nm)).sum(axis=-1)
-    return np.asarray(electrons.max() / electrons)
-
-
-def daylight_photons(wavelengths_nm: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Photons per wavelength of a black body at the colour temperature of daylight, in any unit (Planck)."""
-    energy_over_kt = photon_energy_j(wavelengths_nm) / (BOLTZMANN_J_PER_K * DAYLIGHT_K)
-    return np.asarray(wavelengths_nm**-4.0 / np.expm1(energy_over_kt))
 
 
 def srgb_curve(linear: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -2,13 +2,56 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import InputError
+from ..core import Exposure, InputError
+from ..core.illuminant import Illuminant
+from ..sensor.camera import Camera, camera_from
 from .statistics import RenderStatistics
+
+
+@dataclass(frozen=True)
+class RenderedFor:
+    """What an irradiance was rendered for, which an exposure of it takes unless told otherwise.
+
+    camera : None where stages were added to it, which a file cannot keep.  serial : number of the camera.
+    illuminant : of the scene, where the camera has colour filters and an emitter was found.
+    """
+
+    camera: Camera | None
+    exposure: Exposure
+    serial: int
+    illuminant: Illuminant | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, ready for JSON."""
+        illuminant = None if self.illuminant is None else {k: x.tolist() for k, x in self.illuminant._asdict().items()}
+        camera = None if self.camera is None else self.camera.model_dump(mode="json")
+        return {"camera": camera, "exposure": asdict(self.exposure), "serial": self.serial, "illuminant": illuminant}
+
+    def shared_with(self, camera: Camera, exposure: Exposure, serial: int | None) -> list[str]:
+        """What another exposure of the light has in common with this one."""
+        pairs = {
+            "camera": (camera, self.camera),
+            "exposure": (exposure, self.exposure),
+            "serial": (serial, self.serial),
+        }
+        return [name for name, (other, own) in pairs.items() if other == own]
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> RenderedFor:
+        """The inverse. Raises InputError for a camera that cannot be."""
+        camera, light = values["camera"], values["illuminant"]
+        return cls(
+            None if camera is None else camera_from(camera, "of the irradiance"),
+            Exposure(**values["exposure"]),
+            int(values["serial"]),
+            None if light is None else Illuminant(**{name: np.array(x, dtype=float) for name, x in light.items()}),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +69,7 @@ class Irradiance:
         is flat within each band; None where they are not known.
     response : the fingerprint of the camera of ``filters`` or ``in_band``.
     origin : (row, column) of the first pixel on the sensor: where the film's crop window begins.
+    rendered_for : camera, exposure and serial number, where they are known.
     raw : the same light before it was denoised, if asked for and denoised; its statistics are its own.
     """
 
@@ -39,7 +83,14 @@ class Irradiance:
     response: str | None = None
     origin: tuple[int, int] = (0, 0)
     in_band: NDArray[np.float32] | None = None
+    rendered_for: RenderedFor | None = None
     raw: Irradiance | None = None
+
+    def of_serial(self, serial: int) -> Irradiance:
+        """The same, remembering this serial number of the camera."""
+        return (
+            self if self.rendered_for is None else replace(self, rendered_for=replace(self.rendered_for, serial=serial))
+        )
 
     def before_denoising(self) -> Irradiance:
         """The light as it was rendered. Raises InputError where it was denoised and that was not kept."""
@@ -47,4 +98,4 @@ class Irradiance:
             raise InputError(
                 "raw_light is asked for and this light is denoised only; render it again with --raw-light."
             )
-        return self if self.raw is None else self.raw
+        return self if self.raw is None else replace(self.raw, rendered_for=self.rendered_for)

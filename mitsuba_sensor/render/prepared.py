@@ -22,6 +22,7 @@ from .aovs import Aovs, aovs_of, load_for_rays
 from .bands import BANDWIDTH_NM, Bands, choose_bands
 from .denoise import is_installed, library
 from .film_channels import with_filters
+from .illuminant import rendered_for
 from .irradiance import Irradiance
 from .motion import Motion, read_motion
 from .moving_scene import MovingScene
@@ -137,11 +138,12 @@ class PreparedRender:
             why = f" ({renderer.non_finite} values were not finite)" if renderer.non_finite else ""
             remedy = "give it an emitter that lights what the sensor sees, with a spectrum there"
             raise InputError(f"the scene is black from {low_nm:g} to {high_nm:g} nm{why}; {remedy}.")
-        exposure = self.exposure
+        exposure, serial = self.exposure, self.parsed.settings.serial
         light = self._irradiance(found, self._statistics(stop, end, began, exposure, raw))
         if self.metering is not None and not self.metered:
             exposure = metered(light, self.camera, self.metering)
             light = replace(light, statistics=self._statistics(stop, end, began, exposure, raw))
+        light = replace(light, rendered_for=rendered_for(self.at_rest, self.camera, exposure, serial))
         if kept is None or renderer.denoised is None:
             return light
         ratios = self._noise_ratios(exposure, raw, renderer.passes)

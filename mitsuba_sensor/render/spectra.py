@@ -1,4 +1,4 @@
-"""Spectra from colour-science: illuminant D65, the luminous efficiency V(λ), and the reflectances of a ColorChecker.
+"""Spectra and colours from colour-science: D65, the CIE 1931 observer, reflectances of surfaces, CIELAB and sRGB.
 
 The only module that imports colour-science, and only inside functions, because the import is slow.
 """
@@ -13,6 +13,7 @@ from ..core import Float64Array
 
 LUMENS_PER_WATT = 683.002  # K_m, CIE: 683 lm/W at 540 THz, that is 555.017 nm in air
 VISIBLE_NM = (360.0, 830.0)  # the range of Mitsuba's own spectra (CIE observers)
+OBSERVER, DAYLIGHT, ADAPTATION = "CIE 1931 2 Degree Standard Observer", "D65", "CAT02"
 COLOR_CHECKER = "ISO 17321-1"  # 380 to 780 nm every 5 nm, 24 patches
 
 
@@ -20,16 +21,21 @@ def d65(wavelengths_nm: ArrayLike) -> Float64Array:
     """CIE standard illuminant D65, relative (100 at 560 nm), 0 outside its table of 300 to 780 nm."""
     from colour import SDS_ILLUMINANTS
 
-    table, at_nm = SDS_ILLUMINANTS["D65"], np.asarray(wavelengths_nm, float)
+    table, at_nm = SDS_ILLUMINANTS[DAYLIGHT], np.asarray(wavelengths_nm, float)
     return np.asarray(np.interp(at_nm, table.wavelengths, table.values, left=0.0, right=0.0))
+
+
+def observer(wavelengths_nm: ArrayLike) -> Float64Array:
+    """x̄, ȳ, z̄ of the CIE 1931 observer, (3, B), 0 outside 360 to 830 nm."""
+    from colour import MSDS_CMFS
+
+    table, at_nm = MSDS_CMFS[OBSERVER], np.asarray(wavelengths_nm, float)
+    return np.stack([np.interp(at_nm, table.wavelengths, one, left=0.0, right=0.0) for one in table.values.T])
 
 
 def photopic(wavelengths_nm: ArrayLike) -> Float64Array:
     """Luminous efficiency V(λ): CIE 1931 ȳ, 1 at 555 nm, 0 outside 360 to 830 nm."""
-    from colour import MSDS_CMFS
-
-    table, at_nm = MSDS_CMFS["CIE 1931 2 Degree Standard Observer"], np.asarray(wavelengths_nm, float)
-    return np.asarray(np.interp(at_nm, table.wavelengths, table.values[:, 1], left=0.0, right=0.0))
+    return np.asarray(observer(np.atleast_1d(wavelengths_nm))[1].reshape(np.shape(wavelengths_nm)))
 
 
 def luminous(wavelengths_nm: Float64Array, radiometric: Float64Array) -> float:
@@ -48,3 +54,39 @@ def color_checker() -> dict[str, tuple[Float64Array, Float64Array]]:
     from colour import SDS_COLOURCHECKERS
 
     return {name: (sd.wavelengths, sd.values) for name, sd in SDS_COLOURCHECKERS[COLOR_CHECKER].items()}
+
+
+def surfaces(wavelengths_nm: ArrayLike) -> Float64Array:
+    """(190, B) reflectances of the training set of the AMPAS' RAW to ACES, held constant outside of 380 to 780 nm."""
+    from colour.characterisation import read_training_data_rawtoaces_v1
+
+    table, at_nm = read_training_data_rawtoaces_v1(), np.asarray(wavelengths_nm, float)
+    return np.array([np.interp(at_nm, table.wavelengths, one) for one in np.asarray(table.values).T])
+
+
+def daylight_xyz() -> Float64Array:
+    """XYZ of D65, Y = 1: the white of sRGB."""
+    from colour import CCS_ILLUMINANTS, xy_to_XYZ
+
+    return np.asarray(xy_to_XYZ(CCS_ILLUMINANTS[OBSERVER][DAYLIGHT]))
+
+
+def adapted_to_daylight(xyz: Float64Array, white: Float64Array) -> Float64Array:
+    """Colours (N, 3) as they look in daylight to who was used to this white (CAT02)."""
+    from colour.adaptation import matrix_chromatic_adaptation_VonKries
+
+    return np.asarray(xyz @ matrix_chromatic_adaptation_VonKries(white, daylight_xyz(), transform=ADAPTATION).T)
+
+
+def lab(xyz: Float64Array) -> Float64Array:
+    """CIELAB of colours (N, 3) in daylight."""
+    from colour import CCS_ILLUMINANTS, XYZ_to_Lab
+
+    return np.asarray(XYZ_to_Lab(np.maximum(xyz, 0.0), CCS_ILLUMINANTS[OBSERVER][DAYLIGHT]))
+
+
+def xyz_to_srgb() -> Float64Array:
+    """(3, 3) from XYZ to linear sRGB (IEC 61966-2-1)."""
+    from colour import RGB_COLOURSPACES
+
+    return np.asarray(RGB_COLOURSPACES["sRGB"].matrix_XYZ_to_RGB)

@@ -219,6 +219,14 @@ def load_camera(name: str | Path) -> Camera:
         raise InputError(f"The camera file {path} cannot be read: {reason}.") from None
 
 
+def camera_from(data: dict[str, Any], where: str) -> Camera:
+    """The camera of these tables, as :meth:`Camera.model_dump` gives them.  where : for what is said of an error.
+
+    Raises InputError.
+    """
+    return _checked(data, where)
+
+
 def list_cameras() -> list[str]:
     """Names of the cameras that ship with the package."""
     return sorted(file.name.removesuffix(".toml") for file in SHIPPED.iterdir() if file.name.endswith(".toml"))

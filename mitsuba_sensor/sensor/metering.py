@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
@@ -14,6 +15,9 @@ from .detection import detect
 from .effects.dark_current import mean_dark_e
 from .gains import gain_dn_per_e
 from .stage import converter_of
+
+if TYPE_CHECKING:
+    from .expose import Frames
 
 PERCENTILE, SHARE = 95.0, 0.7  # five pixels of a hundred are brighter, and mostly still below saturation
 MANY_CLIPPED = 0.2  # of the pixels: beyond this share a shorter time is suggested
@@ -86,3 +90,13 @@ def electrons_of(photons: Photons, camera: Camera, exposure: Exposure) -> Float6
     rows, columns = photons.mean.shape[:2]
     signal = detect(photons, camera.stages[0], Frame(exposure, SensorWindow(0, (rows, columns), photons.origin))).signal
     return np.asarray(signal.light * signal.yield_mean, dtype=np.float64)
+
+
+def clipped_note(frames: Frames) -> Iterator[str]:
+    """Where many pixels are saturated: how many, and the time that metering would choose."""
+    counts, exposure = frames.report["counts"], frames.first.exposure
+    pixels = frames.digital[0].size
+    share = max(counts["clipped_full_well"], counts["clipped_adc_high"]) / pixels
+    if share > MANY_CLIPPED:
+        shorter = Metering().time_s(frames.light, frames.camera, exposure)
+        yield f"{share:.0%} of the pixels are saturated at {exposure.time_s:g} s; --exposure-s {shorter:g} is metered"
