@@ -16,6 +16,7 @@ from .render.photons import collect, gradient_light, uniform_light
 from .render.plugins import register as register_plugins
 from .render.prepared import render
 from .sensor.camera import Camera, list_cameras, load_camera
+from .sensor.camera_check import check_camera
 from .sensor.expose import Frames, expose, stream
 from .sensor.fpn_maps import fpn_maps
 from .sensor.gradient import differentiable
@@ -28,6 +29,7 @@ __version__ = "0.1.0"
 __all__ = ["Camera", "Capture", "Exposure", "Frames", "InputError", "Irradiance", "Photons", "Plan", "Sensor", "Stage"]
 __all__ += [
     "capture",
+    "check_camera",
     "collect",
     "differentiable",
     "expose",

@@ -76,7 +76,7 @@ def camera_and_exposure(flags: Flags, settings: SceneSettings = NO_SCENE) -> tup
 
     The --set fields are set before the scene's too, because a prescription takes focal length and focus from the scene.
     """
-    name, changes = flags.get("camera"), {k: toml_value(text) for k, text in (flags.get("settings") or {}).items()}
+    name, changes = flags.get("camera"), changes_of(flags)
     camera = settings.camera if name is None else None
     camera = camera or ms.load_camera(options.DEFAULT_CAMERA if name is None else name)
     camera = settings.applied_to(camera.replace(**changes) if changes else camera)
@@ -93,6 +93,11 @@ def settings_of(known: RenderedFor | None) -> SceneSettings:
     if known is None:
         return NO_SCENE
     return SceneSettings(known.camera, exposure_s=known.exposure.time_s, temperature_k=known.exposure.temperature_k)
+
+
+def changes_of(flags: Flags) -> dict[str, Any]:
+    """The fields that --set changes, for ``Camera.replace``; None unsets one."""
+    return {field: toml_value(text) for field, text in (flags.get("settings") or {}).items()}
 
 
 def show(what: object, as_json: bool) -> None:

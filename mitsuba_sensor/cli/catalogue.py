@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import typer
@@ -9,12 +10,15 @@ from rich.text import Text
 
 import mitsuba_sensor as ms
 
+from ..core import InputError
+from ..io import files
+from ..sensor.camera_check import CameraFinding
 from . import options
-from .app import app, show
+from .app import app, changes_of, show
 from .tables import FittedTable, short
 
 cameras = typer.Typer(
-    no_args_is_help=True, help="The cameras that ship with the package, their lenses, and the format of a camera file."
+    no_args_is_help=True, help="The cameras that ship with the package, their lenses, and camera files of your own."
 )
 app.add_typer(cameras, name="cameras")
 
@@ -30,10 +34,43 @@ def list_command(as_json: options.Json = False) -> None:
     show([{"name": one.name, "description": one.description} for one in known] if as_json else table, as_json)
 
 
+@cameras.command("new", epilog="Example: mitsuba-sensor cameras new my.toml --like bayer_2mp --set adc.bits=14")
+@options.flags(options.NewCameraFlags)
+def new_camera(file: options.NewFile, **flags: options.Flag) -> None:
+    """Write a camera file to change: every key with unit, range, meaning, and where its value comes from.
+
+    It loads as the camera that it is like; `cameras check FILE` says what is wrong after a change.
+    """
+    if file.suffix != ".toml":
+        raise InputError(f"{file} is no name of a camera file; let it end in .toml.")
+    if file.exists() and not (flags["force"] and file.is_file()):
+        remedy = "--force writes over it, or give another name" if file.is_file() else "give another name"
+        raise InputError(f"{file} exists already; {remedy}.")
+    if not file.parent.is_dir():
+        raise InputError(f"{file} cannot be written: there is no folder {file.parent}; make it, or give another name.")
+    files.write_page(file, ms.load_camera(flags["like"]).replace(**changes_of(flags)).to_toml())
+    show(f"{file} is a camera like {flags['like']}; change it, then: mitsuba-sensor cameras check {file}", False)
+
+
+@cameras.command("check", epilog="Example: mitsuba-sensor cameras check my.toml")
+def check_camera(name: options.CameraName, as_json: options.Json = False) -> None:
+    """All that is wrong in a camera file, with line numbers, and values that are allowed but unusual.
+
+    Exit code: 0 if there are at most warnings, 2 if the file cannot be used.
+    """
+    found = ms.check_camera(name)
+    errors = sum(one.level == "error" for one in found)
+    show([one.to_dict() for one in found] if as_json else "\n".join(map(str, (*found, _verdict(name, found)))), as_json)
+    if errors:
+        raise typer.Exit(2)
+
+
 @cameras.command("show", epilog="Example: mitsuba-sensor cameras show konnik_table1")
-def show_camera(name: options.CameraName, as_json: options.Json = False) -> None:
+def show_camera(name: options.CameraName, as_toml: options.Toml = False, as_json: options.Json = False) -> None:
     """Every number of one camera, with its unit (the end of the field's name) and where it comes from."""
     camera = ms.load_camera(name)
+    if as_toml:
+        return show(camera.to_toml().rstrip("\n"), False)
     fields = camera.model_dump(mode="json")
     table = FittedTable(("field", "value", "source"))
     for field, value in _flat({key: value for key, value in fields.items() if key != "sources"}).items():
@@ -41,6 +78,15 @@ def show_camera(name: options.CameraName, as_json: options.Json = False) -> None
     show({**fields, "sources": dict(camera.sources), "notes": list(camera.notes)} if as_json else table, as_json)
     for note in () if as_json else camera.notes:
         show(f"note: {note}", False)
+
+
+@cameras.command()
+def fields() -> None:
+    """Every key of a camera file with unit, range, default and meaning, as the Markdown tables of docs."""
+    from ..sensor.camera import Camera
+    from ..sensor.field_catalogue import markdown
+
+    show(markdown(Camera), False)
 
 
 @cameras.command()
@@ -75,6 +121,13 @@ def lenses(as_json: options.Json = False) -> None:
     for x, f in lengths:
         table.add_row(x.name, f"{f:.4g} mm", str(len(x.surfaces)), x.source)
     show(found if as_json else table, as_json)
+
+
+def _verdict(name: str, found: Sequence[CameraFinding]) -> str:
+    """The last line of a check."""
+    counts = [(sum(one.level == level for one in found), level) for level in ("error", "warning")]
+    said = ", ".join(f"{n} {level}{'s' if n > 1 else ''}" for n, level in counts if n)
+    return f"{name}: {said or 'nothing is wrong'}"
 
 
 def _flat(fields: dict[str, Any], prefix: str = "") -> dict[str, object]:

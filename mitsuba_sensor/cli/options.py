@@ -32,12 +32,26 @@ SceneOrIrradiance = Annotated[
     Path, typer.Argument(metavar="SCENE_OR_EXR", help="A scene file, which is rendered first, or an irradiance.exr.")
 ]
 Out = Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Folder for the results; made if need be.")]
+NewFile = Annotated[Path, typer.Argument(metavar="FILE.toml", help="The camera file to write.")]
 CameraName = Annotated[str, typer.Argument(metavar="NAME", help="A name from `cameras list`, or the path of a .toml.")]
 MapFile = Annotated[Path, typer.Option("-o", "--out", metavar="FILE.npz", help="The file to write.")]
 ToleranceDn = Annotated[
     float, typer.Option("--tolerance-dn", help="Leave out stages that together move no number by more, in DN.")
 ]
+Toml = Annotated[bool, typer.Option("--toml", help="A camera file with every key explained, to copy and change.")]
 Json = Annotated[bool, typer.Option("--json", help="Only JSON on stdout, for programs.")]
+
+
+Settings: TypeAlias = Annotated[
+    dict[str, str] | None,
+    Option(
+        "Change a field of the camera: --set adc.bits=14; FIELD=none unsets it. Repeatable; `cameras show NAME` lists "
+        "the fields.",
+        flag="--set",
+        metavar="FIELD=VALUE",
+        text=list[str],
+    ),
+]
 
 
 class CameraFlags(TypedDict, total=False):
@@ -66,15 +80,17 @@ class CameraFlags(TypedDict, total=False):
             metavar="KELVIN",
         ),
     ]
-    settings: Annotated[
-        dict[str, str] | None,
-        Option(
-            "Change a field of the camera: --set adc.bits=14. Repeatable; `cameras show NAME` lists the fields.",
-            flag="--set",
-            metavar="FIELD=VALUE",
-            text=list[str],
-        ),
+    settings: Settings
+
+
+class NewCameraFlags(TypedDict, total=False):
+    """What a new camera file begins with."""
+
+    like: Annotated[
+        str, Option("Camera to start from: a name from `cameras list`, or a .toml.", DEFAULT_CAMERA, metavar="NAME")
     ]
+    settings: Settings
+    force: Annotated[bool, Option("Write over an existing file.", False, flag="--force")]
 
 
 PANELS: dict[type, str] = {  # titles in --help, above the options that are declared there first

@@ -1,7 +1,7 @@
 """What every stage is computed with: units, signals, arrays, random numbers, backends, moments, frames, errors."""
 
 from .checks import check_types, first_given, numbers
-from .errors import InputError, nearest, require, require_seed
+from .errors import InputError, closest, nearest, require, require_seed
 from .exposure import Exposure
 from .frame import Frame
 from .moments import Moments
@@ -10,5 +10,5 @@ from .signals import CountedElectrons, Electrons, Photons
 from .types import Array, Float32Array, Float64Array, NumpyArray
 
 __all__ = ["Array", "CountedElectrons", "Electrons", "Exposure", "Float32Array", "Float64Array", "Frame"]
-__all__ += ["InputError", "Moments", "NumpyArray", "Photons", "SensorWindow", "check_types", "first_given", "nearest"]
-__all__ += ["numbers", "require", "require_seed"]
+__all__ += ["InputError", "Moments", "NumpyArray", "Photons", "SensorWindow", "check_types", "closest"]
+__all__ += ["first_given", "nearest", "numbers", "require", "require_seed"]

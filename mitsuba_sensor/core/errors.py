@@ -46,5 +46,11 @@ def span(low: float, high: float) -> str:
 
 def nearest(name: str, known: Iterable[str]) -> str:
     """`` Did you mean …?`` with the known name closest to ``name``, or an empty string if none is close."""
-    match = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
-    return f" Did you mean {match[0]!r}?" if match else ""
+    match = closest(name, known)
+    return f" Did you mean {match!r}?" if match else ""
+
+
+def closest(name: str, known: Iterable[str], cutoff: float = 0.5) -> str | None:
+    """The known name closest to ``name``, or None.  cutoff : likeness that it needs, 0 … 1 (difflib's ratio)."""
+    match = difflib.get_close_matches(name, list(known), n=1, cutoff=cutoff)
+    return match[0] if match else None

@@ -4,25 +4,26 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
-from functools import cached_property, reduce
+from functools import cached_property
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, TypeAlias, cast
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Self, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import Field, PrivateAttr, ValidationError, create_model, model_validator
+from pydantic import AfterValidator, Field, PrivateAttr, ValidationError, create_model, model_validator
 
 from ..core import InputError, nearest
 from ..core.band_average import photon_averages
 from .chain import ORDER, chain, check_added
 from .datasheet import CameraTable, FileTable, PixelGeometry, SensorSection
 from .datasheet_checks import check_gains, check_technology
-from .datasheet_errors import fields_of, sentence
+from .datasheet_errors import doubts, faults, fields_of
 from .lens_datasheet import LensSection
 from .stage import Chain, Stage
 
 QE_WAYS = ("value", "file", "curves")
+UNSET = " None unsets a field; on the command line: --set FIELD=none."
 SHIPPED = resources.files(__package__) / "cameras"
 
 
@@ -50,6 +51,13 @@ else:
     AdcTable = _table("adc", "The analogue-to-digital converter.")
 
 
+def _known_field(name: str) -> str:
+    """The key of a source, which must be a field of a camera."""
+    if name not in fields_of(Camera):
+        raise ValueError(f"{name!r} is no field of a camera.{nearest(name, fields_of(Camera))}".removesuffix("."))
+    return name
+
+
 class Camera(FileTable):
     """A camera as its datasheet describes it. Immutable; :meth:`replace` makes another one, checked again."""
 
@@ -63,20 +71,12 @@ class Camera(FileTable):
     readout: ReadoutTable
     adc: AdcTable
     lens: LensSection = Field(default_factory=LensSection)
-    sources: dict[str, str] = Field(
+    sources: dict[Annotated[str, AfterValidator(_known_field)], str] = Field(
         default_factory=dict,
         description="dotted field → where its number comes from",
         examples=[{"adc.bits": "Konnik & Welsh 2014, Table 1"}],
     )
     _added: tuple[tuple[str, Stage], ...] = PrivateAttr(())
-
-    @model_validator(mode="after")
-    def _sources_name_fields(self) -> Camera:
-        known = fields_of(Camera)
-        for key in self.sources:
-            if key not in known:
-                raise ValueError(f"sources names {key!r}, which is no field of a camera.{nearest(key, known)}")
-        return self
 
     @model_validator(mode="after")
     def _tables_fit(self) -> Camera:
@@ -85,19 +85,29 @@ class Camera(FileTable):
         return self
 
     def replace(self, **changes: Any) -> Camera:
-        """A copy with dotted fields changed: ``camera.replace(**{"adc.bits": 14})``. Raises InputError."""
+        """A copy with dotted fields changed: ``camera.replace(**{"adc.bits": 14})``; None unsets a field.
+
+        An unset field has its default again, or is left out: ``{"source_follower.white_nv_per_rthz": None,
+        "source_follower.read_noise_e": 3}`` gives the read noise in electrons instead. Raises InputError.
+        """
         data, known = self.model_dump(), fields_of(Camera)
         for dotted, value in changes.items():
             if dotted not in known:
                 raise InputError(f"{dotted} is not a field of a camera.{nearest(dotted, known)}")
             *path, last = dotted.split(".")
-            table = reduce(dict.__getitem__, path, data)
+            table = data
+            for name in path:
+                table[name] = table = table.get(name) or {}
             table[last] = value
+            if value is None:
+                del table[last]
             if path == ["quantum_efficiency"] and last in QE_WAYS and value is not None:
                 for other in QE_WAYS:  # the new way of giving the QE stands in for the old one
                     if other != last and f"quantum_efficiency.{other}" not in changes:
                         table.pop(other, None)
-            if path:
+            sources = data["sources"]
+            data["sources"] = {key: x for key, x in sources.items() if not f"{key}.".startswith(f"{dotted}.")}
+            if path and value is not None:
                 data["sources"][dotted] = "set by the user"
         camera = _checked(data, self.name)
         camera._added = self._added
@@ -137,10 +147,20 @@ class Camera(FileTable):
         extra = {"added_stages": added, "notes": list(self.notes)}
         return {**self.model_dump(), "sources": dict(self.sources), **{name: x for name, x in extra.items() if x}}
 
+    def to_toml(self) -> str:
+        """The text of a camera file that loads again to an equal camera, with every key that there is explained.
+
+        Raises InputError for a camera with stages of :meth:`with_stage`, which no file can hold.
+        """
+        from .camera_toml import camera_file
+
+        return camera_file(self)
+
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences about values of the datasheet that are allowed and may surprise."""
-        return tuple(note for effect in ORDER for note in effect.notes(self))
+        """Sentences about values of the datasheet that are allowed and may surprise; each begins with its field."""
+        unusual = [text for _, text in doubts(self.model_dump(), Camera)]
+        return (*unusual, *(note for effect in ORDER for note in effect.notes(self)))
 
     @property
     def added(self) -> tuple[Stage, ...]:
@@ -198,22 +218,38 @@ class Camera(FileTable):
 def load_camera(name: str | Path) -> Camera:
     """A shipped camera by name (``konnik_table1``), or any camera file by path (``my.toml``).
 
-    Raises InputError when there is no such camera or a field is wrong.
+    Raises InputError when there is no such camera or a field is wrong; :func:`check_camera` finds all that is wrong.
     """
+    text, where, folder = camera_text(name)
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"The camera file {where} is not valid TOML: {error}.") from None
+    return _checked(data, where, folder)
+
+
+class CameraText(NamedTuple):
+    """The text of a camera file, its name for messages, and the folder of files that it names."""
+
+    text: str
+    where: str
+    folder: str = "."
+
+
+def camera_text(name: str | Path) -> CameraText:
+    """The file of a shipped camera by name, or any camera file by path. Raises InputError."""
     if not isinstance(name, str | Path):
         raise InputError(f"name is {name!r}; pass the name of a camera or the path of a .toml file.")
     shipped, path = list_cameras(), Path(name)
     if isinstance(name, str) and name in shipped:
-        return _checked(tomllib.loads((SHIPPED / f"{name}.toml").read_text("utf-8")), f"{name}.toml")
+        return CameraText((SHIPPED / f"{name}.toml").read_text("utf-8"), f"{name}.toml")
     if path.suffix != ".toml" and not path.exists():
         raise InputError(
             f"{str(name)!r} is no camera that ships with mitsuba_sensor ({', '.join(shipped)}) and no .toml file."
             f"{nearest(str(name), shipped)}"
         )
     try:
-        return _checked(tomllib.loads(path.read_text("utf-8")), str(path), str(path.parent))
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"The camera file {path} is not valid TOML: {error}.") from None
+        return CameraText(path.read_text("utf-8"), str(path), str(path.parent))
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
         raise InputError(f"The camera file {path} cannot be read: {reason}.") from None
@@ -237,15 +273,22 @@ def camera_schema() -> dict[str, Any]:
     return Camera.model_json_schema()
 
 
-def _checked(data: dict[str, Any], where: str, folder: str = ".") -> Camera:
+def _checked(data: dict[str, Any], where: str, folder: str | None = None) -> Camera:
+    """folder : that of a file; None for changes of a camera."""
     try:
-        return Camera.model_validate(data, context={"folder": folder})
+        return Camera.model_validate(data, context={"folder": folder or "."})
     except ValidationError as error:
-        raise InputError(sentence(error, Camera, where)) from None
+        found = faults(error, Camera)
+        more = UNSET if folder is None and found[0].of_table else ""
+        if folder is not None and len(found) > 1:
+            more = f" It is the first of {len(found)} errors; `mitsuba-sensor cameras check` lists them all."
+        raise InputError(f"{where}: {found[0].text}{more}") from None
 
 
 def toml_value(text: str) -> Any:
-    """A value as in a camera file: 14, 0.5, true, [1, 2]; anything else is a text."""
+    """A value as in a camera file: 14, 0.5, true, [1, 2]; None for none and for nothing; anything else is a text."""
+    if text in ("", "none"):
+        return None
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:

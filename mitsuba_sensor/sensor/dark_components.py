@@ -12,7 +12,7 @@ from ..core import Exposure, Frame, SensorWindow, arrays
 from ..core.backend import NUMPY_FLOAT64, Backend, uniforms
 from ..core.moments import rectified_normal
 from .dark_current_models import FIGURE_OF_MERIT_AT_K, arrhenius
-from .datasheet import Chance, FileTable, NotNegative, Positive
+from .datasheet import Chance, FileTable, Kelvin, NotNegative, Positive
 from .pixel_law import PixelLaw, Quantiles, fixed_offsets
 from .stage import Datasheet
 
@@ -36,7 +36,7 @@ class DarkComponentSection(FileTable):
     unit: Literal["e_per_s", "e", "dn"] = Field(
         description="unit of the numbers of this component; e and dn are of an exposure of any time", examples=["dn"]
     )
-    at_temperature_k: Reference | None = Field(
+    at_temperature_k: Annotated[Reference | None, Kelvin] = Field(
         None,
         description="temperature of the numbers [K]; default: dark_current.at_temperature_k, or 300 K without one",
         examples=[298.15],

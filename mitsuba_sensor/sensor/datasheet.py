@@ -7,6 +7,20 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from .usual_range import (
+    CELSIUS,
+    METRES_TO_NM,
+    METRES_TO_UM,
+    MM_TO_UM,
+    MS_TO_US,
+    NM_TO_UM,
+    NS_TO_US,
+    PERCENT,
+    SECONDS_TO_US,
+    UM_TO_NM,
+    Usual,
+)
+
 Positive = Annotated[float, Field(ge=1e-30, le=1e30, strict=True)]  # beyond, variances under- and overflow
 NotNegative = Annotated[float, Field(ge=0, le=1e30, strict=True)]
 Fraction = Annotated[float, Field(gt=0, le=1, strict=True)]
@@ -14,6 +28,9 @@ Count = Annotated[int, Field(ge=1, strict=True)]
 Chance = Annotated[float, Field(ge=0, le=1, strict=True)]
 LineCoupling = Annotated[float, Field(ge=0, le=0.4999, strict=True)]
 MapCoupling = Annotated[float, Field(ge=0, le=0.45, strict=True)]
+Pitch = Annotated[Positive, Usual.of(0.3, 200, METRES_TO_UM, MM_TO_UM, NM_TO_UM)]
+Kelvin = Usual.of(65, 500, CELSIUS)
+Nanometres = Usual.of(100, 3000, UM_TO_NM, METRES_TO_NM)
 
 
 class FileTable(BaseModel):
@@ -48,7 +65,7 @@ class SensorSection(FileTable):
     shutter: Literal["global", "rolling"] = Field(
         "global", description="all rows open at once, or one after the other from the top", examples=["rolling"]
     )
-    row_time_us: Positive | None = Field(
+    row_time_us: Annotated[Positive | None, Usual.of(0.5, 1e4, SECONDS_TO_US, MS_TO_US, NS_TO_US)] = Field(
         None, description="time from the start of a row to that of the next, of a rolling shutter [µs]", examples=[15.0]
     )
 
@@ -62,6 +79,8 @@ class SensorSection(FileTable):
 class PixelGeometry(CameraTable):
     """One pixel."""
 
-    pitch_x_um: Positive = Field(description="width of a pixel [µm]", examples=[5.7])
-    pitch_y_um: Positive = Field(description="height of a pixel [µm]", examples=[5.7])
-    fill_factor: Fraction = Field(description="share of the pixel that sees light", examples=[0.5])
+    pitch_x_um: Pitch = Field(description="width of a pixel [µm]", examples=[5.7])
+    pitch_y_um: Pitch = Field(description="height of a pixel [µm]", examples=[5.7])
+    fill_factor: Annotated[Fraction, Usual.of(0.05, 1, PERCENT)] = Field(
+        description="share of the pixel that sees light", examples=[0.5]
+    )

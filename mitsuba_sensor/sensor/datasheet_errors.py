@@ -1,14 +1,20 @@
-"""One sentence from a failed check of a camera or motion file: file, field, value, range, and the way out."""
+"""Sentences from a failed check of a camera or motion file: file, field, value, range, and the way out."""
 
 import types
+from collections.abc import Collection, Iterator, Mapping
 from functools import cache
-from typing import Any, Union, get_args, get_origin
+from typing import Any, NamedTuple, TypeAlias, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
+from pydantic_core import ErrorDetails
 
-from ..core import nearest
+from ..core import closest, nearest
+from .usual_range import Usual
 
+Loc: TypeAlias = tuple[str | int, ...]
+
+KEY = "[key]"  # where pydantic's errors name a key of a table instead of its value
 # Pydantic's kinds of error → what such a file calls the thing that was expected.
 PLAIN = {"model_type": "a table", "dict_type": "a table", "tuple_type": "a list", "string_type": "a text in quotes"}
 
@@ -29,27 +35,114 @@ def _kinds(annotation: Any) -> tuple[Any, ...]:
     return get_args(annotation) if get_origin(annotation) in (Union, types.UnionType) else (annotation,)
 
 
+class Fault(NamedTuple):
+    """One thing that is wrong.  loc : where in the file.  text : field, value, range and the way out.
+
+    unknown : there is no such field.  meant : the missing field of which it is a misspelling.
+    of_table : the fields of one table do not fit together.
+    """
+
+    loc: Loc
+    text: str
+    unknown: bool
+    meant: str
+    of_table: bool
+
+
+def faults(error: ValidationError, model: type[BaseModel], kind: str = "camera") -> list[Fault]:
+    """Everything that is wrong; a misspelt field that is missing under its right name counts once."""
+    found = [(tuple(x for x in one["loc"] if x != KEY), one) for one in error.errors(include_url=False)]
+    missing = {_dotted(loc) for loc, one in found if one["type"] == "missing"}
+    meant = {loc: _meant(loc, missing) for loc, one in found if one["type"] == "extra_forbidden"}
+    return [
+        Fault(loc, _text(loc, one, model, kind), loc in meant, meant.get(loc, ""), _of_table(one))
+        for loc, one in found
+        if one["type"] != "missing" or _dotted(loc) not in meant.values()
+    ]
+
+
 def sentence(error: ValidationError, model: type[BaseModel], where: str, kind: str = "camera") -> str:
     """The first thing that is wrong, in one sentence.  kind : of the file."""
-    first = error.errors(include_url=False)[0]
-    path = ".".join(str(part) for part in first["loc"])
-    field, names = _field(first["loc"], model)
-    what, value = first["type"], repr(first["input"])
+    return f"{where}: {faults(error, model, kind)[0].text}"
+
+
+def _of_table(one: ErrorDetails) -> bool:
+    """Whether fields of one table do not fit together."""
+    return one["type"] == "value_error" and bool(one["loc"]) and KEY not in one["loc"]
+
+
+def _text(loc: Loc, one: ErrorDetails, model: type[BaseModel], kind: str) -> str:
+    """One error without the name of the file."""
+    path, what, value = _dotted(loc), one["type"], repr(one["input"])
+    field, names = _field(loc, model)
     if what == "extra_forbidden":
-        return f"{where}: {path} is not a field of a {kind} file.{nearest(path, [*fields_of(model), *names])}"
+        known = [name for name in (*fields_of(model), *names) if not path.startswith(f"{name}.")]
+        return f"{path} is not a field of a {kind} file.{nearest(path, known)}"
     if what == "missing":
-        return f"{where}: {path} is missing; {_way_out(path, field)}"
+        return f"{path} is missing; {_way_out(path, field)}"
     if what == "value_error":
-        return f"{where}: {path or f'the {kind}'}: {first['ctx']['error']}."
-    rule = PLAIN.get(what) or first["msg"].removeprefix("Input should be ").removeprefix("Input ")
+        said = str(one["ctx"]["error"])
+        return f"{path or f'the {kind}'}: {said}{'' if said.endswith('?') else '.'}"
+    rule = PLAIN.get(what) or one["msg"].removeprefix("Input should be ").removeprefix("Input ")
     if what in ("too_short", "too_long"):
-        least, most = (first["ctx"].get(f"{end}_length") for end in ("min", "max"))
+        least, most = (one["ctx"].get(f"{end}_length") for end in ("min", "max"))
         rule = f"at most {most} long" if least is None else f"at least {least} long"
     value = value if len(value) <= 60 else value[:57] + "..."
-    return f"{where}: {path} is {value}; it must be {rule} ({_way_out(path, field)[:-1]})."
+    return f"{path} is {value}; it must be {rule} ({_way_out(path, field)[:-1]}{_other_unit(one['input'], field)})."
 
 
-def _field(loc: tuple[str | int, ...], model: type[BaseModel]) -> tuple[FieldInfo | None, list[str]]:
+def _dotted(loc: Loc) -> str:
+    return ".".join(map(str, loc))
+
+
+def _meant(loc: Loc, missing: Collection[str]) -> str:
+    """The missing field of which this one is a misspelling, or an empty text."""
+    alike = {name.rpartition(".")[2]: name for name in missing}
+    name = closest(str(loc[-1]), alike, cutoff=0.6)
+    return alike[name] if name else ""
+
+
+def _other_unit(value: object, field: FieldInfo | None) -> str:
+    """Where the number would be a usual one in another unit: that it may be in it."""
+    usual = usual_of(field) if field else None
+    numeric = isinstance(value, int | float) and not isinstance(value, bool)
+    hint = usual.right(value) if usual and numeric else ""  # type: ignore[arg-type]
+    return hint and f"; {hint}"
+
+
+def doubts(data: Mapping[str, Any], model: type[BaseModel]) -> list[tuple[str, str]]:
+    """Field and sentence for every number of a file, of nested tables, that is outside of its usual range."""
+    found = []
+    for name, field in fields_of(model).items():
+        usual = usual_of(field)
+        unusual = [x for x in _numbers(_value_at(data, name)) if not usual.includes(x)] if usual else []
+        verb = "is" if isinstance(_value_at(data, name), int | float) else "has"
+        found += [(name, usual.doubt(name, x, verb)) for x in unusual[:1] if usual]
+    return found
+
+
+def _value_at(data: object, dotted: str) -> object:
+    """The value of a field, None where there is none."""
+    for part in dotted.split("."):
+        data = data.get(part) if isinstance(data, Mapping) else None
+    return data
+
+
+def _numbers(value: object) -> Iterator[float]:
+    """The numbers in a value, which may be a list or a table of them."""
+    inner = value.values() if isinstance(value, Mapping) else value if isinstance(value, list | tuple) else ()
+    for one in inner:
+        yield from _numbers(one)
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        yield value
+
+
+def usual_of(field: FieldInfo) -> Usual | None:
+    """The usual range of a number of a camera file, where it is declared."""
+    return next((one for one in field.metadata if isinstance(one, Usual)), None)
+
+
+def _field(loc: Loc, model: type[BaseModel]) -> tuple[FieldInfo | None, list[str]]:
     """The last declared field on the way to a value, and the dotted names of the fields beside the value."""
     field, table, is_key = None, model, False  # is_key : an index of a list, or a name that the file chooses
     for part in loc:

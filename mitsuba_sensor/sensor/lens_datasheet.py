@@ -5,8 +5,9 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, ValidationInfo, model_validator
 
-from .datasheet import Chance, FileTable, Fraction, NotNegative, Positive, optional
+from .datasheet import Chance, FileTable, Fraction, Nanometres, NotNegative, Positive, optional
 from .lens_file import read_lens
+from .usual_range import METRES_TO_MM, PERCENT, Usual
 
 Number = Annotated[float, Field(ge=-1e30, le=1e30, strict=True)]
 Flag = Annotated[bool, Field(strict=True)]
@@ -79,15 +80,23 @@ class PrescriptionSection(FileTable):
 class LensSection(FileTable):
     """The camera's lens determines the irradiance; the scene's own thin lens, or the prescription, the blur."""
 
-    f_number: Positive = optional("focal length over pupil diameter N", 2.8, 2.8)
-    transmission: Fraction = optional("fraction of the light that passes", 0.95, 1.0)
-    transmission_curve: Chances = optional("factor on transmission at each wavelength", [0.8, 1.0, 0.9])
-    transmission_wavelengths_nm: Positives = optional("increasing, of transmission_curve [nm]", [400, 550, 700])
+    f_number: Annotated[Positive, Usual(0.5, 130)] = optional("focal length over pupil diameter N", 2.8, 2.8)
+    transmission: Annotated[Fraction, Usual.of(0.01, 1, PERCENT)] = optional(
+        "fraction of the light that passes", 0.95, 1.0
+    )
+    transmission_curve: Annotated[Chances, Usual.of(0, 1, PERCENT)] = optional(
+        "factor on transmission at each wavelength", [0.8, 1.0, 0.9]
+    )
+    transmission_wavelengths_nm: Annotated[Positives, Nanometres] = optional(
+        "wavelengths of transmission_curve, increasing [nm]", [400, 550, 700]
+    )
     pupil_magnification: Positive = optional("exit over entrance pupil diameter P", 1.0, 1.0)
     convention: Literal["working", "planar"] = optional(
         "πLT/(4N_w²)·cos⁴, or EMVA's πLT/(1 + 4N²(1+m)²)·cos⁴", "working", "working"
     )
-    relative_illumination: Chances = optional("measured fall-off instead of cos⁴, 1 on the axis", [1.0, 0.8, 0.5])
+    relative_illumination: Annotated[Chances, Usual.of(0, 1, PERCENT)] = optional(
+        "measured fall-off instead of cos⁴, 1 on the axis", [1.0, 0.8, 0.5]
+    )
     relative_illumination_heights_mm: Heights = optional(
         "image heights of relative_illumination, from 0 [mm]", [0.0, 2.0, 4.0]
     )
@@ -101,7 +110,9 @@ class LensSection(FileTable):
     prescription: PrescriptionSection | None = optional(
         "sequential lens: name of a built-in one, path of a .json or .dat file, or its table", "double_gauss"
     )
-    focal_length_mm: Positive | None = optional("scale the prescription to this focal length [mm]", 25.0)
+    focal_length_mm: Annotated[Positive | None, Usual.of(0.3, 1e4, METRES_TO_MM)] = optional(
+        "scale the prescription to this focal length [mm]", 25.0
+    )
     focus_m: Positive | None = optional("focus distance of the prescription, instead of the scene's [m]", 2.0)
     dispersion: Flag = optional("trace every wavelength with its own index", True, False)
 

@@ -14,14 +14,18 @@ from pydantic import Field, model_validator
 from ...core import Array, Exposure, Frame, Moments, SensorWindow, arrays
 from ...core.types import Float64Array
 from ..datasheet import FileTable, NotNegative, Positive
-from ..gains import adc_gain_dn_per_v
+from ..gains import adc_gain_dn_per_v, full_scale_v, full_well_swing_v
 from ..stage import Converter, Datasheet, Stage, propagate
+from ..usual_range import MV_TO_V, Usual
 
 HALVES_END = 2**23
 """From here on float32 has no halves: x + ½ is a tie there, and goes to the even neighbour."""
 
 INTERVALS = {1.0: 1.5, 2.0: -0.6, 3.0: 0.1}
 """Width [DN] → weight of the intervals in which codes are counted: Σw = 1, Σw·a² = Σw·a⁴ = 0."""
+
+LEAST_FILLED = 0.05
+"""Share of the code range that a full well fills, or is filled by: beyond, a gain is probably in another unit."""
 
 BLACK_LEVEL_AT = Exposure(time_s=0.0, temperature_k=298.15)
 """The default black level holds the noise of this exposure."""
@@ -31,7 +35,7 @@ class AdcFields(FileTable):
     """The analogue-to-digital converter."""
 
     bits: Annotated[int, Field(ge=1, le=24, strict=True)] = Field(description="resolution [bit]", examples=[12])
-    full_scale_v: Positive | None = Field(
+    full_scale_v: Annotated[Positive | None, Usual.of(1e-3, 30, MV_TO_V)] = Field(
         None,
         description="swing of the whole code range V_FS [V]; default: that of a full well, with its non-linearities",
         examples=[0.165],
@@ -79,6 +83,22 @@ class Adc(Converter):
         for code, width in camera.adc.dnl_lsb.items():
             table[int(code)] = width
         return AdcWithDnl(*plain, dnl_lsb=tuple(table))
+
+    @classmethod
+    def notes(cls, camera: Datasheet) -> tuple[str, ...]:
+        """Where darkness or a full well lies far from where the codes are."""
+        bits, black_dn = camera.adc.bits, camera.adc.black_level_dn or 0.0
+        highest, filled = 2**bits - 1, full_well_swing_v(camera) / full_scale_v(camera)
+        found = []
+        if black_dn > highest / 2:
+            left = f"leaves {max(highest - black_dn, 0.0):.6g} of {highest} codes for light"
+            found.append(f"adc.black_level_dn is {black_dn:.6g}, and {left}; take a lower one, or more adc.bits")
+        if not LEAST_FILLED <= filled <= 1 / LEAST_FILLED:
+            found.append(
+                f"adc.full_scale_v is {full_scale_v(camera):.4g}, and a full well fills {filled:.3g} of it; if the "
+                f"highest code is a full well, leave it out, or write {full_well_swing_v(camera):.4g}"
+            )
+        return tuple(found)
 
     def sample(self, swing: Array, frame: Frame) -> Array:
         """Swing [V] → whole digital numbers (H, W), rounded half up."""

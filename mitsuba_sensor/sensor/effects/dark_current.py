@@ -18,11 +18,12 @@ from ..dark_components import (
     superimpose,
 )
 from ..dark_current_models import DarkCurrentModel, Doubling, FigureOfMerit, Measured, Mpp
-from ..datasheet import FileTable, MapCoupling, NotNegative, Positive
+from ..datasheet import FileTable, Kelvin, MapCoupling, NotNegative, Positive
 from ..fpn_distributions import Autoregressive, FpnDistribution, Gamma, Gaussian, Logistic, LogNormal, Wald
 from ..gains import gain_dn_per_e
 from ..pixel_law import PixelLaw, Quantiles, fixed_offsets, mixed, of_map
 from ..stage import Datasheet, Stage, cut_to_zero
+from ..usual_range import AMPERES_TO_NA, PA_TO_NA, PERCENT, Usual
 
 DISTRIBUTIONS = {"gaussian": Gaussian, "lognormal": LogNormal, "gamma": Gamma, "wald": Wald, "logistic": Logistic}
 
@@ -30,20 +31,24 @@ DISTRIBUTIONS = {"gaussian": Gaussian, "lognormal": LogNormal, "gamma": Gamma, "
 class DarkCurrentFields(FileTable):
     """Electrons that come without light: a figure of merit at 300 K, or a measured rate."""
 
-    fom_na_per_cm2: NotNegative | None = Field(None, description="figure of merit at 300 K [nA/cm²]", examples=[1.0])
+    fom_na_per_cm2: Annotated[NotNegative | None, Usual.of(1e-5, 1e3, AMPERES_TO_NA, PA_TO_NA)] = Field(
+        None, description="figure of merit at 300 K, instead of rate_e_per_s [nA/cm²]", examples=[1.0]
+    )
     diffusion_fom_na_per_cm2: NotNegative | None = Field(
         None, description="figure of merit of the diffusion part of an MPP pixel at 300 K [nA/cm²]", examples=[0.01]
     )
     rate_e_per_s: NotNegative | None = Field(
-        None, description="rate at at_temperature_k [e-/s per pixel]", examples=[5]
+        None, description="rate at at_temperature_k, instead of fom_na_per_cm2 [e-/s per pixel]", examples=[5]
     )
-    at_temperature_k: Annotated[float, Field(ge=50, strict=True)] | None = Field(
+    at_temperature_k: Annotated[Annotated[float, Field(ge=50, strict=True)] | None, Kelvin] = Field(
         None, description="temperature of rate_e_per_s [K]", examples=[298.15]
     )
-    doubling_k: Positive | None = Field(
+    doubling_k: Annotated[Positive | None, Usual(2, 30)] = Field(
         None, description="warming that doubles the rate [K]; without it the rate follows silicon", examples=[7.0]
     )
-    cv: NotNegative = Field(0.0, description="non-uniformity D_N of the dark current: σ over mean", examples=[0.1])
+    cv: Annotated[NotNegative, Usual.of(0, 10, PERCENT)] = Field(
+        0.0, description="non-uniformity D_N of the dark current: σ over mean", examples=[0.1]
+    )
     distribution: Literal["gaussian", "lognormal", "gamma", "wald", "logistic", "ar"] = Field(
         "lognormal", description="distribution of the dark current over the pixels", examples=["lognormal"]
     )

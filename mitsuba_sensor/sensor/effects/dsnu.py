@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import Annotated, ClassVar, Self
 
 from pydantic import Field
 
@@ -14,13 +14,16 @@ from ...core.backend import normals
 from ..datasheet import Chance, FileTable, LineCoupling, MapCoupling, NotNegative
 from ..gains import sense_gain_v_per_e
 from ..stage import Datasheet, Stage
+from ..usual_range import PERCENT, Usual
 
 
 class DsnuColumnFields(FileTable):
     """Offsets of the columns."""
 
     cmos_only: ClassVar[Mapping[str, float | str]] = {"dsnu_col": 0.0}
-    dsnu_col: NotNegative = Field(0.0, description="column offsets, σ over the full-well swing", examples=[0.001])
+    dsnu_col: Annotated[NotNegative, Usual.of(0, 0.05, PERCENT)] = Field(
+        0.0, description="column offsets, σ over the full-well swing", examples=[0.001]
+    )
     dsnu_col_coupling: LineCoupling = Field(0.0, description="coupling a of neighbouring columns", examples=[0.25])
     dsnu_residual: Chance = Field(
         1.0, description="share of column and pixel offsets that the analogue CDS leaves", examples=[1.0]
@@ -31,7 +34,9 @@ class DsnuRowFields(FileTable):
     """Offsets of the rows."""
 
     cmos_only: ClassVar[Mapping[str, float | str]] = {"dsnu_row": 0.0}
-    dsnu_row: NotNegative = Field(0.0, description="row offsets, σ over the full-well swing", examples=[0.0005])
+    dsnu_row: Annotated[NotNegative, Usual.of(0, 0.05, PERCENT)] = Field(
+        0.0, description="row offsets, σ over the full-well swing", examples=[0.0005]
+    )
     dsnu_row_coupling: LineCoupling = Field(0.0, description="coupling a of neighbouring rows", examples=[0.25])
 
 

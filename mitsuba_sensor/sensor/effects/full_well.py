@@ -11,12 +11,13 @@ from pydantic import Field
 from ...core import Array, Electrons, Frame, Moments, arrays
 from ..datasheet import FileTable
 from ..stage import Datasheet, Stage
+from ..usual_range import THOUSANDS, Usual
 
 
 class FullWellFields(FileTable):
     """Saturation capacity."""
 
-    full_well_e: Annotated[float, Field(ge=1, le=1e30, strict=True)] = Field(
+    full_well_e: Annotated[float, Field(ge=1, le=1e30, strict=True), Usual.of(200, 1e8, THOUSANDS)] = Field(
         description="saturation capacity [e-]", examples=[33000]
     )
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -16,12 +16,15 @@ from ..datasheet import FileTable, LineCoupling, MapCoupling, NotNegative
 from ..fpn_distributions import AutoregressiveRectified, FpnDistribution, LogNormal, Rectified
 from ..pixel_law import PixelLaw, Quantiles, fixed_gains, of_map
 from ..stage import Datasheet, Stage, cut_to_zero
+from ..usual_range import PERCENT, Usual
 
 
 class PrnuFields(FileTable):
     """PRNU of the pixels."""
 
-    prnu: NotNegative = Field(0.0, description="photo response non-uniformity, a fraction of the mean", examples=[0.01])
+    prnu: Annotated[NotNegative, Usual.of(0, 0.1, PERCENT)] = Field(
+        0.0, description="photo response non-uniformity, a fraction of the mean", examples=[0.01]
+    )
     prnu_distribution: Literal["gaussian", "lognormal", "ar"] = Field(
         "gaussian", description="distribution of the pixels' gains", examples=["gaussian"]
     )
@@ -32,7 +35,9 @@ class PrnuColumnFields(FileTable):
     """Gains of the columns."""
 
     cmos_only: ClassVar[Mapping[str, float | str]] = {"prnu_col": 0.0}
-    prnu_col: NotNegative = Field(0.0, description="spread of the column gains, σ over 1", examples=[0.002])
+    prnu_col: Annotated[NotNegative, Usual.of(0, 0.1, PERCENT)] = Field(
+        0.0, description="spread of the column gains, σ over 1", examples=[0.002]
+    )
     prnu_col_coupling: LineCoupling = Field(0.0, description="coupling a of the column gains", examples=[0.25])
 
 

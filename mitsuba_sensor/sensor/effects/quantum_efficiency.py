@@ -15,9 +15,10 @@ from pydantic import Field, ValidationInfo, model_validator
 from ...core import Array, Electrons, Frame, InputError, Moments, Photons, SensorWindow, arrays
 from ...core.band_average import photon_averages
 from ...core.signals import Filters
-from ..datasheet import Chance, FileTable, Positive
+from ..datasheet import Chance, FileTable, Nanometres, Positive
 from ..qe_file import read_curves
 from ..stage import Datasheet, Stage
+from ..usual_range import PERCENT, Usual
 from .quantum_yield import bursts
 
 Fractions = tuple[Annotated[float, Field(ge=0, le=1, strict=True)], ...]
@@ -26,22 +27,22 @@ Fractions = tuple[Annotated[float, Field(ge=0, le=1, strict=True)], ...]
 class QuantumEfficiencyFields(FileTable):
     """Electrons per photon, a curve per colour filter, and how the filters repeat over the sensor."""
 
-    value: Chance | None = Field(
+    value: Annotated[Chance | None, Usual.of(0.001, 1, PERCENT)] = Field(
         None, description="one QE for all of wavelengths_nm, instead of curves, as a fraction", examples=[0.6]
     )
     file: str | None = Field(
         None, description="CSV file of the curves, instead of wavelengths_nm and curves", examples=["qe.csv"]
     )
-    wavelengths_nm: Annotated[tuple[Positive, ...], Field(min_length=2)] = Field(
+    wavelengths_nm: Annotated[tuple[Positive, ...], Field(min_length=2), Nanometres] = Field(
         description="where the curves are given, increasing [nm]", examples=[[400, 700]]
     )
-    curves: Annotated[dict[str, Fractions], Field(min_length=1)] = Field(
+    curves: Annotated[dict[str, Fractions], Field(min_length=1), Usual.of(0, 1, PERCENT)] = Field(
         description="filter name → QE at each wavelength, as a fraction", examples=[{"mono": [0.6, 0.6]}]
     )
     tile: Annotated[tuple[tuple[str, ...], ...], Field(min_length=1)] | None = Field(
         None, description="rows of filter names that repeat over the sensor", examples=[[["R", "G"], ["G", "B"]]]
     )
-    reference_nm: Positive | None = Field(
+    reference_nm: Annotated[Positive | None, Nanometres] = Field(
         None, description="the wavelength of photons that come without one [nm]", examples=[550]
     )
 

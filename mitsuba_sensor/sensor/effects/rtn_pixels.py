@@ -29,7 +29,9 @@ class RtnPixelsFields(FileTable):
     rtn_pixel_fraction: Chance = Field(
         0.0, description="fraction of the pixels with random telegraph noise of their own", examples=[0.001]
     )
-    rtn_pixel_amplitude_e: NotNegative = Field(0.0, description="its step A, as electrons [e-]", examples=[10.0])
+    rtn_pixel_amplitude_e: NotNegative = Field(
+        0.0, description="step A of that noise, as electrons [e-]", examples=[10.0]
+    )
     rtn_pixel_duty: Chance = Field(0.5, description="fraction of the time that such a trap is full", examples=[0.5])
     rtn_pixel_switching: Chance = Field(
         1.0,

@@ -14,7 +14,7 @@ from ...core import Array, Electrons, Frame, Moments, SensorWindow, arrays, dist
 from ...core.backend import Backend
 from ..dark_components import Activation, Reference, reference_temperature_k
 from ..dark_current_models import FIGURE_OF_MERIT_AT_K, arrhenius
-from ..datasheet import Chance, FileTable, NotNegative
+from ..datasheet import Chance, FileTable, Kelvin, NotNegative
 from ..pixel_law import PixelLaw, Quantiles
 from ..stage import Datasheet, Stage
 
@@ -45,7 +45,7 @@ class RtsFields(FileTable):
         0.1, description="probability per frame that the state of a trap is drawn anew", examples=[0.1]
     )
     rts_duty: Chance = Field(0.5, description="fraction of the time that a trap is on", examples=[0.5])
-    rts_at_temperature_k: Reference | None = Field(
+    rts_at_temperature_k: Annotated[Reference | None, Kelvin] = Field(
         None,
         description="temperature of amplitude and switching [K]; default: at_temperature_k, or 300 K without one",
         examples=[298.15],

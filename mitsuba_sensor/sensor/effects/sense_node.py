@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import Annotated, ClassVar, Self
 
 from pydantic import Field, model_validator
 
@@ -11,15 +11,18 @@ from ...core import Array, Electrons, Frame, Moments, arrays
 from ..datasheet import Chance, FileTable, Positive
 from ..gains import sense_gain_v_per_e, ve_nonlinearity_at_full_well
 from ..stage import Datasheet, Stage
+from ..usual_range import MV_TO_V, VOLTS_TO_UV, Usual
 
 
 class SenseNodeFields(FileTable):
     """Conversion gain of the sense node."""
 
-    sense_gain_uv_per_e: Positive | None = Field(
-        None, description="sense node conversion gain A_SN [µV/e-]", examples=[5.0]
+    sense_gain_uv_per_e: Annotated[Positive | None, Usual.of(0.1, 1e3, VOLTS_TO_UV)] = Field(
+        None, description="sense node conversion gain A_SN, or ve_k1_c [µV/e-]", examples=[5.0]
     )
-    v_ref_v: Positive = Field(3.1, description="reference voltage of the sense node V_REF [V]", examples=[3.1])
+    v_ref_v: Annotated[Positive, Usual.of(0.3, 30, MV_TO_V)] = Field(
+        3.1, description="reference voltage of the sense node V_REF [V]", examples=[3.1]
+    )
     ve_nonlinearity: Chance = Field(
         0.0, description="V/e- non-linearity α of the sense node, 0 is linear", examples=[1.0]
     )

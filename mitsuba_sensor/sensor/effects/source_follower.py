@@ -16,7 +16,7 @@ from ..stage import Datasheet, LinearGain, Stage
 class SourceFollowerFields(FileTable):
     """Gain of the pixel's amplifier."""
 
-    gain: Positive = Field(1.0, description="A_SF [V/V]", examples=[1.0])
+    gain: Positive = Field(1.0, description="gain of the source follower A_SF [V/V]", examples=[1.0])
     vv_nonlinearity: Annotated[float, Field(gt=0.5, strict=True)] = Field(
         1.0, description="V/V non-linearity γ: gain at full well over gain at zero", examples=[1.05]
     )

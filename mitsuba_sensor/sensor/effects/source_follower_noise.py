@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from typing import Annotated, ClassVar, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -21,12 +21,15 @@ from ..fpn_distributions import LogNormal
 from ..gains import sense_gain_v_per_e
 from ..pixel_law import NoiseLaw, borders_of
 from ..stage import Datasheet, Stage
+from ..usual_range import NS_TO_SECONDS, US_TO_SECONDS, VOLTS_TO_NV, Usual
 
 NOTED = 0.01
 """A band that leaves out more than this of the noise is worth a note."""
 
 GROUPS, FARTHEST = 9, 3.2
 """Kinds of pixels that differ in read noise, for the theory, and how far out they lie [σ]."""
+
+CdsTime = Annotated[Positive, Usual.of(1e-9, 0.1, US_TO_SECONDS, NS_TO_SECONDS)]
 
 READ_NOISE = "read_noise"
 """Name of the map of every pixel's σ."""
@@ -36,18 +39,20 @@ class SourceFollowerNoiseFields(FileTable):
     """Noise of the pixel's amplifier, from its densities (closed form) or as the datasheet's one number."""
 
     cmos_only: ClassVar[Mapping[str, float | str]] = {"rtn_uv": 0.0}
-    read_noise_e: NotNegative | None = Field(
-        None, description="read noise as a datasheet gives it [e- rms]", examples=[3]
+    read_noise_e: Annotated[NotNegative | None, Usual(0.05, 500)] = Field(
+        None, description="read noise as a datasheet gives it, instead of white_nv_per_rthz [e- rms]", examples=[3]
     )
     read_noise_cv: NotNegative = Field(
         0.0,
         description="spread of the read noise over pixels: σ over mean of a log-normal law; their rms stays as given",
         examples=[0.3],
     )
-    white_nv_per_rthz: NotNegative | None = Field(None, description="white noise density [nV/√Hz]", examples=[15])
-    corner_hz: NotNegative = Field(0.0, description="flicker corner frequency [Hz]", examples=[1e6])
-    cds_sample_s: Positive = Field(1e-6, description="time between the two CDS samples t_s [s]", examples=[1e-6])
-    cds_dominant_s: Positive = Field(0.5e-6, description="dominant time constant of the CDS τ_D [s]", examples=[0.5e-6])
+    white_nv_per_rthz: Annotated[NotNegative | None, Usual.of(0.1, 1e3, VOLTS_TO_NV)] = Field(
+        None, description="white noise density W_f, instead of read_noise_e [nV/√Hz]", examples=[15]
+    )
+    corner_hz: NotNegative = Field(0.0, description="flicker corner frequency f_c [Hz]", examples=[1e6])
+    cds_sample_s: CdsTime = Field(1e-6, description="time between the two CDS samples t_s [s]", examples=[1e-6])
+    cds_dominant_s: CdsTime = Field(0.5e-6, description="dominant time constant of the CDS τ_D [s]", examples=[0.5e-6])
     rtn_uv: NotNegative = Field(0.0, description="random telegraph step ΔV [µV]", examples=[0.0])
     rtn_s: Positive = Field(1e-6, description="random telegraph time constant [s]", examples=[1e-6])
     band_hz: tuple[NotNegative, Positive] | None = Field(

@@ -1,0 +1,125 @@
+"""Everything that is wrong or unusual in a camera file, with line numbers: what to mend before it is used."""
+
+from __future__ import annotations
+
+import copy
+import tomllib
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import ValidationError
+
+from ..core import closest
+from .camera import Camera, camera_text
+from .datasheet_errors import Fault, Loc, doubts, faults, fields_of
+from .toml_lines import TomlLines
+
+AT_LINE = "(at line "  # in the parser's messages
+
+
+@dataclass(frozen=True)
+class CameraFinding:
+    """One error or warning of a camera file.
+
+    level : a file with an error cannot be used; a warning is a value that is allowed and probably not meant.
+    field : dotted name, or empty for the whole file.  line : from 1; None for what stands nowhere.
+    text : value, allowed or usual range, and the way out.
+    """
+
+    level: Literal["error", "warning"]
+    file: str
+    line: int | None
+    field: str
+    text: str
+
+    def __str__(self) -> str:
+        place = self.file if self.line is None else f"{self.file}:{self.line}"
+        return f"{place}: {self.level}: {self.text}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return asdict(self)
+
+
+def check_camera(name: str | Path) -> tuple[CameraFinding, ...]:
+    """All errors of a camera file at once, then its warnings; nothing for a file that is right. Renders nothing.
+
+    name : path of a camera file, or a shipped camera. A misspelt field is read as the one that was meant, so that its
+    value is checked too. Fields of one table are compared with each other once each of them is right by itself.
+    Raises InputError if there is no such file.
+    """
+    text, file, folder = camera_text(name)
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        said = str(error)
+        line = said.partition(AT_LINE)[2].partition(",")[0]
+        number = int(line) if line.isdecimal() else None
+        quotes = "; a text needs quotes" if "Invalid value" in said else ""
+        return (CameraFinding("error", file, number, "", f"not valid TOML: {said}{quotes}."),)
+    lines = TomlLines(text)
+    found, notes = _all_faults(data, folder, lines)
+    errors = [CameraFinding("error", file, lines(one.loc), _field(one.loc), one.text) for one in found]
+    wrong = {one.field for one in errors}
+    warnings = [
+        CameraFinding("warning", file, lines(tuple(field.split("."))), field, f"{said}.")
+        for field, said in notes
+        if not any(f"{one}.".startswith(f"{field}.") for one in wrong)
+    ]
+    return (*sorted(errors, key=_place), *sorted(warnings, key=_place))
+
+
+def _place(finding: CameraFinding) -> int:
+    return finding.line or 0
+
+
+def _all_faults(data: dict[str, Any], folder: str, lines: TomlLines) -> tuple[list[Fault], list[tuple[str, str]]]:
+    """What is wrong, with misspelt fields renamed until nothing new is found; and the notes, by field."""
+    found: dict[tuple[Loc, str], Fault] = {}
+    while True:
+        try:
+            camera = Camera.model_validate(data, context={"folder": folder})
+        except ValidationError as error:
+            new = [one for one in faults(error, Camera) if (one.loc, one.text) not in found]
+            found |= {(one.loc, one.text): one for one in new}
+            data, unknown = _renamed(data, new, lines)
+            if not unknown:
+                return list(found.values()), doubts(data, Camera)
+        else:
+            return list(found.values()), [(note.split()[0], note) for note in camera.notes]
+
+
+def _renamed(data: dict[str, Any], found: list[Fault], lines: TomlLines) -> tuple[dict[str, Any], bool]:
+    """The data with misspelt fields under the names that were meant, and other unknown ones left out; whether any."""
+    data, changed = copy.deepcopy(data), False
+    for one in found:
+        if one.unknown:
+            changed = True
+            value = _table(data, one.loc[:-1]).pop(one.loc[-1])
+            meant = one.meant or _beside(one.loc)
+            *path, last = meant.split(".") if meant else [""]
+            table = _table(data, tuple(path)) if meant else None
+            if isinstance(table, dict) and last not in table:
+                table[last] = value
+                lines.rename(one.loc, (*path, last))
+    return data, changed
+
+
+def _beside(loc: Loc) -> str | None:
+    """The field of the same table whose name is very close."""
+    table = "".join(f"{part}." for part in loc[:-1])
+    names = [name.removeprefix(table) for name in fields_of(Camera) if name.startswith(table)]
+    name = closest(str(loc[-1]), (name for name in names if "." not in name), cutoff=0.75)
+    return name and f"{table}{name}"
+
+
+def _table(data: Any, path: Loc) -> Any:
+    """The table at a path, made where a table of this name is meant and not there."""
+    for part in path:
+        data = data.setdefault(part, {}) if isinstance(data, dict) else data[part]
+    return data
+
+
+def _field(loc: Loc) -> str:
+    return ".".join(map(str, loc))

@@ -1,0 +1,68 @@
+"""Usual ranges of the numbers of a camera file, and the unit in which a number outside of one may have been given."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+
+class Mistake(NamedTuple):
+    """A number given in another unit: value · factor + offset is the same in the unit of the field."""
+
+    unit: str
+    factor: float = 1.0
+    offset: float = 0.0
+
+    def corrected(self, value: float) -> float:
+        """The number in the unit of the field."""
+        return value * self.factor + self.offset
+
+    def sentence(self, value: float) -> str:
+        """The way out."""
+        return f"if {value:.10g} is in {self.unit}, write {self.corrected(value):.10g}"
+
+
+PERCENT, CELSIUS = Mistake("percent", 1e-2), Mistake("°C", offset=273.15)
+METRES_TO_UM, MM_TO_UM, NM_TO_UM = Mistake("metres", 1e6), Mistake("millimetres", 1e3), Mistake("nanometres", 1e-3)
+UM_TO_NM, METRES_TO_NM = Mistake("micrometres", 1e3), Mistake("metres", 1e9)
+METRES_TO_MM = Mistake("metres", 1e3)
+VOLTS_TO_UV, MV_TO_V, VOLTS_TO_NV = Mistake("volts", 1e6), Mistake("millivolts", 1e-3), Mistake("volts", 1e9)
+SECONDS_TO_US, MS_TO_US, NS_TO_US = Mistake("seconds", 1e6), Mistake("milliseconds", 1e3), Mistake("nanoseconds", 1e-3)
+US_TO_SECONDS, NS_TO_SECONDS = Mistake("microseconds", 1e-6), Mistake("nanoseconds", 1e-9)
+THOUSANDS = Mistake("thousands", 1e3)
+AMPERES_TO_NA, PA_TO_NA = Mistake("amperes", 1e9), Mistake("picoamperes", 1e-3)
+
+
+@dataclass(frozen=True)
+class Usual:
+    """The range of the cameras that there are; a number outside of it is allowed and named in a warning. 0 is no doubt.
+
+    low, high : in the unit of the field, both included.  mistakes : other units, in the order in which they are tried.
+    """
+
+    low: float
+    high: float
+    mistakes: tuple[Mistake, ...] = ()
+
+    @classmethod
+    def of(cls, low: float, high: float, *mistakes: Mistake) -> Usual:
+        """The same with the mistakes one after the other."""
+        return cls(low, high, mistakes)
+
+    @property
+    def text(self) -> str:
+        """``0.3 to 200``."""
+        return f"{self.low:g} to {self.high:g}".replace("e+0", "e").replace("e-0", "e-")
+
+    def includes(self, value: float) -> bool:
+        """Whether the value is usual."""
+        return value == 0 or self.low <= value <= self.high
+
+    def right(self, value: float) -> str:
+        """``if 25 is in °C, write 298.15``, for the first unit in which the number is usual; else an empty text."""
+        return next((one.sentence(value) for one in self.mistakes if self.low <= one.corrected(value) <= self.high), "")
+
+    def doubt(self, field: str, value: float, verb: str = "is") -> str:
+        """A sentence about an unusual value of a field, with the way out.  verb : has, of one value of several."""
+        way_out = self.right(value) or (self.mistakes[0].sentence(value) if self.mistakes else "check its unit")
+        return f"{field} {verb} {value:.10g}, and {self.text} is usual: {way_out}"

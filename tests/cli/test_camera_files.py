@@ -1,0 +1,90 @@
+"""The commands cameras new, check, show --toml, and --set FIELD=none."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import mitsuba_sensor as ms
+
+
+@pytest.mark.parametrize("name", ms.list_cameras())
+def test_a_new_file_is_the_camera_that_it_is_like(name: str, tmp_path: Path, cli: Callable[..., Any]) -> None:
+    file = tmp_path / "my.toml"
+    done = cli("cameras", "new", file, "--like", name)
+    assert done.exit_code == 0 and f"cameras check {file}" in done.stdout.replace("\n", ""), done.stderr
+    assert ms.load_camera(file) == ms.load_camera(name)
+    assert file.read_text("utf-8") == cli("cameras", "show", name, "--toml").stdout
+    checked = cli("cameras", "check", file)
+    assert checked.exit_code == 0 and checked.stdout == f"{file}: nothing is wrong\n"
+    assert json.loads(cli("cameras", "check", file, "--json").stdout) == []
+
+
+def test_an_existing_file_is_written_over_only_by_force(tmp_path: Path, cli: Callable[..., Any]) -> None:
+    file = tmp_path / "my.toml"
+    file.write_text("mine", encoding="utf-8")
+    done = cli("cameras", "new", file)
+    assert done.exit_code == 2 and "exists already; --force writes over it" in done.stderr
+    assert file.read_text("utf-8") == "mine" and done.stdout == ""
+    assert cli("cameras", "new", file, "--force", "--set", "adc.bits=14").exit_code == 0
+    assert ms.load_camera(file) == ms.load_camera("konnik_table1").replace(**{"adc.bits": 14})
+
+
+def test_a_place_that_takes_no_camera_file_is_one_sentence(tmp_path: Path, cli: Callable[..., Any]) -> None:
+    (tmp_path / "folder.toml").mkdir()
+    for file, said in {
+        "my.txt": "let it end in .toml",
+        "folder.toml": "exists already; give another name",
+        "nowhere/my.toml": "there is no folder",
+    }.items():
+        for force in ((), ("--force",)):
+            done = cli("cameras", "new", tmp_path / file, *force)
+            assert done.exit_code == 2 and said in done.stderr and len(done.stderr.splitlines()) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["folder.toml"]
+
+
+def test_a_check_prints_errors_and_warnings_and_exits_2_only_for_errors(
+    tmp_path: Path, cli: Callable[..., Any]
+) -> None:
+    file = tmp_path / "my.toml"
+    text = ms.load_camera("konnik_table1").to_toml().replace("\nprnu = 0.005", "\nprnu = 50")
+    file.write_text(text, encoding="utf-8")
+    line = 1 + text[: text.index("\nprnu = 50") + 1].count("\n")
+    done = cli("cameras", "check", file)
+    assert done.exit_code == 0 and done.stderr == ""
+    assert done.stdout.splitlines() == [
+        f"{file}:{line}: warning: pixel.prnu is 50, and 0 to 0.1 is usual: if 50 is in percent, write 0.5.",
+        f"{file}: 1 warning",
+    ]
+    file.write_text(text.replace("\nbits = 12", "\nbitts = 12").replace("\nrows = 1300", "\nrows = 0"), "utf-8")
+    done = cli("cameras", "check", file)
+    assert done.exit_code == 2 and done.stdout.splitlines()[-1] == f"{file}: 2 errors, 1 warning"
+    found = cli("cameras", "check", file, "--json")
+    assert found.exit_code == 2
+    assert [one["field"] for one in json.loads(found.stdout)] == ["sensor.rows", "adc.bitts", "pixel.prnu"]
+
+
+def test_set_unsets_a_field_so_that_its_alternative_can_be_given(
+    light_file: Path, tmp_path: Path, cli: Callable[..., Any]
+) -> None:
+    """By none or by nothing; and an unusual number is a note of the frame."""
+    changes = {
+        "source_follower.white_nv_per_rthz": "none",
+        "source_follower.read_noise_e": "3",
+        "dark_current.fom_na_per_cm2": "",
+        "dark_current.rate_e_per_s": "5",
+        "dark_current.at_temperature_k": "298.15",
+        "pixel.prnu": "0.5",
+    }
+    settings = [part for field, text in changes.items() for part in ("--set", f"{field}={text}")]
+    done = cli("expose", light_file, "-o", tmp_path / "out", *settings)
+    assert done.exit_code == 0 and "note: pixel.prnu is 0.5" in done.stdout, done.stderr
+    camera = json.loads((tmp_path / "out" / "frame.json").read_text("utf-8"))["camera"]
+    assert camera["source_follower"]["white_nv_per_rthz"] is camera["dark_current"]["fom_na_per_cm2"] is None
+    assert (camera["source_follower"]["read_noise_e"], camera["dark_current"]["rate_e_per_s"]) == (3, 5)
+    (note,) = camera["notes"]
+    assert note.startswith("pixel.prnu is 0.5, and 0 to 0.1 is usual")

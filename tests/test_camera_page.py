@@ -1,0 +1,94 @@
+"""docs/camera-file.md: its tables are those of the schema, its numbers those of its camera, its commands run."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers import ROOT
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.sensor.camera import Camera
+from mitsuba_sensor.sensor.field_catalogue import markdown
+from mitsuba_sensor.sensor.gains import gain_dn_per_e
+
+PAGE = (ROOT / "docs" / "camera-file.md").read_text(encoding="utf-8")
+EXAMPLE = ROOT / "examples" / "cmv4000.toml"
+COMMANDS = [
+    command
+    for block in re.findall(r"^```sh\n(.*?)^```", PAGE, re.S | re.M)
+    for command in block.replace("\\\n", " ").splitlines()
+]
+SMALL = "--width", "16", "--spp", "16", "--wavelength-nm", "550", "--no-denoise"
+MISTAKES = re.findall(r"^\| `([\w.]+) = (\S+)` \| (error|warning): (.+) \|$", PAGE, re.M)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """What a checkout has, without what a command writes."""
+    for name in ("scenes", "examples"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_the_tables_of_all_keys_are_made_of_the_schema() -> None:
+    """`mitsuba-sensor cameras fields` prints them, from the first heading of a table on."""
+    assert PAGE.partition("### Top of the file")[2] == markdown(Camera).partition("### Top of the file")[2] + "\n"
+
+
+def test_each_line_of_the_worked_example_is_in_the_camera_file() -> None:
+    rows = re.findall(r"^\| [^|]+ \| `([\w.]+)` \| ([^|]+) \|", PAGE, re.M)
+    camera = tomllib.loads(EXAMPLE.read_text("utf-8"))
+    assert len(rows) >= 12
+    for dotted, text in rows:
+        table, key = dotted.split(".")
+        assert camera[table][key] == tomllib.loads(f"x = {text}")["x"], dotted
+
+
+def test_the_example_is_the_camera_of_the_data_sheet() -> None:
+    """0.075 LSB/e- and 13 e- in 10 bits, 125 e-/s at 25 °C, QE 60 % at 550 nm and 8 % at 900; every number sourced."""
+    camera = ms.load_camera(EXAMPLE)
+    assert gain_dn_per_e(camera) == pytest.approx(0.075, rel=1e-5) and not ms.check_camera(EXAMPLE)
+    assert camera.qe([550.0, 900.0]).tolist() == [[0.6, 0.08]]
+    assert camera.dark_current.cv == pytest.approx(3 / 0.075 / 125)
+    missing = re.findall(r'(?m)^# ("[\w.]+") = ""$', camera.to_toml())
+    assert not missing
+
+
+@pytest.mark.parametrize(("dotted", "value", "level", "said"), MISTAKES, ids=[one[0] for one in MISTAKES])
+def test_a_mistake_of_the_page_gets_the_sentence_of_the_page(
+    dotted: str, value: str, level: str, said: str, tmp_path: Path
+) -> None:
+    table, key = dotted.split(".")
+    meant = "full_well_e" if key == "full_wel_e" else key
+    text = re.sub(rf"(?m)^{meant} = .*\n", "", EXAMPLE.read_text("utf-8"))
+    path = tmp_path / "mine.toml"
+    path.write_text(text.replace(f"\n[{table}]\n", f"\n[{table}]\n{key} = {value}\n"), encoding="utf-8")
+    found = ms.check_camera(path)
+    assert (found[0].level, found[0].text) == (level, said)
+
+
+def test_the_page_shows_every_kind_of_mistake() -> None:
+    assert len(MISTAKES) == 9
+
+
+def test_the_commands_of_the_page_run_in_their_order(folder: Path, cli: Callable[..., Any]) -> None:
+    """Renders of 16 columns, 16 samples and one wavelength here."""
+    assert len(COMMANDS) == 6
+    for command in COMMANDS:
+        program, *arguments = shlex.split(command, comments=True)
+        done = cli(*arguments, *(SMALL if arguments[0] == "render" else ()))
+        assert program == "mitsuba-sensor" and done.exit_code == 0, (command, done.stderr)
+    assert {path.name for path in folder.iterdir()} >= {"my.toml", "cold.toml", "my", "cmv4000"}
+
+
+def test_the_python_of_the_page_runs(folder: Path) -> None:
+    names: dict[str, Any] = {}
+    exec("\n".join(re.findall(r"^```python\n(.*?)^```", PAGE, re.S | re.M)), names)
+    assert ms.load_camera("cold.toml") == names["camera"]
