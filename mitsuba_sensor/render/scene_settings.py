@@ -5,8 +5,6 @@
 
 from __future__ import annotations
 
-import functools
-import operator
 import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -87,8 +85,10 @@ class SceneSettings:
         """The fields that this file sets and this camera has otherwise."""
         given, file = (one.model_dump() for one in (camera, self.applied_to(camera)))
 
-        def value(fields: Fields, name: str) -> Any:
-            return functools.reduce(operator.getitem, name.split("."), fields)
+        def value(fields: Any, name: str) -> Any:
+            for key in name.split("."):
+                fields = (fields or {}).get(key)  # a table that is not set is None
+            return fields
 
         return [name for name in self.fields if value(given, name) != value(file, name)]
 

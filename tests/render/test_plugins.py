@@ -208,6 +208,16 @@ def test_defaults_and_given_parameters_reach_both_elements(tmp_path: Path) -> No
         assert view == pytest.approx(fov_deg(focal * 1e-3), rel=1e-6)
 
 
+def test_a_text_none_in_the_film_unsets_a_field_of_its_camera(tmp_path: Path) -> None:
+    """The read noise in electrons instead of W_f and f_c; another camera overrules both."""
+    none = '<string name="source_follower.white_nv_per_rthz" value="none"/>'
+    film = NAME + SIZE + none + '<float name="source_follower.read_noise_e" value="3"/>'
+    settings = read_settings(write_scene(tmp_path, one_file(LENS, film)), {})
+    assert settings.camera is not None and settings.camera.source_follower.white_nv_per_rthz is None
+    assert settings.camera.source_follower.read_noise_e == 3
+    assert settings.overruled_by(load_camera("bayer_2mp")) == ["source_follower.read_noise_e"]
+
+
 def test_setup_holds_what_the_file_says(tmp_path: Path) -> None:
     lens = (
         LENS + FOCUS + '<string name="pupil_convention" value="planar"/><float name="pupil_magnification" value="1.5"/>'

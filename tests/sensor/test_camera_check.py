@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from helpers import CAMERAS
 
@@ -209,3 +210,41 @@ def test_lines_of_every_kind_of_toml() -> None:
     assert lines(("nothing",)) is None and lines(("t", "nothing")) == 9
     lines.rename(("t",), ("s",))
     assert lines(("s", "many", 1, "y")) == 16
+
+
+JUNK = ("-3", "nan", "'x'", "[]", "[1]", "{a = 1}", "true", "1e40", "", "=", "[[", "2999-01-01", "[[1, 2], ['R']]")
+HEADERS = ("[adc]", "[lens.prescription]", "[[dark_current.components]]", "[[pixel]]", "[pixel.prnu]", "[sources]")
+
+
+def damaged(text: str, random: np.random.Generator) -> str:
+    """A camera file with one to five lines lost, doubled, moved, misspelt, or with another value or header."""
+    lines = text.splitlines()
+    for _ in range(random.integers(1, 6)):
+        n, other = (int(x) for x in random.integers(len(lines), size=2))
+        line, place = lines[n], int(random.integers(len(lines[n]) + 1))
+        lines[n : n + 1] = (
+            [],
+            [line, lines[other]],
+            [line.partition("=")[0] + "= " + str(random.choice(JUNK))],
+            [line[:place] + "x" + line[place:]],
+            [line[:place] + line[place + 1 :]],
+            [str(random.choice(HEADERS)), line],
+        )[random.integers(6)]
+    return "\n".join(lines)
+
+
+def test_a_damaged_file_has_an_error_exactly_if_it_does_not_load(tmp_path: Path) -> None:
+    """Sixty files, none of which stops the check; lines are those of the file."""
+    random, loads, path = np.random.default_rng(5), 0, tmp_path / "mine.toml"
+    for _ in range(60):
+        name = str(random.choice(ms.list_cameras()))
+        text = damaged(ms.load_camera(name).to_toml(), random)
+        found = checked(text, tmp_path)
+        errors = [one for one in found if one.level == "error"]
+        assert all(one.line is None or 1 <= one.line <= text.count("\n") + 1 for one in found)
+        if errors:
+            with pytest.raises(ms.InputError):
+                ms.load_camera(path)
+        else:
+            loads += bool(ms.load_camera(path))
+    assert 5 < loads < 55
