@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import re
 import tomllib
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -50,16 +51,12 @@ def check_camera(name: str | Path) -> tuple[CameraFinding, ...]:
     Raises InputError if there is no such file.
     """
     text, file, folder = camera_text(name)
-    try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        said = str(error)
-        line = said.partition(AT_LINE)[2].partition(",")[0]
-        number = int(line) if line.isdecimal() else None
-        quotes = "; a text needs quotes" if "Invalid value" in said else ""
-        return (CameraFinding("error", file, number, "", f"not valid TOML: {said}{quotes}."),)
-    lines = TomlLines(text)
-    found, notes = _all_faults(data, folder, lines)
+    readable, broken = _readable(text)
+    unread = [CameraFinding("error", file, line, "", f"not valid TOML: {said}.") for line, said in broken]
+    if readable is None:
+        return tuple(unread)
+    lines = TomlLines(readable)
+    found, notes = _all_faults(tomllib.loads(readable), folder, lines)
     errors = [CameraFinding("error", file, lines(one.loc), _field(one.loc), one.text) for one in found]
     wrong = {one.field for one in errors}
     warnings = [
@@ -67,7 +64,51 @@ def check_camera(name: str | Path) -> tuple[CameraFinding, ...]:
         for field, said in notes
         if not any(f"{one}.".startswith(f"{field}.") for one in wrong)
     ]
+    said_already = {one.line for one in unread}
+    errors = [*unread, *(one for one in errors if one.line not in said_already)]
     return (*sorted(errors, key=_place), *sorted(warnings, key=_place))
+
+
+def _readable(text: str) -> tuple[str | None, list[tuple[int | None, str]]]:
+    """The text with ``key = "?"`` for each line whose value is no TOML, and line and sentence of each.
+
+    None for the text where the mistake is not in a single line: a bracket that is not closed, a key given twice.
+    """
+    rows, broken = text.split("\n"), list[tuple[int | None, str]]()
+    while True:
+        try:
+            tomllib.loads("\n".join(rows))
+        except tomllib.TOMLDecodeError as error:
+            line = str(error).partition(AT_LINE)[2].partition(",")[0]
+            number = int(line) if line.isdecimal() else None
+            row = rows[number - 1] if number else ""
+            key, _, value = row.partition("=")
+            said = re.sub(r" \(at line \d+, (column \d+)\)", r" in \1", str(error))
+            mended = f'{key}= "?"'
+            if not number or _is_toml(row) or not _is_toml(mended):
+                return None, [*broken, (number, f"{said}; the rest is checked when this is right")]
+            broken.append((number, f"{said}{_toml_hint(value)}"))
+            rows[number - 1] = mended
+        else:
+            return "\n".join(rows), broken
+
+
+def _is_toml(row: str) -> bool:
+    try:
+        tomllib.loads(row)
+    except tomllib.TOMLDecodeError:
+        return False
+    return True
+
+
+def _toml_hint(value: str) -> str:
+    """What is probably meant by a value that is no TOML."""
+    bare = value.partition("#")[0].strip()
+    if re.fullmatch(r"[+-]?\d+,\d+", bare):
+        return f"; a number has a decimal point, write {bare.replace(',', '.')}"
+    if re.fullmatch(r"[+-]?\.\d+|[+-]?\d+\.", bare):
+        return f"; a decimal point has digits on both sides, write {float(bare)}"
+    return f'; a text needs quotes, write "{bare}"' if re.fullmatch(r"[^\W\d][\w -]*", bare) else ""
 
 
 def _place(finding: CameraFinding) -> int:

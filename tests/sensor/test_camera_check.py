@@ -178,10 +178,47 @@ def test_the_example_of_a_field_is_usual() -> None:
             assert usual.includes(number) and usual.low < usual.high, name
 
 
-def test_a_file_that_is_no_toml_has_one_error_with_its_line(tmp_path: Path) -> None:
-    (one,) = checked('name = "x"\n[sensor]\ntechnology = cmos\n', tmp_path)
-    assert one.line == 3 and "a text needs quotes" in one.text and one.level == "error"
-    assert one.to_dict()["line"] == 3
+def test_values_that_are_no_toml_are_found_with_all_other_errors(tmp_path: Path) -> None:
+    """Each with its line and the way out, and nothing else about the same line."""
+    text = TABLE1
+    for line, new in {
+        'technology = "cmos"': "technology = cmos",
+        "prnu = 0.005": "prnu = 0,005   # half a percent",
+        "fill_factor = 0.5 ": "fill_factor = .5 ",
+        "bits = 12": "bits = 25",
+        "pitch_x_um = 5.7": "pitch_x_um = 5.7e-6",
+    }.items():
+        assert f"\n{line}" in text
+        text = text.replace(f"\n{line}", f"\n{new}")
+    found = {one.text.partition("; ")[2] or one.text: one for one in checked(text, tmp_path)}
+    rows = text.splitlines()
+    assert [rows[(one.line or 0) - 1].split()[0] for one in found.values()] == [
+        "technology",
+        "fill_factor",
+        "prnu",
+        "bits",
+        "pitch_x_um",
+    ]
+    assert [one.level for one in found.values()] == ["error"] * 4 + ["warning"]
+    assert {'a text needs quotes, write "cmos".', "a number has a decimal point, write 0.005."} <= set(found)
+    assert "a decimal point has digits on both sides, write 0.5." in found
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ('name = "x"\n[sensor\ncolumns = 5\n', 2),
+        ('name = "x"\nname = "y"\n[sensor]\n', 2),
+        ('name = "x"\nlist = [1,\n2\n[sensor]\ncolumns = 5\n', 4),
+        ('name = """x\ny\n', None),
+    ],
+)
+def test_a_file_whose_lines_cannot_be_told_apart_has_one_error(text: str, line: int | None, tmp_path: Path) -> None:
+    """The first, with the parser's line; the rest waits."""
+    (one,) = checked(text, tmp_path)
+    assert one.level == "error" and one.line == line and one.text.startswith("not valid TOML: ")
+    assert one.text.endswith("; the rest is checked when this is right.")
+    assert one.to_dict()["line"] == line
     with pytest.raises(ms.InputError, match="cannot be read"):
         check_camera(tmp_path / "none.toml")
 
