@@ -18,7 +18,7 @@ MOST_SPP = 1024  # per pass: the float32 film loses about 1e-8 per sample
 MOST_IN_ALL = 2**24
 MOST_IN_FLIGHT = 2**22  # samples per pass: 45 MB a million in LLVM variants
 VALUES_AT_ONCE = 2**14  # that stay in a processor's cache
-MOST_VALUES = 2**23  # pixels × bands per strip: 64 MB for each float64 array of the running mean
+MOST_VALUES = 2**22  # pixels × bands per strip: 32 MB for each float64 array of the running mean
 
 
 def pass_plan(spp: int) -> tuple[int, int]:
@@ -85,12 +85,12 @@ def clean(raw: NDArray[np.floating]) -> Cleaned:
 
 
 class Welford:
-    """Running mean and variance of equal passes, in float64."""
+    """Running mean, in float64, and variance of equal passes."""
 
     def __init__(self, shape: tuple[int, ...]) -> None:
         self.count = 0
         self.mean = np.zeros(shape)
-        self._squares = np.zeros(shape)
+        self._squares = np.zeros(shape, np.float32)  # 1e-7 of them matters to no error bar
 
     def add(self, values: Float64Array) -> None:
         """Add one pass, some rows at a time."""
