@@ -13,6 +13,7 @@ from .types import Array, Float64Array
 SMOOTH_FROM = 1.0  # σ [steps] above which the fraction of the mean does not matter: its weight exp(−2π²σ²) is < 3e-9
 FINEST = 0.1  # a temporal σ below this, unless 0, is set to this, so that eight harmonics are enough [steps]
 HARMONICS = np.arange(1, 9)
+NO_HARMONIC = 1.2  # σ·k [steps] from which on harmonic k of the rounding error is below 1e-12
 
 
 def rounded(mean: Array, temporal: Array, spatial: Array) -> tuple[Array, Array, Array]:
@@ -76,3 +77,25 @@ def _shared(m: Float64Array, temporal: Float64Array, spatial: Float64Array) -> A
             fall = np.exp(-2 * np.pi**2 * (step**2 * spatial + (k**2 + n**2) * temporal))
             total += sign * weight * np.cos(2 * np.pi * step * m) * fall
     return total
+
+
+def rounded_poisson(
+    mean_dn: Float64Array, sigma_dn: Float64Array, slope: Float64Array, mean_e: Float64Array
+) -> tuple[Float64Array, Float64Array]:
+    """Mean and variance of ⌊x + ½⌋ for x = slope·n + normal noise, n of Poisson's law, exact also for single electrons.
+
+    mean_dn : E x.  sigma_dn : of the normal noise.  slope : [DN/e-].  mean_e : E n.
+
+    ⌊x + ½⌋ = x + Σ (−1)^k/(πk)·sin 2πkx, and the square of that sum is 1/12 + Σ (−1)^k/(πk)²·cos 2πkx. With θ = 2πk,
+    ψ = E e^(iθx) = exp(iθ(E x − slope·E n) + E n·(e^(iθ·slope) − 1) − θ²σ²/2),  E (x − E x)·e^(iθx) = −i ψ′ − E x·ψ.
+    """
+    error, square, together = np.zeros(mean_dn.shape), np.full(mean_dn.shape, 1 / 12), np.zeros(mean_dn.shape)
+    smallest = float(np.min(sigma_dn, initial=np.inf))
+    for k in range(1, int(np.ceil(NO_HARMONIC / max(smallest, 1e-3))) + 1):
+        theta, sign = 2 * np.pi * k, (-1.0) ** k
+        turned = np.expm1(1j * theta * slope)
+        psi = np.exp(1j * theta * (mean_dn - slope * mean_e) + mean_e * turned - 0.5 * (theta * sigma_dn) ** 2)
+        error += sign / (np.pi * k) * psi.imag
+        square += sign / (np.pi * k) ** 2 * psi.real
+        together += sign / (np.pi * k) * (psi * (slope * mean_e * turned + 1j * theta * sigma_dn**2)).imag
+    return mean_dn + error, sigma_dn**2 + slope**2 * mean_e + 2 * together + square - error**2

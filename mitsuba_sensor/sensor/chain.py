@@ -1,13 +1,11 @@
 """The order of the signal chain, from photons to digital numbers, and the check of a stage that a user adds to it."""
 
 import re
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from ..core import Array, Electrons, Exposure, Frame, InputError, Photons, SensorWindow
+from ..core import Array, Electrons, Exposure, InputError, Photons, SensorWindow
 from ..core.backend import NUMPY_FLOAT32
 from .effects.adc import Adc
 from .effects.cds_gain import CdsGain
@@ -26,6 +24,7 @@ from .effects.shot_noise import ShotNoise
 from .effects.source_follower import SourceFollower
 from .effects.source_follower_noise import SourceFollowerNoise
 from .effects.temporal_line_noise import TemporalColumnNoise, TemporalRowNoise
+from .recorder import RecordingFrame
 from .stage import Chain, Stage, converter_of, total
 
 if TYPE_CHECKING:
@@ -70,21 +69,6 @@ def black_level_dn(camera: "Camera") -> float:
     return converter_of(chain(camera)).black_level_dn
 
 
-@dataclass(frozen=True, eq=False)
-class _Recorder(Frame):
-    """A frame that notes which noise sources are drawn from."""
-
-    sources: set[str] = field(default_factory=set)
-
-    def random_bits(self, source: str) -> Array:
-        self.sources.add(source)
-        return super().random_bits(source)
-
-    def random_bits_at(self, source: str, rows: ArrayLike, columns: ArrayLike, frame_index: int) -> Array:
-        self.sources.add(source)
-        return super().random_bits_at(source, rows, columns, frame_index)
-
-
 def check_added(stages: Chain, added: Stage, wavelength_nm: float) -> None:
     """Expose a window of 8 × 8 pixels to light of this wavelength and look at what ``added`` does.
 
@@ -94,7 +78,7 @@ def check_added(stages: Chain, added: Stage, wavelength_nm: float) -> None:
     signal: Array = Photons(np.full((8, 8, 1), 1e3), np.array([wavelength_nm]))
     users: dict[str, int] = {}
     for place, stage in enumerate(stages):
-        frame = _Recorder(Exposure(1.0), SensorWindow(0, (8, 8), backend=NUMPY_FLOAT32))
+        frame = RecordingFrame(Exposure(1.0), SensorWindow(0, (8, 8), backend=NUMPY_FLOAT32))
         before, signal = signal, stage.sample(signal, frame)
         entered, left = (getattr(total(x), "dtype", None) for x in (before, signal))
         if stage is added and entered == np.float32 != left:

@@ -18,17 +18,17 @@ from .checks import (
     as_photons,
     check_chip,
     check_compensation,
-    check_float32,
     check_numbers,
     checked_maps,
     checked_names,
-    float32_counts,
     placed,
 )
+from .choices import chain_of, precision_of, tolerance_of
 from .detection import Detected, checked_and_detected
 from .frame_theory import FrameTheory
 from .noise_budget import NoiseBudget
 from .options import ExposeOptions
+from .pixel_moments import PixelMoments, pixel_moments
 from .plan import Plan, plan_for
 from .report import FrameObserver, report
 from .run import FrameRunner, StripWindows, choose_backend, require_kept
@@ -70,6 +70,29 @@ class Frames:
     def theory(self) -> FrameTheory:
         """Theory of every pixel of these frames."""
         return self._observer.theory
+
+    @cached_property
+    def pixel_moments(self) -> PixelMoments:
+        """``clean[0]`` and ``temporal_variance``, by the theory of every pixel with the FPN maps of this serial."""
+        return pixel_moments(self.stages, self.detected, self.first)
+
+    @cached_property
+    def clean(self) -> NDArray[np.float32]:
+        """Expectation of the raw frame over temporal noise, fixed patterns of this serial included, (1, H, W) [DN].
+
+        Of frames with renders of their own (N, H, W). Not rounded. Raises InputError for chain konnik2014.
+        """
+        return self.pixel_moments.mean[None]
+
+    @property
+    def temporal_variance(self) -> NDArray[np.float32]:
+        """Variance of every pixel from frame to frame in the light of the first, (H, W) [DN²]."""
+        return self.pixel_moments.temporal
+
+    @cached_property
+    def spatial_mean(self) -> NDArray[np.float32]:
+        """Expectation over temporal noise and over all cameras of this model, (H, W) [DN]: no fixed pattern."""
+        return self.theory.digital_mean()
 
     @cached_property
     def report(self) -> dict[str, Any]:
@@ -235,7 +258,7 @@ def prepare_exposure(
     check_numbers(frames, first_frame, seed)
     keep = checked_names(chosen["keep"], KEEP)
     require_kept(keep, KEEP if chosen["chain"] == "physical" else KEPT_BY_PUBLISHED)
-    stages = _stages(camera, chosen["plan"], chosen["chain"])
+    stages = chain_of(camera, chosen["plan"], chosen["chain"])
     precision = precision_of(chosen["precision"], camera, chosen["plan"], chosen["chain"])
     backend = choose_backend(chosen["engine"], precision, frames * shape[0] * shape[1])
     window = SensorWindow(serial, (shape[0], shape[1]), origin)
@@ -243,57 +266,4 @@ def prepare_exposure(
     given = checked_maps({} if chosen["maps"] is None else chosen["maps"], named, window, camera)
     window = replace(window, given=given, backend=backend)
     first = Frame(exposure, window, seed, first_frame)
-    return PreparedExposure(
-        camera, stages, first, frames, keep, plan=chosen["plan"], tolerance_dn=_tolerance_dn(chosen)
-    )
-
-
-def _tolerance_dn(chosen: ExposeOptions) -> float | None:
-    """The tolerance of a plan that is made for the light at hand."""
-    tolerance_dn = chosen["tolerance_dn"]
-    if tolerance_dn is not None and chosen["plan"] is not None:
-        raise InputError(
-            f"tolerance_dn is {tolerance_dn:g} and a plan is given, which has a tolerance of its own; pass one of them."
-        )
-    if tolerance_dn is not None and chosen["chain"] != "physical":
-        raise InputError(f"tolerance_dn is {tolerance_dn:g}, which is for the physical chain; leave one of both out.")
-    return tolerance_dn
-
-
-def precision_of(asked: str, camera: Camera, plan: Plan | None, chain: str) -> str:
-    """ "float32" or "float64": as asked, else as the plan found, else float32 while it can count single electrons."""
-    if chain == "konnik2014":  # a comparison, in the precision of the published code
-        if asked == "float32":
-            raise InputError("precision is 'float32' and chain konnik2014 is float64 only; leave the precision out.")
-        return "float64"
-    if asked == "float32":
-        check_float32(camera)
-    if asked != "auto":
-        return asked
-    if plan is not None:
-        return plan.precision
-    return "float32" if float32_counts(camera) else "float64"
-
-
-def _stages(camera: Camera, plan: Plan | None, chain: str) -> Chain:
-    """What the plan left of this camera's chain, or the whole chain of that name."""
-    if plan is None:
-        if chain == "konnik2014":
-            if camera.added:
-                raise InputError(
-                    f"chain is 'konnik2014' and {camera.name} has an added {type(camera.added[0]).__name__}, for which "
-                    "the published chain has no place; take the camera without it, or the physical chain."
-                )
-            from .konnik2014 import Konnik2014Settings, chain_of  # a chain that few ask for
-
-            return chain_of(Konnik2014Settings.from_camera(camera))
-        return camera.stages
-    if not hasattr(plan, "whole"):
-        raise InputError(f"plan is {plan!r}; pass what plan(camera, exposure, photons) returns.")
-    if chain != "physical":
-        raise InputError(f"chain is {chain!r} and a plan is given; a plan is for the physical chain: pass one of them.")
-    if plan.whole != camera.stages:
-        raise InputError(
-            f"plan was made for another camera, {plan.camera}; make one for this one with plan(camera, …)."
-        )
-    return plan.stages
+    return PreparedExposure(camera, stages, first, frames, keep, plan=chosen["plan"], tolerance_dn=tolerance_of(chosen))

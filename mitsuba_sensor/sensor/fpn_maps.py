@@ -9,7 +9,7 @@ from ..core import Exposure, InputError, SensorWindow, check_types, require_seed
 from ..core.options import complete
 from .camera import Camera
 from .checks import checked_origin
-from .expose import precision_of
+from .choices import precision_of
 from .options import ExposeOptions, Precision
 from .run import choose_backend
 

@@ -7,14 +7,20 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..core import Frame
 from ..core.types import Float64Array
 from .detection import Detected
 from .light_levels import LightLevels, light_levels
+from .run import row_strips_of
 from .stage import Chain, Stage
 from .theory import Theory
+from .threads import for_each
 from .uncounted import theory_of
+
+STRIP = 2**16
+"""Pixels that are looked up together."""
 
 
 class Averages(NamedTuple):
@@ -61,7 +67,24 @@ class FrameTheory:
     def means(self, light_e: Float64Array) -> dict[int, Float64Array]:
         """Expected signal behind every stage, by its number, in pixels with so many mean photoelectrons.
 
-        From tables of the kind that most pixels are of; a kind changes variances, and means by next to nothing.
+        From tables of the kind that most pixels are of.
         """
-        theory = self.theories[max(range(len(self.levels)), key=lambda k: self.levels[k].pixels.sum())]
-        return theory.means(light_e)
+        return self._of_most.means(light_e)
+
+    def digital_mean(self) -> NDArray[np.float32]:
+        """Expected digital number of every pixel over frames and cameras, (H, W) [DN], strip by strip."""
+        theory = self._of_most
+        theory.prepare([len(self.stages) - 1])
+        mean = np.empty(self.frame.window.shape, np.float32)
+
+        def write(rows: slice) -> None:
+            light_e = self.light.crop_rows(rows).mean_e
+            mean[rows] = theory.digital(light_e).mean.reshape(light_e.shape)
+
+        for_each(write, row_strips_of(mean.shape, STRIP))
+        return mean
+
+    @property
+    def _of_most(self) -> Theory:
+        """Of the kind that most pixels are of; a kind changes variances, and means by next to nothing."""
+        return self.theories[max(range(len(self.levels)), key=lambda k: self.levels[k].pixels.sum())]

@@ -10,7 +10,7 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal, TypeAlias
+from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple, TypeAlias
 
 from ..core import Array, Electrons, Frame, Moments, Photons, SensorWindow
 from ..core.code_law import code_moments
@@ -25,6 +25,16 @@ if TYPE_CHECKING:
 Datasheet: TypeAlias = "Camera"  # whose tables the effects read
 Domain = Literal["photons", "electrons", "volts", "DN"]
 UNITS: dict[Domain, str] = {"photons": "photons", "electrons": "e-", "volts": "V", "DN": "DN"}
+
+
+class PixelNoise(NamedTuple):
+    """Temporal noise behind the shot noise that differs from pixel to pixel, in the unit of its stage.
+
+    variance : of its normal part, scalar or (H, W).  steps : chance, scalar or (H, W), and size of each of its steps.
+    """
+
+    variance: Array
+    steps: tuple[tuple[Array, float], ...] = ()
 
 
 class Stage(ABC):
@@ -90,6 +100,16 @@ class Stage(ABC):
 
     def noise_law(self, frame: Frame) -> NoiseLaw | None:
         """Of a stage behind the shot noise whose noise differs from pixel to pixel; None: normal, by its moments."""
+        return None
+
+    def outcomes(self, electrons: Electrons, frame: Frame) -> tuple[tuple[Array, Electrons], ...]:
+        """Of a stage with temporal noise between light and shot noise: chance of each state of the pixels, and what
+        electrons (H, W) become in it; none: normal noise, by its moments.
+        """
+        return ()
+
+    def pixel_noise(self, frame: Frame) -> PixelNoise | None:
+        """Of a stage with a ``noise_law``: the noise of every pixel of the window, by its maps."""
         return None
 
     def measured(self, window: SensorWindow) -> tuple[Array, Array] | None:

@@ -18,7 +18,7 @@ from ...core.backend import Backend
 from ..datasheet import Chance, FileTable, NotNegative
 from ..gains import sense_gain_v_per_e
 from ..pixel_law import NoiseLaw
-from ..stage import Datasheet, Stage
+from ..stage import Datasheet, PixelNoise, Stage
 
 
 class RtnPixelsFields(FileTable):
@@ -98,6 +98,14 @@ class RtnPixels(Stage):
             return None
         steps = np.array([[0.0, 0.0, 0.0], [-step_v, 0.0, step_v]])
         return NoiseLaw(np.array([1 - share, share]), np.zeros(2), steps, np.array([chance, 1 - 2 * chance, chance]))
+
+    def pixel_noise(self, frame: Frame) -> PixelNoise | None:
+        """Three levels where a pixel has a trap."""
+        chance, step_v = self.chance_of_a_step, self.amplitude_e * self.gain_v_per_e
+        if self.fraction * chance * step_v == 0:
+            return None
+        one = chance * self.fpn_maps(frame.window)["rtn_site"]
+        return PixelNoise(0.0, ((one, -step_v), (1 - 2 * one, 0.0), (one, step_v)))
 
     def rare(self, frame: Frame) -> tuple[float, float]:
         """The pixels with a trap, and its step [V]."""

@@ -20,7 +20,7 @@ from ..datasheet import FileTable, NotNegative, Positive
 from ..fpn_distributions import LogNormal
 from ..gains import sense_gain_v_per_e
 from ..pixel_law import NoiseLaw, borders_of
-from ..stage import Datasheet, Stage
+from ..stage import Datasheet, PixelNoise, Stage
 from ..usual_range import NS_TO_SECONDS, US_TO_SECONDS, VOLTS_TO_NV, Usual
 
 NOTED = 0.01
@@ -138,6 +138,12 @@ class SourceFollowerNoise(Stage):
         else:
             return None
         return NoiseLaw(weights / weights.sum(), squares, np.zeros((weights.size, 1)), np.ones(1))
+
+    def pixel_noise(self, frame: Frame) -> PixelNoise | None:
+        """Normals of every pixel's σ."""
+        if self.cv == 0:
+            return None
+        return PixelNoise((self.gain_v_per_e * np.asarray(self.fpn_maps(frame.window)[READ_NOISE], np.float64)) ** 2)
 
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
         """``read_noise``: σ of every pixel [e- rms], where the pixels have noise of their own."""

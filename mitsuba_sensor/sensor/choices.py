@@ -1,0 +1,61 @@
+"""Which chain, precision and tolerance an exposure has, by its options."""
+
+from __future__ import annotations
+
+from ..core import InputError
+from .camera import Camera
+from .checks import check_float32, float32_counts
+from .options import ExposeOptions
+from .plan import Plan
+from .stage import Chain
+
+
+def tolerance_of(chosen: ExposeOptions) -> float | None:
+    """The tolerance of a plan that is made for the light at hand."""
+    tolerance_dn = chosen["tolerance_dn"]
+    if tolerance_dn is not None and chosen["plan"] is not None:
+        raise InputError(
+            f"tolerance_dn is {tolerance_dn:g} and a plan is given, which has a tolerance of its own; pass one of them."
+        )
+    if tolerance_dn is not None and chosen["chain"] != "physical":
+        raise InputError(f"tolerance_dn is {tolerance_dn:g}, which is for the physical chain; leave one of both out.")
+    return tolerance_dn
+
+
+def precision_of(asked: str, camera: Camera, plan: Plan | None, chain: str) -> str:
+    """ "float32" or "float64": as asked, else as the plan found, else float32 while it can count single electrons."""
+    if chain == "konnik2014":  # a comparison, in the precision of the published code
+        if asked == "float32":
+            raise InputError("precision is 'float32' and chain konnik2014 is float64 only; leave the precision out.")
+        return "float64"
+    if asked == "float32":
+        check_float32(camera)
+    if asked != "auto":
+        return asked
+    if plan is not None:
+        return plan.precision
+    return "float32" if float32_counts(camera) else "float64"
+
+
+def chain_of(camera: Camera, plan: Plan | None, chain: str) -> Chain:
+    """What the plan left of this camera's chain, or the whole chain of that name."""
+    if plan is None:
+        if chain == "konnik2014":
+            if camera.added:
+                raise InputError(
+                    f"chain is 'konnik2014' and {camera.name} has an added {type(camera.added[0]).__name__}, for which "
+                    "the published chain has no place; take the camera without it, or the physical chain."
+                )
+            from . import konnik2014  # a chain that few ask for
+
+            return konnik2014.chain_of(konnik2014.Konnik2014Settings.from_camera(camera))
+        return camera.stages
+    if not hasattr(plan, "whole"):
+        raise InputError(f"plan is {plan!r}; pass what plan(camera, exposure, photons) returns.")
+    if chain != "physical":
+        raise InputError(f"chain is {chain!r} and a plan is given; a plan is for the physical chain: pass one of them.")
+    if plan.whole != camera.stages:
+        raise InputError(
+            f"plan was made for another camera, {plan.camera}; make one for this one with plan(camera, …)."
+        )
+    return plan.stages
