@@ -30,12 +30,14 @@ from .render.scene_settings import ParsedScene
 from .render.stop_criterion import Progress
 from .sensor.camera import Camera
 from .sensor.checks import as_photons
+from .sensor.choices import check_clean
 from .sensor.expose import KEEP, Frames, prepare_exposure
 from .sensor.metering import AskedExposure, Metering, checked_exposure, clipped_note
 from .sensor.options import ExposeOptions, FrameOptions
 from .sensor.plan import plan_for
 
-FILES = ("frame.tiff", "frame.png", "irradiance.exr", "aovs.exr", "frame.json")
+CLEAN = ("clean.tiff", "temporal_variance.tiff")
+FILES = ("frame.tiff", "frame.png", *CLEAN, "irradiance.exr", "aovs.exr", "frame.json")
 LEFT = ("uncompensated", "above_shot_noise")  # of renders for every frame: what their noise leaves in the frames
 Scene: TypeAlias = str | os.PathLike[str] | ParsedScene
 Light: TypeAlias = str | os.PathLike[str] | Irradiance
@@ -49,6 +51,14 @@ class LightOptions(FrameOptions, total=False):
     preview_gain: Annotated[
         float,
         Option("Brighten frame.png by this factor, with its noise; not frame.tiff.", 1.0, low=0, high=1e9, example="2"),
+    ]
+    clean: Annotated[
+        bool,
+        Option(
+            "Also write clean.tiff [DN] and temporal_variance.tiff [DN²], float32: what the frames of this very camera "
+            "are on average, with its fixed pattern and without temporal noise.",
+            False,
+        ),
     ]
 
 
@@ -84,7 +94,7 @@ class Capture:
     rendered: bool
 
     def save(self, folder: str | os.PathLike[str]) -> None:
-        """Write frame.tiff, frame.png, frame.json, irradiance.exr if it was rendered, aovs.exr if asked for.
+        """Write frame.tiff, frame.png, frame.json, irradiance.exr if it was rendered, aovs.exr and CLEAN if asked for.
 
         All of them appear, or none. Raises InputError.
         """
@@ -93,6 +103,9 @@ class Capture:
             image = self.metadata["image"]
             files.write_tiff(scratch / "frame.tiff", self.frames.digital, image)
             files.write_png(scratch / "frame.png", self._preview(gain), image)
+            if self.metadata["options"]["clean"]:
+                for name, values in zip(CLEAN, (self.frames.clean, self.frames.temporal_variance), strict=True):
+                    files.write_tiff(scratch / name, values)
             if self.rendered:
                 exr.write_irradiance_exr(scratch / "irradiance.exr", self.light)
             if self.aovs is not None:
@@ -125,6 +138,8 @@ def capture(
     """
     asked = checked_exposure(camera, exposure)
     chosen, times_s = complete(CaptureOptions, options), dict[str, float]()
+    if chosen["clean"]:
+        check_clean(chosen["chain"])
     if isinstance(source, Irradiance) or (isinstance(source, str | os.PathLike) and exr.is_exr(source)):
         refuse_render_options(chosen)
         return _of_light(source, camera, asked, chosen, times_s)
@@ -217,6 +232,8 @@ def _render_per_frame(
     whole: dict[str, Any] = {name: np.concatenate([getattr(one.frames, name) for one in found]) for name in names}
     frames = replace(first.frames, **whole)
     vars(frames)["_observer"] = first.frames._observer
+    if options["clean"]:
+        vars(frames)["clean"] = np.concatenate([one.frames.clean for one in found])
     left = {name: float(np.mean([getattr(one, name) for one in found])) for name in LEFT}
     return series.prepared, first.light, frames, left
 

@@ -29,7 +29,8 @@ LEVELS = {"black": "bold red", "wrong": "bold yellow", "note": "dim"}  # of a fi
 def render(scene: options.Scene, out_dir: options.Out, as_json: options.Json = False, **flags: options.Flag) -> None:
     """Render SCENE and expose a camera to it.
 
-    Writes frame.tiff, frame.png, irradiance.exr and frame.json into DIR (and aovs.exr if asked for): all, or none.
+    Writes frame.tiff, frame.png, irradiance.exr and frame.json into DIR (and the files of --aovs and --clean if asked
+    for): all, or none.
     """
     given, asked = render_input(scene, flags)
     with files.output_folder(out_dir, FILES) as folder:
@@ -47,7 +48,7 @@ def expose(
     """Expose a camera to irradiance that is already rendered: another time, camera or seed at no cost.
 
     Camera, exposure and serial number are those that it was rendered for, unless you give others.
-    Writes frame.tiff, frame.png and frame.json into DIR: all three, or none.
+    Writes frame.tiff, frame.png and frame.json into DIR (and the files of --clean if asked for): all, or none.
     """
     _refuse_lens(flags)
     camera, exposure = camera_and_exposure(flags, settings_of(exr.rendered_for(irradiance)))

@@ -53,7 +53,7 @@ def output_folder(path: Path | str, names: Sequence[str]) -> Iterator[Path]:
 
 
 def write_tiff(path: Path, frames: np.ndarray, facts: Mapping[str, Any] = NOTHING) -> None:
-    """Raw digital numbers (N, H, W), unsigned 8, 16 or 32 bit, one page per frame, nothing scaled.
+    """Raw digital numbers (N, H, W), unsigned 8, 16 or 32 bit or float32, one page per frame, nothing scaled.
 
     facts : ``image`` of frame.json; as JSON in the description, and black level, white level and the pattern of red,
         green and blue filters in the tags of TIFF/EP and DNG too.

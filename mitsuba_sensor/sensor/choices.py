@@ -59,3 +59,12 @@ def chain_of(camera: Camera, plan: Plan | None, chain: str) -> Chain:
             f"plan was made for another camera, {plan.camera}; make one for this one with plan(camera, …)."
         )
     return plan.stages
+
+
+def check_clean(chain: str) -> None:
+    """Raise InputError for a chain whose clean frame is not known."""
+    if chain != "physical":
+        raise InputError(
+            f"chain is {chain!r}, and the clean frame is of the physical chain; leave one of both out, or average many "
+            "frames."
+        )

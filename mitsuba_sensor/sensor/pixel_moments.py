@@ -16,8 +16,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import Array, Electrons, Frame, InputError, Moments
+from ..core import Array, Electrons, Frame, Moments
 from ..core.types import Float64Array
+from .choices import check_clean
 from .detection import Detected
 from .pixel_codes import Line, Part, PixelCodes
 from .pixel_counts import CountLaws
@@ -54,7 +55,7 @@ def pixel_moments(stages: Chain, light: Detected, frame: Frame) -> PixelMoments:
     Raises InputError for chain konnik2014, which does not count the electrons that are detected.
     """
     if stages[0].domain == "photons":
-        raise InputError("the clean frame is for the physical chain; leave the chain out, or average many frames.")
+        check_clean("konnik2014")
     shape = frame.window.shape
     found = PixelMoments(np.empty(shape, np.float32), np.empty(shape, np.float32))
 
