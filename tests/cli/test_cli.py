@@ -364,3 +364,31 @@ def test_results_may_be_read_by_everyone_the_umask_allows(light_file: Path, tmp_
     mask = os.umask(0)
     os.umask(mask)
     assert (tmp_path / "out" / "frame.tiff").stat().st_mode & 0o777 == 0o666 & ~mask
+
+
+def test_clean_writes_the_expectation_and_the_variance_of_the_frame(
+    light: Any, light_file: Path, tmp_path: Path, cli: Callable[..., Any]
+) -> None:
+    done = cli("expose", light_file, "-o", tmp_path / "a", "--frames", 3, "--exposure-s", 0.01, "--clean")
+    assert done.exit_code == 0, done.stderr
+    clean, variance = (tifffile.imread(tmp_path / "a" / name) for name in ("clean.tiff", "temporal_variance.tiff"))
+    frames = ms.capture(light, ms.load_camera("konnik_table1"), ms.Exposure(0.01), frames=3).frames
+    assert clean.dtype == variance.dtype == np.float32 and clean.shape == variance.shape == (12, 16)
+    assert (clean == frames.clean[0]).all() and (variance == frames.temporal_variance).all()
+    assert cli("expose", light_file, "-o", tmp_path / "b", "--exposure-s", 0.01).exit_code == 0
+    assert not (tmp_path / "b" / "clean.tiff").exists()
+
+
+def test_clean_is_refused_for_the_published_chain(light_file: Path, tmp_path: Path, cli: Callable[..., Any]) -> None:
+    done = cli("expose", light_file, "-o", tmp_path, "--clean", "--chain", "konnik2014")
+    assert done.exit_code == 2 and "the clean frame is of the physical chain" in " ".join(done.stderr.split())
+
+
+def test_every_frame_with_a_render_of_its_own_has_its_own_clean_frame(
+    scene_file: Path, tmp_path: Path, cli: Callable[..., Any]
+) -> None:
+    given = ["--spp", "16", "--frames", "2", "--render-noise", "per-frame", "--clean", "--wavelength-nm", "550"]
+    done = cli("render", scene_file, "-o", tmp_path, *given)
+    assert done.exit_code == 0, done.stderr
+    clean = tifffile.imread(tmp_path / "clean.tiff")
+    assert clean.shape == (2, 12, 16) and (clean[0] != clean[1]).any()
