@@ -31,9 +31,10 @@ def main(irradiance_file: str, folder: str) -> None:
     clean = np.mean([ms.expose(photons, camera, full, seed=s, serial=s).digital[0] for s in range(CAMERAS)], axis=0)
     raw = ms.expose(photons, camera, full).digital[0]
     dark = ms.expose(ms.collect(irradiance, camera, short), camera, short).digital[0]
-    write_png(pictures / "still_life_clean.png", preview(clean, camera))
-    write_png(pictures / "still_life_raw.png", preview(raw, camera))
-    write_png(pictures / "still_life_hundredth.png", preview(dark, camera, gain=100.0))
+    known = irradiance.rendered_for
+    illuminant = None if known is None else known.illuminant
+    for name, frame, gain in (("clean", clean, 1.0), ("raw", raw, 1.0), ("hundredth", dark, 100.0)):
+        write_png(pictures / f"still_life_{name}.png", preview(frame, camera, gain, illuminant=illuminant))
 
 
 if __name__ == "__main__":
