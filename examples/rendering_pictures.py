@@ -45,10 +45,11 @@ def box(denoise: bool, size: int, spp: int) -> np.ndarray:
     return preview(frame.digital[0], camera)
 
 
-def color_checker(spp: int) -> np.ndarray:
+def color_checker(size: int, spp: int) -> np.ndarray:
     """frame.png of a ColorChecker in the Bayer camera."""
     camera, exposure = ms.load_camera("bayer_2mp"), ms.Exposure(0.1)
-    irradiance = ms.render(SCENES / "color_checker.xml", camera, exposure, spp=spp)
+    window = {"width": size * 3 // 2, "height": size}
+    irradiance = ms.render(SCENES / "color_checker.xml", camera, exposure, spp=spp, parameters=window)
     frame = ms.expose(ms.collect(irradiance, camera, exposure), camera, exposure)
     known = irradiance.rendered_for
     return preview(frame.digital[0], camera, illuminant=None if known is None else known.illuminant)
@@ -77,7 +78,7 @@ def main() -> None:
     pictures = {f"fan_{s}": fan(s, options.size, options.spp) for s in ("global", "rolling")}
     boxes = {"cornell_render": False, "cornell_denoised": True}
     pictures |= {name: box(denoise, options.size, options.spp) for name, denoise in boxes.items()}
-    pictures["color_checker"] = color_checker(options.spp)
+    pictures["color_checker"] = color_checker(options.size, options.spp)
     for name, picture in {**pictures, "still_life_depth": depth, "still_life_normal": normal}.items():
         write_png(options.folder / f"{name}.png", picture)
         print(options.folder / f"{name}.png")

@@ -221,9 +221,9 @@ def test_denoised_light_is_compared_with_a_reference() -> None:
 
 
 def test_samples_where_they_count_are_compared_with_uniform_ones() -> None:
-    """A Cornell box of 24 × 24 pixels, 256 samples at most: finite figures, and never fewer samples than the first."""
+    """A Cornell box of 16 × 16 pixels, 256 samples at most: finite figures, and never fewer samples than the first."""
     scene = str(BENCHMARKS.parent / "scenes" / "cornell_box.xml")
-    rows = run("adaptive.py", "--scenes", scene, "--width", "24", "--most", "256", "--reference", "64")
+    rows = run("adaptive.py", "--scenes", scene, "--width", "16", "--most", "256", "--reference", "32")
     assert [row["by"] for row in rows] == ["bars", "error"]
     for row in rows:
         assert row["spp"] >= 128 and 0 < row["share"] <= 1 and row["gain"] > 0

@@ -110,6 +110,14 @@ def test_light_without_a_camera_says_so(rendered: Path) -> None:
         ms.capture(replace(light, rendered_for=replace(light.rendered_for, camera=None)))
 
 
+def test_the_command_line_says_which_camera_it_takes_where_none_is_known(rendered: Path, tmp_path: Path) -> None:
+    light = exr.read_irradiance_exr(rendered / "irradiance.exr")
+    exr.write_irradiance_exr(tmp_path / "x.exr", replace(light, rendered_for=None))
+    done = CliRunner().invoke(app, ["plan", str(tmp_path / "x.exr"), "--exposure-s", "0.01", "--json"])
+    assert done.exit_code == 0 and json.loads(done.stdout)["camera"] == "konnik_table1"
+    assert "the camera is konnik_table1 unless --camera names another" in done.stderr
+
+
 def test_an_added_stage_is_not_kept() -> None:
     class Hum(Stage):
         """Nothing."""

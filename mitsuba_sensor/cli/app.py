@@ -88,8 +88,11 @@ def camera_and_exposure(flags: Flags, settings: SceneSettings = NO_SCENE) -> tup
     return camera, ms.Exposure(time_s, temperature_k)
 
 
-def settings_of(known: RenderedFor | None) -> SceneSettings:
-    """Camera and exposure that an irradiance was rendered for, as if a scene named them."""
+def settings_of(known: RenderedFor | None, flags: Flags) -> SceneSettings:
+    """Camera and exposure that an irradiance was rendered for, as if a scene named them; says so if it has none."""
+    if (known is None or known.camera is None) and flags.get("camera") is None:
+        default = f"the camera is {options.DEFAULT_CAMERA} unless --camera names another"
+        err.print(f"note: this irradiance names no camera; {default}", highlight=False, soft_wrap=True)
     if known is None:
         return NO_SCENE
     return SceneSettings(known.camera, exposure_s=known.exposure.time_s, temperature_k=known.exposure.temperature_k)

@@ -51,7 +51,7 @@ def expose(
     Writes frame.tiff, frame.png and frame.json into DIR (and the files of --clean if asked for): all, or none.
     """
     _refuse_lens(flags)
-    camera, exposure = camera_and_exposure(flags, settings_of(exr.rendered_for(irradiance)))
+    camera, exposure = camera_and_exposure(flags, settings_of(exr.rendered_for(irradiance), flags))
     with files.output_folder(out_dir, FILES) as folder:
         found = ms.capture(irradiance, camera, exposure, **other_flags(flags))
         found.save(folder)
@@ -77,7 +77,7 @@ def plan(
         _refuse_lens(flags)
         refuse_render_options(flags)
         light = exr.read_irradiance_exr(source)
-        camera, exposure = camera_and_exposure(flags, settings_of(light.rendered_for))
+        camera, exposure = camera_and_exposure(flags, settings_of(light.rendered_for, flags))
         light = light.before_denoising() if flags["raw_light"] else light
     else:
         given, asked = render_input(source, flags)
