@@ -129,15 +129,15 @@ def _filtered(images: Mapping[str, NDArray[np.float32]]) -> NDArray[np.float32]:
     """What the network makes of these images, (H, W, 3) each. Its memory, 0.7 GB for a million pixels, is given back,
     which the library's own function does not do."""
     oidn, found = library(), np.empty_like(images["color"])
-    with oidn.Device() as device:
-        device.commit()
-        with oidn.Filter(device) as network:
+    with oidn.Device() as processor:
+        processor.commit()
+        with oidn.Filter(processor) as network:
             for name, image in {**images, "output": found}.items():
                 network.set_image(name, image, oidn.OIDN_FORMAT_FLOAT3)
             network.set_bool("hdr", True)
             network.set_bool("cleanAux", len(images) > 1)
             network.commit()
             network.execute()
-        if (problem := device.get_error()) is not None:
+        if (problem := processor.get_error()) is not None:
             raise RuntimeError(f"Open Image Denoise: {problem}")
     return found
