@@ -85,12 +85,12 @@ def clean(raw: NDArray[np.floating]) -> Cleaned:
 
 
 class Welford:
-    """Running mean, in float64, and variance of equal passes."""
+    """Running mean and variance of equal passes, in float64."""
 
     def __init__(self, shape: tuple[int, ...]) -> None:
         self.count = 0
         self.mean = np.zeros(shape)
-        self._squares = np.zeros(shape, np.float32)  # 1e-7 of them matters to no error bar
+        self._squares = np.zeros(shape)
 
     def add(self, values: Float64Array) -> None:
         """Add one pass, some rows at a time."""

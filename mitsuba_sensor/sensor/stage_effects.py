@@ -125,7 +125,9 @@ class Trial:
         scale = converter_of(self.whole).gain_dn_per_v ** np.array([1, 2, 2])
         analogue = [self._levels(rest, len(rest.stages) - 2) * scale, self._levels(self.full, last - 1) * scale]
         changes = [np.abs(analogue[0] - analogue[1])[self._inside]]  # before rounding, which can hide a change
-        between = [rounding(a) + beats(t._given, a) for t, a in zip((rest, self.full), analogue, strict=True)]
+        between = [
+            rounding(a) + beats(t._given, self._electrons, a) for t, a in zip((rest, self.full), analogue, strict=True)
+        ]
         changes.append(np.abs(between[0] - between[1]))  # of the levels that are looked at
         if np.max(changes[0] ** [1, 0.5, 0.5], initial=0.0) <= self.tolerance_dn:  # else it is needed already
             changes.append(np.abs(self._levels(rest, len(rest.stages) - 1) - self._levels(self.full, last)))
@@ -183,6 +185,11 @@ class Trial:
         nodes = self.full.nodes / self.full.electrons_per_light
         low, high = self.range.darkest_e, min(self.range.brightest_e, float(nodes[-1]))
         return np.unique(np.concatenate([[low, high], nodes[(nodes > low) & (nodes < high)]]))
+
+    @cached_property
+    def _electrons(self) -> Float64Array:
+        """Mean counts at the levels, light and dark together."""
+        return self._levels_e * self.full.electrons_per_light + self.full._dark_e
 
     def _levels(self, theory: Theory, number: int) -> Float64Array:
         return np.stack(theory.behind(theory.stages[number], self._levels_e), axis=1)

@@ -156,7 +156,9 @@ def test_patterns_that_do_not_fit_are_one_sentence_and_exit_2(
     content, said = WRONG[case]
     if content is not None:
         (tmp_path / "chip.npz").write_bytes(content)
-    done = cli("expose", light_file, "-o", tmp_path / "out", "--fpn-maps", tmp_path / "chip.npz")
+    done = cli(
+        "expose", light_file, "-o", tmp_path / "out", "--fpn-maps", tmp_path / "chip.npz", "--camera", "konnik_table1"
+    )
     assert done.exit_code == 2 and said in done.stderr, (done.exception, done.stderr)
     assert len(done.stderr.strip().splitlines()) == 1 and not (tmp_path / "out").exists()
 
