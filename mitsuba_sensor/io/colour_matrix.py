@@ -25,7 +25,7 @@ class ColourMatrix(NamedTuple):
 
 
 def colour_matrix(camera: Camera, illuminant: Illuminant | None = None) -> ColourMatrix | None:
-    """Of a camera with filters red, green and blue; None for any other.
+    """Of a camera with filters red, green and blue that detect daylight; None for any other.
 
     illuminant : of the scene; daylight where there is none, or one of the three detects nothing of it, or an observer.
 
@@ -39,6 +39,8 @@ def colour_matrix(camera: Camera, illuminant: Illuminant | None = None) -> Colou
     name, light = "scene", illuminant
     if light is None or not _detected(camera, light, order):
         name, light = spectra.DAYLIGHT, _daylight(camera)
+        if not _detected(camera, light, order):
+            return None
     electrons, middles = _electrons(camera, light), light.wavelengths_nm
     white, surfaces = electrons.sum(axis=1), np.vstack([spectra.surfaces(middles), np.ones(middles.size)])
     balance = np.ones(white.size)

@@ -87,6 +87,9 @@ def test_light_in_which_a_filter_sees_nothing_is_no_light_for_colours() -> None:
 
 def test_a_camera_without_red_green_and_blue_has_no_colours() -> None:
     assert colour_matrix(ms.load_camera("konnik_table1")) is None
+    curves = {"R": [0.5, 0.5], "G": [0.5, 0.5], "B": [0.0, 0.0]}
+    blind = BAYER.replace(**{"quantum_efficiency.curves": curves, "quantum_efficiency.wavelengths_nm": [400.0, 700.0]})
+    assert colour_matrix(blind) is None and colour_matrix(blind, lit_by("A")) is None
     assert colour_order(("B", "G", "R")) == [2, 1, 0]
     assert colour_order(("red", "green", "blue", "white")) == [0, 1, 2]
     assert colour_order(("mono",)) is None
