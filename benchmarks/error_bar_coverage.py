@@ -14,6 +14,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+from plain_mitsuba import sensor_like
 from timing import lines
 
 import mitsuba_sensor as ms
@@ -33,18 +34,7 @@ def reference(scene: str, passes: int, size: int) -> np.ndarray:
     """∫L dλ over the band by plain Mitsuba, (size, size) [W m⁻² sr⁻¹]."""
     mi = use(choose_variant())
     loaded = mi.load_file(str(ROOT / "scenes" / f"{scene}.xml"), width=str(size), height=str(size))
-    box = {"type": "regular", "wavelength_min": BAND_NM[0], "wavelength_max": BAND_NM[1], "values": "1, 1"}
-    film = {"type": "specfilm", "width": size, "height": size, "component_format": "float32", "band": box}
-    old = loaded.sensors()[0]
-    sensor = mi.load_dict(
-        {
-            "type": "perspective",
-            "fov": float(np.ravel(mi.traverse(old)["x_fov"])[0]),
-            "to_world": mi.ScalarTransform4f(np.array(old.world_transform().matrix).reshape(4, 4)),
-            "film": {**film, "rfilter": {"type": "box"}},
-            "sampler": {"type": "independent"},
-        }
-    )
+    sensor = sensor_like(mi, loaded.sensors()[0], size, BAND_NM)
     total = np.zeros((size, size))
     for k in range(passes):
         image = loaded.integrator().render(loaded, sensor=sensor, seed=1_000_000 + k, spp=1024)

@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from plain_mitsuba import sensor_like
 from timing import in_child, lines
 
 SCENE = str(Path(__file__).resolve().parent.parent / "scenes" / "cornell_box.xml")
@@ -118,21 +119,7 @@ def plain(bands: int, variant: str, size: int, spp: int) -> Callable[[int], np.n
 
     mi.set_variant(variant)
     scene = mi.load_file(SCENE, width=str(size), height=str(size))
-    old, edges = scene.sensors()[0], np.linspace(LOW_NM, HIGH_NM, bands + 1).tolist()
-    boxes = {
-        f"band{k:02}": {"type": "regular", "wavelength_min": edges[k], "wavelength_max": edges[k + 1], "values": "1, 1"}
-        for k in range(bands)
-    }
-    film = {"type": "specfilm", "width": size, "height": size, "component_format": "float32", **boxes}
-    sensor = mi.load_dict(
-        {
-            "type": "perspective",
-            "fov": float(np.ravel(mi.traverse(old)["x_fov"])[0]),
-            "to_world": mi.ScalarTransform4f(np.array(old.world_transform().matrix).reshape(4, 4)),
-            "film": {**film, "rfilter": {"type": "box"}},
-            "sampler": {"type": "independent"},
-        }
-    )
+    sensor = sensor_like(mi, scene.sensors()[0], size, np.linspace(LOW_NM, HIGH_NM, bands + 1).tolist())
     return lambda seed: np.array(mi.render(scene, sensor=sensor, seed=seed, spp=spp))
 
 

@@ -27,7 +27,7 @@ PIXELS_AT_ONCE = 2**17  # 36 float64 maps of products, and as many means over bo
 ROUNDING = 1e-6  # of the light: what a float32 film loses is no noise that could be denoised
 SMALLEST = 1e-150  # its square is a number still
 OCTAVES = 2  # between the levels of brightness whose pixels have the raw sums
-DARKEST_LEVEL = 1 / 16  # of the median: all that is darker belongs together
+DARKEST_LEVEL = 1 / 16  # of the median of the lit pixels: all that is darker belongs together
 HALO_ROWS = 12  # beyond them no pixel matters: of the error bars, and of the weights in their neighbourhood
 
 
@@ -84,7 +84,8 @@ def _missing(raw: Float64Array, mean: Float64Array, spread: Float64Array) -> Flo
     """(H, W) what the mean lacks of the raw sums over the pixels of each brightness, shared out in proportion to
     ``spread``: what a filter takes from a lamp does not go to the walls. Between the levels of brightness a pixel
     belongs to both neighbours, so that its own noise hardly decides where."""
-    usual = float(np.median(mean)) + SMALLEST
+    lit = mean[mean > 0]
+    usual = float(np.median(lit)) if lit.size else 1.0
     level = np.log2(np.maximum(mean / usual, DARKEST_LEVEL)) / OCTAVES
     found = np.zeros_like(mean)
     for k in range(int(np.floor(level.min())), int(level.max()) + 2):

@@ -14,7 +14,7 @@ from ..sensor.camera import Camera, camera_from
 from .statistics import RenderStatistics
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RenderedFor:
     """What an irradiance was rendered for, which an exposure of it takes unless told otherwise.
 

@@ -15,7 +15,7 @@ from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.optics.f_number_law import solid_angle_sr
 from mitsuba_sensor.render.bands import choose_bands
-from mitsuba_sensor.render.combine import combine
+from mitsuba_sensor.render.combine import _missing, combine
 from mitsuba_sensor.render.filter_bands import bands_of_filters
 from mitsuba_sensor.render.photons import photons_per_irradiance
 from mitsuba_sensor.render.prepared import prepare, render
@@ -274,3 +274,14 @@ def test_denoised_and_raw_frames_say_which_they_are() -> None:
     assert smooth.metadata["render_noise"]["over_sensor_median"] < raw.metadata["render_noise"]["over_sensor_median"]
     shown = replace(smooth.light.statistics, denoised=None).to_dict()
     assert shown["denoised"] is None
+
+
+def test_black_pixels_do_not_change_where_the_others_have_their_sums() -> None:
+    """A hundred lit pixels alone, and in a sky of ten thousand: what they lack of the raw sums is the same."""
+    chance = np.random.default_rng(4)
+    mean, spread = chance.lognormal(0.0, 2.0, (10, 10)), chance.random((10, 10))
+    raw = mean * (1 + 0.2 * chance.standard_normal((10, 10)))
+    alone = _missing(raw, mean, spread)
+    sky = [np.pad(x, 45) for x in (raw, mean, spread)]
+    np.testing.assert_allclose(_missing(*sky)[45:55, 45:55], alone, rtol=1e-12, atol=1e-12)
+    assert alone.sum() == pytest.approx((raw - mean).sum())
