@@ -8,35 +8,8 @@
 ((1, 1300, 1900), dtype('uint16'))
 """
 
-from .core import Exposure, InputError, Photons
-from .pipeline import Capture, capture
-from .render.irradiance import Irradiance
-from .render.per_frame import render_frames
-from .render.photons import collect, gradient_light, uniform_light
-from .render.plugins import register as register_plugins
-from .render.prepared import render
-from .sensor.camera import Camera, list_cameras, load_camera
-from .sensor.camera_check import check_camera
-from .sensor.expose import Frames, expose, stream
-from .sensor.fpn_maps import fpn_maps
-from .sensor.gradient import differentiable
-from .sensor.plan import Plan, plan
-from .sensor.sensor import Sensor
-from .sensor.stage import Stage
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)  # the public names: in __init__.pyi
 
 __version__ = "0.1.0"
-
-__all__ = ["Camera", "Capture", "Exposure", "Frames", "InputError", "Irradiance", "Photons", "Plan", "Sensor", "Stage"]
-__all__ += [
-    "capture",
-    "check_camera",
-    "collect",
-    "differentiable",
-    "expose",
-    "fpn_maps",
-    "gradient_light",
-    "list_cameras",
-    "load_camera",
-    "plan",
-]
-__all__ += ["register_plugins", "render", "render_frames", "stream", "uniform_light"]

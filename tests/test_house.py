@@ -17,7 +17,16 @@ from mitsuba_sensor.sensor.stage import Stage
 PACKAGE = Path(mitsuba_sensor.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
-ORDER = (("core",), ("sensor",), ("optics",), ("io", "render"), ("pipeline",), ("dataset", "lab", "study"), ("cli",))
+ORDER = (
+    ("stopping",),
+    ("core",),
+    ("sensor",),
+    ("optics",),
+    ("io", "render"),
+    ("pipeline",),
+    ("dataset", "lab", "study"),
+    ("cli",),
+)
 """A sub-package may import those of its own place and those before it."""
 PLACE = {name: number for number, names in enumerate(ORDER) for name in names}
 PUBLIC_API = ("__init__.py", "__main__.py")

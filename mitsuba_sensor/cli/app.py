@@ -12,6 +12,7 @@ from typer.core import TyperGroup
 
 import mitsuba_sensor as ms
 
+from .. import stopping
 from ..core import InputError, first_given
 from ..io import files
 from ..render.irradiance import RenderedFor
@@ -30,13 +31,15 @@ class CommandGroup(TyperGroup):
 
     def invoke(self, ctx: Any) -> object:
         """Run the command that was called; errors end here."""
+        stopping.begin_command()
         try:
             return super().invoke(ctx)
         except (InputError, OSError, MemoryError) as error:
-            err.print(f"[bold red]error:[/] {escape(_sentence(error))}", highlight=False, soft_wrap=True)
+            with stopping.whole_step:  # not if a stop has removed what this thread misses now
+                err.print(f"[bold red]error:[/] {escape(_sentence(error))}", highlight=False, soft_wrap=True)
             raise typer.Exit(2) from None
-        except KeyboardInterrupt:
-            err.print("stopped; nothing was written", highlight=False)
+        except KeyboardInterrupt:  # where no signals can be waited for (Windows)
+            err.print(stopping.sentence(), highlight=False, soft_wrap=True)
             raise typer.Exit(130) from None
 
 

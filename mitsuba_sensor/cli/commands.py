@@ -17,6 +17,7 @@ from ..pipeline import FILES, CaptureOptions, LightOptions, refuse_render_option
 from ..render.options import RawLightOptions, RenderOptions, SceneOptions
 from ..sensor.gains import gain_dn_per_e
 from ..sensor.metering import Metering
+from ..stopping import undone_if_stopped
 from . import options, terminal
 from .app import app, camera_and_exposure, err, other_flags, render_input, settings_of, show
 from .tables import FittedTable
@@ -125,7 +126,8 @@ def doctor(as_json: options.Json = False) -> None:
     """Find out what works on this machine, and the command that mends what does not. Exit code 0 if a render works."""
     from ..render.doctor import examine
 
-    with err.status("rendering a small scene with every variant"):
+    status = err.status("rendering a small scene with every variant")
+    with status, undone_if_stopped(status.stop):
         findings = examine()
     show(findings if as_json else terminal.diagnosis(findings), as_json)
     if not findings["works"]:

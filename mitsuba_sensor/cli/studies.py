@@ -17,6 +17,7 @@ from ..io.metadata import machine, versions
 from ..render.options import SceneOptions
 from ..render.prepared import prepare
 from ..sensor.metering import Metering
+from ..stopping import remark_if_stopped
 from ..study.kit import Kit, Subject
 from ..study.page import Study, Table, html, png
 from . import options
@@ -103,15 +104,10 @@ def _run(name: str, flags: Flags, question: dict[str, Flag], measure: Callable[[
     asked = [one for before, one in pairs if one not in (*where, "--json", "--force") and before not in where]
     about |= {"command": shlex.join(["mitsuba-sensor", *asked]), **made, "resumed_measurements": len(known)}
     about |= {"exposure": question["exposure"]} if question else {}
+    remark_if_stopped(partial(_kept, known))
     with seconds_bar(err) as progress:
         kit = Kit(known, progress)
-        try:
-            found = measure(kit)
-        except KeyboardInterrupt:
-            if kit.new:
-                kept = f"{len(known)} measurements are kept in {known.folder}; the same command goes on from there"
-                err.print(kept, highlight=False, soft_wrap=True)
-            raise
+        found = measure(kit)
     found = replace(found, data={**found.data, **about, "seconds": round(kit.seconds, 1)})
     with files.output_folder(folder, (PAGE, NUMBERS, f"{name}.png")) as scratch:
         files.write_page(scratch / PAGE, html(found))
@@ -121,3 +117,10 @@ def _run(name: str, flags: Flags, question: dict[str, Flag], measure: Callable[[
     show(found.to_dict() if flags["as_json"] else study_sheet(found, str(folder / PAGE), out.width), flags["as_json"])
     if not found.passed:
         raise typer.Exit(1)
+
+
+def _kept(known: Measurements) -> str | None:
+    """What a stopped study leaves."""
+    n = len(known)
+    which = "1 measurement is" if n == 1 else f"{n} measurements are"
+    return f"{which} kept in {known.folder}; the same command goes on from there" if n else None

@@ -14,6 +14,7 @@ from rich.text import Text
 from ..render.passes import MOST_IN_ALL
 from ..render.render_noise import LITTLE_NOISE
 from ..sensor.plan import IDLE, NEEDED, Plan
+from ..stopping import undone_if_stopped
 from .tables import FittedTable, number, rough
 
 if TYPE_CHECKING:
@@ -42,7 +43,8 @@ def render_progress(console: Console, options: Mapping[str, object]) -> Iterator
         TimeElapsedColumn(),
         TextColumn("{task.fields[left]}"),
     )
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+    bar = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+    with bar as progress, undone_if_stopped(bar.stop):
         task = progress.add_task("rendering", total=None, ratio="", left="")
 
         def show(step: RenderProgress) -> None:
@@ -60,7 +62,8 @@ def render_progress(console: Console, options: Mapping[str, object]) -> Iterator
 def seconds_bar(console: Console) -> Iterator[Callable[[float, float, str], None]]:
     """A bar over the seconds that a study expects to take, and what it does now. Yields what a kit reports to."""
     texts = TextColumn("{task.percentage:>3.0f} %"), TimeElapsedColumn(), TextColumn("{task.description}")
-    with Progress(BarColumn(), *texts, console=console, transient=True, disable=not console.is_terminal) as progress:
+    bar = Progress(BarColumn(), *texts, console=console, transient=True, disable=not console.is_terminal)
+    with bar as progress, undone_if_stopped(bar.stop):
         task = progress.add_task("", total=None)
 
         def tell(done_s: float, expected_s: float, now: str) -> None:

@@ -8,18 +8,21 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import tempfile
 import tomllib
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..core import InputError
+from ..stopping import note_written, undone_if_stopped, whole_step
 
 NOTHING: Mapping[str, Any] = {}
 CFA_COLOURS = "rgb"  # numbers 0, 1, 2 in the CFAPattern of TIFF/EP
@@ -34,22 +37,24 @@ def output_folder(path: Path | str, names: Sequence[str]) -> Iterator[Path]:
     Raises InputError before the block runs if ``path`` cannot take the files.
     """
     folder = Path(path)
-    made = _make_folder(folder)
-    try:
-        with disk_sentences(folder):
-            for name in names:
-                if (folder / name).is_dir():
-                    raise InputError(f"{folder / name} is a folder where a file should go; give -o another place.")
-            scratch_folder = tempfile.TemporaryDirectory(prefix=".unfinished-", dir=folder, ignore_cleanup_errors=True)
-        with scratch_folder as scratch:
-            yield Path(scratch)
-            with disk_sentences(folder):
-                _publish(Path(scratch), folder, [name for name in names if Path(scratch, name).exists()])
-    except BaseException:
-        with suppress(OSError):  # a folder that is not empty stays, and those above it
-            for place in made:
-                place.rmdir()
-        raise
+    with ExitStack() as stack:
+        with whole_step:
+            made = _make_folder(folder)
+            stack.enter_context(undone_if_stopped(partial(_remove_empty, made)))
+        try:
+            with disk_sentences(folder), whole_step:
+                for name in names:
+                    if (folder / name).is_dir():
+                        raise InputError(f"{folder / name} is a folder where a file should go; give -o another place.")
+                scratch = tempfile.TemporaryDirectory(prefix=".unfinished-", dir=folder, ignore_cleanup_errors=True)
+                stack.enter_context(undone_if_stopped(partial(shutil.rmtree, scratch.name)))
+            with scratch:
+                yield Path(scratch.name)
+                with disk_sentences(folder), whole_step:
+                    _publish(Path(scratch.name), folder, [one for one in names if Path(scratch.name, one).exists()])
+        except BaseException:
+            _remove_empty(made)
+            raise
 
 
 def write_tiff(path: Path, frames: np.ndarray, facts: Mapping[str, Any] = NOTHING) -> None:
@@ -160,9 +165,11 @@ def appearing(path: Path) -> Iterator[Path]:
         raise InputError(f"cannot write {path}: that is a folder; give -o the name of a file.")
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        with disk_sentences(path):
+        with disk_sentences(path), undone_if_stopped(temporary.unlink):
             yield temporary
-            os.replace(temporary, path)
+            with whole_step:
+                os.replace(temporary, path)
+                note_written(path)
     finally:
         with suppress(OSError):  # a file stands where the folder should be: said already
             temporary.unlink(missing_ok=True)
@@ -180,6 +187,13 @@ def _make_folder(folder: Path) -> list[Path]:
     return missing
 
 
+def _remove_empty(folders: Sequence[Path]) -> None:
+    """Remove the folders; one that is not empty stays, and those above it."""
+    with suppress(OSError):
+        for folder in folders:
+            folder.rmdir()
+
+
 def _publish(scratch: Path, folder: Path, names: Sequence[str]) -> None:
     """Rename every file from ``scratch`` into ``folder``; on any failure put back what stood there."""
     older = scratch / "older"
@@ -191,6 +205,7 @@ def _publish(scratch: Path, folder: Path, names: Sequence[str]) -> None:
                 os.replace(folder / name, older / name)
             begun.append(name)
             os.replace(scratch / name, folder / name)
+            note_written(folder / name)
     except BaseException:
         for name in reversed(begun):
             (folder / name).unlink(missing_ok=True)

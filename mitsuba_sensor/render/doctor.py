@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import json
+import shutil
 import signal
 import subprocess
 import sys
 import tempfile
 from dataclasses import asdict
+from functools import partial
 from importlib import resources
 from typing import Any, TypeAlias
 
 from ..core.llvm import find_llvm
 from ..io.metadata import versions
+from ..stopping import undone_if_stopped
 
 VARIANTS = ("cuda_ad_spectral", "llvm_ad_spectral", "scalar_spectral")  # the fastest first
 SLOW = "scalar_spectral"
@@ -34,26 +37,37 @@ def _try(variant: str | None) -> Finding:
     """Render the small scene as a user would, through the command line, in a child process."""
     failed: Finding = {"name": variant, "works": False, "reason": "", "seconds": None}
     small = resources.as_file(resources.files("mitsuba_sensor.render") / "doctor.xml")
-    with tempfile.TemporaryDirectory() as folder, small as scene:
+    with tempfile.TemporaryDirectory() as folder, undone_if_stopped(partial(shutil.rmtree, folder)), small as scene:
         command = [sys.executable, "-m", "mitsuba_sensor", "render", str(scene), "-o", folder, "--spp", "16", "--json"]
         command += ["--variant", variant] if variant else []
         try:
-            child = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S)
+            code, said, complaint = _run(command)
         except subprocess.TimeoutExpired:
             return {**failed, "reason": f"no end after {LIMIT_S} s"}
-    if child.returncode:
-        return {**failed, "reason": _why(child)}
-    report = json.loads(child.stdout)
+    if code:
+        return {**failed, "reason": _why(code, complaint)}
+    report = json.loads(said)
     name, seconds = report["render"]["variant"], report["times_s"]["render"]
     return {"name": name, "works": True, "reason": "a test picture was rendered", "seconds": seconds}
 
 
-def _why(child: subprocess.CompletedProcess[str]) -> str:
+def _run(command: list[str]) -> tuple[int, str, str]:
+    """Exit code, stdout and stderr of a child process, which ends with this one."""
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True) as child, undone_if_stopped(child.kill):
+        try:
+            said, complaint = child.communicate(timeout=LIMIT_S)
+        finally:
+            child.kill()  # one that has ended already is left alone
+    return child.returncode, said, complaint
+
+
+def _why(code: int, complaint: str) -> str:
     """The last line of the child's stderr, or the signal that ended it."""
-    if child.returncode < 0:
-        return f"the process was ended by {signal.Signals(-child.returncode).name}"
-    lines = [line for line in child.stderr.splitlines() if line.strip()]
-    return lines[-1].removeprefix("error: ").split("; ")[0] if lines else f"exit code {child.returncode}"
+    if code < 0:
+        return f"the process was ended by {signal.Signals(-code).name}"
+    lines = [line for line in complaint.splitlines() if line.strip()]
+    return lines[-1].removeprefix("error: ").split("; ")[0] if lines else f"exit code {code}"
 
 
 def _remedies(findings: Finding, reason: str) -> list[str]:

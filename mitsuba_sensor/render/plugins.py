@@ -23,7 +23,7 @@ from .scene_settings import FILM, PASSED_ON, SENSOR, SceneSettings, film_fields_
 from .variants import MitsubaObject, mitsuba
 
 
-def register() -> None:
+def register_plugins() -> None:
     """Register the two plugins in the variant that is set and in all that will be set. May be repeated."""
     mi = mitsuba()
     mi.detail.add_variant_callback(_register)  # a set: the same function is kept once

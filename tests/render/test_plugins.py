@@ -57,7 +57,7 @@ def fov_deg(image_m: float, columns: int = 12) -> float:
 
 def plain(path: Path, **parameters: str) -> Any:
     """What a Mitsuba user does."""
-    plugins.register()
+    plugins.register_plugins()
     return mitsuba().load_file(str(path), **parameters)
 
 
@@ -288,7 +288,7 @@ def test_registering_works_before_any_variant_is_set() -> None:
     """In a fresh process, the order of a Mitsuba user: register, set a variant, load; and another variant later."""
     code = (
         "from mitsuba_sensor.render import plugins\n"
-        "plugins.register(); plugins.register()\n"
+        "plugins.register_plugins(); plugins.register_plugins()\n"
         "import mitsuba as mi\n"
         "assert mi.variant() is None, 'a variant was set'\n"
         "for variant in ('scalar_spectral', 'scalar_rgb', 'scalar_spectral'):\n"

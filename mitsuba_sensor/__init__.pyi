@@ -1,0 +1,30 @@
+"""The public names and the modules that they are loaded from when they are first used."""
+
+from .core import Exposure as Exposure
+from .core import InputError as InputError
+from .core import Photons as Photons
+from .pipeline import Capture as Capture
+from .pipeline import capture as capture
+from .render.irradiance import Irradiance as Irradiance
+from .render.per_frame import render_frames as render_frames
+from .render.photons import collect as collect
+from .render.photons import gradient_light as gradient_light
+from .render.photons import uniform_light as uniform_light
+from .render.plugins import register_plugins as register_plugins
+from .render.prepared import render as render
+from .sensor.camera import Camera as Camera
+from .sensor.camera import list_cameras as list_cameras
+from .sensor.camera import load_camera as load_camera
+from .sensor.camera_check import check_camera as check_camera
+from .sensor.expose import Frames as Frames
+from .sensor.expose import expose as expose
+from .sensor.expose import stream as stream
+from .sensor.fpn_maps import fpn_maps as fpn_maps
+from .sensor.gradient import differentiable as differentiable
+from .sensor.plan import Plan as Plan
+from .sensor.plan import plan as plan
+from .sensor.sensor import Sensor as Sensor
+from .sensor.stage import Stage as Stage
+
+__version__: str
+__all__: list[str]

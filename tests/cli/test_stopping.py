@@ -1,0 +1,129 @@
+"""Ctrl-C and SIGTERM: the program ends within a second, wherever it is, undoes what is not finished and says so."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from mitsuba_sensor import stopping
+
+PROGRAM = [sys.executable, "-m", "mitsuba_sensor"]
+WITHIN_S = 1.0
+
+
+@contextmanager
+def program(*arguments: object, temporary: Path) -> Iterator[subprocess.Popen[str]]:
+    """The program in a process of its own, which does not ignore Ctrl-C as a shell's background jobs do."""
+    child = subprocess.Popen(
+        [*PROGRAM, *map(str, arguments)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "TMPDIR": str(temporary)},
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    try:
+        yield child
+    finally:
+        child.kill()
+
+
+def stopped(child: subprocess.Popen[str], number: signal.Signals) -> tuple[int, str, float]:
+    """Exit code, stderr and the seconds until the end."""
+    started = time.monotonic()
+    child.send_signal(number)
+    _, said = child.communicate(timeout=60)
+    return child.returncode, said, time.monotonic() - started
+
+
+def wait_until(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 60
+    while not condition() and time.monotonic() < deadline:
+        time.sleep(0.02)
+
+
+@pytest.mark.parametrize("variant", ["scalar_spectral", None])
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_stopped_render_leaves_nothing_behind(
+    number: signal.Signals, code: int, variant: str | None, scene_file: Path, tmp_path: Path
+) -> None:
+    """In the midst of passes of seconds each, for which Mitsuba catches Ctrl-C itself."""
+    (out := tmp_path / "results").mkdir()
+    asked = ["--spp", 1_000_000, *(("--variant", variant) if variant else ())]
+    with program("render", scene_file, "-o", out / "new" / "out", *asked, temporary=out) as child:
+        wait_until((out / "new" / "out").exists)
+        time.sleep(1.5)
+        found, said, seconds = stopped(child, number)
+    assert (found, said) == (code, "stopped; nothing was written\n")
+    assert list(out.iterdir()) == []
+    assert seconds < WITHIN_S
+
+
+@pytest.mark.parametrize("after_s", [0.1, 0.3, 0.6])
+def test_a_program_that_still_imports_can_be_stopped(after_s: float, scene_file: Path, tmp_path: Path) -> None:
+    (out := tmp_path / "results").mkdir()
+    with program("render", scene_file, "-o", out / "new", temporary=out) as child:
+        time.sleep(after_s)
+        found, said, seconds = stopped(child, signal.SIGTERM)
+    assert found in (143, -signal.SIGTERM) and said in ("", "stopped; nothing was written\n")  # before it began at all
+    assert list(out.iterdir()) == [] and seconds < WITHIN_S
+
+
+def test_a_stopped_study_says_what_is_kept(scene_file: Path, tmp_path: Path) -> None:
+    (out := tmp_path / "results").mkdir()
+    with program("study", "stress", "-o", out / "s", temporary=tmp_path) as child:
+        wait_until(lambda: any(out.rglob("*.pickle")))
+        found, said, seconds = stopped(child, signal.SIGINT)
+    kept = list(out.rglob("*.pickle"))
+    which = "1 measurement is" if len(kept) == 1 else f"{len(kept)} measurements are"
+    assert found == 130 and seconds < WITHIN_S
+    remark = f"stopped; {which} kept in {kept[0].parent}; the same command goes on from there"
+    assert said.splitlines()[-1] == remark
+    assert [path for path in out.rglob("*") if path.is_file()] == kept
+
+
+def test_a_signal_that_the_caller_ignores_stays_ignored() -> None:
+    """As under nohup, or in a background job of a script."""
+    code = (
+        "import os, signal, time\n"
+        "signal.signal(signal.SIGINT, signal.SIG_IGN)\n"
+        "from mitsuba_sensor.stopping import stop_at_signals\n"
+        "stop_at_signals(); os.kill(os.getpid(), signal.SIGINT); time.sleep(0.3); print('alive')\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stdout == "alive\n" and done.returncode == 0, done.stderr
+
+
+def test_what_another_thread_writes_while_the_program_stops_is_removed_too(tmp_path: Path) -> None:
+    """A thread that fills the scratch folder as fast as it can; it ends with the process."""
+    code = (
+        "import os, signal, sys, threading\nfrom pathlib import Path\n"
+        "from mitsuba_sensor.stopping import stop_at_signals\n"
+        "stop_at_signals()\n"
+        "from mitsuba_sensor.io.files import output_folder\n"
+        "with output_folder(Path(sys.argv[1]), ['a']) as scratch:\n"
+        "    for n in range(10**9):\n"
+        "        (scratch / str(n)).write_bytes(b'x' * 1000)\n"
+        "        if n == 500: os.kill(os.getpid(), signal.SIGTERM)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code, tmp_path / "out"], capture_output=True, text=True)
+    assert done.returncode == 143 and done.stderr == "stopped; nothing was written\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_files_that_are_complete_are_named(tmp_path: Path) -> None:
+    stopping.begin_command()
+    (tmp_path / "a").touch()
+    for name in ("a", "b", "a"):
+        stopping.note_written(tmp_path / name)
+    assert stopping.sentence() == f"stopped; complete: {tmp_path / 'a'}"
+    stopping.begin_command()
+    assert stopping.sentence() == "stopped; nothing was written"
