@@ -21,6 +21,7 @@ from .sensor.expose import expose as expose
 from .sensor.expose import stream as stream
 from .sensor.fpn_maps import fpn_maps as fpn_maps
 from .sensor.gradient import differentiable as differentiable
+from .sensor.metering import Metering as Metering
 from .sensor.plan import Plan as Plan
 from .sensor.plan import plan as plan
 from .sensor.sensor import Sensor as Sensor

@@ -1,19 +1,21 @@
 """One straight function from scene to files, render → photons → frames, for Python and the command line."""
 
-# Without `from __future__ import annotations`: core/options.py reads the declaration of CaptureOptions at run time.
+from __future__ import annotations
+
 import os
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias, Unpack
+from typing import Any, TypeAlias, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .capture_options import CaptureOptions, LightOptions
 from .core import Exposure, InputError, Photons, first_given
-from .core.options import Option, complete, declared, documents, part_of, used
+from .core.options import complete, declared, documents, part_of, used
 from .io import exr, files
 from .io.colour_matrix import ColourMatrix, colour_matrix
 from .io.metadata import image_facts, versions
@@ -33,47 +35,17 @@ from .sensor.checks import as_photons
 from .sensor.choices import check_clean
 from .sensor.expose import KEEP, Frames, prepare_exposure
 from .sensor.metering import AskedExposure, Metering, checked_exposure, clipped_note
-from .sensor.options import ExposeOptions, FrameOptions
+from .sensor.options import ExposeOptions
 from .sensor.plan import plan_for
 
 CLEAN = ("clean.tiff", "temporal_variance.tiff")
-FILES = ("frame.tiff", "frame.png", *CLEAN, "irradiance.exr", "aovs.exr", "frame.json")
+FILES_OF_LIGHT = ("frame.tiff", "frame.png", *CLEAN, "frame.json")  # of light that is rendered already
+FILES = (*FILES_OF_LIGHT, "irradiance.exr", "aovs.exr")
 LEFT = ("uncompensated", "above_shot_noise")  # of renders for every frame: what their noise leaves in the frames
 Scene: TypeAlias = str | os.PathLike[str] | ParsedScene
 Light: TypeAlias = str | os.PathLike[str] | Irradiance
 Asked: TypeAlias = tuple[Scene, Camera | None, Exposure | Metering | None]
 Made: TypeAlias = tuple[PreparedRender, Irradiance, Frames, dict[str, float]]  # … and what is left uncompensated
-
-
-class LightOptions(FrameOptions, total=False):
-    """The options of :func:`capture` for irradiance that is rendered already, and of ``mitsuba-sensor expose``."""
-
-    preview_gain: Annotated[
-        float,
-        Option("Brighten frame.png by this factor, with its noise; not frame.tiff.", 1.0, low=0, high=1e9, example="2"),
-    ]
-    clean: Annotated[
-        bool,
-        Option(
-            "Also write clean.tiff [DN] and temporal_variance.tiff [DN²], float32: what the frames of this very camera "
-            "are on average, with its fixed pattern and without temporal noise.",
-            False,
-        ),
-    ]
-
-
-class CaptureOptions(RenderOptions, LightOptions, total=False):
-    """All options of :func:`capture`, and of ``mitsuba-sensor render``."""
-
-    render_noise: Annotated[
-        Literal["shared", "per-frame", "compensated"],
-        Option(
-            "shared: one render for all frames; per-frame: a render for each frame; compensated: the same, with the "
-            "render's noise counted as part of the shot noise.",
-            "shared",
-        ),
-    ]
-    aovs: Annotated[bool, Option("Also trace AOVs: depth, position, normals, albedo, shapes, optical flow.", False)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,18 +68,18 @@ class Capture:
     def save(self, folder: str | os.PathLike[str]) -> None:
         """Write frame.tiff, frame.png, frame.json, irradiance.exr if it was rendered, aovs.exr and CLEAN if asked for.
 
-        All of them appear, or none. Raises InputError.
+        All of them appear, or none; files of an older capture that this one does not have go. Raises InputError.
         """
         gain = float(self.metadata["options"]["preview_gain"])
-        with files.output_folder(os.fspath(folder), FILES) as scratch:
+        with files.output_folder(os.fspath(folder), FILES if self.rendered else FILES_OF_LIGHT) as scratch:
             image = self.metadata["image"]
             files.write_tiff(scratch / "frame.tiff", self.frames.digital, image)
             files.write_png(scratch / "frame.png", self._preview(gain), image)
             if self.metadata["options"]["clean"]:
                 for name, values in zip(CLEAN, (self.frames.clean, self.frames.temporal_variance), strict=True):
                     files.write_tiff(scratch / name, values)
-            if self.rendered:
-                exr.write_irradiance_exr(scratch / "irradiance.exr", self.light)
+            if self.rendered and not self.metadata["options"]["no_irradiance"]:
+                exr.write_irradiance_exr(scratch / "irradiance.exr", self.light, self.metadata["options"]["half"])
             if self.aovs is not None:
                 exr.write_aovs_exr(scratch / "aovs.exr", self.aovs)
             files.write_json(scratch / "frame.json", self.metadata)
@@ -140,6 +112,8 @@ def capture(
     chosen, times_s = complete(CaptureOptions, options), dict[str, float]()
     if chosen["clean"]:
         check_clean(chosen["chain"])
+    if chosen["half"] and chosen["no_irradiance"]:
+        raise InputError("half is the precision of irradiance.exr, which is not to be written; leave one of both out.")
     if isinstance(source, Irradiance) or (isinstance(source, str | os.PathLike) and exr.is_exr(source)):
         refuse_render_options(chosen)
         return _of_light(source, camera, asked, chosen, times_s)

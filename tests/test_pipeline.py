@@ -13,9 +13,9 @@ import pytest
 import tifffile
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.capture_options import CaptureOptions
 from mitsuba_sensor.core.options import declared
 from mitsuba_sensor.io.exr import read_aovs_exr, read_irradiance_exr
-from mitsuba_sensor.pipeline import CaptureOptions
 from mitsuba_sensor.render import scene, scene_settings
 from mitsuba_sensor.render.aovs import render_aovs
 from mitsuba_sensor.render.scene import Scene
@@ -56,6 +56,28 @@ def test_the_files_hold_what_the_capture_holds(captured: ms.Capture, tmp_path: P
     np.testing.assert_array_equal(aovs.depth_m, captured.aovs.depth_m if captured.aovs else None)
     report = json.loads((tmp_path / "out" / "frame.json").read_text(encoding="utf-8"))
     assert report["seeds"] == {"seed": 3, "serial": 4}
+
+
+def test_irradiance_is_written_small_or_not_at_all(scene_file: Path, tmp_path: Path) -> None:
+    """An older irradiance.exr does not stay beside the new frame; another one's frames do not leave it."""
+    options = {"spp": 16, "variant": "scalar_spectral", "wavelength_nm": 550.0}
+    shots = {
+        name: ms.capture(scene_file, CAMERA, EXPOSURE, **options, **more)
+        for name, more in (("float", {}), ("half", {"half": True}), ("none", {"no_irradiance": True}))
+    }
+    for name, shot in shots.items():
+        shot.save(tmp_path / name)
+        assert (shot.frames.digital == shots["float"].frames.digital).all()
+    half = read_irradiance_exr(tmp_path / "half" / "irradiance.exr")
+    np.testing.assert_allclose(half.data, shots["float"].light.data, rtol=2.0**-11)
+    assert (half.data != shots["float"].light.data).any()
+    assert not (tmp_path / "none" / "irradiance.exr").exists() and (tmp_path / "none" / "frame.tiff").exists()
+    with pytest.raises(ms.InputError, match="half is the precision"):
+        ms.capture(scene_file, CAMERA, EXPOSURE, half=True, no_irradiance=True)
+    shots["none"].save(tmp_path / "float")
+    assert not (tmp_path / "float" / "irradiance.exr").exists()
+    ms.capture(tmp_path / "half" / "irradiance.exr").save(tmp_path / "half")
+    assert (tmp_path / "half" / "irradiance.exr").exists()
 
 
 def test_every_option_stands_in_the_metadata(captured: ms.Capture) -> None:

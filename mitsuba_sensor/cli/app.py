@@ -84,11 +84,20 @@ def camera_and_exposure(flags: Flags, settings: SceneSettings = NO_SCENE) -> tup
     camera = camera or ms.load_camera(options.DEFAULT_CAMERA if name is None else name)
     camera = settings.applied_to(camera.replace(**changes) if changes else camera)
     camera = camera.replace(**changes) if changes else camera
-    time_s: float | str | None = first_given(flags.get("exposure_s"), settings.exposure_s)
+    return camera, _exposure(flags, settings)
+
+
+def _exposure(flags: Flags, settings: SceneSettings) -> ms.Exposure | Metering:
     temperature_k = first_given(flags.get("temperature_k"), settings.temperature_k, options.DEFAULT_TEMPERATURE_K)
+    asked, meter = flags.get("exposure_s"), flags.get("meter")
+    if meter is not None:
+        if asked not in (None, "auto"):
+            raise InputError(f"--exposure-s {asked:g} gives the time that --meter {meter} is to find; leave one out.")
+        return Metering.of_text(meter, temperature_k)
+    time_s: float | str | None = first_given(asked, settings.exposure_s)
     if time_s is None or isinstance(time_s, str):
-        return camera, Metering(temperature_k)
-    return camera, ms.Exposure(time_s, temperature_k)
+        return settings.metering(temperature_k)
+    return ms.Exposure(time_s, temperature_k)
 
 
 def settings_of(known: RenderedFor | None, flags: Flags) -> SceneSettings:

@@ -10,10 +10,11 @@ from rich.text import Text
 
 import mitsuba_sensor as ms
 
+from ..capture_options import CaptureOptions, LightOptions
 from ..core import InputError, first_given
 from ..core.options import complete
 from ..io import exr, files
-from ..pipeline import FILES, CaptureOptions, LightOptions, refuse_render_options
+from ..pipeline import FILES, FILES_OF_LIGHT, refuse_render_options
 from ..render.options import RawLightOptions, RenderOptions, SceneOptions
 from ..sensor.gains import gain_dn_per_e
 from ..sensor.metering import Metering
@@ -53,7 +54,7 @@ def expose(
     """
     _refuse_lens(flags)
     camera, exposure = camera_and_exposure(flags, settings_of(exr.rendered_for(irradiance), flags))
-    with files.output_folder(out_dir, FILES) as folder:
+    with files.output_folder(out_dir, FILES_OF_LIGHT) as folder:
         found = ms.capture(irradiance, camera, exposure, **other_flags(flags))
         found.save(folder)
     show(found.metadata if as_json else terminal.summary(found.metadata, str(out_dir)), as_json)
@@ -106,7 +107,7 @@ def _refuse_lens(flags: options.Flags) -> None:
 
 
 @app.command("fpn-maps", epilog="Example: mitsuba-sensor fpn-maps -o camera7.npz --serial 7; then render … --fpn-maps")
-@options.flags(options.CameraFlags, options.MapFlags, without=("exposure_s", "temperature_k"))
+@options.flags(options.CameraFlags, options.MapFlags, without=("exposure_s", "meter", "temperature_k"))
 def fpn_maps(out_file: options.MapFile, as_json: options.Json = False, **flags: options.Flag) -> None:
     """Write the fixed-pattern noise (FPN) maps of one camera into a NumPy .npz.
 
@@ -136,7 +137,7 @@ def doctor(as_json: options.Json = False) -> None:
 
 @app.command(epilog="Example: mitsuba-sensor lint scenes/cornell_box.xml --camera rgbir_2mp")
 @options.flags(
-    options.CameraFlags, SceneOptions, without=("exposure_s", "temperature_k", "settings", "width", "motion")
+    options.CameraFlags, SceneOptions, without=("exposure_s", "meter", "temperature_k", "settings", "width", "motion")
 )
 def lint(scene: options.Scene, as_json: options.Json = False, **flags: options.Flag) -> None:
     """Say what in SCENE is black, wrong or worth knowing for this camera. Nothing is rendered.

@@ -73,6 +73,14 @@ class CameraFlags(TypedDict, total=False):
             metavar="SECONDS|auto",
         ),
     ]
+    meter: Annotated[
+        str | None,
+        Option(
+            "Meter the exposure time so that this percentile of the lit pixels reaches this share of saturation. "
+            f"Default: {PERCENTILE:g}:{SHARE:g}.",
+            metavar="PERCENTILE:SHARE",
+        ),
+    ]
     temperature_k: Annotated[
         float | None,
         Option(

@@ -27,6 +27,7 @@ ERROR_CHANNEL = "standard_error."
 RELATIVE_ERROR_CHANNEL = "relative_error"
 IN_BAND_CHANNEL = "in_band"
 RAW_LAYER = "raw."
+MOST_HALF, MOST_POWER = 65504.0, 120  # largest number in half precision; of two, in a float32 of a header
 AOV_LAYERS = {  # array of Aovs → its components, its unit
     "depth_m": ("", "m along the optical axis, inf where nothing is"),
     "position_m": ("XYZ", "m in world space, NaN where nothing is"),
@@ -37,8 +38,11 @@ AOV_LAYERS = {  # array of Aovs → its components, its unit
 }
 
 
-def write_irradiance_exr(path: Path, irradiance: Irradiance) -> None:
+def write_irradiance_exr(path: Path, irradiance: Irradiance, half: bool = False) -> None:
     """Focal-plane irradiance [W m⁻² nm⁻¹] as float32 spectral EXR; :func:`read_irradiance_exr` is its inverse.
+
+    half : bands and standard errors in half precision, multiplied by ``half_scale`` of the header, a power of two at
+        which the brightest one is just below the largest number; the unit in the header is divided by it.
 
     Channels ``S0.<nm>nm`` hold the bands and ``standard_error.<nm>nm`` their standard errors in the same unit (decimal
     comma, as Fichet et al. 2021 have it, because a dot separates layers); ``relative_error`` that of the electrons.
@@ -55,6 +59,9 @@ def write_irradiance_exr(path: Path, irradiance: Irradiance) -> None:
         "render_statistics": json.dumps(irradiance.statistics.to_dict(), default=plain_values),
         "first_pixel": json.dumps(irradiance.origin),
     }
+    scale = _half_scale(irradiance) if half else None
+    if scale is not None:
+        header |= {"half_scale": scale, "emissiveUnits": f"{1 / scale!r} W.m^-2.nm^-1"}
     names = [f"{float(wavelength_nm)!r}nm".replace(".", ",") for wavelength_nm in irradiance.wavelengths_nm]
     prefix = SPECTRAL_CHANNEL
     if irradiance.filters is not None:
@@ -63,23 +70,36 @@ def write_irradiance_exr(path: Path, irradiance: Irradiance) -> None:
         header["reference_nm"] = float(irradiance.wavelengths_nm[0])
     if irradiance.in_band is not None:
         header["response"] = irradiance.response or ""
-    channels = _channels(irradiance, prefix, names)
+    channels = _channels(irradiance, prefix, names, scale)
     if (known := irradiance.rendered_for) is not None:
         header["rendered_for"] = json.dumps(plain_values(known.to_dict()))
     if (raw := irradiance.raw) is not None:
         header["raw_statistics"] = json.dumps(raw.statistics.to_dict(), default=plain_values)
-        channels |= {RAW_LAYER + name: image for name, image in _channels(raw, prefix, names).items()}
+        channels |= {RAW_LAYER + name: image for name, image in _channels(raw, prefix, names, scale).items()}
     _write_exr(path, header, channels)
 
 
-def _channels(irradiance: Irradiance, prefix: str, names: list[str]) -> dict[str, np.ndarray]:
-    """The images of one light. prefix, names : of the channels of its bands."""
+def _half_scale(irradiance: Irradiance) -> float:
+    """The power of two at which no finite band or error of the light is beyond half precision."""
+    lights = [irradiance] if irradiance.raw is None else [irradiance, irradiance.raw]
+    arrays = [array for light in lights for array in (light.data, light.standard_error)]
+    most = max(float(np.max(array, initial=0.0, where=np.isfinite(array))) for array in arrays)
+    power = np.floor(np.log2(MOST_HALF / most)) if most > 0 else 0.0
+    return float(2.0 ** min(power, MOST_POWER))
+
+
+def _channels(irradiance: Irradiance, prefix: str, names: list[str], scale: float | None) -> dict[str, np.ndarray]:
+    """The images of one light. prefix, names : of the channels of its bands.  scale : of half precision."""
+
+    def stored(image: np.ndarray) -> np.ndarray:
+        return image if scale is None else (image * np.float32(scale)).astype(np.float16)
+
     channels = {RELATIVE_ERROR_CHANNEL: irradiance.relative_error}
     if irradiance.in_band is not None:
         channels[IN_BAND_CHANNEL] = irradiance.in_band
     for band, name in enumerate(names):
-        channels[prefix + name] = irradiance.data[..., band]
-        channels[ERROR_CHANNEL + name] = irradiance.standard_error[..., band]
+        channels[prefix + name] = stored(irradiance.data[..., band])
+        channels[ERROR_CHANNEL + name] = stored(irradiance.standard_error[..., band])
     return channels
 
 
@@ -105,11 +125,15 @@ def read_irradiance_exr(path: str | os.PathLike[str]) -> Irradiance:
             "origin": tuple(json.loads(header.get("first_pixel", "[0, 0]"))),
         }
 
+        def bands(kind: str) -> np.ndarray:
+            found = np.stack([pixels[kind + name] for name in names], axis=-1).astype(np.float32, copy=False)
+            return found / np.float32(header["half_scale"]) if "half_scale" in header else found
+
         def light(layer: str, statistics: str) -> dict[str, Any]:
             return {
                 **common,
-                "data": np.stack([pixels[layer + prefix + name] for name in names], axis=-1),
-                "standard_error": np.stack([pixels[layer + ERROR_CHANNEL + name] for name in names], axis=-1),
+                "data": bands(layer + prefix),
+                "standard_error": bands(layer + ERROR_CHANNEL),
                 "relative_error": pixels[layer + RELATIVE_ERROR_CHANNEL],
                 "in_band": pixels.get(layer + IN_BAND_CHANNEL),
                 "statistics": _statistics(header[statistics]),
@@ -174,7 +198,10 @@ def _write_exr(path: Path, header: dict[str, Any], channels: dict[str, np.ndarra
     import OpenEXR
 
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, **header}
-    images = {name: np.ascontiguousarray(image, dtype=np.float32) for name, image in channels.items()}
+    images = {
+        name: np.ascontiguousarray(image, dtype=np.float16 if image.dtype == np.float16 else np.float32)
+        for name, image in channels.items()
+    }
     with appearing(path) as temporary:
         try:
             with OpenEXR.File(header, images) as file:

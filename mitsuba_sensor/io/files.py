@@ -33,6 +33,7 @@ TIFF_BYTE, TIFF_SHORT, TIFF_LONG = 1, 3, 4  # types of tags
 def output_folder(path: Path | str, names: Sequence[str]) -> Iterator[Path]:
     """Yield a scratch folder; when the block ends well, its files ``names`` appear in ``path``, all of them or none.
 
+    Those of ``names`` that the block did not write are of an older run and no longer stay there.
     Whatever goes wrong, Ctrl-C included, leaves older files in ``path`` as they were and removes what this call made.
     Raises InputError before the block runs if ``path`` cannot take the files.
     """
@@ -51,7 +52,7 @@ def output_folder(path: Path | str, names: Sequence[str]) -> Iterator[Path]:
             with scratch:
                 yield Path(scratch.name)
                 with disk_sentences(folder), whole_step:
-                    _publish(Path(scratch.name), folder, [one for one in names if Path(scratch.name, one).exists()])
+                    _publish(Path(scratch.name), folder, names)
         except BaseException:
             _remove_empty(made)
             raise
@@ -195,7 +196,8 @@ def _remove_empty(folders: Sequence[Path]) -> None:
 
 
 def _publish(scratch: Path, folder: Path, names: Sequence[str]) -> None:
-    """Rename every file from ``scratch`` into ``folder``; on any failure put back what stood there."""
+    """Rename these files from ``scratch`` into ``folder``, in the place of what stood there; on any failure put that
+    back."""
     older = scratch / "older"
     older.mkdir()
     begun: list[str] = []
@@ -204,8 +206,9 @@ def _publish(scratch: Path, folder: Path, names: Sequence[str]) -> None:
             if (folder / name).exists():
                 os.replace(folder / name, older / name)
             begun.append(name)
-            os.replace(scratch / name, folder / name)
-            note_written(folder / name)
+            if (scratch / name).exists():
+                os.replace(scratch / name, folder / name)
+                note_written(folder / name)
     except BaseException:
         for name in reversed(begun):
             (folder / name).unlink(missing_ok=True)

@@ -23,7 +23,16 @@ from .variants import MitsubaObject, Variant, choose_variant, mitsuba, use
 FILM, SENSOR = "photosensor", "camera"  # plugin names of the two elements
 SIZE = ("width", "height", "crop_width", "crop_height", "crop_offset_x", "crop_offset_y")
 FILES = ("camera", "lens.prescription", "quantum_efficiency.file")  # these may be a path
-EXPOSURE_FIELDS = ("exposure_s", "temperature_k", "seed", "serial", "wavelength_nm", "bandwidth_nm", "spectral")
+EXPOSURE_FIELDS = (
+    "exposure_s",
+    "meter",
+    "temperature_k",
+    "seed",
+    "serial",
+    "wavelength_nm",
+    "bandwidth_nm",
+    "spectral",
+)
 FILM_FIELDS = ("camera", *EXPOSURE_FIELDS, *SIZE)
 LENS_FIELDS = {
     "f_number": "lens.f_number",
@@ -41,7 +50,7 @@ class SceneSettings:
     """Camera, exposure and seeds of a scene file; None, or empty, where the file does not set them.
 
     camera : the named one, with the fields that the file sets.  fields : those alone, by dotted name.
-    exposure_s : seconds, or "auto".
+    exposure_s : seconds, or "auto".  meter : how it is metered, as text, see :meth:`Metering.of_text`.
     focal_length_mm, focus_distance_m, unit_m : of <sensor type="camera">; metres per scene unit.
     size : width, height and crop of the film, in pixels.
     """
@@ -49,6 +58,7 @@ class SceneSettings:
     camera: Camera | None = None
     fields: Mapping[str, object] = field(default_factory=dict)
     exposure_s: float | str | None = None
+    meter: str | None = None
     temperature_k: float | None = None
     seed: int | None = None
     serial: int | None = None
@@ -65,8 +75,12 @@ class SceneSettings:
         """The exposure, metered unless the file sets its time; at 298.15 K unless it sets another temperature."""
         temperature_k = first_given(self.temperature_k, Exposure(0.0).temperature_k)
         if self.exposure_s is None or isinstance(self.exposure_s, str):
-            return Metering(temperature_k)
+            return self.metering(temperature_k)
         return Exposure(self.exposure_s, temperature_k)
+
+    def metering(self, temperature_k: float) -> Metering:
+        """How this file's exposure is metered, or would be. Raises InputError."""
+        return Metering(temperature_k) if self.meter is None else Metering.of_text(self.meter, temperature_k)
 
     def metres(self, scene_unit: str | float | None) -> float | None:
         """Metres per scene unit: as asked for, else as the file says; None if neither does."""
@@ -149,6 +163,10 @@ def settings_from(film: Fields, lens: Fields) -> SceneSettings:
     exposure = {name: film[name] for name in EXPOSURE_FIELDS if name in film}
     time_s = exposure.get("exposure_s", "auto")
     Exposure(0.0 if time_s == "auto" else time_s, exposure.get("temperature_k", 0.0))  # checked here, with line numbers
+    if "meter" in exposure:
+        Metering.of_text(exposure["meter"])
+        if time_s != "auto":
+            raise InputError(f"meter is {exposure['meter']!r} and exposure_s is {time_s!r}; leave one of them out.")
     for name in ("seed", "serial"):
         require_seed(name, exposure.get(name, 0))
     if exposure.get("spectral", SPECTRAL[0]) not in SPECTRAL:

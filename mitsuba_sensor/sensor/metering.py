@@ -41,6 +41,18 @@ class Metering:
         require("percentile", self.percentile, 0.0, 100.0, "of the lit pixels, e.g. 95")
         require("share", self.share, 1e-6, 1.0, "of saturation, e.g. 0.7")
 
+    @classmethod
+    def of_text(cls, text: str, temperature_k: float = 298.15) -> Metering:
+        """Of ``"PERCENTILE:SHARE"``, as command line and scene files have it. Raises InputError."""
+        try:
+            percentile, share = map(float, text.split(":"))
+        except (ValueError, AttributeError):
+            raise InputError(
+                f"meter is {text!r}; give PERCENTILE:SHARE, the percentile of the lit pixels (0 to 100) and the share "
+                f"of saturation that it reaches (up to 1), e.g. {PERCENTILE:g}:{SHARE:g}."
+            ) from None
+        return cls(temperature_k, percentile, share)
+
     @property
     def unit_exposure(self) -> Exposure:
         """One second: what the light is collected in to be metered."""

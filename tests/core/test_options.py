@@ -10,10 +10,10 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from mitsuba_sensor.capture_options import CaptureOptions
 from mitsuba_sensor.cli.options import flags
 from mitsuba_sensor.core.errors import InputError, require_seed
 from mitsuba_sensor.core.options import Option, complete, declared, documents, part_of, used
-from mitsuba_sensor.pipeline import CaptureOptions
 
 
 class Lens(TypedDict, total=False):

@@ -55,6 +55,32 @@ def test_infinite_and_tiny_irradiance_comes_back_exactly(light: Any, tmp_path: P
     np.testing.assert_array_equal(exr.read_irradiance_exr(tmp_path / "x.exr").data, data)
 
 
+@pytest.mark.parametrize("power", [0, -80, 60])
+def test_half_precision_rounds_by_one_part_in_2048(light: Any, tmp_path: Path, power: int) -> None:
+    """However dim or bright the light is; infinite pixels stay infinite, and what is not half stays as it is."""
+    factor = np.float32(2.0**power)
+    data = light.data * factor
+    data[0, 0] = np.inf
+    asked = replace(light, data=data, standard_error=light.standard_error * factor)
+    exr.write_irradiance_exr(tmp_path / "x.exr", asked, half=True)
+    back = exr.read_irradiance_exr(tmp_path / "x.exr")
+    for name in ("data", "standard_error"):
+        wanted, found = getattr(asked, name), getattr(back, name)
+        assert found.dtype == np.float32
+        finite = np.isfinite(wanted) & (wanted > wanted[np.isfinite(wanted)].max() * 2.0**-28)
+        np.testing.assert_allclose(found[finite], wanted[finite], rtol=2.0**-11, atol=0)
+        assert (np.isinf(found) == np.isinf(wanted)).all()
+    assert np.abs(back.data[1:] / asked.data[1:] - 1).max() > 1e-5  # rounded indeed
+    np.testing.assert_array_equal(back.relative_error, asked.relative_error)
+    with OpenEXR.File(str(tmp_path / "x.exr"), separate_channels=True) as file:
+        unit = float(file.header()["emissiveUnits"].split()[0])
+        band = next(name for name in file.channels() if name.startswith("S0."))
+        pixels = file.channels()[band].pixels
+    assert pixels.dtype == np.float16
+    number = list(light.wavelengths_nm).index(float(band[3:-2].replace(",", ".")))
+    np.testing.assert_allclose(pixels[1:].astype(float) * unit, asked.data[1:, :, number], rtol=2.0**-11)
+
+
 def test_colour_science_reads_our_bands(light: Any, light_file: Path) -> None:
     bands, specification = colour.read_spectral_image_Fichet2021(str(light_file), additional_data=True)
     assert specification.is_emissive and not specification.is_polarised

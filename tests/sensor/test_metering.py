@@ -23,6 +23,12 @@ WELL = CAMERA.pixel.full_well_e
 SMALL = {"spp": 16, "wavelength_nm": 550, "variant": "scalar_spectral"}
 
 
+def photosensor(film: str) -> str:
+    """A scene whose film names the camera, and this."""
+    text = scene_text(SKY, film=f'<string name="camera" value="konnik_table1"/>{film}')
+    return text.replace("hdrfilm", "photosensor")
+
+
 def electrons(light: Any, camera: ms.Camera, exposure: ms.Exposure) -> np.ndarray:
     """Mean electrons of light and dark current."""
     frames = ms.expose(ms.collect(light, camera, exposure), camera, exposure)
@@ -134,6 +140,47 @@ def test_auto_of_the_command_line_and_of_the_scene_file(tmp_path: Path, cli: Cal
     assert "give seconds, e.g. 0.01, or auto" in cli("render", path, "-o", tmp_path / "o", "--exposure-s", "1ms").stderr
     wrong = cli("lint", path, "-D", "exposure_s=soon", "--variant", "scalar_spectral")
     assert wrong.exit_code == 2 and "time_s is 'soon'" in wrong.stderr
+
+
+def test_the_percentile_and_share_asked_for_are_those_of_the_picture(tmp_path: Path, cli: Callable[..., Any]) -> None:
+    """Of command line, scene file and Python alike; --meter overrules a time in the scene file."""
+    timed = scene_text('<default name="exposure_s" value="0.02"/>', SKY)
+    film = photosensor('<string name="meter" value="20:0.3"/>')
+    options = ("--spp", 16, "--wavelength-nm", 550, "--variant", "scalar_spectral", "--json")
+    found = []
+    for text, more in ((film, ()), (timed, ("--meter", "20:0.3"))):
+        path = write_scene(tmp_path, text)
+        done = cli("render", path, "-o", tmp_path / "out", *options, *more)
+        found.append(json.loads(done.stdout)["origin"]["metering"])
+    light = ms.render(path, CAMERA, ms.Metering(percentile=20, share=0.3), **SMALL)
+    assert found[0] == found[1] == light.statistics.metering
+    time_s = found[0]["exposure_s"]
+    level = electrons(light, CAMERA, ms.Exposure(time_s))
+    assert np.percentile(level, 20) == pytest.approx(0.3 * saturation_e(CAMERA), rel=0.01)
+    again = cli("expose", tmp_path / "out" / "irradiance.exr", "-o", tmp_path / "b", "--meter", "20:0.15", "--json")
+    assert json.loads(again.stdout)["exposure"]["time_s"] == pytest.approx(time_s / 2, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("flags", "film", "says"),
+    [
+        (("--meter", "95"), "", "meter is '95'; give PERCENTILE:SHARE"),
+        (("--meter", "95:0.7:1"), "", "e.g. 95:0.7"),
+        (("--meter", "101:0.7"), "", "percentile"),
+        (("--meter", "95:70"), "", "share"),
+        (("--meter", "nan:0.7"), "", "percentile"),
+        (("--meter", "95:0.7", "--exposure-s", "0.1"), "", "--exposure-s 0.1 gives the time that --meter 95:0.7"),
+        ((), '<string name="meter" value="soon"/>', "meter is 'soon'"),
+        ((), '<string name="meter" value="95:0.7"/><float name="exposure_s" value="0.1"/>', "leave one of them out"),
+        ((), '<float name="meter" value="95"/>', "meter is 95.0"),
+    ],
+)
+def test_a_metering_that_cannot_be_is_refused(
+    tmp_path: Path, cli: Callable[..., Any], flags: tuple[str, ...], film: str, says: str
+) -> None:
+    path = write_scene(tmp_path, photosensor(film))
+    done = cli("render", path, "-o", tmp_path / "out", "--variant", "scalar_spectral", *flags)
+    assert done.exit_code == 2 and says in done.stderr and not (tmp_path / "out").exists()
 
 
 def test_every_shipped_scene_names_its_exposure() -> None:

@@ -1,0 +1,48 @@
+"""The options of a capture: those of render and exposure, and which files it writes."""
+
+# Without `from __future__ import annotations`: core/options.py reads these declarations at run time.
+from typing import Annotated, Literal
+
+from .core.options import Option
+from .render.options import RenderOptions
+from .sensor.options import FrameOptions
+
+
+class LightOptions(FrameOptions, total=False):
+    """The options of :func:`capture` for irradiance that is rendered already, and of ``mitsuba-sensor expose``."""
+
+    preview_gain: Annotated[
+        float,
+        Option("Brighten frame.png by this factor, with its noise; not frame.tiff.", 1.0, low=0, high=1e9, example="2"),
+    ]
+    clean: Annotated[
+        bool,
+        Option(
+            "Also write clean.tiff [DN] and temporal_variance.tiff [DN²], float32: what the frames of this very camera "
+            "are on average, with its fixed pattern and without temporal noise.",
+            False,
+        ),
+    ]
+
+
+class CaptureOptions(RenderOptions, LightOptions, total=False):
+    """All options of :func:`capture`, and of ``mitsuba-sensor render``."""
+
+    render_noise: Annotated[
+        Literal["shared", "per-frame", "compensated"],
+        Option(
+            "shared: one render for all frames; per-frame: a render for each frame; compensated: the same, with the "
+            "render's noise counted as part of the shot noise.",
+            "shared",
+        ),
+    ]
+    no_irradiance: Annotated[bool, Option("Write no irradiance.exr, which exposes the same light again.", False)]
+    half: Annotated[
+        bool,
+        Option(
+            "Write irradiance.exr in half precision, half the size: bands and errors are rounded by at most 0.05 %. "
+            "--bandwidth-nm 40 makes it four times smaller again.",
+            False,
+        ),
+    ]
+    aovs: Annotated[bool, Option("Also trace AOVs: depth, position, normals, albedo, shapes, optical flow.", False)]
