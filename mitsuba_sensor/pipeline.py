@@ -6,26 +6,23 @@ import os
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeAlias, Unpack
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .capture_options import CaptureOptions, LightOptions
-from .core import Exposure, InputError, Photons, first_given
+from .core import Exposure, InputError, Photons
 from .core.options import complete, declared, documents, part_of, used
 from .io import exr, files
-from .io.colour_matrix import ColourMatrix, colour_matrix
-from .io.metadata import image_facts, versions
-from .io.preview import developed
+from .io.frame_files import frames_metadata, write_frames
 from .render.aovs import Aovs
 from .render.band_error import band_error, notes_of_bands
 from .render.irradiance import Irradiance
 from .render.options import FrameSeriesOptions, RawLightOptions, RenderOptions
 from .render.per_frame import FrameSeries
-from .render.photons import collect, metered
+from .render.photons import collect
 from .render.prepared import PreparedRender, denoised_if_possible, prepare
 from .render.render_noise import render_noise
 from .render.scene_settings import ParsedScene
@@ -34,7 +31,7 @@ from .sensor.camera import Camera
 from .sensor.checks import as_photons
 from .sensor.choices import check_clean
 from .sensor.expose import KEEP, Frames, prepare_exposure
-from .sensor.metering import AskedExposure, Metering, checked_exposure, clipped_note
+from .sensor.metering import AskedExposure, Metering, checked_exposure
 from .sensor.options import ExposeOptions
 from .sensor.plan import plan_for
 
@@ -72,9 +69,7 @@ class Capture:
         """
         gain = float(self.metadata["options"]["preview_gain"])
         with files.output_folder(os.fspath(folder), FILES if self.rendered else FILES_OF_LIGHT) as scratch:
-            image = self.metadata["image"]
-            files.write_tiff(scratch / "frame.tiff", self.frames.digital, image)
-            files.write_png(scratch / "frame.png", self._preview(gain), image)
+            write_frames(scratch, self.frames, self.metadata, gain)
             if self.metadata["options"]["clean"]:
                 for name, values in zip(CLEAN, (self.frames.clean, self.frames.temporal_variance), strict=True):
                     files.write_tiff(scratch / name, values)
@@ -82,13 +77,6 @@ class Capture:
                 exr.write_irradiance_exr(scratch / "irradiance.exr", self.light, self.metadata["options"]["half"])
             if self.aovs is not None:
                 exr.write_aovs_exr(scratch / "aovs.exr", self.aovs)
-            files.write_json(scratch / "frame.json", self.metadata)
-
-    def _preview(self, gain: float) -> NDArray[np.uint8]:
-        colours = self.metadata["colour"]
-        matrix = None if colours is None else ColourMatrix(**colours)
-        frames = self.frames
-        return developed(frames.digital[0], frames.camera, matrix, gain, frames.first.window.origin)
 
 
 @documents(CaptureOptions)
@@ -155,21 +143,17 @@ def _of_light(
     with _timed(times_s, "read irradiance"):
         light = source if isinstance(source, Irradiance) else exr.read_irradiance_exr(source)
         light = light.before_denoising() if options["raw_light"] else light
-    if (known := light.rendered_for) is not None:
-        camera, asked = first_given(camera, known.camera), known.exposure if asked is None else asked
-        options = {**options, "serial": first_given(options["serial"], known.serial)}
-    if camera is None:
-        raise InputError("no camera is given and the irradiance names none; pass camera=….")
-    metering = None if isinstance(asked, Exposure) else asked or Metering()
-    exposure = asked if isinstance(asked, Exposure) else metered(light, camera, asked or Metering())
+    photons, camera, exposure, serial = light.collected(camera, asked, options["serial"])
+    options, known = {**options, "serial": serial}, light.rendered_for
+    metering = Metering() if asked is None and known is None else asked
     origin = {
         "irradiance": path,
-        "as_rendered": [] if known is None else known.shared_with(camera, exposure, options["serial"]),
-        "metering": None if metering is None else metering.record(exposure),
+        "as_rendered": [] if known is None else known.shared_with(camera, exposure, serial),
+        "metering": metering.record(exposure) if isinstance(metering, Metering) else None,
     }
     sensor = prepare_exposure(camera, exposure, light.data.shape[:2], light.origin, part_of(ExposeOptions, options))
     with _timed(times_s, "expose"):
-        frames = sensor.of(as_photons(collect(light, camera, exposure), camera)).frames_with_report()
+        frames = sensor.of(photons).frames_with_report()
     metadata = frame_metadata(frames, light, options, origin, times_s)
     return Capture(frames, light, frames.light, None, metadata, rendered=False)
 
@@ -232,34 +216,22 @@ def frame_metadata(
     origin : where the light comes from.  times_s : seconds by step, to which this one is added.
     """
     with _timed(times_s, "report"):
-        statistics, camera, first = light.statistics.to_dict(), frames.camera, frames.first
-        made = frames.plan
+        statistics, camera, made = light.statistics.to_dict(), frames.camera, frames.plan
         if made is None and options["chain"] == "physical":
-            made = plan_for(camera, frames.detected, first)
+            made = plan_for(camera, frames.detected, frames.first)
         found = {} if made is None else made.to_dict()
-        known = light.rendered_for
-        colours = colour_matrix(camera, None if known is None else known.illuminant)
-        noise, report, off = render_noise(light, frames), frames.report, band_error(light, camera)
+        noise, known, off = render_noise(light, frames), frames_metadata(frames), band_error(light, camera)
     return {
         "origin": {**origin, "scene_sha256": statistics["scene_sha256"]},
-        "camera": camera.to_dict(),
-        "exposure": asdict(first.exposure),
-        "seeds": {"seed": first.seed, "serial": first.window.serial},
+        **known,
         "options": used(CaptureOptions, options),
         "chain": options["chain"],
-        "precision": first.window.backend.precision,
-        "given_maps": sorted(options["maps"] or ()),
-        "image": image_facts(frames),
-        "colour": None if colours is None else colours._asdict(),
         "bands": {"wavelengths_nm": light.wavelengths_nm, "bandwidths_nm": light.bandwidths_nm, **off._asdict()},
-        **report,
-        "counts": {**report["counts"], **{name: statistics[name] for name in ("negative", "non_finite")}},
+        "counts": {**known["counts"], **{name: statistics[name] for name in ("negative", "non_finite")}},
         "render": statistics,
         "render_noise": noise,
-        "notes": [*clipped_note(frames), *notes_of_bands(light, camera, off)],
-        "versions": versions(),
+        "notes": [*known["notes"], *notes_of_bands(light, camera, off)],
         "effects": found.get("stages", []),
-        "left_out": [] if frames.plan is None else frames.plan.left_out,
         "float32": found.get("float32"),
         "times_s": times_s,
     }

@@ -120,13 +120,17 @@ def sub_package(name: str) -> str:
     return name.split("/")[0].removesuffix(".py")
 
 
+SHOWN = {"sensor/expose.py": "mitsuba_sensor.io.frame_files"}
+"""Frames are shown and saved by methods of their own, whose code is where pictures and files are made."""
+
+
 def test_imports_go_one_way() -> None:
     wrong = []
     for path in MODULES:
         mine = sub_package(name_of(path))
         for imported in imports(path) if name_of(path) not in PUBLIC_API else ():
             library, _, rest = imported.partition(".")
-            if library == "mitsuba_sensor":
+            if library == "mitsuba_sensor" and not imported.startswith(SHOWN.get(name_of(path), "/")):
                 other = rest.partition(".")[0]
                 allowed = PLACE[other] <= PLACE[mine] if other in PLACE else mine in USERS_OF_THE_PUBLIC_API
                 wrong += [] if allowed else [f"{name_of(path)} imports {imported}"]
@@ -196,9 +200,10 @@ def test_public_names_have_docstrings_and_return_types() -> None:
     ]
 
 
-def test_the_public_api_has_at_most_26_names() -> None:
-    """26 since another metering than the usual one can be asked for in Python."""
-    assert len(mitsuba_sensor.__all__) <= 26
+def test_the_public_api_has_at_most_27_names() -> None:
+    """27 since another metering than the usual one can be asked for in Python, and raw frames be written."""
+    assert len(mitsuba_sensor.__all__) <= 27
+    assert dir(mitsuba_sensor) == sorted(mitsuba_sensor.__all__)
     assert all(hasattr(mitsuba_sensor, name) for name in mitsuba_sensor.__all__)
 
 

@@ -8,6 +8,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import DTypeLike
 
+from .illuminant import Illuminant
 from .types import Array, Float64Array, NumpyArray
 
 
@@ -24,6 +25,7 @@ class Photons:
         its own filter at ``origin``; None: 1.  in_band_of : fingerprint of the camera that it is for.
     variance_e2 : (H, W), variance of the mean photoelectrons over renders [e-²], for a frame that has a render of its
         own, whose render noise replaces a part of the shot noise; None: the mean is exact.
+    illuminant : of the scene, for the colours of a preview; None where it is not known.
     """
 
     mean: NumpyArray
@@ -34,6 +36,7 @@ class Photons:
     bandwidths_nm: Float64Array | None = None
     in_band: NumpyArray | None = None
     in_band_of: str | None = None
+    illuminant: Illuminant | None = None
 
     @property
     def total(self) -> NumpyArray:

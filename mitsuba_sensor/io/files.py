@@ -6,6 +6,7 @@ Every writer fills a temporary name in the same folder and renames it at the end
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import shutil
@@ -25,6 +26,7 @@ from ..core import InputError
 from ..stopping import note_written, undone_if_stopped, whole_step
 
 NOTHING: Mapping[str, Any] = {}
+TIFF_TYPES = "uint8", "uint16", "uint32", "float32"
 CFA_COLOURS = "rgb"  # numbers 0, 1, 2 in the CFAPattern of TIFF/EP
 TIFF_BYTE, TIFF_SHORT, TIFF_LONG = 1, 3, 4  # types of tags
 
@@ -58,17 +60,24 @@ def output_folder(path: Path | str, names: Sequence[str]) -> Iterator[Path]:
             raise
 
 
-def write_tiff(path: Path, frames: np.ndarray, facts: Mapping[str, Any] = NOTHING) -> None:
+def write_tiff(path: str | os.PathLike[str], frames: np.ndarray, facts: Mapping[str, Any] = NOTHING) -> None:
     """Raw digital numbers (N, H, W), unsigned 8, 16 or 32 bit or float32, one page per frame, nothing scaled.
 
+    Raises InputError for any other array, and for what the disk refuses.
     facts : ``image`` of frame.json; as JSON in the description, and black level, white level and the pattern of red,
         green and blue filters in the tags of TIFF/EP and DNG too.
     """
     import tifffile
 
+    if not isinstance(frames, np.ndarray) or str(frames.dtype) not in TIFF_TYPES or frames.ndim not in (2, 3):
+        given = getattr(frames, "dtype", type(frames).__name__), getattr(frames, "shape", ())
+        kinds = ", ".join(TIFF_TYPES)
+        raise InputError(f"frames is {given[0]} of shape {given[1]}; pass (H, W) or (N, H, W) of {kinds}.")
+    if not frames.size:
+        raise InputError(f"frames has shape {frames.shape} and no pixel; pass at least one.")
     tags = _raw_tags(facts) if facts else []
     text = to_json(dict(facts)) if facts else None
-    with appearing(path) as temporary:
+    with appearing(Path(path)) as temporary:
         tifffile.imwrite(
             temporary,
             frames,
@@ -96,13 +105,18 @@ def _raw_tags(facts: Mapping[str, Any]) -> list[tuple[int, int, int, Any, bool]]
 
 def write_png(path: Path, picture: np.ndarray, facts: Mapping[str, Any] = NOTHING) -> None:
     """An 8-bit preview, (H, W) grey or (H, W, 3) sRGB.  facts : what becomes text in it, each value as JSON."""
+    write_drawing(path, png(picture, facts))
+
+
+def png(picture: np.ndarray, facts: Mapping[str, Any] = NOTHING) -> bytes:
+    """The same as the bytes of a file."""
     from PIL import Image, PngImagePlugin
 
-    texts = PngImagePlugin.PngInfo()
+    texts, content = PngImagePlugin.PngInfo(), io.BytesIO()
     for name, value in facts.items():
         texts.add_text(name, json.dumps(plain_values(value)))
-    with appearing(path) as temporary:
-        Image.fromarray(picture).save(temporary, format="PNG", pnginfo=texts)
+    Image.fromarray(picture).save(content, format="PNG", pnginfo=texts)
+    return content.getvalue()
 
 
 def write_page(path: Path, text: str) -> None:

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import Exposure, InputError
+from ..core import Exposure, InputError, Photons
 from ..core.illuminant import Illuminant
 from ..sensor.camera import Camera, camera_from
+from ..sensor.metering import AskedExposure
 from .statistics import RenderStatistics
 
 
@@ -85,6 +86,20 @@ class Irradiance:
     in_band: NDArray[np.float32] | None = None
     rendered_for: RenderedFor | None = None
     raw: Irradiance | None = None
+
+    def _repr_html_(self) -> str:
+        from ..io.light_html import light_html
+
+        return light_html(self)
+
+    def collected(
+        self, camera: Camera | None, exposure: AskedExposure | None, serial: int | None
+    ) -> tuple[Photons, Camera, Exposure, int | None]:
+        """Mean photons per pixel, camera, exposure and serial number, as :func:`expose` takes them: those asked for,
+        else those that it was rendered for; an exposure of neither is metered. Raises InputError."""
+        from .photons import collected
+
+        return collected(self, camera, exposure, serial)
 
     def of_serial(self, serial: int) -> Irradiance:
         """The same, remembering this serial number of the camera."""

@@ -9,12 +9,12 @@ from typing import cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core import Exposure, Float64Array, InputError, Photons, check_types, numbers, require, require_seed
+from ..core import Exposure, Float64Array, InputError, Photons, check_types, first_given, numbers, require, require_seed
 from ..core.units import photon_energy_j
 from ..sensor.camera import Camera
 from ..sensor.checks import as_photons
 from ..sensor.fingerprint import pixel_fingerprint, response_fingerprint
-from ..sensor.metering import Metering
+from ..sensor.metering import AskedExposure, Metering, checked_exposure
 from .bands import Bands
 from .irradiance import Irradiance
 
@@ -67,10 +67,12 @@ def collect(
             raise InputError(f"{why}; {remedy}.")
         data = np.asarray(light.data, dtype=np.float64)
         photons = _photons(data, light.wavelengths_nm, light.bandwidths_nm, camera, exposure)
+        known = light.rendered_for
+        photons = replace(photons, origin=light.origin, illuminant=None if known is None else known.illuminant)
         if light.filters is not None:
-            return replace(photons, detected=True, bandwidths_nm=None, origin=light.origin)
+            return replace(photons, detected=True, bandwidths_nm=None)
         in_band = light.in_band if is_exact(light, camera) else None
-        return replace(photons, origin=light.origin, in_band=in_band, in_band_of=light.response)
+        return replace(photons, in_band=in_band, in_band_of=light.response)
     values = _irradiance_values(light)
     if values.ndim == 2:
         centre = camera.quantum_efficiency.reference_nm if wavelengths_nm is None else wavelengths_nm
@@ -81,6 +83,21 @@ def collect(
         raise InputError(f"light has {values.shape[2]} bands; pass wavelengths_nm with that many centres.")
     centres = _centres(wavelengths_nm)
     return _photons(values, centres, _widths(centres, bandwidths_nm), camera, exposure)
+
+
+def collected(
+    light: Irradiance, camera: Camera | None, asked: AskedExposure | None, serial: int | None
+) -> tuple[Photons, Camera, Exposure, int | None]:
+    """Photons, camera, exposure and serial number: those asked for, else those that the light was rendered for; an
+    exposure of neither is metered. Raises InputError."""
+    exposure = checked_exposure(camera, asked)
+    if (known := light.rendered_for) is not None:
+        camera, exposure = first_given(camera, known.camera), known.exposure if asked is None else exposure
+        serial = first_given(serial, known.serial)
+    if camera is None:
+        raise InputError("no camera is given and the irradiance names none; pass camera=….")
+    found = exposure if isinstance(exposure, Exposure) else metered(light, camera, exposure or Metering())
+    return as_photons(collect(light, camera, found), camera), camera, found, serial
 
 
 def metered(light: Irradiance, camera: Camera, metering: Metering) -> Exposure:

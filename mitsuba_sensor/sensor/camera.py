@@ -156,6 +156,11 @@ class Camera(FileTable):
 
         return camera_file(self)
 
+    def _repr_html_(self) -> str:
+        from .notebook import camera_html
+
+        return camera_html(self)
+
     @property
     def notes(self) -> tuple[str, ...]:
         """Sentences about values of the datasheet that are allowed and may surprise; each begins with its field."""

@@ -70,6 +70,8 @@ def as_photons(
     photons: Photons | ArrayLike, camera: Camera, wavelengths_nm: ArrayLike | None = None, check: bool = True
 ) -> Photons:
     """Anything that ``expose`` accepts as mean photons, checked: shape, and if ``check``, NaN and negative values."""
+    if hasattr(photons, "rendered_for"):
+        raise InputError("photons is an Irradiance; pass collect(light, camera, exposure), the photons that it brings.")
     given = photons if isinstance(photons, Photons) else None
     mean = numbers("photons", given.mean if given else photons, "a number or an array of mean photons per pixel")
     wavelengths = given.wavelengths_nm if given and wavelengths_nm is None else wavelengths_nm
@@ -92,13 +94,14 @@ def as_photons(
     variance_e2 = None if given.variance_e2 is None else _checked_variance(given.variance_e2, mean, camera)
     detected = _checked_channels(given.detected, mean, camera)
     if bands is None or wavelengths_nm is not None or given.bandwidths_nm is None:
-        return Photons(mean, bands, variance_e2, detected, given.origin)
+        return Photons(mean, bands, variance_e2, detected, given.origin, illuminant=given.illuminant)
     widths = numbers("photons.bandwidths_nm", given.bandwidths_nm, "one width per band in nm")
     if widths.shape != bands.shape or not (np.isfinite(widths) & (widths > 0)).all():
         raise InputError("photons.bandwidths_nm must hold one positive, finite width in nm per band; or leave it out.")
     known = given.in_band is not None and given.in_band_of in (None, pixel_fingerprint(camera))
     in_band = _checked_factor(given.in_band, mean.shape[:2]) if known else None
-    return Photons(mean, bands, variance_e2, detected, given.origin, widths, in_band, given.in_band_of)
+    of_bands = widths, in_band, given.in_band_of
+    return Photons(mean, bands, variance_e2, detected, given.origin, *of_bands, given.illuminant)
 
 
 def check_photons(mean: NDArray[np.float64]) -> None:
@@ -188,6 +191,12 @@ def checked_origin(origin: Any) -> tuple[int, int]:
     if not isinstance(origin, tuple | list) or len(origin) != 2:
         raise InputError(f"origin is {origin!r}; it must be (row, column) of the first pixel, e.g. (0, 0).")
     return require_seed("origin", origin[0]), require_seed("origin", origin[1])
+
+
+def check_reference_shape(shape: tuple[int, ...], reference: tuple[int, ...]) -> None:
+    """Raise InputError unless a frame is subtracted from each frame, or one from all."""
+    if shape[1:] != reference[1:] or reference[0] not in (1, shape[0]):
+        raise InputError(f"the reference has shape {reference}; it must be {shape}, or (1, {shape[1]}, {shape[2]}).")
 
 
 def check_chip(one: tuple[Camera, SensorWindow], other: tuple[Camera, SensorWindow]) -> None:

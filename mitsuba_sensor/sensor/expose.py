@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -19,6 +20,7 @@ from .checks import (
     check_chip,
     check_compensation,
     check_numbers,
+    check_reference_shape,
     checked_maps,
     checked_names,
     placed,
@@ -26,6 +28,7 @@ from .checks import (
 from .choices import chain_of, precision_of, tolerance_of
 from .detection import Detected, checked_and_detected
 from .frame_theory import FrameTheory
+from .metering import AskedExposure, Light
 from .noise_budget import NoiseBudget
 from .options import ExposeOptions
 from .pixel_moments import PixelMoments, pixel_moments
@@ -116,11 +119,26 @@ class Frames:
         """
         if not isinstance(reference, Frames):
             raise InputError(f"the reference is a {type(reference).__name__}; pass the Frames of a zero exposure.")
-        one, other = self.digital.shape, reference.digital.shape
-        if one[1:] != other[1:] or other[0] not in (1, one[0]):
-            raise InputError(f"the reference has shape {other}; it must be {one}, or (1, {one[1]}, {one[2]}).")
+        check_reference_shape(self.digital.shape, reference.digital.shape)
         check_chip((self.camera, self.first.window), (reference.camera, reference.first.window))
         return self.digital.astype(np.int64) - reference.digital.astype(np.int64)
+
+    def preview(self, number: int = 0, gain: float = 1.0) -> NDArray[np.uint8]:
+        """What frame.png shows: one of the frames, 8 bit, (H, W) grey or (H, W, 3) sRGB.  gain : brightens it."""
+        from ..io.frame_files import preview_of
+
+        return preview_of(self, number, gain)
+
+    def save(self, folder: str | os.PathLike[str]) -> None:
+        """Write frame.tiff, frame.png and frame.json: all, or none. Raises InputError."""
+        from ..io.frame_files import save_frames
+
+        save_frames(self, folder)
+
+    def _repr_html_(self) -> str:
+        from ..io.frame_files import frames_html
+
+        return frames_html(self)
 
     def noise_budget(self) -> NoiseBudget:
         """What every source contributes to each pixel of the first frame, in DN; the sum is the frame."""
@@ -130,12 +148,16 @@ class Frames:
 
 @documents(ExposeOptions)
 def expose(
-    photons: Photons | ArrayLike, camera: Camera, exposure: Exposure, **options: Unpack[ExposeOptions]
+    photons: Photons | ArrayLike | Light,
+    camera: Camera | None = None,
+    exposure: AskedExposure | None = None,
+    **options: Unpack[ExposeOptions],
 ) -> Frames:
     """Raw frames that ``camera`` delivers for these mean photons per pixel.
 
     photons : what :func:`collect` returns, or an array: a scalar (the whole sensor), (H, W), or (H, W, B) with
-        ``wavelengths_nm`` of length B.
+        ``wavelengths_nm`` of length B. Or the Irradiance itself, which is collected: then camera, exposure and serial
+        number are by default those that it was rendered for, and the exposure may be "auto" (metered).
     Raises InputError for NaN or negative photons, naming how many there are and where the first one is.
     """
     return prepared(photons, camera, exposure, options).frames()
@@ -143,7 +165,10 @@ def expose(
 
 @documents(ExposeOptions)
 def stream(
-    photons: Photons | ArrayLike, camera: Camera, exposure: Exposure, **options: Unpack[ExposeOptions]
+    photons: Photons | ArrayLike | Light,
+    camera: Camera | None = None,
+    exposure: AskedExposure | None = None,
+    **options: Unpack[ExposeOptions],
 ) -> Iterator[NDArray[np.unsignedinteger]]:
     """The frames of :func:`expose` one at a time, each (H, W) [DN]: for more of them than memory holds.
 
@@ -236,9 +261,15 @@ class PreparedExposure:
         return self.first.on(NUMPY_FLOAT64 if self.first.window.backend is NUMPY_FLOAT64 else NUMPY_FLOAT32)
 
 
-def prepared(photons: Any, camera: Camera, exposure: Exposure, options: ExposeOptions) -> PreparedExposure:
+def prepared(
+    photons: Any, camera: Camera | None, exposure: AskedExposure | None, options: ExposeOptions
+) -> PreparedExposure:
     """An exposure with its light. Raises InputError."""
+    if hasattr(photons, "collected"):
+        photons, camera, exposure, serial = photons.collected(camera, exposure, options.get("serial"))
+        options = {**options, "serial": serial}
     check_types(camera, exposure)
+    assert camera is not None and isinstance(exposure, Exposure)
     light = as_photons(photons, camera, options.get("wavelengths_nm"), check=False)  # where it is detected
     light = placed(light, options.get("origin"), camera)
     return prepare_exposure(camera, exposure, light.mean.shape[:2], light.origin, options).of(light)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, Protocol, TypeAlias
 
 import numpy as np
 
@@ -81,6 +81,15 @@ class Metering:
 
 
 AskedExposure: TypeAlias = Exposure | Metering | Literal["auto"]
+
+
+class Light(Protocol):
+    """Light that knows its photons, camera, exposure and serial number: an Irradiance."""
+
+    def collected(
+        self, camera: Camera | None, exposure: AskedExposure | None, serial: int | None
+    ) -> tuple[Photons, Camera, Exposure, int | None]:
+        """Those asked for, else its own."""
 
 
 def checked_exposure(camera: object, exposure: AskedExposure | None) -> Exposure | Metering | None:

@@ -97,6 +97,11 @@ class NoiseBudget:
             lines.append(f"{e.source:<26}" + "".join(f"{x:>12.5g}" for x in numbers))
         return "\n".join(lines)
 
+    def _repr_html_(self) -> str:
+        from .notebook import budget_html
+
+        return budget_html(self)
+
     @property
     def _rows(self) -> list[slice]:
         return list(row_strips_of(self.frame.window.shape, self.frame.window.backend.strip_pixels))

@@ -43,6 +43,11 @@ class Plan:
     light: Detected = field(repr=False)
     frame: Frame = field(repr=False)
 
+    def _repr_html_(self) -> str:
+        from .notebook import plan_html
+
+        return plan_html(self)
+
     @property
     def left_out(self) -> list[str]:
         """Labels of the stages that are left out."""

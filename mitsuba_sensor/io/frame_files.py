@@ -1,0 +1,100 @@
+"""What raw frames become outside of the program: a preview, files with their metadata, a fragment of a notebook."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core import Float64Array
+from ..core.html import facts, fragment, picture
+from ..sensor.camera import Camera
+from ..sensor.metering import clipped_note
+from ..sensor.stage import converter_of
+from . import files
+from .colour_matrix import ColourMatrix, colour_matrix
+from .metadata import image_facts, versions
+from .preview import developed, preview
+
+if TYPE_CHECKING:
+    from ..sensor.expose import Frames
+
+FRAME_FILES = ("frame.tiff", "frame.png", "frame.json")
+MOST_PIXELS = 60_000  # of a picture in a notebook: below 250 kB as PNG in base64, however noisy
+
+
+def preview_of(frames: Frames, number: int = 0, gain: float = 1.0) -> NDArray[np.uint8]:
+    """frame.png: one of the frames, as :func:`preview` develops it in the light of the scene."""
+    illuminant = frames.light.illuminant
+    return preview(frames.digital[number], frames.camera, gain, frames.first.window.origin, illuminant)
+
+
+def frames_metadata(frames: Frames) -> dict[str, Any]:
+    """What frames know of themselves, under the names of frame.json."""
+    first, colours = frames.first, colour_matrix(frames.camera, frames.light.illuminant)
+    return {
+        "camera": frames.camera.to_dict(),
+        "exposure": asdict(first.exposure),
+        "seeds": {"seed": first.seed, "serial": first.window.serial},
+        "precision": first.window.backend.precision,
+        "given_maps": sorted(first.window.given),
+        "image": image_facts(frames),
+        "colour": None if colours is None else colours._asdict(),
+        "left_out": [] if frames.plan is None else frames.plan.left_out,
+        **frames.report,
+        "notes": list(clipped_note(frames)),
+        "versions": versions(),
+    }
+
+
+def save_frames(frames: Frames, folder: str | os.PathLike[str]) -> None:
+    """Write frame.tiff, frame.png and frame.json: all of them, or none. Raises InputError."""
+    with files.output_folder(os.fspath(folder), FRAME_FILES) as scratch:
+        write_frames(scratch, frames, frames_metadata(frames))
+
+
+def write_frames(folder: Path, frames: Frames, metadata: dict[str, Any], gain: float = 1.0) -> None:
+    """The three files, with this metadata.  gain : of the preview."""
+    image, colours = metadata["image"], metadata["colour"]
+    matrix = None if colours is None else ColourMatrix(**colours)
+    shown = developed(frames.digital[0], frames.camera, matrix, gain, frames.first.window.origin)
+    files.write_tiff(folder / "frame.tiff", frames.digital, image)
+    files.write_png(folder / "frame.png", shown, image)
+    files.write_json(folder / "frame.json", metadata)
+
+
+def frames_html(frames: Frames) -> str:
+    """The first frame in small, and what it is."""
+    first, window, camera = frames.digital[0], frames.first.window, frames.camera
+    small = binned(first, camera)
+    shown = preview(small, camera, 1.0, window.origin, frames.light.illuminant)
+    count, exposure, highest = len(frames.digital), frames.first.exposure, converter_of(camera.stages).highest
+    found = {
+        "frames": f"{count} × {first.shape[1]} × {first.shape[0]} pixels, {first.dtype}",
+        "exposure": f"{exposure.time_s:g} s at {exposure.temperature_k:g} K",
+        "serial, seed": f"{window.serial}, {frames.first.seed}",
+        "first frame": f"{first.min()} … {first.mean():.5g} … {first.max()} DN (min, mean, max)",
+        "at the highest code": f"{100 * np.mean(first == highest):.3g} % of its pixels",
+    }
+    said = f"first of {count} raw frames of {camera.name}"
+    return fragment(f"Raw frames of {camera.name}", picture(files.png(shown), shown.shape[1], said), facts(found))
+
+
+def binned(digital: NDArray[np.generic], camera: Camera) -> Float64Array:
+    """A raw frame of at most MOST_PIXELS pixels, or one unit of the mosaic: means of neighbours behind the same filter,
+    in the same mosaic."""
+    tile = np.array(camera.tile).shape
+    rows, columns = digital.shape
+    step = next(k for k in range(1, rows * columns + 1) if (rows // k + 1) * (columns // k + 1) <= MOST_PIXELS)
+    if step == 1:
+        return np.asarray(digital, dtype=np.float64)
+    step_y, step_x = (max(min(step, n // side), 1) for n, side in zip(digital.shape, tile, strict=True))
+    down, right = rows // (step_y * tile[0]), columns // (step_x * tile[1])
+    whole = digital[: down * step_y * tile[0], : right * step_x * tile[1]]
+    blocks = whole.reshape(down, step_y, tile[0], right, step_x, tile[1])
+    means = blocks.mean(axis=(1, 4), dtype=np.float64)
+    return np.asarray(means.reshape(down * tile[0], right * tile[1]))

@@ -1,0 +1,212 @@
+"""What a notebook sees: public names, objects that show themselves, frames and light in a few calls."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+from helpers.scenes import SCENES
+from PIL import Image
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.core.errors import InputError
+from mitsuba_sensor.render.irradiance import RenderedFor
+
+MONO, BAYER, RGBIR = (ms.load_camera(name) for name in ("konnik_table1", "bayer_2mp", "rgbir_2mp"))
+EXPOSURE = ms.Exposure(0.01)
+MOST_BYTES = 300_000
+VOID = ("img",)  # elements without an end
+
+
+class Page(HTMLParser):
+    """Fails where an element is not closed; collects text and pictures."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(convert_charrefs=True)
+        self.open, self.text, self.tags = list[str](), "", list[str]()
+        self.feed(text)
+        self.close()
+        assert not self.open
+
+    def handle_starttag(self, tag: str, attrs: Any) -> None:
+        self.tags.append(tag)
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.text += data + "\n"
+
+
+def shown(thing: Any) -> tuple[Page, np.ndarray]:
+    """The page of an object, and its picture."""
+    html = thing._repr_html_()
+    assert len(html.encode()) < MOST_BYTES
+    found = re.findall(r"base64,([^\"]+)", html)
+    return Page(html), np.array(Image.open(io.BytesIO(base64.b64decode(found[0])))) if found else np.empty(0)
+
+
+def noisy(camera: ms.Camera, shape: tuple[int, int], **options: Any) -> ms.Frames:
+    photons = np.random.default_rng(1).uniform(0, 3e4, (*shape, 1))
+    return ms.expose(photons, camera, EXPOSURE, wavelengths_nm=[550.0], **options)
+
+
+def test_dir_has_the_public_names_and_modules_are_imported_as_ever() -> None:
+    assert dir(ms) == sorted(ms.__all__) and "pipeline" not in dir(ms)
+    from mitsuba_sensor import pipeline
+
+    assert ms.capture is pipeline.capture
+
+
+@pytest.mark.parametrize("camera", [MONO, BAYER, RGBIR], ids=lambda camera: camera.name)
+@pytest.mark.parametrize("shape", [(1, 1), (3, 3), (1, 1900), (240, 250), (700, 300)])
+def test_frames_of_any_shape_show_their_first_one(camera: ms.Camera, shape: tuple[int, int]) -> None:
+    """Small frames are the preview itself, pixel by pixel; larger ones have its proportions."""
+    frames = noisy(camera, shape)
+    page, picture = shown(frames)
+    assert camera.name in page.text and f"1 × {shape[1]} × {shape[0]} pixels" in page.text
+    if shape[0] * shape[1] < 60_000:
+        np.testing.assert_array_equal(picture, frames.preview())
+    else:
+        assert picture.shape[0] / picture.shape[1] == pytest.approx(shape[0] / shape[1], rel=0.05)
+
+
+def test_a_picture_of_a_large_frame_has_the_colours_of_the_whole() -> None:
+    """A flat field from bins of 2 × 2 red, green, blue and infrared pixels each: the median colour of the preview."""
+    frames = ms.expose(np.full((600, 400, 1), 1500.0), RGBIR, EXPOSURE, wavelengths_nm=[600.0], origin=(1, 3))
+    _, picture = shown(frames)
+    assert picture.shape[:2] < (600, 400)
+    whole = np.median(frames.preview().reshape(-1, 3), axis=0)
+    np.testing.assert_allclose(np.median(picture.reshape(-1, 3), axis=0), whole, atol=6)
+
+
+def test_saturated_frames_are_white_and_thousands_of_them_are_one_picture() -> None:
+    one = ms.expose(np.full((8, 8), np.inf), MONO, EXPOSURE)
+    page, picture = shown(replace(one, digital=np.broadcast_to(one.digital, (5000, 8, 8))))
+    assert "5000 × 8 × 8" in page.text and "100 %" in page.text
+    assert (picture == 255).all()
+
+
+def test_no_text_becomes_an_element() -> None:
+    named = BAYER.replace(name="<script>&\"'", description="<b>bold</b>")
+    frames = noisy(named, (4, 4))
+    plan = ms.plan(named, EXPOSURE, frames.light)
+    for one in (named, frames, plan):
+        page, _ = shown(one)
+        assert "<script>&\"'" in page.text and "script" not in page.tags
+    assert "<b>bold</b>" in shown(named)[0].text
+
+
+def test_camera_plan_and_budget_show_their_numbers() -> None:
+    frames = noisy(MONO, (16, 16))
+    plan, budget = ms.plan(MONO, EXPOSURE, frames.light, tolerance_dn=0.02), frames.noise_budget()
+    for effect in plan.effects:
+        assert f"{effect.stage}\n{'kept' if effect.kept else 'left out'}\n" in shown(plan)[0].text
+    for entry in budget.entries:
+        assert f"{entry.source}\n{entry.mean_dn:.5g}\n{entry.rms_dn:.4g}\n" in shown(budget)[0].text
+    assert all(text in shown(MONO)[0].text for text in ("1900 × 1300 pixels", "33000 e-", "12 bits", "f/2.8"))
+
+
+def test_the_longest_bar_of_a_budget_is_that_of_the_largest_variance() -> None:
+    budget = noisy(MONO, (16, 16)).noise_budget()
+    widths = [float(px) for px in re.findall(r"width:([\d.]+)px", budget._repr_html_())]
+    variances = [abs(v) for one in budget.entries for v in (one.temporal_dn2, one.spatial_dn2)]
+    np.testing.assert_allclose(widths, 100 * np.array(variances) / max(variances), atol=0.051)
+
+
+def test_light_of_one_wavelength_is_grey_and_of_the_visible_has_its_colour(light: Any) -> None:
+    """A red band beside dark ones is red; in a single band nothing is known of colours."""
+    data = np.zeros((4, 5, 3), np.float32)
+    data[..., 2] = 1e-5
+    red = replace(light, data=data, wavelengths_nm=np.array([450.0, 550.0, 620.0]), bandwidths_nm=np.full(3, 10.0))
+    page, picture = shown(red)
+    assert "5 × 4 pixels" in page.text
+    assert (picture[..., 0] == 255).all() and (picture[..., 1:] < 100).all()
+    one = replace(light, data=data[..., 2:], wavelengths_nm=np.array([850.0]), bandwidths_nm=np.array([10.0]))
+    assert shown(one)[1].shape == (4, 5)
+
+
+def test_light_with_infinities_or_none_at_all_has_a_picture(light: Any) -> None:
+    bright = np.array(light.data)
+    bright[0, 0] = np.inf
+    for data in (bright, np.full_like(bright, np.inf), np.zeros_like(bright), bright[:1, :1]):
+        assert shown(replace(light, data=data))[1].shape[:2] == data.shape[:2]
+
+
+@pytest.fixture(scope="module")
+def taken() -> ms.Capture:
+    scene = str(SCENES / "color_checker.xml")
+    return ms.capture(scene, BAYER, ms.Exposure(0.02, 310.0), serial=9, seed=4, spp=4, width=24)
+
+
+def test_a_preview_is_the_frame_png_in_the_light_of_the_scene(taken: ms.Capture, tmp_path: Path) -> None:
+    taken.save(tmp_path)
+    np.testing.assert_array_equal(np.array(Image.open(tmp_path / "frame.png")), taken.frames.preview())
+    alone = noisy(BAYER, (6, 6))
+    assert (alone.preview(gain=2.0).mean() > alone.preview().mean()) and alone.light.illuminant is None
+
+
+def test_frames_save_what_a_capture_saves_but_the_light(taken: ms.Capture, tmp_path: Path) -> None:
+    taken.save(tmp_path / "capture")
+    taken.frames.save(tmp_path / "frames")
+    for name in ("frame.tiff", "frame.png"):
+        assert (tmp_path / "frames" / name).read_bytes() == (tmp_path / "capture" / name).read_bytes()
+    frames, whole = (json.loads((tmp_path / one / "frame.json").read_text()) for one in ("frames", "capture"))
+    same = set(frames) - {"notes", "counts"}
+    assert {"camera", "exposure", "seeds", "image", "colour", "stages"} < same
+    assert {name: frames[name] for name in same} == {name: whole[name] for name in same}
+
+
+def test_frames_are_saved_all_or_none(tmp_path: Path) -> None:
+    (tmp_path / "frame.json").mkdir()
+    with pytest.raises(InputError, match=r"frame\.json is a folder"):
+        noisy(MONO, (4, 4)).save(tmp_path)
+    assert [one.name for one in tmp_path.iterdir()] == ["frame.json"]
+
+
+def test_an_exposure_of_light_is_that_of_its_photons(taken: ms.Capture) -> None:
+    """Camera, exposure and serial number as rendered, or as told; the seed is the exposure's own."""
+    light = taken.light
+    np.testing.assert_array_equal(ms.expose(light, seed=4).digital, taken.frames.digital)
+    np.testing.assert_array_equal(next(ms.stream(light, seed=4)), taken.frames.digital[0])
+    other = ms.expose(ms.collect(light, BAYER, EXPOSURE), BAYER, EXPOSURE, serial=2)
+    np.testing.assert_array_equal(ms.expose(light, BAYER, EXPOSURE, serial=2).digital, other.digital)
+    sensor = ms.Sensor(BAYER, serial=2)
+    np.testing.assert_array_equal(sensor.expose(light, EXPOSURE).digital, other.digital)
+
+
+def test_light_that_remembers_nothing_needs_a_camera_and_is_metered(light: Any) -> None:
+    with pytest.raises(InputError, match="no camera is given and the irradiance names none"):
+        ms.expose(light)
+    frames = ms.expose(light, MONO)
+    known = replace(light, rendered_for=RenderedFor(MONO, frames.first.exposure, 1))
+    np.testing.assert_array_equal(ms.expose(known).digital, frames.digital)
+    np.testing.assert_array_equal(ms.expose(known, exposure="auto").digital, frames.digital)
+
+
+def test_light_in_place_of_photons_is_one_sentence(light: Any) -> None:
+    with pytest.raises(InputError, match=r"photons is an Irradiance; pass collect\(light, camera, exposure\)"):
+        ms.plan(MONO, EXPOSURE, light)
+    with pytest.raises(InputError, match="camera is None; pass a Camera"):
+        ms.expose(np.ones((2, 2)))
+
+
+def test_a_tiff_of_raw_frames_comes_back(tmp_path: Path) -> None:
+    frames = noisy(MONO, (5, 6), frames=2)
+    ms.write_tiff(str(tmp_path / "a.tiff"), frames.digital)
+    np.testing.assert_array_equal(tifffile.imread(tmp_path / "a.tiff"), frames.digital)
+    for wrong in (frames.minus(frames), "text", np.empty((0, 3), np.uint16), frames.digital[0, 0]):
+        with pytest.raises(InputError, match="frames"):
+            ms.write_tiff(tmp_path / "b.tiff", wrong)  # type: ignore[arg-type]
+    assert not (tmp_path / "b.tiff").exists()
