@@ -34,6 +34,7 @@ class CaptureOptions(RenderOptions, LightOptions, total=False):
             "shared: one render for all frames; per-frame: a render for each frame; compensated: the same, with the "
             "render's noise counted as part of the shot noise.",
             "shared",
+            panel="Frames and seeds",
         ),
     ]
     no_irradiance: Annotated[bool, Option("Write no irradiance.exr, which exposes the same light again.", False)]

@@ -220,15 +220,24 @@ def test_importing_the_package_changes_nothing() -> None:
     assert done.returncode == 0, done.stderr
 
 
-def test_help_imports_only_what_it_shows() -> None:
+def test_help_cameras_and_completion_import_only_what_they_show() -> None:
+    """Hence they begin within a second; the clock is not asked."""
     code = (
-        "import sys\n"
+        "import os, sys\n"
         "from mitsuba_sensor.cli import app\n"
-        "app(['--help'], standalone_mode=False)\n"
-        f"loaded = {SLOW} & set(sys.modules)\n"
-        "assert not loaded, f'{loaded} imported'\n"
+        "for command in ([], ['render'], ['expose'], ['plan'], ['lint'], ['study', 'ablation'], ['cameras', 'new']):\n"
+        "    app([*command, '--help'], standalone_mode=False)\n"
+        "app(['--version'], standalone_mode=False)\n"
         "import mitsuba_sensor\n"
         "assert not mitsuba_sensor.Camera.__pydantic_complete__, 'the check of camera files is built'\n"
+        "for command in ('list', 'schema', 'fields', 'stages'):\n"
+        "    app(['cameras', command], standalone_mode=False)\n"
+        "app(['cameras', 'show', 'bayer_2mp'], standalone_mode=False)\n"
+        "os.environ.update(_MITSUBA_SENSOR_COMPLETE='complete_bash', COMP_CWORD='2')\n"
+        "os.environ['COMP_WORDS'] = 'mitsuba-sensor render --'\n"
+        "try:\n    app([], prog_name='mitsuba-sensor')\nexcept SystemExit:\n    pass\n"
+        f"loaded = {SLOW} & set(sys.modules)\n"
+        "assert not loaded, f'{loaded} imported'\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=dict(os.environ))
     assert done.returncode == 0, done.stderr

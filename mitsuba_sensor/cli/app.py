@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import typer
 from rich.console import Console
@@ -26,8 +26,16 @@ NO_SCENE = SceneSettings()
 out, err = Console(), Console(stderr=True)
 
 
+PICTURES, THINGS, CHECKS = "From a scene to frames", "Cameras and scenes", "How good, and whether it works"
+COMMANDS = ("render", "expose", "plan", "cameras", "fpn-maps", "lint", "study", "doctor")  # as --help lists them
+
+
 class CommandGroup(TyperGroup):
     """Runs a command: what a user did wrong becomes one sentence on stderr and exit code 2."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """In the order of use."""
+        return sorted(self.commands, key=COMMANDS.index)
 
     def invoke(self, ctx: Any) -> object:
         """Run the command that was called; errors end here."""
@@ -46,12 +54,27 @@ class CommandGroup(TyperGroup):
 app = typer.Typer(
     cls=CommandGroup,
     no_args_is_help=True,
-    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},  # of all commands
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
     help="From a 3D scene to the raw frames of a camera, with the noise of every physical source.\n\n"
     "Start here: [bold]mitsuba-sensor render scenes/cornell_box.xml -o out/[/]",
 )
+
+
+def _show_version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"mitsuba-sensor {ms.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def program(
+    version: Annotated[
+        bool, typer.Option("--version", is_eager=True, callback=_show_version, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    """What is asked of the program itself."""
 
 
 class RenderInput(NamedTuple):

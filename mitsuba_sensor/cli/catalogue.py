@@ -13,18 +13,18 @@ import mitsuba_sensor as ms
 from ..core import InputError
 from ..io import files
 from ..sensor.camera_check import CameraFinding
-from . import options
-from .app import app, changes_of, show
+from . import arguments, options
+from .app import THINGS, app, changes_of, show
 from .tables import FittedTable, short
 
 cameras = typer.Typer(
     no_args_is_help=True, help="The cameras that ship with the package, their lenses, and camera files of your own."
 )
-app.add_typer(cameras, name="cameras")
+app.add_typer(cameras, name="cameras", rich_help_panel=THINGS)
 
 
 @cameras.command("list")
-def list_command(as_json: options.Json = False) -> None:
+def list_command(as_json: arguments.Json = False) -> None:
     """The cameras that ship with the package."""
     known = [ms.load_camera(name) for name in ms.list_cameras()]
     table = FittedTable(("camera", "technology", "pixels", "what it is"))
@@ -36,7 +36,7 @@ def list_command(as_json: options.Json = False) -> None:
 
 @cameras.command("new", epilog="Example: mitsuba-sensor cameras new my.toml --like bayer_2mp --set adc.bits=14")
 @options.flags(options.NewCameraFlags)
-def new_camera(file: options.NewFile, **flags: options.Flag) -> None:
+def new_camera(file: arguments.NewFile, **flags: options.Flag) -> None:
     """Write a camera file to change: every key with unit, range, meaning, and where its value comes from.
 
     It loads as the camera that it is like; `cameras check FILE` says what is wrong after a change.
@@ -53,7 +53,7 @@ def new_camera(file: options.NewFile, **flags: options.Flag) -> None:
 
 
 @cameras.command("check", epilog="Example: mitsuba-sensor cameras check my.toml")
-def check_camera(name: options.CameraName, as_json: options.Json = False) -> None:
+def check_camera(name: arguments.CameraName, as_json: arguments.Json = False) -> None:
     """All that is wrong in a camera file, with line numbers, and values that are allowed but unusual.
 
     Exit code: 0 if there are at most warnings, 2 if the file cannot be used.
@@ -66,7 +66,7 @@ def check_camera(name: options.CameraName, as_json: options.Json = False) -> Non
 
 
 @cameras.command("show", epilog="Example: mitsuba-sensor cameras show konnik_table1")
-def show_camera(name: options.CameraName, as_toml: options.Toml = False, as_json: options.Json = False) -> None:
+def show_camera(name: arguments.CameraName, as_toml: arguments.Toml = False, as_json: arguments.Json = False) -> None:
     """Every number of one camera, with its unit (the end of the field's name) and where it comes from."""
     camera = ms.load_camera(name)
     if as_toml:
@@ -106,7 +106,7 @@ def stages() -> None:
 
 
 @cameras.command()
-def lenses(as_json: options.Json = False) -> None:
+def lenses(as_json: arguments.Json = False) -> None:
     """The lens prescriptions that ship with the package, for --set lens.prescription=NAME."""
     from ..optics.paraxial import cardinal_points
     from ..sensor.lens_file import list_lenses

@@ -19,16 +19,21 @@ from ..render.options import RawLightOptions, RenderOptions, SceneOptions
 from ..sensor.gains import gain_dn_per_e
 from ..sensor.metering import Metering
 from ..stopping import undone_if_stopped
-from . import options, terminal
-from .app import app, camera_and_exposure, err, other_flags, render_input, settings_of, show
+from . import arguments, options, terminal
+from .app import CHECKS, PICTURES, THINGS, app, camera_and_exposure, err, other_flags, render_input, settings_of, show
 from .tables import FittedTable
 
 LEVELS = {"black": "bold red", "wrong": "bold yellow", "note": "dim"}  # of a finding of lint → its style
 
 
-@app.command(epilog="Example: mitsuba-sensor render scenes/cornell_box.xml -o out/ --exposure-s 0.01 --set adc.bits=14")
+@app.command(
+    rich_help_panel=PICTURES,
+    epilog="Example: mitsuba-sensor render scenes/cornell_box.xml -o out/ --exposure-s 0.01 --set adc.bits=14",
+)
 @options.flags(options.CameraFlags, CaptureOptions)
-def render(scene: options.Scene, out_dir: options.Out, as_json: options.Json = False, **flags: options.Flag) -> None:
+def render(
+    scene: arguments.Scene, out_dir: arguments.Out, as_json: arguments.Json = False, **flags: options.Flag
+) -> None:
     """Render SCENE and expose a camera to it.
 
     Writes frame.tiff, frame.png, irradiance.exr and frame.json into DIR (and the files of --aovs and --clean if asked
@@ -42,10 +47,13 @@ def render(scene: options.Scene, out_dir: options.Out, as_json: options.Json = F
     show(found.metadata if as_json else terminal.summary(found.metadata, str(out_dir)), as_json)
 
 
-@app.command(epilog="Example: mitsuba-sensor expose out/irradiance.exr -o dark/ --exposure-s 0.001 --frames 8")
+@app.command(
+    rich_help_panel=PICTURES,
+    epilog="Example: mitsuba-sensor expose out/irradiance.exr -o dark/ --exposure-s 0.001 --frames 8",
+)
 @options.flags(options.CameraFlags, LightOptions, RawLightOptions)
 def expose(
-    irradiance: options.IrradianceFile, out_dir: options.Out, as_json: options.Json = False, **flags: options.Flag
+    irradiance: arguments.IrradianceFile, out_dir: arguments.Out, as_json: arguments.Json = False, **flags: options.Flag
 ) -> None:
     """Expose a camera to irradiance that is already rendered: another time, camera or seed at no cost.
 
@@ -60,12 +68,15 @@ def expose(
     show(found.metadata if as_json else terminal.summary(found.metadata, str(out_dir)), as_json)
 
 
-@app.command(epilog="Example: mitsuba-sensor plan out/irradiance.exr --exposure-s 0.001 --tolerance-dn 0.02")
+@app.command(
+    rich_help_panel=PICTURES,
+    epilog="Example: mitsuba-sensor plan out/irradiance.exr --exposure-s 0.001 --tolerance-dn 0.02",
+)
 @options.flags(options.CameraFlags, RenderOptions)
 def plan(
-    source: options.SceneOrIrradiance,
-    tolerance_dn: options.ToleranceDn = 0.0,
-    as_json: options.Json = False,
+    source: arguments.SceneOrIrradiance,
+    tolerance_dn: arguments.ToleranceDn = 0.0,
+    as_json: arguments.Json = False,
     **flags: options.Flag,
 ) -> None:
     """Say which stages this light and exposure need, how far each moves the numbers, and the time that is saved.
@@ -106,9 +117,13 @@ def _refuse_lens(flags: options.Flags) -> None:
             )
 
 
-@app.command("fpn-maps", epilog="Example: mitsuba-sensor fpn-maps -o camera7.npz --serial 7; then render … --fpn-maps")
+@app.command(
+    "fpn-maps",
+    rich_help_panel=THINGS,
+    epilog="Example: mitsuba-sensor fpn-maps -o camera7.npz --serial 7; then render … --fpn-maps",
+)
 @options.flags(options.CameraFlags, options.MapFlags, without=("exposure_s", "meter", "temperature_k"))
-def fpn_maps(out_file: options.MapFile, as_json: options.Json = False, **flags: options.Flag) -> None:
+def fpn_maps(out_file: arguments.MapFile, as_json: arguments.Json = False, **flags: options.Flag) -> None:
     """Write the fixed-pattern noise (FPN) maps of one camera into a NumPy .npz.
 
     To look at, to change, or to replace by measured ones: `render … --fpn-maps FILE.npz` takes such a file.
@@ -122,8 +137,8 @@ def fpn_maps(out_file: options.MapFile, as_json: options.Json = False, **flags: 
     show(spread if as_json else terminal.map_list(spread, str(out_file)), as_json)
 
 
-@app.command()
-def doctor(as_json: options.Json = False) -> None:
+@app.command(rich_help_panel=CHECKS)
+def doctor(as_json: arguments.Json = False) -> None:
     """Find out what works on this machine, and the command that mends what does not. Exit code 0 if a render works."""
     from ..render.doctor import examine
 
@@ -135,11 +150,11 @@ def doctor(as_json: options.Json = False) -> None:
         raise typer.Exit(1)
 
 
-@app.command(epilog="Example: mitsuba-sensor lint scenes/cornell_box.xml --camera rgbir_2mp")
+@app.command(rich_help_panel=THINGS, epilog="Example: mitsuba-sensor lint scenes/cornell_box.xml --camera rgbir_2mp")
 @options.flags(
     options.CameraFlags, SceneOptions, without=("exposure_s", "meter", "temperature_k", "settings", "width", "motion")
 )
-def lint(scene: options.Scene, as_json: options.Json = False, **flags: options.Flag) -> None:
+def lint(scene: arguments.Scene, as_json: arguments.Json = False, **flags: options.Flag) -> None:
     """Say what in SCENE is black, wrong or worth knowing for this camera. Nothing is rendered.
 
     Exit code: 0 if there is nothing but notes, 1 if something is black or wrong, 2 if the scene cannot be loaded.

@@ -3,44 +3,29 @@
 # Without `from __future__ import annotations`: core/options.py reads these declarations at run time.
 import inspect
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias, TypedDict, TypeVar
 
 import typer
 
+from ..capture_options import CaptureOptions
 from ..core import InputError, require_seed
 from ..core.options import Declared, Option, declared
 from ..io import files
 from ..render.options import FileOptions, RenderOptions, SceneOptions
 from ..render.passes import MOST_IN_ALL
+from ..render.variants import VARIANTS
 from ..sensor.metering import PERCENTILE, SHARE
 from ..sensor.options import FrameOptions, SensorOptions
+from .arguments import OUTPUT
+from .completion import camera_fields, camera_names, one_of, shell_files
 
 Command = TypeVar("Command", bound=Callable[..., None])
 Flag: TypeAlias = Any  # the value of one flag; its type is that of the option
 Flags = Mapping[str, Flag]
 
 DEFAULT_CAMERA, DEFAULT_TEMPERATURE_K = "konnik_table1", 298.15
-
-Scene = Annotated[
-    Path, typer.Argument(metavar="SCENE", help="A Mitsuba 3 scene file (.xml); its film becomes the sensor's.")
-]
-IrradianceFile = Annotated[
-    Path, typer.Argument(metavar="IRRADIANCE.exr", help="Irradiance on the sensor, as `render` wrote it.")
-]
-SceneOrIrradiance = Annotated[
-    Path, typer.Argument(metavar="SCENE_OR_EXR", help="A scene file, which is rendered first, or an irradiance.exr.")
-]
-Out = Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Folder for the results; made if need be.")]
-NewFile = Annotated[Path, typer.Argument(metavar="FILE.toml", help="The camera file to write.")]
-CameraName = Annotated[str, typer.Argument(metavar="NAME", help="A name from `cameras list`, or the path of a .toml.")]
-MapFile = Annotated[Path, typer.Option("-o", "--out", metavar="FILE.npz", help="The file to write.")]
-ToleranceDn = Annotated[
-    float, typer.Option("--tolerance-dn", help="Leave out stages that together move no number by more, in DN.")
-]
-Toml = Annotated[bool, typer.Option("--toml", help="A camera file with every key explained, to copy and change.")]
-Json = Annotated[bool, typer.Option("--json", help="Only JSON on stdout, for programs.")]
-
 
 Settings: TypeAlias = Annotated[
     dict[str, str] | None,
@@ -101,17 +86,6 @@ class NewCameraFlags(TypedDict, total=False):
     force: Annotated[bool, Option("Write over an existing file.", False, flag="--force")]
 
 
-PANELS: dict[type, str] = {  # titles in --help, above the options that are declared there first
-    CameraFlags: "Camera and exposure",
-    FileOptions: "Scene",
-    SceneOptions: "Scene",
-    RenderOptions: "Render: samples, bands, noise",
-    SensorOptions: "Sensor",
-    FrameOptions: "Frames and seeds",
-}
-OTHERS = "Picture"
-
-
 class MapFlags(TypedDict, total=False):
     """Which FPN maps are written."""
 
@@ -144,7 +118,12 @@ class WorkPrecisionFlags(TypedDict, total=False):
     ]
     sides: Annotated[
         list[str] | None,
-        Option("render or sensor: only this half. Repeatable. Default: both.", flag="--side", text=list[str]),
+        Option(
+            "render or sensor: only this half. Repeatable. Default: both.",
+            flag="--side",
+            metavar="render|sensor",
+            text=list[str],
+        ),
     ]
     variants: Annotated[
         list[str] | None,
@@ -160,6 +139,22 @@ class AblationFlags(TypedDict, total=False):
     spp: Annotated[int, Option("Samples per pixel of every render.", 32, low=1, high=MOST_IN_ALL, example="32")]
     seed: Annotated[int | None, Option("Of the first frame. Default: the scene file's, else 1.", check=require_seed)]
     serial: Annotated[int | None, Option("Of the first camera. Default: the scene file's, else 1.", check=require_seed)]
+
+
+PANELS: dict[type, str] = {  # titles in --help, above the options that are declared there first
+    CameraFlags: "Camera and exposure",
+    NewCameraFlags: "Camera and exposure",
+    FileOptions: "Scene",
+    SceneOptions: "Scene",
+    RenderOptions: "Render: samples, bands, noise",
+    SensorOptions: "Sensor",
+    FrameOptions: "Frames and seeds",
+    CaptureOptions: OUTPUT,
+    StudyFlags: OUTPUT,
+    MapFlags: "Sensor",
+    WorkPrecisionFlags: "Study",
+    AblationFlags: "Study",
+}
 
 
 def flags(*kinds: type, without: tuple[str, ...] = ()) -> Callable[[Command], Command]:
@@ -213,8 +208,10 @@ def _type(one: Declared) -> Flag:
     text: Flag = one.option.text or (str if one.choices else kinds[0])
     text = text | None if one.option.default is None else text
     metavar = one.option.metavar or ("|".join(map(str, one.choices)) or None)
-    panel = next((title for kind, title in PANELS.items() if one.name in kind.__annotations__), OTHERS)
-    return Annotated[text, typer.Option(*flag.split(), metavar=metavar, help=one.option.help, rich_help_panel=panel)]
+    panel = one.option.panel or next(title for kind, title in PANELS.items() if one.name in kind.__annotations__)
+    proposals = PROPOSALS.get(one.name) or (shell_files if text in (Path, Path | None) else one_of(one.choices))
+    flag_of = partial(typer.Option, *flag.split(), metavar=metavar, help=one.option.help)
+    return Annotated[text, flag_of(rich_help_panel=panel, autocompletion=proposals)]
 
 
 READERS: dict[str, Callable[[Flag], Flag]] = {  # how the text of an option becomes its value, where typer does not know
@@ -222,4 +219,13 @@ READERS: dict[str, Callable[[Flag], Flag]] = {  # how the text of an option beco
     "settings": lambda texts: pairs("--set", texts),
     "exposure_s": lambda text: text if text == "auto" else _seconds(text),
     "maps": files.read_fpn_maps,
+}
+PROPOSALS: dict[str, Callable[[str], list[str]]] = {  # for the value of an option, where its type does not say
+    "camera": camera_names,
+    "like": camera_names,
+    "settings": camera_fields,
+    "exposure_s": one_of(["auto"]),
+    "variant": one_of(VARIANTS),
+    "variants": one_of(VARIANTS),
+    "sides": one_of(["render", "sensor"]),
 }

@@ -20,8 +20,8 @@ from ..sensor.metering import Metering
 from ..stopping import remark_if_stopped
 from ..study.kit import Kit, Subject
 from ..study.page import Study, Table, html, png
-from . import options
-from .app import RenderInput, app, err, out, render_input, show
+from . import arguments, options
+from .app import CHECKS, RenderInput, app, err, out, render_input, show
 from .options import AblationFlags, Flag, Flags, StudyFlags, WorkPrecisionFlags
 from .study_sheet import study_sheet
 from .terminal import seconds_bar
@@ -34,14 +34,14 @@ study = typer.Typer(
     "Each writes study.html (a page that needs nothing else), study.json and a PNG of its first plot. One that was "
     "stopped goes on where it was when the same command is given again. Exit code 1: something that must hold fails.",
 )
-app.add_typer(study, name="study")
+app.add_typer(study, name="study", rich_help_panel=CHECKS)
 
 
 @study.command(
     "work-precision", epilog="Example: mitsuba-sensor study work-precision scenes/step_wedge.xml --side sensor"
 )
 @options.flags(options.CameraFlags, SceneOptions, WorkPrecisionFlags, StudyFlags, without=("motion", "variant"))
-def work_precision(scene: options.Scene, **flags: Flag) -> None:
+def work_precision(scene: arguments.Scene, **flags: Flag) -> None:
     """Error against run time of SCENE, of the render and of the sensor, and the setting to take.
 
     Samplers, sizes of passes, variants, bands, and what is done about the render's noise, against a reference of known
@@ -59,7 +59,7 @@ def work_precision(scene: options.Scene, **flags: Flag) -> None:
 
 @study.command("ablation", epilog="Example: mitsuba-sensor study ablation scenes/still_life.xml --exposure-s 0.001")
 @options.flags(options.CameraFlags, SceneOptions, AblationFlags, StudyFlags, without=("motion",))
-def ablation(scene: options.Scene, **flags: Flag) -> None:
+def ablation(scene: arguments.Scene, **flags: Flag) -> None:
     """What each stage of the sensor and each feature of the render does to SCENE, and what leaving it out would save.
 
     Every change is predicted from theory and measured on frames; the two must agree within three standard errors.

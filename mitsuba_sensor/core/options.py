@@ -39,6 +39,7 @@ class Option:
     check: Callable[[str, Any], object] | None = None  # of name and value, instead of type and range; the value to use
     flag: str | None = ""  # on the command line, where it is not --name; None where it has none
     metavar: str | None = None  # what stands for its value in --help
+    panel: str | None = None  # title above it in --help, where it is not that of all options declared with it
     text: Any = None  # its type on the command line, where it is read from a text there: Path for a file's name
 
 

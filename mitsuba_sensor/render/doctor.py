@@ -16,8 +16,8 @@ from typing import Any, TypeAlias
 from ..core.llvm import find_llvm
 from ..io.metadata import versions
 from ..stopping import undone_if_stopped
+from .variants import VARIANTS
 
-VARIANTS = ("cuda_ad_spectral", "llvm_ad_spectral", "scalar_spectral")  # the fastest first
 SLOW = "scalar_spectral"
 RENDERER = "mitsuba>=3.9.1,<3.10"  # as in pyproject.toml
 LIMIT_S = 300

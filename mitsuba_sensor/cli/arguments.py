@@ -1,0 +1,77 @@
+"""Arguments and flags that only the command line has: files, folders, how results are shown."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .completion import camera_names, shell_files
+
+OUTPUT = "Output"
+
+Scene = Annotated[
+    Path,
+    typer.Argument(
+        metavar="SCENE",
+        help="A Mitsuba 3 scene file (.xml); its film becomes the sensor's.",
+        autocompletion=shell_files,
+    ),
+]
+IrradianceFile = Annotated[
+    Path,
+    typer.Argument(
+        metavar="IRRADIANCE.exr", help="Irradiance on the sensor, as `render` wrote it.", autocompletion=shell_files
+    ),
+]
+SceneOrIrradiance = Annotated[
+    Path,
+    typer.Argument(
+        metavar="SCENE_OR_EXR",
+        help="A scene file, which is rendered first, or an irradiance.exr.",
+        autocompletion=shell_files,
+    ),
+]
+Out = Annotated[
+    Path,
+    typer.Option(
+        "-o",
+        "--out",
+        metavar="DIR",
+        help="Folder for the results; made if need be.",
+        rich_help_panel=OUTPUT,
+        autocompletion=shell_files,
+    ),
+]
+NewFile = Annotated[
+    Path, typer.Argument(metavar="FILE.toml", help="The camera file to write.", autocompletion=shell_files)
+]
+CameraName = Annotated[
+    str,
+    typer.Argument(
+        metavar="NAME", help="A name from `cameras list`, or the path of a .toml.", autocompletion=camera_names
+    ),
+]
+MapFile = Annotated[
+    Path,
+    typer.Option(
+        "-o",
+        "--out",
+        metavar="FILE.npz",
+        help="The file to write.",
+        rich_help_panel=OUTPUT,
+        autocompletion=shell_files,
+    ),
+]
+ToleranceDn = Annotated[
+    float,
+    typer.Option(
+        "--tolerance-dn",
+        help="Leave out stages that together move no number by more, in DN.",
+        rich_help_panel="Sensor",
+    ),
+]
+Toml = Annotated[
+    bool,
+    typer.Option("--toml", help="A camera file with every key explained, to copy and change.", rich_help_panel=OUTPUT),
+]
+Json = Annotated[bool, typer.Option("--json", help="Only JSON on stdout, for programs.", rich_help_panel=OUTPUT)]

@@ -1,0 +1,32 @@
+"""What a shell proposes for the value of an option; where nothing is proposed, it proposes its own files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+from ..sensor.camera import Camera, list_cameras
+
+Proposals = Callable[[str], list[str]]
+
+
+def one_of(values: Iterable[object]) -> Proposals:
+    """Those of the values that begin with what is typed already."""
+    known = [str(value) for value in values]
+    return lambda incomplete: [value for value in known if value.startswith(incomplete)]
+
+
+def camera_names(incomplete: str) -> list[str]:
+    """Cameras that ship with the package."""
+    return one_of(list_cameras())(incomplete)
+
+
+def camera_fields(incomplete: str) -> list[str]:
+    """Fields of a camera, with the = that their value follows."""
+    sections = {name: one.annotation for name, one in Camera.model_fields.items()}
+    names = [f"{name}.{field}=" for name, kind in sections.items() for field in getattr(kind, "model_fields", ())]
+    return one_of(names)(incomplete)
+
+
+def shell_files(incomplete: str) -> list[str]:
+    """Nothing, so that the shell completes the names of files."""
+    return []
