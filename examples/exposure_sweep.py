@@ -2,7 +2,7 @@
 
     python examples/exposure_sweep.py [FOLDER]
 
-With FOLDER it also writes a raw TIFF of each exposure into this folder.
+With FOLDER it also writes a raw TIFF of each exposure into this folder, and exposures.png with all of them.
 """
 
 from __future__ import annotations
@@ -10,13 +10,17 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+import numpy as np
+
 import mitsuba_sensor as ms
-from mitsuba_sensor.io.files import write_tiff
+from mitsuba_sensor.io.files import write_png, write_tiff
+from mitsuba_sensor.io.preview import preview
 
 SCENE = Path(__file__).resolve().parent.parent / "scenes" / "cornell_box.xml"
 
 camera = ms.load_camera("konnik_table1")
-irradiance = ms.render(SCENE, camera, ms.Exposure(0.1), spp=64, parameters={"width": 64, "height": 64})
+irradiance = ms.render(SCENE, camera, ms.Exposure(0.1), spp=64, width=128)
+previews = []
 
 print("exposure s   mean DN   σ DN (theory, noise only)   saturated pixels")
 for time_s in (0.001, 0.01, 0.1, 1.0):
@@ -24,6 +28,9 @@ for time_s in (0.001, 0.01, 0.1, 1.0):
     frames = ms.expose(ms.collect(irradiance, camera, exposure), camera, exposure)
     last, counts = frames.report["stages"][-1], frames.report["counts"]
     print(f"{time_s:10g} {last['mean_frame']:9.1f} {last['sigma_expected']:11.2f} {counts['clipped_full_well']:29d}")
+    previews.append(preview(frames.digital[0], camera))
     if len(sys.argv) > 1:
         Path(sys.argv[1]).mkdir(parents=True, exist_ok=True)
         write_tiff(Path(sys.argv[1]) / f"exposure_{time_s:g}s.tiff", frames.digital)
+if len(sys.argv) > 1:
+    write_png(Path(sys.argv[1]) / "exposures.png", np.hstack(previews))

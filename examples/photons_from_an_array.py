@@ -1,11 +1,13 @@
 """Expose a NumPy ramp of mean photons, without a renderer, and print the photon transfer curve of the camera.
 
-    python examples/photons_from_an_array.py
+    python examples/photons_from_an_array.py [PICTURE]
 
 The temporal variance grows linearly with the mean. The slope is the overall system gain K. At saturation both end.
 """
 
 from __future__ import annotations
+
+import sys
 
 import numpy as np
 
@@ -25,3 +27,16 @@ print("mean DN   variance DN²")
 for column in range(0, 512, 64):
     columns = slice(column, column + 64)
     print(f"{mean[:, columns].mean():7.1f}   {variance[:, columns].mean():7.2f}")
+
+if len(sys.argv) > 1:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6.4, 4.0), layout="constrained")
+    axes = figure.subplots()
+    axes.plot(mean.mean(axis=0), variance.mean(axis=0), ".", ms=4, label="512 columns of 32 frames")
+    black_dn, gain = camera.adc.black_level_dn or mean[:, 0].mean(), frames.report["K_dn_per_e"]
+    line = np.array([black_dn, 3500.0])
+    axes.plot(line, gain * (line - black_dn) + variance[:, 0].mean(), label="slope K, by theory")
+    axes.set(xlabel="mean [DN]", ylabel="temporal variance [DN²]")
+    axes.legend(frameon=False)
+    figure.savefig(sys.argv[1], dpi=110)

@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 from helpers import ROOT
+from helpers.pages import fenced, lines
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.sensor.camera import Camera
@@ -19,11 +20,7 @@ from mitsuba_sensor.sensor.gains import gain_dn_per_e
 
 PAGE = (ROOT / "docs" / "camera-file.md").read_text(encoding="utf-8")
 EXAMPLE = ROOT / "examples" / "cmv4000.toml"
-COMMANDS = [
-    command
-    for block in re.findall(r"^```sh\n(.*?)^```", PAGE, re.S | re.M)
-    for command in block.replace("\\\n", " ").splitlines()
-]
+COMMANDS = lines(fenced(PAGE, "sh"))
 SMALL = "--width", "16", "--spp", "16", "--wavelength-nm", "550", "--no-denoise"
 MISTAKES = re.findall(r"^\| `([\w.]+) = (\S+)` \| (error|warning): (.+) \|$", PAGE, re.M)
 
@@ -90,5 +87,5 @@ def test_the_commands_of_the_page_run_in_their_order(folder: Path, cli: Callable
 
 def test_the_python_of_the_page_runs(folder: Path) -> None:
     names: dict[str, Any] = {}
-    exec("\n".join(re.findall(r"^```python\n(.*?)^```", PAGE, re.S | re.M)), names)
+    exec(fenced(PAGE, "python"), names)
     assert ms.load_camera("cold.toml") == names["camera"]

@@ -14,19 +14,14 @@ import numpy as np
 import pytest
 import tifffile
 from helpers import ROOT
+from helpers.pages import fenced, lines
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 FIRST = "mitsuba-sensor render scenes/cornell_box.xml -o out/"
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 
 
-def fenced(language: str) -> str:
-    """All fenced blocks of the README in one language, lines that go on joined."""
-    blocks = re.findall(rf"^```{language}\n(.*?)^```", README, flags=re.DOTALL | re.MULTILINE)
-    return "\n".join(blocks).replace("\\\n", " ")
-
-
-SHELL = fenced("sh").splitlines()
+SHELL = lines(fenced(README, "sh"))
 COMMANDS = [FIRST] + [line for line in SHELL if line.startswith("mitsuba-sensor")]
 
 
@@ -91,9 +86,19 @@ def test_there_are_commands_to_run() -> None:
     assert len(COMMANDS) >= 5
 
 
+def test_the_readme_is_read_in_a_few_minutes() -> None:
+    assert len(README.splitlines()) <= 150
+
+
+def test_the_readme_says_what_the_commands_cost() -> None:
+    """Size of the download and of what it becomes, seconds and minutes, number of processors."""
+    for said in (r"\d+ MB of packages", r"\d+ MB on disk", r"\d+ s with LLVM", r"\d+ minutes on two cores"):
+        assert re.search(said, README), said
+
+
 def test_the_python_of_the_readme_runs(checkout: Checkout) -> None:
     """One program from the first block to the last: later ones go on with the names of the earlier."""
-    assert "kept" in checkout.run(shlex.join([sys.executable, "-c", fenced("python")]))
+    assert "kept" in checkout.run(shlex.join([sys.executable, "-c", fenced(README, "python")]))
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=[path.stem for path in EXAMPLES])

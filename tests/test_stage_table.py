@@ -1,4 +1,4 @@
-"""The README's table of stages is the one that the chain makes of its effects, and names every field of the sensor."""
+"""The table of stages in docs is the one that the chain makes of its effects, and names every field of the sensor."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from mitsuba_sensor.sensor.chain import ORDER, stage_table
 from mitsuba_sensor.sensor.datasheet_errors import fields_of
 
 
-def test_the_readme_has_the_table_that_is_made_of_the_effects() -> None:
+def test_the_page_of_the_stages_has_the_table_that_is_made_of_the_effects() -> None:
     """`mitsuba-sensor cameras stages` prints it."""
-    assert stage_table() in (ROOT / "README.md").read_text("utf-8"), stage_table()
+    assert stage_table() in (ROOT / "docs" / "stages.md").read_text("utf-8"), stage_table()
 
 
 def test_every_field_of_the_sensor_belongs_to_an_effect_but_the_description_of_the_chip() -> None:

@@ -99,7 +99,7 @@ def schema() -> None:
 
 @cameras.command()
 def stages() -> None:
-    """The stages of the sensor in their order, as the Markdown table of the README."""
+    """The stages of the sensor in their order, as the Markdown table of docs."""
     from ..sensor.chain import stage_table
 
     show(stage_table(), False)

@@ -17,30 +17,24 @@ from ..sensor.camera import Camera, list_cameras, load_camera, toml_value
 from ..sensor.metering import Metering
 from .bands import SPECTRAL
 from .options import FileOptions
+from .plugin_parameters import (
+    EXPOSURE_PARAMETERS,
+    FILM_PARAMETERS,
+    LENS_PARAMETERS,
+    PASSED_ON_PARAMETERS,
+    SENSOR_PARAMETERS,
+    SIZE_PARAMETERS,
+)
 from .scene_file import SceneFile, as_input_error, parse_scene, searching
 from .variants import MitsubaObject, Variant, choose_variant, mitsuba, use
 
 FILM, SENSOR = "photosensor", "camera"  # plugin names of the two elements
-SIZE = ("width", "height", "crop_width", "crop_height", "crop_offset_x", "crop_offset_y")
 FILES = ("camera", "lens.prescription", "quantum_efficiency.file")  # these may be a path
-EXPOSURE_FIELDS = (
-    "exposure_s",
-    "meter",
-    "temperature_k",
-    "seed",
-    "serial",
-    "wavelength_nm",
-    "bandwidth_nm",
-    "spectral",
+SIZE, EXPOSURE_FIELDS, FILM_FIELDS, SENSOR_FIELDS, PASSED_ON = (
+    tuple(one.name for one in those)
+    for those in (SIZE_PARAMETERS, EXPOSURE_PARAMETERS, FILM_PARAMETERS, SENSOR_PARAMETERS, PASSED_ON_PARAMETERS)
 )
-FILM_FIELDS = ("camera", *EXPOSURE_FIELDS, *SIZE)
-LENS_FIELDS = {
-    "f_number": "lens.f_number",
-    "pupil_convention": "lens.convention",
-    "pupil_magnification": "lens.pupil_magnification",
-}
-SENSOR_FIELDS = (*LENS_FIELDS, "transmission", "focal_length_mm", "focus_distance_m", "scene_unit")
-PASSED_ON = ("to_world", "near_clip", "far_clip", "principal_point_offset_x", "principal_point_offset_y")  # unchanged
+LENS_FIELDS = {one.name: field for field, one in LENS_PARAMETERS.items()}
 METRES = {"km": 1e3, "m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
 Fields = dict[str, Any]  # parameter name → value, of one element
 

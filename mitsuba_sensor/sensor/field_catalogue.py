@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import types
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple, Union, get_args, get_origin
 
 from pydantic import BaseModel
@@ -76,14 +76,19 @@ def markdown(model: type[BaseModel]) -> str:
     """The tables as Markdown."""
     parts = []
     for one in tables(model):
-        lines = [f"### `{one.header}`", "", one.meaning, ""] if one.path else ["### Top of the file", ""]
-        lines += ["| key | unit | allowed | usual | default | what it does |", "|---|---|---|---|---|---|"]
-        for x in one.entries:
-            default = x.default if x.default in ("required", "") else f"`{x.default}`"
-            cells = (f"`{x.name}`", x.unit, x.allowed, x.usual, default, x.meaning)
-            lines.append("| " + " | ".join(cell.replace("|", "\\|") or "–" for cell in cells) + " |")
-        parts.append("\n".join(lines))
+        head = f"### `{one.header}`\n\n{one.meaning}" if one.path else "### Top of the file"
+        parts.append(f"{head}\n\n{markdown_rows(one.entries)}")
     return "\n\n".join(parts)
+
+
+def markdown_rows(entries: Iterable[Entry]) -> str:
+    """Keys as one table of Markdown."""
+    lines = ["| key | unit | allowed | usual | default | what it does |", "|---|---|---|---|---|---|"]
+    for x in entries:
+        default = x.default if x.default in ("required", "") else f"`{x.default}`"
+        cells = (f"`{x.name}`", x.unit, x.allowed, x.usual, default, x.meaning)
+        lines.append("| " + " | ".join(cell.replace("|", "\\|") or "–" for cell in cells) + " |")
+    return "\n".join(lines)
 
 
 def _inner(annotation: Any) -> tuple[type[BaseModel], bool] | None:

@@ -1,0 +1,45 @@
+"""Configuration of Sphinx: the Markdown pages of this folder as a site, with the parts that are made of the package.
+
+pip install '.[docs]' && sphinx-build -W --keep-going docs site
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from generated import pages_of, with_bullets, with_generated_parts
+
+import mitsuba_sensor
+
+project, author = "mitsuba_sensor", "mitsuba_sensor developers"
+version = release = mitsuba_sensor.__version__
+extensions = ["myst_parser", "sphinx.ext.autodoc"]
+exclude_patterns = ["studies/work", "_build"]
+html_theme, html_title = "furo", f"mitsuba_sensor {version}"
+html_show_copyright = html_copy_source = False
+smartquotes = False  # --options keep both of their dashes
+myst_heading_anchors = 4  # links to headings, as on GitHub
+autodoc_typehints = "description"
+autodoc_typehints_description_target = "documented"
+autodoc_member_order = "bysource"
+
+
+def setup(app: Any) -> None:
+    """Fill in what is generated, and list the pages beside the text of the index in its order."""
+    app.connect("source-read", _complete)
+    app.connect("autodoc-process-docstring", _as_bullets)
+
+
+def _complete(_app: Any, page: str, source: list[str]) -> None:
+    source[0] = with_generated_parts(source[0])
+    if page == "index":
+        for title, pages in pages_of(source[0]).items():
+            source[0] += f"\n```{{toctree}}\n:hidden:\n:caption: {title}\n\n" + "\n".join(pages) + "\n```\n"
+
+
+def _as_bullets(_app: Any, _what: str, _name: str, _of: Any, _options: Any, lines: list[str]) -> None:
+    lines[:] = with_bullets(lines)

@@ -1,0 +1,90 @@
+"""The parameters of <film type="photosensor"> and <sensor type="camera">: name, XML, unit, default, meaning."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class PluginParameter(NamedTuple):
+    """One parameter.  element : of the XML file.  example : a good value.  unit : empty for what has none."""
+
+    name: str
+    element: str
+    example: str
+    unit: str
+    default: str
+    meaning: str
+
+    @property
+    def xml(self) -> str:
+        """``<float name="f_number" value="2.8"/>``; a transform holds the element that its example is."""
+        if self.element == "transform":
+            return f'<transform name="{self.name}">{self.example}</transform>'
+        return f'<{self.element} name="{self.name}" value="{self.example}"/>'
+
+
+P = PluginParameter
+OF_CAMERA, OF_SENSOR, MITSUBA = "the camera's", "the whole sensor", "Mitsuba's"
+
+EXPOSURE_PARAMETERS = (
+    P("exposure_s", "float", "0.1", "s", "metered", "exposure time; the string `auto` is metered too"),
+    P(
+        "meter",
+        "string",
+        "50:0.3",
+        "",
+        "`95:0.7`",
+        "percentile of the lit pixels and share of saturation that it reaches; in place of an exposure time",
+    ),
+    P("temperature_k", "float", "298.15", "K", "`298.15`", "temperature of the sensor"),
+    P("seed", "integer", "1", "", "`1`", "seed of the render and of all temporal noise"),
+    P("serial", "integer", "7", "", "`1`", "serial number of the camera: seed of its fixed-pattern noise"),
+    P("wavelength_nm", "float", "550", "nm", "all that the camera detects", "render one band only, about this one"),
+    P("bandwidth_nm", "float", "20", "nm", "`10`", "width of a spectral band"),
+    P("spectral", "string", "cube", "", "`auto`", "`auto`, `cube` or `channels`: what the bands are good for"),
+)
+
+SIZE_PARAMETERS = (
+    P("width", "integer", "16", "pixels", OF_SENSOR, "columns of the picture"),
+    P("height", "integer", "12", "pixels", OF_SENSOR, "rows of the picture"),
+    P("crop_width", "integer", "8", "pixels", "the width", "columns of a window of the picture"),
+    P("crop_height", "integer", "6", "pixels", "the height", "rows of that window"),
+    P("crop_offset_x", "integer", "2", "pixels", "`0`", "first column of that window"),
+    P("crop_offset_y", "integer", "4", "pixels", "`0`", "first row of that window"),
+)
+
+FILM_PARAMETERS = (
+    P("camera", "string", "bayer_2mp", "", "required", "name of a camera, or a .toml beside the scene file"),
+    *EXPOSURE_PARAMETERS,
+    *SIZE_PARAMETERS,
+)
+"""Beside these, every key of a camera file by its dotted name."""
+
+LENS_PARAMETERS = {
+    "lens.f_number": P("f_number", "float", "2.8", "", OF_CAMERA, "focal length over diameter of the entrance pupil"),
+    "lens.convention": P(
+        "pupil_convention", "string", "working", "", OF_CAMERA, "`working`, or `planar` as in EMVA 1288"
+    ),
+    "lens.pupil_magnification": P(
+        "pupil_magnification", "float", "1.1", "", OF_CAMERA, "diameter of the exit pupil over that of the entrance"
+    ),
+}
+"""Field of a camera file → the parameter that sets it."""
+
+PASSED_ON_PARAMETERS = (
+    P("to_world", "transform", '<lookat origin="0, 0, 4" target="0, 0, 0" up="0, 1, 0"/>', "", "at the origin, "
+      "looking along +z", "place and direction of the camera"),
+    P("near_clip", "float", "0.01", "scene units", MITSUBA, "nothing nearer than this is in the picture"),
+    P("far_clip", "float", "1000", "scene units", MITSUBA, "nothing farther than this is in the picture"),
+    P("principal_point_offset_x", "float", "0.1", "picture widths", "`0`", "shift of the lens along the rows"),
+    P("principal_point_offset_y", "float", "0.1", "picture heights", "`0`", "shift of the lens along the columns"),
+)  # fmt: skip
+"""What the perspective sensor of Mitsuba has too, unchanged."""
+
+SENSOR_PARAMETERS = (
+    P("focal_length_mm", "float", "25", "mm", "required", "focal length; with the pixel pitch, the field of view"),
+    P("focus_distance_m", "float", "2", "m", "everything is sharp", "distance of objects in focus"),
+    *LENS_PARAMETERS.values(),
+    P("transmission", "spectrum", "400:0.9, 700:0.95", "", OF_CAMERA, "T(λ) of the lens; or one number as a float"),
+    P("scene_unit", "string", "cm", "", "`m`", "what a length of 1 in the scene is: m, mm, …, or metres"),
+)

@@ -1,0 +1,216 @@
+"""The pages of docs: each is in the index, its code runs, and what is generated for the site is in the package."""
+
+from __future__ import annotations
+
+import importlib.util
+import inspect
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+import typer.main
+from helpers import ROOT
+from helpers.pages import blocks, fenced, lines
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.cli import app
+from mitsuba_sensor.core.llvm import backend_problem
+from mitsuba_sensor.render.plugin_parameters import FILM_PARAMETERS, PASSED_ON_PARAMETERS, SENSOR_PARAMETERS
+from mitsuba_sensor.render.scene_settings import parse
+from mitsuba_sensor.sensor.chain import ORDER
+
+DOCS = ROOT / "docs"
+PAGES = {path.stem: path.read_text("utf-8") for path in sorted(DOCS.glob("*.md"))}
+WITH_CODE = [name for name, text in PAGES.items() if blocks(text) and name != "camera-file"]
+"""camera-file.md has tests of its own."""
+
+SMALL = {
+    "render": ("--width", "16", "--spp", "16", "--no-denoise"),
+    "fpn-maps": ("--rows", "16", "--width", "16"),
+}
+"""What the commands of the pages get in addition here."""
+
+LONG = r"\bstudy\b|--noise-ratio|--render-noise|--motion"
+"""What only the command line's parser sees here; the README has one of each of these, which runs."""
+
+
+def load(path: Path) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec and spec.loader
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+GENERATED = load(DOCS / "generated.py")
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """What a checkout has, without what a command writes."""
+    for name in ("scenes", "examples"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def parsed(arguments: list[str]) -> None:
+    """Let the command line's own parser read a command; it raises where an option or an argument is wrong."""
+    command: Any = typer.main.get_command(app)
+    while hasattr(command, "resolve_command"):
+        context = command.make_context(command.name, list(arguments), help_option_names=[], allow_extra_args=True)
+        _, command, arguments = command.resolve_command(context, arguments)
+    command.make_context(command.name, list(arguments))
+
+
+def run(command: str, cli: Callable[..., Any]) -> None:
+    program, *arguments = shlex.split(command.removesuffix("|| true"), comments=True)
+    assert program == "mitsuba-sensor", command
+    if re.search(LONG, command):
+        parsed(arguments)
+        return
+    done = cli(*arguments, *SMALL.get(arguments[0], ()))
+    assert done.exit_code == 0, (command, done.stderr)
+
+
+def run_python(text: str, names: dict[str, Any]) -> None:
+    """Here, but in a process of its own what chooses a variant of Mitsuba, which the other tests would have then."""
+    if "set_variant" in text:
+        subprocess.run([sys.executable, "-c", text], check=True)
+    else:
+        exec(text, names)
+
+
+@pytest.mark.parametrize("name", WITH_CODE)
+def test_the_code_of_a_page_runs_in_its_order(name: str, folder: Path, cli: Callable[..., Any]) -> None:
+    """Renders have 16 columns and 16 samples. Python goes on with the names of the blocks before it."""
+    names: dict[str, Any] = {}
+    for block in blocks(PAGES[name]):
+        if block.language == "sh":
+            for command in lines(block.text):
+                if not command.startswith("pip"):
+                    run(command, cli)
+                elif "&&" in command:
+                    run(command.partition("&& ")[2], cli)
+        elif block.language == "xml" and (file := re.match(r"<!-- ([\w.]+) -->\n", block.text)):
+            (folder / file.group(1)).write_text(block.text.partition("\n")[2], encoding="utf-8")
+        elif block.language == "python" and not ("needs LLVM" in block.text and backend_problem("llvm")):
+            run_python(block.text, names)
+
+
+@pytest.mark.parametrize("command", ["render -o out", "render a.xml -o out --sp 3", "studi", "study stress a.xml"])
+def test_a_command_that_does_not_exist_is_not_parsed(command: str) -> None:
+    with pytest.raises(Exception, match=r"[Mm]issing|No such|unexpected"):
+        parsed(command.split())
+
+
+def test_all_code_has_a_language_that_the_tests_know() -> None:
+    languages = {block.language for text in PAGES.values() for block in blocks(text)}
+    assert languages == {"sh", "python", "xml"}
+
+
+def test_every_page_is_in_the_index_once() -> None:
+    listed = [page for pages in GENERATED.pages_of(PAGES["index"]).values() for page in pages]
+    assert sorted(listed) == sorted({*PAGES, "studies/README"} - {"index"})
+
+
+def test_start_begins_with_the_first_command_of_the_readme() -> None:
+    first = lines(fenced((ROOT / "README.md").read_text("utf-8"), "sh"))[0]
+    assert lines(fenced(PAGES["start"], "sh"))[0] == first
+
+
+def test_every_mark_of_a_page_is_replaced() -> None:
+    marks = re.findall(r"<!-- generated: (\w+) -->", "".join(PAGES.values()))
+    assert sorted(marks) == sorted(GENERATED.PARTS)
+    assert "<!--" not in GENERATED.with_generated_parts(PAGES["plugins"])
+
+
+def commands(command: Any, name: str) -> Iterator[tuple[str, Any]]:
+    yield name, command
+    for inner_name, inner in getattr(command, "commands", {}).items():
+        yield from commands(inner, f"{name} {inner_name}")
+
+
+def test_the_command_line_page_has_every_command_and_every_option_in_its_place() -> None:
+    page = GENERATED.command_line()
+    parts = dict(zip(*[iter(re.split(r"^#+ `(mitsuba-sensor .+)`$", page, flags=re.M)[1:])] * 2, strict=True))
+    found = dict(commands(typer.main.get_command(app), "mitsuba-sensor"))
+    assert len(found) > 15 and set(parts) == set(found) - {"mitsuba-sensor"}
+    for name, text in parts.items():
+        for option in found[name].params:
+            assert all(re.search(rf"(?<![\w-]){re.escape(one)}(?![\w-])", text) for one in option.opts if one[0] == "-")
+
+
+def test_the_api_page_has_every_public_name_once() -> None:
+    named = re.findall(r"auto(function|class):: mitsuba_sensor\.(\w+)$", GENERATED.api(), re.M)
+    assert sorted(name for _, name in named) == sorted(ms.__all__)
+    assert all((kind == "function") == inspect.isfunction(getattr(ms, name)) for kind, name in named)
+
+
+def test_the_page_of_the_stages_has_them_in_the_order_of_the_chain_with_their_keys() -> None:
+    page = GENERATED.stages()
+    assert re.findall(r"autoclass:: [\w.]+\.(\w+)$", page, re.M) == [stage.__name__ for stage in ORDER]
+    for part, stage in zip(page.split("\n## "), ORDER, strict=True):
+        keys = set(stage.fields.model_fields) if stage.fields else set()
+        assert set(re.findall(r"^\| `(\w+)` \|", part, re.M)) == keys
+
+
+SCENE = """<scene version="3.0.0"><sensor type="camera">{sensor}
+    <film type="photosensor">{film}</film></sensor><emitter type="constant"/></scene>"""
+
+
+def test_every_plugin_parameter_of_the_page_is_read_as_its_example_says(tmp_path: Path) -> None:
+    """All examples together are one scene, but for the metering, which takes the place of an exposure time."""
+    given = {one.name: one for one in (*FILM_PARAMETERS, *SENSOR_PARAMETERS, *PASSED_ON_PARAMETERS)}
+    tables = GENERATED.film(), GENERATED.sensor()
+    assert [re.findall(r"^\| `(\w+)` \|", one, re.M) for one in tables] == [
+        [one.name for one in FILM_PARAMETERS],
+        [one.name for one in (*SENSOR_PARAMETERS, *PASSED_ON_PARAMETERS)],
+    ]
+    film, sensor = ("\n".join(re.findall(r"`(<.+>)` \|$", one, re.M)) for one in tables)
+    path = tmp_path / "scene.xml"
+    path.write_text(SCENE.format(film=film.replace(given["exposure_s"].xml, ""), sensor=sensor), encoding="utf-8")
+    assert parse(path, {}).settings.meter == given["meter"].example
+    path.write_text(SCENE.format(film=film.replace(given["meter"].xml, ""), sensor=sensor), encoding="utf-8")
+    found = parse(path, {}).settings
+    assert found.camera is not None and found.camera.name == given["camera"].example
+    for name in ("exposure_s", "temperature_k", "seed", "serial", "wavelength_nm", "bandwidth_nm", "focal_length_mm"):
+        assert getattr(found, name) == float(given[name].example), name
+    assert {name: str(value) for name, value in found.size.items()} == {
+        name: given[name].example for name in found.size
+    }
+    assert len(found.size) == 6 and found.spectral == given["spectral"].example and found.unit_m == 0.01
+    assert found.camera.lens.f_number == 2.8 and found.camera.lens.pupil_magnification == 1.1
+    assert found.camera.lens.transmission_curve == (0.9, 0.95) and found.focus_distance_m == 2
+
+
+def test_the_scene_of_the_plugin_page_is_one(tmp_path: Path) -> None:
+    path = tmp_path / "scene.xml"
+    text = fenced(PAGES["plugins"], "xml")
+    path.write_text(f'<scene version="3.0.0">{text}<emitter type="constant"/></scene>', encoding="utf-8")
+    settings = parse(path, {}).settings
+    assert settings.camera is not None and (settings.camera.adc.bits, settings.exposure_s) == (14, 0.1)
+
+
+def test_every_example_is_in_the_gallery_with_a_picture() -> None:
+    sections = PAGES["gallery"].split("\n## ")[1:]
+    examples = [re.findall(r"\]\(\.\./examples/([\w.]+)\)", one) for one in sections]
+    assert sorted(name for names in examples for name in names) == sorted(
+        path.name for path in (ROOT / "examples").iterdir() if path.suffix in (".py", ".toml")
+    )
+    for one in sections:
+        assert len(re.findall(r"!\[[^]]{10,}\]\([\w/-]+\.png\)", one)) >= 1, one
+
+
+def test_a_description_of_a_parameter_becomes_a_bullet() -> None:
+    text = ["Sum |U|².", "a : first.  b, c : second", "    goes on.", "Raises InputError.", "", "Options:", "    d : x"]
+    assert GENERATED.with_bullets(text) == [
+        r"Sum \|U\|².", "", "* ``a``: first.", "* ``b, c``: second", "  goes on.", "", "Raises InputError.", "",
+        "Options:", "", "    * ``d``: x",
+    ]  # fmt: skip
