@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -26,9 +27,21 @@ KEPT = {True: Text("yes"), False: Text("no", style="green")}  # of a plan
 END = {"max_seconds": ", the time was up", "max_spp": ", the most samples were taken"}
 
 
+class MovingBar(Progress):
+    """A progress bar over seconds, which moves and counts down between the reports too."""
+
+    def get_renderables(self) -> Iterable[RenderableType]:
+        """What is drawn, ten times a second."""
+        for task in self.tasks:
+            if task.total is not None:
+                task.completed = min(time.monotonic() - task.fields["began"], task.total)
+                task.fields["left"] = f"about {_minutes(task.total - task.completed)} left"
+        return super().get_renderables()
+
+
 @contextmanager
 def render_progress(console: Console, options: Mapping[str, object]) -> Iterator[Callable[[RenderProgress], None]]:
-    """A bar over the passes of a render, or over frames with a render each; nothing where nobody watches.
+    """A bar over the seconds of a render, or over frames with a render each; nothing where nobody watches.
 
     Beside it the noise ratio as it falls, and a forecast. Yields what ``capture`` takes as its progress.
     """
@@ -43,17 +56,18 @@ def render_progress(console: Console, options: Mapping[str, object]) -> Iterator
         TimeElapsedColumn(),
         TextColumn("{task.fields[left]}"),
     )
-    bar = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+    bar = MovingBar(*columns, console=console, transient=True, disable=not console.is_terminal)
     with bar as progress, undone_if_stopped(bar.stop):
-        task = progress.add_task("rendering", total=None, ratio="", left="")
+        task = progress.add_task("loading the scene", total=None, ratio="", left="", began=time.monotonic())
 
         def show(step: RenderProgress) -> None:
-            before = 0 if count == 1 else step.frame - first
             name = "rendering" if count == 1 else f"frame {step.frame}"
-            completed, total = before * step.expected + step.done, count * step.expected
             ratio = "" if math.isnan(step.noise_ratio) else f"render noise {number(step.noise_ratio)} × the sensor's"
-            left = "" if math.isnan(step.seconds_left) else f"about {step.seconds_left:.0f} s left"
-            progress.update(task, description=name, completed=completed, total=total, ratio=ratio, left=left)
+            progress.update(task, description=name, ratio=ratio)
+            if not math.isnan(step.seconds_left):
+                others = 0 if count == 1 else first + count - 1 - step.frame  # frames after this one
+                left_s = step.seconds_left + others * (step.seconds + step.seconds_left)
+                progress.update(task, total=time.monotonic() - progress.tasks[task].fields["began"] + left_s)
 
         yield show
 
@@ -68,7 +82,7 @@ def seconds_bar(console: Console) -> Iterator[Callable[[float, float, str], None
 
         def tell(done_s: float, expected_s: float, now: str) -> None:
             left_s = max(expected_s - done_s, 0.0)
-            left = f"about {left_s / 60:.0f} min" if left_s > 90 else f"about {left_s:.0f} s"
+            left = f"about {_minutes(left_s)}"
             if progress.tasks[task].total is None:
                 console.print(f"this takes {left}", highlight=False)
             progress.update(task, completed=done_s, total=expected_s, description=f"{left} left [dim]{now}")
@@ -225,6 +239,13 @@ def _ended(asked: float | None, end: str) -> str:
     """Whether the noise ratio that was asked for was reached, and what ended the render."""
     reached = "reached" if end == "noise_ratio" else "not reached"
     return ("" if asked is None else f"; {asked:g} was asked for and {reached}") + END.get(end, "")
+
+
+def _minutes(seconds: float) -> str:
+    """A time that is still to pass, in a unit that suits it."""
+    if seconds > 5400:
+        return f"{seconds / 3600:.1f} h"
+    return f"{seconds / 60:.0f} min" if seconds > 90 else f"{seconds:.0f} s"
 
 
 def _fact(name: str, text: str) -> Text:

@@ -7,8 +7,9 @@ has more than a few million samples in memory.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -61,7 +62,7 @@ class RowStrip:
 
     def __init__(self, rows: slice, columns: int, bands: int, filters: int, halves: bool) -> None:
         shape = (rows.stop - rows.start, columns)
-        self.rows = rows
+        self.rows, self.ends = rows, (rows.start, rows.stop)
         self.bands, self.electrons = Welford((*shape, bands)), Welford((*shape, filters))
         self.brightest, self.infinite = np.zeros(shape), np.zeros(shape, bool)
         self.even = np.zeros((*shape, bands), np.float32) if halves else None
@@ -96,9 +97,8 @@ class Renderer:
         self._filters = np.asarray(camera.filter_index((rows, columns), (row, column)))
         self._tile_columns = len(camera.tile[0])
         self._solid_angle, self._scale = solid_angle_sr(scene.view, camera), bands.scale
-        self._camera, self._exposure = camera, exposure
+        self._camera, self._exposure, self.seconds_per_sample = camera, exposure, 0.0
         self.negative = self.non_finite = self.passes = self.samples = 0
-        self.seconds_per_sample = 0.0
         self.denoised: Denoised | None = None
         self._guides: Guides | None = None
 
@@ -110,6 +110,9 @@ class Renderer:
         self.groups = self.bands.groups if budget.grouped else (slice(0, len(self.bands)),)
         self._begin(budget.samples, meter)
         meter.forecast(budget, 0, np.nan)
+        count = len(self.groups)
+        if budget.is_long(math.prod(self.scene.view.crop_size) * count) and isinstance(self.scene, Scene):
+            meter.try_out(partial(self.scene.render, 0, rows=self.strips[0].ends), budget.samples * count)
         while True:
             self._pass(seed, meter)
             value = measure(*self.noise_estimate())
@@ -139,7 +142,7 @@ class Renderer:
             if s:
                 meter.report(self.passes * len(self.strips) + s)
             rows = strip.rows
-            radiance = clean(self._radiance(hashed_seed(seed, s, self.passes), (rows.start, rows.stop)))
+            radiance = clean(self._radiance(hashed_seed(seed, s, self.passes), strip.ends))
             self.negative += radiance.negative
             self.non_finite += radiance.non_finite
             if radiance.infinite is not None:

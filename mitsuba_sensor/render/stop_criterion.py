@@ -16,6 +16,8 @@ DEFAULT_SPP = 240  # 8 passes of 30
 FEWEST_TO_STOP = 16  # passes before a goal counts as reached: 15 degrees of freedom
 SIZED = 32  # passes that a render towards a goal is sized for
 PASS_SPP = 16  # of the first pass of a render without a fixed number; it tells how large the others are
+TRIED = 64  # part of a pass that is tried out, to forecast a long render
+LONG = 2**26  # samples in all of a render that is tried out: more than a minute in most scenes
 MOST_SPP_ASKED = 2**16  # of a render that works towards a noise ratio, unless max_spp says otherwise
 
 End = Literal["spp", "noise_ratio", "compensable", "max_seconds", "max_spp"]
@@ -41,6 +43,10 @@ class StopCriterion:
     asked: int | None = None
     sized: bool = True
     grouped: bool = False
+
+    def is_long(self, values: int) -> bool:
+        """Whether a fixed number of samples takes long. values : pixels times groups of bands."""
+        return self.sized and self.goal is None and values * self.passes * self.samples >= LONG
 
     def finished(self, done: int, value: float, seconds: float, per_pass: float) -> End | None:
         """Why there is no further pass after ``done``, or None."""
@@ -78,7 +84,7 @@ class RenderProgress:
 
     done, expected : passes, strip by strip, so far and in all; a forecast where a ratio or a time ends the render.
     noise_ratio : median of render variance over sensor variance so far; NaN before the first pass ends.
-    seconds, seconds_left : so far, and forecast (NaN before the first pass ends).
+    seconds, seconds_left : so far, and forecast (NaN before the first strip of a short render).
     frame : number of the frame, where each frame has a render of its own.
     """
 
@@ -98,12 +104,23 @@ class ProgressMeter:
 
     def __init__(self, progress: Progress) -> None:
         self._progress, self._started = progress, time.monotonic()
-        self._value, self._left_s, self._expected = math.nan, math.nan, 0
+        self._value, self._expected, self._tried_s, self._most_s = math.nan, 0, math.nan, math.inf
         self._compiled, self.later_pass_s = self._started, 0.0  # when the first pass ended; seconds of a later one
 
     def begin(self, strips: int) -> None:
         """Passes of so many strips start now."""
         self._strips, self._began = strips, time.monotonic()
+
+    def try_out(self, render: Callable[[int], object], samples: int) -> None:
+        """Forecast a long render before its first strip ends: the first rows with few samples, twice, because the
+        first time compiles. render : of so many samples per pixel.  samples : of a pass."""
+        few = max(samples // TRIED, 1)
+        for _ in range(2):
+            started = time.monotonic()
+            render(few)
+            self._tried_s = (time.monotonic() - started) * samples / few
+        self.report(0)
+        self.begin(self._strips)
 
     def times(self, passes: int) -> tuple[float, float]:
         """Seconds since the render started, and per pass since :meth:`begin`."""
@@ -113,17 +130,19 @@ class ProgressMeter:
     def forecast(self, budget: StopCriterion, passes: int, value: float) -> None:
         """So many passes are done, and the criterion has this value."""
         seconds, per_pass = self.times(passes)
-        now = self._started + seconds
+        now, self._most_s = self._started + seconds, budget.max_seconds
         self._compiled = now if passes == 1 else self._compiled
         self.later_pass_s = (now - self._compiled) / (passes - 1) if passes > 1 else per_pass
-        self._expected = budget.expected(passes, value, seconds, per_pass)
-        self._value, self._left_s = value, (self._expected - passes) * per_pass if passes else math.nan
+        self._expected, self._value = budget.expected(passes, value, seconds, per_pass), value
         self.report(passes * self._strips)
 
     def report(self, strips: int) -> None:
         """So many strips of all passes are done."""
-        (seconds, _), expected = self.times(1), self._expected * self._strips
-        self._progress(RenderProgress(strips, expected, self._value, seconds, self._left_s))
+        (seconds, since), expected = self.times(1), self._expected * self._strips
+        left_s = (expected - strips) * (since / strips if strips else self._tried_s)
+        if math.isfinite(self._most_s) and not left_s <= self._most_s - seconds:  # NaN: not known yet
+            left_s = max(self._most_s - seconds, 0.0)
+        self._progress(RenderProgress(strips, expected, self._value, seconds, left_s))
 
 
 def stop_criterion_of(options: RenderOptions, groups: int = 1) -> StopCriterion:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import io
+import math
 import re
 from typing import Any
 
@@ -15,6 +16,7 @@ from mitsuba_sensor.cli import terminal
 from mitsuba_sensor.cli.study_sheet import study_sheet
 from mitsuba_sensor.cli.tables import FittedTable, number, rough
 from mitsuba_sensor.render.requirements import RenderRequirement
+from mitsuba_sensor.render.stop_criterion import RenderProgress
 from mitsuba_sensor.study.page import Grid, Section, Table, study_of
 
 WIDTHS = (40, 60, 80, 120)
@@ -119,3 +121,26 @@ def test_numbers_have_four_digits_and_at_most_four_decimals(value: float | None,
 )
 def test_rough_numbers_say_where_they_are_too_small_to_matter(value: float, text: str) -> None:
     assert rough(value) == text
+
+
+def test_the_bar_of_a_render_moves_and_counts_down_between_its_reports(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Told once that 100 s are left, it shows 40 s later what is left then, of this frame and of the two after it."""
+    now = [1000.0]
+    monkeypatch.setattr(terminal.time, "monotonic", lambda: now[0])
+    console = Console(width=100, file=io.StringIO(), force_terminal=True, color_system=None)
+    for options, frames_left in (({}, 0), ({"frames": 3, "first_frame": 5, "render_noise": "per-frame"}, 2)):
+        with terminal.render_progress(console, options) as progress:
+            bar = console._live_stack[-1]
+            progress(RenderProgress(0, 10, seconds_left=math.nan, frame=5))
+            assert "left" not in drawn(bar)
+            progress(RenderProgress(1, 10, seconds=20.0, seconds_left=80.0, frame=5))
+            all_s = 80 + frames_left * 100
+            assert (f"about {all_s} s left" if all_s <= 90 else f"about {all_s / 60:.0f} min left") in drawn(bar)
+            now[0] += 40
+            left_s = all_s - 40
+            assert (f"about {left_s} s left" if left_s <= 90 else f"about {left_s / 60:.0f} min left") in drawn(bar)
+            assert f"{100 * 40 / all_s:.0f} %" in drawn(bar)
+
+
+def drawn(live: Any) -> str:
+    return shown(live.get_renderable(), 100)

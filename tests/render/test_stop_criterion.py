@@ -12,6 +12,7 @@ from helpers.scenes import SCENES
 
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
+from mitsuba_sensor.render import stop_criterion
 from mitsuba_sensor.render.irradiance import Irradiance
 from mitsuba_sensor.render.passes import FEWEST, MOST_SPP, whole_grid
 from mitsuba_sensor.render.prepared import render
@@ -79,6 +80,27 @@ def test_progress_tells_the_falling_ratio_and_a_forecast_from_the_first_pass_on(
     assert steps[-1].done == steps[-1].expected and steps[-1].seconds_left == 0
     late = [step.noise_ratio for step in steps if step.done >= FEWEST]
     assert late[-1] <= 1.0
+
+
+def test_a_long_render_is_forecast_before_its_first_strip_ends_and_has_the_same_bytes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Tried out with a few samples: within a factor of eight of what it takes, on a machine that does other things."""
+    whole = render(BOX, CAMERA, EXPOSURE, spp=2048, **FAST)
+    monkeypatch.setattr(stop_criterion, "LONG", 1)
+    steps: list[Any] = []
+    light = render(BOX, CAMERA, EXPOSURE, spp=2048, progress=steps.append, **FAST)
+    assert light.data.tobytes() == whole.data.tobytes()
+    first = next(step for step in steps if not math.isnan(step.seconds_left))
+    assert first.done == 0
+    assert 1 / 8 < first.seconds_left / (steps[-1].seconds - first.seconds) < 8
+
+
+def test_a_render_with_a_time_is_forecast_from_its_beginning() -> None:
+    steps: list[Any] = []
+    render(BOX, CAMERA, EXPOSURE, noise_ratio=1e-6, max_seconds=0.5, progress=steps.append, **FAST)
+    assert steps[0].done == 0 and steps[0].seconds_left == pytest.approx(0.5, abs=0.1)
+    assert all(0 <= step.seconds_left <= 0.5 for step in steps)
 
 
 def test_the_size_of_the_passes_follows_the_need_and_stays_on_the_sampler_s_grid() -> None:
