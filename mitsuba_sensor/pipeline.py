@@ -25,6 +25,7 @@ from .render.per_frame import FrameSeries
 from .render.photons import collect
 from .render.prepared import PreparedRender, denoised_if_possible, prepare
 from .render.render_noise import render_noise
+from .render.scene_nodes import SceneInput
 from .render.scene_settings import ParsedScene
 from .render.stop_criterion import Progress
 from .sensor.camera import Camera
@@ -39,7 +40,7 @@ CLEAN = ("clean.tiff", "temporal_variance.tiff")
 FILES_OF_LIGHT = ("frame.tiff", "frame.png", *CLEAN, "frame.json")  # of light that is rendered already
 FILES = (*FILES_OF_LIGHT, "irradiance.exr", "aovs.exr")
 LEFT = ("uncompensated", "above_shot_noise")  # of renders for every frame: what their noise leaves in the frames
-Scene: TypeAlias = str | os.PathLike[str] | ParsedScene
+Scene: TypeAlias = SceneInput | ParsedScene
 Light: TypeAlias = str | os.PathLike[str] | Irradiance
 Asked: TypeAlias = tuple[Scene, Camera | None, Exposure | Metering | None]
 Made: TypeAlias = tuple[PreparedRender, Irradiance, Frames, dict[str, float]]  # … and what is left uncompensated

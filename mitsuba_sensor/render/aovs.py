@@ -6,7 +6,6 @@ with the frame (same film, crop, lens). With a rolling shutter every row shows t
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Unpack
@@ -26,6 +25,7 @@ from .passes import row_strips
 from .rays import first_hits
 from .scene import Scene, load_scene
 from .scene_file import SceneFile
+from .scene_nodes import SceneInput
 from .scene_settings import parse
 
 RowProgress = Callable[[int, int], None]
@@ -62,7 +62,7 @@ class Aovs:
 
 @documents(SceneOptions)
 def render_aovs(
-    scene: str | os.PathLike[str],
+    scene: SceneInput,
     camera: Camera,
     *,
     exposure: Exposure | None = None,

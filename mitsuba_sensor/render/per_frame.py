@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Literal, Unpack, get_args
@@ -24,6 +23,7 @@ from .passes import hashed_seed, whole_grid
 from .photons import collect
 from .prepared import PreparedRender, check_options, prepare
 from .renderer import Criterion, Map
+from .scene_nodes import SceneInput
 from .scene_settings import ParsedScene
 from .statistics import median_bias
 from .stop_criterion import FEWEST_TO_STOP, Progress, RenderProgress, StopCriterion, stop_criterion_of
@@ -54,7 +54,7 @@ class RenderedFrame:
 
 @documents(FrameSeriesOptions)
 def render_frames(
-    scene: str | os.PathLike[str] | ParsedScene,
+    scene: SceneInput | ParsedScene,
     camera: Camera | None = None,
     exposure: AskedExposure | None = None,
     *,
@@ -95,7 +95,7 @@ class FrameSeries:
     @classmethod
     def prepare(
         cls,
-        scene: str | os.PathLike[str] | ParsedScene,
+        scene: SceneInput | ParsedScene,
         camera: Camera | None,
         exposure: AskedExposure | None,
         options: FrameSeriesOptions,

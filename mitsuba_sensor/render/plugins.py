@@ -14,13 +14,24 @@ from __future__ import annotations
 
 import json
 import math
-from typing import Any
 
 from ..core import InputError
 from ..sensor.camera import Camera
 from .bands import BANDWIDTH_NM, choose_bands, response_film
-from .scene_settings import FILM, PASSED_ON, SENSOR, SceneSettings, film_fields_of, sensor_fields_of, settings_from
+from .plugin_id import PluginParameters, parameters_of
+from .scene_settings import (
+    FILM,
+    PASSED_ON,
+    SENSOR,
+    SceneSettings,
+    film_fields_of,
+    lens_fields,
+    sensor_fields_of,
+    settings_from,
+)
 from .variants import MitsubaObject, mitsuba
+
+OF_VIEW = ("focal_length_mm", "focus_distance_m", "scene_unit")  # parameters of a sensor that no camera has
 
 
 def register_plugins() -> None:
@@ -55,13 +66,13 @@ def built_in_sensor(settings: SceneSettings, camera: Camera, columns: int) -> tu
 
 def _register(_before: str | None, _now: str | None) -> None:
     mi = mitsuba()
-    mi.register_film(FILM, lambda props: _photosensor(film_fields_of(props), {}))
+    mi.register_film(FILM, lambda props: _photosensor(PluginParameters(film_fields_of(props))))
     mi.register_sensor(SENSOR, _sensor)
 
 
-def _photosensor(fields: dict[str, Any], lens: dict[str, Any]) -> MitsubaObject:
-    """A specfilm with the bands of its camera, for the parameters of a film, which its id keeps, and of a sensor."""
-    mi, settings = mitsuba(), settings_from(fields, lens)
+def _photosensor(parameters: PluginParameters) -> MitsubaObject:
+    """A specfilm with the bands of its camera, which has the parameters of film and sensor in its id."""
+    mi, settings = mitsuba(), settings_from(parameters.film, {})
     if not mi.is_spectral:
         raise InputError("a photosensor needs a spectral variant; call mitsuba.set_variant('scalar_spectral') first.")
     if (camera := settings.camera) is None:
@@ -69,7 +80,7 @@ def _photosensor(fields: dict[str, Any], lens: dict[str, Any]) -> MitsubaObject:
     width_nm = settings.bandwidth_nm or BANDWIDTH_NM
     bands = choose_bands(camera, settings.wavelength_nm, width_nm, settings.spectral or "auto")
     full = {"width": camera.sensor.columns, "height": camera.sensor.rows}
-    return response_film(bands.responses, {**full, **settings.size, "id": f"{FILM} {json.dumps(fields)}"})
+    return response_film(bands.responses, {**full, **settings.size, "id": parameters.id()})
 
 
 def _sensor(props: MitsubaObject) -> MitsubaObject:
@@ -77,13 +88,17 @@ def _sensor(props: MitsubaObject) -> MitsubaObject:
     mi, lens = mitsuba(), sensor_fields_of(props)
     nested = {name: props[name] for name in props if props.type(name) == mi.Properties.Type.Object}
     film_name = next((name for name, value in nested.items() if isinstance(value, mi.Film)), None)
-    if film_name is None or not nested[film_name].id().startswith(f"{FILM} "):
+    known = None if film_name is None else parameters_of(nested[film_name])
+    if film_name is None or known is None:
         raise InputError(f'a camera needs a <film type="{FILM}">: its pixels and the focal length determine the view.')
-    fields = json.loads(nested[film_name].id().removeprefix(f"{FILM} "))
-    settings = settings_from(fields, lens)
+    settings = settings_from(known.film, lens)
     assert settings.camera is not None  # a photosensor is not built without one
     kind, view = built_in_sensor(settings, settings.camera, nested[film_name].size()[0])
-    if "transmission" in lens:  # it is part of the channels of the film
-        nested[film_name] = _photosensor(fields, lens)
+    of_camera = {name: json.dumps(value) for name, value in lens_fields(lens).items()}  # as TOML
+    rest = {name: value for name, value in lens.items() if name in OF_VIEW}
+    parameters = PluginParameters({**known.film, **of_camera}, rest)
+    nested[film_name] = _photosensor(parameters)
     passed = {name: props[name] for name in props if name in PASSED_ON}
-    return mi.load_dict({"type": kind, "id": props.id(), **view, **passed, **nested})
+    sensor = mi.load_dict({"type": kind, "id": props.id(), **view, **passed, **nested})
+    sensor.film().set_id(parameters.id())  # load_dict gives it the name that it has there
+    return sensor

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from dataclasses import dataclass, replace
 from typing import Literal, Unpack
@@ -31,6 +30,7 @@ from .passes import SAMPLER
 from .photons import metered
 from .renderer import Criterion, Electrons, Estimate, Renderer
 from .scene import Scene, load_scene
+from .scene_nodes import SceneInput
 from .scene_settings import ParsedScene, SceneSettings, parse
 from .statistics import POOLED, NoiseRatios, RenderStatistics, summary_of, why_not_trusted
 from .stop_criterion import End, Progress, StopCriterion, stop_criterion_of
@@ -40,7 +40,7 @@ METERING_SPP = 32  # of the render that is metered where the exposure must be kn
 
 @documents(RenderOptions)
 def render(
-    scene: str | os.PathLike[str] | ParsedScene,
+    scene: SceneInput | ParsedScene,
     camera: Camera | None = None,
     exposure: AskedExposure | None = None,
     *,
@@ -244,7 +244,7 @@ class PreparedRender:
 
 
 def prepare(
-    scene: str | os.PathLike[str] | ParsedScene,
+    scene: SceneInput | ParsedScene,
     camera: Camera | None = None,
     exposure: AskedExposure | None = None,
     *,

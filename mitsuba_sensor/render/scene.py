@@ -125,14 +125,15 @@ def _load(
     _replace_camera(scene, replace(settings, unit_m=metres), camera)
     _replace_film(scene, bands, film_size(scene, camera, width), sampler)
     built = scene.build()
-    if not built.emitters():
+    world = built if scene.loaded is None else scene.loaded
+    if not world.emitters():
         raise InputError(f'scene {scene.path.name!r} has no light; add an emitter, e.g. <emitter type="constant"/>.')
     sensor = next(one for one in built.sensors() if one.film().id() == FILM_ID)
-    integrator = built.integrator() or mitsuba().load_dict({"type": "path"})
-    findings = most_serious_first([*findings, *lint_built(scene, built, sensor)])
+    integrator = world.integrator() or mitsuba().load_dict({"type": "path"})
+    findings = most_serious_first([*findings, *lint_built(scene, world, sensor)])
     sensor, view, lens_notes = with_lens(sensor, _view(sensor, metres or 1.0), camera, metres or 1.0)
     notes = (*(str(finding) for finding in findings), *lens_notes)
-    return Scene(built, integrator, sensor, view, scene.digest(), notes, tuple(findings))
+    return Scene(world, integrator, sensor, view, scene.digest(), notes, tuple(findings))
 
 
 def inspect_scene(

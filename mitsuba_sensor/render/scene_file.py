@@ -19,6 +19,7 @@ EXAMPLE_SENSOR = (
     '<sensor type="perspective"><float name="fov" value="40"/><transform name="to_world">'
     '<lookat origin="0, 1, 4" target="0, 1, 0" up="0, 1, 0"/></transform></sensor>'
 )
+NAME_OF_TEXT = "XML text"  # what a scene that is given as text is called in messages
 AS_TEXT = "<string>"  # the name that Mitsuba gives to a file that was changed before it was parsed
 DIFFERENTIABLE = ("prb", "prb_basic", "prb_projective", "prbvolpath", "direct_projective")  # not in scalar variants
 OWN_PLUGINS = ("camera", "photosensor")
@@ -31,6 +32,8 @@ class SceneFile:
 
     exposure_s : value of the ``<default>`` of that name, which no element need use.
     changes : where, what was changed in it and why: an old format, or another integrator that was asked for.
+    content : what was given instead of a file, or stands for it in the digest.
+    loaded : a scene that Mitsuba has loaded, of which only the sensor is in the nodes.
     text : what was parsed, if not the file as it is; Mitsuba's state refers to it and does not keep it.
     ignore_polarization : whether elements that polarise light are rendered in unpolarised light.
     resolver : finds meshes and textures beside the file and in the folders that its ``<path>`` elements name.
@@ -45,6 +48,8 @@ class SceneFile:
     changes: tuple[tuple[str, tuple[str, str]], ...] = ()
     text: str = ""
     ignore_polarization: bool = False
+    content: bytes = b""
+    loaded: MitsubaObject = None
 
     @property
     def root(self) -> MitsubaObject:
@@ -68,8 +73,8 @@ class SceneFile:
         """``line 12``, with the name of the file if it is an included one."""
         text: str = mitsuba().parser.file_location(self.state, node)
         found = re.fullmatch(r"(.*) \(line (\d+), col \d+\)", text)
-        if not found:
-            return text
+        if not found:  # of a dict
+            return text.removeprefix("dictionary ")
         return f"line {found[2]}" if node.file_index == 0 else f"{Path(found[1]).name} line {found[2]}"
 
     def sensor(self) -> MitsubaObject:
@@ -84,10 +89,11 @@ class SceneFile:
 
     def digest(self) -> str:
         """SHA-256 over the parameters, the scene file and its includes; not over meshes and textures."""
-        digest = hashlib.sha256(json.dumps(sorted(self.values.items())).encode())
+        digest = hashlib.sha256(json.dumps(sorted(self.values.items())).encode() + self.content)
         for file in self.state.files:
-            path = self.path if str(file) == AS_TEXT else Path(str(file))
-            digest.update(path.read_bytes())
+            if str(file) != AS_TEXT or not self.content:
+                path = self.path if str(file) == AS_TEXT else Path(str(file))
+                digest.update(path.read_bytes())
         if self.changes:
             digest.update(json.dumps(self.changes).encode())
         return digest.hexdigest()
@@ -108,15 +114,17 @@ def parse_scene(
     integrator: str | None = None,
     ignore_polarization: bool = False,
 ) -> SceneFile:
-    """Parse a scene file. No variant need be set, except to read colours and transforms. Raises InputError.
+    """Parse a scene file, or its text. Raises InputError.
 
+    No variant need be set, except to read colours and transforms.
     integrator, ignore_polarization : see :class:`render.options.SceneOptions`.
     """
-    file, mi = Path(path), mitsuba()
-    if not os.path.isfile(file):
+    given = path if is_text(path) else ""
+    file, mi = Path(NAME_OF_TEXT if given else path), mitsuba()
+    if not given and not os.path.isfile(file):
         raise InputError(f"scene {os.fspath(path)!r} is not a file; give the path of a Mitsuba 3 scene in XML.")
     values = {str(k): str(v) for k, v in parameters.items()}
-    text = file.read_text(encoding="utf-8", errors="replace")
+    text = str(given) or file.read_text(encoding="utf-8", errors="replace")
     usual = re.search(r'<default\s+name="exposure_s"\s+value="([^"]*)"', text)
     exposure_s = values.get("exposure_s", usual[1]) if usual else None
     known = sorted({*re.findall(r'<default\s+name="(\w+)"', text), *re.findall(r"\$\{?(\w+)", text)})
@@ -133,24 +141,38 @@ def parse_scene(
     gone = [name for name in values if f"${name}" not in new and (name == "exposure_s" or f"${name}" in text)]
     used = {name: value for name, value in values.items() if name not in gone}  # Mitsuba refuses what is not used
     with searching(beside), as_input_error(file):
-        state = mi.parser.parse_string(config, new, **used) if tags else mi.parser.parse_file(config, str(file), **used)
+        as_text, name = bool(tags or given), str(file)
+        state = mi.parser.parse_string(config, new, **used) if as_text else mi.parser.parse_file(config, name, **used)
         mi.parser.transform_upgrade(config, state)
         changed = old_formats.upgrade(state)
         mi.parser.transform_resolve(config, state)
         resolver = mi.file_resolver()
     if state.nodes[0].type != mi.ObjectType.Scene:
         raise InputError(f'{file.name!r} holds no scene; its outermost element must be <scene version="3.0.0">.')
-    scene = SceneFile(file, config, state, values, resolver, exposure_s, (), new, ignore_polarization)
+    content = str(given).encode()
+    scene = SceneFile(file, config, state, values, resolver, exposure_s, (), new, ignore_polarization, content)
     converted = f"converted from the format of Mitsuba {old_text.version_name(text)}"
     changes = [(scene.where(state.nodes[0]), (f"<{', '.join(tags)}> in the terms of Mitsuba 3", converted))][
         : len(tags)
     ]
     if integrator is not None:
         changed = [one for one in changed if one[0].type != mi.ObjectType.Integrator]
-        asked = old_formats.take_integrator(scene.root, scene.children(scene.root, "Integrator"), integrator)
-        changes += [(scene.where(node), (what, "leave the option out for the scene's own")) for node, what in asked]
     changes += [(scene.where(node), (what, converted)) for node, what in changed]
-    return replace(scene, changes=tuple(changes))
+    return with_integrator(replace(scene, changes=tuple(changes)), integrator)
+
+
+def with_integrator(scene: SceneFile, integrator: str | None) -> SceneFile:
+    """The scene with the integrator that is asked for, if any, in place of its own."""
+    if integrator is None:
+        return scene
+    asked = old_formats.take_integrator(scene.root, scene.children(scene.root, "Integrator"), integrator)
+    changes = [(scene.where(node), (what, "leave the option out for the scene's own")) for node, what in asked]
+    return replace(scene, changes=(*scene.changes, *changes))
+
+
+def is_text(scene: object) -> bool:
+    """Whether a scene is given as XML text, and not as a path."""
+    return isinstance(scene, str) and scene.lstrip("\ufeff \t\r\n").startswith("<")
 
 
 def is_old(text: str) -> bool:
@@ -201,6 +223,8 @@ def as_input_error(file: Path) -> Iterator[None]:
 
 def _with_version(said: str, file: Path) -> str:
     """An error with the format of the file, where that is an old one; once."""
+    if not file.is_file():
+        return said
     text = file.read_text(encoding="utf-8", errors="replace")
     if not is_old(text) or "The file has the format" in said:
         return said
@@ -224,6 +248,11 @@ def _remedy(message: str, file: Path) -> str:
     if unknown:
         of_integrator = "failed to instantiate integrator" in message
         way_out = "; take --integrator path (integrator='path')" if of_integrator else ""
-        plugins = (Path(str(mitsuba().__file__)).parent / "plugins").iterdir()
-        return f"{way_out}.{nearest(unknown[1], sorted({*OWN_PLUGINS, *(file.stem for file in plugins)}))}"
+        return f"{way_out}.{nearest(unknown[1], plugin_names())}"
     return "."
+
+
+def plugin_names() -> list[str]:
+    """Names of the plugins of Mitsuba and of our own."""
+    plugins = (Path(str(mitsuba().__file__)).parent / "plugins").iterdir()
+    return sorted({*OWN_PLUGINS, *(file.stem for file in plugins)})

@@ -25,10 +25,11 @@ from .plugin_parameters import (
     SENSOR_PARAMETERS,
     SIZE_PARAMETERS,
 )
-from .scene_file import SceneFile, as_input_error, parse_scene, searching
+from .scene_file import OWN_PLUGINS, SceneFile, as_input_error, parse_scene, searching
+from .scene_nodes import SceneInput, check_loaded, is_loaded, parse_nodes
 from .variants import MitsubaObject, Variant, choose_variant, mitsuba, use
 
-FILM, SENSOR = "photosensor", "camera"  # plugin names of the two elements
+SENSOR, FILM = OWN_PLUGINS  # plugin names of the two elements
 FILES = ("camera", "lens.prescription", "quantum_efficiency.file")  # these may be a path
 SIZE, EXPOSURE_FIELDS, FILM_FIELDS, SENSOR_FIELDS, PASSED_ON = (
     tuple(one.name for one in those)
@@ -226,17 +227,20 @@ class ParsedScene:
     variant: Variant
 
 
-def parse(scene: str | os.PathLike[str], options: Mapping[str, Any]) -> ParsedScene:
-    """Parse a scene file, and set the variant. options : those of :class:`render.options.SceneOptions`, or some of
-    them. Raises InputError."""
-    if not isinstance(scene, str | os.PathLike):
-        raise InputError(f"scene is {scene!r}; pass the path of a scene file, e.g. 'scenes/cornell_box.xml'.")
+def parse(scene: SceneInput, options: Mapping[str, Any]) -> ParsedScene:
+    """Parse a scene, and set the variant. options : those of :class:`render.options.SceneOptions`, or some of them.
+    Raises InputError."""
     chosen = complete(FileOptions, part_of(FileOptions, options))
     parameters = chosen["parameters"]
     if parameters is not None and not isinstance(parameters, Mapping):
         raise InputError(f"parameters is {parameters!r}; pass a dict of the scene's <default> names and their values.")
+    if is_loaded(scene):
+        check_loaded(scene, options)
     variant = choose_variant(chosen["variant"])
     use(variant)
-    file = parse_scene(scene, parameters or {}, chosen["integrator"], chosen["ignore_polarization"])
+    if isinstance(scene, str | os.PathLike):
+        file = parse_scene(scene, parameters or {}, chosen["integrator"], chosen["ignore_polarization"])
+    else:
+        file = parse_nodes(scene, chosen)
     with as_input_error(file.path):
         return ParsedScene(file, settings_of(file), variant)

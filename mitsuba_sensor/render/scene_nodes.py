@@ -1,0 +1,211 @@
+"""Scenes that are no file: a dict as for mi.load_dict, or a scene that Mitsuba has loaded already.
+
+Both become parsed nodes, as of a file, in which film and sensor are replaced. Of a loaded scene these are its sensor,
+film and filter, described again from their parameters; it is rendered itself, through another sensor.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from ..core import InputError, nearest
+from .plugin_id import parameters_of
+from .scene_file import OWN_PLUGINS, POLARISING, SceneFile, as_input_error, plugin_names, with_integrator
+from .variants import MitsubaObject, mitsuba
+
+SceneInput: TypeAlias = str | os.PathLike[str] | Mapping[str, Any] | MitsubaObject
+"""A path, XML text, a dict as for mi.load_dict, a mi.Scene."""
+
+SENSOR, FILM = OWN_PLUGINS
+SENSORS = {"PerspectiveCamera": "perspective", "ThinLensCamera": "thinlens", "OrthographicCamera": "orthographic"}
+FILTERS = {"BoxFilter": "box", "GaussianFilter": "gaussian", "TentFilter": "tent", "CatmullRomFilter": "catmullrom"}
+FILTERS |= {"MitchellNetravaliFilter": "mitchell", "LanczosSincFilter": "lanczos"}
+FILMS = {"HDRFilm": "hdrfilm", "SpecFilm": "specfilm"}
+NO_RADIANCE = ("DepthIntegrator", "ParticleTracerIntegrator")
+POLARISERS = ("LinearPolarizer", "CircularPolarizer", "LinearRetarder", "MeasuredPolarized")  # classes of POLARISING
+OPTIONS = ("parameters", "integrator", "motion", "ignore_polarization")  # which change a scene before it is loaded
+LOADED = "spectra and materials of a loaded scene are not looked at for what is black in the bands"
+ANOTHER = "pass the scene as a path, as XML text or as a dict"
+
+
+def is_loaded(scene: object) -> bool:
+    """Whether it is a mi.Scene, of any variant."""
+    return hasattr(scene, "sensors") and hasattr(scene, "variant_name")
+
+
+def check_loaded(scene: MitsubaObject, options: Mapping[str, Any]) -> None:
+    """Raise InputError for a loaded scene of another variant, or with options that it comes too late for."""
+    own, wanted = scene.variant_name(), options.get("variant") or mitsuba().variant()
+    if not own.endswith("_spectral"):
+        raise InputError(
+            f"the scene was loaded in variant {own!r}, which keeps no spectra; call mitsuba.set_variant"
+            "('scalar_spectral') before you load it, or pass its path, XML text or dict."
+        )
+    if own != wanted:
+        way_out = f"load it again, or pass variant={own!r}"
+        raise InputError(f"the scene was loaded in variant {own!r}, and {wanted!r} is to render it; {way_out}.")
+    for name in OPTIONS:
+        if options.get(name):
+            raise InputError(f"{name} is given and the scene is a loaded mi.Scene, which it cannot change; {ANOTHER}.")
+
+
+def parse_nodes(scene: object, options: Mapping[str, Any]) -> SceneFile:
+    """The nodes of a dict or a loaded scene; the variant must be set. options : of FileOptions. Raises InputError."""
+    mi = mitsuba()
+    if is_loaded(scene):
+        tree, name, digest = _tree_of(scene), "mi.Scene", _digest_of_scene(scene)
+        changes = [("mi.Scene", (LOADED, ANOTHER))]
+    elif isinstance(scene, Mapping):
+        name, tree, changes = "dict", dict(scene), []
+        _check_dict(tree, options)
+        digest = json.dumps(list(_described(tree)))
+    else:
+        kinds, given = "a path, XML text, a dict as for mi.load_dict, or a mi.Scene", " ".join(repr(scene).split())
+        raise InputError(f"scene is {given}; pass {kinds}, e.g. 'scenes/cornell_box.xml'.")
+    config = mi.parser.ParserConfig(mi.variant())
+    config.merge_meshes = False
+    resolver = type(mi.file_resolver())(mi.file_resolver())
+    tree, fields = _fields_apart(tree)
+    with as_input_error(Path(name)):
+        state = mi.parser.parse_dict(config, tree)
+        _know_types(state)
+        mi.parser.transform_resolve(config, state)
+    polarised, content = bool(options.get("ignore_polarization")), digest.encode()
+    file = SceneFile(
+        Path(name), config, state, {}, resolver, changes=tuple(changes), ignore_polarization=polarised, content=content
+    )
+    file = replace(file, loaded=scene) if is_loaded(scene) else file
+    for field, value in fields.items():
+        file.film().props[field] = value
+    return with_integrator(file, options.get("integrator"))
+
+
+def _check_dict(tree: Mapping[str, Any], options: Mapping[str, Any]) -> None:
+    if tree.get("type") != "scene":
+        raise InputError(f"the dict has type {tree.get('type')!r}; pass one of a whole scene, with 'type': 'scene'.")
+    if options.get("parameters"):
+        raise InputError("parameters are for the <default> names of a scene in XML; change the dict instead.")
+    for place, value in _leaves(tree):
+        if options.get("integrator") and isinstance(value, mitsuba().Integrator):
+            raise InputError(f"integrator is given and {place!r} of the dict is one already; leave one of them out.")
+        if hasattr(value, "variant_name") and (own := value.variant_name()) != (now := mitsuba().variant()):
+            way_out = f"make it in that one, or pass variant={own!r}"
+            raise InputError(f"{place!r} of the dict was made in variant {own!r}, and {now!r} renders; {way_out}.")
+
+
+def _fields_apart(tree: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The tree without the fields of a camera in its film ("adc.bits"), because no name in a dict of Mitsuba has a dot;
+    and these."""
+    for name, sensor in tree.items():
+        if isinstance(sensor, Mapping) and isinstance(film := sensor.get("film"), Mapping):
+            fields = {key: value for key, value in film.items() if "." in key}
+            others = {key: value for key, value in film.items() if key not in fields}
+            return {**tree, name: {**sensor, "film": others}}, fields
+    return tree, {}
+
+
+def _know_types(state: MitsubaObject) -> None:
+    """Types of our own elements, which are known by the tag in XML only. InputError for a type that no plugin has;
+    Mitsuba itself says so when it builds the scene."""
+    types = mitsuba().ObjectType
+    for node in state.nodes:
+        if node.type == types.Unknown:
+            kind = node.props.plugin_name()
+            if kind not in OWN_PLUGINS:
+                place = mitsuba().parser.file_location(state, node).removeprefix("dictionary ")
+                raise InputError(f"scene 'dict', {place}: there is no plugin {kind!r}.{nearest(kind, plugin_names())}")
+            node.type = types.Sensor if kind == SENSOR else types.Film
+
+
+def _leaves(tree: Mapping[str, Any], place: str = "") -> Iterator[tuple[str, Any]]:
+    """(dotted name, value) of everything that is no dict itself."""
+    for name, value in tree.items():
+        if isinstance(value, Mapping):
+            yield from _leaves(value, f"{place}{name}.")
+        else:
+            yield f"{place}{name}", value
+
+
+def _described(tree: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """(dotted name, what is there) in the order of the dict."""
+    for place, value in _leaves(tree):
+        built = hasattr(value, "variant_name")
+        array = isinstance(value, np.ndarray) or hasattr(value, "__array__")
+        yield place, _digest_of(value) if built else repr(np.asarray(value).tolist()) if array else repr(value)
+
+
+def _tree_of(scene: MitsubaObject) -> dict[str, Any]:
+    """A dict with the first sensor of a loaded scene, described again. Raises InputError where it is of no use."""
+    if (integrator := scene.integrator()) is not None:
+        _check_integrator(integrator)
+    for number, shape in enumerate(scene.shapes()):
+        if any(name in str(shape.bsdf()) for name in POLARISERS):
+            raise InputError(
+                f"shape {shape.id() or number!r} of the scene polarises light ({', '.join(POLARISING)}), which is not "
+                f"simulated; {ANOTHER} and ignore_polarization=True for unpolarised light."
+            )
+    sensors = scene.sensors()
+    return {"type": "scene", **({"sensor": _described_sensor(sensors[0])} if sensors else {})}
+
+
+def _check_integrator(integrator: MitsubaObject) -> None:
+    kind = integrator.class_name()
+    if integrator.aov_names() or kind in NO_RADIANCE:
+        why = "adds channels that the sensor cannot use" if integrator.aov_names() else "computes no radiance"
+        raise InputError(f"the integrator of the scene, {kind}, {why}; load the scene with another, e.g. 'path'.")
+
+
+def _described_sensor(sensor: MitsubaObject) -> dict[str, Any]:
+    """The parameters of a sensor and its film, from which they are built again."""
+    mi, kind, film = mitsuba(), SENSORS.get(sensor.class_name()), sensor.film()
+    if kind is None:
+        raise InputError(f"the sensor of the scene is a {sensor.class_name()}; it must be one of {', '.join(SENSORS)}.")
+    if sensor.get_medium() is not None:
+        raise InputError(f"the sensor of the scene is inside a medium; {ANOTHER}.")
+    found, size = mi.traverse(sensor), (film.size(), film.crop_size(), film.crop_offset())
+    (width, height), crop, offset = (tuple(int(n) for n in pair) for pair in size)
+    names: tuple[str, ...] = ("near_clip", "far_clip", "principal_point_offset_x", "principal_point_offset_y")
+    names += ("focus_distance", "aperture_radius") if kind == "thinlens" else ()
+    numbers = {name: float(np.ravel(found[name])[0]) for name in names if name in found}
+    pose = mi.ScalarTransform4f(np.array(found["to_world"].matrix, dtype=float).reshape(4, 4))
+    own = {"width": width, "height": height}
+    if crop != (width, height):
+        own |= dict(zip(("crop_width", "crop_height", "crop_offset_x", "crop_offset_y"), crop + offset, strict=True))
+    view = {"fov": float(np.ravel(found["x_fov"])[0]), "fov_axis": "x"} if "x_fov" in found else {}
+    parameters = parameters_of(film)
+    rfilter = {"type": FILTERS.get(film.rfilter().class_name(), "gaussian")}
+    described = {"type": FILMS.get(film.class_name(), "hdrfilm"), "component_format": "float32", "rfilter": rfilter}
+    if parameters is not None:
+        described = {"type": FILM, **parameters.film}
+        if parameters.sensor is not None:
+            moved = {name: value for name, value in numbers.items() if "_clip" in name or "principal" in name}
+            return {"type": SENSOR, **parameters.sensor, **moved, "to_world": pose, "film": {**described, **own}}
+    return {"type": kind, **view, **numbers, "to_world": pose, "film": {**described, **own}}
+
+
+def _digest_of_scene(scene: MitsubaObject) -> str:
+    """Of everything that its parts print and contain, whatever their order: that of the shapes is left to chance."""
+    parts = [*scene.shapes(), *scene.emitters(), *scene.sensors()[:1]]
+    return json.dumps(sorted([_digest_of(one) for one in parts] + [str(scene.integrator())]))
+
+
+def _digest_of(thing: MitsubaObject) -> str:
+    """SHA-256 of what an object of Mitsuba prints, and of its parameters."""
+    digest = hashlib.sha256(str(thing).encode())
+    for _, value in sorted((name.split(".")[-1], value) for name, value in _arrays(thing)):
+        digest.update(value)
+    return digest.hexdigest()
+
+
+def _arrays(thing: MitsubaObject) -> Iterator[tuple[str, bytes]]:
+    for name, value in mitsuba().traverse(thing):
+        values = getattr(value, "matrix", value)  # of a transform
+        yield name, np.ascontiguousarray(np.array(values)).tobytes()

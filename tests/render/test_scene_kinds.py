@@ -1,0 +1,233 @@
+"""A scene as a path, as XML text, as a dict and as a loaded mi.Scene: the same picture, and one sentence where not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.scenes import BALL, SCENES, SKY, both_variants, scene_text, skip_unless_usable
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.core.errors import InputError
+from mitsuba_sensor.render import plugins
+from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
+
+CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.1)
+CORNELL = SCENES / "cornell_box.xml"
+SMALL = {"width": "16", "height": "12"}
+OPTIONS: Any = {"spp": 16, "bandwidth_nm": 50, "denoise": False}
+OWN = (
+    '<scene version="3.0.0"><sensor type="camera"><float name="focal_length_mm" value="0.05"/>'
+    '<float name="f_number" value="2"/><float name="focus_distance_m" value="3"/>'
+    '<spectrum name="transmission" value="400:0.5, 700:0.9"/><transform name="to_world"><translate z="-1"/></transform>'
+    '<film type="photosensor"><string name="camera" value="konnik_table1"/><integer name="width" value="12"/>'
+    '<integer name="height" value="8"/><integer name="crop_width" value="5"/><integer name="crop_offset_x" value="3"/>'
+    '<float name="exposure_s" value="0.02"/><integer name="serial" value="7"/><integer name="adc.bits" value="14"/>'
+    f"</film></sensor>{SKY}{BALL.format(bsdf='')}</scene>"
+)
+
+
+def ready(variant: str) -> Any:
+    return use(choose_variant(skip_unless_usable(variant)))
+
+
+def room(mi: Any) -> dict[str, Any]:
+    """Mitsuba's own Cornell box, small."""
+    scene = mi.cornell_box()
+    scene["sensor"]["film"] |= {"width": 16, "height": 12}
+    return scene  # type: ignore[no-any-return]
+
+
+@both_variants
+def test_path_text_and_loaded_scene_of_one_file_are_the_same_picture(variant: str) -> None:
+    """Bit for bit; two digests: a loaded scene says nothing of its file."""
+    mi = ready(variant)
+    text = CORNELL.read_text("utf-8")
+    loaded = mi.load_file(str(CORNELL), optimize=False, **SMALL)
+    asked = {**OPTIONS, "parameters": SMALL}
+    path, as_text = (ms.render(one, CAMERA, EXPOSURE, **asked) for one in (CORNELL, text))
+    np.testing.assert_array_equal(as_text.data, path.data)
+    assert as_text.statistics.scene_sha256 == path.statistics.scene_sha256
+    built = ms.render(loaded, CAMERA, EXPOSURE, **OPTIONS)
+    np.testing.assert_array_equal(built.data, path.data)
+    np.testing.assert_array_equal(built.standard_error, path.standard_error)
+
+
+@both_variants
+def test_a_dict_and_what_mitsuba_loads_of_it_are_the_same_picture(variant: str) -> None:
+    mi = ready(variant)
+    given = ms.render(room(mi), CAMERA, EXPOSURE, **OPTIONS)
+    built = ms.render(mi.load_dict(room(mi), optimize=False), CAMERA, EXPOSURE, **OPTIONS)
+    np.testing.assert_array_equal(built.data, given.data)
+    assert given.statistics.scene_sha256 != built.statistics.scene_sha256
+    parts = room(mi)
+    parts["integrator"], parts["light"]["emitter"] = (
+        mi.load_dict(one) for one in (parts["integrator"], parts["light"]["emitter"])
+    )
+    np.testing.assert_array_equal(ms.render(parts, CAMERA, EXPOSURE, **OPTIONS).data, given.data)
+
+
+def test_instances_and_lights_of_every_kind_stay_as_they_are_in_a_loaded_scene() -> None:
+    """Bit for bit: the scene itself is rendered, not a copy of its shapes."""
+    mi = ready("llvm_ad_spectral")
+    scene, move, one = room(mi), mi.ScalarTransform4f().translate, {"type": "uniform", "value": 1.0}
+    scene |= {"group": {"type": "shapegroup", "ball": {"type": "sphere", "radius": 0.2}}}
+    scene |= {"here": {"type": "instance", "ref": {"type": "ref", "id": "group"}, "to_world": move([0.3, 0, 0])}}
+    scene |= {"point": {"type": "point", "position": [0, 0, 0.5], "intensity": one}, "sky": {"type": "constant"}}
+    given, built = (ms.render(x, CAMERA, EXPOSURE, **OPTIONS) for x in (scene, mi.load_dict(scene, optimize=False)))
+    np.testing.assert_array_equal(built.data, given.data)
+
+
+def test_a_scene_of_our_plugins_keeps_camera_lens_crop_and_exposure_when_it_is_loaded() -> None:
+    mi = ready("scalar_spectral")
+    plugins.register_plugins()
+    from_text = ms.capture(OWN, **OPTIONS)
+    loaded = ms.capture(mi.load_string(OWN), **OPTIONS)
+    np.testing.assert_array_equal(loaded.frames.digital, from_text.frames.digital)
+    known = loaded.light.rendered_for
+    assert known is not None and known.exposure == ms.Exposure(0.02) and known.serial == 7
+    assert known.camera is not None and known.camera.adc.bits == 14 and known.camera.lens.f_number == 2
+    assert loaded.light.origin == (0, 3) and loaded.light.data.shape[:2] == (8, 5)
+    assert known.camera.lens.transmission_curve is not None
+
+
+def test_a_dict_may_have_our_elements_and_fields_of_the_camera() -> None:
+    """As in XML; mi.load_dict itself refuses the name of a field, because it has a dot."""
+    mi = ready("scalar_spectral")
+    size = {"width": 12, "height": 8, "crop_width": 5, "crop_offset_x": 3}
+    film = {"type": "photosensor", "camera": "konnik_table1", **size, "exposure_s": 0.02, "serial": 7, "adc.bits": 14}
+    lens = {"type": "camera", "focal_length_mm": 0.05, "f_number": 2.0, "focus_distance_m": 3.0, "film": film}
+    glass = {"type": "spectrum", "value": [(400.0, 0.5), (700.0, 0.9)]}
+    pose = mi.ScalarTransform4f().translate([0, 0, -1])
+    sky = {"type": "constant", "radiance": {"type": "spectrum", "value": [(360.0, 2e-4), (830.0, 2e-4)]}}
+    ball = {"type": "sphere", "center": [0, 0, 4]}
+    given = {"type": "scene", "lens": {**lens, "transmission": glass, "to_world": pose}, "sky": sky, "ball": ball}
+    np.testing.assert_array_equal(
+        ms.capture(given, **OPTIONS).frames.digital, ms.capture(OWN, **OPTIONS).frames.digital
+    )
+
+
+def test_a_scene_that_was_changed_after_loading_is_rendered_as_it_is_now() -> None:
+    """Twice the radiance of the only light is twice the irradiance, to the rounding of float32."""
+    mi = ready("scalar_spectral")
+    scene = mi.load_string(scene_text(SKY))
+    once = ms.render(scene, CAMERA, EXPOSURE, **OPTIONS)
+    parameters = mi.traverse(scene)
+    name = next(name for name, _ in parameters if name.endswith("radiance.values"))
+    parameters[name] = [2 * x for x in parameters[name]]
+    parameters.update()
+    twice = ms.render(scene, CAMERA, EXPOSURE, **OPTIONS)
+    np.testing.assert_allclose(twice.data, 2 * once.data, rtol=1e-6)
+    assert twice.statistics.scene_sha256 != once.statistics.scene_sha256
+
+
+def test_aovs_frames_of_their_own_and_a_user_s_film_are_left_as_they_were() -> None:
+    mi = ready("llvm_ad_spectral")
+    scene = mi.load_dict(room(mi))
+    before, names = np.array(mi.render(scene, spp=4, seed=1)), [shape.id() for shape in scene.shapes()]
+    found = ms.capture(scene, CAMERA, EXPOSURE, aovs=True, **OPTIONS)
+    assert found.aovs is not None and np.isfinite(found.aovs.depth_m).any() and "red-wall" in found.aovs.shapes
+    assert [shape.id() for shape in scene.shapes()] == names
+    each = list(ms.render_frames(scene, CAMERA, EXPOSURE, frames=2, spp=16))
+    assert len(each) == 2 and each[0].frames.digital.shape == (1, 12, 16)
+    np.testing.assert_array_equal(np.array(mi.render(scene, spp=4, seed=1)), before)
+
+
+def test_notes_say_what_was_replaced() -> None:
+    mi = ready("scalar_spectral")
+    for scene in (room(mi), mi.load_dict(room(mi))):
+        notes = " ".join(ms.render(scene, CAMERA, EXPOSURE, **OPTIONS).statistics.notes)
+        assert "film 'hdrfilm' replaced" in notes and "filter 'gaussian' replaced by 'box'" in notes
+    assert "not looked at for what is black" in notes
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"parameters": {"width": 3}}, "parameters is given and the scene is a loaded mi.Scene"),
+        ({"motion": "x.toml"}, "motion is given and the scene is a loaded mi.Scene, which it cannot change; pass the"),
+        ({"integrator": "direct"}, "integrator is given and the scene is a loaded mi.Scene"),
+        ({"variant": "scalar_spectral"}, "loaded in variant 'llvm_ad_spectral', and 'scalar_spectral' is to render it"),
+    ],
+)
+def test_what_a_loaded_scene_cannot_do_is_one_sentence(options: dict[str, Any], said: str) -> None:
+    mi = ready("llvm_ad_spectral")
+    with pytest.raises(InputError, match=said):
+        ms.render(mi.load_dict(room(mi)), CAMERA, EXPOSURE, **options)
+
+
+def test_a_scene_of_another_variant_is_one_sentence() -> None:
+    mi = ready("llvm_ad_spectral")
+    scene = mi.load_dict(room(mi))
+    bsdf = mi.load_dict({"type": "diffuse"})
+    mi.set_variant("scalar_rgb")
+    coloured, given = mi.load_dict(room(mi)), room(mi)
+    try:
+        with pytest.raises(InputError, match="loaded in variant 'scalar_rgb', which keeps no spectra; call"):
+            ms.render(coloured, CAMERA, EXPOSURE)
+        mi.set_variant("scalar_spectral")
+        with pytest.raises(InputError, match="loaded in variant 'llvm_ad_spectral', and 'scalar_spectral' is to"):
+            ms.render(scene, CAMERA, EXPOSURE)
+        with pytest.raises(InputError, match="'white' of the dict was made in variant 'llvm_ad_spectral'"):
+            ms.render({**given, "white": bsdf}, CAMERA, EXPOSURE)
+    finally:
+        mi.set_variant("scalar_spectral")
+
+
+def test_what_is_no_scene_is_one_sentence() -> None:
+    mi = ready("scalar_spectral")
+    aov = {**room(mi), "integrator": {"type": "aov", "aovs": "d:depth", "inner": {"type": "path"}}}
+    fish = {**room(mi), "sensor": {"type": "radiancemeter", "film": {"type": "hdrfilm", "width": 1, "height": 1}}}
+    turned = room(mi)
+    turned["white"] = {"type": "circular"}
+    wrong: list[tuple[Any, str]] = [
+        (3, "scene is 3; pass a path, XML text, a dict as for mi.load_dict, or a mi.Scene"),
+        (None, "scene is None"),
+        ({}, "the dict has type None; pass one of a whole scene, with 'type': 'scene'"),
+        (mi.load_dict({"type": "sphere"}), "pass a path, XML text"),
+        ({"type": "scene", "sensor": {"type": "perspektive"}}, "Did you mean 'perspective'"),
+        ({"type": "scene", "light": {"type": "constant"}}, "scene 'dict' has no sensor"),
+        (mi.load_dict({"type": "scene", "light": {"type": "constant"}}), "scene 'mi.Scene' has no sensor"),
+        (
+            {**room(mi), "small-box": {"type": "ply", "filename": "no.ply"}},
+            'lacks a file: no.ply \\(node "small-box"\\)',
+        ),
+        ("<scene version='3.0.0'><sensor></scene>", "scene 'XML text' cannot be loaded"),
+        ("<scene version='3.0.0'/>", "scene 'XML text' has no sensor"),
+        ("no_such.xml", "scene 'no_such.xml' is not a file"),
+        (mi.load_dict(aov), "the integrator of the scene, AOVIntegrator, adds channels"),
+        (mi.load_dict(fish), "the sensor of the scene is a RadianceMeter; it must be one of PerspectiveCamera"),
+        (mi.load_dict({**room(mi), "integrator": {"type": "depth"}}), "DepthIntegrator, computes no radiance"),
+    ]
+    for scene, said in wrong:
+        with pytest.raises(InputError, match=said) as error:
+            ms.render(scene, CAMERA, EXPOSURE)
+        assert "\n" not in str(error.value)
+    with pytest.raises(InputError, match="parameters are for the <default> names of a scene in XML"):
+        ms.render(room(mi), CAMERA, EXPOSURE, parameters={"a": 1})
+    given = {**room(mi), "integrator": mi.load_dict({"type": "path"})}
+    with pytest.raises(InputError, match="integrator is given and 'integrator' of the dict is one already"):
+        ms.render(given, CAMERA, EXPOSURE, integrator="direct")
+
+
+def test_polarising_materials_of_a_loaded_scene_are_refused() -> None:
+    mi = ready("scalar_spectral")
+    scene = mi.load_string(scene_text(SKY, BALL.format(bsdf='<bsdf type="circular"/>')))
+    with pytest.raises(InputError, match="polarises light"):
+        ms.render(scene, CAMERA, EXPOSURE)
+
+
+def test_relative_files_of_text_are_looked_for_in_the_working_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mi = ready("scalar_spectral")
+    mi.Bitmap(np.full((2, 2, 3), 0.5, np.float32)).write(str(tmp_path / "grey.exr"))
+    bsdf = '<bsdf type="diffuse"><texture name="reflectance" type="bitmap"><string name="filename" value="grey.exr"/>'
+    text = scene_text(SKY, BALL.format(bsdf=f"{bsdf}</texture></bsdf>"))
+    with pytest.raises(InputError, match=r"scene 'XML text' lacks a file: grey\.exr"):
+        ms.render(text, CAMERA, EXPOSURE, spp=1)
+    monkeypatch.chdir(tmp_path)
+    assert ms.render(text, CAMERA, EXPOSURE, spp=1).data.any()
+    assert mitsuba() is mi
