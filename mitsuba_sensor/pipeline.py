@@ -24,7 +24,7 @@ from .render.options import FrameSeriesOptions, RawLightOptions, RenderOptions
 from .render.per_frame import FrameSeries
 from .render.photons import collect
 from .render.prepared import PreparedRender, denoised_if_possible, prepare
-from .render.render_noise import render_noise
+from .render.render_noise import noise_note, render_noise
 from .render.scene_nodes import SceneInput
 from .render.scene_settings import ParsedScene
 from .render.stop_criterion import Progress
@@ -222,6 +222,7 @@ def frame_metadata(
             made = plan_for(camera, frames.detected, frames.first)
         found = {} if made is None else made.to_dict()
         noise, known, off = render_noise(light, frames), frames_metadata(frames), band_error(light, camera)
+        grain = () if "uncompensated" in origin else noise_note(light, noise)  # there it is in the frames on purpose
     return {
         "origin": {**origin, "scene_sha256": statistics["scene_sha256"]},
         **known,
@@ -231,7 +232,7 @@ def frame_metadata(
         "counts": {**known["counts"], **{name: statistics[name] for name in ("negative", "non_finite")}},
         "render": statistics,
         "render_noise": noise,
-        "notes": [*known["notes"], *notes_of_bands(light, camera, off)],
+        "notes": [*known["notes"], *grain, *notes_of_bands(light, camera, off)],
         "effects": found.get("stages", []),
         "float32": found.get("float32"),
         "times_s": times_s,

@@ -12,8 +12,6 @@ from rich.console import Console, Group, RenderableType
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
-from ..render.passes import MOST_IN_ALL
-from ..render.render_noise import LITTLE_NOISE
 from ..sensor.plan import IDLE, NEEDED, Plan
 from ..stopping import undone_if_stopped
 from .tables import FittedTable, number, rough
@@ -196,9 +194,8 @@ def _facts(report: Report) -> Iterator[Text]:
     yield _fact(
         "render noise / sensor noise",
         f"variance × {number(noise['over_sensor_median'])} median, {number(noise['over_sensor_p95'])} at the 95th "
-        f"percentile: {100 * noise['share_of_variance_median']:.0f} % of the variance of a pixel is the render's "
-        f"(median), more than half in {100 * noise['above_sensor']:.0f} % of the pixels; "
-        f"{render['samples_per_pixel']} samples per pixel{ended}{_for_less(noise, report)}",
+        f"percentile, more than 1 in {100 * noise['above_sensor']:.0f} % of the pixels; "
+        f"{render['samples_per_pixel']} samples per pixel{ended}",
     )
     if "uncompensated" in report["origin"]:
         left, above = (f"{100 * report['origin'][name]:.2g} %" for name in ("uncompensated", "above_shot_noise"))
@@ -224,15 +221,6 @@ def _facts(report: Report) -> Iterator[Text]:
         advice = "" if single["precision"] == "float32" else "; --precision float64 is better"
         yield _fact("float32", f"about {share} of the pixels differ from float64, by at most {most}{advice}")
     yield _fact("seconds", ", ".join(f"{name} {seconds:.2f}" for name, seconds in report["times_s"].items()))
-
-
-def _for_less(noise: Mapping[str, float | None], report: Report) -> str:
-    """What a render would take whose noise is a tenth of the sensor's variance."""
-    samples, seconds = noise["samples_for_a_tenth"], noise["seconds_for_a_tenth"]
-    if samples is None or seconds is None or samples > MOST_IN_ALL or "render" not in report["times_s"]:
-        return ""
-    takes = f"about {rough(samples)} samples, {rough(seconds)} s"
-    return f"; × {LITTLE_NOISE:g} takes {takes} (--noise-ratio {LITTLE_NOISE:g})"
 
 
 def _ended(asked: float | None, end: str) -> str:

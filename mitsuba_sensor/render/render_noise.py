@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+
 import numpy as np
 
 from ..sensor.detection import detect
 from ..sensor.expose import Frames
 from ..sensor.input_noise import input_noise
 from .irradiance import Irradiance
+from .passes import MOST_IN_ALL
 from .statistics import POOLED, RenderStatistics, summary_of
 
 LITTLE_NOISE = 0.1  # of the sensor's variance: 5 % more noise in the frame
@@ -46,6 +49,26 @@ def render_noise(light: Irradiance, frames: Frames) -> dict[str, float | None]:
         "samples_for_a_tenth": samples,
         "seconds_for_a_tenth": None if more is None else statistics.seconds + more,
     }
+
+
+def noise_note(light: Irradiance, noise: Mapping[str, float | None]) -> Iterator[str]:
+    """Where the render's noise is more than a tenth of the sensor's: how much of the grain is its, and what helps.
+
+    noise : what :func:`render_noise` returned.
+    """
+    median, share = noise["over_sensor_median"], noise["share_of_variance_median"]
+    if median is None or share is None or not median > LITTLE_NOISE:
+        return
+    samples, seconds = noise["samples_for_a_tenth"], noise["seconds_for_a_tenth"]
+    remedy = f"render with more samples than {light.statistics.samples_per_pixel} (--spp)"
+    if samples is not None and seconds is not None and samples <= MOST_IN_ALL:
+        remedy = f"--noise-ratio {LITTLE_NOISE:g} takes about {_rough(samples)} samples, {_rough(seconds)} s"
+    yield f"{share:.0%} of the noise variance of a typical pixel is the render's, not the camera's; {remedy}"
+
+
+def _rough(value: float) -> str:
+    """Two digits: a forecast has no more."""
+    return f"{float(f'{value:.2g}'):.0f}" if value >= 1 else f"{value:.1g}"
 
 
 def samples_for(wanted: float, median: float, statistics: RenderStatistics) -> float | None:

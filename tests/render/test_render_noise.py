@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.render.render_noise import render_noise, samples_for
+from mitsuba_sensor.render.render_noise import noise_note, render_noise, samples_for
 
 CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.1)
 
@@ -43,3 +43,19 @@ def test_a_pixel_as_noisy_by_the_render_as_by_the_sensor_owes_half_its_variance_
     assert found["above_sensor"] == pytest.approx(0.5, abs=1e-2)
     assert found["samples_for_a_tenth"] == pytest.approx(640, rel=1e-5)
     assert found["seconds_for_a_tenth"] == pytest.approx(2.0 + 0.5 * (640 - 64), rel=1e-5)
+
+
+def test_a_note_says_how_much_of_the_grain_is_the_renders(light: Any) -> None:
+    """From a tenth of the sensor's variance on; with the samples and seconds of a tenth, where they can be had."""
+    long = {"over_sensor_median": 1.0, "share_of_variance_median": 0.5}
+    short = {"over_sensor_median": 0.1, "share_of_variance_median": 0.1 / 1.1}
+    known, unknown, endless = (
+        {"samples_for_a_tenth": samples, "seconds_for_a_tenth": seconds}
+        for samples, seconds in ((1234.0, 56.7), (None, None), (1e12, 1e9))
+    )
+    half = "50% of the noise variance of a typical pixel is the render's, not the camera's; "
+    assert list(noise_note(light, long | known)) == [half + "--noise-ratio 0.1 takes about 1200 samples, 57 s"]
+    for further in (unknown, endless):
+        assert list(noise_note(light, long | further)) == [half + "render with more samples than 64 (--spp)"]
+    assert not list(noise_note(light, short | known))
+    assert not list(noise_note(light, {"over_sensor_median": None, "share_of_variance_median": None} | unknown))
