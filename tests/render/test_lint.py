@@ -61,7 +61,7 @@ def test_a_clean_scene_has_no_finding(tmp_path: Path, camera: Camera) -> None:
     assert findings(tmp_path, clean(), camera) == ()
 
 
-@pytest.mark.parametrize("name", (*SHIPPED, "one_file"))
+@pytest.mark.parametrize("name", (*SHIPPED, "one_file", "first_frame"))
 def test_the_shipped_scenes_are_clean_from_360_to_830_nm(name: str) -> None:
     camera = VISIBLE.replace(**{"quantum_efficiency.wavelengths_nm": (360, 830)})
     assert inspect_scene(SCENES / f"{name}.xml", camera, {"width": 16, "height": 12}, None) == ()
