@@ -12,4 +12,8 @@ import lazy_loader
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)  # the public names: in __init__.pyi
 
+from .render.plugin_hook import watch  # noqa: E402, behind lazy_loader, which keeps `render` the function
+
+watch()  # <film type="photosensor"> and <sensor type="camera"> in plain Mitsuba
+
 __version__ = "0.1.0"

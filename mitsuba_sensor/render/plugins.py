@@ -18,11 +18,11 @@ import math
 from ..core import InputError
 from ..sensor.camera import Camera
 from .bands import BANDWIDTH_NM, choose_bands, response_film
+from .plugin_hook import register
 from .plugin_id import PluginParameters, parameters_of
 from .scene_settings import (
     FILM,
     PASSED_ON,
-    SENSOR,
     SceneSettings,
     film_fields_of,
     lens_fields,
@@ -35,11 +35,11 @@ OF_VIEW = ("focal_length_mm", "focus_distance_m", "scene_unit")  # parameters of
 
 
 def register_plugins() -> None:
-    """Register the two plugins in the variant that is set and in all that will be set. May be repeated."""
-    mi = mitsuba()
-    mi.detail.add_variant_callback(_register)  # a set: the same function is kept once
-    if mi.variant() is not None:
-        _register(None, mi.variant())
+    """Register the two plugins in the variant that is set and in all that will be set. May be repeated.
+
+    Importing this package does it, where Python finds Mitsuba by itself.
+    """
+    register(mitsuba())
 
 
 def built_in_sensor(settings: SceneSettings, camera: Camera, columns: int) -> tuple[str, dict[str, float | str]]:
@@ -64,10 +64,9 @@ def built_in_sensor(settings: SceneSettings, camera: Camera, columns: int) -> tu
     return "thinlens", {**view, "aperture_radius": radius_m / unit_m, "focus_distance": focus_m / unit_m}
 
 
-def _register(_before: str | None, _now: str | None) -> None:
-    mi = mitsuba()
-    mi.register_film(FILM, lambda props: _photosensor(PluginParameters(film_fields_of(props))))
-    mi.register_sensor(SENSOR, _sensor)
+def photosensor(props: MitsubaObject) -> MitsubaObject:
+    """<film type="photosensor"> → Mitsuba's specfilm."""
+    return _photosensor(PluginParameters(film_fields_of(props)))
 
 
 def _photosensor(parameters: PluginParameters) -> MitsubaObject:
@@ -83,7 +82,7 @@ def _photosensor(parameters: PluginParameters) -> MitsubaObject:
     return response_film(bands.responses, {**full, **settings.size, "id": parameters.id()})
 
 
-def _sensor(props: MitsubaObject) -> MitsubaObject:
+def camera(props: MitsubaObject) -> MitsubaObject:
     """<sensor type="camera"> → Mitsuba's perspective or thinlens."""
     mi, lens = mitsuba(), sensor_fields_of(props)
     nested = {name: props[name] for name in props if props.type(name) == mi.Properties.Type.Object}

@@ -384,3 +384,25 @@ def test_the_example_loads_in_plain_mitsuba_and_says_everything(variant: str) ->
     assert None not in (settings.seed, settings.serial, settings.spectral, settings.bandwidth_nm, settings.unit_m)
     scene: Scene = load_scene(path, BANDS, small)
     assert scene.notes == () and scene.view.focus_m == pytest.approx(0.3, rel=1e-6)
+
+
+IN_PLAIN_MITSUBA = (
+    "import mitsuba as mi; mi.set_variant('scalar_spectral'); import mitsuba_sensor",
+    "import mitsuba_sensor; import mitsuba as mi; mi.set_variant('scalar_rgb'); mi.set_variant('scalar_spectral')",
+    "import mitsuba as mi; import mitsuba_sensor; mi.set_variant('scalar_spectral')",
+)
+
+
+@pytest.mark.parametrize("imports", IN_PLAIN_MITSUBA)
+def test_importing_the_package_makes_the_plugins_known_in_either_order(tmp_path: Path, imports: str) -> None:
+    """Nothing is registered by hand; importing one does not import the other."""
+    path = write_scene(tmp_path, one_file())
+    code = (
+        f"import sys; {imports.replace('import mitsuba_sensor', IMPORT)}\n"
+        f"print(mi.render(mi.load_file({str(path)!r}), spp=1).shape, type(mitsuba_sensor.render).__name__)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=dict(os.environ))
+    assert done.stdout.split("\n")[-2] == "(8, 12, 30) function", done.stderr
+
+
+IMPORT = "before = 'mitsuba' in sys.modules; import mitsuba_sensor; assert before == ('mitsuba' in sys.modules)"
