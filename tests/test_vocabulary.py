@@ -40,7 +40,7 @@ WORDS = (
     Word(r"blinking|blinks?", "RTS (random telegraph signal)"),
     Word(r"spend(s|ing|able)?|(un)?spent|unspendable", "compensate, compensated render noise; use, take (time)"),
     Word(r"shoot(s|ing)?", "render a frame"),
-    Word(r"devices?", "sensor window; chip, serial", allowed=r"GPU|CUDA|cuda|oidn\.Device"),  # a GPU is a device
+    Word(r"devices?", "sensor window; chip, serial", allowed=r"GPU|CUDA|cuda|oidn\.Device|=device-width"),
     Word(r"rooms?", "domain (photons, electrons, volts, DN)", allowed=r"room temperature"),
     Word(r"words?", "random bits; options, arguments; text, label"),
     Word(r"truth", "AOVs; reference", allowed=r"include_truth=False"),  # the keyword of getframes

@@ -18,8 +18,9 @@ from ..render.options import SceneOptions
 from ..render.prepared import prepare
 from ..sensor.metering import Metering
 from ..stopping import remark_if_stopped
+from ..study.html_page import html
 from ..study.kit import Kit, Subject
-from ..study.page import Study, Table, html, png
+from ..study.page import Study, Table, png
 from . import arguments, options
 from .app import CHECKS, RenderInput, app, err, out, render_input, show
 from .options import AblationFlags, Flag, Flags, StudyFlags, WorkPrecisionFlags

@@ -2,38 +2,70 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import io
 
-from rich.console import Group, RenderableType
+from rich.console import Console, Group, RenderableType
 from rich.text import Text
 
 from ..study import page
+from ..study.html_page import text
 from .tables import FittedTable
 
 STYLES = {"good": "green", "bad": "bold red", "best": "bold green", "dim": "dim", "": ""}  # of a mark
-LONGEST = 48  # rows of a table that a terminal still shows; of a longer one only those that are not as they must be
+MOST_LINES = 40
+"""Of a study in the terminal; what does not fit stands in the page."""
+LAST_LINES = 2  # of the sentence about what does not fit, in a narrow terminal
+LONGEST = 16  # rows of a table that a terminal still shows
 NOTHING = 1e-30  # what is smaller is printed as 0
 
 
 def study_sheet(found: page.Study, path: str, width: int) -> RenderableType:
-    """The whole study in the terminal, its findings and as much of its tables as fits into so many characters."""
+    """A study in the terminal of so many characters: findings, then the tables that fit, first those with faults."""
     verdict = ("everything that must hold does", "bold green") if found.passed else ("not all holds", "bold red")
     lines: list[RenderableType] = [Text.assemble((found.title, "bold"), " – ", verdict, " → ", (path, "bold"))]
-    lines += (Text(f"• {finding}") for finding in found.findings)
-    for part in found.parts:
-        if isinstance(part, page.Grid):
-            drawn = FittedTable(("", *part.columns), title=part.title)
-            for name, marks, texts in zip(part.rows, part.marks, part.texts, strict=True):
-                drawn.add_row(name, *(Text(cell, STYLES[mark]) for cell, mark in zip(texts, marks, strict=True)))
-            lines.append(drawn)
-        elif isinstance(part, page.Table) and part.rows:
-            held = Text(f"{part.title}: all {len(part.rows)} rows as they must be")
-            lines += [held] if set(part.marks) == {"good"} else _table(part, width)
+    parts = [part for part in found.parts if isinstance(part, page.Grid | page.Table) and part.rows]
+    parts.sort(key=lambda part: not _has_faults(part))
+    pieces: dict[str, list[RenderableType]] = {
+        "findings": [Text(f"• {finding}") for finding in found.findings],
+        "tables": [_grid(part) if isinstance(part, page.Grid) else _table(part, width) for part in parts],
+    }
+    left, hidden = MOST_LINES - LAST_LINES - height(lines[0], width), dict.fromkeys(pieces, 0)
+    for kind, some in pieces.items():
+        for piece in some:
+            if fits := height(piece, width) <= left:
+                lines.append(piece)
+                left -= height(piece, width)
+            hidden[kind] += not fits
+    if more := " and ".join(f"{number} more {kind}" for kind, number in hidden.items() if number):
+        lines.append(Text(f"{more} stand in the page", style="dim"))
     return Group(*lines)
 
 
-def _table(table: page.Table, width: int) -> Iterator[RenderableType]:
-    """As many of its columns, from the left, as fit, and what of it stands only in the page."""
+def height(what: RenderableType, width: int) -> int:
+    """Lines that it takes in so many characters."""
+    console = Console(width=width, file=io.StringIO())
+    return len(console.render_lines(what, pad=False))
+
+
+def _has_faults(part: page.Grid | page.Table) -> bool:
+    rows = part.marks if isinstance(part, page.Grid) else (part.marks,)
+    return any("bad" in marks for marks in rows)
+
+
+def _grid(part: page.Grid) -> RenderableType:
+    drawn = FittedTable(("", *part.columns), title=part.title)
+    for name, marks, texts in zip(part.rows, part.marks, part.texts, strict=True):
+        drawn.add_row(name, *(Text(cell, STYLES[mark]) for cell, mark in zip(texts, marks, strict=True)))
+    return drawn
+
+
+def _table(table: page.Table, width: int) -> RenderableType:
+    """As many of its columns, from the left, as fit, and what of it stands only in the page.
+
+    Of a long one the rows that are not as they must be, or that are to be taken.
+    """
+    if set(table.marks) == {"good"}:
+        return Text(f"{table.title}: all {len(table.rows)} rows as they must be")
     rows = list(zip(table.marks or ("",) * len(table.rows), table.rows, strict=True))
     shown = rows if len(rows) <= LONGEST else [row for row in rows if row[0] in ("bad", "best")][:LONGEST]
     drawn = FittedTable(table.columns)
@@ -41,13 +73,13 @@ def _table(table: page.Table, width: int) -> Iterator[RenderableType]:
         drawn.add_row(*map(_cell, row), style=STYLES[mark])
     columns = range(len(table.columns))
     count = max(sum(drawn.least(columns[: one + 1]) <= width for one in columns), 1)
-    yield from (Text(f"\n{table.title}", style="bold"), drawn.block(columns[:count], width))
     hidden = {"rows": len(rows) - len(shown), "columns": len(columns) - count}
-    if more := " and ".join(f"{number} more {name}" for name, number in hidden.items() if number):
-        yield Text(f"{more} stand in the page", style="dim")
+    more = " and ".join(f"{number} more {name}" for name, number in hidden.items() if number)
+    said = [Text(f"{more} stand in the page", style="dim")] if more else []
+    return Group(Text(f"\n{table.title}", style="bold"), drawn.block(columns[:count], width), *said)
 
 
 def _cell(value: object) -> str:
     if not isinstance(value, float):
-        return page.text(value)
+        return text(value)
     return "0" if abs(value) < NOTHING else f"{value:.3g}"

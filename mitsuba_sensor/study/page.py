@@ -1,12 +1,10 @@
-"""What a study hands over, as plain values, and its page: one HTML file that needs nothing else, or drawings as PNG."""
+"""What a study hands over, as plain values: sentences, tables, and pictures as SVG or PNG."""
 
 from __future__ import annotations
 
 import io
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -15,6 +13,7 @@ import numpy as np
 from ..io.files import read_toml
 from ..lab.estimators import pareto
 from .kit import Known, Values
+from .series import MOST, colours, groups
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,7 +25,7 @@ Level = tuple[float, str]  # value and text of a line across a plot, to compare 
 
 @dataclass(frozen=True)
 class Table:
-    """Rows under headings with the unit in them. Numbers stay numbers; None is "not measured"."""
+    """Rows under headings with the unit in them, [1] for a ratio. Numbers stay numbers; None is "not measured"."""
 
     title: str
     columns: tuple[str, ...]
@@ -52,7 +51,7 @@ class Line:
     error: tuple[float, ...] = ()  # half the length of the vertical bars, or none
     joined: bool = True  # whether a line joins them
     dashed: bool = False
-    colour: int | None = None  # lines of one number share a colour, by default each has its own
+    colour: int | None = None  # its number; in a study that of its label, through all plots
     ringed: tuple[int, ...] = ()  # indices of points with a ring
 
 
@@ -71,7 +70,7 @@ def ringed(lines: Sequence[Line]) -> tuple[Line, ...]:
 
 @dataclass(frozen=True)
 class Plot:
-    """Lines over two axes."""
+    """Lines over two axes; a study shows more than eight of them in several plots, each with the first line."""
 
     title: str
     x_label: str
@@ -84,10 +83,11 @@ class Plot:
 
     def _draw(self, axes: Axes) -> float:
         for number, line in enumerate(self.lines):
-            colour = f"C{number if line.colour is None else line.colour}"
-            style: Values = {"marker": MARKERS[number % len(MARKERS)], "markersize": 4.5, "elinewidth": 0.9}
+            look = number if line.colour is None else line.colour
+            style: Values = {"marker": MARKERS[look % len(MARKERS)], "markersize": 4.5, "elinewidth": 0.9}
             style |= {"linewidth": 1.4 if line.joined else 0, "linestyle": "--" if line.dashed else "-"}
-            axes.errorbar(line.x, line.y, yerr=line.error or None, label=line.label or None, color=colour, **style)
+            style["color"] = f"C{look}"
+            axes.errorbar(line.x, line.y, yerr=line.error or None, label=line.label or None, **style)
             x, y = ([values[i] for i in line.ringed] for values in (line.x, line.y))
             axes.scatter(x, y, s=95, facecolors="none", edgecolors="black", zorder=3)
         axes.set(xlabel=self.x_label, ylabel=self.y_label)
@@ -108,6 +108,7 @@ class Bars:
     log_x: bool = False
     level: Level | None = None
     note: str = ""
+    colours: Mapping[str, int] = field(default_factory=dict)  # their numbers, by the names of the series
 
     def _draw(self, axes: Axes) -> float:
         height, rows = 0.8 / len(self.series), np.arange(len(self.labels))
@@ -115,6 +116,7 @@ class Bars:
             places = rows + (number - (len(self.series) - 1) / 2) * height
             error = np.array(self.error[name], dtype=float) if name in self.error else None
             style: Values = {"label": name if len(self.series) > 1 else None, "error_kw": {"elinewidth": 0.9}}
+            style["color"] = f"C{self.colours.get(name, number)}"
             axes.barh(places, np.array(values, dtype=float), height, xerr=error, **style)
         _log_scale(axes, "x", [x for values in self.series.values() for x in values if self.log_x and x is not None])
         axes.set_yticks(rows, self.labels)
@@ -175,62 +177,36 @@ class Study(Section):
 def study_of(name: str, title: str, sections: Sequence[Section], **data: object) -> Study:
     """Sections as one study."""
     findings = tuple(finding for section in sections for finding in section.findings)
-    parts = tuple(part for section in sections for part in section.parts)
-    return Study(findings, all(section.passed for section in sections), parts, name, title, data)
+    parts = [one for section in sections for part in section.parts for one in _split(part)]
+    return Study(findings, all(section.passed for section in sections), _coloured(parts), name, title, data)
+
+
+def _split(part: Part) -> list[Part]:
+    """A plot of too many lines as several, each with the first line, which the others are compared with."""
+    if not isinstance(part, Plot) or len(part.lines) <= MOST:
+        return [part]
+    plots = [(part.lines[0], *(part.lines[k] for k in some)) for some in groups(len(part.lines))]
+    titles = [f"{part.title} ({number} of {len(plots)})" for number in range(1, len(plots) + 1)]
+    return [replace(part, title=title, lines=lines) for title, lines in zip(titles, plots, strict=True)]
+
+
+def _coloured(parts: Sequence[Part]) -> tuple[Part, ...]:
+    """The same with one colour for each series, through all plots and bars."""
+    lines = [[line.label for line in part.lines] for part in parts if isinstance(part, Plot)]
+    found = colours([*lines, *(tuple(part.series) for part in parts if isinstance(part, Bars))])
+
+    def with_colours(part: Part) -> Part:
+        if isinstance(part, Plot):
+            return replace(part, lines=tuple(replace(line, colour=found[line.label]) for line in part.lines))
+        return replace(part, colours={name: found[name] for name in part.series}) if isinstance(part, Bars) else part
+
+    return tuple(map(with_colours, parts))
 
 
 MARKERS = "osD^vPX*>"  # one more than colours, which colour-blind readers tell apart (Okabe & Ito 2008, and two more)
 CELL: dict[Mark, str] = {"good": "#BFE3CF", "bad": "#F2B6A0", "best": "#8CCBA8", "dim": "#EEEEEE", "": "#FFFFFF"}
 WIDTH_IN, HEIGHT_IN, BAR_IN, CELL_IN = 8.4, 4.6, 0.2, 0.3
 LOOK = read_toml(Path(__file__).with_name("page.toml"))  # CSS of the page, and Matplotlib's settings
-ORIGIN = ("command", "scene", "camera", "exposure", "machine", "versions", "seconds", "date")  # at the foot of the page
-
-
-def html(study: Study) -> str:
-    """The whole page."""
-    mark, verdict = ("good", "everything that must hold does") if study.passed else ("bad", "not all holds")
-    findings = "".join(f"<li>{escape(finding)}</li>" for finding in study.findings)
-    made = "".join(f"<div>{name}: {escape(text(study.data[name]))}</div>" for name in ORIGIN if name in study.data)
-    return (
-        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(study.title)}</title>\n'
-        f"<style>\n{LOOK['css'].strip()}\n</style></head><body>\n<h1>{escape(study.title)}</h1>\n"
-        f'<p><strong class="{mark}">{verdict}</strong></p>\n<ul>{findings}</ul>\n'
-        f"{''.join(map(_part, study.parts))}<footer>{made}</footer>\n</body></html>\n"
-    )
-
-
-def text(value: object) -> str:
-    """A value for people: numbers with four digits, lists joined, nothing for None."""
-    match value:
-        case None:
-            return "–"
-        case bool():
-            return "yes" if value else "no"
-        case float():
-            plain = value == 0 or 1e-3 <= abs(value) < 1e5
-            return f"{value:.4g}" if plain or not math.isfinite(value) else f"{value:.3g}"
-        case dict():
-            return ", ".join(f"{key} {text(one)}" for key, one in value.items())
-        case list() | tuple():
-            return ", ".join(map(text, value))
-    return str(value)
-
-
-def _part(part: Part) -> str:
-    note = f'<p class="note">{escape(part.note)}</p>' if part.note else ""
-    if isinstance(part, Table):
-        heads = "".join(f"<th>{escape(column)}</th>" for column in part.columns)
-        marked = zip(part.marks or ("",) * len(part.rows), part.rows, strict=True)
-        rows = "".join(f'<tr class="{mark}">{"".join(map(_cell, row))}</tr>' for mark, row in marked)
-        inside = f"<table><thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table>"
-    else:
-        inside = svg(part)
-    return f'<section><h2>{escape(part.title)}</h2>{note}<div class="wide">{inside}</div></section>\n'
-
-
-def _cell(value: object) -> str:
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    return f'<td class="{"number" if number else "text"}">{escape(text(value))}</td>'
 
 
 def svg(picture: Picture) -> str:

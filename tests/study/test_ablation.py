@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.scenes import PERSPECTIVE, SKY, scene_text, write_scene
+from helpers.study_pages import faults
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.signals import Photons
@@ -189,6 +190,10 @@ def test_a_study_says_what_the_plan_saves_and_what_it_costs(studied: Any) -> Non
     assert [row[0] for row in study.parts[0].rows][:3] == [WHOLE, "PRNU", "dark current"]
     assert "Detecting the light takes" in study.parts[1].note
     assert {len(row) for row in study.parts[1].rows} == {len(study.parts[1].columns)}
+
+
+def test_series_colours_and_units_of_the_page_are_as_they_must_be(studied: Any) -> None:
+    assert not faults(studied[2])
 
 
 def test_a_resumed_study_measures_nothing_twice_and_is_the_same_study(

@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import io
 import math
+import random
 import re
+from dataclasses import replace
+from typing import Any
 from xml.etree import ElementTree
 
 import pytest
+from helpers.study_pages import faults
+from matplotlib.figure import Figure
 from PIL import Image
 from rich.console import Console
 
 from mitsuba_sensor.cli.study_sheet import LONGEST, study_sheet
 from mitsuba_sensor.cli.terminal import seconds_bar
 from mitsuba_sensor.io.files import to_json
+from mitsuba_sensor.study.html_page import html, text
 from mitsuba_sensor.study.page import (
     Bars,
     Grid,
@@ -22,12 +28,10 @@ from mitsuba_sensor.study.page import (
     Section,
     Study,
     Table,
-    html,
     png,
     study_of,
     svg,
     table,
-    text,
 )
 
 TABLE = Table(
@@ -35,7 +39,7 @@ TABLE = Table(
 )
 LINES = (
     Line("steep", (1.0, 10.0, 100.0), (1.0, 0.1, 0.01), (0.1, 0.01, 0.001), ringed=(2,)),
-    Line("", (1.0, 10.0), (3.0, 3.0), dashed=True, colour=0),
+    Line("", (1.0, 10.0), (3.0, 3.0), dashed=True),
 )
 PICTURES = (
     Plot("error", "seconds", "error", LINES, level=(0.02, "wanted")),
@@ -54,7 +58,70 @@ def study(*parts: object, passed: bool = True) -> Study:
 
 def test_a_study_is_its_sections_one_after_the_other() -> None:
     whole = study_of("stress", "t", [Section(("a",), True, (TABLE,)), Section(("b",), False, PICTURES[:1])])
-    assert (whole.findings, whole.passed, whole.parts) == (("a", "b"), False, (TABLE, PICTURES[0]))
+    assert (whole.findings, whole.passed) == (("a", "b"), False)
+    assert [part.title for part in whole.parts] == ["Series <all>", "error"]
+
+
+def of_names(*names: str) -> Plot:
+    return Plot(names[0], "x [1]", "y [1]", tuple(Line(name, (1.0,), (float(k),)) for k, name in enumerate(names)))
+
+
+def test_a_plot_of_many_series_becomes_several_each_with_the_first_and_none_is_lost() -> None:
+    names = [f"s{k}" for k in range(17)]
+    parts = study_of("s", "t", [Section((), True, (of_names(*names), of_names(*names[:8])))]).parts
+    shown = [[line.label for line in part.lines] for part in parts if isinstance(part, Plot)]
+    assert [len(some) for some in shown] == [8, 8, 3, 8] and {some[0] for some in shown} == {"s0"}
+    assert sorted(name for some in shown[:3] for name in some[1:]) == sorted(names[1:])
+    assert [part.title for part in parts] == ["s0 (1 of 3)", "s0 (2 of 3)", "s0 (3 of 3)", "s0"]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_series_has_one_colour_through_a_page_that_no_other_of_its_plots_has(seed: int) -> None:
+    """Plots and bars of three of twelve series, so that a colour is free for each of them."""
+    choice = random.Random(seed)
+    names = [choice.sample("abcdefghijkl", 3) for _ in range(4)]
+    bars = Bars("bars", "change [DN]", ("one",), dict.fromkeys(names[0], (1.0,)))
+    found = study_of("s", "t", [Section((), True, (*(of_names(*some) for some in names), bars))])
+    assert not faults(found)
+
+
+def test_faults_of_a_page_are_found() -> None:
+    found = "\n".join(faults(replace(study(), parts=(of_names(*"abcdefghi"), TABLE))))
+    assert "9 series" in found and "one colour" in found and "ms has no unit" in found
+
+
+@pytest.mark.parametrize("picture", [p for p in PICTURES if isinstance(p, Bars)], ids=lambda p: p.title)
+def test_no_label_lies_on_a_bar(picture: Bars, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No text is drawn inside the axes, and the legend begins right of them."""
+    seen: list[Any] = []
+    monkeypatch.setattr(Figure, "savefig", lambda self, *_, **__: seen.append(self))
+    png(picture)
+    (axes,) = seen[0].axes
+    seen[0].canvas.draw()
+    assert not axes.texts
+    if legend := axes.get_legend():
+        assert legend.get_window_extent().x0 >= axes.get_window_extent().x1
+
+
+def test_a_page_is_made_for_a_phone() -> None:
+    """Every table and every plot is in a box that scrolls, and the page is as wide as the screen."""
+    page = html(study(TABLE, *PICTURES))
+    assert 'name="viewport" content="width=device-width"' in page
+    assert re.search(r"\.wide \{ overflow-x: auto; \}", page)
+    assert page.count('<div class="wide"><table>') == page.count("<table>") == 1
+    assert page.count('<div class="wide"><svg') == page.count("<svg") == len(PICTURES)
+
+
+def test_the_terminal_shows_at_most_40_lines_and_says_what_stands_in_the_page() -> None:
+    """However many findings and tables; what is not as it must be comes first."""
+    tables = tuple(Table(f"table {k}", ("n", "x [1]"), tuple((i, 0.5) for i in range(9))) for k in range(9))
+    bad = Table("wrong", ("n", "x [1]"), ((1, 0.5),), ("bad",))
+    long = study_of("s", "t", [Section(("finding " * 30,) * 3, True, (*tables, bad))])
+    for width in (60, 80, 140):
+        said = shown(long, width)
+        assert len(said.splitlines()) <= 40 and "wrong" in said and "more tables stand in the page" in said
+    said = shown(replace(long, findings=("finding " * 30,) * 30), 80)
+    assert len(said.splitlines()) <= 40 and "more findings" in said
 
 
 def test_a_table_has_a_column_for_each_heading_and_marks_only_where_there_are_any() -> None:
@@ -117,8 +184,8 @@ def test_study_json_holds_the_numbers_of_every_part() -> None:
     assert found["parts"][0]["rows"] == [["a & b", 1.23456, None], ["c", 2.0, 1e-9]]
 
 
-def shown(found: Study) -> str:
-    console = Console(record=True, width=140, file=io.StringIO())
+def shown(found: Study, width: int = 140) -> str:
+    console = Console(record=True, width=width, file=io.StringIO())
     console.print(study_sheet(found, "here/study.html", console.width))
     return console.export_text()
 

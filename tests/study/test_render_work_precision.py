@@ -7,6 +7,7 @@ and the bounds below, which chance would break less than once in 100 with other 
 
 from __future__ import annotations
 
+import io
 import json
 import math
 import pickle
@@ -16,9 +17,12 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.scenes import scene_text, write_scene
+from helpers.study_pages import faults
 from numpy.typing import NDArray
+from rich.console import Console
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.cli.study_sheet import study_sheet
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.lab.estimators import slope_of_runs
 from mitsuba_sensor.render.bands import choose_bands
@@ -154,6 +158,19 @@ def results(floor: Path, quick: None, studied: Studied) -> dict[str, Result]:
 
 def part_of(study: Study, title: str) -> Any:
     return next(part for part in study.parts if part.title == title)
+
+
+def test_series_colours_and_units_of_the_page_are_as_they_must_be(studied: Studied) -> None:
+    assert not faults(studied[0])
+
+
+@pytest.mark.parametrize("width", [80, 100, 140])
+def test_the_study_takes_at_most_40_lines_of_the_terminal(studied: Studied, width: int) -> None:
+    console = Console(record=True, width=width, file=io.StringIO())
+    console.print(study_sheet(studied[0], "study/work-precision/study.html", width))
+    said = console.export_text()
+    assert 20 < len(said.splitlines()) <= 40 and "more tables stand in the page" in said
+    assert all(finding.split()[0] in said for finding in studied[0].findings)
 
 
 def test_every_setting_is_compared_one_factor_at_a_time(studied: Studied, results: dict[str, Result]) -> None:

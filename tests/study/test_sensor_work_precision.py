@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import ROOT
+from helpers.study_pages import faults
 from scipy import special, stats
 
 import mitsuba_sensor as ms
@@ -28,7 +29,7 @@ from mitsuba_sensor.study import frames as study_frames
 from mitsuba_sensor.study import kit as study_kit
 from mitsuba_sensor.study.frames import Replicas, averages, expected_moments, resized
 from mitsuba_sensor.study.kit import Kit, Step, Subject, one_turn
-from mitsuba_sensor.study.page import Plot, Section, Table
+from mitsuba_sensor.study.page import Plot, Section, Table, study_of
 from mitsuba_sensor.study.work_precision import sensor as measured
 from mitsuba_sensor.study.work_precision.sensor import Results, Sensor, change
 from mitsuba_sensor.study.work_precision.sensor_page import findings, sensor_section
@@ -487,6 +488,10 @@ def test_findings_are_sentences_with_numbers(known: Known) -> None:
     for finding in findings(results_of(known)):
         assert finding[0].isupper() and finding.endswith(".")
     assert any(re.search(r"ns/pixel", finding) for finding in run(known).findings)
+
+
+def test_series_colours_and_units_of_the_page_are_as_they_must_be(known: Known) -> None:
+    assert not faults(study_of("work-precision", "title", [run(known)]))
 
 
 def test_photons_that_expose_would_refuse_are_refused() -> None:

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.study_pages import faults
 from scipy import integrate, stats
 
 import mitsuba_sensor as ms
@@ -120,6 +121,7 @@ def test_the_study_says_what_holds_what_fails_and_who_is_not_here(monkeypatch: p
     engines = "no engine, NumPy float64, NumPy float32, LLVM float32"
     assert tables[0].rows[0][3:] == (engines, "as it must", "holds")  # type: ignore[union-attr]
     json.dumps(study.to_dict(), allow_nan=False)
+    assert not faults(study)
     assert len(told) == 7 and all(elapsed <= expected for elapsed, expected, _ in told)
 
 

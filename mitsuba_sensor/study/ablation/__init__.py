@@ -112,10 +112,10 @@ def _changes(results: SensorResults, replicas: Replicas) -> Table:
     for case, compared in results.changes.items():
         numbers = (x for one in compared for x in (one.predicted_dn, one.measured_dn, one.error_dn))
         rows.append((results.mark(compared), (LABELS.get(case, case), *numbers, max(abs(one.z) for one in compared))))
-    changes = " | ".join(f"{one}, predicted [DN] | {one}, measured | {one}, ±" for one in QUANTITIES)
+    changes = " | ".join(f"{one}, predicted [DN] | {one}, measured [DN] | {one}, ± [DN]" for one in QUANTITIES)
     return table(
         "What changes when a stage is left out",
-        f"left out | {changes} | largest |z|",
+        f"left out | {changes} | largest |z| [1]",
         rows,
         f"Averages over all pixels; of the whole chain the values, below it their changes. Predicted by the moments of "
         f"every pixel; measured on {replicas.frames} frames of each of {replicas.sensors} sensors, with equal random "
@@ -136,7 +136,7 @@ def _costs(results: SensorResults) -> Table:
     whole, detection = (spread(results.turns["numpy"][name]).median for name in (WHOLE, DETECTION))
     return table(
         "Worst pixels, seconds, and what the plan says",
-        "left out | worst pixel, predicted [DN] | of | worst 1 %, predicted [DN] | measured | ± | z | "
+        "left out | worst pixel, predicted [DN] | of | worst 1 %, predicted [DN] | measured [DN] | ± [DN] | z [1] | "
         "pixels that differ [%] | by at most [DN] | saved [ns/pixel] | saved [%] | plan",
         rows,
         "The worst pixel is the one that theory moves most, in mean, temporal σ or spatial σ; measured are averages "
@@ -223,8 +223,8 @@ def _table(rows: Sequence[Known], missing: Mapping[str, str], limit: float) -> T
     absent = "; ".join(f"{name} ({why})" for name, why in missing.items())
     return table(
         "What changes when the render leaves something out",
-        "left out | mean, predicted [DN] | measured | ± | z | worst 1 %, predicted [DN] | measured | ± | z | "
-        "rms [DN] | ± | saved [s] | saved [%] | what is said of it",
+        "left out | mean, predicted [DN] | measured [DN] | ± [DN] | z [1] | worst 1 %, predicted [DN] | "
+        "measured [DN] | ± [DN] | z [1] | rms [DN] | ± [DN] | saved [s] | saved [%] | what is said of it",
         lines,
         "Change of the mean signal in DN, cut at the full well; equal seeds, so that most of the noise is in both. ± "
         "is the standard error from pass to pass. The worst 1 % are the pixels that theory names, from these same "

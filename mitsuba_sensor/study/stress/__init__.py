@@ -260,8 +260,9 @@ def conditions(found: Sequence[Sensitivity]) -> Section:
     bars = Bars("What one float32 step of an input moves", "change [DN]", labels, moved, log_x=True, level=level)
     numbers = table(
         "Condition numbers: what one float32 step of an input does",
-        "camera | time [s] | light, share of well | input | value | mean [DN] | mean moves [DN] | temporal σ moves [DN]"
-        f" | spatial σ moves [DN] | condition number of the mean | why above {NOTICED_DN:g} DN",
+        "camera | time [s] | light, share of well | input | value [as in a camera file] | mean [DN] | mean moves [DN] "
+        "| temporal σ moves [DN] | spatial σ moves [DN] | condition number of the mean [1] | "
+        f"why above {NOTICED_DN:g} DN",
         (("bad" if s.why else "", (*s[:4], s.value or "", s.mean_dn, *s.moved_dn, s.number, s.why)) for s in most),
         "The strongest inputs of each camera, at the exposure and level where they move most; float64 theory before "
         "rounding. Engines compute such numbers in float64 and round each once; only pixels are float32 all the way. "

@@ -23,8 +23,8 @@ SEEN = "Over all pixels below full well"
 PIXELS = f"{SEEN}, each relative to its own light, or to a tenth of the mean where it is darker."
 SHOWN = "Pixels below full well, without the noisiest one in a hundred, at edges of lamps."
 DIAGRAMS = {
-    "electrons": ("Error of the detected electrons", "relative rms error of a pixel"),
-    "irradiance": ("Error of the irradiance", "relative rms error of a pixel and band"),
+    "electrons": ("Error of the detected electrons", "relative rms error of a pixel [1]"),
+    "irradiance": ("Error of the irradiance", "relative rms error of a pixel and band [1]"),
     "dn": ("Error of the mean digital number", "rms error of a pixel [DN]"),
 }
 
@@ -142,11 +142,12 @@ def _frames_parts(found: Render) -> tuple[Plot, Table]:
             about = framed.exposure.time_s, passes, point.seconds, "yes" if passes >= framed.compensable else "no"
             errors = (points[passes][2:] if passes in points else (None, None) for points in by.values())
             rows.append(("", (one.label, *about, *chain.from_iterable(errors))))
-    note, y_label = f"Every frame has a render of its own. {SHOWN} Bars are 1 σ.", "σ of frames / σ of the camera"
+    note, y_label = f"Every frame has a render of its own. {SHOWN} Bars are 1 σ.", "σ of frames / σ of the camera [1]"
     title, level = "Temporal σ of the digital numbers", (1.0, "right")
     return Plot(title, SECONDS, y_label, tuple(lines), log_y=False, level=level, note=note), table(
         "Temporal σ of frames, relative error",
-        "setting | exposure [s] | passes | seconds | compensable | plain | ± σ | compensated | ± σ | denoised | ± σ",
+        "setting | exposure [s] | passes | time [s] | compensable | plain [1] | ± σ [1] | compensated [1] | ± σ [1] | "
+        "denoised [1] | ± σ [1]",
         rows,
         f"Compensable: the render's noise is as low as --render-noise compensated aims at. {SHOWN}",
     )
@@ -165,8 +166,9 @@ def _settings(found: Render) -> Table:
     base = found.results[0].setting
     return table(
         "Settings",
-        "setting | samples per pass | first pass [s] | pass [ms] | passes | seconds | electrons | irradiance | "
-        "mean [DN] | slope, electrons | ± | slope, irradiance | ± | theory | verdict",
+        "setting | samples per pass | first pass [s] | pass [ms] | passes | time [s] | error: electrons [1] | "
+        "irradiance [1] | mean [DN] | slope, electrons [1] | ± [1] | slope, irradiance [1] | ± [1] | "
+        "theory [1] | verdict",
         rows,
         f"Errors after all passes. {PIXELS} Slopes of log error against log seconds with 95 % intervals over "
         f"{len(found.results[0].runs)} runs; they hold within {WITHIN:g} of theory, or within a wider interval. "
@@ -182,7 +184,7 @@ def _choices(found: Render) -> Table:
     best: Mark = "best" if found.reached or not found.checks else "bad"
     return table(
         f"What reaches {found.tolerance:.3g}",
-        "options | seconds, predicted | error, predicted | seconds, rendered | error, rendered",
+        "options | time, predicted [s] | error, predicted [1] | time, rendered [s] | error, rendered [1]",
         ((best if row is rows[0] else "", row) for row in rows),
         "The fewest samples of each kind, the quickest first. Loading the scene and compiling come on top, once.",
     )
@@ -200,8 +202,8 @@ def _references(found: Render) -> Table:
         rows.append(("", (kind, about.passes, about.samples_per_pixel, about.seconds, *errors, *bias)))
     return table(
         "References",
-        "bands | passes | samples per pixel | seconds | standard error, electrons | irradiance | mean [DN] | "
-        "electrons, difference to auto | ± σ",
+        "bands | passes | samples per pixel | time [s] | standard error: electrons [1] | irradiance [1] | mean [DN] | "
+        "electrons, difference to auto [1] | ± σ [1]",
         rows,
         "Channels are compared with a reference of their own: what it differs by is the error of bands of finite "
         "width, which no samples cure.",

@@ -13,7 +13,7 @@ from .. import frames
 from ..page import Mark, MarkedRow, Plot, Section, Table, line, ringed, table
 from . import sensor as measured
 from .sensor import LEAST_DN, SINGLE, Results
-from .settings import GAUSSIAN, GENERATOR, OWN, QUANTILE, REFERENCE, SAMPLERS
+from .settings import GAUSSIAN, GENERATOR, OWN, QUANTILE, REFERENCE
 
 USUAL_DN = 0.02  # the tolerance that the first finding is about, where it was tried
 NANOSECONDS, FASTER = "time [ns/pixel]", f"times as fast as {REFERENCE.name}"
@@ -26,14 +26,14 @@ def sensor_section(results: Results) -> Section:
     off = [one for one in every if one[1] > one[2]]
     requirements = table(
         "What must hold on the sensor side",
-        "what | found | limit",
-        (("bad" if one in off else "good", one) for one in every),
+        "what | unit | found | limit",
+        (("bad" if one in off else "good", _with_unit(*one)) for one in every),
         "Limits of measured changes hold as many standard errors that chance fails one setting in a thousand.",
     )
     best = {dn: results.recommended(dn) for dn in results.plans}
     what_to_take = table(
         "What to take for a tolerance",
-        f"tolerance [DN] | fastest that keeps it | {NANOSECONDS} | {FASTER} | measured change [DN] | "
+        f"tolerance [DN] | fastest that keeps it | {NANOSECONDS} | {FASTER} [1] | measured change [DN] | "
         "± standard error [DN]",
         (("", (dn, row.setting.name, row.ns.median, row.faster, *row.change.worst[:2])) for dn, row in best.items()),
         "The change is the largest of mean, temporal σ and spatial σ at any light level, from float64, whole chain.",
@@ -41,6 +41,12 @@ def sensor_section(results: Results) -> Section:
     missed = [f"Not as it must be: {what} is {found:.3g}, the limit {limit:.3g}." for what, found, limit in off]
     parts = what_to_take, _error_against_time(results), _settings_table(results), *_plans_parts(results)
     return Section((*missed, *findings(results)), not off, (*parts, *_laws_parts(results), requirements))
+
+
+def _with_unit(what: str, found: float, limit: float) -> tuple[str, str, float, float]:
+    """A requirement with its unit, which stands at the end of its name if it has one, in a cell of its own."""
+    name, _, unit = what.removesuffix("]").partition(" [")
+    return name, unit or "1", found, limit
 
 
 def findings(results: Results) -> Iterator[str]:
@@ -80,13 +86,12 @@ def _advice(results: Results, dn: float) -> str:
 
 
 def _error_against_time(results: Results) -> Plot:
-    """Every setting as a point; plans share a colour, and each sampler has its own."""
-    kinds = defaultdict[tuple[str, int], list[tuple[float, float]]](list)
+    """Every setting as a point; the plans of one engine and precision are one series."""
+    kinds = defaultdict[str, list[tuple[float, float]]](list)
     for s, row in results.rows.items():
         label = f"{s.engine} {s.precision}" + ("" if s.sampler in OWN else f", {s.sampler}")
-        kind = (label, SAMPLERS.index(s.sampler)) if s.tolerance_dn is None else (f"{label}, plans", len(SAMPLERS))
-        kinds[kind].append((row.ns.median, row.error_dn))
-    lines = [line(label, points, joined=False, colour=own) for (label, own), points in kinds.items()]
+        kinds[label if s.tolerance_dn is None else f"{label}, plans"].append((row.ns.median, row.error_dn))
+    lines = [line(label, points, joined=False) for label, points in kinds.items()]
     note = (
         "The largest change at any light level, or its standard error where that is larger, and at least "
         f"{LEAST_DN:g} DN, where the reference lies. Rings: nothing is both faster and nearer."
@@ -106,7 +111,7 @@ def _settings_table(results: Results) -> Table:
     rows += (("dim", (f"{engine}: not here ({problem})", *none)) for engine, problem in results.absent.items())
     return table(
         "Settings of the sensor",
-        f"setting | {NANOSECONDS} | quartiles [ns/pixel] | {FASTER} | first frame [s] | "
+        f"setting | {NANOSECONDS} | quartiles [ns/pixel] | {FASTER} [1] | first frame [s] | "
         "pixels that differ [%] | largest [DN] | rms [DN] | pixels that differ from NumPy float32 [%] | "
         "change of the moments [DN] | ± [DN] | distance from theory [DN] | ± [DN]",
         rows,
@@ -148,7 +153,7 @@ def _laws_parts(results: Results) -> tuple[Plot, Table, Table]:
     """How far the samplers' laws are from Poisson's: total variation, drawn and in numbers, and the lowest moments."""
     every = {name: list(laws.values()) for name, laws in results.laws.items()}
     distinct = {name: laws for k, (name, laws) in enumerate(every.items()) if laws not in [*every.values()][:k]}
-    headings = " | ".join(f"mean {mean:g}" for mean in measured.MEANS)
+    headings = " | ".join(f"mean {mean:g} [1]" for mean in measured.MEANS)
 
     third = next(name for name in distinct if name.endswith(GENERATOR))
     drawn = [*((name, name, "variation") for name in distinct), ("as many exact draws, by chance", third, "resolution")]
@@ -158,8 +163,8 @@ def _laws_parts(results: Results) -> tuple[Plot, Table, Table]:
     )
     note = "Over all 2^32 random bits, by bisection; a generator that has a state by 2 million draws, whose distance "
     note += "from the law is then chance."
-    title, x_label, y_label = "Distance of the drawn law from Poisson's", "mean [events]", "total variation ½Σ|p − q|"
-    plot = Plot(title, x_label, y_label, lines, note=note)
+    title, y_label = "Distance of the drawn law from Poisson's", "total variation ½Σ|p − q| [1]"
+    plot = Plot(title, "mean [events]", y_label, lines, note=note)
     values = {name: [law["variation"] for law in laws] for name, laws in every.items()}
     values["resolution"] = [law["resolution"] for law in every[REFERENCE.name]]
     variations = table(
