@@ -17,6 +17,7 @@ from .core import Exposure, InputError, Photons
 from .core.options import complete, declared, documents, part_of, used
 from .io import exr, files
 from .io.frame_files import frames_metadata, write_frames
+from .io.light_files import read_irradiance
 from .render.aovs import Aovs
 from .render.band_error import band_error, notes_of_bands
 from .render.irradiance import Irradiance
@@ -142,7 +143,7 @@ def _of_light(
     """Frames of light that is rendered already."""
     path = None if isinstance(source, Irradiance) else Path(source)
     with _timed(times_s, "read irradiance"):
-        light = source if isinstance(source, Irradiance) else exr.read_irradiance_exr(source)
+        light = source if isinstance(source, Irradiance) else read_irradiance(source)
         light = light.before_denoising() if options["raw_light"] else light
     photons, camera, exposure, serial = light.collected(camera, asked, options["serial"])
     options, known = {**options, "serial": serial}, light.rendered_for

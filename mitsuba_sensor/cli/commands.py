@@ -15,7 +15,7 @@ from ..core import InputError, first_given
 from ..core.options import complete
 from ..io import exr, files
 from ..pipeline import FILES, FILES_OF_LIGHT, refuse_render_options
-from ..render.options import RawLightOptions, RenderOptions, SceneOptions
+from ..render.options import RawLightOptions, RenderOptions, SceneOptions, UnitOptions
 from ..sensor.gains import gain_dn_per_e
 from ..sensor.metering import Metering
 from ..stopping import undone_if_stopped
@@ -51,7 +51,7 @@ def render(
     rich_help_panel=PICTURES,
     epilog="Example: mitsuba-sensor expose out/irradiance.exr -o dark/ --exposure-s 0.001 --frames 8",
 )
-@options.flags(options.CameraFlags, LightOptions, RawLightOptions)
+@options.flags(options.CameraFlags, UnitOptions, LightOptions, RawLightOptions)
 def expose(
     irradiance: arguments.IrradianceFile, out_dir: arguments.Out, as_json: arguments.Json = False, **flags: options.Flag
 ) -> None:
@@ -60,10 +60,13 @@ def expose(
     Camera, exposure and serial number are those that it was rendered for, unless you give others.
     Writes frame.tiff, frame.png and frame.json into DIR (and the files of --clean if asked for): all, or none.
     """
-    _refuse_lens(flags)
+    unit, wavelength_nm, fov_deg = (flags.pop(name) for name in UnitOptions.__annotations__)
+    _refuse_lens(flags, unit)
     camera, exposure = camera_and_exposure(flags, settings_of(exr.rendered_for(irradiance), flags))
+    asked = any(x is not None for x in (unit, wavelength_nm, fov_deg))  # of another program's light
+    light = ms.read_irradiance(irradiance, unit, wavelength_nm, camera, fov_deg) if asked else irradiance
     with files.output_folder(out_dir, FILES_OF_LIGHT) as folder:
-        found = ms.capture(irradiance, camera, exposure, **other_flags(flags))
+        found = ms.capture(light, camera, exposure, **other_flags(flags))
         found.save(folder)
     show(found.metadata if as_json else terminal.summary(found.metadata, str(out_dir)), as_json)
 
@@ -72,7 +75,7 @@ def expose(
     rich_help_panel=PICTURES,
     epilog="Example: mitsuba-sensor plan out/irradiance.exr --exposure-s 0.001 --tolerance-dn 0.02",
 )
-@options.flags(options.CameraFlags, RenderOptions)
+@options.flags(options.CameraFlags, UnitOptions, RenderOptions)
 def plan(
     source: arguments.SceneOrIrradiance,
     tolerance_dn: arguments.ToleranceDn = 0.0,
@@ -86,13 +89,17 @@ def plan(
     from ..render.photons import metered
     from ..render.requirements import render_requirements
 
+    unit, fov_deg = flags.pop("unit"), flags.pop("fov_deg")
     if source.suffix.lower() == ".exr":
-        _refuse_lens(flags)
+        _refuse_lens(flags, unit)
+        wavelength_nm, flags["wavelength_nm"] = flags["wavelength_nm"], None
         refuse_render_options(flags)
-        light = exr.read_irradiance_exr(source)
-        camera, exposure = camera_and_exposure(flags, settings_of(light.rendered_for, flags))
+        camera, exposure = camera_and_exposure(flags, settings_of(exr.rendered_for(source), flags))
+        light = ms.read_irradiance(source, unit, wavelength_nm, camera, fov_deg)
         light = light.before_denoising() if flags["raw_light"] else light
     else:
+        if unit is not None or fov_deg is not None:
+            raise InputError(f"{source} is a scene, which is rendered; leave --unit and --fov-deg out.")
         given, asked = render_input(source, flags)
         camera, exposure = given.camera, given.exposure
         with terminal.render_progress(err, asked) as progress:
@@ -108,10 +115,11 @@ def plan(
         show(terminal.plan_sheet(found, needs), False)
 
 
-def _refuse_lens(flags: options.Flags) -> None:
-    """The irradiance is behind the lens already: another lens needs another render."""
+def _refuse_lens(flags: options.Flags, unit: str | None) -> None:
+    """The irradiance is behind the lens already: another lens needs another render. unit : of another program's light,
+    which may be in front of it."""
     for field in flags["settings"] or ():
-        if field.startswith("lens."):
+        if field.startswith("lens.") and not (unit or "").startswith("radiance"):
             raise InputError(
                 f"--set {field} comes too late: the irradiance is behind the lens already; set it in `render`."
             )

@@ -111,7 +111,7 @@ def read_irradiance_exr(path: str | os.PathLike[str]) -> Irradiance:
     from ..render.irradiance import Irradiance
 
     wrong = "but not the focal-plane irradiance that `mitsuba-sensor render` writes"
-    with _whole_exr(Path(path), wrong, "; give an irradiance.exr") as (header, pixels):
+    with whole_exr(Path(path), wrong, "; give an irradiance.exr") as (header, pixels):
         filters = tuple(json.loads(header["filters"])) if "filters" in header else None
         names = [name.removeprefix(SPECTRAL_CHANNEL) for name in pixels if name.startswith(SPECTRAL_CHANNEL)]
         names = list(filters or sorted(names, key=_wavelength_nm))  # EXR sorts them as text
@@ -148,7 +148,7 @@ def rendered_for(path: str | os.PathLike[str]) -> RenderedFor | None:
 
     Raises InputError for what is no EXR.
     """
-    with _whole_exr(Path(path), "whose header cannot be read", pixels=False) as (header, _):
+    with whole_exr(Path(path), "whose header cannot be read", pixels=False) as (header, _):
         return _rendered_for(header)
 
 
@@ -188,7 +188,7 @@ def read_aovs_exr(path: str | os.PathLike[str]) -> Aovs:
     """What :func:`write_aovs_exr` wrote. Raises InputError for anything else."""
     from ..render.aovs import Aovs
 
-    with _whole_exr(Path(path), "without the AOVs that `render --aovs` writes") as (header, pixels):
+    with whole_exr(Path(path), "without the AOVs that `render --aovs` writes") as (header, pixels):
         layers = {name: [pixels[layer] for layer in _layers(name, axes)] for name, (axes, _) in AOV_LAYERS.items()}
         arrays = {name: np.stack(images, axis=-1) if images[1:] else images[0] for name, images in layers.items()}
         return Aovs(**arrays, shapes=tuple(json.loads(header["shapes"])), scene_sha256=header["scene_sha256"])
@@ -213,7 +213,7 @@ def _write_exr(path: Path, header: dict[str, Any], channels: dict[str, np.ndarra
 
 
 @contextmanager
-def _whole_exr(
+def whole_exr(
     path: Path, wrong: str, remedy: str = "", pixels: bool = True
 ) -> Iterator[tuple[dict[str, Any], dict[str, np.ndarray]]]:
     """Header and channels of an EXR; InputError if it is not there, not an EXR, not whole, or lacks what is read."""

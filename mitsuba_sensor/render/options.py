@@ -75,6 +75,41 @@ class RawLightOptions(TypedDict, total=False):
     ]
 
 
+class UnitOptions(TypedDict, total=False):
+    """What the values of an EXR of another program are."""
+
+    unit: Annotated[
+        Literal["w_per_m2_nm", "w_per_m2", "radiance_w_per_m2_sr_nm", "radiance_w_per_m2_sr", "radiance_rgb"] | None,
+        Option(
+            "What an EXR of another program holds: irradiance on the sensor or radiance in front of the lens; per nm "
+            "in channels S0.*, in one channel with --wavelength-nm, or in R, G, B, which become spectra.",
+            metavar="UNIT",
+            panel="Light of another program",
+        ),
+    ]
+    wavelength_nm: Annotated[
+        float | None,
+        Option(
+            "Wavelength of an EXR of one channel, in nm.",
+            panel="Light of another program",
+            low=SHORTEST_NM,
+            high=LONGEST_NM,
+            example="550",
+        ),
+    ]
+    fov_deg: Annotated[
+        float | None,
+        Option(
+            "Horizontal field of view of such radiance, for the cos⁴ law of the lens. Default: no cos⁴.",
+            panel="Light of another program",
+            metavar="DEGREES",
+            low=0,
+            high=179,
+            example="40",
+        ),
+    ]
+
+
 class RenderOptions(SceneOptions, RawLightOptions, total=False):
     """How a scene is rendered, beside scene, camera, exposure and seed."""
 
