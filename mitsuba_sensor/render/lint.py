@@ -20,7 +20,8 @@ from .scene_file import POLARISING, SceneFile
 from .scene_settings import FILM
 from .variants import MitsubaObject, mitsuba
 
-WRAPPERS = ("aov", "moment", "stokes")  # integrators that add channels; with specfilm they corrupt memory (#1189)
+ADDING = ("aov", "moment", "stokes")  # integrators that add channels; with specfilm they corrupt memory (#1189)
+WRAPPERS = (*ADDING, "raw_frame")  # the one inside them is rendered
 POSITIONAL = ("point", "spot", "projector")  # emitters whose irradiance depends on a distance in scene units
 LOSS = 0.01  # of the radiance: what cut paths may lose without a finding
 FLAT = 0.01  # thickness over width: patches on a plane do not illuminate each other
@@ -171,7 +172,7 @@ def _integrator(scene: SceneFile) -> Iterator[Finding]:
     """Integrators that hide emitters, or add channels."""
     for node in scene.nodes("Integrator"):
         props, where, kind = node.props, scene.where(node), node.props.plugin_name()
-        if kind in WRAPPERS:
+        if kind in ADDING:
             inner = scene.children(props, "Integrator")
             remedy = f"integrator {kind!r} replaced by {'the one inside it' if inner else 'path'}"
             yield Finding("note", where, f"integrator {kind!r} adds channels that the sensor does not use", remedy)

@@ -60,5 +60,11 @@ def _register(_before: str | None, _now: str | None) -> None:
 
         return camera(props)
 
+    def integrator(props: Any) -> Any:
+        from .raw_film import raw_frame
+
+        return raw_frame(props)
+
+    mi.register_integrator("raw_frame", integrator)
     mi.register_film("photosensor", film)
     mi.register_sensor("camera", sensor)

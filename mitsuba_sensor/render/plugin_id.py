@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from .scene_file import OWN_PLUGINS
 from .variants import MitsubaObject
 
-_, FILM = OWN_PLUGINS
+_, FILM, _ = OWN_PLUGINS
 
 
 class PluginParameters(NamedTuple):

@@ -55,6 +55,7 @@ SIZE_PARAMETERS = (
 
 FILM_PARAMETERS = (
     P("camera", "string", "bayer_2mp", "", "required", "name of a camera, or a .toml beside the scene file"),
+    P("output", "string", "bands", "", "`bands`", "of plain Mitsuba: `bands` of light, or `raw` digital numbers"),
     *EXPOSURE_PARAMETERS,
     *SIZE_PARAMETERS,
 )

@@ -20,6 +20,7 @@ from ..sensor.camera import Camera
 from .bands import BANDWIDTH_NM, choose_bands, response_film
 from .plugin_hook import register
 from .plugin_id import PluginParameters, parameters_of
+from .raw_film import RAW, raw_film
 from .scene_settings import (
     FILM,
     PASSED_ON,
@@ -79,7 +80,8 @@ def _photosensor(parameters: PluginParameters) -> MitsubaObject:
     width_nm = settings.bandwidth_nm or BANDWIDTH_NM
     bands = choose_bands(camera, settings.wavelength_nm, width_nm, settings.spectral or "auto")
     full = {"width": camera.sensor.columns, "height": camera.sensor.rows}
-    return response_film(bands.responses, {**full, **settings.size, "id": parameters.id()})
+    film = response_film(bands.responses, {**full, **settings.size, "id": parameters.id()})
+    return raw_film(film, parameters) if parameters.film.get("output") == RAW else film
 
 
 def camera(props: MitsubaObject) -> MitsubaObject:

@@ -129,7 +129,7 @@ def _load(
     if not world.emitters():
         raise InputError(f'scene {scene.path.name!r} has no light; add an emitter, e.g. <emitter type="constant"/>.')
     sensor = next(one for one in built.sensors() if one.film().id() == FILM_ID)
-    integrator = world.integrator() or mitsuba().load_dict({"type": "path"})
+    integrator = getattr(world.integrator(), "inner", world.integrator()) or mitsuba().load_dict({"type": "path"})
     findings = most_serious_first([*findings, *lint_built(scene, world, sensor)])
     sensor, view, lens_notes = with_lens(sensor, _view(sensor, metres or 1.0), camera, metres or 1.0)
     notes = (*(str(finding) for finding in findings), *lens_notes)

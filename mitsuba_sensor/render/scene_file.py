@@ -22,7 +22,7 @@ EXAMPLE_SENSOR = (
 NAME_OF_TEXT = "XML text"  # what a scene that is given as text is called in messages
 AS_TEXT = "<string>"  # the name that Mitsuba gives to a file that was changed before it was parsed
 DIFFERENTIABLE = ("prb", "prb_basic", "prb_projective", "prbvolpath", "direct_projective")  # not in scalar variants
-OWN_PLUGINS = ("camera", "photosensor")
+OWN_PLUGINS = ("camera", "photosensor", "raw_frame")
 POLARISING = ("circular", "polarizer", "retarder", "measured_polarized")
 
 

@@ -24,7 +24,7 @@ from .variants import MitsubaObject, mitsuba
 SceneInput: TypeAlias = str | os.PathLike[str] | Mapping[str, Any] | MitsubaObject
 """A path, XML text, a dict as for mi.load_dict, a mi.Scene."""
 
-SENSOR, FILM = OWN_PLUGINS
+SENSOR, FILM, RAW_FRAME = OWN_PLUGINS
 SENSORS = {"PerspectiveCamera": "perspective", "ThinLensCamera": "thinlens", "OrthographicCamera": "orthographic"}
 FILTERS = {"BoxFilter": "box", "GaussianFilter": "gaussian", "TentFilter": "tent", "CatmullRomFilter": "catmullrom"}
 FILTERS |= {"MitchellNetravaliFilter": "mitchell", "LanczosSincFilter": "lanczos"}
@@ -122,7 +122,7 @@ def _know_types(state: MitsubaObject) -> None:
             if kind not in OWN_PLUGINS:
                 place = mitsuba().parser.file_location(state, node).removeprefix("dictionary ")
                 raise InputError(f"scene 'dict', {place}: there is no plugin {kind!r}.{nearest(kind, plugin_names())}")
-            node.type = types.Sensor if kind == SENSOR else types.Film
+            node.type = {SENSOR: types.Sensor, FILM: types.Film, RAW_FRAME: types.Integrator}[kind]
 
 
 def _leaves(tree: Mapping[str, Any], place: str = "") -> Iterator[tuple[str, Any]]:
@@ -145,7 +145,7 @@ def _described(tree: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 def _tree_of(scene: MitsubaObject) -> dict[str, Any]:
     """A dict with the first sensor of a loaded scene, described again. Raises InputError where it is of no use."""
     if (integrator := scene.integrator()) is not None:
-        _check_integrator(integrator)
+        _check_integrator(getattr(integrator, "inner", integrator))
     for number, shape in enumerate(scene.shapes()):
         if any(name in str(shape.bsdf()) for name in POLARISERS):
             raise InputError(

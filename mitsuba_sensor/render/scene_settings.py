@@ -29,7 +29,7 @@ from .scene_file import OWN_PLUGINS, SceneFile, as_input_error, parse_scene, sea
 from .scene_nodes import SceneInput, check_loaded, is_loaded, parse_nodes
 from .variants import MitsubaObject, Variant, choose_variant, mitsuba, use
 
-SENSOR, FILM = OWN_PLUGINS  # plugin names of the two elements
+SENSOR, FILM, _ = OWN_PLUGINS  # plugin names of the two elements
 FILES = ("camera", "lens.prescription", "quantum_efficiency.file")  # these may be a path
 SIZE, EXPOSURE_FIELDS, FILM_FIELDS, SENSOR_FIELDS, PASSED_ON = (
     tuple(one.name for one in those)
@@ -164,6 +164,8 @@ def settings_from(film: Fields, lens: Fields) -> SceneSettings:
             raise InputError(f"meter is {exposure['meter']!r} and exposure_s is {time_s!r}; leave one of them out.")
     for name in ("seed", "serial"):
         require_seed(name, exposure.get(name, 0))
+    if film.get("output", "bands") not in ("bands", "raw"):
+        raise InputError(f"output is {film['output']!r}; it must be bands or raw.")
     if exposure.get("spectral", SPECTRAL[0]) not in SPECTRAL:
         raise InputError(f"spectral is {exposure['spectral']!r}; it must be one of {', '.join(SPECTRAL)}.")
     for name, example in (("focal_length_mm", 25), ("focus_distance_m", 2)):
