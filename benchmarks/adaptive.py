@@ -29,6 +29,7 @@ from mitsuba_sensor.render.guides import Guides
 from mitsuba_sensor.render.passes import hashed_seed
 from mitsuba_sensor.render.prepared import prepare
 from mitsuba_sensor.render.renderer import Renderer
+from mitsuba_sensor.render.row_strip import Kept
 from mitsuba_sensor.render.stop_criterion import StopCriterion
 
 Array = NDArray[np.float64]
@@ -80,7 +81,7 @@ class Passes:
         _, pilot, _ = made(job, PILOT_SPP, 0, denoise=False)
         job = replace(job, exposure=ms.Exposure(MEDIAN_E / float(np.median(pilot))))
         _, self.expected, _ = made(job, options.reference, 10**6, denoise=False)
-        renderer, so_far = Renderer(job.scene, job.camera, job.exposure, job.bands, halves=True), []
+        renderer, so_far = Renderer(job.scene, job.camera, job.exposure, job.bands, Kept.SPREAD | Kept.HALVES), []
 
         def remember(*_: object) -> float:
             so_far.append(renderer.passes * np.concatenate([strip.electrons.mean for strip in renderer.strips])[..., 0])

@@ -26,6 +26,7 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.render.passes import hashed_seed
 from mitsuba_sensor.render.prepared import PreparedRender, prepare
 from mitsuba_sensor.render.renderer import Renderer
+from mitsuba_sensor.render.row_strip import Kept
 from mitsuba_sensor.render.stop_criterion import stop_criterion_of
 
 Array = NDArray[np.float64]
@@ -82,7 +83,7 @@ def of_scene(scene: Path, options: argparse.Namespace) -> list[Row]:
 
 def made(job: PreparedRender, spp: int, seed: int, denoise: bool) -> tuple[float, Array, Array]:
     """Seconds, mean photoelectrons and their standard error, (H, W), of one render."""
-    renderer = Renderer(job.scene, job.camera, job.exposure, job.bands, halves=denoise)
+    renderer = Renderer(job.scene, job.camera, job.exposure, job.bands, Kept.of(denoise, raw_light=True))
     started = time.perf_counter()
     replace(job, renderer=renderer, denoise=denoise).render(hashed_seed(seed, spp, 0), stop_criterion_of({"spp": spp}))
     mean, variance = renderer.electrons()

@@ -20,11 +20,12 @@ from .io.frame_files import frames_metadata, write_frames
 from .io.light_files import read_irradiance
 from .render.aovs import Aovs
 from .render.band_error import band_error, notes_of_bands
+from .render.denoise import denoised_if_possible
 from .render.irradiance import Irradiance
 from .render.options import FrameSeriesOptions, RawLightOptions, RenderOptions
 from .render.per_frame import FrameSeries
 from .render.photons import collect
-from .render.prepared import PreparedRender, denoised_if_possible, prepare
+from .render.prepared import PreparedRender, prepare
 from .render.render_noise import noise_note, render_noise
 from .render.scene_nodes import SceneInput
 from .render.scene_settings import ParsedScene

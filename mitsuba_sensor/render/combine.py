@@ -8,9 +8,10 @@ of the errors of all candidates, free of bias (as in dual-buffer cross-validatio
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..core import Float64Array
 
@@ -31,6 +32,9 @@ DARKEST_LEVEL = 1 / 16  # of the median of the lit pixels: all that is darker be
 HALO_ROWS = 12  # beyond them no pixel matters: of the error bars, and of the weights in their neighbourhood
 
 
+Image: TypeAlias = NDArray[np.floating]  # float64, or float32 of what came out of a filter
+
+
 class Combined(NamedTuple):
     """mean, variance : (H, W) result and its expected squared error.  even, odd : (H, W) the same weights applied to
     each half.  raw_weight : (H, W) of the unbiased estimate.  shift : light that was moved to have the sums of the raw
@@ -44,21 +48,22 @@ class Combined(NamedTuple):
     shift: float
 
 
-def box(image: Float64Array, radius_px: int) -> Float64Array:
+def box(image: Image, radius_px: int) -> Float64Array:
     """Mean over (2r + 1)² pixels; beyond the picture its mirror image."""
     from scipy.ndimage import uniform_filter  # takes a quarter of a second to import
 
     return np.asarray(uniform_filter(image, 2 * radius_px + 1, mode="reflect"))
 
 
-def with_residuals(raw: Float64Array, filtered: Float64Array, reflectance: Float64Array | float) -> list[Float64Array]:
+def with_residuals(raw: Image, filtered: Image, reflectance: Image | float) -> list[Image]:
     """The filtered picture, and the same plus its difference from the raw one averaged over boxes: of what falls on the
     surfaces where their reflectance is known."""
     rest = (raw - filtered) / reflectance
-    return [filtered, *(filtered + reflectance * box(rest, radius) for radius in RESIDUAL_RADII_PX)]
+    lost = (reflectance * box(rest, radius) for radius in RESIDUAL_RADII_PX)
+    return [filtered, *((filtered + one).astype(filtered.dtype, copy=False) for one in lost)]
 
 
-def combine(even: list[Float64Array], odd: list[Float64Array], variance: Float64Array, share: float = 0.5) -> Combined:
+def combine(even: list[Image], odd: list[Image], variance: Float64Array, share: float = 0.5) -> Combined:
     """The combination of least expected squared error.
 
     even, odd : candidates of both halves, (H, W) each, the first one raw.  variance : (H, W) of the raw mean of both.
@@ -96,7 +101,7 @@ def _missing(raw: Float64Array, mean: Float64Array, spread: Float64Array) -> Flo
 
 
 def _combine(
-    even: list[Float64Array], odd: list[Float64Array], variance: Float64Array, scale: Float64Array, share: float
+    even: list[Image], odd: list[Image], variance: Float64Array, scale: Float64Array, share: float
 ) -> tuple[Float64Array, ...]:
     """Mean and variance of some rows, how the sum's difference is shared out there, both halves, the raw weight."""
     raw = share * even[0] + (1 - share) * odd[0]
@@ -121,7 +126,7 @@ def _scale(raw: Float64Array, variance: Float64Array) -> Float64Array:
 
 
 def _error_products(
-    even: list[Float64Array], odd: list[Float64Array], variance: Float64Array, scale: Float64Array, share: float
+    even: list[Image], odd: list[Image], variance: Float64Array, scale: Float64Array, share: float
 ) -> Float64Array:
     """(J, J, H, W) unbiased estimates of the products of the errors of the candidates' means, over ``scale``."""
     count, noise = len(even), variance * (0.5 / share + 0.5 / (1 - share))  # of a half, on average

@@ -54,7 +54,7 @@ def folded(images: Iterable[NDArray[np.float32]], groups: tuple[slice, ...], ban
     return np.concatenate([*parts, filters], axis=-1)
 
 
-def in_band_factor(electrons: Float64Array, bands: Float64Array) -> NDArray[np.float32]:
+def in_band_factor(electrons: NDArray[np.floating], bands: NDArray[np.floating]) -> NDArray[np.float32]:
     """Photoelectrons over those of the bands with a flat spectrum in each, (H, W); 1 where that is no number."""
     with np.errstate(divide="ignore", invalid="ignore"):
         factor = electrons / bands

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from itertools import pairwise
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,27 +84,44 @@ def clean(raw: NDArray[np.floating]) -> Cleaned:
     return Cleaned(values, infinite, int(negative.sum()), int(bad.sum()))
 
 
-class Welford:
-    """Running mean and variance of equal passes, in float64."""
+class RunningMean:
+    """Mean of equal passes.  mean : zeros at first; of few passes float32 loses less than the film does."""
 
-    def __init__(self, shape: tuple[int, ...]) -> None:
-        self.count = 0
-        self.mean = np.zeros(shape)
-        self._squares = np.zeros(shape)
+    def __init__(self, mean: NDArray[np.floating]) -> None:
+        self.count, self.mean = 0, mean
 
     def add(self, values: Float64Array) -> None:
         """Add one pass, some rows at a time."""
         self.count += 1
         step = max(VALUES_AT_ONCE // max(math.prod(values.shape[1:]), 1), 1)
         for first in range(0, len(values), step):
-            mean = self.mean[first : first + step]
-            delta = values[first : first + step] - mean
-            mean += delta / self.count
-            delta *= delta
-            delta *= (self.count - 1) / self.count  # one distance is to the new mean
-            self._squares[first : first + step] += delta
+            rows = slice(first, first + step)
+            delta = values[rows] - self.mean[rows]
+            self.mean[rows] += delta / self.count
+            self._note(rows, delta)
+
+    def _note(self, rows: slice, delta: Float64Array) -> None:
+        """What else is to be known of values in some rows, which were ``delta`` from the mean of those before."""
+
+
+class Welford(RunningMean):
+    """Mean and variance of equal passes.  mean, squares : zeros at first."""
+
+    def __init__(self, mean: NDArray[np.floating], squares: NDArray[np.floating]) -> None:
+        super().__init__(mean)
+        self._squares = squares
+
+    @classmethod
+    def of_shape(cls, shape: tuple[int, ...]) -> Self:
+        """In float64."""
+        return cls(np.zeros(shape), np.zeros(shape))
+
+    def _note(self, rows: slice, delta: Float64Array) -> None:
+        delta *= delta
+        delta *= (self.count - 1) / self.count  # one distance is to the new mean
+        self._squares[rows] += delta
 
     @property
-    def variance_of_mean(self) -> Float64Array:
+    def variance_of_mean(self) -> NDArray[np.floating]:
         """Variance of the mean of the passes; 0 for a single pass."""
         return self._squares / max(self.count * (self.count - 1), 1)

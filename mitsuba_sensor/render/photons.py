@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import cast
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ..core import Exposure, Float64Array, InputError, Photons, check_types, first_given, numbers, require, require_seed
 from ..core.units import photon_energy_j
@@ -65,8 +65,7 @@ def collect(
             why = "light was rendered into the channels of a camera with another quantum efficiency or lens"
             remedy = "render it again for this one, or with spectral='cube', which can be used with any camera"
             raise InputError(f"{why}; {remedy}.")
-        data = np.asarray(light.data, dtype=np.float64)
-        photons = _photons(data, light.wavelengths_nm, light.bandwidths_nm, camera, exposure)
+        photons = _photons(light.data, light.wavelengths_nm, light.bandwidths_nm, camera, exposure)
         known = light.rendered_for
         photons = replace(photons, origin=light.origin, illuminant=None if known is None else known.illuminant)
         if light.filters is not None:
@@ -148,12 +147,14 @@ def _shape(shape: Sequence[int]) -> tuple[int, int]:
 
 
 def _photons(
-    data: Float64Array, centres: Float64Array, widths: Float64Array, camera: Camera, exposure: Exposure
+    data: NDArray[np.floating], centres: Float64Array, widths: Float64Array, camera: Camera, exposure: Exposure
 ) -> Photons:
     """Photons of irradiance (H, W, B); 0 where the factor is 0, also of infinite irradiance."""
     factor = photons_per_irradiance(camera, exposure, centres, widths)
     with np.errstate(invalid="ignore"):
-        mean = np.where(factor == 0, 0.0, data * factor)
+        mean = np.multiply(data, factor, dtype=np.float64)
+    if not factor.all():
+        mean[..., factor == 0] = 0.0
     return Photons(mean, np.asarray(centres, dtype=np.float64), bandwidths_nm=np.asarray(widths, dtype=np.float64))
 
 

@@ -19,7 +19,7 @@ from ..sensor.metering import AskedExposure, Metering, checked_exposure
 from ..sensor.options import ExposeOptions
 from .aovs import Aovs, aovs_of, load_for_rays
 from .bands import BANDWIDTH_NM, Bands, choose_bands
-from .denoise import is_installed, library
+from .denoise import denoised_if_possible, is_installed, library
 from .film_channels import with_filters
 from .illuminant import rendered_for
 from .irradiance import Irradiance
@@ -29,6 +29,7 @@ from .options import RenderOptions
 from .passes import SAMPLER
 from .photons import metered
 from .renderer import Criterion, Electrons, Estimate, Renderer
+from .row_strip import Kept
 from .scene import Scene, load_scene
 from .scene_nodes import SceneInput
 from .scene_settings import ParsedScene, SceneSettings, parse
@@ -62,11 +63,6 @@ def render(
     check_options(chosen)
     prepared = prepare(scene, camera, exposure, **chosen)
     return prepared.render(prepared.seed(seed), prepared.stop_criterion(chosen), progress, started=started)
-
-
-def denoised_if_possible(options: RenderOptions) -> RenderOptions:
-    """The options with ``denoise`` where it is not decided and Open Image Denoise is installed."""
-    return {**options, "denoise": True} if options["denoise"] is None and is_installed() else options
 
 
 def check_options(options: RenderOptions) -> None:
@@ -173,7 +169,7 @@ class PreparedRender:
             return self
         light = replace(self, denoise=False).render(self.seed(None), stop_criterion_of({"spp": METERING_SPP}))
         exposure = self.exposure_of(light)
-        renderer = Renderer(self.scene, self.camera, exposure, self.bands, halves=bool(self.denoise))
+        renderer = Renderer(self.scene, self.camera, exposure, self.bands, Kept.of(self.denoise, self.raw_light))
         return replace(self, exposure=exposure, renderer=renderer, metered=True)
 
     def sensor(self, options: ExposeOptions) -> PreparedExposure:
@@ -266,7 +262,7 @@ def prepare(
     settings = parsed.settings
     camera, asked = first_given(camera, settings.camera), first_given(asked, settings.exposure)
     if camera is None:
-        place = 'put <film type="photosensor"> with camera into its sensor'
+        place = 'put <film type="photosensor"> with camera into it'
         raise InputError(f"no camera is given and the scene has none; pass one, or {place}.")
     metering = asked if isinstance(asked, Metering) else None
     known = asked.unit_exposure if isinstance(asked, Metering) else asked
@@ -274,7 +270,8 @@ def prepare(
     metres = settings.metres(chosen["scene_unit"]) or 1.0
     at_rest = load_scene(parsed.file, bands, {}, camera, chosen["scene_unit"], width=chosen["width"], sampler=sampler)
     motion, denoise = read_motion(chosen["motion"]), chosen["denoise"]
-    renderer = Renderer(at_rest, camera, known, bands, halves=bool(denoise))
+    kept = Kept.of(denoise, chosen["raw_light"])
+    renderer = Renderer(at_rest, camera, known, bands, kept)
     asked_for = denoise, chosen["raw_light"], chosen["width"]
     still = PreparedRender(
         parsed, at_rest, camera, known, bands, renderer, *asked_for, Motion(), metres, sampler, metering
@@ -283,7 +280,7 @@ def prepare(
         return still if chosen["noise_ratio"] is None else still.metered_first()
     still = still.metered_first()
     moving = MovingScene(at_rest, motion, camera, still.exposure, chosen["subframes"], metres)
-    renderer = Renderer(moving, camera, still.exposure, bands, halves=bool(denoise))
+    renderer = Renderer(moving, camera, still.exposure, bands, kept)
     return replace(still, scene=moving, motion=motion, renderer=renderer)
 
 

@@ -25,9 +25,10 @@ from .film_channels import electrons_of_film, folded, in_band_factor
 from .filter_bands import band_errors, bands_of_filters
 from .guides import FEWEST_RAYS, QUARTERS, Guides, rays_per_pixel, whole_square
 from .moving_scene import MovingScene
-from .passes import Welford, clean, hashed_seed, row_strips
+from .passes import clean, hashed_seed, row_strips
 from .photons import electrons_per_irradiance
 from .pooled import pooled
+from .row_strip import BandSums, Kept, RowStrip
 from .scene import Scene
 from .statistics import firefly_fraction, median_bias
 from .stop_criterion import End, Progress, ProgressMeter, StopCriterion
@@ -52,47 +53,24 @@ class Estimate(NamedTuple):
     in_band: NDArray[np.float32] | None
 
 
-class RowStrip:
-    """Accumulated passes of some rows: per band, and as photoelectrons behind the filters.
-
-    electrons : (H, W, F) behind every filter where ``halves`` are kept, else (H, W, 1) of each pixel's own.
-    even, even_e : sums of the passes 0, 2, 4, … of bands and electrons, or None.
-    brightest : largest photoelectrons of any pass behind the pixel's own filter, (H, W).
-    """
-
-    def __init__(self, rows: slice, columns: int, bands: int, filters: int, halves: bool) -> None:
-        shape = (rows.stop - rows.start, columns)
-        self.rows, self.ends = rows, (rows.start, rows.stop)
-        self.bands, self.electrons = Welford((*shape, bands)), Welford((*shape, filters))
-        self.brightest, self.infinite = np.zeros(shape), np.zeros(shape, bool)
-        self.even = np.zeros((*shape, bands), np.float32) if halves else None
-        self.even_e = np.zeros((*shape, filters)) if halves else None
-
-    def add(self, irradiance: Float64Array, electrons: Float64Array, own: Float64Array) -> None:
-        """Add one pass. own : (H, W) electrons of each pixel's own filter."""
-        if self.even is not None and self.even_e is not None and self.bands.count % 2 == 0:
-            self.even += irradiance
-            self.even_e += electrons
-        np.maximum(self.brightest, own, out=self.brightest)
-        self.bands.add(irradiance)
-        self.electrons.add(electrons)
-
-
 class Renderer:
     """Renders one scene for one camera, exposure and set of bands.
 
     passes, samples, groups : of the last render; samples per pixel, pass and group of bands.
     seconds_per_sample : of one sample in every pixel, without the first pass, which compiles.
-    negative, non_finite : its values that were set to 0.  halves : whether to keep two half-sets of the passes, which
-        :meth:`denoise` needs.  denoised : what it made of the last render, else None.
+    negative, non_finite : its values that were set to 0.  denoised : what :meth:`denoise` made of the last render, else
+        None.
     """
 
     def __init__(
-        self, scene: Scene | MovingScene, camera: Camera, exposure: Exposure, bands: Bands, halves: bool = False
+        self, scene: Scene | MovingScene, camera: Camera, exposure: Exposure, bands: Bands, keep: Kept = Kept.SPREAD
     ) -> None:
         (columns, rows), (column, row) = scene.view.crop_size, scene.view.crop_offset
-        self.scene, self.bands, self._halves = scene, bands, halves
+        self.scene, self.bands = scene, bands
         self._weights = electrons_per_irradiance(camera, exposure, bands)
+        can_be_denoised = columns * rows >= LEAST_PIXELS and self._weights.any()
+        self._keep = keep if can_be_denoised else Kept.SPREAD
+        self._halves = Kept.HALVES in self._keep
         self._film_weights = electrons_of_film(camera, exposure, bands)
         self._filters = np.asarray(camera.filter_index((rows, columns), (row, column)))
         self._tile_columns = len(camera.tile[0])
@@ -128,10 +106,11 @@ class Renderer:
 
     def _begin(self, samples: int, meter: ProgressMeter) -> None:
         """Empty strips for passes of so many samples per pixel."""
-        columns, count = self.scene.view.crop_size[0], len(self.bands)
-        rows = row_strips(self.scene.view.crop_size, count, samples)
+        (columns, height), count = self.scene.view.crop_size, len(self.bands)
+        rows = row_strips((columns, height), count, samples)
         filters = len(self._weights) if self._halves else 1
-        self.strips = [RowStrip(slice(*edges), columns, count, filters, self._halves) for edges in rows]
+        self._sums = BandSums((height, columns, count), self._keep)
+        self.strips = [RowStrip(slice(*edges), self._sums, filters) for edges in rows]
         self.samples, self.passes, self.negative, self.non_finite = samples, 0, 0, 0
         self.denoised, self._compared = None, (0, np.nan)
         meter.begin(len(rows))
@@ -178,11 +157,11 @@ class Renderer:
         """Light paths per pixel of the last render, of all passes and groups."""
         return self.passes * self.samples * len(self.groups)
 
-    def _own(self, per_filter: Float64Array, rows: slice = slice(None)) -> Float64Array:
+    def _own(self, per_filter: NDArray[np.floating], rows: slice = slice(None)) -> Float64Array:
         """(H, W, F) as each pixel's own filter has it, (H, W)."""
         if per_filter.shape[2] == 1:
-            return per_filter[..., 0]
-        return np.take_along_axis(per_filter, self._filters[rows, :, None], axis=-1)[..., 0]
+            return np.asarray(per_filter[..., 0], np.float64)
+        return np.take_along_axis(per_filter, self._filters[rows, :, None], axis=-1)[..., 0].astype(np.float64)
 
     def electrons(self) -> Electrons:
         """Mean photoelectrons of one exposure, and the expected squared error of that mean, (H, W) each: denoised where
@@ -200,8 +179,7 @@ class Renderer:
     def denoise(self) -> None:
         """Denoise what was rendered so far; from now on :meth:`electrons` and :meth:`result` are the denoised light.
         Of few passes or pixels, and where nothing is detected, they stay as they are."""
-        columns, rows = self.scene.view.crop_size
-        if self.passes < LEAST_PASSES or columns * rows < LEAST_PIXELS or not self._weights.any():
+        if self.passes < LEAST_PASSES or not self._halves:
             return
         mean, variance = self._raw_electrons()
         share = ((self.passes + 1) // 2) / self.passes
@@ -214,7 +192,7 @@ class Renderer:
     def _render_guides(self) -> Guides:
         """Guides at four wavelengths of each filter: the middles of quarters of what it detects of this scene."""
         (columns, rows), bands = self.scene.view.crop_size, self.bands
-        spectrum = np.mean([strip.bands.mean.mean(axis=(0, 1)) for strip in self.strips], axis=0)
+        spectrum = np.mean([strip.bands.mean.mean(axis=(0, 1), dtype=np.float64) for strip in self.strips], axis=0)
         detected = np.cumsum(self._weights * spectrum + np.finfo(float).tiny, axis=1)
         middles = (detected - 0.5 * np.diff(detected, axis=1, prepend=0.0)) / detected[:, -1:]
         quarters = (np.arange(QUARTERS) + 0.5) / QUARTERS
@@ -264,10 +242,11 @@ class Renderer:
 
     def result(self, keep: bool = False) -> Estimate:
         """What was rendered and, where that was done, denoised. A pixel with an infinite band is infinite in all.
-        Unless asked to ``keep`` them, the strips are freed as they are copied, to save memory."""
+        Unless asked to ``keep`` them, the sums of the bands are written over, to save memory."""
         columns, rows = self.scene.view.crop_size
-        data = np.empty((rows, columns, len(self.bands)), np.float32)
-        error, relative = np.empty_like(data), np.empty((rows, columns), np.float32)
+        shape = (rows, columns, len(self.bands))
+        data, error = (np.empty(shape, np.float32), np.empty(shape, np.float32)) if keep else self._sums.spent()
+        relative = np.empty((rows, columns), np.float32)
         mean, variance = self.electrons()
         if self.denoised is None:
             variance = pooled(mean, variance, self.passes)
@@ -278,23 +257,19 @@ class Renderer:
             relative[here] = np.where(infinite, np.inf, sigma / positive)
             data[here], error[here] = self._bands_of(strip, relative[here])
             data[here][infinite] = error[here][infinite] = np.inf
-            if not keep:
-                strip.bands, strip.even = Welford((0,)), None
         flat = [self._own(data[s.rows] @ self._weights.T, s.rows) for s in self.strips] if self.bands.filters else []
         return Estimate(data, error, relative, in_band_factor(mean, np.concatenate(flat)) if flat else None)
 
     def _bands_of(self, strip: RowStrip, relative: NDArray[np.float32]) -> tuple[Float64Array, NDArray[np.floating]]:
         """Bands of a strip and their standard errors; denoised, they agree with the electrons behind each filter."""
+        bands = strip.bands.mean.astype(np.float64)
         if self.denoised is None or strip.even is None:
-            mean, variance = strip.bands.mean, strip.bands.variance_of_mean
-            sigma = np.empty_like(mean, dtype=np.float32)
-            for k in range(mean.shape[2]):
-                sigma[..., k] = np.sqrt(pooled(mean[..., k], variance[..., k], self.passes))
-            return mean, sigma
-        first, rows = (self.passes + 1) // 2, strip.rows
-        odd = (strip.bands.mean * self.passes - strip.even) / (self.passes - first)
-        flat = in_band_factor(strip.bands.mean @ self._weights.T, strip.electrons.mean)  # in bands, of all electrons
-        spectra = strip.bands.mean, strip.even / first, odd
-        wanted = [getattr(self.denoised, name)[rows] * flat for name in ("mean", "even", "odd")]
+            variance, sigma = strip.variance_of_bands(), np.empty_like(bands, dtype=np.float32)
+            for k in range(bands.shape[2]):
+                sigma[..., k] = np.sqrt(pooled(bands[..., k], variance[..., k].astype(np.float64), self.passes))
+            return bands, sigma
+        flat = in_band_factor(bands @ self._weights.T, strip.electrons.mean)  # in bands, of all electrons
+        wanted = [getattr(self.denoised, name)[strip.rows] * flat for name in ("mean", "even", "odd")]
+        spectra = bands, *strip.halves()
         mean, even, odd = (bands_of_filters(x, self._weights, e) for x, e in zip(spectra, wanted, strict=True))
         return mean, band_errors(even, odd, mean, np.nan_to_num(relative.astype(np.float64), posinf=0.0))

@@ -141,7 +141,8 @@ def outside_qe(photons: Photons, camera: Camera) -> dict[str, Any]:
     if photons.wavelengths_nm is None or photons.mean.ndim == 2:
         return {"wavelengths_nm": [], "share_of_photons": 0.0}
     outside = (photons.wavelengths_nm < points[0]) | (photons.wavelengths_nm > points[-1])
-    finite = np.where(np.isfinite(photons.mean), photons.mean, 0.0).sum(axis=(0, 1))
+    bands = np.moveaxis(photons.mean, -1, 0)  # one after the other: all of them may be most of the memory
+    finite = np.array([band.sum(where=np.isfinite(band)) for band in bands])
     share = float(finite[outside].sum() / finite.sum()) if finite.sum() else 0.0
     return {"wavelengths_nm": photons.wavelengths_nm[outside].tolist(), "share_of_photons": share}
 

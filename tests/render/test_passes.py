@@ -55,7 +55,7 @@ def test_seeds_of_passes_are_distinct() -> None:
 def test_welford_is_the_mean_and_its_standard_error() -> None:
     """Against NumPy's two-pass formulas, with a mean a million times the spread."""
     values = 1e6 + np.random.default_rng(1).standard_normal((12, 5))
-    running = Welford((5,))
+    running = Welford.of_shape((5,))
     for row in values:
         running.add(row.copy())
     np.testing.assert_allclose(running.mean, values.mean(axis=0), rtol=1e-15)

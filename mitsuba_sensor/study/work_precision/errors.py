@@ -123,7 +123,7 @@ class FrameExposure(NamedTuple):
 
 def frame_exposure(series: Series, target: Target, passes: int) -> FrameExposure:
     """For runs of so many passes: the given exposure, if an eighth of them is enough to compensate the noise there."""
-    camera, exposure, pilot = target.subject.camera, target.subject.exposure, Welford(series.shape)
+    camera, exposure, pilot = target.subject.camera, target.subject.exposure, Welford.of_shape(series.shape)
     for block in series.passes(0, PILOT):
         pilot.add(block.electrons)
     dark_e, one_pass_e2 = mean_dark_e(camera, exposure), PILOT * pilot.variance_of_mean
@@ -168,7 +168,7 @@ class Run:
     def __init__(self, series: Series, target: Target, ladder: Ladder, number: int) -> None:
         self._series, self._target, self._ladder, self._number = series, target, ladder, number
         self._found = defaultdict[tuple[str, int], defaultdict[str, list[float]]](lambda: defaultdict(list))
-        self._frames = defaultdict[tuple[str, int], Welford](lambda: Welford(series.shape))
+        self._frames = defaultdict[tuple[str, int], Welford](lambda: Welford.of_shape(series.shape))
 
     def measure(self, smooth: bool) -> dict[str, list[Rung]]:
         """Rungs of every treatment, the shortest first. smooth : whether there are denoised renders too."""

@@ -24,6 +24,7 @@ from ...render.passes import SAMPLER, hashed_seed
 from ...render.photons import photons_per_irradiance
 from ...render.prepared import PreparedRender
 from ...render.renderer import Renderer
+from ...render.row_strip import Kept
 from ...render.stop_criterion import PASS_SPP, StopCriterion
 from ...render.variants import Variant, choose_variant, mitsuba
 from ...sensor.run import choose_backend
@@ -125,7 +126,7 @@ class Series:
     def denoised(self, seed: int, count: int) -> Block:
         """A render of so many passes with the package's denoiser, and the time of both."""
         began, job = time.perf_counter(), self.job
-        renderer = Renderer(job.scene, job.camera, job.exposure, job.bands, halves=True)
+        renderer = Renderer(job.scene, job.camera, job.exposure, job.bands, Kept.HALVES)
         criterion = StopCriterion(count, self.setting.samples, grouped=self.groups > 1)
         light = replace(job, denoise=True, renderer=renderer).render(hashed_seed(seed, count, 1), criterion)
         return Block(count, time.perf_counter() - began, light.data.astype(np.float64), renderer.electrons()[0])

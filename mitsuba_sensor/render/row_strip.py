@@ -1,0 +1,94 @@
+"""Accumulated passes of a strip of rows, in which a picture is rendered."""
+
+from __future__ import annotations
+
+from enum import Flag, auto
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core import Float64Array
+from .passes import RunningMean, Welford
+
+
+class Kept(Flag):
+    """What is kept of the passes: the spread of every band, and the half-sets that :meth:`Renderer.denoise` needs.
+
+    Half-sets alone leave the bands of a render that is not denoised with error bars of one degree of freedom.
+    """
+
+    SPREAD = auto()
+    HALVES = auto()
+
+    @classmethod
+    def of(cls, denoise: bool | None, raw_light: bool) -> Kept:
+        """What these options of a render need."""
+        if not denoise:
+            return cls.SPREAD
+        return cls.SPREAD | cls.HALVES if raw_light else cls.HALVES
+
+
+class BandSums:
+    """What is kept of the bands of a whole picture, (H, W, B) float32: the largest arrays of a render.
+
+    mean : of the passes.  squares, even : their spread, and the sum of the passes 0, 2, 4, …; None where not kept.
+    """
+
+    def __init__(self, shape: tuple[int, int, int], keep: Kept) -> None:
+        self.mean = np.zeros(shape, np.float32)
+        self.squares, self.even = (
+            np.zeros(shape, np.float32) if kind in keep else None for kind in (Kept.SPREAD, Kept.HALVES)
+        )
+
+    def of_rows(self, rows: slice) -> RunningMean:
+        """The mean, or mean and variance, of some rows."""
+        return RunningMean(self.mean[rows]) if self.squares is None else Welford(self.mean[rows], self.squares[rows])
+
+    def spent(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Two of the arrays, to write bands and standard errors over them, strip by strip."""
+        other = self.even if self.even is not None else self.squares
+        assert other is not None
+        return self.mean, other
+
+
+class RowStrip:
+    """Accumulated passes of some rows: per band, and as photoelectrons behind the filters.
+
+    electrons : (H, W, F) behind every filter where half-sets are kept, else (H, W, 1) of each pixel's own.
+    even, even_e : sums of the passes 0, 2, 4, … of bands and electrons, or None.
+    brightest : largest photoelectrons of any pass behind the pixel's own filter, (H, W).
+    """
+
+    def __init__(self, rows: slice, sums: BandSums, filters: int) -> None:
+        shape = (rows.stop - rows.start, sums.mean.shape[1])
+        self.rows, self.ends = rows, (rows.start, rows.stop)
+        self.bands, self.electrons = sums.of_rows(rows), Welford.of_shape((*shape, filters))
+        self.brightest, self.infinite = np.zeros(shape), np.zeros(shape, bool)
+        self.even = None if sums.even is None else sums.even[rows]
+        self.even_e = None if sums.even is None else np.zeros((*shape, filters))
+
+    def add(self, irradiance: Float64Array, electrons: Float64Array, own: Float64Array) -> None:
+        """Add one pass. own : (H, W) electrons of each pixel's own filter."""
+        if self.even is not None and self.even_e is not None and self.bands.count % 2 == 0:
+            self.even += irradiance
+            self.even_e += electrons
+        np.maximum(self.brightest, own, out=self.brightest)
+        self.bands.add(irradiance)
+        self.electrons.add(electrons)
+
+    def halves(self) -> tuple[Float64Array, Float64Array]:
+        """Means of the bands over the even and the odd passes, of two or more."""
+        assert self.even is not None
+        count, first = self.bands.count, (self.bands.count + 1) // 2
+        even = self.even.astype(np.float64)
+        return even / first, (self.bands.mean.astype(np.float64) * count - even) / (count - first)
+
+    def variance_of_bands(self) -> NDArray[np.floating]:
+        """(H, W, B) of the mean of the passes; from the difference of the half-sets where nothing else is kept."""
+        if isinstance(self.bands, Welford):
+            return self.bands.variance_of_mean
+        count, first = self.bands.count, (self.bands.count + 1) // 2
+        if count < 2:
+            return np.zeros_like(self.bands.mean)
+        even, odd = self.halves()
+        return np.asarray((even - odd) ** 2 / (count * (1 / first + 1 / (count - first))))
