@@ -21,7 +21,7 @@ def light(data: Any, wavelengths: Any = (550.0,), widths: Any = (1.0,)) -> Any:
     """All of an Irradiance that photons are made from."""
     return SimpleNamespace(
         data=np.asarray(data), wavelengths_nm=np.asarray(wavelengths), bandwidths_nm=np.asarray(widths),
-        filters=None, response=None, origin=(0, 0), in_band=None,
+        filters=None, response=None, origin=(0, 0), in_band=None, rendered_for=None,
     )  # fmt: skip
 
 
