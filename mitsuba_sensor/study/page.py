@@ -85,7 +85,7 @@ class Plot:
     def _draw(self, axes: Axes) -> float:
         for number, line in enumerate(self.lines):
             look = number if line.look is None else line.look
-            style: Values = {"color": f"C{look}", "marker": MARKERS[(look + look // MOST) % len(MARKERS)]}
+            style: Values = {"color": f"C{look}", "marker": MARKERS[sum(divmod(look, MOST)) % len(MARKERS)]}
             style |= {"linewidth": 1.4 if line.joined else 0, "linestyle": "--" if line.dashed else "-"}
             style |= {"markersize": 4.5, "elinewidth": 0.9}
             axes.errorbar(line.x, line.y, yerr=line.error or None, label=line.label or None, **style)

@@ -78,7 +78,7 @@ def of_names(*names: str) -> Plot:
 def test_a_plot_of_many_series_becomes_several_each_with_the_first_and_none_is_lost(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Their axes are the same."""
+    """Their axes are the same, and no two series look alike."""
     names = [f"s{k}" for k in range(17)]
     parts = study_of("s", "t", [Section((), True, (of_names(*names), of_names(*names[:8])))]).parts
     shown = [[line.label for line in part.lines] for part in parts if isinstance(part, Plot)]
@@ -87,6 +87,8 @@ def test_a_plot_of_many_series_becomes_several_each_with_the_first_and_none_is_l
     first, second, third = (drawn(part, monkeypatch) for part in parts[:3])
     assert first.get_xlim() == second.get_xlim() == third.get_xlim()
     assert first.get_ylim() == second.get_ylim() == third.get_ylim()
+    points = {box.get_label(): box.lines[0] for axes in (first, second, third) for box in axes.containers}
+    assert len({(one.get_color(), one.get_marker()) for one in points.values()}) == len(points) == 17
     assert [part.title for part in parts] == ["s0 (1 of 3)", "s0 (2 of 3)", "s0 (3 of 3)", "s0"]
 
 
