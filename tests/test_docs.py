@@ -153,15 +153,6 @@ def test_the_api_page_has_every_public_name_once() -> None:
     assert all((kind == "function") == inspect.isfunction(getattr(ms, name)) for kind, name in named)
 
 
-def test_no_sentence_of_the_api_is_cut_in_two_by_the_bullets() -> None:
-    """What follows a list begins with a capital letter: a description that goes on is indented."""
-    for name in ms.__all__:
-        made = GENERATED.with_bullets((inspect.getdoc(getattr(ms, name)) or "").splitlines())
-        places = [k for k in range(1, len(made) - 1) if made[k - 1].startswith(("*", " ")) and not made[k]]
-        cut = [made[k + 1] for k in places]
-        assert not [line for line in cut if line[:1].islower()], name
-
-
 def test_the_page_of_the_stages_has_them_in_the_order_of_the_chain_with_their_keys() -> None:
     page = GENERATED.stages()
     assert re.findall(r"autoclass:: [\w.]+\.(\w+)$", page, re.M) == [stage.__name__ for stage in ORDER]

@@ -245,7 +245,7 @@ class Renderer:
         Unless asked to ``keep`` them, the sums of the bands are written over, to save memory."""
         columns, rows = self.scene.view.crop_size
         shape = (rows, columns, len(self.bands))
-        data, error = (np.empty(shape, np.float32), np.empty(shape, np.float32)) if keep else self._sums.spent()
+        data, error = (np.empty(shape, np.float32), np.empty(shape, np.float32)) if keep else self._sums.reused()
         relative = np.empty((rows, columns), np.float32)
         mean, variance = self.electrons()
         if self.denoised is None:

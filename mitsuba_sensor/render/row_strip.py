@@ -44,7 +44,7 @@ class BandSums:
         """The mean, or mean and variance, of some rows."""
         return RunningMean(self.mean[rows]) if self.squares is None else Welford(self.mean[rows], self.squares[rows])
 
-    def spent(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def reused(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Two of the arrays, to write bands and standard errors over them, strip by strip."""
         other = self.even if self.even is not None else self.squares
         assert other is not None

@@ -47,8 +47,7 @@ def check_camera(name: str | Path) -> tuple[CameraFinding, ...]:
     """All errors of a camera file at once, then its warnings; nothing for a file that is right. Renders nothing.
 
     name : path of a camera file, or a shipped camera. A misspelt field is read as the one that was meant, so that its
-        value is checked too.
-    Fields of one table are compared with each other once each of them is right by itself.
+    value is checked too. Fields of one table are compared with each other once each of them is right by itself.
     Raises InputError if there is no such file.
     """
     text, file, folder = camera_text(name)

@@ -13,7 +13,7 @@ import numpy as np
 from ..io.files import read_toml
 from ..lab.estimators import pareto
 from .kit import Known, Values
-from .series import MOST, groups, looks
+from .series import MOST, colours, groups
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -51,7 +51,7 @@ class Line:
     error: tuple[float, ...] = ()  # half the length of the vertical bars, or none
     joined: bool = True  # whether a line joins them
     dashed: bool = False
-    look: int | None = None  # number of its colour and marker; in a study that of its label, through all plots
+    colour: int | None = None  # its number; in a study that of its label, through all plots
     ringed: tuple[int, ...] = ()  # indices of points with a ring
 
 
@@ -80,19 +80,16 @@ class Plot:
     log_y: bool = True
     level: Level | None = None
     note: str = ""
-    corners: tuple[tuple[float, float], ...] = ()  # points that the axes hold too
 
     def _draw(self, axes: Axes) -> float:
         for number, line in enumerate(self.lines):
-            look = number if line.look is None else line.look
-            style: Values = {"color": f"C{look}", "marker": MARKERS[sum(divmod(look, MOST)) % len(MARKERS)]}
+            look = number if line.colour is None else line.colour
+            style: Values = {"marker": MARKERS[look % len(MARKERS)], "markersize": 4.5, "elinewidth": 0.9}
             style |= {"linewidth": 1.4 if line.joined else 0, "linestyle": "--" if line.dashed else "-"}
-            style |= {"markersize": 4.5, "elinewidth": 0.9}
+            style["color"] = f"C{look}"
             axes.errorbar(line.x, line.y, yerr=line.error or None, label=line.label or None, **style)
             x, y = ([values[i] for i in line.ringed] for values in (line.x, line.y))
             axes.scatter(x, y, s=95, facecolors="none", edgecolors="black", zorder=3)
-        if self.corners:
-            axes.update_datalim(self.corners)
         axes.set(xlabel=self.x_label, ylabel=self.y_label)
         _log_scale(axes, "x", [x for line in self.lines for x in line.x if self.log_x])
         _log_scale(axes, "y", [y for line in self.lines for y in line.y if self.log_y])
@@ -111,7 +108,7 @@ class Bars:
     log_x: bool = False
     level: Level | None = None
     note: str = ""
-    looks: Mapping[str, int] = field(default_factory=dict)  # numbers of their colours, by the names of the series
+    colours: Mapping[str, int] = field(default_factory=dict)  # their numbers, by the names of the series
 
     def _draw(self, axes: Axes) -> float:
         height, rows = 0.8 / len(self.series), np.arange(len(self.labels))
@@ -119,7 +116,7 @@ class Bars:
             places = rows + (number - (len(self.series) - 1) / 2) * height
             error = np.array(self.error[name], dtype=float) if name in self.error else None
             style: Values = {"label": name if len(self.series) > 1 else None, "error_kw": {"elinewidth": 0.9}}
-            style["color"] = f"C{self.looks.get(name, number)}"
+            style["color"] = f"C{self.colours.get(name, number)}"
             axes.barh(places, np.array(values, dtype=float), height, xerr=error, **style)
         _log_scale(axes, "x", [x for values in self.series.values() for x in values if self.log_x and x is not None])
         axes.set_yticks(rows, self.labels)
@@ -181,31 +178,29 @@ def study_of(name: str, title: str, sections: Sequence[Section], **data: object)
     """Sections as one study."""
     findings = tuple(finding for section in sections for finding in section.findings)
     parts = [one for section in sections for part in section.parts for one in _split(part)]
-    return Study(findings, all(section.passed for section in sections), _with_looks(parts), name, title, data)
+    return Study(findings, all(section.passed for section in sections), _coloured(parts), name, title, data)
 
 
 def _split(part: Part) -> list[Part]:
-    """A plot of too many lines as several of the same axes, each with the first line."""
+    """A plot of too many lines as several, each with the first line, which the others are compared with."""
     if not isinstance(part, Plot) or len(part.lines) <= MOST:
         return [part]
     plots = [(part.lines[0], *(part.lines[k] for k in some)) for some in groups(len(part.lines))]
     titles = [f"{part.title} ({number} of {len(plots)})" for number in range(1, len(plots) + 1)]
-    x, y = ([value for line in part.lines for value in getattr(line, axis)] for axis in "xy")
-    same = replace(part, corners=((min(x), min(y)), (max(x), max(y))))
-    return [replace(same, title=title, lines=lines) for title, lines in zip(titles, plots, strict=True)]
+    return [replace(part, title=title, lines=lines) for title, lines in zip(titles, plots, strict=True)]
 
 
-def _with_looks(parts: Sequence[Part]) -> tuple[Part, ...]:
-    """The same with one colour and marker for each series, through all plots and bars."""
+def _coloured(parts: Sequence[Part]) -> tuple[Part, ...]:
+    """The same with one colour for each series, through all plots and bars."""
     lines = [[line.label for line in part.lines] for part in parts if isinstance(part, Plot)]
-    found = looks([*lines, *(tuple(part.series) for part in parts if isinstance(part, Bars))])
+    found = colours([*lines, *(tuple(part.series) for part in parts if isinstance(part, Bars))])
 
-    def looking(part: Part) -> Part:
+    def with_colours(part: Part) -> Part:
         if isinstance(part, Plot):
-            return replace(part, lines=tuple(replace(line, look=found[line.label]) for line in part.lines))
-        return replace(part, looks={name: found[name] for name in part.series}) if isinstance(part, Bars) else part
+            return replace(part, lines=tuple(replace(line, colour=found[line.label]) for line in part.lines))
+        return replace(part, colours={name: found[name] for name in part.series}) if isinstance(part, Bars) else part
 
-    return tuple(map(looking, parts))
+    return tuple(map(with_colours, parts))
 
 
 MARKERS = "osD^vPX*>"  # one more than colours, which colour-blind readers tell apart (Okabe & Ito 2008, and two more)

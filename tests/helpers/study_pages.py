@@ -18,16 +18,14 @@ def _of_series(study: Study) -> Iterator[str]:
     known: dict[str, int | None] = {}
     for part in study.parts:
         if isinstance(part, Plot | Bars):
-            lines = {line.label: line.look for line in part.lines} if isinstance(part, Plot) else part.looks
+            lines = {line.label: line.colour for line in part.lines} if isinstance(part, Plot) else part.colours
             if len(lines) > MOST_SERIES:
                 yield f"{part.title}: {len(lines)} series"
-            if len({None if look is None else look % MOST_SERIES for look in lines.values()}) < len(lines):
+            if len(set(lines.values())) < len(lines):
                 yield f"{part.title}: two series of one colour"
-            for name, look in lines.items():
-                if known.setdefault(name, look) != look:
-                    yield f"{part.title}: {name} has another colour or marker than before"
-    if len(set(known.values())) < len(known):
-        yield "two series have one colour and one marker"
+            for name, colour in lines.items():
+                if known.setdefault(name, colour) != colour:
+                    yield f"{part.title}: {name} has another colour than before"
 
 
 def _of_units(study: Study) -> Iterator[str]:

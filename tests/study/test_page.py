@@ -62,33 +62,16 @@ def test_a_study_is_its_sections_one_after_the_other() -> None:
     assert [part.title for part in whole.parts] == ["Series <all>", "error"]
 
 
-def drawn(picture: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
-    """The axes of a picture, as they are saved."""
-    seen: list[Any] = []
-    monkeypatch.setattr(Figure, "savefig", lambda self, *_, **__: seen.append(self))
-    png(picture)
-    seen[0].canvas.draw()
-    return seen[0].axes[0]
-
-
 def of_names(*names: str) -> Plot:
-    return Plot(names[0], "x [1]", "y [1]", tuple(Line(name, (1.0 + k,), (2.0**k,)) for k, name in enumerate(names)))
+    return Plot(names[0], "x [1]", "y [1]", tuple(Line(name, (1.0,), (float(k),)) for k, name in enumerate(names)))
 
 
-def test_a_plot_of_many_series_becomes_several_each_with_the_first_and_none_is_lost(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Their axes are the same, and no two series look alike."""
+def test_a_plot_of_many_series_becomes_several_each_with_the_first_and_none_is_lost() -> None:
     names = [f"s{k}" for k in range(17)]
     parts = study_of("s", "t", [Section((), True, (of_names(*names), of_names(*names[:8])))]).parts
     shown = [[line.label for line in part.lines] for part in parts if isinstance(part, Plot)]
     assert [len(some) for some in shown] == [8, 8, 3, 8] and {some[0] for some in shown} == {"s0"}
     assert sorted(name for some in shown[:3] for name in some[1:]) == sorted(names[1:])
-    first, second, third = (drawn(part, monkeypatch) for part in parts[:3])
-    assert first.get_xlim() == second.get_xlim() == third.get_xlim()
-    assert first.get_ylim() == second.get_ylim() == third.get_ylim()
-    points = {box.get_label(): box.lines[0] for axes in (first, second, third) for box in axes.containers}
-    assert len({(int(one.get_color()[1:]) % 8, one.get_marker()) for one in points.values()}) == len(points) == 17
     assert [part.title for part in parts] == ["s0 (1 of 3)", "s0 (2 of 3)", "s0 (3 of 3)", "s0"]
 
 
@@ -110,7 +93,11 @@ def test_faults_of_a_page_are_found() -> None:
 @pytest.mark.parametrize("picture", [p for p in PICTURES if isinstance(p, Bars)], ids=lambda p: p.title)
 def test_no_label_lies_on_a_bar(picture: Bars, monkeypatch: pytest.MonkeyPatch) -> None:
     """No text is drawn inside the axes, and the legend begins right of them."""
-    axes = drawn(picture, monkeypatch)
+    seen: list[Any] = []
+    monkeypatch.setattr(Figure, "savefig", lambda self, *_, **__: seen.append(self))
+    png(picture)
+    (axes,) = seen[0].axes
+    seen[0].canvas.draw()
     assert not axes.texts
     if legend := axes.get_legend():
         assert legend.get_window_extent().x0 >= axes.get_window_extent().x1
