@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import typer
@@ -26,6 +25,7 @@ NO_SCENE = SceneSettings()
 out, err = Console(), Console(stderr=True)
 
 
+UsageError: Any = typer.BadParameter.__base__  # of click, which new versions of typer bring along
 PICTURES, THINGS, CHECKS = "From a scene to frames", "Cameras and scenes", "How good, and whether it works"
 COMMANDS = ("render", "expose", "plan", "cameras", "fpn-maps", "lint", "study", "doctor")  # as --help lists them
 
@@ -42,7 +42,7 @@ class CommandGroup(TyperGroup):
         stopping.begin_command()
         try:
             return super().invoke(ctx)
-        except (InputError, OSError, MemoryError) as error:
+        except (InputError, OSError, MemoryError, UsageError) as error:
             with stopping.whole_step:  # not if a stop has removed what this thread misses now
                 err.print(f"[bold red]error:[/] {escape(_sentence(error))}", highlight=False, soft_wrap=True)
             raise typer.Exit(2) from None
@@ -85,7 +85,7 @@ class RenderInput(NamedTuple):
     exposure: ms.Exposure | Metering
 
 
-def render_input(scene: Path, flags: Flags) -> tuple[RenderInput, dict[str, Flag]]:
+def render_input(scene: str, flags: Flags) -> tuple[RenderInput, dict[str, Flag]]:
     """The scene with the camera and exposure that are asked for, or that it names itself; and all other flags."""
     parsed = parse(scene, flags)
     return RenderInput(parsed, *camera_and_exposure(flags, parsed.settings)), other_flags(flags)
@@ -147,6 +147,10 @@ def show(what: object, as_json: bool) -> None:
 
 
 def _sentence(error: BaseException) -> str:
+    if isinstance(error, UsageError):
+        usage: Any = error
+        path = " ".join(["mitsuba-sensor", *(usage.ctx.command_path.split()[1:] if usage.ctx else ())])
+        return f"{usage.format_message().rstrip('.')}; see: {path} -h"
     if isinstance(error, MemoryError):
         return f"not enough memory ({error}); render a smaller picture (--width), fewer bands or fewer frames."
     if isinstance(error, OSError):

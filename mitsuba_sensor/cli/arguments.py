@@ -1,6 +1,8 @@
-"""Arguments and flags that only the command line has: files, folders, how results are shown."""
+"""Arguments and flags that only the command line has: files, folders, how results are shown.
 
-from pathlib import Path
+Paths are texts, because an empty text is no path, and ``Path("")`` is the current folder.
+"""
+
 from typing import Annotated
 
 import typer
@@ -10,7 +12,7 @@ from .completion import camera_names, shell_files
 OUTPUT = "Output"
 
 Scene = Annotated[
-    Path,
+    str,
     typer.Argument(
         metavar="SCENE",
         help="A Mitsuba 3 scene file (.xml); its film becomes the sensor's.",
@@ -18,13 +20,13 @@ Scene = Annotated[
     ),
 ]
 IrradianceFile = Annotated[
-    Path,
+    str,
     typer.Argument(
         metavar="IRRADIANCE.exr", help="Irradiance on the sensor, as `render` wrote it.", autocompletion=shell_files
     ),
 ]
 SceneOrIrradiance = Annotated[
-    Path,
+    str,
     typer.Argument(
         metavar="SCENE_OR_EXR",
         help="A scene file, which is rendered first, or an irradiance.exr.",
@@ -32,7 +34,7 @@ SceneOrIrradiance = Annotated[
     ),
 ]
 Out = Annotated[
-    Path,
+    str,
     typer.Option(
         "-o",
         "--out",
@@ -43,7 +45,7 @@ Out = Annotated[
     ),
 ]
 NewFile = Annotated[
-    Path, typer.Argument(metavar="FILE.toml", help="The camera file to write.", autocompletion=shell_files)
+    str, typer.Argument(metavar="FILE.toml", help="The camera file to write.", autocompletion=shell_files)
 ]
 CameraName = Annotated[
     str,
@@ -52,7 +54,7 @@ CameraName = Annotated[
     ),
 ]
 MapFile = Annotated[
-    Path,
+    str,
     typer.Option(
         "-o",
         "--out",
@@ -63,9 +65,10 @@ MapFile = Annotated[
     ),
 ]
 ToleranceDn = Annotated[
-    float,
+    str,
     typer.Option(
         "--tolerance-dn",
+        metavar="NUMBER",
         help="Leave out stages that together move no number by more, in DN.",
         rich_help_panel="Sensor",
     ),

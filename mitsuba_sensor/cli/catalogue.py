@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import typer
@@ -36,18 +37,17 @@ def list_command(as_json: arguments.Json = False) -> None:
 
 @cameras.command("new", epilog="Example: mitsuba-sensor cameras new my.toml --like bayer_2mp --set adc.bits=14")
 @options.flags(options.NewCameraFlags)
-def new_camera(file: arguments.NewFile, **flags: options.Flag) -> None:
+def new_camera(name: arguments.NewFile, **flags: options.Flag) -> None:
     """Write a camera file to change: every key with unit, range, meaning, and where its value comes from.
 
     It loads as the camera that it is like; `cameras check FILE` says what is wrong after a change.
     """
+    file = Path(name)
     if file.suffix != ".toml":
-        raise InputError(f"{file} is no name of a camera file; let it end in .toml.")
+        raise InputError(f"{name or 'an empty text'} is no name of a camera file; let it end in .toml.")
     if file.exists() and not (flags["force"] and file.is_file()):
         remedy = "--force writes over it, or give another name" if file.is_file() else "give another name"
         raise InputError(f"{file} exists already; {remedy}.")
-    if not file.parent.is_dir():
-        raise InputError(f"{file} cannot be written: there is no folder {file.parent}; make it, or give another name.")
     files.write_page(file, ms.load_camera(flags["like"]).replace(**changes_of(flags)).to_toml())
     show(f"{file} is a camera like {flags['like']}; change it, then: mitsuba-sensor cameras check {file}", False)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from pathlib import Path
 
 import typer
 from rich.console import Group
@@ -11,7 +12,7 @@ from rich.text import Text
 import mitsuba_sensor as ms
 
 from ..capture_options import CaptureOptions, LightOptions
-from ..core import InputError, first_given
+from ..core import InputError, first_given, require
 from ..core.options import complete
 from ..io import exr, files
 from ..pipeline import FILES, FILES_OF_LIGHT, refuse_render_options
@@ -21,6 +22,7 @@ from ..sensor.metering import Metering
 from ..stopping import undone_if_stopped
 from . import arguments, options, terminal
 from .app import CHECKS, PICTURES, THINGS, app, camera_and_exposure, err, other_flags, render_input, settings_of, show
+from .options import number
 from .tables import FittedTable
 
 LEVELS = {"black": "bold red", "wrong": "bold yellow", "note": "dim"}  # of a finding of lint → its style
@@ -60,6 +62,7 @@ def expose(
     Camera, exposure and serial number are those that it was rendered for, unless you give others.
     Writes frame.tiff, frame.png and frame.json into DIR (and the files of --clean if asked for): all, or none.
     """
+    files.refuse_empty(irradiance, "irradiance", "give the path of an irradiance.exr")
     unit, wavelength_nm, fov_deg = (flags.pop(name) for name in UnitOptions.__annotations__)
     _refuse_lens(flags, unit)
     camera, exposure = camera_and_exposure(flags, settings_of(exr.rendered_for(irradiance), flags))
@@ -78,7 +81,7 @@ def expose(
 @options.flags(options.CameraFlags, UnitOptions, RenderOptions)
 def plan(
     source: arguments.SceneOrIrradiance,
-    tolerance_dn: arguments.ToleranceDn = 0.0,
+    tolerance_dn: arguments.ToleranceDn = "0",
     as_json: arguments.Json = False,
     **flags: options.Flag,
 ) -> None:
@@ -89,8 +92,9 @@ def plan(
     from ..render.photons import metered
     from ..render.requirements import render_requirements
 
+    tolerance = require("tolerance_dn", number(tolerance_dn), 0.0, 1e9, "digital numbers, e.g. 0.02")
     unit, fov_deg = flags.pop("unit"), flags.pop("fov_deg")
-    if source.suffix.lower() == ".exr":
+    if source.lower().endswith(".exr"):
         _refuse_lens(flags, unit)
         wavelength_nm, flags["wavelength_nm"] = flags["wavelength_nm"], None
         refuse_render_options(flags)
@@ -106,8 +110,8 @@ def plan(
             light = ms.render(given.scene, camera, exposure, progress=progress, **asked)
     if isinstance(exposure, Metering):
         exposure = metered(light, camera, exposure)
-    found = ms.plan(camera, exposure, ms.collect(light, camera, exposure), tolerance_dn=tolerance_dn)
-    needs = render_requirements(light, camera, exposure, gain_dn_per_e(camera), tolerance_dn)
+    found = ms.plan(camera, exposure, ms.collect(light, camera, exposure), tolerance_dn=tolerance)
+    needs = render_requirements(light, camera, exposure, gain_dn_per_e(camera), tolerance)
     if as_json:
         seconds = dict(zip(("whole_chain", "plan"), found.seconds, strict=True))
         show({**found.to_dict(), "render": [asdict(need) for need in needs], "seconds_per_frame": seconds}, True)
@@ -137,10 +141,19 @@ def fpn_maps(out_file: arguments.MapFile, as_json: arguments.Json = False, **fla
     To look at, to change, or to replace by measured ones: `render … --fpn-maps FILE.npz` takes such a file.
     """
     asked = complete(options.MapFlags, other_flags(flags))
+    files.refuse_empty(out_file, "-o", "give the name of a file, e.g. -o camera1.npz")
+    path = Path(out_file)
+    if path.suffix != ".npz":
+        raise InputError(f"{out_file} is no name of a file of FPN maps; let it end in .npz.")
     camera, _ = camera_and_exposure(flags)
+    for name, given, pixels in (
+        ("rows", asked["rows"], camera.sensor.rows),
+        ("width", asked["width"], camera.sensor.columns),
+    ):
+        require(name, first_given(given, pixels), 1, pixels, f"pixels, at most those of {camera.name}")
     shape = first_given(asked["rows"], camera.sensor.rows), first_given(asked["width"], camera.sensor.columns)
     found = ms.fpn_maps(camera, shape, serial=asked["serial"])
-    files.write_fpn_maps(out_file, found)
+    files.write_fpn_maps(path, found)
     spread = {name: {"mean": float(x.mean()), "sigma": float(x.std()), "shape": x.shape} for name, x in found.items()}
     show(spread if as_json else terminal.map_list(spread, str(out_file)), as_json)
 
@@ -178,7 +191,7 @@ def lint(scene: arguments.Scene, as_json: arguments.Json = False, **flags: optio
         table = FittedTable(("", "where", "what", "remedy"), keys=2)
         for one in findings:
             table.add_row(Text(one.level, style=LEVELS[one.level]), *map(Text, (one.where, one.what, one.remedy)))
-        head = Text.assemble((scene.name, "bold"), f" for {camera.name}, {low:g} to {high:g} nm")
+        head = Text.assemble((Path(scene).name, "bold"), f" for {camera.name}, {low:g} to {high:g} nm")
         show(Group(head, table if findings else Text("nothing to say", style="green")), False)
     if any(finding.level != "note" for finding in findings):
         raise typer.Exit(1)

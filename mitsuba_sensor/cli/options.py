@@ -2,9 +2,9 @@
 
 # Without `from __future__ import annotations`: core/options.py reads these declarations at run time.
 import inspect
+import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Annotated, Any, TypeAlias, TypedDict, TypeVar
 
 import typer
@@ -19,7 +19,7 @@ from ..render.variants import VARIANTS
 from ..sensor.metering import PERCENTILE, SHARE
 from ..sensor.options import FrameOptions, SensorOptions
 from .arguments import OUTPUT
-from .completion import camera_fields, camera_names, one_of, shell_files
+from .completion import camera_fields, camera_names, one_of
 
 Command = TypeVar("Command", bound=Callable[..., None])
 Flag: TypeAlias = Any  # the value of one flag; its type is that of the option
@@ -100,7 +100,7 @@ class StudyFlags(TypedDict, total=False):
     """Flags of every study."""
 
     out: Annotated[
-        Path | None,
+        str | None,
         Option("Folder for the page. Default: study/ and the study's name.", flag="-o --out", metavar="DIR"),
     ]
     force: Annotated[bool, Option("Measure again what the folder holds already.", False, flag="--force")]
@@ -174,7 +174,7 @@ def flags(*kinds: type, without: tuple[str, ...] = ()) -> Callable[[Command], Co
         parameters = [p.replace(kind=kind) for p in (*needed, *made, *optional)]
 
         def run(**values: Flag) -> None:
-            read = {name: READERS[name](x) for name, x in values.items() if name in READERS and x is not None}
+            read = {one.name: _read(one, values[one.name]) for one in found.values()}
             command(**{**values, **read})
 
         run.__name__, run.__doc__, run.__module__ = command.__name__, command.__doc__, command.__module__
@@ -194,26 +194,52 @@ def pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
     return {name: value for name, _, value in found}
 
 
-def _seconds(text: str) -> float:
-    """The number in the text. Raises InputError."""
+def number(text: str, kind: type = float) -> Flag:
+    """The number in a text; a text that is none as it is, for the check of the option."""
     try:
-        return float(text)
+        return kind(text)
     except ValueError:
-        raise InputError(f"--exposure-s {text!r} is no time; give seconds, e.g. 0.01, or auto.") from None
+        return text
+
+
+def _seconds(text: str) -> float:
+    """The number in the text. Raises InputError, with the seconds where a time is given in another unit."""
+    if not isinstance(value := number(text), str):
+        return float(value)
+    parts = re.fullmatch(r"\s*([\d.,]+(?:e-?\d+)?)\s*(?:/\s*(\d+)|([a-zµ]*))\s*", text)
+    meant = number(parts[1].replace(",", ".")) if parts else text
+    factor = (1 / int(parts[2]) if parts[2] else SECONDS.get(parts[3])) if parts and parts[2] != "0" else None
+    example = f"{meant * factor:.4g}" if factor is not None and not isinstance(meant, str) else "0.01"
+    raise InputError(f"--exposure-s {text!r} is no number of seconds; give seconds, e.g. {example}, or auto.")
+
+
+def _read(one: Declared, value: Flag) -> Flag:
+    """The value of a flag, not yet checked, from what typer read."""
+    if value is None or value == one.option.default:
+        return value
+    if one.name in READERS:
+        return READERS[one.name](value)
+    return number(value, one.kinds[0]) if one.kinds in ((int,), (float,)) else value
 
 
 def _type(one: Declared) -> Flag:
-    """The type of an option as typer wants it, with its flag and its help."""
+    """The type of an option as typer wants it, with its flag and its help. Numbers are texts, so that a wrong one gets
+    the same sentence as in Python."""
     flag, kinds = one.option.flag or f"--{one.name.replace('_', '-')}", one.kinds
-    text: Flag = one.option.text or (str if one.choices else kinds[0])
+    numeric = NUMBERS.get(kinds)
+    text: Flag = one.option.text or (str if one.choices or numeric else kinds[0])
     text = text | None if one.option.default is None else text
-    metavar = one.option.metavar or ("|".join(map(str, one.choices)) or None)
-    panel = one.option.panel or next(title for kind, title in PANELS.items() if one.name in kind.__annotations__)
-    proposals = PROPOSALS.get(one.name) or (shell_files if text in (Path, Path | None) else one_of(one.choices))
+    metavar = one.option.metavar or numeric or ("|".join(map(str, one.choices)) or None)
+    panel = one.option.panel or next(
+        (title for kind, title in PANELS.items() if one.name in kind.__annotations__), None
+    )
+    proposals = PROPOSALS.get(one.name) or one_of(one.choices)
     flag_of = partial(typer.Option, *flag.split(), metavar=metavar, help=one.option.help)
     return Annotated[text, flag_of(rich_help_panel=panel, autocompletion=proposals)]
 
 
+SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60.0}
+NUMBERS: dict[tuple[type, ...], str] = {(int,): "INTEGER", (float,): "NUMBER"}  # kinds of an option → its metavar
 READERS: dict[str, Callable[[Flag], Flag]] = {  # how the text of an option becomes its value, where typer does not know
     "parameters": lambda texts: pairs("-D", texts),
     "settings": lambda texts: pairs("--set", texts),

@@ -83,7 +83,7 @@ def stress(**flags: Flag) -> None:
     _run("stress", flags, {}, measured)
 
 
-def _subject(scene: Path, found: RenderInput, flags: Flags, **more: Flag) -> tuple[Subject, dict[str, Flag]]:
+def _subject(scene: str, found: RenderInput, flags: Flags, **more: Flag) -> tuple[Subject, dict[str, Flag]]:
     """What a study of a scene is about, and all that decides what is measured of it. more : options of the render."""
     parameters = flags["parameters"] or {}
     same = {name: flags[name] for name in ("scene_unit", "width", "integrator", "ignore_polarization")}
@@ -98,7 +98,9 @@ def _subject(scene: Path, found: RenderInput, flags: Flags, **more: Flag) -> tup
 
 def _run(name: str, flags: Flags, question: dict[str, Flag], measure: Callable[[Kit], Study]) -> None:
     """Run the study and write what it found; what was measured stays, even if the rest is stopped."""
-    folder, made = flags["out"] or Path("study") / name, {"machine": machine(), "versions": versions()}
+    out_dir, made = first_given(flags["out"], f"study/{name}"), {"machine": machine(), "versions": versions()}
+    files.require_folder(out_dir)
+    folder = Path(out_dir)
     known = Measurements(folder / MEASUREMENTS, {"study": name, **question, **made}, flags["force"])
     about = {"scene": question["scene"], "camera": question["camera"]["name"]} if question else {}
     pairs, where = zip(sys.argv, sys.argv[1:], strict=False), ("-o", "--out")  # the command is without these

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import errno
+import io
 import json
 import os
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -213,6 +214,20 @@ def _write_exr(path: Path, header: dict[str, Any], channels: dict[str, np.ndarra
 
 
 @contextmanager
+def _silent_library() -> Iterator[None]:
+    """Keep what the OpenEXR library itself says of a damaged file, a line for each row, off stdout and stderr."""
+    kept, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null, 2)
+    try:
+        with redirect_stdout(io.StringIO()):
+            yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(null)
+
+
+@contextmanager
 def whole_exr(
     path: Path, wrong: str, remedy: str = "", pixels: bool = True
 ) -> Iterator[tuple[dict[str, Any], dict[str, np.ndarray]]]:
@@ -221,11 +236,12 @@ def whole_exr(
 
     require_exr(path)
     try:
-        with OpenEXR.File(str(path), separate_channels=True, header_only=not pixels) as file:
+        with _silent_library(), OpenEXR.File(str(path), separate_channels=True, header_only=not pixels) as file:
             header = dict(file.header())
             images = {name: channel.pixels for name, channel in file.channels().items()} if pixels else {}
     except (RuntimeError, ValueError) as error:
-        raise InputError(f"{path} cannot be read as an OpenEXR file ({error}); render it again.") from error
+        why = "is cut short or damaged and cannot be read as an OpenEXR file"
+        raise InputError(f"{path} {why}; render it again.") from error
     try:
         yield header, images
     except (KeyError, ValueError, TypeError) as error:

@@ -6,6 +6,7 @@ Every writer fills a temporary name in the same folder and renames it at the end
 
 from __future__ import annotations
 
+import errno
 import io
 import json
 import os
@@ -25,6 +26,7 @@ import numpy as np
 from ..core import InputError
 from ..stopping import note_written, undone_if_stopped, whole_step
 
+FULL = errno.ENOSPC, errno.EDQUOT  # a disk, or what one user may have of it
 NOTHING: Mapping[str, Any] = {}
 TIFF_TYPES = "uint8", "uint16", "uint32", "float32"
 CFA_COLOURS = "rgb"  # numbers 0, 1, 2 in the CFAPattern of TIFF/EP
@@ -39,6 +41,7 @@ def output_folder(path: Path | str, names: Sequence[str]) -> Iterator[Path]:
     Whatever goes wrong, Ctrl-C included, leaves older files in ``path`` as they were and removes what this call made.
     Raises InputError before the block runs if ``path`` cannot take the files.
     """
+    refuse_empty(path, "-o", "give the name of a folder, e.g. -o out")
     folder = Path(path)
     with ExitStack() as stack:
         with whole_step:
@@ -48,7 +51,7 @@ def output_folder(path: Path | str, names: Sequence[str]) -> Iterator[Path]:
             with disk_sentences(folder), whole_step:
                 for name in names:
                     if (folder / name).is_dir():
-                        raise InputError(f"{folder / name} is a folder where a file should go; give -o another place.")
+                        raise InputError(f"{folder / name} is a folder where a file should go; give another place.")
                 scratch = tempfile.TemporaryDirectory(prefix=".unfinished-", dir=folder, ignore_cleanup_errors=True)
                 stack.enter_context(undone_if_stopped(partial(shutil.rmtree, scratch.name)))
             with scratch:
@@ -163,6 +166,22 @@ def read_fpn_maps(path: Path) -> dict[str, np.ndarray]:
         ) from None
 
 
+def refuse_empty(path: Path | str, name: str, remedy: str) -> None:
+    """Raise InputError for an empty path, which would be the current folder. name : of the option."""
+    if not os.fspath(path):
+        raise InputError(f"{name} is empty; {remedy}.")
+
+
+def require_folder(path: Path | str) -> None:
+    """Raise InputError if ``path`` can be no folder, before long work; nothing is made."""
+    refuse_empty(path, "-o", "give the name of a folder, e.g. -o out")
+    nearest = next(place for place in (Path(path), *Path(path).absolute().parents) if os.path.lexists(place))
+    if not nearest.is_dir():
+        raise InputError(f"cannot write into {path}: a file stands in its place; give another folder.")
+    if not os.access(nearest, os.W_OK):
+        raise InputError(f"cannot make the folder {path}: {nearest} cannot be written; give another place.")
+
+
 @contextmanager
 def disk_sentences(target: Path) -> Iterator[None]:
     """Turn what the operating system refuses into one sentence that names ``target``."""
@@ -170,14 +189,19 @@ def disk_sentences(target: Path) -> Iterator[None]:
         yield
     except OSError as error:
         why = error.strerror or str(error)
-        raise InputError(f"cannot write {target}: {why}; give -o a writable folder with free space.") from error
+        way_out = (
+            "make space there, or give another place" if error.errno in FULL else "give a place that can be written"
+        )
+        raise InputError(f"cannot write {target}: {why}; {way_out}.") from error
 
 
 @contextmanager
 def appearing(path: Path) -> Iterator[Path]:
     """A temporary name beside ``path`` that becomes ``path`` when the block ends well, and vanishes when not."""
     if not path.name:
-        raise InputError(f"cannot write {path}: that is a folder; give -o the name of a file.")
+        raise InputError(f"cannot write {path}: that is a folder; give the name of a file.")
+    if not os.path.lexists(path.parent):
+        raise InputError(f"cannot write {path}: there is no folder {path.parent}; make it, or give another name.")
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         with disk_sentences(path), undone_if_stopped(temporary.unlink):
@@ -196,9 +220,9 @@ def _make_folder(folder: Path) -> list[Path]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError) as error:
-        raise InputError(f"cannot write into {folder}: a file stands in its place; give -o another folder.") from error
+        raise InputError(f"cannot write into {folder}: a file stands in its place; give another folder.") from error
     except OSError as error:
-        raise InputError(f"cannot make the folder {folder}: {error.strerror}; give -o another place.") from error
+        raise InputError(f"cannot make the folder {folder}: {error.strerror}; give another place.") from error
     return missing
 
 

@@ -15,6 +15,7 @@ from ..core.html import facts, fragment, picture
 from ..sensor.camera import Camera
 from ..sensor.metering import clipped_note
 from ..sensor.stage import converter_of
+from ..sensor.usual_range import temperature_note
 from . import files
 from .colour_matrix import ColourMatrix, colour_matrix
 from .metadata import image_facts, versions
@@ -46,7 +47,7 @@ def frames_metadata(frames: Frames) -> dict[str, Any]:
         "colour": None if colours is None else colours._asdict(),
         "left_out": [] if frames.plan is None else frames.plan.left_out,
         **frames.report,
-        "notes": list(clipped_note(frames)),
+        "notes": [*clipped_note(frames), *temperature_note(first.exposure.temperature_k)],
         "versions": versions(),
     }
 

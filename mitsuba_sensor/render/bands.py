@@ -98,7 +98,10 @@ def choose_bands(camera: Camera, wavelength_nm: float | None, bandwidth_nm: floa
         raise InputError(f"spectral is {spectral!r}; it must be one of {', '.join(SPECTRAL)}.")
     if spectral == "channels":
         if wavelength_nm is not None:
-            raise InputError("spectral is 'channels' and wavelength_nm is given; a single band has no colour filters.")
+            raise InputError(
+                "spectral is 'channels' and wavelength_nm is given; a single band has no colour filters: "
+                "leave one of them out."
+            )
         return channel_bands(camera)
     width = require("bandwidth_nm", bandwidth_nm, NARROWEST_NM, LONGEST_NM - SHORTEST_NM, "nanometres, e.g. 10")
     if wavelength_nm is not None:

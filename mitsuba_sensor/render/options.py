@@ -3,7 +3,6 @@
 # Without `from __future__ import annotations`: core/options.py reads these declarations at run time.
 import os
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Annotated, Any, Literal, TypedDict
 
 from ..core.options import Option
@@ -58,7 +57,7 @@ class SceneOptions(FileOptions, total=False):
     ]
     motion: Annotated[
         str | os.PathLike[str] | Mapping[str, Any] | Motion | None,
-        Option("What moves while the shutter is open: a file, see docs/rendering.md.", metavar="FILE.toml", text=Path),
+        Option("What moves while the shutter is open: a file, see docs/rendering.md.", metavar="FILE.toml", text=str),
     ]
 
 

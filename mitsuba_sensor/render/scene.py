@@ -128,7 +128,9 @@ def _load(
     world = built if scene.loaded is None else scene.loaded
     if not world.emitters():
         raise InputError(f'scene {scene.path.name!r} has no light; add an emitter, e.g. <emitter type="constant"/>.')
-    sensor = next(one for one in built.sensors() if one.film().id() == FILM_ID)
+    sensor = next((one for one in built.sensors() if one.film().id() == FILM_ID), None)
+    if sensor is None:
+        raise InputError(f"scene {scene.path.name!r}: its sensor has a number that is NaN; correct fov and to_world.")
     integrator = getattr(world.integrator(), "inner", world.integrator()) or mitsuba().load_dict({"type": "path"})
     findings = most_serious_first([*findings, *lint_built(scene, world, sensor)])
     sensor, view, lens_notes = with_lens(sensor, _view(sensor, metres or 1.0), camera, metres or 1.0)

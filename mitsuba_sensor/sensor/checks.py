@@ -75,6 +75,9 @@ def as_photons(
     given = photons if isinstance(photons, Photons) else None
     mean = numbers("photons", given.mean if given else photons, "a number or an array of mean photons per pixel")
     wavelengths = given.wavelengths_nm if given and wavelengths_nm is None else wavelengths_nm
+    if given is None:
+        _refuse_pictures(np.asarray(photons).dtype)
+        _refuse_infinite(mean)
     if mean.ndim == 0:
         mean = np.full((camera.sensor.rows, camera.sensor.columns), float(mean))
     if mean.ndim not in (2, 3) or 0 in mean.shape:
@@ -102,6 +105,25 @@ def as_photons(
     in_band = _checked_factor(given.in_band, mean.shape[:2]) if known else None
     of_bands = widths, in_band, given.in_band_of
     return Photons(mean, bands, variance_e2, detected, given.origin, *of_bands, given.illuminant)
+
+
+def _refuse_pictures(kind: np.dtype[Any]) -> None:
+    """Raise InputError for a mask or an 8-bit picture in place of photons."""
+    if kind.kind == "b" or kind.itemsize == 1:
+        raise InputError(
+            f"photons is of {kind.name}, as a mask or a picture has it; pass mean photons per pixel, 0 or more, as "
+            "float64: photons.astype(float), if that is what the numbers are."
+        )
+
+
+def _refuse_infinite(mean: NDArray[np.float64]) -> None:
+    """Raise InputError for infinite photons in an array; a render's own (Photons) saturate their pixels."""
+    if mean.size and mean.max() == np.inf:
+        bad = np.isinf(mean)
+        raise InputError(
+            f"photons is infinite in {int(bad.sum())} place(s), first at {_first(bad)}; pass a finite number, e.g. "
+            "1e9 for a pixel that saturates."
+        )
 
 
 def check_photons(mean: NDArray[np.float64]) -> None:

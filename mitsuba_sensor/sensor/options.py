@@ -2,7 +2,6 @@
 
 # Without `from __future__ import annotations`: core/options.py reads these declarations at run time.
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, TypedDict
 
 from numpy.typing import ArrayLike
@@ -28,7 +27,7 @@ class MapOptions(TypedDict, total=False):
             "number's own; of this window, or of the whole sensor.",
             flag="--fpn-maps",
             metavar="FILE.npz",
-            text=Path,
+            text=str,
         ),
     ]
 

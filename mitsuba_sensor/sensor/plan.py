@@ -136,7 +136,7 @@ def plan(
     Raises InputError for a negative tolerance, and for photons and maps that ``expose`` would refuse.
     """
     check_types(camera, exposure)
-    require("tolerance_dn", tolerance_dn, 0.0, float("inf"), "digital numbers, e.g. 0.02")
+    require("tolerance_dn", tolerance_dn, 0.0, 1e9, "digital numbers, e.g. 0.02")
     light = as_photons(photons, camera, wavelengths_nm)
     window = SensorWindow(1, (light.mean.shape[0], light.mean.shape[1]), light.origin)
     frame = Frame(

@@ -66,3 +66,12 @@ class Usual:
         """A sentence about an unusual value of a field, with the way out.  verb : has, of one value of several."""
         way_out = self.right(value) or (self.mistakes[0].sentence(value) if self.mistakes else "check its unit")
         return f"{field} {verb} {value:.10g}, and {self.text} is usual: {way_out}"
+
+
+COOLED_TO_HOT_K = Usual.of(70.0, 400.0, CELSIUS)  # liquid nitrogen … the hottest that silicon sensors are specified for
+
+
+def temperature_note(temperature_k: float) -> tuple[str, ...]:
+    """What to say of a sensor temperature that is allowed and probably not meant."""
+    usual = temperature_k > 0 and COOLED_TO_HOT_K.includes(temperature_k)
+    return () if usual else (COOLED_TO_HOT_K.doubt("temperature_k", temperature_k),)

@@ -67,7 +67,7 @@ CASES: dict[str, tuple[Sequence[str], str]] = {
     "patterns of another kind": (("render", "SCENE", "-o", "OUT", "--fpn-maps", "SCENE"), "no .npz of numbers"),
     "patterns into no folder": (("fpn-maps", "-o", "OUT/chip.npz", "--rows", "2", "--width", "2"), "cannot write"),
     "patterns of no rows": (("fpn-maps", "-o", "OUT", "--rows", "0"), "rows is 0"),
-    "patterns into nothing": (("fpn-maps", "-o", "", "--rows", "2", "--width", "2"), "give -o the name of a file"),
+    "patterns into nothing": (("fpn-maps", "-o", "", "--rows", "2", "--width", "2"), "give the name of a file"),
     "endless preview": (("expose", "LIGHT", "-o", "OUT", "--preview-gain", "inf"), "preview_gain is inf"),
     "plan of light with options of a render": (("plan", "LIGHT", "--spp", "4"), "spp is for the render of a scene"),
     "plan of light with another picture": (("plan", "LIGHT", "--width", "8"), "width is for the render of a scene"),

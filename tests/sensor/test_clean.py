@@ -124,7 +124,7 @@ def test_clean_frames_of_many_serials_average_to_the_spatial_mean() -> None:
 
 
 def test_infinite_light_is_the_largest_code_and_does_not_vary() -> None:
-    found = ms.expose(np.full(SHAPE, np.inf), TABLE1, EXPOSURE)
+    found = ms.expose(ms.Photons(np.full(SHAPE, np.inf)), TABLE1, EXPOSURE)
     assert np.all(found.clean == 4095) and np.all(found.temporal_variance == 0) and found.clean.shape == (1, *SHAPE)
 
 
