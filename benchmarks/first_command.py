@@ -1,6 +1,6 @@
 """Measure time and memory of the README's first command, as a whole process, scalar and LLVM.
 
-    python benchmarks/first_command.py [--runs 5] [--size 256] [--json]
+    python benchmarks/first_command.py [--runs 5] [--width 384] [--json]
 
 The variants run alternately, so that other load on the machine affects both. The first run (cold caches, compilation of
 kernels) is reported separately from the median of the others. Peak memory is ru_maxrss of the child process.
@@ -27,15 +27,19 @@ def main() -> None:
     """Parse the options, measure, print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=5, help="warm runs of each variant (default 5)")
-    parser.add_argument("--size", type=int, default=256, help="width and height in pixels (default 256)")
+    parser.add_argument(
+        "--width", type=int, default=384, help="width in pixels, of which the height is 2/3 (default 384)"
+    )
     parser.add_argument("--json", action="store_true", help="print JSON only")
     options = parser.parse_args()
-    turns = [{name: once(name, options.size) for name in VARIANTS} for _ in range(options.runs + 1)]
+    turns = [{name: once(name, options.width) for name in VARIANTS} for _ in range(options.runs + 1)]
     results = {name: digest([turn[name] for turn in turns]) for name in VARIANTS}
     if options.json:
-        print(json.dumps({"size": options.size, "runs": options.runs, "cpus": os.cpu_count(), "variants": results}))
+        print(json.dumps({"width": options.width, "runs": options.runs, "cpus": os.cpu_count(), "variants": results}))
         return
-    print(f"{options.size} × {options.size}, {options.runs} runs, {os.cpu_count()} CPUs: wall s (median), peak MB")
+    print(
+        f"{options.width} × {options.width * 2 // 3}, {options.runs} runs, {os.cpu_count()} CPUs: wall s (median), peak MB"
+    )
     for name, result in results.items():
         if "error" in result:
             print(f"{name:18} {result['error']}")
@@ -48,11 +52,11 @@ def main() -> None:
             )
 
 
-def once(variant: str, size: int) -> dict[str, Any]:
+def once(variant: str, width: int) -> dict[str, Any]:
     """One whole process: seconds, seconds of rendering, and peak memory."""
     with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryFile() as output:
-        arguments = ["render", str(ROOT / "scenes" / "cornell_box.xml"), "-o", folder, "--variant", variant]
-        arguments += ["-D", f"width={size}", "-D", f"height={size}"]
+        arguments = ["render", str(ROOT / "scenes" / "first_frame.xml"), "-o", folder, "--variant", variant]
+        arguments += ["-D", f"width={width}", "-D", f"height={width * 2 // 3}"]
         start = time.perf_counter()
         child = subprocess.Popen([sys.executable, "-m", "mitsuba_sensor", *arguments], stdout=output, stderr=output)
         _, status, usage = os.wait4(child.pid, 0)

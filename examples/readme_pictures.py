@@ -1,38 +1,35 @@
-"""Make the three pictures of the README: the still life without noise, one raw frame, and one of 1/100 exposure.
+"""Make the pictures of the README from what its first command wrote: without noise, and with a tenth of the exposure.
 
-    mitsuba-sensor render scenes/still_life.xml -o out/ --camera bayer_2mp --spp 512
+    mitsuba-sensor render scenes/first_frame.xml -o out/
     python examples/readme_pictures.py out/irradiance.exr docs/images
 
-The picture without noise is the expectation over all cameras of the model. The last picture is shown 100 × brighter.
+The picture without noise is what the frames of this very camera are on average. The last one is shown 10 × brighter.
 """
 
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.io.exr import read_irradiance_exr
 from mitsuba_sensor.io.files import write_png
 from mitsuba_sensor.io.preview import preview
 
-TIME_S = 0.1
+SHORTER = 10.0
 
 
 def main(irradiance_file: str, folder: str) -> None:
-    """Read the irradiance, expose three times, write three PNG files."""
-    camera, irradiance = ms.load_camera("bayer_2mp"), read_irradiance_exr(irradiance_file)
-    pictures = Path(folder)
+    """Read the irradiance, expose twice, write three PNG files."""
+    light, pictures = ms.read_irradiance(irradiance_file), Path(folder)
     pictures.mkdir(parents=True, exist_ok=True)
-    full, short = ms.Exposure(TIME_S), ms.Exposure(TIME_S / 100)
-    photons = ms.collect(irradiance, camera, full)
-    frames = ms.expose(photons, camera, full)
-    dark = ms.expose(ms.collect(irradiance, camera, short), camera, short).digital[0]
-    known = irradiance.rendered_for
-    illuminant = None if known is None else known.illuminant
-    shown = ("clean", frames.spatial_mean, 1.0), ("raw", frames.digital[0], 1.0), ("hundredth", dark, 100.0)
-    for name, frame, gain in shown:
-        write_png(pictures / f"still_life_{name}.png", preview(frame, camera, gain, illuminant=illuminant))
+    frames = ms.expose(light)  # camera and exposure are those of the render
+    exposure, illuminant = frames.first.exposure, frames.light.illuminant
+    short = ms.expose(light, exposure=replace(exposure, time_s=exposure.time_s / SHORTER))
+    shown = {"": (frames.digital, 1.0), "_clean": (frames.clean, 1.0), "_tenth": (short.digital, SHORTER)}
+    for name, (images, gain) in shown.items():
+        picture = preview(images[0], frames.camera, gain, illuminant=illuminant)
+        write_png(pictures / f"first_frame{name}.png", picture)
 
 
 if __name__ == "__main__":

@@ -136,7 +136,7 @@ def test_streams_have_a_speed_and_a_resident_memory() -> None:
 
 
 def test_the_first_command_is_timed() -> None:
-    variants = run("first_command.py", "--runs", "0", "--size", "8")["variants"]
+    variants = run("first_command.py", "--runs", "0", "--width", "12")["variants"]
     assert "error" not in variants["scalar_spectral"]
     for found in variants.values():
         assert "error" in found or all(math.isfinite(x) and x > 0 for x in found.values())
