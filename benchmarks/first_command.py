@@ -38,7 +38,8 @@ def main() -> None:
         print(json.dumps({"width": options.width, "runs": options.runs, "cpus": os.cpu_count(), "variants": results}))
         return
     print(
-        f"{options.width} × {options.width * 2 // 3}, {options.runs} runs, {os.cpu_count()} CPUs: wall s (median), peak MB"
+        f"{options.width} × {options.width * 2 // 3}, {options.runs} runs, {os.cpu_count()} CPUs: "
+        "wall s (median), peak MB"
     )
     for name, result in results.items():
         if "error" in result:

@@ -32,7 +32,7 @@ WITH_CODE = [name for name, text in PAGES.items() if blocks(text) and name != "c
 
 SMALL = {
     "render": ("--width", "16", "--spp", "16", "--no-denoise"),
-    "fpn-maps": ("--rows", "16", "--width", "16"),
+    "fpn-maps": ("--rows", "11", "--width", "16"),
 }
 """What the commands of the pages get in addition here."""
 

@@ -12,7 +12,8 @@ from .passes import RunningMean, Welford
 
 
 class Kept(Flag):
-    """What is kept of the passes: the spread of every band, and the half-sets that :meth:`Renderer.denoise` needs.
+    """What is kept of the passes: the spread of every band, and the half-sets that
+    :meth:`renderer.Renderer.denoise` needs.
 
     Half-sets alone leave the bands of a render that is not denoised with error bars of one degree of freedom.
     """
