@@ -75,9 +75,17 @@ def most_serious_first(findings: Iterable[Finding]) -> list[Finding]:
 
 
 def lint_built(scene: SceneFile, built: MitsubaObject, sensor: MitsubaObject) -> list[Finding]:
-    """Findings that need the shapes: what the clip planes cut off, and paths that end too early."""
-    box = built.bbox()
-    return [*_clip_planes(scene, box, sensor), *_short_paths(scene, box)] if box.valid() else []
+    """Findings that need the shapes: those without size, what the clip planes cut off, paths that end too early."""
+    box, points = built.bbox(), _points(built)
+    return [*points, *_clip_planes(scene, box, sensor), *_short_paths(scene, box)] if box.valid() else []
+
+
+def _points(built: MitsubaObject) -> Iterator[Finding]:
+    """Shapes of no size, which are not in the picture."""
+    for number, shape in enumerate(built.shapes()):
+        if (box := shape.bbox()).valid() and not np.ravel(box.extents()).any():
+            what = f"a {shape.class_name().lower()} has no size and is not in the picture"
+            yield Finding("note", f"shape {shape.id() or number!r}", what, "give it a radius or a scale above 0")
 
 
 def _clip_planes(scene: SceneFile, box: MitsubaObject, sensor: MitsubaObject) -> Iterator[Finding]:

@@ -121,16 +121,16 @@ def _load(
     findings, dark = lint(scene, bands.ends_nm, metres)
     if dark:
         why = f"{findings[0].what}; give it an emitter with a spectrum there"
-        raise InputError(f"scene {scene.path.name!r} has no light in the bands: {why}.")
+        raise InputError(f"scene {scene.name!r} has no light in the bands: {why}.")
     _replace_camera(scene, replace(settings, unit_m=metres), camera)
     _replace_film(scene, bands, film_size(scene, camera, width), sampler)
     built = scene.build()
     world = built if scene.loaded is None else scene.loaded
     if not world.emitters():
-        raise InputError(f'scene {scene.path.name!r} has no light; add an emitter, e.g. <emitter type="constant"/>.')
+        raise InputError(f'scene {scene.name!r} has no light; add an emitter, e.g. <emitter type="constant"/>.')
     sensor = next((one for one in built.sensors() if one.film().id() == FILM_ID), None)
     if sensor is None:
-        raise InputError(f"scene {scene.path.name!r}: its sensor has a number that is NaN; correct fov and to_world.")
+        raise InputError(f"scene {scene.name!r}: its sensor has a number that is NaN; correct fov and to_world.")
     integrator = getattr(world.integrator(), "inner", world.integrator()) or mitsuba().load_dict({"type": "path"})
     findings = most_serious_first([*findings, *lint_built(scene, world, sensor)])
     sensor, view, lens_notes = with_lens(sensor, _view(sensor, metres or 1.0), camera, metres or 1.0)
@@ -156,15 +156,15 @@ def _refuse_unsuitable(scene: SceneFile) -> None:
     """InputError for a sensor, integrator or material that cannot be rendered into spectral bands."""
     if (kind := scene.sensor().props.plugin_name()) not in SENSORS:
         many = ", ".join(SENSORS)
-        raise InputError(f"scene {scene.path.name!r} has a sensor of type {kind!r}; it must be one of {many}.")
+        raise InputError(f"scene {scene.name!r} has a sensor of type {kind!r}; it must be one of {many}.")
     for node in scene.nodes("Integrator", "BSDF"):
         if (kind := node.props.plugin_name()) in UNSUITABLE and not (scene.ignore_polarization and kind in POLARISING):
-            raise InputError(f"scene {scene.path.name!r}, {scene.where(node)}: {kind!r} {UNSUITABLE[kind]}.")
+            raise InputError(f"scene {scene.name!r}, {scene.where(node)}: {kind!r} {UNSUITABLE[kind]}.")
     for node in scene.nodes("Emitter"):
         kind, variant = node.props.plugin_name(), mitsuba().variant()
         if kind in SCALAR_ONLY and not variant.startswith("scalar"):
             why = f"{kind!r} of Mitsuba 3.9.1 fails in {variant}; take --variant scalar_spectral"
-            raise InputError(f"scene {scene.path.name!r}, {scene.where(node)}: {why}.")
+            raise InputError(f"scene {scene.name!r}, {scene.where(node)}: {why}.")
 
 
 def _refuse_missing_files(scene: SceneFile) -> None:
@@ -178,7 +178,7 @@ def _refuse_missing_files(scene: SceneFile) -> None:
         named = ", ".join(f"{name} ({line})" for name, line in missing.items())
         files = f"{len(missing)} files" if len(missing) > 1 else "a file"
         where = "look in the folder of the scene, or name another with <path value=…/>"
-        raise InputError(f"scene {scene.path.name!r} lacks {files}: {named}; {where}.")
+        raise InputError(f"scene {scene.name!r} lacks {files}: {named}; {where}.")
 
 
 def _replace_camera(scene: SceneFile, settings: SceneSettings, camera: Camera | None) -> None:
@@ -186,7 +186,7 @@ def _replace_camera(scene: SceneFile, settings: SceneSettings, camera: Camera | 
     node = scene.sensor()
     if node.props.plugin_name() != SENSOR:
         return
-    where = f"scene {scene.path.name!r}, {scene.where(node)}"
+    where = f"scene {scene.name!r}, {scene.where(node)}"
     if camera is None:
         raise InputError(f'{where}: a camera needs a <film type="{FILM}"> that names it, or --camera.')
     try:
@@ -219,6 +219,7 @@ def film_size(scene: SceneFile, camera: Camera | None, width: int | None) -> dic
 def _replace_film(scene: SceneFile, bands: Bands, size: dict[str, int], sampler: str) -> None:
     """Replace film and sampler of the first sensor; remove other sensors; unwrap integrators that add channels."""
     mi, node = mitsuba(), scene.sensor()
+    _refuse_misspelt(scene)
     for name, _ in scene.children(node.props, "Film", "Sampler"):
         del node.props[name]
     with as_input_error(scene.path):
@@ -231,6 +232,21 @@ def _replace_film(scene: SceneFile, bands: Bands, size: dict[str, int], sampler:
         if child.props.plugin_name() in WRAPPERS:
             inner = [child.props[key] for key, _ in scene.children(child.props, "Integrator")]
             scene.root[name] = inner[0] if inner else mi.load_dict({"type": "path"})
+
+
+def _refuse_misspelt(scene: SceneFile) -> None:
+    """InputError for unknown types and parameters of film, filter and sampler, which Mitsuba never sees because they
+    are replaced. Those of old formats may be unknown."""
+    mi, versions = mitsuba(), [str(version) for version in scene.state.versions]  # none of a dict
+    for node in scene.nodes("Film", "Sampler", "ReconstructionFilter"):
+        kind, props = node.props.plugin_name(), node.props
+        if kind == FILM or (versions and versions[node.file_index] < "3"):
+            continue
+        nested = [name for name, _ in scene.children(props)]
+        own = {name: props[name] for name in props if name not in nested}
+        channel = {"channel": {"type": "d65"}} if kind == "specfilm" else {}  # it needs one
+        with as_input_error(scene.path, f"({scene.where(node)}) "):
+            mi.load_dict({"type": kind, **own, **channel})
 
 
 def _view(sensor: MitsubaObject, metres: float) -> View:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from ..core import InputError, nearest
 from . import old_formats, old_text
+from .parameter_names import meant
 from .variants import MitsubaObject, mitsuba
 
 EXAMPLE_SENSOR = (
@@ -52,6 +53,11 @@ class SceneFile:
     loaded: MitsubaObject = None
 
     @property
+    def name(self) -> str:
+        """What messages call the scene: the path as it was given."""
+        return str(self.path)
+
+    @property
     def root(self) -> MitsubaObject:
         """The properties of the scene itself."""
         return self.state.nodes[0].props
@@ -81,7 +87,7 @@ class SceneFile:
         """The node of the scene's first sensor; raises InputError if there is none."""
         for _, sensor in self.children(self.root, "Sensor"):
             return sensor
-        raise InputError(f"scene {self.path.name!r} has no sensor; add one, e.g. {EXAMPLE_SENSOR}.")
+        raise InputError(f"scene {self.name!r} has no sensor; add one, e.g. {EXAMPLE_SENSOR}.")
 
     def film(self) -> MitsubaObject:
         """The node of that sensor's film; None where it has Mitsuba's default."""
@@ -102,6 +108,9 @@ class SceneFile:
         """The scene itself; raises InputError for whatever is missing or wrong."""
         mi = mitsuba()
         state = mi.parser.ParserState(self.state)  # a copy, because the transforms leave nothing where it was
+        for node in state.nodes:
+            for name in node.props:  # what was read here would count as known to the plugin
+                node.props.mark_queried(name, False)
         with searching(self.resolver), as_input_error(self.path):
             mi.parser.transform_all(self.config, state)
             built = mi.parser.instantiate(self.config, state)
@@ -131,7 +140,7 @@ def parse_scene(
     unknown = next((name for name in values if name not in known), None)
     if unknown is not None and "<include" not in text:  # names in included files are left to Mitsuba
         has = f"it has {', '.join(known)}" if known else "it has none"
-        raise InputError(f"scene {file.name!r} has no parameter {unknown!r}; {has}.{nearest(unknown, known)}")
+        raise InputError(f"scene {str(file)!r} has no parameter {unknown!r}; {has}.{nearest(unknown, known)}")
     config = mi.parser.ParserConfig(mi.variant() or "scalar_spectral")
     config.merge_meshes = False  # a merged mesh has lost its name: nothing could move or number it
     beside = type(mi.file_resolver())(mi.file_resolver())
@@ -148,7 +157,8 @@ def parse_scene(
         mi.parser.transform_resolve(config, state)
         resolver = mi.file_resolver()
     if state.nodes[0].type != mi.ObjectType.Scene:
-        raise InputError(f'{file.name!r} holds no scene; its outermost element must be <scene version="3.0.0">.')
+        raise InputError(f'{str(file)!r} holds no scene; its outermost element must be <scene version="3.0.0">.')
+    _refuse_newer(state, file)
     content = str(given).encode()
     scene = SceneFile(file, config, state, values, resolver, exposure_s, (), new, ignore_polarization, content)
     converted = f"converted from the format of Mitsuba {old_text.version_name(text)}"
@@ -159,6 +169,14 @@ def parse_scene(
         changed = [one for one in changed if one[0].type != mi.ObjectType.Integrator]
     changes += [(scene.where(node), (what, converted)) for node, what in changed]
     return with_integrator(replace(scene, changes=tuple(changes)), integrator)
+
+
+def _refuse_newer(state: MitsubaObject, file: Path) -> None:
+    """InputError for a format that Mitsuba 3 does not know, and reads all the same."""
+    for version in map(str, state.versions):
+        if int(version.split(".")[0]) > old_text.CURRENT[0]:
+            newest = f'formats up to 3 can be read: write version="{old_text.version_name("")}", if it is one of these'
+            raise InputError(f"scene {str(file)!r} has the format of Mitsuba {version}; {newest}.")
 
 
 def with_integrator(scene: SceneFile, integrator: str | None) -> SceneFile:
@@ -207,15 +225,19 @@ def searching(resolver: MitsubaObject) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def as_input_error(file: Path) -> Iterator[None]:
-    """Turn Mitsuba's RuntimeError about a file into an InputError; that of an old file names its format."""
+def as_input_error(file: Path, place: str = "") -> Iterator[None]:
+    """Turn Mitsuba's RuntimeError about a file into an InputError; that of an old file names its format.
+
+    place : in the file, where Mitsuba does not know it.
+    """
     try:
         yield
     except RuntimeError as error:
         begin, name = "At|While loading|Error while loading|Parsing of XML file", re.escape(str(file))
-        where = rf'(?:{begin}) "?(?:{name}|{re.escape(str(file.resolve()))}|string)"?(?: failed)?:? '
+        known = f'{name}|{re.escape(str(file.resolve()))}|string|dictionary node "root'
+        where = rf'(?:{begin}) "?(?:{known})"?(?: failed)?:? '
         text = re.sub(where, "", plain_message(error))
-        said = f"scene {file.name!r} cannot be loaded: {text}{_remedy(text, file)}"
+        said = f"scene {str(file)!r} cannot be loaded: {place}{text}{_remedy(text, file)}"
         raise InputError(_with_version(said, file)) from error
     except InputError as error:
         raise InputError(_with_version(str(error), file)) from error
@@ -244,6 +266,8 @@ def _remedy(message: str, file: Path) -> str:
         return "; it is no XML, or empty: give the path of a Mitsuba 3 scene."
     if "undefined parameter" in message:
         return "; give it a value (-D name=value)."
+    if "unreferenced propert" in message:
+        return f".{meant(message)}"
     unknown = re.search(r'Plugin "(\w+)" not found', message)
     if unknown and unknown[1] in DIFFERENTIABLE:
         return "; it computes gradients and needs an llvm or cuda variant: 'path' gives the same image."

@@ -121,7 +121,7 @@ def settings_of(scene: SceneFile) -> SceneSettings:
             of_sensor = sensor_fields_of(sensor.props)
         return settings_from(of_film, of_sensor)
     except InputError as error:
-        raise InputError(f"scene {scene.path.name!r}, {scene.where(node)}: {error}") from None
+        raise InputError(f"scene {scene.name!r}, {scene.where(node)}: {error}") from None
 
 
 def _check_names(props: MitsubaObject, known: Iterable[str]) -> None:

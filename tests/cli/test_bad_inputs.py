@@ -96,14 +96,14 @@ def edited(scene_file: Path, edits: str, folder: Path) -> Path:
 
 
 @pytest.mark.parametrize("edits", SCENES)
-def test_a_mistake_in_a_scene_is_one_sentence_with_the_name_of_the_file(
+def test_a_mistake_in_a_scene_is_one_sentence_with_the_path_of_the_file(
     edits: str, scene_file: Path, tmp_path: Path, cli: Callable[..., Any]
 ) -> None:
     scene = edited(scene_file, edits, tmp_path)
     done = cli("render", scene, "-o", tmp_path / "out", "--variant", "scalar_spectral", "--spp", 16)
     assert done.exit_code == 2, (done.exception, done.stdout)
     assert len(done.stderr.strip().splitlines()) == 1, done.stderr
-    assert "wrong.xml" in done.stderr or NO_NAME in SCENES[edits], done.stderr
+    assert str(scene) in done.stderr or NO_NAME in SCENES[edits], done.stderr
     missing = [one for one in SCENES[edits] if one not in done.stderr]
     assert not missing, f"{missing} not in: {done.stderr}"
     assert list(tmp_path.iterdir()) == [scene]

@@ -241,6 +241,13 @@ def test_clip_planes_are_read_in_every_variant(tmp_path: Path, variant: str) -> 
     assert CLIPPED[2][1] in found.what
 
 
+@pytest.mark.parametrize("radius", [0, 1e-6])
+def test_a_shape_without_size_is_told(tmp_path: Path, radius: float) -> None:
+    point = f'<shape type="sphere" id="bead"><float name="radius" value="{radius}"/></shape>'
+    told = [(one.level, one.where) for one in findings(tmp_path, clean(point)) if "no size" in one.what]
+    assert told == ([] if radius else [("note", "shape 'bead'")])
+
+
 @pytest.mark.parametrize(("name", "value"), [("shutter_open", -1), ("shutter_close", 1)])
 def test_a_shutter_does_nothing(tmp_path: Path, name: str, value: int) -> None:
     (found,) = findings(tmp_path, clean(more=f'<float name="{name}" value="{value}"/>'))
