@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal, Protocol, TypeAlias
 
 import numpy as np
 
-from ..core import Exposure, Float64Array, Frame, InputError, Photons, SensorWindow, check_types, require
+from ..core import Exposure, Float64Array, Frame, InputError, Moments, Photons, SensorWindow, check_types, require
 from ..core.exposure import LONGEST_S
+from ..core.special import root
 from .camera import Camera
 from .detection import detect
+from .effects.adc import BLACK_LEVEL_AT
 from .effects.dark_current import mean_dark_e
-from .gains import gain_dn_per_e
 from .stage import converter_of
 
 if TYPE_CHECKING:
@@ -101,9 +103,22 @@ def checked_exposure(camera: object, exposure: AskedExposure | None) -> Exposure
 
 def saturation_e(camera: Camera) -> float:
     """Electrons at which a pixel saturates: its full well, or less where the converter ends before."""
+    full_well_e = float(camera.pixel.full_well_e)
+    if _beyond_converter_dn(full_well_e, camera) <= 0:
+        return full_well_e
+    if _beyond_converter_dn(0.0, camera) >= 0:
+        raise InputError(f"darkness is at the highest code of {camera.name}; give adc.black_level_dn a smaller value.")
+    return root(lambda electrons: _beyond_converter_dn(electrons, camera), 0.0, full_well_e)
+
+
+def _beyond_converter_dn(electrons: float, camera: Camera) -> float:
+    """The code of these electrons without any noise, its curves included, less the highest one [DN]."""
+    level = Moments(electrons, 0.0, 0.0, Frame(BLACK_LEVEL_AT, SensorWindow(0, (1, 1))))
+    for stage in camera.stages:
+        if stage.domain == "volts":
+            level = replace(stage.moments(level), temporal=0.0, spatial=0.0)
     converter = converter_of(camera.stages)
-    converted_e = (converter.highest - converter.black_level_dn) / gain_dn_per_e(camera)
-    return float(min(camera.pixel.full_well_e, converted_e))
+    return float(converter.black_level_dn + converter.gain_dn_per_v * level.mean - converter.highest)
 
 
 def electrons_of(photons: Photons, camera: Camera, exposure: Exposure) -> Float64Array:
@@ -119,5 +134,16 @@ def clipped_note(frames: Frames) -> Iterator[str]:
     pixels = frames.digital[0].size
     share = max(counts["clipped_full_well"], counts["clipped_adc_high"]) / pixels
     if share > MANY_CLIPPED:
-        shorter = Metering().time_s(frames.light, frames.camera, exposure)
-        yield f"{share:.0%} of the pixels are saturated at {exposure.time_s:g} s; --exposure-s {shorter:g} is metered"
+        yield f"{share:.0%} of the pixels are saturated at {exposure.time_s:g} s{_way_out(frames, exposure)}"
+
+
+def _way_out(frames: Frames, exposure: Exposure) -> str:
+    """What makes fewer pixels saturated; nothing where no time does, for example of infinite light."""
+    shorter_s, dark_e = np.inf, mean_dark_e(frames.camera, exposure)
+    with suppress(InputError):  # no pixel has any light
+        shorter_s = Metering().time_s(frames.light, frames.camera, exposure)
+    if shorter_s < exposure.time_s:
+        return f"; --exposure-s {shorter_s:g} is metered"
+    if dark_e < frames.camera.pixel.full_well_e:
+        return ""
+    return f"; dark current alone makes {dark_e:.3g} e-: cool the sensor (--temperature-k), or expose for less time"

@@ -71,7 +71,43 @@ def test_a_converter_that_ends_below_the_full_well_is_the_saturation() -> None:
     assert saturation_e(half) < 0.6 * WELL < saturation_e(CAMERA) <= WELL
 
 
+@pytest.mark.parametrize(
+    "curves",
+    [
+        {"readout.ve_nonlinearity": 0.4, "readout.v_ref_v": 0.2},
+        {"source_follower.vv_nonlinearity": 0.9},
+        {"source_follower.vv_nonlinearity": 1.1},
+        {"adc.gamma": 1.1, "adc.full_scale_v": 0.12},
+    ],
+)
+def test_saturation_is_where_the_codes_end_also_of_a_curved_response(curves: dict[str, float]) -> None:
+    """The median of 4096 pixels: 1 % below it under the highest code, 1 % above it there; its error is 0.02 %."""
+    camera = CAMERA.replace(**{"adc.full_scale_v": 0.1, **curves})
+    photons = saturation_e(camera) / float(camera.qe(np.array([550.0]), np.ones(1))[0, 0])
+    below, above = (
+        np.median(ms.expose(np.full((64, 64), factor * photons), camera, ms.Exposure(0.0), wavelengths_nm=550).digital)
+        for factor in (0.99, 1.01)
+    )
+    highest = 2**camera.adc.bits - 1
+    assert above == highest and 0.97 * highest < below < highest
+
+
+def test_dark_frames_that_dark_current_fills_are_saved_with_the_reason(light: Any, tmp_path: Path) -> None:
+    """Nothing can be metered there, and of infinite light no time is short enough."""
+    hot = ms.expose(np.zeros((4, 4)), CAMERA, ms.Exposure(1000.0, 400.0))
+    hot.save(tmp_path / "out")
+    (note,) = json.loads((tmp_path / "out" / "frame.json").read_text("utf-8"))["notes"]
+    assert note.startswith("100% of the pixels are saturated at 1000 s; dark current alone makes 1.03e+09 e-")
+    infinite = replace(light, data=np.where(np.arange(16)[:, None] % 2, light.data, np.inf).astype(np.float32))
+    metered_s = metered(infinite, CAMERA, Metering()).time_s
+    for exposure, said in ((ms.Exposure(0.01), ""), (ms.Exposure(10.0), f"; --exposure-s {metered_s:g} is metered")):
+        notes = ms.capture(infinite, CAMERA, exposure).metadata["notes"]
+        assert any(note.endswith(f"of the pixels are saturated at {exposure.time_s:g} s{said}") for note in notes)
+
+
 def test_black_light_and_numbers_out_of_range_are_refused(light: Any) -> None:
+    with pytest.raises(InputError, match="darkness is at the highest code of konnik_table1"):
+        metered(light, CAMERA.replace(**{"adc.black_level_dn": 4095}), Metering())
     with pytest.raises(InputError, match="no pixel has any light"):
         metered(replace(light, data=0 * light.data), CAMERA, Metering())
     for wrong in ({"percentile": 101.0}, {"share": 0.0}, {"temperature_k": -1.0}):
@@ -137,7 +173,9 @@ def test_auto_of_the_command_line_and_of_the_scene_file(tmp_path: Path, cli: Cal
         done = cli("render", path, "-o", tmp_path / "out", "--json", "--variant", "scalar_spectral", *options, *more)
         times.append(json.loads(done.stdout)["exposure"]["time_s"])
     assert times[:2] == [0.02, 0.03] and times[2] == times[3] > 0.1
-    assert "give seconds, e.g. 0.01, or auto" in cli("render", path, "-o", tmp_path / "o", "--exposure-s", "1ms").stderr
+    assert (
+        "give seconds, e.g. 0.001, or auto" in cli("render", path, "-o", tmp_path / "o", "--exposure-s", "1ms").stderr
+    )
     wrong = cli("lint", path, "-D", "exposure_s=soon", "--variant", "scalar_spectral")
     assert wrong.exit_code == 2 and "time_s is 'soon'" in wrong.stderr
 
