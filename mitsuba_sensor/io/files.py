@@ -236,23 +236,23 @@ def _remove_empty(folders: Sequence[Path]) -> None:
 def _publish(scratch: Path, folder: Path, names: Sequence[str]) -> None:
     """Rename these files from ``scratch`` into ``folder``, in the place of what stood there; on any failure put that
     back."""
-    older = scratch / "older"
+    older, appeared = scratch / "older", [name for name in names if (scratch / name).exists()]
     older.mkdir()
-    begun: list[str] = []
     try:
         for name in names:
-            if (folder / name).exists():
+            if os.path.lexists(folder / name):
                 os.replace(folder / name, older / name)
-            begun.append(name)
-            if (scratch / name).exists():
+            if name in appeared:
                 os.replace(scratch / name, folder / name)
-                note_written(folder / name)
     except BaseException:
-        for name in reversed(begun):
-            (folder / name).unlink(missing_ok=True)
-            if (older / name).exists():
+        for name in names:
+            if os.path.lexists(older / name):
                 os.replace(older / name, folder / name)
+            elif name in appeared and not (scratch / name).exists():
+                (folder / name).unlink(missing_ok=True)
         raise
+    for name in appeared:
+        note_written(folder / name)
 
 
 def plain_values(value: Any, finite: bool = True) -> Any:

@@ -164,6 +164,32 @@ def test_a_rename_that_fails_halfway_is_taken_back(tmp_path: Path, monkeypatch: 
     assert [path.name for path in tmp_path.iterdir()] == ["a.txt"]
 
 
+@pytest.mark.parametrize("renames", range(1, 6))
+def test_ctrl_c_right_after_any_rename_loses_no_older_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, renames: int
+) -> None:
+    """Of a.txt, which only the older run had, b.txt of both, c.txt of the new one, and a link that is replaced."""
+    old = {"a.txt": "old a", "b.txt": "old b", "link.txt": "old target", "target.txt": "old target"}
+    for name in ("a.txt", "b.txt", "target.txt"):
+        (tmp_path / name).write_text(old[name])
+    (tmp_path / "link.txt").symlink_to("target.txt")
+    real, done = os.replace, []
+
+    def replace(source: Path, target: Path) -> None:
+        real(source, target)
+        done.append(target)
+        if len(done) == renames:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(files.os, "replace", replace)
+    names = ("a.txt", "link.txt", "b.txt", "c.txt")
+    with pytest.raises(KeyboardInterrupt), files.output_folder(tmp_path, names) as folder:
+        for name in names[2:]:
+            (folder / name).write_text("new")
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == old
+    assert (tmp_path / "link.txt").is_symlink()
+
+
 def test_a_folder_where_a_file_should_go_is_refused_before_the_work(tmp_path: Path) -> None:
     (tmp_path / "a.txt").mkdir()
     with pytest.raises(InputError, match="is a folder"), files.output_folder(tmp_path, NAMES):
