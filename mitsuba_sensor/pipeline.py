@@ -16,7 +16,7 @@ from .capture_options import CaptureOptions, LightOptions
 from .core import Exposure, InputError, Photons
 from .core.options import complete, declared, documents, part_of, used
 from .io import exr, files
-from .io.frame_files import frames_metadata, write_frames
+from .io.frame_files import CLEAN, FRAME_FILES, frames_metadata, write_frames
 from .io.light_files import read_irradiance
 from .render.aovs import Aovs
 from .render.band_error import band_error, notes_of_bands
@@ -38,9 +38,7 @@ from .sensor.metering import AskedExposure, Metering, checked_exposure
 from .sensor.options import ExposeOptions
 from .sensor.plan import plan_for
 
-CLEAN = ("clean.tiff", "temporal_variance.tiff")
-FILES_OF_LIGHT = ("frame.tiff", "frame.png", *CLEAN, "frame.json")  # of light that is rendered already
-FILES = (*FILES_OF_LIGHT, "irradiance.exr", "aovs.exr")
+FILES = (*FRAME_FILES, "irradiance.exr", "aovs.exr")
 LEFT = ("uncompensated", "above_shot_noise")  # of renders for every frame: what their noise leaves in the frames
 Scene: TypeAlias = SceneInput | ParsedScene
 Light: TypeAlias = str | os.PathLike[str] | Irradiance
@@ -71,7 +69,7 @@ class Capture:
         All of them appear, or none; files of an older capture that this one does not have go. Raises InputError.
         """
         gain = float(self.metadata["options"]["preview_gain"])
-        with files.output_folder(os.fspath(folder), FILES if self.rendered else FILES_OF_LIGHT) as scratch:
+        with files.output_folder(os.fspath(folder), FILES if self.rendered else FRAME_FILES) as scratch:
             write_frames(scratch, self.frames, self.metadata, gain)
             if self.metadata["options"]["clean"]:
                 for name, values in zip(CLEAN, (self.frames.clean, self.frames.temporal_variance), strict=True):
@@ -224,7 +222,8 @@ def frame_metadata(
             made = plan_for(camera, frames.detected, frames.first)
         found = {} if made is None else made.to_dict()
         noise, known, off = render_noise(light, frames), frames_metadata(frames), band_error(light, camera)
-        grain = () if "uncompensated" in origin else noise_note(light, noise)  # there it is in the frames on purpose
+        wanted = "uncompensated" in origin  # a render for every frame
+        grain = () if wanted else noise_note(light, noise, frames)
     return {
         "origin": {**origin, "scene_sha256": statistics["scene_sha256"]},
         **known,

@@ -168,6 +168,15 @@ def test_frames_save_what_a_capture_saves_but_the_light(taken: ms.Capture, tmp_p
     assert {name: frames[name] for name in same} == {name: whole[name] for name in same}
 
 
+def test_no_clean_frame_of_an_older_capture_stays_beside_frames_that_are_saved(
+    taken: ms.Capture, tmp_path: Path
+) -> None:
+    ms.capture(taken.light, clean=True).save(tmp_path)
+    assert (tmp_path / "clean.tiff").exists() and (tmp_path / "temporal_variance.tiff").exists()
+    taken.frames.save(tmp_path)
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["frame.json", "frame.png", "frame.tiff"]
+
+
 def test_frames_are_saved_all_or_none(tmp_path: Path) -> None:
     (tmp_path / "frame.json").mkdir()
     with pytest.raises(InputError, match=r"frame\.json is a folder"):

@@ -15,7 +15,8 @@ from ..capture_options import CaptureOptions, LightOptions
 from ..core import InputError, first_given, require
 from ..core.options import complete
 from ..io import exr, files
-from ..pipeline import FILES, FILES_OF_LIGHT, refuse_render_options
+from ..io.frame_files import FRAME_FILES
+from ..pipeline import FILES, refuse_render_options
 from ..render.options import RawLightOptions, RenderOptions, SceneOptions, UnitOptions
 from ..sensor.gains import gain_dn_per_e
 from ..sensor.metering import Metering
@@ -68,7 +69,7 @@ def expose(
     camera, exposure = camera_and_exposure(flags, settings_of(exr.rendered_for(irradiance), flags))
     asked = any(x is not None for x in (unit, wavelength_nm, fov_deg))  # of another program's light
     light = ms.read_irradiance(irradiance, unit, wavelength_nm, camera, fov_deg) if asked else irradiance
-    with files.output_folder(out_dir, FILES_OF_LIGHT) as folder:
+    with files.output_folder(out_dir, FRAME_FILES) as folder:
         found = ms.capture(light, camera, exposure, **other_flags(flags))
         found.save(folder)
     show(found.metadata if as_json else terminal.summary(found.metadata, str(out_dir)), as_json)

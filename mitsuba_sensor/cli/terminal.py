@@ -203,7 +203,9 @@ def _facts(report: Report) -> Iterator[Text]:
         yield _fact("a render for every frame", left)
     if done := render["denoised"]:
         before = f"× {number(done['raw_noise_ratio_median'])} median, {number(done['raw_noise_ratio_p95'])}"
-        yield _fact("denoised", f"by {done['by']}; without it {before} at the 95th percentile (--no-denoise)")
+        before = f"; without it {before} at the 95th percentile (--no-denoise)"
+        known = {"camera", "exposure"} <= set(report["origin"].get("as_rendered", ("camera", "exposure")))
+        yield _fact("denoised", f"by {done['by']}{before if known else ''}")  # before: of the exposure of the render
     seen = {name.replace("_", " "): number for name, number in counts.items() if number}
     yield _fact("pixels", ", ".join(f"{name} {number}" for name, number in seen.items()) or "none clipped, none bad")
     outside = report["outside_qe"]

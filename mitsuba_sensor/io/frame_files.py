@@ -24,7 +24,8 @@ from .preview import developed, preview
 if TYPE_CHECKING:
     from ..sensor.expose import Frames
 
-FRAME_FILES = ("frame.tiff", "frame.png", "frame.json")
+CLEAN = ("clean.tiff", "temporal_variance.tiff")
+FRAME_FILES = ("frame.tiff", "frame.png", *CLEAN, "frame.json")  # of light that is rendered already
 MOST_PIXELS = 60_000  # of a picture in a notebook: below 250 kB as PNG in base64, however noisy
 
 
@@ -53,7 +54,7 @@ def frames_metadata(frames: Frames) -> dict[str, Any]:
 
 
 def save_frames(frames: Frames, folder: str | os.PathLike[str]) -> None:
-    """Write frame.tiff, frame.png and frame.json: all of them, or none. Raises InputError."""
+    """Write frame.tiff, frame.png and frame.json, all or none; CLEAN of other frames goes. Raises InputError."""
     with files.output_folder(os.fspath(folder), FRAME_FILES) as scratch:
         write_frames(scratch, frames, frames_metadata(frames))
 

@@ -11,6 +11,7 @@ from ..sensor.expose import Frames
 from ..sensor.input_noise import input_noise
 from .irradiance import Irradiance
 from .passes import MOST_IN_ALL
+from .pooled import FEWEST
 from .statistics import POOLED, RenderStatistics, summary_of
 
 LITTLE_NOISE = 0.1  # of the sensor's variance: 5 % more noise in the frame
@@ -36,7 +37,8 @@ def render_noise(light: Irradiance, frames: Frames) -> dict[str, float | None]:
         variance_e2 = (light.relative_error.astype(np.float64) * electrons) ** 2
     ratio = input_noise(frames.camera, frames.first.exposure).ratio(electrons, variance_e2)
     lit = np.isfinite(electrons) & np.isfinite(ratio) & (electrons > 0)
-    found = summary_of(np.where(np.isfinite(electrons), ratio, np.inf), electrons > 0, POOLED)
+    passes = POOLED if statistics.passes >= FEWEST else statistics.passes
+    found = summary_of(np.where(np.isfinite(electrons), ratio, np.inf), electrons > 0, passes)
     median = found["noise_ratio_median"]
     samples = samples_for(LITTLE_NOISE, median, statistics)
     more = None if samples is None else (samples - statistics.samples_per_pixel) * statistics.seconds_per_sample
@@ -51,10 +53,10 @@ def render_noise(light: Irradiance, frames: Frames) -> dict[str, float | None]:
     }
 
 
-def noise_note(light: Irradiance, noise: Mapping[str, float | None]) -> Iterator[str]:
+def noise_note(light: Irradiance, noise: Mapping[str, float | None], frames: Frames) -> Iterator[str]:
     """Where the render's noise is more than a tenth of the sensor's: how much of the grain is its, and what helps.
 
-    noise : what :func:`render_noise` returned.
+    noise : what :func:`render_noise` returned of them.
     """
     median, share = noise["over_sensor_median"], noise["share_of_variance_median"]
     if median is None or share is None or not median > LITTLE_NOISE:
@@ -62,8 +64,19 @@ def noise_note(light: Irradiance, noise: Mapping[str, float | None]) -> Iterator
     samples, seconds = noise["samples_for_a_tenth"], noise["seconds_for_a_tenth"]
     remedy = f"render with more samples than {light.statistics.samples_per_pixel} (--spp)"
     if samples is not None and seconds is not None and samples <= MOST_IN_ALL:
-        remedy = f"--noise-ratio {LITTLE_NOISE:g} takes about {_rough(samples)} samples, {_rough(seconds)} s"
+        goal = f"--noise-ratio {LITTLE_NOISE:g}"
+        if new := _not_rendered_for(light, frames):
+            goal = f"a render for this {' and '.join(new)} with {goal}"
+        remedy = f"{goal} takes about {_rough(samples)} samples, {_rough(seconds)} s"
     yield f"{share:.0%} of the noise variance of a typical pixel is the render's, not the camera's; {remedy}"
+
+
+def _not_rendered_for(light: Irradiance, frames: Frames) -> list[str]:
+    """What of these frames the render did not know: a noise ratio is that of its own camera and exposure."""
+    if (known := light.rendered_for) is None:
+        return []
+    shared = known.shared_with(frames.camera, frames.first.exposure, None)
+    return [name for name in ("camera", "exposure") if name not in shared]
 
 
 def _rough(value: float) -> str:

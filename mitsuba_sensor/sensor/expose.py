@@ -130,7 +130,7 @@ class Frames:
         return preview_of(self, number, gain)
 
     def save(self, folder: str | os.PathLike[str]) -> None:
-        """Write frame.tiff, frame.png and frame.json: all, or none. Raises InputError."""
+        """Write frame.tiff, frame.png and frame.json: all, or none; those of older frames go. Raises InputError."""
         from ..io.frame_files import save_frames
 
         save_frames(self, folder)

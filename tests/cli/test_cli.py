@@ -22,6 +22,7 @@ from typer.testing import CliRunner
 import mitsuba_sensor as ms
 from mitsuba_sensor import cli as command_line
 from mitsuba_sensor.io import exr
+from mitsuba_sensor.render.irradiance import RenderedFor
 from mitsuba_sensor.sensor.camera import SHIPPED
 
 OUTPUTS = {"frame.tiff", "frame.png", "irradiance.exr", "frame.json"}
@@ -137,6 +138,22 @@ def test_the_summary_names_every_stage_and_every_note(light: Any, light_file: Pa
     report = json.loads((tmp_path / "frame.json").read_text(encoding="utf-8"))
     for text in [stage["name"] for stage in report["stages"]] + list(light.statistics.notes):
         assert text in said
+
+
+def test_what_denoising_gained_is_said_of_the_exposure_of_the_render_alone(
+    light: Any, tmp_path: Path, cli: Any
+) -> None:
+    """The ratio without it was measured there; in ten times the time it is another."""
+    camera, exposure = ms.load_camera("konnik_table1"), ms.Exposure(0.01)
+    done = {"by": "a filter", "raw_noise_ratio_median": 12.5, "raw_noise_ratio_p95": 99.0}
+    statistics, known = replace(light.statistics, denoised=done), RenderedFor(camera, exposure, 1)
+    exr.write_irradiance_exr(tmp_path / "x.exr", replace(light, statistics=statistics, rendered_for=known))
+    same, longer = (
+        " ".join(cli("expose", tmp_path / "x.exr", "-o", tmp_path / "out", *more).stdout.split())
+        for more in ((), ("--exposure-s", 0.1))
+    )
+    assert "denoised: by a filter; without it × 12.5 median" in same
+    assert "denoised: by a filter" in longer and "without it" not in longer
 
 
 def test_plan_says_what_each_stage_does(light_file: Path, cli: Callable[..., Any]) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.render.irradiance import RenderedFor
 from mitsuba_sensor.render.render_noise import noise_note, render_noise, samples_for
 
 CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.1)
@@ -53,9 +54,39 @@ def test_a_note_says_how_much_of_the_grain_is_the_renders(light: Any) -> None:
         {"samples_for_a_tenth": samples, "seconds_for_a_tenth": seconds}
         for samples, seconds in ((1234.0, 56.7), (None, None), (1e12, 1e9))
     )
+    nothing = {"over_sensor_median": None, "share_of_variance_median": None}
+    frames = ms.expose(ms.collect(light, CAMERA, EXPOSURE), CAMERA, EXPOSURE)
     half = "50% of the noise variance of a typical pixel is the render's, not the camera's; "
-    assert list(noise_note(light, long | known)) == [half + "--noise-ratio 0.1 takes about 1200 samples, 57 s"]
+    assert list(noise_note(light, long | known, frames)) == [half + "--noise-ratio 0.1 takes about 1200 samples, 57 s"]
     for further in (unknown, endless):
-        assert list(noise_note(light, long | further)) == [half + "render with more samples than 64 (--spp)"]
-    assert not list(noise_note(light, short | known))
-    assert not list(noise_note(light, {"over_sensor_median": None, "share_of_variance_median": None} | unknown))
+        assert list(noise_note(light, long | further, frames)) == [half + "render with more samples than 64 (--spp)"]
+    assert not list(noise_note(light, short | known, frames))
+    assert not list(noise_note(light, nothing | unknown, frames))
+
+
+@pytest.mark.parametrize(
+    ("settings", "time_s", "new"),
+    [
+        ({}, 0.1, ""),
+        ({}, 0.15, "exposure"),
+        ({"adc.bits": 14}, 0.1, "camera"),
+        ({"adc.bits": 14}, 0.15, "camera and exposure"),
+    ],
+)
+def test_a_noise_ratio_is_that_of_the_camera_and_exposure_of_its_render(
+    light: Any, settings: dict[str, int], time_s: float, new: str
+) -> None:
+    """For others the scene is rendered again with them: the same command would stop where it did before."""
+    known = replace(light, relative_error=10 * light.relative_error, rendered_for=RenderedFor(CAMERA, EXPOSURE, 1))
+    taken = ms.capture(known, CAMERA.replace(**settings), ms.Exposure(time_s))
+    goal = f"a render for this {new} with --noise-ratio 0.1" if new else "--noise-ratio 0.1"
+    assert sum(f"the camera's; {goal} takes about" in note for note in taken.metadata["notes"]) == 1
+
+
+def test_the_error_bars_of_two_passes_have_one_degree_of_freedom(light: Any) -> None:
+    """The median of χ² with one is 0.455 of its mean; with more passes the neighbours' are counted in."""
+    few = replace(light, statistics=replace(light.statistics, passes=2))
+    frames = ms.expose(ms.collect(light, CAMERA, EXPOSURE), CAMERA, EXPOSURE)
+    two, many = (render_noise(one, frames)["over_sensor_median"] for one in (few, light))
+    assert two is not None and many is not None
+    assert many / two == pytest.approx(0.4549, rel=1e-3)
