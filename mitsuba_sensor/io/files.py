@@ -26,7 +26,9 @@ import numpy as np
 from ..core import InputError
 from ..stopping import note_written, undone_if_stopped, whole_step
 
-FULL = errno.ENOSPC, errno.EDQUOT  # a disk, or what one user may have of it
+FULL = errno.ENOSPC, errno.EDQUOT, errno.EFBIG  # a disk, or what one user may have of it
+SAID_OF_FULL = os.strerror(errno.ENOSPC), os.strerror(errno.EDQUOT), os.strerror(errno.EFBIG), "requested and"
+"""Of OpenEXR and NumPy, whose errors have no number: ``4096 requested and 100 written``."""
 NOTHING: Mapping[str, Any] = {}
 TIFF_TYPES = "uint8", "uint16", "uint32", "float32"
 CFA_COLOURS = "rgb"  # numbers 0, 1, 2 in the CFAPattern of TIFF/EP
@@ -55,7 +57,8 @@ def output_folder(path: Path | str, names: Sequence[str]) -> Iterator[Path]:
                 scratch = tempfile.TemporaryDirectory(prefix=".unfinished-", dir=folder, ignore_cleanup_errors=True)
                 stack.enter_context(undone_if_stopped(partial(shutil.rmtree, scratch.name)))
             with scratch:
-                yield Path(scratch.name)
+                with _names_in(folder, scratch.name):
+                    yield Path(scratch.name)
                 with disk_sentences(folder), whole_step:
                     _publish(Path(scratch.name), folder, names)
         except BaseException:
@@ -188,11 +191,21 @@ def disk_sentences(target: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        why = error.strerror or str(error)
-        way_out = (
-            "make space there, or give another place" if error.errno in FULL else "give a place that can be written"
-        )
+        why, way_out = error.strerror or str(error), "give a place that can be written"
+        if error.errno in FULL or (error.errno is None and any(said in str(error) for said in SAID_OF_FULL)):
+            why, way_out = error.strerror or os.strerror(errno.ENOSPC), "make space there, or give another place"
         raise InputError(f"cannot write {target}: {why}; {way_out}.") from error
+
+
+@contextmanager
+def _names_in(folder: Path, scratch: str) -> Iterator[None]:
+    """Of files that cannot be written say where they were to be, not the name of the scratch folder."""
+    try:
+        yield
+    except InputError as error:
+        if scratch not in str(error):
+            raise
+        raise InputError(str(error).replace(scratch, str(folder))) from error
 
 
 @contextmanager

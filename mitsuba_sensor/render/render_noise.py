@@ -14,6 +14,7 @@ from .passes import MOST_IN_ALL
 from .pooled import FEWEST
 from .statistics import POOLED, RenderStatistics, summary_of
 
+ALL = 0.995  # of the variance: more would be called 100 %
 LITTLE_NOISE = 0.1  # of the sensor's variance: 5 % more noise in the frame
 # The gain g of a denoiser falls as the render gets better: where f × the samples would do if it stayed,
 # f·min(g, f)^(1/3) × are needed. Cornell box, 96 columns: 64, 256 and 1024 samples foretell 6500, 5700 and 7100; 6720
@@ -68,7 +69,8 @@ def noise_note(light: Irradiance, noise: Mapping[str, float | None], frames: Fra
         if new := _not_rendered_for(light, frames):
             goal = f"a render for this {' and '.join(new)} with {goal}"
         remedy = f"{goal} takes about {_rough(samples)} samples, {_rough(seconds)} s"
-    yield f"{share:.0%} of the noise variance of a typical pixel is the render's, not the camera's; {remedy}"
+    said = f"{share:.0%}" if share < ALL else "nearly all"
+    yield f"{said} of the noise variance of a typical pixel is the render's, not the camera's; {remedy}"
 
 
 def _not_rendered_for(light: Irradiance, frames: Frames) -> list[str]:

@@ -214,7 +214,8 @@ jobs = {
     "out.exr": lambda path: exr.write_irradiance_exr(path, light),
 }
 try:
-    jobs[what](folder / what)
+    with files.output_folder(folder / "a", [what]) as outer, files.output_folder(outer, [what]) as inner:
+        jobs[what](inner / what)
 except InputError as error:
     sys.exit(f"InputError: {error}")
 """
@@ -226,7 +227,8 @@ def test_a_disk_that_is_full_is_one_sentence_and_no_file(light: Any, tmp_path: P
     exr.write_irradiance_exr(tmp_path / "light.exr", light)
     command = [sys.executable, "-c", WRITE_WITHIN_1000_BYTES, str(tmp_path), what]
     done = subprocess.run(command, capture_output=True, text=True)
-    assert "InputError: cannot write" in done.stderr, done.stderr
+    assert f"InputError: cannot write {tmp_path / 'a' / what}: " in done.stderr, done.stderr
+    assert "; make space there, or give another place." in done.stderr and ".unfinished" not in done.stderr, done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["light.exr"]
 
 

@@ -60,6 +60,8 @@ def test_a_note_says_how_much_of_the_grain_is_the_renders(light: Any) -> None:
     assert list(noise_note(light, long | known, frames)) == [half + "--noise-ratio 0.1 takes about 1200 samples, 57 s"]
     for further in (unknown, endless):
         assert list(noise_note(light, long | further, frames)) == [half + "render with more samples than 64 (--spp)"]
+    (most,) = noise_note(light, long | known | {"share_of_variance_median": 0.998}, frames)
+    assert most.startswith("nearly all of the noise variance")
     assert not list(noise_note(light, short | known, frames))
     assert not list(noise_note(light, nothing | unknown, frames))
 
