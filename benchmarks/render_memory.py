@@ -1,53 +1,71 @@
-"""Measure the peak memory of a render with a million pixels and 31 bands.
+"""Measure the peak memory of the first command with all 1920 × 1200 pixels of its colour camera, as whole processes.
 
-python benchmarks/render_memory.py            # 1024 × 1024 × 31, about half a minute
-python benchmarks/render_memory.py --quick    # only checks that the script runs
+    python benchmarks/render_memory.py            # three renders of 16 samples per pixel, a few minutes
+    python benchmarks/render_memory.py --quick    # only checks that the script runs
+
+Peak memory is ru_maxrss of the child process: render, frame and files together.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import resource
+import os
+import subprocess
+import sys
+import tempfile
 import time
 from pathlib import Path
+from typing import NamedTuple
 
-import numpy as np
+SCENE = Path(__file__).resolve().parent.parent / "scenes" / "first_frame.xml"
+CASES = {
+    "bands, denoised": (),
+    "bands, not denoised": ("--no-denoise",),
+    "only what the filters detect": ("--spectral", "channels", "--no-irradiance"),
+}
 
-import mitsuba_sensor as ms
 
-SCENE = Path(__file__).parent.parent / "scenes" / "flat_field.xml"
+class Measured(NamedTuple):
+    """Peak memory and wall time of one process, and the size of what it wrote."""
+
+    peak_mib: float
+    seconds: float
+    written_mib: float
 
 
-def peak_mib() -> float:
-    """Peak resident memory of this process so far [MiB]."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+def measure(columns: int, rows: int, spp: int, options: tuple[str, ...]) -> Measured:
+    """One whole process."""
+    with tempfile.TemporaryDirectory() as folder:
+        size = ("-D", f"width={columns}", "-D", f"height={rows}", "--spp", str(spp))
+        arguments = ("render", str(SCENE), "-o", folder, *size, *options)
+        start = time.perf_counter()
+        child = subprocess.Popen([sys.executable, "-m", "mitsuba_sensor", *arguments], stdout=subprocess.DEVNULL)
+        _, status, usage = os.wait4(child.pid, 0)
+        seconds = time.perf_counter() - start
+        child.returncode = os.waitstatus_to_exitcode(status)
+        if child.returncode:
+            sys.exit(f"{' '.join(arguments)}: exit code {child.returncode}")
+        written = sum(path.stat().st_size for path in Path(folder).iterdir())
+    return Measured(usage.ru_maxrss / 1024, seconds, written / 2**20)
 
 
 def main() -> None:
+    """Parse the options, measure, print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--scene", type=Path, default=SCENE)
     parser.add_argument("--spp", type=int, default=16)
-    parser.add_argument("--no-denoise", action="store_true", help="the render itself")
-    parser.add_argument("--quick", action="store_true", help="64 × 64 pixels: a check of the script")
+    parser.add_argument("--quick", action="store_true", help="one render of 48 × 32 pixels: a check of the script")
     parser.add_argument("--json", action="store_true", help="print JSON only")
     options = parser.parse_args()
-    size = 64 if options.quick else 1024
-    curve = {"wavelengths_nm": [400.0, 710.0], "curves": {"mono": [0.6, 0.6]}, "reference_nm": 550.0}
-    camera = ms.load_camera("konnik_table1").replace(**{f"quantum_efficiency.{k}": v for k, v in curve.items()})
-    exposure, started = ms.Exposure(0.02), time.perf_counter()
-    asked = {"parameters": {"width": size, "height": size}, "denoise": False if options.no_denoise else None}
-    light = ms.render(options.scene, camera, exposure, spp=options.spp, bandwidth_nm=10, **asked)
-    rendered, seconds = peak_mib(), time.perf_counter() - started
-    photons = ms.collect(light, camera, exposure)
-    frames = ms.expose(photons, camera, exposure)
-    bands = light.data.shape[2]
+    columns, rows = (48, 32) if options.quick else (1920, 1200)
+    cases = list(CASES.items())[: 1 if options.quick else None]
+    found = {name: measure(columns, rows, options.spp, more) for name, more in cases}
     if options.json:
-        print(json.dumps({"pixels": size**2, "bands": bands, "render_mib": rendered, "frame_mib": peak_mib()}))
+        print(json.dumps({name: one._asdict() for name, one in found.items()}))
         return
-    print(f"{size} × {size} × {bands} bands, {light.statistics.samples_per_pixel} samples, {seconds:.1f} s")
-    print(f"peak memory of the render {rendered:.0f} MiB, with photons and a frame {peak_mib():.0f} MiB")
-    assert np.isfinite(light.data).all() and frames.digital.shape == (1, size, size)
+    print(f"{columns} × {rows}, {options.spp} samples")
+    for name, one in found.items():
+        print(f"{name:30} peak {one.peak_mib:5.0f} MiB   {one.seconds:5.0f} s   files {one.written_mib:4.0f} MiB")
 
 
 if __name__ == "__main__":

@@ -154,9 +154,8 @@ def test_coverage_of_the_error_bars_is_a_share_of_the_pixels() -> None:
 
 
 def test_the_memory_of_a_render_is_measured_in_a_process_of_its_own() -> None:
-    found = run("render_memory.py", "--quick")
-    assert (found["pixels"], found["bands"]) == (64 * 64, 31)
-    assert 50 < found["render_mib"] <= found["frame_mib"] < 2000
+    (found,) = run("render_memory.py", "--quick").values()
+    assert 100 < found["peak_mib"] < 2000 and found["seconds"] > 0 and 0.1 < found["written_mib"] < 10
 
 
 def assert_positive(tree: Any) -> None:
