@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import Exposure, Float64Array
+from ..core.llvm import drjit
 from ..optics.f_number_law import solid_angle_sr
 from ..sensor.camera import Camera
 from ..sensor.input_noise import InputNoise, input_noise
@@ -187,6 +188,7 @@ class Renderer:
         odd = (mean - share * even) / (1 - share)
         if self._guides is None and not mitsuba().variant().startswith("scalar"):
             self._guides = self._render_guides()
+            drjit().flush_malloc_cache()  # what it keeps for the next kernel
         self.denoised = denoise(Halves(even, odd, variance, share), self._guides)
 
     def _render_guides(self) -> Guides:
