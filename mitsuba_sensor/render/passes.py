@@ -105,11 +105,15 @@ class RunningMean:
 
 
 class Welford(RunningMean):
-    """Mean and variance of equal passes.  mean, squares : zeros at first."""
+    """Mean and variance of equal passes.
 
-    def __init__(self, mean: NDArray[np.floating], squares: NDArray[np.floating]) -> None:
+    mean, spread : zeros at first; ``spread`` is the root of the sum of squared deviations, which may be too large or too
+        small for float32.
+    """
+
+    def __init__(self, mean: NDArray[np.floating], spread: NDArray[np.floating]) -> None:
         super().__init__(mean)
-        self._squares = squares
+        self._spread = spread
 
     @classmethod
     def of_shape(cls, shape: tuple[int, ...]) -> Self:
@@ -117,11 +121,10 @@ class Welford(RunningMean):
         return cls(np.zeros(shape), np.zeros(shape))
 
     def _note(self, rows: slice, delta: Float64Array) -> None:
-        delta *= delta
-        delta *= (self.count - 1) / self.count  # one distance is to the new mean
-        self._squares[rows] += delta
+        delta *= math.sqrt((self.count - 1) / self.count)  # one distance is to the new mean
+        self._spread[rows] = np.hypot(self._spread[rows], delta)
 
     @property
-    def variance_of_mean(self) -> NDArray[np.floating]:
+    def variance_of_mean(self) -> Float64Array:
         """Variance of the mean of the passes; 0 for a single pass."""
-        return self._squares / max(self.count * (self.count - 1), 1)
+        return self._spread.astype(np.float64) ** 2 / max(self.count * (self.count - 1), 1)

@@ -32,22 +32,23 @@ class Kept(Flag):
 class BandSums:
     """What is kept of the bands of a whole picture, (H, W, B) float32: the largest arrays of a render.
 
-    mean : of the passes.  squares, even : their spread, and the sum of the passes 0, 2, 4, …; None where not kept.
+    mean : of the passes.  spread, even : see :class:`passes.Welford`, and the sum of the passes 0, 2, 4, …; None where
+        not kept.
     """
 
     def __init__(self, shape: tuple[int, int, int], keep: Kept) -> None:
         self.mean = np.zeros(shape, np.float32)
-        self.squares, self.even = (
+        self.spread, self.even = (
             np.zeros(shape, np.float32) if kind in keep else None for kind in (Kept.SPREAD, Kept.HALVES)
         )
 
     def of_rows(self, rows: slice) -> RunningMean:
         """The mean, or mean and variance, of some rows."""
-        return RunningMean(self.mean[rows]) if self.squares is None else Welford(self.mean[rows], self.squares[rows])
+        return RunningMean(self.mean[rows]) if self.spread is None else Welford(self.mean[rows], self.spread[rows])
 
     def reused(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Two of the arrays, to write bands and standard errors over them, strip by strip."""
-        other = self.even if self.even is not None else self.squares
+        other = self.even if self.even is not None else self.spread
         assert other is not None
         return self.mean, other
 

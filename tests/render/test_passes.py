@@ -75,3 +75,14 @@ def test_good_values_pass_untouched() -> None:
     got = clean(np.array([[0.0, 3.0]], dtype=np.float32))
     assert got.infinite is None and (got.negative, got.non_finite) == (0, 0)
     np.testing.assert_array_equal(got.values, [[0, 3]])
+
+
+@pytest.mark.parametrize("level", [1e-30, 1.0, 1e30])
+def test_welford_in_float32_neither_overflows_nor_underflows(level: float) -> None:
+    """A spread of a tenth at any level; its square would be beyond float32 at both ends."""
+    values = level * (1 + 0.1 * np.random.default_rng(2).standard_normal((12, 5)))
+    running = Welford(np.zeros(5, np.float32), np.zeros(5, np.float32))
+    for row in values:
+        running.add(row.copy())
+    error = values.std(axis=0, ddof=1) / np.sqrt(12)
+    np.testing.assert_allclose(np.sqrt(running.variance_of_mean), error, rtol=1e-5)

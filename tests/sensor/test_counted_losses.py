@@ -20,7 +20,8 @@ EXPOSURE = ms.Exposure(0.1)
 
 
 def outside_qe(photons: Any, wavelengths_nm: Any) -> dict[str, Any]:
-    return ms.expose(photons, TABLE1, EXPOSURE, wavelengths_nm=wavelengths_nm).report["outside_qe"]
+    light = ms.Photons(np.asarray(photons, float), np.asarray(wavelengths_nm, float))
+    return ms.expose(light, TABLE1, EXPOSURE).report["outside_qe"]
 
 
 def test_bands_beyond_the_curve_are_named_with_their_share_of_the_photons() -> None:

@@ -154,30 +154,35 @@ def renderers_values(_: Engine) -> Rows:
 def infinite_light(engine: Engine) -> Rows:
     """+inf in one pixel; and in a band that the sensor does not see: ∞·0 = 0, the visible band counts alone."""
     light, camera = light_with(math.inf), table1()
-    one, other = (engine.expose(x, camera, keep="electrons") for x in (light, light_with()))
+    one, other = (engine.expose(Photons(x), camera, keep="electrons") for x in (light, light_with()))
     same = (one.digital[0] == other.digital[0])[np.isfinite(light)].all()
     full_e, full_dn = np.asarray(one.electrons)[0, 1, 2], one.digital[0, 1, 2]
     text = f"{full_e:g} e-, {full_dn} DN there; others as without: {same}"
     got = holds(text, same, full_e == 33_000, full_dn == 4095)
     yield "expose", "+inf photons in one pixel", "it is full, and no other changes", got
     bands = np.tile([np.inf, 500.0], (2, 2, 1))
-    both = engine.expose(bands, camera, wavelengths_nm=[1500.0, 550.0], keep="electrons").electrons
+    both = engine.expose(Photons(bands, np.array([1500.0, 550.0])), camera, keep="electrons").electrons
     alone = engine.expose(bands[..., 1], camera, keep="electrons").electrons
     got = agree(both, alone, unit=" e-")
     yield "detection", "+inf photons where the sensor sees nothing", "no electron of them", got
+
+
+def edge_light(photons: float) -> Photons:
+    """So many photons in 4 × 6 pixels."""
+    return Photons(np.full((4, 6), photons))
 
 
 @cache
 def planned_json(name: str, edge: str) -> str:
     """The plan of a camera at one of the ends, which no engine changes."""
     photons, exposure = EDGES[edge]
-    return to_json(plan(CAMERAS[name], exposure, np.full((4, 6), photons)).to_dict())
+    return to_json(plan(CAMERAS[name], exposure, edge_light(photons)).to_dict())
 
 
 def whole_frames(engine: Engine) -> Rows:
     """Light, time and temperature at their ends; and the smallest divisors, against the frame of float64."""
     for name, (edge, (photons, exposure)) in itertools.product((NAME, EVERY_OPTION), EDGES.items()):
-        camera, light = CAMERAS[name], np.full((4, 6), photons)
+        camera, light = CAMERAS[name], edge_light(photons)
         frames = engine.expose(light, camera, exposure)
         lines, top = json.loads(to_json(frames.report))["stages"], int(frames.digital.max())
         planned = json.loads(planned_json(name, edge))["stages"]
@@ -199,7 +204,7 @@ def whole_frames(engine: Engine) -> Rows:
 def published_frames(_: Engine) -> Rows:
     """The same of the published chain, which has no plan."""
     for edge, (photons, exposure) in EDGES.items():
-        frames = expose(np.full((4, 6), photons), table1(), exposure, chain="konnik2014")
+        frames = expose(edge_light(photons), table1(), exposure, chain="konnik2014")
         lines, top = json.loads(to_json(frames.report))["stages"], int(frames.digital.max())
         got = holds(f"{frames.digital.min()} … {top} DN, {len(lines)} stages reported", top <= 2**12)
         yield "published chain", edge, "codes 0 … 2^12; report is strict JSON", got
