@@ -107,8 +107,8 @@ class RunningMean:
 class Welford(RunningMean):
     """Mean and variance of equal passes.
 
-    mean, spread : zeros at first; ``spread`` is the root of the sum of squared deviations, which may be too large or too
-        small for float32.
+    mean, spread : zeros at first; ``spread`` is the root of the sum of squared deviations, which may be too large or
+        too small for float32.
     """
 
     def __init__(self, mean: NDArray[np.floating], spread: NDArray[np.floating]) -> None:
