@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections.abc import Iterator, Mapping
@@ -29,11 +30,11 @@ from .render.prepared import PreparedRender, prepare
 from .render.render_noise import noise_note, render_noise
 from .render.scene_nodes import SceneInput
 from .render.scene_settings import ParsedScene
-from .render.stop_criterion import Progress
+from .render.stop_criterion import Progress, RenderProgress
 from .sensor.camera import Camera
 from .sensor.checks import as_photons
-from .sensor.choices import check_clean
-from .sensor.expose import KEEP, Frames, prepare_exposure
+from .sensor.choices import KEEP, check_clean
+from .sensor.expose import Frames, PreparedExposure, prepare_exposure
 from .sensor.metering import AskedExposure, Metering, checked_exposure
 from .sensor.options import ExposeOptions
 from .sensor.plan import plan_for
@@ -94,7 +95,7 @@ def capture(
     source : a scene file, or light that is there already: an irradiance.exr, or what :func:`render` returned.
     camera, exposure : what is not given is read from the scene's <film type="photosensor">, or is what the light was
         rendered for, and so is its serial number; an exposure of "auto", or none anywhere, is metered.
-    progress : called with a :class:`render.stop_criterion.RenderProgress` after every pass.
+    progress : called with a :class:`render.stop_criterion.RenderProgress` after every pass and frame.
     Everything is checked before the first ray is traced. Raises InputError.
     """
     asked = checked_exposure(camera, exposure)
@@ -105,7 +106,7 @@ def capture(
         raise InputError("half is the precision of irradiance.exr, which is not to be written; leave one of both out.")
     if isinstance(source, Irradiance) or (isinstance(source, str | os.PathLike) and exr.is_exr(source)):
         refuse_render_options(chosen)
-        return _of_light(source, camera, asked, chosen, times_s)
+        return _of_light((source, camera, asked), chosen, progress, times_s)
     make = _shared_render if chosen["render_noise"] == "shared" else _render_per_frame
     prepared, light, frames, left = make((source, camera, asked), chosen, progress, times_s)
     origin = {
@@ -133,13 +134,13 @@ def _timed(times_s: dict[str, float], name: str) -> Iterator[None]:
 
 
 def _of_light(
-    source: Light,
-    camera: Camera | None,
-    asked: Exposure | Metering | None,
+    wanted: tuple[Light, Camera | None, Exposure | Metering | None],
     options: CaptureOptions,
+    progress: Progress | None,
     times_s: dict[str, float],
 ) -> Capture:
     """Frames of light that is rendered already."""
+    source, camera, asked = wanted
     path = None if isinstance(source, Irradiance) else Path(source)
     with _timed(times_s, "read irradiance"):
         light = source if isinstance(source, Irradiance) else read_irradiance(source)
@@ -154,7 +155,7 @@ def _of_light(
     }
     sensor = prepare_exposure(camera, exposure, light.data.shape[:2], light.origin, part_of(ExposeOptions, options))
     with _timed(times_s, "expose"):
-        frames = sensor.of(photons).frames_with_report()
+        frames = _exposed(sensor.of(photons), progress)
     metadata = frame_metadata(frames, light, options, origin, times_s)
     return Capture(frames, light, frames.light, None, metadata, rendered=False)
 
@@ -172,7 +173,22 @@ def _shared_render(asked: Asked, options: CaptureOptions, progress: Progress | N
     with _timed(times_s, "expose"):
         exposure = prepared.exposure_of(light)
         photons = as_photons(collect(light, prepared.camera, exposure), prepared.camera)
-        return prepared, light, sensor.at(exposure).of(photons).frames_with_report(), {}
+        return prepared, light, _exposed(sensor.at(exposure).of(photons), progress), {}
+
+
+def _exposed(sensor: PreparedExposure, progress: Progress | None) -> Frames:
+    """The frames, one report after each of them."""
+    if progress is None:
+        return sensor.frames_with_report()
+    began, count = time.monotonic(), sensor.count
+
+    def tell(done: int) -> None:
+        seconds = time.monotonic() - began
+        left_s = seconds / done * (count - done) if done else math.nan
+        progress(RenderProgress(done, count, seconds=seconds, seconds_left=left_s, doing="exposing"))
+
+    tell(0)
+    return replace(sensor, told=tell).frames_with_report()
 
 
 def _render_per_frame(

@@ -19,6 +19,7 @@ from mitsuba_sensor.io.exr import read_aovs_exr, read_irradiance_exr
 from mitsuba_sensor.render import scene, scene_settings
 from mitsuba_sensor.render.aovs import render_aovs
 from mitsuba_sensor.render.scene import Scene
+from mitsuba_sensor.render.stop_criterion import RenderProgress
 from mitsuba_sensor.sensor import camera as camera_module
 from mitsuba_sensor.sensor import chain as chain_module
 
@@ -138,6 +139,30 @@ def test_what_cannot_be_made_is_refused_before_the_first_ray(
 def test_options_of_a_render_are_refused_for_light_that_is_rendered_already(light: Any, option: dict[str, Any]) -> None:
     with pytest.raises(ms.InputError, match="rendered already"):
         ms.capture(light, CAMERA, EXPOSURE, **option)
+
+
+def test_frames_of_light_that_is_there_are_told_one_by_one(light: Any) -> None:
+    steps: list[RenderProgress] = []
+    exposure, frames = ms.Exposure(0.1), {"frames": 3, "first_frame": 7}
+    told = ms.capture(light, ms.load_camera("konnik_table1"), exposure, progress=steps.append, **frames)  # type: ignore[arg-type]
+    assert [(step.done, step.expected, step.doing) for step in steps] == [(k, 3, "exposing") for k in range(4)]
+    assert np.isnan(steps[0].seconds_left) and steps[-1].seconds_left == 0
+    assert [step.seconds for step in steps] == sorted(step.seconds for step in steps)
+    silent = ms.capture(light, ms.load_camera("konnik_table1"), exposure, **frames)  # type: ignore[arg-type]
+    np.testing.assert_array_equal(told.frames.digital, silent.frames.digital)
+
+
+@pytest.mark.parametrize(("shape", "origin"), [((2, 1901), (0, 0)), ((2, 8), (1299, 0)), ((2, 8), (1298, 1892))])
+def test_an_array_that_extends_beyond_the_sensor_is_noted(
+    shape: tuple[int, int], origin: tuple[int, int], tmp_path: Path
+) -> None:
+    """Any list of pixels is allowed as an array; only the last of the three is on the sensor of 1900 × 1300."""
+    ms.expose(np.full(shape, 1e4), ms.load_camera("konnik_table1"), ms.Exposure(0.1), origin=origin).save(tmp_path)
+    notes = [
+        note for note in json.loads((tmp_path / "frame.json").read_text("utf-8"))["notes"] if "1900 × 1300" in note
+    ]
+    field = {1901: ["sensor.columns=1901"], 8: ["sensor.rows=1301"] if origin[0] == 1299 else []}[shape[1]]
+    assert len(notes) == len(field) and all(text in note for text, note in zip(field, notes, strict=True))
 
 
 def test_light_needs_a_camera(light: Any) -> None:

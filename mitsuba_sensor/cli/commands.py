@@ -43,9 +43,8 @@ def render(
     for): all, or none.
     """
     given, asked = render_input(scene, flags)
-    with files.output_folder(out_dir, FILES) as folder:
-        with terminal.render_progress(err, asked) as progress:
-            found = ms.capture(given.scene, given.camera, given.exposure, progress=progress, **asked)
+    with files.output_folder(out_dir, FILES) as folder, terminal.render_progress(err, asked) as progress:
+        found = ms.capture(given.scene, given.camera, given.exposure, progress=progress, **asked)
         found.save(folder)
     show(found.metadata if as_json else terminal.summary(found.metadata, str(out_dir)), as_json)
 
@@ -69,8 +68,9 @@ def expose(
     camera, exposure = camera_and_exposure(flags, settings_of(exr.rendered_for(irradiance), flags))
     asked = any(x is not None for x in (unit, wavelength_nm, fov_deg))  # of another program's light
     light = ms.read_irradiance(irradiance, unit, wavelength_nm, camera, fov_deg) if asked else irradiance
-    with files.output_folder(out_dir, FRAME_FILES) as folder:
-        found = ms.capture(light, camera, exposure, **other_flags(flags))
+    bar = terminal.render_progress(err, {}, "reading the light")
+    with files.output_folder(out_dir, FRAME_FILES) as folder, bar as progress:
+        found = ms.capture(light, camera, exposure, progress=progress, **other_flags(flags))
         found.save(folder)
     show(found.metadata if as_json else terminal.summary(found.metadata, str(out_dir)), as_json)
 

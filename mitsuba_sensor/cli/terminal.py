@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 Report = Mapping[str, Any]  # ready for JSON: frame.json, or what a command prints
 KEPT = {True: Text("yes"), False: Text("no", style="green")}  # of a plan
+FILES = "report and files"  # the last step of a capture
 END = {"max_seconds": ", the time was up", "max_spp": ", the most samples were taken"}
 
 
@@ -31,17 +32,24 @@ class MovingBar(Progress):
     def get_renderables(self) -> Iterable[RenderableType]:
         """What is drawn, ten times a second."""
         for task in self.tasks:
-            if task.total is not None:
+            if task.total is None:
+                task.fields["share"] = task.fields["left"] = ""
+            else:
                 task.completed = min(time.monotonic() - task.fields["began"], task.total)
+                task.fields["share"] = f"{task.percentage:3.0f} %"
                 task.fields["left"] = f"about {_minutes(task.total - task.completed)} left"
         return super().get_renderables()
 
 
 @contextmanager
-def render_progress(console: Console, options: Mapping[str, object]) -> Iterator[Callable[[RenderProgress], None]]:
-    """A bar over the seconds of a render, or over frames with a render each; nothing where nobody watches.
+def render_progress(
+    console: Console, options: Mapping[str, object], now: str = "loading the scene"
+) -> Iterator[Callable[[RenderProgress], None]]:
+    """A bar over the seconds of a render and of its frames, or over frames with a render each; nothing where nobody
+    watches. While nothing is known of the end, it moves all the same.
 
-    Beside it the noise ratio as it falls, and a forecast. Yields what ``capture`` takes as its progress.
+    now : what is done at first.  Beside the bar the noise ratio as it falls, and a forecast. Yields what ``capture``
+    takes as its progress.
     """
     frames, first = options.get("frames", 1), options.get("first_frame", 0)
     assert isinstance(frames, int) and isinstance(first, int)
@@ -49,25 +57,34 @@ def render_progress(console: Console, options: Mapping[str, object]) -> Iterator
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
-        TextColumn("{task.percentage:>3.0f} %"),
+        TextColumn("{task.fields[share]}"),
         TextColumn("{task.fields[ratio]}"),
         TimeElapsedColumn(),
         TextColumn("{task.fields[left]}"),
     )
     bar = MovingBar(*columns, console=console, transient=True, disable=not console.is_terminal)
     with bar as progress, undone_if_stopped(bar.stop):
-        task = progress.add_task("loading the scene", total=None, ratio="", left="", began=time.monotonic())
+        task = progress.add_task(now, total=None, share="", ratio="", left="", began=time.monotonic())
 
         def show(step: RenderProgress) -> None:
-            name = "rendering" if count == 1 else f"frame {step.frame}"
+            name, over = step_name(step, count), step.doing != "rendering" and math.isnan(step.seconds_left)
+            if over or name == FILES:  # another step begins, of which nothing is known
+                progress.tasks[task].total = None
             ratio = "" if math.isnan(step.noise_ratio) else f"render noise {number(step.noise_ratio)} × the sensor's"
             progress.update(task, description=name, ratio=ratio)
-            if not math.isnan(step.seconds_left):
+            if not math.isnan(step.seconds_left) and name != FILES:
                 others = 0 if count == 1 else first + count - 1 - step.frame  # frames after this one
                 left_s = step.seconds_left + others * (step.seconds + step.seconds_left)
                 progress.update(task, total=time.monotonic() - progress.tasks[task].fields["began"] + left_s)
 
         yield show
+
+
+def step_name(step: RenderProgress, renders: int) -> str:
+    """What is done now.  renders : how many there are."""
+    if step.doing == "exposing":
+        return FILES if step.done == step.expected else f"frame {step.done + 1} of {step.expected}"
+    return step.doing if renders == 1 else f"{step.doing} frame {step.frame}"
 
 
 @contextmanager

@@ -14,6 +14,7 @@ from ..core import Float64Array
 from ..core.html import facts, fragment, picture
 from ..sensor.camera import Camera
 from ..sensor.metering import clipped_note
+from ..sensor.sensor_size import size_note
 from ..sensor.stage import converter_of
 from ..sensor.usual_range import temperature_note
 from . import files
@@ -38,6 +39,7 @@ def preview_of(frames: Frames, number: int = 0, gain: float = 1.0) -> NDArray[np
 def frames_metadata(frames: Frames) -> dict[str, Any]:
     """What frames know of themselves, under the names of frame.json."""
     first, colours = frames.first, colour_matrix(frames.camera, frames.light.illuminant)
+    beyond = size_note(first.window.shape, first.window.origin, frames.camera)
     return {
         "camera": frames.camera.to_dict(),
         "exposure": asdict(first.exposure),
@@ -48,7 +50,7 @@ def frames_metadata(frames: Frames) -> dict[str, Any]:
         "colour": None if colours is None else colours._asdict(),
         "left_out": [] if frames.plan is None else frames.plan.left_out,
         **frames.report,
-        "notes": [*clipped_note(frames), *temperature_note(first.exposure.temperature_k)],
+        "notes": [*beyond, *clipped_note(frames), *temperature_note(first.exposure.temperature_k)],
         "versions": versions(),
     }
 

@@ -15,6 +15,7 @@ from ..sensor.camera import Camera
 from ..sensor.checks import as_photons
 from ..sensor.fingerprint import pixel_fingerprint, response_fingerprint
 from ..sensor.metering import AskedExposure, Metering, checked_exposure
+from ..sensor.sensor_size import check_on_sensor
 from .bands import Bands
 from .irradiance import Irradiance
 
@@ -61,6 +62,7 @@ def collect(
         raise InputError("light is Photons already; pass it to expose(), or an irradiance to collect().")
     if not isinstance(light, np.ndarray) and hasattr(light, "bandwidths_nm"):
         light = cast(Irradiance, light)
+        check_on_sensor("the light", light.data.shape, light.origin, camera)
         if light.filters is not None and light.response not in (None, response_fingerprint(camera)):
             why = "light was rendered into the channels of a camera with another quantum efficiency or lens"
             remedy = "render it again for this one, or with spectral='cube', which can be used with any camera"

@@ -34,7 +34,7 @@ from .scene import Scene, load_scene
 from .scene_nodes import SceneInput
 from .scene_settings import ParsedScene, SceneSettings, parse
 from .statistics import POOLED, NoiseRatios, RenderStatistics, summary_of, why_not_trusted
-from .stop_criterion import End, Progress, StopCriterion, stop_criterion_of
+from .stop_criterion import End, Progress, RenderProgress, StopCriterion, stop_criterion_of
 
 METERING_SPP = 32  # of the render that is metered where the exposure must be known before
 
@@ -126,6 +126,9 @@ class PreparedRender:
         end = renderer.run(seed, stop, progress or (lambda step: None), criterion)
         raw, kept = renderer.electrons(), None
         if self.denoise:
+            if progress is not None:
+                seconds = time.monotonic() - began
+                progress(RenderProgress(renderer.passes, renderer.passes, seconds=seconds, doing="denoising"))
             kept = renderer.result(keep=True) if self.raw_light else None
             renderer.denoise()
         found = renderer.result()

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..core import Array, Float64Array, InputError
 from ..optics.intrinsics import View
 from ..sensor.camera import Camera
+from ..sensor.sensor_size import check_on_sensor
 from .bands import Bands, box_bands, response_film, restrict_wavelengths
 from .guides import render_guides
 from .lens_sensor import with_lens
@@ -134,6 +135,9 @@ def _load(
     integrator = getattr(world.integrator(), "inner", world.integrator()) or mitsuba().load_dict({"type": "path"})
     findings = most_serious_first([*findings, *lint_built(scene, world, sensor)])
     sensor, view, lens_notes = with_lens(sensor, _view(sensor, metres or 1.0), camera, metres or 1.0)
+    if camera is not None:
+        (columns, rows), (column, row) = view.crop_size, view.crop_offset
+        check_on_sensor(f"the film of scene {scene.name!r}", (rows, columns), (row, column), camera)
     notes = (*(str(finding) for finding in findings), *lens_notes)
     return Scene(world, integrator, sensor, view, scene.digest(), notes, tuple(findings))
 

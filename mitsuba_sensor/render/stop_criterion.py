@@ -86,6 +86,7 @@ class RenderProgress:
     noise_ratio : median of render variance over sensor variance so far; NaN before the first pass ends.
     seconds, seconds_left : so far, and forecast (NaN before the first strip of a short render).
     frame : number of the frame, where each frame has a render of its own.
+    doing : while frames are exposed to light that is there, done and expected are frames.
     """
 
     done: int
@@ -94,6 +95,7 @@ class RenderProgress:
     seconds: float = 0.0
     seconds_left: float = math.nan
     frame: int = 0
+    doing: Literal["rendering", "denoising", "exposing"] = "rendering"
 
 
 Progress = Callable[[RenderProgress], None]

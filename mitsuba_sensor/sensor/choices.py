@@ -9,6 +9,13 @@ from .options import ExposeOptions
 from .plan import Plan
 from .stage import Chain
 
+KEEP = ("photons", "photoelectrons", "dark_electrons", "electrons", "volts")
+"""Intermediate signals that ``expose(keep=…)`` can return: mean photons of all bands, electrons that light and dark
+current left in the well, their sum [e-], swing at the converter [V]."""
+
+KEPT_BY_PUBLISHED = ("photons", "electrons", "volts")
+"""Those of them that chain konnik2014 has."""
+
 
 def tolerance_of(chosen: ExposeOptions) -> float | None:
     """The tolerance of a plan that is made for the light at hand."""

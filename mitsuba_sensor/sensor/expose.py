@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Unpack
@@ -25,7 +25,7 @@ from .checks import (
     checked_names,
     placed,
 )
-from .choices import chain_of, precision_of, tolerance_of
+from .choices import KEEP, KEPT_BY_PUBLISHED, chain_of, precision_of, tolerance_of
 from .detection import Detected, checked_and_detected
 from .frame_theory import FrameTheory
 from .metering import AskedExposure, Light
@@ -36,13 +36,6 @@ from .plan import Plan, plan_for
 from .report import FrameObserver, report
 from .run import FrameRunner, StripWindows, choose_backend, require_kept
 from .stage import Chain, converter_of
-
-KEEP = ("photons", "photoelectrons", "dark_electrons", "electrons", "volts")
-"""Intermediate signals that ``expose(keep=…)`` can return: mean photons of all bands, electrons that light and dark
-current left in the well, their sum [e-], swing at the converter [V]."""
-
-KEPT_BY_PUBLISHED = ("photons", "electrons", "volts")
-"""Those of them that chain konnik2014 has."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,6 +176,7 @@ class PreparedExposure:
 
     first : the first frame, whose window has the backend and the given FPN maps.  keep : names of signals to return.
     count : how many frames.  strips : of a sensor that keeps its maps.
+    told : called with how many frames are done.
     """
 
     camera: Camera
@@ -194,6 +188,7 @@ class PreparedExposure:
     tolerance_dn: float | None = None
     light: Detected | None = None
     strips: StripWindows | None = None
+    told: Callable[[int], object] | None = None
 
     def at(self, exposure: Exposure) -> PreparedExposure:
         """With another exposure."""
@@ -222,8 +217,9 @@ class PreparedExposure:
         first = self.first.index
         light, runner = self._light, FrameRunner(self.stages, self._light, self.first, observer, self.strips)
         done = runner.frames(first, self.count, lambda i: {name: x[i - first] for name, x in kept.items()})
-        for _ in done:
-            pass
+        for number, _ in enumerate(done, 1):
+            if self.told is not None:
+                self.told(number)
         light.check()
         digital: NDArray[Any] = kept.pop("digital")
         backend = self.first.window.backend

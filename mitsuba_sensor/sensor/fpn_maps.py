@@ -12,6 +12,7 @@ from .checks import checked_origin
 from .choices import precision_of
 from .options import ExposeOptions, Precision
 from .run import choose_backend
+from .sensor_size import check_on_sensor
 
 
 def fpn_maps(
@@ -32,8 +33,10 @@ def fpn_maps(
     if not isinstance(size, tuple | list) or len(size) != 2 or 0 in size:
         raise InputError(f"shape is {size!r}; it must be (rows, columns) of the window, e.g. (480, 640).")
     height, width = require_seed("shape", size[0]), require_seed("shape", size[1])
+    first = checked_origin(origin)
+    check_on_sensor("the window of the maps", (height, width), first, camera)
     asked = complete(ExposeOptions, {"precision": precision})["precision"]
     backend = choose_backend("numpy", precision_of(asked, camera, None, "physical"), 0)
-    window = SensorWindow(serial, (height, width), checked_origin(origin), backend=backend)
+    window = SensorWindow(serial, (height, width), first, backend=backend)
     found = [stage.fpn_maps(window) for stage in camera.stages]
     return {name: np.asarray(x, dtype=np.float64) for maps in found for name, x in maps.items()}

@@ -142,5 +142,20 @@ def test_the_bar_of_a_render_moves_and_counts_down_between_its_reports(monkeypat
             assert f"{100 * 40 / all_s:.0f} %" in drawn(bar)
 
 
+def test_the_bar_says_what_is_done_and_no_share_where_no_end_is_known() -> None:
+    console = Console(width=100, file=io.StringIO(), force_terminal=True, color_system=None)
+    with terminal.render_progress(console, {}, "reading the light") as progress:
+        bar = console._live_stack[-1]
+        assert "reading the light" in drawn(bar) and "%" not in drawn(bar)
+        progress(RenderProgress(1, 10, seconds=20.0, seconds_left=80.0))
+        assert "rendering" in drawn(bar) and "0 %" in drawn(bar) and "80 s left" in drawn(bar)
+        progress(RenderProgress(8, 8, seconds=100.0, doing="denoising"))
+        assert "denoising" in drawn(bar) and "%" not in drawn(bar) and "left" not in drawn(bar)
+        progress(RenderProgress(1, 3, seconds=20.0, seconds_left=40.0, doing="exposing"))
+        assert "frame 2 of 3" in drawn(bar) and "40 s left" in drawn(bar)
+        progress(RenderProgress(3, 3, seconds=60.0, seconds_left=0.0, doing="exposing"))
+        assert "report and files" in drawn(bar) and "%" not in drawn(bar) and "left" not in drawn(bar)
+
+
 def drawn(live: Any) -> str:
     return shown(live.get_renderable(), 100)

@@ -13,7 +13,8 @@ import pytest
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.signals import Photons
 from mitsuba_sensor.sensor.chain import chain
-from mitsuba_sensor.sensor.expose import KEEP, prepare_exposure
+from mitsuba_sensor.sensor.choices import KEEP
+from mitsuba_sensor.sensor.expose import prepare_exposure
 from mitsuba_sensor.sensor.gains import gain_dn_per_e
 
 EXPOSURE = ms.Exposure(0.1)
