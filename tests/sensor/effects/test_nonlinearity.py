@@ -211,7 +211,7 @@ def test_the_well_and_not_the_converter_ends_a_curved_response(name: str) -> Non
 
 def test_the_black_level_and_the_dsnu_of_a_curved_camera_are_those_of_its_k() -> None:
     """4σ of the dark noise in DN by the small-signal K; 33 e- of DSNU are 33·K codes in the dark."""
-    camera = TABLE1.replace(**CURVES["all"], **{"adc.bits": 14})
+    camera = TABLE1.replace(**CURVES["all"], **{"adc.bits": 14, "sensor.columns": 2000})
     k, dark_e = gain_dn_per_e(camera), math.hypot(33.0, 6.105069 / 0.8)
     assert black_level_dn(camera) == math.ceil(4 * math.hypot(k * dark_e, math.sqrt(1 / 12)))
     digital = ms.expose(np.zeros((200, 2000)), camera, ms.Exposure(0.0)).digital[0]
