@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers import ROOT
 from typer.testing import CliRunner
 
 from mitsuba_sensor.core.backend import NUMPY_FLOAT64
@@ -33,6 +34,15 @@ SCENE = """
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The slowest tests begin first, so that every processor has work to the end."""
     items.sort(key=lambda item: item.path.name not in ("test_readme.py", "test_benchmarks.py"))
+
+
+@pytest.fixture
+def checkout_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """What a checkout has, without what a command writes."""
+    for name in ("scenes", "examples"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
 
 
 @pytest.fixture(params=("float64", "numpy", "drjit"))

@@ -25,15 +25,6 @@ SMALL = "--width", "16", "--spp", "16", "--wavelength-nm", "550", "--no-denoise"
 MISTAKES = re.findall(r"^\| `([\w.]+) = (\S+)` \| (error|warning): (.+) \|$", PAGE, re.M)
 
 
-@pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """What a checkout has, without what a command writes."""
-    for name in ("scenes", "examples"):
-        (tmp_path / name).symlink_to(ROOT / name)
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 def test_the_tables_of_all_keys_are_made_of_the_schema() -> None:
     """`mitsuba-sensor cameras fields` prints them, from the first heading of a table on."""
     assert PAGE.partition("### Top of the file")[2] == markdown(Camera).partition("### Top of the file")[2] + "\n"
@@ -75,17 +66,17 @@ def test_the_page_shows_every_kind_of_mistake() -> None:
     assert len(MISTAKES) == 10
 
 
-def test_the_commands_of_the_page_run_in_their_order(folder: Path, cli: Callable[..., Any]) -> None:
+def test_the_commands_of_the_page_run_in_their_order(checkout_folder: Path, cli: Callable[..., Any]) -> None:
     """Renders of 16 columns, 16 samples and one wavelength here."""
     assert len(COMMANDS) == 6
     for command in COMMANDS:
         program, *arguments = shlex.split(command, comments=True)
         done = cli(*arguments, *(SMALL if arguments[0] == "render" else ()))
         assert program == "mitsuba-sensor" and done.exit_code == 0, (command, done.stderr)
-    assert {path.name for path in folder.iterdir()} >= {"my.toml", "cold.toml", "my", "cmv4000"}
+    assert {path.name for path in checkout_folder.iterdir()} >= {"my.toml", "cold.toml", "my", "cmv4000"}
 
 
-def test_the_python_of_the_page_runs(folder: Path) -> None:
+def test_the_python_of_the_page_runs(checkout_folder: Path) -> None:
     names: dict[str, Any] = {}
     exec(fenced(PAGE, "python"), names)
     assert ms.load_camera("cold.toml") == names["camera"]

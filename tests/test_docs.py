@@ -51,15 +51,6 @@ def load(path: Path) -> ModuleType:
 GENERATED = load(DOCS / "generated.py")
 
 
-@pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """What a checkout has, without what a command writes."""
-    for name in ("scenes", "examples"):
-        (tmp_path / name).symlink_to(ROOT / name)
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 def parsed(arguments: list[str]) -> None:
     """Let the command line's own parser read a command; it raises where an option or an argument is wrong."""
     command: Any = typer.main.get_command(app)
@@ -88,7 +79,7 @@ def run_python(text: str, names: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize("name", WITH_CODE)
-def test_the_code_of_a_page_runs_in_its_order(name: str, folder: Path, cli: Callable[..., Any]) -> None:
+def test_the_code_of_a_page_runs_in_its_order(name: str, checkout_folder: Path, cli: Callable[..., Any]) -> None:
     """Renders have 16 columns and 16 samples. Python goes on with the names of the blocks before it."""
     names: dict[str, Any] = {}
     for block in blocks(PAGES[name]):
@@ -99,7 +90,7 @@ def test_the_code_of_a_page_runs_in_its_order(name: str, folder: Path, cli: Call
                 elif "&&" in command:
                     run(command.partition("&& ")[2], cli)
         elif block.language == "xml" and (file := re.match(r"<!-- ([\w.]+) -->\n", block.text)):
-            (folder / file.group(1)).write_text(block.text.partition("\n")[2], encoding="utf-8")
+            (checkout_folder / file.group(1)).write_text(block.text.partition("\n")[2], encoding="utf-8")
         elif block.language == "python" and not ("needs LLVM" in block.text and backend_problem("llvm")):
             run_python(block.text, names)
 

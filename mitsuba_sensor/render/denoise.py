@@ -22,7 +22,7 @@ from .options import RenderOptions
 
 DARKEST_REFLECTANCE = 0.02  # what is darker is not divided by its own
 COLOURS = 3  # channels of the images that the network takes
-MOST_MEMORY_MB = 400  # of the network: 2.3 million pixels take 1.5 GB without a limit, in half the time
+MOST_MEMORY_MB = 400  # of the network, about: it goes through larger pictures in tiles, which takes longer
 LEAST_PASSES = 4  # two in each half, so that their variance is known
 LEAST_PIXELS = 13 * 13  # the neighbourhood from which the weights are estimated
 

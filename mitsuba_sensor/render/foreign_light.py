@@ -22,6 +22,7 @@ from . import spectra
 from .bands import BANDWIDTH_NM
 from .irradiance import Irradiance
 from .lint import MITSUBA_NM
+from .passes import clean
 from .statistics import RenderStatistics
 from .variants import choose_variant, mitsuba, use
 
@@ -82,11 +83,11 @@ def behind_lens(bands: Bands, camera: Camera, fov_deg: float | None) -> tuple[Ba
 
 
 def irradiance_of(bands: Bands, notes: tuple[str, ...], sha256: str) -> Irradiance:
-    """Irradiance whose errors are not known. Negative and non-finite values but +inf become 0 and are counted."""
-    bad = ~(bands.values > -np.inf)
-    negative = (bands.values < 0) & ~bad
-    data = np.where(bad | negative, 0, bands.values).astype(np.float32)
-    counts = {"negative": int(negative.sum()), "non_finite": int(bad.sum())}
+    """Irradiance whose errors are not known. Values that are no light become 0 and are counted; +inf stays."""
+    found = clean(bands.values)
+    data = found.values.astype(np.float32)
+    if found.infinite is not None:
+        data[found.infinite] = np.inf
     statistics = RenderStatistics(
         passes=0,
         samples_per_pixel=0,
@@ -101,10 +102,11 @@ def irradiance_of(bands: Bands, notes: tuple[str, ...], sha256: str) -> Irradian
         ended_by="read",
         reliable=False,
         firefly_fraction=0.0,
+        negative=found.negative,
+        non_finite=found.non_finite,
         notes=(*notes, "the noise of a render in it is not known, and remains in the frames"),
         scene_sha256=sha256,
         aperture_f_number=None,
-        **counts,  # type: ignore[arg-type]
     )
     errors = np.zeros_like(data), np.zeros(data.shape[:2], np.float32)
     return Irradiance(data, bands.wavelengths_nm, bands.bandwidths_nm, *errors, statistics)

@@ -14,7 +14,7 @@ from ..core.units import photon_energy_j
 from ..sensor.camera import Camera
 from ..sensor.checks import as_photons
 from ..sensor.fingerprint import pixel_fingerprint, response_fingerprint
-from ..sensor.metering import AskedExposure, Metering, checked_exposure
+from ..sensor.metering import AUTO, AskedExposure, Metering, checked_exposure
 from ..sensor.sensor_size import check_on_sensor
 from .bands import Bands
 from .irradiance import Irradiance
@@ -94,6 +94,7 @@ def collected(
     exposure = checked_exposure(camera, asked)
     if (known := light.rendered_for) is not None:
         camera, exposure = first_given(camera, known.camera), known.exposure if asked is None else exposure
+        exposure = replace(AUTO, temperature_k=known.exposure.temperature_k) if exposure is AUTO else exposure
         serial = first_given(serial, known.serial)
     if camera is None:
         raise InputError("no camera is given and the irradiance names none; pass camera=….")

@@ -15,7 +15,7 @@ from ..optics.shutter import shutter_of
 from ..sensor.camera import Camera
 from ..sensor.expose import PreparedExposure, prepare_exposure
 from ..sensor.input_noise import input_noise
-from ..sensor.metering import AskedExposure, Metering, checked_exposure
+from ..sensor.metering import AUTO, AskedExposure, Metering, checked_exposure
 from ..sensor.options import ExposeOptions
 from .aovs import Aovs, aovs_of, load_for_rays
 from .bands import BANDWIDTH_NM, Bands, choose_bands
@@ -263,7 +263,8 @@ def prepare(
     check_options(chosen)
     parsed = scene if isinstance(scene, ParsedScene) else parse(scene, chosen)
     settings = parsed.settings
-    camera, asked = first_given(camera, settings.camera), first_given(asked, settings.exposure)
+    camera = first_given(camera, settings.camera)
+    asked = settings.metering() if asked is AUTO else first_given(asked, settings.exposure)
     if camera is None:
         place = 'put <film type="photosensor"> with camera into it'
         raise InputError(f"no camera is given and the scene has none; pass one, or {place}.")

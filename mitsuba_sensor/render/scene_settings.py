@@ -68,13 +68,13 @@ class SceneSettings:
     @property
     def exposure(self) -> Exposure | Metering:
         """The exposure, metered unless the file sets its time; at 298.15 K unless it sets another temperature."""
-        temperature_k = first_given(self.temperature_k, Exposure(0.0).temperature_k)
         if self.exposure_s is None or isinstance(self.exposure_s, str):
-            return self.metering(temperature_k)
-        return Exposure(self.exposure_s, temperature_k)
+            return self.metering()
+        return Exposure(self.exposure_s, first_given(self.temperature_k, Exposure(0.0).temperature_k))
 
-    def metering(self, temperature_k: float) -> Metering:
-        """How this file's exposure is metered, or would be. Raises InputError."""
+    def metering(self, temperature_k: float | None = None) -> Metering:
+        """How this file's exposure is metered, or would be, by default at its own temperature. Raises InputError."""
+        temperature_k = first_given(temperature_k, self.temperature_k, Exposure(0.0).temperature_k)
         return Metering(temperature_k) if self.meter is None else Metering.of_text(self.meter, temperature_k)
 
     def metres(self, scene_unit: str | float | None) -> float | None:

@@ -40,7 +40,7 @@ class Metering:
 
     def __post_init__(self) -> None:
         Exposure(0.0, self.temperature_k)
-        require("percentile", self.percentile, 0.0, 100.0, "of the lit pixels, e.g. 95")
+        require("percentile", self.percentile, 1.0, 100.0, "of the lit pixels, in percent, e.g. 95")
         require("share", self.share, 1e-6, 1.0, "of saturation, e.g. 0.7")
 
     @classmethod
@@ -50,7 +50,7 @@ class Metering:
             percentile, share = map(float, text.split(":"))
         except (ValueError, AttributeError):
             raise InputError(
-                f"meter is {text!r}; give PERCENTILE:SHARE, the percentile of the lit pixels (0 to 100) and the share "
+                f"meter is {text!r}; give PERCENTILE:SHARE, the percentile of the lit pixels (1 to 100) and the share "
                 f"of saturation that it reaches (up to 1), e.g. {PERCENTILE:g}:{SHARE:g}."
             ) from None
         return cls(temperature_k, percentile, share)
@@ -82,6 +82,9 @@ class Metering:
         return {"exposure_s": exposure.time_s, "percentile": self.percentile, "share_of_saturation": self.share}
 
 
+AUTO = Metering()
+"""What "auto" stands for until a scene or light says how it is metered and at which temperature."""
+
 AskedExposure: TypeAlias = Exposure | Metering | Literal["auto"]
 
 
@@ -96,7 +99,7 @@ class Light(Protocol):
 
 def checked_exposure(camera: object, exposure: AskedExposure | None) -> Exposure | Metering | None:
     """The exposure asked for, or how it is metered. Raises InputError for another type of it or of the camera."""
-    asked = Metering() if isinstance(exposure, str) and exposure == "auto" else exposure
+    asked = AUTO if isinstance(exposure, str) and exposure == "auto" else exposure
     check_types(camera, None if isinstance(asked, Metering) else asked, optional=True)
     return asked
 

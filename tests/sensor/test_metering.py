@@ -199,6 +199,21 @@ def test_the_percentile_and_share_asked_for_are_those_of_the_picture(tmp_path: P
     assert json.loads(again.stdout)["exposure"]["time_s"] == pytest.approx(time_s / 2, rel=0.01)
 
 
+def test_auto_is_metered_as_the_scene_says_and_at_its_temperature(tmp_path: Path) -> None:
+    """In Python as on the command line, and of light at the temperature that it was rendered for; Metering() of one's
+    own overrules both."""
+    settings = '<string name="meter" value="20:0.3"/><float name="temperature_k" value="250"/>'
+    path = write_scene(tmp_path, photosensor(settings))
+    by_scene, auto, own = (ms.render(path, None, asked, **SMALL) for asked in (None, "auto", ms.Metering()))
+    assert auto.statistics.metering == by_scene.statistics.metering
+    assert auto.statistics.metering["percentile"] == 20 and own.statistics.metering["percentile"] == PERCENTILE
+    assert (
+        auto.rendered_for.exposure == by_scene.rendered_for.exposure and auto.rendered_for.exposure.temperature_k == 250
+    )
+    assert ms.expose(auto, exposure="auto").first.exposure.temperature_k == 250
+    assert ms.expose(auto, exposure=ms.Metering()).first.exposure.temperature_k == 298.15
+
+
 @pytest.mark.parametrize(
     ("flags", "film", "says"),
     [
@@ -206,6 +221,7 @@ def test_the_percentile_and_share_asked_for_are_those_of_the_picture(tmp_path: P
         (("--meter", "95:0.7:1"), "", "e.g. 95:0.7"),
         (("--meter", "101:0.7"), "", "percentile"),
         (("--meter", "95:70"), "", "share"),
+        (("--meter", "0.95:0.7"), "", "percentile is 0.95; it must be from 1 to 100"),
         (("--meter", "nan:0.7"), "", "percentile"),
         (("--meter", "95:0.7", "--exposure-s", "0.1"), "", "--exposure-s 0.1 gives the time that --meter 95:0.7"),
         ((), '<string name="meter" value="soon"/>', "meter is 'soon'"),
