@@ -102,7 +102,8 @@ class Passes:
         even, odd, squares = (np.take_along_axis(one, count[None], axis=0)[0] for one in self.sums)
         mean = (even + odd) / count
         variance = (squares / count - mean**2) / (count - 1)
-        halves = Halves(*(x[..., None] for x in (2 * even / count, 2 * odd / count, variance)), 0.5)
+        first, second = ((2 * x / count)[..., None] for x in (even, odd))
+        halves = Halves(lambda: first, lambda: second, lambda _: variance, 0.5)
         found = denoise(halves, self.guides)
         return found.mean[..., 0], found.variance[..., 0]
 

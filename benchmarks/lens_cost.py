@@ -25,7 +25,8 @@ from mitsuba_sensor.optics.paraxial import cardinal_points
 from mitsuba_sensor.render.bands import box_bands
 from mitsuba_sensor.render.scene import Scene, load_scene
 from mitsuba_sensor.render.variants import choose_variant, use
-from mitsuba_sensor.sensor.camera import Camera, load_camera
+from mitsuba_sensor.sensor.camera import Camera
+from mitsuba_sensor.sensor.camera_file import load_camera
 
 SCENE = Path(__file__).resolve().parent.parent / "scenes" / "still_life.xml"
 VARIANT = "llvm_ad_spectral"

@@ -121,7 +121,6 @@ def by_frames(one: Case, plan: ms.Plan) -> Result:
                 photons,
                 one.camera,
                 one.exposure,
-                seed=s,  # else all serials would share their temporal noise
                 serial=s,
                 frames=2,
                 plan=chosen,

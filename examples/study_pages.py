@@ -1,7 +1,7 @@
 """Runs the studies and writes what they found as a page in Markdown, with a picture and the command of each.
 
 python examples/study_pages.py                        # one small study, into study_pages/
-python examples/study_pages.py docs/studies --all     # all studies of four scenes: docs/studies/README.md
+python examples/study_pages.py docs/studies --all     # all studies: docs/studies/README.md
 
 Each study is a command of its own, which is printed; one that was stopped goes on where it was. Measurements and the
 full pages stay in ``work/`` in the folder.
@@ -16,6 +16,9 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
+
+from mitsuba_sensor.study.html_page import text
 
 ROOT = Path(__file__).resolve().parent.parent
 SCENES = ("cornell_box", "color_checker", "still_life", "step_wedge")
@@ -23,6 +26,7 @@ SMALL = {"work-precision": ("--width", "48"), "ablation": ("--width", "64")}
 SHORT = ("--camera", "bayer_2mp", "--exposure-s", "0.02", *SMALL["ablation"])  # its dark current cannot be seen
 QUICK = [("ablation-step_wedge", ("ablation", "scenes/step_wedge.xml", "--width", "12", "--frames", "8"))]
 EVERY = [
+    ("paper", ("paper",)),
     ("stress", ("stress",)),
     *((f"{study}-{scene}", (study, f"scenes/{scene}.xml", *size)) for study, size in SMALL.items() for scene in SCENES),
     ("ablation-color_checker-bayer_2mp", ("ablation", "scenes/color_checker.xml", *SHORT)),
@@ -50,7 +54,7 @@ def main() -> None:
 
 
 def studied(name: str, arguments: tuple[str, ...], folder: Path) -> list[str]:
-    """One study in Markdown; its picture is copied into the folder."""
+    """One study in Markdown; its picture is copied into the folder, of the paper's every picture."""
     command = shlex.join(("mitsuba-sensor", "study", *arguments))
     print(command, flush=True)
     work = (folder / "work" / name).resolve()
@@ -59,15 +63,32 @@ def studied(name: str, arguments: tuple[str, ...], folder: Path) -> list[str]:
     if done.returncode not in (0, 1):  # 1: something that must hold does not, which the page says
         raise SystemExit(f"{command} ended with {done.returncode}")
     found = json.loads(done.stdout)
-    shutil.copy(work / f"{arguments[0]}.png", folder / f"{name}.png")
+    numbered = sorted(work.glob("paper-*.png"), key=lambda path: int(path.stem.partition("-")[2]))
+    pictures = {f"{name}.png": work / f"{arguments[0]}.png"} | {path.name: path for path in numbered}
+    for file, picture in pictures.items():
+        shutil.copy(picture, folder / file)
     verdict, made = "all holds" if found["passed"] else "**not all holds**", found["machine"]
     return [
         f"## {found['title']}: {verdict}",
         *("", f"`{command}` ({found['seconds']:.0f} s on {made['cpus']} processors, {made['processor']})"),
-        *("", f"![{name}]({name}.png)", ""),
+        "",
+        *(f"![{file.removesuffix('.png')}]({file})" for file in pictures),
+        "",
         *(f"- {finding}" for finding in found["findings"]),
         "",
+        *(line for part in found["parts"] if compared(part) for line in in_markdown(part)),
     ]
+
+
+def compared(part: dict[str, Any]) -> bool:
+    """Whether it is a table of what others have published."""
+    return part["kind"] == "table" and any("published" in name or name == "why" for name in part["columns"])
+
+
+def in_markdown(part: dict[str, Any]) -> list[str]:
+    """A table of a study, with its title and its note."""
+    rows = (part["columns"], ["---"] * len(part["columns"]), *([text(cell) for cell in row] for row in part["rows"]))
+    return [f"**{part['title']}.** {part['note']}", "", *(f"| {' | '.join(row)} |" for row in rows), ""]
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 """The public names and the modules that they are loaded from when they are first used."""
 
+from . import lab as lab
 from .core import Exposure as Exposure
 from .core import InputError as InputError
 from .core import Photons as Photons
@@ -15,13 +16,13 @@ from .render.photons import uniform_light as uniform_light
 from .render.plugins import register_plugins as register_plugins
 from .render.prepared import render as render
 from .sensor.camera import Camera as Camera
-from .sensor.camera import list_cameras as list_cameras
-from .sensor.camera import load_camera as load_camera
 from .sensor.camera_check import check_camera as check_camera
-from .sensor.expose import Frames as Frames
+from .sensor.camera_file import list_cameras as list_cameras
+from .sensor.camera_file import load_camera as load_camera
 from .sensor.expose import expose as expose
 from .sensor.expose import stream as stream
 from .sensor.fpn_maps import fpn_maps as fpn_maps
+from .sensor.frames import Frames as Frames
 from .sensor.gradient import differentiable as differentiable
 from .sensor.metering import Metering as Metering
 from .sensor.plan import Plan as Plan

@@ -19,6 +19,7 @@ from .core.options import complete, declared, documents, part_of, used
 from .io import exr, files
 from .io.frame_files import CLEAN, FRAME_FILES, frames_metadata, write_frames
 from .io.light_files import read_irradiance
+from .io.openexr import is_exr
 from .render.aovs import Aovs
 from .render.band_error import band_error, notes_of_bands
 from .render.denoise import denoised_if_possible
@@ -34,7 +35,8 @@ from .render.stop_criterion import Progress, RenderProgress
 from .sensor.camera import Camera
 from .sensor.checks import as_photons
 from .sensor.choices import KEEP, check_clean
-from .sensor.expose import Frames, PreparedExposure, prepare_exposure
+from .sensor.expose import PreparedExposure, prepare_exposure
+from .sensor.frames import Frames
 from .sensor.metering import AskedExposure, Metering, checked_exposure
 from .sensor.options import ExposeOptions
 from .sensor.plan import plan_for
@@ -104,7 +106,7 @@ def capture(
         check_clean(chosen["chain"])
     if chosen["half"] and chosen["no_irradiance"]:
         raise InputError("half is the precision of irradiance.exr, which is not to be written; leave one of both out.")
-    if isinstance(source, Irradiance) or (isinstance(source, str | os.PathLike) and exr.is_exr(source)):
+    if isinstance(source, Irradiance) or (isinstance(source, str | os.PathLike) and is_exr(source)):
         refuse_render_options(chosen)
         return _of_light((source, camera, asked), chosen, progress, times_s)
     make = _shared_render if chosen["render_noise"] == "shared" else _render_per_frame
@@ -145,7 +147,7 @@ def _of_light(
     with _timed(times_s, "read irradiance"):
         light = source if isinstance(source, Irradiance) else read_irradiance(source)
         light = light.before_denoising() if options["raw_light"] else light
-    photons, camera, exposure, serial = light.collected(camera, asked, options["serial"])
+    photons, camera, exposure, serial = light.collected(camera, asked, options["serial"], options["gain"])
     options, known = {**options, "serial": serial}, light.rendered_for
     metering = Metering() if asked is None and known is None else asked
     origin = {
@@ -170,6 +172,7 @@ def _shared_render(asked: Asked, options: CaptureOptions, progress: Progress | N
             raise InputError("chain konnik2014 has one wavelength; give wavelength_nm, e.g. --wavelength-nm 550.")
         sensor = prepared.sensor(part_of(ExposeOptions, options))  # checked before the first ray
         light = prepared.render(sensor.first.seed, prepared.stop_criterion(rendering), progress, started=started)
+        prepared.renderer.release()
     with _timed(times_s, "expose"):
         exposure = prepared.exposure_of(light)
         photons = as_photons(collect(light, prepared.camera, exposure), prepared.camera)
@@ -215,7 +218,7 @@ def _render_per_frame(
 
 def refuse_render_options(options: Mapping[str, object]) -> None:
     """Raise InputError for options of a render where the light is rendered already."""
-    of_light = {one.name for kind in (LightOptions, RawLightOptions) for one in declared(kind)}
+    of_light = {one.name for kind in (LightOptions, RawLightOptions) for one in declared(kind)} | {"gain"}
     for one in declared(CaptureOptions):
         usual = one.option.default
         value = options.get(one.name, usual)

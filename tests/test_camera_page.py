@@ -76,6 +76,12 @@ def test_the_commands_of_the_page_run_in_their_order(checkout_folder: Path, cli:
     assert {path.name for path in checkout_folder.iterdir()} >= {"my.toml", "cold.toml", "my", "cmv4000"}
 
 
+def test_the_gain_settings_of_the_page_are_those_of_a_camera() -> None:
+    camera = ms.load_camera("konnik_table1").replace(**tomllib.loads(fenced(PAGE, "toml")))
+    found = {one.label: gain_dn_per_e(camera.at_gain(one.label)) for one in camera.gains}
+    assert found == pytest.approx({"100": 0.25, "800": 2.0, "1600": 4.0}, rel=1e-12)
+
+
 def test_the_python_of_the_page_runs(checkout_folder: Path) -> None:
     names: dict[str, Any] = {}
     exec(fenced(PAGE, "python"), names)

@@ -36,7 +36,7 @@ SMALL = {
 }
 """What the commands of the pages get in addition here."""
 
-LONG = r"\bstudy\b|--noise-ratio|--render-noise|--motion"
+LONG = r"\bstudy\b|\bcharacterize\b|imx477|my\.toml|--noise-ratio|--render-noise|--motion"
 """What only the command line's parser sees here; the README has one of each of these, which runs."""
 
 
@@ -103,7 +103,7 @@ def test_a_command_that_does_not_exist_is_not_parsed(command: str) -> None:
 
 def test_all_code_has_a_language_that_the_tests_know() -> None:
     languages = {block.language for text in PAGES.values() for block in blocks(text)}
-    assert languages == {"sh", "python", "xml"}
+    assert languages == {"sh", "python", "xml", "toml", "console"}
 
 
 def test_every_page_is_in_the_index_once() -> None:

@@ -56,7 +56,7 @@ def test_the_files_hold_what_the_capture_holds(captured: ms.Capture, tmp_path: P
     aovs = read_aovs_exr(tmp_path / "out" / "aovs.exr")
     np.testing.assert_array_equal(aovs.depth_m, captured.aovs.depth_m if captured.aovs else None)
     report = json.loads((tmp_path / "out" / "frame.json").read_text(encoding="utf-8"))
-    assert report["seeds"] == {"seed": 3, "serial": 4}
+    assert report["seeds"] == {"seed": 3, "serial": 4, "first_frame": 0}
 
 
 def test_irradiance_is_written_small_or_not_at_all(scene_file: Path, tmp_path: Path) -> None:

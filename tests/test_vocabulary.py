@@ -59,7 +59,6 @@ WORDS = (
     Word(r"judges?|judged|judging", "check, compare, reference"),
     Word(r"promises?|promised", "limit, guarantee"),
     Word(r"houses?", "package, architecture"),
-    Word(r"twins?", "reference, float64 function"),
     Word(r"(the|an|its) eye", "preview"),
     Word(r"guests?", "user"),
 )

@@ -16,7 +16,7 @@ from ..core import InputError, first_given
 from ..io import files
 from ..render.irradiance import RenderedFor
 from ..render.scene_settings import ParsedScene, SceneSettings, parse
-from ..sensor.camera import toml_value
+from ..sensor.camera_file import toml_value
 from ..sensor.metering import Metering
 from . import options
 from .options import Flag, Flags
@@ -27,7 +27,18 @@ out, err = Console(), Console(stderr=True)
 
 UsageError: Any = typer.BadParameter.__base__  # of click, which new versions of typer bring along
 PICTURES, THINGS, CHECKS = "From a scene to frames", "Cameras and scenes", "How good, and whether it works"
-COMMANDS = ("render", "expose", "plan", "cameras", "fpn-maps", "lint", "study", "doctor")  # as --help lists them
+COMMANDS = (
+    "render",
+    "expose",
+    "plan",
+    "cameras",
+    "fpn-maps",
+    "lint",
+    "characterize",
+    "fit",
+    "study",
+    "doctor",
+)  # as --help lists them
 
 
 class CommandGroup(TyperGroup):
@@ -101,13 +112,14 @@ def camera_and_exposure(flags: Flags, settings: SceneSettings = NO_SCENE) -> tup
     how it is metered.
 
     The --set fields are set before the scene's too, because a prescription takes focal length and focus from the scene.
+    They are set after the gain setting, so that they overrule its numbers.
     """
     name, changes = flags.get("camera"), changes_of(flags)
     camera = settings.camera if name is None else None
     camera = camera or ms.load_camera(options.DEFAULT_CAMERA if name is None else name)
     camera = settings.applied_to(camera.replace(**changes) if changes else camera)
-    camera = camera.replace(**changes) if changes else camera
-    return camera, _exposure(flags, settings)
+    camera = camera.at_gain(flags.get("gain")).replace(**changes)
+    return camera.without(*flags.get("without") or ()), _exposure(flags, settings)
 
 
 def _exposure(flags: Flags, settings: SceneSettings) -> ms.Exposure | Metering:

@@ -47,6 +47,26 @@ Out = Annotated[
 NewFile = Annotated[
     str, typer.Argument(metavar="FILE.toml", help="The camera file to write.", autocompletion=shell_files)
 ]
+ImportedFiles = Annotated[
+    list[str],
+    typer.Argument(
+        metavar="FILE...",
+        help="A libcamera tuning file (.json), a noise calibration (.json, .csv), DNGs of one camera (.dng), an EMVA "
+        "1288 report (.xml), or a preset of getframes (.toml, getframes:NAME).",
+        autocompletion=shell_files,
+    ),
+]
+CameraFile = Annotated[
+    str,
+    typer.Option(
+        "-o",
+        "--out",
+        metavar="FILE.toml",
+        help="The camera file to write.",
+        rich_help_panel=OUTPUT,
+        autocompletion=shell_files,
+    ),
+]
 CameraName = Annotated[
     str,
     typer.Argument(
@@ -60,6 +80,28 @@ MapFile = Annotated[
         "--out",
         metavar="FILE.npz",
         help="The file to write.",
+        rich_help_panel=OUTPUT,
+        autocompletion=shell_files,
+    ),
+]
+BenchFolder = Annotated[
+    str,
+    typer.Option(
+        "--frames",
+        metavar="DIR",
+        help="Folder of bias, dark and flat frames (TIFF, PNG, NPY, FITS, DNG, camera raw), or its bench.toml; see "
+        "docs/lab.md.",
+        rich_help_panel="Laboratory",
+        autocompletion=shell_files,
+    ),
+]
+TwinFile = Annotated[
+    str,
+    typer.Option(
+        "-o",
+        "--out",
+        metavar="FILE.toml",
+        help="The camera file to write; FILE.npz and FILE.html beside it.",
         rich_help_panel=OUTPUT,
         autocompletion=shell_files,
     ),

@@ -14,6 +14,8 @@ import mitsuba_sensor as ms
 from ..core import InputError
 from ..io import files
 from ..sensor.camera_check import CameraFinding
+from ..sensor.figures import EmvaFigures, figures_if_any
+from ..sensor.gain_ladder import SET
 from . import arguments, options
 from .app import THINGS, app, changes_of, show
 from .tables import FittedTable, short
@@ -42,14 +44,32 @@ def new_camera(name: arguments.NewFile, **flags: options.Flag) -> None:
 
     It loads as the camera that it is like; `cameras check FILE` says what is wrong after a change.
     """
-    file = Path(name)
-    if file.suffix != ".toml":
-        raise InputError(f"{name or 'an empty text'} is no name of a camera file; let it end in .toml.")
-    if file.exists() and not (flags["force"] and file.is_file()):
-        remedy = "--force writes over it, or give another name" if file.is_file() else "give another name"
-        raise InputError(f"{file} exists already; {remedy}.")
-    files.write_page(file, ms.load_camera(flags["like"]).replace(**changes_of(flags)).to_toml())
+    file = _camera_file(name, flags["force"])
+    camera = ms.load_camera(flags["like"]).replace(**changes_of(flags)).without(*flags["without"] or ())
+    files.write_page(file, camera.to_toml())
     show(f"{file} is a camera like {flags['like']}; change it, then: mitsuba-sensor cameras check {file}", False)
+
+
+@cameras.command("import", epilog="Example: mitsuba-sensor cameras import imx477.json -o my.toml --set adc.bits=12")
+@options.flags(options.ImportFlags)
+def import_command(
+    sources: arguments.ImportedFiles, out: arguments.CameraFile, as_json: arguments.Json = False, **flags: options.Flag
+) -> None:
+    """Make a camera file of what another program measured: noise models, calibrations, reports, presets.
+
+    [sources] of the file says where each number comes from; what the source does not say is marked "assumed:". --set
+    fields of the camera that it is like hold for the conversion, adc.bits for example.
+    """
+    from ..io.importers.import_camera import import_camera
+
+    file = _camera_file(out, flags["force"])
+    like = ms.load_camera(flags["like"])
+    camera = import_camera(sources, like.replace(**changes_of(flags)), flags["name"])
+    files.write_page(file, camera.to_toml())
+    assumed = sorted(field for field, text in camera.sources.items() if text.startswith("assumed"))
+    said = {"file": str(file), "name": camera.name, "sources": dict(camera.sources), "assumed": assumed}
+    text = f"{file} is {camera.description}; {len(assumed)} of {len(camera.sources)} numbers are assumed"
+    show(said if as_json else f"{text} (see [sources]); mitsuba-sensor cameras check {file}", as_json)
 
 
 @cameras.command("check", epilog="Example: mitsuba-sensor cameras check my.toml")
@@ -73,11 +93,26 @@ def show_camera(name: arguments.CameraName, as_toml: arguments.Toml = False, as_
         return show(camera.to_toml().rstrip("\n"), False)
     fields = camera.model_dump(mode="json")
     table = FittedTable(("field", "value", "source"))
-    for field, value in _flat({key: value for key, value in fields.items() if key != "sources"}).items():
+    for field, value in _flat({key: x for key, x in fields.items() if key not in ("sources", "gains")}).items():
         table.add_row(field, Text(short(value)), Text(camera.sources.get(field, ""), style="dim"))
-    show({**fields, "sources": dict(camera.sources), "notes": list(camera.notes)} if as_json else table, as_json)
+    figures = figures_if_any(camera)
+    found = {"sources": dict(camera.sources), "notes": list(camera.notes), "emva1288": figures and figures.to_dict()}
+    show({**fields, **found} if as_json else table, as_json)
+    if camera.gains and not as_json:
+        show(_settings(camera), False)
+    if figures and not as_json:
+        show(_figure_table(figures), False)
     for note in () if as_json else camera.notes:
         show(f"note: {note}", False)
+
+
+def _figure_table(figures: EmvaFigures) -> FittedTable:
+    table = FittedTable(
+        ("symbol", "value", "unit", "what it is"), title="EMVA 1288, from the datasheet, short exposure"
+    )
+    for one in figures.table():
+        table.add_row(one.symbol, f"{one.value:.5g}", one.unit, one.name)
+    return table
 
 
 @cameras.command()
@@ -92,7 +127,7 @@ def fields() -> None:
 @cameras.command()
 def schema() -> None:
     """The JSON Schema of a camera file: every field, its unit and its allowed range."""
-    from ..sensor.camera import camera_schema
+    from ..sensor.camera_file import camera_schema
 
     show(camera_schema(), True)
 
@@ -121,6 +156,27 @@ def lenses(as_json: arguments.Json = False) -> None:
     for x, f in lengths:
         table.add_row(x.name, f"{f:.4g} mm", str(len(x.surfaces)), x.source)
     show(found if as_json else table, as_json)
+
+
+def _settings(camera: ms.Camera) -> FittedTable:
+    """One row per gain setting, with what it has in place of the camera's own numbers."""
+    names = [name for name in ("gain_dn_per_e", *SET) if getattr(camera.gains[0], name) is not None]
+    table = FittedTable(("gain setting", *names), caption=camera.sources.get("gains", ""))
+    for one in camera.gains:
+        chosen = " (set)" if one.label == camera.gain else ""
+        table.add_row(f"{one.label}{chosen}", *(f"{getattr(one, name):g}" for name in names))
+    return table
+
+
+def _camera_file(name: str, force: bool) -> Path:
+    """The path of a camera file to write. Raises InputError."""
+    file = Path(name)
+    if file.suffix != ".toml":
+        raise InputError(f"{name or 'an empty text'} is no name of a camera file; let it end in .toml.")
+    if file.exists() and not (force and file.is_file()):
+        remedy = "--force writes over it, or give another name" if file.is_file() else "give another name"
+        raise InputError(f"{file} exists already; {remedy}.")
+    return file
 
 
 def _verdict(name: str, found: Sequence[CameraFinding]) -> str:

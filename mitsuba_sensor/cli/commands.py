@@ -174,7 +174,9 @@ def doctor(as_json: arguments.Json = False) -> None:
 
 @app.command(rich_help_panel=THINGS, epilog="Example: mitsuba-sensor lint scenes/cornell_box.xml --camera rgbir_2mp")
 @options.flags(
-    options.CameraFlags, SceneOptions, without=("exposure_s", "meter", "temperature_k", "settings", "width", "motion")
+    options.CameraFlags,
+    SceneOptions,
+    without=("exposure_s", "meter", "temperature_k", "gain", "settings", "without", "width", "motion"),
 )
 def lint(scene: arguments.Scene, as_json: arguments.Json = False, **flags: options.Flag) -> None:
     """Say what in SCENE is black, wrong or worth knowing for this camera. Nothing is rendered.

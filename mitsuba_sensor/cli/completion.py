@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-from ..sensor.camera import Camera, list_cameras
+from ..sensor.camera import Camera
+from ..sensor.camera_file import list_cameras
+from ..sensor.noise_sources import noise_sources
 
 Proposals = Callable[[str], list[str]]
 
@@ -25,6 +27,11 @@ def camera_fields(incomplete: str) -> list[str]:
     sections = {name: one.annotation for name, one in Camera.model_fields.items()}
     names = [f"{name}.{field}=" for name, kind in sections.items() for field in getattr(kind, "model_fields", ())]
     return one_of(names)(incomplete)
+
+
+def noise_source_names(incomplete: str) -> list[str]:
+    """What can be switched off."""
+    return one_of(noise_sources())(incomplete)
 
 
 def shell_files(incomplete: str) -> list[str]:

@@ -17,9 +17,9 @@ from ..render.options import FileOptions, RenderOptions, SceneOptions
 from ..render.passes import MOST_IN_ALL
 from ..render.variants import VARIANTS
 from ..sensor.metering import PERCENTILE, SHARE
-from ..sensor.options import FrameOptions, SensorOptions
+from ..sensor.options import FrameOptions, Gain, SensorOptions
 from .arguments import OUTPUT
-from .completion import camera_fields, camera_names, one_of
+from .completion import camera_fields, camera_names, noise_source_names, one_of
 
 Command = TypeVar("Command", bound=Callable[..., None])
 Flag: TypeAlias = Any  # the value of one flag; its type is that of the option
@@ -34,6 +34,16 @@ Settings: TypeAlias = Annotated[
         "the fields.",
         flag="--set",
         metavar="FIELD=VALUE",
+        text=list[str],
+    ),
+]
+
+Without: TypeAlias = Annotated[
+    list[str] | None,
+    Option(
+        "Switch a noise source of the camera off: --without shot_noise. Repeatable; `cameras stages` lists the stages.",
+        flag="--without",
+        metavar="SOURCE",
         text=list[str],
     ),
 ]
@@ -73,7 +83,9 @@ class CameraFlags(TypedDict, total=False):
             metavar="KELVIN",
         ),
     ]
+    gain: Gain
     settings: Settings
+    without: Without
 
 
 class NewCameraFlags(TypedDict, total=False):
@@ -83,6 +95,21 @@ class NewCameraFlags(TypedDict, total=False):
         str, Option("Camera to start from: a name from `cameras list`, or a .toml.", DEFAULT_CAMERA, metavar="NAME")
     ]
     settings: Settings
+    without: Without
+    force: Annotated[bool, Option("Write over an existing file.", False, flag="--force")]
+
+
+class ImportFlags(TypedDict, total=False):
+    """What an imported camera takes where its file says nothing."""
+
+    like: Annotated[
+        str,
+        Option(
+            "Camera whose numbers hold where the file says nothing: a name, or a .toml.", "bayer_2mp", metavar="NAME"
+        ),
+    ]
+    settings: Settings
+    name: Annotated[str | None, Option("Name of the camera. Default: what the file says, else its own name.")]
     force: Annotated[bool, Option("Write over an existing file.", False, flag="--force")]
 
 
@@ -90,7 +117,7 @@ class MapFlags(TypedDict, total=False):
     """Which FPN maps are written."""
 
     serial: Annotated[
-        int, Option("Serial number of the camera: seed of its fixed-pattern noise.", 1, check=require_seed)
+        int, Option("Serial number of the camera: selects its fixed-pattern noise.", 1, check=require_seed)
     ]
     rows: Annotated[int | None, Option("Height of the maps. Default: the whole sensor.", low=1, metavar="PIXELS")]
     width: Annotated[int | None, Option("Width of the maps. Default: the whole sensor.", low=1, metavar="PIXELS")]
@@ -144,6 +171,7 @@ class AblationFlags(TypedDict, total=False):
 PANELS: dict[type, str] = {  # titles in --help, above the options that are declared there first
     CameraFlags: "Camera and exposure",
     NewCameraFlags: "Camera and exposure",
+    ImportFlags: "Camera and exposure",
     FileOptions: "Scene",
     SceneOptions: "Scene",
     RenderOptions: "Render: samples, bands, noise",
@@ -250,6 +278,7 @@ PROPOSALS: dict[str, Callable[[str], list[str]]] = {  # for the value of an opti
     "camera": camera_names,
     "like": camera_names,
     "settings": camera_fields,
+    "without": noise_source_names,
     "exposure_s": one_of(["auto"]),
     "variant": one_of(VARIANTS),
     "variants": one_of(VARIANTS),

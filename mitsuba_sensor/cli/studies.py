@@ -1,4 +1,4 @@
-"""Commands of study: error against run time, what can be left out, and stiff and extreme cases."""
+"""Commands of study: error against run time, what can be left out, stiff and extreme cases, and the paper's figures."""
 
 import shlex
 import sys
@@ -32,8 +32,9 @@ PAGE, NUMBERS, MEASUREMENTS = "study.html", "study.json", "measurements"
 study = typer.Typer(
     no_args_is_help=True,
     help="How good the numbers are, what they cost, and what could be left out: tables, plots and a page.\n\n"
-    "Each writes study.html (a page that needs nothing else), study.json and a PNG of its first plot. One that was "
-    "stopped goes on where it was when the same command is given again. Exit code 1: something that must hold fails.",
+    "Each writes study.html (a page that needs nothing else), study.json and a PNG of its first plot; paper of every "
+    "plot. One that was stopped goes on where it was when the same command is given again. Exit code 1: something that "
+    "must hold fails.",
 )
 app.add_typer(study, name="study", rich_help_panel=CHECKS)
 
@@ -83,6 +84,19 @@ def stress(**flags: Flag) -> None:
     _run("stress", flags, {}, measured)
 
 
+@study.command("paper", epilog="Example: mitsuba-sensor study paper -o study/paper")
+@options.flags(StudyFlags)
+def paper(**flags: Flag) -> None:
+    """Every table and figure of section 4 of Konnik & Welsh 2014 for Table 1's camera, beside what is printed.
+
+    Radiometric function, photon transfer, SNR, PRNU, spectrograms and non-whiteness, dark signal with fits; linear and
+    with the paper's curves; closed forms that must hold; a sentence wherever the text cannot be met. A few minutes.
+    """
+    from ..study.paper import paper as measured
+
+    _run("paper", flags, {}, measured, every_picture=True)
+
+
 def _subject(scene: str, found: RenderInput, flags: Flags, **more: Flag) -> tuple[Subject, dict[str, Flag]]:
     """What a study of a scene is about, and all that decides what is measured of it. more : options of the render."""
     parameters = flags["parameters"] or {}
@@ -96,7 +110,9 @@ def _subject(scene: str, found: RenderInput, flags: Flags, **more: Flag) -> tupl
     return Subject(scene, found.camera, exposure, render), question
 
 
-def _run(name: str, flags: Flags, question: dict[str, Flag], measure: Callable[[Kit], Study]) -> None:
+def _run(
+    name: str, flags: Flags, question: dict[str, Flag], measure: Callable[[Kit], Study], every_picture: bool = False
+) -> None:
     """Run the study and write what it found; what was measured stays, even if the rest is stopped."""
     out_dir, made = first_given(flags["out"], f"study/{name}"), {"machine": machine(), "versions": versions()}
     files.require_folder(out_dir)
@@ -112,11 +128,13 @@ def _run(name: str, flags: Flags, question: dict[str, Flag], measure: Callable[[
         kit = Kit(known, progress)
         found = measure(kit)
     found = replace(found, data={**found.data, **about, "seconds": round(kit.seconds, 1)})
-    with files.output_folder(folder, (PAGE, NUMBERS, f"{name}.png")) as scratch:
+    pictures = [part for part in found.parts if not isinstance(part, Table)][: None if every_picture else 1]
+    named = {f"{name}-{k}.png" if k > 1 else f"{name}.png": one for k, one in enumerate(pictures, start=1)}
+    with files.output_folder(folder, [*dict.fromkeys((PAGE, NUMBERS, f"{name}.png", *named))]) as scratch:
         files.write_page(scratch / PAGE, html(found))
         files.write_json(scratch / NUMBERS, found.to_dict())
-        for picture in [part for part in found.parts if not isinstance(part, Table)][:1]:
-            files.write_drawing(scratch / f"{name}.png", png(picture))
+        for file, picture in named.items():
+            files.write_drawing(scratch / file, png(picture))
     show(found.to_dict() if flags["as_json"] else study_sheet(found, str(folder / PAGE), out.width), flags["as_json"])
     if not found.passed:
         raise typer.Exit(1)

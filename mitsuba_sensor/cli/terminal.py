@@ -105,13 +105,28 @@ def seconds_bar(console: Console) -> Iterator[Callable[[float, float, str], None
         yield tell
 
 
+@contextmanager
+def steps_bar(console: Console) -> Iterator[Callable[[int, int, str], None]]:
+    """A bar over steps. Yields what is told how many are done, how many there are, and what is done now."""
+    texts = (
+        TextColumn("{task.completed:.0f} of {task.total:.0f}"),
+        TextColumn("{task.description}"),
+        TimeElapsedColumn(),
+    )
+    bar = Progress(BarColumn(), *texts, console=console, transient=True, disable=not console.is_terminal)
+    with bar as progress, undone_if_stopped(bar.stop):
+        task = progress.add_task("", total=1)
+        yield lambda done, total, now: progress.update(task, completed=done, total=total, description=now)
+
+
 def summary(report: Report, folder: str) -> RenderableType:
     """A frame in short: photons, the signal after each stage in theory and in the frame, noise by source."""
     image, exposure = report["image"], report["exposure"]
     size = f"{image['columns']} × {image['rows']}, {image['frames']} frame{'s' if image['frames'] > 1 else ''}"
     metered = " (metered)" if report["origin"].get("metering") else ""
     conditions = f", {exposure['time_s']:g} s{metered} at {exposure['temperature_k']:g} K, {size} → "
-    head = Text.assemble((report["camera"]["name"], "bold"), conditions, (folder, "bold"))
+    gain = f" at gain {report['camera']['gain']}" if report["camera"]["gain"] is not None else ""
+    head = Text.assemble((report["camera"]["name"] + gain, "bold"), conditions, (folder, "bold"))
     said = *report["render"]["notes"], *report["camera"].get("notes", ()), *report["notes"]
     notes = (Text.assemble(("note: ", "bold yellow"), note) for note in said)
     return Group(head, _stages(report), *_facts(report), *notes)

@@ -6,9 +6,18 @@ from .exposure import Exposure
 from .frame import Frame
 from .moments import Moments
 from .sensor_window import SensorWindow
-from .signals import CountedElectrons, Electrons, Photons
+from .signals import CountedElectrons, Electrons, Photons, PhotonsOfBands
 from .types import Array, Float32Array, Float64Array, NumpyArray
 
 __all__ = ["Array", "CountedElectrons", "Electrons", "Exposure", "Float32Array", "Float64Array", "Frame"]
-__all__ += ["InputError", "Moments", "NumpyArray", "Photons", "SensorWindow", "check_types", "closest"]
-__all__ += ["first_given", "nearest", "numbers", "require", "require_seed"]
+__all__ += [
+    "InputError",
+    "Moments",
+    "NumpyArray",
+    "Photons",
+    "PhotonsOfBands",
+    "SensorWindow",
+    "check_types",
+    "closest",
+]
+__all__ += ["closest", "first_given", "nearest", "numbers", "require", "require_seed"]

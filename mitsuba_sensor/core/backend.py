@@ -18,6 +18,7 @@ from .counter_rng import random_bits_at
 from .types import Array, Float32Array, NumpyArray
 
 if TYPE_CHECKING:
+    from .noise_distributions import NoiseDistribution
     from .sensor_window import SensorWindow
 
 # Larger numbers, and +inf, are set to this: every pixel saturates long before, and ∞·0 cannot occur.
@@ -88,6 +89,10 @@ class Backend:
     logistic = staticmethod(distributions.logistic)
     wald = staticmethod(distributions.wald)
 
+    def distributed(self, bits: Array, distribution: NoiseDistribution) -> Array:
+        """Numbers of mean 0 and variance 1 with this distribution."""
+        return distribution.quantile(distributions.survival(bits))
+
     def poisson(self, bits: Array, mean: Array) -> Array:
         """Poisson counts of this ``mean``, one for all or one per pixel."""
         return distributions.poisson(bits, mean)
@@ -128,6 +133,9 @@ class NumpyFloat32(Backend):
     def gamma(self, bits: Array, cv: float) -> Array:
         series = distributions.gamma_series(cv, quantiles.CHEBYSHEV_REACH, quantiles.CHEBYSHEV_TERMS)
         return quantiles.exp_chebyshev(bits, [self.number(c) for c in series])
+
+    def distributed(self, bits: Array, distribution: NoiseDistribution) -> Array:
+        return quantiles.stretched_normal(bits, [self.number(c) for c in distribution.series])
 
     def wald(self, z: Array, u: Array, cv: float) -> Array:
         return quantiles.wald(z, u, self.number(cv))

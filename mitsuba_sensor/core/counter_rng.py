@@ -1,11 +1,14 @@
 """Counter-based random number generator (RNG), Philox4x32-10: 32 random bits per noise source, pixel and frame.
 
 Philox (Salmon et al., SC'11) is a function of a key and a counter that returns four 32-bit integers; it has no state.
-The key is the seed (temporal noise) or the serial number (FPN maps), the counter is (x, y, frame, block) in *sensor*
-coordinates. Hence the crop of a frame equals the frame of the crop, frame 12 can be computed without frames 0 to 11,
-and switching one noise source off leaves the random bits of all others as they are.
+The key is a hash of what a stream belongs to: of FPN maps the camera's name and serial number; of temporal noise
+these, the seed, the gain setting and the exposure. The counter is (x, y, frame, block) in *sensor* coordinates. Hence
+the crop of a frame equals the frame of the crop, frame 12 can be computed without frames 0 to 11, and switching one
+noise source off leaves the random bits of all others as they are.
 """
 
+import hashlib
+import json
 import zlib
 from typing import TypeAlias
 
@@ -41,6 +44,12 @@ def stream_of(source: str, fixed: bool = False) -> tuple[int, int]:
         return STREAMS[source]
     block = FROM_NAME | (zlib.crc32(source.encode()) & (FROM_NAME - 1))
     return (block | FIXED_PATTERN if fixed else block), 0
+
+
+def key_of(*parts: str | int | float) -> int:
+    """A 64-bit key: the BLAKE2b hash of these parts; of real numbers nine digits count, whatever their last bits."""
+    text = json.dumps([f"{x + 0.0:.9g}" if isinstance(x, float) else x for x in parts])
+    return int.from_bytes(hashlib.blake2b(text.encode(), digest_size=8).digest(), "little")
 
 
 def philox(counter: Counter, key: tuple[Array, Array]) -> Counter:

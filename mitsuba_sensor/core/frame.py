@@ -1,6 +1,7 @@
-"""Random numbers of one frame: temporal noise, keyed by seed, frame number, noise source and pixel."""
+"""Random numbers of one frame: temporal noise, keyed by seed, camera and exposure, frame number, source and pixel."""
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -8,25 +9,40 @@ from numpy.typing import ArrayLike
 
 from . import distributions
 from .backend import Backend
-from .counter_rng import random_bits_at, stream_of
+from .counter_rng import key_of, random_bits_at, stream_of
 from .errors import require_seed
 from .exposure import Exposure
+from .noise_distributions import NoiseDistribution
 from .sensor_window import SensorWindow
 from .types import Array, RandomBits
 
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """Frame ``index`` of ``window`` under ``exposure``; ``seed`` is the seed of all temporal noise."""
+    """Frame ``index`` of ``window`` under ``exposure``.
+
+    seed : of all temporal noise.
+    """
 
     exposure: Exposure
     window: SensorWindow
     seed: int = 1
     index: int = 0
+    gain: str = ""  # setting of the camera's gain ladder, where it has one
     _blocks: dict[int, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "seed", require_seed("seed", self.seed))  # a NumPy integer would overflow
+
+    @cached_property
+    def key(self) -> int:
+        """Key of the temporal noise: two chips, cameras or exposures share none under one seed.
+
+        Of the camera only its name counts: with another number in its datasheet the noise is the same, scaled.
+        """
+        window, exposure = self.window, self.exposure
+        conditions = float(exposure.time_s), float(exposure.temperature_k)
+        return key_of("temporal", self.seed, window.camera, window.serial, self.gain, *conditions)
 
     def on(self, backend: Backend) -> Self:
         """The same frame of the same camera, computed by ``backend``."""
@@ -40,7 +56,7 @@ class Frame:
         """The random bits of ``source`` in this frame, (H, W)."""
         block, slot = stream_of(source)
         if block not in self._blocks:
-            self._blocks[block] = self.window.backend.random_bits(block, self.window, self.index, self.seed)
+            self._blocks[block] = self.window.backend.random_bits(block, self.window, self.index, self.key)
         return self._blocks[block][slot]
 
     def random_bits_at(self, source: str, rows: ArrayLike, columns: ArrayLike, frame_index: Array) -> RandomBits:
@@ -49,7 +65,7 @@ class Frame:
         rows, columns : pixel coordinates on the sensor (not in the window); they broadcast with the frames.
         """
         block, slot = stream_of(source)
-        return random_bits_at(block, np.asarray(rows), np.asarray(columns), np.asarray(frame_index), self.seed)[slot]
+        return random_bits_at(block, np.asarray(rows), np.asarray(columns), np.asarray(frame_index), self.key)[slot]
 
     def row_normal(self, source: str, rows: ArrayLike | None = None) -> Array:
         """One standard normal per row of the window, new in every frame, (H, 1).
@@ -57,7 +73,7 @@ class Frame:
         rows : row numbers on the sensor, also negative ones; with them the result is a NumPy float64 array of their
             shape, which a filter can give a spectrum before ``window.backend.from_numpy(line[:, None], window)``.
 
-        The value depends on seed, source, frame and row number only, so a crop of the frame has the same rows. It is
+        The value depends on the frame, the source and the row number, so a crop of the frame has the same rows. It is
         independent of the pixels and columns of a source of the same name.
         """
         window = self.window
@@ -78,6 +94,12 @@ class Frame:
     def normal(self, source: str) -> Array:
         """Standard normal noise of ``source``, new in every frame, (H, W)."""
         return self.window.backend.normal(self.random_bits(source))
+
+    def distributed(self, source: str, distribution: NoiseDistribution | None) -> Array:
+        """Noise of ``source`` of mean 0, variance 1 and this distribution, or normal, new in every frame, (H, W)."""
+        if distribution is None:
+            return self.normal(source)
+        return self.window.backend.distributed(self.random_bits(source), distribution)
 
     def poisson(self, source: str, mean: Array) -> Array:
         """Poisson counts of ``source`` with this ``mean`` (scalar or (H, W)), (H, W)."""

@@ -106,6 +106,8 @@ def _clip_above(m: Moments, edge: float) -> Moments:
     near &= ~saturated
     mean, temporal, spatial = mean.copy(), temporal.copy(), spatial.copy()
     mean[sure], temporal[sure], spatial[sure] = edge, 0.0, 0.0
+    if not (near | saturated).any():
+        return replace(m, mean=mean, temporal=temporal, spatial=spatial)
     share = spatial[saturated] / variance[saturated]
     mean[saturated], left = _saturated(mean[saturated], sigma[saturated], edge)
     temporal[saturated], spatial[saturated] = (1 - share) * left, share * left

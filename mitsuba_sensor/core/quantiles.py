@@ -67,12 +67,22 @@ def lognormal(bits: Array, sigma: Array, shift: Array) -> Array:
 
 
 def exp_chebyshev(bits: Array, coefficients: Sequence[Array]) -> Array:
-    """exp of a Chebyshev series in z/6.5, z standard normal, by Clenshaw's recurrence: for the gamma distribution."""
-    x = normal(bits) * (2 / CHEBYSHEV_REACH)
+    """exp of a Chebyshev series in z/6.5, z standard normal: for the gamma distribution."""
+    return arrays.exp(_chebyshev(normal(bits) * (2 / CHEBYSHEV_REACH), coefficients))
+
+
+def stretched_normal(bits: Array, coefficients: Sequence[Array]) -> Array:
+    """z·exp of a Chebyshev series in z²/6.5², z standard normal: for symmetric distributions."""
+    z = normal(bits)
+    return z * arrays.exp(_chebyshev((z * z) * (4 / CHEBYSHEV_REACH**2) - 2.0, coefficients))
+
+
+def _chebyshev(twice: Array, coefficients: Sequence[Array]) -> Array:
+    """The series at half of this, by Clenshaw's recurrence."""
     ahead, behind = 0.0, 0.0
     for c in coefficients[:0:-1]:
-        ahead, behind = (x * ahead - behind) + c, ahead
-    return arrays.exp((x * 0.5 * ahead - behind) + coefficients[0])
+        ahead, behind = (twice * ahead - behind) + c, ahead
+    return (twice * 0.5 * ahead - behind) + coefficients[0]
 
 
 def normal_of(survival_probability: Array) -> Array:

@@ -1,8 +1,9 @@
-"""Fixed-pattern noise (FPN) maps of a window of the sensor, keyed by serial number and source."""
+"""Fixed-pattern noise (FPN) maps of a window of the sensor, keyed by camera, serial number and source."""
 
 import threading
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Self, TypeVar
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from . import distributions
 from .backend import NUMPY_FLOAT64, Backend
-from .counter_rng import random_bits_at, stream_of
+from .counter_rng import key_of, random_bits_at, stream_of
 from .errors import require_seed
 from .types import Array, Float64Array, RandomBits
 
@@ -26,6 +27,7 @@ class SensorWindow:
     origin: tuple[int, int] = (0, 0)  # row and column of the first pixel, in sensor coordinates
     given: Mapping[str, Float64Array] = field(default_factory=dict)  # measured maps that replace the random ones
     backend: Backend = NUMPY_FLOAT64  # what computes the maps and the frames
+    camera: str = ""  # name of the camera; serial number 1 of another one is another chip
     _maps: dict[Hashable, Array] = field(default_factory=dict)
     _tiles: dict[Hashable, tuple[int, Float64Array]] = field(default_factory=dict)
     _lock: threading.Lock = field(default_factory=threading.Lock)
@@ -35,7 +37,12 @@ class SensorWindow:
 
     def __reduce__(self) -> tuple[type[Self], tuple[object, ...]]:
         """Pickled without its maps, which are made anew."""
-        return type(self), (self.serial, self.shape, self.origin, dict(self.given), self.backend)
+        return type(self), (self.serial, self.shape, self.origin, dict(self.given), self.backend, self.camera)
+
+    @cached_property
+    def key(self) -> int:
+        """Key of the FPN maps: the same in every frame, exposure and gain setting of this chip."""
+        return key_of("fixed", self.camera, self.serial)
 
     @property
     def rows(self) -> NDArray[np.int64]:
@@ -79,7 +86,7 @@ class SensorWindow:
         """FPN map of ``source``, (H, W): ``distribution`` turns its random bits into values, once per window."""
         block, slot = stream_of(source, fixed=True)
         backend, key = self.backend, (source, distribution)
-        return self.cached(key, lambda: distribution(backend, backend.random_bits(block, self, 0, self.serial)[slot]))
+        return self.cached(key, lambda: distribution(backend, backend.random_bits(block, self, 0, self.key)[slot]))
 
     def correlated(self, source: str, coupling: float) -> Array:
         """Standard normals (H, W) whose neighbours in rows and columns have correlation 2·coupling (separable AR)."""
@@ -122,7 +129,7 @@ class SensorWindow:
 
     def _bits_at(self, source: str, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> RandomBits:
         block, slot = stream_of(source, fixed=True)
-        return random_bits_at(block, rows, columns, 0, self.serial)[slot]
+        return random_bits_at(block, rows, columns, 0, self.key)[slot]
 
     def cached(self, key: Hashable, make: Callable[[], Value]) -> Value:
         """What ``make`` returns, computed once per window."""

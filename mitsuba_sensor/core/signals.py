@@ -1,15 +1,18 @@
 """Mean photons and electrons per pixel: what enters the sensor and what its well collects."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import DTypeLike
 
 from .illuminant import Illuminant
-from .types import Array, Float64Array, NumpyArray
+from .types import Array, Float32Array, Float64Array, NumpyArray
+
+VALUES_AT_ONCE = 2**18  # pixels × bands of a strip: 2 MiB in float64
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,17 +42,115 @@ class Photons:
     illuminant: Illuminant | None = None
 
     @property
+    def shape(self) -> tuple[int, ...]:
+        """Of ``mean``."""
+        return self.mean.shape
+
+    @property
     def total(self) -> NumpyArray:
         """Photons per pixel over all bands, (H, W)."""
         return self.mean if self.mean.ndim == 2 else self.mean.sum(axis=-1)
+
+    def at(self, pixels: NumpyArray) -> NumpyArray:
+        """Photons of some pixels by their numbers, row after row, (N, B)."""
+        return self.mean.reshape(math.prod(self.shape[:2]), -1)[pixels]
+
+    def band(self, number: int) -> NumpyArray:
+        """Photons of one band, (H, W)."""
+        return self.mean[..., number]
+
+    def strips(self) -> Iterator[Self]:
+        """Parts of whole rows, none of which takes much memory beyond what is there already."""
+        yield self
 
     def crop_rows(self, rows: slice) -> Self:
         """The photons of ``rows`` of the window."""
         variance_e2, in_band = (None if x is None else x[rows] for x in (self.variance_e2, self.in_band))
         return replace(self, mean=self.mean[rows], variance_e2=variance_e2, in_band=in_band)
 
+    def changed(self, **fields: Any) -> Self:
+        """With other values of some fields."""
+        return replace(self, **fields)
+
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NumpyArray:
         return np.array(self.mean, dtype=dtype, copy=copy)
+
+
+class PhotonsOfBands(Photons):
+    """Photons of a render, a factor times the float32 values of its file.
+
+    ``mean`` in float64 is twice as large as these; it is made when somebody asks, of as many rows as are asked for.
+    """
+
+    _values: Float32Array | None = None
+    _factor: Float64Array
+
+    @classmethod
+    def of(cls, values: Float32Array, factor: Float64Array, wavelengths_nm: Float64Array) -> Self:
+        """values : (H, W, B).  factor : (B,), photons of a value of 1; where it is 0, so is ``mean``."""
+        photons = cls.__new__(cls)
+        known = {one.name: one.default for one in fields(Photons) if one.name != "mean"}
+        vars(photons).update(known | {"wavelengths_nm": wavelengths_nm, "_values": values, "_factor": factor})
+        return photons
+
+    @cached_property
+    def mean(self) -> Float64Array:
+        """(H, W, B), as of :class:`Photons`."""
+        assert self._values is not None
+        return _product(self._values, self._factor)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of ``mean``."""
+        return super().shape if self._values is None else self._values.shape
+
+    @property
+    def total(self) -> NumpyArray:
+        """Photons per pixel over all bands, (H, W)."""
+        if self._values is None:
+            return super().total
+        return np.concatenate([strip.mean.sum(axis=-1) for strip in self.strips()])
+
+    def at(self, pixels: NumpyArray) -> NumpyArray:
+        """Photons of some pixels by their numbers, row after row, (N, B)."""
+        if self._values is None:
+            return super().at(pixels)
+        return _product(self._values.reshape(-1, self.shape[2])[pixels], self._factor)
+
+    def band(self, number: int) -> NumpyArray:
+        """Photons of one band, (H, W)."""
+        return super().band(number) if self._values is None else _product(self._values, self._factor, number)
+
+    def strips(self) -> Iterator[Self]:
+        """Parts of whole rows, of few megabytes."""
+        step = max(VALUES_AT_ONCE // math.prod(self.shape[1:]), 1)
+        return (self.crop_rows(slice(first, first + step)) for first in range(0, self.shape[0], step))
+
+    def crop_rows(self, rows: slice) -> Self:
+        """The photons of ``rows`` of the window."""
+        if self._values is None:
+            return super().crop_rows(rows)
+        variance_e2, in_band = (None if x is None else x[rows] for x in (self.variance_e2, self.in_band))
+        return self.changed(_values=self._values[rows], variance_e2=variance_e2, in_band=in_band)
+
+    def changed(self, **fields: Any) -> Self:
+        """With other values of some fields."""
+        if self._values is None or "mean" in fields:
+            return super().changed(**fields)
+        photons = self.__class__.__new__(self.__class__)
+        vars(photons).update({name: value for name, value in vars(self).items() if name != "mean"} | fields)
+        return photons
+
+
+def _product(values: Float32Array, factor: Float64Array, band: int | None = None) -> Float64Array:
+    """Photons (…, B), or of one band (…); 0 where the factor is 0, also of infinite irradiance."""
+    if band is not None:
+        values, factor = values[..., band, None], factor[band, None]
+    with np.errstate(invalid="ignore"):
+        mean = np.multiply(values, factor, dtype=np.float64)
+    if not factor.all():
+        mean[..., factor == 0] = 0.0
+    return mean if band is None else mean[..., 0]
 
 
 class Filters(NamedTuple):

@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-import errno
-import io
 import json
 import os
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, redirect_stdout
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..core import InputError
-from .files import appearing, plain_values
+from .files import plain_values
+from .openexr import Plane, whole_exr, write_planes
 
 if TYPE_CHECKING:
     from ..render.aovs import Aovs
     from ..render.irradiance import Irradiance, RenderedFor
     from ..render.statistics import RenderStatistics
 
-EXR_MAGIC = b"\x76\x2f\x31\x01"  # OpenEXR file layout, "Magic Number"
 SPECTRAL_CHANNEL = "S0."  # Fichet, Pacanowski & Wilkie 2021, "An OpenEXR Layout for Spectral Images", JCGT 10(3)
 FILTER_CHANNEL = "channel."
 ERROR_CHANNEL = "standard_error."
@@ -77,7 +73,7 @@ def write_irradiance_exr(path: Path, irradiance: Irradiance, half: bool = False)
     if (raw := irradiance.raw) is not None:
         header["raw_statistics"] = json.dumps(raw.statistics.to_dict(), default=plain_values)
         channels |= {RAW_LAYER + name: image for name, image in _channels(raw, prefix, names, scale).items()}
-    _write_exr(path, header, channels)
+    write_planes(path, header, channels)
 
 
 def _half_scale(irradiance: Irradiance) -> float:
@@ -89,18 +85,14 @@ def _half_scale(irradiance: Irradiance) -> float:
     return float(2.0 ** min(power, MOST_POWER))
 
 
-def _channels(irradiance: Irradiance, prefix: str, names: list[str], scale: float | None) -> dict[str, np.ndarray]:
+def _channels(irradiance: Irradiance, prefix: str, names: list[str], scale: float | None) -> dict[str, Plane]:
     """The images of one light. prefix, names : of the channels of its bands.  scale : of half precision."""
-
-    def stored(image: np.ndarray) -> np.ndarray:
-        return image if scale is None else (image * np.float32(scale)).astype(np.float16)
-
-    channels = {RELATIVE_ERROR_CHANNEL: irradiance.relative_error}
+    channels = {RELATIVE_ERROR_CHANNEL: Plane(irradiance.relative_error)}
     if irradiance.in_band is not None:
-        channels[IN_BAND_CHANNEL] = irradiance.in_band
+        channels[IN_BAND_CHANNEL] = Plane(irradiance.in_band)
     for band, name in enumerate(names):
-        channels[prefix + name] = stored(irradiance.data[..., band])
-        channels[ERROR_CHANNEL + name] = stored(irradiance.standard_error[..., band])
+        channels[prefix + name] = Plane(irradiance.data[..., band], scale)
+        channels[ERROR_CHANNEL + name] = Plane(irradiance.standard_error[..., band], scale)
     return channels
 
 
@@ -173,16 +165,16 @@ def write_aovs_exr(path: Path, aovs: Aovs) -> None:
 
     The header has ``units`` and ``shapes``, the names behind the numbers of ``shape_index``, as JSON.
     """
-    header = {
+    header: dict[str, str | float] = {
         "units": json.dumps({name: unit for name, (_, unit) in AOV_LAYERS.items()}),
         "shapes": json.dumps(aovs.shapes),
         "scene_sha256": aovs.scene_sha256,
     }
-    channels: dict[str, np.ndarray] = {}
+    channels: dict[str, Plane] = {}
     for name, (axes, _) in AOV_LAYERS.items():
         image = np.atleast_3d(getattr(aovs, name))
-        channels |= {layer: image[..., k] for k, layer in enumerate(_layers(name, axes))}
-    _write_exr(path, header, channels)
+        channels |= {layer: Plane(image[..., k]) for k, layer in enumerate(_layers(name, axes))}
+    write_planes(path, header, channels)
 
 
 def read_aovs_exr(path: str | os.PathLike[str]) -> Aovs:
@@ -195,82 +187,9 @@ def read_aovs_exr(path: str | os.PathLike[str]) -> Aovs:
         return Aovs(**arrays, shapes=tuple(json.loads(header["shapes"])), scene_sha256=header["scene_sha256"])
 
 
-def _write_exr(path: Path, header: dict[str, Any], channels: dict[str, np.ndarray]) -> None:
-    import OpenEXR
-
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, **header}
-    images = {
-        name: np.ascontiguousarray(image, dtype=np.float16 if image.dtype == np.float16 else np.float32)
-        for name, image in channels.items()
-    }
-    with appearing(path) as temporary:
-        try:
-            with OpenEXR.File(header, images) as file:
-                file.write(str(temporary))
-        except (RuntimeError, ValueError) as error:  # whatever went wrong
-            raise OSError(str(error)) from error
-        if temporary.stat().st_size == 0:  # a file below 4 kB meets a full disk without an error
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-
-@contextmanager
-def _silent_library() -> Iterator[None]:
-    """Keep what the OpenEXR library itself says of a damaged file, a line for each row, off stdout and stderr."""
-    kept, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    os.dup2(null, 2)
-    try:
-        with redirect_stdout(io.StringIO()):
-            yield
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(null)
-
-
-@contextmanager
-def whole_exr(
-    path: Path, wrong: str, remedy: str = "", pixels: bool = True
-) -> Iterator[tuple[dict[str, Any], dict[str, np.ndarray]]]:
-    """Header and channels of an EXR; InputError if it is not there, not an EXR, not whole, or lacks what is read."""
-    import OpenEXR
-
-    require_exr(path)
-    try:
-        with _silent_library(), OpenEXR.File(str(path), separate_channels=True, header_only=not pixels) as file:
-            header = dict(file.header())
-            images = {name: channel.pixels for name, channel in file.channels().items()} if pixels else {}
-    except (RuntimeError, ValueError) as error:
-        why = "is cut short or damaged and cannot be read as an OpenEXR file"
-        raise InputError(f"{path} {why}; render it again.") from error
-    try:
-        yield header, images
-    except (KeyError, ValueError, TypeError) as error:
-        raise InputError(f"{path} is an EXR {wrong} (missing or unreadable: {error}){remedy}.") from error
-
-
 def _layers(name: str, axes: str) -> list[str]:
     """Names of the EXR channels of one array."""
     return [f"{name}.{axis}" for axis in axes] or [name]
-
-
-def is_exr(path: str | os.PathLike[str]) -> bool:
-    """Whether there is an OpenEXR file of that name, by its first bytes."""
-    try:
-        require_exr(Path(path))
-    except InputError:
-        return False
-    return True
-
-
-def require_exr(path: Path) -> None:
-    """Raise InputError for anything that is not an OpenEXR file."""
-    try:
-        with path.open("rb") as file:
-            magic = file.read(len(EXR_MAGIC))
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror}; give an irradiance.exr from `render`.") from error
-    if magic != EXR_MAGIC:
-        raise InputError(f"{path} is not an OpenEXR file; give an irradiance.exr that `mitsuba-sensor render` wrote.")
 
 
 def _wavelength_nm(name: str) -> float:

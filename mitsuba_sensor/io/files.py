@@ -147,7 +147,7 @@ def to_json(report: Any) -> str:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """The tables of a TOML file that comes with the package."""
+    """The tables of a TOML file. Raises OSError, UnicodeDecodeError or TOMLDecodeError."""
     return tomllib.loads(path.read_text("utf-8"))
 
 

@@ -23,7 +23,7 @@ from .metadata import image_facts, versions
 from .preview import developed, preview
 
 if TYPE_CHECKING:
-    from ..sensor.expose import Frames
+    from ..sensor.frames import Frames
 
 CLEAN = ("clean.tiff", "temporal_variance.tiff")
 FRAME_FILES = ("frame.tiff", "frame.png", *CLEAN, "frame.json")  # of light that is rendered already
@@ -43,7 +43,7 @@ def frames_metadata(frames: Frames) -> dict[str, Any]:
     return {
         "camera": frames.camera.to_dict(),
         "exposure": asdict(first.exposure),
-        "seeds": {"seed": first.seed, "serial": first.window.serial},
+        "seeds": {"seed": first.seed, "serial": first.window.serial, "first_frame": first.index},
         "precision": first.window.backend.precision,
         "given_maps": sorted(first.window.given),
         "image": image_facts(frames),

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from ..sensor.stage import converter_of
 
 if TYPE_CHECKING:
-    from ..sensor.expose import Frames
+    from ..sensor.frames import Frames
 
 PACKAGES: tuple[str, ...] = ("mitsuba-sensor", "mitsuba", "drjit", "numpy", "scipy", "colour-science", "OpenEXR")
 PACKAGES += ("colour-demosaicing", "pydantic", "typer", "rich", "tifffile", "pillow", "matplotlib")
@@ -38,10 +38,12 @@ def machine() -> dict[str, int | str | None]:
 
 def image_facts(frames: Frames) -> dict[str, Any]:
     """What a reader of the raw frames must know: size, first pixel on the sensor, colour filters as they lie in this
-    file from its first pixel on, black and white level [DN]."""
+    file from its first pixel on, black and white level [DN], exposure time [s] and temperature [K]."""
     camera, window, converter = frames.camera, frames.first.window, converter_of(frames.camera.stages)
     filters = camera.filter_index((len(camera.tile), len(camera.tile[0])), window.origin)
     names = [[camera.filter_names[number] for number in row] for row in filters]
     levels = {"black_level_dn": converter.black_level_dn, "white_level_dn": converter.highest}
     shape = dict(zip(("frames", "rows", "columns"), frames.digital.shape, strict=True))
-    return {**shape, "origin": window.origin, "cfa_pattern": names if len(camera.filter_names) > 1 else None, **levels}
+    pattern = names if len(camera.filter_names) > 1 else None
+    exposure = {"exposure_s": frames.first.exposure.time_s, "temperature_k": frames.first.exposure.temperature_k}
+    return {**shape, "origin": window.origin, "cfa_pattern": pattern, **levels, **exposure}

@@ -14,6 +14,8 @@ from ..sensor.stage import converter_of
 from .colour_matrix import ColourMatrix, colour_matrix, colour_order
 
 NEAR, CORNER = 2.0, 1.0  # bilinear weights of the four neighbours beside and across
+PIXELS_AT_ONCE = 2**18  # of a frame that is developed: some twenty float64 maps of them
+HALO_ROWS = 16  # beyond them no pixel matters: demosaicing looks at fewer than ten, edges refined
 BAYER = 2  # rows and columns of a tile of two greens, and of the smallest picture that has one
 
 
@@ -41,6 +43,19 @@ def developed(
     origin: tuple[int, int] = (0, 0),
 ) -> NDArray[np.uint8]:
     """The same with a matrix that is known; grey where there is none."""
+    (height, width), parts = digital.shape, []
+    step = max(PIXELS_AT_ONCE // width, 1)
+    for first in range(0, height, step):
+        top, last = max(first - HALO_ROWS, 0), min(first + step, height)
+        here = origin[0] + top, origin[1]
+        near = _developed(digital[top : last + HALO_ROWS], camera, colours, gain, here)
+        parts.append(near[first - top : last - top])
+    return np.concatenate(parts)
+
+
+def _developed(
+    digital: NDArray[np.generic], camera: Camera, colours: ColourMatrix | None, gain: float, origin: tuple[int, int]
+) -> NDArray[np.uint8]:
     black_dn, white_dn = converter_of(camera.stages).black_level_dn, 2.0**camera.adc.bits - 1.0
     linear = (np.asarray(digital, dtype=np.float64) - black_dn) / (white_dn - black_dn)
     if colours is not None:

@@ -73,13 +73,14 @@ def combine(even: list[Image], odd: list[Image], variance: Float64Array, share: 
     raw = share * even[0] + (1 - share) * odd[0]
     scale, (rows, columns) = _scale(raw, variance), variance.shape
     step = max(PIXELS_AT_ONCE // columns, 1)
-    parts = []
+    found: list[Float64Array] = [np.empty(variance.shape) for _ in range(6)]
     for first in range(0, rows, step):
         last, top = min(first + step, rows), max(first - HALO_ROWS, 0)
         near = slice(top, min(last + HALO_ROWS, rows))
         here = _combine([x[near] for x in even], [x[near] for x in odd], variance[near], scale[near], share)
-        parts.append([x[first - top : last - top] for x in here])
-    mean, bars, spread, even_mean, odd_mean, raw_weight = (np.concatenate(x) for x in zip(*parts, strict=True))
+        for whole, part in zip(found, here, strict=True):
+            whole[first:last] = part[first - top : last - top]
+    mean, bars, spread, even_mean, odd_mean, raw_weight = found
     missing = _missing(raw, mean, spread)
     shift = float(np.abs(missing).sum()) / (float(raw.sum()) or 1.0)
     return Combined(np.maximum(mean + missing, 0.0), bars, even_mean, odd_mean, raw_weight, shift)

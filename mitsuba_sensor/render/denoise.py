@@ -7,7 +7,7 @@ divided by the reflectance of the surfaces. render/combine.py then takes from ea
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from importlib import metadata
 from types import ModuleType
 from typing import NamedTuple
@@ -28,15 +28,15 @@ LEAST_PIXELS = 13 * 13  # the neighbourhood from which the weights are estimated
 
 
 class Halves(NamedTuple):
-    """Photoelectrons behind each filter.
+    """Photoelectrons behind each filter; each array is made when it is needed, for so long as it is needed.
 
-    even, odd : (H, W, F) means of the even and the odd passes.  variance : (H, W, F) of the mean of all passes.
-    share : of the even passes in all of them.
+    even, odd : functions that return (H, W, F) means of the even and the odd passes.  variance : function of the number
+        of a filter that returns (H, W), of the mean of all passes.  share : of the even passes in all of them.
     """
 
-    even: Float64Array
-    odd: Float64Array
-    variance: Float64Array
+    even: Callable[[], Float64Array]
+    odd: Callable[[], Float64Array]
+    variance: Callable[[int], Float64Array]
     share: float
 
 
@@ -76,13 +76,15 @@ def denoised_if_possible(options: RenderOptions) -> RenderOptions:
 
 def denoise(halves: Halves, guides: Guides | None) -> Denoised:
     """guides : None where no rays were traced for them; the network then sees the photoelectrons alone."""
-    candidates = [_candidates(half, guides) for half in (halves.even, halves.odd)]
-    mean, variance, first, second = (np.empty_like(halves.even, np.float32) for _ in range(4))
+    filtered = [_filtered_halves(half, guides) for half in (halves.even, halves.odd)]
+    shape = filtered[0][0].shape
+    mean, variance, first, second = (np.empty(shape, np.float32) for _ in range(4))
     raw_weights, shifts = [], []
-    for number in range(halves.even.shape[2]):
-        of_filter = ([image[..., number] for image in half] for half in candidates)
+    for number in range(shape[2]):
+        raw = [half()[..., number].copy() for half in (halves.even, halves.odd)]
+        of_filter = ([one, *(image[..., number] for image in half)] for one, half in zip(raw, filtered, strict=True))
         even, odd = (_with_residuals(half, guides, number) for half in of_filter)
-        found = combine(even, odd, halves.variance[..., number], halves.share)
+        found = combine(even, odd, halves.variance(number), halves.share)
         mean[..., number], variance[..., number] = found.mean, found.variance
         first[..., number], second[..., number] = found.even, found.odd
         raw_weights.append(found.raw_weight.mean())
@@ -96,42 +98,61 @@ def denoise(halves: Halves, guides: Guides | None) -> Denoised:
     return Denoised(mean, variance, first, second, record)
 
 
-def _candidates(half: Float64Array, guides: Guides | None) -> list[Image]:
-    """(H, W, F) each: a half as it is, denoised, and where there are guides denoised without its reflectance."""
+def _filtered_halves(half: Callable[[], Float64Array], guides: Guides | None) -> list[Image]:
+    """(H, W, F) each: a half denoised, and where there are guides denoised without its reflectance, too."""
     if guides is None:
-        return [half, smoothed(half, None, None)]
+        return [smoothed(_layers(half()), None, None)]
     albedo = guides.reflectance.mean(axis=-1)
-    reflectance = np.maximum(guides.reflectance, DARKEST_REFLECTANCE)
-    white = np.ones_like(albedo)
-    return [
-        half,
-        smoothed(half, albedo, guides.normal),
-        reflectance * smoothed(half / reflectance, white, guides.normal),
-    ]
+    plain = smoothed(_layers(half()), albedo, guides.normal)
+    albedo.fill(1.0)
+    found = smoothed(_layers(half() / _divisor(guides)), albedo, guides.normal)
+    found *= _divisor(guides)
+    return [plain, found]
+
+
+def _divisor(guides: Guides) -> NDArray[np.float32]:
+    return np.maximum(guides.reflectance, DARKEST_REFLECTANCE)
 
 
 def _with_residuals(half: list[Image], guides: Guides | None, number: int) -> list[Image]:
-    """The candidates of one filter, with what the last one lost."""
+    """The candidates of one filter, raw ones first, with what the last one lost."""
     reflectance = 1.0 if guides is None else np.maximum(guides.reflectance[..., number], DARKEST_REFLECTANCE)
     return [*half[:-1], *with_residuals(half[0], half[-1], reflectance)]
 
 
+class Layers(NamedTuple):
+    """What the network sees of an image: (H, W, F), F rounded up to whole pictures of three colours, over its mean.
+
+    scale : that mean.  images : F.
+    """
+
+    values: NDArray[np.float32]
+    scale: float
+    images: int
+
+
+def _layers(image: Float64Array) -> Layers:
+    count, scale = image.shape[2], float(image.mean()) or 1.0
+    values = np.empty((*image.shape[:2], -(-count // COLOURS) * COLOURS), np.float32)
+    for k in range(values.shape[2]):
+        values[..., k] = image[..., min(k, count - 1)] / scale
+    return Layers(values, scale, count)
+
+
 def smoothed(
-    image: Float64Array, albedo: NDArray[np.float32] | None, normal: NDArray[np.float32] | None
+    layers: Layers, albedo: NDArray[np.float32] | None, normal: NDArray[np.float32] | None
 ) -> NDArray[np.float32]:
     """The denoised image (H, W, F), never negative.  albedo : (H, W).  normal : (H, W, 3)."""
-    count, colours = image.shape[2], np.arange(-(-image.shape[2] // COLOURS) * COLOURS)
-    scale = float(image.mean()) or 1.0
-    layers = np.ascontiguousarray(image[..., np.minimum(colours, count - 1)] / scale, np.float32)
     guides = {}
     if albedo is not None and normal is not None:
         grey = np.repeat(albedo[..., None], COLOURS, axis=-1)
         guides = {"albedo": np.ascontiguousarray(grey, np.float32), "normal": np.ascontiguousarray(normal, np.float32)}
-    parts = [
-        _filtered({"color": np.ascontiguousarray(layers[..., k : k + COLOURS]), **guides})
-        for k in range(0, len(colours), COLOURS)
-    ]
-    return np.maximum(np.concatenate(parts, axis=-1)[..., :count], 0.0) * np.float32(scale)
+    for k in range(0, layers.values.shape[2], COLOURS):
+        part = layers.values[..., k : k + COLOURS]
+        part[...] = _filtered({"color": np.ascontiguousarray(part), **guides})
+    found = np.maximum(layers.values[..., : layers.images], 0.0)
+    found *= np.float32(layers.scale)
+    return found
 
 
 def _filtered(images: Mapping[str, NDArray[np.float32]]) -> NDArray[np.float32]:

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..core import Float64Array
-from .combine import BAR_RADII_PX, SMALLEST, box
+from .combine import BAR_RADII_PX, SMALLEST, Image, box
+from .film_channels import in_band_factor
+from .pooled import pooled
+from .row_strip import RowStrip
 
+VALUES_AT_ONCE = 2**18  # pixels × bands: 2 MiB for each array in between
 LEAST_SLOPE = 1e-6  # of the largest: filters that are nearly equal cannot be told apart
 
 
-def bands_of_filters(bands: Float64Array, weights: Float64Array, electrons: Float64Array) -> Float64Array:
+def bands_of_filters(bands: Float64Array, weights: Float64Array, electrons: Image) -> Float64Array:
     """The irradiance of each band, scaled smoothly over wavelength until every filter detects what it should.
 
     bands : (H, W, B).  weights : (F, B) photoelectrons of 1 W m⁻² nm⁻¹.  electrons : (H, W, F) to be detected.
@@ -21,6 +26,15 @@ def bands_of_filters(bands: Float64Array, weights: Float64Array, electrons: Floa
     dark = ~((bands @ weights.T).sum(axis=-1) > 0)
     if dark.any():
         bands = np.where(dark[..., None], bands.mean(axis=(0, 1)), bands)
+    found, step = np.empty(bands.shape), max(VALUES_AT_ONCE // max(bands[0].size, 1), 1)
+    for first in range(0, len(bands), step):
+        rows = slice(first, first + step)
+        found[rows] = _scaled(bands[rows], weights, electrons[rows])
+    return found
+
+
+def _scaled(bands: Float64Array, weights: Float64Array, electrons: Image) -> Float64Array:
+    """As of :func:`bands_of_filters`, of pixels with light."""
     before = np.maximum((bands @ weights.T).sum(axis=-1), SMALLEST)
     bands = bands * (electrons.sum(axis=-1) / before)[..., None]
     if len(weights) == 1:
@@ -33,9 +47,36 @@ def bands_of_filters(bands: Float64Array, weights: Float64Array, electrons: Floa
     return np.asarray(bands * np.maximum(1 + factors @ shape, 0.0))
 
 
-def band_errors(even: Float64Array, odd: Float64Array, mean: Float64Array, relative: Float64Array) -> Float64Array:
-    """Standard errors of bands, (H, W, B), from two halves of equal weight with an error of their own, and the
-    relative standard error (H, W) of the electrons, which they have in common at least."""
-    spread = 0.25 * (even - odd) ** 2
-    own = np.stack([box(spread[..., k], BAR_RADII_PX[0]) for k in range(spread.shape[-1])], axis=-1)
-    return np.asarray(np.sqrt(np.maximum(own, (relative[..., None] * mean) ** 2)))
+def band_errors(apart: Float64Array, mean: Float64Array, relative: Float64Array) -> NDArray[np.float32]:
+    """Standard errors of bands, (H, W, B), from the difference of two halves of equal weight with an error of their
+    own, and the relative standard error (H, W) of the electrons, which they have in common at least."""
+    found = np.empty(mean.shape, np.float32)
+    for k in range(mean.shape[-1]):
+        own = box(0.25 * apart[..., k] ** 2, BAR_RADII_PX[0])
+        found[..., k] = np.sqrt(np.maximum(own, (relative * mean[..., k]) ** 2))
+    return found
+
+
+def denoised_bands(
+    strip: RowStrip, weights: Float64Array, electrons: list[Image], relative: NDArray[np.float32]
+) -> tuple[Float64Array, NDArray[np.float32]]:
+    """Bands of a strip and their standard errors, which agree with the denoised electrons behind each filter.
+
+    electrons : mean, even and odd half, (H, W, F) each.  relative : (H, W) standard error.
+    """
+    flat = in_band_factor(strip.bands.mean.astype(np.float64) @ weights.T, strip.electrons.mean)
+    mean, even, odd = (image * flat for image in electrons)  # in bands, of all electrons
+    apart = bands_of_filters(strip.half(odd=False), weights, even)
+    apart -= bands_of_filters(strip.half(odd=True), weights, odd)
+    bands = bands_of_filters(strip.bands.mean.astype(np.float64), weights, mean)
+    return bands, band_errors(apart, bands, np.nan_to_num(relative.astype(np.float64), posinf=0.0))
+
+
+def raw_bands(strip: RowStrip) -> tuple[NDArray[np.floating], NDArray[np.float32]]:
+    """Bands of a strip as the passes have them, and their standard errors."""
+    bands, variance = strip.bands.mean, strip.variance_of_bands()
+    sigma = np.empty(bands.shape, np.float32)
+    for k in range(bands.shape[2]):
+        one = bands[..., k].astype(np.float64), variance[..., k].astype(np.float64)
+        sigma[..., k] = np.sqrt(pooled(*one, strip.bands.count))
+    return bands, sigma

@@ -43,9 +43,12 @@ def render_guides(
     wavelengths_nm : (F, 4) where each filter's reflectance is averaged.  rays : per pixel.  Not for scalar variants.
     """
     (columns, _), per_launch = scene.view.crop_size, max(RAYS_IN_FLIGHT // (rays * scene.view.crop_size[0]), 1)
-    starts = range(rows[0], rows[1], per_launch)
-    strips = [(first, min(first + per_launch, rows[1])) for first in starts]
-    return np.concatenate([_strip(scene, wavelengths_nm, hashed_seed(seed, 2, s[0]), rays, s, columns) for s in strips])
+    found = np.empty((rows[1] - rows[0], columns, len(wavelengths_nm) + 3), np.float32)
+    for first in range(rows[0], rows[1], per_launch):
+        strip = first, min(first + per_launch, rows[1])
+        here = slice(first - rows[0], strip[1] - rows[0])
+        found[here] = _strip(scene, wavelengths_nm, hashed_seed(seed, 2, first), rays, strip, columns)
+    return found
 
 
 def rays_per_pixel(pixels: int) -> int:

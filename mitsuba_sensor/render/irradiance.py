@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from ..core import Exposure, InputError, Photons
 from ..core.illuminant import Illuminant
-from ..sensor.camera import Camera, camera_from
+from ..sensor.camera import Camera
+from ..sensor.camera_file import camera_from
 from ..sensor.metering import AskedExposure
 from .statistics import RenderStatistics
 
@@ -93,13 +94,17 @@ class Irradiance:
         return light_html(self)
 
     def collected(
-        self, camera: Camera | None, exposure: AskedExposure | None, serial: int | None
+        self,
+        camera: Camera | None,
+        exposure: AskedExposure | None,
+        serial: int | None,
+        gain: str | float | None = None,
     ) -> tuple[Photons, Camera, Exposure, int | None]:
         """Mean photons per pixel, camera, exposure and serial number, as :func:`expose` takes them: those asked for,
         else those that it was rendered for; an exposure of neither is metered. Raises InputError."""
         from .photons import collected
 
-        return collected(self, camera, exposure, serial)
+        return collected(self, camera, exposure, serial, gain)
 
     def of_serial(self, serial: int) -> Irradiance:
         """The same, remembering this serial number of the camera."""

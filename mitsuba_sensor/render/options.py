@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Literal, TypedDict
 
 from ..core.options import Option
-from ..sensor.options import FrameOptions
+from ..sensor.options import FrameOptions, Gain
 from .bands import LONGEST_NM, NARROWEST_NM, SHORTEST_NM
 from .motion import Motion
 from .passes import MOST_IN_ALL, MOST_SPP
@@ -174,6 +174,7 @@ class RenderOptions(SceneOptions, RawLightOptions, total=False):
             example="16",
         ),
     ]
+    gain: Gain
     denoise: Annotated[
         bool | None,
         Option(

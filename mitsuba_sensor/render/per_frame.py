@@ -14,7 +14,8 @@ from ..sensor.camera import Camera
 from ..sensor.checks import as_photons, check_numbers
 from ..sensor.compensation import LIMIT, compensable
 from ..sensor.effects.dark_current import mean_dark_e
-from ..sensor.expose import Frames, PreparedExposure
+from ..sensor.expose import PreparedExposure
+from ..sensor.frames import Frames
 from ..sensor.metering import AskedExposure
 from ..sensor.options import ExposeOptions
 from .irradiance import Irradiance
@@ -142,7 +143,7 @@ class FrameSeries:
             photons = as_photons(collect(light, prepared.camera, prepared.exposure), prepared.camera)
             mean, variance = prepared.renderer.electrons()
             if self.compensated:
-                photons = replace(photons, variance_e2=np.where(np.isfinite(photons.total), variance, 0.0))
+                photons = photons.changed(variance_e2=np.where(np.isfinite(photons.total), variance, 0.0))
             exposed = sensor.of(photons, number)
             made = exposed.frames_with_report() if report and number == first else exposed.frames()
             left = _uncompensated(prepared, mean, variance, self.compensated)

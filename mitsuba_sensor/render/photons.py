@@ -4,12 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..core import Exposure, Float64Array, InputError, Photons, check_types, first_given, numbers, require, require_seed
+from ..core import (
+    Exposure,
+    Float64Array,
+    InputError,
+    Photons,
+    PhotonsOfBands,
+    check_types,
+    first_given,
+    numbers,
+    require,
+    require_seed,
+)
 from ..core.units import photon_energy_j
 from ..sensor.camera import Camera
 from ..sensor.checks import as_photons
@@ -52,6 +63,7 @@ def collect(
 
     light : the result of :func:`render`; or an irradiance map (H, W) [W m⁻²] at one wavelength; or a complex field U
         (H, W) with |U|² in W m⁻² (wavefront sensing); or a cube (H, W, B) [W m⁻² nm⁻¹] with ``wavelengths_nm``.
+    Photons of a render are made, in float64, when they are asked for: ``light.data`` is to stay as it is until then.
     The irradiance already includes the lens of the camera it was rendered for; the lens of ``camera`` is not used.
     wavelengths_nm : (B,) band centres; one for a map or field, the camera's reference wavelength by default.
     bandwidths_nm : (B,) of a cube; the spacing of the wavelengths by default.
@@ -69,17 +81,17 @@ def collect(
             raise InputError(f"{why}; {remedy}.")
         photons = _photons(light.data, light.wavelengths_nm, light.bandwidths_nm, camera, exposure)
         known = light.rendered_for
-        photons = replace(photons, origin=light.origin, illuminant=None if known is None else known.illuminant)
+        photons = photons.changed(origin=light.origin, illuminant=None if known is None else known.illuminant)
         if light.filters is not None:
-            return replace(photons, detected=True, bandwidths_nm=None)
+            return photons.changed(detected=True, bandwidths_nm=None)
         in_band = light.in_band if is_exact(light, camera) else None
-        return replace(photons, in_band=in_band, in_band_of=light.response)
+        return photons.changed(in_band=in_band, in_band_of=light.response)
     values = _irradiance_values(light)
     if values.ndim == 2:
         centre = camera.quantum_efficiency.reference_nm if wavelengths_nm is None else wavelengths_nm
         if centre is None or np.size(centre) != 1:
             raise InputError("light is a map at one wavelength; pass that one as wavelengths_nm, e.g. 550.")
-        return replace(_photons(values[..., None], _centres(centre), np.ones(1), camera, exposure), bandwidths_nm=None)
+        return _photons(values[..., None], _centres(centre), np.ones(1), camera, exposure).changed(bandwidths_nm=None)
     if wavelengths_nm is None or np.size(wavelengths_nm) != values.shape[2]:
         raise InputError(f"light has {values.shape[2]} bands; pass wavelengths_nm with that many centres.")
     centres = _centres(wavelengths_nm)
@@ -87,10 +99,14 @@ def collect(
 
 
 def collected(
-    light: Irradiance, camera: Camera | None, asked: AskedExposure | None, serial: int | None
+    light: Irradiance,
+    camera: Camera | None,
+    asked: AskedExposure | None,
+    serial: int | None,
+    gain: str | float | None,
 ) -> tuple[Photons, Camera, Exposure, int | None]:
     """Photons, camera, exposure and serial number: those asked for, else those that the light was rendered for; an
-    exposure of neither is metered. Raises InputError."""
+    exposure of neither is metered, for the camera at this gain setting. Raises InputError."""
     exposure = checked_exposure(camera, asked)
     if (known := light.rendered_for) is not None:
         camera, exposure = first_given(camera, known.camera), known.exposure if asked is None else exposure
@@ -98,6 +114,7 @@ def collected(
         serial = first_given(serial, known.serial)
     if camera is None:
         raise InputError("no camera is given and the irradiance names none; pass camera=….")
+    camera = camera.at_gain(gain)
     found = exposure if isinstance(exposure, Exposure) else metered(light, camera, exposure or Metering())
     return as_photons(collect(light, camera, found), camera), camera, found, serial
 
@@ -150,15 +167,13 @@ def _shape(shape: Sequence[int]) -> tuple[int, int]:
 
 
 def _photons(
-    data: NDArray[np.floating], centres: Float64Array, widths: Float64Array, camera: Camera, exposure: Exposure
+    data: NDArray[Any], centres: Float64Array, widths: Float64Array, camera: Camera, exposure: Exposure
 ) -> Photons:
-    """Photons of irradiance (H, W, B); 0 where the factor is 0, also of infinite irradiance."""
+    """Photons of irradiance (H, W, B), those of a render made when somebody asks for them."""
     factor = photons_per_irradiance(camera, exposure, centres, widths)
-    with np.errstate(invalid="ignore"):
-        mean = np.multiply(data, factor, dtype=np.float64)
-    if not factor.all():
-        mean[..., factor == 0] = 0.0
-    return Photons(mean, np.asarray(centres, dtype=np.float64), bandwidths_nm=np.asarray(widths, dtype=np.float64))
+    centres, widths = (np.asarray(x, dtype=np.float64) for x in (centres, widths))
+    photons = PhotonsOfBands.of(data, factor, centres).changed(bandwidths_nm=widths)
+    return photons if data.dtype == np.float32 else Photons(photons.mean, centres, bandwidths_nm=widths)
 
 
 def _centres(wavelengths_nm: ArrayLike) -> Float64Array:

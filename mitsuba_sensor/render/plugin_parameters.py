@@ -38,7 +38,7 @@ EXPOSURE_PARAMETERS = (
     ),
     P("temperature_k", "float", "298.15", "K", "`298.15`", "temperature of the sensor"),
     P("seed", "integer", "1", "", "`1`", "seed of the render and of all temporal noise"),
-    P("serial", "integer", "7", "", "`1`", "serial number of the camera: seed of its fixed-pattern noise"),
+    P("serial", "integer", "7", "", "`1`", "serial number of the camera: selects its fixed-pattern noise"),
     P("wavelength_nm", "float", "550", "nm", "all that the camera detects", "render one band only, about this one"),
     P("bandwidth_nm", "float", "20", "nm", "`10`", "width of a spectral band"),
     P("spectral", "string", "cube", "", "`auto`", "`auto`, `cube` or `channels`: what the bands are good for"),

@@ -130,7 +130,7 @@ class PreparedRender:
                 seconds = time.monotonic() - began
                 progress(RenderProgress(renderer.passes, renderer.passes, seconds=seconds, doing="denoising"))
             kept = renderer.result(keep=True) if self.raw_light else None
-            renderer.denoise()
+            renderer.denoise(last=True)
         found = renderer.result()
         if not found.data.any():
             low_nm, high_nm = self.bands.ends_nm
@@ -258,8 +258,7 @@ def prepare(
     No ray is traced, except where an exposure that is to be metered decides what is rendered, with a motion or a noise
     ratio: a short render at rest finds it. Raises InputError.
     """
-    asked = checked_exposure(camera, exposure)
-    chosen = complete(RenderOptions, options)
+    asked, chosen = checked_exposure(camera, exposure), complete(RenderOptions, options)
     check_options(chosen)
     parsed = scene if isinstance(scene, ParsedScene) else parse(scene, chosen)
     settings = parsed.settings
@@ -268,6 +267,7 @@ def prepare(
     if camera is None:
         place = 'put <film type="photosensor"> with camera into it'
         raise InputError(f"no camera is given and the scene has none; pass one, or {place}.")
+    camera = camera.at_gain(chosen["gain"])
     metering = asked if isinstance(asked, Metering) else None
     known = asked.unit_exposure if isinstance(asked, Metering) else asked
     bands = with_filters(_bands(chosen, settings, camera, usual), camera)

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from ..sensor.detection import detect
-from ..sensor.expose import Frames
+from ..sensor.frames import Frames
 from ..sensor.input_noise import input_noise
 from .irradiance import Irradiance
 from .passes import MOST_IN_ALL

@@ -23,7 +23,7 @@ from ..sensor.input_noise import InputNoise, input_noise
 from .bands import Bands
 from .denoise import LEAST_PASSES, LEAST_PIXELS, Denoised, Halves, denoise
 from .film_channels import electrons_of_film, folded, in_band_factor
-from .filter_bands import band_errors, bands_of_filters
+from .filter_bands import denoised_bands, raw_bands
 from .guides import FEWEST_RAYS, QUARTERS, Guides, rays_per_pixel, whole_square
 from .moving_scene import MovingScene
 from .passes import clean, hashed_seed, row_strips
@@ -80,6 +80,7 @@ class Renderer:
         self.negative = self.non_finite = self.passes = self.samples = 0
         self.denoised: Denoised | None = None
         self._guides: Guides | None = None
+        self._fireflies: float | None = None
 
     def run(self, seed: int, budget: StopCriterion, progress: Progress, criterion: Criterion | None = None) -> End:
         """Render until ``budget`` is used up or its goal is met; returns which. criterion : function of
@@ -113,7 +114,7 @@ class Renderer:
         self._sums = BandSums((height, columns, count), self._keep)
         self.strips = [RowStrip(slice(*edges), self._sums, filters) for edges in rows]
         self.samples, self.passes, self.negative, self.non_finite = samples, 0, 0, 0
-        self.denoised, self._compared = None, (0, np.nan)
+        self.denoised, self._fireflies, self._compared = None, None, (0, np.nan)
         meter.begin(len(rows))
 
     def _pass(self, seed: int, meter: ProgressMeter) -> None:
@@ -169,27 +170,49 @@ class Renderer:
         that was done, else the mean of the passes and its variance."""
         if self.denoised is not None:
             return self._own(self.denoised.mean), self._own(self.denoised.variance)
-        mean, variance = self._raw_electrons()
-        return self._own(mean), self._own(variance)
+        return self._raw_electrons()
 
     def _raw_electrons(self) -> Electrons:
-        """Mean of the passes and its variance, (H, W, F) each."""
-        parts = [strip.electrons for strip in self.strips]
-        return np.concatenate([e.mean for e in parts]), np.concatenate([e.variance_of_mean for e in parts])
+        """Mean of the passes and its variance behind each pixel's own filter, (H, W) each."""
+        parts = [(strip.electrons, strip.rows) for strip in self.strips]
+        variance = np.concatenate([self._own(e.variance_of_mean, rows) for e, rows in parts])
+        return np.concatenate([self._own(e.mean, rows) for e, rows in parts]), variance
 
-    def denoise(self) -> None:
+    def denoise(self, last: bool = False) -> None:
         """Denoise what was rendered so far; from now on :meth:`electrons` and :meth:`result` are the denoised light.
-        Of few passes or pixels, and where nothing is detected, they stay as they are."""
+        Of few passes or pixels, and where nothing is detected, they stay as they are.  last : no pass follows, and
+        what only passes need is forgotten, to save memory."""
         if self.passes < LEAST_PASSES or not self._halves:
             return
-        mean, variance = self._raw_electrons()
-        share = ((self.passes + 1) // 2) / self.passes
-        even = np.concatenate([s.even_e for s in self.strips if s.even_e is not None]) / (share * self.passes)
-        odd = (mean - share * even) / (1 - share)
         if self._guides is None and not mitsuba().variant().startswith("scalar"):
             self._guides = self._render_guides()
-            drjit().flush_malloc_cache()  # what it keeps for the next kernel
-        self.denoised = denoise(Halves(even, odd, variance, share), self._guides)
+        drjit().flush_malloc_cache()  # what it keeps for the next kernel
+        share = ((self.passes + 1) // 2) / self.passes
+        even, odd = (partial(self._half, share, odd) for odd in (False, True))
+        with self._sums.on_disk():
+            self.denoised = denoise(Halves(even, odd, self._variance_of, share), self._guides)
+        if last:
+            self._fireflies, self._guides = self.firefly_fraction(), None
+            for strip in self.strips:
+                strip.finish()
+
+    def _half(self, share: float, odd: bool) -> Float64Array:
+        """Mean photoelectrons of the even passes or the others, (H, W, F)."""
+        found = np.concatenate([s.even_e for s in self.strips if s.even_e is not None])
+        found /= share * self.passes
+        for strip in self.strips if odd else []:
+            here = found[strip.rows]
+            here[...] = (strip.electrons.mean - share * here) / (1 - share)
+        return found
+
+    def _variance_of(self, number: int) -> Map:
+        """Variance of the mean photoelectrons behind one filter."""
+        return np.concatenate([strip.electrons.variance_of_mean[..., number] for strip in self.strips])
+
+    def release(self) -> None:
+        """Forget the last render; what it returned stays."""
+        self.strips, self.denoised, self._guides = [], None, None
+        del self._sums
 
     def _render_guides(self) -> Guides:
         """Guides at four wavelengths of each filter: the middles of quarters of what it detects of this scene."""
@@ -201,7 +224,7 @@ class Renderer:
         wavelengths_nm = np.array([np.interp(quarters, one, bands.wavelengths_nm) for one in middles])
         rays = min(rays_per_pixel(columns * rows), max(whole_square(self.samples * self.passes), FEWEST_RAYS))
         found = self.scene.guides(wavelengths_nm, rays, (0, rows))
-        return Guides(found[..., :-3], found[..., -3:])
+        return Guides(np.ascontiguousarray(found[..., :-3]), np.ascontiguousarray(found[..., -3:]))
 
     def infinite(self) -> NDArray[np.bool_]:
         """(H, W) where the irradiance is infinite."""
@@ -209,7 +232,9 @@ class Renderer:
 
     def firefly_fraction(self) -> float:
         """See :func:`statistics.RenderStatistics.firefly_fraction`."""
-        mean, variance = (self._own(x) for x in self._raw_electrons())
+        if self._fireflies is not None:
+            return self._fireflies
+        mean, variance = self._raw_electrons()
         mean[self.infinite()] = np.inf
         squares = variance * self.passes * (self.passes - 1)
         return firefly_fraction(np.concatenate([s.brightest for s in self.strips]), mean, squares)
@@ -217,7 +242,7 @@ class Renderer:
     def noise_estimate(self) -> tuple[Map, Map, int]:
         """Mean photoelectrons, the variance of that mean, (H, W) each, and its degrees of freedom. That of a single
         pass is half the squared difference of neighbours behind one filter, correct where the image is smooth."""
-        mean, variance = (self._own(x) for x in self._raw_electrons())
+        mean, variance = self._raw_electrons()
         if self.passes > 1 or mean.shape[1] <= self._tile_columns:
             return mean, variance, max(self.passes - 1, 1)
         right, left = mean[:, self._tile_columns :], mean[:, : -self._tile_columns]
@@ -257,21 +282,11 @@ class Renderer:
             sigma = np.sqrt(variance[here])
             positive = np.maximum(mean[here], sigma / MOST_RELATIVE + np.finfo(float).tiny)
             relative[here] = np.where(infinite, np.inf, sigma / positive)
-            data[here], error[here] = self._bands_of(strip, relative[here])
+            if self.denoised is None or strip.even is None:
+                data[here], error[here] = raw_bands(strip)
+            else:
+                of_rows = (getattr(self.denoised, name)[here] for name in ("mean", "even", "odd"))
+                data[here], error[here] = denoised_bands(strip, self._weights, list(of_rows), relative[here])
             data[here][infinite] = error[here][infinite] = np.inf
         flat = [self._own(data[s.rows] @ self._weights.T, s.rows) for s in self.strips] if self.bands.filters else []
         return Estimate(data, error, relative, in_band_factor(mean, np.concatenate(flat)) if flat else None)
-
-    def _bands_of(self, strip: RowStrip, relative: NDArray[np.float32]) -> tuple[Float64Array, NDArray[np.floating]]:
-        """Bands of a strip and their standard errors; denoised, they agree with the electrons behind each filter."""
-        bands = strip.bands.mean.astype(np.float64)
-        if self.denoised is None or strip.even is None:
-            variance, sigma = strip.variance_of_bands(), np.empty_like(bands, dtype=np.float32)
-            for k in range(bands.shape[2]):
-                sigma[..., k] = np.sqrt(pooled(bands[..., k], variance[..., k].astype(np.float64), self.passes))
-            return bands, sigma
-        flat = in_band_factor(bands @ self._weights.T, strip.electrons.mean)  # in bands, of all electrons
-        wanted = [getattr(self.denoised, name)[strip.rows] * flat for name in ("mean", "even", "odd")]
-        spectra = bands, *strip.halves()
-        mean, even, odd = (bands_of_filters(x, self._weights, e) for x, e in zip(spectra, wanted, strict=True))
-        return mean, band_errors(even, odd, mean, np.nan_to_num(relative.astype(np.float64), posinf=0.0))

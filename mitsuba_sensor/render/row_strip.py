@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager
 from enum import Flag, auto
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..core import Float64Array
 from .passes import RunningMean, Welford
+from .spillable import Spillable, on_disk
 
 
 class Kept(Flag):
@@ -37,14 +39,17 @@ class BandSums:
     """
 
     def __init__(self, shape: tuple[int, int, int], keep: Kept) -> None:
-        self.mean = np.zeros(shape, np.float32)
-        self.spread, self.even = (
-            np.zeros(shape, np.float32) if kind in keep else None for kind in (Kept.SPREAD, Kept.HALVES)
-        )
+        self._arrays = [Spillable(shape) for _ in range(1 + len(keep))]
+        self.mean, *others = (array.values for array in self._arrays)
+        self.spread, self.even = (others.pop(0) if kind in keep else None for kind in (Kept.SPREAD, Kept.HALVES))
 
     def of_rows(self, rows: slice) -> RunningMean:
         """The mean, or mean and variance, of some rows."""
         return RunningMean(self.mean[rows]) if self.spread is None else Welford(self.mean[rows], self.spread[rows])
+
+    def on_disk(self) -> AbstractContextManager[None]:
+        """Large ones are in a temporary file meanwhile, so that something else can have the memory."""
+        return on_disk(self._arrays)
 
     def reused(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Two of the arrays, to write bands and standard errors over them, strip by strip."""
@@ -78,12 +83,21 @@ class RowStrip:
         self.bands.add(irradiance)
         self.electrons.add(electrons)
 
-    def halves(self) -> tuple[Float64Array, Float64Array]:
-        """Means of the bands over the even and the odd passes, of two or more."""
+    def finish(self) -> None:
+        """Forget what only further passes need, and the spread of the electrons."""
+        self.electrons, self.even_e = Welford(self.electrons.mean, np.empty(0)), None
+        self.brightest = np.empty(0)
+
+    def half(self, odd: bool) -> Float64Array:
+        """Means of the bands over the even or the odd passes, of two or more."""
         assert self.even is not None
         count, first = self.bands.count, (self.bands.count + 1) // 2
-        even = self.even.astype(np.float64)
-        return even / first, (self.bands.mean.astype(np.float64) * count - even) / (count - first)
+        if not odd:
+            return np.asarray(np.divide(self.even, first, dtype=np.float64))
+        found: Float64Array = np.multiply(self.bands.mean, count, dtype=np.float64)
+        found -= self.even
+        found /= count - first
+        return found
 
     def variance_of_bands(self) -> NDArray[np.floating]:
         """(H, W, B) of the mean of the passes; from the difference of the half-sets where nothing else is kept."""
@@ -92,5 +106,6 @@ class RowStrip:
         count, first = self.bands.count, (self.bands.count + 1) // 2
         if count < 2:
             return np.zeros_like(self.bands.mean)
-        even, odd = self.halves()
-        return np.asarray((even - odd) ** 2 / (count * (1 / first + 1 / (count - first))))
+        apart = self.half(odd=False)
+        apart -= self.half(odd=True)
+        return np.asarray(apart**2 / (count * (1 / first + 1 / (count - first))))

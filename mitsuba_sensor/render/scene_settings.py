@@ -13,7 +13,8 @@ from typing import Any
 
 from ..core import Exposure, InputError, first_given, nearest, require, require_seed
 from ..core.options import complete, part_of
-from ..sensor.camera import Camera, list_cameras, load_camera, toml_value
+from ..sensor.camera import Camera
+from ..sensor.camera_file import list_cameras, load_camera, toml_value
 from ..sensor.metering import Metering
 from .bands import SPECTRAL
 from .options import FileOptions

@@ -2,29 +2,29 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from functools import cached_property
-from importlib import resources
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Self, TypeAlias, cast
+from typing import TYPE_CHECKING, Annotated, Any, Self, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import AfterValidator, Field, PrivateAttr, ValidationError, create_model, model_validator
 
-from ..core import InputError, nearest
+from ..core import Exposure, InputError, nearest
 from ..core.band_average import photon_averages
-from .chain import ORDER, chain, check_added
+from .chain import ORDER, chain, check_added, whole_chain
 from .datasheet import CameraTable, FileTable, PixelGeometry, SensorSection
 from .datasheet_checks import check_gains, check_technology
 from .datasheet_errors import doubts, faults, fields_of
+from .gain_ladder import Gains, at_gain, check_gain, gain_notes
+from .gains import gain_dn_per_e
 from .lens_datasheet import LensSection
+from .noise_sources import checked_source, noise_sources, with_checked_sources
 from .stage import Chain, Stage
 
 QE_WAYS = ("value", "file", "curves")
+SHORT = Exposure(0.0)
 UNSET = " None unsets a field; on the command line: --set FIELD=none."
-SHIPPED = resources.files(__package__) / "cameras"
 
 
 def _table(name: str, description: str, base: type[CameraTable] = CameraTable) -> type[CameraTable]:
@@ -36,6 +36,8 @@ def _table(name: str, description: str, base: type[CameraTable] = CameraTable) -
 
 
 if TYPE_CHECKING:
+    from .figures import EmvaFigures
+
     PixelTable: TypeAlias = PixelGeometry
     QuantumEfficiencyTable: TypeAlias = CameraTable
     DarkCurrentTable: TypeAlias = CameraTable
@@ -63,7 +65,10 @@ class Camera(FileTable):
 
     name: str = Field(description="how the camera is called", examples=["konnik_table1"])
     description: str = Field("", description="one line for people", examples=["the sensor of the paper"])
-    sensor: SensorSection
+    gain: str | None = Field(
+        None, description="the setting of gains that all other numbers hold for, as at_gain writes it", examples=["800"]
+    )
+    sensor: Annotated[SensorSection, AfterValidator(with_checked_sources)]
     pixel: PixelTable
     quantum_efficiency: QuantumEfficiencyTable
     dark_current: DarkCurrentTable
@@ -71,6 +76,11 @@ class Camera(FileTable):
     readout: ReadoutTable
     adc: AdcTable
     lens: LensSection = Field(default_factory=LensSection)
+    gains: Gains = Field(
+        (),
+        description="gain settings, from which --gain and camera.at_gain choose one",
+        examples=[[{"iso": 800, "gain_dn_per_e": 0.25, "read_noise_e": 3.0}]],
+    )
     sources: dict[Annotated[str, AfterValidator(_known_field)], str] = Field(
         default_factory=dict,
         description="dotted field → where its number comes from",
@@ -82,6 +92,7 @@ class Camera(FileTable):
     def _tables_fit(self) -> Camera:
         check_technology(self)
         check_gains(self)
+        check_gain(self)
         return self
 
     def replace(self, **changes: Any) -> Camera:
@@ -92,6 +103,10 @@ class Camera(FileTable):
         """
         data, known = self.model_dump(), fields_of(Camera)
         for dotted, value in changes.items():
+            if dotted == "gain" and value is not None:
+                raise InputError(
+                    f"gain is to be {value!r}, and its numbers too; take camera.at_gain({value!r}), or --gain {value}."
+                )
             if dotted not in known:
                 raise InputError(f"{dotted} is not a field of a camera.{nearest(dotted, known)}")
             *path, last = dotted.split(".")
@@ -109,9 +124,19 @@ class Camera(FileTable):
             data["sources"] = {key: x for key, x in sources.items() if not f"{key}.".startswith(f"{dotted}.")}
             if path and value is not None:
                 data["sources"][dotted] = "set by the user"
-        camera = _checked(data, self.name)
+        camera = checked_camera(data, self.name)
         camera._added = self._added
         return camera
+
+    def at_gain(self, setting: float | str | None) -> Camera:
+        """The camera at one of its gain settings: ``camera.at_gain(800)``, ``camera.at_gain("high conversion gain")``.
+
+        Overall system gain, read noise and what else the setting has (see ``cameras show``) take the place of the
+        camera's own; the converter's full scale makes the gain. Offsets of rows and columns keep their volts. Fixed
+        patterns are the same at every setting, temporal noise is another. A camera that is there already is returned as
+        it is, and so is one where the setting is None. Raises InputError for a setting that it does not have.
+        """
+        return self if setting is None else at_gain(self, setting)
 
     def with_stage(self, stage: Stage, *, after: str) -> Camera:
         """The same camera with a stage of yours in its chain: ``camera.with_stage(Banding(...), after="reset_noise")``.
@@ -132,7 +157,22 @@ class Camera(FileTable):
             )
         camera = self.model_copy()
         camera._added = (*self._added, (after, stage))
-        check_added(camera.stages, stage, sum(camera.band_nm) / 2)
+        check_added(whole_chain(camera), stage, sum(camera.band_nm) / 2)
+        return camera
+
+    def without(self, *names: str) -> Camera:
+        """The same camera with these noise sources switched off: ``camera.without("shot_noise", "prnu")``.
+
+        names : keys of stages, as plan and noise budget print them; those of :meth:`with_stage` too. All others draw
+            the same random numbers as before, and gains and black level stay. ``replace(**{"sensor.without": None})``
+            switches all of them on again.
+        Raises InputError for a name that is none, and for a stage that is no noise.
+        """
+        added = {stage.key() for stage in self.added}
+        off = {checked_source(name, added) for name in names}
+        known = (*self.sensor.without, *(name for name in noise_sources() if name in off))
+        camera = self.replace(**{"sensor.without": known}) if off else self.model_copy()
+        camera._added = tuple(one for one in self._added if one[1].key() not in off)
         return camera
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
@@ -165,7 +205,7 @@ class Camera(FileTable):
     def notes(self) -> tuple[str, ...]:
         """Sentences about values of the datasheet that are allowed and may surprise; each begins with its field."""
         unusual = [text for _, text in doubts(self.model_dump(), Camera)]
-        return (*unusual, *(note for effect in ORDER for note in effect.notes(self)))
+        return (*unusual, *(note for effect in ORDER for note in effect.notes(self)), *gain_notes(self))
 
     @property
     def added(self) -> tuple[Stage, ...]:
@@ -180,6 +220,21 @@ class Camera(FileTable):
     def stages(self) -> Chain:
         """The signal chain of this camera, from photons to digital numbers."""
         return chain(self)
+
+    @property
+    def system_gain_dn_per_e(self) -> float:
+        """EMVA 1288's overall system gain K of small signals [DN/e-]."""
+        return gain_dn_per_e(self)
+
+    def emva1288(self, exposure: Exposure = SHORT) -> EmvaFigures:
+        """EMVA 1288's K, σ_d, saturation, SNR_max and dynamic range, from the datasheet by the theory of the frames.
+
+        exposure : whose dark current counts; by default so short that there is none. Raises InputError where darkness
+            is at the highest code.
+        """
+        from .figures import emva_figures
+
+        return emva_figures(self, exposure)
 
     @property
     def filter_names(self) -> tuple[str, ...]:
@@ -220,81 +275,17 @@ class Camera(FileTable):
         return tile[np.ix_(rows, columns)]
 
 
-def load_camera(name: str | Path) -> Camera:
-    """A shipped camera by name (``konnik_table1``), or any camera file by path (``my.toml``).
+def checked_camera(data: dict[str, Any], where: str, folder: str | None = None) -> Camera:
+    """The camera of these tables. Raises InputError.
 
-    Raises InputError when there is no such camera or a field is wrong; :func:`check_camera` finds all that is wrong.
+    where : for what is said of an error.  folder : that of a file; None for changes of a camera.
     """
-    text, where, folder = camera_text(name)
-    try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"The camera file {where} is not valid TOML: {error}.") from None
-    return _checked(data, where, folder)
-
-
-class CameraText(NamedTuple):
-    """The text of a camera file, its name for messages, and the folder of files that it names."""
-
-    text: str
-    where: str
-    folder: str = "."
-
-
-def camera_text(name: str | Path) -> CameraText:
-    """The file of a shipped camera by name, or any camera file by path. Raises InputError."""
-    if not isinstance(name, str | Path):
-        raise InputError(f"name is {name!r}; pass the name of a camera or the path of a .toml file.")
-    shipped, path = list_cameras(), Path(name)
-    if isinstance(name, str) and name in shipped:
-        return CameraText((SHIPPED / f"{name}.toml").read_text("utf-8"), f"{name}.toml")
-    if path.suffix != ".toml" and not (str(name) and path.exists()):
-        raise InputError(
-            f"{str(name)!r} is no camera that ships with mitsuba_sensor ({', '.join(shipped)}) and no .toml file."
-            f"{nearest(str(name), shipped)}"
-        )
-    try:
-        return CameraText(path.read_text("utf-8"), str(path), str(path.parent))
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
-        raise InputError(f"The camera file {path} cannot be read: {reason}.") from None
-
-
-def camera_from(data: dict[str, Any], where: str) -> Camera:
-    """The camera of these tables, as :meth:`Camera.model_dump` gives them.  where : for what is said of an error.
-
-    Raises InputError.
-    """
-    return _checked(data, where)
-
-
-def list_cameras() -> list[str]:
-    """Names of the cameras that ship with the package."""
-    return sorted(file.name.removesuffix(".toml") for file in SHIPPED.iterdir() if file.name.endswith(".toml"))
-
-
-def camera_schema() -> dict[str, Any]:
-    """JSON Schema of a camera file, for editors and other programs."""
-    return Camera.model_json_schema()
-
-
-def _checked(data: dict[str, Any], where: str, folder: str | None = None) -> Camera:
-    """folder : that of a file; None for changes of a camera."""
     try:
         return Camera.model_validate(data, context={"folder": folder or "."})
     except ValidationError as error:
         found = faults(error, Camera)
         more = UNSET if folder is None and found[0].of_table else ""
         if folder is not None and len(found) > 1:
-            more = f" It is the first of {len(found)} errors; `mitsuba-sensor cameras check` lists them all."
+            of = f"It is the first of {len(found)} errors"
+            more = f" {of}; `mitsuba-sensor cameras check`, or check_camera in Python, lists them all."
         raise InputError(f"{where}: {found[0].text}{more}") from None
-
-
-def toml_value(text: str) -> Any:
-    """A value as in a camera file: 14, 0.5, true, [1, 2]; None for none and for nothing; anything else is a text."""
-    if text in ("", "none"):
-        return None
-    try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
-        return text

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import re
 import tomllib
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -12,7 +13,8 @@ from typing import Any, Literal
 from pydantic import ValidationError
 
 from ..core import closest
-from .camera import Camera, camera_text
+from .camera import Camera
+from .camera_file import CameraText, camera_text, plain_tables
 from .datasheet_errors import Fault, Loc, doubts, faults, fields_of
 from .toml_lines import TomlLines
 
@@ -43,20 +45,28 @@ class CameraFinding:
         return asdict(self)
 
 
-def check_camera(name: str | Path) -> tuple[CameraFinding, ...]:
+def check_camera(name: str | Path | Mapping[str, Any]) -> tuple[CameraFinding, ...]:
     """All errors of a camera file at once, then its warnings; nothing for a file that is right. Renders nothing.
 
-    name : path of a camera file, or a shipped camera. A misspelt field is read as the one that was meant, so that its
-    value is checked too. Fields of one table are compared with each other once each of them is right by itself.
+    name : path of a camera file, a shipped camera, a text or a dict, as for :func:`load_camera`. A misspelt field is
+        read as the one that was meant, so that its value is checked too. Fields of one table are compared with each
+        other once each of them is right by itself.
     Raises InputError if there is no such file.
     """
+    if isinstance(name, Mapping):
+        return _findings(plain_tables(name), CameraText("", "the dict"), [])
     text, file, folder = camera_text(name)
     readable, broken = _readable(text)
     unread = [CameraFinding("error", file, line, "", f"not valid TOML: {said}.") for line, said in broken]
     if readable is None:
         return tuple(unread)
-    lines = TomlLines(readable)
-    found, notes = _all_faults(tomllib.loads(readable), folder, lines)
+    return _findings(tomllib.loads(readable), CameraText(readable, file, folder), unread)
+
+
+def _findings(data: dict[str, Any], source: CameraText, unread: list[CameraFinding]) -> tuple[CameraFinding, ...]:
+    """Errors and warnings of these tables.  source : where they stand.  unread : the lines that are no TOML."""
+    lines, file = TomlLines(source.text), source.where
+    found, notes = _all_faults(data, source.folder, lines)
     errors = [CameraFinding("error", file, lines(one.loc), _field(one.loc), one.text) for one in found]
     wrong = {one.field for one in errors}
     warnings = [

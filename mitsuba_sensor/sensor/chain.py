@@ -1,6 +1,7 @@
 """The order of the signal chain, from photons to digital numbers, and the check of a stage that a user adds to it."""
 
 import re
+from collections.abc import Collection
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,7 +26,7 @@ from .effects.source_follower import SourceFollower
 from .effects.source_follower_noise import SourceFollowerNoise
 from .effects.temporal_line_noise import TemporalColumnNoise, TemporalRowNoise
 from .recorder import RecordingFrame
-from .stage import Chain, Stage, converter_of, total
+from .stage import Chain, Stage, converter_of, total, without
 
 if TYPE_CHECKING:
     from .camera import Camera
@@ -56,12 +57,27 @@ ORDER: tuple[type[Stage], ...] = (  # a stage of its own: one file in effects/, 
 
 
 def chain(camera: "Camera") -> Chain:
-    """The stages of this camera, with those that :meth:`Camera.with_stage` added."""
+    """The stages of this camera but the noise sources that are switched off (``sensor.without``).
+
+    Those left are the stages of the whole chain: black level and gains are those of the whole camera.
+    """
+    return _chain(camera, camera.sensor.without)
+
+
+def whole_chain(camera: "Camera") -> Chain:
+    """All stages of this camera, with those that :meth:`Camera.with_stage` added."""
+    return _chain(camera, ())
+
+
+def _chain(camera: "Camera", off: Collection[str]) -> Chain:
     stages: Chain = ()
+    out: Chain = ()
     for effect in ORDER:
         found = effect.from_camera(camera, stages)
-        stages += (() if found is None else (found,)) + camera.added_after(effect.key())
-    return stages
+        own = () if found is None else (found,)
+        stages += own + camera.added_after(effect.key())
+        out += own if effect.key() in off else ()
+    return without(stages, out)
 
 
 def black_level_dn(camera: "Camera") -> float:

@@ -1,17 +1,18 @@
 """Checks of the arguments of expose() and plan(); each error has the value, the allowed range and the remedy."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..core import InputError, Photons, SensorWindow, nearest, numbers, require_seed
+from ..core import Frame, InputError, Photons, PhotonsOfBands, SensorWindow, nearest, numbers, require_seed
 from ..core.backend import FLOAT32_LIMIT
 from .camera import Camera
 from .fingerprint import pixel_fingerprint
 from .gains import adc_gain_dn_per_v
+from .map_units import maps_in_dn
+from .photon_checks import check_lengths, check_light, check_photons, checked_widths, first_place
 from .stage import Chain
 
 
@@ -39,30 +40,38 @@ def checked_names(keep: Any, known: tuple[str, ...]) -> tuple[str, ...]:
 def checked_maps(
     maps: Mapping[str, ArrayLike], stages: Chain, window: SensorWindow, camera: Camera
 ) -> dict[str, NDArray[np.float64]]:
-    """Measured maps that fit the window, cut from the sensor's; a column's is (1, W), a row's (H, 1)."""
+    """Measured maps that fit the window, cut from the sensor's; a column's is (1, W), a row's (H, 1).
+
+    Those in DN become electrons.
+    """
     shape, sensor = window.shape, (camera.sensor.rows, camera.sensor.columns)
     if not isinstance(maps, Mapping):
         raise InputError(f"maps is a {type(maps).__name__}; pass a dict of name → array, as fpn_maps() returns.")
     if not maps:
         return {}
     known = {name: value.shape for stage in stages for name, value in stage.fpn_maps(SensorWindow(0, (2, 2))).items()}
-    checked = {}
+    checked, in_dn = {}, maps_in_dn(stages)
     for name, values in maps.items():
-        if name not in known:
-            there = ", ".join(known) or "none: the published chain makes its own"
-            raise InputError(f"maps names {name!r}; this camera's maps are {there}.{nearest(str(name), known)}")
+        own, dn_per_unit = in_dn.get(name, (name, 1.0))
+        if own not in known:
+            names = (*known, *in_dn)
+            there = ", ".join(names) or "none: the published chain makes its own"
+            raise InputError(f"maps names {name!r}; this camera's maps are {there}.{nearest(str(name), names)}")
+        if name != own and (own in maps or not dn_per_unit):
+            why = f"{own} too; give one of both" if own in maps else "readout.dsnu_residual is 0: no offset is left"
+            raise InputError(f"maps names {name!r}, and {why}.")
         array = numbers(f"maps[{name!r}]", values, "an array of numbers")
         for axis, places in enumerate((window.rows, window.columns)):
             if array.ndim == 2 and 1 < array.shape[axis] == sensor[axis] > places[-1]:
                 array = array.take(places, axis)
-        fits = tuple(n if pixels > 1 else 1 for n, pixels in zip(shape, known[name], strict=True))
+        fits = tuple(n if pixels > 1 else 1 for n, pixels in zip(shape, known[own], strict=True))
         if array.ndim != 2 or any(n not in (1, full) for n, full in zip(array.shape, fits, strict=True)):
             raise InputError(
                 f"maps[{name!r}] has shape {array.shape}; it must be {fits}, or 1 along an axis, or the sensor's."
             )
-        if not np.isfinite(array).all() or (not name.endswith("_e") and (array < 0).any()):
+        if not np.isfinite(array).all() or (not own.endswith("_e") and (array < 0).any()):
             raise InputError(f"maps[{name!r}] holds NaN, infinite or negative values; correct the bad pixels first.")
-        checked[name] = array
+        checked[own] = array / dn_per_unit if name != own else array
     return checked
 
 
@@ -73,6 +82,8 @@ def as_photons(
     if hasattr(photons, "rendered_for"):
         raise InputError("photons is an Irradiance; pass collect(light, camera, exposure), the photons that it brings.")
     given = photons if isinstance(photons, Photons) else None
+    if isinstance(given, PhotonsOfBands) and wavelengths_nm is None:
+        return _checked_bands(given, camera, check)
     mean = numbers("photons", given.mean if given else photons, "a number or an array of mean photons per pixel")
     wavelengths = given.wavelengths_nm if given and wavelengths_nm is None else wavelengths_nm
     if given is None:
@@ -88,23 +99,34 @@ def as_photons(
     if (bands is None and mean.ndim == 3) or (bands is not None and bands.shape != (expected,)):
         count = "none" if bands is None else str(bands.size)
         raise InputError(f"photons has {expected} band(s) and wavelengths_nm {count}; pass one wavelength per band.")
-    if bands is not None and (wrong := bands[~(np.isfinite(bands) & (bands > 0))]).size:
-        raise InputError(f"wavelengths_nm holds {wrong[0]}; every band needs a positive, finite length in nm.")
+    check_lengths(bands)
     if check:
         check_photons(mean)
     if given is None:
         return Photons(mean, bands)
-    variance_e2 = None if given.variance_e2 is None else _checked_variance(given.variance_e2, mean, camera)
-    detected = _checked_channels(given.detected, mean, camera)
+    variance_e2 = None if given.variance_e2 is None else _checked_variance(given.variance_e2, Photons(mean), camera)
+    detected = _checked_channels(given.detected, mean.shape, camera)
     if bands is None or wavelengths_nm is not None or given.bandwidths_nm is None:
         return Photons(mean, bands, variance_e2, detected, given.origin, illuminant=given.illuminant)
-    widths = numbers("photons.bandwidths_nm", given.bandwidths_nm, "one width per band in nm")
-    if widths.shape != bands.shape or not (np.isfinite(widths) & (widths > 0)).all():
-        raise InputError("photons.bandwidths_nm must hold one positive, finite width in nm per band; or leave it out.")
+    widths = checked_widths(given.bandwidths_nm, bands.shape)
     known = given.in_band is not None and given.in_band_of in (None, pixel_fingerprint(camera))
     in_band = _checked_factor(given.in_band, mean.shape[:2]) if known else None
     of_bands = widths, in_band, given.in_band_of
     return Photons(mean, bands, variance_e2, detected, given.origin, *of_bands, given.illuminant)
+
+
+def _checked_bands(photons: PhotonsOfBands, camera: Camera, check: bool) -> PhotonsOfBands:
+    """Photons of a render, of which none are made but strip by strip."""
+    if check:
+        check_light(photons)
+    check_lengths(photons.wavelengths_nm)
+    if photons.bandwidths_nm is not None:
+        checked_widths(photons.bandwidths_nm, photons.shape[2:])
+    _checked_channels(photons.detected, photons.shape, camera)
+    known = photons.in_band is not None and photons.in_band_of in (None, pixel_fingerprint(camera))
+    in_band = _checked_factor(photons.in_band, photons.shape[:2]) if known else None
+    variance_e2 = None if photons.variance_e2 is None else _checked_variance(photons.variance_e2, photons, camera)
+    return photons.changed(in_band=in_band, variance_e2=variance_e2)
 
 
 def _refuse_pictures(kind: np.dtype[Any]) -> None:
@@ -121,27 +143,17 @@ def _refuse_infinite(mean: NDArray[np.float64]) -> None:
     if mean.size and mean.max() == np.inf:
         bad = np.isinf(mean)
         raise InputError(
-            f"photons is infinite in {int(bad.sum())} place(s), first at {_first(bad)}; pass a finite number, e.g. "
-            "1e9 for a pixel that saturates."
+            f"photons is infinite in {int(bad.sum())} place(s), first at {first_place(bad)}; pass a finite number, "
+            "e.g. 1e9 for a pixel that saturates."
         )
 
 
-def check_photons(mean: NDArray[np.float64]) -> None:
-    """Raise InputError for NaN or negative photons, with how many there are and where the first one is."""
-    if not mean.min() >= 0:  # NaN if any of them is: one pass over the photons, of which there may be many
-        kind, bad = ("NaN", np.isnan(mean)) if np.isnan(mean).any() else ("negative", mean < 0)
-        raise InputError(
-            f"photons is {kind} in {int(bad.sum())} place(s), first at {_first(bad)}; a mean number of photons is "
-            "0 or more: clamp or correct them before expose()."
-        )
-
-
-def _checked_channels(detected: bool, mean: NDArray[np.float64], camera: Camera) -> bool:
+def _checked_channels(detected: bool, shape: tuple[int, ...], camera: Camera) -> bool:
     """Whether the photons are channels of this camera."""
     filters = len(camera.quantum_efficiency.curves)
-    if detected and (mean.ndim != 3 or mean.shape[2] != filters or camera.quantum_efficiency.quantum_yield):
+    if detected and (len(shape) != 3 or shape[2] != filters or camera.quantum_efficiency.quantum_yield):
         raise InputError(
-            f"photons has shape {mean.shape} and is detected already; it must be (H, W, {filters}), one layer per "
+            f"photons has shape {shape} and is detected already; it must be (H, W, {filters}), one layer per "
             "colour filter of a camera without quantum_yield: render it again for this camera."
         )
     return detected
@@ -151,10 +163,10 @@ def placed(light: Photons, first_pixel: object, camera: Camera) -> Photons:
     """The light where it was asked for on the sensor, or where it is; what is known of each pixel's own filter holds
     behind that one only. Raises InputError."""
     if first_pixel is None:
-        return replace(light, origin=checked_origin(light.origin))
+        return light.changed(origin=checked_origin(light.origin))
     row, column = checked_origin(first_pixel)
     moved = (row - light.origin[0]) % len(camera.tile) or (column - light.origin[1]) % len(camera.tile[0])
-    return replace(light, origin=(row, column), in_band=None if moved else light.in_band)
+    return light.changed(origin=(row, column), in_band=None if moved else light.in_band)
 
 
 def _checked_factor(values: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
@@ -165,9 +177,9 @@ def _checked_factor(values: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
     return found
 
 
-def _checked_variance(values: Any, mean: NDArray[np.float64], camera: Camera) -> NDArray[np.float64]:
+def _checked_variance(values: Any, photons: Photons, camera: Camera) -> NDArray[np.float64]:
     """One finite variance for every pixel, (H, W) [e-²]; 0 where the light is infinite and saturates anyway."""
-    name, shape = "photons.variance_e2", mean.shape[:2]
+    name, shape = "photons.variance_e2", photons.shape[:2]
     variance_e2 = numbers(name, values, "an array (H, W) of variances of the mean photoelectrons in e-²")
     if variance_e2.shape != shape:
         raise InputError(f"{name} has shape {variance_e2.shape}; it must be {shape}, one variance per pixel in e-².")
@@ -176,11 +188,10 @@ def _checked_variance(values: Any, mean: NDArray[np.float64], camera: Camera) ->
             f"{name} is given and quantum_efficiency.quantum_yield of {camera.name} too, whose electrons come in "
             "bursts; leave one of them out: photons without variance_e2 keep the render's noise beside the shot noise."
         )
-    saturated = np.isinf(mean) if mean.ndim == 2 else np.isinf(mean).any(axis=2)
-    variance_e2 = np.where(saturated, 0.0, variance_e2)
+    variance_e2 = np.where(photons.total == np.inf, 0.0, variance_e2)
     bad = ~((variance_e2 >= 0) & np.isfinite(variance_e2))
     if bad.any():
-        first = _first(bad)
+        first = first_place(bad)
         raise InputError(
             f"{name} is {variance_e2[first]:g} in the first of {int(bad.sum())} bad place(s), {first}; a variance is "
             "finite and 0 or more: a render of one pass has none, so pass None for it."
@@ -195,17 +206,13 @@ def check_compensation(light: Photons, stages: Chain, frames: int) -> None:
     if not any(stage.counts_electrons for stage in stages):
         raise InputError(
             "photons has variance_e2 and this chain has no shot noise to count it in; pass photons without it, or take "
-            "the physical chain with a plan of a smaller tolerance_dn."
+            "the physical chain with its shot noise: no shot_noise in sensor.without, a smaller tolerance_dn."
         )
     if frames != 1:
         raise InputError(
             f"frames is {frames} and photons has variance_e2, which is for a frame with a render of its own; render "
             "and expose one frame at a time, numbered by first_frame, or pass photons without variance_e2."
         )
-
-
-def _first(bad: NDArray[np.bool_]) -> tuple[int, ...]:
-    return tuple(int(i) for i in np.argwhere(bad)[0])
 
 
 def checked_origin(origin: Any) -> tuple[int, int]:
@@ -236,6 +243,21 @@ def check_chip(one: tuple[Camera, SensorWindow], other: tuple[Camera, SensorWind
     raise InputError(
         f"the frames are of {mine}, and the reference of {its} ({differs} differs), whose fixed patterns are others; "
         "expose the reference with the same camera, serial and origin."
+    )
+
+
+def check_streams(one: tuple[Frame, int], other: tuple[Frame, int]) -> None:
+    """Raise InputError where frames and their reference share temporal noise, which would cancel in the difference.
+
+    one, other : the first frame, and how many there are.
+    """
+    (first, count), (reference, references) = one, other
+    begin, end = max(first.index, reference.index), min(first.index + count, reference.index + references)
+    if first.key != reference.key or begin >= end:
+        return
+    raise InputError(
+        f"the frames and the reference share frame {begin} of seed {first.seed} at the same exposure, whose temporal "
+        f"noise would cancel; expose the reference with another seed, or with first_frame={first.index + count}."
     )
 
 

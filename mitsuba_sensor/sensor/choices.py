@@ -7,11 +7,12 @@ from .camera import Camera
 from .checks import check_float32, float32_counts
 from .options import ExposeOptions
 from .plan import Plan
+from .run import INPUT_REFERRED
 from .stage import Chain
 
-KEEP = ("photons", "photoelectrons", "dark_electrons", "electrons", "volts")
+KEEP = ("photons", "photoelectrons", "dark_electrons", "electrons", "volts", INPUT_REFERRED)
 """Intermediate signals that ``expose(keep=…)`` can return: mean photons of all bands, electrons that light and dark
-current left in the well, their sum [e-], swing at the converter [V]."""
+current left in the well, their sum [e-], swing at the converter [V], that swing as electrons at the input."""
 
 KEPT_BY_PUBLISHED = ("photons", "electrons", "volts")
 """Those of them that chain konnik2014 has."""
@@ -52,6 +53,16 @@ def chain_of(camera: Camera, plan: Plan | None, chain: str) -> Chain:
                 raise InputError(
                     f"chain is 'konnik2014' and {camera.name} has an added {type(camera.added[0]).__name__}, for which "
                     "the published chain has no place; take the camera without it, or the physical chain."
+                )
+            if camera.sensor.without:
+                raise InputError(
+                    f"chain is 'konnik2014' and {camera.name} is without {', '.join(camera.sensor.without)}, which the "
+                    "published chain always has; take the whole camera, or the physical chain."
+                )
+            if camera.gain is not None:
+                raise InputError(
+                    f"chain is 'konnik2014', whose converter ends at the full well, and {camera.name} is at gain "
+                    f"{camera.gain!r}; leave the gain out, or take the physical chain."
                 )
             from . import konnik2014  # a chain that few ask for
 

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 from ..core import Array, Electrons, Frame, arrays
 from ..core.code_slope import LARGEST_DN, ExpectedCode, per_variance
 from ..core.differentiable import NEVER_COUNTED, DifferentiableBackend
+from ..core.noise_distributions import NoiseDistribution
 from .given_count import GivenCount
 from .stage import Chain, Converter, converter_of, sample
 
@@ -38,13 +39,16 @@ class _Quiet(Frame):
     @classmethod
     def of(cls, frame: Frame, only: str = "") -> _Quiet:
         """As this frame."""
-        return cls(frame.exposure, frame.window, frame.seed, frame.index, frame._blocks, only)
+        return cls(frame.exposure, frame.window, frame.seed, frame.index, frame.gain, frame._blocks, only)
 
     def _constant(self, source: str) -> Array:
         self.sources.add(source)
         return self.window.backend.from_numpy(np.full((1, 1), float(source == self.only)), self.window)
 
     def normal(self, source: str) -> Array:
+        return self._constant(source)
+
+    def distributed(self, source: str, distribution: NoiseDistribution | None) -> Array:
         return self._constant(source)
 
     def row_normal(self, source: str, rows: ArrayLike | None = None) -> Array:
@@ -58,7 +62,8 @@ class _Quiet(Frame):
 class ConditionalSlope:
     """Frames of a chain with the derivatives of the expected code.
 
-    before : from the light to the count.  count : shot noise, and what multiplies electrons.  behind : the rest.
+    before : from the light to the count.  count : shot noise, and what multiplies electrons; none without shot noise.
+    behind : the rest.
     """
 
     before: Chain
@@ -67,10 +72,11 @@ class ConditionalSlope:
 
     @classmethod
     def of(cls, stages: Chain) -> ConditionalSlope:
-        """Of a whole chain; its first stage has been run."""
-        count = next(k for k, stage in enumerate(stages) if stage.counts_electrons)
-        after = ((k, stage) for k, stage in enumerate(stages) if k > count)
+        """Of a chain whose first stage has been run."""
+        counting = next((k for k, stage in enumerate(stages) if stage.counts_electrons), 0)
+        after = ((k, stage) for k, stage in enumerate(stages) if k > counting)
         split = next(k for k, stage in after if stage.saturation_e is not None or stage.domain in ("volts", "DN"))
+        count = counting or split  # without shot noise nothing is counted
         return cls(stages[1:count], stages[count:split], stages[split:])
 
     @property

@@ -129,7 +129,7 @@ class Swing:
         """Noise of its own in every kind of pixels, which are fixed."""
         mean, temporal, spatial = (x[:, :, None, :, None] for x in self.parts)  # (C, T, steps, S, kinds)
         moved = mean + law.steps.T[:, None, :]
-        more, same = (np.broadcast_to(x, moved.shape) for x in (temporal + law.variances, spatial))
+        more, same = (np.broadcast_to(x, moved.shape) for x in (temporal + law.variances.T[:, None, :], spatial))
         weights = [np.outer(*both).ravel() for both in ((self.temporal, law.states), (self.fixed, law.weights))]
         flat = [x.reshape(moved.shape[0], -1) for x in (moved, more, same)]
         return Swing(replace(self.m, mean=flat[0], temporal=flat[1], spatial=flat[2]), *weights)

@@ -68,6 +68,9 @@ class SensorSection(FileTable):
     row_time_us: Annotated[Positive | None, Usual.of(0.5, 1e4, SECONDS_TO_US, MS_TO_US, NS_TO_US)] = Field(
         None, description="time from the start of a row to that of the next, of a rolling shutter [µs]", examples=[15.0]
     )
+    without: tuple[str, ...] = Field(
+        (), description="noise sources that are switched off, by the keys of their stages", examples=[["shot_noise"]]
+    )
 
     @model_validator(mode="after")
     def _rolls_with_a_row_time(self) -> Self:

@@ -12,7 +12,7 @@ from ..core import Array, Electrons, Frame, Photons
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, aligned_float32
 from ..core.signals import Filters
 from ..core.types import Float64Array
-from .checks import check_photons
+from .photon_checks import check_light
 from .run import row_strips_of
 from .stage import Stage
 from .threads import for_each
@@ -105,7 +105,7 @@ class DetectedByKernel(Detected):
         """By the masks of the kernel."""
         backend = _compiled(self._frame)
         if any(backend.any(faulty) for _, faulty in self._found.values()):
-            check_photons(self.photons.mean)
+            check_light(self.photons)
 
 
 def checked_and_detected(photons: Photons, stage: Stage, frame: Frame, once: bool) -> Detected:
@@ -116,7 +116,7 @@ def checked_and_detected(photons: Photons, stage: Stage, frame: Frame, once: boo
     filters = stage.filters(photons) if once and frame.window.backend.compiled else None
     if filters is not None:
         return DetectedByKernel.of(photons, stage, frame, filters)
-    check_photons(photons.mean)
+    check_light(photons)
     return detect(photons, stage, frame)
 
 

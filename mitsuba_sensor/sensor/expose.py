@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..core import Exposure, Frame, InputError, Photons, SensorWindow, check_types, first_given
-from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, Backend
+from ..core import Exposure, Frame, Photons, SensorWindow, check_types, first_given
+from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
 from ..core.options import complete, documents
 from .camera import Camera
+from .chain import whole_chain
 from .checks import (
     as_photons,
-    check_chip,
     check_compensation,
     check_numbers,
-    check_reference_shape,
     checked_maps,
     checked_names,
     placed,
@@ -28,115 +25,13 @@ from .checks import (
 from .choices import KEEP, KEPT_BY_PUBLISHED, chain_of, precision_of, tolerance_of
 from .detection import Detected, checked_and_detected
 from .frame_theory import FrameTheory
+from .frames import Frames
 from .metering import AskedExposure, Light
-from .noise_budget import NoiseBudget
 from .options import ExposeOptions
-from .pixel_moments import PixelMoments, pixel_moments
 from .plan import Plan, plan_for
-from .report import FrameObserver, report
+from .report import FrameObserver
 from .run import FrameRunner, StripWindows, choose_backend, require_kept
 from .stage import Chain, converter_of
-
-
-@dataclass(frozen=True, eq=False)
-class Frames:
-    """Raw frames of one camera.
-
-    digital : (N, H, W) uint8, uint16 or uint32, whichever holds ``adc.bits`` [DN].
-    plan : what was left out of the chain, where ``plan`` or ``tolerance_dn`` was given.
-    detected : mean photoelectrons of the light.  backend : what computed the frames.
-    photons, photoelectrons, dark_electrons, electrons, volts : (N, H, W) float64 if asked for by ``keep``, else None.
-    """
-
-    digital: NDArray[np.unsignedinteger]
-    camera: Camera
-    light: Photons
-    first: Frame
-    stages: Chain
-    detected: Detected
-    backend: Backend
-    plan: Plan | None = None
-    photons: NDArray[np.float64] | None = None
-    photoelectrons: NDArray[np.float64] | None = None
-    dark_electrons: NDArray[np.float64] | None = None
-    electrons: NDArray[np.float64] | None = None
-    volts: NDArray[np.float64] | None = None
-
-    @cached_property
-    def theory(self) -> FrameTheory:
-        """Theory of every pixel of these frames."""
-        return self._observer.theory
-
-    @cached_property
-    def pixel_moments(self) -> PixelMoments:
-        """``clean[0]`` and ``temporal_variance``, by the theory of every pixel with the FPN maps of this serial."""
-        return pixel_moments(self.stages, self.detected, self.first)
-
-    @cached_property
-    def clean(self) -> NDArray[np.float32]:
-        """Expectation of the raw frame over temporal noise, fixed patterns of this serial included, (1, H, W) [DN].
-
-        Of frames with renders of their own (N, H, W). Not rounded. Raises InputError for chain konnik2014.
-        """
-        return self.pixel_moments.mean[None]
-
-    @property
-    def temporal_variance(self) -> NDArray[np.float32]:
-        """Variance of every pixel from frame to frame in the light of the first, (H, W) [DN²]."""
-        return self.pixel_moments.temporal
-
-    @cached_property
-    def spatial_mean(self) -> NDArray[np.float32]:
-        """Expectation over temporal noise and over all cameras of this model, (H, W) [DN]: no fixed pattern."""
-        return self.theory.digital_mean()
-
-    @cached_property
-    def report(self) -> dict[str, Any]:
-        """Theory and sample of every stage in the first frame, ready for JSON (see report.py)."""
-        self._observer.sample(self.first.window.backend)
-        return report(self.camera, self._observer)
-
-    @cached_property
-    def _observer(self) -> FrameObserver:
-        """Who saw the first frame; it is computed again unless :meth:`PreparedExposure.frames_with_report` made it."""
-        observer = FrameObserver(FrameTheory(self.stages, self.detected, self.first))
-        first = self.first.on(self.backend)
-        PreparedExposure(self.camera, self.stages, first, 1, (), light=self.detected).frames(observer)
-        return observer
-
-    def minus(self, reference: Frames) -> NDArray[np.int64]:
-        """Signed difference to a zero-exposure frame or a stack of as many, (N, H, W) [DN]: the paper's CDS.
-
-        Fixed patterns cancel, temporal variances add (√2 in σ for equal frames), and nothing wraps below zero.
-        Raises InputError when the frames do not fit, or are of another camera, serial number or part of the sensor.
-        """
-        if not isinstance(reference, Frames):
-            raise InputError(f"the reference is a {type(reference).__name__}; pass the Frames of a zero exposure.")
-        check_reference_shape(self.digital.shape, reference.digital.shape)
-        check_chip((self.camera, self.first.window), (reference.camera, reference.first.window))
-        return self.digital.astype(np.int64) - reference.digital.astype(np.int64)
-
-    def preview(self, number: int = 0, gain: float = 1.0) -> NDArray[np.uint8]:
-        """What frame.png shows: one of the frames, 8 bit, (H, W) grey or (H, W, 3) sRGB.  gain : brightens it."""
-        from ..io.frame_files import preview_of
-
-        return preview_of(self, number, gain)
-
-    def save(self, folder: str | os.PathLike[str]) -> None:
-        """Write frame.tiff, frame.png and frame.json: all, or none; those of older frames go. Raises InputError."""
-        from ..io.frame_files import save_frames
-
-        save_frames(self, folder)
-
-    def _repr_html_(self) -> str:
-        from ..io.frame_files import frames_html
-
-        return frames_html(self)
-
-    def noise_budget(self) -> NoiseBudget:
-        """What every source contributes to each pixel of the first frame, in DN; the sum is the frame."""
-        theory = FrameTheory(self.stages, self.detected, self.first)
-        return NoiseBudget(self.stages, self.detected, self.first, theory)
 
 
 @documents(ExposeOptions)
@@ -262,13 +157,14 @@ def prepared(
 ) -> PreparedExposure:
     """An exposure with its light. Raises InputError."""
     if hasattr(photons, "collected"):
-        photons, camera, exposure, serial = photons.collected(camera, exposure, options.get("serial"))
+        asked = options.get("serial"), options.get("gain")
+        photons, camera, exposure, serial = photons.collected(camera, exposure, *asked)
         options = {**options, "serial": serial}
     check_types(camera, exposure)
     assert camera is not None and isinstance(exposure, Exposure)
     light = as_photons(photons, camera, options.get("wavelengths_nm"), check=False)  # where it is detected
     light = placed(light, options.get("origin"), camera)
-    return prepare_exposure(camera, exposure, light.mean.shape[:2], light.origin, options).of(light)
+    return prepare_exposure(camera, exposure, light.shape[:2], light.origin, options).of(light)
 
 
 def prepare_exposure(
@@ -280,6 +176,7 @@ def prepare_exposure(
     """
     check_types(camera, exposure)
     chosen = complete(ExposeOptions, options)
+    camera = camera.at_gain(chosen["gain"])
     seed, serial = first_given(chosen["seed"], 1), first_given(chosen["serial"], 1)
     first_frame, frames = chosen["first_frame"], chosen["frames"]
     check_numbers(frames, first_frame, seed)
@@ -288,9 +185,9 @@ def prepare_exposure(
     stages = chain_of(camera, chosen["plan"], chosen["chain"])
     precision = precision_of(chosen["precision"], camera, chosen["plan"], chosen["chain"])
     backend = choose_backend(chosen["engine"], precision, frames * shape[0] * shape[1])
-    window = SensorWindow(serial, (shape[0], shape[1]), origin)
-    named = camera.stages if chosen["plan"] else stages  # a map of a stage that is left out is known, too
+    window = SensorWindow(serial, (shape[0], shape[1]), origin, camera=camera.name)
+    named = whole_chain(camera) if chosen["chain"] == "physical" else stages  # also maps of what is left out
     given = checked_maps({} if chosen["maps"] is None else chosen["maps"], named, window, camera)
     window = replace(window, given=given, backend=backend)
-    first = Frame(exposure, window, seed, first_frame)
+    first = Frame(exposure, window, seed, first_frame, camera.gain or "")
     return PreparedExposure(camera, stages, first, frames, keep, plan=chosen["plan"], tolerance_dn=tolerance_of(chosen))

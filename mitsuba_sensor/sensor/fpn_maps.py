@@ -37,6 +37,6 @@ def fpn_maps(
     check_on_sensor("the window of the maps", (height, width), first, camera)
     asked = complete(ExposeOptions, {"precision": precision})["precision"]
     backend = choose_backend("numpy", precision_of(asked, camera, None, "physical"), 0)
-    window = SensorWindow(serial, (height, width), first, backend=backend)
+    window = SensorWindow(serial, (height, width), first, backend=backend, camera=camera.name)
     found = [stage.fpn_maps(window) for stage in camera.stages]
     return {name: np.asarray(x, dtype=np.float64) for maps in found for name, x in maps.items()}

@@ -55,7 +55,7 @@ class FrameTheory:
     @cached_property
     def theories(self) -> list[Theory]:
         """One for each kind of light."""
-        return [theory_of(self.stages, self.frame, levels.kind) for levels in self.levels]
+        return [theory_of(self.stages, self.frame, levels.kind, levels.light_e) for levels in self.levels]
 
     def averages(self, stage: Stage) -> Averages:
         """Behind a stage."""

@@ -175,8 +175,8 @@ class GivenCount:
         mean, temporal, spatial = (x.reshape(x.shape[0], -1) for x in swing.parts)
         centre = mean[:, mean.shape[1] // 2]
         off = centre - centre[0]
-        shown = swing.fixed > min(RARE, 0.5 * swing.fixed.max())
-        temporal, spatial = (x[:, np.tile(shown, swing.temporal.size)] for x in (temporal, spatial))
+        shares = np.outer(swing.temporal, swing.fixed).ravel()
+        temporal, spatial = (x[:, shares > min(RARE, 0.5 * shares.max())] for x in (temporal, spatial))
         largest = spatial.max(1)
         with np.errstate(divide="ignore", invalid="ignore"):  # where a curve is flat there is little of both
             noise = np.where(spatial > 0, temporal / spatial, np.inf).min(1)
@@ -252,8 +252,8 @@ def _codes(
 
 def _loud(converter: Converter, swing: Swing) -> NDArray[np.bool_]:
     """Kinds of pixels in whose codes no steps show: together these move the mean by less than at SHARP_DN."""
-    sigma = converter.gain_dn_per_v * np.sqrt(swing.parts[1].min(axis=(0, 1)))
-    moves = swing.fixed * np.exp(-2 * (np.pi * sigma) ** 2)
+    sigma = converter.gain_dn_per_v * np.sqrt(swing.parts[1].min(axis=0))  # (T, S)
+    moves = swing.fixed * (swing.temporal @ np.exp(-2 * (np.pi * sigma) ** 2))
     order = np.argsort(moves)
     loud = np.empty(moves.size, bool)
     loud[order] = np.cumsum(moves[order]) <= np.exp(-2 * (np.pi * SHARP_DN) ** 2)

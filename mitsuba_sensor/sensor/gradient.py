@@ -17,7 +17,7 @@ from ..core.code_slope import LARGEST_DN, LEAST_DN
 from ..core.differentiable import SLOTS, DifferentiableBackend
 from ..core.options import complete, documents
 from .camera import Camera
-from .chain import chain
+from .chain import chain, whole_chain
 from .checks import as_photons, check_numbers, checked_maps, placed
 from .conditional_slope import ConditionalSlope
 from .detection import Detected, detect, uploaded
@@ -181,15 +181,17 @@ def differentiable(
     """
     check_types(camera, exposure)
     chosen = complete(GradientOptions, options)
+    camera = camera.at_gain(chosen["gain"])
     names = (parameters,) if isinstance(parameters, str) else tuple(dict.fromkeys(parameters))
     light, stages = as_photons(photons, camera, chosen["wavelengths_nm"]), chain(camera)
     _check(names, light, camera)
     choose_backend(chosen["engine"], "float32", 0)  # refuses one that is not on this machine
     check_numbers(1, 0, seed)
     light = placed(light, chosen["origin"], camera)
-    window = SensorWindow(serial, (light.mean.shape[0], light.mean.shape[1]), light.origin)
-    window = replace(window, given=checked_maps(chosen["maps"] or {}, stages, window, camera))
-    first = Frame(exposure, window, seed)
+    shape = light.mean.shape[0], light.mean.shape[1]
+    window = SensorWindow(serial, shape, light.origin, camera=camera.name)
+    window = replace(window, given=checked_maps(chosen["maps"] or {}, whole_chain(camera), window, camera))
+    first = Frame(exposure, window, seed, gain=camera.gain or "")
     numbers = Recording.of(light, camera, first).by(tuple(name for name in names if name != PHOTONS))
     first = first.on(DifferentiableBackend(BACKENDS[chosen["engine"]], numbers))
     return DifferentiableFrames(names, light, stages, first, detect(light, stages[0], first), _slope(stages, first))
@@ -203,10 +205,14 @@ def _slope(stages: Chain, first: Frame) -> ConditionalSlope | None:
     if sigma < LEAST_DN:
         warnings.warn(
             f"the noise behind the count is {sigma:.2g} DN; derivatives by numbers behind the count (gains, offsets, "
-            f"the ADC) are those of noise of {LEAST_DN} DN. Those by the light are exact.",
+            f"the ADC) are those of noise of {LEAST_DN} DN. {_of_light(slope)}",
             stacklevel=4,
         )
     return slope if sigma < LARGEST_DN else None
+
+
+def _of_light(slope: ConditionalSlope) -> str:
+    return "Those by the light are exact." if slope.count else "Without shot noise so are those by the light."
 
 
 def _backend_of(frame: Frame) -> DifferentiableBackend:

@@ -8,8 +8,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..core import Exposure, Frame, SensorWindow
 from .camera import Camera
-from .stage import Chain
+from .stage import Chain, converter_of
 from .theory import Theory
+from .uncounted import theory_of
 
 LEVELS = 513  # light levels of the table, evenly spaced in ln(1 + μ): 3 % apart at a full well of 33 000 e-
 BEYOND_WELL = 4.0  # the table ends at so many full wells; nothing is left of the light there
@@ -45,7 +46,17 @@ def input_noise(camera: Camera, exposure: Exposure) -> InputNoise:
 @lru_cache(maxsize=8)  # it takes longer than a short render
 def _of_chain(stages: Chain, full_well_e: float, exposure: Exposure) -> InputNoise:
     levels = np.expm1(np.linspace(0.0, np.log1p(BEYOND_WELL * full_well_e), LEVELS))
-    code = Theory.of(stages, Frame(exposure, SensorWindow(0, (1, 1)))).digital(levels)
+    theory = theory_of(stages, Frame(exposure, SensorWindow(0, (1, 1))))
+    code = theory.digital(levels)
+    if not any(stage.counts_electrons for stage in stages):  # the codes may go up in steps
+        code = code._replace(mean=_without_steps(theory, levels))
     slope = np.gradient(code.mean, levels)
     slope[slope < NO_SLOPE * slope.max()] = 0.0
     return InputNoise(levels, slope**2 / np.maximum(code.temporal, ROUNDING_DN2))
+
+
+def _without_steps(theory: Theory, levels: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Mean in front of the rounding, between both ends of the code range [DN]."""
+    converter = converter_of(theory.stages)
+    swing = theory.behind(theory.stages[-2], levels).mean
+    return np.clip(converter.black_level_dn + converter.gain_dn_per_v * swing, 0.0, converter.highest)

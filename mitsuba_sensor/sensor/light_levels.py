@@ -68,7 +68,7 @@ class _Sums:
 def light_levels(light: Detected) -> list[LightLevels]:
     """Levels 0.2 to 0.4 % apart, by kind of the light."""
     found: dict[int, _Sums] = defaultdict(_Sums)
-    shape = light.photons.mean.shape[:2]
+    shape = light.photons.shape[:2]
     with ThreadPoolExecutor(processors()) as pool:
         rows = row_strips_of((shape[0], shape[1]), NUMPY_FLOAT64.strip_pixels)
         for mean_e, kind, number in pool.map(lambda part: _kinds(light.crop_rows(part)), rows):

@@ -19,10 +19,11 @@ from .effects.dark_current import mean_dark_e
 from .stage import converter_of
 
 if TYPE_CHECKING:
-    from .expose import Frames
+    from .frames import Frames
 
 PERCENTILE, SHARE = 95.0, 0.7  # five pixels of a hundred are brighter, and mostly still below saturation
 MANY_CLIPPED = 0.2  # of the pixels: beyond this share a shorter time is suggested
+STRAIGHT = 1e-12  # of the range of codes: a chain is straight to the last digits
 DIGITS = 3  # of the time, so that it can be typed
 
 
@@ -92,7 +93,7 @@ class Light(Protocol):
     """Light that knows its photons, camera, exposure and serial number: an Irradiance."""
 
     def collected(
-        self, camera: Camera | None, exposure: AskedExposure | None, serial: int | None
+        self, camera: Camera | None, exposure: AskedExposure | None, serial: int | None, gain: str | float | None
     ) -> tuple[Photons, Camera, Exposure, int | None]:
         """Those asked for, else its own."""
 
@@ -107,10 +108,14 @@ def checked_exposure(camera: object, exposure: AskedExposure | None) -> Exposure
 def saturation_e(camera: Camera) -> float:
     """Electrons at which a pixel saturates: its full well, or less where the converter ends before."""
     full_well_e = float(camera.pixel.full_well_e)
-    if _beyond_converter_dn(full_well_e, camera) <= 0:
+    dark_dn, full_dn = (_beyond_converter_dn(electrons, camera) for electrons in (0.0, full_well_e))
+    if full_dn <= 0:
         return full_well_e
-    if _beyond_converter_dn(0.0, camera) >= 0:
+    if dark_dn >= 0:
         raise InputError(f"darkness is at the highest code of {camera.name}; give adc.black_level_dn a smaller value.")
+    straight_e = full_well_e * dark_dn / (dark_dn - full_dn)
+    if abs(_beyond_converter_dn(straight_e, camera)) < STRAIGHT * (full_dn - dark_dn):
+        return straight_e
     return root(lambda electrons: _beyond_converter_dn(electrons, camera), 0.0, full_well_e)
 
 
@@ -126,7 +131,7 @@ def _beyond_converter_dn(electrons: float, camera: Camera) -> float:
 
 def electrons_of(photons: Photons, camera: Camera, exposure: Exposure) -> Float64Array:
     """Mean electrons that the light of an exposure makes in each pixel, (H, W)."""
-    rows, columns = photons.mean.shape[:2]
+    rows, columns = photons.shape[:2]
     signal = detect(photons, camera.stages[0], Frame(exposure, SensorWindow(0, (rows, columns), photons.origin))).signal
     return np.asarray(signal.light * signal.yield_mean, dtype=np.float64)
 

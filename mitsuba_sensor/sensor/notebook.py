@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ..core.html import Markup, bar, facts, fragment, joined, table
-from .gains import gain_dn_per_e
+from .figures import figures_if_any
 from .stage import converter_of
 
 if TYPE_CHECKING:
@@ -24,13 +24,16 @@ def camera_html(camera: Camera) -> str:
         "colour filters": ", ".join(camera.filter_names) if len(camera.filter_names) > 1 else "none",
         "quantum efficiency": f"at most {efficiency:.3g}, {low:g} to {high:g} nm",
         "full well": f"{pixel.full_well_e:g} e-",
-        "gain": f"{gain_dn_per_e(camera):.4g} DN/e-",
         "converter": f"{camera.adc.bits} bits, black level {converter.black_level_dn:g} DN",
         "lens": f"f/{camera.lens.f_number:g}",
         "stages": ", ".join(stage.label for stage in camera.stages),
     }
+    if camera.gain is not None:
+        found["gain setting"] = camera.gain
     if camera.notes:
         found["notes"] = " ".join(camera.notes)
+    figures = figures_if_any(camera)
+    found |= {f"{one.name} {one.symbol}": f"{one.value:.4g} {one.unit}" for one in figures.table()} if figures else {}
     about = f"{camera.name}: {camera.description}" if camera.description else camera.name
     return fragment(about, facts(found))
 

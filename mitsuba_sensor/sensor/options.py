@@ -2,7 +2,7 @@
 
 # Without `from __future__ import annotations`: core/options.py reads these declarations at run time.
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Annotated, Literal, TypedDict
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias, TypedDict
 
 from numpy.typing import ArrayLike
 
@@ -17,6 +17,18 @@ Precision = Literal["auto", "float32", "float64"]
 Chain = Literal["physical", "konnik2014"]
 
 
+Gain: TypeAlias = Annotated[
+    str | float | None,
+    Option(
+        "Gain setting of the camera: an ISO number or a name, which `cameras show` lists. Default: "
+        "the numbers of the camera as they stand.",
+        flag="--gain --iso",
+        metavar="ISO|NAME",
+        text=str,
+    ),
+]
+
+
 class MapOptions(TypedDict, total=False):
     """Measured fixed-pattern noise."""
 
@@ -24,7 +36,8 @@ class MapOptions(TypedDict, total=False):
         Mapping[str, ArrayLike] | None,
         Option(
             "Measured fixed-pattern noise (FPN) maps by name, as `fpn-maps` makes them, in place of the serial "
-            "number's own; of this window, or of the whole sensor.",
+            "number's own; of this window, or of the whole sensor. Offsets and read noise are in electrons or DN, as "
+            "their names end: dsnu_pixel_e, dsnu_pixel_dn.",
             flag="--fpn-maps",
             metavar="FILE.npz",
             text=str,
@@ -64,7 +77,10 @@ class FrameOptions(SensorOptions, total=False):
     keep: Annotated[
         Iterable[str],
         Option(
-            "Intermediate signals to return: photons, photoelectrons, dark_electrons, electrons, volts.", (), flag=None
+            "Intermediate signals to return: photons, photoelectrons, dark_electrons, electrons, volts, and "
+            "input_referred_electrons, the volts over the gain in V/e-: electrons with all read noise.",
+            (),
+            flag=None,
         ),
     ]
     plan: Annotated["Plan | None", Option("What plan() left of the chain; the whole chain without one.", flag=None)]
@@ -75,7 +91,7 @@ class FrameOptions(SensorOptions, total=False):
     serial: Annotated[
         int | None,
         Option(
-            "Serial number of the camera: seed of its fixed-pattern noise. Default: the scene file's, else 1.",
+            "Serial number of the camera: selects its fixed-pattern noise. Default: the scene file's, else 1.",
             check=require_seed,
         ),
     ]
@@ -87,7 +103,7 @@ class FrameOptions(SensorOptions, total=False):
 
 
 class ArrayOptions(TypedDict, total=False):
-    """What an array of photons does not say by itself."""
+    """What an array of photons does not say by itself, and at which gain the camera is."""
 
     wavelengths_nm: Annotated[
         ArrayLike | None, Option("Centres of the bands of an array (H, W, B) of photons, in nm.", flag=None)
@@ -98,6 +114,7 @@ class ArrayOptions(TypedDict, total=False):
             "(row, column) of the first pixel on the sensor; by default that of the photons, else (0, 0).", flag=None
         ),
     ]
+    gain: Gain
 
 
 class ExposeOptions(FrameOptions, ArrayOptions, total=False):

@@ -36,6 +36,9 @@ STRAIGHT_DN = 0.02
 NOISELESS_DN = 0.05
 """Below this noise the harmonics of the steps of the converter are too many."""
 
+SELDOM = 2e-3
+"""In a state of less chance a count is taken as normal: at a clip its skewness moves the mean by 0.07 e- or less."""
+
 Codes = tuple[Float64Array, Float64Array]
 """Mean [DN] and variance [DN²] of the codes of some pixels."""
 
@@ -55,7 +58,8 @@ class PixelCodes:
     """Some pixels of a strip in one state.
 
     parts : what stands between the count and the converter, for all pixels of the strip.
-    numbers, law : of these pixels, (P,).  steps : of noise behind the count, by number of the part.
+    numbers, law, chance : of these pixels, (P,): number in the strip, law of the count, and chance of the state.
+    noise : mean and variance of noise behind the count, of all pixels of the strip, by number of the part.
     """
 
     stages: Chain
@@ -63,11 +67,13 @@ class PixelCodes:
     parts: Sequence[Part]
     numbers: NDArray[np.intp]
     law: CountLaws
-    steps: Mapping[int, float]
+    chance: Float64Array
+    noise: Mapping[int, tuple[Float64Array, Float64Array]]
 
     def some(self, which: NDArray[np.intp]) -> PixelCodes:
         """Some of them."""
-        return replace(self, numbers=self.numbers[which], law=CountLaws(*(x[which] for x in self.law)))
+        law = CountLaws(*(x[which] for x in self.law))
+        return replace(self, numbers=self.numbers[which], law=law, chance=self.chance[which])
 
     def ideal(self, counts: Float64Array, rest_e2: Array = 0.0) -> Codes:
         """Mean and variance of the code before rounding of these counts, (…, P) [DN, DN²].
@@ -80,8 +86,8 @@ class PixelCodes:
                 gain, offset = (x[self.numbers] for x in part)
                 m = replace(m, mean=gain * m.mean + offset, temporal=gain**2 * m.temporal)
             elif isinstance(part, PixelNoise):
-                variance = part.variance[self.numbers]
-                m = m.add(mean=self.steps.get(number, 0.0), temporal=variance)
+                mean, variance = (x[self.numbers] for x in self.noise[number])
+                m = m.add(mean=mean, temporal=variance)
             else:
                 m = behind(part, m)
         converter = converter_of(self.stages)
@@ -115,6 +121,7 @@ class PixelCodes:
         straight = not any(s.curved for s in self.stages) and self.law.is_poisson
         closed = inside & ~sure & (own >= NOISELESS_DN) & (own < NO_HARMONIC) & straight
         smooth = inside & ~sure & ~closed & ~sharp & ((mu >= FEW) | (own >= SHARP_DN))
+        smooth |= ~sure & ~closed & (self.chance < SELDOM)
         sums = ~(sure | closed | smooth)
         every = sums & (sharp | (mu < FEW))
         yield np.flatnonzero(sure), PixelCodes._sure

@@ -72,22 +72,27 @@ class PixelLaw:
 
 @dataclass(frozen=True, eq=False)
 class NoiseLaw:
-    """Temporal noise that differs from pixel to pixel: of each kind steps and a normal part, in the unit of its stage.
+    """Temporal noise that differs from pixel to pixel or is not normal: each kind has a mixture of normals.
 
-    weights : (K,) share of the pixels of each kind.  variances : (K,) of the normal part.
-    steps : (K, T) of each kind.  states : (T,) chance of each step.
+    weights : (K,) share of the pixels of each kind.
+    steps, variances : (K, T) of each kind in each state, in the unit of the stage.  states : (T,) chance of each.
     """
 
     weights: Float64Array
-    variances: Float64Array
     steps: Float64Array
+    variances: Float64Array
     states: Float64Array
 
     @property
     def quieter(self) -> float:
-        """How much less than the mean variance that of the quietest kind is, of those that are not RARE."""
-        mean = self.weights @ (self.variances + self.steps**2 @ self.states)
-        return float(mean - self.variances[self.weights > min(RARE, 0.5 * self.weights.max())].min())
+        """How much less than the mean variance that of the quietest normal is, of those that are not RARE."""
+        mean, shares = self.weights @ ((self.variances + self.steps**2) @ self.states), self.shares
+        return float(mean - self.variances[shares > min(RARE, 0.5 * shares.max())].min())
+
+    @property
+    def shares(self) -> Float64Array:
+        """(K, T) of pixels and time together."""
+        return np.outer(self.weights, self.states)
 
 
 def fixed_gains(gains: Float64Array, weights: Float64Array) -> PixelLaw:

@@ -80,14 +80,15 @@ class _Strip:
         """Over the states of the pixels, in front of the count and behind it."""
         size = self.frame.window.shape[0] * self.frame.window.shape[1]
         mean, square = np.zeros(size), np.zeros(size)
-        for state, steps in itertools.product(self._states(), self._steps()):
-            chance = self._flat(state.chance) * math.prod(self._flat(part) for part, _ in steps.values())
+        for state, noise in itertools.product(self._states(), self._noise()):
+            chance = self._flat(state.chance) * math.prod(one for one, _, _ in noise.values())
             pixels = np.flatnonzero(chance)
             if not pixels.size:
                 continue
-            moved = {number: step for number, (_, step) in steps.items()}
+            moved = {number: (step, own) for number, (_, step, own) in noise.items()}
+            law = self._law(state, pixels)
             code, variance = PixelCodes(
-                self.stages, self.frame, self.parts, pixels, self._law(state, pixels), moved
+                self.stages, self.frame, self.parts, pixels, law, chance[pixels], moved
             ).moments()
             mean[pixels] += chance[pixels] * code
             square[pixels] += chance[pixels] * (variance + code**2)
@@ -112,7 +113,8 @@ class _Strip:
         zero = np.zeros(self.frame.window.shape)
         for before, stage in itertools.pairwise(self.stages[self.split - 1 : -1]):
             if (noise := stage.pixel_noise(self.frame)) is not None:
-                found.append(noise._replace(variance=self._flat(noise.variance)))
+                states = ((self._flat(chance), self._flat(x), self._flat(own)) for chance, x, own in noise.states)
+                found.append(PixelNoise(tuple(states)))
             elif self._is_line(stage, before):
                 offset = stage.sample(zero, self.frame)
                 found.append(Line(self._flat(stage.sample(zero + 1.0, self.frame) - offset), self._flat(offset)))
@@ -163,11 +165,11 @@ class _Strip:
         )
         return CountLaws(*(self._flat(x)[pixels] for x in (m.mean, m.temporal + state.variance_e2)))
 
-    def _steps(self) -> Iterator[dict[int, tuple[Array, float]]]:
-        """Every combination of the steps of noise behind the count: chance and step, by number of the part."""
-        stepped = {k: part.steps for k, part in enumerate(self.parts) if isinstance(part, PixelNoise) and part.steps}
-        for some in itertools.product(*stepped.values()):
-            yield dict(zip(stepped, some, strict=True))
+    def _noise(self) -> Iterator[dict[int, tuple[Array, Array, Array]]]:
+        """Every combination of the normals of noise behind the count: chance, mean and variance, by number of part."""
+        mixed = {k: part.states for k, part in enumerate(self.parts) if isinstance(part, PixelNoise)}
+        for some in itertools.product(*mixed.values()):
+            yield dict(zip(mixed, some, strict=True))
 
     def _flat(self, x: Array) -> Float64Array:
         return np.broadcast_to(np.asarray(x, np.float64), self.frame.window.shape).reshape(-1)

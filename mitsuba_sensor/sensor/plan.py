@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from ..core import Exposure, Frame, InputError, Photons, SensorWindow, check_types, require
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
 from .camera import Camera
+from .chain import whole_chain
 from .checks import as_photons, checked_maps
 from .detection import Detected, detect
 from .light_levels import WIDTH, light_levels
@@ -138,9 +139,9 @@ def plan(
     check_types(camera, exposure)
     require("tolerance_dn", tolerance_dn, 0.0, 1e9, "digital numbers, e.g. 0.02")
     light = as_photons(photons, camera, wavelengths_nm)
-    window = SensorWindow(1, (light.mean.shape[0], light.mean.shape[1]), light.origin)
+    window = SensorWindow(1, (light.shape[0], light.shape[1]), light.origin)
     frame = Frame(
-        exposure, replace(window, given=checked_maps({} if maps is None else maps, camera.stages, window, camera))
+        exposure, replace(window, given=checked_maps({} if maps is None else maps, whole_chain(camera), window, camera))
     )
     return plan_for(camera, detect(replace(light, variance_e2=None), camera.stages[0], frame), frame, tolerance_dn)
 
@@ -172,8 +173,8 @@ def _some_pixels(photons: Photons, camera: Camera, exposure: Exposure) -> tuple[
     total, tile = photons.total.ravel(), camera.tile
     spread = np.linspace(0, total.size - 1, min(LEVELS, total.size)).round().astype(int)
     chosen = np.unique(np.concatenate([spread, [total.argmin(), total.argmax()]]))
-    rows = photons.mean.reshape(total.size, -1)[chosen[np.argsort(total[chosen], kind="stable")]]
+    rows = photons.at(chosen[np.argsort(total[chosen], kind="stable")])
     window = np.repeat(np.repeat(rows[None], len(tile[0]), axis=1), len(tile), axis=0)
-    mean = window if photons.mean.ndim == 3 else window[..., 0]
+    mean = window if len(photons.shape) == 3 else window[..., 0]
     frame = Frame(exposure, SensorWindow(0, (mean.shape[0], mean.shape[1])))
-    return replace(photons, mean=mean, variance_e2=None, origin=(0, 0), in_band=None), frame
+    return photons.changed(mean=mean, variance_e2=None, origin=(0, 0), in_band=None), frame

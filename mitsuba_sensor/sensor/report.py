@@ -138,10 +138,10 @@ def report(camera: Camera, observer: FrameObserver) -> dict[str, Any]:
 def outside_qe(photons: Photons, camera: Camera) -> dict[str, Any]:
     """Bands beyond the ends of the QE curve, where nothing is detected: wavelengths [nm], share of all photons."""
     points = camera.quantum_efficiency.wavelengths_nm
-    if photons.wavelengths_nm is None or photons.mean.ndim == 2:
+    if photons.wavelengths_nm is None or len(photons.shape) == 2:
         return {"wavelengths_nm": [], "share_of_photons": 0.0}
     outside = (photons.wavelengths_nm < points[0]) | (photons.wavelengths_nm > points[-1])
-    bands = np.moveaxis(photons.mean, -1, 0)  # one after the other: all of them may be most of the memory
+    bands = map(photons.band, range(photons.shape[2]))  # one by one: all of them may be most of the memory
     finite = np.array([band.sum(where=np.isfinite(band)) for band in bands])
     share = float(finite[outside].sum() / finite.sum()) if finite.sum() else 0.0
     return {"wavelengths_nm": photons.wavelengths_nm[outside].tolist(), "share_of_photons": share}

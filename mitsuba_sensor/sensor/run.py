@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+import operator
 import sys
 import threading
 from collections.abc import Callable, Container, Hashable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol, get_args
 
 import numpy as np
@@ -30,6 +33,10 @@ WORTH_COMPILING = 2**23
 # this machine has not seen is compiled then, which takes NumPy's time for a megapixel.
 WORTH_COMPILING_LOADED = 2**20
 Sinks = dict[str, NDArray[Any]]
+
+INPUT_REFERRED = "input_referred_electrons"
+"""The swing that the converter measures over A_SN·A_SF·A_CDS, the gain of small signals: electrons after read noise,
+offsets and curves, without black level, rounding and clips of the converter."""
 
 
 def choose_backend(engine: str, precision: str, pixels: int) -> Backend:
@@ -194,7 +201,7 @@ class FrameRunner:
 
     def _strip(self, number: int, index: int, sinks: Sinks, last: bool) -> PendingStrip:
         rows, window = self._kept.rows[number], self._kept.strip(number)
-        frame = Frame(self.first.exposure, window, self.first.seed, index)
+        frame = replace(self.first, window=window, index=index, _blocks={})
         found = {"photons"}
         if "photons" in sinks:
             sinks["photons"][rows] = self.light.photons.crop_rows(rows).total
@@ -228,8 +235,8 @@ def require_kept(asked: Iterable[str], found: Container[str]) -> None:
     for name in asked:
         if name not in found:
             raise InputError(
-                f"keep names {name!r}, and this chain does not hold photoelectrons and dark electrons apart; keep "
-                "'electrons', their sum."
+                f"keep names {name!r}; this chain does not hold photoelectrons and dark electrons apart, and its "
+                "voltages are those of a node with an offset; keep 'electrons', their sum, or 'volts'."
             )
 
 
@@ -253,6 +260,9 @@ def signals(
             follower.behind(stage, signal)
         if following is None or following.domain != stage.domain:
             yield from named(stage, signal, last=following is None)
+        if following is stages[-1] and stage.domain == "volts":
+            per_volt = frame.number(1 / math.prod(one.nominal_gain for one in stages[:-1]))
+            yield INPUT_REFERRED, partial(operator.mul, per_volt, signal)
 
 
 def named(stage: Stage, signal: Array, last: bool) -> Iterator[tuple[str, Callable[[], Array]]]:

@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from ..core import Exposure, InputError, Photons
 from ..core.options import documents
 from .camera import Camera
-from .expose import Frames, PreparedExposure, prepared
+from .expose import PreparedExposure, prepared
+from .frames import Frames
 from .options import ExposeOptions
 from .run import StripWindows
 
@@ -29,12 +30,18 @@ class Sensor:
         for photons in scenes:
             frames = sensor.expose(photons, exposure)
 
-    The frames are those of ``ms.expose(photons, camera, exposure, serial=7)``, byte for byte. One set of FPN maps is
-    kept for each shape, origin, backend and precision that was asked for, the last ones up to ``most_bytes``.
+    A sensor counts its frames: a call without ``first_frame`` goes on behind all frames taken before, so that no two
+    frames share their temporal noise. They are those of
+    ``ms.expose(photons, camera, exposure, serial=7, first_frame=n)``, byte for byte, where n was
+    ``sensor.frames_taken``. Set that to 0, or pass ``first_frame``, to take the same frames again.
 
-    camera : a :class:`Camera`.  serial : its serial number, the seed of its fixed-pattern noise.
+    One set of FPN maps is kept for each shape, origin, backend and precision that was asked for, the last ones up to
+    ``most_bytes``.
+
+    camera : a :class:`Camera`.  serial : its serial number, which selects its fixed-pattern noise.
     maps : measured FPN maps in place of the serial number's own, as of :func:`expose`.
     most_bytes : memory for maps [byte]; what was used least recently is dropped beyond it.
+    frames_taken : number of the frame behind the last one taken so far; it can be set.
     Raises InputError where :func:`expose` does.
     """
 
@@ -42,10 +49,12 @@ class Sensor:
         self, camera: Camera, *, serial: int = 1, maps: dict[str, ArrayLike] | None = None, most_bytes: float = 2**30
     ) -> None:
         self.camera, self.serial, self.maps, self.most_bytes = camera, serial, maps, most_bytes
+        self.frames_taken = 0
         self._kept: dict[Any, StripWindows] = {}
 
     def __repr__(self) -> str:
-        return f"Sensor({self.camera.name!r}, serial={self.serial}, {self.bytes / 2**20:.0f} MiB of FPN maps)"
+        kept = f"{self.frames_taken} frames taken, {self.bytes / 2**20:.0f} MiB of FPN maps"
+        return f"Sensor({self.camera.name!r}, serial={self.serial}, {kept})"
 
     @property
     def bytes(self) -> int:
@@ -53,13 +62,15 @@ class Sensor:
         return sum(strips.bytes for strips in self._kept.values())
 
     def clear(self) -> None:
-        """Forget all FPN maps; the next call makes them again."""
+        """Forget all FPN maps; the next call makes them again. The count of the frames goes on."""
         self._kept.clear()
 
     @documents(ExposeOptions)
     def expose(self, photons: Photons | ArrayLike, exposure: Exposure, **options: Unpack[ExposeOptions]) -> Frames:
-        """Raw frames of these mean photons per pixel, as of :func:`expose`."""
-        frames = self._prepared(photons, exposure, options).frames()
+        """Raw frames of these mean photons per pixel, as of :func:`expose`; by default those behind the last ones."""
+        made = self._prepared(photons, exposure, options)
+        frames = made.frames()
+        self._count(made)
         self._drop()
         return frames
 
@@ -67,14 +78,18 @@ class Sensor:
     def stream(
         self, photons: Photons | ArrayLike, exposure: Exposure, **options: Unpack[ExposeOptions]
     ) -> Iterator[NDArray[np.unsignedinteger]]:
-        """The frames one at a time, as of :func:`stream`."""
-        return self._prepared(photons, exposure, options).stream()
+        """The frames one at a time, as of :func:`stream`; all of them count as taken from now on."""
+        made = self._prepared(photons, exposure, options)
+        stream = made.stream()
+        self._count(made)
+        return stream
 
     def _prepared(self, photons: Any, exposure: Exposure, options: ExposeOptions) -> PreparedExposure:
         for name in FIXED:
             if name in options:
                 raise InputError(f"{name} belongs to the sensor; pass it to Sensor(camera, …), or use expose.")
-        given: ExposeOptions = {**options, "serial": self.serial, "maps": self.maps}
+        begin: ExposeOptions = {"first_frame": self.frames_taken}
+        given: ExposeOptions = {**begin, **options, "serial": self.serial, "maps": self.maps}
         made = prepared(photons, self.camera, exposure, given)
         window = made.first.window
         backend = window.backend
@@ -82,6 +97,9 @@ class Sensor:
         strips = self._kept.pop(key, None) or StripWindows(window)
         self._kept[key] = strips  # the last one is the one that was used last
         return replace(made, first=replace(made.first, window=strips.window, _blocks={}), strips=strips)
+
+    def _count(self, made: PreparedExposure) -> None:
+        self.frames_taken = max(self.frames_taken, made.first.index + made.count)
 
     def _drop(self) -> None:
         while len(self._kept) > 1 and self.bytes > self.most_bytes:

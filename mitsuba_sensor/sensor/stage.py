@@ -28,13 +28,12 @@ UNITS: dict[Domain, str] = {"photons": "photons", "electrons": "e-", "volts": "V
 
 
 class PixelNoise(NamedTuple):
-    """Temporal noise behind the shot noise that differs from pixel to pixel, in the unit of its stage.
+    """Temporal noise behind the shot noise that differs from pixel to pixel or is not normal, in the unit of its stage.
 
-    variance : of its normal part, scalar or (H, W).  steps : chance, scalar or (H, W), and size of each of its steps.
+    states : chance, mean and variance of the normals that make it up, each scalar or (H, W).
     """
 
-    variance: Array
-    steps: tuple[tuple[Array, float], ...] = ()
+    states: tuple[tuple[Array, Array, Array], ...]
 
 
 class Stage(ABC):
@@ -50,6 +49,7 @@ class Stage(ABC):
     shared_by : "row" or "column" where all pixels of one have the same value.
     curved : whether the response is not a straight line, so that its moments are of second order in the noise.
     saturation_e : where the stage clips [e-], None where it does not.
+    no_noise : of a stage that is no noise, the fields that change it; others can be switched off by their keys.
     """
 
     domain: ClassVar[Domain]
@@ -63,6 +63,7 @@ class Stage(ABC):
     curved: ClassVar[bool] = False
     shared_by: ClassVar[Literal["row", "column"] | None] = None
     label: ClassVar[str] = ""
+    no_noise: ClassVar[str] = ""
 
     def __init_subclass__(cls) -> None:
         """``LineDrift`` gets the label ``line drift``, unless it has one of its own."""
@@ -99,7 +100,7 @@ class Stage(ABC):
         return None
 
     def noise_law(self, frame: Frame) -> NoiseLaw | None:
-        """Of a stage behind the shot noise whose noise differs from pixel to pixel; None: normal, by its moments."""
+        """Of a stage behind the shot noise whose noise differs among pixels or is not normal; None: by its moments."""
         return None
 
     def outcomes(self, electrons: Electrons, frame: Frame) -> tuple[tuple[Array, Electrons], ...]:
@@ -122,6 +123,10 @@ class Stage(ABC):
 
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
         """The fixed-pattern noise maps of this stage, by name."""
+        return {}
+
+    def gains_of_maps(self) -> dict[str, float]:
+        """Of each of its maps in electrons: what one electron there becomes behind the stage, in its unit."""
         return {}
 
     @classmethod

@@ -18,7 +18,7 @@ from .light_levels import LightLevels
 from .pixel_law import COARSE
 from .stage import Chain, Stage, converter_of, place_of, total
 from .theory import Theory
-from .uncounted import theory_without
+from .uncounted import theory_of, theory_without
 
 NEVER = 1e-6  # expected pixels of a frame that fill a well, below which none does
 
@@ -102,7 +102,7 @@ class Trial:
     @cached_property
     def full(self) -> Theory:
         """Theory of the whole chain."""
-        theory, last = Theory.of(self.whole, self.frame, self.kind), len(self.whole) - 1
+        theory, last = theory_of(self.whole, self.frame, self.kind), len(self.whole) - 1
         ends = [self.range.darkest_e, min(self.range.brightest_e, float(theory.nodes[-1]) / theory.electrons_per_light)]
         apart = [end for end in ends if end > TOO_CLOSE_E]  # a node next to 0 has no slope
         vars(theory)["nodes"] = np.union1d(theory.nodes, np.multiply(apart, theory.electrons_per_light))

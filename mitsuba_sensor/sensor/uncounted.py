@@ -11,10 +11,16 @@ import scipy
 
 from ..core import Frame
 from ..core.types import Float64Array
-from .given_count import GivenCount
-from .light_kind import PLAIN, LightKind
-from .stage import Chain, Stage
+from .given_count import SHARP_DN, GivenCount
+from .light_kind import PLAIN, Expected, LightKind
+from .pixel_law import COARSE
+from .stage import Chain, Stage, place_of
 from .theory import Theory
+
+CLOSER = 4
+"""Nodes for each of the theory of counted electrons, whose curves are cubic."""
+
+NO_LEVELS: Float64Array = np.zeros(0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,14 +42,46 @@ class GivenMean(GivenCount):
 
 
 class TheoryOfMeans(Theory):
-    """Theory of a physical chain that counts no electrons."""
+    """Theory of a physical chain that counts no electrons.
+
+    Where neither noise nor offsets hide the steps of the converter there are straight lines between the nodes; where no
+    pixel differs from another, there are nodes at ``levels_e`` [e-].
+    """
+
+    levels_e: Float64Array = NO_LEVELS
 
     @cached_property
     def nodes(self) -> Float64Array:
-        """As if the electrons were counted."""
+        """As if the electrons were counted; where all pixels are alike, closer, and the levels."""
+        nodes = self._like.nodes
+        if self._like._given.spread_dn.any() or not all(map(self._is_certain, self.stages[1 : self._split])):
+            return nodes
+        closer = (nodes[:-1, None] + np.diff(nodes)[:, None] * np.arange(CLOSER) / CLOSER).ravel()
+        levels = self.levels_e[np.isfinite(self.levels_e) & (self.levels_e < nodes[-1])]
+        return np.unique(np.concatenate([closer, nodes[-1:], levels]))
+
+    def behind(self, stage: Stage, light_e: Float64Array) -> Expected:
+        """At these levels of mean photoelectrons."""
+        if not self._in_steps:
+            return super().behind(stage, light_e)
+        levels = np.ravel(np.asarray(light_e, dtype=np.float64)) * self.electrons_per_light
+        return Expected(*(np.interp(levels, self.nodes, x) for x in self.table(place_of(stage, self.stages)).T))
+
+    @cached_property
+    def _like(self) -> Theory:
+        """Of the same chain, if it counted the electrons that enter the well."""
         like = Theory(self.stages, self.conditions, self.kind)
         vars(like).update(_count=self._split, _split=self._split)
-        return like.nodes
+        return like
+
+    def _is_certain(self, stage: Stage) -> bool:
+        """Whether a stage in front of the well does the same in all pixels."""
+        law = stage.pixel_law(self.conditions, COARSE)
+        return law is not None and not np.ptp(law.gains) and not np.ptp(law.offsets)
+
+    @cached_property
+    def _in_steps(self) -> bool:
+        return bool(self._like._given.spread_dn.min() < SHARP_DN)
 
     @cached_property
     def _count(self) -> int:
@@ -92,9 +130,12 @@ def _kind_of_theory(stages: Chain, kind: LightKind) -> type[Theory]:
     return TheoryOfBursts if kind.yield_mean > 1 and _place_of_bursts(stages) is not None else TheoryOfMeans
 
 
-def theory_of(stages: Chain, frame: Frame, kind: LightKind = PLAIN) -> Theory:
-    """For any chain."""
-    return _kind_of_theory(stages, kind).of(stages, frame, kind)
+def theory_of(stages: Chain, frame: Frame, kind: LightKind = PLAIN, levels_e: Float64Array = NO_LEVELS) -> Theory:
+    """For any chain.  levels_e : at which it is to be exact where the codes go up in steps [e-]."""
+    theory = _kind_of_theory(stages, kind).of(stages, frame, kind)
+    if isinstance(theory, TheoryOfMeans):
+        vars(theory)["levels_e"] = levels_e
+    return theory
 
 
 def theory_without(theory: Theory, out: Collection[Stage]) -> Theory:

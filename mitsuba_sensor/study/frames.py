@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..core import Electrons, Exposure, Frame, Photons, SensorWindow
 from ..core.backend import Backend
 from ..core.llvm import backend_problem, drjit
+from ..sensor.camera import Camera
 from ..sensor.detection import detect
 from ..sensor.run import FrameRunner
 from ..sensor.stage import Chain, converter_of, sample
@@ -82,21 +83,27 @@ class Illuminated:
     """A scene's light on a camera. photons : mean photons per pixel.  backend : who does the arithmetic."""
 
     photons: Photons
+    camera: Camera
     exposure: Exposure
     backend: Backend
 
     def sensor(self, serial: int) -> SensorWindow:
         """The window of one sensor."""
         rows, columns = self.photons.mean.shape[:2]
-        return SensorWindow(serial % 2**64, (rows, columns), self.photons.origin, backend=self.backend)
+        shape, origin, serial = (rows, columns), self.photons.origin, serial % 2**64
+        return SensorWindow(serial, shape, origin, backend=self.backend, camera=self.camera.name)
 
     def electrons(self, stages: Chain, sensor: SensorWindow) -> Electrons:
         """Mean electrons that a sensor detects, from which frames of the stages behind the first one can start."""
-        return stages[0].sample(self.photons, Frame(self.exposure, sensor))  # type: ignore[no-any-return]
+        return stages[0].sample(self.photons, self.first(sensor))  # type: ignore[no-any-return]
+
+    def first(self, sensor: SensorWindow, seed: int = 1) -> Frame:
+        """Frame 0 of a sensor and seed."""
+        return Frame(self.exposure, sensor, seed % 2**64, gain=self.camera.gain or "")
 
     def frame(self, stages: Chain, start: Electrons, sensor: SensorWindow, seed: int) -> Array:
         """The first frame of a seed, (H, W) [DN]; start : detected electrons."""
-        codes = sample(stages[1:], start, Frame(self.exposure, sensor, seed % 2**64))
+        codes = sample(stages[1:], start, self.first(sensor, seed))
         return np.asarray(codes, dtype=np.float64)
 
     def measured_moments(self, stages: Chain, replicas: Replicas, expected: Array, groups: Groups) -> dict[str, Array]:
@@ -120,7 +127,7 @@ class Stream:
 
     def __init__(self, stages: Chain, light: Illuminated) -> None:
         sensor, dtype = light.sensor(1), np.min_scalar_type(converter_of(stages).highest)
-        first = Frame(light.exposure, sensor)
+        first = light.first(sensor)
         run = FrameRunner(stages, detect(light.photons, stages[0], first), first)
         self._frames = run.frames(0, 2**31, lambda _: {"digital": np.empty(sensor.shape, dtype)})
         self._compiled = light.backend.compiled

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -50,6 +50,7 @@ class Line:
     y: tuple[float, ...]
     error: tuple[float, ...] = ()  # half the length of the vertical bars, or none
     joined: bool = True  # whether a line joins them
+    marked: bool = True  # whether each has a marker
     dashed: bool = False
     colour: int | None = None  # its number; in a study that of its label, through all plots
     ringed: tuple[int, ...] = ()  # indices of points with a ring
@@ -84,7 +85,8 @@ class Plot:
     def _draw(self, axes: Axes) -> float:
         for number, line in enumerate(self.lines):
             look = number if line.colour is None else line.colour
-            style: Values = {"marker": MARKERS[look % len(MARKERS)], "markersize": 4.5, "elinewidth": 0.9}
+            style: Values = {"marker": MARKERS[look % len(MARKERS)] if line.marked else ""}
+            style |= {"markersize": 4.5, "elinewidth": 0.9}
             style |= {"linewidth": 1.4 if line.joined else 0, "linestyle": "--" if line.dashed else "-"}
             style["color"] = f"C{look}"
             axes.errorbar(line.x, line.y, yerr=line.error or None, label=line.label or None, **style)
@@ -146,7 +148,21 @@ class Grid:
         return 1.2 + CELL_IN * len(self.rows)
 
 
-Picture = Plot | Bars | Grid
+@dataclass(frozen=True)
+class Drawing:
+    """What something else draws: an instrument of the laboratory, for example, onto axes that it is given."""
+
+    title: str
+    draw: Callable[[Axes], object]
+    note: str = ""
+    level: Level | None = None
+
+    def _draw(self, axes: Axes) -> float:
+        self.draw(axes)
+        return HEIGHT_IN
+
+
+Picture = Plot | Bars | Grid | Drawing
 Part = Table | Picture
 
 
@@ -169,7 +185,8 @@ class Study(Section):
 
     def to_dict(self) -> Values:
         """study.json."""
-        parts = [{"kind": type(part).__name__.lower(), **asdict(part)} for part in self.parts]
+        shown = [part for part in self.parts if not isinstance(part, Drawing)]  # whose numbers stand in data
+        parts = [{"kind": type(part).__name__.lower(), **asdict(part)} for part in shown]
         about = {"study": self.name, "title": self.title, "findings": list(self.findings), "passed": self.passed}
         return {**about, **self.data, "parts": parts}
 

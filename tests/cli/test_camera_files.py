@@ -88,3 +88,23 @@ def test_set_unsets_a_field_so_that_its_alternative_can_be_given(
     assert (camera["source_follower"]["read_noise_e"], camera["dark_current"]["rate_e_per_s"]) == (3, 5)
     (note,) = camera["notes"]
     assert note.startswith("pixel.prnu is 0.5, and 0 to 0.1 is usual")
+
+
+def test_an_import_says_what_is_assumed_and_writes_a_file_that_is_right(
+    tmp_path: Path, cli: Callable[..., Any]
+) -> None:
+    """A tuning file at 12 bits; a second import needs --force, and a bad file writes nothing."""
+    source, file = tmp_path / "imx477.json", tmp_path / "my.toml"
+    source.write_text('{"algorithms": [{"rpi.noise": {"reference_slope": 2.767}}]}', encoding="utf-8")
+    flags = ("--set", "adc.bits=12", "--name", "my_pi")
+    done = cli("cameras", "import", source, "-o", file, *flags, "--json")
+    said = json.loads(done.stdout)
+    assert said["name"] == "my_pi" and "source_follower.read_noise_e" in said["assumed"]
+    assert said["sources"]["adc.full_scale_v"].startswith("imx477.json: rpi.noise reference_slope 2.767")
+    assert cli("cameras", "check", file).stdout == f"{file}: nothing is wrong\n"
+    again = cli("cameras", "import", source, "-o", file, *flags)
+    assert again.exit_code == 2 and "exists already; --force" in again.stderr
+    assert "numbers are assumed" in cli("cameras", "import", source, "-o", file, *flags, "--force").stdout
+    source.write_text("{}", encoding="utf-8")
+    bad = cli("cameras", "import", source, "-o", tmp_path / "other.toml")
+    assert bad.exit_code == 2 and len(bad.stderr.splitlines()) == 1 and not (tmp_path / "other.toml").exists()

@@ -23,7 +23,7 @@ import mitsuba_sensor as ms
 from mitsuba_sensor import cli as command_line
 from mitsuba_sensor.io import exr
 from mitsuba_sensor.render.irradiance import RenderedFor
-from mitsuba_sensor.sensor.camera import SHIPPED
+from mitsuba_sensor.sensor.camera_file import SHIPPED
 
 OUTPUTS = {"frame.tiff", "frame.png", "irradiance.exr", "frame.json"}
 
@@ -64,7 +64,7 @@ def test_the_report_holds_all_that_is_needed_to_make_the_frame_again(report: dic
     assert report["camera"]["adc"]["bits"] == 14
     assert report["camera"]["sources"]["adc.bits"] == "set by the user"
     assert report["exposure"] == {"time_s": 0.1, "temperature_k": 298.15}
-    assert report["seeds"] == {"seed": 1, "serial": 1}
+    assert report["seeds"] == {"seed": 1, "serial": 1, "first_frame": 0}
     assert report["origin"]["parameters"] == {"level": "0.0001"}
     assert len(report["origin"]["scene_sha256"]) == 64
     assert report["versions"]["mitsuba"] and report["versions"]["mitsuba-sensor"] == ms.__version__

@@ -10,3 +10,6 @@ ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT / "tests" / "data"
 BENCHMARKS = ROOT / "benchmarks"
 CAMERAS = Path(mitsuba_sensor.__file__).parent / "sensor" / "cameras"
+
+EACH_KIND = ("konnik_table1", "bayer_2mp", "rgbir_2mp", "eev_44_82")
+"""A shipped camera of each kind: monochrome CMOS, two mosaics, CCD. Tests that take long are of these."""

@@ -271,3 +271,16 @@ def test_a_file_in_the_place_of_a_folder_is_one_sentence_with_the_name_that_was_
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match=r"cannot write \S+/file/maps.npz: Not a directory"):
         files.write_fpn_maps(tmp_path / "file" / "maps.npz", {})
+
+
+@pytest.mark.parametrize("half", [False, True])
+def test_an_exr_that_is_written_some_rows_at_a_time_is_the_same_file(
+    light: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, half: bool
+) -> None:
+    images = ("data", "standard_error", "relative_error", "in_band")
+    found = {name: getattr(light, name) for name in images}
+    tall = replace(light, **{name: None if x is None else np.repeat(x, 4, axis=0) for name, x in found.items()})
+    exr.write_irradiance_exr(tmp_path / "once.exr", tall, half)
+    monkeypatch.setattr("mitsuba_sensor.io.openexr.VALUES_AT_ONCE", 1)
+    exr.write_irradiance_exr(tmp_path / "strips.exr", tall, half)
+    assert (tmp_path / "strips.exr").read_bytes() == (tmp_path / "once.exr").read_bytes()

@@ -85,3 +85,16 @@ def test_the_edge_of_a_grey_surface_has_no_colour() -> None:
 def test_saturation_is_white_whatever_the_balance() -> None:
     for camera in (COLOUR, RGBIR):
         assert (preview(np.full((4, 4), 2**camera.adc.bits - 1), camera) >= 254).all()
+
+
+@pytest.mark.parametrize("camera", [MONO, COLOUR, RGBIR], ids=lambda camera: camera.name)
+@pytest.mark.parametrize("origin", [(0, 0), (3, 1)])
+def test_a_preview_of_some_rows_at_a_time_is_that_of_the_whole_frame(
+    camera: ms.Camera, origin: tuple[int, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To the bit, in strips of one row and of seven, of noise, which has edges everywhere."""
+    raw = np.random.default_rng(1).integers(0, 2**camera.adc.bits, (61, 34))
+    whole = preview(raw, camera, origin=origin)
+    for rows in (1, 7):
+        monkeypatch.setattr("mitsuba_sensor.io.preview.PIXELS_AT_ONCE", rows * 34)
+        np.testing.assert_array_equal(preview(raw, camera, origin=origin), whole)

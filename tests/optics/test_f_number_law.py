@@ -20,7 +20,8 @@ from mitsuba_sensor.render.bands import box_bands
 from mitsuba_sensor.render.prepared import render
 from mitsuba_sensor.render.scene import Scene, load_scene
 from mitsuba_sensor.render.variants import choose_variant, use
-from mitsuba_sensor.sensor.camera import Camera, load_camera
+from mitsuba_sensor.sensor.camera import Camera
+from mitsuba_sensor.sensor.camera_file import load_camera
 
 CAMERA = load_camera("konnik_table1")
 CROP = "".join(

@@ -27,7 +27,7 @@ from mitsuba_sensor.render.motion import Motion, read_motion
 from mitsuba_sensor.render.passes import hashed_seed
 from mitsuba_sensor.render.scene import load_scene
 from mitsuba_sensor.render.variants import choose_variant, use
-from mitsuba_sensor.sensor.camera import load_camera
+from mitsuba_sensor.sensor.camera_file import load_camera
 
 CAMERA = load_camera("konnik_table1")
 ROLLING = CAMERA.replace(**{"sensor.shutter": "rolling", "sensor.row_time_us": 1000.0})

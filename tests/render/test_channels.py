@@ -14,7 +14,7 @@ from mitsuba_sensor.io.exr import read_irradiance_exr, write_irradiance_exr
 from mitsuba_sensor.render.bands import channel_bands, choose_bands, response_fingerprint
 from mitsuba_sensor.render.photons import collect
 from mitsuba_sensor.render.prepared import render
-from mitsuba_sensor.sensor.camera import load_camera
+from mitsuba_sensor.sensor.camera_file import load_camera
 from mitsuba_sensor.sensor.expose import expose
 
 BAYER, EXPOSURE = load_camera("bayer_2mp"), Exposure(0.02)

@@ -21,7 +21,7 @@ from mitsuba_sensor.render.photons import photons_per_irradiance
 from mitsuba_sensor.render.prepared import prepare, render
 from mitsuba_sensor.render.scene import load_scene
 from mitsuba_sensor.render.variants import choose_variant, use
-from mitsuba_sensor.sensor.camera import load_camera
+from mitsuba_sensor.sensor.camera_file import load_camera
 
 CAMERA, EXPOSURE = load_camera("konnik_table1"), Exposure(0.02)
 BOX = {"parameters": {"width": 48, "height": 48}, "bandwidth_nm": 100}

@@ -14,7 +14,7 @@ from mitsuba_sensor.render.irradiance import Irradiance
 from mitsuba_sensor.render.prepared import render
 from mitsuba_sensor.render.scene import load_scene
 from mitsuba_sensor.render.statistics import firefly_fraction, summary_of, why_not_trusted
-from mitsuba_sensor.sensor.camera import load_camera
+from mitsuba_sensor.sensor.camera_file import load_camera
 
 CAMERA, EXPOSURE = load_camera("konnik_table1"), Exposure(0.02)
 REFERENCE = DATA / "cornell_box_64.npz"

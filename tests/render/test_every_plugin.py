@@ -17,7 +17,7 @@ from mitsuba_sensor.render.bands import box_bands
 from mitsuba_sensor.render.scene import load_scene
 from mitsuba_sensor.render.scene_file import POLARISING, parse_scene
 from mitsuba_sensor.render.variants import choose_variant, use
-from mitsuba_sensor.sensor.camera import load_camera
+from mitsuba_sensor.sensor.camera_file import load_camera
 
 CAMERA = load_camera("konnik_table1")
 BANDS = box_bands(CAMERA, np.array([400.0, 500.0, 600.0, 700.0]))

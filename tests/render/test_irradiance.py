@@ -25,7 +25,7 @@ from mitsuba_sensor.render.photons import photons_per_irradiance
 from mitsuba_sensor.render.prepared import prepare, render
 from mitsuba_sensor.render.scene import Scene
 from mitsuba_sensor.render.variants import choose_variant, use
-from mitsuba_sensor.sensor.camera import load_camera
+from mitsuba_sensor.sensor.camera_file import load_camera
 from mitsuba_sensor.sensor.effects.dark_current import mean_dark_e
 from mitsuba_sensor.sensor.effects.source_follower_noise import SourceFollowerNoise
 from mitsuba_sensor.sensor.gains import gain_dn_per_e, sense_gain_v_per_e

@@ -22,7 +22,8 @@ from mitsuba_sensor.optics.paraxial import cardinal_points
 from mitsuba_sensor.render.bands import box_bands
 from mitsuba_sensor.render.scene import Scene, load_scene
 from mitsuba_sensor.render.variants import choose_variant, use
-from mitsuba_sensor.sensor.camera import Camera, load_camera
+from mitsuba_sensor.sensor.camera import Camera
+from mitsuba_sensor.sensor.camera_file import load_camera
 
 LLVM = "llvm_ad_spectral"
 RADIANCE = 2e-4  # of SKY [W m⁻² sr⁻¹ nm⁻¹]

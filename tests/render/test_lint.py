@@ -14,7 +14,8 @@ from helpers.scenes import BALL, SCENES, SHIPPED, both_variants, scene_text, ski
 from mitsuba_sensor.render.lint import Finding
 from mitsuba_sensor.render.scene import inspect_scene
 from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
-from mitsuba_sensor.sensor.camera import Camera, load_camera
+from mitsuba_sensor.sensor.camera import Camera
+from mitsuba_sensor.sensor.camera_file import load_camera
 
 VISIBLE = load_camera("konnik_table1")
 INFRARED = VISIBLE.replace(

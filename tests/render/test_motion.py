@@ -29,7 +29,7 @@ from mitsuba_sensor.render.options import RenderOptions
 from mitsuba_sensor.render.passes import hashed_seed
 from mitsuba_sensor.render.scene import Scene, load_scene
 from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
-from mitsuba_sensor.sensor.camera import load_camera
+from mitsuba_sensor.sensor.camera_file import load_camera
 
 GLOBAL = load_camera("konnik_table1")
 ROLLING = GLOBAL.replace(**{"sensor.shutter": "rolling", "sensor.row_time_us": 1000.0})

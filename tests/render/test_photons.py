@@ -105,3 +105,32 @@ def test_photons_are_an_array_for_numpy() -> None:
     assert np.asarray(photons).sum() == 15
     assert np.asarray(photons, dtype=np.float32).dtype == np.float32
     assert photons.total is photons.mean
+
+
+def test_photons_of_a_render_are_the_same_whole_in_strips_by_band_and_by_pixel(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of bands in float32, one of them infinite in a pixel, as photons that are made at once in float64."""
+    monkeypatch.setattr("mitsuba_sensor.core.signals.VALUES_AT_ONCE", 2 * 5 * 3)
+    data = np.random.default_rng(1).random((7, 5, 3)).astype(np.float32)
+    data[2, 3, 1] = np.inf
+    lazy = ms.collect(light(data, (450.0, 550.0, 650.0), (10.0, 10.0, 10.0)), CAMERA, EXPOSURE)
+    factor = photons_per_irradiance(CAMERA, EXPOSURE, [450.0, 550.0, 650.0], [10.0, 10.0, 10.0])
+    whole = Photons(data.astype(np.float64) * factor, lazy.wavelengths_nm)
+    pixels = np.array([30, 0, 13, 13])
+    assert lazy.shape == whole.shape and len(list(lazy.strips())) == 4
+    for name, values in {"total": whole.total, "mean": whole.mean}.items():
+        fresh = lazy.changed(origin=(1, 0))
+        np.testing.assert_array_equal(fresh.at(pixels), whole.at(pixels))
+        np.testing.assert_array_equal(fresh.band(1), whole.band(1))
+        np.testing.assert_array_equal(np.concatenate([strip.mean for strip in fresh.strips()]), whole.mean)
+        np.testing.assert_array_equal(fresh.crop_rows(slice(2, 4)).crop_rows(slice(1, 2)).mean, whole.mean[3:4])
+        assert "mean" not in vars(fresh)
+        np.testing.assert_array_equal(getattr(fresh, name), values, err_msg=name)
+
+
+@pytest.mark.parametrize("wrong", [-1.0, np.nan])
+def test_a_render_with_wrong_values_is_refused_with_their_place(wrong: float) -> None:
+    data = np.ones((4, 5, 2), np.float32)
+    data[3, 1, 1] = wrong
+    photons = ms.collect(light(data, (450.0, 550.0), (10.0, 10.0)), CAMERA, EXPOSURE)
+    with pytest.raises(ms.InputError, match=r"1 place\(s\), first at \(3, 1, 1\)"):
+        ms.expose(photons, CAMERA, EXPOSURE)

@@ -22,7 +22,7 @@ from mitsuba_sensor.render.bands import box_bands, channel_bands
 from mitsuba_sensor.render.prepared import render
 from mitsuba_sensor.render.scene import Scene, load_scene
 from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
-from mitsuba_sensor.sensor.camera import load_camera
+from mitsuba_sensor.sensor.camera_file import load_camera
 from mitsuba_sensor.sensor.metering import Metering
 
 CAMERA = load_camera("konnik_table1")

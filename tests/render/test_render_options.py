@@ -19,7 +19,7 @@ from mitsuba_sensor.render.aovs import render_aovs
 from mitsuba_sensor.render.per_frame import render_frames
 from mitsuba_sensor.render.photons import collect
 from mitsuba_sensor.render.prepared import render
-from mitsuba_sensor.sensor.camera import load_camera
+from mitsuba_sensor.sensor.camera_file import load_camera
 from mitsuba_sensor.sensor.expose import expose
 
 TABLE1, BAYER, EXPOSURE = load_camera("konnik_table1"), load_camera("bayer_2mp"), Exposure(0.02)

@@ -124,6 +124,7 @@ def test_a_scene_that_was_changed_after_loading_is_rendered_as_it_is_now() -> No
 
 
 def test_aovs_frames_of_their_own_and_a_user_s_film_are_left_as_they_were() -> None:
+    """To the rounding of float32: threads of LLVM add the samples of a pixel in any order."""
     mi = ready("llvm_ad_spectral")
     scene = mi.load_dict(room(mi))
     before, names = np.array(mi.render(scene, spp=4, seed=1)), [shape.id() for shape in scene.shapes()]
@@ -132,7 +133,7 @@ def test_aovs_frames_of_their_own_and_a_user_s_film_are_left_as_they_were() -> N
     assert [shape.id() for shape in scene.shapes()] == names
     each = list(ms.render_frames(scene, CAMERA, EXPOSURE, frames=2, spp=16))
     assert len(each) == 2 and each[0].frames.digital.shape == (1, 12, 16)
-    np.testing.assert_array_equal(np.array(mi.render(scene, spp=4, seed=1)), before)
+    np.testing.assert_allclose(np.array(mi.render(scene, spp=4, seed=1)), before, rtol=1e-5, atol=1e-9)
 
 
 def test_notes_say_what_was_replaced() -> None:

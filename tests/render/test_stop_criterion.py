@@ -17,7 +17,7 @@ from mitsuba_sensor.render.irradiance import Irradiance
 from mitsuba_sensor.render.passes import FEWEST, MOST_SPP, whole_grid
 from mitsuba_sensor.render.prepared import render
 from mitsuba_sensor.render.stop_criterion import PASS_SPP, StopCriterion, stop_criterion_of
-from mitsuba_sensor.sensor.camera import load_camera
+from mitsuba_sensor.sensor.camera_file import load_camera
 
 CAMERA, EXPOSURE = load_camera("konnik_table1"), Exposure(0.02)
 BOX = SCENES / "cornell_box.xml"  # noise in every pixel

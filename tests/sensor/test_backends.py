@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers import EACH_KIND
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, Backend
@@ -82,7 +83,7 @@ def test_numpy_and_the_kernel_deliver_the_same_bytes_with_every_option(case: str
 
 
 @compiled
-@pytest.mark.parametrize("name", ms.list_cameras())
+@pytest.mark.parametrize("name", EACH_KIND)
 def test_numpy_and_the_kernel_deliver_the_same_bytes_for_every_camera_file(name: str) -> None:
     camera = ms.load_camera(name)
     light = dark_to_saturation(camera)

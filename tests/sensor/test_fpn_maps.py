@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.core.frame import Frame
 
 TABLE1 = ms.load_camera("konnik_table1")
 EXPOSURE = ms.Exposure(0.1)
@@ -41,8 +42,11 @@ SITES = {
 
 @pytest.mark.parametrize("origin", [(0, 0), (506, 1020)], ids=str)
 @pytest.mark.parametrize("option", OPTIONS)
-def test_a_sensor_is_its_maps_whatever_the_serial(option: str, origin: tuple[int, int], tmp_path: Path) -> None:
-    """patterns() of serial 7, through a file, given to serial 99: the bytes of serial 7."""
+def test_a_sensor_is_its_maps_whatever_the_serial(
+    option: str, origin: tuple[int, int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """fpn_maps() of serial 7, through a file, given to serial 99: in the same noise, the bytes of serial 7."""
+    monkeypatch.setattr(Frame, "key", 5)
     camera = TABLE1.replace(**OPTIONS[option])
     np.savez(tmp_path / "maps.npz", **ms.fpn_maps(camera, SHAPE, serial=7, origin=origin))
     with np.load(tmp_path / "maps.npz") as maps:
@@ -106,10 +110,13 @@ def test_patterns_have_the_shape_of_what_they_belong_to_and_the_whole_sensor_by_
 
 
 @pytest.mark.parametrize("origin", [(0, 0), (2, 5), (8, 3)], ids=str)
-def test_maps_of_the_whole_sensor_are_cut_to_the_window(origin: tuple[int, int]) -> None:
-    """A sensor of 20 × 30, a window of 12 × 17 somewhere on it: the window of that sensor, byte by byte."""
+def test_maps_of_the_whole_sensor_are_cut_to_the_window(
+    origin: tuple[int, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A sensor of 20 × 30, a window of 12 × 17 somewhere on it: of that sensor, byte by byte, in the same noise."""
     rich = {"readout.dsnu_row": 0.01, "pixel.dsnu_e": 20.0, "readout.prnu_col": 0.1, "dark_current.cv": 0.4}
     camera = TABLE1.replace(**rich | {"sensor.rows": 20, "sensor.columns": 30})
+    monkeypatch.setattr(Frame, "key", 5)
     given = ms.expose(LIGHT, camera, EXPOSURE, serial=99, origin=origin, maps=ms.fpn_maps(camera, serial=7))
     own = ms.expose(LIGHT, camera, EXPOSURE, serial=7, origin=origin)
     assert given.digital.tobytes() == own.digital.tobytes()

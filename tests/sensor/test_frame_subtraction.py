@@ -49,7 +49,7 @@ def test_what_the_sensor_does_not_show_makes_no_other_camera() -> None:
     capped = ms.expose(DARKNESS, SILENT.replace(**{"lens.f_number": 22.0}), ZERO, seed=2)
     assert not frames.minus(capped).any()
     short = ms.plan(SILENT, ZERO, ms.Photons(DARKNESS), tolerance_dn=0.5)
-    assert frames.minus(ms.expose(DARKNESS, SILENT, ZERO, plan=short)).shape == (1, 200, 200)
+    assert frames.minus(ms.expose(DARKNESS, SILENT, ZERO, plan=short, seed=2)).shape == (1, 200, 200)
 
 
 def test_what_is_left_of_two_equal_frames_is_temporal_noise_times_the_root_of_two() -> None:
@@ -76,7 +76,7 @@ def test_a_bright_frame_keeps_its_signal_and_its_own_noise() -> None:
 
 def test_the_difference_is_signed_and_nothing_wraps() -> None:
     camera = TABLE1.replace(**{"adc.bits": 8})
-    dark, bright = (ms.expose(np.full((4, 5), light), camera, ZERO) for light in (0.0, 1e6))
+    dark, bright = (ms.expose(np.full((4, 5), light), camera, ZERO, seed=seed) for seed, light in ((1, 0.0), (2, 1e6)))
     assert dark.digital.dtype == np.uint8
     difference = dark.minus(bright)
     assert difference.dtype == np.int64 and difference.min() < -200
@@ -91,6 +91,38 @@ def test_one_reference_serves_a_stack_and_a_stack_is_taken_in_pairs() -> None:
         frame = stack.digital[index].astype(int)
         np.testing.assert_array_equal(pairs[index], frame - references.digital[index])
         np.testing.assert_array_equal(by_one[index], frame - one.digital[0])
+
+
+def test_a_zero_exposure_of_the_same_seed_takes_no_noise_away() -> None:
+    """The default seed for both, as in the paper: the variances add. 5 standard errors of σ of 40 000 pixels: 1.8 %.
+
+    With one stream for all exposures the read noise cancelled, and 13 e- were left of 103.
+    """
+    light = ms.expose(np.full((200, 200), 500.0), TABLE1.replace(**{"pixel.prnu": 0.0}), ms.Exposure(1e-4))
+    reference = ms.expose(DARKNESS, TABLE1.replace(**{"pixel.prnu": 0.0}), ZERO)
+    sigma = math.sqrt(light.temporal_variance.mean() + reference.temporal_variance.mean())
+    assert reference.temporal_variance.mean() > 0.1 * sigma**2
+    assert light.minus(reference).std() == pytest.approx(sigma, rel=0.018)
+
+
+def test_frames_of_equal_temporal_noise_are_refused_and_the_way_out_works() -> None:
+    """The same numbers of one seed and exposure, also of a stack, or in other light; what else differs is enough."""
+    light, dark = np.full((4, 5), 500.0), np.zeros((4, 5))
+    stack = ms.expose(light, TABLE1, ms.Exposure(0.1), frames=3, first_frame=4, seed=6)
+    for first_frame, frames in ((4, 3), (2, 3), (6, 3), (4, 1), (6, 1)):
+        same = ms.expose(dark, TABLE1, ms.Exposure(0.1), frames=frames, first_frame=first_frame, seed=6)
+        shared = max(first_frame, 4)
+        with pytest.raises(ms.InputError, match=rf"share frame {shared} of seed 6 .*seed, or with first_frame=7\.$"):
+            stack.minus(same)
+    for how in (
+        {"first_frame": 7, "seed": 6},
+        {"first_frame": 1, "seed": 6, "frames": 3},
+        {"first_frame": 4, "seed": 5},
+    ):
+        assert stack.minus(ms.expose(dark, TABLE1, ms.Exposure(0.1), **how)).shape == (3, 4, 5)
+    assert stack.minus(ms.expose(dark, TABLE1, ZERO, first_frame=4, seed=6)).shape == (3, 4, 5)
+    with pytest.raises(ms.InputError, match="share frame 4"):
+        stack.minus(stack)
 
 
 @pytest.mark.parametrize(

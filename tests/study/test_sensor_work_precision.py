@@ -230,7 +230,7 @@ def test_a_scene_fills_a_window_of_any_size_with_its_own_light() -> None:
 def test_moments_of_frames_are_those_that_numpy_finds_in_their_stack() -> None:
     """Three frames of each of two sensors: mean, variance, and what the means are off their theory, less the noise."""
     photons = resized(LIGHT, (12, 16))
-    light = study_frames.Illuminated(photons, EXPOSURE, REFERENCE.backend())
+    light = study_frames.Illuminated(photons, CAMERA, EXPOSURE, REFERENCE.backend())
     stages, group = chain(CAMERA), {"all": np.arange(12 * 16)}
     expected = expected_moments(stages, photons, EXPOSURE)
     found = light.measured_moments(stages, Replicas(sensors=2, frames=3, seed=5, serial=4), expected, group)["all"]

@@ -71,6 +71,7 @@ class Adc(Converter):
     table = "adc"
     fields = AdcFields
     paper = "eq. 10, 11, 35; §ADC"
+    no_noise = "set adc.bits to 24 for the finest steps"
     label = "ADC"
 
     @classmethod

@@ -24,6 +24,7 @@ class CdsGain(LinearGain):
     fields = CdsGainFields
     paper = "§CDS"
     label = "CDS gain"
+    no_noise = "set readout.cds_gain to 1"
 
     @classmethod
     def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> CdsGain:

@@ -145,7 +145,9 @@ class DarkCurrent(Stage):
 
 
 def mean_dark_e(camera: Datasheet, exposure: Exposure) -> float:
-    """Mean dark electrons of a pixel of the main component in one exposure."""
+    """Mean dark electrons of a pixel of the main component in one exposure; 0 where dark current is switched off."""
+    if DarkCurrent.key() in camera.sensor.without:
+        return 0.0
     return exposure.time_s * dark_current_model(camera).rate_e_per_s(exposure.temperature_k)
 
 

@@ -96,6 +96,10 @@ class FixedOffset(Stage):
         """The offsets in electrons, 0 on average."""
         return {self._name: window.measured_or(self._name, lambda: window.number(self.sigma_e) * self.unit_map(window))}
 
+    def gains_of_maps(self) -> dict[str, float]:
+        """What the CDS leaves of an electron [V/e-]."""
+        return {self._name: self.residual * self.gain_v_per_e}
+
     @property
     def _name(self) -> str:
         return f"{self.source}_e"

@@ -31,6 +31,7 @@ class FullWell(Stage):
     table = "pixel"
     fields = FullWellFields
     paper = "text after eq. 26"
+    no_noise = "set pixel.full_well_e to a larger value"
 
     @classmethod
     def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> FullWell:

@@ -46,6 +46,7 @@ class IntegralNonlinearity(Stage):
     table = "adc"
     fields = IntegralNonlinearityFields
     paper = "eq. 36–38"
+    no_noise = "unset adc.gamma and adc.ile"
 
     @classmethod
     def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> IntegralNonlinearity | None:

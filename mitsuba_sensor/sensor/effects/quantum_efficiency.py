@@ -138,6 +138,7 @@ class QuantumEfficiency(Stage):
     table = "quantum_efficiency"
     fields = QuantumEfficiencyFields
     paper = "eq. 12, 14"
+    no_noise = "set quantum_efficiency.value to 1 to detect every photon"
     required: ClassVar[bool] = True
 
     @classmethod
@@ -171,7 +172,7 @@ class QuantumEfficiency(Stage):
 
     def filters(self, photons: Photons) -> Filters | None:
         """For sums over bands, quantum yield and render noise: None. There the host is faster than a kernel."""
-        one_layer = photons.detected or photons.mean.ndim == 2 or photons.mean.shape[2] == 1
+        one_layer = photons.detected or len(photons.shape) == 2 or photons.shape[2] == 1
         maps = (self.quantum_yield, photons.variance_e2, photons.in_band)
         if not one_layer or any(one is not None for one in maps):
             return None

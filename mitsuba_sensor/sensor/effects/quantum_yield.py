@@ -42,6 +42,7 @@ class QuantumYield(Stage):
     fields = QuantumYieldFields
     frees_electrons: ClassVar[bool] = True
     even_codes: ClassVar[bool] = False
+    no_noise = "set quantum_efficiency.fano_factor to 0, or unset quantum_efficiency.quantum_yield"
 
     @classmethod
     def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> QuantumYield | None:

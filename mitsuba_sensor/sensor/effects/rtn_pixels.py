@@ -97,7 +97,8 @@ class RtnPixels(Stage):
         if share * chance * step_v == 0:
             return None
         steps = np.array([[0.0, 0.0, 0.0], [-step_v, 0.0, step_v]])
-        return NoiseLaw(np.array([1 - share, share]), np.zeros(2), steps, np.array([chance, 1 - 2 * chance, chance]))
+        states = np.array([chance, 1 - 2 * chance, chance])
+        return NoiseLaw(np.array([1 - share, share]), steps, np.zeros((2, 3)), states)
 
     def pixel_noise(self, frame: Frame) -> PixelNoise | None:
         """Three levels where a pixel has a trap."""
@@ -105,7 +106,7 @@ class RtnPixels(Stage):
         if self.fraction * chance * step_v == 0:
             return None
         one = chance * self.fpn_maps(frame.window)["rtn_site"]
-        return PixelNoise(0.0, ((one, -step_v), (1 - 2 * one, 0.0), (one, step_v)))
+        return PixelNoise(((one, -step_v, 0.0), (1 - 2 * one, 0.0, 0.0), (one, step_v, 0.0)))
 
     def rare(self, frame: Frame) -> tuple[float, float]:
         """The pixels with a trap, and its step [V]."""

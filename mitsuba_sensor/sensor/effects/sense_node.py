@@ -48,6 +48,7 @@ class SenseNode(Stage):
     table = "readout"
     fields = SenseNodeFields
     paper = "eq. 29; 8, 33"
+    no_noise = "set readout.sense_gain_uv_per_e and readout.ve_nonlinearity"
     required: ClassVar[bool] = True
 
     @classmethod

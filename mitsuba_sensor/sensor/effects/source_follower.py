@@ -29,6 +29,7 @@ class SourceFollower(LinearGain):
     table = "source_follower"
     fields = SourceFollowerFields
     paper = "eq. 31; 9, 34"
+    no_noise = "set source_follower.gain and source_follower.vv_nonlinearity"
 
     @classmethod
     def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> Stage:

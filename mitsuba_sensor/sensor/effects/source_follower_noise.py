@@ -1,21 +1,19 @@
-"""Read noise of the source follower after correlated double sampling (CDS): white, flicker and telegraph (RTN) noise.
-
-The paper sums S_SF(f)·H_CDS(f) over every hertz up to 20 MHz; the integral over all frequencies has a closed form.
-"""
+"""Read noise of the source follower: normal, or with the tails that a camera was measured to have."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from ...core import Array, Frame, Moments, SensorWindow
-from ...core.special import EULER_GAMMA, integral, sinh_integrals, two_term_remainder
+from ...core.noise_distributions import NoiseDistribution, StudentT, TukeyLambda
 from ...core.types import Float64Array
+from ..cds_noise import cds_noise
 from ..datasheet import FileTable, NotNegative, Positive
 from ..fpn_distributions import LogNormal
 from ..gains import sense_gain_v_per_e
@@ -28,6 +26,16 @@ NOTED = 0.01
 
 GROUPS, FARTHEST = 9, 3.2
 """Kinds of pixels that differ in read noise, for the theory, and how far out they lie [σ]."""
+
+NORMAL_ALONE: tuple[Float64Array, ...] = np.ones(1), np.zeros(1), np.ones(1)
+"""Chances, means and variances of the normals that make up a normal."""
+
+DISTRIBUTIONS: dict[str, tuple[type[NoiseDistribution], float, float]] = {
+    "tukey_lambda": (TukeyLambda, -0.45, 0.2),
+    "student": (StudentT, 2.5, 1000.0),
+}
+"""Read noises that are not normal, with the range of their shape: the variance is finite above −0.5 and above 2, and
+beyond the other end the law has lighter tails than any camera measured, or is normal."""
 
 CdsTime = Annotated[Positive, Usual.of(1e-9, 0.1, US_TO_SECONDS, NS_TO_SECONDS)]
 
@@ -46,6 +54,16 @@ class SourceFollowerNoiseFields(FileTable):
         0.0,
         description="spread of the read noise over pixels: σ over mean of a log-normal law; their rms stays as given",
         examples=[0.3],
+    )
+    read_noise_distribution: Literal["normal", "tukey_lambda", "student"] = Field(
+        "normal", description="distribution of the read noise; its σ stays as given", examples=["tukey_lambda"]
+    )
+    read_noise_shape: float | None = Field(
+        None,
+        strict=True,
+        description="λ of tukey_lambda, -0.45 to 0.2 (0.14 is nearly normal, less has heavier tails), or degrees of "
+        "freedom of student, 2.5 to 1000",
+        examples=[-0.1],
     )
     white_nv_per_rthz: Annotated[NotNegative | None, Usual.of(0.1, 1e3, VOLTS_TO_NV)] = Field(
         None, description="white noise density W_f, instead of read_noise_e [nV/√Hz]", examples=[15]
@@ -67,19 +85,36 @@ class SourceFollowerNoiseFields(FileTable):
             raise ValueError(f"band_hz is {list(self.band_hz)}; its second frequency must be the higher one")
         return self
 
+    @model_validator(mode="after")
+    def _shape_of_its_distribution(self) -> Self:
+        name, shape = self.read_noise_distribution, self.read_noise_shape
+        if name == "normal" and shape is not None:
+            raise ValueError(
+                f"read_noise_shape is {shape:g}, and a normal read noise has none; leave it out, or set "
+                'read_noise_distribution to "tukey_lambda" or "student"'
+            )
+        if name != "normal":
+            _, low, high = DISTRIBUTIONS[name]
+            if shape is None or not low <= shape <= high:
+                said = "is missing" if shape is None else f"is {shape:g}"
+                raise ValueError(f"read_noise_shape {said}; that of {name} must be from {low:g} to {high:g}")
+        return self
+
 
 @dataclass(frozen=True)
 class SourceFollowerNoise(Stage):
-    """Adds σ_V·z, signed and not rounded (paper eq. 19–24, in closed form).
+    """Adds σ_V·z, signed and not rounded (paper eq. 19–24, in closed form), z normal unless the camera says otherwise.
 
     sigma_v : at the sense node, after CDS, root mean square over the pixels [V rms].
     cv : coefficient of variation of a log-normal σ from pixel to pixel; 0 for pixels that are all alike.
     gain_v_per_e : one electron at this stage [V/e-].
+    distribution : of z; None for a normal one.
     """
 
     sigma_v: float
     cv: float = 0.0
     gain_v_per_e: float = 1.0
+    distribution: NoiseDistribution | None = None
     domain = "volts"
     table = "source_follower"
     fields = SourceFollowerNoiseFields
@@ -89,9 +124,10 @@ class SourceFollowerNoise(Stage):
     def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> SourceFollowerNoise:
         """From the read noise, or from the densities; a CCD has one amplifier and no telegraph noise."""
         follower, per_e = camera.source_follower, sense_gain_v_per_e(camera)
-        if follower.read_noise_e is not None:
-            return cls(follower.read_noise_e * per_e, follower.read_noise_cv, per_e)
-        return cls(cds_noise(camera).sigma_v / follower.gain, follower.read_noise_cv, per_e)
+        sigma_v = cds_noise(camera).sigma_v / follower.gain if follower.read_noise_e is None else None
+        sigma_v = follower.read_noise_e * per_e if sigma_v is None else sigma_v
+        kind = DISTRIBUTIONS.get(follower.read_noise_distribution)
+        return cls(sigma_v, follower.read_noise_cv, per_e, kind and kind[0](follower.read_noise_shape))
 
     @classmethod
     def notes(cls, camera: Datasheet) -> tuple[str, ...]:
@@ -112,7 +148,7 @@ class SourceFollowerNoise(Stage):
         """Swing with noise."""
         if self.sigma_v == 0 and READ_NOISE not in frame.window.given:
             return swing
-        z = frame.normal("source_follower")
+        z = frame.distributed("source_follower", self.distribution)
         if self.cv == 0:
             return swing + frame.number(self.sigma_v) * z
         return swing + frame.number(self.gain_v_per_e) * (self.fpn_maps(frame.window)[READ_NOISE] * z)
@@ -125,7 +161,8 @@ class SourceFollowerNoise(Stage):
         return m.add(temporal=self.gain_v_per_e**2 * (mean**2 + variance))
 
     def noise_law(self, frame: Frame) -> NoiseLaw | None:
-        """Normals whose σ is a quantile of the law of the pixels, or the rms of a group of the measured map."""
+        """Normals whose σ is a quantile of the law of the pixels, or the rms of a group of the measured map; several
+        for each where the noise is not normal."""
         if READ_NOISE in frame.window.given:
             weights, squares = frame.window.cached(
                 (READ_NOISE, GROUPS), lambda: _groups(frame.window.given[READ_NOISE])
@@ -135,19 +172,36 @@ class SourceFollowerNoise(Stage):
             z = np.linspace(-FARTHEST, FARTHEST, GROUPS)
             weights, squares = np.exp(-0.5 * z**2), np.exp(2 * math.sqrt(math.log1p(self.cv**2)) * z)
             squares *= self.sigma_v**2 * weights.sum() / (weights @ squares)
+        elif self.distribution is not None and self.sigma_v:
+            weights, squares = np.ones(1), np.array([self.sigma_v**2])
         else:
             return None
-        return NoiseLaw(weights / weights.sum(), squares, np.zeros((weights.size, 1)), np.ones(1))
+        states, means, variances = self._normals
+        steps, own = np.outer(np.sqrt(squares), means), np.outer(squares, variances)
+        return NoiseLaw(weights / weights.sum(), steps, own, states)
 
     def pixel_noise(self, frame: Frame) -> PixelNoise | None:
-        """Normals of every pixel's σ."""
-        if self.cv == 0:
+        """Normals of every pixel's σ; several where the noise is not normal."""
+        if self.cv == 0 and (self.distribution is None or self.sigma_v == 0):
             return None
-        return PixelNoise((self.gain_v_per_e * np.asarray(self.fpn_maps(frame.window)[READ_NOISE], np.float64)) ** 2)
+        sigma: Array = self.sigma_v
+        if self.cv:
+            sigma = self.gain_v_per_e * np.asarray(self.fpn_maps(frame.window)[READ_NOISE], np.float64)
+        normals = zip(*self._normals, strict=True)
+        return PixelNoise(tuple((chance, sigma * mean, sigma**2 * own) for chance, mean, own in normals))
 
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
         """``read_noise``: σ of every pixel [e- rms], where the pixels have noise of their own."""
         return {READ_NOISE: window.measured_or(READ_NOISE, lambda: self._sigma_e(window))} if self.cv else {}
+
+    def gains_of_maps(self) -> dict[str, float]:
+        """A_SN [V/e-]."""
+        return {READ_NOISE: self.gain_v_per_e} if self.cv else {}
+
+    @property
+    def _normals(self) -> tuple[Float64Array, ...]:
+        """Chances, means and variances of the normals that make up z."""
+        return NORMAL_ALONE if self.distribution is None else self.distribution.mixture
 
     def _sigma_e(self, window: SensorWindow) -> Array:
         scale = self.sigma_v / self.gain_v_per_e / math.sqrt(1 + self.cv**2)
@@ -164,91 +218,3 @@ def _groups(sigma_e: Float64Array) -> tuple[Float64Array, Float64Array]:
     borders = np.arange(values.size) if few else borders_of(values.size, 2 * FARTHEST / (2 * GROUPS))
     weights = np.add.reduceat(counts, borders).astype(np.float64)
     return weights, np.add.reduceat(counts * values**2, borders) / weights
-
-
-def cds_noise(camera: Datasheet) -> CdsNoise:
-    """The noise of a camera that gives densities."""
-    follower = camera.source_follower
-    return CdsNoise(
-        white_nv_per_rthz=follower.white_nv_per_rthz or 0.0,
-        corner_hz=follower.corner_hz,
-        sample_s=follower.cds_sample_s,
-        dominant_s=follower.cds_dominant_s,
-        rtn_uv=0.0 if camera.sensor.technology == "ccd" else follower.rtn_uv,
-        rtn_s=follower.rtn_s,
-        band_hz=follower.band_hz,
-    )
-
-
-@dataclass(frozen=True)
-class CdsNoise:
-    """White, flicker and random telegraph noise of a source follower, seen through a CDS of sample time t_s.
-
-    white_nv_per_rthz : white noise density W [nV/√Hz].  corner_hz : flicker corner f_c [Hz].
-    sample_s : time between the two samples t_s [s].  dominant_s : time constant τ_D of the CDS, usually t_s/2 [s].
-    rtn_uv, rtn_s : step ΔV [µV] and time constant τ_RTN [s] of the telegraph noise.
-    band_hz : from and to which frequency noise counts [Hz]; all of them, in closed form, when None.
-    """
-
-    white_nv_per_rthz: float
-    corner_hz: float
-    sample_s: float
-    dominant_s: float
-    rtn_uv: float = 0.0
-    rtn_s: float = 1e-6
-    band_hz: tuple[float, float] | None = None
-
-    @property
-    def sigma_v(self) -> float:
-        """Noise at the sense node before the source follower's gain [V rms]: √(∫ S·H df)/(1 − e^(−t_s/τ_D))."""
-        if self.band_hz is not None:
-            total = integral(self._seen_v2_per_hz, self._edges_hz())
-        else:
-            total = self.white_v2 + self.flicker_v2 + self.rtn_v2
-        return math.sqrt(total) / -math.expm1(-self.sample_s / self.dominant_s)
-
-    @property
-    def white_v2(self) -> float:
-        """W²(1 − e^(−a))/(2τ_D), a = t_s/τ_D [V²]."""
-        density = self.white_nv_per_rthz * 1e-9
-        return density**2 * -math.expm1(-self.sample_s / self.dominant_s) / (2 * self.dominant_s)
-
-    @property
-    def flicker_v2(self) -> float:
-        """2W²f_c·J(a) [V²]."""
-        density = self.white_nv_per_rthz * 1e-9
-        return 2 * density**2 * self.corner_hz * flicker_integral(self.sample_s / self.dominant_s)
-
-    @property
-    def rtn_v2(self) -> float:
-        """(ΔV²·r/2)·[g(r) − g(τ_D)]/(r² − τ_D²), r = τ_RTN/2, g(τ) = −τ·expm1(−t_s/τ) [V²]."""
-        r, tau = self.rtn_s / 2, self.dominant_s
-        if abs(r - tau) < 1e-4 * tau:
-            middle = 0.5 * (r + tau)
-            slope = two_term_remainder(self.sample_s / middle) / (2 * middle)
-        else:
-            slope = (self._decay(r) - self._decay(tau)) / ((r - tau) * (r + tau))
-        return (self.rtn_uv * 1e-6) ** 2 * r / 2 * slope
-
-    def _seen_v2_per_hz(self, f: float) -> float:
-        """S_SF(f)·H_CDS(f) [V²/Hz] (paper eq. 20–22)."""
-        density = (self.white_nv_per_rthz * 1e-9) ** 2
-        telegraph = 2 * (self.rtn_uv * 1e-6) ** 2 * self.rtn_s / (4 + (2 * math.pi * f * self.rtn_s) ** 2)
-        passed = 4 * math.sin(math.pi * f * self.sample_s) ** 2 / (1 + (2 * math.pi * f * self.dominant_s) ** 2)
-        return (density * (1 + self.corner_hz / f) + telegraph) * passed if f else 0.0
-
-    def _edges_hz(self) -> list[float]:
-        """The band cut at the zeros of the CDS, so that no piece holds more than one hump; at most 4000 of them."""
-        low, high = self.band_hz  # type: ignore[misc]
-        first, last = math.floor(low * self.sample_s) + 1, math.ceil(high * self.sample_s)
-        return [low, *(k / self.sample_s for k in range(first, min(last, first + 4000))), high]
-
-    def _decay(self, tau: float) -> float:
-        return -tau * math.expm1(-self.sample_s / tau)
-
-
-def flicker_integral(a: float) -> float:
-    """J(a) = γ_E + ln a − ½[e^(−a)Ei(a) − e^(a)E₁(a)]; J(2) = 1.115785799."""
-    if a < 1e-4:
-        return a * a / 2 * (1.5 - EULER_GAMMA - math.log(a))
-    return EULER_GAMMA + math.log(a) - sinh_integrals(a)

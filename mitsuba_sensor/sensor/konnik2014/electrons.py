@@ -6,7 +6,7 @@ difference with its size.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -88,7 +88,7 @@ def fpn_map(window: SensorWindow, source: str, distribution: PublishedFpnDistrib
     def make() -> Float64Array:
         (rows, columns), (top, left) = window.shape, window.origin
         margin = AR_MARGIN if distribution.name == "ar" else 0
-        wide = SensorWindow(window.serial, (rows, columns + margin), (top, left - margin))
+        wide = replace(window, shape=(rows, columns + margin), origin=(top, left - margin), given={}, _maps={})
         return distribution(wide.line_map(source, 0.0) if source == "dsnu_col" else wide.fixed_map(source, normals))
 
     return window.cached((source, distribution), make)

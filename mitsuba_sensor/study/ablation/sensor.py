@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core import Exposure, Frame, Photons
+from ...core import Exposure, Photons
 from ...lab.estimators import Spread, as_normal, spread, standard_error, z_limit
 from ...render.irradiance import Irradiance
 from ...render.photons import collect
@@ -56,7 +56,7 @@ class Chains:
         whole = self.plan.whole
         off = {stage.label: without(whole, {stage}) for stage in whole if not stage.required}
         self.stages: dict[str, Chain] = {WHOLE: whole, **off, PLAN: self.plan.stages}
-        self.light = Illuminated(photons, exposure, choose_backend("numpy", self.plan.precision, 0))
+        self.light = Illuminated(photons, camera, exposure, choose_backend("numpy", self.plan.precision, 0))
         self.expected = {case: frames.expected_moments(s, photons, exposure) for case, s in self.stages.items()}
         self.worst: dict[str, Values] = {WHOLE: {}}
         self.groups = {WHOLE: np.arange(self.expected[WHOLE][0].size)}
@@ -143,7 +143,7 @@ class SensorAblation:
         if engine == "numpy":
             light = replace(light, photons=frames.resized(self.photons, shape))
             sensor = light.sensor(1)
-            start, frame, chains = light.electrons(whole, sensor), Frame(light.exposure, sensor), self.chains.stages
+            start, frame, chains = light.electrons(whole, sensor), light.first(sensor), self.chains.stages
             tasks: dict[str, Task] = {case: partial(sample, chains[case][1:], start, frame) for case in cases}
             tasks[DETECTION] = partial(sample, whole[:1], light.photons, frame)
         elif self.chains.plan.precision == "float32":  # the same behind every filter: a cube would fill memory

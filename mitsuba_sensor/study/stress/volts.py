@@ -11,7 +11,7 @@ import numpy as np
 from ... import Exposure
 from ...core import Array, distributions
 from ...lab.estimators import standard_error
-from ...sensor.effects.source_follower_noise import CdsNoise, flicker_integral
+from ...sensor.cds_noise import CdsNoise, flicker_integral
 from .case import SIGMAS, Engine, Rows, agree, holds, relative, shown, stage_of, table1, together
 
 DIGITS = 120  # A float64 has up to 75 of them, so that even τ_RTN/2 is exact

@@ -105,7 +105,7 @@ class Sensor:
 
     def stream(self, setting: FrameSetting) -> frames.Stream:
         """Frames of the large window."""
-        light = frames.Illuminated(self._large, self.subject.exposure, setting.backend())
+        light = frames.Illuminated(self._large, self.subject.camera, self.subject.exposure, setting.backend())
         return frames.Stream(self.plan(setting.tolerance_dn)["stages"], light)
 
     def first(self, setting: FrameSetting) -> float:
@@ -133,7 +133,7 @@ class Sensor:
     def moments(self, setting: FrameSetting) -> Array:
         """Of frames on the host, by light level, (3, levels, sensors); equal random bits make differences clear."""
         stages = self.plan(setting.tolerance_dn)["stages"]
-        light = frames.Illuminated(self._small, self.subject.exposure, setting.backend())
+        light = frames.Illuminated(self._small, self.subject.camera, self.subject.exposure, setting.backend())
         found = light.measured_moments(stages, REPLICAS, self.expected(stages), self.groups)
         return np.stack([*found.values()], axis=1)
 

@@ -33,7 +33,7 @@ def test_expose_gives_the_numbers_of_the_published_chain(changes: dict[str, Any]
     camera = TABLE1.replace(**changes)
     frames = ms.expose(LIGHT, camera, EXPOSURE, seed=5, serial=9, frames=2, first_frame=3, origin=(7, 11), **PUBLISHED)
     stages = chain_of(Konnik2014Settings.from_camera(camera))
-    window = SensorWindow(9, LIGHT.shape, (7, 11))
+    window = SensorWindow(9, LIGHT.shape, (7, 11), camera=camera.name)
     for index in range(2):
         expected = sample(stages, ms.Photons(LIGHT), Frame(EXPOSURE, window, 5, 3 + index))
         np.testing.assert_array_equal(frames.digital[index], expected)

@@ -24,10 +24,10 @@ from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.moments import Moments
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.core.signals import Photons
-from mitsuba_sensor.sensor.camera import load_camera
+from mitsuba_sensor.sensor.camera_file import load_camera
+from mitsuba_sensor.sensor.cds_noise import CdsNoise
 from mitsuba_sensor.sensor.dark_current_models import FigureOfMerit
 from mitsuba_sensor.sensor.effects.reset_noise import ResetNoise as SignedResetNoise
-from mitsuba_sensor.sensor.effects.source_follower_noise import CdsNoise
 from mitsuba_sensor.sensor.konnik2014 import Konnik2014Settings, chain_of
 from mitsuba_sensor.sensor.konnik2014.electrons import (
     PublishedDarkMean,

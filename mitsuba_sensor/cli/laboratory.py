@@ -1,0 +1,177 @@
+"""The command of the laboratory: characterize a camera, simulated or real."""
+
+import shlex
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, TypedDict
+
+import typer
+
+from ..core import Exposure, Float64Array, InputError, first_given, require_seed
+from ..core.options import Option, complete, part_of
+from ..io import files
+from ..io.metadata import machine, versions
+from ..lab.bench import Bench, read_bench
+from ..sensor.camera import Camera
+from ..study.html_page import html
+from ..study.page import Study
+from . import options
+from .app import CHECKS, app, camera_and_exposure, err, out, show
+from .options import Flag, Flags, StudyFlags
+from .study_sheet import study_sheet
+from .terminal import steps_bar
+
+if TYPE_CHECKING:
+    from ..study.characterize.datasheet import Said
+
+PANEL = "Laboratory"
+PAGE, REPORT = "report.html", "report.json"
+
+
+class CharacterizeFlags(TypedDict, total=False):
+    """Flags of ``characterize``."""
+
+    frames: Annotated[
+        str | None,
+        Option(
+            "Folder of raw frames of a camera (TIFF, PNG, NPY, FITS, DNG, camera raw), or its bench.toml; see "
+            "docs/lab.md. Default: frames are simulated.",
+            metavar="DIR",
+            panel=PANEL,
+        ),
+    ]
+    bits: Annotated[
+        int | None,
+        Option(
+            "Of the frames on disk: resolution of the ADC. Default: what the files say.", low=1, high=32, panel=PANEL
+        ),
+    ]
+    wavelength_nm: Annotated[
+        float | None,
+        Option(
+            "Of the light. Default: where the camera sees most; of frames on disk: the manifest's.",
+            low=100,
+            high=1e4,
+            panel=PANEL,
+        ),
+    ]
+    rendered: Annotated[
+        bool,
+        Option(
+            "The light of the simulated frames passes the renderer and the lens.",
+            False,
+            flag="--rendered",
+            panel=PANEL,
+        ),
+    ]
+    serial: Annotated[
+        int | None,
+        Option("Serial number of the simulated camera. Default: 1.", check=require_seed, panel=PANEL),
+    ]
+    seed: Annotated[int | None, Option("Seed of the simulated frames. Default: 1.", check=require_seed, panel=PANEL)]
+
+
+@app.command(
+    rich_help_panel=CHECKS,
+    epilog="Example: mitsuba-sensor characterize --camera bayer_2mp -o lab/; of a real one: --frames bench/ -o lab/",
+)
+@options.flags(options.CameraFlags, CharacterizeFlags, StudyFlags, without=("exposure_s", "meter", "force"))
+def characterize(**flags: Flag) -> None:
+    """Measure a camera as EMVA 1288 does: K, QE, noise, saturation, non-uniformity, dark current, defects.
+
+    Of a simulated camera bias, dark, flat-field and gradient frames are made in exact light, and the datasheet's
+    figures stand beside the measured ones. With --frames the same is done with frames from disk, of any camera; with
+    --camera too, its datasheet is compared with them.
+    Writes report.html (all figures with 95 % intervals, and all plots) and report.json. Exit code 1: a figure is not
+    the datasheet's.
+    """
+    asked = complete(CharacterizeFlags, part_of(CharacterizeFlags, flags))
+    folder = first_given(flags["out"], "characterize")
+    files.require_folder(folder)
+    made = _of_files(flags, asked) if asked["frames"] else _of_simulation(flags, asked)
+    with files.output_folder(folder, (PAGE, REPORT)) as scratch:
+        files.write_page(scratch / PAGE, html(made))
+        files.write_json(scratch / REPORT, made.to_dict())
+    show(
+        made.to_dict() if flags["as_json"] else study_sheet(made, str(Path(folder) / PAGE), out.width), flags["as_json"]
+    )
+    if not made.passed:
+        raise typer.Exit(1)
+
+
+def _of_simulation(flags: Flags, asked: CharacterizeFlags) -> Study:
+    """A virtual bench, beside the datasheet that its frames are from."""
+    from ..study.characterize import characterized, figures_of
+    from ..study.characterize.rendered_field import field_at, rendered_field
+    from ..study.characterize.virtual_bench import Setup, best_wavelength_nm, virtual_bench
+
+    if asked["bits"] is not None:
+        raise InputError("--bits is for frames from disk; leave it out, or give --frames.")
+    camera, temperature_k = _camera(flags)
+    wavelength_nm = first_given(asked["wavelength_nm"], best_wavelength_nm(camera))
+    setup = Setup(temperature_k, wavelength_nm, first_given(asked["serial"], 1), first_given(asked["seed"], 1))
+    with steps_bar(err) as progress:
+        light = rendered_field(camera) if asked["rendered"] else field_at(camera, wavelength_nm)
+        bench = virtual_bench(camera, setup, light, lambda done, total: progress(done, total, "taking frames"))
+        measured = figures_of(bench, progress)
+    about = {"camera": camera.name, **setup._asdict(), "light": "rendered" if asked["rendered"] else "exact"}
+    sheet = _datasheet(flags, bench, light.efficiency)
+    return characterized(camera.name, measured, sheet, **about, **_made())
+
+
+def _of_files(flags: Flags, asked: CharacterizeFlags) -> Study:
+    """Frames from disk, beside the datasheet of --camera if there is one."""
+    from ..study.characterize import characterized, figures_of
+
+    for name in ("rendered", "serial", "seed"):
+        if asked[name]:
+            raise InputError(f"--{name} is for simulated frames, and --frames names real ones; leave one of them out.")
+    with steps_bar(err) as progress:
+        bench = read_bench(asked["frames"] or "", lambda done, total: progress(done, total, "reading frames"))
+        bench = _at_gain(bench, flags["gain"]).given(asked["bits"], asked["wavelength_nm"])
+        measured = figures_of(bench, progress)
+    name, sheet = Path(asked["frames"] or "").resolve().name, {}
+    if flags["camera"]:
+        camera, wavelength_nm = _camera(flags)[0], bench.wavelength_nm
+        qe = None if wavelength_nm is None else camera.qe([wavelength_nm])[:, 0]
+        name, sheet = camera.name, _datasheet(flags, bench, qe)
+    about = {"frames": asked["frames"], "camera": name, "stacks": [stack.source for stack in bench.stacks]}
+    return characterized(name, measured, sheet, **about, **_made())
+
+
+def _at_gain(bench: Bench, gain: object) -> Bench:
+    """The stacks of one gain setting. Raises InputError where there are several and none is asked for."""
+    if gain is None and len(bench.gains) > 1:
+        raise InputError(f"the frames have the gain settings {', '.join(bench.gains)}; choose one by --gain.")
+    if gain is None:
+        return bench
+    gain = str(gain)
+    if gain not in bench.gains:
+        raise InputError(f"--gain {gain} is none of the gain settings of the frames: {', '.join(bench.gains)}.")
+    return bench.at_gain(gain)
+
+
+def _camera(flags: Flags) -> tuple[Camera, float]:
+    """Camera at its gain setting, and temperature [K]."""
+    camera, exposure = camera_and_exposure({**flags, "exposure_s": 0.0})
+    return camera, exposure.temperature_k
+
+
+def _datasheet(flags: Flags, bench: Bench, efficiency: Float64Array | None) -> "dict[str, dict[str, Said]]":
+    """Figures of the datasheet in the exposure of the flat fields, by filter.  efficiency : QE of each filter."""
+    from ..study.characterize.datasheet import expected
+
+    camera, temperature_k = _camera(flags)
+    exposure = Exposure(min((stack.exposure_s for stack in bench.flats), default=0.0), temperature_k)
+    found = {}
+    for name, part in bench.of_filters().items():
+        kind = name.partition(" (")[0]  # G (2) is the second place of the filter G in the tile
+        number = camera.filter_names.index(kind) if kind in camera.filter_names else 0
+        qe = None if efficiency is None else float(efficiency[number])
+        found[name] = expected(camera, exposure, qe, part.stacks[0].mean.size)
+    return found
+
+
+def _made() -> dict[str, object]:
+    """How the report was made, for its foot."""
+    return {"command": shlex.join(["mitsuba-sensor", *sys.argv[1:]]), "machine": machine(), "versions": versions()}

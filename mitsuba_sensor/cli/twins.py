@@ -1,0 +1,108 @@
+"""The command fit: frames of a camera in, its twin out: a camera file, measured maps and a page."""
+
+import shlex
+import sys
+from pathlib import Path
+from typing import Annotated, TypedDict
+
+import typer
+
+import mitsuba_sensor as ms
+
+from ..core import InputError
+from ..core.options import Option, complete, part_of
+from ..io import files
+from ..io.metadata import machine, versions
+from ..lab.bench import read_bench
+from ..lab.twin import fit as fitted
+from ..lab.twin.held_out import held_out
+from ..lab.twin.maps import maps_of
+from ..sensor.camera import Camera
+from ..sensor.camera_file import camera_from
+from ..study.html_page import html
+from . import arguments, options
+from .app import CHECKS, app, err, out, show
+from .options import Flag
+from .study_sheet import study_sheet
+from .terminal import steps_bar
+
+PANEL = "Laboratory"
+
+
+class FitFlags(TypedDict, total=False):
+    """Flags of ``fit``."""
+
+    like: Annotated[
+        str | None,
+        Option(
+            "Camera that gives what frames do not show: pitch, quantum efficiency, lens, conversion gain. Default: "
+            "these are assumed, and the sources in the file say so.",
+            metavar="NAME",
+            panel=PANEL,
+        ),
+    ]
+    bits: Annotated[
+        int | None, Option("Resolution of the ADC. Default: what the files say.", low=1, high=24, panel=PANEL)
+    ]
+    wavelength_nm: Annotated[
+        float | None,
+        Option("Of the light of the flat fields. Default: the manifest's.", low=100, high=1e4, panel=PANEL),
+    ]
+    force: Annotated[bool, Option("Write over an existing file.", False, flag="--force", panel=PANEL)]
+
+
+@app.command(rich_help_panel=CHECKS, epilog="Example: mitsuba-sensor fit --frames bench/ -o my_camera.toml")
+@options.flags(FitFlags)
+def fit(
+    frames: arguments.BenchFolder, out_file: arguments.TwinFile, as_json: arguments.Json = False, **flags: Flag
+) -> None:
+    """Fit a twin of a camera to its bias, dark and flat frames.
+
+    Writes FILE.toml, a camera file with the source of every number; FILE.npz, its measured maps, for --fpn-maps; and
+    FILE.html, the figures with 95 % intervals and how far the twin is from frames that the fit did not see. Of several
+    gain settings the maps of each are in FILE.NAME.npz.
+    """
+    from ..study.twin import twin_study
+
+    asked = complete(FitFlags, part_of(FitFlags, flags))
+    path = _target(out_file, asked["force"])
+    like = ms.load_camera(asked["like"]) if asked["like"] else None
+    with steps_bar(err) as progress:
+        bench = read_bench(frames, lambda done, total: progress(done, total, "reading frames"))
+        bench = bench.given(asked["bits"], asked["wavelength_nm"])
+        kept, held = held_out(bench)
+        progress(0, 1, "fitting")
+        twin = fitted(kept)
+        camera = _camera(twin.tables(like.model_dump() if like else None), path.stem)
+        benches = kept.at_gain(twin.base.name), held.at_gain(twin.base.name)
+        made = {"command": shlex.join(["mitsuba-sensor", *sys.argv[1:]]), "machine": machine(), "versions": versions()}
+        found = twin_study(twin, camera, benches, progress, frames=frames, **made)
+    maps = {f"{path.stem}{_mark(one.name) if n else ''}.npz": maps_of(one) for n, one in enumerate(twin.settings)}
+    with files.output_folder(path.parent, (path.name, f"{path.stem}.html", *maps)) as scratch:
+        files.write_page(scratch / path.name, camera.to_toml())
+        files.write_page(scratch / f"{path.stem}.html", html(found))
+        for name, some in maps.items():
+            files.write_fpn_maps(scratch / name, some)
+    page = str(path.with_suffix(".html"))
+    show(found.to_dict() if as_json else study_sheet(found, page, out.width), as_json)
+    if not found.passed:
+        raise typer.Exit(1)
+
+
+def _target(out_file: str, force: bool) -> Path:
+    files.refuse_empty(out_file, "-o", "give the name of a camera file, e.g. -o my_camera.toml")
+    path = Path(out_file)
+    if path.suffix != ".toml":
+        raise InputError(f"{out_file} is no name of a camera file; let it end in .toml.")
+    if path.exists() and not force:
+        raise InputError(f"{out_file} is there already; give another name, or --force to write over it.")
+    files.require_folder(path.parent)
+    return path
+
+
+def _camera(tables: dict[str, Flag], name: str) -> Camera:
+    return camera_from({**tables, "name": name, "description": "twin of a camera, fitted from its frames"}, name)
+
+
+def _mark(name: str) -> str:
+    return "." + "".join(c if c.isalnum() or c in "-_" else "_" for c in name)

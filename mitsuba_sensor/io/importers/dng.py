@@ -1,0 +1,66 @@
+"""DNG files: NoiseProfile (S, O), black and white level, ISO.
+
+DNG 1.4: of a signal x from 0 (black) to 1 (white), variance = S·x + O. So K = S·(white − black) [DN/e-], and the read
+noise is √O/S electrons.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...core import InputError
+from ...sensor.camera import Camera
+from ..raw_files import dng_tags
+from .draft import Draft
+
+MODEL, BLACK, WHITE, PROFILE, ISO = "UniqueCameraModel", "BlackLevel", "WhiteLevel", "NoiseProfile", "ISOSpeedRatings"
+REMEDY = "Let Adobe's DNG Converter, or the camera's own software, write it, or give another file"
+
+
+def read_dngs(paths: Sequence[Path], like: Camera) -> Draft:
+    """The draft of a camera at the lowest ISO of the files. Raises InputError."""
+    found = sorted((_setting(path, like) for path in paths), key=lambda one: one[1]["iso"])
+    draft, first = found[0]
+    speeds = [one["iso"] for _, one in found]
+    if len(set(speeds)) < len(speeds):
+        twice = next(x for x in speeds if speeds.count(x) > 1)
+        raise InputError(f"ISO {twice:g} is in {speeds.count(twice)} of the files; give one DNG for each ISO.")
+    draft.description += f", at ISO {first['iso']:g}"
+    return draft
+
+
+def _setting(path: Path, like: Camera) -> tuple[Draft, dict[str, float]]:
+    """The draft of one file, and its gain setting."""
+    tags, draft = dng_tags(path), Draft(path.name, like)
+    profile = _numbers(tags, PROFILE, path)
+    if len(profile) % 2:
+        raise InputError(f"{path}: NoiseProfile has {len(profile)} numbers; it must have two for each colour.")
+    black, white = float(np.mean(_numbers(tags, BLACK, path))), float(np.min(_numbers(tags, WHITE, path)))
+    slopes = [draft.number("S of NoiseProfile", x, 0.0, 10.0) for x in profile[0::2]]
+    offsets = [draft.number("O of NoiseProfile", x, -1e-30, 10.0) for x in profile[1::2]]
+    span, slope, offset = draft.number("white less black level", white - black), *map(np.mean, (slopes, offsets))
+    dn_per_e, read_noise_e = float(slope * span), float(math.sqrt(offset) / slope)
+    of = "mean of the colours of NoiseProfile" if len(slopes) > 1 else "NoiseProfile"
+    draft.says("adc.bits", math.ceil(math.log2(white + 1)), f"WhiteLevel {white:g}")
+    draft.set_gain(dn_per_e, f"S of {of} times white less black level: K")
+    draft.says("source_follower.read_noise_e", read_noise_e, f"root of O over S, {of}")
+    draft.says("adc.black_level_dn", black, "BlackLevel")
+    draft.set_clip(dn_per_e, black)
+    for field, tag in (("sensor.columns", "ImageWidth"), ("sensor.rows", "ImageLength")):
+        draft.says(field, int(tags[tag]), tag)
+    draft.name = draft.description = str(tags.get(MODEL) or path.stem)
+    iso = draft.number("ISO", np.ravel(tags.get(ISO, 100))[0])
+    well_e = (2.0**draft.bits - 1 - black) / dn_per_e
+    numbers = {"gain_dn_per_e": dn_per_e, "read_noise_e": read_noise_e, "black_level_dn": black, "full_well_e": well_e}
+    return draft, {"iso": iso, **{name: float(f"{x:.6g}") for name, x in numbers.items()}}
+
+
+def _numbers(tags: Mapping[str, Any], name: str, path: Path) -> list[float]:
+    if name not in tags:
+        raise InputError(f"{path} has no {name}, which says the noise of a DNG. {REMEDY}.")
+    return [float(x) for x in np.ravel(tags[name])]

@@ -1,0 +1,83 @@
+"""Which importer reads a file, and the camera that it makes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from ...core import InputError
+from ...sensor.camera import Camera
+from ...sensor.camera_file import load_camera
+from .dng import read_dngs
+from .draft import Draft
+from .emva_report import read_report
+from .getframes import PREFIX, preset_text, read_preset
+from .libcamera import is_tuning, read_tuning
+from .noise_table import is_table, read_table, rows_of
+
+LIKE = "bayer_2mp"
+FORMATS = (
+    "a libcamera tuning file (.json), a noise calibration (.json, .csv), DNGs (.dng), an EMVA 1288 report (.xml), or a "
+    f"preset of getframes (.toml, or {PREFIX}NAME)"
+)
+
+
+def import_camera(
+    files: str | Path | Sequence[str | Path], like: Camera | str | Path = LIKE, name: str | None = None
+) -> Camera:
+    """The camera that a file of another program describes, with the source of every number in ``sources``.
+
+    files : a libcamera tuning file, a noise calibration of ELD or PMN, an EMVA 1288 report, a preset of getframes
+        ("getframes:NAME"), or DNGs of one camera, one for each ISO.
+    like : camera whose numbers hold where the file says nothing; their sources begin with "assumed:".
+    name : of the camera; default: what the file says, else its own name.
+    Raises InputError for a file that is none of these, or that has a number out of its range.
+    """
+    paths = [Path(one) for one in ([files] if isinstance(files, str | Path) else files)]
+    if not paths:
+        raise InputError(f"files is empty; give {FORMATS}.")
+    base = like if isinstance(like, Camera) else load_camera(like)
+    draft = _draft(paths, base)
+    draft.name = name or draft.name or paths[0].stem
+    return draft.camera()
+
+
+def _draft(paths: list[Path], like: Camera) -> Draft:
+    """By the first file's name, and what is in it."""
+    first, kind = paths[0], paths[0].suffix.lower()
+    if kind == ".dng" and all(one.suffix.lower() == kind for one in paths):
+        return read_dngs(paths, like)
+    if len(paths) > 1:
+        raise InputError(f"{len(paths)} files are given, and {first} is no DNG; give one file, or DNGs of one camera.")
+    if str(first).startswith(PREFIX):
+        return read_preset(preset_text(str(first).removeprefix(PREFIX)), str(first), like)
+    if kind not in (".json", ".csv", ".xml", ".toml"):
+        raise InputError(f"{first} is of no format that is imported; give {FORMATS}.")
+    text = _text(first)
+    if kind == ".json":
+        return _of_json(text, first.name, like)
+    if kind == ".csv":
+        return read_table(rows_of(text), first.name, like)
+    return (read_report if kind == ".xml" else read_preset)(text, first.name, like)
+
+
+def _of_json(text: str, file: str, like: Camera) -> Draft:
+    try:
+        data: Any = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise InputError(f"{file} is no JSON: {error}. Give {FORMATS}.") from None
+    if is_tuning(data):
+        return read_tuning(data, file, like)
+    if is_table(data):
+        return read_table(data, file, like)
+    raise InputError(f"{file} is neither a tuning file (algorithms) nor rows of a noise calibration; give {FORMATS}.")
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
+        raise InputError(f"{path} cannot be read: {reason}. Give {FORMATS}.") from None

@@ -1,0 +1,116 @@
+"""Calibration tables of physics-based noise models (ELD, PMN): K, Tukey-lambda shape, σ_read and σ_row per ISO [DN].
+
+Wei et al., CVPR 2020 and TPAMI 2021 (ELD); Feng et al., ACM MM 2022 (PMN). A row of the table is one ISO; its columns
+have the names of either program. sigTL is the *scale* of SciPy's tukeylambda, sigGs the σ of all read noise.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import scipy
+
+from ...core import InputError
+from ...sensor.camera import Camera
+from .draft import Draft
+
+NAMES = {
+    "iso": ("iso",),
+    "gain": ("k", "kmax", "gain_dn_per_e"),
+    "shape": ("lam", "lambda", "g_shape", "tukey_lambda"),
+    "scale": ("sigtl", "g_scale", "sigma_tl"),
+    "sigma": ("siggs", "sigma_read", "read_noise_dn"),
+    "row": ("sigr", "r_scale", "sigma_row"),
+    "black": ("bl", "black_level"),
+    "white": ("wp", "white_level"),
+}
+"""Column of the table → its names in the programs, in small letters."""
+SHAPES = -0.45, 0.2
+
+
+def is_table(data: object) -> bool:
+    """Whether a JSON file is a list of rows, or rows by name."""
+    rows = list(data.values()) if isinstance(data, dict) else data
+    return isinstance(rows, list) and bool(rows) and all(isinstance(one, dict) for one in rows)
+
+
+def rows_of(text: str) -> list[dict[str, str]]:
+    """The rows of a CSV file with a header; lines that begin with # are comments."""
+    lines = (line for line in io.StringIO(text) if not line.startswith("#"))
+    return [dict(one) for one in csv.DictReader(lines, skipinitialspace=True)]
+
+
+def read_table(data: Any, file: str, like: Camera) -> Draft:
+    """The draft of a camera at the lowest ISO. Raises InputError."""
+    named = data.items() if isinstance(data, dict) else ((str(n), one) for n, one in enumerate(data, start=1))
+    rows = sorted((_row(name, values, file) for name, values in named), key=lambda one: float(one["iso"]))
+    if not rows:
+        raise InputError(f"{file} has no rows; give one for each ISO, with iso, K and sigGs.")
+    draft, first = Draft(file, like), rows[0]
+    if "white" in first:
+        white = draft.number("wp", first["white"], 0.0, 2.0**24)
+        draft.says("adc.bits", math.ceil(math.log2(white + 1)), f"white level {white:g}")
+    settings = [_setting(row, draft) for row in rows]
+    lowest = settings[0]
+    iso = f"ISO {lowest['iso']:g}"
+    draft.set_gain(lowest["gain_dn_per_e"], f"K at {iso}")
+    draft.says("source_follower.read_noise_e", lowest["read_noise_e"], f"pixel noise in the dark over K at {iso}")
+    if "row_noise_e" in lowest:
+        draft.says("readout.row_noise_e", lowest["row_noise_e"], f"sigR over K at {iso}")
+    if "black_level_dn" in lowest:
+        draft.says("adc.black_level_dn", lowest["black_level_dn"], "black level")
+    draft.set_clip(lowest["gain_dn_per_e"], lowest.get("black_level_dn", 0.0))
+    if "shape" in first:
+        _set_shape(draft, float(first["shape"]), iso)
+    draft.description = f"Camera of the noise calibration {file}, at {iso}"
+    return draft
+
+
+def _row(name: str, values: Mapping[str, Any], file: str) -> dict[str, Any]:
+    """A row under our names for its columns; the ISO may stand in the row's own name ("SonyA7S2_1600")."""
+    plain = {key.strip().lower(): x for key, x in values.items() if key is not None and x not in (None, "")}
+    row = {
+        ours: next(plain[x] for x in theirs if x in plain) for ours, theirs in NAMES.items() if plain.keys() & theirs
+    }
+    if "iso" not in row and (number := re.search(r"(\d+)$", name)):
+        row["iso"] = float(number[1])
+    missing = [one for one in ("iso", "gain") if one not in row]
+    missing += [] if row.keys() & {"scale", "sigma"} else ["sigma"]
+    if missing:
+        wanted = " and ".join("/".join(NAMES[one]) for one in missing)
+        raise InputError(f"{file}: row {name!r} has no {wanted}; it has {', '.join(plain) or 'nothing'}.")
+    return row
+
+
+def _setting(row: Mapping[str, Any], draft: Draft) -> dict[str, float]:
+    """The gain setting of a row [e-]. The noise of the pixels is that without the rows'."""
+    at = f"at ISO {row['iso']}"
+    gain = draft.number(f"K {at}", row["gain"])
+    row_dn = draft.number(f"sigR {at}", row["row"], -1e-12) if "row" in row else 0.0
+    if "scale" in row:
+        shape = draft.number(f"lam {at}", row.get("shape", 0.0), -0.5, 2.0)
+        pixel_dn = draft.number(f"sigTL {at}", row["scale"]) * float(scipy.stats.tukeylambda.std(shape))
+    else:
+        pixel_dn = math.sqrt(max(draft.number(f"sigGs {at}", row["sigma"]) ** 2 - row_dn**2, 0.0))
+    numbers = {"gain_dn_per_e": gain, "read_noise_e": math.sqrt(max(pixel_dn**2 - 1 / 12, 0.0)) / gain}
+    black = draft.number(f"bl {at}", row["black"], -1e-12) if "black" in row else None
+    numbers |= {} if black is None else {"black_level_dn": black}
+    numbers |= {"full_well_e": (2.0**draft.bits - 1 - (black or 0.0)) / gain}
+    numbers |= {"row_noise_e": row_dn / gain} if "row" in row else {}
+    return {"iso": draft.number("iso", row["iso"]), **{name: float(f"{x:.6g}") for name, x in numbers.items()}}
+
+
+def _set_shape(draft: Draft, shape: float, iso: str) -> None:
+    """The Tukey-lambda shape; one that we do not have is set to the nearest."""
+    draft.number("lam", shape, -0.5, 2.0)
+    inside = min(max(shape, SHAPES[0]), SHAPES[1])
+    draft.says("source_follower.read_noise_distribution", "tukey_lambda", "lam")
+    if inside == shape:
+        draft.says("source_follower.read_noise_shape", shape, f"lam at {iso}; it holds for all settings")
+    else:
+        draft.assume("source_follower.read_noise_shape", inside, f"the nearest to lam {shape:g} at {iso}")

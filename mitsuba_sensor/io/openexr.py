@@ -1,0 +1,123 @@
+"""OpenEXR files by the library's own reader and writer: pictures of named channels, and what is wrong with a file."""
+
+from __future__ import annotations
+
+import errno
+import io
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import closing, contextmanager, redirect_stdout
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..core import InputError
+from .files import appearing
+
+EXR_MAGIC = b"\x76\x2f\x31\x01"  # OpenEXR file layout, "Magic Number"
+ZIP_ROWS = 16  # that are compressed together (OpenEXR file layout, "ZIP_COMPRESSION")
+VALUES_AT_ONCE = 2**22  # in float32 16 MiB
+
+
+class Plane(NamedTuple):
+    """What becomes a channel: an image (H, W), in float32, or in half precision times ``scale`` where there is one."""
+
+    image: np.ndarray
+    scale: float | None = None
+
+    def rows(self, rows: slice) -> bytes:
+        """Some rows as the file has them."""
+        if self.scale is None:
+            return np.asarray(self.image[rows], dtype=np.float32).tobytes()
+        return (self.image[rows] * np.float32(self.scale)).astype(np.float16).tobytes()
+
+
+def write_planes(path: Path, header: Mapping[str, str | float], channels: Mapping[str, Plane]) -> None:
+    """Some rows at a time: the planes in the order of the file would be as large as all bands and their errors."""
+    import OpenEXR
+
+    rows, columns = next(iter(channels.values())).image.shape
+    step = max(VALUES_AT_ONCE // (columns * len(channels)) // ZIP_ROWS, 1) * ZIP_ROWS
+    with appearing(path) as temporary:
+        try:
+            with closing(OpenEXR.OutputFile(str(temporary), _file_header((columns, rows), header, channels))) as file:
+                for first in range(0, rows, step):
+                    here = slice(first, min(first + step, rows))
+                    file.writePixels({name: x.rows(here) for name, x in channels.items()}, here.stop - first)
+        except (RuntimeError, ValueError) as error:  # whatever went wrong
+            raise OSError(str(error)) from error
+        if temporary.stat().st_size == 0:  # a file below 4 kB meets a full disk without an error
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def _file_header(
+    size: tuple[int, int], header: Mapping[str, str | float], channels: Mapping[str, Plane]
+) -> dict[str, Any]:
+    """As the library's writer of rows takes it.  size : (columns, rows)."""
+    import Imath
+    import OpenEXR
+
+    kinds = {name: Imath.PixelType.FLOAT if x.scale is None else Imath.PixelType.HALF for name, x in channels.items()}
+    return {
+        **OpenEXR.Header(*size),
+        "type": b"scanlineimage",
+        "compression": Imath.Compression(Imath.Compression.ZIP_COMPRESSION),
+        "channels": {name: Imath.Channel(Imath.PixelType(kind)) for name, kind in kinds.items()},
+        **{name: value.encode() if isinstance(value, str) else value for name, value in header.items()},
+    }
+
+
+@contextmanager
+def _silent_library() -> Iterator[None]:
+    """Keep what the OpenEXR library itself says of a damaged file, a line for each row, off stdout and stderr."""
+    kept, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null, 2)
+    try:
+        with redirect_stdout(io.StringIO()):
+            yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(null)
+
+
+@contextmanager
+def whole_exr(
+    path: Path, wrong: str, remedy: str = "", pixels: bool = True
+) -> Iterator[tuple[dict[str, Any], dict[str, np.ndarray]]]:
+    """Header and channels of an EXR; InputError if it is not there, not an EXR, not whole, or lacks what is read."""
+    import OpenEXR
+
+    require_exr(path)
+    try:
+        with _silent_library(), OpenEXR.File(str(path), separate_channels=True, header_only=not pixels) as file:
+            header = dict(file.header())
+            images = {name: channel.pixels for name, channel in file.channels().items()} if pixels else {}
+    except (RuntimeError, ValueError) as error:
+        why = "is cut short or damaged and cannot be read as an OpenEXR file"
+        raise InputError(f"{path} {why}; render it again.") from error
+    try:
+        yield header, images
+    except (KeyError, ValueError, TypeError) as error:
+        raise InputError(f"{path} is an EXR {wrong} (missing or unreadable: {error}){remedy}.") from error
+
+
+def is_exr(path: str | os.PathLike[str]) -> bool:
+    """Whether there is an OpenEXR file of that name, by its first bytes."""
+    try:
+        require_exr(Path(path))
+    except InputError:
+        return False
+    return True
+
+
+def require_exr(path: Path) -> None:
+    """Raise InputError for anything that is not an OpenEXR file."""
+    try:
+        with path.open("rb") as file:
+            magic = file.read(len(EXR_MAGIC))
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror}; give an irradiance.exr from `render`.") from error
+    if magic != EXR_MAGIC:
+        raise InputError(f"{path} is not an OpenEXR file; give an irradiance.exr that `mitsuba-sensor render` wrote.")

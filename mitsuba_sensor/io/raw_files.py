@@ -1,0 +1,226 @@
+"""Reads raw frames of any camera: TIFF, PNG, NumPy, FITS, DNG and camera raw, with what their metadata say."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core import InputError
+from ..core.units import KELVIN_AT_0_C
+
+TIFF, PICTURES, ARRAYS, FITS = (".tif", ".tiff"), (".png",), (".npy",), (".fits", ".fit", ".fts")
+CAMERA_RAW = (".dng", ".cr2", ".cr3", ".crw", ".nef", ".nrw", ".arw", ".raf", ".rw2", ".orf", ".pef", ".srw", ".x3f")
+RAW_FORMATS = (*TIFF, *PICTURES, *ARRAYS, *FITS, *CAMERA_RAW)
+NO_TILE: tuple[tuple[str, ...], ...] = ()
+EXTRA = "pip install 'mitsuba-sensor[raw]'"
+
+
+@dataclass(frozen=True, eq=False)
+class RawFile:
+    """Frames of one file and what its metadata say; None and "" where they say nothing.
+
+    frames : (N, H, W), integers or floats [DN], the rows in the order of the file.
+    exposure_s [s], temperature_k of the sensor [K], gain : ISO speed or setting, bits : of the ADC.
+    tile : names of the colour filters in rows, from the first pixel on.
+    kind : ``bias``, ``dark``, ``flat`` or ``light``, of FITS headers.
+    """
+
+    frames: NDArray[Any]
+    exposure_s: float | None = None
+    temperature_k: float | None = None
+    gain: str = ""
+    bits: int | None = None
+    tile: tuple[tuple[str, ...], ...] = ()
+    kind: str = ""
+
+
+def read_raw(path: str | os.PathLike[str]) -> RawFile:
+    """The frames of one file.
+
+    Raises InputError for a file that cannot be read, and for pictures of several channels.
+    """
+    file = Path(path)
+    reader = next((one for suffixes, one in READERS if file.suffix.lower() in suffixes), None)
+    if reader is None:
+        raise InputError(f"{file} is of a format that is not read; give one of {', '.join(RAW_FORMATS)}.")
+    try:
+        found = reader(file)
+    except (InputError, MemoryError):
+        raise
+    except Exception as error:  # foreign readers raise errors of every kind for broken files
+        why = getattr(error, "strerror", None) or str(error).split("\n")[0] or type(error).__name__
+        raise InputError(f"{file} cannot be read: {why.rstrip('.')}; leave it out, or copy it again.") from error
+    frames = found.frames
+    if frames.ndim != 3 or frames.dtype.kind not in "uif" or not frames.size:
+        shape = frames.shape[1:] if frames.ndim > 3 else frames.shape
+        raise InputError(f"{file} holds {frames.dtype} of shape {shape}; raw frames have one value per pixel.")
+    return found
+
+
+def _pages(values: NDArray[Any]) -> NDArray[Any]:
+    """(N, H, W) of (H, W) too."""
+    return values[None] if values.ndim == 2 else values
+
+
+def _tiff(file: Path) -> RawFile:
+    import tifffile
+
+    with tifffile.TiffFile(file) as opened:
+        first = opened.pages.first
+        tags = {tag.name: tag.value for tag in first.tags}
+        if first.samplesperpixel != 1:
+            raise InputError(f"{file} has {first.samplesperpixel} values per pixel; raw frames have one.")
+        frames = _pages(opened.asarray())
+    facts = _own_facts(tags.get("ImageDescription"))
+    names: Mapping[int, str] = dict(enumerate("RGBCMYW"))
+    pattern, size = tags.get("CFAPattern"), tags.get("CFARepeatPatternDim")
+    tile = NO_TILE
+    if facts.get("cfa_pattern"):
+        tile = tuple(map(tuple, facts["cfa_pattern"]))
+    elif pattern is not None and size is not None:
+        tile = tuple(tuple(names[number] for number in row) for row in np.reshape(list(pattern), size))
+    exposure_s, iso = _exif(tags)
+    return RawFile(
+        frames,
+        facts.get("exposure_s", exposure_s),
+        facts.get("temperature_k"),
+        str(facts.get("gain") or iso),
+        _bits(facts.get("white_level_dn")),
+        tile,
+    )
+
+
+def _own_facts(description: object) -> dict[str, Any]:
+    """What this package writes into the description of a TIFF; empty for other programs' TIFFs."""
+    with suppress(ValueError, TypeError):
+        facts = json.loads(str(description))
+        if isinstance(facts, dict):
+            return facts
+    return {}
+
+
+def _exif(tags: Mapping[str, Any]) -> tuple[float | None, str]:
+    """Exposure time [s] and ISO speed of EXIF tags."""
+    exif = tags.get("ExifTag")
+    known = {**tags, **(exif if isinstance(exif, dict) else {})}
+    time, iso = known.get("ExposureTime"), known.get("PhotographicSensitivity", known.get("ISOSpeedRatings"))
+    exposure_s = time[0] / time[1] if isinstance(time, tuple) and len(time) == 2 and time[1] else None
+    return exposure_s, "" if iso is None else str(iso[0] if isinstance(iso, tuple) else iso)
+
+
+def _bits(white_level_dn: float | None) -> int | None:
+    return math.ceil(math.log2(white_level_dn + 1)) if white_level_dn else None
+
+
+def _png(file: Path) -> RawFile:
+    from PIL import Image
+
+    with Image.open(file) as picture:
+        if len(picture.getbands()) != 1 or picture.mode == "P":
+            raise InputError(
+                f"{file} has {len(picture.getbands())} values per pixel ({picture.mode}); raw frames have one."
+            )
+        values = np.asarray(picture)
+    return RawFile(_pages(values.astype(np.uint16) if values.dtype == np.int32 else values))
+
+
+def _npy(file: Path) -> RawFile:
+    return RawFile(_pages(np.load(file, mmap_mode="r", allow_pickle=False)))
+
+
+def _fits(file: Path) -> RawFile:
+    with _needed("astropy", file):
+        from astropy.io import fits
+    with fits.open(file) as opened:
+        image = next((one for one in opened if one.data is not None and np.ndim(one.data) in (2, 3)), None)
+        if image is None:
+            raise InputError(f"{file} holds no image; give a FITS file with frames of one value per pixel.")
+        header = {**opened[0].header, **image.header}
+        values = np.asarray(image.data)
+    celsius, pattern = header.get("CCD-TEMP"), str(header.get("BAYERPAT", "")).strip().upper()
+    kind = str(header.get("IMAGETYP", "")).lower().replace(" frame", "").strip()
+    return RawFile(
+        _pages(values.astype(values.dtype.newbyteorder("="), copy=False)),
+        header.get("EXPTIME", header.get("EXPOSURE")),
+        None if celsius is None else float(celsius) + KELVIN_AT_0_C,
+        str(header.get("ISOSPEED", header.get("GAIN", ""))),
+        tile=tuple(map(tuple, (pattern[:2], pattern[2:]))) if len(pattern) == 4 else (),
+        kind={"zero": "bias", "object": "light"}.get(kind, kind),
+    )
+
+
+def _camera_raw(file: Path) -> RawFile:
+    with _needed("rawpy", file):
+        import rawpy
+    with rawpy.imread(os.fspath(file)) as raw:
+        image = raw.raw_image_visible
+        if image is None or image.ndim != 2:
+            raise InputError(f"{file} has several values per pixel; raw frames have one.")
+        pattern, tile = raw.raw_pattern, NO_TILE
+        if pattern is not None and raw.num_colors > 1:
+            rows, columns = pattern.shape
+            names, numbers = raw.color_desc.decode(), raw.raw_colors_visible[:rows, :columns]
+            tile = tuple(tuple(names[number] for number in row) for row in numbers)
+        shutter_s, iso = raw.other.shutter_speed, raw.other.iso_speed
+        return RawFile(
+            image[None].copy(),
+            shutter_s or None,
+            gain=f"{iso:g}" if iso else "",
+            bits=_bits(raw.white_level),
+            tile=tile,
+        )
+
+
+@contextmanager
+def _needed(package: str, file: Path) -> Iterator[None]:
+    """A library that only these files need. Raises InputError with the command that installs it."""
+    try:
+        yield
+    except ImportError:
+        raise InputError(f"{file} is read by {package}, which is not installed; {EXTRA} installs it.") from None
+
+
+READERS: tuple[tuple[tuple[str, ...], Callable[[Path], RawFile]], ...] = (
+    (TIFF, _tiff),
+    (PICTURES, _png),
+    (ARRAYS, _npy),
+    (FITS, _fits),
+    (CAMERA_RAW, _camera_raw),
+)
+
+
+def dng_tags(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """The tags of a DNG by name: those of its first page, of its raw picture and of Exif; fractions as floats.
+
+    Raises InputError for a file that is no DNG.
+    """
+    import tifffile
+
+    try:
+        with tifffile.TiffFile(path) as opened:
+            first: Any = opened.pages[0]
+            pages = [first, *(first.pages or ())]
+            raw = next((page for page in pages if page.photometric in (32803, 34892)), first)  # CFA, linear raw
+            tags = {tag.name: _plain(tag) for page in (first, raw) for tag in page.tags}
+    except (OSError, ValueError, tifffile.TiffFileError) as error:
+        raise InputError(f"{path} cannot be read as a DNG: {error}. Give a .dng file.") from None
+    exif = tags.get("ExifTag")
+    return {**tags, **(exif if isinstance(exif, dict) else {})}
+
+
+def _plain(tag: Any) -> Any:
+    """The value of a tag; numerators and denominators divided."""
+    value = tag.value
+    if getattr(tag.dtype, "name", "") in ("RATIONAL", "SRATIONAL") and isinstance(value, tuple):
+        pairs = np.asarray(value, np.float64).reshape(-1, 2)
+        return [float(x) for x in pairs[:, 0] / pairs[:, 1]]
+    return value

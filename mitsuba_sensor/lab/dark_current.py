@@ -1,0 +1,125 @@
+"""Dark current from the mean and from the variance of dark frames over the exposure time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from ..core import InputError
+from .clipping import temporal_note
+from .mean_squares import MeanSquares, temporal_mean_squares
+from .quantity import Quantity
+from .stack import Stack
+from .straight_line import StraightLine, straight_line
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Float64Array = NDArray[np.float64]
+SECTION = "EMVA 1288 R4 7.1"
+DRIFT = 0.01
+"""Probability that frames without drift are taken to have one."""
+
+
+@dataclass(frozen=True, eq=False)
+class DarkCurrentOverTime:
+    """Dark signal against exposure time.
+
+    from_mean : slope of the mean [DN/s]; [e-/s] by :meth:`per_gain`.
+    from_variance : slope of the temporal variance [DN²/s]; [e-/s] by :meth:`per_gain`.
+    line : through the means [DN, s].
+    exposure_s, mean, mean_error : the points, with standard errors [s, DN].
+    """
+
+    from_mean: Quantity
+    from_variance: Quantity
+    line: StraightLine
+    exposure_s: Float64Array
+    mean: Float64Array
+    mean_error: Float64Array
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """Both."""
+        return self.from_mean, self.from_variance
+
+    def per_gain(self, gain: Quantity | float) -> DarkCurrentOverTime:
+        """In electrons.  gain : K [DN/e-]; the interval of a measured one widens these."""
+        variance = self.from_variance.divided(gain, "DN/s").divided(gain, "e-/s")
+        return replace(self, from_mean=self.from_mean.divided(gain, "e-/s"), from_variance=variance)
+
+    def plot(self, ax: Axes) -> None:
+        """Mean dark signal against exposure time, with the straight line."""
+        ax.errorbar(self.exposure_s, self.mean, yerr=self.mean_error, fmt="o", ms=4, capsize=2, label="measured")
+        ends = np.array([0.0, self.exposure_s.max()])
+        ax.plot(ends, self.line.offset + self.line.slope * ends, lw=1, label="straight line")
+        ax.set(xlabel="exposure time [s]", ylabel="mean dark signal [DN]")
+
+
+def dark_current(stacks: Sequence[Stack]) -> DarkCurrentOverTime:
+    """µ_I of dark stacks of 2 exposure times or more, at one temperature and gain.
+
+    The errors are those of temporal noise; the fixed pattern is the same in all stacks and widens no interval. Stacks
+    of one frame have a mean and no variance. Stacks with clipped values are left out, with a note.
+
+    Raises InputError for mosaics, stacks of different sizes, temperatures or gains, and fewer than 2 exposure times.
+    """
+    used, note = _checked(stacks)
+    noise = [temporal_mean_squares(stack) if len(stack) > 1 else None for stack in used]
+    x = np.array([stack.exposure_s for stack in used])
+    mean = np.array([stack.frame_means.mean() for stack in used])
+    mean_error, freedom = errors_of_means(used, noise)
+    line = straight_line(x, mean, mean_error, freedom)
+    from_mean = Quantity("µ_I.mean", "dark current from the mean", *line.interval, "DN/s", SECTION, line.note)
+    some = [i for i, one in enumerate(noise) if one]
+    terms = [one.variance() for one in noise if one]
+    variance = np.array([sum(part.value for part in one) for one in terms])
+    error = np.array([math.sqrt(sum(2 * part.value**2 / part.freedom for part in one)) for one in terms])
+    name = "dark current from the variance"
+    if len(set(x[some])) < 2:
+        few = "fewer than 2 exposure times have 2 frames"
+        from_variance = Quantity("µ_I.var", name, math.nan, math.nan, math.nan, "DN²/s", SECTION, few)
+    else:
+        fit = straight_line(x[some], variance, error)
+        from_variance = Quantity("µ_I.var", name, *fit.interval, "DN²/s", SECTION, fit.note)
+        for stack in used:
+            from_variance = from_variance.noted(temporal_note(stack) if len(stack) > 1 else "")
+    return DarkCurrentOverTime(from_mean.noted(note), from_variance.noted(note), line, x, mean, mean_error)
+
+
+def _checked(stacks: Sequence[Stack]) -> tuple[list[Stack], str]:
+    """Those without clipped values, and what to say of the others."""
+    for stack in stacks:
+        stack.require_one_filter()
+    settings = {(stack.shape, stack.temperature_k, stack.gain) for stack in stacks}
+    if len(settings) > 1:
+        found = "; ".join(f"{h} × {w} pixels, {t} K, gain {g!r}" for (h, w), t, g in sorted(settings, key=str))
+        raise InputError(f"the dark stacks differ: {found}. Pass those of one temperature and gain.")
+    used = [stack for stack in stacks if not stack.clipping.note]
+    times = sorted({stack.exposure_s for stack in used})
+    if len(times) < 2:
+        left = "".join(f" {stack.exposure_s:g} s: {stack.clipping.note}." for stack in stacks if stack not in used)
+        raise InputError(f"dark current needs 2 exposure times without clipped values; there are {len(times)}.{left}")
+    left_out = [f"{stack.exposure_s:g} s left out ({stack.clipping.note})" for stack in stacks if stack not in used]
+    return used, "; ".join(left_out)
+
+
+def errors_of_means(stacks: Sequence[Stack], noise: Sequence[MeanSquares | None]) -> tuple[Float64Array, float]:
+    """Standard error of every stack's mean, and its degrees of freedom: of pixels and lines, and of drift if there is
+    more scatter between frames than these give."""
+    if any(one is None for one in noise):
+        return np.full(len(stacks), np.nan), 1.0
+    expected = np.array([one.variance_of_mean() for one in noise if one])
+    found = np.array([stack.frame_means.var(ddof=1) for stack in stacks])
+    frames = np.array([len(stack) for stack in stacks])
+    free = float((frames - 1).sum())
+    if (expected > 0).all() and scipy.special.chdtrc(free, float(((frames - 1) * found / expected).sum())) > DRIFT:
+        return np.sqrt(expected / frames), math.inf
+    drift = max(0.0, float((frames - 1) @ (found - expected)) / free)
+    return np.sqrt((expected + drift) / frames), free

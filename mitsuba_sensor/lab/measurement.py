@@ -1,0 +1,201 @@
+"""All instruments on the frames of one bench: what each colour filter's pixels show, and what could not be measured."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import TYPE_CHECKING, TypeVar
+
+from ..core import InputError
+from .bench import Bench
+from .correlation import correlation
+from .dark_current import dark_current
+from .dark_signal import dark_signal
+from .dark_temperature import DarkTemperature, dark_temperature
+from .defects import defects
+from .emva_linear import EmvaLinear, emva_linear
+from .line_noise import line_noise
+from .nonuniformity import nonuniformity
+from .photon_transfer import photon_transfer_of_scene
+from .profiles import profiles
+from .quantity import Quantity
+from .rts_pixels import rts_pixels
+from .selection import (
+    by_temperature,
+    dark_for,
+    dark_series,
+    darks_of,
+    half_saturated,
+    longest_dark,
+    most_frames,
+    shortest_dark,
+)
+from .spectrogram import spectrograms
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Found = TypeVar("Found")
+INSTRUMENTS = 13
+"""That measure each filter, for a progress bar."""
+
+
+@dataclass(eq=False)
+class Measurement:
+    """Results of all instruments behind one colour filter.
+
+    filter_name : of the filter, empty for a monochrome camera.
+    figures : all quantities, by symbol, in the order of the instruments.
+    drawings : what to draw, by title.  notes : what the instruments say about the frames.
+    refused : the sentence of every instrument that could not measure, by its title.
+    report : told the title of every instrument when it begins; begun : those titles.
+    """
+
+    filter_name: str
+    figures: dict[str, Quantity] = field(default_factory=dict)
+    drawings: dict[str, Callable[[Axes], object]] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    refused: dict[str, str] = field(default_factory=dict)
+    report: Callable[[str], object] = lambda title: None
+    begun: list[str] = field(default_factory=list)
+
+    def run(self, title: str, instrument: Callable[[], Found]) -> Found | None:
+        """What an instrument finds; None where it refuses."""
+        if title not in self.begun:
+            self.begun.append(title)
+            self.report(title)
+        try:
+            return instrument()
+        except InputError as error:
+            self.refused[title] = str(error)
+            return None
+
+    def keep(self, quantities: Iterable[Quantity]) -> None:
+        """Figures of an instrument."""
+        self.figures |= {one.symbol: one for one in quantities}
+
+
+def measure(bench: Bench, report: Callable[[str], object] = lambda title: None) -> tuple[Measurement, ...]:
+    """Every instrument on the pixels behind each colour filter of a bench.
+
+    report : called with the title of each instrument before it measures, from several threads.
+
+    Raises InputError for a bench of several gain settings (see :meth:`Bench.at_gain`), and for one without stacks.
+    """
+    if len(bench.gains) != 1:
+        found = ", ".join(bench.gains) or "no frames"
+        raise InputError(f"the bench has the gain settings {found}; measure Bench.at_gain() of each.")
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        parts = [(Measurement(name, report=report), part) for name, part in bench.of_filters().items()]
+        return tuple(pool.map(lambda one: _measurement(*one), parts))
+
+
+def _measurement(found: Measurement, bench: Bench) -> Measurement:
+    linear = found.run("photon transfer", lambda: _linear(bench))
+    if linear is not None:
+        _keep_linear(found, linear)
+    gain = found.figures.get("K")
+    known = gain if gain is not None and gain.low > 0 else None
+    _scene(found, bench)
+    _temporal(found, bench, known)
+    _spatial(found, bench, known, linear)
+    _dark(found, bench, known)
+    return found
+
+
+def _linear(bench: Bench) -> EmvaLinear:
+    """With the dark frames of the flat fields' own exposure times."""
+    times = {one.exposure_s for one in bench.flats}
+    darks = [dark_for(bench, next(one for one in bench.flats if one.exposure_s == time)) for time in sorted(times)]
+    return emva_linear(darks, bench.flats)
+
+
+def _keep_linear(found: Measurement, linear: EmvaLinear) -> None:
+    found.keep(linear.quantities)
+    found.notes += linear.notes
+    found.drawings |= {
+        "Radiometric function": linear.radiometric.plot,
+        "Photon transfer, linear": linear.photon_transfer.plot,
+        "Photon transfer, logarithmic": partial(linear.photon_transfer.plot, log=True),
+        "Signal-to-noise ratio, linear": partial(linear.snr.plot, log=False),
+        "Signal-to-noise ratio, logarithmic": linear.snr.plot,
+        "Linearity": linear.radiometric.plot_deviation,
+    }
+
+
+def _scene(found: Measurement, bench: Bench) -> None:
+    """The paper's photon transfer curve."""
+    for scene in bench.scenes[:1]:
+        transfer = found.run("photon transfer of a scene", partial(photon_transfer_of_scene, scene))
+        if transfer is not None:
+            found.keep([replace(transfer.gain, symbol="K_scene", section="Konnik & Welsh 2014, section 4")])
+            found.drawings["Photon transfer of a scene"] = transfer.plot
+
+
+def _temporal(found: Measurement, bench: Bench, gain: Quantity | None) -> None:
+    """Row and column noise, and correlations, of the shortest dark frames."""
+    lines = found.run("row and column noise", lambda: line_noise(shortest_dark(bench)))
+    if lines is not None:
+        found.keep((lines.per_gain(gain) if gain else lines).quantities)
+        found.drawings["Temporal noise of rows and columns"] = lines.plot
+    related = found.run("correlation", lambda: correlation(shortest_dark(bench)))
+    if related is not None:
+        found.keep(related.quantities)
+        found.drawings["Correlation over frames"] = related.plot
+
+
+def _spatial(found: Measurement, bench: Bench, gain: Quantity | None, linear: EmvaLinear | None) -> None:
+    """Non-uniformity, profiles, spectrograms and defects of the half-saturated flat field and its dark frames."""
+    largest = None if linear is None else float(linear.photon_transfer.peak.mean[0])
+    half = found.run("non-uniformity", lambda: half_saturated(bench, largest))
+    if half is None:
+        return
+    dark = found.run("non-uniformity", lambda: dark_for(bench, half))
+    if dark is None:
+        return
+    uneven = found.run("non-uniformity", lambda: nonuniformity(dark, half))
+    if uneven is not None:
+        found.keep((uneven.per_gain(gain) if gain else uneven).quantities)
+        found.drawings["Photo response non-uniformity"] = uneven.plot
+    for name, image in (("darkness", dark), ("half saturation", half)):
+        for one in found.run(f"spectrogram, {name}", partial(spectrograms, image)) or ():
+            found.keep([replace(one.non_whiteness, symbol=f"F_{one.direction}, {name}")])
+            found.drawings[f"Spectrogram, {one.direction}, {name}"] = one.plot
+    for profile in found.run("profiles", lambda: profiles(half, dark)) or ():
+        found.drawings[f"Profile, {profile.direction}"] = profile.plot
+    outliers = found.run("defect pixels", lambda: defects(dark, half))
+    if outliers is not None:
+        found.keep(outliers.quantities)
+        found.drawings["Defect pixels"] = outliers.plot
+
+
+def _dark(found: Measurement, bench: Bench, gain: Quantity | None) -> None:
+    """Dark current over time and temperature, its distribution, RTS pixels."""
+    current = found.run("dark current", lambda: dark_current(dark_series(bench)))
+    if current is not None:
+        found.keep((current.per_gain(gain) if gain else current).quantities)
+        found.drawings["Dark current"] = current.plot
+    warmth = found.run("dark current over temperature", lambda: _over_temperature(bench))
+    if warmth is not None:
+        found.keep(warmth.quantities)
+        found.drawings["Dark current over temperature"] = warmth.plot
+    offset = found.run("dark signal", lambda: float(shortest_dark(bench).mean.mean()))
+    signal = found.run("dark signal", lambda: dark_signal(longest_dark(bench), offset or 0.0))
+    if signal is not None:
+        found.notes.append(f"dark signal of {longest_dark(bench).exposure_s:g} s: {signal.best.name} fits best (BIC)")
+        found.drawings["Dark signal"] = signal.plot
+        found.drawings["Dark signal, logarithmic"] = partial(signal.plot, log_counts=True)
+    telegraph = found.run("RTS pixels", lambda: rts_pixels(most_frames(darks_of(bench))))
+    if telegraph is not None:
+        found.keep((telegraph.per_gain(gain.value) if gain else telegraph).quantities)
+        if telegraph.steps.size:
+            found.drawings["RTS pixels"] = telegraph.plot
+
+
+def _over_temperature(bench: Bench) -> DarkTemperature:
+    """Of the temperatures at which there are 2 exposure times or more."""
+    series = {t: some for t, some in by_temperature(bench).items() if len({one.exposure_s for one in some}) > 1}
+    return dark_temperature({t: dark_current(some).from_mean for t, some in series.items()})

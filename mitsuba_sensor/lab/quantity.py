@@ -1,0 +1,123 @@
+"""A measured quantity: value with its 95 % interval, unit, symbol, and the section of the standard that defines it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Self
+
+import scipy
+
+from ..core import InputError
+
+LEVEL = 0.95
+"""Coverage of every interval in this package."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What an instrument measured.
+
+    symbol, name : those of EMVA 1288 R4 or of the source (``K``, ``overall system gain``).
+    value, low, high : in ``unit``, low and high the ends of the 95 % interval; NaN where nothing could be measured.
+    section : where the definition stands (``EMVA 1288 R4 6.6``).
+    note : what restricts the value (quantisation, too few frames, saturation), or nothing.
+    """
+
+    symbol: str
+    name: str
+    value: float
+    low: float
+    high: float
+    unit: str
+    section: str
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        if not (math.isnan(self.value) or self.low <= self.value <= self.high):
+            raise InputError(f"{self.symbol}: {self.value!r} is outside of its interval {self.low!r} to {self.high!r}.")
+
+    def __str__(self) -> str:
+        """``K = 0.1241 DN/e- (0.1239 to 0.1243; EMVA 1288 R4 6.6)``."""
+        note = f"; {self.note}" if self.note else ""
+        value = f"{self.value:.4g} {self.unit}".rstrip()
+        return f"{self.symbol} = {value} ({self.low:.4g} to {self.high:.4g}; {self.section}{note})"
+
+    def covers(self, value: float) -> bool:
+        """Whether the interval contains this value."""
+        return self.low <= value <= self.high
+
+    def noted(self, note: str) -> Self:
+        """The same with one more sentence, if there is one that it does not have."""
+        return self if note in self.note else replace(self, note=f"{self.note}; {note}" if self.note else note)
+
+    def scaled(self, factor: float, unit: str) -> Self:
+        """Times a positive factor that is known exactly, in another unit."""
+        value, low, high = (one * factor for one in (self.value, self.low, self.high))
+        return replace(self, value=value, low=low, high=high, unit=unit)
+
+    def divided(self, by: Self | float, unit: str) -> Self:
+        """Not negative, divided by an independent positive quantity, or by a number that is known exactly.
+
+        The distances to the ends of the two intervals add in quadrature, each relative to its value.
+        """
+        if not isinstance(by, Quantity):
+            return self.scaled(1 / by, unit)
+        if self.value > 0:
+            down = self.value * math.hypot(1 - self.low / self.value, 1 - by.value / by.high)
+            up = self.value * math.hypot(self.high / self.value - 1, by.value / by.low - 1)
+            low, high = max(0.0, self.value - down), self.value + up
+        else:
+            low, high = self.low * by.value / by.high, self.high * by.value / by.low
+        return replace(self, value=self.value / by.value, low=low / by.value, high=high / by.value, unit=unit)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        return asdict(self)
+
+
+def normal_interval(value: float, standard_error: float) -> tuple[float, float, float]:
+    """(value, low, high) of an estimate that is normal about the true value."""
+    half = float(scipy.special.ndtri((1 + LEVEL) / 2)) * standard_error
+    return value, value - half, value + half
+
+
+def student_interval(value: float, standard_error: float, freedom: float) -> tuple[float, float, float]:
+    """The same where the standard error comes from a sample with so many degrees of freedom."""
+    half = float(scipy.special.stdtrit(freedom, (1 + LEVEL) / 2)) * standard_error
+    return value, value - half, value + half
+
+
+def variance_interval(variance: float, freedom: float) -> tuple[float, float, float]:
+    """(value, low, high) of the variance of normal values, from the chi-square law with so many degrees of freedom."""
+    low, high = (float(scipy.special.chdtri(freedom, p)) for p in ((1 - LEVEL) / 2, (1 + LEVEL) / 2))
+    return variance, variance * freedom / low, variance * freedom / high
+
+
+def share_interval(count: int, total: int) -> tuple[float, float, float]:
+    """(value, low, high) of a probability from how often it happened (Clopper and Pearson 1934)."""
+    tail = (1 - LEVEL) / 2
+    low = float(scipy.special.betaincinv(count, total - count + 1, tail)) if count else 0.0
+    high = float(scipy.special.betaincinv(count + 1, total - count, 1 - tail)) if count < total else 1.0
+    return count / total, low, high
+
+
+def unknown(like: Quantity, note: str) -> Quantity:
+    """The same without a value, and why."""
+    return replace(like, value=math.nan, low=math.nan, high=math.nan, note=note)
+
+
+def quotient(above: Quantity, below: Quantity, like: Quantity) -> Quantity:
+    """above / below, with the other fields of ``like`` and the notes of all three; unknown if one is not positive."""
+    notes = "; ".join(dict.fromkeys(note for note in (like.note, above.note, below.note) if note))
+    if not (above.value > 0 and below.low > 0):
+        return unknown(like, notes or f"{above.symbol} or {below.symbol} is not known")
+    found = above.divided(below, like.unit)
+    return replace(like, value=found.value, low=found.low, high=found.high, note=notes)
+
+
+def product(one: Quantity, other: Quantity, like: Quantity) -> Quantity:
+    """one · other, in the same way."""
+    if not other.low > 0:
+        return quotient(one, other, like)  # unknown
+    return quotient(one, replace(other, value=1 / other.value, low=1 / other.high, high=1 / other.low), like)

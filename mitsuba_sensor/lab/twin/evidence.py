@@ -1,0 +1,60 @@
+"""A fitted figure with the frames that it came from, and how frames are named."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ..quantity import Quantity
+from ..stack import Stack
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A figure and its frames.
+
+    assumed : what the number is where frames do not show it, or nothing.
+    """
+
+    quantity: Quantity
+    frames: str
+
+    @property
+    def known(self) -> bool:
+        """Whether frames show it."""
+        return math.isfinite(self.quantity.value)
+
+    @property
+    def source(self) -> str:
+        """``fit: 2.31 (2.29 to 2.33) e-, 64 frames dark_10ms/…``."""
+        q = self.quantity
+        unit = f" {q.unit}" if q.unit else ""
+        text = f"fit: {q.value:.4g} ({q.low:.4g} to {q.high:.4g}){unit}, {self.frames}"
+        return f"{text}; {q.note}" if q.note else text
+
+    def known_as(self, quantity: Quantity) -> Fitted:
+        """Another figure of the same frames."""
+        return Fitted(quantity, self.frames)
+
+
+def frames_of(*stacks: Stack) -> str:
+    """How many frames of which files: ``64 frames dark_10ms/a.tiff … b.tiff``."""
+    return both([(len(one), one.source) for one in stacks])
+
+
+def both(some: Sequence[tuple[int, str]]) -> str:
+    """Of numbers of frames and their sources."""
+    count, sources = sum(number for number, _ in some), list(dict.fromkeys(short(source) for _, source in some))
+    shown = ", ".join(sources[:2]) + (f" and {len(sources) - 2} more stacks" if len(sources) > 2 else "")
+    return f"{count} frame{'s' * (count != 1)} {shown}"
+
+
+def short(source: str) -> str:
+    """The last two parts of the path of the first file."""
+    first, dots, _ = source.partition(" … ")
+    parts = first.replace(os.sep, "/").split("/")
+    if not dots:
+        return "/".join(parts[-2:])
+    return f"{'/'.join(parts[-2:-1])}/…" if len(parts) > 1 else f"{first} …"

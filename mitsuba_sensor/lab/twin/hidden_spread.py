@@ -1,0 +1,127 @@
+"""Maximum likelihood of noise that differs from pixel to pixel, from the sample variances of the pixels.
+
+A sample variance of n + 1 frames is v·χ²(n)/n. The variances v themselves differ: v = floor + a·m·exp(2sz − 2s²) with z
+normal, which is a log-normal σ of root mean square √m; a coefficient of variation of σ follows as sqrt(exp(s²) − 1).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+
+from ..estimators import Float64Array
+from ..quantity import LEVEL
+
+STEP, FARTHEST = 1 / 12, 6.0
+"""Nodes of z, and the largest: closer together than χ²(n) is wide for 1000 frames and a cv of 0.5."""
+BINS = 400
+WIDEST = 1.5
+"""Largest s that is searched: a cv of 2.9."""
+CHI2 = 3.841458820694124  # 95 % quantile of chi-square with one degree of freedom
+
+
+class HiddenSpread(NamedTuple):
+    """(value, low, high) of the mean variance m, and of the cv of σ."""
+
+    variance: tuple[float, float, float]
+    cv: tuple[float, float, float]
+
+
+class Mixed(NamedTuple):
+    """v = floor + own·m·(log-normal of mean 1) + shared·m: what removing line means leaves of each pixel's variance."""
+
+    floor: float
+    own: float
+    shared: float
+
+
+def hidden_spread(variances: Float64Array, freedom: int, mixed: Mixed) -> HiddenSpread:
+    """From the sample variances of all pixels, each with so many degrees of freedom."""
+    found = _Likelihood(variances, freedom, mixed)
+    start = math.log(max(float(variances.mean()) - mixed.floor, 1e-3 * float(variances.mean())))
+    spread = found.first_guess()
+    simplex = [(start, spread), (start + 0.02, spread), (start, spread + 0.05)]
+    options = {"xatol": 1e-5, "fatol": 1e-4, "initial_simplex": simplex}
+    best = scipy.optimize.minimize(lambda x: -found(x[0], abs(x[1])), simplex[0], method="Nelder-Mead", options=options)
+    log_m, s, most = float(best.x[0]), abs(float(best.x[1])), -float(best.fun)
+    if s < 1e-3:
+        s = 0.0
+    error_m = _error(lambda d: found(log_m + d, s) - most, 0.02 / math.sqrt(len(variances) / 1000))
+
+    def fallen(other: float) -> float:
+        inner = scipy.optimize.minimize_scalar(
+            lambda x: -found(x, other),
+            bounds=(log_m - 8 * error_m, log_m + 8 * error_m),
+            method="bounded",
+            options={"xatol": 0.05 * error_m},
+        )
+        return 2 * (most + float(inner.fun)) - CHI2
+
+    low, high = _ends(fallen, s)
+    z = float(scipy.special.ndtri((1 + LEVEL) / 2))
+    m = math.exp(log_m)
+    return HiddenSpread((m, m * math.exp(-z * error_m), m * math.exp(z * error_m)), (_cv(s), _cv(low), _cv(high)))
+
+
+class _Likelihood:
+    """Log-likelihood of ln m and s, of variances that are put into narrow bins."""
+
+    def __init__(self, variances: Float64Array, freedom: int, mixed: Mixed) -> None:
+        values = np.sort(variances, axis=None)
+        middle = float(np.median(values))
+        group = np.floor(np.arcsinh(values / max(middle, 1e-300)) * (BINS / 6))
+        starts = np.concatenate(([0], np.flatnonzero(np.diff(group)) + 1))
+        self.weights = np.diff(np.append(starts, values.size)).astype(np.float64)
+        self.values = np.add.reduceat(values, starts) / self.weights
+        self.half, self.mixed = freedom / 2, mixed
+        self.z = np.arange(-FARTHEST, FARTHEST + STEP / 2, STEP)
+        self.law = np.exp(-0.5 * self.z**2)
+        self.law /= self.law.sum()
+
+    def first_guess(self) -> float:
+        """s of the middle half of the variances, without the floor."""
+        low, high = np.interp((0.25, 0.75), np.cumsum(self.weights) / self.weights.sum(), self.values)
+        found = math.log(max(high, 1e-300) / max(low, 1e-300)) / 1.349
+        chance = math.sqrt(float(scipy.special.polygamma(1, self.half)))
+        return 0.5 * math.sqrt(max(found**2 - chance**2, 0.01))
+
+    def __call__(self, log_m: float, s: float) -> float:
+        """The larger, the more likely."""
+        if s > WIDEST:
+            return -math.inf
+        m = math.exp(log_m)
+        v = self.mixed.floor + m * (self.mixed.own * np.exp(2 * s * self.z - 2 * s**2) + self.mixed.shared)
+        chance = -self.half * (np.log(v) + self.values[:, None] / v)
+        most = chance.max(axis=1)
+        return float(self.weights @ (np.log(np.exp(chance - most[:, None]) @ self.law) + most))
+
+
+def _error(change: Callable[[float], float], step: float) -> float:
+    """Standard error from the curvature of a log-likelihood, at a step of about that size."""
+    for _ in range(20):
+        drop = -(change(step) + change(-step)) / 2
+        if 0.1 < drop < 2:
+            break
+        step *= min(max(math.sqrt(0.5 / max(drop, 1e-9)), 0.1), 10.0)
+    return step / math.sqrt(2 * max(drop, 1e-12))
+
+
+def _ends(fallen: Callable[[float], float], s: float) -> tuple[float, float]:
+    """Where twice the log-likelihood has fallen by the 95 % quantile; 0 or infinity where it does not."""
+    low = 0.0
+    if s > 0 and fallen(0.0) > 0:
+        low = float(scipy.optimize.brentq(fallen, 0.0, s, xtol=1e-4))
+    outside = max(1.05 * s, s + 0.01)
+    while outside < WIDEST and fallen(outside) < 0:
+        outside = s + 2 * (outside - s)
+    if outside >= WIDEST:
+        return low, math.inf
+    return low, float(scipy.optimize.brentq(fallen, s, outside, xtol=1e-4))
+
+
+def _cv(s: float) -> float:
+    return math.sqrt(math.expm1(s**2)) if s < math.inf else math.inf

@@ -1,0 +1,119 @@
+"""Cameras that ship with the package by name, any camera file by path, and cameras from a text or a dict."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..core import InputError, nearest
+from .camera import Camera, checked_camera
+
+SHIPPED = resources.files(__package__) / "cameras"
+TOML_TEXT = "the TOML text"
+"""What a camera that is given as text is called in messages."""
+
+
+def load_camera(name: str | Path | Mapping[str, Any]) -> Camera:
+    """A shipped camera by name (``konnik_table1``), any camera file by path (``my.toml``), or a camera that is no file.
+
+    name : also the text of a camera file, which has line breaks, or its tables as a dict,
+        ``{"name": "mine", "sensor": {"columns": 640, …}, …}``. Files that these name are sought in the working folder.
+    Raises InputError when there is no such camera or a field is wrong; :func:`check_camera` finds all that is wrong.
+    """
+    if isinstance(name, Mapping):
+        return checked_camera(plain_tables(name), "the dict", ".")
+    text, where, folder = camera_text(name)
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        what = where if where == TOML_TEXT else f"The camera file {where}"
+        raise InputError(f"{what} is not valid TOML: {error}.") from None
+    return checked_camera(data, where, folder)
+
+
+class CameraText(NamedTuple):
+    """The text of a camera file, its name for messages, and the folder of files that it names."""
+
+    text: str
+    where: str
+    folder: str = "."
+
+
+def camera_text(name: str | Path) -> CameraText:
+    """The file of a shipped camera by name, any camera file by path, or its text itself. Raises InputError."""
+    if not isinstance(name, str | Path):
+        raise InputError(
+            f"name is {name!r}; pass the name of a camera or the path of a .toml file, or a camera itself, as its text "
+            "or a dict of its tables."
+        )
+    if _is_text(name):
+        return CameraText(str(name), TOML_TEXT)
+    shipped, path = list_cameras(), Path(name)
+    if isinstance(name, str) and name in shipped:
+        return CameraText((SHIPPED / f"{name}.toml").read_text("utf-8"), f"{name}.toml")
+    if path.suffix != ".toml" and not (str(name) and path.exists()):
+        raise InputError(
+            f"{str(name)!r} is no camera that ships with mitsuba_sensor ({', '.join(shipped)}) and no .toml file."
+            f"{nearest(str(name), shipped)}"
+        )
+    try:
+        return CameraText(path.read_text("utf-8"), str(path), str(path.parent))
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
+        raise InputError(f"The camera file {path} cannot be read: {reason}.") from None
+
+
+def plain_tables(data: Mapping[str, Any]) -> dict[str, Any]:
+    """The same tables with the numbers, texts and lists that a file would have, for NumPy's and paths."""
+    return {str(key): _plain(value) for key, value in data.items()}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return plain_tables(value)
+    if isinstance(value, list | tuple):
+        return [_plain(one) for one in value]
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+
+
+def _is_text(name: str | Path) -> bool:
+    """Whether it is the text of a camera file: it has line breaks, or an = that is not in a path."""
+    if not isinstance(name, str) or "\n" in name:
+        return isinstance(name, str)
+    return "=" in name and not name.endswith(".toml") and not os.path.exists(name)
+
+
+def camera_from(data: dict[str, Any], where: str) -> Camera:
+    """The camera of these tables, as :meth:`Camera.model_dump` gives them.  where : for what is said of an error.
+
+    Raises InputError.
+    """
+    return checked_camera(data, where)
+
+
+def list_cameras() -> list[str]:
+    """Names of the cameras that ship with the package."""
+    return sorted(file.name.removesuffix(".toml") for file in SHIPPED.iterdir() if file.name.endswith(".toml"))
+
+
+def camera_schema() -> dict[str, Any]:
+    """JSON Schema of a camera file, for editors and other programs."""
+    return Camera.model_json_schema()
+
+
+def toml_value(text: str) -> Any:
+    """A value as in a camera file: 14, 0.5, true, [1, 2]; None for none and for nothing; anything else is a text."""
+    if text in ("", "none"):
+        return None
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text

@@ -1,0 +1,107 @@
+"""The figures of EMVA 1288 Release 4.0 Linear by which cameras are compared, from the datasheet, not from frames."""
+
+from __future__ import annotations
+
+import math
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..core import Exposure, Frame, InputError, Moments, SensorWindow, check_types
+from .camera import Camera
+from .gains import gain_dn_per_e, volts_per_electron
+from .metering import saturation_e
+from .stage import propagate
+
+QUANTISATION_DN2 = 1 / 12
+"""σ_q², variance of rounding to whole digital numbers (EMVA 1288 R4, section 2.2)."""
+
+
+class Figure(NamedTuple):
+    """One line of a table of figures.  section : of EMVA 1288 R4 Linear that defines it."""
+
+    name: str
+    symbol: str
+    value: float
+    unit: str
+    section: str
+
+
+@dataclass(frozen=True)
+class EmvaFigures:
+    """EMVA 1288 figures of one camera in one exposure, for any pixel of it: spatial noise has figures of its own.
+
+    exposure : of the dark signal.
+    system_gain_dn_per_e : K, overall system gain of small signals [DN/e-] (section 2.1).
+    temporal_dark_noise_e : σ_d, temporal noise without light in front of the converter, as electrons. It includes read
+        noise and dark shot noise, not the quantisation noise σ_q = √(1/12) DN (section 2.2).
+    saturation_e : µ_e.sat, photoelectrons at which a pixel saturates: its full well, or less where the converter ends
+        before, less the mean dark electrons of this exposure (section 2.4).
+    absolute_sensitivity_e : µ_e.min, photoelectrons whose signal equals their noise, √(σ_d² + σ_q²/K² + ¼) + ½ (2.4).
+    snr_max : √µ_e.sat, with shot noise alone (2.4).  dynamic_range : DR = µ_e.sat/µ_e.min; the QE cancels (2.4).
+
+    A camera without shot noise has the same SNR without its variance: µ_e.min = √(σ_d² + σ_q²/K²), and the largest SNR
+    is the dynamic range. Photons are electrons over the QE: ``figures.saturation_e / camera.qe([550.0])``.
+    """
+
+    exposure: Exposure
+    system_gain_dn_per_e: float
+    temporal_dark_noise_e: float
+    saturation_e: float
+    absolute_sensitivity_e: float
+    snr_max: float
+    dynamic_range: float
+
+    @property
+    def snr_max_db(self) -> float:
+        """20·log10 of SNR_max [dB]."""
+        return _db(self.snr_max)
+
+    @property
+    def dynamic_range_db(self) -> float:
+        """20·log10 of the dynamic range [dB]."""
+        return _db(self.dynamic_range)
+
+    def table(self) -> tuple[Figure, ...]:
+        """Name, symbol, value, unit and section of every figure."""
+        return (
+            Figure("overall system gain", "K", self.system_gain_dn_per_e, "DN/e-", "2.1"),
+            Figure("temporal dark noise", "σ_d", self.temporal_dark_noise_e, "e- rms", "2.2"),
+            Figure("saturation capacity", "µ_e.sat", self.saturation_e, "e-", "2.4"),
+            Figure("absolute sensitivity threshold", "µ_e.min", self.absolute_sensitivity_e, "e-", "2.4"),
+            Figure("maximum SNR", "SNR_max", self.snr_max_db, "dB", "2.4"),
+            Figure("dynamic range", "DR", self.dynamic_range_db, "dB", "2.4"),
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {**asdict(self), "snr_max_db": self.snr_max_db, "dynamic_range_db": self.dynamic_range_db}
+
+
+def emva_figures(camera: Camera, exposure: Exposure) -> EmvaFigures:
+    """The figures of a camera. Raises InputError where darkness is at the highest code."""
+    check_types(camera, exposure)
+    gain, stages = gain_dn_per_e(camera), camera.stages
+    well = [stage for stage in stages[1:-1] if stage.domain == "electrons"]
+    dark = propagate(well, Moments(0.0, 0.0, 0.0, Frame(exposure, SensorWindow(0, (1, 1)))))
+    swing = propagate(stages[len(well) + 1 : -1], dark)
+    noise_e = math.sqrt(float(np.mean(swing.temporal))) / volts_per_electron(camera)
+    full_e = max(saturation_e(camera) - float(np.mean(dark.mean)), 0.0)
+    shot = 1.0 if any(stage.counts_electrons for stage in stages) else 0.0  # variance of one photoelectron
+    still_e = math.sqrt(noise_e**2 + QUANTISATION_DN2 / gain**2)
+    least_e = math.sqrt(still_e**2 + shot / 4) + shot / 2
+    snr_max = math.sqrt(full_e) if shot else full_e / still_e
+    return EmvaFigures(exposure, gain, noise_e, full_e, least_e, snr_max, full_e / least_e)
+
+
+def figures_if_any(camera: Camera) -> EmvaFigures | None:
+    """Those of a short exposure; None for a camera that has no range of codes for light."""
+    with suppress(InputError):
+        return emva_figures(camera, Exposure(0.0))
+    return None
+
+
+def _db(ratio: float) -> float:
+    return 20 * math.log10(ratio) if ratio > 0 else -math.inf

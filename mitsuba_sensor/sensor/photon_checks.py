@@ -1,0 +1,43 @@
+"""Checks of mean photons and of the bands that they are in."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core import InputError, Photons, numbers
+
+
+def check_lengths(bands: NDArray[np.float64] | None) -> None:
+    """Raise InputError for a wavelength that is no length."""
+    if bands is not None and (wrong := bands[~(np.isfinite(bands) & (bands > 0))]).size:
+        raise InputError(f"wavelengths_nm holds {wrong[0]}; every band needs a positive, finite length in nm.")
+
+
+def checked_widths(values: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """One positive, finite width for each band [nm]. Raises InputError."""
+    widths = numbers("photons.bandwidths_nm", values, "one width per band in nm")
+    if widths.shape != shape or not (np.isfinite(widths) & (widths > 0)).all():
+        raise InputError("photons.bandwidths_nm must hold one positive, finite width in nm per band; or leave it out.")
+    return widths
+
+
+def check_light(photons: Photons) -> None:
+    """Raise InputError as :func:`check_photons`, which needs all of them at once only to say where they are wrong."""
+    if not all(strip.mean.min() >= 0 for strip in photons.strips()):
+        check_photons(photons.mean)
+
+
+def check_photons(mean: NDArray[np.float64]) -> None:
+    """Raise InputError for NaN or negative photons, with how many there are and where the first one is."""
+    if not mean.min() >= 0:  # NaN if any of them is: one pass over the photons, of which there may be many
+        kind, bad = ("NaN", np.isnan(mean)) if np.isnan(mean).any() else ("negative", mean < 0)
+        raise InputError(
+            f"photons is {kind} in {int(bad.sum())} place(s), first at {first_place(bad)}; a mean number of photons is "
+            "0 or more: clamp or correct them before expose()."
+        )
+
+
+def first_place(bad: NDArray[np.bool_]) -> tuple[int, ...]:
+    """Index of the first one."""
+    return tuple(int(i) for i in np.argwhere(bad)[0])

@@ -1,0 +1,239 @@
+"""Cameras from files of other programs: frames of the imported camera have the noise that the file says.
+
+Everything is seeded; comparisons of a variance of N numbers ask for 5 standard errors, √(2/N) each.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+from scipy import stats
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.io.importers.import_camera import import_camera
+from mitsuba_sensor.sensor.gains import gain_dn_per_e
+
+SHAPE = (400, 500)
+FLAT = {"pixel.prnu": 0.0, "readout.dsnu_col": 0.0, "dark_current.rate_e_per_s": 0.0}
+TUNING = {
+    "version": 2.0,
+    "target": "bcm2835",
+    "algorithms": [
+        {"rpi.black_level": {"black_level": 4096}},
+        {"rpi.noise": {"reference_constant": 0, "reference_slope": 2.767}},
+    ],
+}
+"""The parts that are read of libcamera's src/ipa/rpi/vc4/data/imx477.json, commit 26bfadc."""
+TABLE = {
+    "SonyA7S2_100": {"Kmax": 0.09563, "lam": 0.14875287, "sigGs": 1.0067395, "sigTL": 0.70181876, "sigR": 0.1391465,
+                     "wp": 16383, "bl": 512},
+    "SonyA7S2_6400": {"Kmax": 6.12032, "lam": -0.07517104, "sigGs": 7.1163535, "sigTL": 3.4502964, "sigR": 0.7218788,
+                      "wp": 16383, "bl": 512},
+}  # fmt: skip
+"""Two rows of the calibration of PMN (Feng et al., ACM MM 2022), data_process/process."""
+
+
+def written(folder: Path, name: str, data: Any) -> Path:
+    path = folder / name
+    path.write_text(data if isinstance(data, str) else json.dumps(data), "utf-8")
+    return path
+
+
+def measured(camera: ms.Camera, photoelectrons: float, frames: int = 2) -> tuple[float, float]:
+    """Mean and temporal variance of flat frames, in the colour that the reference wavelength suits best [DN, DN²]."""
+    camera = camera.replace(**{key: x for key, x in FLAT.items() if key != "readout.dsnu_col" or x != 0.0})
+    qe = camera.qe([camera.quantum_efficiency.reference_nm])[:, 0]
+    light = np.full(SHAPE, photoelectrons / qe.max())
+    found = ms.expose(light, camera, ms.Exposure(0.01), frames=frames).digital.astype(np.float64)
+    found = found[:, camera.filter_index(SHAPE) == qe.argmax()]
+    return found.mean(), 0.5 * np.var(found[0] - found[1])
+
+
+@pytest.mark.parametrize("bits", [10, 12])
+def test_frames_of_a_tuned_sensor_have_the_slope_of_rpi_noise(tmp_path: Path, bits: int) -> None:
+    """σ = slope·√value in the scale of 16 bits, above the read noise and the rounding."""
+    like = ms.load_camera("bayer_2mp").replace(**{"adc.bits": bits, "source_follower.read_noise_e": 2.0})
+    camera = import_camera(written(tmp_path, "imx477.json", TUNING), like)
+    scale = 2.0 ** (16 - bits)
+    assert camera.adc.black_level_dn * scale == 4096
+    assert gain_dn_per_e(camera) * scale == pytest.approx(2.767**2, rel=1e-5)
+    mean, variance = measured(camera, 3000.0)
+    shot = variance - 1 / 12 - (2.0 * gain_dn_per_e(camera)) ** 2
+    slope = np.sqrt(shot / (mean - camera.adc.black_level_dn) * scale)
+    assert slope == pytest.approx(2.767, rel=0.5 * 5 * np.sqrt(2 / 1e5) + 2e-3)
+
+
+def test_a_constant_of_rpi_noise_is_the_noise_of_darkness_and_shading_is_that_of_the_table(tmp_path: Path) -> None:
+    """The constant is in DN at 16 bits; a table of 1/cos⁴ comes back as the cos⁴ of the image heights."""
+    like = ms.load_camera("bayer_2mp")
+    width, height = 1920 * 5.86e-3, 1200 * 5.86e-3
+    x, y = (((np.arange(n) + 0.5) / n - 0.5) * side for n, side in ((16, width), (12, height)))
+    lut = (1 + (x[None] ** 2 + y[:, None] ** 2) / 64) ** 2
+    algorithms = [
+        {"rpi.noise": {"reference_constant": 40.0, "reference_slope": 2.0}},
+        {"rpi.alsc": {"luminance_lut": lut.ravel().tolist()}},
+    ]
+    camera = import_camera(written(tmp_path, "a.json", {"algorithms": algorithms}), like)
+    _, variance = measured(camera, 0.0)
+    assert np.sqrt(variance - 1 / 12) * 16 == pytest.approx(40.0, rel=0.02)
+    heights = np.array(camera.lens.relative_illumination_heights_mm)
+    expected = (1 + heights**2 / 64) ** -2.0
+    np.testing.assert_allclose(camera.lens.relative_illumination[:-1], expected[:-1] / expected[0], atol=0.03)
+
+
+def dng(path: Path, iso: int, s: float, o: float) -> Path:
+    """A DNG of 14 bits whose tags say this noise."""
+    extra = [
+        (51041, "d", 6, (s, o) * 3, True), (50714, "H", 1, 512, True), (50717, "H", 1, 16383, True),
+        (50708, "s", 0, "Example 1", True), (34855, "H", 1, iso, True), (50706, "B", 4, (1, 4, 0, 0), True),
+    ]  # fmt: skip
+    tifffile.imwrite(path, np.full((40, 60), 512, np.uint16), photometric=32803, extratags=extra, metadata=None)
+    return path
+
+
+def test_frames_of_a_dng_have_the_variance_of_its_noise_profile(tmp_path: Path) -> None:
+    """Var = S·x + O of the signal between black and white, in darkness and at 40 %."""
+    s, o = 4e-5, 3e-7
+    camera = import_camera(dng(tmp_path / "a.dng", 400, s, o))
+    assert (camera.name, camera.sensor.columns, camera.sensor.rows, camera.adc.bits) == ("Example 1", 60, 40, 14)
+    camera = camera.replace(**{"sensor.columns": SHAPE[1], "sensor.rows": SHAPE[0]})
+    span = 16383 - 512
+    for light_e in (0.0, 0.4 / s):
+        mean, variance = measured(camera, light_e)
+        x = (mean - 512) / span
+        assert (variance - 1 / 12) / span**2 == pytest.approx(s * x + o, rel=5 * np.sqrt(2 / 1e5) + 2e-3)
+
+
+def test_frames_of_a_calibration_have_its_gain_and_the_noise_of_pixels_and_rows(tmp_path: Path) -> None:
+    """ISO 6400 of PMN's Sony A7S II: the σ of all read noise that they fitted is ours to 2 %, and the tails too."""
+    camera = import_camera(written(tmp_path, "a7s2.json", {"SonyA7S2_6400": TABLE["SonyA7S2_6400"]}))
+    row = TABLE["SonyA7S2_6400"]
+    assert (camera.adc.bits, camera.adc.black_level_dn) == (14, 512)
+    assert gain_dn_per_e(camera) == pytest.approx(row["Kmax"], rel=1e-5)
+    dark = ms.expose(np.zeros(SHAPE), camera.replace(**FLAT | {"readout.dsnu_col": 0.0}), ms.Exposure(0.0), frames=2)
+    off = (dark.digital[0].astype(float) - dark.digital[1]) / np.sqrt(2)
+    assert off.std() == pytest.approx(row["sigGs"], rel=0.02)
+    assert off.mean(axis=1).std() == pytest.approx(np.hypot(row["sigR"], off.std() / np.sqrt(SHAPE[1])), rel=0.15)
+    assert camera.source_follower.read_noise_shape == pytest.approx(row["lam"], rel=1e-5)
+    one = dark.digital[0] - 512.0
+    law = stats.tukeylambda(row["lam"], scale=row["sigTL"])
+    assert np.mean(np.abs(one) > 25) == pytest.approx(2 * law.sf(25.5), rel=0.25)
+
+
+def test_a_csv_is_the_same_table(tmp_path: Path) -> None:
+    text = "# DN\niso, K, lam, sigTL, sigR, bl, wp\n6400, 6.12032, -0.07517104, 3.4502964, 0.7218788, 512, 16383\n"
+    one = import_camera(written(tmp_path, "a.csv", text))
+    other = import_camera(written(tmp_path, "a.json", {"x_6400": TABLE["SonyA7S2_6400"]}))
+    assert one.model_dump(exclude={"sources", "description"}) == other.model_dump(exclude={"sources", "description"})
+
+
+REPORT = """<results><sensitivity><K><Short>System Gain</Short><Value>0.25</Value></K><QE><Value>62.5</Value></QE>
+<sigma_d><Value>6.4</Value></sigma_d><u_e_sat><Value>12000</Value></u_e_sat></sensitivity>
+<dark_current><u_I_mean><Value>3.5</Value></u_I_mean></dark_current>
+<spatial><PRNU1288><Value>0.7</Value></PRNU1288><DSNU1288><Value>2.4</Value></DSNU1288></spatial></results>"""
+
+
+def test_an_emva_report_gives_back_its_own_figures(tmp_path: Path) -> None:
+    """K by the photon transfer of its frames, σ_d and the saturation; QE as it is."""
+    camera = import_camera(written(tmp_path, "r.xml", REPORT))
+    assert camera.qe([550.0])[0, 0] == 0.625 and camera.pixel.full_well_e == 12000
+    assert (camera.pixel.prnu, camera.dark_current.rate_e_per_s) == (0.007, 3.5)
+    assert camera.readout.dsnu_col * camera.pixel.full_well_e == pytest.approx(2.4)
+    (dark, noise), (bright, variance) = (measured(camera, light_e) for light_e in (0.0, 6000.0))
+    assert (variance - noise) / (bright - dark) == pytest.approx(0.25, rel=5 * np.sqrt(2 / 2e5) + 2e-3)
+    assert np.sqrt(noise - 1 / 12) / 0.25 == pytest.approx(6.4, rel=0.015)
+    plain = "<results><inverse_K>4</inverse_K><sigma_d>6.4</sigma_d></results>"
+    assert gain_dn_per_e(import_camera(written(tmp_path, "p.xml", plain))) == pytest.approx(0.25, rel=1e-5)
+
+
+PRESET = """
+name = "Example sCMOS"
+sensor_type = "SCMOS"
+resolution = [300, 400]
+pixel_size_um = 6.5
+full_well_e = 18000.0
+bit_depth = 16
+gain_e_per_adu = 0.3
+bias_offset_adu = 100.0
+read_noise_e = 1.4
+dark_current_e_per_s = 0.2
+dark_current_ref_temp_c = -10.0
+dark_current_doubling_temp_c = 6.0
+nonlinearity = 0.01
+[qe_curve]
+wavelength_nm = [400.0, 550.0, 900.0]
+qe = [0.6, 0.95, 0.3]
+"""
+
+
+def test_a_preset_of_getframes_is_the_same_camera(tmp_path: Path) -> None:
+    """Gain, temperature and QE in our units; what we have no field for is said."""
+    camera = import_camera(written(tmp_path, "preset.toml", PRESET))
+    assert (camera.sensor.rows, camera.sensor.columns, camera.filter_names) == (300, 400, ("mono",))
+    assert gain_dn_per_e(camera) == pytest.approx(1 / 0.3, rel=1e-5)
+    assert camera.dark_current.at_temperature_k == pytest.approx(263.15)
+    np.testing.assert_allclose(camera.qe([400.0, 550.0, 900.0])[0], [0.6, 0.95, 0.3])
+    assert "left out: nonlinearity" in camera.description
+    assert camera.source_follower.read_noise_e == 1.4
+
+
+CCD = PRESET.replace("SCMOS", "CCD")
+
+
+@pytest.mark.parametrize(
+    ("name", "data"), [("t.json", TUNING), ("a.json", TABLE), ("r.xml", REPORT), ("p.toml", PRESET), ("c.toml", CCD)]
+)
+def test_an_imported_camera_is_a_camera_file_without_faults_and_every_number_has_a_source(
+    tmp_path: Path, name: str, data: Any
+) -> None:
+    """It loads to an equal camera; each source names the file, or says what is assumed."""
+    camera = import_camera(written(tmp_path, name, data))
+    file = written(tmp_path, "camera.toml", camera.to_toml())
+    assert ms.load_camera(file) == camera
+    assert not ms.check_camera(file), ms.check_camera(file)
+    assert all(text.startswith((f"{name}: ", "assumed: ")) for text in camera.sources.values()), camera.sources
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "said"),
+    [
+        ("a.txt", "", "is of no format that is imported; give a libcamera tuning file"),
+        ("a.json", "{", "is no JSON"),
+        ("a.json", [], "neither a tuning file"),
+        ("a.json", {"algorithms": [{"rpi.lux": {}}]}, "rpi.noise has no reference_slope; its algorithms are rpi.lux"),
+        ("a.json", {"algorithms": [{"rpi.noise": {"reference_slope": -1}}]}, "reference_slope is -1; it must be"),
+        ("a.json", {"algorithms": [{"rpi.noise": {"reference_slope": 2}}, {"rpi.alsc": {"luminance_lut": [1, 2]}}]},
+         "luminance_lut of rpi.alsc has 2 numbers; it must have 192 or 1024"),
+        ("a.json", {"x_100": {"lam": 0.1}}, "row 'x_100' has no k/kmax/gain_dn_per_e and siggs"),
+        ("a.json", {"x_100": {"K": "big", "sigGs": 1}}, "K at ISO 100.0 is 'big'; it must be a number above 0"),
+        ("a.csv", "iso,K\n", "has no rows"),
+        ("a.xml", "<a>", "is no XML"),
+        ("a.xml", "<a><QE>60</QE></a>", "has no K and sigma_d of EMVA 1288"),
+        ("a.toml", "x = 1", "has no sensor_type and gain_e_per_adu"),
+        ("a.toml", PRESET.replace("SCMOS", "EMCCD"), "is an EMCCD, which multiplies electrons"),
+        ("a.dng", "no", "cannot be read as a DNG"),
+    ],
+)  # fmt: skip
+def test_a_bad_file_is_one_sentence_with_the_value_and_a_way_out(
+    tmp_path: Path, name: str, data: Any, said: str
+) -> None:
+    with pytest.raises(ms.InputError) as error:
+        import_camera(written(tmp_path, name, data))
+    assert said in str(error.value) and str(error.value).endswith((".", ")")), str(error.value)
+
+
+def test_missing_files_and_several_files_are_refused(tmp_path: Path) -> None:
+    one = written(tmp_path, "a.json", TUNING)
+    for files, said in (
+        ([], "files is empty"),
+        ([one, one], "2 files are given"),
+        (tmp_path / "none.json", "cannot be read: No such file"),
+        ("getframes:none", "getframes"),
+    ):
+        with pytest.raises(ms.InputError, match=said):
+            import_camera(files)

@@ -1,0 +1,192 @@
+"""Raw frames from disk: every format as another program writes it, what belongs together, and what is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+from astropy.io import fits
+from PIL import Image, TiffImagePlugin
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.core import InputError
+from mitsuba_sensor.io.raw_files import read_raw
+from mitsuba_sensor.lab.bench import read_bench
+
+FRAMES = np.random.default_rng(3).integers(0, 4096, (3, 6, 8), dtype=np.uint16)
+
+
+def _as_fits(path: Path, frame: np.ndarray) -> None:
+    image = fits.PrimaryHDU(frame)
+    image.header.update({"EXPTIME": 0.25, "CCD-TEMP": -10.0, "GAIN": 120, "BAYERPAT": "RGGB", "IMAGETYP": "Dark Frame"})
+    image.writeto(path)
+
+
+def _as_dng(path: Path, frame: np.ndarray) -> None:
+    """A DNG with the tags that its specification asks for, and no more."""
+    tags = [
+        (33421, 3, 2, (2, 2), False),  # CFARepeatPatternDim
+        (33422, 1, 4, bytes([0, 1, 1, 2]), False),  # CFAPattern
+        (50706, 1, 4, bytes([1, 4, 0, 0]), False),  # DNGVersion
+        (50708, 2, 0, "a camera", False),  # UniqueCameraModel
+        (50717, 4, 1, 4095, False),  # WhiteLevel
+        (50721, 10, 9, tuple(x for i in range(9) for x in (int(i % 4 == 0), 1)), False),  # ColorMatrix1
+        (50728, 5, 3, (1, 1) * 3, False),  # AsShotNeutral
+        (33434, 5, 1, (1, 50), False),  # ExposureTime
+    ]
+    tifffile.imwrite(path, frame, photometric=32803, extratags=tags, metadata=None)
+
+
+WRITERS: dict[str, Callable[[Path, np.ndarray], None]] = {
+    "a.tif": tifffile.imwrite,
+    "a.png": lambda path, frame: Image.fromarray(frame).save(path),
+    "a.npy": np.save,
+    "a.fits": _as_fits,
+    "a.dng": lambda path, frame: _as_dng(path, np.tile(frame, (8, 8))),  # LibRaw refuses tiny pictures
+}
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_every_format_gives_back_each_value_that_another_program_wrote(tmp_path: Path, name: str) -> None:
+    WRITERS[name](tmp_path / name, FRAMES[0])
+    found = read_raw(tmp_path / name).frames
+    np.testing.assert_array_equal(found[0, :6, :8], FRAMES[0])
+    assert found.dtype == np.uint16 and len(found) == 1
+
+
+def test_metadata_of_fits_and_dng_are_exposure_temperature_gain_and_mosaic(tmp_path: Path) -> None:
+    for name in ("a.fits", "a.dng"):
+        WRITERS[name](tmp_path / name, FRAMES[0])
+    cold, raw = read_raw(tmp_path / "a.fits"), read_raw(tmp_path / "a.dng")
+    assert (cold.exposure_s, cold.temperature_k, cold.gain, cold.kind) == (0.25, 263.15, "120", "dark")
+    assert cold.tile == raw.tile == (("R", "G"), ("G", "B"))
+    assert raw.exposure_s == pytest.approx(0.02) and raw.bits == 12
+
+
+def test_exposure_and_iso_of_exif_are_read_from_a_tiff(tmp_path: Path) -> None:
+    tags = TiffImagePlugin.ImageFileDirectory_v2()
+    tags[34665] = {33434: TiffImagePlugin.IFDRational(1, 50), 34855: 400}  # ExifIFD: ExposureTime, ISOSpeedRatings
+    Image.fromarray(FRAMES[0]).save(tmp_path / "a.tiff", tiffinfo=tags)
+    found = read_raw(tmp_path / "a.tiff")
+    assert (found.exposure_s, found.gain) == (0.02, "400")
+
+
+def test_pages_of_a_tiff_are_frames_and_8_bit_stays_8_bit(tmp_path: Path) -> None:
+    tifffile.imwrite(tmp_path / "a.tiff", FRAMES, photometric="minisblack")
+    Image.fromarray(FRAMES[0].astype(np.uint8)).save(tmp_path / "b.png")
+    np.testing.assert_array_equal(read_raw(tmp_path / "a.tiff").frames, FRAMES)
+    assert read_raw(tmp_path / "b.png").frames.dtype == np.uint8
+
+
+def test_frames_of_this_package_are_a_bench_without_a_line_of_manifest(tmp_path: Path) -> None:
+    camera = ms.load_camera("bayer_2mp")
+    for name, exposure_s in (("bias", 0.0), ("dark_1s", 1.0), ("dark_2s", 2.0), ("flat", 0.01)):
+        light = np.full((6, 8), 500.0 if name == "flat" else 0.0)
+        frames = ms.expose(light, camera, ms.Exposure(exposure_s, 300), frames=3, origin=(1, 0))
+        frames.save(tmp_path / name)
+    bench = read_bench(tmp_path)
+    assert [stack.exposure_s for stack in bench.biases + bench.darks + bench.flats] == [0, 1, 2, 0.01]
+    assert [len(stack) for stack in bench.stacks] == [3] * 4 and not bench.scenes
+    assert all(stack.dark for stack in bench.darks) and bench.flats[0].photons is None
+    assert {(stack.bits, stack.temperature_k) for stack in bench.stacks} == {(12, 300)}
+    assert bench.flats[0].tile == (("G", "B"), ("R", "G"))
+    np.testing.assert_array_equal(bench.flats[0].frames, frames.digital)
+
+
+def _folder(tmp_path: Path) -> Path:
+    for number, frame in enumerate(FRAMES):
+        np.save(tmp_path / f"dark_{number}.npy", frame)
+        np.save(tmp_path / f"light_{number}.npy", frame + 1)
+    return tmp_path
+
+
+def test_a_manifest_says_what_the_files_do_not(tmp_path: Path) -> None:
+    folder, read = _folder(tmp_path), list[tuple[int, int]]()
+    (folder / "bench.toml").write_text(
+        """
+        bits = 12
+        wavelength_nm = 550
+        [[stack]]
+        files = "dark_*.npy"
+        kind = "dark"
+        exposure_s = 0.5
+        gain = 800
+        [[stack]]
+        files = ["light_0.npy", "light_2.npy"]
+        kind = "flat"
+        exposure_s = 0.5
+        gain = 100
+        photons = 1234.5
+        temperature_k = 300
+        """
+    )
+    bench = read_bench(folder, lambda *done: read.append(done))
+    assert read == [(n, 5) for n in range(1, 6)] and bench.wavelength_nm == 550 and bench.gains == ("100", "800")
+    np.testing.assert_array_equal(bench.darks[0].frames, FRAMES)
+    np.testing.assert_array_equal(bench.flats[0].frames, FRAMES[[0, 2]] + 1)
+    assert bench.flats[0].photons == 1234.5 and bench.at_gain("800").flats == () and bench.darks[0].bits == 12
+
+
+STACK = 'kind = "dark"\nexposure_s = 1\n'
+WRONG = {
+    "bits = 12": "has no [[stack]]; name the files of at least one",
+    "stack = [1]": "has no [[stack]]",
+    "[[stack]": "is no manifest in TOML: ",
+    f'[[stack]]\n{STACK}file = "a"': "temperature_k, gain). Did you mean 'files'?",
+    f'[[stack]]\n{STACK}files = "a*"': "stack 1: no file in ",
+    f"[[stack]]\n{STACK}": "stack 1: files is missing; it must be a pattern",
+    f"[[stack]]\n{STACK}files = 3": "files is 3; it must be a pattern",
+    '[[stack]]\nfiles = "d*.npy"\nkind = "drak"': "kind is 'drak'; it must be one of bias, dark, flat, scene",
+    '[[stack]]\nfiles = "d*.npy"\nkind = "dark"\nexposure_s = -1': "exposure_s is -1; it must be a number of",
+    '[[stack]]\nfiles = "d*.npy"\nkind = "dark"\nexposure_s = nan': "exposure_s is nan; it must be a number",
+    '[[stack]]\nfiles = "d*.npy"\nkind = "dark"': "does not say how long it was exposed; write a bench.toml",
+    f'bits = 99\n[[stack]]\nfiles = "d*.npy"\n{STACK}': "bits is 99; it must be a whole number from 1 to 32",
+}
+
+
+@pytest.mark.parametrize("text", WRONG)
+def test_a_wrong_manifest_is_one_sentence(tmp_path: Path, text: str) -> None:
+    (_folder(tmp_path) / "bench.toml").write_text(text)
+    with pytest.raises(InputError) as error:
+        read_bench(tmp_path)
+    assert WRONG[text] in str(error.value) and "bench.toml" in str(error.value)
+
+
+def test_files_that_are_not_alike_or_broken_are_named(tmp_path: Path) -> None:
+    np.save(tmp_path / "dark_a.npy", FRAMES[0])
+    manifest = f'[[stack]]\nfiles = "dark_*"\n{STACK}'
+    (tmp_path / "bench.toml").write_text(manifest)
+    np.save(tmp_path / "dark_b.npy", FRAMES[0][:4])
+    with pytest.raises(InputError, match=r"shape of dark_a.npy is \(6, 8\) and of dark_b.npy \(4, 8\); frames of one"):
+        read_bench(tmp_path)
+    np.save(tmp_path / "dark_b.npy", FRAMES[0].astype(float))
+    with pytest.raises(InputError, match=r"type of dark_a.npy is uint16 and of dark_b.npy float64"):
+        read_bench(tmp_path)
+    for name, content in (
+        ("b.npy", b"\x93NUMPY\x01"),
+        ("b.tiff", b"II*\0"),
+        ("b.png", b"\x89PNG"),
+        ("b.dng", b"II*\0"),
+    ):
+        (tmp_path / f"dark_{name}").write_bytes(content)
+        (tmp_path / "bench.toml").write_text(manifest.replace("dark_*", f"dark_{name}"))
+        with pytest.raises(InputError, match=rf"dark_{name} cannot be read: .*; leave it out, or copy it again"):
+            read_bench(tmp_path)
+
+
+def test_what_no_name_tells_is_asked_for(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="holds no raw frames"):
+        read_bench(tmp_path)
+    np.save(tmp_path / "x.npy", FRAMES[0])
+    with pytest.raises(InputError, match=r"x.npy: is it one of bias, dark, flat, scene\? Begin its name"):
+        read_bench(tmp_path)
+    with pytest.raises(InputError, match=r"there is no .*nowhere; give a folder of raw frames"):
+        read_bench(tmp_path / "nowhere")
+    Image.new("RGB", (4, 4)).save(tmp_path / "y.png")
+    with pytest.raises(InputError, match=r"y.png has 3 values per pixel \(RGB\); raw frames have one"):
+        read_raw(tmp_path / "y.png")
+    with pytest.raises(InputError, match=r"z.jpg is of a format that is not read; give one of .tif"):
+        read_raw(tmp_path / "z.jpg")

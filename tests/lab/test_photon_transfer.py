@@ -1,0 +1,99 @@
+"""Photon transfer of flat fields and of one scene: K, what ends the curve, and curved responses that are noticed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from helpers.small_cameras import SmallCamera
+from matplotlib.figure import Figure
+
+from mitsuba_sensor.core import InputError
+from mitsuba_sensor.lab.photon_transfer import PhotonTransfer, photon_transfer, photon_transfer_of_scene
+from mitsuba_sensor.lab.series import series
+from mitsuba_sensor.lab.stack import Stack
+
+WELL_E = 33_000.0  # Table 1 of Konnik and Welsh 2014
+
+
+def v_v(electrons: np.ndarray) -> np.ndarray:
+    """V/V 1.05: a gain that is 5 % larger at full well."""
+    return electrons * (1 + 0.05 * electrons / WELL_E)
+
+
+def v_v_and_adc(electrons: np.ndarray) -> np.ndarray:
+    """And an ADC of γ = 1.04: A·S·γ^(-S/V_FS)."""
+    swing = v_v(electrons)
+    return np.asarray(swing * 1.04 ** (-swing / (1.05 * WELL_E)))
+
+
+LINEAR = SmallCamera(gain=0.12, full_well_e=WELL_E, read_noise_e=8.0, efficiency=1.0)
+CLIPPING = SmallCamera(gain=0.2, full_well_e=WELL_E, read_noise_e=8.0, efficiency=1.0)
+
+
+def of_scene(camera: SmallCamera, dark: bool = True, drift: float = 0.0, count: int = 16) -> PhotonTransfer:
+    """A gradient from darkness to 1.2 full wells, 160 × 200 pixels."""
+    rng = np.random.default_rng(5)
+    light = np.linspace(0, 1.2 * camera.full_well_e, 200) * np.ones((160, 1))
+    scene = camera.stack(rng, light, count, (160, 200), drift)
+    return photon_transfer_of_scene(scene, camera.stack(rng, 0.0, count, (160, 200)) if dark else None)
+
+
+@pytest.mark.parametrize("dark", [True, False])
+@pytest.mark.parametrize(("camera", "ends"), [(LINEAR, "well"), (CLIPPING, "ADC")], ids=["well", "ADC"])
+def test_a_scene_gives_k_and_ends_at_what_limits_it(camera: SmallCamera, ends: str, dark: bool) -> None:
+    """A standard error of 0.3 %; the largest variance lies some standard deviations of shot noise below the end."""
+    found = of_scene(camera, dark)
+    assert found.gain.covers(camera.gain) and found.gain.high < 1.02 * found.gain.low
+    assert found.peak.limited_by == ends
+    end = camera.gain * WELL_E if ends == "well" else 4095 - camera.black_dn
+    assert found.peak.mean[1] <= end <= 1.04 * found.peak.mean[0]
+    assert ("no dark frames" in found.gain.note) == (not dark)
+
+
+def test_light_that_drifts_does_not_move_k_of_a_scene() -> None:
+    found = of_scene(LINEAR, drift=0.01)
+    assert found.gain.covers(0.12) and found.gain.value == pytest.approx(0.12, rel=0.015)
+    assert "drift by" in found.gain.note
+
+
+@pytest.mark.parametrize("curve", [v_v, v_v_and_adc])
+def test_a_curved_response_widens_k_to_its_slope_at_zero_and_says_so(curve: object) -> None:
+    """K of the linear part is 0.11: of a line it is 5.5 % or 1.2 % too large."""
+    found = of_scene(SmallCamera(0.11, 1.0, 8.0, WELL_E, curve=curve), count=64)  # type: ignore[arg-type]
+    assert found.gain.value > 1.008 * 0.11 and found.gain.covers(0.11)
+    assert "not straight" in found.gain.note or "may be curved" in found.gain.note
+    assert found.initial_gain.covers(0.11)
+
+
+def test_a_curve_that_noise_hides_is_inside_the_interval_more_often_than_the_line_says() -> None:
+    """40 series with V/V 1.05 + ADC 1.04, whose slope is 1.2 % too large: 28 intervals or more hold K."""
+    camera, rng = SmallCamera(0.11, 1.0, 8.0, WELL_E, curve=v_v_and_adc), np.random.default_rng(6)
+    found = [photon_transfer(series(*camera.bench(rng, 4, (32, 32), 15))).gain for _ in range(40)]
+    assert sum(one.covers(0.11) for one in found) >= 28
+    assert np.mean([one.value for one in found]) > 0.1105
+
+
+@pytest.mark.parametrize("level", [0.0, 64.0, 4095.0])
+def test_a_scene_of_one_level_is_refused(level: float) -> None:
+    with pytest.raises(InputError, match=r"1 levels of 30 pixels or more .* from darkness to saturation"):
+        photon_transfer_of_scene(Stack(np.full((4, 20, 20), level), 0.1, bits=12))
+
+
+def test_a_scene_below_saturation_says_so_and_dark_frames_of_another_size_are_refused() -> None:
+    rng = np.random.default_rng(7)
+    light = np.linspace(0, 20_000, 100) * np.ones((60, 1))
+    scene = LINEAR.stack(rng, light, 8, (60, 100))
+    found = photon_transfer_of_scene(scene)
+    assert found.peak.limited_by == "not reached" and "does not reach saturation" in found.gain.note
+    assert found.gain.covers(0.12)
+    with pytest.raises(InputError, match=r"the scene has \(60, 100\) pixels, the dark frames \(30, 40\)"):
+        photon_transfer_of_scene(scene, LINEAR.stack(rng, 0.0, 8, (30, 40)))
+
+
+@pytest.mark.parametrize("log", [False, True])
+def test_the_plot_has_axes_with_units_and_no_text_inside(log: bool) -> None:
+    axes = Figure().subplots()
+    of_scene(CLIPPING).plot(axes, log)
+    assert "[DN]" in axes.get_xlabel() and "[DN²]" in axes.get_ylabel()
+    assert axes.get_xscale() == axes.get_yscale() == ("log" if log else "linear")
+    assert not axes.texts and 0 < len(axes.get_legend_handles_labels()[1]) <= 8

@@ -1,0 +1,330 @@
+"""The twin of a camera: what is put into frames comes back, with intervals, or a sentence or a mark says why not."""
+
+from __future__ import annotations
+
+import importlib
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from types import ModuleType
+
+import numpy as np
+import pytest
+import scipy
+from helpers import BENCHMARKS
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.core import InputError
+from mitsuba_sensor.lab.bench import Bench
+from mitsuba_sensor.lab.mean_squares import MeanSquare, MeanSquares
+from mitsuba_sensor.lab.quantity import Quantity
+from mitsuba_sensor.lab.stack import Stack
+from mitsuba_sensor.lab.twin import fit
+from mitsuba_sensor.lab.twin.average import root_mean_square, weighted_mean
+from mitsuba_sensor.lab.twin.combined_map import CombinedMap, Noise
+from mitsuba_sensor.lab.twin.dark import line_weights
+from mitsuba_sensor.lab.twin.evidence import Fitted, short
+from mitsuba_sensor.lab.twin.held_out import held_out
+from mitsuba_sensor.lab.twin.hidden_spread import Mixed, hidden_spread
+from mitsuba_sensor.lab.twin.parabola import straight
+from mitsuba_sensor.lab.twin.telegraph import _without_bias
+from mitsuba_sensor.sensor.camera_file import camera_from
+from mitsuba_sensor.sensor.gains import gain_dn_per_e
+
+RNG = np.random.default_rng(16)
+Change = Callable[[Stack], Stack]
+
+
+@pytest.fixture(scope="module")
+def trips() -> ModuleType:
+    """The benchmark, which makes random cameras and their benches."""
+    spec = importlib.util.spec_from_file_location("fit_round_trips", BENCHMARKS / "fit_round_trips.py")
+    assert spec and spec.loader
+    module = importlib.util.module_from_spec(spec)
+    __import__("sys").modules["fit_round_trips"] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def bench(trips: ModuleType) -> Bench:
+    """Of one small camera whose well ends the range: 12 frames of bias and dark, 18 flat fields."""
+    return trips.random_trip(3, 40, 12).bench()
+
+
+def changed(bench: Bench, change: Change, kinds: str = "biases darks flats") -> Bench:
+    """The same with these stacks changed."""
+    return replace(bench, **{kind: tuple(map(change, getattr(bench, kind))) for kind in kinds.split()})
+
+
+# The parts, against closed forms
+
+
+def test_a_line_through_points_gives_back_its_offset_and_slope() -> None:
+    times, weights = np.array([0.0, 1.0, 4.0]), np.array([1.0, 3.0, 2.0])
+    at_zero, per_second = line_weights(times, weights)
+    points = 5 + 0.25 * times
+    assert at_zero @ points == pytest.approx(5)
+    assert per_second @ points == pytest.approx(0.25)
+
+
+def test_one_exposure_time_has_a_mean_and_no_slope() -> None:
+    at_zero, per_second = line_weights(np.array([2.0, 2.0]), np.array([1.0, 3.0]))
+    assert at_zero.tolist() == [0.25, 0.75]
+    assert not per_second.any()
+
+
+@pytest.mark.parametrize("curvature", [-2e-5, 0.0, 1e-5])
+def test_a_curved_response_is_straightened(curvature: float) -> None:
+    s = np.linspace(0, 4000, 9)
+    assert straight(s * (1 + curvature * s), curvature) == pytest.approx(s)
+
+
+@pytest.mark.parametrize(("cv", "floor"), [(0.0, 0.0), (0.1, 0.1), (0.35, 0.5)])
+def test_the_spread_of_read_noise_is_what_was_put_in(cv: float, floor: float) -> None:
+    """20 000 pixels of 16 frames; 99.9 % of right intervals are 1.68 times as wide as those of 95 %."""
+    s = math.sqrt(math.log1p(cv**2))
+    own = 4.0 * np.exp(2 * s * RNG.normal(size=20_000) - 2 * s**2)
+    found = hidden_spread((own + floor) * RNG.chisquare(15, 20_000) / 15, 15, Mixed(floor, 1.0, 0.0))
+    for (value, low, high), truth in ((found.variance, 4.0), (found.cv, cv)):
+        assert value - 1.68 * (value - low) <= truth <= value + 1.68 * (high - value)
+    assert found.variance[2] - found.variance[1] < 0.12
+    assert (found.cv[1] == 0) == (cv == 0)
+
+
+def test_a_map_has_the_spread_without_what_averaging_left_of_noise() -> None:
+    """σ of rows 2, columns 1 and pixels 3 in noise of σ 4; 200 × 300 lines give σ within 15 % but once in 1000."""
+    shape = 200, 300
+    pattern = 2 * RNG.normal(size=(200, 1)) + RNG.normal(size=(1, 300)) + 3 * RNG.normal(size=shape)
+    one = MeanSquare(16.0, 59_000.0)
+    squares = MeanSquares(one, one, one, shape)
+    found = CombinedMap(pattern + 4 * RNG.normal(size=shape), (Noise(squares, 1.0),))
+    for (name, part), sigma in zip(found.parts().items(), (2.0, 1.0, 3.0), strict=True):
+        assert part.std() == pytest.approx(sigma, rel=0.18), name
+        assert part.std() == pytest.approx(found.spread()[name][0], rel=0.01)
+
+
+def test_noise_alone_makes_a_flat_map() -> None:
+    shape = 60, 80
+    one = MeanSquare(1.0, 5000.0)
+    found = CombinedMap(RNG.normal(size=shape), (Noise(MeanSquares(one, one, one, shape), 1.0),))
+    assert all(float(part.std()) < 0.2 for part in found.parts().values())
+
+
+def test_filters_are_averaged_by_their_errors() -> None:
+    def one(value: float, half: float) -> Fitted:
+        return Fitted(Quantity("K", "", value, value - half, value + half, "", ""), "files")
+
+    found = weighted_mean([one(1.0, 0.1), one(1.3, 0.2)]).quantity
+    assert found.value == pytest.approx((1.0 / 0.01 + 1.3 / 0.04) / (1 / 0.01 + 1 / 0.04))
+    assert found.high - found.value == pytest.approx((1 / 0.01 + 1 / 0.04) ** -0.5, rel=1e-6)
+    apart = weighted_mean([one(1.0, 0.1), one(2.0, 0.1)]).quantity
+    assert "differ" in apart.note and apart.high - apart.low > 1
+    assert root_mean_square([one(3.0, 0.1), one(4.0, 0.1)]).quantity.value == pytest.approx(math.sqrt(12.5))
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.5, 0.75])
+def test_a_short_sample_underestimates_correlation_and_that_is_given_back(rho: float) -> None:
+    """4000 AR(1) series of 40 frames: ρ within 0.02, eight standard errors."""
+    x = scipy.signal.lfilter([math.sqrt(1 - rho**2)], [1, -rho], RNG.normal(size=(4000, 140)))[:, 100:]
+    rest = x - x.mean(axis=1, keepdims=True)
+    sample = float((rest[:, 1:] * rest[:, :-1]).sum() / (rest**2).sum())
+    assert _without_bias(sample, 40) == pytest.approx(rho, abs=0.02)
+
+
+def test_frames_are_named_by_their_folder() -> None:
+    assert short("/a/b/dark_10ms/x1.tiff … x9.tiff") == "dark_10ms/…"
+    assert short("/a/b/dark/stack.npy") == "dark/stack.npy"
+
+
+def test_a_quarter_of_the_frames_of_long_stacks_is_held_out(bench: Bench) -> None:
+    kept, held = held_out(bench)
+    assert [len(one) for one in kept.darks] == [9] * 3
+    assert [len(one) for one in held.darks] == [3] * 3
+    assert {len(one) for one in kept.flats} == {4, 9}
+    assert np.shares_memory(kept.darks[0].frames, bench.darks[0].frames)
+
+
+# Round trips
+
+
+def test_random_cameras_come_back(trips: ModuleType) -> None:
+    """4 cameras of 13 or 14 parameters: no error of more than 2 half intervals (chance: once in 250 suites), and 45 of
+    54 intervals or more cover (chance of fewer: 1 in 20 000)."""
+    found = list(trips.results(range(20, 24), size=56, frames=16))
+    half = {
+        (seed, name): (q.value - q.low) if truth < q.value else (q.high - q.value) for seed, name, truth, q in found
+    }
+    far = [(seed, name) for seed, name, truth, q in found if abs(q.value - truth) > 2 * half[seed, name] + 1e-9]
+    assert not far
+    assert sum(q.covers(truth) for _, _, truth, q in found) >= len(found) - 9
+    errors = {name: max(abs(q.value / t - 1) for _, other, t, q in found if other == name) for name in ("K", "σ_read")}
+    assert errors["K"] <= 0.01 and errors["σ_read"] <= 0.03
+
+
+def test_the_tables_make_a_camera_of_the_fitted_gain(bench: Bench) -> None:
+    twin = fit(bench)
+    camera = camera_from(twin.tables(), "twin")
+    assert gain_dn_per_e(camera) == pytest.approx(twin.base.gain.quantity.value, rel=1e-9)
+    assert camera.sources["source_follower.read_noise_e"].startswith("fit: ")
+    assert "12 frames dark_0s" in camera.sources["source_follower.read_noise_e"]
+    assert camera.sources["pixel.pitch_x_um"].startswith("assumed: ")
+    frames = ms.expose(0.0, camera, ms.Exposure(0.0), maps=twin.maps, frames=12)
+    assert frames.digital.mean() == pytest.approx(bench.biases[0].frames.mean(), abs=0.5)
+
+
+def test_what_frames_do_not_show_is_taken_from_another_camera(bench: Bench) -> None:
+    like = ms.load_camera("konnik_table1")
+    twin = fit(bench)
+    camera = camera_from(twin.tables(like.model_dump()), "twin")
+    assert camera.pixel.pitch_x_um == like.pixel.pitch_x_um
+    assert camera.sources["pixel.pitch_x_um"].startswith("of konnik_table1: ")
+    assert gain_dn_per_e(camera) == pytest.approx(twin.base.gain.quantity.value, rel=1e-9)
+    assert camera.readout.reset == "true_cds" and camera.dark_current.fom_na_per_cm2 is None
+
+
+def test_a_camera_of_another_mosaic_is_refused(bench: Bench) -> None:
+    with pytest.raises(InputError, match="RG / GB, the frames have none"):
+        fit(bench).tables(ms.load_camera("bayer_2mp").model_dump())
+
+
+def test_a_mosaic_is_fitted_filter_by_filter() -> None:
+    """K of four filters together within 1.5 %; PRNU 1 % within 6 %; the QE of each within 3 %: 4 standard errors."""
+    changes = {"sensor.rows": 48, "sensor.columns": 64, "readout.dsnu_col": 0.0, "adc.black_level_dn": 80.0}
+    camera = ms.load_camera("bayer_2mp").replace(**changes)
+    tile = tuple(tuple(camera.filter_names[k] for k in row) for row in camera.tile)
+
+    def stack(level: float, frames: int, seed: int) -> Stack:
+        photons = level * camera.pixel.full_well_e / 0.55
+        light = np.full((48, 64, 1), photons)
+        made = ms.expose(light, camera, ms.Exposure(0.01), wavelengths_nm=[550.0], frames=frames, seed=seed)
+        return Stack(made.digital, 0.01, photons, bits=12, tile=tile, source=f"level_{level:g}")
+
+    levels = (0.02, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.2, 2.5, 5, 8, 11, 14, 25)
+    flats = tuple(stack(level, 24 if level in (0.5, 11) else 4, 10 + k) for k, level in enumerate(levels))
+    twin = fit(Bench((), (stack(0.0, 24, 1),), flats, (), 550.0))
+    one = camera_from(twin.tables(), "twin")
+    assert one.tile == camera.tile and one.filter_names == camera.filter_names
+    assert twin.base.gain.quantity.value == pytest.approx(gain_dn_per_e(camera), rel=0.015)
+    assert one.pixel.prnu == pytest.approx(0.01, rel=0.06)
+    assert one.qe([550.0])[:, 0] == pytest.approx(camera.qe([550.0])[:, 0], rel=0.03)
+    assert twin.maps["prnu"].shape == (48, 64)
+
+
+def test_gain_settings_become_a_ladder_and_a_change_of_the_conversion_gain_is_found(bench: Bench) -> None:
+    """The second setting has a quarter of the noise in DN at twice the gain, which one amplifier cannot do."""
+    black = float(bench.biases[0].frames.mean())
+
+    def louder(stack: Stack) -> Stack:
+        frames = stack.frames.astype(float) - black
+        dark = 0.0 if stack.photons else 0.125
+        frames = frames * 2 if stack.photons else frames * dark * 2 + RNG.normal(0, 0.3, frames.shape)
+        return replace(stack, frames=np.clip(np.round(frames + black), 0, 2**16 - 1), gain="800", bits=16)
+
+    low = changed(bench, lambda stack: replace(stack, gain="100"))
+    high = changed(bench, louder)
+    both = Bench((*low.biases, *high.biases), (*low.darks, *high.darks), (*low.flats, *high.flats))
+    twin = fit(both)
+    assert [one.name for one in twin.settings] == ["100", "800"]
+    rungs = twin.tables()["gains"]
+    assert [rung["iso"] for rung in rungs] == [100.0, 800.0]
+    assert rungs[1]["gain_dn_per_e"] > 1.5 * rungs[0]["gain_dn_per_e"]
+    assert any("conversion gain changes from 100 to 800" in note for note in twin.notes)
+
+
+# Frames that do not show everything: a sentence, a wider interval or a mark
+
+
+@pytest.mark.parametrize(
+    ("change", "kinds", "sentence"),
+    [
+        (lambda s: replace(s, frames=s.frames[:1]), "biases darks", "no dark stack has 2 frames"),
+        (lambda s: replace(s, frames=s.frames[:1]), "flats", "single frames; K needs 2"),
+        (lambda s: replace(s, frames=s.frames * 0), "biases darks flats", "every value is 0 DN"),
+        (lambda s: replace(s, frames=np.full_like(s.frames, 16383)), "biases darks flats", "every value is 16383 DN"),
+        (lambda s: replace(s, frames=np.full_like(s.frames, 16383)), "flats", "K cannot be measured"),
+        (lambda s: replace(s, frames=s.frames[:, :-1]), "darks", "the frames differ in size"),
+        (lambda s: s.window(slice(0, 6), slice(0, 40)), "biases darks flats", "6 rows or columns per filter"),
+    ],
+)
+def test_frames_that_show_no_camera_are_refused(bench: Bench, change: Change, kinds: str, sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        fit(changed(bench, change, kinds))
+
+
+@pytest.mark.parametrize("kind", ["darks", "flats"])
+def test_a_bench_without_dark_or_flat_frames_is_refused(bench: Bench, kind: str) -> None:
+    with pytest.raises(InputError, match="there are no"):
+        fit(replace(bench, biases=(), **{kind: ()}))
+
+
+def test_two_frames_give_wider_intervals(bench: Bench, trips: ModuleType) -> None:
+    """8 figures of 95 %; none misses by more than half an interval again."""
+    few, many = (trips.found_of(fit(one)) for one in (changed(bench, lambda s: replace(s, frames=s.frames[:2])), bench))
+    truth = trips.random_trip(3, 40, 12).put_in()
+    for name in ("σ_read", "σ_row", "σ_col", "cv_read", "PRNU_pixel", "DSNU_pixel", "black", "µ_I"):
+        q = few[name]
+        assert q.high - q.low > 1.3 * (many[name].high - many[name].low), name
+        assert q.low - 0.6 * (q.value - q.low) <= truth[name] <= q.high + 0.6 * (q.high - q.value), name
+
+
+def test_light_that_drifts_is_no_noise(bench: Bench, trips: ModuleType) -> None:
+    black = float(bench.biases[0].frames.mean())
+
+    def drifting(stack: Stack) -> Stack:
+        factor = 1 + 0.01 * RNG.normal(size=(len(stack), 1, 1))
+        return replace(stack, frames=np.round((stack.frames - black) * factor + black).clip(0, 16383).astype(np.uint16))
+
+    twin = fit(changed(bench, drifting, "flats"))
+    gain = twin.base.gain.quantity
+    assert gain.value == pytest.approx(trips.random_trip(3, 40, 12).put_in()["K"], rel=0.015)
+    assert any("drift" in note for note in twin.notes)
+
+
+def test_float_frames_are_fitted_without_rounding_and_a_note_says_so(bench: Bench) -> None:
+    def floats(stack: Stack) -> Stack:
+        return replace(stack, frames=stack.frames + RNG.uniform(-0.5, 0.5, stack.frames.shape), bits=None)
+
+    twin = fit(changed(bench, floats))
+    assert any("fractions of codes" in note for note in twin.notes)
+    noise = twin.base.electrons(twin.base.noise.read).quantity
+    assert (
+        noise.low < math.hypot(fit(bench).base.electrons(fit(bench).base.noise.read).quantity.value, 0.1) < noise.high
+    )
+
+
+def test_one_dark_time_leaves_dark_current_in_the_black_level(bench: Bench) -> None:
+    twin = fit(replace(bench, biases=(), darks=bench.darks[:1]))
+    assert "one exposure time" in twin.tables()["sources"]["dark_current.rate_e_per_s"]
+    assert "one exposure time" in twin.base.dark.black.quantity.note
+
+
+def test_flats_that_stay_below_saturation_give_a_lower_limit(bench: Bench) -> None:
+    twin = fit(replace(bench, flats=bench.flats[:9]))
+    assert math.isinf(twin.base.brightest.end.quantity.high)
+    assert twin.tables()["sources"]["pixel.full_well_e"].startswith("assumed: 2 times")
+
+
+def test_coarse_codes_are_marked(trips: ModuleType) -> None:
+    """8 bits, σ_read 0.16 DN: read noise within 25 %; it, black level and row noise say that rounding hides them."""
+    camera = trips.random_trip(3, 40, 12).camera
+    full_scale_v = camera.readout.sense_gain_uv_per_e * 1e-6 * 256 / 0.02
+    coarse = {"adc.bits": 8, "adc.full_scale_v": full_scale_v, "adc.black_level_dn": 12.0}
+    trip = trips.Trip(camera.replace(**coarse), 4, 12)
+    twin = fit(trip.bench())
+    read = twin.base.electrons(twin.base.noise.read).quantity
+    assert read.value == pytest.approx(camera.source_follower.read_noise_e, rel=0.25)
+    marks = (read, twin.base.noise.row.quantity, twin.base.dark.black.quantity)
+    assert all("round" in one.note for one in marks)
+
+
+def test_codes_in_the_upper_bits_are_noted(bench: Bench) -> None:
+    twin = fit(changed(bench, lambda s: replace(s, frames=(4 * s.frames.astype(np.uint32)).astype(np.uint16), bits=16)))
+    assert any("all codes are multiples of 4" in note for note in twin.notes)
+
+
+def test_a_black_level_that_cuts_the_noise_is_marked(bench: Bench) -> None:
+    below = int(bench.biases[0].frames.mean())
+    twin = fit(changed(bench, lambda s: replace(s, frames=(s.frames.astype(int) - below).clip(0))))
+    assert "the black level is too low" in twin.base.dark.black.quantity.note
+    assert "the black level is too low" in twin.base.noise.read.quantity.note

@@ -1,0 +1,237 @@
+"""Noise sources that are switched off by name: the others stay what they are, and the theory is that of the frames."""
+
+from __future__ import annotations
+
+import functools
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.stage_tests import backend_of
+from numpy.typing import NDArray
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.core.sensor_window import SensorWindow
+from mitsuba_sensor.sensor.chain import ORDER, black_level_dn, chain
+from mitsuba_sensor.sensor.effects.dark_current import mean_dark_e
+from mitsuba_sensor.sensor.gains import gain_dn_per_e
+from mitsuba_sensor.sensor.input_noise import input_noise
+from mitsuba_sensor.sensor.metering import AUTO
+from mitsuba_sensor.sensor.noise_sources import noise_sources
+
+EXPOSURE = ms.Exposure(0.1)
+SOURCES = noise_sources()
+TABLE1 = ms.load_camera("konnik_table1")
+EVERY = TABLE1.replace(
+    **{
+        "pixel.prnu": 0.02,
+        "pixel.dsnu_e": 8.0,
+        "dark_current.cv": 0.3,
+        "dark_current.rts_fraction": 0.1,
+        "dark_current.rts_amplitude_e_per_s": 2000.0,
+        "dark_current.rts_switching": 1.0,
+        "source_follower.rtn_pixel_fraction": 0.1,
+        "source_follower.rtn_pixel_amplitude_e": 40.0,
+        "readout.reset": "hard",
+        "readout.dsnu_row": 1e-3,
+        "readout.dsnu_col": 1e-3,
+        "readout.prnu_col": 0.005,
+        "readout.row_noise_e": 6.0,
+        "readout.column_noise_e": 5.0,
+        "adc.bits": 14,
+    }
+)
+"""A camera with every noise source that there is."""
+
+ADDED = [name for name in SOURCES if name.startswith(("dsnu", "temporal", "reset", "source", "rtn"))]
+"""Those that add something to the swing, whatever it is."""
+
+
+def kept(camera: ms.Camera, what: str, light: float = 0.0) -> NDArray[np.float64]:
+    shot = ms.expose(np.full((24, 32), light), camera, EXPOSURE, precision="float64", keep=what, frames=2)
+    found: NDArray[np.float64] = getattr(shot, what)
+    return found
+
+
+@functools.cache
+def whole_volts() -> NDArray[np.float64]:
+    return kept(EVERY.without("prnu_column"), "volts", 9e3)
+
+
+def test_the_camera_of_these_tests_has_every_source() -> None:
+    assert {stage.key() for stage in chain(EVERY)} >= set(SOURCES)
+
+
+@pytest.mark.parametrize("name", ADDED)
+def test_what_is_missing_without_a_source_is_what_this_source_adds_alone(name: str) -> None:
+    """Superposition: whole − (whole without it) = (it alone) − (nothing), to the rounding of float64. One other random
+    number in any other source, and the left side has that source's noise in it."""
+    missing = whole_volts() - kept(EVERY.without("prnu_column", name), "volts", 9e3)
+    nothing = EVERY.without(*SOURCES)
+    alone = kept(EVERY.without(*(x for x in SOURCES if x != name)), "volts", 9e3) - kept(nothing, "volts", 9e3)
+    assert np.abs(alone).max() > 1e-6
+    np.testing.assert_allclose(missing, alone, rtol=0, atol=1e-15)
+
+
+def test_electrons_lose_what_each_source_adds_or_multiplies() -> None:
+    """Closed forms: without shot noise the electrons are (light·PRNU + dark), by the maps of the whole camera."""
+    maps = ms.fpn_maps(EVERY, (24, 32), precision="float64")
+    still = EVERY.without("shot_noise", "rts_pixels")
+    light = 1e4 * EVERY.qe([550.0]).item()
+    dark = mean_dark_e(EVERY, EXPOSURE) * maps["dark_fpn"]
+    for off, expected in {
+        (): light * maps["prnu"] + dark,
+        ("prnu",): light + dark,
+        ("dark_current",): light * maps["prnu"],
+        ("prnu", "dark_current"): np.full((24, 32), light),
+    }.items():
+        for frame in kept(still.without(*off), "electrons", 1e4):
+            np.testing.assert_allclose(frame, expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", SOURCES)
+def test_the_maps_of_all_other_sources_are_the_same_bits(name: str) -> None:
+    whole, rest = ms.fpn_maps(EVERY, (24, 32)), ms.fpn_maps(EVERY.without(name), (24, 32))
+    own = next(stage for stage in chain(EVERY) if stage.key() == name)
+    assert whole.keys() - rest.keys() == own.fpn_maps(SensorWindow(1, (2, 2))).keys()
+    for key, values in rest.items():
+        np.testing.assert_array_equal(values, whole[key])
+
+
+@pytest.mark.parametrize("off", [("shot_noise",), ("prnu", "source_follower_noise"), SOURCES])
+def test_the_compiled_engine_has_the_same_bytes(off: tuple[str, ...]) -> None:
+    backend_of("drjit")
+    camera, light = EVERY.without(*off), np.geomspace(1.0, 5e4, 24 * 32).reshape(24, 32)
+    numpy, drjit = (ms.expose(light, camera, EXPOSURE, frames=2, engine=engine) for engine in ("numpy", "drjit"))
+    np.testing.assert_array_equal(numpy.digital, drjit.digital)
+
+
+@pytest.mark.parametrize("name", ["prnu", "dark_current", "shot_noise", "reset_noise", "dsnu_column"])
+def test_theory_clean_frame_plan_and_budget_are_those_of_the_frames(name: str) -> None:
+    """Of 64 sensors and 2 frames. The mean lies within 5 standard errors of the theory (5e-7 by chance), with that of
+    the sensors' own spread; the temporal variance within 6 % of the clean frame's (5 of 16 000 numbers: 5.5 %)."""
+    camera, light = EVERY.without(name), np.full((16, 16), 2e4)
+    frames = [ms.expose(light, camera, EXPOSURE, frames=2, serial=serial, seed=serial) for serial in range(64)]
+    means = np.array([one.digital.mean() for one in frames])
+    expected = frames[0].theory.averages(frames[0].stages[-1])
+    assert abs(means.mean() - expected.mean) < 5 * means.std(ddof=1) / 8
+    pairs = np.array([one.digital[1] - one.digital[0].astype(float) for one in frames])
+    temporal = np.mean([one.temporal_variance for one in frames[:4]])
+    assert np.mean(pairs**2) / 2 == pytest.approx(temporal, rel=0.06)
+    assert expected.temporal == pytest.approx(temporal, rel=0.03)
+    plan = ms.plan(camera, EXPOSURE, light)
+    label = next(effect.label for effect in ORDER if effect.key() == name)
+    assert label not in [one.stage for one in plan.effects]
+    budget = frames[1].noise_budget()
+    assert label not in [one.source for one in budget.entries]
+    np.testing.assert_allclose(budget.total, frames[1].digital[0], atol=1e-6)
+
+
+def test_without_any_noise_the_code_is_the_rounded_mean_and_so_is_the_theory() -> None:
+    camera = TABLE1.without(*SOURCES)
+    electrons = np.array([[100.0, 1234.5, 20_000.0, 32_000.0]])
+    frames = ms.expose(electrons / camera.qe([550.0]).item(), camera, EXPOSURE)
+    expected = np.floor(black_level_dn(TABLE1) + gain_dn_per_e(TABLE1) * electrons + 0.5)
+    np.testing.assert_array_equal(frames.digital[0], expected)
+    np.testing.assert_array_equal(frames.clean[0], expected)
+    np.testing.assert_allclose(frames.spatial_mean, expected, atol=1e-3)
+    last = frames.report["stages"][-1]
+    assert last["mean_expected"] == pytest.approx(expected.mean(), abs=1e-9) and last["sigma_expected"] < 1e-6
+
+
+def test_the_weight_of_render_noise_has_no_steps_without_noise() -> None:
+    """K²/(1/12) wherever nothing clips."""
+    found = input_noise(TABLE1.without(*SOURCES), EXPOSURE)
+    below = found.electrons_e < 30_000
+    np.testing.assert_allclose(found.weight_per_e2[below], 12 * gain_dn_per_e(TABLE1) ** 2, rtol=1e-6)
+
+
+def test_metering_knows_of_no_dark_current_that_is_off() -> None:
+    warm = ms.Exposure(1.0, 340.0)
+    light = ms.Photons(np.full((4, 4), 1000.0))
+    times = [AUTO.time_s(light, one, warm) for one in (EVERY, EVERY.without("dark_current"))]
+    assert times[0] < 0.9 * times[1]
+    assert times[1] == AUTO.time_s(light, EVERY.replace(**{"dark_current.fom_na_per_cm2": 0.0}), warm)
+
+
+def test_a_plan_of_the_whole_camera_is_not_one_of_the_reduced_camera() -> None:
+    plan = ms.plan(EVERY, EXPOSURE, np.full((4, 4), 100.0))
+    with pytest.raises(ms.InputError, match="another camera"):
+        ms.expose(np.full((4, 4), 100.0), EVERY.without("prnu"), EXPOSURE, plan=plan)
+
+
+def test_a_given_map_of_a_source_that_is_off_is_known_and_unused() -> None:
+    maps = ms.fpn_maps(EVERY, (4, 4))
+    camera, light = EVERY.without("prnu"), np.full((4, 4), 1e4)
+    with_map = ms.expose(light, camera, EXPOSURE, maps=maps | {"prnu": 3 * maps["prnu"]})
+    np.testing.assert_array_equal(with_map.digital, ms.expose(light, camera, EXPOSURE, maps=maps).digital)
+
+
+def test_names_are_keys_in_any_order_and_as_tables_print_them() -> None:
+    one = EVERY.without("prnu", "shot_noise", "prnu")
+    assert (
+        one
+        == EVERY.without("shot noise").without("PRNU")
+        == EVERY.replace(**{"sensor.without": ["shot_noise", "prnu"]})
+    )
+    assert one.sensor.without == ("prnu", "shot_noise")
+    assert one.replace(**{"sensor.without": None}).stages == EVERY.stages
+    assert EVERY.without() == EVERY
+    labels = [effect.label for effect in ORDER if not effect.no_noise]
+    assert EVERY.without(*labels).sensor.without == SOURCES
+
+
+REFUSED: dict[str, tuple[Any, str]] = {
+    "misspelt": ("shotnoise", "Did you mean 'shot_noise'"),
+    "a part": ("photon shot noise", "Did you mean 'shot_noise'"),
+    "a list": (["prnu"], "give names of noise sources: prnu, dark_current"),
+    "full well": ("full_well", "is no noise source; set pixel.full_well_e"),
+    "converter": ("ADC", "is no noise source; set adc.bits"),
+    "unknown": ("", "the noise sources are prnu, dark_current"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_is_no_noise_source_is_refused(case: str) -> None:
+    name, said = REFUSED[case]
+    with pytest.raises(ms.InputError, match=said):
+        TABLE1.without(name)
+    if isinstance(name, str):
+        with pytest.raises(ms.InputError, match=said):
+            TABLE1.replace(**{"sensor.without": [name]})
+
+
+def test_the_published_chain_cannot_be_without_a_source() -> None:
+    with pytest.raises(ms.InputError, match="is without prnu, which the published chain always has"):
+        ms.expose(100.0, TABLE1.without("prnu"), EXPOSURE, chain="konnik2014")
+
+
+def test_derivatives_without_noise_are_the_overall_system_gain_on_average() -> None:
+    """Over 4096 levels between two codes far apart: Σ dDN/dphoton·Δ is their distance, ±1 DN."""
+    backend_of("drjit")
+    camera, light = TABLE1.without(*SOURCES), np.linspace(1e4, 1.1e4, 4096).reshape(64, 64)
+    with pytest.warns(UserWarning, match="Without shot noise so are those by the light"):
+        frames = ms.differentiable(light, camera, EXPOSURE, ["photons"])
+    slope = frames.frame().forward("photons").mean()
+    assert slope * 1e3 == pytest.approx(gain_dn_per_e(camera) * camera.qe([550.0]).item() * 1e3, abs=2.0)
+
+
+def test_a_camera_file_and_the_command_line_say_the_same(
+    tmp_path: Path, cli: Callable[..., Any], light_file: Path
+) -> None:
+    file = tmp_path / "mine.toml"
+    assert cli("cameras", "new", file, "--without", "prnu", "--without", "shot noise").exit_code == 0
+    camera = ms.load_camera(file)
+    assert (
+        camera.sensor.without == ("prnu", "shot_noise") and camera.stages == TABLE1.without("prnu", "shot_noise").stages
+    )
+    done = cli("expose", light_file, "-o", tmp_path / "out", "--camera", file, "--without", "reset_noise", "--json")
+    assert done.exit_code == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found["camera"]["sensor"]["without"] == ["prnu", "shot_noise", "reset_noise"]
+    assert not {"PRNU", "shot noise", "reset noise"} & {line["name"] for line in found["stages"]}
+    (finding,) = ms.check_camera(file.read_text("utf-8").replace('"shot_noise"', '"shot"'))
+    assert finding.level == "error" and finding.line and "Did you mean 'shot_noise'" in finding.text
