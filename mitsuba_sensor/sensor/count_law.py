@@ -18,7 +18,8 @@ EVERY_COUNT = 2**17
 FROM = 2048
 """Nodes are all counts up to here, and then lie √N/STEPS apart where single electrons do not show."""
 
-STEPS = 8.0
+STEPS = 24.0
+"""The sum over the nodes is the integral to 1e-4 σ also where the converter is full between two of them."""
 
 LARGE = 1e6
 """A mean above which SciPy's incomplete gamma function loses its upper tail, and the law is normal to 1e-3 σ."""

@@ -185,7 +185,7 @@ class Converter(Stage):
     def code_moments(self, swing: Float64Array, sigma: Float64Array) -> tuple[Float64Array, Float64Array]:
         """Mean and variance of the code of a normal swing with this mean and σ [V], both clips included."""
         ideal = self.black_level_dn + self.gain_dn_per_v * swing
-        return code_moments(ideal, self.gain_dn_per_v * sigma, self.highest, self.inl_lsb)
+        return code_moments(ideal, self.gain_dn_per_v * sigma, self.highest, self.inl_lsb, self.black_level_dn)
 
     def ideal(self, swing: Array, frame: Frame) -> Array:
         """The code of a converter with infinitely many bits [DN]."""
