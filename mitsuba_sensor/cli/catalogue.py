@@ -34,7 +34,8 @@ def list_command(as_json: arguments.Json = False) -> None:
     for one in known:
         size = f"{one.sensor.columns} × {one.sensor.rows}"
         table.add_row(one.name, one.sensor.technology, size, one.description)
-    show([{"name": one.name, "description": one.description} for one in known] if as_json else table, as_json)
+    found = [{"name": x.name, "description": x.description, "gains": [one.label for one in x.gains]} for x in known]
+    show(found if as_json else table, as_json)
 
 
 @cameras.command("new", epilog="Example: mitsuba-sensor cameras new my.toml --like bayer_2mp --set adc.bits=14")

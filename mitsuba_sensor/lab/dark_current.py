@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from ..core import InputError
 from .clipping import temporal_note
+from .line_fits import StraightLine, straight_line
 from .mean_squares import MeanSquares, temporal_mean_squares
 from .quantity import Quantity
 from .stack import Stack
-from .straight_line import StraightLine, straight_line
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -12,8 +12,8 @@ import scipy
 from numpy.typing import NDArray
 
 from ..core import InputError
+from .line_fits import straight_line
 from .quantity import LEVEL, Quantity
-from .straight_line import straight_line
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..core import InputError
 from .estimators import Float64Array
-from .line import line_through_origin
+from .line_fits import line_through_origin
 from .quantity import Quantity, unknown
 from .saturation import Peak, find_peak, peak
 from .series import Series
@@ -172,10 +172,10 @@ def _fit(curve: _Curve, covariance: Callable[[float], Float64Array], notes: Sequ
         line = line_through_origin(x, y, covariance(max(gain, 1e-12))[np.ix_(used, used)])
         gain = line.slope
     note = "; ".join(filter(None, (line.note, *notes)))
-    initial = replace(GAIN, symbol="K_0", name="gain at zero of a parabola", note=note)
+    known = replace(GAIN, value=line.slope, low=line.low, high=line.high, note=note)
     value, low, high = line.initial
-    return PhotonTransfer(
-        replace(GAIN, value=line.slope, low=line.low, high=line.high, note=note),
-        replace(initial, value=value, low=low, high=high),
-        *curve,
+    few = (
+        "" if used.sum() > 2 else f"a parabola needs 3 levels between darkness and 70 % of saturation, not {used.sum()}"
     )
+    initial = replace(GAIN, symbol="K_0", name="gain at zero of a parabola", value=value, low=low, high=high)
+    return PhotonTransfer(known, replace(initial, note=few or note), *curve)

@@ -10,6 +10,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from ..core import InputError, nearest
 from .datasheet import FileTable, NotNegative, Positive, optional
+from .effects.source_follower_noise import check_shape
 from .gains import gain_dn_per_e, sense_gain_v_per_e
 from .usual_range import THOUSANDS, VOLTS_TO_UV, Usual
 
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
 SET = {
     "read_noise_e": "source_follower.read_noise_e",
+    "read_noise_shape": "source_follower.read_noise_shape",
     "black_level_dn": "adc.black_level_dn",
     "full_well_e": "pixel.full_well_e",
     "sense_gain_uv_per_e": "readout.sense_gain_uv_per_e",
@@ -45,6 +47,9 @@ class GainSetting(FileTable):
     )
     read_noise_e: Annotated[NotNegative, Usual(0.05, 500)] = Field(
         description="read noise; sets source_follower.read_noise_e [e- rms]", examples=[3.0]
+    )
+    read_noise_shape: Annotated[float | None, Field(strict=True)] = optional(
+        "shape of the distribution of the read noise; sets source_follower.read_noise_shape", -0.05
     )
     black_level_dn: NotNegative | None = optional("code of darkness; sets adc.black_level_dn [DN]", 64)
     full_well_e: Annotated[
@@ -97,7 +102,13 @@ Gains = Annotated[tuple[GainSetting, ...], AfterValidator(_fits)]
 
 
 def check_gain(camera: Camera) -> None:
-    """Raise ValueError where the camera is at a setting that it does not have."""
+    """Raise ValueError for a setting that the camera does not have, or whose shape is none of its read noise."""
+    for one in camera.gains:
+        if one.read_noise_shape is not None:
+            try:
+                check_shape(camera.source_follower.read_noise_distribution, one.read_noise_shape)
+            except ValueError as error:
+                raise ValueError(f"gain setting {one.label!r}: {error}; or unset gains") from None
     if camera.gain is not None and camera.gain not in (known := [one.label for one in camera.gains]):
         raise ValueError(f"gain is {camera.gain!r}; its settings are {', '.join(known) or 'none: add [[gains]]'}")
 

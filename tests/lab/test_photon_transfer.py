@@ -97,3 +97,12 @@ def test_the_plot_has_axes_with_units_and_no_text_inside(log: bool) -> None:
     assert "[DN]" in axes.get_xlabel() and "[DN²]" in axes.get_ylabel()
     assert axes.get_xscale() == axes.get_yscale() == ("log" if log else "linear")
     assert not axes.texts and 0 < len(axes.get_legend_handles_labels()[1]) <= 8
+
+
+@pytest.mark.parametrize("levels", [1, 2])
+def test_few_levels_have_k_and_no_parabola(levels: int) -> None:
+    rng = np.random.default_rng(6)
+    flats = [LINEAR.stack(rng, light, 2, (200, 300)) for light in (8_000.0, 12_000.0, 24_000.0)[-levels - 1 :]]
+    found = photon_transfer(series([LINEAR.stack(rng, 0.0, 2, (200, 300))], flats))
+    assert found.fitted.sum() == levels and found.gain.covers(LINEAR.gain)
+    assert np.isnan(found.initial_gain.value) and f"saturation, not {levels}" in found.initial_gain.note

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import stats
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.units import BOLTZMANN_J_PER_K, ELEMENTARY_CHARGE_C
@@ -139,6 +140,24 @@ def test_derivatives_are_those_of_the_setting() -> None:
     assert frame.forward("photons").mean() == pytest.approx(1.0, rel=0.01)
 
 
+def test_read_noise_has_the_shape_of_its_setting() -> None:
+    """Share of pixels beyond 4 σ, of SciPy's Tukey-lambda law; 2 million pixels, 5 standard errors of the count."""
+    shapes = {"100": 0.14, "400": -0.2}
+    rungs = [
+        {"iso": int(iso), "gain_dn_per_e": 20.0, "read_noise_e": 2.0, "read_noise_shape": x}
+        for iso, x in shapes.items()
+    ]
+    tails = {"source_follower.read_noise_distribution": "tukey_lambda", "source_follower.read_noise_shape": 0.0}
+    camera = EVEN.replace(**{**tails, "adc.black_level_dn": 1000.0, "adc.bits": 14}, gains=rungs)
+    for setting, shape in shapes.items():
+        at = camera.at_gain(setting)
+        assert (at.source_follower.read_noise_shape, at.notes) == (shape, ())
+        dark = ms.expose(np.zeros((1000, 2000)), at, DARK, engine="numpy").digital - 1000.0
+        assert dark.std() == pytest.approx(40, rel=0.01)
+        expected = 2 * stats.tukeylambda.sf(160.5 / 40 * stats.tukeylambda.std(shape), shape) * dark.size
+        assert (np.abs(dark) > 160).sum() == pytest.approx(expected, abs=5 * math.sqrt(expected))
+
+
 def test_light_is_metered_for_the_setting_and_remembers_it(light: Any, scene_file: Path, tmp_path: Path) -> None:
     """Half the saturation, half the time; the irradiance of a render is exposed again as it was."""
     times = {one: ms.expose(light, CAMERA, "auto", gain=one).first.exposure.time_s for one in SETTINGS}
@@ -206,6 +225,18 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "no gain": ({"gains": [{"iso": 100, "read_noise_e": 1.0}]}, "gain_dn_per_e is missing"),
     "negative": ({"gains": [{**LADDER[0], "gain_dn_per_e": -1.0}]}, "gain_dn_per_e is -1.0"),
+    "shape of a normal": (
+        {"gains": [{**LADDER[0], "read_noise_shape": 0.1}]},
+        "gain setting '100': read_noise_shape is 0.1, and a normal read noise has none; .*; or unset gains",
+    ),
+    "shape beyond": (
+        {
+            "source_follower.read_noise_distribution": "tukey_lambda",
+            "source_follower.read_noise_shape": 0.1,
+            "gains": [{**LADDER[0], "read_noise_shape": -0.5}],
+        },
+        "gain setting '100': read_noise_shape is -0.5; that of tukey_lambda must be from -0.45 to 0.2",
+    ),
     "by hand": ({"gain": "400"}, r"take camera\.at_gain\('400'\), or --gain 400"),
 }
 

@@ -23,13 +23,14 @@ REMEDY = "Let Adobe's DNG Converter, or the camera's own software, write it, or 
 
 
 def read_dngs(paths: Sequence[Path], like: Camera) -> Draft:
-    """The draft of a camera at the lowest ISO of the files. Raises InputError."""
+    """The draft of a camera at the lowest ISO of the files, with all of them as its ladder. Raises InputError."""
     found = sorted((_setting(path, like) for path in paths), key=lambda one: one[1]["iso"])
     draft, first = found[0]
     speeds = [one["iso"] for _, one in found]
     if len(set(speeds)) < len(speeds):
         twice = next(x for x in speeds if speeds.count(x) > 1)
         raise InputError(f"ISO {twice:g} is in {speeds.count(twice)} of the files; give one DNG for each ISO.")
+    draft.set_gains([one for _, one in found], "NoiseProfile and BlackLevel of the file of each ISO")
     draft.description += f", at ISO {first['iso']:g}"
     return draft
 
@@ -55,9 +56,8 @@ def _setting(path: Path, like: Camera) -> tuple[Draft, dict[str, float]]:
         draft.says(field, int(tags[tag]), tag)
     draft.name = draft.description = str(tags.get(MODEL) or path.stem)
     iso = draft.number("ISO", np.ravel(tags.get(ISO, 100))[0])
-    well_e = (2.0**draft.bits - 1 - black) / dn_per_e
-    numbers = {"gain_dn_per_e": dn_per_e, "read_noise_e": read_noise_e, "black_level_dn": black, "full_well_e": well_e}
-    return draft, {"iso": iso, **{name: float(f"{x:.6g}") for name, x in numbers.items()}}
+    numbers = {"gain_dn_per_e": dn_per_e, "read_noise_e": read_noise_e, "black_level_dn": black}
+    return draft, {"iso": iso, **numbers}
 
 
 def _numbers(tags: Mapping[str, Any], name: str, path: Path) -> list[float]:

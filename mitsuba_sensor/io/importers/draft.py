@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -57,6 +58,13 @@ class Draft:
         volts = volts_per_electron(self.like)
         self.says("adc.full_scale_v", volts * 2.0**self.bits / dn_per_e, f"{how} = {dn_per_e:.5g} DN/e-, as full scale")
 
+    def set_gains(self, settings: Sequence[Mapping[str, float]], how: str) -> None:
+        """Several gain settings as the ladder of the camera, with the numbers that all of them have."""
+        if len(settings) > 1:
+            shared = set.intersection(*(set(one) for one in settings))
+            gains = [{name: _rounded(x) for name, x in one.items() if name in shared} for one in settings]
+            self.says("gains", gains, how)
+
     def set_clip(self, dn_per_e: float, black_dn: float) -> None:
         """The full well where the converter ends, for a file that has none."""
         why = "the file has no full well; the converter is full first"
@@ -69,7 +77,7 @@ class Draft:
 
     def camera(self) -> Camera:
         """Checked. What the file does not say is "assumed: as" the camera that it is like. Raises InputError."""
-        found = self.like.replace(**self.changes)
+        found = self.like.replace(**{"gains": None, "gain": None, **self.changes})
         same = {
             key: text if text == USER else f"assumed: as {self.like.name}: {text}"
             for key, text in self.like.sources.items()

@@ -1,7 +1,8 @@
 """Calibration tables of physics-based noise models (ELD, PMN): K, Tukey-lambda shape, σ_read and σ_row per ISO [DN].
 
 Wei et al., CVPR 2020 and TPAMI 2021 (ELD); Feng et al., ACM MM 2022 (PMN). A row of the table is one ISO; its columns
-have the names of either program. sigTL is the *scale* of SciPy's tukeylambda, sigGs the σ of all read noise.
+have the names of either program. sigTL is the *scale* of SciPy's tukeylambda, sigGs the σ of the same noise of the
+pixels; that of rows, sigR, is beside it.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ def rows_of(text: str) -> list[dict[str, str]]:
 
 
 def read_table(data: Any, file: str, like: Camera) -> Draft:
-    """The draft of a camera at the lowest ISO. Raises InputError."""
+    """The draft of a camera at the lowest ISO, with all of them as its ladder. Raises InputError."""
     named = data.items() if isinstance(data, dict) else ((str(n), one) for n, one in enumerate(data, start=1))
     rows = sorted((_row(name, values, file) for name, values in named), key=lambda one: float(one["iso"]))
     if not rows:
@@ -65,8 +66,9 @@ def read_table(data: Any, file: str, like: Camera) -> Draft:
     if "black_level_dn" in lowest:
         draft.says("adc.black_level_dn", lowest["black_level_dn"], "black level")
     draft.set_clip(lowest["gain_dn_per_e"], lowest.get("black_level_dn", 0.0))
-    if "shape" in first:
-        _set_shape(draft, float(first["shape"]), iso)
+    if "read_noise_shape" in lowest:
+        _set_shape(draft, float(first["shape"]), lowest["read_noise_shape"], iso)
+    draft.set_gains(settings, "K, noise of the pixels and of the rows, lam and black level of every ISO")
     draft.description = f"Camera of the noise calibration {file}, at {iso}"
     return draft
 
@@ -88,29 +90,28 @@ def _row(name: str, values: Mapping[str, Any], file: str) -> dict[str, Any]:
 
 
 def _setting(row: Mapping[str, Any], draft: Draft) -> dict[str, float]:
-    """The gain setting of a row [e-]. The noise of the pixels is that without the rows'."""
+    """The gain setting of a row [e-]; a shape that we do not have is the nearest."""
     at = f"at ISO {row['iso']}"
     gain = draft.number(f"K {at}", row["gain"])
-    row_dn = draft.number(f"sigR {at}", row["row"], -1e-12) if "row" in row else 0.0
+    shape = draft.number(f"lam {at}", row["shape"], -0.5, 2.0) if "shape" in row else None
     if "scale" in row:
-        shape = draft.number(f"lam {at}", row.get("shape", 0.0), -0.5, 2.0)
-        pixel_dn = draft.number(f"sigTL {at}", row["scale"]) * float(scipy.stats.tukeylambda.std(shape))
+        pixel_dn = draft.number(f"sigTL {at}", row["scale"]) * float(scipy.stats.tukeylambda.std(shape or 0.0))
     else:
-        pixel_dn = math.sqrt(max(draft.number(f"sigGs {at}", row["sigma"]) ** 2 - row_dn**2, 0.0))
+        pixel_dn = draft.number(f"sigGs {at}", row["sigma"])
     numbers = {"gain_dn_per_e": gain, "read_noise_e": math.sqrt(max(pixel_dn**2 - 1 / 12, 0.0)) / gain}
-    black = draft.number(f"bl {at}", row["black"], -1e-12) if "black" in row else None
-    numbers |= {} if black is None else {"black_level_dn": black}
-    numbers |= {"full_well_e": (2.0**draft.bits - 1 - (black or 0.0)) / gain}
-    numbers |= {"row_noise_e": row_dn / gain} if "row" in row else {}
-    return {"iso": draft.number("iso", row["iso"]), **{name: float(f"{x:.6g}") for name, x in numbers.items()}}
+    if shape is not None:
+        numbers["read_noise_shape"] = min(max(shape, SHAPES[0]), SHAPES[1])
+    if "row" in row:
+        numbers["row_noise_e"] = draft.number(f"sigR {at}", row["row"], -1e-12) / gain
+    if "black" in row:
+        numbers["black_level_dn"] = draft.number(f"bl {at}", row["black"], -1e-12)
+    return {"iso": draft.number("iso", row["iso"]), **numbers}
 
 
-def _set_shape(draft: Draft, shape: float, iso: str) -> None:
-    """The Tukey-lambda shape; one that we do not have is set to the nearest."""
-    draft.number("lam", shape, -0.5, 2.0)
-    inside = min(max(shape, SHAPES[0]), SHAPES[1])
+def _set_shape(draft: Draft, given: float, used: float, iso: str) -> None:
+    """The Tukey-lambda shape; used : the nearest that we have."""
     draft.says("source_follower.read_noise_distribution", "tukey_lambda", "lam")
-    if inside == shape:
-        draft.says("source_follower.read_noise_shape", shape, f"lam at {iso}; it holds for all settings")
+    if used == given:
+        draft.says("source_follower.read_noise_shape", used, f"lam at {iso}")
     else:
-        draft.assume("source_follower.read_noise_shape", inside, f"the nearest to lam {shape:g} at {iso}")
+        draft.assume("source_follower.read_noise_shape", used, f"the nearest to lam {given:g} at {iso}")

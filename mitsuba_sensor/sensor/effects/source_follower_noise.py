@@ -87,18 +87,23 @@ class SourceFollowerNoiseFields(FileTable):
 
     @model_validator(mode="after")
     def _shape_of_its_distribution(self) -> Self:
-        name, shape = self.read_noise_distribution, self.read_noise_shape
-        if name == "normal" and shape is not None:
-            raise ValueError(
-                f"read_noise_shape is {shape:g}, and a normal read noise has none; leave it out, or set "
-                'read_noise_distribution to "tukey_lambda" or "student"'
-            )
-        if name != "normal":
-            _, low, high = DISTRIBUTIONS[name]
-            if shape is None or not low <= shape <= high:
-                said = "is missing" if shape is None else f"is {shape:g}"
-                raise ValueError(f"read_noise_shape {said}; that of {name} must be from {low:g} to {high:g}")
+        check_shape(self.read_noise_distribution, self.read_noise_shape)
         return self
+
+
+def check_shape(distribution: str, shape: float | None) -> None:
+    """Raise ValueError for a shape that this distribution of the read noise does not have."""
+    if distribution == "normal":
+        if shape is None:
+            return
+        raise ValueError(
+            f"read_noise_shape is {shape:g}, and a normal read noise has none; leave it out, or set "
+            'read_noise_distribution to "tukey_lambda" or "student"'
+        )
+    _, low, high = DISTRIBUTIONS[distribution]
+    if shape is None or not low <= shape <= high:
+        said = "is missing" if shape is None else f"is {shape:g}"
+        raise ValueError(f"read_noise_shape {said}; that of {distribution} must be from {low:g} to {high:g}")
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""A line through the origin by least squares with a covariance of the points, and how far it is curved."""
+"""Straight lines by least squares: through the origin, and with an offset; and whether the points lie on one."""
 
 from __future__ import annotations
 
@@ -18,11 +18,16 @@ UNSURE_FALSE_ALARM = 0.2
 more than its own standard error. It raises the coverage of the interval by about half a per cent."""
 SCATTER_FALSE_ALARM = 1e-3
 """Share of the lines whose points are said to scatter more than their covariance explains although they do not."""
+CROOKED = 0.01
+"""Probability of a larger scatter, below which points are said not to lie on a line with an offset."""
 
 
 @dataclass(frozen=True)
-class Line:
-    """Slope with its interval, the slope at zero of a parabola with its interval, and what was found."""
+class LineThroughOrigin:
+    """Slope with its interval, the slope at zero of a parabola with its interval, and what was found.
+
+    initial : (value, low, high) at zero; NaN where there are fewer than 3 points.
+    """
 
     slope: float
     low: float
@@ -48,7 +53,7 @@ class Line:
         return "; ".join(found)
 
 
-def line_through_origin(x: Float64Array, y: Float64Array, covariance: Float64Array) -> Line:
+def line_through_origin(x: Float64Array, y: Float64Array, covariance: Float64Array) -> LineThroughOrigin:
     """y = a·x for (n,) points, n at least 1, by generalised least squares.
 
     A parabola through the origin is fitted too. Where it may be curved, the interval is extended to hold its slope at
@@ -56,7 +61,7 @@ def line_through_origin(x: Float64Array, y: Float64Array, covariance: Float64Arr
     """
     slope, error, chi2 = _fit(x[:, None], y, covariance)
     freedom = len(x) - 1
-    initial = (slope[0], math.nan, math.nan)
+    initial = (math.nan, math.nan, math.nan)
     curvature = 0.0
     if len(x) > 2:
         scale = float(np.abs(x).max())
@@ -76,7 +81,7 @@ def line_through_origin(x: Float64Array, y: Float64Array, covariance: Float64Arr
         reach = 1.0 if curved else 0.5  # two standard errors beyond the slope at zero, or one
         low = min(low, initial[0] - reach * (initial[0] - initial[1]))
         high = max(high, initial[0] + reach * (initial[2] - initial[0]))
-    return Line(slope[0], low, high, initial, curved, unsure and not curved, scattered)
+    return LineThroughOrigin(slope[0], low, high, initial, curved, unsure and not curved, scattered)
 
 
 def _fit(basis: Float64Array, y: Float64Array, covariance: Float64Array) -> tuple[list[float], list[float], float]:
@@ -87,3 +92,50 @@ def _fit(basis: Float64Array, y: Float64Array, covariance: Float64Array) -> tupl
     found = inverse @ (whitened[:, :-1].T @ whitened[:, -1])
     rest = whitened[:, -1] - whitened[:, :-1] @ found
     return [float(one) for one in found], [float(one) for one in np.sqrt(np.diag(inverse))], float(rest @ rest)
+
+
+@dataclass(frozen=True)
+class StraightLine:
+    """offset + slope·x, of weighted least squares.
+
+    slope_error : standard error.  freedom : degrees of freedom that it comes from, infinite where the errors are known.
+    crooked : the points scatter by more than their errors; the standard error then comes from the scatter.
+    """
+
+    slope: float
+    offset: float
+    slope_error: float
+    freedom: float
+    crooked: bool
+
+    @property
+    def interval(self) -> tuple[float, float, float]:
+        """(value, low, high) of the slope."""
+        if math.isinf(self.freedom):
+            return normal_interval(self.slope, self.slope_error)
+        return student_interval(self.slope, self.slope_error, self.freedom)
+
+    @property
+    def note(self) -> str:
+        """What to say of the points."""
+        return "the points do not lie on a straight line, which widens the interval" if self.crooked else ""
+
+
+def straight_line(x: Float64Array, y: Float64Array, error: Float64Array, freedom: float = math.inf) -> StraightLine:
+    """Through 2 points or more.  error : of y, with so many degrees of freedom; NaN where nobody knows.
+
+    Without known errors all points weigh the same, and 2 points give a slope without an interval.
+    """
+    known = bool(np.isfinite(error).all() and (error > 0).all())
+    weight = 1 / error**2 if known else np.ones(len(x))
+    total = weight.sum()
+    centre = float(weight @ x / total)
+    power = float(weight @ (x - centre) ** 2)
+    slope = float(weight @ ((x - centre) * y)) / power
+    offset = float(weight @ y / total) - slope * centre
+    scatter, free = float(weight @ (y - offset - slope * x) ** 2), len(x) - 2
+    crooked = known and free > 0 and float(scipy.special.chdtrc(free, scatter)) < CROOKED
+    if known and not crooked:
+        return StraightLine(slope, offset, power**-0.5, freedom, False)
+    spread = math.sqrt(scatter / free / power) if free else math.inf
+    return StraightLine(slope, offset, spread, max(free, 1), crooked)
