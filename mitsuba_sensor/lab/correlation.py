@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core import InputError
+from ..core.types import Float64Array
 from .clipping import temporal_note
 from .estimators import standard_error
 from .quantity import Quantity, student_interval
@@ -18,7 +18,6 @@ from .stack import Stack
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Float64Array = NDArray[np.float64]
 SECTION = "autocorrelation of temporal noise"
 
 

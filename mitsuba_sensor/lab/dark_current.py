@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from ..core import InputError
+from ..core.types import Float64Array
 from .clipping import temporal_note
 from .line_fits import StraightLine, straight_line
 from .mean_squares import MeanSquares, temporal_mean_squares
@@ -21,7 +21,6 @@ from .stack import Stack
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Float64Array = NDArray[np.float64]
 SECTION = "EMVA 1288 R4 7.1"
 DRIFT = 0.01
 """Probability that frames without drift are taken to have one."""

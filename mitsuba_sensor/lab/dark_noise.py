@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .estimators import Float64Array
+from ..core.types import Float64Array
 from .quantity import Quantity, normal_interval, quotient, unknown
 from .rounded_normal import rounded_normal
 from .series import COARSE_DN2, ROUNDING_DN2, Level, coarse_codes, level

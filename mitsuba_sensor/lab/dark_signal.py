@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from ..core import InputError
+from ..core.types import Float64Array
 from .families import FAMILIES
 from .mixture import Mixture, edge_interval, fitted_mixture
 from .quantity import Quantity, normal_interval
@@ -20,7 +20,6 @@ from .stack import Stack
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Float64Array = NDArray[np.float64]
 SECTION = "Konnik & Welsh 2014, dark signal"
 FEWEST_VALUES = 16
 """Different values of a distribution that rounding does not hide."""

@@ -9,16 +9,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from ..core import InputError
+from ..core.types import Float64Array
 from .line_fits import straight_line
 from .quantity import LEVEL, Quantity
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Float64Array = NDArray[np.float64]
 SECTION = "EMVA 1288 R4 7.2"
 BOLTZMANN_EV_PER_K = 8.617333262e-5
 """CODATA 2018."""

@@ -11,6 +11,7 @@ import scipy
 from numpy.typing import NDArray
 
 from ..core import InputError
+from ..core.types import Float64Array
 from .estimators import z_limit
 from .quantity import Quantity, share_interval
 from .stack import Stack
@@ -18,7 +19,6 @@ from .stack import Stack
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Float64Array = NDArray[np.float64]
 SECTION = "EMVA 1288 R4 8.8"
 WINDOW = 5
 """Rows and columns of the neighbourhood whose median a pixel is compared with."""

@@ -9,13 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from ..core import InputError
+from ..core.types import Float64Array
 from .quantity import Quantity
 from .stack import Stack
 
-Float64Array = NDArray[np.float64]
 SAMPLE, SEED = 10_000, 1288
 """Values of each side that a test of Kolmogorov and Smirnov compares, and which of them: enough to see D above 0.02.
 

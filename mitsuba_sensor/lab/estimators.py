@@ -9,9 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-Float64Array = NDArray[np.float64]
+from ..core.types import Float64Array
 
 
 class Spread(NamedTuple):

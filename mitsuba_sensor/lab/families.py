@@ -8,9 +8,9 @@ from typing import ClassVar
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-Float64Array = NDArray[np.float64]
+from ..core.types import Float64Array
+
 Parameters = tuple[float, ...]
 NEWTON_STEPS = 50
 

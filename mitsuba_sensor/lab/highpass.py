@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from ..core import InputError
-
-Float64Array = NDArray[np.float64]
+from ..core.types import Float64Array
 
 KERNEL = np.convolve(np.convolve(np.full(7, 1 / 7), np.full(11, 1 / 11)), (0.25, 0.5, 0.25))
 """Along one axis: boxes of 7 and 11 pixels and a binomial of 3, which are smoothed with and subtracted (EMVA 1288 R4

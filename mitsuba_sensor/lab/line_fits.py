@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from .estimators import Float64Array
+from ..core.types import Float64Array
 from .quantity import normal_interval, student_interval
 
 CURVED_FALSE_ALARM = 0.01

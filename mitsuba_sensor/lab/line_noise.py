@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..core.types import Float64Array
 from .clipping import temporal_note
 from .mean_squares import root, temporal_mean_squares
 from .quantity import Quantity
@@ -17,7 +17,6 @@ from .stack import Stack
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Float64Array = NDArray[np.float64]
 SECTION = "analysis of variance over frames"
 
 

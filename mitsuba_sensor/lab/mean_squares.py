@@ -8,12 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from ..core.types import Float64Array
 from .quantity import LEVEL
 from .stack import Stack
-
-Float64Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

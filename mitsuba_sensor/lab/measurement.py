@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from ..core import InputError
 from .bench import Bench
 from .correlation import correlation
-from .dark_current import dark_current
+from .dark_current import DarkCurrentOverTime, dark_current
 from .dark_signal import dark_signal
 from .dark_temperature import DarkTemperature, dark_temperature
 from .defects import defects
 from .emva_linear import EmvaLinear, emva_linear
-from .line_noise import line_noise
-from .nonuniformity import nonuniformity
+from .line_noise import LineNoise, line_noise
+from .nonuniformity import Nonuniformity, nonuniformity
 from .photon_transfer import photon_transfer_of_scene
 from .profiles import profiles
 from .quantity import Quantity
@@ -38,7 +38,20 @@ from .spectrogram import spectrograms
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+
+class Instrument(Protocol):
+    """Result of an instrument."""
+
+    @property
+    def quantities(self) -> Sequence[Quantity]:
+        """Its figures."""
+
+    def plot(self, ax: Axes, /) -> None:
+        """Draws it."""
+
+
 Found = TypeVar("Found")
+Scaled = TypeVar("Scaled", DarkCurrentOverTime, LineNoise, Nonuniformity)
 INSTRUMENTS = 13
 """That measure each filter, for a progress bar."""
 
@@ -72,6 +85,13 @@ class Measurement:
         except InputError as error:
             self.refused[title] = str(error)
             return None
+
+    def take(self, title: str, drawing: str, instrument: Callable[[], Instrument]) -> None:
+        """Figures and drawing of an instrument; nothing where it refuses.  drawing : its title."""
+        found = self.run(title, instrument)
+        if found is not None:
+            self.keep(found.quantities)
+            self.drawings[drawing] = found.plot
 
     def keep(self, quantities: Iterable[Quantity]) -> None:
         """Figures of an instrument."""
@@ -135,16 +155,17 @@ def _scene(found: Measurement, bench: Bench) -> None:
             found.drawings["Photon transfer of a scene"] = transfer.plot
 
 
+def _in_electrons(gain: Quantity | None, instrument: Callable[[], Scaled]) -> Scaled:
+    """What an instrument finds, where K is known in electrons."""
+    found = instrument()
+    return found if gain is None else found.per_gain(gain)
+
+
 def _temporal(found: Measurement, bench: Bench, gain: Quantity | None) -> None:
     """Row and column noise, and correlations, of the shortest dark frames."""
-    lines = found.run("row and column noise", lambda: line_noise(shortest_dark(bench)))
-    if lines is not None:
-        found.keep((lines.per_gain(gain) if gain else lines).quantities)
-        found.drawings["Temporal noise of rows and columns"] = lines.plot
-    related = found.run("correlation", lambda: correlation(shortest_dark(bench)))
-    if related is not None:
-        found.keep(related.quantities)
-        found.drawings["Correlation over frames"] = related.plot
+    lines = partial(_in_electrons, gain, lambda: line_noise(shortest_dark(bench)))
+    found.take("row and column noise", "Temporal noise of rows and columns", lines)
+    found.take("correlation", "Correlation over frames", lambda: correlation(shortest_dark(bench)))
 
 
 def _spatial(found: Measurement, bench: Bench, gain: Quantity | None, linear: EmvaLinear | None) -> None:
@@ -156,32 +177,22 @@ def _spatial(found: Measurement, bench: Bench, gain: Quantity | None, linear: Em
     dark = found.run("non-uniformity", lambda: dark_for(bench, half))
     if dark is None:
         return
-    uneven = found.run("non-uniformity", lambda: nonuniformity(dark, half))
-    if uneven is not None:
-        found.keep((uneven.per_gain(gain) if gain else uneven).quantities)
-        found.drawings["Photo response non-uniformity"] = uneven.plot
+    uneven = partial(_in_electrons, gain, lambda: nonuniformity(dark, half))
+    found.take("non-uniformity", "Photo response non-uniformity", uneven)
     for name, image in (("darkness", dark), ("half saturation", half)):
         for one in found.run(f"spectrogram, {name}", partial(spectrograms, image)) or ():
             found.keep([replace(one.non_whiteness, symbol=f"F_{one.direction}, {name}")])
             found.drawings[f"Spectrogram, {one.direction}, {name}"] = one.plot
     for profile in found.run("profiles", lambda: profiles(half, dark)) or ():
         found.drawings[f"Profile, {profile.direction}"] = profile.plot
-    outliers = found.run("defect pixels", lambda: defects(dark, half))
-    if outliers is not None:
-        found.keep(outliers.quantities)
-        found.drawings["Defect pixels"] = outliers.plot
+    found.take("defect pixels", "Defect pixels", lambda: defects(dark, half))
 
 
 def _dark(found: Measurement, bench: Bench, gain: Quantity | None) -> None:
     """Dark current over time and temperature, its distribution, RTS pixels."""
-    current = found.run("dark current", lambda: dark_current(dark_series(bench)))
-    if current is not None:
-        found.keep((current.per_gain(gain) if gain else current).quantities)
-        found.drawings["Dark current"] = current.plot
-    warmth = found.run("dark current over temperature", lambda: _over_temperature(bench))
-    if warmth is not None:
-        found.keep(warmth.quantities)
-        found.drawings["Dark current over temperature"] = warmth.plot
+    current = partial(_in_electrons, gain, lambda: dark_current(dark_series(bench)))
+    found.take("dark current", "Dark current", current)
+    found.take("dark current over temperature", "Dark current over temperature", lambda: _over_temperature(bench))
     offset = found.run("dark signal", lambda: float(shortest_dark(bench).mean.mean()))
     signal = found.run("dark signal", lambda: dark_signal(longest_dark(bench), offset or 0.0))
     if signal is not None:

@@ -6,11 +6,10 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..core.types import Float64Array
 from .families import FAMILIES, Family, Normal, Parameters
 
-Float64Array = NDArray[np.float64]
 STEPS, STEPS_OF_AN_EDGE, STEPS_AT_THE_END = 60, 6, 300
 """Of expectation and maximisation: before the edges of the uniform part, for each candidate edge, and after."""
 CANDIDATES, CLOSER, BISECTIONS = 12, 4, 14

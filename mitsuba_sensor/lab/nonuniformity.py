@@ -8,9 +8,9 @@ from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core import InputError
+from ..core.types import Float64Array
 from .clipping import temporal_note
 from .highpass import highpass, highpass_power
 from .mean_squares import MeanSquare, MeanSquares, root, spatial_mean_squares, temporal_mean_squares
@@ -20,7 +20,6 @@ from .stack import Stack
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Float64Array = NDArray[np.float64]
 Noise = tuple[MeanSquares | None, float]
 """Mean squares of temporal noise over the number of frames, None for one frame; and how often they are added."""
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import InputError
-from .estimators import Float64Array
+from ..core.types import Float64Array
 from .line_fits import line_through_origin
 from .quantity import Quantity, unknown
 from .saturation import Peak, find_peak, peak

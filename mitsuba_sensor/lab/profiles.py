@@ -6,16 +6,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core import InputError
+from ..core.types import Float64Array
 from .quantity import Quantity, student_interval
 from .stack import Stack
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Float64Array = NDArray[np.float64]
 SECTION = "EMVA 1288 R4 8.7"
 
 

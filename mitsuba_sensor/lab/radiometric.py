@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .estimators import Float64Array
+from ..core.types import Float64Array
 from .line_fits import line_through_origin
 from .quantity import Quantity, quotient, unknown
 from .saturation import Peak, find_peak

@@ -18,7 +18,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from .estimators import Float64Array
+from ..core.types import Float64Array
 
 MOST_VALUES = 2**17
 """Codes that are used, of pixels at equal distances: they give σ within 0.3 %, or 2 % where few pixels change code."""

@@ -11,6 +11,7 @@ import scipy
 from numpy.typing import NDArray
 
 from ..core import InputError
+from ..core.types import Float64Array
 from .quantity import Quantity, share_interval
 from .stack import Stack
 from .two_levels import TwoLevels, best_split, two_levels
@@ -18,7 +19,6 @@ from .two_levels import TwoLevels, best_split, two_levels
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Float64Array = NDArray[np.float64]
 SECTION = "likelihood ratio of two levels and one"
 FEWEST_FRAMES, FEWEST_IN_A_LEVEL = 8, 3
 """Of a stack; and of a level: one or two frames above all others are a particle's."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 import scipy
 
-from .estimators import Float64Array
+from ..core.types import Float64Array
 from .quantity import Quantity, product, quotient, unknown
 from .series import Series
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import InputError
-from .estimators import Float64Array
+from ..core.types import Float64Array
 from .stack import Stack
 from .temporal import Temporal, temporal
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .estimators import Float64Array
+from ..core.types import Float64Array
 from .quantity import Quantity
 from .saturation import find_peak
 from .series import Series

@@ -8,15 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from ..core.types import Float64Array
 from .quantity import Quantity, normal_interval
 from .stack import Stack
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Float64Array = NDArray[np.float64]
 SECTION = "EMVA 1288 A2.01 7.3.2"
 LINES = 64
 """Lines that are transformed at once: a bound of the memory."""

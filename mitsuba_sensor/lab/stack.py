@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import InputError
+from ..core.types import Float64Array
 from .clipping import Clipping, clipping_of
 
-Float64Array = NDArray[np.float64]
 STRIP_VALUES = 2**22
 """Values that are float64 at once: 32 MiB, whatever the size of the stack."""
 

@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 
 from ..core import InputError
-from .estimators import Float64Array
+from ..core.types import Float64Array
 from .stack import Stack
 
 FEWEST_PIXELS = 16

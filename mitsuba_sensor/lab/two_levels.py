@@ -8,7 +8,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-Float64Array = NDArray[np.float64]
+from ..core.types import Float64Array
+
 STEPS = 40
 """Of expectation and maximisation."""
 ROUNDING_DN2 = 1 / 12

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..estimators import Float64Array
+from ...core.types import Float64Array
 from ..mean_squares import MeanSquare, MeanSquares, root, spatial_mean_squares
 
 PARTS: dict[str, Callable[[MeanSquares], list[MeanSquare]]] = {

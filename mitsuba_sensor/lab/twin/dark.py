@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...core import InputError
+from ...core.types import Float64Array
 from ..dark_current import errors_of_means
-from ..estimators import Float64Array
 from ..families import FAMILIES
 from ..mean_squares import MeanSquares, temporal_mean_squares
 from ..quantity import Quantity, normal_interval, student_interval, unknown

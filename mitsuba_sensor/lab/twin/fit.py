@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...core import InputError
+from ...core.types import Float64Array
 from ..bench import Bench, read_bench
-from ..estimators import Float64Array
 from .evidence import Fitted
 from .fields import Value, fields_of, full_well
 from .ladder import gains_of, step_notes

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..estimators import Float64Array
+from ...core.types import Float64Array
 from ..mean_squares import temporal_mean_squares
 from ..quantity import Quantity
 from ..stack import Stack

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from ..estimators import Float64Array
+from ...core.types import Float64Array
 from ..quantity import LEVEL
 
 STEP, FARTHEST = 1 / 12, 6.0

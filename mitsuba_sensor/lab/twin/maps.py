@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..estimators import Float64Array
+from ...core.types import Float64Array
 from .combined_map import scaled_to
 from .setting import Setting, assembled
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...core.types import Float64Array
 from ..dark_noise import dark_noise
-from ..estimators import Float64Array
 from ..line_noise import line_noise
 from ..quantity import Quantity, unknown
 from ..series import COARSE_DN2, ROUNDING_DN2

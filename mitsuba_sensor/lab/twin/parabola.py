@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..estimators import Float64Array
+from ...core.types import Float64Array
 
 
 def straight(signal: Float64Array, curvature: float) -> Float64Array:

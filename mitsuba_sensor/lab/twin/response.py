@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 import scipy
 
-from ..estimators import Float64Array
+from ...core.types import Float64Array
 from ..photon_transfer import PhotonTransfer, photon_transfer
 from ..quantity import Quantity, normal_interval, student_interval
 from ..radiometric import radiometric

@@ -10,9 +10,9 @@ from typing import TypeVar
 import numpy as np
 
 from ...core import InputError
+from ...core.types import Float64Array
 from ..bench import Bench
 from ..dark_temperature import dark_temperature
-from ..estimators import Float64Array
 from ..quantity import Quantity
 from ..selection import by_temperature, dark_series, darks_of, half_saturated
 from ..stack import Stack
