@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from helpers import ROOT
@@ -79,9 +81,10 @@ def test_frames_of_a_published_camera_have_its_gain_and_read_noise(name: str) ->
 
 
 def stack(camera: ms.Camera, share: float) -> Stack:
-    """Two frames of a share of the saturation, of the pixels of one colour."""
+    """Two frames of a share of the saturation, of the pixels of one colour; noise of its own at every share."""
     photons = share * saturation_e(camera) / camera.qe([camera.quantum_efficiency.reference_nm]).max()
-    frames = ms.expose(np.full((400, 800), photons), camera, ms.Exposure(0.0), frames=2, engine="numpy").digital
+    options: Any = {"frames": 2, "seed": round(1000 * share), "engine": "numpy"}
+    frames = ms.expose(np.full((400, 800), photons), camera, ms.Exposure(0.0), **options).digital
     of_green = frames[:, ::2, 1::2] if len(camera.filter_names) > 1 else frames
     return Stack(of_green, 0.0, photons, bits=camera.adc.bits)
 
