@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,6 +23,13 @@ from .parabola import straight
 SECTION = "fit"
 FAMILY_NAMES = {"normal": "gaussian", "log-normal": "lognormal", "gamma": "gamma", "inverse Gaussian": "wald"}
 """Distributions of the laboratory → those of a camera file."""
+EXCESS: dict[str, Callable[[float], float]] = {
+    "gaussian": lambda cv: 0.0,
+    "lognormal": lambda cv: (1 + cv**2) ** 4 + 2 * (1 + cv**2) ** 3 + 3 * (1 + cv**2) ** 2 - 6,
+    "gamma": lambda cv: 6 * cv**2,
+    "wald": lambda cv: 15 * cv**2,
+}
+"""Excess kurtosis: a sample variance is as many halves of it less certain than of normal values, in variance."""
 CLEAR = 3.0
 """Spread of the dark current over what averaging left of noise, from which on its distribution is looked at."""
 SAME_S = 0.01
@@ -177,13 +184,12 @@ def _over_pixels(rates: CombinedMap | None, rate: Quantity) -> tuple[Quantity, s
     if rates is None or not rate.low > 0:
         return unknown(like, "dark current is not told from 0"), None
     value, low, high = rates.spread()["all"]
-    sigma = replace(like, value=value, low=low, high=high)
-    cv = sigma.divided(rate, "")
-    own = float(rates.image.std())
-    noise = math.sqrt(max(own**2 - sigma.value**2, 0.0))
-    if not sigma.low > 0:
-        return cv.noted("not told from 0"), None
-    return cv, _family(rates.image) if sigma.value > CLEAR * noise else None
+    noise = math.sqrt(max(float(rates.image.var()) - value**2, 0.0))
+    family = _family(rates.image) if low > 0 and value > CLEAR * noise else None
+    wider = math.sqrt(1 + EXCESS[family](value / rate.value) / 2) if family else 1.0
+    ends = (max(value + wider * (end - value), 0.0) for end in (low, high))
+    cv = replace(like, value=value, low=next(ends), high=next(ends)).divided(rate, "")
+    return cv if low > 0 else cv.noted("not told from 0"), family
 
 
 def _family(image: Float64Array) -> str | None:

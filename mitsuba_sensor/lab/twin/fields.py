@@ -88,11 +88,14 @@ def _dark(one: Setting) -> Iterator[Value]:
 
 
 def _noise(one: Setting) -> Iterator[Value]:
-    noise, unset = one.noise, ("white_nv_per_rthz", "band_hz", "read_noise_shape")
+    noise, unset = one.noise, ("white_nv_per_rthz", "band_hz")
     yield from (Value(f"source_follower.{name}", None) for name in unset)
     yield _number("source_follower.read_noise_e", one.electrons(noise.read), "")
     yield _number("source_follower.read_noise_cv", noise.cv, "")
-    yield Value("source_follower.read_noise_distribution", "normal")
+    yield Value("source_follower.read_noise_distribution", noise.law.name, noise.law.said)
+    shaped = noise.shape.known
+    shape = (noise.shape.quantity.value, noise.shape.source) if shaped else (None, "")
+    yield Value("source_follower.read_noise_shape", *shape)
     yield Value("source_follower.rtn_uv", 0.0)
     yield Value("source_follower.rtn_pixel_fraction", 0.0)
     yield _number("readout.row_noise_e", one.electrons(noise.row), "")

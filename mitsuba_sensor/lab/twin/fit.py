@@ -6,7 +6,7 @@ import copy
 import math
 import os
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ...core import InputError
@@ -16,6 +16,7 @@ from .evidence import Fitted
 from .fields import Value, fields_of, full_well
 from .ladder import gains_of, step_notes
 from .maps import maps_of
+from .noise_law import of_one_family
 from .setting import Setting, fit_setting
 
 NAME = "twin"
@@ -78,7 +79,12 @@ class Twin:
         prnu = {f"PRNU_{part}": one.prnu(part) for part in ("pixel", "row", "column")}
         rate = one.electrons(one.dark.rate, "e-/s")
         found = {"K": one.gain, "black": one.dark.black, **noise, "cv_read": one.noise.cv, **prnu}
-        found |= {"µ_I": rate, "D_N": one.dark.cv, "µ_e.end": one.electrons(one.brightest.end)}
+        found |= {
+            one.noise.law.shape.symbol: one.noise.shape,
+            "µ_I": rate,
+            "D_N": one.dark.cv,
+            "µ_e.end": one.electrons(one.brightest.end),
+        }
         return {name: figure for name, figure in found.items() if figure.known}
 
     def tables(self, like: Mapping[str, Any] | None = None) -> dict[str, Any]:
@@ -177,4 +183,6 @@ def fit(frames: str | os.PathLike[str] | Bench, report: Callable[[int, int], Non
         raise InputError("the bench has no stacks; a twin needs dark frames and flat fields.")
     found = [fit_setting(bench.at_gain(gain)) for gain in bench.gains]
     found.sort(key=lambda one: one.gain.quantity.value)
+    for one, law in zip(found, of_one_family([one.noise.law for one in found]), strict=True):
+        one.noise = replace(one.noise, law=law)
     return Twin(tuple(found), bench.wavelength_nm)

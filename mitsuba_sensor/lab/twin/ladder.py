@@ -9,7 +9,10 @@ from .setting import Setting
 
 
 def gains_of(settings: Sequence[Setting]) -> list[dict[str, Any]]:
-    """K, read noise, black level, row and column noise of each setting; full wells where all of them show one."""
+    """K, read noise with the shape of its law, black level, row and column noise of each setting.
+
+    Full wells too, where all settings show one.
+    """
     wells = all(one.brightest.limited_by == "well" for one in settings)
     return [_rung(one, wells) for one in settings]
 
@@ -22,6 +25,8 @@ def _rung(one: Setting, well: bool) -> dict[str, Any]:
         "row_noise_e": one.electrons(one.noise.row).quantity.value,
         "column_noise_e": one.electrons(one.noise.column).quantity.value,
     }
+    if one.noise.shape.known:
+        numbers["read_noise_shape"] = one.noise.shape.quantity.value
     if well:
         numbers["full_well_e"] = one.electrons(one.brightest.end).quantity.value
     return {**_label(one.name), **numbers}

@@ -15,9 +15,11 @@ from ..series import COARSE_DN2, ROUNDING_DN2
 from ..stack import Stack
 from .dark import Dark
 from .evidence import Fitted, frames_of
-from .hidden_spread import Mixed, hidden_spread
+from .hidden_spread import HiddenSpread, Mixed, hidden_spread
+from .noise_law import NORMAL, NoiseLaw, Pixels, noise_law
 
 READ = Quantity("σ_read", "read noise of the pixels, rms", math.nan, math.nan, math.nan, "DN", "fit")
+UNSEEN = Pixels(math.nan, 0.0, 0.0, True)
 CV = Quantity("cv_read", "spread of the read noise over pixels", math.nan, math.nan, math.nan, "", "fit")
 
 
@@ -25,6 +27,7 @@ CV = Quantity("cv_read", "spread of the read noise over pixels", math.nan, math.
 class ReadNoise:
     """read : σ of a pixel alone, rms over the pixels [DN].  cv : of σ over the pixels.  row, column : σ [DN].
 
+    law : of the read noise.  shape : of that law, unknown of a normal one.
     pixels : σ of each pixel [relative to their rms], (H, W), or None where its spread is not told from 0.
     """
 
@@ -32,7 +35,13 @@ class ReadNoise:
     cv: Fitted
     row: Fitted
     column: Fitted
+    law: NoiseLaw
     pixels: Float64Array | None
+
+    @property
+    def shape(self) -> Fitted:
+        """λ or ν."""
+        return self.read.known_as(self.law.shape)
 
 
 def read_noise(dark: Dark, gain: Quantity) -> ReadNoise:
@@ -45,10 +54,20 @@ def read_noise(dark: Dark, gain: Quantity) -> ReadNoise:
     floor = (ROUNDING_DN2 if whole else 0.0) + shot
     total = float(stack.variance.mean())
     if whole and total < COARSE_DN2 + ROUNDING_DN2:
-        read = _coarse(stack, lines.row, lines.column, shot)
-        return ReadNoise(Fitted(read, frames), Fitted(unknown(CV, "hidden by rounding"), frames), row, column, None)
+        read, law = _coarse(stack, lines.row, lines.column, shot), noise_law(stack, UNSEEN, "hidden by rounding")
+        return ReadNoise(
+            Fitted(read, frames), Fitted(unknown(CV, "hidden by rounding"), frames), row, column, law, None
+        )
     variances, shared = residual_variance(stack)
-    found = hidden_spread(variances.ravel(), len(stack) - 1, Mixed(floor, 1 - shared, shared))
+    mixed = Mixed(floor, 1 - shared, shared)
+    found = hidden_spread(variances.ravel(), len(stack) - 1, mixed)
+    other = shot + sum(one.value**2 for one in (lines.row, lines.column)) + float(stack.frame_means.var(ddof=1))
+    place = float(stack.mean.mean()), dark.offsets.spread()["all"][0]
+    looked_at = Pixels(math.sqrt(found.variance[0]), found.cv[0], other, whole, *place)
+    law = noise_law(stack, looked_at)
+    if law.distribution is not None:
+        found = _of_tails(variances, law, looked_at, len(stack), floor)
+        law = noise_law(stack, looked_at._replace(sigma=math.sqrt(found.variance[0]), cv=found.cv[0]))
     m, least, most = found.variance
     ends = m - math.hypot(m - least, unsure), m + math.hypot(most - m, unsure)
     low, high = (math.sqrt(max(one, 0.0)) for one in ends)
@@ -59,7 +78,14 @@ def read_noise(dark: Dark, gain: Quantity) -> ReadNoise:
         pixels = _of_pixels(variances - floor, cv.value)
     else:
         cv = cv.noted("not told from 0")
-    return ReadNoise(Fitted(read, frames), Fitted(cv, frames), row, column, pixels)
+    return ReadNoise(Fitted(read, frames), Fitted(cv, frames), row, column, law, pixels)
+
+
+def _of_tails(variances: Float64Array, law: NoiseLaw, pixels: Pixels, frames: int, floor: float) -> HiddenSpread:
+    """Where the noise is not normal: sample variances follow no chi-square law, their mean is right all the same."""
+    half = NORMAL * float(variances.std()) / math.sqrt(variances.size)
+    m = max(float(variances.mean()) - floor, 1e-9)
+    return HiddenSpread((m, max(m - half, 0.0), m + half), law.spread_over_pixels(frames, pixels))
 
 
 def _shot_noise(dark: Dark, gain: Quantity) -> tuple[float, float]:
