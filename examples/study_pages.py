@@ -22,9 +22,10 @@ from mitsuba_sensor.study.html_page import text
 
 ROOT = Path(__file__).resolve().parent.parent
 SCENES = ("cornell_box", "color_checker", "still_life", "step_wedge")
+TINY = ("--width", "12", "--frames", "4", "--variant", "scalar_spectral")  # which compiles nothing
 SMALL = {"work-precision": ("--width", "48"), "ablation": ("--width", "64")}
 SHORT = ("--camera", "bayer_2mp", "--exposure-s", "0.02", *SMALL["ablation"])  # its dark current cannot be seen
-QUICK = [("ablation-step_wedge", ("ablation", "scenes/step_wedge.xml", "--width", "12", "--frames", "8"))]
+QUICK = [("ablation-step_wedge", ("ablation", "scenes/step_wedge.xml", *TINY))]
 EVERY = [
     ("paper", ("paper",)),
     ("stress", ("stress",)),

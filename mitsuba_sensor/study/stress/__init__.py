@@ -64,7 +64,7 @@ CASES: dict[str, list[tuple[Any, ...]]] = {  # of a theme; who is asked, and the
     "edges and clips": [(moments.shots, ENGINES, 3.0), (moments.ends,)],
     "defects": [(moments.defects,)],
     "derivatives": [(moments.slopes, COMPILED, 5.0)],
-    "whole frames": [(whole.whole_frames, ENGINES, 1.5), (whole.published_frames, NOBODY)],
+    "whole frames": [(whole.whole_frames, ENGINES), (whole.plans, NOBODY, 10.0), (whole.published_frames, NOBODY)],
     "frame sizes": [(whole.frame_sizes, ENGINES, 2.0)],
 }
 THEMES = tuple(Theme(name, *one) for name, some in CASES.items() for one in some)
