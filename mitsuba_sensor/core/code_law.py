@@ -22,6 +22,9 @@ FEW_HARMONICS = 0.3
 NO_HARMONICS = 1.2
 """σ [DN] from which on rounding far from both clips adds 1/12, to 1e-12."""
 
+CACHED = 2**12
+"""Signals whose harmonics are summed together: these stay in the cache of a processor, which is four times as fast."""
+
 BROAD = 0.25
 """σ as a share of the range from which on the integral is a quadrature."""
 
@@ -71,9 +74,10 @@ def code_moments(
     mean[even], variance[even] = x[even], s[even] ** 2 + 1 / 12
     waved = np.flatnonzero(inside & ~even)
     wide = (s >= NARROW) & ~inside & (inl_lsb is None)
-    error, squared, slope = rounding_error(x[waved], s[waved] ** 2, 3)
-    mean[waved] = x[waved] + error
-    variance[waved] = s[waved] ** 2 * (1 + 2 * slope) + squared - error**2
+    for part in np.array_split(waved, waved.size // CACHED + 1):
+        v = s[part] ** 2
+        error, squared, slope = rounding_error(x[part], v, 3)
+        mean[part], variance[part] = x[part] + error, v * (1 + 2 * slope) + squared - error**2
     mean[wide], variance[wide] = _integrated(x[wide], s[wide], highest)
     levels = None if inl_lsb is None else np.arange(1, highest + 1) - 0.5 + inl_lsb
     narrow = np.flatnonzero(~wide & ~inside)
