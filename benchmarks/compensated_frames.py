@@ -57,7 +57,7 @@ def main() -> None:
     parser.add_argument("--json", action="store_true", help="print JSON only")
     options = parser.parse_args()
     if options.quick:
-        options.size, options.frames, options.exposure_s, options.turns = 8, 6, 1e-4, 1
+        options.size, options.frames, options.exposure_s, options.turns = 8, 4, 3e-5, 1
     exposure = ms.Exposure(options.exposure_s)
     results: dict[str, Any] = machine()
     if options.turns:
