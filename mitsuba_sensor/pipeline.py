@@ -15,6 +15,7 @@ import numpy as np
 
 from .capture_options import CaptureOptions, LightOptions
 from .core import Exposure, InputError, Photons
+from .core.heap import trim_heap
 from .core.options import complete, declared, documents, part_of, used
 from .io import exr, files
 from .io.frame_files import CLEAN, FRAME_FILES, frames_metadata, write_frames
@@ -129,9 +130,10 @@ def capture(
 
 @contextmanager
 def _timed(times_s: dict[str, float], name: str) -> Iterator[None]:
-    """Note the wall-clock seconds that the block takes."""
+    """Note the wall-clock seconds that the block takes, and give back the memory that it no longer needs."""
     start = time.perf_counter()
     yield
+    trim_heap()
     times_s[name] = round(time.perf_counter() - start, 4)
 
 
@@ -240,7 +242,9 @@ def frame_metadata(
         if made is None and options["chain"] == "physical":
             made = plan_for(camera, frames.detected, frames.first)
         found = {} if made is None else made.to_dict()
-        noise, known, off = render_noise(light, frames), frames_metadata(frames), band_error(light, camera)
+        noise = render_noise(light, frames)
+        trim_heap()
+        known, off = frames_metadata(frames), band_error(light, camera)
         wanted = "uncompensated" in origin  # a render for every frame
         grain = () if wanted else noise_note(light, noise, frames)
     return {

@@ -55,10 +55,6 @@ class Photons:
         """Photons of some pixels by their numbers, row after row, (N, B)."""
         return self.mean.reshape(math.prod(self.shape[:2]), -1)[pixels]
 
-    def band(self, number: int) -> NumpyArray:
-        """Photons of one band, (H, W)."""
-        return self.mean[..., number]
-
     def strips(self) -> Iterator[Self]:
         """Parts of whole rows, none of which takes much memory beyond what is there already."""
         yield self
@@ -109,17 +105,17 @@ class PhotonsOfBands(Photons):
         """Photons per pixel over all bands, (H, W)."""
         if self._values is None:
             return super().total
-        return np.concatenate([strip.mean.sum(axis=-1) for strip in self.strips()])
+        found, first = np.empty(self.shape[:2]), 0
+        for strip in self.strips():
+            rows = slice(first, first + len(strip.mean))
+            found[rows], first = strip.mean.sum(axis=-1), rows.stop
+        return found
 
     def at(self, pixels: NumpyArray) -> NumpyArray:
         """Photons of some pixels by their numbers, row after row, (N, B)."""
         if self._values is None:
             return super().at(pixels)
         return _product(self._values.reshape(-1, self.shape[2])[pixels], self._factor)
-
-    def band(self, number: int) -> NumpyArray:
-        """Photons of one band, (H, W)."""
-        return super().band(number) if self._values is None else _product(self._values, self._factor, number)
 
     def strips(self) -> Iterator[Self]:
         """Parts of whole rows, of few megabytes."""
@@ -142,15 +138,13 @@ class PhotonsOfBands(Photons):
         return photons
 
 
-def _product(values: Float32Array, factor: Float64Array, band: int | None = None) -> Float64Array:
-    """Photons (…, B), or of one band (…); 0 where the factor is 0, also of infinite irradiance."""
-    if band is not None:
-        values, factor = values[..., band, None], factor[band, None]
+def _product(values: Float32Array, factor: Float64Array) -> Float64Array:
+    """Photons (…, B); 0 where the factor is 0, also of infinite irradiance."""
     with np.errstate(invalid="ignore"):
         mean = np.multiply(values, factor, dtype=np.float64)
     if not factor.all():
         mean[..., factor == 0] = 0.0
-    return mean if band is None else mean[..., 0]
+    return mean
 
 
 class Filters(NamedTuple):

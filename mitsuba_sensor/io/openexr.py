@@ -17,7 +17,7 @@ from .files import appearing
 
 EXR_MAGIC = b"\x76\x2f\x31\x01"  # OpenEXR file layout, "Magic Number"
 ZIP_ROWS = 16  # that are compressed together (OpenEXR file layout, "ZIP_COMPRESSION")
-VALUES_AT_ONCE = 2**22  # in float32 16 MiB
+VALUES_AT_ONCE = 2**21  # in float32 8 MiB, of which the library makes copies
 
 
 class Plane(NamedTuple):

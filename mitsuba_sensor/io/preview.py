@@ -14,7 +14,7 @@ from ..sensor.stage import converter_of
 from .colour_matrix import ColourMatrix, colour_matrix, colour_order
 
 NEAR, CORNER = 2.0, 1.0  # bilinear weights of the four neighbours beside and across
-PIXELS_AT_ONCE = 2**18  # of a frame that is developed: some twenty float64 maps of them
+PIXELS_AT_ONCE = 2**17  # of a frame that is developed: some twenty float64 maps of them
 HALO_ROWS = 16  # beyond them no pixel matters: demosaicing looks at fewer than ten, edges refined
 BAYER = 2  # rows and columns of a tile of two greens, and of the smallest picture that has one
 

@@ -38,13 +38,13 @@ Image: TypeAlias = NDArray[np.floating]  # float64, or float32 of what came out 
 class Combined(NamedTuple):
     """mean, variance : (H, W) result and its expected squared error.  even, odd : (H, W) the same weights applied to
     each half.  raw_weight : (H, W) of the unbiased estimate.  shift : light that was moved to have the sums of the raw
-    mean, over all light."""
+    mean, over all light.  Maps are float32, but for the mean."""
 
     mean: Float64Array
-    variance: Float64Array
-    even: Float64Array
-    odd: Float64Array
-    raw_weight: Float64Array
+    variance: Image
+    even: Image
+    odd: Image
+    raw_weight: Image
     shift: float
 
 
@@ -73,17 +73,18 @@ def combine(even: list[Image], odd: list[Image], variance: Float64Array, share: 
     raw = share * even[0] + (1 - share) * odd[0]
     scale, (rows, columns) = _scale(raw, variance), variance.shape
     step = max(PIXELS_AT_ONCE // columns, 1)
-    found: list[Float64Array] = [np.empty(variance.shape) for _ in range(6)]
+    mean, spread = np.empty(variance.shape), np.empty(variance.shape)
+    bars, first_half, second_half, raw_weight = (np.empty(variance.shape, np.float32) for _ in range(4))
+    found: tuple[Image, ...] = mean, bars, spread, first_half, second_half, raw_weight
     for first in range(0, rows, step):
         last, top = min(first + step, rows), max(first - HALO_ROWS, 0)
         near = slice(top, min(last + HALO_ROWS, rows))
         here = _combine([x[near] for x in even], [x[near] for x in odd], variance[near], scale[near], share)
         for whole, part in zip(found, here, strict=True):
             whole[first:last] = part[first - top : last - top]
-    mean, bars, spread, even_mean, odd_mean, raw_weight = found
     missing = _missing(raw, mean, spread)
     shift = float(np.abs(missing).sum()) / (float(raw.sum()) or 1.0)
-    return Combined(np.maximum(mean + missing, 0.0), bars, even_mean, odd_mean, raw_weight, shift)
+    return Combined(np.maximum(mean + missing, 0.0), bars, first_half, second_half, raw_weight, shift)
 
 
 def _missing(raw: Float64Array, mean: Float64Array, spread: Float64Array) -> Float64Array:

@@ -34,8 +34,8 @@ class Halves(NamedTuple):
         of a filter that returns (H, W), of the mean of all passes.  share : of the even passes in all of them.
     """
 
-    even: Callable[[], Float64Array]
-    odd: Callable[[], Float64Array]
+    even: Callable[[], Image]
+    odd: Callable[[], Image]
     variance: Callable[[int], Float64Array]
     share: float
 
@@ -49,6 +49,11 @@ class Denoised(NamedTuple):
     even: Image
     odd: Image
     record: Mapping[str, object]
+
+    def without_halves(self) -> Denoised:
+        """The same for who needs mean and variance only."""
+        nothing = np.empty(0, np.float32)
+        return self._replace(even=nothing, odd=nothing)
 
 
 def library() -> ModuleType:
@@ -81,14 +86,16 @@ def denoise(halves: Halves, guides: Guides | None) -> Denoised:
     mean, variance, first, second = (np.empty(shape, np.float32) for _ in range(4))
     raw_weights, shifts = [], []
     for number in range(shape[2]):
-        raw = [half()[..., number].copy() for half in (halves.even, halves.odd)]
-        of_filter = ([one, *(image[..., number] for image in half)] for one, half in zip(raw, filtered, strict=True))
-        even, odd = (_with_residuals(half, guides, number) for half in of_filter)
+        even, odd = (
+            _candidates(half, images, guides, number)
+            for half, images in zip((halves.even, halves.odd), filtered, strict=True)
+        )
         found = combine(even, odd, halves.variance(number), halves.share)
         mean[..., number], variance[..., number] = found.mean, found.variance
         first[..., number], second[..., number] = found.even, found.odd
-        raw_weights.append(found.raw_weight.mean())
+        raw_weights.append(found.raw_weight.mean(dtype=np.float64))
         shifts.append(abs(found.shift))
+        del even, odd, found  # they need not wait for those of the next filter
     record = {
         "by": f"Open Image Denoise (pyoidn {metadata.version('pyoidn')})",
         "guided": guides is not None,
@@ -98,7 +105,7 @@ def denoise(halves: Halves, guides: Guides | None) -> Denoised:
     return Denoised(mean, variance, first, second, record)
 
 
-def _filtered_halves(half: Callable[[], Float64Array], guides: Guides | None) -> list[Image]:
+def _filtered_halves(half: Callable[[], Image], guides: Guides | None) -> list[Image]:
     """(H, W, F) each: a half denoised, and where there are guides denoised without its reflectance, too."""
     if guides is None:
         return [smoothed(_layers(half()), None, None)]
@@ -114,10 +121,12 @@ def _divisor(guides: Guides) -> NDArray[np.float32]:
     return np.maximum(guides.reflectance, DARKEST_REFLECTANCE)
 
 
-def _with_residuals(half: list[Image], guides: Guides | None, number: int) -> list[Image]:
-    """The candidates of one filter, raw ones first, with what the last one lost."""
+def _candidates(half: Callable[[], Image], filtered: list[Image], guides: Guides | None, number: int) -> list[Image]:
+    """Of one filter, (H, W) each: the raw half, the filtered ones, and these with what the last one lost."""
     reflectance = 1.0 if guides is None else np.maximum(guides.reflectance[..., number], DARKEST_REFLECTANCE)
-    return [*half[:-1], *with_residuals(half[0], half[-1], reflectance)]
+    raw = half()[..., number].astype(np.float64)
+    *others, last = (image[..., number] for image in filtered)
+    return [raw, *others, *with_residuals(raw, last, reflectance)]
 
 
 class Layers(NamedTuple):
@@ -131,8 +140,8 @@ class Layers(NamedTuple):
     images: int
 
 
-def _layers(image: Float64Array) -> Layers:
-    count, scale = image.shape[2], float(image.mean()) or 1.0
+def _layers(image: Image) -> Layers:
+    count, scale = image.shape[2], float(image.mean(dtype=np.float64)) or 1.0
     values = np.empty((*image.shape[:2], -(-count // COLOURS) * COLOURS), np.float32)
     for k in range(values.shape[2]):
         values[..., k] = image[..., min(k, count - 1)] / scale

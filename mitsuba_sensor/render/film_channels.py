@@ -54,6 +54,20 @@ def folded(images: Iterable[NDArray[np.float32]], groups: tuple[slice, ...], ban
     return np.concatenate([*parts, filters], axis=-1)
 
 
+def of_own_filter(per_filter: NDArray[np.floating], tile: NDArray[np.integer], origin: tuple[int, int]) -> Float64Array:
+    """(H, W, F), or (H, W, 1) for all filters, as each pixel's own filter has it, (H, W).
+
+    tile : filter numbers that repeat over the sensor.  origin : (row, column) of the first pixel on it.
+    """
+    if per_filter.shape[2] == 1:
+        return np.asarray(per_filter[..., 0], np.float64)
+    found, (down, right) = np.empty(per_filter.shape[:2]), tile.shape
+    for row, column in np.ndindex(tile.shape):
+        here = slice((row - origin[0]) % down, None, down), slice((column - origin[1]) % right, None, right)
+        found[here] = per_filter[*here, tile[row, column]]
+    return found
+
+
 def in_band_factor(electrons: NDArray[np.floating], bands: NDArray[np.floating]) -> NDArray[np.float32]:
     """Photoelectrons over those of the bands with a flat spectrum in each, (H, W); 1 where that is no number."""
     with np.errstate(divide="ignore", invalid="ignore"):

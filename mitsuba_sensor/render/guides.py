@@ -51,6 +51,17 @@ def render_guides(
     return found
 
 
+def detected_quarters(weights: Float64Array, spectrum: Float64Array, wavelengths_nm: Float64Array) -> Float64Array:
+    """Wavelengths in the middles of quarters of what each filter detects of light, (F, 4) [nm].
+
+    weights : (F, B) photoelectrons of 1 W m⁻² nm⁻¹ in each band.  spectrum : (B,) of the light.
+    """
+    detected = np.cumsum(weights * spectrum + np.finfo(float).tiny, axis=1)
+    middles = (detected - 0.5 * np.diff(detected, axis=1, prepend=0.0)) / detected[:, -1:]
+    quarters = (np.arange(QUARTERS) + 0.5) / QUARTERS
+    return np.array([np.interp(quarters, one, wavelengths_nm) for one in middles])
+
+
 def rays_per_pixel(pixels: int) -> int:
     """A square number, more for small pictures: 1024 up to 90 × 90, 64 from 360 × 360 on."""
     return whole_square(min(max(RAYS_IN_ALL / pixels, FEWEST_RAYS), MOST_RAYS))

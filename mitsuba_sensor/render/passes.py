@@ -91,12 +91,21 @@ class RunningMean:
         self.count, self.mean = 0, mean
 
     def add(self, values: Float64Array) -> None:
-        """Add one pass, some rows at a time."""
+        """Add one pass."""
+        self.begin_pass()
+        self.add_rows(values)
+
+    def begin_pass(self) -> None:
+        """What :meth:`add_rows` is given from now on belongs to one more pass."""
         self.count += 1
+
+    def add_rows(self, values: Float64Array, first: int = 0) -> None:
+        """Add rows of the pass that has begun, a few at a time.  first : number of the first one."""
         step = max(VALUES_AT_ONCE // max(math.prod(values.shape[1:]), 1), 1)
-        for first in range(0, len(values), step):
-            rows = slice(first, first + step)
-            delta = values[rows] - self.mean[rows]
+        for start in range(0, len(values), step):
+            some = values[start : start + step]
+            rows = slice(first + start, first + start + len(some))
+            delta = some - self.mean[rows]
             self.mean[rows] += delta / self.count
             self._note(rows, delta)
 

@@ -21,6 +21,7 @@ from ..core import (
     require,
     require_seed,
 )
+from ..core.heap import trim_heap
 from ..core.units import photon_energy_j
 from ..sensor.camera import Camera
 from ..sensor.checks import as_photons
@@ -121,7 +122,9 @@ def collected(
 
 def metered(light: Irradiance, camera: Camera, metering: Metering) -> Exposure:
     """The exposure at which a picture of this light is as bright as asked for. Raises InputError if it is black."""
-    return metering.exposure(as_photons(collect(light, camera, metering.unit_exposure), camera), camera)
+    found = metering.exposure(as_photons(collect(light, camera, metering.unit_exposure), camera), camera)
+    trim_heap()
+    return found
 
 
 def is_exact(light: Irradiance, camera: Camera) -> bool:

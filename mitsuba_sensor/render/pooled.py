@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from ..core import Float64Array
 from .combine import SMALLEST, box
@@ -11,6 +12,7 @@ from .combine import SMALLEST, box
 RADIUS_PX = 1  # of the neighbourhood
 DARKEST = 1e-3  # of the mean of the picture: darker pixels are compared as if they were as bright
 FEWEST = 3  # passes
+MOST_RELATIVE = 1e6  # standard error over the light: of pixels in which there is none
 
 
 def pooled(mean: Float64Array, variance: Float64Array, passes: int) -> Float64Array:
@@ -34,3 +36,12 @@ def pooled(mean: Float64Array, variance: Float64Array, passes: int) -> Float64Ar
     prior = min(2 / beyond, most) if beyond > 2 / most else most
     found = (freedom * own + prior * near) / (freedom + prior) * level**2
     return np.where(mean > 0, found, variance)
+
+
+def relative_errors(mean: Float64Array, variance: Float64Array, infinite: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Standard errors over the light, all (H, W); at most MOST_RELATIVE, and inf where the light is infinite."""
+    found = np.sqrt(variance)
+    least = found / MOST_RELATIVE + np.finfo(float).tiny
+    found /= np.maximum(mean, least, out=least)
+    found[infinite] = np.inf
+    return found.astype(np.float32)

@@ -6,8 +6,6 @@ import time
 from dataclasses import dataclass, replace
 from typing import Literal, Unpack
 
-import numpy as np
-
 from ..core import Exposure, InputError, first_given, require_seed
 from ..core.options import complete, documents
 from ..optics.intrinsics import aperture_f_number, intrinsics
@@ -196,7 +194,7 @@ class PreparedRender:
         longer = 1.0 if known else exposure.time_s / self.exposure.time_s
         noise = self.renderer.noise if known else input_noise(self.camera, exposure)
         ratio = noise.ratio(mean_e * longer, variance_e2 * longer**2)
-        return summary_of(np.where(self.renderer.infinite(), np.inf, ratio), mean_e > 0, passes)
+        return summary_of(ratio, (mean_e > 0) & ~self.renderer.infinite(), passes)
 
     def _denoised(self, exposure: Exposure, raw: Electrons) -> dict[str, object] | None:
         """What the denoiser did, and the noise ratio before."""

@@ -35,8 +35,10 @@ def render_noise(light: Irradiance, frames: Frames) -> dict[str, float | None]:
     electrons = (frames.detected if known else detect(frames.light, detection, frames.first)).mean_e
     statistics = light.statistics
     with np.errstate(invalid="ignore"):
-        variance_e2 = (light.relative_error.astype(np.float64) * electrons) ** 2
+        variance_e2 = light.relative_error * electrons
+        variance_e2 *= variance_e2
     ratio = input_noise(frames.camera, frames.first.exposure).ratio(electrons, variance_e2)
+    del variance_e2
     lit = np.isfinite(electrons) & np.isfinite(ratio) & (electrons > 0)
     passes = POOLED if statistics.passes >= FEWEST else statistics.passes
     found = summary_of(np.where(np.isfinite(electrons), ratio, np.inf), electrons > 0, passes)

@@ -16,26 +16,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import Exposure, Float64Array
-from ..core.llvm import drjit
+from ..core.heap import trim_heap
 from ..optics.f_number_law import solid_angle_sr
 from ..sensor.camera import Camera
 from ..sensor.input_noise import InputNoise, input_noise
 from .bands import Bands
 from .denoise import LEAST_PASSES, LEAST_PIXELS, Denoised, Halves, denoise
-from .film_channels import electrons_of_film, folded, in_band_factor
-from .filter_bands import denoised_bands, raw_bands
-from .guides import FEWEST_RAYS, QUARTERS, Guides, rays_per_pixel, whole_square
+from .film_channels import electrons_of_film, folded, in_band_factor, of_own_filter
+from .filter_bands import VALUES_AT_ONCE, denoised_bands, raw_bands
+from .guides import FEWEST_RAYS, Guides, detected_quarters, rays_per_pixel, whole_square
 from .moving_scene import MovingScene
 from .passes import clean, hashed_seed, row_strips
 from .photons import electrons_per_irradiance
-from .pooled import pooled
+from .pooled import pooled, relative_errors
 from .row_strip import BandSums, Kept, RowStrip
 from .scene import Scene
 from .statistics import firefly_fraction, median_bias
 from .stop_criterion import End, Progress, ProgressMeter, StopCriterion
 from .variants import mitsuba
 
-MOST_RELATIVE = 1e6  # standard error over the light: of pixels in which there is none
 Map = Float64Array
 Criterion = Callable[[Map, Map, int], float]
 Electrons = tuple[Map, Map]  # mean, and expected squared error of the mean
@@ -66,15 +65,13 @@ class Renderer:
     def __init__(
         self, scene: Scene | MovingScene, camera: Camera, exposure: Exposure, bands: Bands, keep: Kept = Kept.SPREAD
     ) -> None:
-        (columns, rows), (column, row) = scene.view.crop_size, scene.view.crop_offset
+        (columns, rows), self._tile = scene.view.crop_size, np.array(camera.tile)
         self.scene, self.bands = scene, bands
         self._weights = electrons_per_irradiance(camera, exposure, bands)
         can_be_denoised = columns * rows >= LEAST_PIXELS and self._weights.any()
         self._keep = keep if can_be_denoised else Kept.SPREAD
         self._halves = Kept.HALVES in self._keep
         self._film_weights = electrons_of_film(camera, exposure, bands)
-        self._filters = np.asarray(camera.filter_index((rows, columns), (row, column)))
-        self._tile_columns = len(camera.tile[0])
         self._solid_angle, self._scale = solid_angle_sr(scene.view, camera), bands.scale
         self._camera, self._exposure, self.seconds_per_sample = camera, exposure, 0.0
         self.negative = self.non_finite = self.passes = self.samples = 0
@@ -122,18 +119,26 @@ class Renderer:
         for s, strip in enumerate(self.strips):
             if s:
                 meter.report(self.passes * len(self.strips) + s)
-            rows = strip.rows
-            radiance = clean(self._radiance(hashed_seed(seed, s, self.passes), strip.ends))
-            self.negative += radiance.negative
-            self.non_finite += radiance.non_finite
-            if radiance.infinite is not None:
-                strip.infinite |= radiance.infinite.any(axis=-1)
-            irradiance = radiance.values
-            irradiance *= self._solid_angle[rows, :, None] * self._scale
-            per_filter = irradiance @ self._film_weights.T
-            own = self._own(per_filter, rows)
-            strip.add(irradiance[..., : len(self.bands)], per_filter if self._halves else own[..., None], own)
+            radiance = self._radiance(hashed_seed(seed, s, self.passes), strip.ends)
+            strip.begin_pass()
+            step = max(VALUES_AT_ONCE // radiance[0].size, 1)
+            for first in range(0, len(radiance), step):
+                self._add(strip, first, radiance[first : first + step])
         self.passes += 1
+
+    def _add(self, strip: RowStrip, first: int, radiance: NDArray[np.float32]) -> None:
+        """Some rows of a pass.  first : the first one's number in the strip."""
+        found, start = clean(radiance), strip.rows.start + first
+        rows = slice(start, start + len(radiance))
+        self.negative += found.negative
+        self.non_finite += found.non_finite
+        if found.infinite is not None:
+            strip.infinite[first : first + len(radiance)] |= found.infinite.any(axis=-1)
+        irradiance = found.values
+        irradiance *= self._solid_angle[rows, :, None] * self._scale
+        per_filter = irradiance @ self._film_weights.T
+        own = self._own(per_filter, rows)
+        strip.add(first, irradiance[..., : len(self.bands)], per_filter if self._halves else own[..., None], own)
 
     def _radiance(self, seed: int, rows: tuple[int, int]) -> NDArray[np.float32]:
         """One pass of some rows, the groups of bands one after the other, (rows, columns, bands + filters)."""
@@ -161,9 +166,8 @@ class Renderer:
 
     def _own(self, per_filter: NDArray[np.floating], rows: slice = slice(None)) -> Float64Array:
         """(H, W, F) as each pixel's own filter has it, (H, W)."""
-        if per_filter.shape[2] == 1:
-            return np.asarray(per_filter[..., 0], np.float64)
-        return np.take_along_axis(per_filter, self._filters[rows, :, None], axis=-1)[..., 0].astype(np.float64)
+        column, row = self.scene.view.crop_offset
+        return of_own_filter(per_filter, self._tile, (row + (rows.start or 0), column))
 
     def electrons(self) -> Electrons:
         """Mean photoelectrons of one exposure, and the expected squared error of that mean, (H, W) each: denoised where
@@ -184,19 +188,20 @@ class Renderer:
         what only passes need is forgotten, to save memory."""
         if self.passes < LEAST_PASSES or not self._halves:
             return
-        if self._guides is None and not mitsuba().variant().startswith("scalar"):
-            self._guides = self._render_guides()
-        drjit().flush_malloc_cache()  # what it keeps for the next kernel
+        spectrum = np.mean([strip.bands.mean.mean(axis=(0, 1), dtype=np.float64) for strip in self.strips], axis=0)
         share = ((self.passes + 1) // 2) / self.passes
         even, odd = (partial(self._half, share, odd) for odd in (False, True))
         with self._sums.on_disk():
+            if self._guides is None and not mitsuba().variant().startswith("scalar"):
+                self._guides = self._render_guides(spectrum)
+            trim_heap()
             self.denoised = denoise(Halves(even, odd, self._variance_of, share), self._guides)
-        if last:
-            self._fireflies, self._guides = self.firefly_fraction(), None
-            for strip in self.strips:
-                strip.finish()
+            if last:
+                self._fireflies, self._guides = self.firefly_fraction(), None
+                for strip in self.strips:
+                    strip.finish()
 
-    def _half(self, share: float, odd: bool) -> Float64Array:
+    def _half(self, share: float, odd: bool) -> NDArray[np.float32]:
         """Mean photoelectrons of the even passes or the others, (H, W, F)."""
         found = np.concatenate([s.even_e for s in self.strips if s.even_e is not None])
         found /= share * self.passes
@@ -213,15 +218,12 @@ class Renderer:
         """Forget the last render; what it returned stays."""
         self.strips, self.denoised, self._guides = [], None, None
         del self._sums
+        trim_heap()
 
-    def _render_guides(self) -> Guides:
-        """Guides at four wavelengths of each filter: the middles of quarters of what it detects of this scene."""
-        (columns, rows), bands = self.scene.view.crop_size, self.bands
-        spectrum = np.mean([strip.bands.mean.mean(axis=(0, 1), dtype=np.float64) for strip in self.strips], axis=0)
-        detected = np.cumsum(self._weights * spectrum + np.finfo(float).tiny, axis=1)
-        middles = (detected - 0.5 * np.diff(detected, axis=1, prepend=0.0)) / detected[:, -1:]
-        quarters = (np.arange(QUARTERS) + 0.5) / QUARTERS
-        wavelengths_nm = np.array([np.interp(quarters, one, bands.wavelengths_nm) for one in middles])
+    def _render_guides(self, spectrum: Float64Array) -> Guides:
+        """Guides at four wavelengths of each filter, by what it detects of the mean spectrum of the scene."""
+        columns, rows = self.scene.view.crop_size
+        wavelengths_nm = detected_quarters(self._weights, spectrum, self.bands.wavelengths_nm)
         rays = min(rays_per_pixel(columns * rows), max(whole_square(self.samples * self.passes), FEWEST_RAYS))
         found = self.scene.guides(wavelengths_nm, rays, (0, rows))
         return Guides(np.ascontiguousarray(found[..., :-3]), np.ascontiguousarray(found[..., -3:]))
@@ -243,9 +245,9 @@ class Renderer:
         """Mean photoelectrons, the variance of that mean, (H, W) each, and its degrees of freedom. That of a single
         pass is half the squared difference of neighbours behind one filter, correct where the image is smooth."""
         mean, variance = self._raw_electrons()
-        if self.passes > 1 or mean.shape[1] <= self._tile_columns:
+        if self.passes > 1 or mean.shape[1] <= (step := self._tile.shape[1]):
             return mean, variance, max(self.passes - 1, 1)
-        right, left = mean[:, self._tile_columns :], mean[:, : -self._tile_columns]
+        right, left = mean[:, step:], mean[:, :-step]
         return right, 0.5 * (right - left) ** 2, 1
 
     def median_ratio(self, mean_e: Map, variance_e2: Map, freedom: int) -> float:
@@ -270,23 +272,26 @@ class Renderer:
     def result(self, keep: bool = False) -> Estimate:
         """What was rendered and, where that was done, denoised. A pixel with an infinite band is infinite in all.
         Unless asked to ``keep`` them, the sums of the bands are written over, to save memory."""
-        columns, rows = self.scene.view.crop_size
-        shape = (rows, columns, len(self.bands))
+        shape = (*self.scene.view.crop_size[::-1], len(self.bands))
         data, error = (np.empty(shape, np.float32), np.empty(shape, np.float32)) if keep else self._sums.reused()
-        relative = np.empty((rows, columns), np.float32)
         mean, variance = self.electrons()
         if self.denoised is None:
             variance = pooled(mean, variance, self.passes)
+        relative = relative_errors(mean, variance, self.infinite())
+        del variance
+        trim_heap()
+        in_band = np.empty_like(relative) if self.bands.filters else None
         for strip in self.strips:
             infinite, here = strip.infinite, strip.rows
-            sigma = np.sqrt(variance[here])
-            positive = np.maximum(mean[here], sigma / MOST_RELATIVE + np.finfo(float).tiny)
-            relative[here] = np.where(infinite, np.inf, sigma / positive)
             if self.denoised is None or strip.even is None:
                 data[here], error[here] = raw_bands(strip)
             else:
-                of_rows = (getattr(self.denoised, name)[here] for name in ("mean", "even", "odd"))
-                data[here], error[here] = denoised_bands(strip, self._weights, list(of_rows), relative[here])
+                of_rows = [getattr(self.denoised, name)[here] for name in ("mean", "even", "odd")]
+                data[here], error[here] = denoised_bands(strip, self._weights, of_rows, relative[here])
             data[here][infinite] = error[here][infinite] = np.inf
-        flat = [self._own(data[s.rows] @ self._weights.T, s.rows) for s in self.strips] if self.bands.filters else []
-        return Estimate(data, error, relative, in_band_factor(mean, np.concatenate(flat)) if flat else None)
+            if in_band is not None:
+                in_band[here] = in_band_factor(mean[here], self._own(data[here] @ self._weights.T, here))
+        if not keep and self.denoised is not None:
+            self.denoised = self.denoised.without_halves()
+        trim_heap()
+        return Estimate(data, error, relative, in_band)

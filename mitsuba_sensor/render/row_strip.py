@@ -59,7 +59,7 @@ class BandSums:
 
 
 class RowStrip:
-    """Accumulated passes of some rows: per band, and as photoelectrons behind the filters.
+    """Accumulated passes of some rows: per band, and as photoelectrons behind the filters, in float32.
 
     electrons : (H, W, F) behind every filter where half-sets are kept, else (H, W, 1) of each pixel's own.
     even, even_e : sums of the passes 0, 2, 4, … of bands and electrons, or None.
@@ -69,33 +69,54 @@ class RowStrip:
     def __init__(self, rows: slice, sums: BandSums, filters: int) -> None:
         shape = (rows.stop - rows.start, sums.mean.shape[1])
         self.rows, self.ends = rows, (rows.start, rows.stop)
-        self.bands, self.electrons = sums.of_rows(rows), Welford.of_shape((*shape, filters))
-        self.brightest, self.infinite = np.zeros(shape), np.zeros(shape, bool)
+        of_filters = (*shape, filters)
+        self.electrons = Welford(np.zeros(of_filters, np.float32), np.zeros(of_filters, np.float32))
+        self.bands, self.infinite = sums.of_rows(rows), np.zeros(shape, bool)
+        self.brightest = np.zeros(shape, np.float32)
         self.even = None if sums.even is None else sums.even[rows]
-        self.even_e = None if sums.even is None else np.zeros((*shape, filters))
+        self.even_e = None if sums.even is None else np.zeros(of_filters, np.float32)
 
-    def add(self, irradiance: Float64Array, electrons: Float64Array, own: Float64Array) -> None:
-        """Add one pass. own : (H, W) electrons of each pixel's own filter."""
-        if self.even is not None and self.even_e is not None and self.bands.count % 2 == 0:
-            self.even += irradiance
-            self.even_e += electrons
-        np.maximum(self.brightest, own, out=self.brightest)
-        self.bands.add(irradiance)
-        self.electrons.add(electrons)
+    def begin_pass(self) -> None:
+        """What :meth:`add` is given from now on belongs to one more pass."""
+        self.bands.begin_pass()
+        self.electrons.begin_pass()
+
+    def add(self, first: int, irradiance: Float64Array, electrons: Float64Array, own: Float64Array) -> None:
+        """Add some rows of the pass that has begun.
+
+        first : the first one's number in the strip.  own : (H, W) electrons of each pixel's own filter.
+        """
+        here = slice(first, first + len(own))
+        if self.even is not None and self.even_e is not None and self.bands.count % 2 == 1:
+            self.even[here] += irradiance
+            self.even_e[here] += electrons
+        np.maximum(self.brightest[here], own, out=self.brightest[here])
+        self.bands.add_rows(irradiance, first)
+        self.electrons.add_rows(electrons, first)
 
     def finish(self) -> None:
         """Forget what only further passes need, and the spread of the electrons."""
         self.electrons, self.even_e = Welford(self.electrons.mean, np.empty(0)), None
         self.brightest = np.empty(0)
 
-    def half(self, odd: bool) -> Float64Array:
+    def half(self, odd: bool, rows: slice = slice(None)) -> Float64Array:
         """Means of the bands over the even or the odd passes, of two or more."""
         assert self.even is not None
+        return self._half(odd, self.bands.mean[rows], self.even[rows])
+
+    def spectra(self) -> tuple[Float64Array, Float64Array, Float64Array]:
+        """Of all pixels together, (B,) each: over all passes, the even and the odd ones."""
+        assert self.even is not None
+        mean, even = (bands.mean(axis=(0, 1), dtype=np.float64) for bands in (self.bands.mean, self.even))
+        return mean, self._half(False, mean, even), self._half(True, mean, even)
+
+    def _half(self, odd: bool, mean: NDArray[np.floating], even: NDArray[np.floating]) -> Float64Array:
+        """Of the mean of all passes, and the sum of the even ones."""
         count, first = self.bands.count, (self.bands.count + 1) // 2
         if not odd:
-            return np.asarray(np.divide(self.even, first, dtype=np.float64))
-        found: Float64Array = np.multiply(self.bands.mean, count, dtype=np.float64)
-        found -= self.even
+            return np.asarray(np.divide(even, first, dtype=np.float64))
+        found: Float64Array = np.multiply(mean, count, dtype=np.float64)
+        found -= even
         found /= count - first
         return found
 

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..core.heap import trim_heap
+
 if TYPE_CHECKING:
     from io import BufferedRandom
 
@@ -49,7 +51,7 @@ class Spillable:
 def on_disk(arrays: Sequence[Spillable]) -> Iterator[None]:
     """In a temporary file meanwhile, if they are large; in memory still where the disk has no space for it.
 
-    Nobody may read or write them until the end.
+    Nobody may read or write them until the end. Before they come back, what was freed is given back to the system.
     """
     with ExitStack() as stack:
         if CAN_SPILL and sum(array.values.nbytes for array in arrays) >= LEAST_BYTES:
@@ -65,6 +67,7 @@ def on_disk(arrays: Sequence[Spillable]) -> Iterator[None]:
 
 
 def _read(arrays: Sequence[Spillable], file: BufferedRandom) -> None:
+    trim_heap()
     file.seek(0)
     for array in arrays:
         array.read_from(file)

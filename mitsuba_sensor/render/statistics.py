@@ -82,7 +82,9 @@ def summary_of(ratio: NDArray[np.float64], lit: NDArray[np.bool_], passes: int) 
     """Of the lit pixels, without those of infinite light. A variance that was measured with few degrees of freedom has
     a median below its mean (χ²), which is corrected."""
     finite = ratio[np.isfinite(ratio) & lit]
-    median, p95, most = np.percentile(finite, (50, 95, 100)).tolist() if finite.size else (0.0, 0.0, 0.0)
+    median, p95, most = (
+        np.percentile(finite, (50, 95, 100), overwrite_input=True).tolist() if finite.size else (0.0, 0.0, 0.0)
+    )
     median *= median_bias(passes)
     return {"noise_ratio_median": median, "noise_ratio_p95": p95, "noise_ratio_max": most}
 

@@ -141,8 +141,8 @@ def outside_qe(photons: Photons, camera: Camera) -> dict[str, Any]:
     if photons.wavelengths_nm is None or len(photons.shape) == 2:
         return {"wavelengths_nm": [], "share_of_photons": 0.0}
     outside = (photons.wavelengths_nm < points[0]) | (photons.wavelengths_nm > points[-1])
-    bands = map(photons.band, range(photons.shape[2]))  # one by one: all of them may be most of the memory
-    finite = np.array([band.sum(where=np.isfinite(band)) for band in bands])
+    strips = (strip.mean for strip in photons.strips())  # all of them together may be most of the memory
+    finite = np.sum([mean.sum(axis=(0, 1), where=np.isfinite(mean)) for mean in strips], axis=0)
     share = float(finite[outside].sum() / finite.sum()) if finite.sum() else 0.0
     return {"wavelengths_nm": photons.wavelengths_nm[outside].tolist(), "share_of_photons": share}
 

@@ -1,0 +1,35 @@
+"""Memory that was freed goes back to the system."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from mitsuba_sensor.core import heap
+
+PIECES, BYTES = 1000, 100_000
+
+
+def resident_bytes() -> int:
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return 1024 * next(int(line.split()[1]) for line in lines if "VmRSS" in line)
+
+
+@pytest.mark.skipif(heap._glibc() is None, reason="another C library than glibc")
+def test_what_was_freed_between_live_allocations_is_given_back() -> None:
+    """Of a thousand pieces every tenth stays, so that the heap cannot shrink from its end."""
+    pieces = [b"x" * (BYTES + k) for k in range(PIECES)]
+    kept = pieces[::10]
+    del pieces
+    before = resident_bytes()
+    heap.trim_heap()
+    assert before - resident_bytes() > 0.7 * 0.9 * PIECES * BYTES
+    assert all(piece.count(b"x") >= BYTES for piece in kept)
+
+
+def test_another_c_library_is_not_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(heap.sys, "platform", "darwin")
+    monkeypatch.setattr(heap, "_glibc", heap._glibc.__wrapped__)
+    assert heap._glibc() is None
+    heap.trim_heap()
