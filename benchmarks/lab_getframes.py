@@ -48,7 +48,7 @@ def compared(side: int) -> list[dict[str, Any]]:
 
         def frames(photons_per_s: float, count: int, seed: int, camera: Any = camera) -> Any:
             light = np.full((side, side), photons_per_s)
-            made = [camera.expose(light, EXPOSURE_S, seed=seed + k, include_truth=False) for k in range(count)]
+            made = [camera.expose(light, EXPOSURE_S, seed=seed + k) for k in range(count)]
             return np.array([np.asarray(one.data) for one in made])
 
         dark = Stack(frames(0.0, 16, 1), EXPOSURE_S, 0.0, bits=bits)
@@ -57,13 +57,13 @@ def compared(side: int) -> list[dict[str, Any]]:
             for k, level in enumerate(LEVELS)
         ]
         found = emva_linear([dark], flats)
-        gain, noise, truth = found["K"], found["σ_d"], read_noise_e(config)
+        gain, noise, put_in_e = found["K"], found["σ_d"], read_noise_e(config)
         rows.append({
             "preset": name,
             "K_percent": 100 * (gain.value * config.gain_e_per_adu - 1),
-            "sigma_d_percent": 100 * (noise.value / truth - 1),
+            "sigma_d_percent": 100 * (noise.value / put_in_e - 1),
             "K_dn_per_e": 1 / config.gain_e_per_adu,
-            "sigma_d_dn": truth / config.gain_e_per_adu,
+            "sigma_d_dn": put_in_e / config.gain_e_per_adu,
             "note": noise.note or gain.note,
         })  # fmt: skip
     return rows

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,16 +73,23 @@ class FrameTheory:
 
     def digital_mean(self) -> NDArray[np.float32]:
         """Expected digital number of every pixel over frames and cameras, (H, W) [DN], strip by strip."""
+        return self._digital("mean")
+
+    def digital_variance(self) -> NDArray[np.float32]:
+        """Temporal variance of every pixel, averaged over cameras, (H, W) [DN²], strip by strip."""
+        return self._digital("temporal")
+
+    def _digital(self, part: Literal["mean", "temporal"]) -> NDArray[np.float32]:
         theory = self._of_most
         theory.prepare([len(self.stages) - 1])
-        mean = np.empty(self.frame.window.shape, np.float32)
+        found = np.empty(self.frame.window.shape, np.float32)
 
         def write(rows: slice) -> None:
             light_e = self.light.crop_rows(rows).mean_e
-            mean[rows] = theory.digital(light_e).mean.reshape(light_e.shape)
+            found[rows] = getattr(theory.digital(light_e), part).reshape(light_e.shape)
 
-        for_each(write, row_strips_of(mean.shape, STRIP))
-        return mean
+        for_each(write, row_strips_of(found.shape, STRIP))
+        return found
 
     @property
     def _of_most(self) -> Theory:

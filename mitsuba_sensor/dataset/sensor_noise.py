@@ -1,0 +1,286 @@
+"""The noise of a camera as a transform of images that were made elsewhere, for augmentation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal, TypeAlias, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core import Exposure, InputError, Photons
+from ..core.llvm import backend_problem
+from ..core.types import Float32Array
+from ..io.preview import demosaic, srgb_curve
+from ..sensor.camera import Camera
+from ..sensor.camera_file import load_camera
+from ..sensor.frames import Frames
+from ..sensor.sensor import Sensor
+from ..sensor.stage import converter_of
+
+Values: TypeAlias = Literal["electrons", "linear", "srgb"]
+Output: TypeAlias = Literal["raw", "developed"]
+Image: TypeAlias = Any
+"""A NumPy array, or a tensor of PyTorch, whose methods alone are used."""
+
+KEPT = 8
+"""Sensors with their FPN maps that are kept, of the last chips and gains."""
+MOST_SERIAL = 2**31 - 1
+LARGEST_SEED = 2**63
+EIGHT_BITS = 255
+
+
+@dataclass(frozen=True)
+class Draw:
+    """What one image was taken with.
+
+    serial : of the chip.  gain : setting, or None.  white_e : mean electrons of a value of 1, or None.
+    seed : of the temporal noise.
+    """
+
+    serial: int
+    gain: str | float | None
+    white_e: float | None
+    seed: int
+
+
+@dataclass(frozen=True, eq=False)
+class NoisyImage:
+    """image : as the transform was asked for, of the kind that it was given: an array, or a tensor.
+
+    draws : of each image of a batch, one for a single image.  frames : of each, with theory, clean frame and origin.
+    """
+
+    image: Image
+    draws: tuple[Draw, ...]
+    frames: tuple[Frames, ...]
+    _like: Image
+    _batch: bool
+
+    @cached_property
+    def variance_dn2(self) -> Image:
+        """Variance of the temporal noise of every pixel of the raw frame, (H, W) or (N, H, W) [DN²].
+
+        Of all chips at this light. That of this chip, whose pixels differ, is ``frames[0].temporal_variance``, and what
+        the frame would be without temporal noise ``frames[0].clean``; both take seconds for a megapixel.
+        """
+        return self._stacked([one.theory.digital_variance() for one in self.frames])
+
+    def _stacked(self, arrays: list[NDArray[Any]]) -> Image:
+        return _as_given(np.stack(arrays) if self._batch else arrays[0], self._like)
+
+
+class SensorNoise:
+    """What a camera makes of an image: ``noisy = ms.SensorNoise("sony_imx174", white_e=(50, 2000))(image)``.
+
+    camera : a :class:`Camera` or its name.
+    exposure : time and temperature, for the dark current.
+    gain : setting, or several, of which one is drawn for every image; without it the camera's own numbers.
+    serial : of the chip, or (first, last) of those that one is drawn from for every image.
+    values : of the images: ``"electrons"``, mean photoelectrons per pixel; ``"linear"``, proportional to them, where 1
+        is ``white_e``; ``"srgb"``, the same behind the curve of IEC 61966-2-1, integers of 8 bits or 0 … 1.
+    white_e : mean electrons of a value of 1, or (least, most), between which the logarithm is uniform.
+    output : ``"raw"``, digital numbers; ``"developed"``, an image of the values that came in, demosaiced and not
+        clipped, so that its noise stays centred.
+    seed : of all that is drawn.
+
+    ``engine`` is the compiled one where there is LLVM, and may be set to another of :func:`expose`'s: ``"numpy"`` in
+    processes that are forked.
+
+    Images are (H, W) behind the camera's own filters, or (H, W, 3) of red, green and blue for a camera with such a
+    mosaic; batches have one dimension more in front. Raises InputError for options and images that do not fit.
+    """
+
+    def __init__(
+        self,
+        camera: Camera | str,
+        *,
+        exposure: Exposure | None = None,
+        gain: str | float | Sequence[str | float] | None = None,
+        serial: int | tuple[int, int] = 1,
+        values: Values = "linear",
+        white_e: float | tuple[float, float] | None = None,
+        output: Output = "raw",
+        seed: int = 0,
+    ) -> None:
+        self.camera = load_camera(camera) if isinstance(camera, str) else camera
+        self.exposure = exposure or Exposure(0.01)
+        self.gains = tuple(gain) if isinstance(gain, Sequence) and not isinstance(gain, str) else (gain,)
+        self.serials = _range("serial", serial, 1, MOST_SERIAL)
+        self.values = _choice("values", values, get_args(Values))
+        self.output = _choice("output", output, get_args(Output))
+        self.white_e = None if white_e is None else _range("white_e", white_e, 1e-3, 1e9)
+        self.seed = _seed("seed", seed)
+        self.engine = "drjit" if backend_problem("llvm") is None else "numpy"
+        if (self.white_e is None) != (self.values == "electrons"):
+            needs = "has no white_e" if self.values == "electrons" else 'needs white_e, e.g. (50, 2000), or "electrons"'
+            raise InputError(f"values is {self.values!r}, which {needs}.")
+        for setting in self.gains:
+            self.camera.at_gain(setting)
+        self.light_nm = _usual_nm(self.camera)
+        self._sensors: dict[tuple[Any, int, tuple[int, ...]], Sensor] = {}
+
+    def __repr__(self) -> str:
+        return f"SensorNoise({self.camera.name!r}, values={self.values!r}, output={self.output!r}, seed={self.seed})"
+
+    def __call__(self, image: Image, sample: int = 0) -> NoisyImage:
+        """The image as the camera takes it.
+
+        image : (H, W), (H, W, 3), or a batch of them.  sample : number of the (first) image: the same number gives the
+            same chip, gain, brightness and noise, in whatever order images come, in every process.
+        """
+        sample, given = _seed("sample", sample), _as_array(image)
+        colour = self._is_colour(given)
+        batch = given.ndim == (4 if colour else 3)
+        draws, frames, out = [], [], []
+        for number, one in enumerate(given if batch else given[None]):
+            draw = self.draw(sample + number)
+            draws.append(draw)
+            frames.append(self._expose(self._photons(one, draw, colour), draw))
+            raw = frames[-1].digital[0]
+            out.append(raw if self.output == "raw" else self._developed(raw, draw, colour))
+        found = np.stack(out) if batch else out[0]
+        return NoisyImage(_as_given(found, image), tuple(draws), tuple(frames), image, batch)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For other processes: without sensors."""
+        return {**vars(self), "_sensors": {}}
+
+    def draw(self, sample: int) -> Draw:
+        """Chip, gain, brightness and seed of an image with this number."""
+        chance = np.random.default_rng([self.seed, sample])
+        serial = int(chance.integers(self.serials[0], self.serials[1], endpoint=True))
+        gain = self.gains[int(chance.integers(len(self.gains)))]
+        white_e = None
+        if self.white_e is not None:
+            white_e = math.exp(chance.uniform(math.log(self.white_e[0]), math.log(self.white_e[1])))
+        return Draw(serial, gain, white_e, int(chance.integers(LARGEST_SEED)))
+
+    def _expose(self, photons: Photons, draw: Draw) -> Frames:
+        key = (draw.gain, draw.serial, photons.shape)
+        sensor = self._sensors.pop(key, None)
+        if sensor is None:
+            sensor = Sensor(_as_large(self.camera, photons.shape).at_gain(draw.gain), serial=draw.serial)
+            while len(self._sensors) >= KEPT:
+                del self._sensors[next(iter(self._sensors))]
+        self._sensors[key] = sensor
+        asked: Any = {"seed": draw.seed, "first_frame": 0, "engine": self.engine}
+        return sensor.expose(photons, self.exposure, **asked)
+
+    def _is_colour(self, given: NDArray[Any]) -> bool:
+        """Whether the last dimension is red, green and blue."""
+        colour = given.ndim == 4 or (given.ndim == 3 and given.shape[2] == 3)
+        if given.ndim not in (2, 3, 4) or (given.ndim == 4 and given.shape[3] != 3) or not given.size:
+            raise InputError(f"image has shape {given.shape}; pass (H, W), (H, W, 3), or a batch of one of them.")
+        names = {name[:1].upper() for name in self.camera.filter_names}
+        if colour and names != set("RGB"):
+            filters = ", ".join(self.camera.filter_names) or "none"
+            raise InputError(
+                f"image has shape {given.shape} and {self.camera.name} the filters {filters}; pass (H, W), the light "
+                "behind each pixel's own filter."
+            )
+        return colour
+
+    def _photons(self, given: NDArray[Any], draw: Draw, colour: bool) -> Photons:
+        """Mean photons per pixel at one wavelength that give the image's photoelectrons behind each filter."""
+        efficiency, tile = self.camera.qe([self.light_nm])[:, 0], self.camera.tile
+        mean = np.empty(given.shape[:2], np.float32)
+        for row, numbers in enumerate(tile):
+            for column, number in enumerate(numbers):
+                part = slice(row, None, len(tile)), slice(column, None, len(numbers))
+                letter = self.camera.filter_names[number][:1].upper()
+                values = given[part][..., "RGB".index(letter)] if colour else given[part]
+                mean[part] = _scaled(values, self.values, np.float32((draw.white_e or 1.0) / efficiency[number]))
+        if not 0 <= mean.min() <= mean.max() < np.inf:
+            worst = given[~(given >= 0) | np.isinf(given)]
+            raise InputError(f"image has values such as {worst.flat[0]:g}; mean light is finite and at least 0.")
+        return Photons(mean[..., None], np.array([self.light_nm]))
+
+    def _developed(self, raw: NDArray[Any], draw: Draw, colour: bool) -> Float32Array:
+        """In the values that came in: black level and gain are taken out, missing colours interpolated."""
+        camera = self.camera.at_gain(draw.gain)
+        scale = camera.system_gain_dn_per_e * (draw.white_e or 1.0)
+        linear = (raw.astype(np.float64) - converter_of(camera.stages).black_level_dn) / scale
+        if colour:
+            names = [name[:1].upper() for name in camera.filter_names]
+            linear = demosaic(linear, camera.filter_index(linear.shape), camera)[..., [names.index(c) for c in "RGB"]]
+        if self.values == "srgb":
+            linear = np.where(linear < 0, 12.92 * linear, srgb_curve(linear))
+        return linear.astype(np.float32)
+
+
+def _scaled(values: NDArray[Any], kind: Values, factor: np.float32) -> Float32Array:
+    """Proportional to light, times a factor."""
+    if kind != "srgb":
+        return np.multiply(values, factor, dtype=np.float32, casting="unsafe")
+    if values.dtype == np.uint8:
+        levels = _inverse_srgb(np.linspace(0, 1, EIGHT_BITS + 1, dtype=np.float32))
+        return np.asarray(np.take(levels * factor, values), np.float32)
+    if values.dtype.kind in "iu":
+        raise InputError(f"image is {values.dtype} and values 'srgb'; pass uint8, or floats from 0 to 1.")
+    return _inverse_srgb(values.astype(np.float32)) * factor
+
+
+def _inverse_srgb(encoded: Float32Array) -> Float32Array:
+    """Inverse transfer curve of IEC 61966-2-1."""
+    curved = ((np.maximum(encoded, 0.04045) + np.float32(0.055)) / np.float32(1.055)) ** np.float32(2.4)
+    return np.asarray(np.where(encoded <= 0.04045, encoded / np.float32(12.92), curved), np.float32)
+
+
+def _usual_nm(camera: Camera) -> float:
+    """Where every filter sees light, best for the one that sees least, and a photon makes one electron."""
+    section = camera.quantum_efficiency
+    low, high = camera.band_nm
+    at = np.arange(math.ceil(low), math.floor(high) + 1.0)
+    least = camera.qe(at).min(axis=0)
+    if section.quantum_yield:
+        points = section.wavelengths_nm or [low, high]
+        least = np.where(np.interp(at, points, section.quantum_yield) == 1, least, 0.0)
+    if not least.max() > 0:
+        raise InputError(f"{camera.name} has filters that share no wavelength; the noise of images needs one.")
+    return float(at[int(np.argmax(least))])
+
+
+def _as_large(camera: Camera, shape: tuple[int, ...]) -> Camera:
+    """With rows and columns enough for the image."""
+    rows, columns = (camera.sensor.rows or 0, camera.sensor.columns or 0)
+    if shape[0] <= rows and shape[1] <= columns:
+        return camera
+    return camera.replace(**{"sensor.rows": max(rows, shape[0]), "sensor.columns": max(columns, shape[1])})
+
+
+def _as_array(image: Image) -> NDArray[Any]:
+    """Of an array or a tensor; booleans, text and complex numbers are refused."""
+    array = np.asarray(image.detach().cpu().numpy() if hasattr(image, "detach") else image)
+    if array.dtype.kind not in "iuf":
+        raise InputError(f"image is {array.dtype}; pass integers or floats.")
+    return array
+
+
+def _as_given(found: NDArray[Any], given: Image) -> Image:
+    """A tensor beside the one that came in, of floats, for its integers are few; else as it is."""
+    return given.new_tensor(found.astype(np.float32)).float() if hasattr(given, "new_tensor") else found
+
+
+def _choice(name: str, value: Any, known: tuple[str, ...]) -> Any:
+    if value not in known:
+        raise InputError(f"{name} is {value!r}; it must be one of {', '.join(known)}.")
+    return value
+
+
+def _seed(name: str, value: Any) -> int:
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or not 0 <= value < LARGEST_SEED:
+        raise InputError(f"{name} is {value!r}; it must be a whole number from 0 to 2⁶³ − 1.")
+    return int(value)
+
+
+def _range(name: str, value: Any, least: float, most: float) -> tuple[Any, Any]:
+    """(low, high) of one number or two."""
+    ends = tuple(value) if isinstance(value, Sequence) and not isinstance(value, str) else (value, value)
+    numbers = all(isinstance(one, int | float | np.number) and not isinstance(one, bool) for one in ends)
+    if len(ends) != 2 or not numbers or not least <= ends[0] <= ends[1] <= most:
+        raise InputError(f"{name} is {value!r}; it must be a number from {least:g} to {most:g}, or two: (low, high).")
+    return ends

@@ -1,0 +1,161 @@
+"""The noise of a camera on images: equal to expose, unbiased, of the stated variance, the same for the same number."""
+
+from __future__ import annotations
+
+import pickle
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.io.preview import srgb_curve
+
+BAYER, MONO = ms.load_camera("bayer_2mp"), ms.load_camera("sony_imx174")
+RNG = np.random.default_rng(17)
+PICTURE = RNG.uniform(0.0, 1.0, (21, 30, 3)).astype(np.float32)
+GREY = RNG.uniform(0.0, 5000.0, (20, 31)).astype(np.float32)
+
+
+class Tensor:
+    """What of PyTorch's tensors is used."""
+
+    def __init__(self, array: np.ndarray) -> None:
+        self.array = array
+
+    def detach(self) -> Tensor:
+        return self
+
+    def cpu(self) -> Tensor:
+        return self
+
+    def numpy(self) -> np.ndarray:
+        return self.array
+
+    def new_tensor(self, values: np.ndarray) -> Tensor:
+        return Tensor(values.astype(self.array.dtype))
+
+    def float(self) -> Tensor:
+        return Tensor(self.array.astype(np.float32))
+
+
+@pytest.mark.parametrize(
+    ("camera", "image", "options"),
+    [(BAYER, PICTURE, {"white_e": 3000.0}), (MONO, GREY, {"values": "electrons"}),
+     (ms.load_camera("rgbir_2mp"), GREY, {"values": "electrons"}),
+     (ms.load_camera("sony_a7s2"), PICTURE, {"white_e": 50.0, "gain": 6400, "serial": 9})],
+)  # fmt: skip
+def test_it_is_expose_bit_for_bit(camera: ms.Camera, image: np.ndarray, options: dict[str, Any]) -> None:
+    """Of the same photons, chip, gain and seed, which the result says."""
+    noise = ms.SensorNoise(camera, exposure=ms.Exposure(0.02), **options)
+    found = noise(image, sample=4)
+    (draw,) = found.draws
+    filters = camera.filter_index(image.shape[:2])
+    plane = image
+    if image.ndim == 3:
+        letters = np.array(["RGB".index(name[0]) for name in camera.filter_names])
+        plane = np.take_along_axis(image, letters[filters][..., None], 2)[..., 0] * np.float32(draw.white_e)
+    wavelength = noise.light_nm
+    photons = plane / camera.qe([wavelength])[:, 0].astype(np.float32)[filters]
+    expected = ms.expose(
+        photons[..., None], camera, ms.Exposure(0.02), wavelengths_nm=[wavelength], gain=draw.gain,
+        serial=draw.serial, seed=draw.seed, engine=noise.engine,
+    )  # fmt: skip
+    np.testing.assert_array_equal(found.image, expected.digital[0])
+
+
+def test_mean_and_variance_are_those_of_theory_and_of_photon_transfer() -> None:
+    """400 frames of 32 × 32 pixels at 900 e-: K·µ to 5 standard errors; K²·µ + σ² and the map to 1 %, also 5."""
+    camera = MONO.replace(**{"pixel.prnu": 0.0, "dark_current.rate_e_per_s": 0.0})
+    noise = ms.SensorNoise(camera, values="electrons", exposure=ms.Exposure(0.0))
+    flat = np.full((32, 32), 900.0)
+    stack = np.stack([noise(flat, k).image for k in range(400)]).astype(float)
+    gain, read_e = camera.system_gain_dn_per_e, camera.source_follower.read_noise_e
+    variance = gain**2 * (900 + read_e**2) + 1 / 12
+    black = ms.expose(np.zeros((64, 64)), camera, ms.Exposure(0.0), frames=8).digital.mean()
+    assert stack.mean() - black == pytest.approx(gain * 900, abs=5 * np.sqrt(variance / stack.size) + 0.02)
+    assert stack.var(axis=0, ddof=1).mean() == pytest.approx(variance, rel=0.011)
+    assert noise(flat).variance_dn2.mean() == pytest.approx(variance, rel=2e-3)
+
+
+@pytest.mark.parametrize("values", ["linear", "srgb", "electrons"])
+def test_a_developed_image_has_the_values_that_came_in(values: str) -> None:
+    """A flat image, 60 frames: to 5 standard errors of its mean (and of the curve's bend, 0.002)."""
+    scale = 2000.0 if values == "electrons" else 1.0
+    flat = np.ones((40, 40, 3), np.float32) * np.array([0.8, 0.6, 0.5], np.float32) * scale
+    white_e = None if values == "electrons" else 2000.0
+    noise = ms.SensorNoise(BAYER.without("prnu"), values=values, white_e=white_e, output="developed")
+    found = np.stack([noise(flat, k).image for k in range(60)])
+    assert found.dtype == np.float32 and found.shape == (60, 40, 40, 3)
+    error = found.mean(axis=(1, 2)).std(axis=0, ddof=1) / np.sqrt(60)
+    np.testing.assert_array_less(np.abs(found.mean(axis=(0, 1, 2)) - flat[0, 0]), 5 * error + 0.002 * scale)
+
+
+def test_srgb_is_taken_through_the_inverse_of_its_curve() -> None:
+    """Linear light and the same behind the curve give the same frame; integers of 8 bits are 255 times the floats."""
+    eight = RNG.integers(0, 256, (24, 24, 3), dtype=np.uint8)
+    encoded = (eight / 255).astype(np.float32)
+    frames = [ms.SensorNoise(BAYER, values="srgb", white_e=3000.0)(one).image for one in (eight, encoded)]
+    np.testing.assert_array_equal(*frames)
+    linear = PICTURE.astype(np.float64)
+    one = ms.SensorNoise(BAYER, values="srgb", white_e=3000.0)(srgb_curve(linear)).image.astype(int)
+    other = ms.SensorNoise(BAYER, values="linear", white_e=3000.0)(linear).image.astype(int)
+    assert np.abs(one - other).max() <= 1
+
+
+def test_the_same_number_is_the_same_image_alone_in_a_batch_and_in_another_process() -> None:
+    noise = ms.SensorNoise(BAYER, white_e=(50.0, 5000.0), serial=(1, 50), seed=3)
+    batch = noise(np.stack([PICTURE] * 3), sample=10)
+    again = pickle.loads(pickle.dumps(noise))
+    for number in range(3):
+        np.testing.assert_array_equal(batch.image[number], again(PICTURE, 10 + number).image)
+    assert len({draw.seed for draw in batch.draws}) == 3 and batch.variance_dn2.shape == (3, 21, 30)
+    assert not np.array_equal(noise(PICTURE, 10).image, ms.SensorNoise(BAYER, white_e=3e3, seed=4)(PICTURE, 10).image)
+
+
+def test_chips_gains_and_brightness_are_drawn_from_their_ranges() -> None:
+    """2000 draws: means of serial and ln(white) within 5 standard errors, every gain at least 600 times of 2000."""
+    noise = ms.SensorNoise("sony_a7s2", white_e=(10.0, 1000.0), serial=(5, 104), gain=[100, 1600], seed=1)
+    draws = [noise.draw(k) for k in range(2000)]
+    serials, whites = np.array([one.serial for one in draws]), np.log([one.white_e for one in draws])
+    assert serials.min() >= 5 and serials.max() <= 104
+    assert serials.mean() == pytest.approx(54.5, abs=5 * 29 / np.sqrt(2000))
+    assert whites.mean() == pytest.approx(np.log(100), abs=5 * np.log(100) / np.sqrt(12 * 2000))
+    assert min(sum(one.gain == gain for one in draws) for gain in (100, 1600)) > 600
+
+
+def test_a_tensor_comes_back_as_a_tensor() -> None:
+    noise = ms.SensorNoise(MONO, values="electrons")
+    found = noise(Tensor(GREY))
+    assert isinstance(found.image, Tensor) and isinstance(found.variance_dn2, Tensor)
+    np.testing.assert_array_equal(found.image.array, noise(GREY).image)
+
+
+def test_an_image_may_be_larger_than_the_sensor() -> None:
+    small = MONO.replace(**{"sensor.rows": 8, "sensor.columns": 8})
+    assert ms.SensorNoise(small, values="electrons")(GREY).image.shape == GREY.shape
+
+
+@pytest.mark.parametrize(
+    ("options", "image", "said"),
+    [
+        ({}, GREY, "values is 'linear', which needs white_e"),
+        ({"values": "electrons", "white_e": 5.0}, GREY, "which has no white_e"),
+        ({"values": "rgb", "white_e": 5.0}, GREY, "values is 'rgb'; it must be one of electrons, linear, srgb"),
+        ({"white_e": -1.0}, GREY, "white_e is -1.0; it must be a number from 0.001"),
+        ({"white_e": (9.0, 2.0)}, GREY, "white_e is (9.0, 2.0)"),
+        ({"white_e": 9.0, "serial": 0}, GREY, "serial is 0; it must be"),
+        ({"white_e": 9.0, "seed": -1}, GREY, "seed is -1; it must be a whole number"),
+        ({"white_e": 9.0, "gain": 800}, GREY, "has no gain settings"),
+        ({"white_e": 9.0}, PICTURE, "pass (H, W), the light behind each pixel's own filter"),
+        ({"white_e": 9.0}, GREY[0], "image has shape (31,)"),
+        ({"white_e": 9.0}, GREY > 3, "image is bool"),
+        ({"white_e": 9.0}, -GREY, "mean light is finite and at least 0"),
+        ({"white_e": 9.0}, GREY * np.float32(np.nan), "image has values such as nan"),
+        ({"values": "srgb", "white_e": 9.0}, GREY.astype(np.uint16), "image is uint16 and values 'srgb'"),
+    ],
+)
+def test_what_does_not_fit_is_one_sentence(options: dict[str, Any], image: np.ndarray, said: str) -> None:
+    with pytest.raises(ms.InputError) as caught:
+        ms.SensorNoise(MONO, **options)(image)
+    assert said in str(caught.value) and "\n" not in str(caught.value)
