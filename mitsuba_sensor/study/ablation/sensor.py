@@ -69,7 +69,7 @@ class Chains:
 
     def theory(self) -> Values:
         """What the plan says, the moments of every chain averaged over groups of pixels, and how exact theory is."""
-        limits = ["the noise behind the count is taken for a normal law"]
+        limits = ["the noise behind the count is taken for a normal law, or for a mixture of some"]
         if any(stage.curved for stage in self.plan.whole):
             limits.append("curved stages are taken to second order in that noise")
         effects, sizes = [asdict(effect) for effect in self.plan.effects], {k: len(x) for k, x in self.groups.items()}
