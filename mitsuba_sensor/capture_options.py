@@ -23,6 +23,14 @@ class LightOptions(FrameOptions, total=False):
             False,
         ),
     ]
+    dng: Annotated[
+        bool,
+        Option(
+            "Also write frame.dng, which raw developers open; of several frames one file each, frame_0000.dng and so "
+            "on. For cameras without colour filters or with red, green and blue in 2 × 2, of 16 bits at most.",
+            False,
+        ),
+    ]
 
 
 class CaptureOptions(RenderOptions, LightOptions, total=False):

@@ -18,6 +18,7 @@ from .core import Exposure, InputError, Photons
 from .core.heap import trim_heap
 from .core.options import complete, declared, documents, part_of, used
 from .io import exr, files
+from .io.dng import check_dng, dng_names, write_dng
 from .io.frame_files import CLEAN, FRAME_FILES, frames_metadata, write_frames
 from .io.light_files import read_irradiance
 from .io.openexr import is_exr
@@ -68,7 +69,7 @@ class Capture:
     rendered: bool
 
     def save(self, folder: str | os.PathLike[str]) -> None:
-        """Write frame.tiff, frame.png, frame.json, irradiance.exr if it was rendered, aovs.exr and CLEAN if asked for.
+        """Write frame.tiff, frame.png, frame.json, irradiance.exr if it was rendered, and what else was asked for.
 
         All of them appear, or none; files of an older capture that this one does not have go. Raises InputError.
         """
@@ -78,6 +79,9 @@ class Capture:
             if self.metadata["options"]["clean"]:
                 for name, values in zip(CLEAN, (self.frames.clean, self.frames.temporal_variance), strict=True):
                     files.write_tiff(scratch / name, values)
+            if self.metadata["options"]["dng"]:
+                for number, name in enumerate(dng_names(self.frames)):
+                    write_dng(scratch / name, self.frames, number)
             if self.rendered and not self.metadata["options"]["no_irradiance"]:
                 exr.write_irradiance_exr(scratch / "irradiance.exr", self.light, self.metadata["options"]["half"])
             if self.aovs is not None:
@@ -158,6 +162,7 @@ def _of_light(
         "metering": metering.record(exposure) if isinstance(metering, Metering) else None,
     }
     sensor = prepare_exposure(camera, exposure, light.data.shape[:2], light.origin, part_of(ExposeOptions, options))
+    _check_files(sensor, options)
     with _timed(times_s, "expose"):
         frames = _exposed(sensor.of(photons), progress)
     metadata = frame_metadata(frames, light, options, origin, times_s)
@@ -172,13 +177,20 @@ def _shared_render(asked: Asked, options: CaptureOptions, progress: Progress | N
         prepared = prepare(*asked, **rendering)
         if options["chain"] == "konnik2014" and len(prepared.bands) != 1:
             raise InputError("chain konnik2014 has one wavelength; give wavelength_nm, e.g. --wavelength-nm 550.")
-        sensor = prepared.sensor(part_of(ExposeOptions, options))  # checked before the first ray
+        sensor = prepared.sensor(part_of(ExposeOptions, options))
+        _check_files(sensor, options)  # checked before the first ray
         light = prepared.render(sensor.first.seed, prepared.stop_criterion(rendering), progress, started=started)
         prepared.renderer.release()
     with _timed(times_s, "expose"):
         exposure = prepared.exposure_of(light)
         photons = as_photons(collect(light, prepared.camera, exposure), prepared.camera)
         return prepared, light, _exposed(sensor.at(exposure).of(photons), progress), {}
+
+
+def _check_files(sensor: PreparedExposure, options: CaptureOptions) -> None:
+    """Raise InputError for frames of which a file is asked for that cannot hold them."""
+    if options["dng"]:
+        check_dng(sensor.camera, sensor.first.window.shape)
 
 
 def _exposed(sensor: PreparedExposure, progress: Progress | None) -> Frames:
@@ -206,6 +218,7 @@ def _render_per_frame(
         raise InputError(f"render_noise is {noise!r}, which is for the physical chain; leave the chain out.")
     with _timed(times_s, "render and expose"):
         series = FrameSeries.prepare(*asked, part_of(FrameSeriesOptions, options), noise)
+        _check_files(series.sensor, options)
         found = list(series.frames(progress, report=True))
     first = found[0]
     names = ("digital", *(name for name in KEEP if getattr(first.frames, name) is not None))

@@ -36,7 +36,7 @@ IMPORTED_IN = {
     "mitsuba": ("render/",),
     "drjit": ("core/",),
     "OpenEXR": ("io/openexr.py",),
-    "tifffile": ("io/files.py", "io/raw_files.py"),
+    "tifffile": ("io/files.py", "io/dng.py", "io/raw_files.py"),
     "PIL": ("io/files.py", "io/raw_files.py"),
     "rawpy": ("io/raw_files.py",),
     "astropy": ("io/raw_files.py",),
@@ -122,7 +122,7 @@ def sub_package(name: str) -> str:
     return name.split("/")[0].removesuffix(".py")
 
 
-SHOWN = {"sensor/frames.py": "mitsuba_sensor.io.frame_files"}
+SHOWN = {"sensor/frames.py": ("mitsuba_sensor.io.frame_files", "mitsuba_sensor.io.dng")}
 """Frames are shown and saved by methods of their own, whose code is where pictures and files are made."""
 
 

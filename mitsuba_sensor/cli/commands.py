@@ -39,8 +39,8 @@ def render(
 ) -> None:
     """Render SCENE and expose a camera to it.
 
-    Writes frame.tiff, frame.png, irradiance.exr and frame.json into DIR (and the files of --aovs and --clean if asked
-    for): all, or none.
+    Writes frame.tiff, frame.png, irradiance.exr and frame.json into DIR (and the files of --dng, --aovs and --clean if
+    asked for): all, or none.
     """
     given, asked = render_input(scene, flags)
     with files.output_folder(out_dir, FILES) as folder, terminal.render_progress(err, asked) as progress:
@@ -60,7 +60,7 @@ def expose(
     """Expose a camera to irradiance that is already rendered: another time, camera or seed at no cost.
 
     Camera, exposure and serial number are those that it was rendered for, unless you give others.
-    Writes frame.tiff, frame.png and frame.json into DIR (and the files of --clean if asked for): all, or none.
+    Writes frame.tiff, frame.png and frame.json into DIR (and those of --dng and --clean if asked for): all, or none.
     """
     files.refuse_empty(irradiance, "irradiance", "give the path of an irradiance.exr")
     unit, wavelength_nm, fov_deg = (flags.pop(name) for name in UnitOptions.__annotations__)

@@ -38,7 +38,7 @@ def colour_matrix(camera: Camera, illuminant: Illuminant | None = None) -> Colou
         return None
     name, light = "scene", illuminant
     if light is None or not _detected(camera, light, order):
-        name, light = spectra.DAYLIGHT, _daylight(camera)
+        name, light = spectra.DAYLIGHT, standard_light(camera, spectra.DAYLIGHT)
         if not _detected(camera, light, order):
             return None
     electrons, middles = _electrons(camera, light), light.wavelengths_nm
@@ -68,10 +68,11 @@ def _detected(camera: Camera, light: Illuminant, order: list[int]) -> bool:
     return bool(found.min() > LEAST_SHARE * found.mean() and seen > LEAST_SHARE * light.power.sum())
 
 
-def _daylight(camera: Camera) -> Illuminant:
+def standard_light(camera: Camera, name: str) -> Illuminant:
+    """A CIE illuminant in bands of 5 nm, over what the camera and an observer see."""
     low_nm, high_nm = camera.band_nm
     middles = np.arange(min(low_nm, 380.0), max(high_nm, 780.0) + 1, 5.0)
-    return Illuminant(middles, spectra.d65(middles))
+    return Illuminant(middles, spectra.standard_illuminant(name, middles))
 
 
 def _seen(reflectances: Float64Array, light: Illuminant) -> Float64Array:

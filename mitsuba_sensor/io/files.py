@@ -39,6 +39,7 @@ TIFF_BYTE, TIFF_SHORT, TIFF_LONG = 1, 3, 4  # types of tags
 def output_folder(path: Path | str, names: Sequence[str]) -> Iterator[Path]:
     """Yield a scratch folder; when the block ends well, its files ``names`` appear in ``path``, all of them or none.
 
+    names : of files; one with a ``*`` stands for all files that match it.
     Those of ``names`` that the block did not write are of an older run and no longer stay there.
     Whatever goes wrong, Ctrl-C included, leaves older files in ``path`` as they were and removes what this call made.
     Raises InputError before the block runs if ``path`` cannot take the files.
@@ -51,7 +52,7 @@ def output_folder(path: Path | str, names: Sequence[str]) -> Iterator[Path]:
             stack.enter_context(undone_if_stopped(partial(_remove_empty, made)))
         try:
             with disk_sentences(folder), whole_step:
-                for name in names:
+                for name in _matching(names, folder):
                     if (folder / name).is_dir():
                         raise InputError(f"{folder / name} is a folder where a file should go; give another place.")
                 scratch = tempfile.TemporaryDirectory(prefix=".unfinished-", dir=folder, ignore_cleanup_errors=True)
@@ -60,7 +61,7 @@ def output_folder(path: Path | str, names: Sequence[str]) -> Iterator[Path]:
                 with _names_in(folder, scratch.name):
                     yield Path(scratch.name)
                 with disk_sentences(folder), whole_step:
-                    _publish(Path(scratch.name), folder, names)
+                    _publish(Path(scratch.name), folder, _matching(names, folder, Path(scratch.name)))
         except BaseException:
             _remove_empty(made)
             raise
@@ -82,7 +83,7 @@ def write_tiff(path: str | os.PathLike[str], frames: np.ndarray, facts: Mapping[
     if not frames.size:
         raise InputError(f"frames has shape {frames.shape} and no pixel; pass at least one.")
     tags = _raw_tags(facts) if facts else []
-    text = to_json(dict(facts)) if facts else None
+    text = to_json(dict(facts)).encode() if facts else None
     with appearing(Path(path)) as temporary:
         tifffile.imwrite(
             temporary,
@@ -101,12 +102,17 @@ def _raw_tags(facts: Mapping[str, Any]) -> list[tuple[int, int, int, Any, bool]]
         (50714, TIFF_LONG, 1, round(facts["black_level_dn"]), False),
         (50717, TIFF_LONG, 1, facts["white_level_dn"], False),
     ]
-    names = np.array(facts["cfa_pattern"] or [[]])
+    return [*tags, *cfa_tags(facts["cfa_pattern"])]
+
+
+def cfa_tags(pattern: Sequence[Sequence[str]] | None) -> list[tuple[int, int, int, Any, bool]]:
+    """CFARepeatPatternDim and CFAPattern of rows of filter names, if all of them are red, green or blue."""
+    names = np.array(pattern or [[]])
     initials = [name[:1].lower() for name in names.ravel()]
-    if initials and set(initials) <= set(CFA_COLOURS):
-        tags.append((33421, TIFF_SHORT, 2, names.shape, False))
-        tags.append((33422, TIFF_BYTE, names.size, bytes(CFA_COLOURS.index(one) for one in initials), False))
-    return tags
+    if not initials or not set(initials) <= set(CFA_COLOURS):
+        return []
+    colours = bytes(CFA_COLOURS.index(one) for one in initials)
+    return [(33421, TIFF_SHORT, 2, names.shape, False), (33422, TIFF_BYTE, names.size, colours, False)]
 
 
 def write_png(path: Path, picture: np.ndarray, facts: Mapping[str, Any] = NOTHING) -> None:
@@ -244,6 +250,14 @@ def _remove_empty(folders: Sequence[Path]) -> None:
     with suppress(OSError):
         for folder in folders:
             folder.rmdir()
+
+
+def _matching(names: Sequence[str], *folders: Path) -> list[str]:
+    """The names, with those of the files in these folders in the place of a pattern."""
+    found: list[str] = []
+    for name in names:
+        found += sorted({path.name for folder in folders for path in folder.glob(name)}) if "*" in name else [name]
+    return found
 
 
 def _publish(scratch: Path, folder: Path, names: Sequence[str]) -> None:

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     from ..sensor.frames import Frames
 
 CLEAN = ("clean.tiff", "temporal_variance.tiff")
-FRAME_FILES = ("frame.tiff", "frame.png", *CLEAN, "frame.json")  # of light that is rendered already
+DNGS = ("frame.dng", "frame_[0-9]*.dng")  # of one frame, of several
+FRAME_FILES = ("frame.tiff", "frame.png", *DNGS, *CLEAN, "frame.json")  # of light that is rendered already
 MOST_PIXELS = 60_000  # of a picture in a notebook: below 250 kB as PNG in base64, however noisy
 
 

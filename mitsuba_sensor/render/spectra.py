@@ -19,9 +19,14 @@ COLOR_CHECKER = "ISO 17321-1"  # 380 to 780 nm every 5 nm, 24 patches
 
 def d65(wavelengths_nm: ArrayLike) -> Float64Array:
     """CIE standard illuminant D65, relative (100 at 560 nm), 0 outside its table of 300 to 780 nm."""
+    return standard_illuminant(DAYLIGHT, wavelengths_nm)
+
+
+def standard_illuminant(name: str, wavelengths_nm: ArrayLike) -> Float64Array:
+    """A CIE illuminant by its name ("D65", "A"), relative (100 at 560 nm), 0 outside its table."""
     from colour import SDS_ILLUMINANTS
 
-    table, at_nm = SDS_ILLUMINANTS[DAYLIGHT], np.asarray(wavelengths_nm, float)
+    table, at_nm = SDS_ILLUMINANTS[name], np.asarray(wavelengths_nm, float)
     return np.asarray(np.interp(at_nm, table.wavelengths, table.values, left=0.0, right=0.0))
 
 
@@ -66,9 +71,25 @@ def surfaces(wavelengths_nm: ArrayLike) -> Float64Array:
 
 def daylight_xyz() -> Float64Array:
     """XYZ of D65, Y = 1: the white of sRGB."""
+    return _white_xyz(DAYLIGHT)
+
+
+def d50_xyz() -> Float64Array:
+    """XYZ of D50, Y = 1: the white of colour profiles (ICC) and of DNG."""
+    return _white_xyz("D50")
+
+
+def _white_xyz(illuminant: str) -> Float64Array:
     from colour import CCS_ILLUMINANTS, xy_to_XYZ
 
-    return np.asarray(xy_to_XYZ(CCS_ILLUMINANTS[OBSERVER][DAYLIGHT]))
+    return np.asarray(xy_to_XYZ(CCS_ILLUMINANTS[OBSERVER][illuminant]))
+
+
+def bradford(white: Float64Array, other: Float64Array) -> Float64Array:
+    """(3, 3) from colours under one white (XYZ) to those under another: linear Bradford, as in DNG and ICC."""
+    from colour.adaptation import matrix_chromatic_adaptation_VonKries
+
+    return np.asarray(matrix_chromatic_adaptation_VonKries(white, other, transform="Bradford"))
 
 
 def adapted_to_daylight(xyz: Float64Array, white: Float64Array) -> Float64Array:

@@ -119,6 +119,13 @@ class Frames:
 
         save_frames(self, folder)
 
+    def save_dng(self, path: str | os.PathLike[str], number: int = 0) -> None:
+        """Write one of the frames as a DNG, its pixels unchanged. Raises InputError where other programs read none:
+        beyond 16 bits, of filters that are not red, green and blue in 2 × 2, below 22 × 22 pixels."""
+        from ..io.dng import write_dng
+
+        write_dng(path, self, number)
+
     def _repr_html_(self) -> str:
         from ..io.frame_files import frames_html
 

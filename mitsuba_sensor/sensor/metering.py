@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -117,6 +118,13 @@ def saturation_e(camera: Camera) -> float:
     if abs(_beyond_converter_dn(straight_e, camera)) < STRAIGHT * (full_dn - dark_dn):
         return straight_e
     return root(lambda electrons: _beyond_converter_dn(electrons, camera), 0.0, full_well_e)
+
+
+def saturation_dn(camera: Camera) -> int:
+    """The code of a saturated pixel: that of a full well, above the black level and at most the highest [DN]."""
+    converter = converter_of(camera.stages)
+    full_dn = converter.highest + _beyond_converter_dn(float(camera.pixel.full_well_e), camera)
+    return min(converter.highest, max(round(full_dn), math.floor(converter.black_level_dn) + 1))
 
 
 def _beyond_converter_dn(electrons: float, camera: Camera) -> float:

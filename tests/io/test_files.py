@@ -103,6 +103,13 @@ def test_tiff_holds_every_code_of_every_frame(tmp_path: Path, kind: type) -> Non
     np.testing.assert_array_equal(back, frames)
 
 
+def test_a_tiff_takes_facts_in_any_script(tmp_path: Path) -> None:
+    facts = {"black_level_dn": 4.0, "white_level_dn": 255, "cfa_pattern": [["grün", "緑"]]}
+    files.write_tiff(tmp_path / "x.tiff", np.zeros((2, 3), dtype=np.uint8), facts)
+    with tifffile.TiffFile(tmp_path / "x.tiff") as file:
+        assert json.loads(file.pages.first.description) == facts
+
+
 def test_one_frame_of_one_pixel_is_a_tiff_too(tmp_path: Path) -> None:
     files.write_tiff(tmp_path / "x.tiff", np.full((1, 1, 1), 513, dtype=np.uint16))
     assert tifffile.imread(tmp_path / "x.tiff").item() == 513
@@ -206,9 +213,13 @@ from mitsuba_sensor.io import exr, files
 folder, what = Path(sys.argv[1]), sys.argv[2]
 light = exr.read_irradiance_exr(folder / "light.exr")
 noise = np.random.default_rng(1).integers(0, 65535, (1, 64, 64), dtype=np.uint16)
+if what == "out.dng":
+    import mitsuba_sensor as ms
+    frames = ms.expose(noise[0] / 4.0, ms.load_camera("konnik_table1"), ms.Exposure(0.01), engine="numpy")
 resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
 jobs = {
     "out.tiff": lambda path: files.write_tiff(path, noise),
+    "out.dng": lambda path: frames.save_dng(path),
     "out.png": lambda path: files.write_png(path, (noise[0] // 256).astype(np.uint8)),
     "out.json": lambda path: files.write_json(path, {"noise": noise}),
     "out.exr": lambda path: exr.write_irradiance_exr(path, light),
@@ -221,7 +232,7 @@ except InputError as error:
 """
 
 
-@pytest.mark.parametrize("what", ["out.tiff", "out.png", "out.json", "out.exr"])
+@pytest.mark.parametrize("what", ["out.tiff", "out.dng", "out.png", "out.json", "out.exr"])
 def test_a_disk_that_is_full_is_one_sentence_and_no_file(light: Any, tmp_path: Path, what: str) -> None:
     """The kernel refuses to let a file grow beyond 1000 bytes, as a full disk would."""
     exr.write_irradiance_exr(tmp_path / "light.exr", light)

@@ -1,0 +1,207 @@
+"""DNG files of raw frames: every pixel as the ADC delivers it, and the tags by which other programs develop it.
+
+Tags by their numbers in Adobe's Digital Negative Specification 1.4 and, below ``_exif``, in Exif 2.3.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+from collections.abc import Iterator, Sequence
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from ..core import InputError
+from ..sensor.camera import Camera
+from ..sensor.figures import QUANTISATION_DN2, figures_if_any
+from ..sensor.metering import saturation_dn
+from ..sensor.stage import converter_of
+from .colour_matrix import colour_matrix, colour_order
+from .dng_colours import calibrations
+from .files import CFA_COLOURS, TIFF_BYTE, TIFF_LONG, TIFF_SHORT, appearing, cfa_tags, to_json
+from .metadata import image_facts
+
+if TYPE_CHECKING:
+    from ..sensor.frames import Frames
+
+Tag: TypeAlias = tuple[int, int, int, Any, bool]  # code, type, count, value, on the first page only
+
+ASCII, RATIONAL, UNDEFINED, SRATIONAL, DOUBLE = 2, 5, 7, 10, 12  # types of tags, beside those of files.py
+LARGEST = 2**31 - 1  # numerator and denominator of a fraction, signed or not
+PHOTOMETRIC, CFA, LINEAR_RAW = 262, 32803, 34892
+EXIF, EXIF_TO_BE = 34665, 34664  # where the directory of Exif stands; tifffile writes no tag of this number
+MOST_BITS = 16  # LibRaw reads no deeper integers
+FEWEST_PIXELS = 22  # rows and columns: LibRaw opens no smaller pictures
+BAYER = (2, 2)  # the only tile of filters, of those that cameras here can have, that LibRaw reads
+BEYOND_SHORT = 65535  # an ISO speed that stands in RecommendedExposureIndex instead (Exif 2.3)
+INSTEAD = "leave dng out: frame.tiff (ms.write_tiff) holds every code"
+
+
+def check_dng(camera: Camera, shape: tuple[int, ...]) -> None:
+    """Raise InputError for a camera, or a (H, W) of its pictures, that no DNG holds which other programs open."""
+    names, tile = camera.filter_names, np.shape(camera.tile)
+    if camera.adc.bits > MOST_BITS:
+        raise InputError(f"a DNG has {MOST_BITS} bits at most, and {camera.name} has {camera.adc.bits}; {INSTEAD}.")
+    initials = sorted(name[:1].lower() for name in names)
+    if len(names) > 1 and (initials != sorted(CFA_COLOURS) or tile != BAYER or len(set(np.ravel(camera.tile))) < 3):
+        raise InputError(
+            f"{camera.name} has filters {', '.join(names)} in a tile of {tile[0]} × {tile[1]}, and a DNG is read with "
+            f"red, green and blue in 2 × 2, or without filters; {INSTEAD}."
+        )
+    if len(names) > 1 and colour_matrix(camera) is None:
+        raise InputError(f"a filter of {camera.name} detects no daylight, so it has no colours; {INSTEAD}.")
+    if min(shape[-2:]) < FEWEST_PIXELS:
+        raise InputError(
+            f"a picture of {shape[-2]} × {shape[-1]} pixels is too small for a DNG: LibRaw opens {FEWEST_PIXELS} × "
+            f"{FEWEST_PIXELS} and more; {INSTEAD}."
+        )
+
+
+def dng_names(frames: Frames) -> list[str]:
+    """Names of the DNGs of all frames: frame.dng, or frame_0008.dng, frame_0009.dng … by the number of each frame."""
+    first, count = frames.first.index, len(frames.digital)
+    return ["frame.dng"] if count == 1 else [f"frame_{number:04d}.dng" for number in range(first, first + count)]
+
+
+def write_dng(path: str | os.PathLike[str], frames: Frames, number: int = 0) -> None:
+    """One of the frames as a DNG 1.4, its pixels unchanged and uncompressed. Raises InputError (see check_dng)."""
+    import tifffile
+
+    check_dng(frames.camera, frames.digital.shape)
+    if not -len(frames.digital) <= number < len(frames.digital):
+        raise InputError(f"number is {number!r}, and there are {len(frames.digital)} frames; the first one is 0.")
+    colour, facts = len(frames.camera.filter_names) > 1, image_facts(frames) | {"frames": 1}
+    with appearing(Path(path)) as temporary:
+        tifffile.imwrite(
+            temporary,
+            frames.digital[number],
+            byteorder="<",
+            photometric="minisblack",
+            metadata=None,
+            software="mitsuba_sensor",
+            description=to_json(facts).encode(),
+            extratags=[*_about(frames), *(_colours(frames, facts["cfa_pattern"]) if colour else _levels(frames, 1))],
+        )
+        _finish(temporary, CFA if colour else LINEAR_RAW, list(_exif(frames)))
+
+
+def _about(frames: Frames) -> Iterator[Tag]:
+    """Version, camera, orientation and noise."""
+    name = frames.camera.name.encode("ascii", "replace").decode()
+    yield _tag(254, TIFF_LONG, 0)  # NewSubfileType: the picture itself, without which Adobe's SDK finds none
+    yield _tag(50706, TIFF_BYTE, 1, 4, 0, 0)  # DNGVersion
+    yield _tag(50707, TIFF_BYTE, 1, 1, 0, 0)  # DNGBackwardVersion: nothing newer must be understood
+    yield 271, ASCII, 0, "mitsuba_sensor", True  # Make, without which LibRaw opens no file
+    yield 272, ASCII, 0, name, True  # Model
+    yield 50708, ASCII, 0, name, True  # UniqueCameraModel
+    yield _tag(274, TIFF_SHORT, 1)  # Orientation: the first row is above, the first column on the left
+    yield _tag(EXIF_TO_BE, TIFF_LONG, 0)  # its place is not known yet
+    profile = noise_profile(frames)
+    if profile is not None:
+        yield _tag(51041, DOUBLE, *(profile * (3 if len(frames.camera.filter_names) > 1 else 1)))
+
+
+def _levels(frames: Frames, side: int) -> Iterator[Tag]:
+    """BlackLevelRepeatDim, BlackLevel of side × side pixels, and WhiteLevel."""
+    black_dn = converter_of(frames.camera.stages).black_level_dn
+    yield _tag(50713, TIFF_SHORT, side, side)
+    yield _tag(50714, RATIONAL, *[black_dn] * side**2)
+    yield _tag(50717, TIFF_LONG, saturation_dn(frames.camera))
+
+
+def noise_profile(frames: Frames) -> tuple[float, float] | None:
+    """(S, O) of DNG 1.4: the temporal variance of a pixel is S·x + O, black level at x = 0 and white level at x = 1.
+
+    S = K/(white − black) and O = (K²·σ_d² + σ_q²)/(white − black)², with EMVA 1288's overall system gain K of small
+    signals, temporal dark noise σ_d and quantisation noise σ_q² = 1/12 DN². Dark current counts as signal: it has shot
+    noise as light has. None for chain konnik2014, and for cameras without shot noise, which have no S.
+    """
+    camera, figures = frames.camera, figures_if_any(frames.camera)
+    shot = any(stage.counts_electrons for stage in camera.stages)
+    if figures is None or not shot or (frames.plan is None and frames.stages != camera.stages):
+        return None
+    span_dn = saturation_dn(camera) - converter_of(camera.stages).black_level_dn
+    gain_dn_per_e = figures.system_gain_dn_per_e
+    dark_dn2 = (gain_dn_per_e * figures.temporal_dark_noise_e) ** 2 + QUANTISATION_DN2
+    return gain_dn_per_e / span_dn, dark_dn2 / span_dn**2
+
+
+def _colours(frames: Frames, pattern: Sequence[Sequence[str]]) -> Iterator[Tag]:
+    """The mosaic as it lies in this file, levels, matrices, and white where the illuminant is known."""
+    camera, illuminant = frames.camera, frames.light.illuminant
+    yield from cfa_tags(pattern)
+    yield _tag(50710, TIFF_BYTE, 0, 1, 2)  # CFAPlaneColor: red, green, blue
+    yield _tag(50711, TIFF_SHORT, 1)  # CFALayout: a rectangle
+    yield from _levels(frames, BAYER[0])
+    for place, one in enumerate(calibrations(camera)):
+        yield _tag(50778 + place, TIFF_SHORT, one.light_source)  # CalibrationIlluminant1, 2
+        yield _tag(50721 + place, SRATIONAL, *one.to_raw.ravel())  # ColorMatrix1, 2
+        yield _tag(50964 + place, SRATIONAL, *one.to_xyz.ravel())  # ForwardMatrix1, 2
+    found, order = colour_matrix(camera, illuminant), colour_order(camera.filter_names)
+    if found is not None and found.illuminant == "scene":
+        yield _tag(50728, RATIONAL, *1.0 / found.white_balance[order])  # AsShotNeutral
+
+
+def _exif(frames: Frames) -> Iterator[Tag]:
+    """Exposure time, f-number and ISO speed, each where it is known."""
+    camera, time_s = frames.camera, frames.first.exposure.time_s
+    if time_s <= LARGEST:
+        yield _tag(33434, RATIONAL, time_s)  # ExposureTime
+    if camera.lens.f_number is not None:
+        yield _tag(33437, RATIONAL, camera.lens.f_number)  # FNumber
+    iso = next((one.iso for one in camera.gains if one.label == camera.gain), None)
+    if iso is not None:
+        yield _tag(34855, TIFF_SHORT, min(round(iso), BEYOND_SHORT))  # ISOSpeedRatings
+        yield _tag(34864, TIFF_SHORT, 2)  # SensitivityType: the next one
+        yield _tag(34866, TIFF_LONG, min(round(iso), LARGEST))  # RecommendedExposureIndex
+    yield 36864, UNDEFINED, 4, b"0230", True  # ExifVersion
+
+
+def _tag(code: int, kind: int, *values: float) -> Tag:
+    """A tag of numbers; those that are fractions as numerator and denominator, one after the other."""
+    if kind in (RATIONAL, SRATIONAL):
+        return code, kind, len(values), tuple(number for value in values for number in _rational(value)), True
+    return code, kind, len(values), bytes(map(int, values)) if kind == TIFF_BYTE else values, True
+
+
+def _rational(value: float) -> tuple[int, int]:
+    """The nearest fraction whose numerator and denominator have 31 bits."""
+    most = int(LARGEST / max(abs(value), 1.0))
+    return Fraction(float(value)).limit_denominator(most).as_integer_ratio()
+
+
+def _finish(file: Path, photometric: int, exif: Sequence[Tag]) -> None:
+    """What tifffile does not write: a directory of Exif, and LinearRaw of one value per pixel."""
+    with file.open("r+b") as opened:
+        end = opened.seek(0, os.SEEK_END)
+        place = end + end % 2
+        opened.write(bytes(end % 2) + _directory(exif, place))
+        opened.seek(4)
+        (start,) = struct.unpack("<I", opened.read(4))
+        opened.seek(start)
+        (count,) = struct.unpack("<H", opened.read(2))
+        entries = opened.read(12 * count)
+        for number in range(count):
+            (code,) = struct.unpack_from("<H", entries, 12 * number)
+            if code in (PHOTOMETRIC, EXIF_TO_BE):
+                new = (code, TIFF_SHORT, 1, photometric) if code == PHOTOMETRIC else (EXIF, TIFF_LONG, 1, place)
+                opened.seek(start + 2 + 12 * number)
+                opened.write(struct.pack("<HHII", *new))
+
+
+def _directory(tags: Sequence[Tag], place: int) -> bytes:
+    """A directory of TIFF that is to begin at this byte, its tags in the order of their numbers."""
+    entries, behind = struct.pack("<H", len(tags)), b""
+    start = place + 2 + 12 * len(tags) + 4
+    for code, kind, count, value, _ in sorted(tags):
+        if kind == UNDEFINED:
+            content = value
+        else:
+            content = struct.pack(f"<{len(value)}{'H' if kind == TIFF_SHORT else 'I'}", *value)
+        inside = content if len(content) <= 4 else struct.pack("<I", start + len(behind))
+        entries += struct.pack("<HHI4s", code, kind, count, inside)
+        behind += content if len(content) > 4 else b""
+    return entries + bytes(4) + behind
