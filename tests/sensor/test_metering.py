@@ -133,7 +133,7 @@ def test_a_scene_that_names_no_exposure_is_metered_however_bright(tmp_path: Path
     assert (again.frames.digital == found.frames.digital).all()
     given = ms.capture(path, CAMERA, ms.Exposure(record["exposure_s"]), **SMALL)
     assert (given.frames.digital == found.frames.digital).all() and given.metadata["origin"]["metering"] is None
-    assert given.light.statistics.noise_ratio_p95 == pytest.approx(found.light.statistics.noise_ratio_p95, rel=1e-6)
+    assert given.light.statistics.noise_ratio_p95 == pytest.approx(found.light.statistics.noise_ratio_p95, rel=1e-3)
 
 
 @pytest.mark.parametrize(
