@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -20,17 +22,15 @@ from ..sensor.camera_file import load_camera
 from ..sensor.frames import Frames
 from ..sensor.sensor import Sensor
 from ..sensor.stage import converter_of
+from .images import Image, Values, as_array, as_given, scaled
 
-Values: TypeAlias = Literal["electrons", "linear", "srgb"]
 Output: TypeAlias = Literal["raw", "developed"]
-Image: TypeAlias = Any
-"""A NumPy array, or a tensor of PyTorch, whose methods alone are used."""
-
 KEPT = 8
 """Sensors with their FPN maps that are kept, of the last chips and gains."""
 MOST_SERIAL = 2**31 - 1
 LARGEST_SEED = 2**63
-EIGHT_BITS = 255
+ALONE = threading.Lock()
+"""Dr.Jit compiles and runs for one thread at a time."""
 
 
 @dataclass(frozen=True)
@@ -70,13 +70,13 @@ class NoisyImage:
         return self._stacked([one.theory.digital_variance() for one in self.frames])
 
     def _stacked(self, arrays: list[NDArray[Any]]) -> Image:
-        return _as_given(np.stack(arrays) if self._batch else arrays[0], self._like)
+        return as_given(np.stack(arrays) if self._batch else arrays[0], self._like)
 
 
 class SensorNoise:
     """What a camera makes of an image: ``noisy = ms.SensorNoise("sony_imx174", white_e=(50, 2000))(image)``.
 
-    camera : a :class:`Camera` or its name.
+    camera : a :class:`Camera`, or what :func:`load_camera` takes.
     exposure : time and temperature, for the dark current.
     gain : setting, or several, of which one is drawn for every image; without it the camera's own numbers.
     serial : of the chip, or (first, last) of those that one is drawn from for every image.
@@ -84,7 +84,7 @@ class SensorNoise:
         is ``white_e``; ``"srgb"``, the same behind the curve of IEC 61966-2-1, integers of 8 bits or 0 … 1.
     white_e : mean electrons of a value of 1, or (least, most), between which the logarithm is uniform.
     output : ``"raw"``, digital numbers; ``"developed"``, an image of the values that came in, demosaiced and not
-        clipped, so that its noise stays centred.
+        clipped, so that the noise of linear values stays centred; negative ones have the curve of sRGB mirrored.
     seed : of all that is drawn.
 
     ``engine`` is the compiled one where there is LLVM, and may be set to another of :func:`expose`'s: ``"numpy"`` in
@@ -96,7 +96,7 @@ class SensorNoise:
 
     def __init__(
         self,
-        camera: Camera | str,
+        camera: Camera | str | Path,
         *,
         exposure: Exposure | None = None,
         gain: str | float | Sequence[str | float] | None = None,
@@ -106,10 +106,10 @@ class SensorNoise:
         output: Output = "raw",
         seed: int = 0,
     ) -> None:
-        self.camera = load_camera(camera) if isinstance(camera, str) else camera
-        self.exposure = exposure or Exposure(0.01)
+        self.camera = camera if isinstance(camera, Camera) else load_camera(camera)
+        self.exposure = Exposure(0.01) if exposure is None else exposure
         self.gains = tuple(gain) if isinstance(gain, Sequence) and not isinstance(gain, str) else (gain,)
-        self.serials = _range("serial", serial, 1, MOST_SERIAL)
+        self.serials = _range("serial", serial, 1, MOST_SERIAL, int)
         self.values = _choice("values", values, get_args(Values))
         self.output = _choice("output", output, get_args(Output))
         self.white_e = None if white_e is None else _range("white_e", white_e, 1e-3, 1e9)
@@ -118,10 +118,12 @@ class SensorNoise:
         if (self.white_e is None) != (self.values == "electrons"):
             needs = "has no white_e" if self.values == "electrons" else 'needs white_e, e.g. (50, 2000), or "electrons"'
             raise InputError(f"values is {self.values!r}, which {needs}.")
+        if not self.gains:
+            raise InputError(f"gain is {gain!r}; pass one setting or several, or leave it out for the camera's own.")
         for setting in self.gains:
             self.camera.at_gain(setting)
         self.light_nm = _usual_nm(self.camera)
-        self._sensors: dict[tuple[Any, int, tuple[int, ...]], Sensor] = {}
+        self._sensors: dict[tuple[Any, ...], Sensor] = {}
 
     def __repr__(self) -> str:
         return f"SensorNoise({self.camera.name!r}, values={self.values!r}, output={self.output!r}, seed={self.seed})"
@@ -132,7 +134,7 @@ class SensorNoise:
         image : (H, W), (H, W, 3), or a batch of them.  sample : number of the (first) image: the same number gives the
             same chip, gain, brightness and noise, in whatever order images come, in every process.
         """
-        sample, given = _seed("sample", sample), _as_array(image)
+        sample, given = _seed("sample", sample), as_array(image)
         colour = self._is_colour(given)
         batch = given.ndim == (4 if colour else 3)
         draws, frames, out = [], [], []
@@ -143,7 +145,7 @@ class SensorNoise:
             raw = frames[-1].digital[0]
             out.append(raw if self.output == "raw" else self._developed(raw, draw, colour))
         found = np.stack(out) if batch else out[0]
-        return NoisyImage(_as_given(found, image), tuple(draws), tuple(frames), image, batch)
+        return NoisyImage(as_given(found, image), tuple(draws), tuple(frames), image, batch)
 
     def __getstate__(self) -> dict[str, Any]:
         """For other processes: without sensors."""
@@ -160,20 +162,22 @@ class SensorNoise:
         return Draw(serial, gain, white_e, int(chance.integers(LARGEST_SEED)))
 
     def _expose(self, photons: Photons, draw: Draw) -> Frames:
-        key = (draw.gain, draw.serial, photons.shape)
-        sensor = self._sensors.pop(key, None)
-        if sensor is None:
-            sensor = Sensor(_as_large(self.camera, photons.shape).at_gain(draw.gain), serial=draw.serial)
-            while len(self._sensors) >= KEPT:
-                del self._sensors[next(iter(self._sensors))]
-        self._sensors[key] = sensor
+        key = (threading.get_ident(), draw.gain, draw.serial, photons.shape)  # Dr.Jit's arrays are of one thread
         asked: Any = {"seed": draw.seed, "first_frame": 0, "engine": self.engine}
-        return sensor.expose(photons, self.exposure, **asked)
+        with ALONE:
+            sensor = self._sensors.pop(key, None)
+            if sensor is None:
+                sensor = Sensor(_as_large(self.camera, photons.shape).at_gain(draw.gain), serial=draw.serial)
+                while len(self._sensors) >= KEPT:
+                    del self._sensors[next(iter(self._sensors))]
+            self._sensors[key] = sensor
+            return sensor.expose(photons, self.exposure, **asked)
 
     def _is_colour(self, given: NDArray[Any]) -> bool:
         """Whether the last dimension is red, green and blue."""
         colour = given.ndim == 4 or (given.ndim == 3 and given.shape[2] == 3)
-        if given.ndim not in (2, 3, 4) or (given.ndim == 4 and given.shape[3] != 3) or not given.size:
+        layers = given.ndim == 3 and given.shape[1] > given.shape[2] in (1, 2, 4)  # grey or alpha behind the pixels
+        if given.ndim not in (2, 3, 4) or (given.ndim == 4 and given.shape[3] != 3) or layers or not given.size:
             raise InputError(f"image has shape {given.shape}; pass (H, W), (H, W, 3), or a batch of one of them.")
         names = {name[:1].upper() for name in self.camera.filter_names}
         if colour and names != set("RGB"):
@@ -193,10 +197,12 @@ class SensorNoise:
                 part = slice(row, None, len(tile)), slice(column, None, len(numbers))
                 letter = self.camera.filter_names[number][:1].upper()
                 values = given[part][..., "RGB".index(letter)] if colour else given[part]
-                mean[part] = _scaled(values, self.values, np.float32((draw.white_e or 1.0) / efficiency[number]))
+                with np.errstate(over="ignore", invalid="ignore"):
+                    mean[part] = scaled(values, self.values, np.float32((draw.white_e or 1.0) / efficiency[number]))
         if not 0 <= mean.min() <= mean.max() < np.inf:
-            worst = given[~(given >= 0) | np.isinf(given)]
-            raise InputError(f"image has values such as {worst.flat[0]:g}; mean light is finite and at least 0.")
+            worst = given[~((given >= 0) & np.isfinite(given))]
+            value = worst.flat[0] if worst.size else given.max()
+            raise InputError(f"image has values such as {value:g}; mean light is finite and at least 0, in float32.")
         return Photons(mean[..., None], np.array([self.light_nm]))
 
     def _developed(self, raw: NDArray[Any], draw: Draw, colour: bool) -> Float32Array:
@@ -206,28 +212,14 @@ class SensorNoise:
         linear = (raw.astype(np.float64) - converter_of(camera.stages).black_level_dn) / scale
         if colour:
             names = [name[:1].upper() for name in camera.filter_names]
-            linear = demosaic(linear, camera.filter_index(linear.shape), camera)[..., [names.index(c) for c in "RGB"]]
+            filters = camera.filter_index(linear.shape)
+            if np.unique(filters).size < len(names):
+                size = f"{linear.shape[0]} × {linear.shape[1]}"
+                raise InputError(f'image has {size} pixels, which lack a colour; pass more of them, or output="raw".')
+            linear = demosaic(linear, filters, camera)[..., [names.index(c) for c in "RGB"]]
         if self.values == "srgb":
-            linear = np.where(linear < 0, 12.92 * linear, srgb_curve(linear))
+            linear = np.copysign(srgb_curve(np.abs(linear)), linear)
         return linear.astype(np.float32)
-
-
-def _scaled(values: NDArray[Any], kind: Values, factor: np.float32) -> Float32Array:
-    """Proportional to light, times a factor."""
-    if kind != "srgb":
-        return np.multiply(values, factor, dtype=np.float32, casting="unsafe")
-    if values.dtype == np.uint8:
-        levels = _inverse_srgb(np.linspace(0, 1, EIGHT_BITS + 1, dtype=np.float32))
-        return np.asarray(np.take(levels * factor, values), np.float32)
-    if values.dtype.kind in "iu":
-        raise InputError(f"image is {values.dtype} and values 'srgb'; pass uint8, or floats from 0 to 1.")
-    return _inverse_srgb(values.astype(np.float32)) * factor
-
-
-def _inverse_srgb(encoded: Float32Array) -> Float32Array:
-    """Inverse transfer curve of IEC 61966-2-1."""
-    curved = ((np.maximum(encoded, 0.04045) + np.float32(0.055)) / np.float32(1.055)) ** np.float32(2.4)
-    return np.asarray(np.where(encoded <= 0.04045, encoded / np.float32(12.92), curved), np.float32)
 
 
 def _usual_nm(camera: Camera) -> float:
@@ -252,19 +244,6 @@ def _as_large(camera: Camera, shape: tuple[int, ...]) -> Camera:
     return camera.replace(**{"sensor.rows": max(rows, shape[0]), "sensor.columns": max(columns, shape[1])})
 
 
-def _as_array(image: Image) -> NDArray[Any]:
-    """Of an array or a tensor; booleans, text and complex numbers are refused."""
-    array = np.asarray(image.detach().cpu().numpy() if hasattr(image, "detach") else image)
-    if array.dtype.kind not in "iuf":
-        raise InputError(f"image is {array.dtype}; pass integers or floats.")
-    return array
-
-
-def _as_given(found: NDArray[Any], given: Image) -> Image:
-    """A tensor beside the one that came in, of floats, for its integers are few; else as it is."""
-    return given.new_tensor(found.astype(np.float32)).float() if hasattr(given, "new_tensor") else found
-
-
 def _choice(name: str, value: Any, known: tuple[str, ...]) -> Any:
     if value not in known:
         raise InputError(f"{name} is {value!r}; it must be one of {', '.join(known)}.")
@@ -277,10 +256,12 @@ def _seed(name: str, value: Any) -> int:
     return int(value)
 
 
-def _range(name: str, value: Any, least: float, most: float) -> tuple[Any, Any]:
-    """(low, high) of one number or two."""
+def _range(name: str, value: Any, least: float, most: float, kind: type = float) -> tuple[Any, Any]:
+    """(low, high) of one number or two, whole ones for the kind int."""
     ends = tuple(value) if isinstance(value, Sequence) and not isinstance(value, str) else (value, value)
-    numbers = all(isinstance(one, int | float | np.number) and not isinstance(one, bool) for one in ends)
+    known = (int, np.integer) if kind is int else (int, float, np.integer, np.floating)
+    numbers = all(isinstance(one, known) and not isinstance(one, bool) for one in ends)
     if len(ends) != 2 or not numbers or not least <= ends[0] <= ends[1] <= most:
-        raise InputError(f"{name} is {value!r}; it must be a number from {least:g} to {most:g}, or two: (low, high).")
+        what = "whole number" if kind is int else "number"
+        raise InputError(f"{name} is {value!r}; it must be a {what} from {least:g} to {most:g}, or two: (low, high).")
     return ends

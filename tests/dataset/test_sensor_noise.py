@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import pickle
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,8 +31,14 @@ class Tensor:
     def cpu(self) -> Tensor:
         return self
 
+    def is_floating_point(self) -> bool:
+        return self.array.dtype.kind == "f"
+
     def numpy(self) -> np.ndarray:
         return self.array
+
+    def new_empty(self, size: int) -> Tensor:
+        return Tensor(np.empty(size, self.array.dtype))
 
     def new_tensor(self, values: np.ndarray) -> Tensor:
         return Tensor(values.astype(self.array.dtype))
@@ -131,6 +139,34 @@ def test_a_tensor_comes_back_as_a_tensor() -> None:
     np.testing.assert_array_equal(found.image.array, noise(GREY).image)
 
 
+@pytest.mark.parametrize("kind", [np.uint8, np.int64, np.float16])
+def test_numbers_of_a_tensor_are_not_those_of_its_own_few_bits(kind: type) -> None:
+    """Codes of 12 bits do not fit into 8, nor above 2048 into a float of 16."""
+    image = (GREY / 20).astype(kind)
+    noise = ms.SensorNoise(MONO, white_e=50.0)
+    found, expected = noise(Tensor(image)), noise(image)
+    np.testing.assert_array_equal(found.image.array, expected.image)
+    np.testing.assert_array_equal(found.variance_dn2.array, expected.variance_dn2.astype(np.float32))
+
+
+def test_a_developed_image_is_odd_about_black_behind_the_curve() -> None:
+    """Darkness in three series: values on both sides of 0 are equally far from it, to 5 standard errors."""
+    noise = ms.SensorNoise(MONO.without("prnu"), values="srgb", white_e=100.0, output="developed")
+    noise.exposure = ms.Exposure(0.0)
+    dark = np.stack([noise(np.zeros((64, 64), np.float32), k).image for k in range(12)])
+    error = dark.mean(axis=(1, 2)).std(ddof=1) / np.sqrt(12)
+    assert abs(dark.mean()) < 5 * error + 0.005
+
+
+def test_threads_that_share_a_transform_get_the_frames_of_one() -> None:
+    noise = ms.SensorNoise(MONO, white_e=(10.0, 1000.0), serial=(1, 40))
+    image = GREY[:9, :8] / 5000
+    expected = [noise(image, k).image for k in range(24)]
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(lambda k: noise(image, k).image, range(24)))
+    np.testing.assert_array_equal(found, expected)
+
+
 def test_an_image_may_be_larger_than_the_sensor() -> None:
     small = MONO.replace(**{"sensor.rows": 8, "sensor.columns": 8})
     assert ms.SensorNoise(small, values="electrons")(GREY).image.shape == GREY.shape
@@ -153,9 +189,30 @@ def test_an_image_may_be_larger_than_the_sensor() -> None:
         ({"white_e": 9.0}, -GREY, "mean light is finite and at least 0"),
         ({"white_e": 9.0}, GREY * np.float32(np.nan), "image has values such as nan"),
         ({"values": "srgb", "white_e": 9.0}, GREY.astype(np.uint16), "image is uint16 and values 'srgb'"),
+        ({"values": "srgb", "white_e": 9.0}, np.full((4, 4), 255.0), "image has values up to 255 and values 'srgb'"),
+        ({"white_e": 9.0}, np.full((4, 4), 1e38), "1e+38; mean light is finite and at least 0, in float32"),
+        ({"white_e": 9.0}, GREY[..., None], "image has shape (20, 31, 1)"),
+        ({"white_e": 9.0}, np.ones((8, 9, 4)), "image has shape (8, 9, 4)"),
+        ({"white_e": 9.0, "gain": []}, GREY, "gain is []; pass one setting or several"),
+        ({"white_e": 9.0, "serial": 1.5}, GREY, "serial is 1.5; it must be a whole number"),
     ],
 )
 def test_what_does_not_fit_is_one_sentence(options: dict[str, Any], image: np.ndarray, said: str) -> None:
     with pytest.raises(ms.InputError) as caught:
         ms.SensorNoise(MONO, **options)(image)
     assert said in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_developed_images_have_pixels_of_every_colour() -> None:
+    noise = ms.SensorNoise(BAYER, white_e=100.0, output="developed")
+    assert noise(np.ones((2, 2, 3))).image.shape == (2, 2, 3)
+    with pytest.raises(ms.InputError, match="image has 1 × 5 pixels, which lack a colour"):
+        noise(np.ones((1, 5, 3)))
+
+
+def test_a_camera_is_its_name_a_path_or_itself_and_nothing_else(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(MONO.to_toml())
+    assert ms.SensorNoise(path, white_e=5.0).camera == ms.load_camera(path)
+    with pytest.raises(ms.InputError, match="name is None; pass the name of a camera"):
+        ms.SensorNoise(None, white_e=5.0)  # type: ignore[arg-type]

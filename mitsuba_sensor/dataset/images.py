@@ -1,0 +1,57 @@
+"""Images as they come in, arrays and tensors: their light, and what is made of it as they were."""
+
+from __future__ import annotations
+
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core import InputError
+from ..core.types import Float32Array
+
+Values: TypeAlias = Literal["electrons", "linear", "srgb"]
+Image: TypeAlias = Any
+"""A NumPy array, or a tensor of PyTorch, whose methods alone are used."""
+
+EIGHT_BITS = 255
+MOST_SRGB = 2.0
+"""Filters overshoot, and screens of high range go beyond 1; numbers of 8 bits in floats are a mistake."""
+
+
+def scaled(values: NDArray[Any], kind: Values, factor: np.float32) -> Float32Array:
+    """Proportional to light, times a factor."""
+    if kind != "srgb":
+        return np.asarray(np.multiply(values, factor, dtype=np.float32, casting="unsafe"), np.float32)
+    if values.dtype == np.uint8:
+        levels = _inverse_srgb(np.linspace(0, 1, EIGHT_BITS + 1, dtype=np.float32))
+        return np.asarray(np.take(levels * factor, values), np.float32)
+    if values.dtype.kind in "iu":
+        raise InputError(f"image is {values.dtype} and values 'srgb'; pass uint8, or floats from 0 to 1.")
+    if values.max(initial=0) > MOST_SRGB:
+        raise InputError(
+            f"image has values up to {values.max():g} and values 'srgb'; pass uint8, or floats from 0 to 1."
+        )
+    return np.asarray(_inverse_srgb(values.astype(np.float32)) * factor, np.float32)
+
+
+def _inverse_srgb(encoded: Float32Array) -> Float32Array:
+    """Inverse transfer curve of IEC 61966-2-1."""
+    curved = ((np.maximum(encoded, 0.04045) + np.float32(0.055)) / np.float32(1.055)) ** np.float32(2.4)
+    return np.asarray(np.where(encoded <= 0.04045, encoded / np.float32(12.92), curved), np.float32)
+
+
+def as_array(image: Image) -> NDArray[Any]:
+    """Of an array or a tensor; booleans, text and complex numbers are refused."""
+    if hasattr(image, "detach"):
+        image = image.detach().cpu()
+        image = (image.float() if image.is_floating_point() else image).numpy()  # NumPy has no bfloat16
+    array = np.asarray(image)
+    if array.dtype.kind not in "iuf":
+        raise InputError(f"image is {array.dtype}; pass integers or floats.")
+    return array
+
+
+def as_given(found: NDArray[Any], given: Image) -> Image:
+    """A tensor beside the one that came in, of floats, for its integers are few; else as it is."""
+    return given.new_empty(0).float().new_tensor(found.astype(np.float32)) if hasattr(given, "new_tensor") else found
