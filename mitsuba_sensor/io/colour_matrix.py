@@ -12,6 +12,7 @@ from ..render import spectra
 from ..sensor.camera import Camera
 
 NOISE = 0.0003  # of white, of a raw value: a matrix that amplifies it much is no good for pictures with noise
+STEP_NM = 5.0  # width of the bands of an illuminant
 LEAST_SHARE = 1e-3  # of the mean of red, green and blue, and of power that is seen: less is no light for colours
 
 
@@ -69,9 +70,9 @@ def _detected(camera: Camera, light: Illuminant, order: list[int]) -> bool:
 
 
 def standard_light(camera: Camera, name: str) -> Illuminant:
-    """A CIE illuminant in bands of 5 nm, over what the camera and an observer see."""
+    """A CIE illuminant in bands of STEP_NM, over what the camera and an observer see."""
     low_nm, high_nm = camera.band_nm
-    middles = np.arange(min(low_nm, 380.0), max(high_nm, 780.0) + 1, 5.0)
+    middles = np.arange(min(low_nm, 380.0), max(high_nm, 780.0) + 1, STEP_NM)
     return Illuminant(middles, spectra.standard_illuminant(name, middles))
 
 

@@ -22,6 +22,7 @@ from ..sensor.stage import converter_of
 from .colour_matrix import colour_matrix, colour_order
 from .dng_colours import calibrations
 from .files import CFA_COLOURS, TIFF_BYTE, TIFF_LONG, TIFF_SHORT, appearing, cfa_tags, to_json
+from .iso_speed import iso_speed
 from .metadata import image_facts
 
 if TYPE_CHECKING:
@@ -152,11 +153,12 @@ def _exif(frames: Frames) -> Iterator[Tag]:
         yield _tag(33434, RATIONAL, time_s)  # ExposureTime
     if camera.lens.f_number is not None:
         yield _tag(33437, RATIONAL, camera.lens.f_number)  # FNumber
-    iso = next((one.iso for one in camera.gains if one.label == camera.gain), None)
-    if iso is not None:
-        yield _tag(34855, TIFF_SHORT, min(round(iso), BEYOND_SHORT))  # ISOSpeedRatings
+    speed = None if figures_if_any(camera) is None else iso_speed(camera)
+    if speed is not None:
+        iso = min(max(round(speed), 1), LARGEST)
+        yield _tag(34855, TIFF_SHORT, min(iso, BEYOND_SHORT))  # ISOSpeedRatings
         yield _tag(34864, TIFF_SHORT, 2)  # SensitivityType: the next one
-        yield _tag(34866, TIFF_LONG, min(round(iso), LARGEST))  # RecommendedExposureIndex
+        yield _tag(34866, TIFF_LONG, iso)  # RecommendedExposureIndex
     yield 36864, UNDEFINED, 4, b"0230", True  # ExifVersion
 
 

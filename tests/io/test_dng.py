@@ -15,6 +15,7 @@ import rawpy
 import tifffile
 from helpers.patches import MIDDLES, OBSERVER, PATCHES, SHAPE, WHITE, distances, lit_by, seen
 from numpy.typing import NDArray
+from scipy import constants
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.io import dng
@@ -92,6 +93,18 @@ def test_exposure_f_number_and_iso_stand_where_exif_has_them(tmp_path: Path) -> 
     tags = dng_tags(tmp_path / "a.dng")
     assert tags["UniqueCameraModel"] == "sony_a7s2" and tags["Orientation"] == 1
     assert bytes(tags["DNGVersion"]) == b"\1\4\0\0" and bytes(tags["DNGBackwardVersion"]) == b"\1\1\0\0"
+
+
+def test_a_camera_without_iso_numbers_has_the_speed_at_which_it_saturates(tmp_path: Path) -> None:
+    """ISO 12232 in other terms: a metre of 1 lx of D65, photons counted every nanometre, fills the well 78/S times."""
+    nm = np.arange(380.0, 781.0)
+    table, y = colour.SDS_ILLUMINANTS["D65"], colour.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"].copy()
+    power, y = np.interp(nm, table.wavelengths, table.values), np.interp(nm, y.wavelengths, y.values[:, 1])
+    photons = power / (683.0 * power @ y) / (constants.h * constants.c / (nm * 1e-9))
+    electrons_per_lx_s = (BAYER.qe(nm) @ photons).max() * 5.86e-6**2
+    saved(tmp_path / "a.dng", BAYER)
+    expected = 78 * electrons_per_lx_s / BAYER.emva1288().saturation_e
+    assert dng_tags(tmp_path / "a.dng")["ExifTag"]["ISOSpeedRatings"] == pytest.approx(expected, rel=0.01)
 
 
 # Colours.
