@@ -96,10 +96,13 @@ def _codes(stack: Stack) -> Float64Array:
 
 
 def _line_power(stack: Stack, axis: int) -> Float64Array:
-    """|FFT|² of the line means of every frame less their mean over the frames, all but frequency 0 [DN²]."""
+    """|FFT|² of the line means, all but frequency 0 [DN²], of what changes from frame to frame.
+
+    N frames leave N − 1 independent differences (Helmert's); deviations from their mean are N, of which two frames' are
+    the same but for the sign.
+    """
     lines = stack.frames.mean(axis=axis, dtype=np.float64)
-    lines = (lines - lines.mean(axis=0)) * math.sqrt(len(stack) / (len(stack) - 1))
-    power = np.abs(np.fft.rfft(lines, axis=1)) ** 2 / lines.shape[1]
+    power = np.abs(np.fft.rfft(scipy.linalg.helmert(len(stack)) @ lines, axis=1)) ** 2 / lines.shape[1]
     return np.asarray(power[:, 1:].ravel())
 
 

@@ -30,9 +30,19 @@ def test_stacks_of_one_law_pass() -> None:
     ]
 
 
+def test_two_frames_of_one_law_pass_as_often() -> None:
+    """Their deviations from the mean are the same but for the sign, and count once.
+
+    240 tests of lines at 1 %: more than 9 failures once in 10 000 runs. Counted twice, 20 and more fail.
+    """
+    pairs = [[Stack(_stack().frames[:2], 0.1) for _ in range(2)] for _ in range(120)]
+    found = [one for pair in pairs for one in frame_distances(*pair)[1:]]
+    assert sum(not one.passed for one in found) <= 9
+
+
 @pytest.mark.parametrize(
     ("other", "which"),
-    [({"sigma": 3.4}, 0), ({"mean": 100.3}, 0), ({"row": 0.4}, 1), ({"row": 0.0}, 1), ({"column": 0.25}, 2)],
+    [({"sigma": 3.4}, 0), ({"mean": 100.3}, 0), ({"row": 0.35}, 1), ({"row": 0.0}, 1), ({"column": 0.25}, 2)],
 )
 def test_another_noise_fails_the_test_that_is_about_it(other: dict[str, float], which: int) -> None:
     """All of 10 pairs; that a test of this power misses one is below 1 in 10 000."""
