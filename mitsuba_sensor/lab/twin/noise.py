@@ -64,7 +64,7 @@ def read_noise(dark: Dark, gain: Quantity) -> ReadNoise:
     other = shot + sum(one.value**2 for one in (lines.row, lines.column)) + float(stack.frame_means.var(ddof=1))
     place = float(stack.mean.mean()), dark.offsets.spread()["all"][0]
     looked_at = Pixels(math.sqrt(found.variance[0]), found.cv[0], other, whole, *place)
-    law = noise_law(stack, looked_at)
+    law = noise_law(stack, looked_at, "hidden by rounding" if looked_at.hidden else "")
     if law.distribution is not None:
         found = _of_tails(variances, law, looked_at, len(stack), floor)
         law = noise_law(stack, looked_at._replace(sigma=math.sqrt(found.variance[0]), cv=found.cv[0]))

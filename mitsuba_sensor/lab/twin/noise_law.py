@@ -37,6 +37,8 @@ NORMAL = 1.959964
 """Half of a 95 % interval [standard errors]."""
 EVEN, BLURRED = 0.4, 2.0
 """σ of the offsets from which on pixels lie anywhere between two codes, and σ of noise that hides where [DN]."""
+ALIGNED, HIDDEN = 0.25, 0.5
+"""σ of the offsets below which rounding may hide the noise of quiet pixels, and σ of the noise that it hides [DN]."""
 STEP = 0.05
 """Relative step of a derivative."""
 SPREAD = 9
@@ -137,6 +139,12 @@ class Pixels(NamedTuple):
     rounded: bool = False
     mean: float = 0.0
     offsets: float = 0.0
+
+    @property
+    def hidden(self) -> bool:
+        """Whether rounding hides what one pixel in six has, where rounding is not 1/12 and σ and cv are not so sure."""
+        s = math.sqrt(math.log1p(self.cv**2))
+        return self.rounded and self.cv > 0 and self.offsets < ALIGNED and self.sigma * math.exp(-(s**2) - s) < HIDDEN
 
     def ratios(self, law: NoiseDistribution | None) -> tuple[float, float]:
         """τ₄ and τ₆ that the frames should have."""
