@@ -34,9 +34,9 @@ HUGE = 1e90
 REACH = 7.0
 """Transitions further away than so many σ are sure."""
 
-UNDECIDED = 2.0**-21
-"""So near to a transition, in shares of the signal, one without noise may have the code above or below it: frames are
-rounded in float32, and whole electrons at a gain such as 5/14 DN/e- lie on a transition at every 14th count."""
+NEAR = 2.0**-22
+"""So near below a transition, in shares of itself, a signal without noise has the code above, as in frames: whole
+electrons at a gain such as 5/14 DN/e- come that near at every 14th count."""
 
 BLURRED = 4.0
 """σ [DN] of the first table of blurred steps. From √2 of it on unequal steps are looked up, not summed."""
@@ -58,13 +58,11 @@ def code_moments(
     sigma_dn: Float64Array,
     highest: int,
     inl_lsb: Float64Array | None = None,
-    black_level_dn: float = 0.0,
 ) -> tuple[Float64Array, Float64Array]:
     """Mean and variance of the code of x ~ Normal(ideal, σ²): code = number of transition levels T_k ≤ x.
 
     ideal_dn, sigma_dn : of one shape; σ may be 0.  highest : the largest code.
     inl_lsb : (highest,) INL of the lower edge of the codes 1 … highest: T_k = k − ½ + INL_k; None: equal steps.
-    black_level_dn : x without a signal. On a transition it has the code above; a signal there has either.
     """
     ideal, sigma = np.broadcast_arrays(ideal_dn, sigma_dn)
     x, s = (np.clip(np.nan_to_num(part.ravel()), -HUGE, HUGE) for part in (ideal, sigma))
@@ -90,7 +88,7 @@ def code_moments(
             here = np.flatnonzero(doubled == times)
             mean[here], variance[here] = _blurred(levels.tobytes(), int(times)).moments(x[here], s[here])
     for part in np.array_split(narrow, max(narrow.size // 2**15, 1)):
-        mean[part], variance[part] = _summed(x[part], s[part], highest, levels, black_level_dn)
+        mean[part], variance[part] = _summed(x[part], s[part], highest, levels)
     return mean.reshape(ideal.shape), variance.reshape(ideal.shape)
 
 
@@ -139,7 +137,7 @@ def _by_quadrature(
 
 
 def _summed(
-    x: Float64Array, s: Float64Array, highest: int, levels: Float64Array | None, black_level_dn: float = 0.0
+    x: Float64Array, s: Float64Array, highest: int, levels: Float64Array | None
 ) -> tuple[Float64Array, Float64Array]:
     """Any steps: E d and E d² of d = code − c from P(d ≥ j) and P(d ≤ −j), c the code of the mean."""
     if not x.size:
@@ -154,8 +152,8 @@ def _summed(
             here, number = here[exists], number[exists]
             distance, width = sign * (x[here] - _level(number, levels)), s[here]
             with np.errstate(divide="ignore", invalid="ignore"):
-                near = np.abs(distance) <= UNDECIDED * np.abs(x[here])
-                sure = np.where(near & (x[here] != black_level_dn), 0.5, distance >= 0 if sign > 0 else distance > 0)
+                near = sign * NEAR * np.abs(x[here])
+                sure = (distance >= -near) if sign > 0 else (distance > -near)
                 chance = np.where(width > 0, scipy.special.ndtr(distance / width), sure)
             mean[here] += sign * chance
             square[here] += (2 * j - 1) * chance

@@ -162,6 +162,6 @@ class PixelCodes:
         """Mean and variance of the codes over these counts."""
         converter = converter_of(self.stages)
         x, noise = self.ideal(nodes.counts, nodes.rest_e2)
-        code, variance = code_moments(x, np.sqrt(noise), converter.highest, converter.inl_lsb, converter.black_level_dn)
+        code, variance = code_moments(x, np.sqrt(noise), converter.highest, converter.inl_lsb)
         mean = np.sum(nodes.chances * code, axis=0)
         return mean, np.sum(nodes.chances * (variance + (code - mean) ** 2), axis=0)

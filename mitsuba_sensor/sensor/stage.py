@@ -12,6 +12,8 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple, TypeAlias
 
+import numpy as np
+
 from ..core import Array, Electrons, Frame, Moments, Photons, SensorWindow
 from ..core.code_law import code_moments
 from ..core.signals import Filters
@@ -159,6 +161,10 @@ class Stage(ABC):
         return {}
 
 
+FAR_LESS = 1 / 32
+"""Of a code; at 16 bits two units in the last place of float32 are 0.016 of one."""
+
+
 class Converter(Stage):
     """The last stage: volts become digital numbers.  gain_dn_per_v : A.  black_level_dn : the code of darkness [DN]."""
 
@@ -185,11 +191,17 @@ class Converter(Stage):
     def code_moments(self, swing: Float64Array, sigma: Float64Array) -> tuple[Float64Array, Float64Array]:
         """Mean and variance of the code of a normal swing with this mean and σ [V], both clips included."""
         ideal = self.black_level_dn + self.gain_dn_per_v * swing
-        return code_moments(ideal, self.gain_dn_per_v * sigma, self.highest, self.inl_lsb, self.black_level_dn)
+        return code_moments(ideal, self.gain_dn_per_v * sigma, self.highest, self.inl_lsb)
 
     def ideal(self, swing: Array, frame: Frame) -> Array:
-        """The code of a converter with infinitely many bits [DN]."""
-        return frame.number(self.black_level_dn) + frame.number(self.gain_dn_per_v) * swing
+        """The code of a converter with infinitely many bits [DN].
+
+        It is two units in the last place larger, where that is far less than a code: whole electrons that lie on a
+        transition have the code above, whichever way the products before were rounded.
+        """
+        last = 2 * float(np.finfo(frame.window.backend.precision).eps)
+        more = 1 + last if last * self.highest < FAR_LESS else 1.0
+        return frame.number(more * self.black_level_dn) + frame.number(more * self.gain_dn_per_v) * swing
 
     def marked(self, signal: Array, frame: Frame) -> dict[str, Array]:
         """Pixels at either end of the code range."""

@@ -167,6 +167,7 @@ def test_the_mean_follows_frames_with_equal_random_bits(name: str, level: int) -
         ends.append(shot.digital[0].astype(float))
     digital, slopes = sampled(level)
     found, error = by_columns((ends[0] - ends[1]) / (2 * step) - slopes[name])
+    error += 1 / (2 * step * digital.size)  # no pixel may have changed its code where one should
     assert abs(found) < SURE * error + 2e-3 * abs(slopes[name].mean()) + 1e-6 * digital.mean()
 
 
