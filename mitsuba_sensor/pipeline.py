@@ -51,7 +51,7 @@ Asked: TypeAlias = tuple[Scene, Camera | None, Exposure | Metering | None]
 Made: TypeAlias = tuple[PreparedRender, Irradiance, Frames, dict[str, float]]  # … and what is left uncompensated
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Capture:
     """Frames of a camera, and what they were made from.
 
@@ -67,6 +67,9 @@ class Capture:
     aovs: Aovs | None
     metadata: dict[str, Any]
     rendered: bool
+
+    def __repr__(self) -> str:
+        return f"<Capture: {self.frames!r}, {self.light!r}>"
 
     def save(self, folder: str | os.PathLike[str]) -> None:
         """Write frame.tiff, frame.png, frame.json, irradiance.exr if it was rendered, and what else was asked for.

@@ -219,3 +219,12 @@ def test_a_tiff_of_raw_frames_comes_back(tmp_path: Path) -> None:
         with pytest.raises(InputError, match="frames"):
             ms.write_tiff(tmp_path / "b.tiff", wrong)  # type: ignore[arg-type]
     assert not (tmp_path / "b.tiff").exists()
+
+
+def test_in_a_terminal_frames_light_and_photons_are_one_line_each() -> None:
+    """Not their arrays."""
+    found = ms.capture(SCENES / "step_wedge.xml", BAYER, EXPOSURE, spp=1, parameters={"width": 16})
+    for one in (found, found.frames, found.light, found.photons, ms.Photons(np.ones((2, 3)))):
+        assert re.fullmatch(r"<\w+: .{5,250}>", repr(one)), repr(one)
+    assert "of bayer_2mp at 0.01 s" in repr(found) and " × 16, " in repr(found.light)
+    assert repr(ms.Photons(np.ones((2, 3)))) == "<Photons: 2 × 3>"

@@ -15,7 +15,7 @@ from .types import Array, Float32Array, Float64Array, NumpyArray
 VALUES_AT_ONCE = 2**18  # pixels × bands of a strip: 2 MiB in float64
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Photons:
     """Mean photons per pixel in one exposure; mean values, not integers.
 
@@ -40,6 +40,11 @@ class Photons:
     in_band: NumpyArray | None = None
     in_band_of: str | None = None
     illuminant: Illuminant | None = None
+
+    def __repr__(self) -> str:
+        """``<Photons: 64 × 64 × 3>``, or electrons where they are detected."""
+        size = " × ".join(map(str, self.shape))
+        return f"<{type(self).__name__}: {size}{', as photoelectrons behind each filter' * self.detected}>"
 
     @property
     def shape(self) -> tuple[int, ...]:

@@ -47,7 +47,7 @@ class Draw:
     seed: int
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class NoisyImage:
     """image : as the transform was asked for, of the kind that it was given: an array, or a tensor.
 
@@ -59,6 +59,11 @@ class NoisyImage:
     frames: tuple[Frames, ...]
     _like: Image
     _batch: bool
+
+    def __repr__(self) -> str:
+        """``<NoisyImage: 120 × 160 of raspberry_pi_hq, 1 draw>``."""
+        size, count = " × ".join(map(str, self.image.shape)), len(self.draws)
+        return f"<NoisyImage: {size} of {self.frames[0].camera.name}, {count} draw{'s' * (count != 1)}>"
 
     @cached_property
     def variance_dn2(self) -> Image:
@@ -158,7 +163,9 @@ class SensorNoise:
         gain = self.gains[int(chance.integers(len(self.gains)))]
         white_e = None
         if self.white_e is not None:
-            white_e = math.exp(chance.uniform(math.log(self.white_e[0]), math.log(self.white_e[1])))
+            least, most = self.white_e
+            share = chance.uniform()
+            white_e = float(least) if least == most else float(least * (most / least) ** share)
         return Draw(serial, gain, white_e, int(chance.integers(LARGEST_SEED)))
 
     def _expose(self, photons: Photons, draw: Draw) -> Frames:

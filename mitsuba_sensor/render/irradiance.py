@@ -56,7 +56,7 @@ class RenderedFor:
         )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Irradiance:
     """Spectral irradiance at the focal plane, and its standard errors.
 
@@ -87,6 +87,12 @@ class Irradiance:
     in_band: NDArray[np.float32] | None = None
     rendered_for: RenderedFor | None = None
     raw: Irradiance | None = None
+
+    def __repr__(self) -> str:
+        """``<Irradiance: 256 × 384, 32 bands, 367.5 … 832.5 nm>``."""
+        (height, width, count), nm = self.data.shape, self.wavelengths_nm
+        what = "filters" if self.filters else "bands"
+        return f"<Irradiance: {height} × {width}, {count} {what}, {nm[0]:g} … {nm[-1]:g} nm>"
 
     def _repr_html_(self) -> str:
         from ..io.light_html import light_html

@@ -23,7 +23,7 @@ from .report import FrameObserver, report
 from .stage import Chain
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Frames:
     """Raw frames of one camera.
 
@@ -125,6 +125,13 @@ class Frames:
         from ..io.dng import write_dng
 
         write_dng(path, self, number)
+
+    def __repr__(self) -> str:
+        """``<Frames: 16 × 480 × 640, uint16, of bayer_2mp at 0.02 s, serial 7, seed 1>``."""
+        size, first = " × ".join(map(str, self.digital.shape)), self.first
+        gain = f", gain {first.gain}" if first.gain else ""
+        taken = f"{self.camera.name} at {first.exposure.time_s:g} s{gain}, serial {first.window.serial}"
+        return f"<Frames: {size}, {self.digital.dtype}, of {taken}, seed {first.seed}>"
 
     def _repr_html_(self) -> str:
         from ..io.frame_files import frames_html

@@ -216,3 +216,10 @@ def test_a_camera_is_its_name_a_path_or_itself_and_nothing_else(tmp_path: Path) 
     assert ms.SensorNoise(path, white_e=5.0).camera == ms.load_camera(path)
     with pytest.raises(ms.InputError, match="name is None; pass the name of a camera"):
         ms.SensorNoise(None, white_e=5.0)  # type: ignore[arg-type]
+
+
+def test_a_result_shows_itself_in_one_line_and_one_brightness_is_that() -> None:
+    found = ms.SensorNoise(BAYER, white_e=100.0)(np.stack([PICTURE] * 2))
+    assert repr(found) == "<NoisyImage: 2 × 21 × 30 of bayer_2mp, 2 draws>"
+    assert repr(found.frames[0]).startswith("<Frames: 1 × 21 × 30, uint16, of bayer_2mp at 0.01 s, serial 1, seed ")
+    assert [draw.white_e for draw in found.draws] == [100.0, 100.0]
