@@ -31,9 +31,23 @@ SCENE = """
 """
 
 
+STATES: dict[str, Any] = {}
+"""Of the random numbers of each module that has an RNG, as it was imported."""
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The slowest tests begin first, so that every processor has work to the end."""
     items.sort(key=lambda item: item.path.name not in ("test_readme.py", "test_benchmarks.py"))
+    for module in {item.module for item in items if isinstance(item, pytest.Function)}:
+        if hasattr(module, "RNG"):
+            STATES[module.__name__] = module.RNG.bit_generator.state
+
+
+@pytest.fixture(autouse=True)
+def _same_chance_in_every_order(request: pytest.FixtureRequest) -> None:
+    """The random numbers of a module's RNG do not depend on which of its tests this process ran before."""
+    if request.module.__name__ in STATES:
+        request.module.RNG.bit_generator.state = STATES[request.module.__name__]
 
 
 @pytest.fixture

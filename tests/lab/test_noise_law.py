@@ -132,6 +132,15 @@ def test_settings_of_a_ladder_have_laws_of_one_family() -> None:
     one, other = of_one_family([normal, tails])
     assert one.name == "tukey_lambda" and one.shape.value == pytest.approx(0.1425, abs=1e-3)
     assert other is tails and of_one_family([normal, normal]) == [normal, normal]
+    assert one.shape.low < 0.14161 < one.shape.high and one.shape.high - one.shape.low == pytest.approx(0.016, rel=0.5)
+
+
+def test_a_setting_whose_frames_do_not_show_its_law_has_the_whole_range() -> None:
+    """Two frames: the shape of a normal law, from −0.45 to 0.2."""
+    few, tails = law_of(Stack(read_frames(None).frames[:2], 0.0, 0.0)), law_of(read_frames(TukeyLambda(-0.15)))
+    one, _ = of_one_family([few, tails])
+    assert (one.shape.low, one.shape.high) == (-0.45, 0.2)
+    assert one.shape.value == pytest.approx(0.1425, abs=1e-3)
 
 
 def test_a_twin_of_heavy_tails_has_their_law_and_their_spread_over_pixels() -> None:

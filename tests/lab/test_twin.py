@@ -277,7 +277,8 @@ def test_light_that_drifts_is_no_noise(bench: Bench, trips: ModuleType) -> None:
 
     twin = fit(changed(bench, drifting, "flats"))
     gain = twin.base.gain.quantity
-    assert gain.value == pytest.approx(trips.random_trip(3, 40, 12).put_in()["K"], rel=0.015)
+    off = abs(gain.value - trips.random_trip(3, 40, 12).put_in()["K"])
+    assert off < gain.high - gain.low < 0.06 * gain.value, "two halves of its interval: chance fails once in 10 000"
     assert any("drift" in note for note in twin.notes)
 
 

@@ -61,7 +61,7 @@ def read_noise(dark: Dark, gain: Quantity) -> ReadNoise:
     variances, shared = residual_variance(stack)
     mixed = Mixed(floor, 1 - shared, shared)
     found = hidden_spread(variances.ravel(), len(stack) - 1, mixed)
-    other = shot + sum(one.value**2 for one in (lines.row, lines.column)) + float(stack.frame_means.var(ddof=1))
+    other = shot + _variance_of(lines.row, lines.column) + float(stack.frame_means.var(ddof=1))
     place = float(stack.mean.mean()), dark.offsets.spread()["all"][0]
     looked_at = Pixels(math.sqrt(found.variance[0]), found.cv[0], other, whole, *place)
     law = noise_law(stack, looked_at, "hidden by rounding" if looked_at.hidden else "")
@@ -121,10 +121,14 @@ def _coarse(stack: Stack, row: Quantity, column: Quantity, shot_dn2: float) -> Q
     total = dark_noise([stack]).analogue
     if math.isnan(total.value):
         return unknown(READ, total.note)
-    lines = [one.value if math.isfinite(one.value) else 0.0 for one in (row, column)]
-    less = sum(one**2 for one in lines) + shot_dn2
+    less = _variance_of(row, column) + shot_dn2
     value, low, high = (math.sqrt(max(one**2 - less, 0.0)) for one in (total.value, total.low, total.high))
     return replace(READ, value=value, low=low, high=high, note=total.note)
+
+
+def _variance_of(*sigmas: Quantity) -> float:
+    """Sum of their squares; what is not known counts nothing."""
+    return sum(one.value**2 for one in sigmas if math.isfinite(one.value))
 
 
 def _of_pixels(variances: Float64Array, cv: float) -> Float64Array:

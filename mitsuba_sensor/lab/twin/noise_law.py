@@ -75,6 +75,7 @@ class NoiseLaw:
     """name : as in a camera file.  shape : of the law, without a value for a normal one.  said : a sentence about τ₄.
 
     distribution : None for a normal law.  scales : l₂ of the pixels that were looked at [DN].
+    unsure : half of the 95 % interval of τ₄; infinite where frames do not show it.
     """
 
     name: str
@@ -82,6 +83,7 @@ class NoiseLaw:
     said: str
     distribution: NoiseDistribution | None
     scales: Float64Array
+    unsure: float = math.inf
 
     def spread_over_pixels(self, frames: int, pixels: Pixels) -> tuple[float, float, float]:
         """(value, low, high) of cv of σ: l₂ varies by chance, as that of drawn numbers does, and by σ."""
@@ -117,9 +119,10 @@ def of_one_family(laws: Sequence[NoiseLaw]) -> list[NoiseLaw]:
 
 def _like(other: NoiseLaw) -> NoiseLaw:
     one = Pixels(1.0)
-    shape = _shape(FAMILIES[0], one, one.ratios(other.distribution)[0])
-    said = replace(NO_SHAPE, value=shape, low=shape, high=shape).noted(f"of the τ₄ of a {other.name} law")
-    return NoiseLaw(FAMILIES[0].name, said, other.said, FAMILIES[0].of(shape), other.scales)
+    tau4, _ = one.ratios(other.distribution)
+    shape, *ends = (_shape(FAMILIES[0], one, tau4 + step) for step in (0.0, -other.unsure, other.unsure))
+    said = replace(NO_SHAPE, value=shape, low=min(ends), high=max(ends)).noted(f"of the τ₄ of a {other.name} law")
+    return replace(other, name=FAMILIES[0].name, shape=said, distribution=FAMILIES[0].of(shape))
 
 
 NO_SHAPE = Quantity("λ", "shape of the read noise's law", math.nan, math.nan, math.nan, "", "fit")
@@ -248,7 +251,7 @@ def noise_law(stack: Stack, pixels: Pixels, note: str = "") -> NoiseLaw:
     normal, _ = pixels.ratios(None)
     said = said.format(normal)
     if not abs(found.tau4 - normal) > ALARM * found.error4:
-        return NoiseLaw("normal", NO_SHAPE, said, None, found.scales)
+        return NoiseLaw("normal", NO_SHAPE, said, None, found.scales, high - found.tau4)
     return min(_fitted(found, pixels, (low, high), said), key=lambda one: one[0])[1]
 
 
@@ -263,7 +266,7 @@ def _fitted(found: Ratios, pixels: Pixels, ends: tuple[float, float], said: str)
         shape = Quantity(family.symbol, NO_SHAPE.name, shapes[0], min(shapes), max(shapes), "", "fit")
         if abs(tau4 - found.tau4) > found.error4:
             shape = shape.noted("at the end of the range of a camera file")
-        laws.append((off, NoiseLaw(family.name, shape, said, law, found.scales)))
+        laws.append((off, NoiseLaw(family.name, shape, said, law, found.scales, ends[1] - found.tau4)))
     return laws
 
 
