@@ -1,0 +1,79 @@
+"""OpenCV FileStorage, YAML and XML: camera_matrix, distortion_coefficients, and pose of each picture as its sample has.
+
+The names are those of OpenCV's calibration sample. The middle of the upper left pixel is (0, 0), as in our intrinsics.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TypeAlias
+from xml.sax.saxutils import escape
+
+import numpy as np
+import scipy
+
+from ...core import Float64Array
+from .calibration import Calibration, PosedImage, world_to_camera, yaml_number
+
+Entry: TypeAlias = int | Float64Array | list[str]
+MATRIX = "!!opencv-matrix"
+
+
+def opencv_entries(calibration: Calibration, images: Sequence[PosedImage] = ()) -> dict[str, Entry]:
+    """What the files hold.  extrinsic_parameters : (N, 6), rotation vector [rad] and translation [m] of each picture,
+    world to camera, in the order of ``images``."""
+    found: dict[str, Entry] = {
+        "image_width": calibration.columns,
+        "image_height": calibration.rows,
+        "camera_matrix": calibration.matrix,
+        "distortion_coefficients": np.array(calibration.distortion)[:, None],
+    }
+    if images:
+        found["extrinsic_parameters"] = np.array([_extrinsic(one) for one in images])
+        found["images"] = [one.name for one in images]
+    return found
+
+
+def _extrinsic(image: PosedImage) -> Float64Array:
+    turn, move = world_to_camera(image.pose)
+    return np.concatenate([scipy.spatial.transform.Rotation.from_matrix(turn).as_rotvec(), move])
+
+
+def opencv_yaml(calibration: Calibration, images: Sequence[PosedImage] = ()) -> str:
+    """The text of a .yml that ``cv2.FileStorage`` reads."""
+    lines = ["%YAML:1.0", "---"]
+    for name, value in opencv_entries(calibration, images).items():
+        if isinstance(value, np.ndarray):
+            rows, columns = value.shape
+            data = ", ".join(map(yaml_number, value.ravel()))
+            lines += [
+                f"{name}: {MATRIX}",
+                f"   rows: {rows}",
+                f"   cols: {columns}",
+                "   dt: d",
+                f"   data: [ {data} ]",
+            ]
+        elif isinstance(value, list):
+            lines += [f"{name}:", *(f"   - {_quoted(text)}" for text in value)]
+        else:
+            lines.append(f"{name}: {value}")
+    return "\n".join(lines) + "\n"
+
+
+def opencv_xml(calibration: Calibration, images: Sequence[PosedImage] = ()) -> str:
+    """The text of an .xml that ``cv2.FileStorage`` reads."""
+    lines = ['<?xml version="1.0"?>', "<opencv_storage>"]
+    for name, value in opencv_entries(calibration, images).items():
+        if isinstance(value, np.ndarray):
+            rows, columns = value.shape
+            data = " ".join(map(yaml_number, value.ravel()))
+            inside = f"<rows>{rows}</rows><cols>{columns}</cols><dt>d</dt><data>{data}</data>"
+            lines.append(f'<{name} type_id="opencv-matrix">{inside}</{name}>')
+        else:
+            text = escape(" ".join(map(_quoted, value))) if isinstance(value, list) else value
+            lines.append(f"<{name}>{text}</{name}>")
+    return "\n".join([*lines, "</opencv_storage>"]) + "\n"
+
+
+def _quoted(text: str) -> str:
+    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
