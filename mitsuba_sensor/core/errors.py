@@ -7,10 +7,23 @@ import difflib
 import math
 import operator
 from collections.abc import Iterable
+from pathlib import Path
 
 
 class InputError(ValueError):
     """Wrong input: the message says what was given, why it cannot be computed, and what to pass instead."""
+
+
+class DiskFull(InputError):
+    """A disk that has no place for a file.  path : of the file.  size : bytes that were to be written, if known."""
+
+    def __init__(self, path: Path, size: int | None, why: str) -> None:
+        super().__init__(path, size, why)
+        self.path, self.size, self.why = path, size, why
+
+    def __str__(self) -> str:
+        wanted = "" if self.size is None else f"{self.size} bytes were to be written; "
+        return f"cannot write {self.path}: {self.why}; {wanted}make space there, or give another place."
 
 
 def require(name: str, value: float, low: float, high: float, remedy: str) -> float:

@@ -75,7 +75,7 @@ def write_dng(path: str | os.PathLike[str], frames: Frames, number: int = 0) -> 
     if not -len(frames.digital) <= number < len(frames.digital):
         raise InputError(f"number is {number!r}, and there are {len(frames.digital)} frames; the first one is 0.")
     colour, facts = len(frames.camera.filter_names) > 1, image_facts(frames) | {"frames": 1}
-    with appearing(Path(path)) as temporary:
+    with appearing(Path(path), frames.digital[number].nbytes) as temporary:
         tifffile.imwrite(
             temporary,
             frames.digital[number],

@@ -6,7 +6,6 @@ Every writer fills a temporary name in the same folder and renames it at the end
 
 from __future__ import annotations
 
-import errno
 import io
 import json
 import os
@@ -25,10 +24,8 @@ import numpy as np
 
 from ..core import InputError
 from ..stopping import note_written, undone_if_stopped, whole_step
+from .disk_errors import disk_sentences, names_in
 
-FULL = errno.ENOSPC, errno.EDQUOT, errno.EFBIG  # a disk, or what one user may have of it
-SAID_OF_FULL = os.strerror(errno.ENOSPC), os.strerror(errno.EDQUOT), os.strerror(errno.EFBIG), "requested and"
-"""Of OpenEXR and NumPy, whose errors have no number: ``4096 requested and 100 written``."""
 NOTHING: Mapping[str, Any] = {}
 TIFF_TYPES = "uint8", "uint16", "uint32", "float32"
 CFA_COLOURS = "rgb"  # numbers 0, 1, 2 in the CFAPattern of TIFF/EP
@@ -58,7 +55,7 @@ def output_folder(path: Path | str, names: Sequence[str]) -> Iterator[Path]:
                 scratch = tempfile.TemporaryDirectory(prefix=".unfinished-", dir=folder, ignore_cleanup_errors=True)
                 stack.enter_context(undone_if_stopped(partial(shutil.rmtree, scratch.name)))
             with scratch:
-                with _names_in(folder, scratch.name):
+                with names_in(folder, Path(scratch.name)):
                     yield Path(scratch.name)
                 with disk_sentences(folder), whole_step:
                     _publish(Path(scratch.name), folder, _matching(names, folder, Path(scratch.name)))
@@ -84,7 +81,7 @@ def write_tiff(path: str | os.PathLike[str], frames: np.ndarray, facts: Mapping[
         raise InputError(f"frames has shape {frames.shape} and no pixel; pass at least one.")
     tags = _raw_tags(facts) if facts else []
     text = to_json(dict(facts)).encode() if facts else None
-    with appearing(Path(path)) as temporary:
+    with appearing(Path(path), frames.nbytes) as temporary:
         tifffile.imwrite(
             temporary,
             frames,
@@ -138,7 +135,7 @@ def write_page(path: Path, text: str) -> None:
 
 def write_drawing(path: Path, content: bytes) -> None:
     """A file that is already made, a drawn PNG for example."""
-    with appearing(path) as temporary:
+    with appearing(path, len(content)) as temporary:
         temporary.write_bytes(content)
 
 
@@ -159,7 +156,8 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 def write_fpn_maps(path: Path, maps: Mapping[str, np.ndarray]) -> None:
     """FPN maps by name as a NumPy .npz; :func:`read_fpn_maps` is its inverse."""
-    with appearing(path) as temporary, temporary.open("wb") as file:
+    size = sum(values.nbytes for values in maps.values())
+    with appearing(path, size) as temporary, temporary.open("wb") as file:
         np.savez(file, **maps)  # type: ignore[arg-type]
 
 
@@ -192,38 +190,18 @@ def require_folder(path: Path | str) -> None:
 
 
 @contextmanager
-def disk_sentences(target: Path) -> Iterator[None]:
-    """Turn what the operating system refuses into one sentence that names ``target``."""
-    try:
-        yield
-    except OSError as error:
-        why, way_out = error.strerror or str(error), "give a place that can be written"
-        if error.errno in FULL or (error.errno is None and any(said in str(error) for said in SAID_OF_FULL)):
-            why, way_out = error.strerror or os.strerror(errno.ENOSPC), "make space there, or give another place"
-        raise InputError(f"cannot write {target}: {why}; {way_out}.") from error
+def appearing(path: Path, size: int | None = None) -> Iterator[Path]:
+    """A temporary name beside ``path`` that becomes ``path`` when the block ends well, and vanishes when not.
 
-
-@contextmanager
-def _names_in(folder: Path, scratch: str) -> Iterator[None]:
-    """Of files that cannot be written say where they were to be, not the name of the scratch folder."""
-    try:
-        yield
-    except InputError as error:
-        if scratch not in str(error):
-            raise
-        raise InputError(str(error).replace(scratch, str(folder))) from error
-
-
-@contextmanager
-def appearing(path: Path) -> Iterator[Path]:
-    """A temporary name beside ``path`` that becomes ``path`` when the block ends well, and vanishes when not."""
+    size : of the file, for the error that a full disk is [bytes].
+    """
     if not path.name:
         raise InputError(f"cannot write {path}: that is a folder; give the name of a file.")
     if not os.path.lexists(path.parent):
         raise InputError(f"cannot write {path}: there is no folder {path.parent}; make it, or give another name.")
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        with disk_sentences(path), undone_if_stopped(temporary.unlink):
+        with disk_sentences(path, size), undone_if_stopped(temporary.unlink):
             yield temporary
             with whole_step:
                 os.replace(temporary, path)

@@ -10,7 +10,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from .files import appearing, disk_sentences, plain_values
+from .disk_errors import disk_sentences
+from .files import appearing, plain_values
 
 
 class Measurements(dict[str, Any]):

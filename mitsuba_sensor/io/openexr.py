@@ -39,7 +39,8 @@ def write_planes(path: Path, header: Mapping[str, str | float], channels: Mappin
 
     rows, columns = next(iter(channels.values())).image.shape
     step = max(VALUES_AT_ONCE // (columns * len(channels)) // ZIP_ROWS, 1) * ZIP_ROWS
-    with appearing(path) as temporary:
+    size = sum(x.image.size * (4 if x.scale is None else 2) for x in channels.values())  # before compression
+    with appearing(path, size) as temporary:
         try:
             with closing(OpenEXR.OutputFile(str(temporary), _file_header((columns, rows), header, channels))) as file:
                 for first in range(0, rows, step):

@@ -1,0 +1,63 @@
+"""Records of a dataset's entries: which files an entry has, their sizes and hashes, and a hash over all that."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Mapping
+from typing import Literal, NamedTuple, TypeAlias, get_args
+
+Kind: TypeAlias = Literal["samples", "views"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+RECORD = "record.json"
+MOST_BYTES = 2**20
+"""Of a record; one of 8 files has 0.9 kB."""
+
+KEY = re.compile("[0-9a-f]{24}")
+_HASH = re.compile("[0-9a-f]{64}")
+_END = ', "sha256": "{}"}}\n'
+_END_BYTES = len(_END.format("0" * 64))
+
+
+class Record(NamedTuple):
+    """One entry that is there: a sample or a view.  files : name → (bytes, SHA-256), without record.json itself."""
+
+    kind: Kind
+    key: str
+    files: Mapping[str, tuple[int, str]]
+
+
+def text_of(record: Record) -> bytes:
+    """What record.json holds: one line of JSON, at its end the SHA-256 of all bytes before."""
+    files = {name: list(facts) for name, facts in sorted(record.files.items())}
+    body = json.dumps({"kind": record.kind, "key": record.key, "files": files})[:-1].encode()
+    return body + _END.format(hashlib.sha256(body).hexdigest()).encode()
+
+
+def record_of(content: bytes) -> Record | None:
+    """The record that :func:`text_of` wrote; None if one bit of it is different, or a name in it is no file's."""
+    body = content[:-_END_BYTES]
+    if content[-_END_BYTES:] != _END.format(hashlib.sha256(body).hexdigest()).encode():
+        return None
+    try:
+        said = json.loads(body + b"}")
+        files = {name: (size, digest) for name, (size, digest) in said["files"].items()}
+        record = Record(said["kind"], said["key"], files)
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        return None
+    return record if _possible(record) else None
+
+
+def _possible(record: Record) -> bool:
+    """Whether kind, key, names, sizes and hashes are such, whoever wrote them."""
+    known = record.kind in KINDS and isinstance(record.key, str) and KEY.fullmatch(record.key) is not None
+    return known and all(
+        is_name(name) and type(size) is int and size >= 0 and isinstance(digest, str) and _HASH.fullmatch(digest)
+        for name, (size, digest) in record.files.items()
+    )
+
+
+def is_name(name: str) -> bool:
+    """Whether a file of an entry may be called so: it lies in the entry's own folder, not hidden, not the record."""
+    return not name.startswith(".") and not set(name) & set("/\\\0") and name not in ("", RECORD)

@@ -1,0 +1,248 @@
+"""The files of a dataset on disk: entries that appear whole or not at all, whatever kills whom and when.
+
+An entry is a folder of files with a record of their sizes and hashes; it exists if and only if its record matches. Any
+number of programs on any number of machines may write into one dataset at once, without locks: each fills a scratch
+folder of its own, flushes it, and renames it once. Of two that make the same entry the first one wins.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import stat
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from ..core import DiskFull, InputError
+from ..io import durable
+from ..io.disk_errors import disk_sentences, is_full, names_in
+from ..io.files import write_json
+from ..stopping import undone_if_stopped, whole_step
+from . import faults
+from .faults import Fault
+from .record import KEY, KINDS, MOST_BYTES, RECORD, Kind, Record, is_name, record_of, text_of
+
+QUARANTINE = "quarantine"
+TAKEN = errno.EEXIST, errno.ENOTEMPTY, errno.ENOTDIR, errno.EACCES  # the last one is Windows'
+TRIES = 10
+"""At the place of an entry where others put broken ones all the time."""
+
+
+class Store:
+    """Entries of a dataset by kind (samples, views) and key, which is 24 hexadecimal digits."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = Path(folder)
+        self._flushed: set[Path] = set()
+
+    def folder_of(self, kind: Kind, key: str) -> Path:
+        """Where an entry is, or will be: samples/ab/ab…"""
+        if kind not in KINDS or not KEY.fullmatch(key):
+            raise ValueError(f"{kind} {key!r} is no entry; kinds are {', '.join(KINDS)}, a key has 24 hex digits.")
+        return self.folder / kind / key[:2] / key
+
+    def commit(self, kind: Kind, key: str, write: Callable[[Path], object]) -> Record:
+        """Make an entry of the files that ``write`` puts into the folder that it is given, all of them or none.
+
+        Nothing is written if the entry exists. A broken one is replaced. When this returns, a power cut loses nothing.
+        Raises DiskFull and InputError, which name the file's final place, and whatever ``write`` raises; then, and if
+        the program is stopped, nothing is left.
+        """
+        final = self.folder_of(kind, key)
+        if found := self.record(kind, key):
+            return found
+        with self._scratch(final) as scratch:
+            self._fill(scratch, write)
+            _require(scratch, final)
+            record = Record(kind, key, {name: durable.size_and_hash(scratch / name) for name in _written(scratch)})
+            durable.write_new(scratch / RECORD, text_of(record))
+            with disk_sentences(final, durable.FOLDER_BYTES):
+                durable.flush_folder(scratch, {**record.files, RECORD: durable.size_and_hash(scratch / RECORD)})
+                self._publish(scratch, record)
+                durable.sync_folder(final.parent)
+        return self.record(kind, key) or record
+
+    @contextmanager
+    def _scratch(self, final: Path) -> Iterator[Path]:
+        """A folder beside ``final`` that is gone after the block, unless it was renamed."""
+        scratch = durable.scratch_name(final.parent)
+        remove = partial(durable.remove_folder, scratch)
+        with undone_if_stopped(remove):
+            try:
+                with disk_sentences(final, durable.FOLDER_BYTES), whole_step:
+                    self._make_parent(final.parent)
+                    durable.make_new(scratch)
+                with names_in(final, scratch):
+                    yield scratch
+            finally:
+                with suppress(OSError):
+                    remove()
+
+    def _fill(self, scratch: Path, write: Callable[[Path], object]) -> None:
+        try:
+            write(scratch)
+        except OSError as error:  # of a writer that is not one of ours
+            if is_full(error):
+                raise DiskFull(Path(error.filename or scratch), None, error.strerror or str(error)) from error
+            raise
+
+    def _make_parent(self, parent: Path) -> None:
+        """Once for each store, also where the folder is there: who made it may not have flushed its name yet."""
+        if parent not in self._flushed:
+            durable.make_folder(parent, self.folder.parent)
+            self._flushed.add(parent)
+
+    def _publish(self, scratch: Path, record: Record) -> None:
+        """Rename the scratch folder; what is broken there is moved away, what is not wins."""
+        final = self.folder_of(record.kind, record.key)
+        for _ in range(TRIES):
+            with whole_step:
+                try:
+                    os.rename(scratch, final)
+                    return
+                except OSError as error:
+                    _require(scratch, final)
+                    if error.errno not in TAKEN or not os.path.lexists(final):
+                        raise
+            if self.exists(record.kind, record.key):
+                return
+            self.discard(record.kind, record.key)
+        raise InputError(f"cannot write {final}: something broken is put there again and again; find out by what.")
+
+    def record(self, kind: Kind, key: str) -> Record | None:
+        """The record of an entry if it is valid and all files are there with their sizes; contents are not read."""
+        return _quick(os.fspath(self.folder_of(kind, key)), kind, key)
+
+    def exists(self, kind: Kind, key: str) -> bool:
+        """Whether an entry is there, by its record and the sizes of its files."""
+        return self.record(kind, key) is not None
+
+    def keys(self, kind: Kind) -> Iterator[str]:
+        """Keys of all that stands where entries of a kind stand, broken ones too, sorted."""
+        top = self.folder / kind
+        for prefix in durable.names_of(top):
+            if len(prefix) == 2:
+                for name in durable.names_of(top / prefix):
+                    if name.startswith(prefix) and KEY.fullmatch(name):
+                        yield name
+
+    def scan(self, kind: Kind) -> Iterator[Record]:
+        """Records of all entries that exist, sorted by key; at least 10 000 a second from a warm cache."""
+        top = os.path.join(self.folder, kind)
+        for key in self.keys(kind):
+            if record := _quick(f"{top}/{key[:2]}/{key}", kind, key):
+                yield record
+
+    def verify(self, kind: Kind, key: str) -> list[Fault]:
+        """Every difference between an entry and its record, all contents read; none if it is as it was written."""
+        return faults.of_entry(self.folder_of(kind, key), kind, key)
+
+    def verify_all(self, progress: Callable[[int, int], object] | None = None) -> Iterator[Fault]:
+        """Faults of all entries, and whatever lies among them and belongs to none.
+
+        progress : called after each entry with the number of those that are done, and of all.
+        """
+        total, done = sum(1 for kind in KINDS for _ in self.keys(kind)), 0
+        for kind in KINDS:
+            yield from faults.strays(self.folder, kind)
+            for key in self.keys(kind):
+                yield from self.verify(kind, key)
+                done += 1
+                if progress is not None:
+                    progress(done, total)
+
+    def discard(self, kind: Kind, key: str) -> None:
+        """Remove an entry, broken or not: in one step it is no entry any more."""
+        final = self.folder_of(kind, key)
+        self._move_away_and_remove(final)
+
+    def _move_away_and_remove(self, place: Path) -> None:
+        away = durable.scratch_name(place.parent)
+        with disk_sentences(place):
+            try:
+                os.rename(place, away)
+            except FileNotFoundError:
+                return
+            durable.remove_folder(away)
+
+    def clean(self, older_s: float = 3600) -> int:
+        """Remove what dead programs have left; returns how many scratch folders that were.
+
+        older_s : a folder in which anything is younger is let alone, because its program may be alive, on another
+            machine too. One that is not is renamed first: a program that wakes up cannot publish half a folder.
+        """
+        found = [path for kind in KINDS for path in (self.folder / kind).glob(f"??/{durable.SCRATCH}*")]
+        found += (self.folder / QUARANTINE).glob(".*")
+        if not found:
+            return 0
+        latest = durable.clock_of(self.folder) - older_s
+        dead = [path for path in found if durable.newest_mtime(path) <= latest]
+        for path in dead:
+            with suppress(InputError):  # another user's: it is in nobody's way
+                self._move_away_and_remove(path)
+        return len(dead)
+
+    def quarantine(self, key: str, facts: Mapping[str, Any]) -> None:
+        """Note that a view cannot be made.  facts : plain values, its log for example."""
+        path = self._quarantine_of(key)
+        with disk_sentences(path):
+            self._make_parent(path.parent)
+            write_json(path, dict(facts))
+            durable.flush(path, *durable.size_and_hash(path))
+            durable.sync_folder(path.parent)
+
+    def quarantined(self) -> dict[str, dict[str, Any]]:
+        """Key → facts of all views that cannot be made; a file that is damaged counts for nothing."""
+        found = {}
+        for name in durable.names_of(self.folder / QUARANTINE):
+            if KEY.fullmatch(key := name.removesuffix(".json")) and name != key:
+                with suppress(OSError, ValueError):
+                    facts = json.loads(durable.read_small(os.fspath(self._quarantine_of(key)), MOST_BYTES))
+                    if isinstance(facts, dict):
+                        found[key] = facts
+        return found
+
+    def release(self, key: str) -> None:
+        """Let a view be tried again."""
+        self._move_away_and_remove(self._quarantine_of(key))
+
+    def _quarantine_of(self, key: str) -> Path:
+        self.folder_of("views", key)  # refuses what is no key
+        return self.folder / QUARANTINE / f"{key}.json"
+
+
+def _require(scratch: Path, final: Path) -> None:
+    """Raise InputError if another program has removed the scratch folder."""
+    if not scratch.exists():
+        raise InputError(
+            f"cannot write {final}: another program has removed its unfinished files, because nothing was written for "
+            "so long that this one seemed dead; run it again."
+        )
+
+
+def _written(scratch: Path) -> list[str]:
+    """Names of the files in a scratch folder. Raises ValueError for what cannot be part of an entry."""
+    found = list(durable.plain_files(scratch))
+    wrong = [name for name, plain in found if not plain or not is_name(name)]
+    if wrong:
+        raise ValueError(f"an entry has plain files only, none hidden and none called {RECORD}; it got {wrong}.")
+    return [name for name, _ in found]
+
+
+def _quick(folder: str, kind: Kind, key: str) -> Record | None:
+    """The record in a folder if it is of this entry, and the files have their sizes."""
+    try:
+        record = record_of(durable.read_small(f"{folder}/{RECORD}", MOST_BYTES))
+        if record is None or (record.kind, record.key) != (kind, key) or not stat.S_ISDIR(os.lstat(folder).st_mode):
+            return None
+        for name, (size, _) in record.files.items():
+            there = os.lstat(f"{folder}/{name}")
+            if there.st_size != size or not stat.S_ISREG(there.st_mode):
+                return None
+    except OSError:
+        return None
+    return record

@@ -1,0 +1,211 @@
+"""Entries of a dataset appear whole or not at all, and say what is wrong with them."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import json
+import os
+import pickle
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mitsuba_sensor.core import DiskFull, InputError
+from mitsuba_sensor.dataset.record import Record, record_of, text_of
+from mitsuba_sensor.dataset.store import Store
+from mitsuba_sensor.io import durable, files
+
+KEY, OTHER = "ab" * 12, "ab" + "cd" * 11
+CONTENT = {"frame.tiff": b"raw" * 100, "sample.json": b"{}", "nothing.bin": b""}
+
+
+def writer(content: dict[str, bytes] = CONTENT) -> Callable[[Path], None]:
+    def write(folder: Path) -> None:
+        for name, data in content.items():
+            (folder / name).write_bytes(data)
+
+    return write
+
+
+def tree(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def endless(path: Path) -> None:
+    path.touch()
+    os.truncate(path, 2**40)
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Store:
+    return Store(tmp_path / "out")
+
+
+def test_an_entry_is_a_folder_of_the_files_and_a_record_of_their_hashes(store: Store) -> None:
+    record = store.commit("samples", KEY, writer())
+    folder = store.folder / "samples" / "ab" / KEY
+    assert store.folder_of("samples", KEY) == folder and record == store.record("samples", KEY)
+    assert record.files == {name: (len(data), hashlib.sha256(data).hexdigest()) for name, data in CONTENT.items()}
+    assert {path.name: path.read_bytes() for path in folder.iterdir() if path.name != "record.json"} == CONTENT
+    said = json.loads((folder / "record.json").read_bytes())
+    assert (said["kind"], said["key"], set(said["files"])) == ("samples", KEY, set(CONTENT))
+    assert [path.name for path in folder.parent.iterdir()] == [KEY]
+    assert folder.stat().st_mode == folder.parent.stat().st_mode  # others may read it
+
+
+def test_the_first_writer_wins_and_the_second_one_does_nothing(store: Store) -> None:
+    first = store.commit("views", KEY, writer())
+    assert store.commit("views", KEY, lambda folder: pytest.fail("it is there")) == first
+
+    def both(folder: Path) -> None:
+        writer()(folder)
+        store.commit("views", OTHER, writer({"a": b"another program was faster"}))
+
+    record = store.commit("views", OTHER, both)
+    assert list(record.files) == ["a"] and not list(store.verify_all())
+    assert set(store.keys("views")) == {KEY, OTHER} and not list(store.folder.rglob(".unfinished*"))
+
+
+def test_a_broken_entry_is_replaced(store: Store) -> None:
+    store.commit("samples", KEY, writer())
+    (store.folder_of("samples", KEY) / "frame.tiff").write_bytes(b"short")
+    assert not store.exists("samples", KEY)
+    store.commit("samples", KEY, writer())
+    assert store.exists("samples", KEY) and not list(store.verify_all())
+    store.discard("samples", KEY)
+    store.folder_of("samples", KEY).write_text("a file in the place of a folder")
+    store.commit("samples", KEY, writer())
+    assert not list(store.verify_all()) and not list(store.folder.rglob(".unfinished*"))
+
+
+def test_what_goes_wrong_while_writing_leaves_nothing(store: Store) -> None:
+    def fails(folder: Path) -> None:
+        writer()(folder)
+        raise RuntimeError("the renderer")
+
+    with pytest.raises(RuntimeError, match="the renderer"):
+        store.commit("samples", KEY, fails)
+    for name in (".hidden", "record.json"):
+        with pytest.raises(ValueError, match="plain files only"):
+            store.commit("samples", KEY, writer({name: b""}))
+    with pytest.raises(ValueError, match="plain files only"):
+        store.commit("samples", KEY, lambda folder: (folder / "inner").mkdir())
+    assert not tree(store.folder) and not list(store.folder.rglob(".unfinished*"))
+    for key in ("../../../etc", "ab", KEY.upper(), KEY + "\n", "a/" + KEY):
+        with pytest.raises(ValueError, match="24 hex digits"):
+            store.commit("samples", key, writer())
+
+
+def test_the_writers_of_files_name_the_final_place_and_the_bytes_of_a_full_disk(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    place = store.folder_of("samples", KEY)
+    with monkeypatch.context() as patch, pytest.raises(DiskFull) as caught:
+        patch.setattr("tifffile.imwrite", full)
+        frames = np.zeros((2, 8, 4), np.uint16)
+        store.commit("samples", KEY, lambda folder: files.write_tiff(folder / "frame.tiff", frames))
+    assert (caught.value.path, caught.value.size) == (place / "frame.tiff", 128)
+    said = f"cannot write {place / 'frame.tiff'}: {os.strerror(errno.ENOSPC)}; 128 bytes were to be written; make space"
+    assert str(caught.value).startswith(said) and str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
+    with monkeypatch.context() as patch, pytest.raises(DiskFull) as caught:
+        patch.setattr(os, "fsync", full)
+        store.commit("samples", KEY, writer({"frame.tiff": b"raw"}))
+    assert (caught.value.path.parent, caught.value.size) == (place, 3) or caught.value.path == place
+    with pytest.raises(DiskFull):
+        store.commit("samples", KEY, full)
+    assert not tree(store.folder) and not list(store.folder.rglob(".unfinished*"))
+
+
+def test_a_file_that_reads_back_changed_is_no_entry(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    sync = os.fsync
+
+    def spoil(file: int) -> None:
+        sync(file)
+        if os.fstat(file).st_size == 300:
+            os.pwrite(file, b"!", 7)
+
+    monkeypatch.setattr(os, "fsync", spoil)
+    with pytest.raises(InputError, match=r"frame\.tiff: it reads back changed; check the disk"):
+        store.commit("samples", KEY, writer())
+    assert not store.exists("samples", KEY) and not list(store.folder.rglob(".unfinished*"))
+
+
+def test_left_over_folders_are_removed_by_age_and_by_the_clock_of_the_files(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store.commit("samples", KEY, writer())
+    dead, alive = (durable.scratch_name(store.folder_of("samples", KEY).parent) for _ in range(2))
+    for folder in (dead, alive):
+        folder.mkdir()
+        (folder / "frame.tiff").write_bytes(b"half")
+        os.utime(folder, (0, 0))
+    os.utime(dead / "frame.tiff", (0, 0))
+    monkeypatch.setattr(time, "time", lambda: 0.0)  # the clock of this machine is wrong
+    assert store.clean(older_s=60) == 1 and not dead.exists() and alive.exists()
+    assert not list(store.verify_all()), "what may be in work is no fault"
+    assert store.clean(older_s=-60) == 1 and not alive.exists() and store.exists("samples", KEY)
+
+
+def test_a_program_that_was_taken_for_dead_publishes_nothing(store: Store) -> None:
+    def slow(folder: Path) -> None:
+        writer()(folder)
+        assert store.clean(older_s=-60) == 1
+
+    with pytest.raises(InputError, match="another program has removed its unfinished files"):
+        store.commit("samples", KEY, slow)
+    assert not tree(store.folder)
+
+
+def test_views_in_quarantine_are_known_by_key_until_they_are_released(store: Store) -> None:
+    assert store.quarantined() == {}
+    store.quarantine(KEY, {"log": "it aborts"})
+    store.quarantine(OTHER, {"log": "it aborts too"})
+    assert store.quarantined() == {KEY: {"log": "it aborts"}, OTHER: {"log": "it aborts too"}}
+    (store.folder / "quarantine" / f"{OTHER}.json").write_bytes(b'{"log": "it ab')
+    assert set(store.quarantined()) == {KEY}
+    store.release(KEY)
+    store.release(KEY)
+    assert store.quarantined() == {}
+    with pytest.raises(ValueError, match="24 hex digits"):
+        store.release("../../etc/passwd")
+
+
+def test_records_that_name_other_places_are_no_records() -> None:
+    """Whoever wrote them: the hash of the record is right each time."""
+    digest = "0" * 64
+    assert record_of(text_of(Record("samples", KEY, {"a": (1, digest)}))) is not None
+    for name in ("../a", "/etc/passwd", "a/b", "a\\b", "..", ".a", "", "record.json", "a\0b"):
+        assert record_of(text_of(Record("samples", KEY, {name: (1, digest)}))) is None
+    for size in (-1, 1.0, True, "1", None):
+        assert record_of(text_of(Record("samples", KEY, {"a": (size, digest)}))) is None  # type: ignore[dict-item]
+    for kind, key in (("other", KEY), ("samples", "ab"), ("samples", 5)):
+        assert record_of(text_of(Record(kind, key, {}))) is None  # type: ignore[arg-type]
+    for content in (b"", b"{}", b"[" * 100_000, b"\xff" * 100, b'{"kind": "samples"}\n'):
+        assert record_of(content) is None
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes with names are of Unix")
+def test_pipes_links_and_endless_files_are_faults_and_stop_nothing(store: Store, tmp_path: Path) -> None:
+    store.commit("samples", KEY, writer())
+    folder = store.folder_of("samples", KEY)
+    kept = (folder / "record.json").read_bytes()
+    for make in (os.mkfifo, lambda path: path.symlink_to("/dev/zero"), endless):
+        (folder / "record.json").unlink()
+        make(folder / "record.json")
+        assert not store.exists("samples", KEY) and len(store.verify("samples", KEY)) == 1
+    (folder / "record.json").unlink()
+    (folder / "record.json").write_bytes(kept)
+    assert store.exists("samples", KEY)
+    (folder / "frame.tiff").rename(tmp_path / "elsewhere")
+    (folder / "frame.tiff").symlink_to(tmp_path / "elsewhere")
+    assert not store.exists("samples", KEY)
+    assert store.verify("samples", KEY) == [("samples", KEY, "frame.tiff", "not a plain file")]
+    store.discard("samples", KEY)
+    assert (tmp_path / "elsewhere").read_bytes() == CONTENT["frame.tiff"], "what a link leads to stays"
