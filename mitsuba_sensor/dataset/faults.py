@@ -71,7 +71,7 @@ def _what_is_wrong(path: Path, size: int, digest: str) -> What | None:
 
 
 def strays(folder: Path, kind: Kind) -> Iterator[Fault]:
-    """What lies in the folder of a kind and is no entry; scratch folders of programs that may be alive are none."""
+    """What lies in the folder of a kind and is no entry; scratch folders of programs that may still run are none."""
     top = folder / kind
     for prefix in durable.names_of(top):
         here = top / prefix

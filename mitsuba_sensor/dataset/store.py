@@ -172,7 +172,7 @@ class Store:
     def clean(self, older_s: float = 3600) -> int:
         """Remove what dead programs have left; returns how many scratch folders that were.
 
-        older_s : a folder in which anything is younger is let alone, because its program may be alive, on another
+        older_s : a folder in which anything is younger is let alone, because its program may still run, on another
             machine too. One that is not is renamed first: a program that wakes up cannot publish half a folder.
         """
         found = [path for kind in KINDS for path in (self.folder / kind).glob(f"??/{durable.SCRATCH}*")]
