@@ -47,6 +47,7 @@ IMPORTED_IN = {
     "rich": ("cli/",),
     "pydantic": ("sensor/", "render/"),
     "pyoidn": ("render/denoise.py",),
+    "yaml": ("io/importers/calibration.py",),
 }
 """Foreign library → the one place that imports it."""
 

@@ -52,7 +52,8 @@ ImportedFiles = Annotated[
     typer.Argument(
         metavar="FILE...",
         help="A libcamera tuning file (.json), a noise calibration (.json, .csv), DNGs of one camera (.dng), an EMVA "
-        "1288 report (.xml), or a preset of getframes (.toml, getframes:NAME).",
+        "1288 report (.xml), a preset of getframes (.toml, getframes:NAME), or a geometric calibration of OpenCV "
+        "(.yml, .xml), ROS (.yaml) or nerfstudio (transforms.json).",
         autocompletion=shell_files,
     ),
 ]

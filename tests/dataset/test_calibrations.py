@@ -20,18 +20,12 @@ from numpy.typing import NDArray
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.core.options import complete
-from mitsuba_sensor.dataset.exports.calibration import (
-    Calibration,
-    PosedImage,
-    calibration_of,
-    camera_to_world,
-    rigid_pose,
-    world_to_camera,
-)
 from mitsuba_sensor.dataset.exports.colmap import colmap_model
 from mitsuba_sensor.dataset.exports.nerfstudio import transforms
 from mitsuba_sensor.dataset.exports.opencv import opencv_xml, opencv_yaml
+from mitsuba_sensor.dataset.exports.poses import PosedImage, camera_to_world, rigid_pose, world_to_camera
 from mitsuba_sensor.dataset.exports.ros import camera_info
+from mitsuba_sensor.optics.calibration import Calibration, calibration_of
 from mitsuba_sensor.optics.intrinsics import intrinsics
 from mitsuba_sensor.optics.shutter import shutter_of
 from mitsuba_sensor.render.aovs import aovs_of, load_for_rays

@@ -248,7 +248,7 @@ def test_an_imported_camera_is_a_camera_file_without_faults_and_every_number_has
     [
         ("a.txt", "", "is of no format that is imported; give a libcamera tuning file"),
         ("a.json", "{", "is no JSON"),
-        ("a.json", [], "neither a tuning file"),
+        ("a.json", [], "no tuning file"),
         ("a.json", {"algorithms": [{"rpi.lux": {}}]}, "rpi.noise has no reference_slope; its algorithms are rpi.lux"),
         ("a.json", {"algorithms": [{"rpi.noise": {"reference_slope": -1}}]}, "reference_slope is -1; it must be"),
         ("a.json", {"algorithms": [{"rpi.noise": {"reference_slope": 2}}, {"rpi.alsc": {"luminance_lut": [1, 2]}}]},

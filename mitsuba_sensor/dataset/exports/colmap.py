@@ -12,7 +12,8 @@ from collections.abc import Sequence
 import scipy
 
 from ...core import InputError
-from .calibration import HALF_PIXEL, Calibration, PosedImage, world_to_camera
+from ...optics.calibration import HALF_PIXEL, Calibration
+from .poses import PosedImage, world_to_camera
 
 NO_POINTS = "# 3D point list: none; the poses are known\n"
 

@@ -11,7 +11,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from .calibration import HALF_PIXEL, TO_OPENGL, Calibration, PosedImage, camera_to_world
+from ...optics.calibration import HALF_PIXEL, Calibration
+from .poses import TO_OPENGL, PosedImage, camera_to_world
 
 
 def transforms(images: Sequence[PosedImage]) -> dict[str, Any]:

@@ -13,7 +13,8 @@ import numpy as np
 import scipy
 
 from ...core import Float64Array
-from .calibration import Calibration, PosedImage, world_to_camera, yaml_number
+from ...optics.calibration import Calibration
+from .poses import PosedImage, world_to_camera, yaml_number
 
 Entry: TypeAlias = int | Float64Array | list[str]
 MATRIX = "!!opencv-matrix"

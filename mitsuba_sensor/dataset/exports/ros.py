@@ -10,7 +10,8 @@ import json
 import numpy as np
 
 from ...core import Float64Array
-from .calibration import Calibration, yaml_number
+from ...optics.calibration import Calibration
+from .poses import yaml_number
 
 
 def camera_info(calibration: Calibration, name: str) -> str:

@@ -10,6 +10,7 @@ from typing import Any
 from ...core import InputError
 from ...sensor.camera import Camera
 from ...sensor.camera_file import load_camera
+from .calibration import is_storage, is_transforms, read_storage, read_transforms
 from .dng import read_dngs
 from .draft import Draft
 from .emva_report import read_report
@@ -18,9 +19,11 @@ from .libcamera import is_tuning, read_tuning
 from .noise_table import is_table, read_table, rows_of
 
 LIKE = "bayer_2mp"
+YAML = (".yml", ".yaml")
 FORMATS = (
-    "a libcamera tuning file (.json), a noise calibration (.json, .csv), DNGs (.dng), an EMVA 1288 report (.xml), or a "
-    f"preset of getframes (.toml, or {PREFIX}NAME)"
+    "a libcamera tuning file (.json), a noise calibration (.json, .csv), DNGs (.dng), an EMVA 1288 report (.xml), a "
+    f"preset of getframes (.toml, or {PREFIX}NAME), or a geometric calibration (OpenCV .yml or .xml, ROS .yaml, "
+    "nerfstudio's transforms.json)"
 )
 
 
@@ -30,7 +33,8 @@ def import_camera(
     """The camera that a file of another program describes, with the source of every number in ``sources``.
 
     files : a libcamera tuning file, a noise calibration of ELD or PMN, an EMVA 1288 report, a preset of getframes
-        ("getframes:NAME"), or DNGs of one camera, one for each ISO.
+        ("getframes:NAME"), DNGs of one camera, one for each ISO, or a calibration of OpenCV, ROS or nerfstudio, which
+        has size and lens distortion.
     like : camera whose numbers hold where the file says nothing; their sources begin with "assumed:".
     name : of the camera; default: what the file says, else its own name.
     Raises InputError for a file that is none of these, or that has a number out of its range.
@@ -53,13 +57,15 @@ def _draft(paths: list[Path], like: Camera) -> Draft:
         raise InputError(f"{len(paths)} files are given, and {first} is no DNG; give one file, or DNGs of one camera.")
     if str(first).startswith(PREFIX):
         return read_preset(preset_text(str(first).removeprefix(PREFIX)), str(first), like)
-    if kind not in (".json", ".csv", ".xml", ".toml"):
+    if kind not in (".json", ".csv", ".xml", ".toml", *YAML):
         raise InputError(f"{first} is of no format that is imported; give {FORMATS}.")
     text = _text(first)
     if kind == ".json":
         return _of_json(text, first.name, like)
     if kind == ".csv":
         return read_table(rows_of(text), first.name, like)
+    if kind in YAML or (kind == ".xml" and is_storage(text)):
+        return read_storage(text, first.name, like)
     return (read_report if kind == ".xml" else read_preset)(text, first.name, like)
 
 
@@ -72,7 +78,12 @@ def _of_json(text: str, file: str, like: Camera) -> Draft:
         return read_tuning(data, file, like)
     if is_table(data):
         return read_table(data, file, like)
-    raise InputError(f"{file} is neither a tuning file (algorithms) nor rows of a noise calibration; give {FORMATS}.")
+    if is_transforms(data):
+        return read_transforms(data, file, like)
+    raise InputError(
+        f"{file} is no tuning file (algorithms), has no rows of a noise calibration and no intrinsics (fl_x); give "
+        f"{FORMATS}."
+    )
 
 
 def _text(path: Path) -> str:

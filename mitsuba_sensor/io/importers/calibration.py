@@ -1,0 +1,237 @@
+"""Geometric calibrations → size and lens distortion of a camera: OpenCV (YAML, XML), ROS camera_info, transforms.json.
+
+OpenCV and ROS have the middle of the upper left pixel at (0, 0), nerfstudio at (0.5, 0.5). Focal length and principal
+point belong to the sensor of a scene; the description of the camera says the values that it needs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+from xml.etree import ElementTree
+
+import numpy as np
+
+from ...core import Float64Array, InputError
+from ...optics.calibration import FIT_POINTS, HALF_PIXEL, Calibration, radial_fit
+from ...sensor.camera import Camera
+from .draft import Draft
+
+OPENCV_ROOT, OPENCV_TAG = "<opencv_storage", "!!opencv-matrix"
+LONGEST_YAML = 4_000_000  # characters; a calibration with the corners of a hundred pictures has a tenth
+TABLE_POINTS = 65  # heights of a fisheye lens
+WIDEST_RAD = math.radians(85)  # field angle of a fisheye's corner; an ideal image height is its tangent
+SQUARE = 1e-3  # relative difference of fx and fy that is not worth a note
+MOST = 1e6  # pixels, and any coefficient
+BROWN = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tau_x", "tau_y")
+FISHEYE = ("k1", "k2", "k3", "k4")
+RADIAL = ("k1", "k2", "k3", "k4", "k5", "k6")
+LEFT_OUT = BROWN[8:]
+OTHER_LENSES: tuple[str, ...] = ("lens.prescription", "lens.focal_length_mm", "lens.focus_m", "lens.distortion")
+OTHER_LENSES += ("lens.distortion_percent", "lens.distortion_heights_mm")
+MODELS = {"plumb_bob": BROWN, "rational_polynomial": BROWN, "equidistant": FISHEYE, "fisheye": FISHEYE}
+"""Distortion model of ROS → its coefficients."""
+TRANSFORMS_MODELS = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "OPENCV_FISHEYE")
+
+
+class Found(NamedTuple):
+    """What a file says.  radial : coefficients in r² of the numerator, then of the denominator, or those of θ²."""
+
+    format: str
+    pinhole: Calibration
+    coefficients: dict[str, float]
+    radial: tuple[tuple[float, ...], tuple[float, ...]]
+    fisheye: bool
+    notes: tuple[str, ...] = ()
+
+
+def is_storage(text: str) -> bool:
+    """Whether an XML file is one of OpenCV's."""
+    return OPENCV_ROOT in text[:1000]
+
+
+def is_transforms(data: object) -> bool:
+    """Whether a JSON file is a transforms.json with intrinsics."""
+    frames = data.get("frames") if isinstance(data, dict) else None
+    own = [one for one in frames if isinstance(one, dict)] if isinstance(frames, list) else []
+    return isinstance(data, dict) and any("fl_x" in one or "camera_angle_x" in one for one in (data, *own[:1]))
+
+
+def read_transforms(data: dict[str, Any], file: str, like: Camera) -> Draft:
+    """The draft of a camera of nerfstudio's transforms.json. Raises InputError for a camera that is no pinhole."""
+    draft = Draft(file, like)
+    frames = [one for one in data.get("frames") or [] if isinstance(one, dict)]
+    said = {**(frames[0] if frames else {}), **data}
+    differ = sum(
+        any(one.get(name, said.get(name)) != said.get(name) for name in ("fl_x", "fl_y", "w")) for one in frames
+    )
+    model = said.get("camera_model", "OPENCV")
+    if model not in TRANSFORMS_MODELS:
+        raise InputError(f"{file}: camera_model is {model!r}; it must be one of {', '.join(TRANSFORMS_MODELS)}.")
+    width, height = (_count(draft, name, said.get(name)) for name in ("w", "h"))
+    if "fl_x" in said:
+        focal_x = draft.number("fl_x", said["fl_x"], 0.0, MOST)
+    else:
+        focal_x = width / 2 / math.tan(draft.number("camera_angle_x", said["camera_angle_x"], 0.0, 3.1) / 2)
+    focal_y = draft.number("fl_y", said.get("fl_y", focal_x), 0.0, MOST)
+    middle = [draft.number(name, said.get(name, n / 2), -MOST, MOST) for name, n in (("cx", width), ("cy", height))]
+    pinhole = Calibration(width, height, (focal_x, focal_y), (middle[0] - HALF_PIXEL, middle[1] - HALF_PIXEL))
+    names = (*FISHEYE, "p1", "p2")
+    known = {name: draft.number(name, said.get(name, 0.0), -MOST, MOST) for name in names}
+    numerator = tuple(known[name] for name in FISHEYE)
+    notes = (f"{differ} of {len(frames)} frames have intrinsics of their own, which are left out",) if differ else ()
+    fisheye = model == "OPENCV_FISHEYE"
+    return _drafted(draft, Found("transforms.json", pinhole, known, (numerator, ()), fisheye, notes))
+
+
+def read_storage(text: str, file: str, like: Camera) -> Draft:
+    """The draft of a camera of OpenCV's or ROS's file, YAML or XML. Raises InputError for what is no calibration."""
+    draft = Draft(file, like)
+    entries = _of_xml(text, file) if is_storage(text) else _of_yaml(text, file)
+    said = {str(name).lower(): value for name, value in entries.items()}
+    matrix = _numbers(draft, said, "camera_matrix")
+    if len(matrix) != 9:
+        raise InputError(f"{file}: camera_matrix has {len(matrix)} numbers; it must have 9, row by row.")
+    width, height = (_count(draft, name, said.get(name)) for name in ("image_width", "image_height"))
+    focal = draft.number("fx", matrix[0], 0.0, MOST), draft.number("fy", matrix[4], 0.0, MOST)
+    pinhole = Calibration(width, height, focal, (matrix[2], matrix[5]))
+    model = said.get("distortion_model") or ("fisheye" if _flag(said.get("fisheye_model")) else "plumb_bob")
+    if model not in MODELS:
+        raise InputError(f"{file}: distortion_model is {model!r}; it must be one of {', '.join(MODELS)}.")
+    values = _numbers(draft, said, "distortion_coefficients") if "distortion_coefficients" in said else []
+    names = MODELS[model]
+    if len(values) > len(names):
+        raise InputError(
+            f"{file}: distortion_coefficients has {len(values)} numbers; {model} has {len(names)} at most."
+        )
+    known = dict.fromkeys(names, 0.0) | dict(zip(names, values, strict=False))
+    kind = "ROS calibration" if "distortion_model" in said else "OpenCV calibration"
+    radial = (tuple(known[k] for k in FISHEYE), ()) if names is FISHEYE else _rational(known)
+    left = [name for name in LEFT_OUT if known.get(name)]
+    notes = (f"{', '.join(left)} (thin prism, tilt) are left out",) if left else ()
+    return _drafted(draft, Found(kind, pinhole, known, radial, names is FISHEYE, notes))
+
+
+def _rational(known: Mapping[str, float]) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    k1, k2, k3, k4, k5, k6 = (known[name] for name in RADIAL)
+    return (k1, k2, k3), (k4, k5, k6)
+
+
+def _drafted(draft: Draft, found: Found) -> Draft:
+    """The camera with this size and distortion; a sentence about what no datasheet says."""
+    pinhole, notes = found.pinhole, list(found.notes)
+    (fx, fy), pitch_um = pinhole.focal, draft.like.pixel.pitch_x_um
+    draft.says("sensor.columns", pinhole.columns, "width of its pictures")
+    draft.says("sensor.rows", pinhole.rows, "height of its pictures")
+    draft.changes |= dict.fromkeys(OTHER_LENSES) | {"lens.dispersion": False}
+    if abs(fx / fy - 1) > SQUARE:
+        notes.append(f"fx / fy is {fx / fy:.5g} and pixels are square in a scene; fx is taken")
+    notes += _set_fisheye(draft, found, fx * pitch_um * 1e-3) if found.fisheye else _set_brown(draft, found)
+    where = ", ".join(f"{name} {value:.7g}" for name, value in pinhole.view.items())
+    focal_mm = fx * pitch_um * 1e-3
+    draft.description = (
+        f"Camera of the {found.format} {draft.file}; a perspective sensor of a scene has its view with {where}; "
+        f"the focal length is {focal_mm:.5g} mm at {pitch_um:g} µm per pixel" + "".join(f"; {note}" for note in notes)
+    )
+    return draft
+
+
+def _set_brown(draft: Draft, found: Found) -> list[str]:
+    """The five coefficients; a rational polynomial, or one with more terms, by those that are nearest to it."""
+    known, (numerator, denominator), corner = found.coefficients, found.radial, found.pinhole.corner
+    tangential = known["p1"], known["p2"]
+    radial, how, notes = (*numerator, 0.0, 0.0)[:3], "k1, k2, p1, p2, k3", []
+    if any(denominator) or any(numerator[3:]):
+        ideal = np.linspace(0.0, 2 * corner, FIT_POINTS)
+        with np.errstate(all="ignore"):
+            real = ideal * (1 + _series(numerator, ideal)) / (1 + _series(denominator, ideal))
+        folds = np.flatnonzero(~(np.diff(real) > 0))
+        last = int(folds[0]) + 1 if len(folds) else FIT_POINTS
+        if real[last - 1] < corner:
+            raise InputError(
+                f"{draft.file}: the radial distortion folds the image before its corner; check the coefficients, or "
+                "calibrate with fewer of them."
+            )
+        radial, misfit = radial_fit(ideal[:last], real[:last], corner)
+        how = f"its radial coefficients, by k1, k2 and k3 to {misfit * max(found.pinhole.focal):.2g} px"
+        notes = [f"k1, k2, k3 are fitted to more coefficients, to {misfit * max(found.pinhole.focal):.2g} px"]
+    if any((*radial, *tangential)):
+        draft.says("lens.distortion", [radial[0], radial[1], *tangential, radial[2]], how)
+    return notes
+
+
+def _set_fisheye(draft: Draft, found: Found, image_distance_mm: float) -> list[str]:
+    """A table of ideal and real image heights: r = θ·(1 + k1·θ² + …) and tan θ, to beyond the corner."""
+    angle = np.linspace(0.0, WIDEST_RAD, 50 * TABLE_POINTS)
+    real = angle * (1 + _series(found.radial[0], angle))
+    beyond = np.flatnonzero(real > found.pinhole.corner)
+    if not len(beyond) or (np.diff(real[: beyond[0] + 1]) <= 0).any():
+        raise InputError(
+            f"{draft.file}: the corner of this fisheye lens sees more than {math.degrees(WIDEST_RAD):.0f}° from the "
+            "axis; a scene is projected on a plane: crop the picture, or calibrate a smaller one."
+        )
+    widest = min(1.02 * angle[beyond[0]], WIDEST_RAD)
+    angle = np.linspace(0.0, widest, TABLE_POINTS)
+    ideal, real = np.tan(angle), angle * (1 + _series(found.radial[0], angle))
+    growth = np.divide(real, ideal, out=np.ones_like(real), where=ideal > 0) - 1
+    how = "k1 … k4 of its fisheye model"
+    draft.says("lens.distortion_percent", (100 * growth).tolist(), how)
+    draft.says("lens.distortion_heights_mm", (ideal * image_distance_mm).tolist(), f"{how}, at the pixel pitch")
+    return ["the fisheye lens is a table of image heights"]
+
+
+def _series(coefficients: tuple[float, ...], radius: Float64Array) -> Float64Array:
+    """k1·r² + k2·r⁴ + …"""
+    return sum((k * radius ** (2 * n) for n, k in enumerate(coefficients, start=1)), np.zeros_like(radius))
+
+
+def _of_xml(text: str, file: str) -> dict[str, Any]:
+    try:
+        root = ElementTree.fromstring(text)
+    except ElementTree.ParseError as error:
+        raise InputError(f"{file} is no XML: {error}. Give the file that cv2.FileStorage writes.") from None
+    return {one.tag: one.text if not len(one) else {part.tag: part.text for part in one} for one in root}
+
+
+def _of_yaml(text: str, file: str) -> dict[str, Any]:
+    """Tables of a YAML file; OpenCV's directive and tag, which YAML 1.1 does not have, are passed over."""
+    import yaml
+
+    if len(text) > LONGEST_YAML:
+        raise InputError(f"{file} has {len(text)} characters; a calibration has {LONGEST_YAML} at most.")
+    plain = "\n".join(line for line in text.splitlines() if not line.startswith("%")).replace(OPENCV_TAG, "")
+    try:
+        found = yaml.safe_load(plain)
+    except (yaml.YAMLError, RecursionError, ValueError) as error:
+        why = " ".join(str(error).split()) or "it is nested too deeply"
+        raise InputError(f"{file} is no YAML: {why}. Give a calibration of OpenCV or ROS.") from None
+    if not isinstance(found, dict):
+        raise InputError(f"{file} has no table of names and values; give a calibration of OpenCV or ROS.")
+    return found
+
+
+def _numbers(draft: Draft, said: Mapping[str, Any], name: str) -> list[float]:
+    """The data of a matrix, which is text in XML."""
+    node = said.get(name)
+    data = node.get("data") if isinstance(node, dict) else None
+    values = data.split() if isinstance(data, str) else data
+    if not isinstance(values, list):
+        names = ", ".join(map(str, said))[:200]
+        raise InputError(
+            f"{draft.file} has no {name} with rows, cols and data, which a calibration needs; it has {names}."
+        )
+    return [draft.number(name, value, -MOST, MOST) for value in values]
+
+
+def _count(draft: Draft, name: str, value: object) -> int:
+    """Pixels of a side."""
+    found = draft.number(name, value, 0.0, MOST)
+    if found != int(found):
+        raise InputError(f"{draft.file}: {name} is {value!r}; it must be a whole number of pixels.")
+    return int(found)
+
+
+def _flag(value: object) -> bool:
+    """Whether OpenCV's flag is set, 0 or 1, a text in XML."""
+    return str(value).strip() in ("1", "True", "true")

@@ -1,0 +1,97 @@
+"""Calibration of a camera as OpenCV has it: pinhole and Brown-Conrady distortion, from intrinsics or from a table.
+
+x right, y down, z forward; the middle of the upper left pixel is (0, 0).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy
+
+from ..core import Float64Array, InputError
+from .distortion import Distortion
+
+FIT_POINTS = 200  # image heights that coefficients are fitted to
+HALF_PIXEL = 0.5  # of the middle of a pixel from its corner
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Pinhole and distortion of one camera [pixels].
+
+    focal, principal : fx, fy and cx, cy.  distortion : k1, k2, p1, p2, k3.
+    misfit_px : how far a point of the image is from where these coefficients have it, at most; above 0 where the lens
+        is something else, a table of distortion or a prescription, to which they are fitted.
+    """
+
+    columns: int
+    rows: int
+    focal: tuple[float, float]
+    principal: tuple[float, float]
+    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    misfit_px: float = 0.0
+
+    @property
+    def matrix(self) -> Float64Array:
+        """K, 3 × 3."""
+        (fx, fy), (cx, cy) = self.focal, self.principal
+        return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+    @property
+    def corner(self) -> float:
+        """Distance of the farthest pixel from the principal point, as a tangent, distortion included."""
+        sides = zip(self.principal, (self.columns, self.rows), self.focal, strict=True)
+        return math.hypot(*(max(c, n - 1 - c) / f for c, n, f in sides))
+
+    @property
+    def view(self) -> dict[str, float]:
+        """What the <sensor type="perspective"> of a scene needs for it: fov [degrees, along the rows] and principal
+        point offsets [sides of the picture]."""
+        shift_x, shift_y = (
+            0.5 - (c + HALF_PIXEL) / n for c, n in zip(self.principal, (self.columns, self.rows), strict=True)
+        )
+        fov = math.degrees(2 * math.atan(self.columns / 2 / self.focal[0]))
+        return {"fov": fov, "principal_point_offset_x": shift_x, "principal_point_offset_y": shift_y}
+
+
+def calibration_of(intrinsics: Mapping[str, Any], pitch_um: float) -> Calibration:
+    """The calibration that :func:`mitsuba_sensor.optics.intrinsics.intrinsics` and metadata of frames describe.
+
+    pitch_um : of the pixels along a row, for image heights. Raises InputError for an orthographic sensor, which has no
+    focal length.
+    """
+    matrix, (columns, rows) = intrinsics["matrix"], intrinsics["image_size"]
+    if matrix is None:
+        raise InputError(
+            "the scene's sensor is orthographic, which has no focal length, and no calibration can say so; take a "
+            "perspective or thinlens sensor."
+        )
+    focal, principal = (matrix[0][0], matrix[1][1]), (matrix[0][2], matrix[1][2])
+    if intrinsics["heights_mm"] is None:
+        return Calibration(columns, rows, focal, principal, tuple(intrinsics["distortion"]))
+    distance_mm = focal[0] * pitch_um * 1e-3
+    ideal, real = (np.asarray(intrinsics["heights_mm"][name]) / distance_mm for name in ("ideal", "real"))
+    growth = np.divide(real, ideal, out=np.ones_like(real), where=ideal > 0) - 1
+    curve = Distortion(growth=scipy.interpolate.PchipInterpolator(ideal, growth), table_end=float(ideal[-1]))
+    pinhole = Calibration(columns, rows, focal, principal)
+    radius = np.linspace(0.0, min(2 * pinhole.corner, float(ideal[-1])), FIT_POINTS)
+    (k1, k2, k3), misfit = radial_fit(radius, curve.real(radius, np.zeros_like(radius))[0], pinhole.corner)
+    return Calibration(columns, rows, focal, principal, (k1, k2, 0.0, 0.0, k3), misfit * max(focal))
+
+
+def radial_fit(ideal: Float64Array, real: Float64Array, corner: float) -> tuple[tuple[float, float, float], float]:
+    """k1, k2, k3 of least squares for image heights with and without distortion, and the largest distance.
+
+    All are tangents; only heights up to ``corner`` count.
+    """
+    inside = real <= corner
+    radius, found = ideal[inside], real[inside]
+    powers = radius[:, None] ** np.array([3, 5, 7])
+    radial = np.linalg.lstsq(powers, found - radius, rcond=None)[0]
+    k1, k2, k3 = radial.tolist()
+    return (k1, k2, k3), float(np.abs(powers @ radial + radius - found).max())
