@@ -133,6 +133,13 @@ class AnimatedTransforms:
         return float(np.nanmax(moved, initial=0.0)) / difference_s
 
 
+def pose_m(scene: Scene, motion: Motion, unit_m: float) -> Float64Array:
+    """Pose of the camera when the first row opens, 4×4 to world space [m]; the scene is at rest."""
+    pose = AnimatedTransforms(scene, motion, unit_m).camera_at(0.0)
+    pose[:3, 3] *= unit_m
+    return pose
+
+
 def _movable_parameters(parameters: MitsubaObject, name: str) -> dict[str, Float64Array]:
     """What changes when a shape moves, at its pose in the scene file: its transform, or the vertices of a mesh."""
     transform = f"{name}.to_world"

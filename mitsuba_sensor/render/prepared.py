@@ -22,7 +22,7 @@ from .film_channels import with_filters
 from .illuminant import rendered_for
 from .irradiance import Irradiance
 from .motion import Motion, read_motion
-from .moving_scene import MovingScene
+from .moving_scene import MovingScene, pose_m
 from .options import RenderOptions
 from .passes import SAMPLER
 from .photons import metered
@@ -235,6 +235,7 @@ class PreparedRender:
             scene_sha256=self.scene.sha256,
             aperture_f_number=aperture_f_number(self.scene.view, self.camera),
             intrinsics=intrinsics(self.scene.view, self.camera),
+            camera_to_world=pose_m(self.at_rest, self.motion, self.unit_m).tolist(),
             denoised=self._denoised(exposure, raw),
             metering=None if self.metering is None else self.metering.record(exposure),
         )

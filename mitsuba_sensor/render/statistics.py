@@ -36,6 +36,8 @@ class RenderStatistics:
     aperture_f_number : what the scene's own thin-lens aperture means on this sensor, None where it has none. It makes
         the blur; the camera's f-number makes the light.
     intrinsics : how the picture is a projection of the world, see :func:`optics.intrinsics.intrinsics`.
+    camera_to_world : pose of the camera when the first row opens, four rows of four numbers: its columns are left,
+        up and forward, with the scale of the scene's to_world, and the position [m]; None for light from elsewhere.
     denoised : what the denoiser did, or None; raw_noise_ratio_* : before, raw_weight : mean weight of the render,
         sum_corrected_by : share of the light that was moved to have the render's sums.
     seconds_per_sample : of one sample in every pixel, by the passes after the first one, which compiles.
@@ -61,6 +63,7 @@ class RenderStatistics:
     scene_sha256: str
     aperture_f_number: float | None
     intrinsics: dict[str, Any] | None = None
+    camera_to_world: list[list[float]] | None = None
     denoised: dict[str, Any] | None = None
     metering: dict[str, float] | None = None
     seconds_per_sample: float = 0.0

@@ -28,6 +28,7 @@ from mitsuba_sensor.dataset.exports.ros import camera_info
 from mitsuba_sensor.optics.calibration import Calibration, calibration_of
 from mitsuba_sensor.optics.intrinsics import intrinsics
 from mitsuba_sensor.optics.shutter import shutter_of
+from mitsuba_sensor.pipeline import capture
 from mitsuba_sensor.render.aovs import aovs_of, load_for_rays
 from mitsuba_sensor.render.motion import KeyPose, Motion
 from mitsuba_sensor.render.options import SceneOptions
@@ -150,6 +151,28 @@ def by_ros(text: str, image: PosedImage, points: Floats) -> Floats:
     turn, move = world_to_camera(image.pose)
     inside = points @ turn.T + move
     return projected(inside[:, :2] / inside[:, 2:], matrix, *model)
+
+
+@pytest.mark.parametrize("motion", [None, {"camera": {"velocity_m_per_s": [0.3, 0, 0]}}, "keys"])
+def test_the_statistics_of_a_render_have_the_pose_at_the_start_in_metres(tmp_path: Path, motion: Any) -> None:
+    """A scene in centimetres; a key of the motion puts the camera elsewhere before the first row opens."""
+    skip_unless_usable("scalar_spectral")
+    if motion == "keys":
+        keys = [
+            {"time_s": 0, "origin_m": [0.002, 0.01, -0.02], "target_m": [0, 0, 0.04]},
+            {"time_s": 1, "move_m": [9, 0, 0]},
+        ]
+        motion = {"camera": {"keys": keys}}
+    path = write_scene(tmp_path, scene_text(SKY, BALL, WALL, sensor=SENSOR))
+    camera = load_camera("konnik_table1")
+    options: dict[str, Any] = {"scene_unit": "cm", "motion": motion, "spp": 4, "wavelength_nm": 550}
+    shot = capture(path, camera, Exposure(0.01), variant="scalar_spectral", aovs=True, denoise=False, **options)
+    statistics, found = shot.light.statistics.to_dict(), shot.aovs
+    assert found is not None
+    image = PosedImage("a", calibration_of(statistics["intrinsics"], 5.0), np.array(statistics["camera_to_world"]))
+    lit = np.isfinite(found.depth_m)
+    middles = np.stack(np.meshgrid(*map(np.arange, lit.shape[::-1])), axis=-1)[lit]
+    np.testing.assert_allclose(by_formula(image, found.position_m[lit].astype(float)), middles, atol=0.01)
 
 
 IMAGE = PosedImage(
