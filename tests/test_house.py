@@ -45,7 +45,9 @@ IMPORTED_IN = {
     "colour_demosaicing": ("io/preview.py",),
     "typer": ("cli/",),
     "rich": ("cli/",),
-    "pydantic": ("sensor/", "render/"),
+    "pydantic": ("sensor/", "render/", "dataset/file.py"),
+    "distributed": ("dataset/engine.py",),
+    "dask": ("dataset/engine.py",),
     "pyoidn": ("render/denoise.py",),
     "yaml": ("io/importers/calibration.py",),
 }
@@ -61,6 +63,8 @@ SLOW = {
     "PIL",
     "matplotlib",
     "pyoidn",
+    "distributed",
+    "dask",
     "numpy.f2py",
     "numpy.ma",
 }

@@ -12,7 +12,7 @@ from typer.core import TyperGroup
 import mitsuba_sensor as ms
 
 from .. import stopping
-from ..core import InputError, first_given
+from ..core import DiskFull, InputError, first_given
 from ..io import files
 from ..render.irradiance import RenderedFor
 from ..render.scene_settings import ParsedScene, SceneSettings, parse
@@ -36,6 +36,7 @@ COMMANDS = (
     "lint",
     "characterize",
     "fit",
+    "dataset",
     "study",
     "doctor",
 )  # as --help lists them
@@ -53,13 +54,21 @@ class CommandGroup(TyperGroup):
         stopping.begin_command()
         try:
             return super().invoke(ctx)
+        except DiskFull as error:
+            _say(error)
+            raise typer.Exit(3) from None
         except (InputError, OSError, MemoryError, UsageError) as error:
-            with stopping.whole_step:  # not if a stop has removed what this thread misses now
-                err.print(f"[bold red]error:[/] {escape(_sentence(error))}", highlight=False, soft_wrap=True)
+            _say(error)
             raise typer.Exit(2) from None
         except KeyboardInterrupt:  # where no signals can be waited for (Windows)
             err.print(stopping.sentence(), highlight=False, soft_wrap=True)
             raise typer.Exit(130) from None
+
+
+def _say(error: Exception) -> None:
+    """One sentence on stderr."""
+    with stopping.whole_step:  # not if a stop has removed what this thread misses now
+        err.print(f"[bold red]error:[/] {escape(_sentence(error))}", highlight=False, soft_wrap=True)
 
 
 app = typer.Typer(

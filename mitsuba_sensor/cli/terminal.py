@@ -37,7 +37,7 @@ class MovingBar(Progress):
             else:
                 task.completed = min(time.monotonic() - task.fields["began"], task.total)
                 task.fields["share"] = f"{task.percentage:3.0f} %"
-                task.fields["left"] = f"about {_minutes(task.total - task.completed)} left"
+                task.fields["left"] = f"about {minutes(task.total - task.completed)} left"
         return super().get_renderables()
 
 
@@ -97,7 +97,7 @@ def seconds_bar(console: Console) -> Iterator[Callable[[float, float, str], None
 
         def tell(done_s: float, expected_s: float, now: str) -> None:
             left_s = max(expected_s - done_s, 0.0)
-            left = f"about {_minutes(left_s)}"
+            left = f"about {minutes(left_s)}"
             if progress.tasks[task].total is None:
                 console.print(f"this takes {left}", highlight=False)
             progress.update(task, completed=done_s, total=expected_s, description=f"{left} left [dim]{now}")
@@ -263,7 +263,7 @@ def _ended(asked: float | None, end: str) -> str:
     return ("" if asked is None else f"; {asked:g} was asked for and {reached}") + END.get(end, "")
 
 
-def _minutes(seconds: float) -> str:
+def minutes(seconds: float) -> str:
     """A time that is still to pass, in a unit that suits it."""
     if seconds > 5400:
         return f"{seconds / 3600:.1f} h"

@@ -1,0 +1,194 @@
+"""Commands of dataset: plan, run, status, verify, repair and export."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Group, RenderableType
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.text import Text
+
+from ..dataset.engine import usual_workers
+from ..dataset.faults import Fault
+from ..dataset.forecast import Counts, Forecast, counts_of, forecast
+from ..dataset.options import RootOptions, RunOptions
+from ..dataset.planned import DatasetPlan, load_plan
+from ..dataset.repair import discard, plan_of, store_of, verify
+from ..dataset.run import RunProgress, run
+from ..stopping import remark_if_stopped, undone_if_stopped
+from . import arguments, options
+from .app import THINGS, app, err, show
+from .completion import shell_files
+from .tables import FittedTable, rough
+from .terminal import minutes, steps_bar
+
+MOST_SHOWN = 50  # faults
+
+dataset = typer.Typer(
+    no_args_is_help=True,
+    help="Raw frames by the thousand, with clean twins, depth and normals, from one TOML file.\n\n"
+    "A run that was stopped, killed or out of disk goes on when the same command is given again. Exit code 1: some "
+    "samples could not be made, or are not as they were written; 3: the disk is full.",
+)
+app.add_typer(dataset, name="dataset", rich_help_panel=THINGS)
+
+DatasetToml = Annotated[str, typer.Argument(metavar="FILE.toml", help="The dataset file.", autocompletion=shell_files)]
+CountOnly = Annotated[bool, typer.Option("--count-only", help="Count and check only; nothing is rendered.")]
+DatasetFolder = Annotated[
+    str, typer.Argument(metavar="DIR", help="Folder that `dataset run` made.", autocompletion=shell_files)
+]
+
+
+@dataset.command("run", epilog="Example: mitsuba-sensor dataset run examples/low_light_pairs.toml -o pairs/")
+@options.flags(RootOptions, RunOptions)
+def run_command(
+    file: DatasetToml, out_dir: arguments.Out, as_json: arguments.Json = False, **flags: options.Flag
+) -> None:
+    """Make everything of a dataset that DIR does not have yet.
+
+    Every sample appears whole or not at all, whatever happens; the same command goes on after a stop. What cannot be
+    made is put into DIR/quarantine with its log, and the rest is made.
+    """
+    plan = load_plan(file, flags.pop("roots") or ["."])
+    with samples_bar() as progress:
+        found = run(plan, Path(out_dir), show=progress, **flags)
+    show(_summary(found) if as_json else run_sheet(plan, found, out_dir), as_json)
+    if found.failed:
+        raise typer.Exit(1)
+
+
+@dataset.command("plan", epilog="Example: mitsuba-sensor dataset plan examples/low_light_pairs.toml")
+@options.flags(RootOptions)
+def plan_command(
+    file: DatasetToml, count_only: CountOnly = False, as_json: arguments.Json = False, **flags: options.Flag
+) -> None:
+    """Say how many renders and samples a dataset has, and what disk and time it will take. Writes nothing.
+
+    Every sample is checked. Time and bytes are of a short render of each scene on this machine.
+    """
+    plan = load_plan(file, flags["roots"] or ["."])
+    if count_only:
+        counts = counts_of(plan)
+        show(asdict(counts) if as_json else plan_sheet(plan, counts, None), as_json)
+        return
+    with steps_bar(err) as now:
+        found = forecast(plan, usual_workers(), now)
+    show(found.to_dict() if as_json else plan_sheet(plan, found.counts, found), as_json)
+
+
+@dataset.command("status", epilog="Example: mitsuba-sensor dataset status pairs/")
+def status_command(folder: DatasetFolder, as_json: arguments.Json = False) -> None:
+    """Say how much of a dataset is there, and what could not be made. Reads records, no pictures."""
+    store, plan = store_of(Path(folder)), plan_of(Path(folder), None)
+    there, size = 0, 0
+    for record in store.scan("samples"):
+        there, size = there + 1, size + sum(n for n, _ in record.files.values())
+    failed = {key: str(facts.get("why")) for key, facts in store.quarantined().items()}
+    found = {"name": plan.file.name, "samples": plan.samples, "there": there, "bytes": size, "quarantine": failed}
+    head = f"{plan.file.name}: {there} of {plan.samples} samples, {size / 1e6:.3g} MB"
+    show(found if as_json else _with_failed(head, failed), as_json)
+
+
+@dataset.command("verify", epilog="Example: mitsuba-sensor dataset verify pairs/")
+def verify_command(folder: DatasetFolder, as_json: arguments.Json = False) -> None:
+    """Read every file of a dataset, and say what is not as it was written. Exit code 1 if anything is not."""
+    with steps_bar(err) as now:
+        faults = list(verify(Path(folder), lambda done, total: now(done, total, "verified")))
+    show([fault._asdict() for fault in faults] if as_json else fault_sheet(folder, faults), as_json)
+    if faults:
+        raise typer.Exit(1)
+
+
+@dataset.command("repair", epilog="Example: mitsuba-sensor dataset repair pairs/")
+@options.flags(RootOptions, RunOptions, without=("shard",))
+def repair_command(folder: DatasetFolder, as_json: arguments.Json = False, **flags: options.Flag) -> None:
+    """Make again what `dataset verify` finds, and what is missing; everything else stays as it is."""
+    place, roots = Path(folder), flags.pop("roots")
+    plan = plan_of(place, roots)
+    store_of(place)
+    with steps_bar(err) as now:
+        faults = list(verify(place, lambda done, total: now(done, total, "verified")))
+    broken = discard(place, faults)
+    with samples_bar() as progress:
+        found = run(plan, place, show=progress, **flags)
+    head = f"{len(broken)} entries were not as they were written; {found.made} samples made again"
+    failed = {one.view: one.failed for one in found.failed}
+    show({**_summary(found), "broken": broken} if as_json else _with_failed(head, failed), as_json)
+    if found.failed:
+        raise typer.Exit(1)
+
+
+@contextmanager
+def samples_bar() -> Iterator[Any]:
+    """A bar over samples, with the rate, a forecast and failures. Yields what :func:`dataset.run.run` shows to."""
+    texts = MofNCompleteColumn(), TextColumn("{task.description}"), TimeElapsedColumn()
+    bar = Progress(BarColumn(), *texts, console=err, transient=True, disable=not err.is_terminal)
+    last: list[RunProgress] = []
+    remark_if_stopped(partial(_kept, last))
+    with bar as shown, undone_if_stopped(bar.stop):
+        task = shown.add_task("starting", total=None)
+
+        def tell(progress: RunProgress) -> None:
+            last[:] = [progress]
+            speed = shown.tasks[task].speed if progress.made else None
+            rate = f"{speed:.2g} samples/s, " if speed else ""
+            failed = f", {len(progress.failed)} views failed" if progress.failed else ""
+            done = progress.there + progress.made
+            shown.update(task, total=progress.samples, completed=done, description=f"{rate}{progress.now}{failed}")
+
+        yield tell
+
+
+def _kept(last: list[RunProgress]) -> str | None:
+    """What a stopped run leaves."""
+    done = last[0].there + last[0].made if last else 0
+    return f"{done} samples are complete; the same command goes on from there"
+
+
+def run_sheet(plan: DatasetPlan, found: RunProgress, folder: str) -> RenderableType:
+    """What a run made, and what it could not."""
+    head = Text.assemble((plan.file.name, "bold"), f": {found.made} samples made, {found.there} were there → ", folder)
+    return _with_failed(head, {one.view: one.failed for one in found.failed})
+
+
+def plan_sheet(plan: DatasetPlan, counts: Counts, found: Forecast | None) -> RenderableType:
+    """A line for each scene, and the sums."""
+    table = FittedTable(("scene", "renders", "samples", "s/render", "s/sample", "MB/sample"), keys=1)
+    for scene, (views, samples) in counts.by_scene.items():
+        cost = found.scenes.get(scene) if found else None
+        costs = (cost.render_s, cost.sample_s, cost.sample_bytes / 1e6) if cost else ()
+        table.add_row(scene, str(views), str(samples), *(rough(x) for x in costs))
+    splits = ", ".join(f"{name} {n}" for name, n in counts.by_split.items() if name)
+    head = f"{plan.file.name}: {counts.samples} samples of {counts.views} renders{f' ({splits})' if splits else ''}"
+    takes = [] if found is None else [f"about {minutes(found.seconds)} and {found.bytes / 1e6:.3g} MB on this machine"]
+    return Group(Text(head, style="bold"), table, *map(Text, takes))
+
+
+def fault_sheet(folder: str, faults: list[Fault]) -> RenderableType:
+    """What is not as it was written, file by file."""
+    if not faults:
+        return Text(f"{folder}: every file is as it was written", style="green")
+    table = FittedTable(("what", "of", "key", "file"), keys=2)
+    for one in faults[:MOST_SHOWN]:
+        table.add_row(one.what, one.kind, one.key, Text(one.file))
+    more = [Text(f"and {len(faults) - MOST_SHOWN} more (--json lists all)")] if len(faults) > MOST_SHOWN else []
+    return Group(table, *more, Text(f"`mitsuba-sensor dataset repair {folder}` makes them again"))
+
+
+def _with_failed(head: str | Text, failed: Mapping[str, str]) -> RenderableType:
+    """A first line, and the views in quarantine."""
+    table = FittedTable(("view", "why it is in quarantine"), keys=1)
+    for key, why in failed.items():
+        table.add_row(key, Text(why))
+    return Group(head, table) if failed else Group(head)
+
+
+def _summary(found: RunProgress) -> dict[str, Any]:
+    failed = [{"view": one.view, "why": one.failed} for one in found.failed]
+    return {"made": found.made, "there": found.there, "failed": failed}

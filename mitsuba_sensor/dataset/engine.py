@@ -1,0 +1,136 @@
+"""Who makes the views: processes of this machine, a Dask cluster of many, or this process alone."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack
+from itertools import chain
+from typing import Any
+
+from ..core import InputError
+from .options import RunOptions
+from .planned import PlannedView
+from .store import Store
+from .task import Outcome, Told, quarantined_by_tries, run_task
+
+TOPIC = "mitsuba-sensor"  # of events that workers send
+SETTINGS = {
+    "distributed.scheduler.allowed-failures": 0,  # we count ourselves, and only those that had begun
+    "distributed.scheduler.worker-saturation": 1.0,
+    "distributed.worker.memory.target": False,
+    "distributed.worker.memory.spill": False,
+    "distributed.worker.memory.pause": False,
+    "distributed.worker.memory.terminate": 0.98,
+    "distributed.worker.multiprocessing-method": "spawn",
+    "distributed.comm.timeouts.connect": "60s",
+    "distributed.worker.daemon": True,
+}
+
+
+def outcomes(store: Store, views: Iterable[PlannedView], options: RunOptions, told: Told) -> Iterator[Outcome]:
+    """What becomes of the views, in the order in which they end. Nothing is kept of those that have ended."""
+    if options["workers"] == 0 and options["scheduler"] is None:
+        for view in views:
+            yield quarantined_by_tries(store, view) or run_task(
+                str(store.folder), view, told, options["timeout_s"], capture=False
+            )
+        return
+    if (first := next(iter(views := iter(views)), None)) is not None:  # no cluster where nothing is missing
+        yield from _by_dask(store, chain([first], views), options, told)
+
+
+def _by_dask(store: Store, views: Iterable[PlannedView], options: RunOptions, told: Told) -> Iterator[Outcome]:
+    with ExitStack() as stack:
+        client, count = _client(options, stack)
+        client.subscribe_topic(TOPIC, lambda event: told(*event[1]))
+        yield from _spread(client, store, iter(views), count, options["timeout_s"])
+
+
+def _client(options: RunOptions, stack: ExitStack) -> tuple[Any, Callable[[], int]]:
+    """A Dask client, closed with the stack, and how many views may be under way."""
+    import dask
+    import distributed
+
+    stack.enter_context(dask.config.set(SETTINGS))
+    if options["scheduler"] is not None:
+        try:
+            client = stack.enter_context(distributed.Client(options["scheduler"], timeout="20s"))
+        except (OSError, ValueError) as error:
+            raise InputError(
+                f"there is no Dask scheduler at {options['scheduler']} ({error}); start one with `dask scheduler`, and "
+                "workers with `dask worker ADDRESS --nthreads 1`."
+            ) from None
+        return client, lambda: max(len(client.scheduler_info(n_workers=-1)["workers"]), 1)
+    memory = f"{options['memory_gb']}GB" if options["memory_gb"] else 0
+    cluster = stack.enter_context(
+        distributed.LocalCluster(
+            n_workers=options["workers"],
+            threads_per_worker=1,
+            memory_limit=memory,
+            processes=True,
+            dashboard_address=None,
+            silence_logs=50,
+        )
+    )
+    client = stack.enter_context(distributed.Client(cluster))
+    return client, lambda: options["workers"] or 1
+
+
+def _spread(
+    client: Any, store: Store, views: Iterator[PlannedView], count: Callable[[], int], timeout_s: float | None
+) -> Iterator[Outcome]:
+    """Keep as many views under way as there are workers; what killed its worker is tried again."""
+    import distributed
+
+    under_way, futures, tries = dict[str, PlannedView](), distributed.as_completed(raise_errors=False), 0
+
+    def submit(view: PlannedView) -> None:
+        nonlocal tries
+        tries += 1
+        future = client.submit(_in_worker, str(store.folder), view, timeout_s, key=f"{view.key}-{tries}", pure=False)
+        under_way[future.key] = view
+        futures.add(future)
+
+    def fill() -> Iterator[Outcome]:
+        for _ in range(count() - len(under_way)):
+            if (view := next(views, None)) is None:
+                return
+            if found := quarantined_by_tries(store, view):
+                yield found
+            else:
+                submit(view)
+
+    yield from fill()
+    while under_way:
+        future = next(futures)
+        view = under_way.pop(future.key)
+        if future.status == "finished":
+            yield future.result()
+        elif isinstance(error := future.exception(), distributed.KilledWorker):
+            if found := quarantined_by_tries(store, view):
+                yield found
+            else:
+                submit(view)
+        else:
+            raise error
+        del future
+        while len(under_way) < count() and (more := list(fill())):
+            yield from more
+
+
+def _in_worker(folder: str, view: PlannedView, timeout_s: float | None) -> Outcome:
+    """Runs in a worker: the signals that the command line holds back are let through again."""
+    import distributed
+
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM, signal.SIGINT, signal.SIGHUP})
+    worker = distributed.get_worker()
+    return run_task(folder, view, lambda what, done: worker.log_event(TOPIC, (what, done)), timeout_s)
+
+
+def usual_workers() -> int:
+    """Processes that a machine can feed: a render uses all its cores, and while it writes another one renders."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return 2 if cores > 1 else 1

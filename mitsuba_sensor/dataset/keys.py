@@ -1,0 +1,29 @@
+"""Keys: the hash of a configuration, which is the name of a sample or view on disk."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from typing import Any, TypeAlias
+
+Config: TypeAlias = Mapping[str, Any]
+"""Plain values by name, ready for JSON."""
+Facts: TypeAlias = dict[str, Any]
+
+DIGITS = 24  # hexadecimal: 96 bits, so that no two of 10^9 samples have the same
+
+
+def canonical(config: Config) -> str:
+    """Strict JSON of plain values with sorted keys and no spaces: equal configurations, equal text."""
+    return json.dumps(config, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+
+
+def key_of(config: Config) -> str:
+    """The first 24 hexadecimal digits of SHA-256 over the canonical text."""
+    return hashlib.sha256(canonical(config).encode()).hexdigest()[:DIGITS]
+
+
+def seed_of(key: str) -> int:
+    """A seed of 63 bits that belongs to a key."""
+    return int.from_bytes(hashlib.blake2b(key.encode(), digest_size=8).digest(), "little") >> 1

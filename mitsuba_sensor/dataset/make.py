@@ -1,0 +1,224 @@
+"""Makes a view and its samples: one render, exposed to every camera, and the files of each sample."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..core import Exposure
+from ..core.options import complete
+from ..io import exr, files
+from ..io.dng import check_dng, dng_names, write_dng
+from ..io.frame_files import preview_of
+from ..io.metadata import image_facts, versions
+from ..render.aovs import Aovs
+from ..render.irradiance import Irradiance
+from ..render.options import RenderOptions
+from ..render.prepared import PreparedRender, prepare
+from ..render.scene_settings import ParsedScene, SceneSettings, parse
+from ..sensor.camera import Camera
+from ..sensor.camera_file import camera_from
+from ..sensor.expose import expose
+from ..sensor.frames import Frames
+from ..sensor.metering import Metering, electrons_of
+from .keys import Config, Facts, key_of, seed_of
+from .planned import PlannedSample, PlannedView
+from .store import Store
+
+QUANTILES = (0.0, 0.01, 0.5, 0.99, 1.0)
+
+
+def make_view(
+    store: Store, view: PlannedView, told: Callable[[str], object] = lambda key: None
+) -> Iterator[PlannedSample]:
+    """Render the view and commit what is missing of it. Yields each sample when it is there. Raises InputError.
+
+    told : called with what is done now.
+    """
+    missing = [sample for sample in view.samples if not store.exists("samples", sample.key)]
+    alone = bool(view.outputs) and not store.exists("views", view.key)
+    if missing or alone:
+        told("rendering")
+        rendered = Rendered.of(view)
+        if alone:
+            store.commit("views", view.key, rendered.write)
+        for sample in missing:
+            told("exposing")
+            store.commit("samples", sample.key, partial(rendered.expose, sample))
+            yield sample
+
+
+@dataclass(frozen=True, eq=False)
+class Rendered:
+    """The light of a view, ready to be exposed.
+
+    settings : what the scene file says of camera and exposure.  seconds_per_sample : of the render, in every pixel.
+    """
+
+    view: PlannedView
+    prepared: PreparedRender
+    light: Irradiance
+    settings: SceneSettings
+    seconds_per_sample: float
+
+    @classmethod
+    def of(cls, view: PlannedView) -> Rendered:
+        """Render it, for the camera of its first sample. Raises InputError."""
+        config, options = view.config, scene_options(view)
+        parsed, lead = parse(view.scene_file, options), view.samples[0].config
+        camera = camera_of(parsed.settings, lead)
+        camera = flat_camera(camera) if config["render"]["spectral"] == "cube" else camera
+        asked, stops = exposure_of(parsed.settings, lead), lead["exposure"]["ev"]
+        if "motion" in config or config["render"]["noise_ratio"]:  # where the time decides the light
+            asked = _timed(parsed, camera, asked, stops, options)
+        seed = seed_of(key_of(config))
+        prepared = prepare(parsed, camera, asked, **options)
+        light = prepared.render(seed, prepared.stop_criterion(complete(RenderOptions, options)))
+        still = replace(light.statistics, seconds=0.0, seconds_per_sample=0.0)  # a file has no times: it is repeatable
+        rate = light.statistics.seconds_per_sample
+        return cls(view, prepared, replace(light, statistics=still), parsed.settings, rate)
+
+    @cached_property
+    def aovs(self) -> Aovs:
+        """Depth, position, normals, … of the same pixels."""
+        return self.prepared.aovs()
+
+    def write(self, folder: Path) -> None:
+        """The files that all samples of the view share."""
+        if "aovs" in self.view.outputs:
+            exr.write_aovs_exr(folder / "aovs.exr", self.aovs)
+        if "irradiance" in self.view.outputs:
+            exr.write_irradiance_exr(folder / "irradiance.exr", self.light)
+        facts = {"key": self.view.key, "scene": self.view.scene, "config": self.view.config, "light": self.light_facts}
+        files.write_json(folder / "view.json", {**facts, "versions": versions()})
+
+    @property
+    def light_facts(self) -> Facts:
+        """Of the render: samples, noise, projection, notes."""
+        statistics = self.light.statistics.to_dict()
+        del statistics["seconds"], statistics["seconds_per_sample"]
+        error = self.light.relative_error[np.isfinite(self.light.relative_error)]
+        median = float(np.median(error)) if error.size else None
+        return {**statistics, "relative_error_median": median}
+
+    def expose(self, sample: PlannedSample, folder: Path) -> None:
+        """The files of one sample."""
+        config, outputs = sample.config, sample.config["outputs"]
+        camera = camera_of(self.settings, config)
+        asked = exposure_of(self.settings, config)
+        photons, camera, exposure, _ = self.light.collected(camera, asked, config["serial"])
+        if config["exposure"]["ev"] and "motion" not in self.view.config:
+            longer = Exposure(exposure.time_s * 2.0 ** config["exposure"]["ev"], exposure.temperature_k)
+            photons, camera, exposure, _ = self.light.collected(camera, longer, config["serial"])
+        seed, serial = seed_of(key_of({**config, "outputs": []})), config["serial"]
+        frames = expose(photons, camera, exposure, serial=serial, seed=seed, frames=config["frames"])
+        electrons = electrons_of(photons, camera, exposure).astype(np.float32)
+        for name in outputs:
+            self._write(folder, name, frames, electrons)
+        facts = {
+            "key": sample.key,
+            "split": sample.split,
+            "values": sample.values,
+            "camera": camera.name,
+            "seeds": {"seed": seed, "serial": serial},
+            "image": image_facts(frames),
+            "system_gain_dn_per_e": camera.system_gain_dn_per_e,
+            "digital_quantiles_dn": _quantiles(frames.digital),
+            "electrons_quantiles_e": _quantiles(electrons),
+            "electrons_error_of": "this camera" if self.light.rendered_for is None else self._error_of(camera),
+            "config": config,
+            "view": {"key": self.view.key, "scene": self.view.scene, "config": self.view.config},
+            "light": self.light_facts,
+            "versions": versions(),
+        }
+        files.write_json(folder / "sample.json", facts)
+
+    def _error_of(self, camera: Camera) -> str:
+        """The camera whose photoelectrons the standard error of the render is of."""
+        known = self.light.rendered_for
+        same = known is None or known.camera is None or known.camera.quantum_efficiency == camera.quantum_efficiency
+        return "this camera" if same else "a detector that is flat over the band"
+
+    def _write(self, folder: Path, output: str, frames: Frames, electrons: np.ndarray) -> None:
+        if output == "raw":
+            files.write_tiff(folder / "frame.tiff", frames.digital, image_facts(frames))
+        elif output == "dng":
+            check_dng(frames.camera, frames.first.window.shape)
+            for number, name in enumerate(dng_names(frames)):
+                write_dng(folder / name, frames, number)
+        elif output == "clean":
+            files.write_tiff(folder / "clean.tiff", frames.clean)
+        elif output == "variance":
+            files.write_tiff(folder / "temporal_variance.tiff", frames.temporal_variance)
+        elif output == "electrons":
+            error = np.nan_to_num(self.light.relative_error * electrons, posinf=0.0).astype(np.float32)
+            files.write_tiff(folder / "electrons.tiff", electrons)
+            files.write_tiff(folder / "electrons_error.tiff", error)
+        elif output == "noise_budget":
+            files.write_json(folder / "noise_budget.json", budget(frames))
+        elif output == "preview":
+            files.write_png(folder / "frame.png", preview_of(frames))
+
+
+def budget(frames: Frames) -> Facts:
+    """The noise budget, source by source [DN]."""
+    names = "source", "mean_dn", "rms_dn", "temporal_dn2", "spatial_dn2"
+    return {"sources": [{name: getattr(one, name) for name in names} for one in frames.noise_budget().entries]}
+
+
+def camera_of(settings: SceneSettings, config: Config) -> Camera:
+    """The camera of a sample behind the scene's lens, at its gain: as the command line puts them together."""
+    camera, own = camera_from(config["camera"], "of the sample"), set(config["set"])
+    of_scene = {name: value for name, value in settings.fields.items() if name not in own}
+    return replace(settings, fields=of_scene).applied_to(camera).at_gain(config["gain"])
+
+
+def exposure_of(settings: SceneSettings, config: Config) -> Exposure | Metering:
+    """The exposure that a sample asks for, without its stops: else the scene file's, else metered."""
+    time_s, kelvin = config["exposure"]["time_s"], config["exposure"]["temperature_k"]
+    if time_s is None:
+        asked = settings.exposure
+        return asked if kelvin is None else replace(asked, temperature_k=kelvin)
+    return settings.metering(kelvin) if time_s == "auto" else Exposure(time_s, settings.metering(kelvin).temperature_k)
+
+
+def scene_options(view: PlannedView) -> RenderOptions:
+    """The options of the render."""
+    config = view.config
+    names = "parameters", "traverse", "look_at", "scene_unit", "integrator", "ignore_polarization", "motion"
+    from ..core.options import declared
+
+    known = {one.name for one in declared(RenderOptions)}
+    return {
+        k: v
+        for k, v in {**config["render"], **{name: config.get(name) for name in names}, "repeatable": True}.items()
+        if k in known
+    }  # type: ignore[return-value]
+
+
+def flat_camera(camera: Camera) -> Camera:
+    """One that detects every photon of the band: light rendered for it is for all cameras of the band."""
+    low, high = camera.band_nm
+    flat = {"curves": {"mono": [1.0, 1.0]}, "wavelengths_nm": [low, high], "filter_tile": None}
+    return camera.replace(**{f"quantum_efficiency.{name}": value for name, value in flat.items()})
+
+
+def _timed(
+    parsed: ParsedScene, camera: Camera, asked: Exposure | Metering, stops: float, options: RenderOptions
+) -> Exposure:
+    """The exposure with its stops, metered by a short render at rest if need be."""
+    known = asked
+    if isinstance(asked, Metering):
+        still: Any = {**options, "motion": None, "subframes": None, "noise_ratio": None, "spp": 32}
+        known = prepare(parsed, camera, asked, **still).metered_first().exposure
+    assert isinstance(known, Exposure)
+    return Exposure(known.time_s * 2.0**stops, known.temperature_k)
+
+
+def _quantiles(values: np.ndarray) -> list[float]:
+    return [float(x) for x in np.quantile(values, QUANTILES)]

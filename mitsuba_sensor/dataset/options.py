@@ -1,0 +1,88 @@
+"""The options of a run: which part of a dataset is made, by how many processes, within which limits."""
+
+# Without `from __future__ import annotations`: core/options.py reads these declarations at run time.
+from typing import Annotated, Any, TypedDict
+
+from ..core import InputError
+from ..core.options import Option
+
+ENGINE = "Engine"
+
+
+def checked_shard(name: str, value: Any) -> tuple[int, int]:
+    """(i, n) of "i/n" or of a pair. Raises InputError."""
+    parts = value.split("/") if isinstance(value, str) else [str(one) for one in value or ()]
+    if len(parts) != 2 or not all(one.isdecimal() for one in parts) or not 1 <= int(parts[0]) <= int(parts[1]) <= 10**6:
+        raise InputError(f"{name} is {value!r}; give i/n with i from 1 to n, e.g. 1/4.")
+    return int(parts[0]), int(parts[1])
+
+
+class RootOptions(TypedDict, total=False):
+    """Which files a dataset may read."""
+
+    roots: Annotated[
+        list[str] | None,
+        Option(
+            "Folder below which scenes, cameras and motions may be read, beside that of the dataset file. Repeatable. "
+            "Default: the current folder.",
+            flag="--root",
+            metavar="DIR",
+            panel="Scene",
+            text=list[str],
+        ),
+    ]
+
+
+class RunOptions(TypedDict, total=False):
+    """All options of :func:`dataset.run.run`."""
+
+    workers: Annotated[
+        int | None,
+        Option(
+            "Processes of this machine; 0 is this process alone, which dies with a scene that ends its renderer. "
+            "Default: 2 where there are two cores, and 0 for a shard.",
+            low=0,
+            high=1024,
+            example="2",
+            panel=ENGINE,
+        ),
+    ]
+    scheduler: Annotated[
+        str | None,
+        Option(
+            "Use the workers of this Dask scheduler instead; all must see DIR and the scenes.",
+            metavar="tcp://HOST:PORT",
+            panel=ENGINE,
+        ),
+    ]
+    shard: Annotated[
+        tuple[int, int] | None,
+        Option(
+            "Make the i-th of n parts only: n machines without an engine make all of it.",
+            check=checked_shard,
+            metavar="i/n",
+            panel=ENGINE,
+            text=str,
+        ),
+    ]
+    timeout_s: Annotated[
+        float | None,
+        Option(
+            "End a process whose render or sample takes longer, in seconds. Default: never.",
+            low=0.001,
+            high=1e9,
+            example="600",
+            panel=ENGINE,
+        ),
+    ]
+    memory_gb: Annotated[
+        float | None,
+        Option(
+            "End a process that takes more memory, in GB. Default: no limit.",
+            low=0.1,
+            high=1e6,
+            example="4",
+            panel=ENGINE,
+        ),
+    ]
+    retry: Annotated[bool, Option("Also try what is in quarantine.", False, panel=ENGINE)]

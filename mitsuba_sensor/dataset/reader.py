@@ -1,0 +1,153 @@
+"""Reads a dataset that was made: its samples in order, their arrays, and all that is known of them."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core import InputError, nearest
+from ..io.exr import read_aovs_exr
+from ..io.raw_files import read_raw
+from ..io.texts import read_json, text_of_file
+from .keys import Config, Facts
+from .store import Store
+
+FILE, ROOTS, INDEX = "dataset.toml", "roots.json", "index.jsonl"
+CHANGED = "`mitsuba-sensor dataset verify` finds what is missing or was changed"
+IMAGES = {
+    "raw": "frame.tiff",
+    "clean": "clean.tiff",
+    "variance": "temporal_variance.tiff",
+    "electrons": "electrons.tiff",
+    "electrons_error": "electrons_error.tiff",
+}
+AOVS = ("depth_m", "position_m", "normal", "albedo", "shape_index", "flow_px")
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One sample.
+
+    key : its name on disk.  split : train, test, …, or an empty text.  values : what varies in the dataset.
+    folder, view_folder : where its files are, and those that all samples of its view share.
+    """
+
+    key: str
+    split: str
+    values: Config
+    folder: Path
+    view_folder: Path
+
+    @cached_property
+    def facts(self) -> Facts:
+        """sample.json: configuration, camera, seeds, black and white level, quantiles. Raises InputError."""
+        return read_json(self.folder / "sample.json", CHANGED)
+
+    @cached_property
+    def view(self) -> Facts:
+        """view.json: what the files of the view were made of. Raises InputError where it has none."""
+        return read_json(self.view_folder / "view.json", CHANGED)
+
+    def read(self, name: str) -> NDArray[Any]:
+        """An array of the sample. Raises InputError where it has none of this name.
+
+        name : ``raw`` (N, H, W) unsigned [DN]; ``clean`` (H, W) float32 [DN], the expectation of the raw frame of this
+            chip; ``variance`` (H, W) float32 [DN²], temporal; ``electrons``, ``electrons_error`` (H, W) float32 [e-],
+            mean photoelectrons and their standard error by the render; or an AOV, see docs/clean-frames-and-aovs.md.
+        """
+        if name in AOVS:
+            return np.asarray(getattr(read_aovs_exr(self._existing(self.view_folder / "aovs.exr", name)), name))
+        if name not in IMAGES:
+            known = (*IMAGES, *AOVS)
+            raise InputError(f"a sample has no {name!r}; it can have {', '.join(known)}.{nearest(name, known)}")
+        pages = read_raw(self._existing(self.folder / IMAGES[name], name)).frames
+        return pages if name == "raw" else pages[0]
+
+    def _existing(self, path: Path, name: str) -> Path:
+        if not path.exists():
+            raise InputError(
+                f"there is no {path}; name what {name} needs in the outputs of the dataset, and make it again."
+            )
+        return path
+
+
+class Dataset(Sequence[Sample]):
+    """The samples of a dataset folder, in the order of its file.
+
+    folder : as ``mitsuba-sensor dataset run`` made it.  split : only those of this split.
+    Raises InputError where there is no dataset, or no such split.
+    """
+
+    def __init__(self, folder: str | os.PathLike[str], split: str | None = None) -> None:
+        self.folder = Path(folder)
+        store, lines = Store(self.folder), read_index(self.folder)
+        splits = sorted({line["split"] for line in lines})
+        if split is not None and split not in splits:
+            raise InputError(f"split is {split!r}; {self.folder} has {', '.join(filter(None, splits)) or 'none'}.")
+        self.samples = [
+            Sample(
+                line["key"],
+                line["split"],
+                line["values"],
+                store.folder_of("samples", line["key"]),
+                store.folder_of("views", line["view"]),
+            )
+            for line in lines
+            if split in (None, line["split"])
+        ]
+
+    def __len__(self) -> int:
+        return len(self.samples)
+
+    @overload
+    def __getitem__(self, number: int) -> Sample: ...
+
+    @overload
+    def __getitem__(self, number: slice) -> list[Sample]: ...
+
+    def __getitem__(self, number: int | slice) -> Sample | list[Sample]:
+        return self.samples[number]
+
+    def __iter__(self) -> Iterator[Sample]:
+        return iter(self.samples)
+
+    def __repr__(self) -> str:
+        splits = {split: sum(one.split == split for one in self.samples) for split in self.splits}
+        parts = ", ".join(f"{split} {number}" for split, number in splits.items() if split)
+        return f"<Dataset: {len(self)} samples{f' ({parts})' if parts else ''} in {self.folder}>"
+
+    @property
+    def splits(self) -> list[str]:
+        """Names of the splits, in alphabetical order."""
+        return sorted({one.split for one in self.samples})
+
+
+def index_text(lines: Sequence[Config]) -> str:
+    """The text of index.jsonl: a line for each sample, and a last one with the SHA-256 of those before."""
+    text = "".join(f"{json.dumps(line, ensure_ascii=False)}\n" for line in lines)
+    return f'{text}{{"samples": {len(lines)}, "sha256": "{hashlib.sha256(text.encode()).hexdigest()}"}}\n'
+
+
+def read_index(folder: Path) -> list[Facts]:
+    """Its inverse. Raises InputError where there is no index, or not the one that was written."""
+    path = folder / INDEX
+    if not path.exists():
+        raise InputError(f"{folder} is no dataset that is complete; make it with `mitsuba-sensor dataset run`.")
+    remedy = "`mitsuba-sensor dataset run` writes it again"
+    text = text_of_file(path, remedy)
+    try:
+        *lines, last = text.splitlines(keepends=True)
+        if json.loads(last)["sha256"] == hashlib.sha256("".join(lines).encode()).hexdigest():
+            return [json.loads(line) for line in lines]
+    except (ValueError, KeyError, TypeError):
+        pass
+    raise InputError(f"{path} was changed; {remedy}.")

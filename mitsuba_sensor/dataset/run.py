@@ -1,0 +1,133 @@
+"""Makes a dataset: finds out what is missing, has it made, and writes its index."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Unpack
+
+from ..core import DiskFull, InputError
+from ..core.options import complete, documents
+from ..io import durable, files
+from ..io.worker_log import is_begun
+from .engine import outcomes, usual_workers
+from .options import RunOptions
+from .planned import DatasetPlan, PlannedView
+from .reader import FILE, INDEX, ROOTS, index_text
+from .store import Store
+from .task import Outcome, log_path
+
+
+@dataclass
+class RunProgress:
+    """How far a run is.  samples : of the dataset, or of this shard; before splits and shards leave any out.
+    there : complete before this run.  made : by it.  failed : views in quarantine, with the reason."""
+
+    samples: int
+    there: int = 0
+    made: int = 0
+    now: str = "starting"
+    failed: list[Outcome] = field(default_factory=list)
+
+
+Show = Callable[[RunProgress], object]
+
+
+@documents(RunOptions)
+def run(
+    plan: DatasetPlan, out: Path, *, show: Show = lambda progress: None, **options: Unpack[RunOptions]
+) -> RunProgress:
+    """Make everything of a dataset that is missing in ``out``.
+
+    show : called with a :class:`RunProgress` after every step.
+    Raises InputError; DiskFull where the disk takes no more: what is complete stays, and another run goes on.
+    """
+    chosen = complete(RunOptions, options)
+    shard = chosen["shard"] or (1, 1)
+    if chosen["workers"] is None:
+        chosen["workers"] = usual_workers() if shard == (1, 1) else 0
+    store, progress = Store(out), RunProgress(0)
+    files.require_folder(out)
+    check_same(plan, store)
+    store.clean()
+    progress.samples = round(plan.samples / shard[1])
+    known = {} if chosen["retry"] else store.quarantined()
+    show(progress)
+
+    def told(what: str, done: int) -> None:
+        progress.made += done
+        progress.now = progress.now if done else what
+        show(progress)
+
+    for one in outcomes(store, _missing(plan, store, progress, (shard, known)), chosen, told):
+        if one.full is not None:
+            path, size, why = one.full
+            raise DiskFull(Path(path), size, why)
+        if one.failed:
+            progress.failed.append(one)
+        show(progress)
+    progress.failed += [Outcome(key, failed=str(facts.get("why", ""))) for key, facts in known.items()]
+    write_index(plan, store)
+    return progress
+
+
+def _missing(
+    plan: DatasetPlan, store: Store, progress: RunProgress, asked: tuple[tuple[int, int], dict[str, dict[str, object]]]
+) -> Iterator[PlannedView]:
+    """Views of the shard of which something is missing; those that another run has begun come last."""
+    shard, known = asked
+    later = []
+    for view in of_shard(plan, shard):
+        if view.key in known:
+            continue
+        there = sum(store.exists("samples", sample.key) for sample in view.samples)
+        progress.there += there
+        if there < len(view.samples) or (view.outputs and not store.exists("views", view.key)):
+            if is_begun(log_path(store, view.key)):
+                later.append(view)
+            else:
+                yield view
+    yield from (view for view in later if missing_of(view, store))
+
+
+def missing_of(view: PlannedView, store: Store) -> int:
+    """How many entries of a view are missing."""
+    alone = bool(view.outputs) and not store.exists("views", view.key)
+    return alone + sum(not store.exists("samples", sample.key) for sample in view.samples)
+
+
+def of_shard(plan: DatasetPlan, shard: tuple[int, int]) -> Iterator[PlannedView]:
+    """The views of one shard: a view belongs to one by its key, whatever else the dataset has."""
+    number, shards = shard
+    return (view for view in plan.views() if int(view.key, 16) % shards == number - 1)
+
+
+def check_same(plan: DatasetPlan, store: Store) -> None:
+    """Raise InputError where the folder holds another dataset; write down which one it holds."""
+    path = store.folder / FILE
+    if path.exists():
+        from .file import read_dataset
+
+        name = read_dataset(path).name
+        if name != plan.file.name:
+            raise InputError(
+                f"{store.folder} holds the dataset {name!r}, and this one is {plan.file.name!r}; give another folder."
+            )
+    elif store.folder.is_dir() and any(store.folder.iterdir()):
+        raise InputError(f"{store.folder} holds other files and no dataset; give a new folder.")
+    durable.make_folder(store.folder, store.folder.parent)
+    files.write_page(path, plan.text)
+    files.write_json(store.folder / ROOTS, {"roots": [str(root.resolve()) for root in plan.roots]})
+
+
+def write_index(plan: DatasetPlan, store: Store) -> None:
+    """index.jsonl: a line for each sample that is there, in the order of the dataset."""
+    lines = [
+        {"key": one.key, "view": view.key, "split": one.split, "view_files": bool(view.outputs)}
+        | {"values": dict(one.values)}
+        for view in plan.views()
+        for one in view.samples
+        if store.exists("samples", one.key)
+    ]
+    files.write_page(store.folder / INDEX, index_text(lines))

@@ -1,0 +1,79 @@
+"""Splits: train, test, … that share neither a scene nor a chip."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Hashable, Iterable, Sequence
+from typing import Any
+
+from ..core import InputError
+from .file import DatasetFile, Splits
+from .sweep import Combination, combinations, share_of
+
+Chip = tuple[str, int]
+"""Name of the camera's model, serial number."""
+
+
+class SplitOf:
+    """Which split a scene and a chip belong to. Raises InputError where there are too few of them for the splits.
+
+    models : name of the camera's model, by entry.  Two entries of one model and serial number are the same chip.
+    """
+
+    def __init__(self, file: DatasetFile, models: Sequence[str]) -> None:
+        self.file, self.models, self.splits = file, models, file.splits
+        self._scenes: dict[Hashable, str] = {}
+        self._chips: dict[Hashable, str] = {}
+        if self.splits is None:
+            return
+        everything = [one for group in combinations(file) for one in group]
+        scenes = dict.fromkeys(self._scene(one) for one in everything)
+        remedy = 'name in by what makes another scene of it, e.g. by = ["scene", "parameters.seed"]'
+        self._scenes = assigned(scenes, self.splits, file.seed, "scenes", remedy)
+        if "serial" in file.varied:
+            chips = dict.fromkeys((self.models[one.camera], one.values["serial"]) for one in everything)
+            for model in dict.fromkeys(model for model, _ in chips):
+                own = [chip for chip in chips if chip[0] == model]
+                what = f"serial numbers of {model}"
+                self._chips |= assigned(own, self.splits, file.seed, what, "vary serial over more, or give chips = 1")
+
+    def serials(self, one: Combination) -> list[int]:
+        """The serial numbers with which a combination is made: none where scene and chip are of different splits."""
+        given = int(one.values.get("serial", 1))
+        if self.splits is None:
+            return [given]
+        split = self.of(one)
+        if self._chips:
+            return [given] if self._chips[self.models[one.camera], given] == split else []
+        chips = self.splits.chips or 1
+        first = 1 + chips * list(self.splits.shares).index(split)
+        return list(range(first, first + chips))
+
+    def of(self, one: Combination) -> str:
+        """The split of the combination's scene; an empty text where there are none."""
+        return "" if self.splits is None else self._scenes[self._scene(one)]
+
+    def _scene(self, one: Combination) -> str:
+        """What tells the scene from others, as text."""
+        assert self.splits is not None
+        entry = self.file.scenes[one.scene]
+        fixed = {f"{kind}.{name}": x for kind in ("parameters", "traverse") for name, x in getattr(entry, kind).items()}
+        values: dict[str, Any] = {"scene": entry.name, **fixed, **one.values}
+        return json.dumps([values.get(name) for name in self.splits.by])
+
+
+def assigned(things: Iterable[Hashable], splits: Splits, seed: int, what: str, remedy: str) -> dict[Hashable, str]:
+    """Thing → split: shuffled by the seed, at least one for each split, otherwise by the shares."""
+    shuffled = sorted(things, key=lambda thing: share_of(seed, "split", thing))
+    names, total = list(splits.shares), len(shuffled)
+    if total < len(names):
+        raise InputError(f"splits: {total} {what} for {len(names)} splits ({', '.join(names)}); {remedy}.")
+    free = total - len(names)
+    wanted = [max(splits.shares[name] * total - 1, 0.0) for name in names]
+    scale = free / sum(wanted) if sum(wanted) else 0.0
+    sizes = [1 + int(x * scale) for x in wanted]
+    order = sorted(range(len(names)), key=lambda k: int(wanted[k] * scale) - wanted[k] * scale)
+    for k in order[: total - sum(sizes)]:
+        sizes[k] += 1
+    owners = [name for name, size in zip(names, sizes, strict=True) for _ in range(size)]
+    return dict(zip(shuffled, owners, strict=True))
