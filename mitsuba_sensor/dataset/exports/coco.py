@@ -1,0 +1,103 @@
+"""COCO annotations of the instances in pictures: masks, boxes, areas and categories, from the AOV shape_index.
+
+A shape of the scene file is one instance, its name (id) the category. Masks are exact, occlusions and holes included:
+compressed run lengths (the encoding of pycocotools' maskApi.c), which loaders take for any annotation. Polygons would
+have no holes, and lists of run lengths are for crowds only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+BITS, MORE, SIGN, FIRST = 5, 0x20, 0x10, 48  # of a character of compressed run lengths
+
+
+class Instance(NamedTuple):
+    """What one shape covers of a picture.  counts : compressed run lengths.  bbox : left, top, width, height."""
+
+    name: str
+    shape_index: int
+    counts: str
+    bbox: tuple[int, int, int, int]
+    area: int
+
+
+class CocoImage(NamedTuple):
+    """A picture and its instances.  facts : further entries of it, plain values, which COCO's readers pass over."""
+
+    file_name: str
+    columns: int
+    rows: int
+    instances: Sequence[Instance]
+    facts: dict[str, Any]
+
+
+def coco(images: Iterable[CocoImage], description: str, licence: str = "") -> dict[str, Any]:
+    """The contents of an annotation file, ready for JSON. Numbers start at 1; categories are sorted by name."""
+    known = list(images)
+    names = sorted({one.name for image in known for one in image.instances})
+    categories = {name: number for number, name in enumerate(names, start=1)}
+    found: dict[str, Any] = {
+        "info": {"description": description, "version": "1.0"},
+        "licenses": [{"id": 1, "name": licence or "none given", "url": ""}],
+        "images": [],
+        "annotations": [],
+        "categories": [{"id": number, "name": name, "supercategory": "shape"} for name, number in categories.items()],
+    }
+    for number, image in enumerate(known, start=1):
+        shape = {"width": image.columns, "height": image.rows}
+        found["images"].append({"id": number, "file_name": image.file_name, **shape, "license": 1, **image.facts})
+        for one in image.instances:
+            entry = {"id": len(found["annotations"]) + 1, "image_id": number, "category_id": categories[one.name]}
+            mask = {"size": [image.rows, image.columns], "counts": one.counts}
+            box = {"segmentation": mask, "area": one.area, "bbox": list(one.bbox), "iscrowd": 0}
+            found["annotations"].append({**entry, **box, "shape_index": one.shape_index})
+    return found
+
+
+def instances_of(shape_index: ArrayLike, shapes: Sequence[str]) -> list[Instance]:
+    """The instances in a picture, by their index.
+
+    shape_index : (H, W), −1 where nothing is.  shapes : names, in the order of the indices.
+    """
+    index = np.asarray(shape_index).astype(np.int64)
+    flat = index.ravel(order="F")  # COCO's runs go down the columns
+    starts = np.flatnonzero(np.concatenate([[True], flat[1:] != flat[:-1]]))
+    ends, values = np.append(starts[1:], flat.size), flat[starts]
+    order = np.argsort(values, kind="stable")
+    edges = np.flatnonzero(np.diff(values[order])) + 1
+    groups = (group for group in np.split(order, edges) if values[group[0]] >= 0)
+    return [_instance(int(values[group[0]]), shapes, (starts[group], ends[group]), index.shape) for group in groups]
+
+
+def _instance(
+    number: int, shapes: Sequence[str], runs: tuple[NDArray[np.int64], NDArray[np.int64]], shape: tuple[int, ...]
+) -> Instance:
+    (starts, ends), (rows, columns) = runs, shape
+    left, right = int(starts[0]) // rows, int(ends[-1] - 1) // rows
+    whole = starts // rows != (ends - 1) // rows  # runs that go on at the top of the next column
+    top = 0 if whole.any() else int((starts % rows).min())
+    bottom = rows - 1 if whole.any() else int(((ends - 1) % rows).max())
+    lengths = np.diff(np.column_stack([starts, ends]).ravel(), prepend=0)
+    after = rows * columns - int(ends[-1])
+    counts = [*lengths.tolist(), *([after] if after else [])]
+    box = left, top, right - left + 1, bottom - top + 1
+    return Instance(shapes[number], number, compressed(counts), box, int((ends - starts).sum()))
+
+
+def compressed(counts: Sequence[int]) -> str:
+    """Run lengths of 0, 1, 0, … as COCO's text: from the fourth on the difference to the one before the last, in groups
+    of five bits, the lowest first."""
+    text = []
+    for position, count in enumerate(counts):
+        rest = count - counts[position - 2] if position > 2 else count
+        more = True
+        while more:
+            bits, rest = rest & (2**BITS - 1), rest >> BITS
+            more = rest != (-1 if bits & SIGN else 0)
+            text.append(chr((bits | MORE if more else bits) + FIRST))
+    return "".join(text)
