@@ -176,7 +176,7 @@ def doctor(as_json: arguments.Json = False) -> None:
 @options.flags(
     options.CameraFlags,
     SceneOptions,
-    without=("exposure_s", "meter", "temperature_k", "gain", "settings", "without", "width", "motion"),
+    without=("exposure_s", "meter", "temperature_k", "gain", "settings", "without", "width", "motion", "look_at"),
 )
 def lint(scene: arguments.Scene, as_json: arguments.Json = False, **flags: options.Flag) -> None:
     """Say what in SCENE is black, wrong or worth knowing for this camera. Nothing is rendered.

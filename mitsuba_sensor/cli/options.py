@@ -271,6 +271,7 @@ NUMBERS: dict[tuple[type, ...], str] = {(int,): "INTEGER", (float,): "NUMBER"}  
 READERS: dict[str, Callable[[Flag], Flag]] = {  # how the text of an option becomes its value, where typer does not know
     "parameters": lambda texts: pairs("-D", texts),
     "settings": lambda texts: pairs("--set", texts),
+    "traverse": lambda texts: {k: [number(x) for x in v.split(",")] for k, v in pairs("--traverse", texts).items()},
     "exposure_s": lambda text: text if text == "auto" else _seconds(text),
     "maps": files.read_fpn_maps,
 }

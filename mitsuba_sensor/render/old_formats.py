@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from typing import TypeAlias
 
+from .scene_edits import BLOCK_SIDE
 from .variants import MitsubaObject, mitsuba
 
 Change: TypeAlias = tuple[MitsubaObject, str]  # a node, and what was changed in it
@@ -75,7 +76,7 @@ def take_integrator(root: MitsubaObject, found: list[tuple[str, MitsubaObject]],
     for name, _ in found[1:]:
         del root[name]
     if not found:
-        root["integrator"] = mitsuba().load_dict({"type": kind})
+        root["integrator"] = mitsuba().load_dict({"type": kind, "block_size": BLOCK_SIDE})
         return []
     node = found[0][1]
     old = node.props.plugin_name()

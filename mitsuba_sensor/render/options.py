@@ -2,14 +2,15 @@
 
 # Without `from __future__ import annotations`: core/options.py reads these declarations at run time.
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal, TypedDict
 
 from ..core.options import Option
 from ..sensor.options import FrameOptions, Gain
 from .bands import LONGEST_NM, NARROWEST_NM, SHORTEST_NM
 from .motion import Motion
-from .passes import MOST_IN_ALL, MOST_SPP
+from .passes import MOST_IN_ALL, MOST_REPEATABLE, MOST_SPP
+from .scene_edits import checked_look_at, checked_traverse
 
 
 class FileOptions(TypedDict, total=False):
@@ -18,6 +19,17 @@ class FileOptions(TypedDict, total=False):
     parameters: Annotated[
         Mapping[str, Any] | None,
         Option("Values for the <default> names of the scene file.", flag="-D", metavar="NAME=VALUE", text=list[str]),
+    ]
+    traverse: Annotated[
+        Mapping[str, float | Sequence[float]] | None,
+        Option(
+            "Values for parameters of the scene by their names in mi.traverse, e.g. lamp.emitter.radiance.value; "
+            "several numbers apart by commas. Repeatable.",
+            flag="--traverse",
+            metavar="NAME=VALUE",
+            text=list[str],
+            check=checked_traverse,
+        ),
     ]
     variant: Annotated[
         str | None,
@@ -53,6 +65,16 @@ class SceneOptions(FileOptions, total=False):
             "Render the same view with this many columns of pixels, and rows in proportion; behind a lens "
             "prescription, whose pixels keep their size, a window of it.",
             metavar="PIXELS",
+        ),
+    ]
+    look_at: Annotated[
+        str | Mapping[str, Sequence[float]] | None,
+        Option(
+            "Pose of the camera in place of the scene's: where it is and what it looks at [m], and what is up, by "
+            "default 0,1,0; in Python also a dict with origin_m, target_m and up.",
+            metavar="'X,Y,Z X,Y,Z'",
+            check=checked_look_at,
+            text=str,
         ),
     ]
     motion: Annotated[
@@ -138,6 +160,14 @@ class RenderOptions(SceneOptions, RawLightOptions, total=False):
         int | None,
         Option(
             "With --noise-ratio: take no more samples per pixel than this.", low=2, high=MOST_IN_ALL, example="4096"
+        ),
+    ]
+    repeatable: Annotated[
+        bool,
+        Option(
+            "The same bits with any number of threads, on processors of the same kind: passes of at most "
+            f"{MOST_REPEATABLE} samples.",
+            False,
         ),
     ]
     wavelength_nm: Annotated[

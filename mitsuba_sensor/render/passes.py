@@ -15,24 +15,31 @@ from ..core import Float64Array, InputError, require
 SAMPLER = "multijitter"  # at 64 samples per pixel a quarter of the noise of "independent", at the same cost
 FEWEST, MOST = 8, 16  # passes of a fixed number of samples: few large ones have less noise; pooled.py does the rest
 MOST_SPP = 1024  # per pass: the float32 film loses about 1e-8 per sample
+MOST_REPEATABLE = 8  # per pass, where the sum must not depend on threads: what a vector of AVX2 or AVX-512 holds
 MOST_IN_ALL = 2**24
 MOST_IN_FLIGHT = 2**22  # samples per pass: 45 MB a million in LLVM variants
 VALUES_AT_ONCE = 2**14  # that stay in a processor's cache
 MOST_VALUES = 2**22  # pixels × bands per strip: 32 MB for each float64 array of the running mean
 
 
-def pass_plan(spp: int) -> tuple[int, int]:
+def pass_plan(spp: int, repeatable: bool = False) -> tuple[int, int]:
     """(passes, samples per pixel and pass) whose product comes closest to ``spp``; at least two passes.
 
     Multijitter fills a grid of about equal sides: it keeps 1, 2, 4, 6, 9, 12, 16 … samples and rounds others up. Only
     such counts are chosen, with 8 to 16 passes (more only to stay at 1024 samples per pass); of equal plans the one
     with fewer passes.
+
+    repeatable : passes of 1, 2, 4 or 8 samples. Threads of Dr.Jit share a film in vectors of pixels; the samples of a
+    pixel within one vector are always added in the same order, those in several by whichever thread comes first.
     """
     if require("spp", spp, 1, MOST_IN_ALL, "samples per pixel, e.g. 256") != int(spp):
         raise InputError(f"spp is {spp!r}; it must be a whole number of samples per pixel (e.g. 256).")
     spp = int(spp)
     if spp < FEWEST:
         return max(spp, 2), 1
+    if repeatable:
+        samples = whole_grid(spp / FEWEST, repeatable)
+        return round(spp / samples), samples
     fewest = max(FEWEST, math.ceil(spp / MOST_SPP))
     plans = [(k, n) for k in range(fewest, max(MOST, 2 * fewest) + 1) for n in _kept_counts(spp / k)]
 
@@ -46,8 +53,10 @@ def _kept_counts(samples: float) -> list[int]:
     return [n for n in grids if n <= MOST_SPP]
 
 
-def whole_grid(samples: float) -> int:
-    """The largest count up to ``samples`` (1 … 1024) that multijitter keeps."""
+def whole_grid(samples: float, repeatable: bool = False) -> int:
+    """The largest count up to ``samples`` (1 … 1024) that multijitter keeps.  repeatable : see :func:`pass_plan`."""
+    if repeatable:
+        return 1 << (int(max(min(samples, MOST_REPEATABLE), 1)).bit_length() - 1)
     return max([n for n in _kept_counts(min(samples, MOST_SPP)) if n <= samples], default=1)
 
 

@@ -157,7 +157,7 @@ class FrameSeries:
         samples = renderer.samples
         if self.criterion is not None:
             needed = renderer.passes * samples * self.criterion(*renderer.noise_estimate())
-            samples = min(whole_grid(max(MARGIN * needed / FEWEST_TO_STOP, 1.0)), samples)
+            samples = min(whole_grid(max(MARGIN * needed / FEWEST_TO_STOP, 1.0), stop.repeatable), samples)
         return replace(stop, passes=max(stop.passes * stop.samples // samples, 2), samples=samples, sized=True)
 
 

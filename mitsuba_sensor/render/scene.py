@@ -120,10 +120,11 @@ def _load(
     settings = settings_of(scene)
     camera, metres = camera or settings.camera, settings.metres(scene_unit)
     findings, dark = lint(scene, bands.ends_nm, metres)
-    if dark:
+    if dark and not scene.edits.traverse:  # which may change the spectrum of an emitter
         why = f"{findings[0].what}; give it an emitter with a spectrum there"
         raise InputError(f"scene {scene.name!r} has no light in the bands: {why}.")
     _replace_camera(scene, replace(settings, unit_m=metres), camera)
+    scene.edits.set_pose(scene.sensor().props, metres or 1.0)
     _replace_film(scene, bands, film_size(scene, camera, width), sampler)
     built = scene.build()
     world = built if scene.loaded is None else scene.loaded
@@ -236,6 +237,7 @@ def _replace_film(scene: SceneFile, bands: Bands, size: dict[str, int], sampler:
         if child.props.plugin_name() in WRAPPERS:
             inner = [child.props[key] for key, _ in scene.children(child.props, "Integrator")]
             scene.root[name] = inner[0] if inner else mi.load_dict({"type": "path"})
+    scene.edits.fix_blocks(scene.root, scene.nodes("Integrator"))
 
 
 def _refuse_misspelt(scene: SceneFile) -> None:

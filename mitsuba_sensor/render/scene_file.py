@@ -8,12 +8,13 @@ import json
 import os
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from ..core import InputError, nearest
 from . import old_formats, old_text
 from .parameter_names import meant
+from .scene_edits import SceneEdits
 from .variants import MitsubaObject, mitsuba
 
 EXAMPLE_SENSOR = (
@@ -38,6 +39,7 @@ class SceneFile:
     text : what was parsed, if not the file as it is; Mitsuba's state refers to it and does not keep it.
     ignore_polarization : whether elements that polarise light are rendered in unpolarised light.
     resolver : finds meshes and textures beside the file and in the folders that its ``<path>`` elements name.
+    edits : what is changed when it is built.
     """
 
     path: Path
@@ -51,6 +53,7 @@ class SceneFile:
     ignore_polarization: bool = False
     content: bytes = b""
     loaded: MitsubaObject = None
+    edits: SceneEdits = field(default_factory=SceneEdits)
 
     @property
     def name(self) -> str:
@@ -94,7 +97,7 @@ class SceneFile:
         return next((node for _, node in self.children(self.sensor().props, "Film")), None)
 
     def digest(self) -> str:
-        """SHA-256 over the parameters, the scene file and its includes; not over meshes and textures."""
+        """SHA-256 over parameters, scene file, its includes and edits; not over meshes and textures."""
         digest = hashlib.sha256(json.dumps(sorted(self.values.items())).encode() + self.content)
         for file in self.state.files:
             if str(file) != AS_TEXT or not self.content:
@@ -102,6 +105,7 @@ class SceneFile:
                 digest.update(path.read_bytes())
         if self.changes:
             digest.update(json.dumps(self.changes).encode())
+        digest.update(self.edits.digest())
         return digest.hexdigest()
 
     def build(self) -> MitsubaObject:
@@ -114,7 +118,9 @@ class SceneFile:
         with searching(self.resolver), as_input_error(self.path):
             mi.parser.transform_all(self.config, state)
             built = mi.parser.instantiate(self.config, state)
-        return built[0] if isinstance(built, list) else built
+            scene = built[0] if isinstance(built, list) else built
+            self.edits.apply(scene)
+        return scene
 
 
 def parse_scene(

@@ -31,7 +31,8 @@ FILTERS |= {"MitchellNetravaliFilter": "mitchell", "LanczosSincFilter": "lanczos
 FILMS = {"HDRFilm": "hdrfilm", "SpecFilm": "specfilm"}
 NO_RADIANCE = ("DepthIntegrator", "ParticleTracerIntegrator")
 POLARISERS = ("LinearPolarizer", "CircularPolarizer", "LinearRetarder", "MeasuredPolarized")  # classes of POLARISING
-OPTIONS = ("parameters", "integrator", "motion", "ignore_polarization")  # which change a scene before it is loaded
+# Options which change a scene before it is loaded:
+OPTIONS = ("parameters", "integrator", "motion", "ignore_polarization", "traverse", "look_at", "repeatable")
 LOADED = "spectra and materials of a loaded scene are not looked at for what is black in the bands"
 ANOTHER = "pass the scene as a path, as XML text or as a dict"
 

@@ -26,6 +26,7 @@ from .plugin_parameters import (
     SENSOR_PARAMETERS,
     SIZE_PARAMETERS,
 )
+from .scene_edits import SceneEdits
 from .scene_file import OWN_PLUGINS, SceneFile, as_input_error, parse_scene, searching
 from .scene_nodes import SceneInput, check_loaded, is_loaded, parse_nodes
 from .variants import MitsubaObject, Variant, choose_variant, mitsuba, use
@@ -246,4 +247,4 @@ def parse(scene: SceneInput, options: Mapping[str, Any]) -> ParsedScene:
     else:
         file = parse_nodes(scene, chosen)
     with as_input_error(file.path):
-        return ParsedScene(file, settings_of(file), variant)
+        return ParsedScene(replace(file, edits=SceneEdits.of(options)), settings_of(file), variant)

@@ -31,6 +31,7 @@ class StopCriterion:
     goal, reached : value of the renderer's criterion at which to stop, or None, and what that is called.
     max_seconds : no pass is begun that would end later, as far as those before tell; two are always made.
     grouped : whether ``samples`` are of each group of bands apart.
+    repeatable : see :func:`passes.pass_plan`.
     end : why it ends when ``passes`` are done.  asked : samples per pixel that were asked for, if a number was.
     """
 
@@ -43,6 +44,7 @@ class StopCriterion:
     asked: int | None = None
     sized: bool = True
     grouped: bool = False
+    repeatable: bool = False
 
     def is_long(self, values: int) -> bool:
         """Whether a fixed number of samples takes long. values : pixels times groups of bands."""
@@ -156,18 +158,26 @@ def stop_criterion_of(options: RenderOptions, groups: int = 1) -> StopCriterion:
     if spp is not None and max_spp is not None:
         raise InputError(f"spp is {spp!r} and max_spp {max_spp!r}; spp is exact, max_spp goes with noise_ratio.")
     limit_s = options.get("max_seconds")
-    max_seconds = math.inf if limit_s is None else limit_s
+    max_seconds, repeatable = math.inf if limit_s is None else limit_s, bool(options.get("repeatable"))
+    if repeatable and limit_s is not None:
+        raise InputError(f"repeatable is given and max_seconds is {limit_s!r}, but time is not: take max_spp instead.")
     if noise_ratio is None and max_spp is None and (spp is not None or limit_s is None):
         wanted = DEFAULT_SPP if spp is None else spp
-        plan = pass_plan(wanted)
+        plan = pass_plan(wanted, repeatable)
         grouped = groups > 1 and math.prod(plan) >= FEWEST * groups
-        plan = pass_plan(max(round(wanted / groups), FEWEST)) if grouped else plan
-        return StopCriterion(*plan, max_seconds=max_seconds, asked=spp, grouped=grouped)
+        plan = pass_plan(max(round(wanted / groups), FEWEST), repeatable) if grouped else plan
+        return StopCriterion(*plan, max_seconds=max_seconds, asked=spp, grouped=grouped, repeatable=repeatable)
     most = MOST_SPP_ASKED if max_spp is None else max_spp
     grouped = groups > 1 and most >= FEWEST_TO_STOP * groups
     most = most // groups if grouped else most
-    samples = PASS_SPP if most >= FEWEST_TO_STOP * PASS_SPP else pass_plan(most)[1]
-    passes = max(most // samples, 2)
+    samples = PASS_SPP if most >= FEWEST_TO_STOP * PASS_SPP and not repeatable else pass_plan(most, repeatable)[1]
     return StopCriterion(
-        passes, samples, noise_ratio, max_seconds=max_seconds, end="max_spp", sized=False, grouped=grouped
+        max(most // samples, 2),
+        samples,
+        noise_ratio,
+        max_seconds=max_seconds,
+        end="max_spp",
+        sized=repeatable,
+        grouped=grouped,
+        repeatable=repeatable,
     )
