@@ -24,6 +24,12 @@ def key_of(config: Config) -> str:
     return hashlib.sha256(canonical(config).encode()).hexdigest()[:DIGITS]
 
 
+def identity(config: Config, camera_key: str | None = None) -> str:
+    """The key of what decides the pixels of a sample, whatever its files.  camera_key : of its datasheet, if known."""
+    own = {name: value for name, value in config.items() if name != "outputs"}
+    return key_of({**own, "camera": camera_key or key_of(config["camera"])})
+
+
 def seed_of(key: str) -> int:
     """A seed of 63 bits that belongs to a key."""
     return int.from_bytes(hashlib.blake2b(key.encode(), digest_size=8).digest(), "little") >> 1

@@ -26,7 +26,7 @@ from ..sensor.camera_file import camera_from
 from ..sensor.expose import expose
 from ..sensor.frames import Frames
 from ..sensor.metering import Metering, electrons_of
-from .keys import Config, Facts, key_of, seed_of
+from .keys import Config, Facts, identity, key_of, seed_of
 from .planned import PlannedSample, PlannedView
 from .store import Store
 
@@ -78,6 +78,9 @@ class Rendered:
             asked = _timed(parsed, camera, asked, stops, options)
         seed = seed_of(key_of(config))
         prepared = prepare(parsed, camera, asked, **options)
+        if any("dng" in sample.config["outputs"] for sample in view.samples):
+            columns, rows = prepared.scene.view.crop_size
+            check_dng(camera_of(parsed.settings, lead), (rows, columns))
         light = prepared.render(seed, prepared.stop_criterion(complete(RenderOptions, options)))
         still = replace(light.statistics, seconds=0.0, seconds_per_sample=0.0)  # a file has no times: it is repeatable
         rate = light.statistics.seconds_per_sample
@@ -115,7 +118,7 @@ class Rendered:
         if config["exposure"]["ev"] and "motion" not in self.view.config:
             longer = Exposure(exposure.time_s * 2.0 ** config["exposure"]["ev"], exposure.temperature_k)
             photons, camera, exposure, _ = self.light.collected(camera, longer, config["serial"])
-        seed, serial = seed_of(key_of({**config, "outputs": []})), config["serial"]
+        seed, serial = seed_of(identity(config)), config["serial"]
         frames = expose(photons, camera, exposure, serial=serial, seed=seed, frames=config["frames"])
         electrons = electrons_of(photons, camera, exposure).astype(np.float32)
         for name in outputs:
@@ -148,7 +151,6 @@ class Rendered:
         if output == "raw":
             files.write_tiff(folder / "frame.tiff", frames.digital, image_facts(frames))
         elif output == "dng":
-            check_dng(frames.camera, frames.first.window.shape)
             for number, name in enumerate(dng_names(frames)):
                 write_dng(folder / name, frames, number)
         elif output == "clean":

@@ -15,18 +15,16 @@ from ..io.durable import sha256_of
 from ..io.texts import text_of_file
 from ..render.motion import Motion, read_motion
 from ..render.options import RenderOptions
-from ..sensor.camera import Camera
-from ..sensor.camera_file import list_cameras, load_camera
+from .cameras import Cameras, VariedCamera, of_light
 from .file import OF_SCENE, DatasetFile, SceneEntry
-from .keys import Config, Facts, canonical, key_of
+from .keys import Config, Facts, identity, key_of
 from .roots import find_below
 from .splits import SplitOf
-from .sweep import Combination, combinations, count
+from .sweep import Combination, changes_light, combinations, count, of_kind
 
 FORMAT = 1  # of a configuration; another one is another key
 OF_VIEW = ("aovs", "irradiance")  # outputs that samples of one view share
-MAY_BE_FILES = ("lens.prescription", "quantum_efficiency.file")
-CAMERA_FIELDS = {"f_number": "lens.f_number", "focus_m": "lens.focus_m"}
+MOST_LIGHTS = 10_000  # whose descriptions are kept
 SPP = 128  # of a render that is told nothing: passes of 16 samples, and denoised
 PASSED_BY = ("gain",)  # options of a render that are none of its light
 
@@ -67,20 +65,23 @@ class DatasetPlan:
     file: DatasetFile
     roots: Sequence[Path]
     text: str = ""
-    _cameras: dict[str, Camera] = field(default_factory=dict)
+    _lights: dict[Any, tuple[Facts, str]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for scene in self.file.scenes:
-            find_below(scene.file, self.roots, f"the file of scene {scene.name}")
+            self._place(scene)
             self._motion(scene)
-        for number in range(len(self.file.cameras)):
-            self._entry_camera(number)
         self.splits  # noqa: B018, raises what is wrong with them
+
+    @cached_property
+    def cameras(self) -> Cameras:
+        """The cameras of the file."""
+        return Cameras(self.file.cameras, self.roots)
 
     @cached_property
     def splits(self) -> SplitOf:
         """Which split a scene belongs to."""
-        return SplitOf(self.file, [self._entry_camera(number).name for number in range(len(self.file.cameras))])
+        return SplitOf(self.file, self.cameras.models)
 
     @cached_property
     def samples(self) -> int:
@@ -93,33 +94,26 @@ class DatasetPlan:
     def views(self) -> Iterator[PlannedView]:
         """One after the other; samples of the same light are together."""
         for group in combinations(self.file):
-            found: dict[str, tuple[Config, list[PlannedSample], Combination]] = {}
+            found: dict[str, tuple[Config, list[PlannedSample], SceneEntry]] = {}
             for one in group:
                 for serial in self.splits.serials(one):
-                    light, sample = self._configured(one, serial)
-                    found.setdefault(canonical(light), (light, [], one))[1].append(sample)
-            for config, samples, one in found.values():
-                yield self._view(config, samples, one)
+                    (light, key), sample = self._configured(one, serial)
+                    found.setdefault(key, (light, [], self.file.scenes[one.scene]))[1].append(sample)
+            for key, (config, samples, entry) in found.items():
+                outputs = tuple(name for name in OF_VIEW if name in self.file.outputs)
+                own, path = key_of({"view": key, "outputs": outputs}), str(self._place(entry))
+                yield PlannedView(own, config, outputs, entry.name, path, tuple(samples))
 
-    def _view(self, light: Config, samples: list[PlannedSample], one: Combination) -> PlannedView:
-        entry = self.file.scenes[one.scene]
-        outputs = tuple(name for name in OF_VIEW if name in self.file.outputs)
-        path = find_below(entry.file, self.roots, f"the file of scene {entry.name}")
-        return PlannedView(
-            key_of({"view": key_of(light), "outputs": outputs}), light, outputs, entry.name, str(path), tuple(samples)
-        )
-
-    def _configured(self, one: Combination, serial: int) -> tuple[Facts, PlannedSample]:
-        """Configurations of the light and of the sample."""
-        values = {**one.values, "serial": serial}
-        camera, set_fields = self._camera(one)
+    def _configured(self, one: Combination, serial: int) -> tuple[tuple[Facts, str], PlannedSample]:
+        """Configuration and key of the light, and the sample."""
+        values, camera = {**one.values, "serial": serial}, self.cameras.of(one)
         exposure = self._exposure(values)
-        light = self._light(one, camera, exposure)
+        light, key = self._light(one, camera, exposure)
         config = {
             "format": FORMAT,
-            "view": key_of(light),
-            "camera": _datasheet(camera),
-            "set": set_fields,
+            "view": key,
+            "camera": camera.datasheet,
+            "set": camera.set_fields,
             "gain": values.get("gain"),
             "exposure": exposure,
             "serial": serial,
@@ -129,38 +123,57 @@ class DatasetPlan:
             "dataset_seed": self.file.seed,
         }
         outputs = [name for name in self.file.outputs if name not in OF_VIEW]
-        key = key_of({"sample": key_of(config), "outputs": outputs})
-        said = {"scene": self.file.scenes[one.scene].name, "camera": self._name(one.camera), **values}
+        own = key_of({"sample": identity(config, camera.key), "outputs": outputs})
+        said = {"scene": self.file.scenes[one.scene].name, "camera": self.cameras.name(one.camera), **values}
         said |= {} if one.view is None else {"view": one.view.model_dump()}
-        return light, PlannedSample(key, {**config, "outputs": outputs}, said, self.splits.of(one))
+        return (light, key), PlannedSample(own, {**config, "outputs": outputs}, said, self.splits.of(one))
 
-    def _light(self, one: Combination, camera: Camera, exposure: Config) -> Facts:
-        """What decides the light: scene, pose, options of the render, and what the camera has to do with it."""
+    def _light(self, one: Combination, camera: VariedCamera, exposure: Config) -> tuple[Facts, str]:
+        """What decides the light, and its key; made once for all samples of it."""
+        entry = self.file.scenes[one.scene]
+        timed = (*exposure.values(), camera.key, one.values.get("gain")) if self._is_timed(entry) else ()
+        varied = tuple((name, x) for name, x in one.values.items() if changes_light(name))
+        known = one.scene, one.view, one.camera, varied, timed
+        if known not in self._lights:
+            light = self._described(one, camera, exposure)
+            if len(self._lights) > MOST_LIGHTS:
+                self._lights.clear()
+            self._lights[known] = light, key_of(light)
+        return self._lights[known]
+
+    def _described(self, one: Combination, camera: VariedCamera, exposure: Config) -> Facts:
+        """Scene, pose, options of the render, and what the camera has to do with the light."""
         entry = self.file.scenes[one.scene]
         render: Facts = {"spp": SPP} if not {"spp", "noise_ratio"} & set(self.file.render) else {}
         render = {**render, **self.file.render}
         options = {k: v for k, v in used(RenderOptions, render).items() if k not in (*OF_SCENE, *PASSED_BY)}
-        parameters = {**entry.parameters, **_of("parameters", one.values)}
+        parameters = {**entry.parameters, **of_kind("parameters", one.values)}
+        noisy = {"camera": camera.datasheet, "gain": one.values.get("gain"), "exposure": dict(exposure)}
         motion = self._motion(entry)
         moving = {} if motion == Motion() else {"motion": motion.model_dump(mode="json"), "exposure": dict(exposure)}
-        noisy = {"camera": _datasheet(camera), "gain": one.values.get("gain"), "exposure": dict(exposure)}
-        noisy = noisy if options["noise_ratio"] else {}
         return {
             "format": FORMAT,
             "scene": self._digest(entry),
             "parameters": {name: str(value) for name, value in parameters.items()},
-            "traverse": {**entry.traverse, **_of("traverse", one.values)},
+            "traverse": {**entry.traverse, **of_kind("traverse", one.values)},
             "look_at": None if one.view is None else one.view.model_dump(),
             **{name: getattr(entry, name) for name in ("scene_unit", "integrator", "ignore_polarization")},
             "render": options,
-            "lens": _of_light(camera, options["spectral"] == "cube"),
+            "lens": of_light(camera.camera, options["spectral"] == "cube"),
             "dataset_seed": self.file.seed,
             **moving,
-            **noisy,
+            **(noisy if options["noise_ratio"] else {}),
         }
 
+    def _is_timed(self, entry: SceneEntry) -> bool:
+        """Whether the exposure decides the light."""
+        return entry.motion is not None or "noise_ratio" in self.file.render
+
+    def _place(self, entry: SceneEntry) -> Path:
+        return find_below(entry.file, self.roots, f"the file of scene {entry.name}")
+
     def _digest(self, entry: SceneEntry) -> str:
-        return sha256_of(find_below(entry.file, self.roots, f"the file of scene {entry.name}"))
+        return sha256_of(self._place(entry))
 
     def _motion(self, entry: SceneEntry) -> Motion:
         if isinstance(entry.motion, str):
@@ -181,61 +194,6 @@ class DatasetPlan:
         if not isinstance(frames, int) or isinstance(frames, bool) or not 1 <= frames <= 65535:
             raise InputError(f"frames is {frames!r}; it must be a whole number from 1 to 65535, e.g. 8.")
         return frames
-
-    def _name(self, number: int) -> str:
-        return self.file.cameras[number].name or self._entry_camera(number).name
-
-    def _entry_camera(self, number: int) -> Camera:
-        """The camera of an entry, before anything varies."""
-        entry = self.file.cameras[number]
-        if f"{number}" not in self._cameras:
-            where = f"camera {entry.camera}"
-            shipped = entry.camera in list_cameras()
-            camera = load_camera(entry.camera if shipped else find_below(entry.camera, self.roots, where))
-            changes = self._checked_files(entry.set, where)
-            camera = camera.replace(**changes) if changes else camera
-            self._cameras[f"{number}"] = camera.without(*entry.without)
-        return self._cameras[f"{number}"]
-
-    def _camera(self, one: Combination) -> tuple[Camera, list[str]]:
-        """The camera with all that varies in it, before its gain, which is checked; and the fields that were set."""
-        varied = {field: one.values[name] for name, field in CAMERA_FIELDS.items() if name in one.values}
-        varied |= self._checked_files(_of("camera", one.values), "the camera")
-        gain, entry = one.values.get("gain"), self.file.cameras[one.camera]
-        name = canonical({"entry": one.camera, "varied": varied, "gain": gain})
-        if name not in self._cameras:
-            camera = self._entry_camera(one.camera)
-            self._cameras[name] = camera.replace(**varied) if varied else camera
-            self._cameras[name].at_gain(gain)
-        return self._cameras[name], sorted({*entry.set, *varied})
-
-    def _checked_files(self, changes: Config, where: str) -> Facts:
-        """The same; fields that name files, with their place below a root."""
-        found = dict(changes)
-        for name in MAY_BE_FILES:
-            value = found.get(name)
-            if isinstance(value, str) and ("/" in value or "." in value):
-                found[name] = str(find_below(value, self.roots, f"{name} of {where}"))
-        return found
-
-
-def _of(kind: str, values: Config) -> Facts:
-    """Values of ``kind.NAME`` by NAME."""
-    return {name.partition(".")[2]: x for name, x in values.items() if name.startswith(f"{kind}.")}
-
-
-def _datasheet(camera: Camera) -> Facts:
-    """The numbers of a camera, without what is written for people."""
-    return camera.model_dump(mode="json", exclude={"description", "sources"})
-
-
-def _of_light(camera: Camera, cube: bool) -> Facts:
-    """What of the camera decides the light in front of its pixels. With a cube all that it detects is its band."""
-    whole = camera.model_dump(mode="json", include={"lens", "sensor", "quantum_efficiency"})
-    sensor = {name: whole["sensor"][name] for name in ("columns", "rows", "shutter", "row_time_us")}
-    pitch = [camera.pixel.pitch_x_um, camera.pixel.pitch_y_um]
-    detected = {"band_nm": camera.band_nm} if cube else {"quantum_efficiency": whole["quantum_efficiency"]}
-    return {"lens": whole["lens"], "sensor": sensor, "pitch_um": pitch, **detected}
 
 
 def _number(name: str, value: Any) -> None:

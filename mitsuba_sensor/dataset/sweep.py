@@ -62,6 +62,11 @@ def changes_light(name: str) -> bool:
     return name in OF_LIGHT or name.startswith(OF_LIGHT_PREFIXES)
 
 
+def of_kind(kind: str, values: Values) -> dict[str, Any]:
+    """Values of ``kind.NAME`` by NAME."""
+    return {name.partition(".")[2]: x for name, x in values.items() if name.startswith(f"{kind}.")}
+
+
 def poses(scene: SceneEntry) -> Sequence[View | None]:
     """The poses of the camera; None is that of the scene file."""
     if scene.path is None:

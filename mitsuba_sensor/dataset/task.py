@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..core import DiskFull, InputError
-from ..io.worker_log import fatal_tries, forget, log_of, logged
+from ..io.worker_log import fatal_tries, forget, last_said, log_of, logged
 from .planned import PlannedView
 from .store import Store
 
@@ -60,6 +60,8 @@ def run_task(
 
     try:
         with logged(path, capture):
+            if capture:
+                faulthandler.enable(2)  # a process that dies says where
             for _ in make_view(store, view, doing):
                 made += 1
                 told("sample", 1)
@@ -88,6 +90,7 @@ def quarantined_by_tries(store: Store, view: PlannedView) -> Outcome | None:
     tries = fatal_tries(log_path(store, view.key))
     if tries < MOST_TRIES:
         return None
-    why = f"its process died {tries} times; its log says what was printed last"
+    said = last_said(log_path(store, view.key))
+    why = f"its process died {tries} times{f' ({said})' if said else ''}; its log is in quarantine/{view.key}.json"
     quarantine(store, view, why)
     return Outcome(view.key, failed=why)

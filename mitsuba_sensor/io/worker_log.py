@@ -55,12 +55,26 @@ def log_of(path: Path) -> str:
 
 def fatal_tries(path: Path) -> int:
     """How many processes began it and are dead; one of another machine counts when an hour has passed."""
-    return sum(not _lives(line) for line in log_of(path).splitlines() if line.startswith(BEGUN))
+    return sum(not _lives(line) for line in _beginnings(path))
 
 
 def is_begun(path: Path) -> bool:
-    """Whether a process that lives has begun it."""
-    return any(_lives(line) for line in log_of(path).splitlines() if line.startswith(BEGUN))
+    """Whether a process that still runs has begun it."""
+    return any(_lives(line) for line in _beginnings(path))
+
+
+def last_said(path: Path) -> str:
+    """The first line that the last process printed, an empty text where it printed nothing."""
+    said = log_of(path).rpartition(BEGUN)[2].splitlines()[1:]
+    return next((line.strip() for line in said if line.strip()), "")
+
+
+def _beginnings(path: Path) -> list[str]:
+    try:
+        with path.open("rb") as log:
+            return [line.decode("utf-8", "replace") for line in log if line.startswith(BEGUN.encode())]
+    except OSError:
+        return []
 
 
 def _lives(line: str) -> bool:
@@ -69,8 +83,9 @@ def _lives(line: str) -> bool:
         if host != socket.gethostname():
             return time.time() - float(seconds) < 3600
         os.kill(int(pid), 0)
+        state = Path(f"/proc/{int(pid)}/stat")
+        return not state.exists() or state.read_text().rpartition(")")[2].split()[0] != "Z"  # dead
     except PermissionError:
         return True
     except (ValueError, OSError):
         return False
-    return True

@@ -1,0 +1,89 @@
+"""The cameras of a dataset, with all that is set or varied in them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from ..sensor.camera import Camera
+from ..sensor.camera_file import list_cameras, load_camera
+from .file import CameraEntry
+from .keys import Config, Facts, canonical, key_of
+from .roots import find_below
+from .sweep import Combination, of_kind
+
+FIELDS = {"f_number": "lens.f_number", "focus_m": "lens.focus_m"}
+MAY_BE_FILES = ("lens.prescription", "quantum_efficiency.file")
+
+
+class VariedCamera(NamedTuple):
+    """A camera before its gain.
+
+    set_fields : dotted names of what the dataset sets in it.  datasheet : its numbers, without what is written for
+    people.  key : of the datasheet.
+    """
+
+    camera: Camera
+    set_fields: list[str]
+    datasheet: Facts
+    key: str
+
+
+class Cameras:
+    """The cameras of the entries of a dataset file. Raises InputError for one that cannot be."""
+
+    def __init__(self, entries: Sequence[CameraEntry], roots: Sequence[Path]) -> None:
+        self.entries, self.roots = entries, roots
+        self._varied: dict[str, VariedCamera] = {}
+        self.as_given = [self._of_entry(entry) for entry in entries]
+
+    @property
+    def models(self) -> list[str]:
+        """Names of the models, by entry: two entries of one model and serial number are the same chip."""
+        return [camera.name for camera in self.as_given]
+
+    def name(self, number: int) -> str:
+        """What the dataset calls it."""
+        return self.entries[number].name or self.models[number]
+
+    def of(self, one: Combination) -> VariedCamera:
+        """The camera with all that varies in it; that it has the gain setting is checked. Raises InputError."""
+        varied = {field: one.values[name] for name, field in FIELDS.items() if name in one.values}
+        varied |= of_kind("camera", one.values)
+        gain = one.values.get("gain")
+        known = canonical({"entry": one.camera, "varied": varied, "gain": gain})
+        if known not in self._varied:
+            changes = self._with_places(varied, "the camera")
+            camera = self.as_given[one.camera]
+            camera = camera.replace(**changes) if changes else camera
+            camera.at_gain(gain)
+            sheet = camera.model_dump(mode="json", exclude={"description", "sources"})
+            fields = sorted({*self.entries[one.camera].set, *varied})
+            self._varied[known] = VariedCamera(camera, fields, sheet, key_of(sheet))
+        return self._varied[known]
+
+    def _of_entry(self, entry: CameraEntry) -> Camera:
+        where = f"camera {entry.camera}"
+        shipped = entry.camera in list_cameras()
+        camera = load_camera(entry.camera if shipped else find_below(entry.camera, self.roots, where))
+        changes = self._with_places(entry.set, where)
+        return (camera.replace(**changes) if changes else camera).without(*entry.without)
+
+    def _with_places(self, changes: Config, where: str) -> Facts:
+        """The same; fields that name files, with their place below a root."""
+        found = dict(changes)
+        for name in MAY_BE_FILES:
+            value = found.get(name)
+            if isinstance(value, str) and ("/" in value or "." in value):
+                found[name] = str(find_below(value, self.roots, f"{name} of {where}"))
+        return found
+
+
+def of_light(camera: Camera, cube: bool) -> Facts:
+    """What of the camera decides the light in front of its pixels. With a cube all that it detects is its band."""
+    whole = camera.model_dump(mode="json", include={"lens", "sensor", "quantum_efficiency"})
+    sensor = {name: whole["sensor"][name] for name in ("columns", "rows", "shutter", "row_time_us")}
+    pitch = [camera.pixel.pitch_x_um, camera.pixel.pitch_y_um]
+    detected = {"band_nm": camera.band_nm} if cube else {"quantum_efficiency": whole["quantum_efficiency"]}
+    return {"lens": whole["lens"], "sensor": sensor, "pitch_um": pitch, **detected}

@@ -1,0 +1,94 @@
+"""Splits share neither a scene nor a chip, whatever is varied."""
+
+from __future__ import annotations
+
+import random
+from typing import Any
+
+import pytest
+from helpers.datasets import SCENES, TABLES
+
+from mitsuba_sensor import InputError
+from mitsuba_sensor.dataset.file import read_dataset
+from mitsuba_sensor.dataset.planned import DatasetPlan
+
+
+def sets_of(plan: DatasetPlan) -> dict[str, tuple[set[Any], set[Any]]]:
+    """Split → its scenes, as the file tells them apart, and its chips."""
+    assert plan.file.splits is not None
+    found: dict[str, tuple[set[Any], set[Any]]] = {}
+    for view in plan.views():
+        for sample in view.samples:
+            scenes, chips = found.setdefault(sample.split, (set(), set()))
+            scenes.add(tuple(str(sample.values.get(name)) for name in plan.file.splits.by))
+            chips.add((sample.config["camera"]["name"], sample.config["serial"]))
+    return found
+
+
+def random_tables(rng: random.Random) -> dict[str, Any]:
+    names = [f"s{k}" for k in range(rng.randint(1, 5))]
+    splits = [["train", "test"], ["train", "val", "test"], ["all"]][rng.randrange(3)]
+    parts = [rng.uniform(0.1, 1) for _ in splits]
+    tables: dict[str, Any] = {
+        **TABLES,
+        "seed": rng.randrange(1000),
+        "scenes": [{"name": name, "file": "flat_field.xml"} for name in names],
+        "cameras": [[{"camera": "konnik_table1"}], [{"camera": "konnik_table1"}, {"camera": "bayer_2mp"}]][
+            rng.randrange(2)
+        ],
+        "grid": {"exposure_s": [0.1, 0.2]},
+        "splits": {"shares": dict(zip(splits, (part / sum(parts) for part in parts), strict=True))},
+    }
+    if rng.random() < 0.5:
+        tables["random"] = {
+            "draws": rng.randint(1, 6),
+            "values": {"parameters.radiance": {"log_uniform": [1e-4, 1e-3]}},
+        }
+        tables["splits"]["by"] = ["scene", "parameters.radiance"]
+    chips = rng.randrange(3)
+    if chips == 1:
+        tables["splits"]["chips"] = rng.randint(1, 3)
+    if chips == 2:
+        tables["grid"]["serial"] = list(range(5, 5 + rng.randint(1, 6)))
+    return tables
+
+
+def test_no_two_splits_share_a_scene_or_a_chip() -> None:
+    """160 random datasets; those with too few scenes or chips are refused in a sentence that says what to do."""
+    rng, made, refused = random.Random(17), 0, 0
+    for _ in range(160):
+        plan_tables = random_tables(rng)
+        try:
+            plan = DatasetPlan(read_dataset(plan_tables), [SCENES])
+        except InputError as error:
+            assert "for" in str(error) and "splits" in str(error) and ("by" in str(error) or "serial" in str(error))
+            refused += 1
+            continue
+        found = sets_of(plan)
+        for number, (scenes, chips) in enumerate(found.values()):
+            for others in list(found.values())[number + 1 :]:
+                assert not scenes & others[0] and not chips & others[1]
+        assert sum(len(view.samples) for view in plan.views()) == plan.samples
+        made += 1
+    assert made > 50 and refused > 15
+
+
+@pytest.mark.parametrize("scenes", [10, 40])
+def test_the_shares_are_those_asked_for(scenes: int) -> None:
+    tables = {
+        **TABLES,
+        "scenes": [{"name": f"s{k}", "file": "flat_field.xml"} for k in range(scenes)],
+        "splits": {"shares": {"train": 0.7, "val": 0.1, "test": 0.2}, "chips": 2},
+    }
+    plan = DatasetPlan(read_dataset(tables), [SCENES])
+    sizes = {split: len(own) for split, (own, _) in sets_of(plan).items()}
+    assert all(abs(sizes[name] - share * scenes) <= 1 for name, share in tables["splits"]["shares"].items())
+    assert plan.samples == 2 * scenes
+
+
+def test_splits_need_something_to_share_out() -> None:
+    shares = {"train": 0.5, "test": 0.5}
+    with pytest.raises(InputError, match=r"1 scenes for 2 splits .*name in by"):
+        DatasetPlan(read_dataset({**TABLES, "splits": {"shares": shares}}), [SCENES])
+    with pytest.raises(InputError, match="chips is given and serial is varied"):
+        read_dataset({**TABLES, "grid": {"serial": [1]}, "splits": {"shares": shares, "chips": 1}})

@@ -1,0 +1,181 @@
+"""What varies in a dataset: every combination once, random numbers of the asked law, poses on a path, shared light."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.stats
+from helpers.datasets import SCENES, TABLES
+
+from mitsuba_sensor.dataset.file import Distribution, read_dataset
+from mitsuba_sensor.dataset.planned import DatasetPlan, PlannedSample, PlannedView
+from mitsuba_sensor.dataset.sweep import combinations, count, drawn, poses, share_of
+
+POSE = {"origin_m": [0, 0, 1], "target_m": [0, 0, 0]}
+
+
+def planned(**changes: Any) -> list[PlannedView]:
+    return list(DatasetPlan(read_dataset({**TABLES, **changes}), [SCENES]).views())
+
+
+def samples(views: list[PlannedView]) -> list[PlannedSample]:
+    return [sample for view in views for sample in view.samples]
+
+
+def test_a_hundred_exposures_of_five_chips_are_one_render() -> None:
+    grid = {"exposure_s": [0.001 * k for k in range(1, 101)], "serial": [1, 2, 3, 4, 5]}
+    views = planned(grid=grid)
+    assert len(views) == 1 and len({one.key for one in views[0].samples}) == 500
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "renders"),
+    [
+        ("temperature_k", [250, 300], 1),
+        ("frames", [1, 2], 1),
+        ("repetition", [0, 1], 1),
+        ("camera.adc.bits", [10, 12], 1),
+        ("camera.pixel.full_well_e", [10_000, 20_000], 1),
+        ("exposure_ev", [0, 1], 1),
+        ("f_number", [2.0, 4.0], 2),
+        ("parameters.radiance", [1e-4, 2e-4], 2),
+        ("camera.quantum_efficiency.value", [0.5, 0.6], 2),
+        ("camera.pixel.pitch_x_um", [5.0, 6.0], 2),
+    ],
+)
+def test_only_what_changes_the_light_is_rendered_anew(name: str, values: list[Any], renders: int) -> None:
+    views = planned(grid={name: values})
+    assert (len(views), len(samples(views))) == (renders, 2)
+
+
+def test_a_cube_is_shared_by_cameras_of_one_band_and_lens() -> None:
+    cameras = [
+        {"camera": "konnik_table1", "name": "a", "set": {"quantum_efficiency.value": 0.6}},
+        {"camera": "konnik_table1", "name": "b", "set": {"quantum_efficiency.value": 0.3}},
+    ]
+    assert len(planned(cameras=cameras)) == 2
+    assert len(planned(cameras=cameras, render={"spectral": "cube", "spp": 16})) == 1
+
+
+def test_every_combination_is_made_once() -> None:
+    file = read_dataset(
+        {
+            **TABLES,
+            "grid": {"exposure_s": [0.1, 0.2], "parameters.radiance": [1e-4, 2e-4, 3e-4]},
+            "list": [{"serial": 1, "temperature_k": 280}, {"serial": 2, "temperature_k": 300}],
+            "random": {"draws": 4, "values": {"exposure_ev": {"uniform": [-1, 1]}}},
+        }
+    )
+    found = [one for group in combinations(file) for one in group]
+    assert len(found) == count(file) == 2 * 3 * 2 * 4
+    assert len({tuple(sorted(one.values.items())) for one in found}) == len(found)
+    plan = DatasetPlan(file, [SCENES])
+    views = list(plan.views())
+    assert len(views) == 3 and len({one.key for one in samples(views)}) == plan.samples == 48
+
+
+def test_a_sample_does_not_depend_on_what_else_is_in_the_dataset() -> None:
+    alone = planned(
+        grid={"exposure_s": [0.1]}, random={"draws": 1, "values": {"temperature_k": {"uniform": [270, 300]}}}
+    )
+    among = planned(
+        description="another text",
+        licence="CC0-1.0",
+        scenes=[{"name": "wedge", "file": "step_wedge.xml"}, *TABLES["scenes"]],
+        grid={"exposure_s": [0.2, 0.1]},
+        random={"draws": 7, "values": values},
+    )
+    assert samples(alone)[0].key in {one.key for one in samples(among)}
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"seed": 2},
+        {"outputs": ["raw"]},
+        {"render": {"spp": 32, "width": 16}},
+        {"render": {"spp": 16, "width": 17}},
+        {"grid": {"exposure_s": [0.2]}},
+        {"grid": {"exposure_s": [0.1], "serial": [2]}},
+        {"grid": {"exposure_s": [0.1], "frames": [2]}},
+        {"grid": {"exposure_s": [0.1], "repetition": [1]}},
+        {"grid": {"exposure_s": [0.1], "temperature_k": [299]}},
+        {"cameras": [{"camera": "konnik_table1", "set": {"adc.bits": 11}}]},
+        {"cameras": [{"camera": "konnik_table1", "without": ["prnu"]}]},
+        {"scenes": [{"name": "flat", "file": "flat_field.xml", "parameters": {"radiance": 3e-4}}]},
+        {"scenes": [{"name": "flat", "file": "flat_field.xml", "integrator": "direct"}]},
+        {"scenes": [{"name": "flat", "file": "step_wedge.xml"}]},
+        {
+            "scenes": [
+                {"name": "flat", "file": "flat_field.xml", "views": [{"origin_m": [0, 0, 1], "target_m": [0, 0, 0]}]}
+            ]
+        },
+    ],
+)
+def test_everything_that_decides_a_sample_is_in_its_key(change: Mapping[str, Any]) -> None:
+    usual = {"grid": {"exposure_s": [0.1]}}
+    assert samples(planned(**usual))[0].key != samples(planned(**{**usual, **change}))[0].key
+
+
+def test_names_and_texts_for_people_are_not_in_the_key() -> None:
+    usual = samples(planned(grid={"exposure_s": [0.1]}))[0].key
+    named = [{"camera": "konnik_table1", "name": "mine", "set": {}}]
+    other = planned(
+        grid={"exposure_s": [0.1]}, cameras=named, scenes=[{"name": "other", "file": "flat_field.xml"}], name="b"
+    )
+    assert samples(other)[0].key == usual
+
+
+LAWS: list[tuple[dict[str, Any], Any]] = [
+    ({"uniform": [2.0, 5.0]}, scipy.stats.uniform(2, 3)),
+    ({"log_uniform": [1e-3, 10.0]}, scipy.stats.loguniform(1e-3, 10)),
+    ({"normal": [298.0, 3.0]}, scipy.stats.norm(298, 3)),
+]
+
+
+@pytest.mark.parametrize(("law", "expected"), LAWS)
+def test_random_numbers_follow_their_law(law: dict[str, Any], expected: Any) -> None:
+    """Kolmogorov-Smirnov at 1e-4, fixed names."""
+    values = [drawn(Distribution(**law), share_of(7, "scene", "x", k)) for k in range(20_000)]
+    assert scipy.stats.kstest(values, expected.cdf).pvalue > 1e-4
+
+
+@pytest.mark.parametrize("law", [{"integer": [3, 8]}, {"choice": [3, 4, 5, 6, 7, 8]}])
+def test_whole_numbers_and_choices_are_equally_likely(law: dict[str, Any]) -> None:
+    """χ² at 1e-4."""
+    values = [drawn(Distribution(**law), share_of(3, "scene", "x", k)) for k in range(12_000)]
+    assert scipy.stats.chisquare([values.count(k) for k in range(3, 9)]).pvalue > 1e-4
+
+
+def test_a_draw_is_the_same_for_every_camera_and_row_and_other_for_every_scene() -> None:
+    file = read_dataset(
+        {
+            **TABLES,
+            "scenes": [{"name": name, "file": "flat_field.xml"} for name in ("a", "b")],
+            "cameras": [{"camera": "konnik_table1"}, {"camera": "bayer_2mp"}],
+            "random": {"draws": 5, "values": {"exposure_s": {"log_uniform": [0.01, 1]}}},
+        }
+    )
+    found: dict[tuple[int, int], set[float]] = {}
+    for group in combinations(file):
+        for one in group:
+            found.setdefault((one.scene, one.draw), set()).add(one.values["exposure_s"])
+    assert all(len(values) == 1 for values in found.values())
+    assert len(set.union(*found.values())) == 10
+
+
+def test_a_path_goes_through_its_keys_in_even_steps() -> None:
+    keys = [
+        {"time_s": 0, "origin_m": [0, 0, 4], "target_m": [0, 0, 0]},
+        {"time_s": 1, "origin_m": [2, 0, 4], "target_m": [0, 1, 0]},
+        {"time_s": 3, "origin_m": [2, 4, 4], "target_m": [0, 1, 0]},
+    ]
+    file = read_dataset({**TABLES, "scenes": [{**TABLES["scenes"][0], "path": {"views": 7, "keys": keys}}]})
+    found = [view for view in poses(file.scenes[0]) if view is not None]
+    origins = np.array([view.origin_m for view in found])
+    expected = [[0, 0, 4], [1, 0, 4], [2, 0, 4], [2, 1, 4], [2, 2, 4], [2, 3, 4], [2, 4, 4]]
+    np.testing.assert_allclose(origins, expected, atol=1e-6)
+    np.testing.assert_allclose([view.target_m[1] for view in found], [0, 0.5, 1, 1, 1, 1, 1], atol=1e-6)
