@@ -21,7 +21,7 @@ from ..sensor.metering import saturation_dn
 from ..sensor.stage import converter_of
 from .colour_matrix import colour_matrix, colour_order
 from .dng_colours import calibrations
-from .files import CFA_COLOURS, TIFF_BYTE, TIFF_LONG, TIFF_SHORT, appearing, cfa_tags, to_json
+from .files import CFA_COLOURS, TIFF_BYTE, TIFF_LONG, TIFF_SHORT, appearing, cfa_tags, to_json, write_pages
 from .iso_speed import iso_speed
 from .metadata import image_facts
 
@@ -69,23 +69,13 @@ def dng_names(frames: Frames) -> list[str]:
 
 def write_dng(path: str | os.PathLike[str], frames: Frames, number: int = 0) -> None:
     """One of the frames as a DNG 1.4, its pixels unchanged and uncompressed. Raises InputError (see check_dng)."""
-    import tifffile
-
     check_dng(frames.camera, frames.digital.shape)
     if not -len(frames.digital) <= number < len(frames.digital):
         raise InputError(f"number is {number!r}, and there are {len(frames.digital)} frames; the first one is 0.")
     colour, facts = len(frames.camera.filter_names) > 1, image_facts(frames) | {"frames": 1}
     with appearing(Path(path), frames.digital[number].nbytes) as temporary:
-        tifffile.imwrite(
-            temporary,
-            frames.digital[number],
-            byteorder="<",
-            photometric="minisblack",
-            metadata=None,
-            software="mitsuba_sensor",
-            description=to_json(facts).encode(),
-            extratags=[*_about(frames), *(_colours(frames, facts["cfa_pattern"]) if colour else _levels(frames, 1))],
-        )
+        tags = [*_about(frames), *(_colours(frames, facts["cfa_pattern"]) if colour else _levels(frames, 1))]
+        write_pages(temporary, frames.digital[number], to_json(facts).encode(), tags)
         _finish(temporary, CFA if colour else LINEAR_RAW, list(_exif(frames)))
 
 

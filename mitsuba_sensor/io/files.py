@@ -18,7 +18,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -28,6 +28,8 @@ from .disk_errors import disk_sentences, names_in
 
 NOTHING: Mapping[str, Any] = {}
 TIFF_TYPES = "uint8", "uint16", "uint32", "float32"
+LARGEST_TIFF = 2**32 - 2**25
+"""Bytes of pixels; more become a BigTIFF."""
 CFA_COLOURS = "rgb"  # numbers 0, 1, 2 in the CFAPattern of TIFF/EP
 TIFF_BYTE, TIFF_SHORT, TIFF_LONG = 1, 3, 4  # types of tags
 
@@ -71,8 +73,6 @@ def write_tiff(path: str | os.PathLike[str], frames: np.ndarray, facts: Mapping[
     facts : ``image`` of frame.json; as JSON in the description, and black level, white level and the pattern of red,
         green and blue filters in the tags of TIFF/EP and DNG too.
     """
-    import tifffile
-
     if not isinstance(frames, np.ndarray) or str(frames.dtype) not in TIFF_TYPES or frames.ndim not in (2, 3):
         given = getattr(frames, "dtype", type(frames).__name__), getattr(frames, "shape", ())
         kinds = ", ".join(TIFF_TYPES)
@@ -82,15 +82,42 @@ def write_tiff(path: str | os.PathLike[str], frames: np.ndarray, facts: Mapping[
     tags = _raw_tags(facts) if facts else []
     text = to_json(dict(facts)).encode() if facts else None
     with appearing(Path(path), frames.nbytes) as temporary:
-        tifffile.imwrite(
-            temporary,
-            frames,
-            photometric="minisblack",
-            metadata=None,
-            software="mitsuba_sensor",
-            description=text,
-            extratags=tags,
-        )
+        write_pages(temporary, frames, text, tags)
+
+
+def write_pages(path: Path, frames: np.ndarray, text: bytes | None, tags: Sequence[tuple[Any, ...]]) -> None:
+    """A TIFF of frames (H, W) or (N, H, W) with a description and tags. Raises OSError.
+
+    Every byte passes through Python: NumPy's own way into a file (tofile) does not say when the disk has no place for
+    the last ones.
+    """
+    import tifffile
+
+    large = frames.nbytes > LARGEST_TIFF
+    with path.open("wb") as file, tifffile.TiffWriter(_NoTofile(file), bigtiff=large, byteorder="<") as tiff:
+        for page in frames.reshape(-1, *frames.shape[-2:]):
+            tiff.write(
+                page,
+                contiguous=True,
+                photometric="minisblack",
+                metadata=None,
+                software="mitsuba_sensor",
+                description=text,
+                extratags=tags,
+            )
+
+
+class _NoTofile:
+    """A file to which NumPy does not write past Python."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+
+    def fileno(self) -> int:
+        raise io.UnsupportedOperation
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._file, name)
 
 
 def _raw_tags(facts: Mapping[str, Any]) -> list[tuple[int, int, int, Any, bool]]:

@@ -48,8 +48,25 @@ def write_planes(path: Path, header: Mapping[str, str | float], channels: Mappin
                     file.writePixels({name: x.rows(here) for name, x in channels.items()}, here.stop - first)
         except (RuntimeError, ValueError) as error:  # whatever went wrong
             raise OSError(str(error)) from error
-        if temporary.stat().st_size == 0:  # a file below 4 kB meets a full disk without an error
+        if not _ends_well(temporary, rows - 1):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def _ends_well(path: Path, last_row: int) -> bool:
+    """Whether a file that was just written has its table of offsets and its last row.
+
+    The library meets a full disk without an error when it empties its buffers, at the end of a file.
+    """
+    import OpenEXR
+
+    if path.stat().st_size == 0:
+        return False
+    try:
+        with _silent_library(), closing(OpenEXR.InputFile(str(path))) as file:
+            file.channels(list(file.header()["channels"]), scanLine1=last_row, scanLine2=last_row)
+            return bool(file.isComplete())
+    except (RuntimeError, ValueError, OSError):
+        return False
 
 
 def _file_header(

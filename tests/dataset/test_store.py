@@ -108,7 +108,7 @@ def test_the_writers_of_files_name_the_final_place_and_the_bytes_of_a_full_disk(
 
     place = store.folder_of("samples", KEY)
     with monkeypatch.context() as patch, pytest.raises(DiskFull) as caught:
-        patch.setattr("tifffile.imwrite", full)
+        patch.setattr("tifffile.TiffWriter.write", full)
         frames = np.zeros((2, 8, 4), np.uint16)
         store.commit("samples", KEY, lambda folder: files.write_tiff(folder / "frame.tiff", frames))
     assert (caught.value.path, caught.value.size) == (place / "frame.tiff", 128)
