@@ -164,7 +164,7 @@ def test_a_disk_that_fills_up_leaves_the_older_result_alone(
 
     monkeypatch.setattr(files, writer, full)
     done = cli("expose", light_file, "-o", out, "--seed", 2)
-    assert done.exit_code == 2 and "No space left on device" in done.stderr
+    assert done.exit_code == 3 and "No space left on device" in done.stderr
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before
 
 
