@@ -10,7 +10,7 @@ import struct
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -21,14 +21,14 @@ from ..sensor.metering import saturation_dn
 from ..sensor.stage import converter_of
 from .colour_matrix import colour_matrix, colour_order
 from .dng_colours import calibrations
-from .files import CFA_COLOURS, TIFF_BYTE, TIFF_LONG, TIFF_SHORT, appearing, cfa_tags, to_json, write_pages
+from .files import CFA_COLOURS, TIFF_BYTE, TIFF_LONG, TIFF_SHORT, TiffTag, appearing, cfa_tags, to_json, write_pages
 from .iso_speed import iso_speed
 from .metadata import image_facts
 
 if TYPE_CHECKING:
     from ..sensor.frames import Frames
 
-Tag: TypeAlias = tuple[int, int, int, Any, bool]  # code, type, count, value, on the first page only
+Tag: TypeAlias = TiffTag
 
 ASCII, RATIONAL, UNDEFINED, SRATIONAL, DOUBLE = 2, 5, 7, 10, 12  # types of tags, beside those of files.py
 LARGEST = 2**31 - 1  # numerator and denominator of a fraction, signed or not

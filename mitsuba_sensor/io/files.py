@@ -18,7 +18,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from .disk_errors import disk_sentences, names_in
 
 NOTHING: Mapping[str, Any] = {}
 TIFF_TYPES = "uint8", "uint16", "uint32", "float32"
+TiffTag: TypeAlias = tuple[int, int, int, Any, bool]  # code, type, count, value, on the first page only
 LARGEST_TIFF = 2**32 - 2**25
 """Bytes of pixels; more become a BigTIFF."""
 CFA_COLOURS = "rgb"  # numbers 0, 1, 2 in the CFAPattern of TIFF/EP
@@ -85,7 +86,7 @@ def write_tiff(path: str | os.PathLike[str], frames: np.ndarray, facts: Mapping[
         write_pages(temporary, frames, text, tags)
 
 
-def write_pages(path: Path, frames: np.ndarray, text: bytes | None, tags: Sequence[tuple[Any, ...]]) -> None:
+def write_pages(path: Path, frames: np.ndarray, text: bytes | None, tags: Sequence[TiffTag]) -> None:
     """A TIFF of frames (H, W) or (N, H, W) with a description and tags. Raises OSError.
 
     Every byte passes through Python: NumPy's own way into a file (tofile) does not say when the disk has no place for
@@ -94,7 +95,10 @@ def write_pages(path: Path, frames: np.ndarray, text: bytes | None, tags: Sequen
     import tifffile
 
     large = frames.nbytes > LARGEST_TIFF
-    with path.open("wb") as file, tifffile.TiffWriter(_NoTofile(file), bigtiff=large, byteorder="<") as tiff:
+    with (
+        io.BufferedWriter(_NoTofile(path, "wb")) as file,
+        tifffile.TiffWriter(file, bigtiff=large, byteorder="<") as tiff,
+    ):
         for page in frames.reshape(-1, *frames.shape[-2:]):
             tiff.write(
                 page,
@@ -107,29 +111,23 @@ def write_pages(path: Path, frames: np.ndarray, text: bytes | None, tags: Sequen
             )
 
 
-class _NoTofile:
+class _NoTofile(io.FileIO):
     """A file to which NumPy does not write past Python."""
-
-    def __init__(self, file: BinaryIO) -> None:
-        self._file = file
 
     def fileno(self) -> int:
         raise io.UnsupportedOperation
 
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._file, name)
 
-
-def _raw_tags(facts: Mapping[str, Any]) -> list[tuple[int, int, int, Any, bool]]:
+def _raw_tags(facts: Mapping[str, Any]) -> list[TiffTag]:
     """(code, type, count, value, first page only) of BlackLevel, WhiteLevel, CFARepeatPatternDim and CFAPattern."""
-    tags: list[tuple[int, int, int, Any, bool]] = [
+    tags: list[TiffTag] = [
         (50714, TIFF_LONG, 1, round(facts["black_level_dn"]), False),
         (50717, TIFF_LONG, 1, facts["white_level_dn"], False),
     ]
     return [*tags, *cfa_tags(facts["cfa_pattern"])]
 
 
-def cfa_tags(pattern: Sequence[Sequence[str]] | None) -> list[tuple[int, int, int, Any, bool]]:
+def cfa_tags(pattern: Sequence[Sequence[str]] | None) -> list[TiffTag]:
     """CFARepeatPatternDim and CFAPattern of rows of filter names, if all of them are red, green or blue."""
     names = np.array(pattern or [[]])
     initials = [name[:1].lower() for name in names.ravel()]
