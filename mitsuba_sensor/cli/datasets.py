@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 from rich.console import Group, RenderableType
@@ -20,7 +20,7 @@ from ..dataset.forecast import Counts, Forecast, counts_of, forecast
 from ..dataset.options import RootOptions, RunOptions
 from ..dataset.planned import DatasetPlan, load_plan
 from ..dataset.repair import discard, plan_of, store_of, verify
-from ..dataset.run import RunProgress, run
+from ..dataset.run import RunProgress, Show, run
 from ..stopping import remark_if_stopped, undone_if_stopped
 from . import arguments, options
 from .app import THINGS, app, err, show
@@ -125,7 +125,7 @@ def repair_command(folder: DatasetFolder, as_json: arguments.Json = False, **fla
 
 
 @contextmanager
-def samples_bar() -> Iterator[Any]:
+def samples_bar() -> Iterator[Show]:
     """A bar over samples, with the rate, a forecast and failures. Yields what :func:`dataset.run.run` shows to."""
     texts = MofNCompleteColumn(), TextColumn("{task.description}"), TimeElapsedColumn()
     bar = Progress(BarColumn(), *texts, console=err, transient=True, disable=not err.is_terminal)
@@ -189,6 +189,6 @@ def _with_failed(head: str | Text, failed: Mapping[str, str]) -> RenderableType:
     return Group(head, table) if failed else Group(head)
 
 
-def _summary(found: RunProgress) -> dict[str, Any]:
+def _summary(found: RunProgress) -> dict[str, object]:
     failed = [{"view": one.view, "why": one.failed} for one in found.failed]
     return {"made": found.made, "there": found.there, "failed": failed}

@@ -19,6 +19,7 @@ from ..render.motion import KeyPose, Number, Vector, read_motion
 from ..render.options import RenderOptions
 from ..sensor.datasheet import Count, FileTable, optional
 from ..sensor.datasheet_errors import sentence
+from .keys import Config
 
 LARGEST_BYTES = 2**22  # of a dataset file
 MOST_SAMPLES = 10**7
@@ -262,7 +263,7 @@ def _unique(where: str, names: list[str]) -> None:
             raise ValueError(f"{where} has {name!r} twice; give each once")
 
 
-def read_dataset(source: str | os.PathLike[str] | Mapping[str, Any]) -> DatasetFile:
+def read_dataset(source: str | os.PathLike[str] | Config) -> DatasetFile:
     """A dataset file, or its tables. Raises InputError, one sentence."""
     where, data = "the tables", source
     if not isinstance(source, Mapping):

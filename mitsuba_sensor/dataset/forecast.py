@@ -5,11 +5,10 @@ from __future__ import annotations
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from .keys import Facts
 from .planned import DatasetPlan, PlannedView
@@ -115,7 +114,7 @@ def cost_of(view: PlannedView) -> Cost:
     return Cost(render_s, took[-1], view_bytes, _bytes(record.files))
 
 
-def _bytes(files: Any) -> int:
+def _bytes(files: Mapping[str, tuple[int, str]]) -> int:
     return sum(size for size, _ in files.values())
 
 

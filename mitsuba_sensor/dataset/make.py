@@ -193,14 +193,9 @@ def scene_options(view: PlannedView) -> RenderOptions:
     """The options of the render."""
     config = view.config
     names = "parameters", "traverse", "look_at", "scene_unit", "integrator", "ignore_polarization", "motion"
-    from ..core.options import declared
-
-    known = {one.name for one in declared(RenderOptions)}
-    return {
-        k: v
-        for k, v in {**config["render"], **{name: config.get(name) for name in names}, "repeatable": True}.items()
-        if k in known
-    }  # type: ignore[return-value]
+    of_scene = {name: config.get(name) for name in names}
+    of_scene["traverse"] = of_scene["traverse"] or None
+    return {**config["render"], **of_scene, "repeatable": True}  # type: ignore[typeddict-item]
 
 
 def flat_camera(camera: Camera) -> Camera:

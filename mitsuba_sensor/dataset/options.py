@@ -1,7 +1,7 @@
 """The options of a run: which part of a dataset is made, by how many processes, within which limits."""
 
 # Without `from __future__ import annotations`: core/options.py reads these declarations at run time.
-from typing import Annotated, Any, TypedDict
+from typing import Annotated, TypedDict
 
 from ..core import InputError
 from ..core.options import Option
@@ -9,9 +9,10 @@ from ..core.options import Option
 ENGINE = "Engine"
 
 
-def checked_shard(name: str, value: Any) -> tuple[int, int]:
+def checked_shard(name: str, value: object) -> tuple[int, int]:
     """(i, n) of "i/n" or of a pair. Raises InputError."""
-    parts = value.split("/") if isinstance(value, str) else [str(one) for one in value or ()]
+    pair = value if isinstance(value, tuple) else str(value).split("/")
+    parts = [str(one) for one in pair]
     if len(parts) != 2 or not all(one.isdecimal() for one in parts) or not 1 <= int(parts[0]) <= int(parts[1]) <= 10**6:
         raise InputError(f"{name} is {value!r}; give i/n with i from 1 to n, e.g. 1/4.")
     return int(parts[0]), int(parts[1])

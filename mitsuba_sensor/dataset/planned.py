@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 from ..core import Exposure, InputError
 from ..core.options import used
@@ -65,7 +64,7 @@ class DatasetPlan:
     file: DatasetFile
     roots: Sequence[Path]
     text: str = ""
-    _lights: dict[Any, tuple[Facts, str]] = field(default_factory=dict)
+    _lights: dict[object, tuple[Facts, str]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for scene in self.file.scenes:
@@ -196,7 +195,7 @@ class DatasetPlan:
         return frames
 
 
-def _number(name: str, value: Any) -> None:
+def _number(name: str, value: object) -> None:
     if value is not None and (isinstance(value, bool) or not isinstance(value, int | float)):
         raise InputError(f"{name} is {value!r}; it must be a number.")
 

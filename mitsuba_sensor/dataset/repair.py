@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 from ..core import InputError
 from ..io import files
@@ -52,7 +51,7 @@ def store_of(folder: Path) -> Store:
 
 def plan_of(folder: Path, roots: list[str] | None) -> DatasetPlan:
     """The plan that a dataset folder was made from.  roots : in place of those of its run. Raises InputError."""
-    known: list[Any] = read_json(folder / ROOTS, "give --root")["roots"] if roots is None else roots
+    known: list[str] = read_json(folder / ROOTS, "give --root")["roots"] if roots is None else roots
     if not all(isinstance(one, str) for one in known):
         raise InputError(f"{folder / ROOTS} was changed; give --root.")
     return load_plan(folder / FILE, known)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Hashable, Iterable, Sequence
-from typing import Any
 
 from ..core import InputError
 from .file import DatasetFile, Splits
+from .keys import Facts
 from .sweep import Combination, combinations, share_of
 
 Chip = tuple[str, int]
@@ -58,7 +58,7 @@ class SplitOf:
         assert self.splits is not None
         entry = self.file.scenes[one.scene]
         fixed = {f"{kind}.{name}": x for kind in ("parameters", "traverse") for name, x in getattr(entry, kind).items()}
-        values: dict[str, Any] = {"scene": entry.name, **fixed, **one.values}
+        values: Facts = {"scene": entry.name, **fixed, **one.values}
         return json.dumps([values.get(name) for name in self.splits.by])
 
 

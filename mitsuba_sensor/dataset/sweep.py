@@ -6,12 +6,12 @@ import hashlib
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy
 
-from .file import DatasetFile, Distribution, RandomSweep, SceneEntry, View
+from .file import DatasetFile, Distribution, RandomSweep, SceneEntry, Value, View
 from .keys import Config, Facts
 
 Values = Config
@@ -62,7 +62,7 @@ def changes_light(name: str) -> bool:
     return name in OF_LIGHT or name.startswith(OF_LIGHT_PREFIXES)
 
 
-def of_kind(kind: str, values: Values) -> dict[str, Any]:
+def of_kind(kind: str, values: Values) -> Facts:
     """Values of ``kind.NAME`` by NAME."""
     return {name.partition(".")[2]: x for name, x in values.items() if name.startswith(f"{kind}.")}
 
@@ -74,7 +74,7 @@ def poses(scene: SceneEntry) -> Sequence[View | None]:
     keys, times = scene.path.keys, [key.time_s for key in scene.path.keys]
     at = np.linspace(times[0], times[-1], scene.path.views)
 
-    def along(vectors: Sequence[Any]) -> list[tuple[float, ...]]:
+    def along(vectors: Sequence[object]) -> list[tuple[float, ...]]:
         axes = [np.interp(at, times, axis) for axis in np.array(vectors, dtype=float).T]
         return [tuple(round(float(x), DIGITS) for x in point) for point in zip(*axes, strict=True)]
 
@@ -82,7 +82,7 @@ def poses(scene: SceneEntry) -> Sequence[View | None]:
     return [View(origin_m=origin, target_m=target, up=up) for origin, target, up in zip(*points, strict=True)]
 
 
-def drawn(distribution: Distribution, share: float) -> Any:
+def drawn(distribution: Distribution, share: float) -> Value:
     """The value below which this share of the distribution lies, with six digits.  share : 0 … 1, both left out."""
     if distribution.choice is not None:
         return distribution.choice[int(share * len(distribution.choice))]
@@ -103,7 +103,7 @@ def share_of(*names: object) -> float:
     return ((int.from_bytes(digest, "little") >> 11) + 0.5) / 2**53
 
 
-def _grid(values: Mapping[str, Sequence[Any]]) -> Iterator[Facts]:
+def _grid(values: Mapping[str, Sequence[Value]]) -> Iterator[Facts]:
     """Every combination of the values."""
     return (dict(zip(values, cell, strict=True)) for cell in product(*values.values()))
 
@@ -112,7 +112,7 @@ def _draws(sweep: RandomSweep | None, seed: int, scene: str) -> list[list[tuple[
     """(number, values) of every draw, those of the same light together."""
     if sweep is None:
         return [[(-1, {})]]
-    found: dict[tuple[Any, ...], list[tuple[int, Values]]] = {}
+    found: dict[object, list[tuple[int, Values]]] = {}
     for draw in range(sweep.draws):
         values = {name: drawn(law, share_of(seed, scene, name, draw)) for name, law in sweep.values.items()}
         light = tuple(x for name, x in values.items() if changes_light(name))

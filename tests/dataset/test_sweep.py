@@ -78,9 +78,8 @@ def test_every_combination_is_made_once() -> None:
 
 
 def test_a_sample_does_not_depend_on_what_else_is_in_the_dataset() -> None:
-    alone = planned(
-        grid={"exposure_s": [0.1]}, random={"draws": 1, "values": {"temperature_k": {"uniform": [270, 300]}}}
-    )
+    values = {"temperature_k": {"uniform": [270, 300]}}
+    alone = planned(grid={"exposure_s": [0.1]}, random={"draws": 1, "values": values})
     among = planned(
         description="another text",
         licence="CC0-1.0",

@@ -1,0 +1,106 @@
+"""Samples of a dataset are what the public functions make of the configuration that stands in sample.json."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.datasets import SCENES, TABLES
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.dataset.file import read_dataset
+from mitsuba_sensor.dataset.planned import DatasetPlan
+from mitsuba_sensor.dataset.reader import Dataset
+from mitsuba_sensor.dataset.run import run
+from mitsuba_sensor.io.raw_files import read_raw
+from mitsuba_sensor.sensor.camera_file import camera_from
+
+EVERYTHING = ["raw", "dng", "clean", "electrons", "variance", "noise_budget", "preview", "aovs", "irradiance"]
+CORNELL = {"name": "cornell", "file": "cornell_box.xml"}
+
+
+def made(folder: Path, **changes: Any) -> Dataset:
+    tables = {**TABLES, "scenes": [CORNELL], "cameras": [{"camera": "bayer_2mp"}], **changes}
+    plan = DatasetPlan(read_dataset(tables), [SCENES], text=as_toml(tables))
+    assert not run(plan, folder, workers=0).failed
+    return Dataset(folder)
+
+
+def as_toml(tables: dict[str, Any]) -> str:
+    return "".join(f"{name} = {json.dumps(value)}\n" for name, value in tables.items() if isinstance(value, str))
+
+
+@pytest.fixture(scope="module")
+def everything(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    grid = {"exposure_s": ["auto"], "exposure_ev": [0, -3], "serial": [4, 5]}
+    random = {"draws": 1, "values": {"temperature_k": {"uniform": [280, 300]}}}
+    where = tmp_path_factory.mktemp("everything") / "out"
+    return made(where, outputs=EVERYTHING, grid=grid, random=random, render={"spp": 16, "width": 40})
+
+
+def test_a_sample_is_made_again_from_its_own_facts(everything: Dataset) -> None:
+    """From the light in irradiance.exr and sample.json, by ms.expose: every pixel."""
+    assert len(everything) == 4
+    for sample in everything:
+        facts, light = sample.facts, ms.read_irradiance(sample.view_folder / "irradiance.exr")
+        camera = camera_from(facts["config"]["camera"], "of the sample")
+        exposure = ms.Exposure(facts["image"]["exposure_s"], facts["image"]["temperature_k"])
+        frames = ms.expose(light, camera, exposure, **facts["seeds"], frames=facts["config"]["frames"])
+        np.testing.assert_array_equal(sample.read("raw"), frames.digital)
+        np.testing.assert_array_equal(sample.read("clean"), frames.clean[0])
+        np.testing.assert_array_equal(sample.read("variance"), frames.temporal_variance)
+
+
+def test_stops_multiply_the_metered_time(everything: Dataset) -> None:
+    times = {one.values["exposure_ev"]: one.facts["image"]["exposure_s"] for one in everything}
+    assert times[-3] == times[0] / 8
+    bright, dark = (next(s for s in everything if s.values["exposure_ev"] == ev) for ev in (0, -3))
+    np.testing.assert_allclose(bright.read("electrons"), 8 * dark.read("electrons"), rtol=1e-6)
+    relative = ms.read_irradiance(bright.view_folder / "irradiance.exr").relative_error
+    electrons, error = bright.read("electrons"), bright.read("electrons_error")
+    np.testing.assert_allclose(error[electrons > 0], (relative * electrons)[electrons > 0], rtol=1e-5)
+
+
+def test_chips_share_the_light_and_not_the_fixed_pattern(everything: Dataset) -> None:
+    four, five = (next(s for s in everything if s.values["serial"] == n) for n in (4, 5))
+    np.testing.assert_array_equal(four.read("electrons"), five.read("electrons"))
+    assert (four.read("clean") != five.read("clean")).mean() > 0.5
+    assert len({one.facts["seeds"]["seed"] for one in everything}) == 4
+
+
+def test_all_that_is_asked_for_is_there_and_opens(everything: Dataset) -> None:
+    names = {"frame.tiff", "frame.dng", "clean.tiff", "electrons.tiff", "electrons_error.tiff", "frame.png"}
+    names |= {"temporal_variance.tiff", "noise_budget.json", "sample.json", "record.json"}
+    sample = everything[0]
+    assert {path.name for path in sample.folder.iterdir()} == names
+    assert {path.name for path in sample.view_folder.iterdir()} >= {"aovs.exr", "irradiance.exr", "view.json"}
+    np.testing.assert_array_equal(read_raw(sample.folder / "frame.dng").frames[0], sample.read("raw")[0])
+    assert sample.read("depth_m").shape == sample.read("raw").shape[1:]
+    budget = json.loads((sample.folder / "noise_budget.json").read_text())["sources"]
+    total = sum(one["temporal_dn2"] for one in budget)
+    assert total == pytest.approx(float(sample.read("variance").mean()), rel=0.02)
+
+
+def test_more_outputs_change_no_pixel(everything: Dataset, tmp_path: Path) -> None:
+    grid = {"exposure_s": ["auto"], "exposure_ev": [0, -3], "serial": [4, 5]}
+    random = {"draws": 1, "values": {"temperature_k": {"uniform": [280, 300]}}}
+    fewer = made(tmp_path / "out", outputs=["raw"], grid=grid, random=random, render={"spp": 16, "width": 40})
+    for one, other in zip(everything, fewer, strict=True):
+        assert one.key != other.key
+        np.testing.assert_array_equal(one.read("raw"), other.read("raw"))
+
+
+def test_poses_parameters_and_traverse_change_the_light(tmp_path: Path) -> None:
+    """Twice the radiance is twice the electrons, by either name; a pose that looks away sees something else."""
+    flat = {"name": "flat", "file": "flat_field.xml", "parameters": {"radiance": 2e-4}}
+    common: dict[str, Any] = {"cameras": [{"camera": "konnik_table1"}], "outputs": ["electrons"]}
+    grid = {"exposure_s": [0.1], "parameters.radiance": [1e-4, 2e-4]}
+    dim, bright = (one.read("electrons") for one in made(tmp_path / "a", scenes=[flat], **common, grid=grid))
+    assert bright.mean() == pytest.approx(2 * dim.mean(), rel=0.01)
+    poses = [{"origin_m": [0, 1, 3.9], "target_m": [x, 1, 0]} for x in (0, 0.5)]
+    scenes, grid = [{**CORNELL, "views": poses}], {"exposure_s": [0.1]}
+    one, other = (sample.read("electrons") for sample in made(tmp_path / "b", scenes=scenes, **common, grid=grid))
+    assert np.abs(one - other).mean() > 0.05 * one.mean()
