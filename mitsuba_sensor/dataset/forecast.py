@@ -101,17 +101,18 @@ def cost_of(view: PlannedView) -> Cost:
     render_s, statistics = time.monotonic() - started, rendered.light.statistics
     if spp:
         render_s += rendered.seconds_per_sample * (spp - statistics.samples_per_pixel)
+    took = list[float]()
     with tempfile.TemporaryDirectory() as folder:
-        store, view_bytes, took = Store(Path(folder)), 0, []
+        view_bytes, sample = 0, view.samples[0]
         if view.outputs:
             started = time.monotonic()
-            view_bytes = _bytes(store.commit("views", view.key, rendered.write).files)
+            view_bytes = _bytes(Store(Path(folder)).commit("views", view.key, rendered.write).files)
             render_s += time.monotonic() - started
-        for sample in (view.samples[0], view.samples[-1]):
+        for number in range(3):  # the first one compiles
             started = time.monotonic()
-            record = store.commit("samples", sample.key, partial(rendered.expose, sample))
+            record = Store(Path(folder) / str(number)).commit("samples", sample.key, partial(rendered.expose, sample))
             took.append(time.monotonic() - started)
-    return Cost(render_s, took[-1], view_bytes, _bytes(record.files))
+    return Cost(render_s, min(took), view_bytes, _bytes(record.files))
 
 
 def _bytes(files: Mapping[str, tuple[int, str]]) -> int:

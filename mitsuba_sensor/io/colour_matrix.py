@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +11,7 @@ from ..core import Float64Array
 from ..core.illuminant import Illuminant
 from ..render import spectra
 from ..sensor.camera import Camera
+from ..sensor.fingerprint import response_fingerprint
 
 NOISE = 0.0003  # of white, of a raw value: a matrix that amplifies it much is no good for pictures with noise
 STEP_NM = 5.0  # width of the bands of an illuminant
@@ -34,6 +36,27 @@ def colour_matrix(camera: Camera, illuminant: Illuminant | None = None) -> Colou
     that an observer sees, as well as it can: the sum of the distances in CIELAB is least. Colours are adapted from the
     illuminant to daylight (CAT02). A fourth filter, for infrared for example, takes part.
     """
+    return _fit(_Question(camera, illuminant))
+
+
+class _Question:
+    """A camera and a light; equal to others that have the same answer."""
+
+    def __init__(self, camera: Camera, light: Illuminant | None) -> None:
+        self.camera, self.light = camera, light
+        parts = () if light is None else tuple(np.asarray(part).tobytes() for part in light)
+        self.own = response_fingerprint(camera), camera.filter_names, parts
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Question) and self.own == other.own
+
+    def __hash__(self) -> int:
+        return hash(self.own)
+
+
+@lru_cache(maxsize=64)  # a fit takes 20 ms, and every file of every sample of a dataset asks for it
+def _fit(asked: _Question) -> ColourMatrix | None:
+    camera, illuminant = asked.camera, asked.light
     order = colour_order(camera.filter_names)
     if order is None:
         return None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import platform
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,7 @@ PACKAGES: tuple[str, ...] = ("mitsuba-sensor", "mitsuba", "drjit", "numpy", "sci
 PACKAGES += ("colour-demosaicing", "pydantic", "typer", "rich", "tifffile", "pillow", "matplotlib")
 
 
+@cache  # it takes 20 ms
 def versions() -> dict[str, str | None]:
     """Version of Python, of this package and of everything it stands on; None for what is not installed."""
     from importlib import metadata  # takes 20 ms to import
