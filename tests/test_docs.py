@@ -36,7 +36,7 @@ SMALL = {
 }
 """What the commands of the pages get in addition here."""
 
-LONG = r"\bstudy\b|\bcharacterize\b|imx477|my\.toml|--noise-ratio|--render-noise|--motion|--dng"
+LONG = r"\bstudy\b|\bcharacterize\b|imx477|my\.toml|--noise-ratio|--render-noise|--motion|--dng|\bdataset\b"
 """What only the command line's parser sees here; the README has one of each of these, which runs."""
 
 

@@ -37,7 +37,7 @@ IMPORTED_IN = {
     "drjit": ("core/",),
     "OpenEXR": ("io/openexr.py",),
     "tifffile": ("io/files.py", "io/dng.py", "io/raw_files.py"),
-    "PIL": ("io/files.py", "io/raw_files.py"),
+    "PIL": ("io/files.py", "io/raw_files.py", "io/contact_sheet.py"),
     "rawpy": ("io/raw_files.py",),
     "astropy": ("io/raw_files.py",),
     "matplotlib": ("study/page.py",),
@@ -50,6 +50,7 @@ IMPORTED_IN = {
     "dask": ("dataset/engine.py",),
     "pyoidn": ("render/denoise.py",),
     "yaml": ("io/importers/calibration.py",),
+    "torch": ("dataset/exports/torch_dataset.py",),
 }
 """Foreign library → the one place that imports it."""
 

@@ -17,14 +17,14 @@ from rich.text import Text
 from ..dataset.engine import usual_workers
 from ..dataset.faults import Fault
 from ..dataset.forecast import Counts, Forecast, counts_of, forecast
-from ..dataset.options import RootOptions, RunOptions
+from ..dataset.options import EXPORT_FORMATS, ExportOptions, RootOptions, RunOptions
 from ..dataset.planned import DatasetPlan, load_plan
 from ..dataset.repair import discard, plan_of, store_of, verify
 from ..dataset.run import RunProgress, Show, run
 from ..stopping import remark_if_stopped, undone_if_stopped
 from . import arguments, options
 from .app import THINGS, app, err, show
-from .completion import shell_files
+from .completion import one_of, shell_files
 from .tables import FittedTable, rough
 from .terminal import minutes, steps_bar
 
@@ -42,6 +42,14 @@ DatasetToml = Annotated[str, typer.Argument(metavar="FILE.toml", help="The datas
 CountOnly = Annotated[bool, typer.Option("--count-only", help="Count and check only; nothing is rendered.")]
 DatasetFolder = Annotated[
     str, typer.Argument(metavar="DIR", help="Folder that `dataset run` made.", autocompletion=shell_files)
+]
+ExportFormat = Annotated[
+    str,
+    typer.Argument(
+        metavar="FORMAT",
+        help=f"{'; '.join(f'{name}: {what}' for name, what in EXPORT_FORMATS.items())}.",
+        autocompletion=one_of(EXPORT_FORMATS),
+    ),
 ]
 
 
@@ -122,6 +130,28 @@ def repair_command(folder: DatasetFolder, as_json: arguments.Json = False, **fla
     show({**_summary(found), "broken": broken} if as_json else _with_failed(head, failed), as_json)
     if found.failed:
         raise typer.Exit(1)
+
+
+@dataset.command("export", epilog="Example: mitsuba-sensor dataset export webdataset pairs/ -o shards/")
+@options.flags(ExportOptions)
+def export_command(
+    format: ExportFormat,
+    folder: DatasetFolder,
+    out_dir: arguments.Out,
+    as_json: arguments.Json = False,
+    **flags: options.Flag,
+) -> None:
+    """Write a dataset as the files of another program, with a card: README.md with counts, noise, licence and hashes.
+
+    The folder appears whole or not at all; files.json in it has the size and SHA-256 of each file.
+    """
+    from ..dataset.exports.export import export
+
+    with steps_bar(err) as now:
+        count = export(folder, format, out_dir, progress=lambda done, total: now(done, total, "exported"), **flags)
+    found = {"samples": count, "format": format, "folder": out_dir}
+    said = f"{Path(out_dir)}: {count} samples as {format}; README.md there says how to read them"
+    show(found if as_json else said, as_json)
 
 
 @contextmanager

@@ -6,7 +6,17 @@ from typing import Annotated, TypedDict
 from ..core import InputError
 from ..core.options import Option
 
-ENGINE = "Engine"
+ENGINE, EXPORT = "Engine", "Export"
+EXPORT_FORMATS = {
+    "webdataset": "tar shards of arrays",
+    "coco": "pictures and instance masks",
+    "nerfstudio": "pictures, poses and depth as transforms.json",
+    "colmap": "pictures and poses as a text model",
+    "opencv": "calibrations and poses as FileStorage",
+    "ros": "calibrations as camera_info",
+    "card": "README.md with a contact sheet alone",
+}
+"""Format of an export → what is written."""
 
 
 def checked_shard(name: str, value: object) -> tuple[int, int]:
@@ -87,3 +97,25 @@ class RunOptions(TypedDict, total=False):
         ),
     ]
     retry: Annotated[bool, Option("Also try what is in quarantine.", False, panel=ENGINE)]
+
+
+class ExportOptions(TypedDict, total=False):
+    """All options of :func:`dataset.exports.export.export`."""
+
+    split: Annotated[str | None, Option("Only samples of this split.", metavar="NAME", panel=EXPORT)]
+    arrays: Annotated[
+        list[str] | None,
+        Option(
+            "An array of each sample in webdataset: raw, clean, variance, electrons, depth_m, … Repeatable. Default: "
+            "raw, clean and variance, as far as there are any.",
+            flag="--array",
+            metavar="NAME",
+            panel=EXPORT,
+            text=list[str],
+        ),
+    ]
+    shard_mb: Annotated[int, Option("Largest size of a shard, in MB.", 1000, low=1, high=10**6, panel=EXPORT)]
+    licence: Annotated[
+        str | None, Option("Licence for the card. Default: that of the dataset file.", metavar="TEXT", panel=EXPORT)
+    ]
+    force: Annotated[bool, Option("Replace an export that is there.", False, flag="--force", panel=EXPORT)]

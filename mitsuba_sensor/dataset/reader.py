@@ -65,14 +65,15 @@ class Sample:
             mean photoelectrons and their standard error by the render; or an AOV, see docs/clean-frames-and-aovs.md.
         """
         if name in AOVS:
-            return np.asarray(getattr(read_aovs_exr(self._existing(self.view_folder / "aovs.exr", name)), name))
+            return np.asarray(getattr(read_aovs_exr(self.existing(self.view_folder / "aovs.exr", name)), name))
         if name not in IMAGES:
             known = (*IMAGES, *AOVS)
             raise InputError(f"a sample has no {name!r}; it can have {', '.join(known)}.{nearest(name, known)}")
-        pages = read_raw(self._existing(self.folder / IMAGES[name], name)).frames
+        pages = read_raw(self.existing(self.folder / IMAGES[name], name)).frames
         return pages if name == "raw" else pages[0]
 
-    def _existing(self, path: Path, name: str) -> Path:
+    def existing(self, path: Path, name: str) -> Path:
+        """The path of a file that ``name`` needs. Raises InputError where it is not there."""
         if not path.exists():
             raise InputError(
                 f"there is no {path}; name what {name} needs in the outputs of the dataset, and make it again."

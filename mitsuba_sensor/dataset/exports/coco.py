@@ -7,12 +7,25 @@ have no holes, and lists of run lengths are for crowds only.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...io.exr import read_aovs_exr
+from ...io.files import write_page
+from ...io.whole_folder import inside
+from .job import Job, facts_of
+
+HOW = """from pycocotools.coco import COCO
+
+data = COCO("annotations/instances_{split}.json")
+picture = data.loadImgs(data.getImgIds()[0])[0]  # its file is images/ + picture["file_name"]
+masks = [data.annToMask(one) for one in data.loadAnns(data.getAnnIds(imgIds=picture["id"]))]
+"""
 BITS, MORE, SIGN, FIRST = 5, 0x20, 0x10, 48  # of a character of compressed run lengths
 
 
@@ -36,10 +49,15 @@ class CocoImage(NamedTuple):
     facts: dict[str, Any]
 
 
-def coco(images: Iterable[CocoImage], description: str, licence: str = "") -> dict[str, Any]:
-    """The contents of an annotation file, ready for JSON. Numbers start at 1; categories are sorted by name."""
+def coco(
+    images: Iterable[CocoImage], description: str, licence: str = "", names: Sequence[str] | None = None
+) -> dict[str, Any]:
+    """The contents of an annotation file, ready for JSON. Numbers start at 1.
+
+    names : of the categories; by default those that the pictures have, sorted.
+    """
     known = list(images)
-    names = sorted({one.name for image in known for one in image.instances})
+    names = sorted({one.name for image in known for one in image.instances}) if names is None else names
     categories = {name: number for number, name in enumerate(names, start=1)}
     found: dict[str, Any] = {
         "info": {"description": description, "version": "1.0"},
@@ -101,3 +119,24 @@ def compressed(counts: Sequence[int]) -> str:
             more = rest != (-1 if bits & SIGN else 0)
             text.append(chr((bits | MORE if more else bits) + FIRST))
     return "".join(text)
+
+
+def write_coco(job: Job) -> str:
+    """Write images/KEY.png and annotations/instances_SPLIT.json. Returns how to read."""
+    found: dict[str, list[CocoImage]] = {}
+    view, instances = Path(), list[Instance]()
+    for sample in job.samples:
+        if sample.view_folder != view:  # samples of one view follow one another
+            aovs = read_aovs_exr(sample.existing(sample.view_folder / "aovs.exr", "shape_index"))
+            view, instances = sample.view_folder, instances_of(aovs.shape_index, aovs.shapes)
+        job.place_picture(sample, f"images/{sample.key}.png")
+        facts = {"split": sample.split, "values": dict(sample.values)}
+        size = facts_of(sample)["image"]
+        image = CocoImage(f"{sample.key}.png", size["columns"], size["rows"], instances, facts)
+        found.setdefault(sample.split or "all", []).append(image)
+        job.step()
+    names = sorted({one.name for images in found.values() for image in images for one in image.instances})
+    for split, images in found.items():
+        annotations = coco(images, job.title, job.licence, names)
+        write_page(inside(job.folder, f"annotations/instances_{split}.json"), json.dumps(annotations))
+    return HOW.format(split=next(iter(found)))

@@ -12,9 +12,16 @@ from collections.abc import Sequence
 import scipy
 
 from ...core import InputError
+from ...io.files import write_page
+from ...io.whole_folder import inside
 from ...optics.calibration import HALF_PIXEL, Calibration
+from .job import Job, posed, worlds
 from .poses import PosedImage, world_to_camera
 
+HOW = """import pycolmap
+
+model = pycolmap.Reconstruction("{world}/sparse/0")  # its pictures are in {world}/images
+"""
 NO_POINTS = "# 3D point list: none; the poses are known\n"
 
 
@@ -30,6 +37,19 @@ def colmap_model(images: Sequence[PosedImage]) -> dict[str, str]:
         poses += [f"{number} {_pose(one)} {numbers[one.calibration]} {one.name}", ""]
     texts = {"cameras.txt": cameras, "images.txt": poses}
     return {name: "\n".join(lines) + "\n" for name, lines in texts.items()} | {"points3D.txt": NO_POINTS}
+
+
+def write_colmap(job: Job) -> str:
+    """Write SCENE/sparse/0/ with the model and SCENE/images/KEY.png. Returns how to read."""
+    for world, samples in worlds(job.samples).items():
+        images = []
+        for sample in samples:
+            job.place_picture(sample, f"{world}/images/{sample.key}.png")
+            images.append(posed(sample, f"{sample.key}.png"))
+            job.step()
+        for name, text in colmap_model(images).items():
+            write_page(inside(job.folder, f"{world}/sparse/0/{name}"), text)
+    return HOW.format(world=world)
 
 
 def _camera(calibration: Calibration) -> str:

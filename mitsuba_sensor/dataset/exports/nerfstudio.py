@@ -11,8 +11,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
+from ...io.files import write_json, write_png
+from ...io.whole_folder import inside
 from ...optics.calibration import HALF_PIXEL, Calibration
+from ..reader import Sample
+from .job import Job, posed, worlds
 from .poses import TO_OPENGL, PosedImage, camera_to_world
+
+MM_PER_M, MOST_MM = 1000.0, 65535
+SPLITS = {"train": "train_filenames", "val": "val_filenames", "test": "test_filenames"}
+HOW = """# in a terminal
+ns-train splatfacto --data {world} nerfstudio-data --orientation-method none --center-method none \\
+    --auto-scale-poses False
+"""
 
 
 def transforms(images: Sequence[PosedImage]) -> dict[str, Any]:
@@ -24,6 +37,40 @@ def transforms(images: Sequence[PosedImage]) -> dict[str, Any]:
         frames.append({"file_path": one.name, **own, "transform_matrix": camera_to_world(one.pose, TO_OPENGL).tolist()})
     common = _intrinsics(shared.pop()) if len(shared) == 1 else {}
     return {"camera_model": "OPENCV", **common, "frames": frames}
+
+
+def write_nerfstudio(job: Job) -> str:
+    """Write SCENE/transforms.json, SCENE/images/KEY.png, and depths in millimetres where there are any. Returns how to
+    read."""
+    for world, samples in worlds(job.samples).items():
+        images, depths = [], {}
+        for sample in samples:
+            name = f"images/{sample.key}.png"
+            job.place_picture(sample, f"{world}/{name}")
+            images.append(posed(sample, name))
+            depths[name] = _depth(job, world, sample)
+            job.step()
+        found = transforms(images)
+        for frame in found["frames"]:
+            frame |= {"depth_file_path": path} if (path := depths[frame["file_path"]]) else {}
+        for split, key in SPLITS.items():
+            names = [image.name for image, sample in zip(images, samples, strict=True) if sample.split == split]
+            found |= {key: names} if names else {}
+        write_json(inside(job.folder, f"{world}/transforms.json"), found)
+    return HOW.format(world=world)
+
+
+def _depth(job: Job, world: str, sample: Sample) -> str:
+    """Write the depth of a view [mm] once, 0 where nothing is or it is too far; empty where there is none."""
+    if not (sample.view_folder / "aovs.exr").exists():
+        return ""
+    name = f"depth/{sample.view_folder.name}.png"
+    place = inside(job.folder, f"{world}/{name}")
+    if not place.exists():
+        depth_mm = np.rint(sample.read("depth_m") * MM_PER_M)
+        depth_mm[~((depth_mm >= 0) & (depth_mm <= MOST_MM))] = 0
+        write_png(place, depth_mm.astype(np.uint16))
+    return name
 
 
 def _intrinsics(calibration: Calibration) -> dict[str, float]:

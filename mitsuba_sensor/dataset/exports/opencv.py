@@ -13,9 +13,18 @@ import numpy as np
 import scipy
 
 from ...core import Float64Array
+from ...io.files import write_page
+from ...io.whole_folder import inside
 from ...optics.calibration import Calibration
+from .job import Job, posed, worlds
 from .poses import PosedImage, world_to_camera, yaml_number
 
+HOW = """import cv2
+
+storage = cv2.FileStorage("{world}/camera_1.yml", cv2.FILE_STORAGE_READ)
+matrix, poses = (storage.getNode(name).mat() for name in ("camera_matrix", "extrinsic_parameters"))
+keys = [storage.getNode("images").at(number).string() for number in range(len(poses))]  # of the samples
+"""
 Entry: TypeAlias = int | Float64Array | list[str]
 MATRIX = "!!opencv-matrix"
 
@@ -78,3 +87,18 @@ def opencv_xml(calibration: Calibration, images: Sequence[PosedImage] = ()) -> s
 
 def _quoted(text: str) -> str:
     return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+def write_opencv(job: Job) -> str:
+    """Write SCENE/camera_1.yml and .xml, …: a calibration, and the poses of all samples that have it. Returns how to
+    read."""
+    for world, samples in worlds(job.samples).items():
+        found: dict[Calibration, list[PosedImage]] = {}
+        for sample in samples:
+            image = posed(sample, sample.key)
+            found.setdefault(image.calibration, []).append(image)
+            job.step()
+        for number, (calibration, images) in enumerate(found.items(), start=1):
+            for end, text in (("yml", opencv_yaml), ("xml", opencv_xml)):
+                write_page(inside(job.folder, f"{world}/camera_{number}.{end}"), text(calibration, images))
+    return HOW.format(world=world)

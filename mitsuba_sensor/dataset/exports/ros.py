@@ -10,8 +10,17 @@ import json
 import numpy as np
 
 from ...core import Float64Array
+from ...io.files import write_json, write_page
+from ...io.whole_folder import inside
 from ...optics.calibration import Calibration
+from .job import Job, posed
 from .poses import yaml_number
+
+HOW = """import yaml
+
+with open("camera_1.yaml") as file:
+    info = yaml.safe_load(file)  # as camera_info_manager does; samples.json says which samples it is of
+"""
 
 
 def camera_info(calibration: Calibration, name: str) -> str:
@@ -40,3 +49,17 @@ def _matrix(name: str, value: Float64Array) -> list[str]:
         f"  cols: {columns}",
         f"  data: [{', '.join(map(yaml_number, value.ravel()))}]",
     ]
+
+
+def write_ros(job: Job) -> str:
+    """Write camera_1.yaml, …, one for each calibration, and samples.json, which says which samples have it. Returns how
+    to read."""
+    found: dict[Calibration, list[str]] = {}
+    for sample in job.samples:
+        found.setdefault(posed(sample, sample.key).calibration, []).append(sample.key)
+        job.step()
+    names = [f"camera_{number}" for number in range(1, len(found) + 1)]
+    for name, calibration in zip(names, found, strict=True):
+        write_page(inside(job.folder, f"{name}.yaml"), camera_info(calibration, name))
+    write_json(inside(job.folder, "samples.json"), dict(zip(names, found.values(), strict=True)))
+    return HOW

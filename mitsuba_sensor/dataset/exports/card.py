@@ -1,0 +1,111 @@
+"""Dataset card: README.md with counts, noise of the cameras, values, how to read it, licence and hashes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ...io.contact_sheet import contact_sheet
+from ...io.files import write_page, write_png
+
+QUANTILES = ("lowest", "1 %", "median", "99 %", "highest")
+SHEET = "contact_sheet.png"
+UNITS = ("K [DN/e-]", "temporal dark noise [e-]", "saturation [e-]", "black level [DN]", "white level [DN]")
+
+
+@dataclass(frozen=True)
+class CameraNumbers:
+    """One camera at one gain setting, and the values of its samples.
+
+    noise : EMVA 1288's K [DN/e-], temporal dark noise [e-] of a short exposure and saturation [e-], black and white
+        level [DN]; None where it has none.
+    digital_dn, electrons_e : QUANTILES of its frames: lowest and highest of all, medians over the samples between.
+    """
+
+    name: str
+    gain: str
+    samples: int
+    noise: tuple[float | None, ...]
+    digital_dn: Sequence[float]
+    electrons_e: Sequence[float]
+
+
+@dataclass(frozen=True)
+class CardFacts:
+    """What a card says.
+
+    figures : what → how many.  splits : split → samples, scenes and chips.  hashes : what → SHA-256.
+    how_to_read : code.  pictures : PNG files for the contact sheet.
+    """
+
+    name: str
+    description: str
+    licence: str
+    figures: Mapping[str, str | int]
+    cameras: Sequence[CameraNumbers]
+    hashes: Mapping[str, str]
+    splits: Mapping[str, tuple[int, int, int]] = field(default_factory=dict)
+    how_to_read: str = ""
+    pictures: Sequence[Path] = ()
+    versions: Mapping[str, str | None] = field(default_factory=dict)
+
+
+def write_card(folder: Path, facts: CardFacts) -> None:
+    """Write README.md, and contact_sheet.png where there are pictures. Raises InputError."""
+    if facts.pictures:
+        write_png(folder / SHEET, contact_sheet(facts.pictures))
+    write_page(folder / "README.md", card_text(facts))
+
+
+def card_text(facts: CardFacts) -> str:
+    """The Markdown of the card."""
+    sheet = f"![Some of the frames, as the camera's preview]({SHEET})" if facts.pictures else ""
+    splits = [(name or "–", *numbers) for name, numbers in facts.splits.items()]
+    noise = [(x.name, x.gain, x.samples, *x.noise) for x in facts.cameras]
+    versions = ", ".join(f"{name} {version}" for name, version in facts.versions.items() if version)
+    parts = [
+        f"# {facts.name}",
+        facts.description,
+        sheet,
+        _table(("", ""), list(facts.figures.items())),
+        "## Splits" if splits else "",
+        _table(("split", "samples", "scenes", "chips"), splits),
+        "## Noise of the cameras",
+        "EMVA 1288 figures of the datasheets: overall system gain K, temporal dark noise and saturation.",
+        _table(("camera", "gain setting", "samples", *UNITS), noise),
+        "## Values",
+        "Digital numbers of the raw frames, and photoelectrons that the light makes on average: lowest and highest of "
+        "all samples; between them the median over the samples of each quantile.",
+        _table(("camera", "gain setting", "", *QUANTILES), [row for x in facts.cameras for row in _values(x)]),
+        "## How to read",
+        f"```\n{facts.how_to_read.strip()}\n```" if facts.how_to_read else "",
+        "## Licence",
+        facts.licence or "None is given: ask who made it before you pass it on.",
+        "## Hashes (SHA-256)",
+        _table(("of", "SHA-256"), list(facts.hashes.items())),
+        f"Made with {versions}." if versions else "",
+    ]
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _values(camera: CameraNumbers) -> list[tuple[str | float, ...]]:
+    return [
+        (camera.name, camera.gain, "raw frame [DN]", *camera.digital_dn),
+        (camera.name, camera.gain, "photoelectrons [e-]", *camera.electrons_e),
+    ]
+
+
+def _table(heads: Sequence[str], rows: Sequence[Sequence[str | float | None]]) -> str:
+    """A Markdown table; none without rows."""
+    lines = [heads, ["---"] * len(heads), *([_cell(value) for value in row] for row in rows)]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines) if rows else ""
+
+
+def _cell(value: str | float | None) -> str:
+    """Numbers to five digits; text without what would end the cell."""
+    if value is None:
+        return "–"
+    if isinstance(value, str):
+        return " ".join(value.split()).replace("|", "\\|")
+    return f"{value:,}".replace(",", " ") if isinstance(value, int) else f"{value:.5g}"

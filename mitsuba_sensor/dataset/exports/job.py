@@ -1,0 +1,74 @@
+"""What an export works on: the samples of a dataset, the folder that it fills, and where pictures were taken."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...core import InputError
+from ...io.whole_folder import copy_into
+from ...optics.calibration import calibration_of
+from ..keys import Facts, canonical
+from ..reader import Sample
+from .poses import PosedImage
+
+PICTURE = "frame.png"
+OF_WORLD = ("scene", "parameters", "traverse", "motion", "scene_unit")
+"""Parts of a view's configuration that decide what its world space is."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """One export.
+
+    samples : in the order of the dataset.  folder : empty, and renamed when all is done.
+    options : of :class:`dataset.options.ExportOptions`, complete.  step : called after each sample.
+    title, licence : of the dataset.
+    """
+
+    samples: Sequence[Sample]
+    folder: Path
+    options: Mapping[str, Any]
+    step: Callable[[], object]
+    title: str = ""
+    licence: str = ""
+
+    def place_picture(self, sample: Sample, name: str) -> None:
+        """Copy the preview of a sample. Raises InputError where the dataset has none."""
+        picture = sample.folder / PICTURE
+        if not picture.exists():
+            raise InputError(f"there is no {picture}; add preview to the outputs of the dataset, and make it again.")
+        copy_into(self.folder, name, picture)
+
+
+def facts_of(sample: Sample) -> Facts:
+    """sample.json, which a sample in a list would keep: that of a million of them is too much."""
+    return replace(sample).facts
+
+
+def worlds(samples: Sequence[Sample]) -> dict[str, list[Sample]]:
+    """Samples by the world that their poses are in: the name of a scene, with a number where it has variants."""
+    found: dict[tuple[str, str], list[Sample]] = {}
+    for sample in samples:
+        view = facts_of(sample)["view"]
+        variant = canonical({name: view["config"].get(name) for name in OF_WORLD})
+        found.setdefault((view["scene"], variant), []).append(sample)
+    scenes = [scene for scene, _ in found]
+    named: dict[str, list[Sample]] = {}
+    for number, ((scene, _), group) in enumerate(found.items()):
+        several = f"-{scenes[:number].count(scene) + 1:03d}" if scenes.count(scene) > 1 else ""
+        named[scene + several] = group
+    return named
+
+
+def posed(sample: Sample, name: str) -> PosedImage:
+    """Calibration and pose of a sample's picture.  name : of its file in the export. Raises InputError."""
+    facts = facts_of(sample)
+    light, pitch_um = facts["light"], facts["config"]["camera"]["pixel"]["pitch_x_um"]
+    if light.get("camera_to_world") is None:
+        raise InputError(f"{sample.folder} has no pose; the dataset was made by an older version: make it again.")
+    return PosedImage(name, calibration_of(light["intrinsics"], pitch_um), np.array(light["camera_to_world"]))

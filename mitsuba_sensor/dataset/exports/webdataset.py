@@ -1,0 +1,52 @@
+"""WebDataset shards: SPLIT-000000.tar with KEY.json, KEY.png and an array KEY.NAME.npy for each that is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from ...core import InputError
+from ...io.tar_shards import TarShards, npy
+from ..reader import IMAGES, Sample
+from .job import PICTURE, Job
+
+USUAL = ("raw", "clean", "variance")
+"""Arrays that are written where nothing is asked for, as far as the dataset has them."""
+HOW = """import webdataset as wds
+
+samples = wds.WebDataset("{shards}", shardshuffle=False).decode()
+for sample in samples:
+    print(sample["__key__"], {names}, sample["json"]["values"])
+"""
+
+
+def write_shards(job: Job) -> str:
+    """Write the shards of every split, samples sorted by key: a random order, the same always. Returns how to read."""
+    arrays = tuple(job.options["arrays"] or usual_arrays(job.samples))
+    ends = {}
+    for split in sorted({one.split for one in job.samples}):
+        name = split or "shard"
+        with TarShards(job.folder, name, job.options["shard_mb"] * 10**6) as shards:
+            for sample in sorted((one for one in job.samples if one.split == split), key=lambda one: one.key):
+                shards.add(sample.key, files_of(sample, arrays))
+                job.step()
+        ends[name] = f"{name}-{{000000..{len(shards.shards) - 1:06d}}}.tar"
+    names = ", ".join(f'sample["{name}.npy"].shape' for name in arrays)
+    return HOW.format(shards=next(iter(ends.values())), names=names)
+
+
+def files_of(sample: Sample, arrays: Sequence[str]) -> dict[str, bytes | Path]:
+    """The members of one sample, by extension."""
+    found: dict[str, bytes | Path] = {f"{name}.npy": npy(sample.read(name)) for name in arrays}
+    picture = sample.folder / PICTURE
+    return {**found, "json": sample.folder / "sample.json", **({"png": picture} if picture.exists() else {})}
+
+
+def usual_arrays(samples: Sequence[Sample]) -> list[str]:
+    """Those of USUAL that the first sample has. Raises InputError for none."""
+    found = [name for name in USUAL if (samples[0].folder / IMAGES[name]).exists()]
+    if not found:
+        raise InputError(
+            f"the samples have none of {', '.join(USUAL)}; say which arrays to write, e.g. --array electrons."
+        )
+    return found
