@@ -74,7 +74,7 @@ class Rendered:
         camera = camera_of(parsed.settings, lead)
         camera = flat_camera(camera) if config["render"]["spectral"] == "cube" else camera
         asked, stops = exposure_of(parsed.settings, lead), lead["exposure"]["ev"]
-        if "motion" in config or config["render"]["noise_ratio"]:  # where the time decides the light
+        if is_timed(view):
             asked = _timed(parsed, camera, asked, stops, options)
         seed = seed_of(key_of(config))
         prepared = prepare(parsed, camera, asked, **options)
@@ -113,9 +113,10 @@ class Rendered:
         """The files of one sample."""
         config, outputs = sample.config, sample.config["outputs"]
         camera = camera_of(self.settings, config)
-        asked = exposure_of(self.settings, config)
+        timed = is_timed(self.view)
+        asked = self.prepared.exposure if timed else exposure_of(self.settings, config)
         photons, camera, exposure, _ = self.light.collected(camera, asked, config["serial"])
-        if config["exposure"]["ev"] and "motion" not in self.view.config:
+        if config["exposure"]["ev"] and not timed:
             longer = Exposure(exposure.time_s * 2.0 ** config["exposure"]["ev"], exposure.temperature_k)
             photons, camera, exposure, _ = self.light.collected(camera, longer, config["serial"])
         seed, serial = seed_of(identity(config)), config["serial"]
@@ -123,6 +124,9 @@ class Rendered:
         electrons = electrons_of(photons, camera, exposure).astype(np.float32)
         for name in outputs:
             self._write(folder, name, frames, electrons)
+        if "preview" in outputs:  # as bright as without the stops that were taken away
+            picture = preview_of(frames, gain=2.0 ** max(-config["exposure"]["ev"], 0))
+            files.write_png(folder / "frame.png", picture)
         facts = {
             "key": sample.key,
             "split": sample.split,
@@ -163,8 +167,6 @@ class Rendered:
             files.write_tiff(folder / "electrons_error.tiff", error)
         elif output == "noise_budget":
             files.write_json(folder / "noise_budget.json", budget(frames))
-        elif output == "preview":
-            files.write_png(folder / "frame.png", preview_of(frames))
 
 
 def budget(frames: Frames) -> Facts:
@@ -196,6 +198,11 @@ def scene_options(view: PlannedView) -> RenderOptions:
     of_scene = {name: config.get(name) for name in names}
     of_scene["traverse"] = of_scene["traverse"] or None
     return {**config["render"], **of_scene, "repeatable": True}  # type: ignore[typeddict-item]
+
+
+def is_timed(view: PlannedView) -> bool:
+    """Whether the exposure time decides the light: where something moves, or a noise ratio is asked for."""
+    return "motion" in view.config or bool(view.config["render"]["noise_ratio"])
 
 
 def flat_camera(camera: Camera) -> Camera:

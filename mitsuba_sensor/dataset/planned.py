@@ -149,7 +149,8 @@ class DatasetPlan:
         parameters = {**entry.parameters, **of_kind("parameters", one.values)}
         noisy = {"camera": camera.datasheet, "gain": one.values.get("gain"), "exposure": dict(exposure)}
         motion = self._motion(entry)
-        moving = {} if motion == Motion() else {"motion": motion.model_dump(mode="json"), "exposure": dict(exposure)}
+        moving: Facts = {"motion": motion.model_dump(mode="json"), "exposure": dict(exposure)}
+        moving |= noisy if exposure["time_s"] in ("auto", None) else {}  # metered for this camera
         return {
             "format": FORMAT,
             "scene": self._digest(entry),
@@ -160,7 +161,7 @@ class DatasetPlan:
             "render": options,
             "lens": of_light(camera.camera, options["spectral"] == "cube"),
             "dataset_seed": self.file.seed,
-            **moving,
+            **({} if motion == Motion() else moving),
             **(noisy if options["noise_ratio"] else {}),
         }
 

@@ -104,3 +104,17 @@ def test_poses_parameters_and_traverse_change_the_light(tmp_path: Path) -> None:
     scenes, grid = [{**CORNELL, "views": poses}], {"exposure_s": [0.1]}
     one, other = (sample.read("electrons") for sample in made(tmp_path / "b", scenes=scenes, **common, grid=grid))
     assert np.abs(one - other).mean() > 0.05 * one.mean()
+
+
+def test_a_moving_scene_is_exposed_for_the_time_that_it_was_rendered_for(tmp_path: Path) -> None:
+    """Two stops are four times the metered time and light, and another render; two gains are metered for themselves."""
+    motion = {"camera": {"rotate_deg_per_s": 5, "axis": [0, 1, 0]}}
+    scenes, grid = [{**CORNELL, "motion": motion}], {"exposure_s": ["auto"], "exposure_ev": [-2, 0]}
+    short, usual = made(tmp_path / "out", scenes=scenes, grid=grid, outputs=["electrons"])
+    assert short.facts["view"]["key"] != usual.facts["view"]["key"]
+    assert short.facts["image"]["exposure_s"] == usual.facts["image"]["exposure_s"] / 4
+    assert short.read("electrons").mean() == pytest.approx(usual.read("electrons").mean() / 4, rel=0.2)  # it pans
+    tables = {**TABLES, "scenes": scenes, "cameras": [{"camera": "sony_a7s2"}], "grid": {"gain": [100, 1600]}}
+    assert len(list(DatasetPlan(read_dataset(tables), [SCENES]).views())) == 2
+    tables["grid"]["exposure_s"] = [0.01]
+    assert len(list(DatasetPlan(read_dataset(tables), [SCENES]).views())) == 1
