@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core import InputError
+
 COLUMNS, SIDE, GAP = 6, 160, 4  # pictures in a row; their longer side and the space between them [pixels]
 WHITE = 255
 
@@ -26,9 +28,13 @@ def contact_sheet(pictures: Sequence[Path]) -> NDArray[np.uint8]:
 
 
 def thumbnail(path: Path) -> NDArray[np.uint8]:
-    """(h, w, 3) sRGB of a PNG file, averaged down to SIDE."""
+    """(h, w, 3) sRGB of a PNG file, averaged down to SIDE. Raises InputError."""
     from PIL import Image
 
-    with Image.open(path) as picture:
-        factor = max(-(-max(picture.size) // SIDE), 1)
-        return np.asarray(picture.convert("RGB").reduce(factor), dtype=np.uint8)
+    try:
+        with Image.open(path, formats=["PNG"]) as picture:
+            factor = max(-(-max(picture.size) // SIDE), 1)
+            return np.asarray(picture.convert("RGB").reduce(factor), dtype=np.uint8)
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+        why = " ".join(str(error).split()).rstrip(".") or "it is cut short"
+        raise InputError(f"{path} is no picture that can be read: {why}; make it again.") from None

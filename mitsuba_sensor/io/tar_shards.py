@@ -18,6 +18,7 @@ import numpy as np
 from ..core import InputError
 from .disk_errors import disk_sentences
 
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,79}")
 KEY = re.compile(r"[A-Za-z0-9_-]{1,80}")
 EXTENSION = re.compile(r"[A-Za-z0-9_]+(\.[A-Za-z0-9_]+)*")
 BLOCK, RECORD = 512, 10_240  # of a tar file
@@ -28,9 +29,12 @@ class TarShards:
 
     most_bytes, most_samples : of a shard; a sample that is larger has a shard of its own.
     shards : name → number of samples of all that were begun.
+    Raises InputError for a name that no file should have.
     """
 
     def __init__(self, folder: Path, name: str, most_bytes: int = 10**9, most_samples: int = 10_000) -> None:
+        if not NAME.fullmatch(name):
+            raise InputError(f"{name!r} is no name of a tar shard; it must be 1 to 80 letters, digits, -, _ and dots.")
         self.folder, self.name, self.most_bytes, self.most_samples = folder, name, most_bytes, most_samples
         self.shards: dict[str, int] = {}
         self._open: tarfile.TarFile | None = None

@@ -44,9 +44,9 @@ class Calibration:
 
     @property
     def corner(self) -> float:
-        """Distance of the farthest pixel from the principal point, as a tangent, distortion included."""
+        """Distance of the farthest corner of the picture from the principal point, as a tangent, with distortion."""
         sides = zip(self.principal, (self.columns, self.rows), self.focal, strict=True)
-        return math.hypot(*(max(c, n - 1 - c) / f for c, n, f in sides))
+        return math.hypot(*((max(c, n - 1 - c) + HALF_PIXEL) / f for c, n, f in sides))
 
     @property
     def view(self) -> dict[str, float]:

@@ -10,8 +10,12 @@ import io
 import json
 import os
 import pickle
+import shutil
+import struct
 import tarfile
+import zlib
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -28,8 +32,11 @@ from mitsuba_sensor.dataset.exports.job import worlds
 from mitsuba_sensor.dataset.exports.torch_dataset import TorchDataset
 from mitsuba_sensor.dataset.options import EXPORT_FORMATS
 from mitsuba_sensor.dataset.planned import load_plan
-from mitsuba_sensor.dataset.reader import Dataset
+from mitsuba_sensor.dataset.reader import INDEX, Dataset, index_text, read_index
+from mitsuba_sensor.dataset.record import Record, text_of
 from mitsuba_sensor.dataset.run import run
+from mitsuba_sensor.io.contact_sheet import contact_sheet
+from mitsuba_sensor.io.durable import size_and_hash
 from mitsuba_sensor.io.exr import read_aovs_exr
 from mitsuba_sensor.io.whole_folder import LISTING
 
@@ -255,14 +262,6 @@ def test_pytorch_loads_samples_in_workers(made: Path) -> None:
     assert len(pickle.loads(pickle.dumps(TorchDataset(samples)))) == len(samples)
 
 
-def no_preview(made: Path, folder: Path) -> None:
-    (next((made / "samples").glob("*/*")) / "frame.png").unlink()
-
-
-def no_record(made: Path, folder: Path) -> None:
-    (next((made / "samples").glob("*/*")) / "record.json").unlink()
-
-
 @pytest.mark.parametrize(
     ("format", "out", "options", "message"),
     [
@@ -286,14 +285,81 @@ def test_a_wrong_export_is_refused_and_leaves_nothing(
     assert tree(tmp_path) == {"taken/a": hashlib.sha256(b"a").hexdigest()} and len(list(tmp_path.iterdir())) == 1
 
 
-def test_a_dataset_that_was_changed_is_not_exported(made: Path, tmp_path: Path) -> None:
-    sample = Dataset(made)[3].folder
-    os.rename(sample, tmp_path / "away")
-    try:
-        with pytest.raises(InputError, match=r"dataset (verify|repair)"):
-            export(made, "card", tmp_path / "out")
-    finally:
-        os.rename(tmp_path / "away", sample)
+def flipped(path: Path) -> None:
+    """One bit of the file, at the same size."""
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+
+
+def linked(path: Path) -> None:
+    """The same content, elsewhere."""
+    elsewhere = path.parents[3] / path.name
+    os.rename(path, elsewhere)
+    path.symlink_to(elsewhere)
+
+
+@pytest.mark.parametrize("spoil", [flipped, linked, os.unlink])
+@pytest.mark.parametrize(
+    ("name", "format"),
+    [
+        ("sample.json", "ros"),
+        ("record.json", "card"),
+        ("frame.png", "colmap"),
+        ("clean.tiff", "webdataset"),
+        ("aovs.exr", "coco"),
+        ("aovs.exr", "nerfstudio"),
+    ],
+)
+def test_what_is_not_as_it_was_written_is_not_exported(
+    made: Path, tmp_path: Path, name: str, format: str, spoil: Callable[[Path], object]
+) -> None:
+    shutil.copytree(made, tmp_path / "copy")
+    sample = Dataset(tmp_path / "copy")[3]
+    spoil((sample.view_folder if name == "aovs.exr" else sample.folder) / name)
+    with pytest.raises(InputError, match=r"dataset (verify|repair)|make it again"):
+        export(tmp_path / "copy", format, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_picture_that_is_none_is_one_sentence(tmp_path: Path) -> None:
+    path = tmp_path / "frame.png"
+    Image.fromarray(np.zeros((9, 9), np.uint8)).save(path)
+    for content in (b"", b"text", path.read_bytes()[:50], png_header(200_000, 200_000)):
+        path.write_bytes(content)
+        with pytest.raises(InputError, match="is no picture that can be read") as caught:
+            contact_sheet([path])
+        assert "\n" not in str(caught.value)
+
+
+def png_header(width: int, height: int) -> bytes:
+    """The beginning of a picture of this size, in a few bytes."""
+    head = b"IHDR" + struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + head + struct.pack(">I", zlib.crc32(head))
+
+
+@pytest.mark.parametrize("name", ["../evil", "a/../../evil", "/tmp/evil", "."])
+@pytest.mark.parametrize(("field", "format"), [("split", "webdataset"), ("split", "coco"), ("scene", "nerfstudio")])
+def test_names_in_a_foreign_dataset_lead_nowhere_else(
+    made: Path, tmp_path: Path, name: str, field: str, format: str
+) -> None:
+    """A dataset of somebody else, with valid hashes and malicious names of splits and scenes."""
+    copy = tmp_path / "deep" / "copy"
+    shutil.copytree(made, copy)
+    lines = [line | ({"split": name} if field == "split" else {}) for line in read_index(copy)]
+    (copy / INDEX).write_text(index_text(lines), "utf-8")
+    if field == "scene":
+        for sample in Dataset(copy):
+            facts = json.loads(json.dumps(sample.facts))
+            facts["view"]["scene"] = name
+            (sample.folder / "sample.json").write_text(json.dumps(facts), "utf-8")
+            files = {one.name: size_and_hash(one) for one in sample.folder.iterdir() if one.name != "record.json"}
+            (sample.folder / "record.json").write_bytes(text_of(Record("samples", sample.key, files)))
+    before = tree(tmp_path)
+    with suppress(InputError):
+        export(copy, format, tmp_path / "deep" / "out")
+    assert {one: digest for one, digest in tree(tmp_path).items() if not one.startswith("deep/out/")} == before
+    assert not Path("/tmp/evil").exists() and not list(Path("/tmp").glob("evil*"))
 
 
 def test_the_command_exports_and_knows_every_format(made: Path, tmp_path: Path, cli: Callable[..., Any]) -> None:

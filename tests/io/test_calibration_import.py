@@ -23,6 +23,7 @@ from mitsuba_sensor.dataset.exports.ros import camera_info
 from mitsuba_sensor.io.importers.import_camera import import_camera
 from mitsuba_sensor.optics.calibration import Calibration, calibration_of
 from mitsuba_sensor.optics.distortion import distortion_of
+from mitsuba_sensor.optics.f_number_law import solid_angle_sr
 from mitsuba_sensor.optics.intrinsics import image_distance_m, intrinsics
 from mitsuba_sensor.render.aovs import load_for_rays
 from mitsuba_sensor.render.options import SceneOptions
@@ -49,7 +50,7 @@ def imported(folder: Path, name: str, text: str) -> ms.Camera:
 def view(folder: Path, camera: ms.Camera) -> Any:
     """The view of a scene whose sensor has what the description of the camera says."""
     use(choose_variant(skip_unless_usable("scalar_spectral")))
-    said = re.findall(r"(fov|principal_point_offset_[xy]) ([-+.\de]+\d)", camera.description)
+    said = re.findall(r"(fov|principal_point_offset_[xy]) ([-+.\de]*\d)", camera.description)
     assert [name for name, _ in said] == ["fov", "principal_point_offset_x", "principal_point_offset_y"]
     numbers = "".join(f'<float name="{name}" value="{value}"/>' for name, value in said)
     text = SENSOR.format(numbers, camera.sensor.columns, camera.sensor.rows, SKY)
@@ -123,6 +124,15 @@ def test_a_fisheye_lens_becomes_a_table_of_image_heights(tmp_path: Path, format:
     radius = angle * (1 + k[0] * angle**2 + k[1] * angle**4 + k[2] * angle**6 + k[3] * angle**8)
     found = points_of(camera, view(tmp_path, camera), np.tan(angle)[:, None] * direction)
     np.testing.assert_allclose(found, 501.25 * radius[:, None] * direction + (325.5, 231.0625), atol=0.05)
+
+
+def test_the_table_of_a_small_fisheye_picture_reaches_its_corner(tmp_path: Path) -> None:
+    """The corner of the corner pixel, not its middle."""
+    text = camera_info(Calibration(8, 6, (6.0, 6.0), (3.5, 2.5)), "tiny").replace("plumb_bob", "equidistant")
+    camera = imported(
+        tmp_path, "a.yaml", text.replace("cols: 5", "cols: 4").replace("[0.0, 0.0, 0.0, 0.0, 0.0]", "[0]")
+    )
+    assert np.isfinite(solid_angle_sr(view(tmp_path, camera), camera)).all()
 
 
 def test_what_the_datasheet_cannot_say_is_in_the_description(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...io.exr import read_aovs_exr
 from ...io.files import write_page
 from ...io.whole_folder import inside
-from .job import Job, facts_of
+from .job import Job, checked, facts_of
 
 HOW = """from pycocotools.coco import COCO
 
@@ -127,7 +127,7 @@ def write_coco(job: Job) -> str:
     view, instances = Path(), list[Instance]()
     for sample in job.samples:
         if sample.view_folder != view:  # samples of one view follow one another
-            aovs = read_aovs_exr(sample.existing(sample.view_folder / "aovs.exr", "shape_index"))
+            aovs = read_aovs_exr(checked(sample.existing(sample.view_folder / "aovs.exr", "shape_index")))
             view, instances = sample.view_folder, instances_of(aovs.shape_index, aovs.shapes)
         job.place_picture(sample, f"images/{sample.key}.png")
         facts = {"split": sample.split, "values": dict(sample.values)}

@@ -78,10 +78,10 @@ def export(
         done += 1
         progress(done, total)
 
-    known = summary(dataset, dataset.samples, file, step)
-    known = replace(known, licence=chosen["licence"] or known.licence)
     title = f"{file.name}: {file.description}" if file.description else file.name
     with appearing_folder(Path(out), chosen["force"], {"dataset": file.name, "format": format}) as scratch:
+        known = summary(dataset, dataset.samples, file, step)
+        known = replace(known, licence=chosen["licence"] or known.licence)
         how = WRITERS[format](Job(dataset.samples, scratch, chosen, step, title, known.licence))
         write_card(scratch, replace(known, how_to_read=how))
     return len(dataset)

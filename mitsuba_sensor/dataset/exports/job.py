@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...core import InputError
+from ...io import durable
 from ...io.whole_folder import copy_into
 from ...optics.calibration import calibration_of
 from ..keys import Facts, canonical
-from ..reader import Sample
+from ..reader import AOVS, IMAGES, Sample
+from ..record import MOST_BYTES, RECORD, record_of
 from .poses import PosedImage
 
 PICTURE = "frame.png"
+NEEDED = ("image", "config", "view", "light", "versions")  # of sample.json
 OF_WORLD = ("scene", "parameters", "traverse", "motion", "scene_unit")
 """Parts of a view's configuration that decide what its world space is."""
 
@@ -42,12 +48,35 @@ class Job:
         picture = sample.folder / PICTURE
         if not picture.exists():
             raise InputError(f"there is no {picture}; add preview to the outputs of the dataset, and make it again.")
-        copy_into(self.folder, name, picture)
+        copy_into(self.folder, name, checked(picture))
+
+
+def checked(path: Path) -> Path:
+    """A file of a sample or view, if its content is still that of the record beside it. Raises InputError."""
+    with suppress(OSError):
+        found = record_of(durable.read_small(os.fspath(path.with_name(RECORD)), MOST_BYTES))
+        said = found.files.get(path.name) if found and found.key == path.parent.name else None
+        if said and not path.is_symlink() and durable.size_and_hash(path) == said:
+            return path
+    raise InputError(f"{path} is not as it was written; `mitsuba-sensor dataset repair` makes it again.")
 
 
 def facts_of(sample: Sample) -> Facts:
-    """sample.json, which a sample in a list would keep: that of a million of them is too much."""
-    return replace(sample).facts
+    """sample.json, which a sample in a list would keep: that of a million of them is too much. Raises InputError."""
+    checked(sample.folder / "sample.json")
+    found = replace(sample).facts
+    if missing := [name for name in NEEDED if not isinstance(found.get(name), dict)]:
+        raise InputError(f"sample.json in {sample.folder} has no {missing[0]}: another version made it; make it again.")
+    return found
+
+
+def checked_array(sample: Sample, name: str) -> NDArray[Any]:
+    """An array of a sample whose file is as it was written. Raises InputError."""
+    if name in AOVS:
+        checked(sample.existing(sample.view_folder / "aovs.exr", name))
+    elif name in IMAGES:
+        checked(sample.existing(sample.folder / IMAGES[name], name))
+    return sample.read(name)
 
 
 def worlds(samples: Sequence[Sample]) -> dict[str, list[Sample]]:

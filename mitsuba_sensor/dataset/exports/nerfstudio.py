@@ -17,7 +17,7 @@ from ...io.files import write_json, write_png
 from ...io.whole_folder import inside
 from ...optics.calibration import HALF_PIXEL, Calibration
 from ..reader import Sample
-from .job import Job, posed, worlds
+from .job import Job, checked_array, posed, worlds
 from .poses import TO_OPENGL, PosedImage, camera_to_world
 
 MM_PER_M, MOST_MM = 1000.0, 65535
@@ -67,7 +67,7 @@ def _depth(job: Job, world: str, sample: Sample) -> str:
     name = f"depth/{sample.view_folder.name}.png"
     place = inside(job.folder, f"{world}/{name}")
     if not place.exists():
-        depth_mm = np.rint(sample.read("depth_m") * MM_PER_M)
+        depth_mm = np.rint(checked_array(sample, "depth_m") * MM_PER_M)
         depth_mm[~((depth_mm >= 0) & (depth_mm <= MOST_MM))] = 0
         write_png(place, depth_mm.astype(np.uint16))
     return name

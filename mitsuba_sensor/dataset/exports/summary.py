@@ -15,11 +15,11 @@ from ...sensor.camera_file import camera_from
 from ...sensor.figures import figures_if_any
 from ..file import DatasetFile
 from ..keys import Facts
-from ..reader import FILE, Dataset, Sample
+from ..reader import FILE, Dataset, Sample, read_index
 from ..record import RECORD, Kind, Record, text_of
 from ..store import Store
 from .card import CameraNumbers, CardFacts
-from .job import PICTURE, facts_of
+from .job import PICTURE, checked, facts_of
 
 MOST_PICTURES = 24
 
@@ -56,9 +56,9 @@ def summary(dataset: Dataset, samples: Sequence[Sample], file: DatasetFile, step
         _add(counts, sample, facts_of(sample))
         _add_record(counts, store, ("samples", sample.key), digest)
         step()
-    for key in counts.views:
-        if store.exists("views", key):
-            _add_record(counts, store, ("views", key), digest)
+    with_files = {line["view"] for line in read_index(dataset.folder) if line["view_files"]}
+    for key in (one for one in counts.views if one in with_files):
+        _add_record(counts, store, ("views", key), digest)
     pictures = [one.folder / PICTURE for one in samples if (one.folder / PICTURE).exists()]
     chosen = np.unique(np.linspace(0, len(pictures) - 1, min(MOST_PICTURES, len(pictures))).astype(int))
     return CardFacts(
@@ -80,7 +80,7 @@ def summary(dataset: Dataset, samples: Sequence[Sample], file: DatasetFile, step
         },
         {split: (len(keys), len(scenes), len(chips)) for split, (keys, scenes, chips) in counts.splits.items()},
         "",
-        [pictures[number] for number in chosen],
+        [checked(pictures[number]) for number in chosen],
         counts.versions,
     )
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from ...core import InputError
 from ...io.tar_shards import TarShards, npy
 from ..reader import IMAGES, Sample
-from .job import PICTURE, Job
+from .job import PICTURE, Job, checked, checked_array
 
 USUAL = ("raw", "clean", "variance")
 """Arrays that are written where nothing is asked for, as far as the dataset has them."""
@@ -37,9 +37,10 @@ def write_shards(job: Job) -> str:
 
 def files_of(sample: Sample, arrays: Sequence[str]) -> dict[str, bytes | Path]:
     """The members of one sample, by extension."""
-    found: dict[str, bytes | Path] = {f"{name}.npy": npy(sample.read(name)) for name in arrays}
+    found: dict[str, bytes | Path] = {f"{name}.npy": npy(checked_array(sample, name)) for name in arrays}
     picture = sample.folder / PICTURE
-    return {**found, "json": sample.folder / "sample.json", **({"png": picture} if picture.exists() else {})}
+    pictures = {"png": checked(picture)} if picture.exists() else {}
+    return {**found, "json": checked(sample.folder / "sample.json"), **pictures}
 
 
 def usual_arrays(samples: Sequence[Sample]) -> list[str]:
