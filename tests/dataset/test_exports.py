@@ -322,20 +322,23 @@ def test_what_is_not_as_it_was_written_is_not_exported(
     assert not (tmp_path / "out").exists()
 
 
-def test_a_picture_that_is_none_is_one_sentence(tmp_path: Path) -> None:
+def test_a_picture_that_is_none_or_too_large_is_one_sentence(tmp_path: Path) -> None:
     path = tmp_path / "frame.png"
-    Image.fromarray(np.zeros((9, 9), np.uint8)).save(path)
-    for content in (b"", b"text", path.read_bytes()[:50], png_header(200_000, 200_000)):
+    Image.fromarray(np.random.default_rng(1).integers(0, 256, (99, 99), np.uint8)).save(path)
+    whole = path.read_bytes()
+    for content, why in ((b"", "cannot identify"), (whole[:5000], "truncated"), (bomb(200_000), "40000000000 pixels")):
         path.write_bytes(content)
-        with pytest.raises(InputError, match="is no picture that can be read") as caught:
+        with pytest.raises(InputError, match=f"is no picture that can be read: .*{why}") as caught:
             contact_sheet([path])
         assert "\n" not in str(caught.value)
 
 
-def png_header(width: int, height: int) -> bytes:
-    """The beginning of a picture of this size, in a few bytes."""
-    head = b"IHDR" + struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
-    return b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + head + struct.pack(">I", zlib.crc32(head))
+def bomb(side: int) -> bytes:
+    """The beginning of a picture with so many rows and columns, in a few bytes."""
+    head = b"IHDR" + struct.pack(">IIBBBBB", side, side, 8, 0, 0, 0, 0)
+    data = b"IDAT" + zlib.compress(bytes(1000))
+    chunks = (struct.pack(">I", len(one) - 4) + one + struct.pack(">I", zlib.crc32(one)) for one in (head, data))
+    return b"\x89PNG\r\n\x1a\n" + b"".join(chunks)
 
 
 @pytest.mark.parametrize("name", ["../evil", "a/../../evil", "/tmp/evil", "."])
