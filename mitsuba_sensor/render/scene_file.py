@@ -12,10 +12,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from ..core import InputError, nearest
+from ..core.small_files import require_small
+from ..io.scene_xml import MOST_BYTES, require_shallow
 from . import old_formats, old_text
+from .foreign_plugins import refuse_foreign_plugins
 from .parameter_names import meant
 from .scene_edits import SceneEdits
-from .variants import MitsubaObject, mitsuba
+from .variants import MitsubaObject, mitsuba, own_folder_first
 
 EXAMPLE_SENSOR = (
     '<sensor type="perspective"><float name="fov" value="40"/><transform name="to_world">'
@@ -139,7 +142,10 @@ def parse_scene(
     if not given and not os.path.isfile(file):
         raise InputError(f"scene {os.fspath(path)!r} is not a file; give the path of a Mitsuba 3 scene in XML.")
     values = {str(k): str(v) for k, v in parameters.items()}
+    if not given:
+        require_small(file, "the scene file", MOST_BYTES)
     text = str(given) or file.read_text(encoding="utf-8", errors="replace")
+    require_shallow(text, file)
     usual = re.search(r'<default\s+name="exposure_s"\s+value="([^"]*)"', text)
     exposure_s = values.get("exposure_s", usual[1]) if usual else None
     known = sorted({*re.findall(r'<default\s+name="(\w+)"', text), *re.findall(r"\$\{?(\w+)", text)})
@@ -162,6 +168,8 @@ def parse_scene(
         changed = old_formats.upgrade(state)
         mi.parser.transform_resolve(config, state)
         resolver = mi.file_resolver()
+        own_folder_first(resolver)
+        refuse_foreign_plugins(str(file), state, resolver)
     if state.nodes[0].type != mi.ObjectType.Scene:
         raise InputError(f'{str(file)!r} holds no scene; its outermost element must be <scene version="3.0.0">.')
     _refuse_newer(state, file)

@@ -17,6 +17,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ..core import InputError, nearest
+from .foreign_plugins import refuse_foreign_plugins
 from .plugin_id import parameters_of
 from .scene_file import OWN_PLUGINS, POLARISING, SceneFile, as_input_error, plugin_names, with_integrator
 from .variants import MitsubaObject, mitsuba
@@ -79,6 +80,7 @@ def parse_nodes(scene: object, options: Mapping[str, Any]) -> SceneFile:
         state = mi.parser.parse_dict(config, tree)
         _know_types(state)
         mi.parser.transform_resolve(config, state)
+        refuse_foreign_plugins(name, state, resolver)
     polarised, content = bool(options.get("ignore_polarization")), digest.encode()
     file = SceneFile(
         Path(name), config, state, {}, resolver, changes=tuple(changes), ignore_polarization=polarised, content=content

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import importlib
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeAlias
 
@@ -29,7 +31,20 @@ class Variant:
 def mitsuba() -> ModuleType:
     """Import Mitsuba, and Dr.Jit with its guard before it. Sets no variant."""
     drjit()
-    return importlib.import_module("mitsuba")
+    mi = importlib.import_module("mitsuba")
+    _look_at_home_first(mi)
+    return mi
+
+
+@cache
+def _look_at_home_first(mi: ModuleType) -> None:
+    """Let Mitsuba find its plugins in its own folder, before the working folder, from which it would run them too."""
+    own_folder_first(mi.file_resolver())
+
+
+def own_folder_first(resolver: MitsubaObject) -> None:
+    """Let a file resolver look into the folder of Mitsuba before all others."""
+    resolver.prepend(str(Path(str(importlib.import_module("mitsuba").__file__)).parent))
 
 
 def choose_variant(requested: str | None = None) -> Variant:

@@ -1,0 +1,236 @@
+"""All files that a Mitsuba scene file reads, found without Mitsuba; whether they lie below folders; their digest.
+
+These are files that it includes, meshes, textures, volumes and spectra, the camera file of its film, and the lens and
+the curves that this one names. Whatever Mitsuba could read under a name is found, in any of the folders where it looks,
+so that what is checked and digested here is at least what is read later.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from ..core import InputError
+from ..core.small_files import require_small
+from .scene_xml import LONGEST_NAME, Element, elements_of
+
+MOST_FILES = 10_000
+DEEPEST_INCLUDE = 15  # as in Mitsuba
+CACHED = 4096  # files whose elements or digests are kept
+CODE = (".so", ".dylib", ".dll", ".pyd")
+Stamp = tuple[int, int, int, int]
+Parameters = Mapping[str, object]
+
+
+def scene_digest(path: str | os.PathLike[str], parameters: Parameters, roots: Sequence[Path]) -> str:
+    """SHA-256 over the names, below the roots, and the contents of all files that the scene reads.
+
+    parameters : values of its <default> names.  roots : the folders below which it may read.
+    Raises InputError for a file outside of them, and as :func:`scene_references`.
+    """
+    return files_digest(scene_references(path, parameters, roots), roots)
+
+
+def files_digest(paths: Sequence[Path], roots: Sequence[Path]) -> str:
+    """SHA-256 over names, below the roots, and contents. Raises InputError for a file outside of them."""
+    named = sorted((name, _content_digest(path, _stamp(path))) for name, path in check_below(paths, roots))
+    return hashlib.sha256("\n".join(f"{digest} {name}" for name, digest in named).encode()).hexdigest()
+
+
+def check_below(paths: Sequence[Path], roots: Sequence[Path]) -> list[tuple[str, Path]]:
+    """Names of the files below the first root that has each of them, and the files.
+
+    Raises InputError for a file that is in none of them: by an absolute name, by ``..`` or through a link.
+    """
+    places, found = [root.resolve() for root in roots], []
+    for path in paths:
+        real = path.resolve()
+        root = next((one for one in places if real.is_relative_to(one)), None)
+        if root is None:
+            through = f", which is {real}," if real != Path(os.path.abspath(path)) else ""
+            folders = ", ".join(map(str, roots))
+            raise InputError(
+                f"{path}{through} is outside of the folders that may be read ({folders}); move it into one of them, or "
+                f"name its folder with --root."
+            )
+        found.append((real.relative_to(root).as_posix(), path))
+    return found
+
+
+def scene_references(
+    path: str | os.PathLike[str], parameters: Parameters, roots: Sequence[Path] | None = None
+) -> list[Path]:
+    """The scene file and all files that it reads, each once, in no particular order.
+
+    roots : where they are given, no file outside of them is opened, and InputError is raised as by
+        :func:`check_below`.
+    Raises InputError for a scene that cannot be read or has a value that is not known, for a file that is not where
+    the scene looks for it, and where native code lies beside it, which Mitsuba would load and run.
+    """
+    values = {str(name): str(value) for name, value in parameters.items()}
+    return list(_Search(Path(path), values, roots).found)
+
+
+def camera_references(path: str | os.PathLike[str]) -> list[Path]:
+    """A camera file and the files that it names: lens, curves."""
+    return [Path(path), *_named_by_camera(Path(path))]
+
+
+class _Search:
+    """The elements of a scene and its includes, one after the other, with the parameters known so far.
+
+    found : the files.  folders : where Mitsuba looks for them.  read : how many XML files, each as often as included.
+    """
+
+    def __init__(self, scene: Path, values: dict[str, str], roots: Sequence[Path] | None) -> None:
+        self.values, self.folders, self.found = values, [scene.parent], dict[Path, None]()
+        self.roots, self.read = roots, 0
+        self._refuse_code(scene.parent)
+        self._read(scene, 0)
+
+    def _read(self, file: Path, depth: int) -> None:
+        """One file.  depth : of includes."""
+        self.read += 1
+        if depth > DEEPEST_INCLUDE or self.read > MOST_FILES:
+            times = f"{DEEPEST_INCLUDE} deep" if depth > DEEPEST_INCLUDE else f"{MOST_FILES} times with others"
+            raise InputError(f"{file} is included more than {times}, perhaps by itself; flatten the scene.")
+        self._add(file)
+        try:
+            elements = _elements(file, _stamp(file))
+        except OSError as error:
+            raise InputError(f"the scene file {file} cannot be read: {error.strerror}.") from None
+        for one in elements:
+            where = f"{file}, line {one.line}"
+            if one.kind == "default":
+                self.values.setdefault(one.name, self._value(one, where))
+            else:
+                self._follow(one, self._value(one, where), file, depth)
+
+    def _follow(self, one: Element, value: str, file: Path, depth: int) -> None:
+        where = f"{file}, line {one.line}"
+        if one.kind == "type":
+            if not re.fullmatch(r"[\w-]*", value):
+                raise InputError(f"{where}: type is {value!r}, which is no name of a plugin.")
+        elif one.kind == "path":
+            self._look_in(value, where)
+        elif one.kind == "include":
+            for inner in self._named(value, where, file.parent):
+                self._read(inner, depth + 1)
+        elif one.kind == "file":
+            for inner in self._named(value, where):
+                self._add(inner)
+        else:
+            for inner in _existing(
+                self._of_material(value, where) if one.name == "material" else [value], self.folders
+            ):
+                self._add(inner)
+
+    def _of_material(self, value: str, where: str) -> list[str]:
+        """Files that Mitsuba reads for the name of a metal."""
+        if not re.fullmatch(r"[\w-]*", value):
+            raise InputError(f"{where}: material is {value!r}, which is no name of a metal, e.g. Au.")
+        return [f"data/ior/{value}.{kind}.spd" for kind in ("eta", "k")]
+
+    def _value(self, one: Element, where: str) -> str:
+        """With the parameters in place: longer names first, as Mitsuba puts them in."""
+        value = one.value
+        if "$" in value:
+            for name in sorted(self.values, key=lambda name: (-len(name), name)):
+                value = value.replace(f"${name}", self.values[name])
+            if "$" in value:
+                raise InputError(
+                    f"{where}: {one.value!r} has a parameter without a value; give it one (-D name=value)."
+                )
+        return value
+
+    def _look_in(self, value: str, where: str) -> None:
+        """One more folder in which files are sought."""
+        folders = [folder / value for folder in self.folders if (folder / value).is_dir()] if _usable(value) else []
+        if not folders:
+            raise InputError(f"{where}: there is no folder {value!r} beside the scene; correct the <path>.")
+        for folder in folders:
+            self._refuse_code(folder)
+        self.folders += [folder for folder in folders if folder not in self.folders]
+
+    def _named(self, value: str, where: str, *more: Path) -> list[Path]:
+        """All files of this name where Mitsuba looks. Raises InputError where there is none."""
+        found = _existing([value], [*self.folders, *more])
+        if not found:
+            folders = ", ".join(map(str, self.folders))
+            raise InputError(f"{where}: there is no file {value!r} in {folders}; correct its name, or add a <path>.")
+        return found
+
+    def _add(self, file: Path) -> None:
+        if file in self.found:
+            return
+        if self.roots is not None:
+            check_below([file], self.roots)
+        self.found[file] = None
+        if len(self.found) > MOST_FILES:
+            raise InputError(f"the scene reads more than {MOST_FILES} files; merge meshes or textures.")
+        if file.suffix == ".toml":
+            for inner in _named_by_camera(file):
+                self._add(inner)
+
+    def _refuse_code(self, folder: Path) -> None:
+        """Mitsuba looks for plugins where it looks for files."""
+        plugins = folder / "plugins"
+        code = sorted(one.name for one in plugins.iterdir() if one.suffix in CODE) if plugins.is_dir() else []
+        if code:
+            raise InputError(f"{plugins / code[0]} is native code, which Mitsuba would run; move it away.")
+
+
+def _usable(value: str) -> bool:
+    """Whether it can be the name of a file."""
+    return bool(value) and "\0" not in value and "\n" not in value and len(value) <= 16 * LONGEST_NAME
+
+
+def _existing(names: Sequence[str], folders: Sequence[Path]) -> list[Path]:
+    """The files of these names in the folders."""
+    places = dict.fromkeys(folder / name for name in names if _usable(name) for folder in folders)
+    try:
+        return [place for place in places if place.is_file()]
+    except OSError:  # a name that is too long, and therefore none
+        return []
+
+
+def _named_by_camera(file: Path) -> list[Path]:
+    """Files that a camera file names; none of what is no TOML, which loading it will say."""
+    try:
+        require_small(file, "the camera file")
+        tables = tomllib.loads(file.read_text("utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError):
+        return []
+    return [found for found in _existing(list(_texts(tables)), [file.parent]) if found != file]
+
+
+def _texts(value: Any) -> Iterator[str]:
+    """All texts in tables and lists that can be the name of a file."""
+    if isinstance(value, str) and len(value) <= LONGEST_NAME:
+        yield value
+    inner = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    for one in inner:
+        yield from _texts(one)
+
+
+def _stamp(path: Path) -> Stamp:
+    """What changes when a file does."""
+    found = path.stat()
+    return found.st_size, found.st_mtime_ns, found.st_ino, found.st_dev
+
+
+@lru_cache(CACHED)
+def _elements(file: Path, _: Stamp) -> tuple[Element, ...]:
+    return elements_of(file)
+
+
+@lru_cache(CACHED)
+def _content_digest(path: Path, _: Stamp) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,0 +1,89 @@
+"""Elements of a Mitsuba scene file that say which files it reads, found by the XML parser of the standard library."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import NamedTuple
+from xml.parsers import expat
+
+from ..core import InputError
+from ..core.small_files import require_small
+
+MOST_BYTES = 2**27  # of a scene file
+DEEPEST = 64  # elements inside of one another; Mitsuba's parser calls itself, and overflows the stack at some thousand
+LONGEST_NAME = 255  # of a file, in most file systems
+
+
+class Element(NamedTuple):
+    """What matters of an element.  kind : default, include, path, file, text or type.  name : of a default.
+    value : with its parameters not yet put in.  line : in the file."""
+
+    kind: str
+    name: str
+    value: str
+    line: int
+
+
+def elements_of(path: Path) -> tuple[Element, ...]:
+    """Of a scene file, in its order. Raises InputError for what is no XML, too large, too deep, or has entities."""
+    require_small(path, "the scene file", MOST_BYTES)
+    try:
+        text = path.read_text("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError(f"the scene file {path} is not UTF-8 text; save it in UTF-8.") from None
+    found: list[Element] = []
+    _parse(text, path, lambda tag, attributes, line: found.extend(_of_tag(tag, attributes, line)), strict=True)
+    return tuple(found)
+
+
+def require_shallow(text: str, path: Path) -> None:
+    """Raise InputError for elements that are nested deeper than Mitsuba's parser can be trusted with."""
+    _parse(text, path, lambda tag, attributes, line: None, strict=False)
+
+
+def _parse(text: str, path: Path, tell: Callable[[str, Mapping[str, str], int], None], strict: bool) -> None:
+    """Call ``tell`` for every element.  strict : whether what is no XML raises InputError."""
+    parser, depth = expat.ParserCreate("utf-8"), 0
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal depth
+        depth += 1
+        if depth > DEEPEST:
+            line = parser.CurrentLineNumber
+            raise InputError(f"{path}, line {line}: elements are nested more than {DEEPEST} deep; flatten the scene.")
+        tell(tag, attributes, parser.CurrentLineNumber)
+
+    def end(_: str) -> None:
+        nonlocal depth
+        depth -= 1
+
+    def document_type(*_: object) -> None:
+        raise InputError(f"{path} has a <!DOCTYPE>, which Mitsuba does not read; remove it and its entities.")
+
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.StartDoctypeDeclHandler = document_type
+    try:
+        parser.Parse(text.encode("utf-8", "replace"), True)
+    except expat.ExpatError as error:
+        if strict:
+            raise InputError(f"{path} is no valid XML: {error}; correct it.") from None
+
+
+def _of_tag(tag: str, attributes: Mapping[str, str], line: int) -> list[Element]:
+    """What matters of one element."""
+    value, named = attributes.get("value", ""), attributes.get("filename")
+    if tag == "default":
+        return [Element("default", attributes.get("name", ""), value, line)]
+    if tag == "include":
+        return [Element("include", "", named or "", line)]
+    if tag == "path":
+        return [Element("path", "", value, line)]
+    found = [] if named is None else [Element("file", "", named, line)]
+    if tag == "string" and value:
+        kind = "file" if attributes.get("name") == "filename" else "text"
+        short = kind == "file" or (len(value) <= LONGEST_NAME and "\n" not in value)
+        found += [Element(kind, attributes.get("name", ""), value, line)] if short else []
+    if "type" in attributes:
+        found.append(Element("type", "", attributes["type"], line))
+    return found
