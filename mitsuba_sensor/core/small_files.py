@@ -1,4 +1,4 @@
-"""A file that is read as a whole must be one, and small: no device, no pipe, no gigabytes."""
+"""Checks that what is read as a whole is a regular file, and small: no pipe, no gigabytes."""
 
 import stat
 from pathlib import Path

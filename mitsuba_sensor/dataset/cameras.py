@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from ..io.scene_references import camera_references, check_below
 from ..sensor.camera import Camera
 from ..sensor.camera_file import list_cameras, load_camera
+from ..sensor.lens_file import list_lenses
 from .file import CameraEntry
 from .keys import Config, Facts, canonical, key_of
 from .roots import find_below
@@ -66,17 +68,22 @@ class Cameras:
     def _of_entry(self, entry: CameraEntry) -> Camera:
         where = f"camera {entry.camera}"
         shipped = entry.camera in list_cameras()
-        camera = load_camera(entry.camera if shipped else find_below(entry.camera, self.roots, where))
+        file = None if shipped else find_below(entry.camera, self.roots, where)
+        if file is not None:
+            check_below(camera_references(file), self.roots)
+        camera = load_camera(entry.camera if file is None else file)
         changes = self._with_places(entry.set, where)
         return (camera.replace(**changes) if changes else camera).without(*entry.without)
 
-    def _with_places(self, changes: Config, where: str) -> Facts:
-        """The same; fields that name files, with their place below a root."""
+    def _with_places(self, changes: Config, where: str, table: str = "") -> Facts:
+        """The same; fields that name files, with their place below a root.  table : in which the fields are."""
         found = dict(changes)
-        for name in MAY_BE_FILES:
-            value = found.get(name)
-            if isinstance(value, str) and ("/" in value or "." in value):
-                found[name] = str(find_below(value, self.roots, f"{name} of {where}"))
+        for field, value in changes.items():
+            name = f"{table}{field}"
+            if isinstance(value, Mapping):
+                found[field] = self._with_places(value, where, f"{name}.")
+            elif name in MAY_BE_FILES and isinstance(value, str) and value not in list_lenses():
+                found[field] = str(find_below(value, self.roots, f"{name} of {where}"))
         return found
 
 

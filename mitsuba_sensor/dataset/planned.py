@@ -10,7 +10,7 @@ from pathlib import Path
 from ..core import Exposure, InputError
 from ..core.options import used
 from ..io import files
-from ..io.durable import sha256_of
+from ..io.scene_references import scene_digest
 from ..io.texts import text_of_file
 from ..render.motion import Motion, read_motion
 from ..render.options import RenderOptions
@@ -153,7 +153,7 @@ class DatasetPlan:
         moving |= noisy if exposure["time_s"] in ("auto", None) else {}  # metered for this camera
         return {
             "format": FORMAT,
-            "scene": self._digest(entry),
+            "scene": scene_digest(self._place(entry), parameters, self.roots),
             "parameters": {name: str(value) for name, value in parameters.items()},
             "traverse": {**entry.traverse, **of_kind("traverse", one.values)},
             "look_at": None if one.view is None else one.view.model_dump(),
@@ -171,9 +171,6 @@ class DatasetPlan:
 
     def _place(self, entry: SceneEntry) -> Path:
         return find_below(entry.file, self.roots, f"the file of scene {entry.name}")
-
-    def _digest(self, entry: SceneEntry) -> str:
-        return sha256_of(self._place(entry))
 
     def _motion(self, entry: SceneEntry) -> Motion:
         if isinstance(entry.motion, str):

@@ -1,0 +1,75 @@
+"""What a dataset file may read: nothing outside of its folder and the roots, by any file that it or they name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from helpers.scenes import SKY, scene_text
+
+from mitsuba_sensor.core.errors import InputError
+from mitsuba_sensor.dataset.planned import load_plan
+from mitsuba_sensor.sensor.camera_file import SHIPPED
+
+FILE = """name = "test"
+seed = 1
+outputs = ["raw"]
+[[scenes]]
+name = "one"
+file = "scene.xml"
+{scene}
+[[cameras]]
+camera = "{camera}"
+{more}
+[grid]
+exposure_s = [0.01]
+"""
+CURVES = "wavelength_nm,G_percent\n400,10\n600,50\n700,10\n"
+SECRET = '<shape type="ply"><string name="filename" value="{}"/></shape>'
+
+
+def planned(folder: Path, *roots: Path, scene: str = "", camera: str = "konnik_table1", more: str = "") -> int:
+    (folder / "dataset.toml").write_text(FILE.format(scene=scene, camera=camera, more=more), "utf-8")
+    return len(list(load_plan(folder / "dataset.toml", roots).views()))
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "in").mkdir()
+    (tmp_path / "out" / "qe.csv").write_text(CURVES)
+    (tmp_path / "in" / "scene.xml").write_text(scene_text(SKY))
+    return tmp_path / "in"
+
+
+def test_a_mesh_of_a_scene_is_below_the_roots(folder: Path) -> None:
+    assert planned(folder) == 1
+    (folder / "scene.xml").write_text(scene_text(SKY, SECRET.format("../out/qe.csv")))
+    with pytest.raises(InputError, match=r"outside of the folders.*--root"):
+        planned(folder)
+    assert planned(folder, folder.parent / "out") == 1
+
+
+def test_the_value_of_a_parameter_that_varies_is_below_the_roots(folder: Path) -> None:
+    (folder / "scene.xml").write_text(
+        scene_text('<default name="mesh" value="scene.xml"/>', SKY, SECRET.format("$mesh"))
+    )
+    assert planned(folder) == 1
+    with pytest.raises(InputError, match="outside of the folders"):
+        planned(folder, scene='parameters = {mesh = "../out/qe.csv"}')
+
+
+@pytest.mark.parametrize("how", ["in the camera file", "by name", "as a table"])
+def test_the_curves_of_a_camera_are_below_the_roots(how: str, folder: Path) -> None:
+    camera, more = "konnik_table1", ""
+    if how == "in the camera file":
+        text = (SHIPPED / "konnik_table1.toml").read_text("utf-8")
+        (folder / "mine.toml").write_text(
+            text.replace("[quantum_efficiency]", '[quantum_efficiency]\nfile = "../out/qe.csv"')
+        )
+        camera = "mine.toml"
+    else:
+        key = '"quantum_efficiency.file"' if how == "by name" else "quantum_efficiency.file"
+        more = f'set = {{{key} = "../out/qe.csv"}}'
+    with pytest.raises(InputError, match="--root"):
+        planned(folder, camera=camera, more=more)
