@@ -27,7 +27,8 @@ from .faults import Fault
 from .record import KEY, KINDS, MOST_BYTES, RECORD, Kind, Record, is_name, record_of, text_of
 
 QUARANTINE = "quarantine"
-TAKEN = errno.EEXIST, errno.ENOTEMPTY, errno.ENOTDIR, errno.EACCES  # the last one is Windows'
+TAKEN = errno.EEXIST, errno.ENOTEMPTY
+PERHAPS_TAKEN = errno.ENOTDIR, errno.EACCES  # a file stands there; Windows
 TRIES = 10
 """At the place of an entry where others put broken ones all the time."""
 
@@ -106,7 +107,7 @@ class Store:
                     return
                 except OSError as error:
                     _require(scratch, final)
-                    if error.errno not in TAKEN or not os.path.lexists(final):
+                    if error.errno not in (TAKEN + PERHAPS_TAKEN if os.path.lexists(final) else TAKEN):
                         raise
             if self.exists(record.kind, record.key):
                 return
@@ -162,7 +163,7 @@ class Store:
 
     def _move_away_and_remove(self, place: Path) -> None:
         away = durable.scratch_name(place.parent)
-        with disk_sentences(place):
+        with disk_sentences(place, durable.FOLDER_BYTES):
             try:
                 os.rename(place, away)
             except FileNotFoundError:
@@ -175,8 +176,11 @@ class Store:
         older_s : a folder in which anything is younger is let alone, because its program may still run, on another
             machine too. One that is not is renamed first: a program that wakes up cannot publish half a folder.
         """
-        found = [path for kind in KINDS for path in (self.folder / kind).glob(f"??/{durable.SCRATCH}*")]
-        found += (self.folder / QUARANTINE).glob(".*")
+        places = [self.folder / kind / name for kind in KINDS for name in durable.names_of(self.folder / kind)]
+        places.append(self.folder)  # where the clock is read
+        found = [path / name for path in places for name in durable.names_of(path) if name.startswith(durable.SCRATCH)]
+        hidden = (name for name in durable.names_of(self.folder / QUARANTINE) if name.startswith("."))
+        found += [self.folder / QUARANTINE / name for name in hidden]
         if not found:
             return 0
         latest = durable.clock_of(self.folder) - older_s

@@ -1,0 +1,60 @@
+"""Killed writers, full disks, lost power and corrupted files leave no damage; benchmarks/dataset_store.py does more."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+from helpers import BENCHMARKS
+
+
+def attack(name: str, tries: int) -> dict[str, Any]:
+    """What the benchmark counts; it ends with 1 if anything is damaged."""
+    command = [sys.executable, str(BENCHMARKS / "dataset_store.py"), name, "--tries", str(tries), "--json"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    found: dict[str, Any] = json.loads(done.stdout)[name]
+    if "skipped" in found:
+        pytest.skip(found["skipped"])
+    return found
+
+
+def test_a_writer_that_is_killed_at_any_moment_leaves_whole_entries_that_a_resumed_run_completes() -> None:
+    found = attack("kills", 30)
+    assert (found["tries"], found["damaged"]) == (30, 0)
+
+
+def test_a_writer_may_die_in_any_system_call() -> None:
+    found = attack("calls", 1)
+    assert found["damaged"] == 0 and found["tries"] > 20
+
+
+def test_several_writers_on_one_folder_do_no_harm() -> None:
+    found = attack("writers", 8)
+    assert found["damaged"] == 0 and found["killed"]
+
+
+def test_a_full_disk_stops_a_writer_with_a_sentence_and_nothing_is_left_unfinished() -> None:
+    found = attack("full", 2)
+    assert all(found[error]["damaged"] == 0 for error in ("ENOSPC", "EDQUOT", "EIO", "disks"))
+    assert found["disks"]["stopped"] >= 2
+
+
+def test_when_the_power_fails_what_was_committed_is_there() -> None:
+    assert attack("power", 1)["damaged"] == 0
+
+
+def test_every_random_corruption_is_found_and_nothing_else() -> None:
+    found = attack("corruptions", 200)
+    assert (found["tries"], found["damaged"]) == (200, 0)
+
+
+def test_a_dataset_is_scanned_at_ten_thousand_entries_a_second_in_memory_that_does_not_grow() -> None:
+    """A third of that rate is asked for here, because other tests run beside."""
+    found = attack("speed", 1000)
+    assert found["scan"]["records_per_s"] > 3000
+    few, many = (float(one) for one in found["memory"]["scan_mib"].split(" and "))
+    assert many - few < 3
