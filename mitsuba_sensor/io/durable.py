@@ -125,11 +125,12 @@ def read_small(path: str, most: int) -> bytes:
 
 def newest_mtime(folder: Path) -> float:
     """When a folder, or anything in it, was written last [s]; 0 if it is not there any more."""
-    newest = 0.0
-    for place, _, names in os.walk(folder):  # which is silent of what vanishes meanwhile
-        for path in (place, *(os.path.join(place, name) for name in names)):
-            with suppress(OSError):
-                newest = max(newest, os.lstat(path).st_mtime)
+    paths, newest = [folder], 0.0
+    with suppress(OSError):  # it vanishes meanwhile
+        paths += folder.rglob("*")
+    for path in paths:
+        with suppress(OSError):
+            newest = max(newest, path.lstat().st_mtime)
     return newest
 
 
