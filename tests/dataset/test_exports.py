@@ -158,8 +158,7 @@ def test_poses_of_one_world_are_together_with_their_pictures_and_depths(made: Pa
             np.testing.assert_allclose(depth_mm / 1000, depth_m, atol=0.0005 + 1e-6)
             origin = [0, 1, 4] if "view" not in sample.values else sample.values["view"]["origin_m"]
             np.testing.assert_allclose(np.array(frame["transform_matrix"])[:3, 3], origin, atol=1e-6)
-        split = samples[0].split
-        assert data[f"{split}_filenames"] == [frame["file_path"] for frame in data["frames"]]
+        assert len({one.split for one in samples}) == 1 and not any(name.endswith("_filenames") for name in data)
 
 
 def test_pycolmap_and_opencv_see_the_same_cameras(made: Path, tmp_path: Path) -> None:

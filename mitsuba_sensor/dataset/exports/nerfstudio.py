@@ -21,7 +21,6 @@ from .job import Job, checked_array, posed, worlds
 from .poses import TO_OPENGL, PosedImage, camera_to_world
 
 MM_PER_M, MOST_MM = 1000.0, 65535
-SPLITS = {"train": "train_filenames", "val": "val_filenames", "test": "test_filenames"}
 HOW = """# in a terminal
 ns-train splatfacto --data {world} nerfstudio-data --orientation-method none --center-method none \\
     --auto-scale-poses False
@@ -41,7 +40,10 @@ def transforms(images: Sequence[PosedImage]) -> dict[str, Any]:
 
 def write_nerfstudio(job: Job) -> str:
     """Write SCENE/transforms.json, SCENE/images/KEY.png, and depths in millimetres where there are any. Returns how to
-    read."""
+    read.
+
+    No train_filenames: a scene belongs to one split, and nerfstudio wants all of its own three or none.
+    """
     for world, samples in worlds(job.samples).items():
         images, depths = [], {}
         for sample in samples:
@@ -53,9 +55,6 @@ def write_nerfstudio(job: Job) -> str:
         found = transforms(images)
         for frame in found["frames"]:
             frame |= {"depth_file_path": path} if (path := depths[frame["file_path"]]) else {}
-        for split, key in SPLITS.items():
-            names = [image.name for image, sample in zip(images, samples, strict=True) if sample.split == split]
-            found |= {key: names} if names else {}
         write_json(inside(job.folder, f"{world}/transforms.json"), found)
     return HOW.format(world=world)
 
