@@ -4,6 +4,7 @@ from . import lab as lab
 from .core import Exposure as Exposure
 from .core import InputError as InputError
 from .core import Photons as Photons
+from .dataset.reader import Dataset as Dataset
 from .dataset.sensor_noise import SensorNoise as SensorNoise
 from .io.files import write_tiff as write_tiff
 from .io.light_files import read_irradiance as read_irradiance
