@@ -10,20 +10,22 @@ from numpy.typing import NDArray
 
 from ..core import InputError
 
-COLUMNS, SIDE, GAP = 6, 160, 4  # pictures in a row; their longer side and the space between them [pixels]
+SIDE, GAP = 160, 4  # longer side of a picture, and the space between two [pixels]
 WHITE = 255
 
 
-def contact_sheet(pictures: Sequence[Path]) -> NDArray[np.uint8]:
-    """(H, W, 3) sRGB of PNG files, row by row, none larger than it is."""
-    small = [thumbnail(path) for path in pictures]
-    height, width = (max((one.shape[axis] for one in small), default=1) + GAP for axis in (0, 1))
-    columns = min(COLUMNS, len(small)) or 1
-    rows = -(-len(small) // columns)
-    sheet = np.full((rows * height + GAP, columns * width + GAP, 3), WHITE, np.uint8)
-    for number, one in enumerate(small):
-        top, left = number // columns * height + GAP, number % columns * width + GAP
-        sheet[top : top + one.shape[0], left : left + one.shape[1]] = one
+def contact_sheet(rows: Sequence[Sequence[Path]]) -> NDArray[np.uint8]:
+    """(H, W, 3) sRGB of rows of PNG files, none larger than it is; each row is as high as its highest picture."""
+    small = [[thumbnail(path) for path in row] for row in rows]
+    width = max(one.shape[1] for row in small for one in row) + GAP
+    heights = [max(one.shape[0] for one in row) + GAP for row in small]
+    sheet = np.full((sum(heights) + GAP, max(map(len, small)) * width + GAP, 3), WHITE, np.uint8)
+    top = GAP
+    for row, height in zip(small, heights, strict=True):
+        for number, one in enumerate(row):
+            left = number * width + GAP
+            sheet[top : top + one.shape[0], left : left + one.shape[1]] = one
+        top += height
     return sheet
 
 

@@ -214,7 +214,7 @@ def test_the_card_says_what_is_in_the_dataset(made: Path, tmp_path: Path) -> Non
     row = next(line for line in text.splitlines() if line.startswith("| bayer_2mp | – | raw frame [DN] |"))
     assert row.split(" | ")[3] == lowest and row.split(" | ")[-1].rstrip(" |") == highest
     sheet = Image.open(tmp_path / "out/contact_sheet.png")
-    assert sheet.size == (6 * 24 + 4, 4 * 18 + 4)
+    assert sheet.size == (10 * 24 + 4, 2 * 18 + 4)  # a row for each scene, ten of its twelve samples
 
 
 def test_a_card_without_pictures_or_numbers_has_no_empty_parts() -> None:
@@ -328,7 +328,7 @@ def test_a_picture_that_is_none_or_too_large_is_one_sentence(tmp_path: Path) -> 
     for content, why in ((b"", "cannot identify"), (whole[:5000], "truncated"), (bomb(200_000), "40000000000 pixels")):
         path.write_bytes(content)
         with pytest.raises(InputError, match=f"is no picture that can be read: .*{why}") as caught:
-            contact_sheet([path])
+            contact_sheet([[path]])
         assert "\n" not in str(caught.value)
 
 

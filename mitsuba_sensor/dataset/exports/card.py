@@ -36,7 +36,7 @@ class CardFacts:
     """What a card says.
 
     figures : what → how many.  splits : split → samples, scenes and chips.  hashes : what → SHA-256.
-    how_to_read : code.  pictures : PNG files for the contact sheet.
+    how_to_read : code.  pictures : rows of PNG files for the contact sheet.
     """
 
     name: str
@@ -47,7 +47,7 @@ class CardFacts:
     hashes: Mapping[str, str]
     splits: Mapping[str, tuple[int, int, int]] = field(default_factory=dict)
     how_to_read: str = ""
-    pictures: Sequence[Path] = ()
+    pictures: Sequence[Sequence[Path]] = ()
     versions: Mapping[str, str | None] = field(default_factory=dict)
 
 
@@ -60,7 +60,7 @@ def write_card(folder: Path, facts: CardFacts) -> None:
 
 def card_text(facts: CardFacts) -> str:
     """The Markdown of the card."""
-    sheet = f"![Some of the frames, as the camera's preview]({SHEET})" if facts.pictures else ""
+    sheet = f"![Some of the frames, as the camera's preview, a row for each scene]({SHEET})" if facts.pictures else ""
     splits = [(name or "–", *numbers) for name, numbers in facts.splits.items()]
     noise = [(x.name, x.gain, x.samples, *x.noise) for x in facts.cameras]
     versions = ", ".join(f"{name} {version}" for name, version in facts.versions.items() if version)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -21,7 +22,10 @@ from ..store import Store
 from .card import CameraNumbers, CardFacts
 from .job import PICTURE, checked, facts_of
 
-MOST_PICTURES = 24
+MOST_ROWS, MOST_COLUMNS = 8, 10  # of the contact sheet: scenes, and samples of each
+
+
+Thing = TypeVar("Thing")
 
 
 @dataclass
@@ -59,8 +63,6 @@ def summary(dataset: Dataset, samples: Sequence[Sample], file: DatasetFile, step
     with_files = {line["view"] for line in read_index(dataset.folder) if line["view_files"]}
     for key in (one for one in counts.views if one in with_files):
         _add_record(counts, store, ("views", key), digest)
-    pictures = [one.folder / PICTURE for one in samples if (one.folder / PICTURE).exists()]
-    chosen = np.unique(np.linspace(0, len(pictures) - 1, min(MOST_PICTURES, len(pictures))).astype(int))
     return CardFacts(
         file.name,
         file.description,
@@ -80,7 +82,7 @@ def summary(dataset: Dataset, samples: Sequence[Sample], file: DatasetFile, step
         },
         {split: (len(keys), len(scenes), len(chips)) for split, (keys, scenes, chips) in counts.splits.items()},
         "",
-        [checked(pictures[number]) for number in chosen],
+        _pictures(samples),
         counts.versions,
     )
 
@@ -130,3 +132,18 @@ def _over(quantiles: list[list[float]]) -> list[float]:
     """Lowest of the lowest, medians, highest of the highest."""
     found = np.array(quantiles)
     return [float(found[:, 0].min()), *np.median(found[:, 1:-1], axis=0).tolist(), float(found[:, -1].max())]
+
+
+def _pictures(samples: Sequence[Sample]) -> list[list[Path]]:
+    """Previews for the contact sheet: of scenes, and of the samples of each, evenly chosen."""
+    rows: dict[str, list[Path]] = {}
+    for one in samples:
+        if (one.folder / PICTURE).exists():
+            rows.setdefault(str(one.values["scene"]), []).append(one.folder / PICTURE)
+    return [[checked(path) for path in _some(rows[name], MOST_COLUMNS)] for name in _some(list(rows), MOST_ROWS)]
+
+
+def _some(things: Sequence[Thing], most: int) -> list[Thing]:
+    """At most so many of them, evenly chosen."""
+    chosen = np.unique(np.linspace(0, len(things) - 1, min(most, len(things))).astype(int))
+    return [things[k] for k in chosen]
