@@ -192,8 +192,9 @@ def plan_sheet(plan: DatasetPlan, counts: Counts, found: Forecast | None) -> Ren
     table = FittedTable(("scene", "renders", "samples", "s/render", "s/sample", "MB/sample"), keys=1)
     for scene, (views, samples) in counts.by_scene.items():
         cost = found.scenes.get(scene) if found else None
-        costs = (cost.render_s, cost.sample_s, cost.sample_bytes / 1e6) if cost else ()
-        table.add_row(scene, str(views), str(samples), *(rough(x) for x in costs))
+        costs = (cost.render_s, cost.sample_s, cost.sample_bytes / 1e6) if cost else None
+        cells = ["–"] * 3 if costs is None else [rough(x) for x in costs]
+        table.add_row(scene, str(views), str(samples), *cells)
     splits = ", ".join(f"{name} {n}" for name, n in counts.by_split.items() if name)
     head = f"{plan.file.name}: {counts.samples} samples of {counts.views} renders{f' ({splits})' if splits else ''}"
     takes = [] if found is None else [f"about {minutes(found.seconds)} and {found.bytes / 1e6:.3g} MB on this machine"]
