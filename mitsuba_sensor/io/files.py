@@ -11,9 +11,6 @@ import json
 import os
 import shutil
 import tempfile
-import tomllib
-import zipfile
-import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
@@ -23,8 +20,10 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ..core import InputError
+from ..core.small_files import require_small, toml_tables
 from ..stopping import note_written, undone_if_stopped, whole_step
 from .disk_errors import disk_sentences, names_in
+from .plausible import read_arrays
 
 NOTHING: Mapping[str, Any] = {}
 TIFF_TYPES = "uint8", "uint16", "uint32", "float32"
@@ -176,7 +175,8 @@ def to_json(report: Any) -> str:
 
 def read_toml(path: Path) -> dict[str, Any]:
     """The tables of a TOML file. Raises OSError, UnicodeDecodeError or TOMLDecodeError."""
-    return tomllib.loads(path.read_text("utf-8"))
+    require_small(path, "the file")
+    return toml_tables(path.read_text("utf-8"))
 
 
 def write_fpn_maps(path: Path, maps: Mapping[str, np.ndarray]) -> None:
@@ -189,9 +189,10 @@ def write_fpn_maps(path: Path, maps: Mapping[str, np.ndarray]) -> None:
 def read_fpn_maps(path: Path) -> dict[str, np.ndarray]:
     """What :func:`write_fpn_maps` wrote, or maps of a real sensor under the same names. Raises InputError."""
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            return {name: np.asarray(archive[name]) for name in archive.files}
-    except (OSError, ValueError, AttributeError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        return read_arrays(Path(path))
+    except InputError:
+        raise
+    except (OSError, ValueError) as error:
         why = getattr(error, "strerror", None) or "it is no .npz of numbers"
         raise InputError(
             f"the FPN maps {path} cannot be read: {why}; make one with `mitsuba-sensor fpn-maps`."

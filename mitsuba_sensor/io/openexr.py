@@ -14,6 +14,7 @@ import numpy as np
 
 from ..core import InputError
 from .files import appearing
+from .plausible import require_plausible
 
 EXR_MAGIC = b"\x76\x2f\x31\x01"  # OpenEXR file layout, "Magic Number"
 ZIP_ROWS = 16  # that are compressed together (OpenEXR file layout, "ZIP_COMPRESSION")
@@ -109,16 +110,27 @@ def whole_exr(
 
     require_exr(path)
     try:
+        if pixels:
+            with _silent_library(), OpenEXR.File(str(path), header_only=True) as file:
+                require_plausible(path, _unpacked_bytes(file.header()))
         with _silent_library(), OpenEXR.File(str(path), separate_channels=True, header_only=not pixels) as file:
             header = dict(file.header())
             images = {name: channel.pixels for name, channel in file.channels().items()} if pixels else {}
-    except (RuntimeError, ValueError) as error:
+    except InputError:
+        raise
+    except (RuntimeError, ValueError, KeyError, TypeError, MemoryError) as error:
         why = "is cut short or damaged and cannot be read as an OpenEXR file"
         raise InputError(f"{path} {why}; render it again.") from error
     try:
         yield header, images
-    except (KeyError, ValueError, TypeError) as error:
+    except (KeyError, ValueError, TypeError, RecursionError) as error:
         raise InputError(f"{path} is an EXR {wrong} (missing or unreadable: {error}){remedy}.") from error
+
+
+def _unpacked_bytes(header: Mapping[str, Any]) -> int:
+    """What all pixels take in float32. Raises KeyError, TypeError and ValueError for a header that does not say."""
+    (left, top), (right, bottom) = (tuple(map(int, corner)) for corner in header["dataWindow"])
+    return max(right - left + 1, 0) * max(bottom - top + 1, 0) * len(header["channels"]) * 4
 
 
 def is_exr(path: str | os.PathLike[str]) -> bool:

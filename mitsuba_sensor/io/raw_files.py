@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ..core import InputError
 from ..core.units import KELVIN_AT_0_C
+from .plausible import require_plausible
 
 TIFF, PICTURES, ARRAYS, FITS = (".tif", ".tiff"), (".png",), (".npy",), (".fits", ".fit", ".fts")
 CAMERA_RAW = (".dng", ".cr2", ".cr3", ".crw", ".nef", ".nrw", ".arw", ".raf", ".rw2", ".orf", ".pef", ".srw", ".x3f")
@@ -79,6 +80,7 @@ def _tiff(file: Path) -> RawFile:
         tags = {tag.name: tag.value for tag in first.tags}
         if first.samplesperpixel != 1:
             raise InputError(f"{file} has {first.samplesperpixel} values per pixel; raw frames have one.")
+        require_plausible(file, sum(math.prod(one.shape) * one.dtype.itemsize for one in opened.series[:1]))
         frames = _pages(opened.asarray())
     facts = _own_facts(tags.get("ImageDescription"))
     names: Mapping[int, str] = dict(enumerate("RGBCMYW"))
@@ -129,6 +131,7 @@ def _png(file: Path) -> RawFile:
             raise InputError(
                 f"{file} has {len(picture.getbands())} values per pixel ({picture.mode}); raw frames have one."
             )
+        require_plausible(file, math.prod(picture.size) * 4)
         values = np.asarray(picture)
     return RawFile(_pages(values.astype(np.uint16) if values.dtype == np.int32 else values))
 
@@ -141,6 +144,9 @@ def _fits(file: Path) -> RawFile:
     with _needed("astropy", file):
         from astropy.io import fits
     with fits.open(file) as opened:
+        for one in opened:
+            sides = [int(one.header[f"NAXIS{k}"]) for k in range(1, 1 + int(one.header.get("NAXIS", 0)))]
+            require_plausible(file, math.prod(sides) * abs(int(one.header.get("BITPIX", 8))) // 8 if sides else 0)
         image = next((one for one in opened if one.data is not None and np.ndim(one.data) in (2, 3)), None)
         if image is None:
             raise InputError(f"{file} holds no image; give a FITS file with frames of one value per pixel.")
@@ -162,6 +168,7 @@ def _camera_raw(file: Path) -> RawFile:
     with _needed("rawpy", file):
         import rawpy
     with rawpy.imread(os.fspath(file)) as raw:
+        require_plausible(file, raw.sizes.raw_width * raw.sizes.raw_height * 2)
         image = raw.raw_image_visible
         if image is None or image.ndim != 2:
             raise InputError(f"{file} has several values per pixel; raw frames have one.")

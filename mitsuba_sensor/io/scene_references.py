@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from ..core import InputError
-from ..core.small_files import require_small
+from ..core.small_files import require_small, toml_tables
 from .scene_xml import LONGEST_NAME, Element, elements_of
 
 MOST_FILES = 10_000
@@ -204,8 +204,8 @@ def _named_by_camera(file: Path) -> list[Path]:
     """Files that a camera file names; none of what is no TOML, which loading it will say."""
     try:
         require_small(file, "the camera file")
-        tables = tomllib.loads(file.read_text("utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError):
+        tables = toml_tables(file.read_text("utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
         return []
     return [found for found in _existing(list(_texts(tables)), [file.parent]) if found != file]
 

@@ -40,6 +40,7 @@ from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from ..core import Float64Array, InputError
+from ..core.small_files import require_small, toml_tables
 from ..sensor.datasheet import FileTable
 from ..sensor.datasheet_errors import sentence
 
@@ -196,7 +197,8 @@ def read_motion(source: str | os.PathLike[str] | Mapping[str, Any] | Motion | No
             raise InputError(f"motion is {source!r}; pass a TOML file, a mapping of its fields, or a Motion.")
         where = f"motion file {os.fspath(source)!r}"
         try:
-            data = tomllib.loads(Path(source).read_text(encoding="utf-8"))
+            require_small(Path(source), "motion file")
+            data = toml_tables(Path(source).read_text(encoding="utf-8"))
         except tomllib.TOMLDecodeError as error:
             raise InputError(f"{where} is not valid TOML: {error}.") from None
         except (OSError, UnicodeDecodeError) as error:

@@ -33,6 +33,7 @@ GUIDE_SEED = 1
 FILM_ID = "sensor"  # id of the new film, by which its sensor is found in the built scene
 SCALAR_ONLY = ("timed_sunsky",)  # Dr.Jit refuses to trace it, and every render of the process after that
 WITH_FILES = ("Shape", "Texture", "Emitter", "Volume", "BSDF", "Medium", "PhaseFunction")
+MOST_PIXELS = 2**28  # of one picture; its bands alone take 64 GB
 WIDTH, HEIGHT = 768, 576  # default of Mitsuba's films
 # Plugins that cannot be used, and what to do instead.
 UNSUITABLE = {
@@ -213,12 +214,21 @@ def film_size(scene: SceneFile, camera: Camera | None, width: int | None) -> dic
             size = {"width": camera.sensor.columns, "height": camera.sensor.rows}
         size |= {k: v for k, v in film.props.items() if k in SIZE}
     if width is None:
-        return size
+        return _fitting(scene, size)
     full = size.get("width", WIDTH)
     if not 1 <= width <= full:
         raise InputError(f"width is {width!r}; it must be a whole number from 1 to the film's own {full}.")
     whole = {"width": full, "height": size.get("height", HEIGHT), **size}
-    return {k: max(round(v * width / full), 0 if "offset" in k else 1) for k, v in whole.items()}
+    return _fitting(scene, {k: max(round(v * width / full), 0 if "offset" in k else 1) for k, v in whole.items()})
+
+
+def _fitting(scene: SceneFile, size: dict[str, int]) -> dict[str, int]:
+    """The same, if it is no more than can be rendered."""
+    columns, rows = (size.get(f"crop_{x}", size.get(x, usual)) for x, usual in (("width", WIDTH), ("height", HEIGHT)))
+    if isinstance(columns, int) and isinstance(rows, int) and columns * rows > MOST_PIXELS:
+        many = f"{columns} × {rows} pixels; it may have {MOST_PIXELS} at most, a crop of it or --width fewer"
+        raise InputError(f"scene {scene.name!r} has a film of {many}.")
+    return size
 
 
 def _replace_film(scene: SceneFile, bands: Bands, size: dict[str, int], sampler: str) -> None:

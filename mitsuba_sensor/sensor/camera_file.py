@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..core import InputError, nearest
+from ..core.small_files import require_small, toml_tables
 from .camera import Camera, checked_camera
 
 SHIPPED = resources.files(__package__) / "cameras"
@@ -30,7 +31,7 @@ def load_camera(name: str | Path | Mapping[str, Any]) -> Camera:
         return checked_camera(plain_tables(name), "the dict", ".")
     text, where, folder = camera_text(name)
     try:
-        data = tomllib.loads(text)
+        data = toml_tables(text)
     except tomllib.TOMLDecodeError as error:
         what = where if where == TOML_TEXT else f"The camera file {where}"
         raise InputError(f"{what} is not valid TOML: {error}.") from None
@@ -63,6 +64,7 @@ def camera_text(name: str | Path) -> CameraText:
             f"{nearest(str(name), shipped)}"
         )
     try:
+        require_small(path, "the camera file")
         return CameraText(path.read_text("utf-8"), str(path), str(path.parent))
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
@@ -114,6 +116,6 @@ def toml_value(text: str) -> Any:
     if text in ("", "none"):
         return None
     try:
-        return tomllib.loads(f"value = {text}")["value"]
+        return toml_tables(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
         return text

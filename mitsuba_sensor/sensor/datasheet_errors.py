@@ -81,7 +81,7 @@ def _text(loc: Loc, one: ErrorDetails, model: type[BaseModel], kind: str) -> str
     if what == "missing":
         return f"{path} is missing; {_way_out(path, field)}"
     if what == "value_error":
-        said = str(one["ctx"]["error"])
+        said = str(one["ctx"]["error"]).removesuffix(".")
         return f"{path or f'the {kind}'}: {said}{'' if said.endswith('?') else '.'}"
     rule = PLAIN.get(what) or one["msg"].removeprefix("Input should be ").removeprefix("Input ")
     if what in ("too_short", "too_long"):

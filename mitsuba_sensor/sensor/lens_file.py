@@ -14,6 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
+from ..core.small_files import require_small
+
 BUILT_IN = resources.files(__package__) / "lenses"
 Row = tuple[float, float, float, float, float, float]
 COLUMNS = "radius, thickness, index, diameter and perhaps the Abbe number"
@@ -34,6 +36,7 @@ def read_lens(name: str, folder: str) -> dict[str, object]:
             f"{name!r} is not a built-in lens ({', '.join(list_lenses())}) and not a .json or .dat file, e.g. 'singlet'"
         )
     try:
+        require_small(path, "the lens")
         text = path.read_text("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise ValueError(f"the lens {name!r} cannot be read: {getattr(error, 'strerror', None) or error}") from None
@@ -44,7 +47,7 @@ def from_json(text: str, name: str) -> dict[str, object]:
     """A prescription from JSON, the package's own or ISET3d's."""
     try:
         data = json.loads(text)
-    except json.JSONDecodeError as error:
+    except (ValueError, RecursionError) as error:  # also of numbers with thousands of digits
         raise ValueError(f"the lens {name!r} is not valid JSON: {error}") from None
     surfaces = data.get("surfaces") if isinstance(data, dict) else None
     if not isinstance(surfaces, list) or not all(isinstance(surface, dict) for surface in surfaces):

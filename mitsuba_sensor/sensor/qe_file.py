@@ -4,6 +4,8 @@ import csv
 from pathlib import Path
 from typing import Any
 
+from ..core.small_files import require_small
+
 LENGTHS = {"nm": 1.0, "um": 1000.0, "µm": 1000.0}
 SHARES = {"fraction": 1.0, "percent": 0.01}
 
@@ -12,6 +14,7 @@ def read_curves(name: str, folder: str) -> dict[str, Any]:
     """``wavelengths_nm`` and ``curves`` of a file in ``folder``, that of the camera file; else ValueError."""
     path = Path(folder) / name
     try:
+        require_small(path, "the file of curves")
         rows = [row for row in csv.reader(path.read_text("utf-8-sig").splitlines()) if row and row[0][:1] != "#"]
     except (OSError, UnicodeDecodeError) as error:
         raise ValueError(f"file {name!r} cannot be read: {getattr(error, 'strerror', None) or error}") from None

@@ -7,6 +7,7 @@ from importlib import resources
 from typing import Any
 
 from ...core import InputError, nearest
+from ...core.small_files import toml_tables
 from ...core.units import KELVIN_AT_0_C
 from ...sensor.camera import Camera
 from .draft import Draft
@@ -49,7 +50,7 @@ def preset_text(name: str) -> str:
 def read_preset(text: str, file: str, like: Camera) -> Draft:
     """The draft of a camera. Raises InputError for what is no preset, and for cameras that multiply electrons."""
     try:
-        data = tomllib.loads(text)
+        data = toml_tables(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{file} is not valid TOML: {error}. Give a preset of getframes.") from None
     if "sensor_type" not in data or "gain_e_per_adu" not in data:

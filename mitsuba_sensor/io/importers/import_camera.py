@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ...core import InputError
+from ...core.small_files import require_small
 from ...sensor.camera import Camera
 from ...sensor.camera_file import load_camera
 from .calibration import is_storage, is_transforms, read_storage, read_transforms
@@ -25,6 +26,7 @@ FORMATS = (
     f"preset of getframes (.toml, or {PREFIX}NAME), or a geometric calibration (OpenCV .yml or .xml, ROS .yaml, "
     "nerfstudio's transforms.json)"
 )
+LARGEST_BYTES = 2**26
 
 
 def import_camera(
@@ -72,7 +74,7 @@ def _draft(paths: list[Path], like: Camera) -> Draft:
 def _of_json(text: str, file: str, like: Camera) -> Draft:
     try:
         data: Any = json.loads(text)
-    except json.JSONDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"{file} is no JSON: {error}. Give {FORMATS}.") from None
     if is_tuning(data):
         return read_tuning(data, file, like)
@@ -88,6 +90,7 @@ def _of_json(text: str, file: str, like: Camera) -> Draft:
 
 def _text(path: Path) -> str:
     try:
+        require_small(path, "the file", LARGEST_BYTES)
         return path.read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "it is not UTF-8 text"

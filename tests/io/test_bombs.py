@@ -1,0 +1,197 @@
+"""Small files that would unpack to gigabytes are refused in one sentence, before memory is taken; no pickle is read."""
+
+from __future__ import annotations
+
+import io
+import os
+import pickle
+import resource
+import struct
+import zipfile
+import zlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+from helpers.scenes import SKY, scene_text, write_scene
+
+from mitsuba_sensor.core.errors import InputError
+from mitsuba_sensor.io.files import read_fpn_maps, write_fpn_maps
+from mitsuba_sensor.io.light_files import read_irradiance
+from mitsuba_sensor.io.openexr import Plane, write_planes
+from mitsuba_sensor.io.raw_files import read_raw
+from mitsuba_sensor.render.aovs import render_aovs
+from mitsuba_sensor.render.motion import read_motion
+from mitsuba_sensor.render.scene_file import parse_scene
+from mitsuba_sensor.sensor.camera_file import load_camera
+
+SIDE = 100_000
+MOST_BYTES = 2**28  # of memory that reading one of these may take
+
+
+@pytest.fixture(autouse=True)
+def _little_memory() -> Iterator[None]:
+    """Nothing near the 10 to 40 GB that the files ask for can be had, and the peak hardly rises."""
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    yield
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < MOST_BYTES / 1024
+
+
+def array_header(shape: tuple[int, ...], kind: str = "<f8") -> bytes:
+    file = io.BytesIO()
+    np.lib.format.write_array_header_2_0(file, {"descr": kind, "fortran_order": False, "shape": shape})
+    return file.getvalue()
+
+
+def exr(path: Path) -> None:
+    """A file of 4 × 4 pixels whose data and display windows are patched."""
+    write_planes(path, {}, {"Y": Plane(np.ones((4, 4), np.float32))})
+    small, large = struct.pack("<4i", 0, 0, 3, 3), struct.pack("<4i", 0, 0, SIDE - 1, SIDE - 1)
+    content = path.read_bytes()
+    assert content.count(small) >= 2
+    path.write_bytes(content.replace(small, large))
+
+
+def tiff(path: Path) -> None:
+    tifffile.imwrite(path, np.ones((4, 4), np.uint16), compression="zlib", metadata=None)
+    with tifffile.TiffFile(path, mode="r+b") as opened:
+        for name in ("ImageWidth", "ImageLength", "RowsPerStrip"):
+            opened.pages.first.tags[name].overwrite(SIDE)
+
+
+def png(path: Path, side: int = SIDE) -> None:
+    def chunk(name: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+
+    header = struct.pack(">IIBBBBB", side, side, 16, 0, 0, 0, 0)
+    content = chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(b"\0" * 1000)) + chunk(b"IEND", b"")
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + content)
+
+
+def png_below_the_limit_of_pillow(path: Path) -> None:
+    png(path, 9_400)
+
+
+def fits(path: Path) -> None:
+    cards = ["SIMPLE  =                    T", "BITPIX  =                   16", "NAXIS   =                    2"]
+    cards += [f"NAXIS{k}  = {SIDE:20d}" for k in (1, 2)] + ["END"]
+    path.write_bytes("".join(card.ljust(80) for card in cards).encode().ljust(2880) + b"\0" * 2880)
+
+
+def npy(path: Path) -> None:
+    path.write_bytes(array_header((SIDE, SIDE)) + b"\0" * 1000)
+
+
+@pytest.mark.parametrize(
+    ("name", "make"),
+    [
+        ("f.tiff", tiff),
+        ("f.png", png),
+        ("g.png", png_below_the_limit_of_pillow),
+        ("f.fits", fits),
+        ("f.npy", npy),
+    ],
+)
+def test_frames_that_announce_more_pixels_than_the_file_can_have_are_refused(
+    name: str, make: Callable[[Path], None], tmp_path: Path
+) -> None:
+    if name.endswith("fits"):
+        pytest.importorskip("astropy")
+    make(tmp_path / name)
+    assert (tmp_path / name).stat().st_size < 10_000
+    with pytest.raises(InputError) as caught:
+        read_raw(tmp_path / name)
+    assert name in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_light_that_announces_more_pixels_than_the_file_can_have_is_refused(tmp_path: Path) -> None:
+    exr(tmp_path / "light.exr")
+    with pytest.raises(InputError) as caught:
+        read_irradiance(tmp_path / "light.exr", unit="w_per_m2", wavelength_nm=550)
+    assert "40000000000 come out of them" in str(caught.value)
+
+
+def zipped(path: Path, name: str, head: bytes, zeros: int = 0) -> None:
+    """An archive of one array: its header, and zeros behind it."""
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open(name, "w", force_zip64=True) as file:
+        file.write(head)
+        for _ in range(zeros // 2**20):
+            file.write(bytes(2**20))
+
+
+def test_maps_that_unpack_to_far_more_than_their_file_are_refused(tmp_path: Path) -> None:
+    """300 MB of zeros in 300 kB; and a header of 80 GB before a thousand bytes."""
+    zipped(tmp_path / "zeros.npz", "prnu.npy", array_header((40_000_000,)), 300 * 2**20)
+    zipped(tmp_path / "header.npz", "prnu.npy", array_header((SIDE, SIDE)))
+    with pytest.raises(InputError, match="made to fill the memory"):
+        read_fpn_maps(tmp_path / "zeros.npz")
+    with pytest.raises(InputError, match="cannot be read"):
+        read_fpn_maps(tmp_path / "header.npz")
+
+
+def test_an_archive_of_very_many_arrays_is_refused(tmp_path: Path) -> None:
+    write_fpn_maps(tmp_path / "maps.npz", {f"m{k}": np.zeros(1) for k in range(1001)})
+    with pytest.raises(InputError, match="has 1001 arrays"):
+        read_fpn_maps(tmp_path / "maps.npz")
+
+
+class Malicious:
+    """What a pickle would run."""
+
+    def __reduce__(self) -> Any:
+        return os.mkdir, ("/nowhere/that/pickle/ran",)
+
+
+def test_no_pickle_is_loaded(tmp_path: Path) -> None:
+    """mkdir of a folder whose parent is missing would raise FileNotFoundError."""
+    np.save(tmp_path / "f.npy", np.array([Malicious()], dtype=object), allow_pickle=True)
+    (tmp_path / "plain.npz").write_bytes(pickle.dumps(Malicious()))
+    np.savez(tmp_path / "maps.npz", prnu=np.array([Malicious()], dtype=object))
+    for name, read in (("f.npy", read_raw), ("plain.npz", read_fpn_maps), ("maps.npz", read_fpn_maps)):
+        with pytest.raises(InputError, match="cannot be read") as caught:
+            read(tmp_path / name)
+        assert "nowhere" not in str(caught.value)
+
+
+def test_right_files_that_compress_well_are_read(tmp_path: Path) -> None:
+    """A constant frame of 4 Mpx has 30 kB, and unpacks to 300 times as much, which is little."""
+    frame = np.full((2000, 2000), 64, np.uint16)
+    tifffile.imwrite(tmp_path / "f.tiff", frame, compression="zlib")
+    np.savez_compressed(tmp_path / "maps.npz", prnu=frame.astype(float))
+    np.testing.assert_array_equal(read_raw(tmp_path / "f.tiff").frames[0], frame)
+    np.testing.assert_array_equal(read_fpn_maps(tmp_path / "maps.npz")["prnu"], frame)
+    assert (tmp_path / "f.tiff").stat().st_size < frame.nbytes / 200
+
+
+def test_text_files_have_a_largest_size_and_a_depth(tmp_path: Path) -> None:
+    """Of cameras, curves, lenses, motions and scenes; a pipe, which has no end, is none of them."""
+    large, deep, pipe = tmp_path / "large.toml", tmp_path / "deep.toml", tmp_path / "pipe.toml"
+    large.write_bytes(b"#" * (2**22 + 1))
+    os.mkfifo(pipe)
+    for text in ("x = " + "[" * 5000 + "]" * 5000, "[" + ".".join("a" * 5000) + "]", "x = " + "9" * 5000):
+        deep.write_text(text)
+        for read in (load_camera, read_motion):
+            with pytest.raises(InputError, match="is not valid TOML") as caught:
+                read(deep)
+            assert len(str(caught.value)) < 300
+    for path, said in ((large, "has 4194305 bytes"), (pipe, "no regular file")):
+        for read in (load_camera, read_motion):
+            with pytest.raises(InputError, match=said):
+                read(path)
+        for field in ("quantum_efficiency.file", "lens.prescription"):
+            path.rename(tmp_path / "x.json")
+            with pytest.raises(InputError, match=said):
+                load_camera("konnik_table1").replace(**{field: str(tmp_path / "x.json")})
+            (tmp_path / "x.json").rename(path)
+    with pytest.raises(InputError, match="is not a file"):
+        parse_scene(pipe, {})
+
+
+def test_a_film_of_more_pixels_than_can_be_rendered_is_refused(tmp_path: Path) -> None:
+    film = '<integer name="crop_width" value="100000"/><integer name="crop_height" value="100000"/>'
+    text = scene_text(SKY, film=film).replace('value="12"', 'value="100000"').replace('value="8"', 'value="100000"')
+    with pytest.raises(InputError, match="has a film of 100000 × 100000 pixels"):
+        render_aovs(write_scene(tmp_path, text), load_camera("konnik_table1"), variant="scalar_spectral")
