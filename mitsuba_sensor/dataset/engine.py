@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from itertools import chain
 from typing import Any
 
@@ -13,7 +13,7 @@ from ..core import InputError
 from .options import RunOptions
 from .planned import PlannedView
 from .store import Store
-from .task import Outcome, Told, quarantined_by_tries, run_task
+from .task import Outcome, Told, note_death_of, quarantined_by_tries, run_task
 
 TOPIC = "mitsuba-sensor"  # of events that workers send
 SETTINGS = {
@@ -63,6 +63,7 @@ def _client(options: RunOptions, stack: ExitStack) -> tuple[Any, Callable[[], in
                 "workers with `dask worker ADDRESS --nthreads 1`."
             ) from None
         return client, lambda: max(len(client.scheduler_info(n_workers=-1)["workers"]), 1)
+    stack.enter_context(_silent_tracker())
     memory = f"{options['memory_gb']}GB" if options["memory_gb"] else 0
     cluster = stack.enter_context(
         distributed.LocalCluster(
@@ -76,6 +77,20 @@ def _client(options: RunOptions, stack: ExitStack) -> tuple[Any, Callable[[], in
     )
     client = stack.enter_context(distributed.Client(cluster))
     return client, lambda: options["workers"] or 1
+
+
+@contextmanager
+def _silent_tracker() -> Iterator[None]:
+    """A stop ends this process at once; what tidies up after it warns of that on stderr, after our sentence."""
+    before = os.environ.get("PYTHONWARNINGS")
+    silent = "ignore::UserWarning:multiprocessing.resource_tracker"
+    os.environ["PYTHONWARNINGS"] = f"{before},{silent}" if before else silent
+    try:
+        yield
+    finally:
+        del os.environ["PYTHONWARNINGS"]
+        if before:
+            os.environ["PYTHONWARNINGS"] = before
 
 
 def _spread(
@@ -109,6 +124,7 @@ def _spread(
         if future.status == "finished":
             yield future.result()
         elif isinstance(error := future.exception(), distributed.KilledWorker):
+            note_death_of(store, view)
             if found := quarantined_by_tries(store, view):
                 yield found
             else:

@@ -10,7 +10,7 @@ from typing import Unpack
 from ..core import DiskFull, InputError
 from ..core.options import complete, documents
 from ..io import durable, files
-from ..io.worker_log import is_begun
+from ..io.worker_log import forget, is_begun
 from .engine import outcomes, usual_workers
 from .options import RunOptions
 from .planned import DatasetPlan, PlannedView
@@ -77,17 +77,19 @@ def _missing(
 ) -> Iterator[PlannedView]:
     """Views of the shard of which something is missing; those that another run has begun come last."""
     shard, known = asked
-    later = []
+    later, logs = [], {path.stem for path in log_path(store, "*").parent.glob("*.log")}
     for view in of_shard(plan, shard):
         if view.key in known:
             continue
         there = sum(store.exists("samples", sample.key) for sample in view.samples)
         progress.there += there
         if there < len(view.samples) or (view.outputs and not store.exists("views", view.key)):
-            if is_begun(log_path(store, view.key)):
+            if view.key in logs and is_begun(log_path(store, view.key)):
                 later.append(view)
             else:
                 yield view
+        elif view.key in logs and not is_begun(log_path(store, view.key)):
+            forget(log_path(store, view.key))  # its process was killed when all was done
     yield from (view for view in later if missing_of(view, store))
 
 

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..core import DiskFull, InputError
-from ..io.worker_log import fatal_tries, forget, last_said, log_of, logged
+from ..io.worker_log import fatal_tries, forget, last_said, log_of, logged, note_death
+from ..stopping import whole_step
 from .planned import PlannedView
 from .store import Store
 
@@ -50,18 +51,14 @@ def run_task(
     store, started, made = Store(Path(folder)), time.monotonic(), 0
     path = log_path(store, view.key)
 
-    def wait() -> None:
-        if timeout_s is not None:
-            faulthandler.dump_traceback_later(timeout_s, exit=True, file=2)
-
-    def doing(what: str) -> None:
-        wait()
-        told(what, 0)
-
     try:
-        with logged(path, capture):
-            if capture:
-                faulthandler.enable(2)  # a process that dies says where
+        with logged(path, capture) as log:
+
+            def doing(what: str) -> None:
+                if timeout_s is not None:
+                    faulthandler.dump_traceback_later(timeout_s, exit=True, file=log)
+                told(what, 0)
+
             for _ in make_view(store, view, doing):
                 made += 1
                 told("sample", 1)
@@ -85,8 +82,14 @@ def quarantine(store: Store, view: PlannedView, why: str) -> None:
     forget(path)
 
 
+def note_death_of(store: Store, view: PlannedView) -> None:
+    """Note that the process that made a view has died."""
+    with whole_step:  # not if this process is being stopped, and the other one with it
+        note_death(log_path(store, view.key))
+
+
 def quarantined_by_tries(store: Store, view: PlannedView) -> Outcome | None:
-    """The outcome of a view that has killed its process three times, which is put into quarantine; else None."""
+    """The outcome of a view of which three processes have died, which is put into quarantine; else None."""
     tries = fatal_tries(log_path(store, view.key))
     if tries < MOST_TRIES:
         return None

@@ -1,43 +1,75 @@
 """The log of one view while it is made: who began it and when, and what its process printed; gone when it is done.
 
-A process that dies leaves it behind: so many tries were fatal, and this is what each printed last.
+A process that dies leaves it behind, with what it printed last. Deaths are counted of those that died by themselves:
+they say so, or the program that watches them does.
 """
 
 from __future__ import annotations
 
+import faulthandler
 import os
 import socket
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-BEGUN = "# begun by "
-MOST_BYTES = 16_000  # that are read of a log, from its end
+from .disk_errors import disk_sentences
+
+BEGUN = b"# begun by "
+DIED = b"\n# died\n"
+CRASHED = b"Fatal Python error:", b"Timeout ("
+"""Beginnings of what a process writes when it dies of a signal of its own, or of its time limit (faulthandler)."""
+MOST_BYTES = 16_000  # that are kept of a log, from its end
+MOST_BYTES_IN_ALL = 2**24
 
 
 @contextmanager
-def logged(path: Path, capture: bool) -> Iterator[None]:
+def logged(path: Path, capture: bool) -> Iterator[int]:
     """Note that this process begins; the note goes when the block ends, however it ends, unless the process dies.
 
-    capture : what is printed on stderr goes into the log, also what libraries and a dying process print.
+    Yields the open log, into which a process that dies of a signal of its own writes where it was.
+    capture : what is printed on stderr goes there too, also what libraries print.
+    Raises DiskFull and InputError.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("ab", buffering=0) as log:
-        log.write(f"{BEGUN}{socket.gethostname()} {os.getpid()} {time.time():.0f}\n".encode())
-        kept = os.dup(2) if capture else None
-        try:
-            if kept is not None:
-                sys.stderr.flush()
-                os.dup2(log.fileno(), 2)
-            yield
-        finally:
-            if kept is not None:
-                sys.stderr.flush()
-                os.dup2(kept, 2)
-                os.close(kept)
-            forget(path)
+    begun = b"%s%s %d %d\n" % (BEGUN, socket.gethostname().encode(), os.getpid(), time.time())
+    with ExitStack() as stack:
+        with disk_sentences(path, len(begun)):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            log = stack.enter_context(path.open("ab", buffering=0))
+            stack.callback(forget, path)
+            log.write(begun)
+        stack.enter_context(_traces_to(log.fileno()))
+        if capture:
+            stack.enter_context(_stderr_to(log.fileno()))
+        yield log.fileno()
+
+
+@contextmanager
+def _traces_to(file: int) -> Iterator[None]:
+    enabled = faulthandler.is_enabled()
+    faulthandler.enable(file)
+    try:
+        yield
+    finally:
+        if enabled:
+            faulthandler.enable(2)
+        else:
+            faulthandler.disable()
+
+
+@contextmanager
+def _stderr_to(file: int) -> Iterator[None]:
+    kept = os.dup(2)
+    sys.stderr.flush()
+    os.dup2(file, 2)
+    try:
+        yield
+    finally:
+        sys.stderr.flush()
+        os.dup2(kept, 2)
+        os.close(kept)
 
 
 def forget(path: Path) -> None:
@@ -53,37 +85,65 @@ def log_of(path: Path) -> str:
     return ""
 
 
+def note_death(path: Path) -> None:
+    """Note that the process that began last has died by itself; nothing if it still runs, or none has begun."""
+    tries = _tries(path)
+    if tries and not _died(tries[-1]) and (_elsewhere(tries[-1]) or not _lives(tries[-1])):
+        with suppress(OSError), path.open("ab", buffering=0) as log:
+            log.write(DIED)
+
+
 def fatal_tries(path: Path) -> int:
-    """How many processes began it and are dead; one of another machine counts when an hour has passed."""
-    return sum(not _lives(line) for line in _beginnings(path))
+    """How many processes have died of it: those that say so themselves, and those that :func:`note_death` tells of.
+
+    One that was killed together with the program that watches it was stopped by somebody, and is not counted.
+    """
+    return sum(_died(one) for one in _tries(path))
 
 
 def is_begun(path: Path) -> bool:
     """Whether a process that still runs has begun it."""
-    return any(_lives(line) for line in _beginnings(path))
+    return any(_lives(one) and not _died(one) for one in _tries(path))
 
 
 def last_said(path: Path) -> str:
     """The first line that the last process printed, an empty text where it printed nothing."""
-    said = log_of(path).rpartition(BEGUN)[2].splitlines()[1:]
-    return next((line.strip() for line in said if line.strip()), "")
+    lines = (_tries(path) or [b""])[-1].replace(DIED, b"").decode("utf-8", "replace").splitlines()[1:]
+    return next((line.strip() for line in lines if line.strip()), "")
 
 
-def _beginnings(path: Path) -> list[str]:
+def _tries(path: Path) -> list[bytes]:
+    """What each process wrote, from its beginning on."""
     try:
         with path.open("rb") as log:
-            return [line.decode("utf-8", "replace") for line in log if line.startswith(BEGUN.encode())]
+            return [BEGUN + one for one in log.read(MOST_BYTES_IN_ALL).split(BEGUN)[1:]]
     except OSError:
         return []
 
 
-def _lives(line: str) -> bool:
+def _died(one: bytes) -> bool:
+    return DIED in one or any(line.startswith(CRASHED) for line in one.splitlines())
+
+
+def _began(one: bytes) -> tuple[str, int, float]:
+    """Machine, number and second of a process. Raises ValueError."""
+    host, pid, seconds = one.splitlines()[0].removeprefix(BEGUN).decode("utf-8", "replace").split()
+    return host, int(pid), float(seconds)
+
+
+def _elsewhere(one: bytes) -> bool:
+    with suppress(ValueError):
+        return _began(one)[0] != socket.gethostname()
+    return False
+
+
+def _lives(one: bytes) -> bool:
     try:
-        host, pid, seconds = line.removeprefix(BEGUN).split()
+        host, pid, seconds = _began(one)
         if host != socket.gethostname():
-            return time.time() - float(seconds) < 3600
-        os.kill(int(pid), 0)
-        state = Path(f"/proc/{int(pid)}/stat")
+            return time.time() - seconds < 3600
+        os.kill(pid, 0)
+        state = Path(f"/proc/{pid}/stat")
         return not state.exists() or state.read_text().rpartition(")")[2].split()[0] != "Z"  # dead
     except PermissionError:
         return True
