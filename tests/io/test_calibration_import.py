@@ -144,6 +144,11 @@ def test_what_the_datasheet_cannot_say_is_in_the_description(tmp_path: Path) -> 
     assert "s1, s3 (thin prism, tilt) are left out" in imported(tmp_path, "a.yml", text).description
 
 
+def test_a_calibration_without_coefficients_says_so(tmp_path: Path) -> None:
+    camera = imported(tmp_path, "a.yaml", TEXTS["a.yaml"].replace("distortion_coefficients", "distortion_coeficients"))
+    assert camera.lens.distortion is None and "it has no distortion_coefficients" in camera.description
+
+
 def test_a_camera_without_distortion_and_a_blender_angle_are_read(tmp_path: Path) -> None:
     """camera_angle_x is the field of view along the rows, as in the synthetic scenes of NeRF."""
     camera = imported(tmp_path, "t.json", json.dumps({"camera_angle_x": 0.8, "w": 64, "h": 32, "frames": [{}]}))

@@ -19,7 +19,7 @@ from ...sensor.camera import Camera
 from .draft import Draft
 
 OPENCV_ROOT, OPENCV_TAG = "<opencv_storage", "!!opencv-matrix"
-LONGEST_YAML = 4_000_000  # characters; a calibration with the corners of a hundred pictures has a tenth
+LONGEST_YAML = 2_000_000  # characters, read in ten seconds; the corners of a hundred pictures have a tenth
 TABLE_POINTS = 65  # heights of a fisheye lens
 WIDEST_RAD = math.radians(85)  # field angle of a fisheye's corner; an ideal image height is its tangent
 SQUARE = 1e-3  # relative difference of fx and fy that is not worth a note
@@ -109,8 +109,9 @@ def read_storage(text: str, file: str, like: Camera) -> Draft:
     kind = "ROS calibration" if "distortion_model" in said else "OpenCV calibration"
     radial = (tuple(known[k] for k in FISHEYE), ()) if names is FISHEYE else _rational(known)
     left = [name for name in LEFT_OUT if known.get(name)]
-    notes = (f"{', '.join(left)} (thin prism, tilt) are left out",) if left else ()
-    return _drafted(draft, Found(kind, pinhole, known, radial, names is FISHEYE, notes))
+    notes = [f"{', '.join(left)} (thin prism, tilt) are left out"] if left else []
+    notes += [] if values else ["it has no distortion_coefficients, and the lens no distortion"]
+    return _drafted(draft, Found(kind, pinhole, known, radial, names is FISHEYE, tuple(notes)))
 
 
 def _rational(known: Mapping[str, float]) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -202,7 +203,7 @@ def _of_yaml(text: str, file: str) -> dict[str, Any]:
         raise InputError(f"{file} has {len(text)} characters; a calibration has {LONGEST_YAML} at most.")
     plain = "\n".join(line for line in text.splitlines() if not line.startswith("%")).replace(OPENCV_TAG, "")
     try:
-        found = yaml.safe_load(plain)
+        found = yaml.safe_load(plain)  # libyaml's loader ends the process where brackets are nested deeply
     except (yaml.YAMLError, RecursionError, ValueError) as error:
         why = " ".join(str(error).split()) or "it is nested too deeply"
         raise InputError(f"{file} is no YAML: {why}. Give a calibration of OpenCV or ROS.") from None
