@@ -39,7 +39,10 @@ dataset = typer.Typer(
 app.add_typer(dataset, name="dataset", rich_help_panel=THINGS)
 
 DatasetToml = Annotated[str, typer.Argument(metavar="FILE.toml", help="The dataset file.", autocompletion=shell_files)]
-CountOnly = Annotated[bool, typer.Option("--count-only", help="Count and check only; nothing is rendered.")]
+CountOnly = Annotated[
+    bool,
+    typer.Option("--count-only", help="Count and check only; nothing is rendered.", rich_help_panel=arguments.OUTPUT),
+]
 DatasetFolder = Annotated[
     str, typer.Argument(metavar="DIR", help="Folder that `dataset run` made.", autocompletion=shell_files)
 ]

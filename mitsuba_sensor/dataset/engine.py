@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from itertools import chain
 from typing import Any
 
 from ..core import InputError
+from .keys import Facts
 from .options import RunOptions
 from .planned import PlannedView
 from .store import Store
-from .task import Outcome, Told, note_death_of, quarantined_by_tries, run_task
+from .task import Make, Outcome, TaskLimits, Told, note_death_of, quarantined_by_tries, run_task, usual_make
 
 TOPIC = "mitsuba-sensor"  # of events that workers send
 SETTINGS = {
@@ -26,26 +28,36 @@ SETTINGS = {
     "distributed.worker.multiprocessing-method": "spawn",
     "distributed.comm.timeouts.connect": "60s",
     "distributed.worker.daemon": True,
+    "distributed.admin.low-level-log-length": 100,  # logs of the scheduler, so that its memory stays as it is
+    "distributed.diagnostics.computations.max-history": 1,
+    "distributed.diagnostics.erred-tasks.max-history": 1,
 }
 
 
-def outcomes(store: Store, views: Iterable[PlannedView], options: RunOptions, told: Told) -> Iterator[Outcome]:
-    """What becomes of the views, in the order in which they end. Nothing is kept of those that have ended."""
+def outcomes(
+    store: Store, views: Iterable[PlannedView], options: RunOptions, told: Told, make: Make = usual_make
+) -> Iterator[Outcome]:
+    """What becomes of the views, in the order in which they end. Nothing is kept of those that have ended.
+
+    make : yields the samples of a view as they are made.
+    """
+    limits = TaskLimits(options["timeout_s"], options["workers"] != 0 or options["scheduler"] is not None, make)
     if options["workers"] == 0 and options["scheduler"] is None:
         for view in views:
-            yield quarantined_by_tries(store, view) or run_task(
-                str(store.folder), view, told, options["timeout_s"], capture=False
-            )
+            yield quarantined_by_tries(store, view) or run_task(str(store.folder), view, told, limits)
         return
     if (first := next(iter(views := iter(views)), None)) is not None:  # no cluster where nothing is missing
-        yield from _by_dask(store, chain([first], views), options, told)
+        yield from _by_dask(store, chain([first], views), options, (told, limits))
 
 
-def _by_dask(store: Store, views: Iterable[PlannedView], options: RunOptions, told: Told) -> Iterator[Outcome]:
+def _by_dask(
+    store: Store, views: Iterator[PlannedView], options: RunOptions, asked: tuple[Told, TaskLimits]
+) -> Iterator[Outcome]:
+    told, limits = asked
     with ExitStack() as stack:
         client, count = _client(options, stack)
         client.subscribe_topic(TOPIC, lambda event: told(*event[1]))
-        yield from _spread(client, store, iter(views), count, options["timeout_s"])
+        yield from _spread(client, store, views, count, limits)
 
 
 def _client(options: RunOptions, stack: ExitStack) -> tuple[Any, Callable[[], int]]:
@@ -64,6 +76,7 @@ def _client(options: RunOptions, stack: ExitStack) -> tuple[Any, Callable[[], in
             ) from None
         return client, lambda: max(len(client.scheduler_info(n_workers=-1)["workers"]), 1)
     stack.enter_context(_silent_tracker())
+    stack.enter_context(_without_main())
     memory = f"{options['memory_gb']}GB" if options["memory_gb"] else 0
     cluster = stack.enter_context(
         distributed.LocalCluster(
@@ -71,7 +84,7 @@ def _client(options: RunOptions, stack: ExitStack) -> tuple[Any, Callable[[], in
             threads_per_worker=1,
             memory_limit=memory,
             processes=True,
-            dashboard_address=None,
+            dashboard_address="127.0.0.1:0",
             silence_logs=50,
         )
     )
@@ -93,8 +106,20 @@ def _silent_tracker() -> Iterator[None]:
             os.environ["PYTHONWARNINGS"] = before
 
 
+@contextmanager
+def _without_main() -> Iterator[None]:
+    """Processes that begin meanwhile do not run the main script again, which may have no guard, or no file."""
+    main = sys.modules["__main__"]
+    known: Facts = {name: vars(main).pop(name) for name in ("__file__", "__spec__") if name in vars(main)}
+    main.__spec__ = None
+    try:
+        yield
+    finally:
+        vars(main).update(known)
+
+
 def _spread(
-    client: Any, store: Store, views: Iterator[PlannedView], count: Callable[[], int], timeout_s: float | None
+    client: Any, store: Store, views: Iterator[PlannedView], count: Callable[[], int], limits: TaskLimits
 ) -> Iterator[Outcome]:
     """Keep as many views under way as there are workers; what killed its worker is tried again."""
     import distributed
@@ -104,7 +129,7 @@ def _spread(
     def submit(view: PlannedView) -> None:
         nonlocal tries
         tries += 1
-        future = client.submit(_in_worker, str(store.folder), view, timeout_s, key=f"{view.key}-{tries}", pure=False)
+        future = client.submit(_in_worker, str(store.folder), view, limits, key=f"view-{tries}", pure=False)
         under_way[future.key] = view
         futures.add(future)
 
@@ -136,14 +161,14 @@ def _spread(
             yield from more
 
 
-def _in_worker(folder: str, view: PlannedView, timeout_s: float | None) -> Outcome:
+def _in_worker(folder: str, view: PlannedView, limits: TaskLimits) -> Outcome:
     """Runs in a worker: the signals that the command line holds back are let through again."""
     import distributed
 
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM, signal.SIGINT, signal.SIGHUP})
     worker = distributed.get_worker()
-    return run_task(folder, view, lambda what, done: worker.log_event(TOPIC, (what, done)), timeout_s)
+    return run_task(folder, view, lambda what, done: worker.log_event(TOPIC, (what, done)), limits)
 
 
 def usual_workers() -> int:

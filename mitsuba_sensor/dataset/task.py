@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import faulthandler
 import time
-from collections.abc import Callable
+import traceback
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from ..core import DiskFull, InputError
 from ..io.worker_log import fatal_tries, forget, last_said, log_of, logged, note_death
 from ..stopping import whole_step
-from .planned import PlannedView
+from .planned import PlannedSample, PlannedView
 from .store import Store
 
 MOST_TRIES = 3
 Told = Callable[[str, int], object]
 """Called with what is done now (rendering, exposing, sample) and how many samples that completes."""
+Make = Callable[[Store, PlannedView, Callable[[str], object]], Iterator[PlannedSample]]
 
 
 @dataclass(frozen=True)
@@ -39,27 +41,39 @@ def log_path(store: Store, key: str) -> Path:
     return store.folder / "quarantine" / f"{key}.log"
 
 
-def run_task(
-    folder: str, view: PlannedView, told: Told, timeout_s: float | None = None, capture: bool = True
-) -> Outcome:
-    """Make what is missing of a view; errors become an outcome.
-
-    timeout_s : for the render and for each sample; this process ends when it is over, with the stack in its log.
-    """
+def usual_make(store: Store, view: PlannedView, told: Callable[[str], object]) -> Iterator[PlannedSample]:
+    """:func:`.make.make_view`, whose module is loaded when it is used: with Mitsuba."""
     from .make import make_view
 
+    return make_view(store, view, told)
+
+
+@dataclass(frozen=True)
+class TaskLimits:
+    """timeout_s : for the render and for each sample; the process ends when it is over, with the stack in its log.
+    capture : whether what is printed on stderr goes into the log.  make : yields the samples of a view as they are
+    made."""
+
+    timeout_s: float | None = None
+    capture: bool = True
+    make: Make = usual_make
+
+
+def run_task(folder: str, view: PlannedView, told: Told, limits: TaskLimits = TaskLimits()) -> Outcome:
+    """Make what is missing of a view; whatever goes wrong becomes an outcome."""
+    timeout_s = limits.timeout_s
     store, started, made = Store(Path(folder)), time.monotonic(), 0
     path = log_path(store, view.key)
 
     try:
-        with logged(path, capture) as log:
+        with logged(path, limits.capture) as log:
 
             def doing(what: str) -> None:
                 if timeout_s is not None:
                     faulthandler.dump_traceback_later(timeout_s, exit=True, file=log)
                 told(what, 0)
 
-            for _ in make_view(store, view, doing):
+            for _ in limits.make(store, view, doing):
                 made += 1
                 told("sample", 1)
     except DiskFull as error:
@@ -67,18 +81,22 @@ def run_task(
     except InputError as error:
         quarantine(store, view, str(error))
         return Outcome(view.key, made, time.monotonic() - started, failed=str(error))
+    except Exception as error:  # a bug costs one view and not the night
+        why = f"{type(error).__name__}: {error}"
+        quarantine(store, view, why, traceback.format_exc())
+        return Outcome(view.key, made, time.monotonic() - started, failed=why)
     finally:
         if timeout_s is not None:
             faulthandler.cancel_dump_traceback_later()
     return Outcome(view.key, made, time.monotonic() - started)
 
 
-def quarantine(store: Store, view: PlannedView, why: str) -> None:
+def quarantine(store: Store, view: PlannedView, why: str, log: str = "") -> None:
     """Note that a view cannot be made, with its log; later runs leave it out."""
     path = log_path(store, view.key)
     values = view.samples[0].values
     about = {"view": view.key, "scene": view.scene, "samples": len(view.samples), "first": dict(values), "why": why}
-    store.quarantine(view.key, {**about, "log": log_of(path)})
+    store.quarantine(view.key, {**about, "log": log or log_of(path)})
     forget(path)
 
 
