@@ -34,16 +34,16 @@ COMMANDS = (
     "cameras",
     "fpn-maps",
     "lint",
+    "dataset",
     "characterize",
     "fit",
-    "dataset",
     "study",
     "doctor",
 )  # as --help lists them
 
 
 class CommandGroup(TyperGroup):
-    """Runs a command: what a user did wrong becomes one sentence on stderr and exit code 2."""
+    """Runs a command: what a user did wrong becomes one sentence on stderr and exit code 2 (a full disk: 3)."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         """In the order of use."""
