@@ -66,7 +66,7 @@ class Cameras:
         return self._varied[known]
 
     def _of_entry(self, entry: CameraEntry) -> Camera:
-        where = f"camera {entry.camera}"
+        where = f"camera {entry.camera!r}"
         shipped = entry.camera in list_cameras()
         file = None if shipped else find_below(entry.camera, self.roots, where)
         if file is not None:

@@ -20,7 +20,7 @@ def find_below(name: str, roots: Sequence[Path], what: str) -> Path:
     if os.path.isabs(name) or ".." in PurePath(name).parts or "\0" in name:
         raise InputError(f"{what} is {name!r}, which may lead out of the folders that may be read; {remedy}.")
     for root in roots:
-        if (root / name).is_file():
+        if os.path.isfile(root / name):  # False also for names that are too long
             if not (root / name).resolve().is_relative_to(root.resolve()):
                 raise InputError(f"{what} is {name!r}, a link that leads out of {root}; {remedy}.")
             return root / name

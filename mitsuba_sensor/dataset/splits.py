@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Hashable, Iterable, Sequence
 
-from ..core import InputError
+from ..core import InputError, require_seed
 from .file import DatasetFile, Splits
 from .keys import Facts
 from .sweep import Combination, combinations, share_of
@@ -39,7 +39,7 @@ class SplitOf:
 
     def serials(self, one: Combination) -> list[int]:
         """The serial numbers with which a combination is made: none where scene and chip are of different splits."""
-        given = int(one.values.get("serial", 1))
+        given = require_seed("serial", one.values.get("serial", 1))
         if self.splits is None:
             return [given]
         split = self.of(one)

@@ -115,8 +115,8 @@ class _Search:
     def _follow(self, one: Element, value: str, file: Path, depth: int) -> None:
         where = f"{file}, line {one.line}"
         if one.kind == "type":
-            if not re.fullmatch(r"[\w-]*", value):
-                raise InputError(f"{where}: type is {value!r}, which is no name of a plugin.")
+            if not re.fullmatch(r"[\w-]{0,64}", value):
+                raise InputError(f"{where}: type is {value[:80]!r}, which is no name of a plugin.")
         elif one.kind == "path":
             self._look_in(value, where)
         elif one.kind == "include":

@@ -20,8 +20,8 @@ def refuse_foreign_plugins(name: str, state: MitsubaObject, resolver: MitsubaObj
     """
     own = Path(str(mitsuba().__file__)).resolve().parent / "plugins"
     for kind in sorted({node.props.plugin_name() for node in state.nodes}):
-        if not re.fullmatch(r"[\w-]*", kind):
-            raise InputError(f"scene {name!r} has an element of type {kind!r}, which is no name of a plugin.")
+        if not re.fullmatch(r"[\w-]{0,64}", kind):
+            raise InputError(f"scene {name!r} has an element of type {kind[:80]!r}, which is no name of a plugin.")
         code = Path(str(resolver.resolve(f"plugins/{kind}{SUFFIX}")))
         if code.exists() and code.resolve().parent != own:
             way_out = "move it away, or render with plain Mitsuba what you trust"

@@ -44,7 +44,12 @@ from ..core.small_files import require_small, toml_tables
 from ..sensor.datasheet import FileTable
 from ..sensor.datasheet_errors import sentence
 
-Number = Annotated[float, BeforeValidator(lambda x: x.tolist() if hasattr(x, "tolist") else x), Field(strict=True)]
+LARGEST = 1e30  # the square of it is a number
+Number = Annotated[
+    float,
+    BeforeValidator(lambda x: x.tolist() if hasattr(x, "tolist") else x),
+    Field(strict=True, ge=-LARGEST, le=LARGEST),
+]
 Vector = Annotated[tuple[Number, ...], Field(min_length=3, max_length=3)]
 Matrix = Annotated[
     tuple[Annotated[tuple[Number, ...], Field(min_length=4, max_length=4)], ...], Field(min_length=4, max_length=4)

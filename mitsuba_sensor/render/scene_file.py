@@ -25,6 +25,7 @@ EXAMPLE_SENSOR = (
     '<lookat origin="0, 1, 4" target="0, 1, 0" up="0, 1, 0"/></transform></sensor>'
 )
 NAME_OF_TEXT = "XML text"  # what a scene that is given as text is called in messages
+LONGEST = 1000  # characters of a message of Mitsuba, which repeats the values of a scene
 AS_TEXT = "<string>"  # the name that Mitsuba gives to a file that was changed before it was parsed
 DIFFERENTIABLE = ("prb", "prb_basic", "prb_projective", "prbvolpath", "direct_projective")  # not in scalar variants
 OWN_PLUGINS = ("camera", "photosensor", "raw_frame")
@@ -271,7 +272,8 @@ def _with_version(said: str, file: Path) -> str:
 def plain_message(error: BaseException) -> str:
     """Mitsuba's message without its source lines and line breaks."""
     text = re.sub(r"\[\w+\.(?:cpp|h|py):\d+\]\s*", "", str(error))
-    return re.sub(r"\s+", " ", text).strip().rstrip(".!")
+    text = re.sub(r"[\s\x00-\x1f\x7f]+", " ", text).strip().rstrip(".!")
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]} …"
 
 
 def _remedy(message: str, file: Path) -> str:

@@ -141,7 +141,7 @@ def film_fields_of(props: MitsubaObject) -> Fields:
             raise InputError(f"{name} of a photosensor must be a <string>, <float>, <integer> or <boolean>.")
     for name in set(FILES) & set(fields):
         found = Path(str(mitsuba().file_resolver().resolve(str(fields[name]))))
-        if found.is_file() and fields[name] not in list_cameras():
+        if os.path.isfile(found) and fields[name] not in list_cameras():
             fields[name] = str(found)
     return fields
 

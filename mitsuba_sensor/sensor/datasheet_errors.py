@@ -1,5 +1,6 @@
 """Sentences from a failed check of a camera or motion file: file, field, value, range, and the way out."""
 
+import sys
 import types
 from collections.abc import Collection, Iterator, Mapping
 from functools import cache
@@ -105,7 +106,7 @@ def _meant(loc: Loc, missing: Collection[str]) -> str:
 def _other_unit(value: object, field: FieldInfo | None) -> str:
     """Where the number would be a usual one in another unit: that it may be in it."""
     usual = usual_of(field) if field else None
-    numeric = isinstance(value, int | float) and not isinstance(value, bool)
+    numeric = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < sys.float_info.max
     hint = usual.right(value) if usual and numeric else ""  # type: ignore[arg-type]
     return hint and f"; {hint}"
 
