@@ -1,7 +1,7 @@
 """Mean photons and electrons per pixel: what enters the sensor and what its well collects."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, NamedTuple, Self
@@ -29,6 +29,8 @@ class Photons:
     variance_e2 : (H, W), variance of the mean photoelectrons over renders [e-²], for a frame that has a render of its
         own, whose render noise replaces a part of the shot noise; None: the mean is exact.
     illuminant : of the scene, for the colours of a preview; None where it is not known.
+    intrinsics : how the picture is a projection of the world, as of :func:`optics.intrinsics.intrinsics`, for the lens
+        corrections of a DNG; None where it is not known.
     """
 
     mean: NumpyArray
@@ -40,6 +42,7 @@ class Photons:
     in_band: NumpyArray | None = None
     in_band_of: str | None = None
     illuminant: Illuminant | None = None
+    intrinsics: Mapping[str, Any] | None = None
 
     def __repr__(self) -> str:
         """``<Photons: 64 × 64 × 3>``, or electrons where they are detected."""

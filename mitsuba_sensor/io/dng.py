@@ -21,6 +21,7 @@ from ..sensor.metering import saturation_dn
 from ..sensor.stage import converter_of
 from .colour_matrix import colour_matrix, colour_order
 from .dng_colours import calibrations
+from .dng_lens import lens_corrections
 from .files import CFA_COLOURS, TIFF_BYTE, TIFF_LONG, TIFF_SHORT, TiffTag, appearing, cfa_tags, to_json, write_pages
 from .iso_speed import iso_speed
 from .metadata import image_facts
@@ -90,6 +91,9 @@ def _about(frames: Frames) -> Iterator[Tag]:
     yield 50708, ASCII, 0, name, True  # UniqueCameraModel
     yield _tag(274, TIFF_SHORT, 1)  # Orientation: the first row is above, the first column on the left
     yield _tag(EXIF_TO_BE, TIFF_LONG, 0)  # its place is not known yet
+    corrections = lens_corrections(frames.camera, frames.light.intrinsics)
+    if corrections:
+        yield 51022, UNDEFINED, len(corrections), corrections, True  # OpcodeList3
     profile = noise_profile(frames)
     if profile is not None:
         yield _tag(51041, DOUBLE, *(profile * (3 if len(frames.camera.filter_names) > 1 else 1)))

@@ -23,6 +23,7 @@ from ..sensor.camera import Camera
 from .distortion import distortion_of
 from .intrinsics import View, image_distance_m, magnification
 
+RADII = 33  # points of the table of relative illumination
 GAUSS_2 = (0.5 - 0.5 / math.sqrt(3), 0.5 + 0.5 / math.sqrt(3))  # nodes of the 2-point Gauss rule on a pixel
 
 
@@ -44,24 +45,48 @@ def solid_angle_sr(view: View, camera: Camera) -> Float64Array:
 
 def _relative_illumination(view: View, camera: Camera) -> Float64Array:
     """Ω over its value on the axis, averaged over each pixel, (rows, columns)."""
+    return _pixel_means(view, _illumination_at(view, camera))
+
+
+def shading(view: View, camera: Camera) -> dict[str, list[float]] | None:
+    """Relative illumination along a radius of the part that is rendered, for the correction of raw frames: distances
+    ``radius_px`` from the optical axis to the farthest corner, and ``relative_illumination`` there.
+
+    None where it is not known: the rays of a prescription carry it, a telecentric sensor has none. Of a lens with
+    tangential distortion it is that to the right.
+    """
+    if view.sequential or not view.half_width:
+        return None
+    sides = zip(view.axis, view.crop_offset, view.crop_size, strict=True)
+    corner = math.hypot(*(max(a - first, first + n - a) for a, first, n in sides))
+    radius = np.linspace(0.0, corner, RADII)
+    values = _illumination_at(view, camera)(radius[None], np.zeros((1, 1)))[0]
+    return {"radius_px": radius.tolist(), "relative_illumination": values.tolist()}
+
+
+def _illumination_at(view: View, camera: Camera) -> Callable[[Float64Array, Float64Array], Float64Array]:
+    """Ω over its value on the axis, at x and y from the optical axis [pixels]."""
     lens, scale, pitch_mm = camera.lens, view.tangent_per_pixel, camera.pixel.pitch_x_um * 1e-3
     if lens.relative_illumination is not None:
-        return _pixel_means(view, lambda x, y: _measured_illumination(camera, pitch_mm * np.hypot(x, y)))
+        return lambda x, y: _measured_illumination(camera, pitch_mm * np.hypot(x, y))
     distortion = distortion_of(lens, image_distance_m(view, camera) * 1e3)
     if distortion is None:
-        return cos4(view)
+        return _cos4_at(scale)
 
     def distorted(x: Float64Array, y: Float64Array) -> Float64Array:
         u, v, area = distortion.ideal(*np.broadcast_arrays(scale * x, scale * y))
-        return 1 / (1 + u**2 + v**2) ** 2 / area
+        return np.asarray(1 / (1 + u**2 + v**2) ** 2 / area)
 
-    return _pixel_means(view, distorted)
+    return distorted
 
 
 def cos4(view: View) -> Float64Array:
     """cos⁴ of the angle to the optical axis, averaged over each pixel of the crop, (rows, columns)."""
-    scale = view.tangent_per_pixel
-    return _pixel_means(view, lambda x, y: 1 / (1 + (scale * x) ** 2 + (scale * y) ** 2) ** 2)
+    return _pixel_means(view, _cos4_at(view.tangent_per_pixel))
+
+
+def _cos4_at(scale: float) -> Callable[[Float64Array, Float64Array], Float64Array]:
+    return lambda x, y: np.asarray(1 / (1 + (scale * x) ** 2 + (scale * y) ** 2) ** 2)
 
 
 def _measured_illumination(camera: Camera, heights_mm: Float64Array) -> Float64Array:

@@ -83,6 +83,7 @@ def collect(
         photons = _photons(light.data, light.wavelengths_nm, light.bandwidths_nm, camera, exposure)
         known = light.rendered_for
         photons = photons.changed(origin=light.origin, illuminant=None if known is None else known.illuminant)
+        photons = photons.changed(intrinsics=light.statistics.intrinsics)
         if light.filters is not None:
             return photons.changed(detected=True, bandwidths_nm=None)
         in_band = light.in_band if is_exact(light, camera) else None

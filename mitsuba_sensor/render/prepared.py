@@ -8,6 +8,7 @@ from typing import Literal, Unpack
 
 from ..core import Exposure, InputError, first_given, require_seed
 from ..core.options import complete, documents
+from ..optics.f_number_law import shading
 from ..optics.intrinsics import aperture_f_number, intrinsics
 from ..optics.shutter import shutter_of
 from ..sensor.camera import Camera
@@ -234,7 +235,7 @@ class PreparedRender:
             notes=(*notes, *(note for note in (doubt, self.parsed.variant.hint) if note)),
             scene_sha256=self.scene.sha256,
             aperture_f_number=aperture_f_number(self.scene.view, self.camera),
-            intrinsics=intrinsics(self.scene.view, self.camera),
+            intrinsics=intrinsics(self.scene.view, self.camera) | {"shading": shading(self.scene.view, self.camera)},
             camera_to_world=pose_m(self.at_rest, self.motion, self.unit_m).tolist(),
             denoised=self._denoised(exposure, raw),
             metering=None if self.metering is None else self.metering.record(exposure),

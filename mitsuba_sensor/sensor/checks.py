@@ -107,12 +107,13 @@ def as_photons(
     variance_e2 = None if given.variance_e2 is None else _checked_variance(given.variance_e2, Photons(mean), camera)
     detected = _checked_channels(given.detected, mean.shape, camera)
     if bands is None or wavelengths_nm is not None or given.bandwidths_nm is None:
-        return Photons(mean, bands, variance_e2, detected, given.origin, illuminant=given.illuminant)
+        photons = Photons(mean, bands, variance_e2, detected, given.origin, illuminant=given.illuminant)
+        return photons.changed(intrinsics=given.intrinsics)
     widths = checked_widths(given.bandwidths_nm, bands.shape)
     known = given.in_band is not None and given.in_band_of in (None, pixel_fingerprint(camera))
     in_band = _checked_factor(given.in_band, mean.shape[:2]) if known else None
     of_bands = widths, in_band, given.in_band_of
-    return Photons(mean, bands, variance_e2, detected, given.origin, *of_bands, given.illuminant)
+    return Photons(mean, bands, variance_e2, detected, given.origin, *of_bands, given.illuminant, given.intrinsics)
 
 
 def _checked_bands(photons: PhotonsOfBands, camera: Camera, check: bool) -> PhotonsOfBands:
