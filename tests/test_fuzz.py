@@ -35,6 +35,11 @@ def test_the_files_that_are_damaged_are_right(kind: str, tmp_path: Path) -> None
         assert found == ("accepted", ""), found
 
 
+def test_a_camera_of_a_name_that_is_too_long_is_not_there() -> None:
+    with pytest.raises(InputError, match="is no camera that ships"):
+        load_camera("9" * 5000)
+
+
 def test_a_number_that_no_float_holds_is_one_sentence(tmp_path: Path) -> None:
     text = (SHIPPED / "bayer_2mp.toml").read_text("utf-8").replace("cv = 0.4", f"cv = {'9' * 400}")
     with pytest.raises(InputError, match=r"dark_current.cv is 9999"):

@@ -24,6 +24,7 @@ MOST_FILES = 10_000
 DEEPEST_INCLUDE = 15  # as in Mitsuba
 CACHED = 4096  # files whose elements or digests are kept
 CODE = (".so", ".dylib", ".dll", ".pyd")
+CURVES, MAY_BE_FILES = "quantum_efficiency.file", ("camera", "lens.prescription")  # of a film; else a shipped name
 Stamp = tuple[int, int, int, int]
 Parameters = Mapping[str, object]
 
@@ -126,9 +127,9 @@ class _Search:
             for inner in self._named(value, where):
                 self._add(inner)
         else:
-            for inner in _existing(
-                self._of_material(value, where) if one.name == "material" else [value], self.folders
-            ):
+            needed = one.name == CURVES or (one.name in MAY_BE_FILES and re.search(r"[./\\]", value))
+            names = self._of_material(value, where) if one.name == "material" else [value]
+            for inner in self._named(value, where) if needed else _existing(names, self.folders):
                 self._add(inner)
 
     def _of_material(self, value: str, where: str) -> list[str]:

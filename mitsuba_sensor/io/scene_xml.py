@@ -11,7 +11,9 @@ from ..core import InputError
 from ..core.small_files import require_small
 
 MOST_BYTES = 2**27  # of a scene file
-DEEPEST = 64  # elements inside of one another; Mitsuba's parser calls itself, and overflows the stack at some thousand
+DEEPEST = (
+    24  # elements inside of one another: each `twosided` in another doubles the memory; the stack ends at thousands
+)
 LONGEST_NAME = 255  # of a file, in most file systems
 
 

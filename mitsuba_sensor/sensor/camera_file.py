@@ -58,9 +58,9 @@ def camera_text(name: str | Path) -> CameraText:
     shipped, path = list_cameras(), Path(name)
     if isinstance(name, str) and name in shipped:
         return CameraText((SHIPPED / f"{name}.toml").read_text("utf-8"), f"{name}.toml")
-    if path.suffix != ".toml" and not (str(name) and path.exists()):
+    if path.suffix != ".toml" and not (str(name) and os.path.exists(path)):
         raise InputError(
-            f"{str(name)!r} is no camera that ships with mitsuba_sensor ({', '.join(shipped)}) and no .toml file."
+            f"{str(name)[:200]!r} is no camera that ships with mitsuba_sensor ({', '.join(shipped)}) and no .toml file."
             f"{nearest(str(name), shipped)}"
         )
     try:

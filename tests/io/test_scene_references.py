@@ -115,13 +115,15 @@ METAL = '<bsdf type="conductor"><string name="material" value="../../x"/></bsdf>
     ("text", "said"),
     [
         (BILLION, "has a <!DOCTYPE>"),
-        ("<a>" * 70 + "</a>" * 70, "more than 64 deep"),
+        ("<a>" * 70 + "</a>" * 70, "more than 24 deep"),
         ('<scene><include filename="scene.xml"/></scene>', "included more than 15 deep"),
         ('<scene><include filename="one.xml"/><include filename="one.xml"/></scene>', "included more than"),
         ("<scene>", "no valid XML"),
         ("", "no valid XML"),
         ('<scene><bsdf type="../evil"/></scene>', "no name of a plugin"),
         (f"<scene>{METAL}</scene>", "no name of a metal"),
+        ('<scene><film><string name="camera" value="../mine.toml"/></film></scene>', "there is no file"),
+        ('<scene><film><string name="quantum_efficiency.file" value="qe"/></film></scene>', "there is no file"),
         (f"<scene>{MESH.format('$mesh')}</scene>", "a parameter without a value"),
         (f"<scene>{MESH.format('a' * 300)}</scene>", "there is no file"),
         ('<scene><path value="nowhere"/></scene>', "there is no folder"),
@@ -155,7 +157,7 @@ def test_no_native_code_beside_a_scene_is_run(tmp_path: Path) -> None:
 def test_deep_nesting_is_refused_before_mitsuba_reads_it(tmp_path: Path) -> None:
     """Mitsuba 3.9.1 ends the process at ten thousand."""
     deep = '<bsdf type="twosided">' * 10_000 + "</bsdf>" * 10_000
-    with pytest.raises(InputError, match="more than 64 deep"):
+    with pytest.raises(InputError, match="more than 24 deep"):
         render(write_scene(tmp_path, scene_text(SKY, deep)), load_camera("konnik_table1"), Exposure(0.01))
 
 
