@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Unpack
+from typing import TypeAlias, Unpack
 
 from ..core import DiskFull, InputError
 from ..core.options import complete, documents
@@ -52,7 +52,7 @@ def run(
     check_same(plan, store)
     store.clean()
     progress.samples = round(plan.samples / shard[1])
-    known = {} if chosen["retry"] else store.quarantined()
+    known = store.quarantined()
     show(progress)
 
     def told(what: str, done: int) -> None:
@@ -60,43 +60,60 @@ def run(
         progress.now = progress.now if done else what
         show(progress)
 
-    for one in outcomes(store, _missing(plan, store, progress, (shard, known)), chosen, told):
+    views = _missing(of_shard(plan, shard), store, progress, (known, {} if chosen["retry"] else known))
+    for one in outcomes(store, views, chosen, told):
         if one.full is not None:
             path, size, why = one.full
             raise DiskFull(Path(path), size, why)
         if one.failed:
             progress.failed.append(one)
+        elif one.view in known:
+            store.release(one.view)
         show(progress)
-    progress.failed += [Outcome(key, failed=str(facts.get("why", ""))) for key, facts in known.items()]
     write_index(plan, store)
     return progress
 
 
+_Failed: TypeAlias = Mapping[str, Mapping[str, object]]
+
+
 def _missing(
-    plan: DatasetPlan, store: Store, progress: RunProgress, asked: tuple[tuple[int, int], dict[str, dict[str, object]]]
+    views: Iterable[PlannedView], store: Store, progress: RunProgress, quarantine: tuple[_Failed, _Failed]
 ) -> Iterator[PlannedView]:
-    """Views of the shard of which something is missing; those that another run has begun come last."""
-    shard, known = asked
+    """Views of which something is missing; those that another run has begun come last.
+
+    quarantine : key → facts of the views that are in it, and of those that are left out.
+    """
+    known, left_out = quarantine
     later, logs = [], {path.stem for path in log_path(store, "*").parent.glob("*.log")}
-    for view in of_shard(plan, shard):
-        if view.key in known:
-            continue
-        there = sum(store.exists("samples", sample.key) for sample in view.samples)
-        progress.there += there
-        if there < len(view.samples) or (view.outputs and not store.exists("views", view.key)):
-            if view.key in logs and is_begun(log_path(store, view.key)):
-                later.append(view)
-            else:
-                yield view
-        elif view.key in logs and not is_begun(log_path(store, view.key)):
-            forget(log_path(store, view.key))  # its process was killed when all was done
+    for view in views:
+        samples, log = missing_samples(view, store), log_path(store, view.key)
+        progress.there += len(view.samples) - samples
+        missing = samples or (view.outputs and not store.exists("views", view.key))
+        begun = view.key in logs and is_begun(log)
+        if not missing:  # the process that made it may have been killed before it tidied up
+            if view.key in logs and not begun:
+                forget(log)
+            if view.key in known:
+                store.release(view.key)
+        elif view.key in left_out:
+            progress.failed.append(Outcome(view.key, failed=str(left_out[view.key].get("why", ""))))
+        elif begun:
+            later.append(view)
+        else:
+            yield view
     yield from (view for view in later if missing_of(view, store))
 
 
 def missing_of(view: PlannedView, store: Store) -> int:
     """How many entries of a view are missing."""
     alone = bool(view.outputs) and not store.exists("views", view.key)
-    return alone + sum(not store.exists("samples", sample.key) for sample in view.samples)
+    return alone + missing_samples(view, store)
+
+
+def missing_samples(view: PlannedView, store: Store) -> int:
+    """How many samples of a view are missing."""
+    return sum(not store.exists("samples", sample.key) for sample in view.samples)
 
 
 def of_shard(plan: DatasetPlan, shard: tuple[int, int]) -> Iterator[PlannedView]:
