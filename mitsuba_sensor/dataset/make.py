@@ -208,7 +208,7 @@ def is_timed(view: PlannedView) -> bool:
 def flat_camera(camera: Camera) -> Camera:
     """One that detects every photon of the band: light rendered for it is for all cameras of the band."""
     low, high = camera.band_nm
-    flat = {"curves": {"mono": [1.0, 1.0]}, "wavelengths_nm": [low, high], "filter_tile": None}
+    flat = {"curves": {"mono": [1.0, 1.0]}, "wavelengths_nm": [low, high], "tile": None}
     return camera.replace(**{f"quantum_efficiency.{name}": value for name, value in flat.items()})
 
 

@@ -89,8 +89,8 @@ class RunOptions(TypedDict, total=False):
     memory_gb: Annotated[
         float | None,
         Option(
-            "End a process that takes more memory, in GB. Default: no limit.",
-            low=0.1,
+            "End a process that takes more memory, in GB; 0.3 are taken before the first render. Default: no limit.",
+            low=0.5,
             high=1e6,
             example="4",
             panel=ENGINE,

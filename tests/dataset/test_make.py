@@ -118,3 +118,17 @@ def test_a_moving_scene_is_exposed_for_the_time_that_it_was_rendered_for(tmp_pat
     assert len(list(DatasetPlan(read_dataset(tables), [SCENES]).views())) == 2
     tables["grid"]["exposure_s"] = [0.01]
     assert len(list(DatasetPlan(read_dataset(tables), [SCENES]).views())) == 1
+
+
+def test_a_cube_is_light_for_cameras_of_other_quantum_efficiencies(tmp_path: Path) -> None:
+    """Half the QE is half the electrons of the very same light."""
+    half = ms.load_camera("konnik_table1").quantum_efficiency.curves["mono"][0] / 2
+    cameras = [
+        {"camera": "konnik_table1", "name": name, "set": x}
+        for name, x in (("a", {}), ("b", {"quantum_efficiency.value": half}))
+    ]
+    render, grid = {"spp": 16, "width": 16, "spectral": "cube"}, {"exposure_s": [0.1]}
+    one, other = made(tmp_path / "out", render=render, cameras=cameras, grid=grid, outputs=["electrons"])
+    assert one.facts["view"]["key"] == other.facts["view"]["key"]
+    np.testing.assert_allclose(one.read("electrons"), 2 * other.read("electrons"), rtol=1e-5)
+    assert one.facts["electrons_error_of"] == "a detector that is flat over the band"
