@@ -112,6 +112,7 @@ def quarantined_by_tries(store: Store, view: PlannedView) -> Outcome | None:
     if tries < MOST_TRIES:
         return None
     said = last_said(log_path(store, view.key))
-    why = f"its process died {tries} times{f' ({said})' if said else ''}; its log is in quarantine/{view.key}.json"
+    reason = said or "nothing was printed: a signal, or too little memory"
+    why = f"its process died {tries} times ({reason}); its log is in quarantine/{view.key}.json"
     quarantine(store, view, why)
     return Outcome(view.key, failed=why)
