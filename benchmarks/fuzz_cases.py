@@ -1,4 +1,4 @@
-"""Damaged dataset, camera, motion and scene files, each made by its number, and what reading one of them says."""
+"""Damaged files of all kinds that are read, each made by its number, and what reading one of them says."""
 
 from __future__ import annotations
 
@@ -6,16 +6,23 @@ import math
 import random
 import re
 import shutil
+import tempfile
 import tomllib
 from collections.abc import Iterator, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import tifffile
+from PIL import Image
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.dataset.file import read_dataset
 from mitsuba_sensor.dataset.planned import load_plan
+from mitsuba_sensor.io.files import read_fpn_maps
+from mitsuba_sensor.io.openexr import Plane, write_planes
+from mitsuba_sensor.io.raw_files import read_raw
 from mitsuba_sensor.io.scene_references import scene_references
 from mitsuba_sensor.render.motion import read_motion
 from mitsuba_sensor.render.scene import inspect_scene
@@ -24,7 +31,8 @@ from mitsuba_sensor.render.scene_settings import settings_of
 from mitsuba_sensor.render.variants import choose_variant, use
 
 ROOT = Path(__file__).resolve().parent.parent
-KINDS = ("dataset", "camera", "motion", "scene")
+KINDS = ("dataset", "camera", "motion", "scene", "lens", "curves", "pixels")
+SUFFIXES = {"scene": ".xml", "lens": ".json", "curves": ".csv"}  # else .toml
 LONGEST = 1500  # characters of a sentence
 LINE = re.compile(r'^(\s*)("[^"]+"|[\w.]+)(\s*=\s*)(.+)$', re.MULTILINE)
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e-?\d+)?")
@@ -143,17 +151,48 @@ def sources(kind: str) -> list[str]:
         return [DATASET, *(text for text in examples if "[[cameras]]" in text)]
     if kind == "motion":
         return [MOTION, POSES, (ROOT / "scenes" / "rolling_fan.toml").read_text("utf-8")]
+    if kind == "curves":
+        return ["wavelength_nm,R_percent,G_percent\n400,1,2\n500,40,50.5\n600,60,30\n700,10,5\n"]
+    if kind == "lens":
+        return [path.read_text("utf-8") for path in sorted((ROOT / "mitsuba_sensor/sensor/lenses").glob("*.json"))]
     pattern = "*.toml" if kind == "camera" else "*.xml"
     return [path.read_text("utf-8") for path in sorted(folders[kind].glob(pattern))]
 
 
-def damaged(kind: str, number: int) -> bytes:
-    """The file of a number: bytes or single values and names are changed, one to four times."""
+@cache
+def pixel_files() -> list[tuple[str, bytes]]:
+    """(suffix, content) of right files of arrays: OpenEXR, TIFF, DNG, PNG, NumPy."""
+    frame = np.random.default_rng(1).integers(0, 4096, (8, 12), dtype=np.uint16)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        write_planes(folder / "a.exr", {}, {f"S0.{nm},0nm": Plane(frame.astype(np.float32)) for nm in (500, 600)})
+        ms.write_tiff(folder / "a.tiff", frame)
+        tifffile.imwrite(folder / "b.tiff", frame, compression="zlib")
+        Image.fromarray(frame).save(folder / "a.png")
+        np.save(folder / "a.npy", frame)
+        np.savez(folder / "a.npz", prnu=frame.astype(float))
+        np.savez_compressed(folder / "b.npz", prnu=frame.astype(float))
+        photons = ms.Photons(np.full((24, 24, 1), 500.0), np.array([550.0]))
+        ms.expose(photons, ms.load_camera("konnik_table1"), ms.Exposure(0.01)).save_dng(folder / "a.dng")
+        return [(path.suffix, path.read_bytes()) for path in sorted(folder.iterdir())]
+
+
+def damaged(kind: str, number: int) -> tuple[str, bytes]:
+    """Suffix and content of the file of a number: bytes or single values and names are changed, one to four times."""
     draw = random.Random(f"{kind}/{number}")
+    if kind == "pixels":
+        suffix, content = draw.choice(pixel_files())
+        return suffix, _with_wrong_bytes(content, draw)
+    return SUFFIXES.get(kind, ".toml"), _damaged_text(kind, draw)
+
+
+def _damaged_text(kind: str, draw: random.Random) -> bytes:
     text = draw.choice(sources(kind))
     if draw.random() < 0.35:
         return _with_wrong_bytes(text.encode(), draw)
-    change = _with_wrong_attribute if kind == "scene" else _with_wrong_line
+    change = {"scene": _with_wrong_attribute, "lens": _with_wrong_field, "curves": _with_wrong_cell}.get(
+        kind, _with_wrong_line
+    )
     for _ in range(draw.choice((1, 1, 1, 2, 4))):
         text = change(text, draw)
     return text.encode("utf-8", "surrogatepass")
@@ -234,6 +273,26 @@ def _with_wrong_number(value: str, draw: random.Random) -> str:
     return f"{value[: one.start()]}{float(one[0]) * factor!r}{value[one.end() :]}"
 
 
+def _with_wrong_field(text: str, draw: random.Random) -> str:
+    """One name or number of JSON: misspelt, times a factor, or another value."""
+    if draw.random() < 0.5:
+        return _with_wrong_number(text, draw)
+    found = draw.choice(list(re.finditer(r'"(\w+)"\s*:\s*([^,\[\]{}]*)', text)))
+    if draw.random() < 0.5:
+        return text[: found.start(1)] + misspelt(found[1], draw) + text[found.end(1) :]
+    return text[: found.start(2)] + draw.choice((*VALUES, "null", "NaN", "Infinity")) + text[found.end(2) :]
+
+
+def _with_wrong_cell(text: str, draw: random.Random) -> str:
+    """One cell of CSV, or the line that it is in."""
+    rows = [row.split(",") for row in text.splitlines()]
+    row = draw.choice(rows)
+    if draw.random() < 0.3:
+        rows.insert(draw.randrange(len(rows)), row)
+    row[draw.randrange(len(row))] = draw.choice((*TEXTS, misspelt(row[0], draw), "inf", "-5", "1e30", "wavelength_nm"))
+    return "\n".join(",".join(row) for row in rows)
+
+
 def misspelt(name: str, draw: random.Random) -> str:
     """One letter is missing, double, another one or has changed places."""
     k = draw.randrange(len(name)) if name else 0
@@ -246,7 +305,7 @@ def read(kind: str, path: Path) -> str:
 
     Raises InputError where it is refused.
     """
-    return {"dataset": _read_dataset, "camera": _read_camera, "motion": _read_motion, "scene": _read_scene}[kind](path)
+    return READERS[kind](path)
 
 
 def _read_dataset(path: Path) -> str:
@@ -284,6 +343,33 @@ def _read_scene(path: Path) -> str:
     return ""
 
 
+def _read_lens(path: Path) -> str:
+    ms.load_camera("konnik_table1").replace(**{"lens.prescription": str(path), "lens.focal_length_mm": 25.0})
+    return ""
+
+
+def _read_curves(path: Path) -> str:
+    camera = ms.load_camera("bayer_2mp").replace(
+        quantum_efficiency={"file": str(path), "tile": [["R", "G"]], "reference_nm": 550}
+    )
+    values = np.array([*camera.quantum_efficiency.curves.values()])
+    return "" if ((values >= 0) & (values <= 1)).all() else "a quantum efficiency is not within 0 and 1"
+
+
+def _read_pixels(path: Path) -> str:
+    if path.suffix == ".exr":
+        ms.read_irradiance(path, unit="w_per_m2_nm")
+    elif path.suffix == ".npz":
+        read_fpn_maps(path)
+    else:
+        read_raw(path).frames.sum()
+    return ""
+
+
+READERS = {"dataset": _read_dataset, "camera": _read_camera, "motion": _read_motion, "scene": _read_scene}
+READERS |= {"lens": _read_lens, "curves": _read_curves, "pixels": _read_pixels}
+
+
 def ignored(given: Any, accepted: Any, place: str = "") -> str:
     """A value of a TOML file that what was read does not have under its name: ignored or changed in silence."""
     if isinstance(given, Mapping):
@@ -313,13 +399,13 @@ def sentences_wrong(said: str) -> str:
 
 
 def examined(kind: str, number: int, folder: Path) -> tuple[str, str]:
-    """The result of a case, as :func:`examined_text`."""
-    return examined_text(kind, damaged(kind, number), folder)
+    """The result of a case, as :func:`examined_file`."""
+    return examined_file(kind, *damaged(kind, number), folder)
 
 
-def examined_text(kind: str, content: bytes, folder: Path) -> tuple[str, str]:
+def examined_file(kind: str, suffix: str, content: bytes, folder: Path) -> tuple[str, str]:
     """("accepted" or "refused" or "fault", why) of one file; everything but InputError is a fault."""
-    path = folder / f"case{'.xml' if kind == 'scene' else '.toml'}"
+    path = folder / f"case{suffix}"
     path.write_bytes(content)
     if kind == "scene" and not (folder / "parts").exists():
         shutil.copytree(ROOT / "scenes" / "parts", folder / "parts")

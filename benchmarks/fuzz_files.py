@@ -1,4 +1,4 @@
-"""Reads thousands of damaged dataset, camera, motion and scene files: each is accepted, or refused in one sentence.
+"""Reads thousands of damaged files of every kind that is read: each is accepted, or refused in one sentence.
 
     python benchmarks/fuzz_files.py --cases 5000
 

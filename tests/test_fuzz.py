@@ -18,7 +18,7 @@ sys.path.insert(0, str(BENCHMARKS))
 import fuzz_cases
 from fuzz_files import report
 
-CASES = 160
+CASES = 210
 
 
 def test_damaged_files_are_accepted_or_refused_in_one_sentence() -> None:
@@ -30,8 +30,12 @@ def test_damaged_files_are_accepted_or_refused_in_one_sentence() -> None:
 
 @pytest.mark.parametrize("kind", fuzz_cases.KINDS)
 def test_the_files_that_are_damaged_are_right(kind: str, tmp_path: Path) -> None:
-    for text in fuzz_cases.sources(kind):
-        found = fuzz_cases.examined_text(kind, text.encode(), tmp_path)
+    suffix = fuzz_cases.SUFFIXES.get(kind, ".toml")
+    files = (
+        [(suffix, text.encode()) for text in fuzz_cases.sources(kind)] if kind != "pixels" else fuzz_cases.pixel_files()
+    )
+    for one in files:
+        found = fuzz_cases.examined_file(kind, *one, tmp_path)
         assert found == ("accepted", ""), found
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -59,6 +60,7 @@ def read_raw(path: str | os.PathLike[str]) -> RawFile:
         raise
     except Exception as error:  # foreign readers raise errors of every kind for broken files
         why = getattr(error, "strerror", None) or str(error).split("\n")[0] or type(error).__name__
+        why = re.sub(r":? <[^<>]* at 0x[0-9a-f]+>", "", why)  # an object of the reader
         raise InputError(f"{file} cannot be read: {why.rstrip('.')}; leave it out, or copy it again.") from error
     frames = found.frames
     if frames.ndim != 3 or frames.dtype.kind not in "uif" or not frames.size:

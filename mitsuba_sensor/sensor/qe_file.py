@@ -40,7 +40,6 @@ def _scale(name: str, position: int, column: str) -> tuple[str, float]:
     known = SHARES if position else LENGTHS
     if unit not in known or (not position and label != "wavelength") or not label:
         wanted = "NAME_fraction or NAME_percent" if position else "wavelength_nm or wavelength_um"
-        raise ValueError(
-            f"file {name!r}: column {position + 1} is called {column!r}; call it {wanted}, so that the unit is sure"
-        )
+        called = f"column {position + 1} is called {column[:60]!r}"
+        raise ValueError(f"file {name!r}: {called}; call it {wanted}, so that the unit is sure")
     return label, known[unit]
