@@ -168,6 +168,8 @@ def kills(runs: Runs, tries: int, chance: random.Random) -> dict[str, Any]:
             runs.problems.append(f"kill {done}, {kind}: ended with {process.returncode}: {said[-500:]}")
         if runs.out.exists():
             runs.check(f"kill {done}, {kind}")
+            stopped = process.returncode == 128 + signal.SIGINT
+            runs.problems += [f"kill {done}: left {path}" for path in runs.out.rglob(".unf*") if stopped]
         if process.returncode == 0 and runs.out.exists():
             runs.complete(f"run {completed}", "--workers", "0", "--retry")
             completed += 1

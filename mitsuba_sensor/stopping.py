@@ -85,6 +85,24 @@ def _wait_for(numbers: set[signal.Signals]) -> None:
         os._exit(128 + number)
 
 
+def undo_when_terminated() -> None:
+    """From now on the signals of SIGNALS end this process, which works for another one, in silence.
+
+    To be called by the main thread, which must return to Python now and then.
+    """
+
+    def end(number: int, frame: object) -> None:
+        with whole_step:
+            _undo()
+            os._exit(128 + number)
+
+    numbers = {getattr(signal, name) for name in SIGNALS if hasattr(signal, name)}
+    for number in numbers:
+        signal.signal(number, end)
+    if hasattr(signal, "pthread_sigmask"):  # its parent may have held them back
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, numbers)
+
+
 def _undo() -> None:
     """The last begun first; what fails, because another thread has just written there, again."""
     for undo in reversed(_undoings):

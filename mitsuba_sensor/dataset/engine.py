@@ -5,12 +5,15 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
 from itertools import chain
 from typing import Any
 
 from ..core import InputError
+from ..stopping import undone_if_stopped
 from .keys import Facts
 from .options import RunOptions
 from .planned import PlannedView
@@ -18,6 +21,8 @@ from .store import Store
 from .task import Make, Outcome, TaskLimits, Told, note_death_of, quarantined_by_tries, run_task, usual_make
 
 TOPIC = "mitsuba-sensor"  # of events that workers send
+ENDS_S = 1.0
+"""In which workers of a stopped run end."""
 SETTINGS = {
     "distributed.scheduler.allowed-failures": 0,  # we count ourselves, and only those that had begun
     "distributed.scheduler.worker-saturation": 1.0,
@@ -86,8 +91,11 @@ def _client(options: RunOptions, stack: ExitStack) -> tuple[Any, Callable[[], in
             processes=True,
             dashboard_address="127.0.0.1:0",
             silence_logs=50,
+            preload=["mitsuba_sensor.dataset.worker"],
         )
     )
+    if hasattr(os, "WNOHANG"):
+        stack.enter_context(undone_if_stopped(partial(_end_workers, cluster)))
     client = stack.enter_context(distributed.Client(cluster))
     return client, lambda: options["workers"] or 1
 
@@ -161,12 +169,26 @@ def _spread(
             yield from more
 
 
+def _end_workers(cluster: Any) -> None:
+    """Have the workers of a cluster undo what is unfinished, and wait for that."""
+    pids = {nanny.pid for nanny in cluster.workers.values() if nanny.pid}
+    for pid in pids:
+        with suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGTERM)
+    end = time.monotonic() + ENDS_S
+    while pids and time.monotonic() < end:
+        for pid in tuple(pids):
+            with suppress(ChildProcessError):
+                if os.waitpid(pid, os.WNOHANG)[0] == 0:
+                    continue
+            pids.remove(pid)
+        time.sleep(0.005)
+
+
 def _in_worker(folder: str, view: PlannedView, limits: TaskLimits) -> Outcome:
-    """Runs in a worker: the signals that the command line holds back are let through again."""
+    """Runs in a worker."""
     import distributed
 
-    if hasattr(signal, "pthread_sigmask"):
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM, signal.SIGINT, signal.SIGHUP})
     worker = distributed.get_worker()
     return run_task(folder, view, lambda what, done: worker.log_event(TOPIC, (what, done)), limits)
 
