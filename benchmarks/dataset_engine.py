@@ -97,6 +97,9 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
+    fewest = SAMPLES_PER_VIEW * (given.workers + 1)
+    if given.samples < fewest:
+        parser.error(f"--samples is {given.samples}; take {fewest} or more, so that every process makes two views")
     found = {
         "overhead_in_process": overhead(given.samples, given.seconds, 0),
         "overhead_of_workers": overhead(given.samples, given.seconds, given.workers),
