@@ -111,8 +111,7 @@ def whole_exr(
     require_exr(path)
     try:
         if pixels:
-            with _silent_library(), OpenEXR.File(str(path), header_only=True) as file:
-                require_plausible(path, _unpacked_bytes(file.header()))
+            require_plausible_exr(path)
         with _silent_library(), OpenEXR.File(str(path), separate_channels=True, header_only=not pixels) as file:
             header = dict(file.header())
             images = {name: channel.pixels for name, channel in file.channels().items()} if pixels else {}
@@ -125,6 +124,15 @@ def whole_exr(
         yield header, images
     except (KeyError, ValueError, TypeError, RecursionError) as error:
         raise InputError(f"{path} is an EXR {wrong} (missing or unreadable: {error}){remedy}.") from error
+
+
+def require_plausible_exr(path: Path) -> None:
+    """Raise InputError where the header announces more pixels than the file can have; other errors for a header that
+    cannot be read."""
+    import OpenEXR
+
+    with _silent_library(), OpenEXR.File(str(path), header_only=True) as file:
+        require_plausible(path, _unpacked_bytes(file.header()))
 
 
 def _unpacked_bytes(header: Mapping[str, Any]) -> int:

@@ -6,6 +6,7 @@ import json
 import math
 import os
 import re
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from ..core import InputError
 from ..core.units import KELVIN_AT_0_C
+from .openexr import is_exr, require_plausible_exr
 from .plausible import require_plausible
 
 TIFF, PICTURES, ARRAYS, FITS = (".tif", ".tiff"), (".png",), (".npy",), (".fits", ".fit", ".fts")
@@ -187,6 +189,35 @@ def _camera_raw(file: Path) -> RawFile:
             bits=_bits(raw.white_level),
             tile=tile,
         )
+
+
+def require_plausible_picture(path: Path) -> None:
+    """Raise InputError for a texture whose header announces more pixels than the file can have; what is no picture is
+    left to its reader."""
+    if not is_exr(path):
+        require_plausible(path, _pixels_of_picture(path) * 4)
+        return
+    try:
+        require_plausible_exr(path)
+    except InputError:
+        raise
+    except (RuntimeError, ValueError, KeyError, TypeError):
+        return
+
+
+def _pixels_of_picture(path: Path) -> int:
+    """By its header: 0 for what is no picture, and the least for one that Pillow takes for a bomb."""
+    from PIL import Image
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+        try:
+            with Image.open(path) as picture:
+                return math.prod(picture.size)
+        except Image.DecompressionBombError:
+            return 2 * (Image.MAX_IMAGE_PIXELS or 0)
+        except (OSError, ValueError, SyntaxError):
+            return 0
 
 
 @contextmanager

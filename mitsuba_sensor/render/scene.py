@@ -10,11 +10,13 @@ import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core import Array, Float64Array, InputError
+from ..io.raw_files import require_plausible_picture
 from ..optics.intrinsics import View
 from ..sensor.camera import Camera
 from ..sensor.sensor_size import check_on_sensor
@@ -32,6 +34,7 @@ SENSORS = ("perspective", "thinlens", "orthographic", SENSOR)
 GUIDE_SEED = 1
 FILM_ID = "sensor"  # id of the new film, by which its sensor is found in the built scene
 SCALAR_ONLY = ("timed_sunsky",)  # Dr.Jit refuses to trace it, and every render of the process after that
+PICTURES = ("bitmap", "envmap")  # whose file is one
 WITH_FILES = ("Shape", "Texture", "Emitter", "Volume", "BSDF", "Medium", "PhaseFunction")
 MOST_PIXELS = 2**28  # of one picture; its bands alone take 64 GB
 WIDTH, HEIGHT = 768, 576  # default of Mitsuba's films
@@ -178,8 +181,13 @@ def _refuse_missing_files(scene: SceneFile) -> None:
     missing = dict[str, str]()
     for node in scene.nodes(*WITH_FILES):
         name = node.props.get("filename", None)
-        if isinstance(name, str) and not os.path.isfile(str(scene.resolver.resolve(name))):
+        if not isinstance(name, str):
+            continue
+        file = Path(str(scene.resolver.resolve(name)))
+        if not os.path.isfile(file):
             missing.setdefault(name, scene.where(node))
+        elif node.props.plugin_name() in PICTURES:
+            require_plausible_picture(file)
     if missing:
         named = ", ".join(f"{name} ({line})" for name, line in missing.items())
         files = f"{len(missing)} files" if len(missing) > 1 else "a file"

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 import tifffile
 from helpers.scenes import SKY, scene_text, write_scene
+from PIL import Image
 
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.io.files import read_fpn_maps, write_fpn_maps
@@ -73,6 +74,16 @@ def png(path: Path, side: int = SIDE) -> None:
 
 def png_below_the_limit_of_pillow(path: Path) -> None:
     png(path, 9_400)
+
+
+def jpeg(path: Path) -> None:
+    """The size in the frame header (SOF0) is patched."""
+    content = io.BytesIO()
+    Image.fromarray(np.ones((8, 8), np.uint8)).save(content, format="JPEG")
+    data = bytearray(content.getvalue())
+    start = data.index(b"\xff\xc0")
+    data[start + 5 : start + 9] = struct.pack(">HH", 65_500, 65_500)
+    path.write_bytes(data)
 
 
 def fits(path: Path) -> None:
@@ -195,3 +206,14 @@ def test_a_film_of_more_pixels_than_can_be_rendered_is_refused(tmp_path: Path) -
     text = scene_text(SKY, film=film).replace('value="12"', 'value="100000"').replace('value="8"', 'value="100000"')
     with pytest.raises(InputError, match="has a film of 100000 × 100000 pixels"):
         render_aovs(write_scene(tmp_path, text), load_camera("konnik_table1"), variant="scalar_spectral")
+
+
+@pytest.mark.parametrize("make", [exr, png, jpeg])
+def test_textures_that_announce_more_pixels_than_the_file_can_have_are_refused(
+    make: Callable[[Path], None], tmp_path: Path
+) -> None:
+    """Mitsuba takes the memory before it reads."""
+    make(tmp_path / "sky")
+    sky = '<emitter type="envmap"><string name="filename" value="sky"/></emitter>'
+    with pytest.raises(InputError, match=r"says that \d+ come out of them"):
+        render_aovs(write_scene(tmp_path, scene_text(sky)), load_camera("konnik_table1"), variant="scalar_spectral")
