@@ -6,16 +6,17 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from ..core import InputError, nearest
 from ..io.scene_references import camera_references, check_below
 from ..sensor.camera import Camera
 from ..sensor.camera_file import list_cameras, load_camera
+from ..sensor.datasheet_errors import fields_of
 from ..sensor.lens_file import list_lenses
-from .file import CameraEntry
+from .file import SAME, CameraEntry
 from .keys import Config, Facts, canonical, key_of
 from .roots import find_below
 from .sweep import Combination, of_kind
 
-FIELDS = {"f_number": "lens.f_number", "focus_m": "lens.focus_m"}
 MAY_BE_FILES = ("lens.prescription", "quantum_efficiency.file")
 
 
@@ -23,13 +24,14 @@ class VariedCamera(NamedTuple):
     """A camera before its gain.
 
     set_fields : dotted names of what the dataset sets in it.  datasheet : its numbers, without what is written for
-    people.  key : of the datasheet.
+    people.  key : of the datasheet.  gain : name of its gain setting, or None for that of the datasheet.
     """
 
     camera: Camera
     set_fields: list[str]
     datasheet: Facts
     key: str
+    gain: str | None
 
 
 class Cameras:
@@ -51,28 +53,31 @@ class Cameras:
 
     def of(self, one: Combination) -> VariedCamera:
         """The camera with all that varies in it; that it has the gain setting is checked. Raises InputError."""
-        varied = {field: one.values[name] for name, field in FIELDS.items() if name in one.values}
-        varied |= of_kind("camera", one.values)
+        varied = of_kind("camera", {SAME.get(name, name): value for name, value in one.values.items()})
         gain = one.values.get("gain")
         known = canonical({"entry": one.camera, "varied": varied, "gain": gain})
         if known not in self._varied:
             changes = self._with_places(varied, "the camera")
             camera = self.as_given[one.camera]
             camera = camera.replace(**changes) if changes else camera
-            camera.at_gain(gain)
+            setting = None if gain is None else camera.at_gain(gain).gain
             sheet = camera.model_dump(mode="json", exclude={"description", "sources"})
-            fields = sorted({*self.entries[one.camera].set, *varied})
-            self._varied[known] = VariedCamera(camera, fields, sheet, key_of(sheet))
+            fields = sorted({*fields_in(self.entries[one.camera].set), *varied} - {"description"})
+            self._varied[known] = VariedCamera(camera, fields, sheet, key_of(sheet), setting)
         return self._varied[known]
 
     def _of_entry(self, entry: CameraEntry) -> Camera:
         where = f"camera {entry.camera!r}"
         shipped = entry.camera in list_cameras()
+        if not shipped and not entry.camera.endswith(".toml"):
+            near = nearest(entry.camera, list_cameras())
+            remedy = "`mitsuba-sensor cameras list` has them; the name of a camera file ends in .toml"
+            raise InputError(f"{where} is not a camera; {remedy}.{near}")
         file = None if shipped else find_below(entry.camera, self.roots, where)
         if file is not None:
             check_below(camera_references(file), self.roots)
         camera = load_camera(entry.camera if file is None else file)
-        changes = self._with_places(entry.set, where)
+        changes = self._with_places(fields_in(entry.set), where)
         return (camera.replace(**changes) if changes else camera).without(*entry.without)
 
     def _with_places(self, changes: Config, where: str, table: str = "") -> Facts:
@@ -85,6 +90,18 @@ class Cameras:
             elif name in MAY_BE_FILES and isinstance(value, str) and value not in list_lenses():
                 found[field] = str(find_below(value, self.roots, f"{name} of {where}"))
         return found
+
+
+def fields_in(tables: Config, table: str = "") -> Facts:
+    """Dotted names of fields and their values: `adc.bits = 12` without quotes is a table in a table."""
+    found, known = dict[str, object](), fields_of(Camera)
+    for name, value in tables.items():
+        dotted = f"{table}{name}"
+        if isinstance(value, Mapping) and value and all(f"{dotted}.{one}" in known for one in value):
+            found |= fields_in(value, f"{dotted}.")
+        else:
+            found[dotted] = value
+    return found
 
 
 def of_light(camera: Camera, cube: bool) -> Facts:

@@ -20,9 +20,10 @@ from ..render.options import RenderOptions
 from ..sensor.datasheet import Count, FileTable, optional
 from ..sensor.datasheet_errors import sentence
 from .keys import Config
+from .values import check_value
 
 LARGEST_BYTES = 2**22  # of a dataset file
-MOST_SAMPLES = 10**7
+MOST_SAMPLES = 10**6
 OUTPUTS = ("raw", "dng", "clean", "electrons", "variance", "noise_budget", "preview", "aovs", "irradiance")
 Output = Literal["raw", "dng", "clean", "electrons", "variance", "noise_budget", "preview", "aovs", "irradiance"]
 OF_SCENE = ("parameters", "traverse", "motion", "scene_unit", "integrator", "ignore_polarization", "look_at")
@@ -50,6 +51,9 @@ PREFIXES = {
     "traverse": "a parameter of the scene by its name in mi.traverse",
     "camera": "a field of the camera's datasheet",
 }
+
+SAME = {"f_number": "camera.lens.f_number", "focus_m": "camera.lens.focus_m"}
+"""A field → what it is the short name of."""
 
 
 def check_field(name: str) -> str:
@@ -233,7 +237,10 @@ class DatasetFile(FileTable):
         given += [*self.random.values] if self.random else []
         for name, values in self.grid.items():
             _unique(f"grid.{name}", [repr(value) for value in values])
-        _unique("grid, list and random", [check_field(name) for name in given])
+        _unique("grid, list and random", [check_field(SAME.get(name, name)) for name in given])
+        rows = [*self.list, *({name: value} for name, values in self.grid.items() for value in values)]
+        for name, value in (pair for row in rows for pair in row.items()):
+            check_value(name, value)
         if self.splits and self.splits.chips and "serial" in given:
             raise ValueError("splits.chips is given and serial is varied too; leave one of them out")
         self._check_render()

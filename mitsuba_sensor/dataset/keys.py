@@ -11,12 +11,22 @@ Config: TypeAlias = Mapping[str, Any]
 """Plain values by name, ready for JSON."""
 Facts: TypeAlias = dict[str, Any]
 
+LARGEST_WHOLE = 2.0**53  # of which a float64 holds every whole number
 DIGITS = 24  # hexadecimal: 96 bits, so that no two of 10^9 samples have the same
 
 
 def canonical(config: Config) -> str:
-    """Strict JSON of plain values with sorted keys and no spaces: equal configurations, equal text."""
-    return json.dumps(config, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+    """Strict JSON of plain values with sorted keys and no spaces: equal configurations, equal text; 1.0 is 1."""
+    return json.dumps(_plain(config), sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+
+
+def _plain(value: object) -> object:
+    """The same with floats that are whole numbers as integers; −0.0 is 0."""
+    if isinstance(value, float) and value.is_integer() and abs(value) < LARGEST_WHOLE:
+        return int(value)
+    if isinstance(value, Mapping):
+        return {name: _plain(one) for name, one in value.items()}
+    return [_plain(one) for one in value] if isinstance(value, list | tuple) else value
 
 
 def key_of(config: Config) -> str:

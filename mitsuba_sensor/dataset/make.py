@@ -17,6 +17,7 @@ from ..io.dng import check_dng, dng_names, write_dng
 from ..io.frame_files import preview_of
 from ..io.metadata import image_facts, versions
 from ..render.aovs import Aovs
+from ..render.illuminant import illuminant_of
 from ..render.irradiance import Irradiance
 from ..render.options import RenderOptions
 from ..render.prepared import PreparedRender, prepare
@@ -82,6 +83,9 @@ class Rendered:
             columns, rows = prepared.scene.view.crop_size
             check_dng(camera_of(parsed.settings, lead), (rows, columns))
         light = prepared.render(seed, prepared.stop_criterion(complete(RenderOptions, options)))
+        if config["render"]["spectral"] == "cube" and light.rendered_for is not None:  # for cameras with filters too
+            known = replace(light.rendered_for, illuminant=illuminant_of(prepared.at_rest))
+            light = replace(light, rendered_for=known)
         still = replace(light.statistics, seconds=0.0, seconds_per_sample=0.0)  # a file has no times: it is repeatable
         rate = light.statistics.seconds_per_sample
         return cls(view, prepared, replace(light, statistics=still), parsed.settings, rate)
@@ -179,7 +183,10 @@ def camera_of(settings: SceneSettings, config: Config) -> Camera:
     """The camera of a sample behind the scene's lens, at its gain: as the command line puts them together."""
     camera, own = camera_from(config["camera"], "of the sample"), set(config["set"])
     of_scene = {name: value for name, value in settings.fields.items() if name not in own}
-    return replace(settings, fields=of_scene).applied_to(camera).at_gain(config["gain"])
+    focal_mm = None if "lens.focal_length_mm" in own else settings.focal_length_mm  # of a prescription
+    focus_m = None if "lens.focus_m" in own else settings.focus_distance_m
+    settings = replace(settings, fields=of_scene, focal_length_mm=focal_mm, focus_distance_m=focus_m)
+    return settings.applied_to(camera).at_gain(config["gain"])
 
 
 def exposure_of(settings: SceneSettings, config: Config) -> Exposure | Metering:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
-from ..core import Exposure, InputError
+from ..core import InputError
 from ..core.options import used
 from ..io import files
 from ..io.scene_references import scene_digest
@@ -15,11 +16,12 @@ from ..io.texts import text_of_file
 from ..render.motion import Motion, read_motion
 from ..render.options import RenderOptions
 from .cameras import Cameras, VariedCamera, of_light
-from .file import OF_SCENE, DatasetFile, SceneEntry
+from .file import MOST_SAMPLES, OF_SCENE, DatasetFile, SceneEntry
 from .keys import Config, Facts, identity, key_of
 from .roots import find_below
 from .splits import SplitOf
 from .sweep import Combination, changes_light, combinations, count, of_kind
+from .values import text_of
 
 FORMAT = 1  # of a configuration; another one is another key
 OF_VIEW = ("aovs", "irradiance")  # outputs that samples of one view share
@@ -67,6 +69,11 @@ class DatasetPlan:
     _lights: dict[object, tuple[Facts, str]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        if (asked := count(self.file) * (self.file.splits.chips or 1 if self.file.splits else 1)) > MOST_SAMPLES:
+            raise InputError(
+                f"the dataset has {asked} samples; one has at most {MOST_SAMPLES}: make several, or draw values at "
+                f"random in place of every combination."
+            )
         for scene in self.file.scenes:
             self._place(scene)
             self._motion(scene)
@@ -91,7 +98,8 @@ class DatasetPlan:
         return sum(len(self.splits.serials(one)) for group in combinations(self.file) for one in group)
 
     def views(self) -> Iterator[PlannedView]:
-        """One after the other; samples of the same light are together."""
+        """One after the other; samples of the same light are together. Raises InputError where two are the same."""
+        lights = set[bytes]()
         for group in combinations(self.file):
             found: dict[str, tuple[Config, list[PlannedSample], SceneEntry]] = {}
             for one in group:
@@ -99,24 +107,38 @@ class DatasetPlan:
                     (light, key), sample = self._configured(one, serial)
                     found.setdefault(key, (light, [], self.file.scenes[one.scene]))[1].append(sample)
             for key, (config, samples, entry) in found.items():
+                self._check_new(lights, key, samples)
                 outputs = tuple(name for name in OF_VIEW if name in self.file.outputs)
                 own, path = key_of({"view": key, "outputs": outputs}), str(self._place(entry))
                 yield PlannedView(own, config, outputs, entry.name, path, tuple(samples))
 
+    @staticmethod
+    def _check_new(lights: set[bytes], key: str, samples: Sequence[PlannedSample]) -> None:
+        """Add a light to those of the dataset. Raises InputError where it was there, and for two equal samples."""
+        known, times = bytes.fromhex(key), Counter(one.key for one in samples)
+        twice = next((one for one in samples if times[one.key] > 1 or known in lights), None)
+        if twice is not None:
+            said = ", ".join(f"{name} {value}" for name, value in twice.values.items() if name != "view")
+            raise InputError(
+                f"two scenes, poses, cameras, rows or values are the same ({said}); leave one of them out, or vary "
+                f"repetition for another sample of the same settings."
+            )
+        lights.add(known)
+
     def _configured(self, one: Combination, serial: int) -> tuple[tuple[Facts, str], PlannedSample]:
         """Configuration and key of the light, and the sample."""
         values, camera = {**one.values, "serial": serial}, self.cameras.of(one)
-        exposure = self._exposure(values)
+        exposure = _exposure(values)
         light, key = self._light(one, camera, exposure)
         config = {
             "format": FORMAT,
             "view": key,
             "camera": camera.datasheet,
             "set": camera.set_fields,
-            "gain": values.get("gain"),
+            "gain": camera.gain,
             "exposure": exposure,
             "serial": serial,
-            "frames": self._frames(values),
+            "frames": values.get("frames", 1),
             "repetition": values.get("repetition", 0),
             "draw": one.draw,
             "dataset_seed": self.file.seed,
@@ -130,7 +152,7 @@ class DatasetPlan:
     def _light(self, one: Combination, camera: VariedCamera, exposure: Config) -> tuple[Facts, str]:
         """What decides the light, and its key; made once for all samples of it."""
         entry = self.file.scenes[one.scene]
-        timed = (*exposure.values(), camera.key, one.values.get("gain")) if self._is_timed(entry) else ()
+        timed = (*exposure.values(), camera.key, *camera.set_fields, camera.gain) if self._is_timed(entry) else ()
         varied = tuple((name, x) for name, x in one.values.items() if changes_light(name))
         known = one.scene, one.view, one.camera, varied, timed
         if known not in self._lights:
@@ -147,19 +169,22 @@ class DatasetPlan:
         render = {**render, **self.file.render}
         options = {k: v for k, v in used(RenderOptions, render).items() if k not in (*OF_SCENE, *PASSED_BY)}
         parameters = {**entry.parameters, **of_kind("parameters", one.values)}
-        noisy = {"camera": camera.datasheet, "gain": one.values.get("gain"), "exposure": dict(exposure)}
+        parameters = {name: text_of(value) for name, value in parameters.items()}
+        noisy: Facts = {"camera": camera.datasheet, "gain": camera.gain, "exposure": dict(exposure)}
+        noisy["set"] = camera.set_fields
         motion = self._motion(entry)
         moving: Facts = {"motion": motion.model_dump(mode="json"), "exposure": dict(exposure)}
         moving |= noisy if exposure["time_s"] in ("auto", None) else {}  # metered for this camera
         return {
             "format": FORMAT,
             "scene": scene_digest(self._place(entry), parameters, self.roots),
-            "parameters": {name: str(value) for name, value in parameters.items()},
+            "parameters": parameters,
             "traverse": {**entry.traverse, **of_kind("traverse", one.values)},
             "look_at": None if one.view is None else one.view.model_dump(),
             **{name: getattr(entry, name) for name in ("scene_unit", "integrator", "ignore_polarization")},
             "render": options,
             "lens": of_light(camera.camera, options["spectral"] == "cube"),
+            "set": [name for name in camera.set_fields if changes_light(f"camera.{name}")],  # not as the scene has it
             "dataset_seed": self.file.seed,
             **({} if motion == Motion() else moving),
             **(noisy if options["noise_ratio"] else {}),
@@ -177,25 +202,11 @@ class DatasetPlan:
             return read_motion(find_below(entry.motion, self.roots, f"the motion of scene {entry.name}"))
         return read_motion(entry.motion)
 
-    def _exposure(self, values: Config) -> Facts:
-        """Time [s], "auto" or None for the scene's own; stops on top; temperature [K] or None. Raises InputError."""
-        time_s, stops, kelvin = (values.get(name) for name in ("exposure_s", "exposure_ev", "temperature_k"))
-        _number("exposure_ev", stops)
-        if time_s != "auto":
-            _number("exposure_s", time_s)
-        Exposure(0.0 if time_s in (None, "auto") else time_s, 298.15 if kelvin is None else kelvin)
-        return {"time_s": time_s, "ev": stops or 0, "temperature_k": kelvin}
 
-    def _frames(self, values: Config) -> int:
-        frames = values.get("frames", 1)
-        if not isinstance(frames, int) or isinstance(frames, bool) or not 1 <= frames <= 65535:
-            raise InputError(f"frames is {frames!r}; it must be a whole number from 1 to 65535, e.g. 8.")
-        return frames
-
-
-def _number(name: str, value: object) -> None:
-    if value is not None and (isinstance(value, bool) or not isinstance(value, int | float)):
-        raise InputError(f"{name} is {value!r}; it must be a number.")
+def _exposure(values: Config) -> Facts:
+    """Time [s], "auto" or None for the scene's own; stops on top; temperature [K] or None."""
+    time_s, stops, kelvin = (values.get(name) for name in ("exposure_s", "exposure_ev", "temperature_k"))
+    return {"time_s": time_s, "ev": stops or 0, "temperature_k": kelvin}
 
 
 def load_plan(path: str | Path, roots: Sequence[str | Path] = ()) -> DatasetPlan:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Hashable, Iterable, Sequence
 
-from ..core import InputError, require_seed
+from ..core import InputError
 from .file import DatasetFile, Splits
 from .keys import Facts
 from .sweep import Combination, combinations, share_of
@@ -26,12 +26,13 @@ class SplitOf:
         self._chips: dict[Hashable, str] = {}
         if self.splits is None:
             return
-        everything = [one for group in combinations(file) for one in group]
-        scenes = dict.fromkeys(self._scene(one) for one in everything)
+        scenes, chips = dict[Hashable, None](), dict[Chip, None]()
+        for one in (one for group in combinations(file) for one in group):
+            scenes[self._scene(one)] = None
+            chips[self._chip(one)] = None
         remedy = 'name in by what makes another scene of it, e.g. by = ["scene", "parameters.seed"]'
         self._scenes = assigned(scenes, self.splits, file.seed, "scenes", remedy)
         if "serial" in file.varied:
-            chips = dict.fromkeys((self.models[one.camera], one.values["serial"]) for one in everything)
             for model in dict.fromkeys(model for model, _ in chips):
                 own = [chip for chip in chips if chip[0] == model]
                 what = f"serial numbers of {model}"
@@ -39,12 +40,12 @@ class SplitOf:
 
     def serials(self, one: Combination) -> list[int]:
         """The serial numbers with which a combination is made: none where scene and chip are of different splits."""
-        given = require_seed("serial", one.values.get("serial", 1))
+        given = self._chip(one)[1]
         if self.splits is None:
             return [given]
         split = self.of(one)
         if self._chips:
-            return [given] if self._chips[self.models[one.camera], given] == split else []
+            return [given] if self._chips[self._chip(one)] == split else []
         chips = self.splits.chips or 1
         first = 1 + chips * list(self.splits.shares).index(split)
         return list(range(first, first + chips))
@@ -52,6 +53,9 @@ class SplitOf:
     def of(self, one: Combination) -> str:
         """The split of the combination's scene; an empty text where there are none."""
         return "" if self.splits is None else self._scenes[self._scene(one)]
+
+    def _chip(self, one: Combination) -> Chip:
+        return self.models[one.camera], one.values.get("serial", 1)
 
     def _scene(self, one: Combination) -> str:
         """What tells the scene from others, as text."""

@@ -13,6 +13,7 @@ import scipy
 
 from .file import DatasetFile, Distribution, RandomSweep, SceneEntry, Value, View
 from .keys import Config, Facts
+from .values import check_value
 
 Values = Config
 OF_LIGHT = ("f_number", "focus_m")
@@ -115,6 +116,8 @@ def _draws(sweep: RandomSweep | None, seed: int, scene: str) -> list[list[tuple[
     found: dict[object, list[tuple[int, Values]]] = {}
     for draw in range(sweep.draws):
         values = {name: drawn(law, share_of(seed, scene, name, draw)) for name, law in sweep.values.items()}
+        for name, value in values.items():
+            check_value(name, value)
         light = tuple(x for name, x in values.items() if changes_light(name))
         found.setdefault(light, []).append((draw, values))
     return list(found.values())

@@ -25,6 +25,14 @@ def sets_of(plan: DatasetPlan) -> dict[str, tuple[set[Any], set[Any]]]:
     return found
 
 
+def scenes_of(names: list[str]) -> list[dict[str, Any]]:
+    """Scenes that differ."""
+    return [
+        {"name": name, "file": "flat_field.xml", "parameters": {"exposure_s": number + 1}}
+        for number, name in enumerate(names)
+    ]
+
+
 def random_tables(rng: random.Random) -> dict[str, Any]:
     names = [f"s{k}" for k in range(rng.randint(1, 5))]
     splits = [["train", "test"], ["train", "val", "test"], ["all"]][rng.randrange(3)]
@@ -32,7 +40,7 @@ def random_tables(rng: random.Random) -> dict[str, Any]:
     tables: dict[str, Any] = {
         **TABLES,
         "seed": rng.randrange(1000),
-        "scenes": [{"name": name, "file": "flat_field.xml"} for name in names],
+        "scenes": scenes_of(names),
         "cameras": [[{"camera": "konnik_table1"}], [{"camera": "konnik_table1"}, {"camera": "bayer_2mp"}]][
             rng.randrange(2)
         ],
@@ -77,7 +85,7 @@ def test_no_two_splits_share_a_scene_or_a_chip() -> None:
 def test_the_shares_are_those_asked_for(scenes: int) -> None:
     tables = {
         **TABLES,
-        "scenes": [{"name": f"s{k}", "file": "flat_field.xml"} for k in range(scenes)],
+        "scenes": scenes_of([f"s{k}" for k in range(scenes)]),
         "splits": {"shares": {"train": 0.7, "val": 0.1, "test": 0.2}, "chips": 2},
     }
     plan = DatasetPlan(read_dataset(tables), [SCENES])

@@ -1,0 +1,56 @@
+"""The values that a dataset can vary: what each of them may be."""
+
+from __future__ import annotations
+
+from ..core import Exposure, InputError, require, require_seed
+
+MOST_STOPS = 60.0
+MOST_FRAMES = 65535
+
+
+def check_value(name: str, value: object) -> None:
+    """Raise InputError for a value that this name cannot have. Fields of the camera are checked by its datasheet."""
+    kind = name.partition(".")[0]
+    if name == "exposure_s":
+        _check_exposure(value)
+    elif name == "exposure_ev":
+        require(name, _number(name, value), -MOST_STOPS, MOST_STOPS, "stops on top of exposure_s, e.g. -2")
+    elif name == "temperature_k":
+        Exposure(0.0, _number(name, value))
+    elif name in ("serial", "repetition"):
+        require_seed(name, value)  # type: ignore[arg-type]
+    elif name == "frames":
+        _check_frames(value)
+    elif kind == "traverse":
+        for one in value if isinstance(value, tuple) else (value,):
+            _number(name, one)
+    elif kind == "parameters" and isinstance(value, tuple):
+        raise InputError(f"{name} is {list(value)}; it must be one text or number, as after -D: {_text(value)!r}.")
+
+
+def text_of(value: object) -> str:
+    """A value of a <default> as it stands in a scene file."""
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _text(values: tuple[object, ...]) -> str:
+    return ", ".join(map(str, values))
+
+
+def _check_exposure(value: object) -> None:
+    if value == "auto":
+        return
+    if isinstance(value, str):
+        raise InputError(f"exposure_s is {value!r}; it must be a number of seconds, e.g. 0.1, or 'auto'.")
+    Exposure(_number("exposure_s", value))
+
+
+def _check_frames(value: object) -> None:
+    if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= MOST_FRAMES:
+        raise InputError(f"frames is {value!r}; it must be a whole number from 1 to {MOST_FRAMES}, e.g. 8.")
+
+
+def _number(name: str, value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise InputError(f"{name} is {value!r}; it must be a number.")
+    return value

@@ -1,0 +1,215 @@
+"""What a dataset says of its samples is so: equal settings have one key, others another, and nothing is there twice."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.datasets import SCENES, TABLES
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.dataset.file import read_dataset
+from mitsuba_sensor.dataset.keys import key_of, seed_of
+from mitsuba_sensor.dataset.make import camera_of
+from mitsuba_sensor.dataset.planned import DatasetPlan, PlannedSample
+from mitsuba_sensor.dataset.reader import Dataset
+from mitsuba_sensor.dataset.run import run
+from mitsuba_sensor.render.scene_settings import parse
+from mitsuba_sensor.sensor.checks import as_photons
+from mitsuba_sensor.sensor.metering import electrons_of
+
+OWN_LENS = """<scene version="3.0.0">
+  <sensor type="camera"><float name="focal_length_mm" value="20"/><float name="f_number" value="8"/>
+    <float name="focus_distance_m" value="3"/>
+    <film type="photosensor"><string name="camera" value="konnik_table1"/><integer name="width" value="16"/>
+      <integer name="height" value="16"/></film></sensor>
+  <emitter type="constant"><spectrum name="radiance" value="1e-4"/></emitter>
+</scene>"""
+
+
+def plan_of(roots: Path = SCENES, **changes: Any) -> DatasetPlan:
+    return DatasetPlan(read_dataset({**TABLES, **changes}), [roots], text='name = "small"\n')
+
+
+def samples(**changes: Any) -> list[PlannedSample]:
+    return [one for view in plan_of(**changes).views() for one in view.samples]
+
+
+def keys(**changes: Any) -> list[str]:
+    return [one.key for one in samples(**changes)]
+
+
+def made(folder: Path, roots: Path = SCENES, **changes: Any) -> Dataset:
+    found = run(plan_of(roots, **changes), folder, workers=0)
+    assert not found.failed, found.failed
+    return Dataset(folder)
+
+
+@pytest.fixture
+def own_lens(tmp_path: Path) -> Path:
+    (tmp_path / "own.xml").write_text(OWN_LENS)
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ({"grid": {"exposure_s": [1]}}, {"grid": {"exposure_s": [1.0]}}),
+        ({"grid": {"exposure_s": [0]}}, {"grid": {"exposure_s": [-0.0]}}),
+        ({"grid": {"temperature_k": [300]}}, {"grid": {"temperature_k": [300.0]}}),
+        ({"grid": {"traverse.x": [1]}}, {"grid": {"traverse.x": [1.0]}}),
+        ({"grid": {"parameters.radiance": [1e-4]}}, {"grid": {"parameters.radiance": ["0.0001"]}}),
+        ({"grid": {"f_number": [2]}}, {"grid": {"camera.lens.f_number": [2.0]}}),
+        ({"grid": {"serial": [1], "frames": [1], "exposure_ev": [0.0], "repetition": [0]}}, {}),
+        ({"render": {"spp": 16.0, "width": 16}}, {}),
+        *(
+            (
+                {"cameras": [{"camera": "sony_a7s2"}], "grid": {"gain": [400]}},
+                {"cameras": [{"camera": "sony_a7s2"}], "grid": {"gain": [gain]}},
+            )
+            for gain in ("400", 400.0)
+        ),
+        (
+            {"cameras": [{"camera": "konnik_table1", "set": {"adc": {"bits": 12}}}]},  # adc.bits = 12 without quotes
+            {"cameras": [{"camera": "konnik_table1", "set": {"adc.bits": 12}}]},
+        ),
+    ],
+)
+def test_the_same_settings_have_the_same_key(one: dict[str, Any], other: dict[str, Any]) -> None:
+    assert keys(**one) == keys(**other)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"grid": {"exposure_s": [1, 1.0]}},
+        {"grid": {"f_number": [2, 2.0]}},
+        {"grid": {"parameters.radiance": [1, "1"]}},
+        {"list": [{"exposure_s": 0.1}, {"exposure_s": 0.1}]},
+        {"list": [{"serial": 1}, {}]},
+        {"scenes": [{"name": name, "file": "flat_field.xml"} for name in "ab"]},
+        {
+            "scenes": [
+                {"name": "a", "file": "flat_field.xml", "views": [{"origin_m": [0, 0, 1], "target_m": [0, 0, 0]}] * 2}
+            ]
+        },
+        {"cameras": [{"camera": "konnik_table1", "name": name} for name in "ab"]},
+    ],
+)
+def test_nothing_is_in_a_dataset_twice(changes: dict[str, Any]) -> None:
+    """One that is there twice would be counted twice, and could be in the training and in the test split."""
+    with pytest.raises(ms.InputError, match=r"are the same .*; leave one of them out"):
+        samples(**changes)
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"grid": {"serial": [1.5]}}, r"serial is 1\.5; it must be a whole number"),
+        ({"grid": {"serial": ["x"]}}, "serial is 'x'; it must be a whole number"),
+        ({"grid": {"repetition": ["x"]}}, "repetition is 'x'; it must be a whole number"),
+        ({"grid": {"exposure_ev": [5000]}}, "exposure_ev is 5000; it must be from -60 to 60"),
+        ({"list": [{"exposure_s": "fast"}]}, "exposure_s is 'fast'; it must be a number of seconds, .* or 'auto'"),
+        ({"grid": {"temperature_k": [True]}}, "temperature_k is True; it must be a number"),
+        ({"grid": {"traverse.x": ["1"]}}, r"traverse\.x is '1'; it must be a number"),
+        ({"grid": {"parameters.radiance": [[1, 2]]}}, r"parameters\.radiance is \[1\.0, 2\.0\]; it must be one text"),
+        ({"grid": {"frames": [0]}}, "frames is 0; it must be a whole number from 1 to 65535"),
+        ({"grid": {"f_number": [2], "camera.lens.f_number": [4]}}, r"'camera\.lens\.f_number' twice"),
+        (
+            {"random": {"draws": 1, "values": {"serial": {"uniform": [1, 9]}}}},
+            "serial is .*; it must be a whole number",
+        ),
+        ({"cameras": [{"camera": "bayer2mp"}]}, r"cameras list.*Did you mean 'bayer_2mp'\?"),
+    ],
+)
+def test_a_value_that_cannot_be_is_refused_before_anything_is_made(changes: dict[str, Any], says: str) -> None:
+    with pytest.raises(ms.InputError, match=says):
+        samples(**changes)
+
+
+def test_too_many_samples_are_refused_before_they_are_listed() -> None:
+    grid = {name: [*range(1000)] for name in ("temperature_k", "repetition", "serial")}
+    with pytest.raises(ms.InputError, match="has 1000000000 samples; one has at most 1000000"):
+        plan_of(grid=grid)
+    scenes = [{"name": n, "file": "flat_field.xml", "parameters": {"exposure_s": k + 1}} for k, n in enumerate("ab")]
+    with pytest.raises(ms.InputError, match="at most 1000000"):
+        plan_of(scenes=scenes, splits={"shares": {"a": 0.5, "b": 0.5}, "chips": 10**9})
+
+
+def test_a_row_without_a_serial_number_is_of_chip_one() -> None:
+    scenes = [{"name": n, "file": "flat_field.xml", "parameters": {"exposure_s": k + 1}} for k, n in enumerate("ab")]
+    rows = [{"serial": 1}, {"serial": 2}, {"temperature_k": 300}]
+    found = samples(scenes=scenes, splits={"shares": {"a": 0.5, "b": 0.5}}, list=rows)
+    chips = {split: {one.config["serial"] for one in found if one.split == split} for split in "ab"}
+    assert chips["a"] & chips["b"] == set() and len(found) == 3
+
+
+def test_what_a_dataset_sets_stands_above_the_scene_file_also_where_it_is_usual(own_lens: Path, tmp_path: Path) -> None:
+    """The scene has f/8; a camera that is set to its own f-number has the light of that: (8/N)² times as much."""
+    usual = ms.load_camera("konnik_table1").lens.f_number
+    cameras = [
+        {"camera": "konnik_table1", "name": "of_scene"},
+        {"camera": "konnik_table1", "name": "set", "set": {"lens": {"f_number": usual}}},
+    ]
+    common: dict[str, Any] = {"scenes": [{"name": "own", "file": "own.xml"}], "outputs": ["electrons"]}
+    found = made(tmp_path / "out", own_lens, cameras=cameras, grid={"exposure_s": [0.01]}, **common)
+    scene, own = (next(one for one in found if one.values["camera"] == name) for name in ("of_scene", "set"))
+    ratio = own.read("electrons").mean() / scene.read("electrons").mean()
+    assert ratio == pytest.approx((8 / usual) ** 2, rel=0.02)
+
+
+def test_a_varied_focus_stands_above_that_of_the_scene(own_lens: Path) -> None:
+    settings = parse(own_lens / "own.xml", {}).settings
+    cameras = [{"camera": "konnik_table1", "set": {"lens": {"prescription": "double_gauss"}}}]
+    found = samples(
+        roots=own_lens, scenes=[{"name": "own", "file": "own.xml"}], cameras=cameras, grid={"focus_m": [1.0, 2.0]}
+    )
+    assert [camera_of(settings, one.config).lens.focus_m for one in found] == [1.0, 2.0]
+
+
+def test_light_in_a_cube_is_for_cameras_of_any_quantum_efficiency(tmp_path: Path) -> None:
+    """Half the efficiency is half the electrons of the same light, exactly; whose error is given is said; a camera with
+    colour filters knows the illuminant. Each is the camera's own render within its error."""
+    low_high = {"quantum_efficiency.wavelengths_nm": [400, 700]}
+    cameras = [
+        {"camera": "konnik_table1", "name": str(qe), "set": {"quantum_efficiency.value": qe, **low_high}}
+        for qe in (0.6, 0.3)
+    ] + [{"camera": "bayer_2mp"}]
+    outputs = ["raw", "electrons", "irradiance"]
+    render = {"spp": 32, "width": 16, "spectral": "cube"}
+    scenes, grid = [{"name": "cornell", "file": "cornell_box.xml"}], {"exposure_s": [0.01]}
+    high, low, colour = made(
+        tmp_path / "out", cameras=cameras, outputs=outputs, render=render, scenes=scenes, grid=grid
+    )
+    assert high.view_folder == low.view_folder
+    np.testing.assert_allclose(high.read("electrons"), 2 * low.read("electrons"), rtol=1e-5)
+    assert (
+        high.facts["electrons_error_of"] == low.facts["electrons_error_of"] == "a detector that is flat over the band"
+    )
+    light = ms.read_irradiance(colour.view_folder / "irradiance.exr")
+    assert light.rendered_for is not None and light.rendered_for.illuminant is not None
+    camera, exposure = ms.load_camera("bayer_2mp"), ms.Exposure(0.01)
+    own = ms.render(SCENES / "cornell_box.xml", camera, exposure, spp=32, width=16, seed=5)
+    expected = electrons_of(as_photons(ms.collect(own, camera, exposure), camera), camera, exposure)
+    assert colour.read("electrons").mean() == pytest.approx(expected.mean(), rel=0.05)
+
+
+def test_a_sample_is_a_render_and_an_exposure_of_its_own(tmp_path: Path) -> None:
+    """By ms.render with the seed of the view and ms.expose with that of the sample, from the settings alone."""
+    grid = {"exposure_s": [0.01, 0.02], "f_number": [2.0], "gain": [800], "temperature_k": [313]}
+    cameras = [{"camera": "sony_a7s2", "set": {"pixel.prnu": 0.02}, "without": ["shot_noise"]}]
+    scenes = [{"name": "cornell", "file": "cornell_box.xml", "parameters": {"lamp_cd_per_m2": 500}}]
+    found = made(tmp_path / "out", cameras=cameras, scenes=scenes, grid=grid)
+    camera = ms.load_camera("sony_a7s2").replace(**{"pixel.prnu": 0.02, "lens.f_number": 2.0}).without("shot_noise")
+    exposure = ms.Exposure(0.01, 313)
+    options: dict[str, Any] = {"spp": 16, "width": 16, "parameters": {"lamp_cd_per_m2": 500}, "repeatable": True}
+    seed = seed_of(key_of(found[0].facts["view"]["config"]))
+    light = ms.render(SCENES / "cornell_box.xml", camera.at_gain(800), exposure, seed=seed, denoise=False, **options)
+    for sample, time_s in zip(found, (0.01, 0.02), strict=True):
+        frames = ms.expose(
+            light, camera, ms.Exposure(time_s, 313), serial=1, seed=sample.facts["seeds"]["seed"], gain=800
+        )
+        np.testing.assert_array_equal(sample.read("raw"), frames.digital)
+        assert sample.facts["system_gain_dn_per_e"] == camera.at_gain(800).system_gain_dn_per_e
