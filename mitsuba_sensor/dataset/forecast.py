@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
@@ -27,7 +26,7 @@ class Counts:
     views: int = 0
     samples: int = 0
     by_scene: dict[str, list[int]] = field(default_factory=dict)
-    by_split: Counter[str] = field(default_factory=Counter)
+    by_split: dict[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -61,7 +60,8 @@ def counts_of(plan: DatasetPlan) -> Counts:
         of_scene = found.by_scene.setdefault(view.scene, [0, 0])
         found.views, of_scene[0] = found.views + 1, of_scene[0] + 1
         found.samples, of_scene[1] = found.samples + len(view.samples), of_scene[1] + len(view.samples)
-        found.by_split.update(sample.split for sample in view.samples)
+        for sample in view.samples:
+            found.by_split[sample.split] = found.by_split.get(sample.split, 0) + 1
     return found
 
 

@@ -171,7 +171,7 @@ class DatasetPlan:
         parameters = {**entry.parameters, **of_kind("parameters", one.values)}
         parameters = {name: text_of(value) for name, value in parameters.items()}
         noisy: Facts = {"camera": camera.datasheet, "gain": camera.gain, "exposure": dict(exposure)}
-        noisy["set"] = camera.set_fields
+        noisy["set"], cube = camera.set_fields, options["spectral"] == "cube"
         motion = self._motion(entry)
         moving: Facts = {"motion": motion.model_dump(mode="json"), "exposure": dict(exposure)}
         moving |= noisy if exposure["time_s"] in ("auto", None) else {}  # metered for this camera
@@ -183,8 +183,8 @@ class DatasetPlan:
             "look_at": None if one.view is None else one.view.model_dump(),
             **{name: getattr(entry, name) for name in ("scene_unit", "integrator", "ignore_polarization")},
             "render": options,
-            "lens": of_light(camera.camera, options["spectral"] == "cube"),
-            "set": [name for name in camera.set_fields if changes_light(f"camera.{name}")],  # not as the scene has it
+            "lens": of_light(camera.camera, cube),
+            "set": [name for name in camera.set_fields if of_lens(name, cube)],  # not as the scene has it
             "dataset_seed": self.file.seed,
             **({} if motion == Motion() else moving),
             **(noisy if options["noise_ratio"] else {}),
@@ -201,6 +201,11 @@ class DatasetPlan:
         if isinstance(entry.motion, str):
             return read_motion(find_below(entry.motion, self.roots, f"the motion of scene {entry.name}"))
         return read_motion(entry.motion)
+
+
+def of_lens(field: str, cube: bool) -> bool:
+    """Whether a field of the camera changes the light in front of its pixels."""
+    return changes_light(f"camera.{field}") and not (cube and field.startswith("quantum_efficiency."))
 
 
 def _exposure(values: Config) -> Facts:
