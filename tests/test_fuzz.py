@@ -67,6 +67,6 @@ def test_a_serial_number_of_a_dataset_is_whole(serial: str, tmp_path: Path) -> N
 
 
 def test_a_file_of_a_name_that_is_too_long_is_not_there(tmp_path: Path) -> None:
-    (tmp_path / "d.toml").write_text(fuzz_cases.DATASET.replace("konnik_table1", "a" * 5000))
+    (tmp_path / "d.toml").write_text(fuzz_cases.DATASET.replace("konnik_table1", "a" * 5000 + ".toml"))
     with pytest.raises(InputError, match="no such file"):
         load_plan(tmp_path / "d.toml", [fuzz_cases.ROOT]).cameras.as_given  # noqa: B018
