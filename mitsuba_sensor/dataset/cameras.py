@@ -67,7 +67,7 @@ class Cameras:
         return self._varied[known]
 
     def _of_entry(self, entry: CameraEntry) -> Camera:
-        where = f"camera {entry.camera!r}"
+        where = f"camera {entry.camera[:200]!r}"
         shipped = entry.camera in list_cameras()
         if not shipped and not entry.camera.endswith(".toml"):
             near = nearest(entry.camera, list_cameras())

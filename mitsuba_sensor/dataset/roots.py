@@ -24,4 +24,4 @@ def find_below(name: str, roots: Sequence[Path], what: str) -> Path:
             if not (root / name).resolve().is_relative_to(root.resolve()):
                 raise InputError(f"{what} is {name!r}, a link that leads out of {root}; {remedy}.")
             return root / name
-    raise InputError(f"{what} is {name!r}, and there is no such file below {folders}; {remedy}.")
+    raise InputError(f"{what} is {name[:200]!r}, and there is no such file below {folders}; {remedy}.")
