@@ -37,6 +37,7 @@ PHOTOMETRIC, CFA, LINEAR_RAW = 262, 32803, 34892
 EXIF, EXIF_TO_BE = 34665, 34664  # where the directory of Exif stands; tifffile writes no tag of this number
 MOST_BITS = 16  # LibRaw reads no deeper integers
 FEWEST_PIXELS = 22  # rows and columns: LibRaw opens no smaller pictures
+PADDING = 2  # pixels at each edge that a developer needs to interpolate colours, says Adobe's SDK
 BAYER = (2, 2)  # the only tile of filters, of those that cameras here can have, that LibRaw reads
 BEYOND_SHORT = 65535  # an ISO speed that stands in RecommendedExposureIndex instead (Exif 2.3)
 INSTEAD = "leave dng out: frame.tiff (ms.write_tiff) holds every code"
@@ -131,6 +132,9 @@ def _colours(frames: Frames, pattern: Sequence[Sequence[str]]) -> Iterator[Tag]:
     yield _tag(50710, TIFF_BYTE, 0, 1, 2)  # CFAPlaneColor: red, green, blue
     yield _tag(50711, TIFF_SHORT, 1)  # CFALayout: a rectangle
     yield from _levels(frames, BAYER[0])
+    rows, columns = frames.digital.shape[1:]
+    yield _tag(50719, TIFF_LONG, PADDING, PADDING)  # DefaultCropOrigin: without the pixels at the edges, whose colours
+    yield _tag(50720, TIFF_LONG, columns - 2 * PADDING, rows - 2 * PADDING)  # would be extrapolated
     for place, one in enumerate(calibrations(camera)):
         yield _tag(50778 + place, TIFF_SHORT, one.light_source)  # CalibrationIlluminant1, 2
         yield _tag(50721 + place, SRATIONAL, *one.to_raw.ravel())  # ColorMatrix1, 2

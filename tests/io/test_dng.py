@@ -50,6 +50,8 @@ def test_libraw_reads_every_pixel_of_a_mosaic_behind_its_own_filter(tmp_path: Pa
         assert raw.black_level_per_channel == [4] * 4 and raw.white_level == 4095  # 4σ of read noise; the last code
         assert (raw.other.shutter_speed, raw.other.aperture) == pytest.approx((0.01, 2.8))
         assert raw.postprocess().shape == (*SIZE, 3)
+        crop = raw.sizes.crop_left_margin, raw.sizes.crop_top_margin, raw.sizes.crop_width, raw.sizes.crop_height
+        assert crop == (2, 2, SIZE[1] - 4, SIZE[0] - 4)  # Adobe's SDK warns of less at the edges
     back = read_raw(tmp_path / "a.dng")
     np.testing.assert_array_equal(back.frames, frames.digital)
     assert back.tile == tuple(map(tuple, names[:2, :2])) and back.exposure_s == pytest.approx(0.01)
