@@ -54,6 +54,7 @@ cameras = [{ camera = "bayer_2mp" }]
 grid = { exposure_s = [0.01], exposure_ev = [0, -2], serial = [1, 2] }
 """
 SAMPLES = 12
+MOST_SHOWN = 20  # problems
 ENDS_S = 20.0
 """After the command was killed alone, its workers end within so many seconds."""
 
@@ -164,7 +165,8 @@ def kills(runs: Runs, tries: int, chance: random.Random) -> dict[str, Any]:
         said, _ = process.communicate()
         if not ended(process.pid):
             runs.problems.append(f"kill {done}, {kind}: its workers go on")
-        if process.returncode not in (0, -9, -2, 130) or "Traceback" in said:
+        begun = kind != "worker" or "could not begin" not in said
+        if (process.returncode not in (0, -9, -2, 130) and begun) or "Traceback" in said:
             runs.problems.append(f"kill {done}, {kind}: ended with {process.returncode}: {said[-500:]}")
         if runs.out.exists():
             runs.check(f"kill {done}, {kind}")
@@ -294,8 +296,11 @@ def main() -> None:
         attack, usual = ATTACKS[name]
         began = time.monotonic()
         with folder_for_all() as top:
-            results[name] = attack(Runs(top), options.tries or usual, random.Random(options.seed))
+            runs = Runs(top)
+            results[name] = attack(runs, options.tries or usual, random.Random(options.seed))
         results[name]["seconds"] = time.monotonic() - began
+        for one in runs.problems[1:MOST_SHOWN]:
+            print(f"{name}: {one}", file=sys.stderr)
         if not options.json:
             print("\n".join(lines({name: results[name]})), flush=True)
     if options.json:

@@ -83,17 +83,22 @@ def _client(options: RunOptions, stack: ExitStack) -> tuple[Any, Callable[[], in
     stack.enter_context(_silent_tracker())
     stack.enter_context(_without_main())
     memory = f"{options['memory_gb']}GB" if options["memory_gb"] else 0
-    cluster = stack.enter_context(
-        distributed.LocalCluster(
-            n_workers=options["workers"],
-            threads_per_worker=1,
-            memory_limit=memory,
-            processes=True,
-            dashboard_address="127.0.0.1:0",
-            silence_logs=50,
-            preload=["mitsuba_sensor.dataset.worker"],
+    try:
+        cluster = stack.enter_context(
+            distributed.LocalCluster(
+                n_workers=options["workers"],
+                threads_per_worker=1,
+                memory_limit=memory,
+                processes=True,
+                dashboard_address="127.0.0.1:0",
+                silence_logs=50,
+                preload=["mitsuba_sensor.dataset.worker"],
+            )
         )
-    )
+    except (RuntimeError, OSError, TimeoutError) as error:
+        raise InputError(
+            f"the processes that render could not begin ({error}); try again, or use --workers 0, which has none."
+        ) from error
     if hasattr(os, "WNOHANG"):
         stack.enter_context(undone_if_stopped(partial(_end_workers, cluster)))
     client = stack.enter_context(distributed.Client(cluster))
@@ -171,7 +176,12 @@ def _spread(
 
 def _end_workers(cluster: Any) -> None:
     """Have the workers of a cluster undo what is unfinished, and wait for that."""
-    pids = {nanny.pid for nanny in cluster.workers.values() if nanny.pid}
+    from distributed.core import Status
+
+    pids = set()
+    for nanny in tuple(cluster.workers.values()):
+        nanny.status = Status.closing  # which begins no new process
+        pids |= {nanny.pid} if nanny.pid else set()
     for pid in pids:
         with suppress(ProcessLookupError):
             os.kill(pid, signal.SIGTERM)
