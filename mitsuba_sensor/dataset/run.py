@@ -55,8 +55,16 @@ def run(
     known = store.quarantined()
     show(progress)
 
+    told_of, ended = 0, 0
+
+    def count(more_told: int, more_ended: int) -> None:
+        """Of the samples that workers tell of, which may come late, and of the views that have ended."""
+        nonlocal told_of, ended
+        told_of, ended = told_of + more_told, ended + more_ended
+        progress.made = max(told_of, ended)
+
     def told(what: str, done: int) -> None:
-        progress.made += done
+        count(done, 0)
         progress.now = progress.now if done else what
         show(progress)
 
@@ -69,6 +77,7 @@ def run(
             progress.failed.append(one)
         elif one.view in known:
             store.release(one.view)
+        count(0, one.samples)
         show(progress)
     write_index(plan, store)
     return progress
