@@ -19,7 +19,7 @@ from ..dataset.faults import Fault
 from ..dataset.forecast import Counts, Forecast, counts_of, forecast
 from ..dataset.options import EXPORT_FORMATS, ExportOptions, RootOptions, RunOptions
 from ..dataset.planned import DatasetPlan, load_plan
-from ..dataset.repair import discard, plan_of, store_of, verify
+from ..dataset.repair import discard, holdings, plan_of, store_of, verify
 from ..dataset.run import RunProgress, Show, run
 from ..stopping import remark_if_stopped, undone_if_stopped
 from . import arguments, options
@@ -97,12 +97,15 @@ def plan_command(
 def status_command(folder: DatasetFolder, as_json: arguments.Json = False) -> None:
     """Say how much of a dataset is there, and what could not be made. Reads records, no pictures."""
     store, plan = store_of(Path(folder)), plan_of(Path(folder), None)
-    there, size = 0, 0
-    for record in store.scan("samples"):
-        there, size = there + 1, size + sum(n for n, _ in record.files.values())
+    held = holdings(store, plan)
     failed = {key: str(facts.get("why")) for key, facts in store.quarantined().items()}
-    found = {"name": plan.file.name, "samples": plan.samples, "there": there, "bytes": size, "quarantine": failed}
-    head = f"{plan.file.name}: {there} of {plan.samples} samples, {size / 1e6:.3g} MB"
+    found = {"name": plan.file.name, **held._asdict(), "quarantine": failed}
+    head = f"{plan.file.name}: {held.there} of {held.samples} samples, {held.bytes / 1e6:.3g} MB"
+    if held.others:
+        head += (
+            f"\n{held.others} samples of earlier files of the dataset too, {held.others_bytes / 1e6:.3g} MB, which "
+            f"ms.Dataset and exports leave out"
+        )
     show(found if as_json else _with_failed(head, failed), as_json)
 
 
@@ -187,6 +190,11 @@ def _kept(last: list[RunProgress]) -> str | None:
 def run_sheet(plan: DatasetPlan, found: RunProgress, folder: str) -> RenderableType:
     """What a run made, and what it could not."""
     head = Text.assemble((plan.file.name, "bold"), f": {found.made} samples made, {found.there} were there → ", folder)
+    if found.changed:
+        head.append(
+            f"\n{folder} was made from another text of the file before; samples that this one does not have stay there "
+            f"and are in no index: `mitsuba-sensor dataset status {folder}` counts them"
+        )
     return _with_failed(head, {one.view: one.failed for one in found.failed})
 
 

@@ -133,7 +133,6 @@ class Rendered:
             files.write_png(folder / "frame.png", picture)
         facts = {
             "key": sample.key,
-            "split": sample.split,
             "values": sample.values,
             "camera": camera.name,
             "seeds": {"seed": seed, "serial": serial},

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from ..core import InputError
 from ..io import files
@@ -39,6 +40,25 @@ def discard(folder: Path, faults: Sequence[Fault]) -> list[tuple[Kind, str]]:
     for kind, key in broken:
         store.discard(kind, key)
     return broken
+
+
+class Holdings(NamedTuple):
+    """What a folder has.  samples : of the dataset, of which are there : so many, with so many bytes.  others : samples
+    that an earlier text of the dataset file had."""
+
+    samples: int
+    there: int
+    bytes: int
+    others: int
+    others_bytes: int
+
+
+def holdings(store: Store, plan: DatasetPlan) -> Holdings:
+    """By the records of the store: no file is read."""
+    sizes = {one.key: sum(size for size, _ in one.files.values()) for one in store.scan("samples")}
+    keys = [sample.key for view in plan.views() for sample in view.samples]
+    own = [sizes.pop(key) for key in keys if key in sizes]
+    return Holdings(len(keys), len(own), sum(own), len(sizes), sum(sizes.values()))
 
 
 def store_of(folder: Path) -> Store:

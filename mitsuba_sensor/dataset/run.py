@@ -10,6 +10,7 @@ from typing import TypeAlias, Unpack
 from ..core import DiskFull, InputError
 from ..core.options import complete, documents
 from ..io import durable, files
+from ..io.texts import text_of_file
 from ..io.worker_log import forget, is_begun
 from .engine import outcomes, usual_workers
 from .options import RunOptions
@@ -22,13 +23,15 @@ from .task import Outcome, log_path
 @dataclass
 class RunProgress:
     """How far a run is.  samples : of the dataset, or of this shard; before splits and shards leave any out.
-    there : complete before this run.  made : by it.  failed : views in quarantine, with the reason."""
+    there : complete before this run.  made : by it.  failed : views in quarantine, with the reason.
+    changed : the folder was made from another text of the dataset file, whose samples stay in it."""
 
     samples: int
     there: int = 0
     made: int = 0
     now: str = "starting"
     failed: list[Outcome] = field(default_factory=list)
+    changed: bool = False
 
 
 Show = Callable[[RunProgress], object]
@@ -49,7 +52,7 @@ def run(
         chosen["workers"] = usual_workers() if shard == (1, 1) else 0
     store, progress = Store(out), RunProgress(0)
     files.require_folder(out)
-    check_same(plan, store)
+    progress.changed = check_same(plan, store)
     store.clean()
     progress.samples = round(plan.samples / shard[1])
     known = store.quarantined()
@@ -131,13 +134,14 @@ def of_shard(plan: DatasetPlan, shard: tuple[int, int]) -> Iterator[PlannedView]
     return (view for view in plan.views() if int(view.key, 16) % shards == number - 1)
 
 
-def check_same(plan: DatasetPlan, store: Store) -> None:
-    """Raise InputError where the folder holds another dataset; write down which one it holds."""
-    path = store.folder / FILE
+def check_same(plan: DatasetPlan, store: Store) -> bool:
+    """Raise InputError where the folder holds another dataset; write down which one it holds, and say whether its
+    file was another one before."""
+    path, changed = store.folder / FILE, False
     if path.exists():
         from .file import read_dataset
 
-        name = read_dataset(path).name
+        name, changed = read_dataset(path).name, text_of_file(path, "give another folder") != plan.text
         if name != plan.file.name:
             raise InputError(
                 f"{store.folder} holds the dataset {name!r}, and this one is {plan.file.name!r}; give another folder."
@@ -147,6 +151,7 @@ def check_same(plan: DatasetPlan, store: Store) -> None:
     durable.make_folder(store.folder, store.folder.parent)
     files.write_page(path, plan.text)
     files.write_json(store.folder / ROOTS, {"roots": [str(root.resolve()) for root in plan.roots]})
+    return changed
 
 
 def write_index(plan: DatasetPlan, store: Store) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -11,15 +12,19 @@ from helpers.datasets import SCENES, TABLES
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.dataset.file import read_dataset
+from mitsuba_sensor.dataset.forecast import counts_of
 from mitsuba_sensor.dataset.keys import key_of, seed_of
 from mitsuba_sensor.dataset.make import camera_of
 from mitsuba_sensor.dataset.planned import DatasetPlan, PlannedSample
 from mitsuba_sensor.dataset.reader import Dataset
+from mitsuba_sensor.dataset.repair import holdings
 from mitsuba_sensor.dataset.run import run
+from mitsuba_sensor.dataset.store import Store
 from mitsuba_sensor.render.scene_settings import parse
 from mitsuba_sensor.sensor.checks import as_photons
 from mitsuba_sensor.sensor.metering import electrons_of
 
+TEXT = 'name = "small"\nscenes = [{ name = "flat", file = "flat_field.xml" }]\ncameras = [{ camera = "bayer_2mp" }]\n'
 OWN_LENS = """<scene version="3.0.0">
   <sensor type="camera"><float name="focal_length_mm" value="20"/><float name="f_number" value="8"/>
     <float name="focus_distance_m" value="3"/>
@@ -30,7 +35,7 @@ OWN_LENS = """<scene version="3.0.0">
 
 
 def plan_of(roots: Path = SCENES, **changes: Any) -> DatasetPlan:
-    return DatasetPlan(read_dataset({**TABLES, **changes}), [roots], text='name = "small"\n')
+    return DatasetPlan(read_dataset({**TABLES, **changes}), [roots], text=TEXT)
 
 
 def samples(**changes: Any) -> list[PlannedSample]:
@@ -213,3 +218,32 @@ def test_a_sample_is_a_render_and_an_exposure_of_its_own(tmp_path: Path) -> None
         )
         np.testing.assert_array_equal(sample.read("raw"), frames.digital)
         assert sample.facts["system_gain_dn_per_e"] == camera.at_gain(800).system_gain_dn_per_e
+
+
+def test_what_another_file_left_in_the_folder_is_told_apart(tmp_path: Path) -> None:
+    """One exposure is changed: one sample is made, three are in the folder, two are the dataset's."""
+    folder, told = tmp_path / "out", []
+    for number, times in enumerate(([0.1, 0.2], [0.1, 0.3], [0.1, 0.3])):
+        file = read_dataset({**TABLES, "grid": {"exposure_s": times}})
+        plan = DatasetPlan(file, [SCENES], f"{TEXT}# {number > 0}\n")
+        told.append(run(plan, folder, workers=0))
+        held = holdings(Store(folder), plan)
+    assert [(one.made, one.there, one.changed) for one in told] == [(2, 0, False), (1, 1, True), (0, 2, False)]
+    assert (held.samples, held.there, held.others) == (2, 2, 1) and len(Dataset(folder)) == 2
+    assert held.bytes > held.others_bytes > 0
+
+
+def test_the_split_is_in_the_index_alone(tmp_path: Path) -> None:
+    """A sample stays as it is where the splits change, and so must not say which one it was in."""
+    scenes = [{"name": n, "file": "flat_field.xml", "parameters": {"exposure_s": k + 1}} for k, n in enumerate("ab")]
+    for names in (("train", "test"), ("one", "two")):
+        shares = dict.fromkeys(names, 0.5)
+        found = made(tmp_path / "out", scenes=scenes, splits={"shares": shares}, grid={"serial": [1, 2]})
+        assert {one.split for one in found} == set(names)
+        assert not any("split" in one.facts for one in found)
+
+
+def test_a_plan_counts_splits_by_name_also_in_json() -> None:
+    scenes = [{"name": n, "file": "flat_field.xml", "parameters": {"exposure_s": k + 1}} for k, n in enumerate("ab")]
+    counts = counts_of(plan_of(scenes=scenes, splits={"shares": {"train": 0.5, "test": 0.5}}))
+    assert asdict(counts)["by_split"] == {"train": 1, "test": 1}
