@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import pydantic
-from pydantic import Field, model_validator
+from pydantic import Field, PlainValidator, model_validator
 
 from ..core import InputError, nearest
 from ..core.options import complete, declared
@@ -20,7 +20,7 @@ from ..render.options import RenderOptions
 from ..sensor.datasheet import Count, FileTable, optional
 from ..sensor.datasheet_errors import sentence
 from .keys import Config
-from .values import check_value
+from .values import check_value, plain_value, value_or_list
 
 LARGEST_BYTES = 2**22  # of a dataset file
 MOST_SAMPLES = 10**6
@@ -29,8 +29,8 @@ Output = Literal["raw", "dng", "clean", "electrons", "variance", "noise_budget",
 OF_SCENE = ("parameters", "traverse", "motion", "scene_unit", "integrator", "ignore_polarization", "look_at")
 NOT_RENDER = (*OF_SCENE, "max_seconds", "repeatable", "raw_light", "variant", "gain")
 """What a [render] table does not have: what belongs to a scene, and what would differ from run to run."""
-Plain = bool | Number | int | str
-Value = Plain | tuple[Number, ...]
+Plain = Annotated[bool | float | int | str, PlainValidator(plain_value)]
+Value = Annotated[bool | float | int | str | tuple[float, ...], PlainValidator(value_or_list)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
 Seed = Annotated[int, Field(ge=0, lt=2**63, strict=True)]
 Share = Annotated[float, Field(gt=0, le=1, strict=True)]

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import sys
+
 from ..core import Exposure, InputError, require, require_seed
 
+LARGEST = sys.float_info.max
 MOST_STOPS = 60.0
 MOST_FRAMES = 65535
 
@@ -26,6 +29,24 @@ def check_value(name: str, value: object) -> None:
             _number(name, one)
     elif kind == "parameters" and isinstance(value, tuple):
         raise InputError(f"{name} is {list(value)}; it must be one text or number, as after -D: {_text(value)!r}.")
+
+
+def plain_value(value: object) -> bool | float | str:
+    """A number, a text, or true or false. Raises ValueError."""
+    if isinstance(value, dict):
+        raise ValueError('this is a table; put a name with dots in quotes, e.g. "camera.adc.bits" = [10, 12]')
+    if not isinstance(value, bool | int | float | str) or (isinstance(value, float) and not abs(value) <= LARGEST):
+        raise ValueError(f"{value!r:.100} must be a finite number, a text, true or false")
+    return value
+
+
+def value_or_list(value: object) -> bool | float | str | tuple[float, ...]:
+    """The same, or a list of numbers. Raises ValueError."""
+    if not isinstance(value, list | tuple):
+        return plain_value(value)
+    if not all(isinstance(one, int | float) and not isinstance(one, bool) and abs(one) <= LARGEST for one in value):
+        raise ValueError(f"{value!r:.100} must have finite numbers only, e.g. [0.5, 0.5, 1]")
+    return tuple(map(float, value))
 
 
 def text_of(value: object) -> str:

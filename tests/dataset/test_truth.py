@@ -120,6 +120,12 @@ def test_nothing_is_in_a_dataset_twice(changes: dict[str, Any]) -> None:
         ({"grid": {"temperature_k": [True]}}, "temperature_k is True; it must be a number"),
         ({"grid": {"traverse.x": ["1"]}}, r"traverse\.x is '1'; it must be a number"),
         ({"grid": {"parameters.radiance": [[1, 2]]}}, r"parameters\.radiance is \[1\.0, 2\.0\]; it must be one text"),
+        (
+            {"grid": {"exposure_s": [float("nan")]}},
+            r"exposure_s\.0: nan must be a finite number",
+        ),
+        ({"grid": {"traverse.x": [[1, 10**400]]}}, r"x\.0: .* must have finite numbers only"),
+        ({"list": [{"camera": {"adc": {"bits": 12}}}]}, "put a name with dots in quotes"),
         ({"grid": {"frames": [0]}}, "frames is 0; it must be a whole number from 1 to 65535"),
         ({"grid": {"f_number": [2], "camera.lens.f_number": [4]}}, r"'camera\.lens\.f_number' twice"),
         (
