@@ -81,7 +81,8 @@ def plan_command(
 ) -> None:
     """Say how many renders and samples a dataset has, and what disk and time it will take. Writes nothing.
 
-    Every sample is checked. Time and bytes are of a short render of each scene on this machine.
+    Values, cameras and files of every sample are checked; a scene is loaded for its short render on this machine, of
+    which time and bytes are.
     """
     plan = load_plan(file, flags["roots"] or ["."])
     if count_only:
