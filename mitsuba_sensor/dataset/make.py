@@ -22,6 +22,7 @@ from ..render.irradiance import Irradiance
 from ..render.options import RenderOptions
 from ..render.prepared import PreparedRender, prepare
 from ..render.scene_settings import ParsedScene, SceneSettings, parse
+from ..render.variants import fastest_variant
 from ..sensor.camera import Camera
 from ..sensor.camera_file import camera_from
 from ..sensor.expose import expose
@@ -203,7 +204,8 @@ def scene_options(view: PlannedView) -> RenderOptions:
     names = "parameters", "traverse", "look_at", "scene_unit", "integrator", "ignore_polarization", "motion"
     of_scene = {name: config.get(name) for name in names}
     of_scene["traverse"] = of_scene["traverse"] or None
-    return {**config["render"], **of_scene, "repeatable": True}  # type: ignore[typeddict-item]
+    variant = fastest_variant("llvm").name  # whatever is set: CUDA adds in any order
+    return {**config["render"], **of_scene, "repeatable": True, "variant": variant}  # type: ignore[typeddict-item]
 
 
 def is_timed(view: PlannedView) -> bool:

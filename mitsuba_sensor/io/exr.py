@@ -152,12 +152,11 @@ def _rendered_for(header: Mapping[str, Any]) -> RenderedFor | None:
 
 
 def _statistics(text: str) -> RenderStatistics:
-    """Of JSON, whose lists are tuples again."""
+    """Of JSON, whose notes are a tuple again."""
     from ..render.statistics import RenderStatistics
 
     found: dict[str, Any] = json.loads(text)
-    found |= {name: tuple(value) for name, value in found.items() if isinstance(value, list)}
-    return RenderStatistics(**found)
+    return RenderStatistics(**{**found, "notes": tuple(found["notes"])})
 
 
 def write_aovs_exr(path: Path, aovs: Aovs) -> None:

@@ -57,11 +57,17 @@ def choose_variant(requested: str | None = None) -> Variant:
         return _checked(requested, "asked for", f"variant is {requested!r}")
     if current is not None:
         return _checked(current, "already set", f"the variant already set is {current!r}")
-    for backend, reason in (("cuda", "a CUDA device is present"), ("llvm", f"LLVM {llvm_version()} is usable")):
+    return fastest_variant("cuda", "llvm")
+
+
+def fastest_variant(*backends: str) -> Variant:
+    """The first of these back ends that works on this machine, else scalar, whatever is set. Sets none."""
+    reasons = {"cuda": "a CUDA device is present", "llvm": f"LLVM {llvm_version()} is usable"}
+    for backend in backends:
         both = f"{backend}_spectral", f"{backend}_ad_spectral"
         name = next((v for v in both if v in mitsuba().variants()), None)
         if name and backend_problem(backend) is None:
-            return Variant(name, backend, reason)
+            return Variant(name, backend, reasons[backend])
     return Variant("scalar_spectral", "scalar", backend_problem("llvm") or "", FASTER)
 
 

@@ -48,7 +48,9 @@ def contents(folder: Path) -> dict[str, str]:
 def test_processes_shards_and_a_cluster_make_the_same_bytes(plan: DatasetPlan, tmp_path: Path) -> None:
     """Two processes; three shards, the last one twice; a Dask scheduler over a socket, as dask-jobqueue starts one."""
     import distributed
+    import mitsuba
 
+    mitsuba.set_variant("scalar_spectral")  # what is set in this process changes nothing
     run(plan, tmp_path / "alone", workers=0)
     expected = contents(tmp_path / "alone")
     assert len(expected) == 8 * 4 + 1

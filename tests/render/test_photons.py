@@ -22,6 +22,7 @@ def light(data: Any, wavelengths: Any = (550.0,), widths: Any = (1.0,)) -> Any:
     return SimpleNamespace(
         data=np.asarray(data), wavelengths_nm=np.asarray(wavelengths), bandwidths_nm=np.asarray(widths),
         filters=None, response=None, origin=(0, 0), in_band=None, rendered_for=None,
+        statistics=SimpleNamespace(intrinsics=None),
     )  # fmt: skip
 
 
