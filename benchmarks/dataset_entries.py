@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
 import random
@@ -133,8 +134,9 @@ class Program:
             self.go()
 
     def go(self) -> None:
-        """Let it begin."""
-        self.mine.send(b"!")
+        """Let it begin; it may be dead already, in the call in which it waits."""
+        with contextlib.suppress(BrokenPipeError):
+            self.mine.send(b"!")
 
     def kill(self) -> None:
         """SIGKILL, wherever it is."""

@@ -33,6 +33,7 @@ SETTINGS = {
     "distributed.worker.multiprocessing-method": "spawn",
     "distributed.comm.timeouts.connect": "60s",
     "distributed.worker.daemon": True,
+    "distributed.nanny.pre-spawn-environ": {},  # which would make arrays slow: one thread, memory given back at once
     "distributed.admin.low-level-log-length": 100,  # logs of the scheduler, so that its memory stays as it is
     "distributed.diagnostics.computations.max-history": 1,
     "distributed.diagnostics.erred-tasks.max-history": 1,

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from statistics import fmean
 
 from .keys import Facts
 from .planned import DatasetPlan, PlannedView
@@ -15,8 +17,9 @@ from .store import Store
 
 SHORT_SPP = 32
 MOST_SCENES = 8  # that are measured; the others are taken for their mean
-START_S = 4.0  # until the processes of a run have loaded Mitsuba and their first scene
-GAIN = 1.25  # of two processes over one: while one writes, the other one renders
+MOST_SAMPLES = 4  # of a view that are measured
+START_S = 5.0  # until the processes of a run have loaded Mitsuba and compiled their first scene
+GAIN, CONTENTION = 1.5, 1.1  # two processes make samples faster, and renders, which use all cores, more slowly
 
 
 @dataclass
@@ -68,63 +71,67 @@ def counts_of(plan: DatasetPlan) -> Counts:
 def forecast(
     plan: DatasetPlan, workers: int, now: Callable[[int, int, str], object] = lambda done, total, what: None
 ) -> Forecast:
-    """Measure a short render of the first view of each scene, at most of eight. Raises InputError.
+    """Measure a short render of the middle view of each scene, at most of eight. Raises InputError.
 
     workers : processes of the run.  now : told what is measured.
     """
     counts, costs = counts_of(plan), dict[str, Cost]()
-    first = dict(_first_views(plan))
-    for number, (scene, view) in enumerate(list(first.items())[:MOST_SCENES]):
-        now(number, min(len(first), MOST_SCENES), f"a short render of {scene}")
+    measured = dict(_middle_views(plan, counts))
+    for number, (scene, view) in enumerate(measured.items()):
+        now(number, len(measured), f"a short render of {scene}")
         costs[scene] = cost_of(view)
     mean = _mean(list(costs.values()))
-    seconds, size = 0.0, 0.0
+    gain, contention = (1.0, 1.0) if workers < 2 or counts.views < 2 else (GAIN, CONTENTION)
+    seconds, size = START_S, 0.0
     for scene, (views, samples) in counts.by_scene.items():
         cost = costs.get(scene, mean)
-        seconds += views * cost.render_s + samples * cost.sample_s
+        seconds += views * cost.render_s * contention + samples * cost.sample_s / gain
         size += views * cost.view_bytes + samples * cost.sample_bytes
-    spread = 1.0 if workers < 2 or counts.views < 2 else GAIN
-    return Forecast(counts, START_S + seconds / spread, round(size), costs)
+    return Forecast(counts, seconds, round(size), costs)
 
 
 def cost_of(view: PlannedView) -> Cost:
-    """Measured on this machine: a short render, and two samples of it, of which the first one compiles."""
-    from .make import Rendered
+    """Measured on this machine: a short render, or a whole one where the time of exposure decides it, and some samples,
+    of which the first one compiles."""
+    from .make import Rendered, is_timed
 
     spp = view.config["render"]["spp"]
     short = replace(view, config={**view.config, "render": {**view.config["render"], "spp": min(spp or 1, SHORT_SPP)}})
-    asked = short if spp else view  # a noise ratio decides itself how long it takes
     if spp:
-        Rendered.of(asked)  # compiles
+        Rendered.of(short)  # compiles
+    whole = not spp or is_timed(view)
     started = time.monotonic()
-    rendered = Rendered.of(asked)
+    rendered = Rendered.of(view if whole else short)
     render_s, statistics = time.monotonic() - started, rendered.light.statistics
-    if spp:
+    if not whole:
         render_s += rendered.seconds_per_sample * (spp - statistics.samples_per_pixel)
-    took = list[float]()
+    took, view_bytes, sizes = list[float](), 0, list[int]()
     with tempfile.TemporaryDirectory() as folder:
-        view_bytes, sample = 0, view.samples[0]
         if view.outputs:
             started = time.monotonic()
             view_bytes = _bytes(Store(Path(folder)).commit("views", view.key, rendered.write).files)
             render_s += time.monotonic() - started
-        for number in range(3):  # the first one compiles
+        step = max(len(view.samples) // MOST_SAMPLES, 1)
+        for number, sample in enumerate((view.samples[0], *view.samples[::step][:MOST_SAMPLES])):
             started = time.monotonic()
             record = Store(Path(folder) / str(number)).commit("samples", sample.key, partial(rendered.expose, sample))
             took.append(time.monotonic() - started)
-    return Cost(render_s, min(took), view_bytes, _bytes(record.files))
+            sizes.append(_bytes(record.files))
+    return Cost(render_s, fmean(took[1:]), view_bytes, round(fmean(sizes[1:])))
 
 
 def _bytes(files: Mapping[str, tuple[int, str]]) -> int:
     return sum(size for size, _ in files.values())
 
 
-def _first_views(plan: DatasetPlan) -> Iterator[tuple[str, PlannedView]]:
-    seen = set[str]()
+def _middle_views(plan: DatasetPlan, counts: Counts) -> Iterator[tuple[str, PlannedView]]:
+    """The middle view of each of the first scenes."""
+    wanted = {scene: views // 2 for scene, (views, _) in list(counts.by_scene.items())[:MOST_SCENES]}
+    seen: Counter[str] = Counter()
     for view in plan.views():
-        if view.scene not in seen and len(seen) < MOST_SCENES:
-            seen.add(view.scene)
+        if wanted.get(view.scene) == seen[view.scene]:
             yield view.scene, view
+        seen[view.scene] += 1
 
 
 def _mean(costs: list[Cost]) -> Cost:
