@@ -15,7 +15,6 @@ wrong, if a file is left that belongs to nothing, or if the folder at the end is
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import random
@@ -31,10 +30,10 @@ from pathlib import Path
 from typing import Any
 
 import dataset_calls as calls
+from dataset_attacks import Attack, run_attacks
 from dataset_damage import CORRUPTIONS
 from dataset_disks import mounted
-from dataset_entries import ALL_FILES_S, folder_for_all, summary, tree
-from timing import lines
+from dataset_entries import ALL_FILES_S, summary, tree
 
 from mitsuba_sensor.dataset.store import Store
 
@@ -270,44 +269,29 @@ def repair(runs: Runs, tries: int, chance: random.Random) -> dict[str, Any]:
     return summary(tries, runs.problems, entries_spoilt=spoilt)
 
 
-ATTACKS: dict[str, tuple[Callable[[Runs, int, random.Random], dict[str, Any]], int]] = {
-    "same": (same, 1),
-    "kills": (kills, 300),
-    "calls": (each_call, 60),
-    "poison": (poison, 5),
-    "full": (full, 30),
-    "repair": (repair, 30),
+def on_runs(attack: Callable[[Runs, int, random.Random], dict[str, Any]]) -> Attack:
+    """The same attack, of a seed and a folder; what it found wrong is told on stderr."""
+
+    def with_runs(tries: int, seed: int, top: Path) -> dict[str, Any]:
+        runs = Runs(top)
+        found = attack(runs, tries, random.Random(seed))
+        for one in runs.problems[1:MOST_SHOWN]:
+            print(one, file=sys.stderr)
+        return found
+
+    return with_runs
+
+
+ATTACKS: dict[str, tuple[Attack, int]] = {
+    "same": (on_runs(same), 1),
+    "kills": (on_runs(kills), 300),
+    "calls": (on_runs(each_call), 60),
+    "poison": (on_runs(poison), 5),
+    "full": (on_runs(full), 30),
+    "repair": (on_runs(repair), 30),
 }
 """Name → attack, and how often it is tried if nothing is said."""
 
 
-def main() -> None:
-    """Parse the options, attack, print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("attacks", nargs="*", metavar="ATTACK", help=f"of {', '.join(ATTACKS)} (default: all)")
-    parser.add_argument("--tries", type=int, help="how often")
-    parser.add_argument("--seed", type=int, default=1, help="of all that is random (default 1)")
-    parser.add_argument("--json", action="store_true", help="print JSON only")
-    options = parser.parse_args()
-    if unknown := set(options.attacks) - set(ATTACKS):
-        parser.error(f"there is no attack {', '.join(unknown)}; choose of {', '.join(ATTACKS)}.")
-    results: dict[str, dict[str, Any]] = {}
-    for name in options.attacks or ATTACKS:
-        attack, usual = ATTACKS[name]
-        began = time.monotonic()
-        with folder_for_all() as top:
-            runs = Runs(top)
-            results[name] = attack(runs, options.tries or usual, random.Random(options.seed))
-        results[name]["seconds"] = time.monotonic() - began
-        for one in runs.problems[1:MOST_SHOWN]:
-            print(f"{name}: {one}", file=sys.stderr)
-        if not options.json:
-            print("\n".join(lines({name: results[name]})), flush=True)
-    if options.json:
-        print(json.dumps(results))
-    if any(one.get("damaged") for one in results.values()):
-        raise SystemExit(1)
-
-
 if __name__ == "__main__":
-    main()
+    run_attacks(__doc__, ATTACKS)

@@ -16,8 +16,6 @@ file that belongs to none, or a folder that after resuming is not that of an und
 
 from __future__ import annotations
 
-import argparse
-import json
 import shutil
 import time
 from collections.abc import Callable
@@ -29,6 +27,7 @@ from typing import Any
 import dataset_calls as calls
 import dataset_disks as disks
 import dataset_speed as speed
+from dataset_attacks import Attack, run_attacks
 from dataset_damage import CORRUPTIONS
 from dataset_entries import (
     ALL_FILES_S,
@@ -41,12 +40,10 @@ from dataset_entries import (
     difference,
     entries,
     expected,
-    folder_for_all,
     fresh,
     summary,
     work,
 )
-from timing import lines
 
 from mitsuba_sensor.dataset.store import Store
 
@@ -238,7 +235,7 @@ def restore(store: Store, whole: Path, spoilt: set[Entry]) -> None:
             shutil.copytree(source, folder)
 
 
-ATTACKS: dict[str, tuple[Callable[[int, int, Path], dict[str, Any]], int]] = {
+ATTACKS: dict[str, tuple[Attack, int]] = {
     "kills": (kills, 1000),
     "calls": (each_call, 10_000),
     "writers": (writers, 200),
@@ -250,36 +247,5 @@ ATTACKS: dict[str, tuple[Callable[[int, int, Path], dict[str, Any]], int]] = {
 """Name → attack, and how often it is tried if nothing is said."""
 
 
-def main() -> None:
-    """Parse the options, attack, print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("attacks", nargs="*", metavar="ATTACK", help=f"of {', '.join(ATTACKS)} (default: all)")
-    parser.add_argument("--tries", type=int, help="how often (default: as many as a full proof takes)")
-    parser.add_argument("--seed", type=int, default=1, help="of all that is random (default 1)")
-    parser.add_argument("--json", action="store_true", help="print JSON only")
-    options = parser.parse_args()
-    if unknown := set(options.attacks) - set(ATTACKS):
-        parser.error(f"there is no attack {', '.join(unknown)}; choose of {', '.join(ATTACKS)}.")
-    results = {}
-    for name in options.attacks or ATTACKS:
-        attack, usual = ATTACKS[name]
-        began = time.monotonic()
-        with folder_for_all() as top:
-            results[name] = attack(options.tries or usual, options.seed, top)
-        results[name]["seconds"] = time.monotonic() - began
-        if not options.json:
-            print("\n".join(lines({name: results[name]})), flush=True)
-    if options.json:
-        print(json.dumps(results))
-    if any(problem for problem in counts_of(results)):
-        raise SystemExit(1)
-
-
-def counts_of(tree: dict[str, Any]) -> list[int]:
-    """All numbers of damaged tries."""
-    inner = [one for value in tree.values() if isinstance(value, dict) for one in counts_of(value)]
-    return [*inner, *([tree["damaged"]] if "damaged" in tree else [])]
-
-
 if __name__ == "__main__":
-    main()
+    run_attacks(__doc__, ATTACKS)

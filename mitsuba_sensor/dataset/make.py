@@ -141,7 +141,7 @@ class Rendered:
             "system_gain_dn_per_e": camera.system_gain_dn_per_e,
             "digital_quantiles_dn": _quantiles(frames.digital),
             "electrons_quantiles_e": _quantiles(electrons),
-            "electrons_error_of": "this camera" if self.light.rendered_for is None else self._error_of(camera),
+            "electrons_error_of": self._error_of(camera),
             "config": config,
             "view": {"key": self.view.key, "scene": self.view.scene, "config": self.view.config},
             "light": self.light_facts,
@@ -166,7 +166,7 @@ class Rendered:
         elif output == "variance":
             files.write_tiff(folder / "temporal_variance.tiff", frames.temporal_variance)
         elif output == "electrons":
-            error = np.nan_to_num(self.light.relative_error * electrons, posinf=0.0).astype(np.float32)
+            error = np.where(electrons > 0, self.light.relative_error * electrons, 0).astype(np.float32)
             files.write_tiff(folder / "electrons.tiff", electrons)
             files.write_tiff(folder / "electrons_error.tiff", error)
         elif output == "noise_budget":

@@ -340,12 +340,13 @@ def bomb(side: int) -> bytes:
     return b"\x89PNG\r\n\x1a\n" + b"".join(chunks)
 
 
-@pytest.mark.parametrize("name", ["../evil", "a/../../evil", "/tmp/evil", "."])
+@pytest.mark.parametrize("name", ["../evil", "a/../../evil", "ABSOLUTE/evil", "."])
 @pytest.mark.parametrize(("field", "format"), [("split", "webdataset"), ("split", "coco"), ("scene", "nerfstudio")])
 def test_names_in_a_foreign_dataset_lead_nowhere_else(
     made: Path, tmp_path: Path, name: str, field: str, format: str
 ) -> None:
     """A dataset of somebody else, with valid hashes and malicious names of splits and scenes."""
+    name = name.replace("ABSOLUTE", str(tmp_path))
     copy = tmp_path / "deep" / "copy"
     shutil.copytree(made, copy)
     lines = [line | ({"split": name} if field == "split" else {}) for line in read_index(copy)]
@@ -361,7 +362,6 @@ def test_names_in_a_foreign_dataset_lead_nowhere_else(
     with suppress(InputError):
         export(copy, format, tmp_path / "deep" / "out")
     assert {one: digest for one, digest in tree(tmp_path).items() if not one.startswith("deep/out/")} == before
-    assert not Path("/tmp/evil").exists() and not list(Path("/tmp").glob("evil*"))
 
 
 def test_the_command_exports_and_knows_every_format(made: Path, tmp_path: Path, cli: Callable[..., Any]) -> None:
