@@ -1,4 +1,4 @@
-"""The command line of attacks on datasets: which, how often, which seed; prints a table or JSON; 1 if any did damage."""
+"""The command line of attacks on datasets: which, how often, which seed; a table or JSON; 1 if any did damage."""
 
 from __future__ import annotations
 
