@@ -21,6 +21,8 @@ from .store import Store
 from .task import Make, Outcome, TaskLimits, Told, note_death_of, quarantined_by_tries, run_task, usual_make
 
 TOPIC = "mitsuba-sensor"  # of events that workers send
+MOST_EARLY_DEATHS = 10
+"""Of processes in a row, each before it had begun a view: then the fault is none of the views'."""
 ENDS_S = 1.0
 """In which workers of a stopped run end."""
 SETTINGS = {
@@ -139,6 +141,7 @@ def _spread(
     import distributed
 
     under_way, futures, tries = dict[str, PlannedView](), distributed.as_completed(raise_errors=False), 0
+    early = 0
 
     def submit(view: PlannedView) -> None:
         nonlocal tries
@@ -161,9 +164,15 @@ def _spread(
         future = next(futures)
         view = under_way.pop(future.key)
         if future.status == "finished":
+            early = 0
             yield future.result()
         elif isinstance(error := future.exception(), distributed.KilledWorker):
-            note_death_of(store, view)
+            early = 0 if note_death_of(store, view) else early + 1
+            if early >= MOST_EARLY_DEATHS:
+                raise InputError(
+                    f"{early} processes in a row have died before they began a view: too little memory, perhaps, or "
+                    "something ends them; run it again with fewer --workers, or with --workers 0, which has none."
+                )
             if found := quarantined_by_tries(store, view):
                 yield found
             else:

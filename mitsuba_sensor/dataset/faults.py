@@ -16,10 +16,10 @@ What: TypeAlias = Literal[
 
 
 class Fault(NamedTuple):
-    """One thing that is wrong.  key : empty for what belongs to no entry.  file : in the entry's folder, or, of what
-    belongs to no entry, in the folder of its kind."""
+    """One thing that is wrong.  kind : of entry, or dataset for the index.  key : empty for what belongs to no entry.
+    file : in the entry's folder, or, of what belongs to no entry, in the folder of its kind."""
 
-    kind: Kind
+    kind: Kind | Literal["dataset"]
     key: str
     file: str
     what: What

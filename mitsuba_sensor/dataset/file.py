@@ -67,7 +67,7 @@ def check_field(name: str) -> str:
 
 class CameraPath(FileTable):
     """Poses on a path through keys, evenly spaced from the first to the last one; positions and targets are
-    interpolated linearly."""
+    interpolated linearly. Where the last key is the first pose again, the path is a loop: that pose is made once."""
 
     views: Annotated[int, Field(ge=1, le=10**6, strict=True)] = Field(description="how many poses", examples=[12])
     keys: Annotated[tuple[KeyPose, ...], Field(min_length=2)] = Field(

@@ -216,6 +216,11 @@ def _exposure(values: Config) -> Facts:
 
 def load_plan(path: str | Path, roots: Sequence[str | Path] = ()) -> DatasetPlan:
     """The plan of a dataset file; its files may be read below its own folder and the roots. Raises InputError."""
+    return plan_below(path, [Path(path).parent, *roots])
+
+
+def plan_below(path: str | Path, roots: Sequence[str | Path]) -> DatasetPlan:
+    """The plan of a dataset file; its files may be read below the roots. Raises InputError."""
     from .file import read_dataset
 
     file = read_dataset(path)
@@ -223,4 +228,4 @@ def load_plan(path: str | Path, roots: Sequence[str | Path] = ()) -> DatasetPlan
         files.refuse_empty(root, "--root", "give the name of a folder")
         if not Path(root).is_dir():
             raise InputError(f"--root {root} is no folder; give one that holds scenes or cameras.")
-    return DatasetPlan(file, [Path(path).parent, *map(Path, roots)], text_of_file(Path(path), "give a dataset file"))
+    return DatasetPlan(file, [*map(Path, roots)], text_of_file(Path(path), "give a dataset file"))

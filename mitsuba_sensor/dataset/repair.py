@@ -10,8 +10,8 @@ from ..core import InputError
 from ..io import files
 from ..io.texts import read_json
 from .faults import Fault
-from .planned import DatasetPlan, load_plan
-from .reader import FILE, ROOTS, read_index
+from .planned import DatasetPlan, plan_below
+from .reader import FILE, INDEX, ROOTS, read_index
 from .record import Kind
 from .store import Store
 
@@ -25,7 +25,12 @@ def verify(folder: Path, show: Show | None = None) -> Iterator[Fault]:
     """
     store = store_of(folder)
     yield from store.verify_all(show)
-    for line in read_index(folder):
+    try:
+        lines = read_index(folder)
+    except InputError:
+        yield Fault("dataset", "", INDEX, "changed" if (folder / INDEX).exists() else "missing")
+        return
+    for line in lines:
         entries: list[tuple[Kind, str]] = [("samples", line["key"])]
         entries += [("views", line["view"])] if line["view_files"] else []
         for kind, key in entries:
@@ -36,7 +41,7 @@ def verify(folder: Path, show: Show | None = None) -> Iterator[Fault]:
 def discard(folder: Path, faults: Sequence[Fault]) -> list[tuple[Kind, str]]:
     """Remove the entries that have a fault; their kinds and keys. Files that belong to no entry stay."""
     store = store_of(folder)
-    broken = sorted({(fault.kind, fault.key) for fault in faults if fault.key})
+    broken = sorted({(fault.kind, fault.key) for fault in faults if fault.key and fault.kind != "dataset"})
     for kind, key in broken:
         store.discard(kind, key)
     return broken
@@ -74,4 +79,4 @@ def plan_of(folder: Path, roots: list[str] | None) -> DatasetPlan:
     known: list[str] = read_json(folder / ROOTS, "give --root")["roots"] if roots is None else roots
     if not all(isinstance(one, str) for one in known):
         raise InputError(f"{folder / ROOTS} was changed; give --root.")
-    return load_plan(folder / FILE, known)
+    return plan_below(folder / FILE, known)

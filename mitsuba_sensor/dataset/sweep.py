@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
+from ..render.motion import KeyPose
 from .file import DatasetFile, Distribution, RandomSweep, SceneEntry, Value, View
 from .keys import Config, Facts
 from .values import check_value
@@ -73,7 +74,8 @@ def poses(scene: SceneEntry) -> Sequence[View | None]:
     if scene.path is None:
         return scene.views or (None,)
     keys, times = scene.path.keys, [key.time_s for key in scene.path.keys]
-    at = np.linspace(times[0], times[-1], scene.path.views)
+    loop = _is_loop(keys[0], keys[-1])
+    at = np.linspace(times[0], times[-1], scene.path.views, endpoint=not loop)
 
     def along(vectors: Sequence[object]) -> list[tuple[float, ...]]:
         axes = [np.interp(at, times, axis) for axis in np.array(vectors, dtype=float).T]
@@ -81,6 +83,11 @@ def poses(scene: SceneEntry) -> Sequence[View | None]:
 
     points = (along([getattr(key, name) for key in keys]) for name in ("origin_m", "target_m", "up"))
     return [View(origin_m=origin, target_m=target, up=up) for origin, target, up in zip(*points, strict=True)]
+
+
+def _is_loop(first: KeyPose, last: KeyPose) -> bool:
+    """Whether a path ends with the pose that it begins with, which is made once."""
+    return (first.origin_m, first.target_m, first.up) == (last.origin_m, last.target_m, last.up)
 
 
 def drawn(distribution: Distribution, share: float) -> Value:

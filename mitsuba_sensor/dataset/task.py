@@ -100,10 +100,10 @@ def quarantine(store: Store, view: PlannedView, why: str, log: str = "") -> None
     forget(path)
 
 
-def note_death_of(store: Store, view: PlannedView) -> None:
-    """Note that the process that made a view has died."""
+def note_death_of(store: Store, view: PlannedView) -> bool:
+    """Note that the process that made a view has died; whether it had begun."""
     with whole_step:  # not if this process is being stopped, and the other one with it
-        note_death(log_path(store, view.key))
+        return note_death(log_path(store, view.key))
 
 
 def quarantined_by_tries(store: Store, view: PlannedView) -> Outcome | None:

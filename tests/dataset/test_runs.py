@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from helpers.datasets import SCENES
 
 from mitsuba_sensor import InputError
 from mitsuba_sensor.core.options import complete
+from mitsuba_sensor.dataset import engine
 from mitsuba_sensor.dataset.engine import outcomes
 from mitsuba_sensor.dataset.file import read_dataset
 from mitsuba_sensor.dataset.options import RunOptions
@@ -81,6 +83,27 @@ def test_a_view_that_ends_its_process_is_put_aside_and_the_rest_is_made(plan: Da
     assert "died 3 times (Fatal Python error: Aborted)" in found.pop(bad).failed
     assert len(found) == len(views) - 1 and all(one.samples == 4 and not one.failed for one in found.values())
     assert set(Store(tmp_path).quarantined()) == {bad}
+
+
+def test_processes_that_die_before_they_begin_end_the_run(
+    plan: DatasetPlan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No view is to blame, so none is put into quarantine."""
+    driver = os.getpid()
+
+    class Deadly:
+        @property
+        def key(self) -> str:
+            if os.getpid() != driver:
+                os.kill(os.getpid(), signal.SIGKILL)
+            return "0" * 24
+
+    monkeypatch.setattr(engine, "MOST_EARLY_DEATHS", 2)
+    asked = complete(RunOptions, {"workers": 1})
+    views: Any = iter([Deadly()])
+    with pytest.raises(InputError, match="2 processes in a row have died before they began a view"):
+        list(outcomes(Store(tmp_path), views, asked, lambda what, done: None))
+    assert not Store(tmp_path).quarantined()
 
 
 def test_a_limit_of_time_ends_a_render(plan: DatasetPlan, tmp_path: Path) -> None:

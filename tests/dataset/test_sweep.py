@@ -178,3 +178,17 @@ def test_a_path_goes_through_its_keys_in_even_steps() -> None:
     expected = [[0, 0, 4], [1, 0, 4], [2, 0, 4], [2, 1, 4], [2, 2, 4], [2, 3, 4], [2, 4, 4]]
     np.testing.assert_allclose(origins, expected, atol=1e-6)
     np.testing.assert_allclose([view.target_m[1] for view in found], [0, 0.5, 1, 1, 1, 1, 1], atol=1e-6)
+
+
+def test_a_loop_has_each_pose_once() -> None:
+    corners = [[1, 0, 1], [1, 0, -1], [-1, 0, -1], [-1, 0, 1], [1, 0, 1]]
+    keys = [{"time_s": n, "origin_m": corner, "target_m": [0, 0, 0]} for n, corner in enumerate(corners)]
+    scene = TABLES["scenes"][0]
+    loop = read_dataset({**TABLES, "scenes": [{**scene, "path": {"views": 8, "keys": keys}}]})
+    found = [view.origin_m for view in poses(loop.scenes[0]) if view is not None]
+    middles = [[1, 0, 0], [0, 0, -1], [-1, 0, 0], [0, 0, 1]]
+    expected = [place for pair in zip(corners, middles, strict=False) for place in pair]
+    np.testing.assert_allclose(found, expected, atol=1e-6)
+    turned = [*keys[:-1], {**keys[-1], "up": [0, 1, 1]}]
+    no_loop = read_dataset({**TABLES, "scenes": [{**scene, "path": {"views": 9, "keys": turned}}]})
+    np.testing.assert_allclose([view.origin_m for view in poses(no_loop.scenes[0]) if view], [*expected, corners[0]])

@@ -1,0 +1,102 @@
+"""What is not as it was written is found, all of it, and exactly that is made again."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers.datasets import SCENES
+from typer.testing import CliRunner
+
+from mitsuba_sensor import cli
+from mitsuba_sensor.dataset.reader import INDEX, Dataset
+
+TEXT = """
+name = "small"
+outputs = ["raw", "clean", "aovs"]
+render = { width = 16, spp = 16 }
+scenes = [{ name = "flat", file = "scenes/flat_field.xml" }]
+cameras = [{ camera = "bayer_2mp" }]
+grid = { exposure_s = [0.01, 0.1], serial = [1, 2] }
+"""
+
+
+def dataset(*arguments: str) -> tuple[int, Any]:
+    """Exit code and JSON of a command of dataset."""
+    done = CliRunner().invoke(cli.app, ["dataset", *arguments, "--json"])
+    return done.exit_code, json.loads(done.stdout)
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("made")
+    (folder / "small.toml").write_text(TEXT)
+    code, said = dataset(
+        "run", str(folder / "small.toml"), "-o", str(folder / "out"), "--workers", "0", "--root", str(SCENES.parent)
+    )
+    assert (code, said["made"]) == (0, 4)
+    return folder / "out"
+
+
+@pytest.fixture
+def broken(made: Path, tmp_path: Path) -> Path:
+    """A copy, which is to be broken."""
+    return Path(shutil.copytree(made, tmp_path / "out"))
+
+
+def test_nothing_is_found_in_what_was_just_made(made: Path) -> None:
+    assert dataset("verify", str(made)) == (0, [])
+
+
+def test_what_is_found_is_made_again_and_nothing_else(made: Path, broken: Path) -> None:
+    first, second, third, _ = Dataset(broken)
+    pixel = first.folder / "frame.tiff"
+    content = bytearray(pixel.read_bytes())
+    content[-1] ^= 1
+    pixel.write_bytes(content)
+    (second.folder / "clean.tiff").unlink()
+    shutil.rmtree(third.folder)
+    (first.view_folder / "more.txt").write_text("more")
+    untouched = (broken / "samples").rglob("sample.json")
+    inodes = {path: path.stat().st_ino for path in untouched if path.parent not in (first.folder, second.folder)}
+
+    code, found = dataset("verify", str(broken))
+    assert code == 1
+    assert {(one["key"], one["file"], one["what"]) for one in found} == {
+        (first.key, "frame.tiff", "changed"),
+        (second.key, "clean.tiff", "missing"),
+        (third.key, "", "missing"),
+        (first.view_folder.name, "more.txt", "extra"),
+    }
+    code, said = dataset("repair", str(broken), "--workers", "0")
+    assert (code, said["made"], len(said["broken"])) == (0, 3, 4)
+    assert contents(broken) == contents(made)
+    assert inodes and all(path.stat().st_ino == inode for path, inode in inodes.items())
+
+
+@pytest.mark.parametrize("what", ["changed", "missing"])
+def test_the_index_is_written_again(made: Path, broken: Path, what: str) -> None:
+    if what == "missing":
+        (broken / INDEX).unlink()
+    else:
+        (broken / INDEX).write_text((broken / INDEX).read_text().replace("0.01", "0.02", 1))
+    code, found = dataset("verify", str(broken))
+    assert (code, found) == (1, [{"kind": "dataset", "key": "", "file": INDEX, "what": what}])
+    code, said = dataset("repair", str(broken), "--workers", "0")
+    assert (code, said["made"], said["broken"]) == (0, 0, [])
+    assert contents(broken) == contents(made)
+
+
+def test_other_entries_are_read_where_the_index_was_changed(broken: Path) -> None:
+    pixel = next(iter(Dataset(broken))).folder / "frame.tiff"
+    pixel.write_bytes(pixel.read_bytes()[:-1])
+    (broken / INDEX).write_text("{}\n")
+    _, found = dataset("verify", str(broken))
+    assert [(one["file"], one["what"]) for one in found] == [("frame.tiff", "short"), (INDEX, "changed")]
