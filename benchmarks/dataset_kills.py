@@ -294,4 +294,7 @@ ATTACKS: dict[str, tuple[Attack, int]] = {
 
 
 if __name__ == "__main__":
+    signal.signal(
+        signal.SIGINT, signal.default_int_handler
+    )  # which a job in the background ignores, and its commands too
     run_attacks(__doc__, ATTACKS)

@@ -67,8 +67,7 @@ def stop_at_signals() -> None:
     """
     if not hasattr(signal, "sigwait"):  # Windows: Ctrl-C becomes KeyboardInterrupt there
         return
-    known = {getattr(signal, name) for name in SIGNALS}
-    numbers = {number for number in known if signal.getsignal(number) != signal.SIG_IGN}
+    numbers = _not_ignored()
     for number in numbers:
         signal.signal(number, signal.SIG_DFL)  # what a second one does, which comes while the first is at work
     signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
@@ -88,7 +87,8 @@ def _wait_for(numbers: set[signal.Signals]) -> None:
 def undo_when_terminated() -> None:
     """From now on the signals of SIGNALS end this process, which works for another one, in silence.
 
-    To be called by the main thread, which must return to Python now and then.
+    One that the caller has told the process to ignore stays ignored. To be called by the main thread, which must return
+    to Python now and then.
     """
 
     def end(number: int, frame: object) -> None:
@@ -96,11 +96,30 @@ def undo_when_terminated() -> None:
             _undo()
             os._exit(128 + number)
 
-    numbers = {getattr(signal, name) for name in SIGNALS if hasattr(signal, name)}
+    numbers = _not_ignored()
     for number in numbers:
         signal.signal(number, end)
     if hasattr(signal, "pthread_sigmask"):  # its parent may have held them back
         signal.pthread_sigmask(signal.SIG_UNBLOCK, numbers)
+
+
+def _not_ignored() -> set[signal.Signals]:
+    """The signals of SIGNALS that this system has, but for those that the caller has told the process to ignore."""
+    known = {getattr(signal, name) for name in SIGNALS if hasattr(signal, name)}
+    return {number for number in known if signal.getsignal(number) != signal.SIG_IGN}
+
+
+@contextmanager
+def signals_held() -> Iterator[None]:
+    """Signals that this thread holds back before the block are held back after it, whatever the block does."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    held = signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, held)
 
 
 def _undo() -> None:

@@ -10,10 +10,11 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from itertools import chain
+from multiprocessing import resource_tracker
 from typing import Any
 
 from ..core import InputError
-from ..stopping import undone_if_stopped
+from ..stopping import signals_held, undone_if_stopped
 from .keys import Facts
 from .options import RunOptions
 from .planned import PlannedView
@@ -83,7 +84,8 @@ def _client(options: RunOptions, stack: ExitStack) -> tuple[Any, Callable[[], in
                 "workers with `dask worker ADDRESS --nthreads 1`."
             ) from None
         return client, lambda: max(len(client.scheduler_info(n_workers=-1)["workers"]), 1)
-    stack.enter_context(_silent_tracker())
+    if os.name == "posix":
+        _begin_tracker()
     stack.enter_context(_without_main())
     memory = f"{options['memory_gb']}GB" if options["memory_gb"] else 0
     try:
@@ -108,14 +110,15 @@ def _client(options: RunOptions, stack: ExitStack) -> tuple[Any, Callable[[], in
     return client, lambda: options["workers"] or 1
 
 
-@contextmanager
-def _silent_tracker() -> Iterator[None]:
-    """A stop ends this process at once; what tidies up after it warns of that on stderr, after our sentence."""
+def _begin_tracker() -> None:
+    """Begin what tidies up after processes. Whoever begins it takes Ctrl-C from then on, so it is not a worker's
+    thread, whose processes would take it too; and a stop, which ends this process at once, is no reason to warn."""
     before = os.environ.get("PYTHONWARNINGS")
     silent = "ignore::UserWarning:multiprocessing.resource_tracker"
     os.environ["PYTHONWARNINGS"] = f"{before},{silent}" if before else silent
     try:
-        yield
+        with signals_held():
+            resource_tracker.ensure_running()
     finally:
         del os.environ["PYTHONWARNINGS"]
         if before:

@@ -12,11 +12,19 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from helpers.datasets import SCENES
 
 from mitsuba_sensor import stopping
 
 PROGRAM = [sys.executable, "-m", "mitsuba_sensor"]
 WITHIN_S = 1.0
+NOTHING_YET = "stopped; 0 samples are complete; the same command goes on from there"
+SMALL = """
+name = "small"
+render = { width = 16, spp = 2000000 }
+scenes = [{ name = "flat", file = "flat_field.xml" }]
+cameras = [{ camera = "konnik_table1" }]
+"""
 
 
 @contextmanager
@@ -29,6 +37,7 @@ def program(*arguments: object, temporary: Path) -> Iterator[subprocess.Popen[st
         text=True,
         env={**os.environ, "TMPDIR": str(temporary)},
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        start_new_session=True,
     )
     try:
         yield child
@@ -90,13 +99,28 @@ def test_a_stopped_study_says_what_is_kept(scene_file: Path, tmp_path: Path) -> 
     assert [path for path in out.rglob("*") if path.is_file()] == kept
 
 
-def test_a_signal_that_the_caller_ignores_stays_ignored() -> None:
+@pytest.mark.parametrize("after_s", [0.1, 0.4, 0.7, 1.0])
+def test_ctrl_c_that_workers_get_too_while_they_begin_says_one_sentence(after_s: float, tmp_path: Path) -> None:
+    """As from a terminal, which gives it to all processes of a command: those that begin take it later, in silence."""
+    (tmp_path / "small.toml").write_text(SMALL, encoding="utf-8")
+    arguments = ["dataset", "run", tmp_path / "small.toml", "-o", tmp_path / "out", "--root", SCENES, "--workers", 2]
+    with program(*arguments, temporary=tmp_path) as child:
+        wait_until((tmp_path / "out" / "roots.json").exists)
+        time.sleep(after_s)
+        os.killpg(child.pid, signal.SIGINT)
+        _, said = child.communicate(timeout=60)
+    assert (child.returncode, said) == (130, f"{NOTHING_YET}\n")
+    assert not list(tmp_path.rglob(".*"))
+
+
+@pytest.mark.parametrize("prepare", ["stop_at_signals", "undo_when_terminated"])
+def test_a_signal_that_the_caller_ignores_stays_ignored(prepare: str) -> None:
     """As under nohup, or in a background job of a script."""
     code = (
         "import os, signal, time\n"
         "signal.signal(signal.SIGINT, signal.SIG_IGN)\n"
-        "from mitsuba_sensor.stopping import stop_at_signals\n"
-        "stop_at_signals(); os.kill(os.getpid(), signal.SIGINT); time.sleep(0.3); print('alive')\n"
+        f"from mitsuba_sensor.stopping import {prepare}\n"
+        f"{prepare}(); os.kill(os.getpid(), signal.SIGINT); time.sleep(0.3); print('alive')\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.stdout == "alive\n" and done.returncode == 0, done.stderr
