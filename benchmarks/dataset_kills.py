@@ -149,7 +149,7 @@ def kills(runs: Runs, tries: int, chance: random.Random) -> dict[str, Any]:
     """Random moments and victims."""
     done, completed, kinds = 0, 0, dict.fromkeys(("command", "worker", "all", "Ctrl-C"), 0)
     while done < tries:
-        workers = chance.choice("002")
+        workers, before = chance.choice("002"), set(runs.out.rglob(".unf*"))  # of those that were killed
         process = runs.start("--workers", workers)
         time.sleep(chance.uniform(0.2, 1.2) * runs.seconds * (1.0 if workers == "0" else 1.7))
         kind = chance.choice(list(kinds) if workers == "2" else ["command", "Ctrl-C"])
@@ -170,7 +170,8 @@ def kills(runs: Runs, tries: int, chance: random.Random) -> dict[str, Any]:
         if runs.out.exists():
             runs.check(f"kill {done}, {kind}")
             stopped = process.returncode == 128 + signal.SIGINT
-            runs.problems += [f"kill {done}: left {path}" for path in runs.out.rglob(".unf*") if stopped]
+            left = set(runs.out.rglob(".unf*")) - before if stopped else ()
+            runs.problems += [f"kill {done}, {kind}: left {path}" for path in left]
         if process.returncode == 0 and runs.out.exists():
             runs.complete(f"run {completed}", "--workers", "0", "--retry")
             completed += 1
