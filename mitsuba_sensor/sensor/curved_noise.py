@@ -6,7 +6,6 @@ of it, and a narrow normal rest about each, for which the second order of Moment
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -16,14 +15,12 @@ from numpy.typing import NDArray
 
 from ..core import Frame, Moments
 from ..core.types import Float64Array
+from .curve import Curve, behind
 from .measured_maps import groups_of, widened
 from .pixel_law import NoiseLaw
-from .stage import Chain, Converter, Stage
+from .stage import Chain, Converter
 
-CURVED_DN = 0.01
-"""Noise is taken apart where the curve leaves its tangent by more than this within 2σ."""
-
-FARTHEST = 5.0
+FARTHEST = 6.0
 """How far out the nodes lie [σ]."""
 
 TURNING = 0.01
@@ -34,12 +31,6 @@ RESTS = 0.25, 0.1, 0.04, 0.015
 within 2σ."""
 
 LEAVING = 2e-3
-
-HUGE = 1e60
-"""A swing [V] so far beyond every converter that its noise does not matter."""
-
-BEYOND = 2.0, 3.0, 4.0, 5.0, 7.0
-"""Distances from the mean at which it is asked whether a signal is on the scale of the converter [σ]."""
 
 ALONE: Float64Array = np.ones(1)
 
@@ -71,6 +62,11 @@ class Parting(NamedTuple):
 PARTINGS = tuple(map(Parting.of, RESTS))
 
 
+def _fitting(size: int) -> list[Parting]:
+    """Of so many values there may be so many more; coarse ones may be twice as many."""
+    return [one for one in PARTINGS if size * one.z.size <= (2 * MOST if one is PARTINGS[0] else MOST)]
+
+
 @dataclass(frozen=True, eq=False)
 class Swing:
     """Normals for every count, node of the temporal noise and node of what is fixed.
@@ -92,8 +88,7 @@ class Swing:
             if maps and (stage.curved or law is not None):
                 found, maps = found._in_groups(maps), ()
             if stage.curved:
-                later = math.prod(one.nominal_gain for one in stages[number + 1 :])
-                curve = _Curve(stage, converter, later, frame)
+                curve = Curve(stage, converter, stages[number + 1 :], frame)
                 found = found._apart(curve)
             if measured is not None or (maps and stage.nominal_gain != 1):
                 maps += (stage,)
@@ -148,19 +143,17 @@ class Swing:
         kinds = np.outer(self.fixed, weights).ravel()
         return Swing(replace(self.m, mean=flat[0], temporal=flat[1], spatial=flat[2]), self.temporal, kinds)
 
-    def _apart(self, curve: _Curve) -> Swing:
+    def _apart(self, curve: Curve) -> Swing:
         """With nodes for what is wide beside the curve."""
         mean, *variances = self.parts  # (C, T, S)
         weights = [self.temporal, self.fixed]
+        kept = PARTINGS[0].z.size if curve.bend(mean, np.sqrt(variances[1])) > 1e9 else 1  # for what is fixed
         for axis in (0, 1):
             sigma = np.sqrt(variances[axis])
-            bend = curve.bend(mean, sigma)
-            fitting = [parting for parting in PARTINGS if mean.size * parting.z.size <= MOST]
-            if not fitting and mean.size * PARTINGS[0].z.size <= 2 * MOST:
-                fitting = [PARTINGS[0]]
-            if bend <= TURNING or not fitting:
+            fitting = _fitting(mean.size * (kept if axis == 0 else 1)) or _fitting(mean.size)
+            if curve.bend(mean, sigma) <= TURNING or not fitting:
                 continue
-            fine = (one for one in fitting if curve.leaves(mean, sigma, one) <= LEAVING)
+            fine = (one for one in fitting if curve.leaves(mean, sigma, one.z, one.rest) <= LEAVING)
             parting = next(fine, fitting[-1])
             shape = (mean.shape[0], -1, mean.shape[2]) if axis == 0 else (*mean.shape[:2], -1)
             z = parting.z.reshape((-1, 1) if axis == 0 else (-1,))
@@ -171,73 +164,3 @@ class Swing:
             weights[axis] = np.outer(weights[axis], parting.weights).ravel()
         flat = [x.reshape(mean.shape[0], -1) for x in (mean, *variances)]
         return Swing(replace(self.m, mean=flat[0], temporal=flat[1], spatial=flat[2]), *weights)
-
-
-def behind(stage: Stage, m: Moments) -> Moments:
-    """Moments behind a stage; means at HUGE where a curve has left all numbers: there noise changes no code."""
-    if not stage.curved:
-        return stage.moments(m)
-    with np.errstate(over="ignore", invalid="ignore"):
-        m = stage.moments(m)
-    lost = ~(np.abs(m.mean) < HUGE)
-    mean = np.where(lost, np.copysign(HUGE, np.nan_to_num(m.mean, nan=1.0)), m.mean)
-    temporal, spatial = (np.where(lost, 0.0, x) for x in (m.temporal, m.spatial))
-    return replace(m, mean=mean, temporal=temporal, spatial=spatial)
-
-
-@dataclass(frozen=True, eq=False)
-class _Curve:
-    """A curved stage.  later : nominal gain between it and the converter."""
-
-    stage: Stage
-    converter: Converter
-    later: float
-    frame: Frame
-
-    def bend(self, mean: Float64Array, sigma: Float64Array) -> float:
-        """The largest change of the slope within 2σ, as a share of it, where that shows in the codes."""
-        x = [part.reshape(mean.shape[0], -1) for part in (mean - 2 * sigma, mean, mean + 2 * sigma)]
-        with np.errstate(over="ignore", invalid="ignore"):
-            low, centre, high = (self._dn(part) for part in x)
-            away = np.abs(high - 2 * centre + low)
-            bend = away / np.maximum(np.abs(high - centre) + np.abs(centre - low), 1e-300)
-            ends = np.maximum(np.maximum(low, high), centre), np.minimum(np.minimum(low, high), centre)
-            shown = (away > CURVED_DN) & (ends[0] > -1) & (ends[1] < self.converter.highest + 1)
-        return float(np.max(bend[shown], initial=0.0))
-
-    def leaves(self, mean: Float64Array, sigma: Float64Array, parting: Parting) -> float:
-        """How far the curve leaves its tangent within 2σ of the rest, in noise: at most, where that is on the scale."""
-        middle = np.unique(np.linspace(0, mean.shape[0] - 1, 9).astype(int))
-        wide = sigma[middle].reshape(middle.size, -1, 1)
-        x = mean[middle].reshape(middle.size, -1, 1) + wide * parting.z[np.abs(parting.z) < 3.5]
-        with np.errstate(over="ignore", invalid="ignore"):
-            low, centre, high = (self._dn(x + part * parting.rest * wide) for part in (-2, 0, 2))
-            away = np.abs(high - 2 * centre + low) / 2
-            scale = self.converter.gain_dn_per_v * self.later * np.maximum(wide, 1e-300)
-            on = (np.maximum(low, high) > -1) & (np.minimum(low, high) < self.converter.highest + 1)
-            shown = on & (away > CURVED_DN)
-        return float(np.max((away / scale)[shown], initial=0.0))
-
-    def beyond(self, before: Moments, m: Moments) -> Moments:
-        """Behind the curve; what stays beyond an end of the converter within some σ in front of the curve, stays so."""
-        sigma, last = np.sqrt(before.temporal + before.spatial), self.converter.highest + 1
-        x, sigma = np.broadcast_arrays(before.mean, sigma)
-        with np.errstate(over="ignore", invalid="ignore"):
-            centre = np.nan_to_num(self._dn(x))
-            distance = np.where(centre > last, centre - last, -1 - centre)
-            off, far = distance > 0, np.zeros(x.shape)
-            for k in BEYOND:
-                ends = self._dn(x - k * sigma), self._dn(x + k * sigma)
-                off &= np.where(centre > 0, np.minimum(*ends) > last, np.maximum(*ends) < -1)
-                far = np.where(off, k, far)
-        per_v = self.converter.gain_dn_per_v * self.later
-        largest = np.where(far > 0, distance / np.maximum(far * per_v, 1e-300), np.inf) ** 2
-        total = np.maximum(m.temporal + m.spatial, 1e-300)
-        share = np.minimum(largest / total, 1.0)
-        mean = np.where(far > 0, np.clip((centre - self.converter.black_level_dn) / per_v, -HUGE, HUGE), m.mean)
-        return replace(m, mean=mean, temporal=m.temporal * share, spatial=m.spatial * share)
-
-    def _dn(self, swing: Float64Array) -> Float64Array:
-        """About the code of a swing in front of the curve."""
-        behind = self.stage.moments(Moments(swing, 0.0, 0.0, self.frame)).mean
-        return np.asarray(self.converter.black_level_dn + self.converter.gain_dn_per_v * self.later * behind)

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from ..core import Frame, Moments
 from ..core.types import Float64Array
 from .count_law import STEPS, count_nodes
-from .curved_noise import Swing, behind
+from .curve import behind
+from .curved_noise import Swing
 from .interpolation import interpolation
 from .pixel_law import RARE
 from .stage import Chain, Converter, converter_of

@@ -19,7 +19,7 @@ from ..core import Array, Frame, Moments
 from ..core.code_law import code_moments
 from ..core.rounding import NO_HARMONIC, rounded_poisson
 from ..core.types import Float64Array
-from .curved_noise import behind
+from .curve import behind
 from .given_count import BLURRING, SHARP_DN
 from .pixel_counts import FEW, MORE, REACH, CountLaws, CountNodes
 from .stage import Chain, PixelNoise, Stage, converter_of
