@@ -273,6 +273,7 @@ ONCE_WRONG = {
     7: "curve far beyond its range",
     11: "cut logistic cv 4.9 on 2 e-",
     17: "full wells between two codes",
+    23: "2 bit, DSNU 0.5 DN under little noise",
     33: "read noise 14 wells, non-linear",
     40: "1 bit, DSNU 7 DN, non-linear",
     226: "RTS pixels, DSNU of many code ranges",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, reduce
 
@@ -128,8 +129,7 @@ class GivenCount:
         swing = Swing.behind(self.stages[:-1], self.converter, self.counts, self.conditions)
         found, of_step = np.empty((law.shape[0], 3)), self._offset_steps(law, swing)
         for step in np.unique(of_step):
-            rows = np.flatnonzero(of_step == step)
-            for some in np.array_split(rows, min(GROUPS, rows.size)):  # small means have few counts: fine steps
+            for some in _neighbours(np.flatnonzero(of_step == step)):
                 part = law[some]
                 used = slice(int(part.indices.min()), int(part.indices.max()) + 1)
                 found[some] = _over_offsets(
@@ -189,6 +189,12 @@ class GivenCount:
             wanted = np.where(offset > 0, blur / np.sqrt(offset), np.inf)
         steps = np.array(OFFSET_STEPS)
         return np.asarray(steps[np.searchsorted(-steps, -wanted).clip(0, steps.size - 1)])
+
+
+def _neighbours(rows: NDArray[np.intp]) -> Iterator[NDArray[np.intp]]:
+    """Rows of means that lie side by side, in groups: where these have few counts, fine steps are cheap."""
+    for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
+        yield from np.array_split(run, min(GROUPS, run.size))
 
 
 def parts_of(m: Moments, shape: tuple[int, ...]) -> tuple[Float64Array, Float64Array, Float64Array]:

@@ -50,7 +50,7 @@ def quiet(dn_per_e: float, read_e: float, **changes: Any) -> ms.Camera:
 CASES = (
     "5 s, dark", "U[5e3", "wald cv 10", "RTS pixels, K 3", "between two clips", "both clips", "e-, 1 bit", "DNL",
     "V/e and ADC", "24 bit", "code edge", "900 nm", "quantum yield", "compensated", "measured", "own stage",
-    "cut logistic", "falls again", "of many code ranges",
+    "cut logistic", "falls again", "of many code ranges", "under little noise",
 )  # fmt: skip
 
 
