@@ -132,7 +132,7 @@ def repair_command(folder: DatasetFolder, as_json: arguments.Json = False, **fla
     broken = discard(place, faults)
     with samples_bar() as progress:
         found = run(plan, place, show=progress, **flags)
-    head = f"{len(broken)} entries were not as they were written; {found.made} samples made again"
+    head = f"entries that were not as they were written: {len(broken)}; samples made again: {found.made}"
     failed = {one.view: one.failed for one in found.failed}
     show({**_summary(found), "broken": broken} if as_json else _with_failed(head, failed), as_json)
     if found.failed:
