@@ -64,7 +64,7 @@ class DifferentiableBackend(DrJitBackend):
 
     def __init__(self, backend: str, numbers: Sequence[CameraNumber], size: int = 1, start: int = 0) -> None:
         super().__init__(backend, differentiable=True)
-        self._backend, self._numbers, self._size, self._next = backend, numbers, size, start
+        self._numbers, self._size, self._next = numbers, size, start
         self._constant = False
         self._packets = importlib.import_module(self.float.__module__).ArrayXf
         self._leaves: list[tuple[Array, Mapping[str, Array]]] = []

@@ -9,6 +9,7 @@ import importlib
 from collections.abc import Mapping
 from functools import reduce
 from operator import and_
+from typing import Self
 
 import numpy as np
 
@@ -29,9 +30,14 @@ class DrJitBackend(NumpyFloat32):
 
     def __init__(self, backend: str = "llvm", differentiable: bool = False) -> None:
         self.dr: DrJitModule = drjit()
+        self._backend = backend
         self.bytes_of_numpy = backend == "llvm"  # of CUDA it is not measured yet
         module = importlib.import_module(f"drjit.{backend}.ad" if differentiable else f"drjit.{backend}")
         self.float, self.uint, self.double = module.Float32, module.UInt32, module.Float64
+
+    def __reduce__(self) -> tuple[type[Self], tuple[str]]:
+        """Pickled by its name, for frames that hold one."""
+        return type(self), (self._backend,)
 
     def number(self, value: float) -> Array:
         """A parameter of the camera: one float32 that the kernel reads as data instead of having it compiled in."""

@@ -117,6 +117,8 @@ def test_the_same_number_is_the_same_image_alone_in_a_batch_and_in_another_proce
     again = pickle.loads(pickle.dumps(noise))
     for number in range(3):
         np.testing.assert_array_equal(batch.image[number], again(PICTURE, 10 + number).image)
+    sent = pickle.loads(pickle.dumps(batch))  # as a DataLoader's worker sends it
+    np.testing.assert_array_equal(sent.variance_dn2, batch.variance_dn2)
     assert len({draw.seed for draw in batch.draws}) == 3 and batch.variance_dn2.shape == (3, 21, 30)
     assert not np.array_equal(noise(PICTURE, 10).image, ms.SensorNoise(BAYER, white_e=3e3, seed=4)(PICTURE, 10).image)
 
