@@ -52,7 +52,7 @@ class FigureDistance:
     @property
     def z(self) -> float:
         """NaN where one of them could not be measured."""
-        error = math.hypot(_standard_error(self.real), _standard_error(self.twin))
+        error = math.hypot(self.real.standard_error, self.twin.standard_error)
         difference = self.twin.value - self.real.value
         return difference / error if error > 0 else math.nan if difference else 0.0
 
@@ -104,7 +104,3 @@ def _line_power(stack: Stack, axis: int) -> Float64Array:
     lines = stack.frames.mean(axis=axis, dtype=np.float64)
     power = np.abs(np.fft.rfft(scipy.linalg.helmert(len(stack)) @ lines, axis=1)) ** 2 / lines.shape[1]
     return np.asarray(power[:, 1:].ravel())
-
-
-def _standard_error(one: Quantity) -> float:
-    return (one.high - one.low) / (2 * 1.959964)

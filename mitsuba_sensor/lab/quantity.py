@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass, replace
+from statistics import NormalDist
 from typing import Any, Self
 
 import scipy
@@ -12,6 +13,9 @@ from ..core import InputError
 
 LEVEL = 0.95
 """Coverage of every interval in this package."""
+
+TWO_SIDED = NormalDist().inv_cdf((1 + LEVEL) / 2)
+"""Half the interval of a normal value [standard errors]: 1.96."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +46,11 @@ class Quantity:
         note = f"; {self.note}" if self.note else ""
         value = f"{self.value:.4g} {self.unit}".rstrip()
         return f"{self.symbol} = {value} ({self.low:.4g} to {self.high:.4g}; {self.section}{note})"
+
+    @property
+    def standard_error(self) -> float:
+        """Of a normal value with this interval."""
+        return (self.high - self.low) / (2 * TWO_SIDED)
 
     def covers(self, value: float) -> bool:
         """Whether the interval contains this value."""
@@ -78,7 +87,7 @@ class Quantity:
 
 def normal_interval(value: float, standard_error: float) -> tuple[float, float, float]:
     """(value, low, high) of an estimate that is normal about the true value."""
-    half = float(scipy.special.ndtri((1 + LEVEL) / 2)) * standard_error
+    half = TWO_SIDED * standard_error
     return value, value - half, value + half
 
 

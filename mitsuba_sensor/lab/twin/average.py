@@ -12,7 +12,6 @@ import scipy
 from ..quantity import normal_interval, unknown
 from .evidence import Fitted
 
-Z = 1.959964
 DIFFERENT = 1e-3
 """Probability of a larger scatter, below which filters are said to differ."""
 
@@ -23,7 +22,7 @@ def weighted_mean(found: Sequence[Fitted]) -> Fitted:
     if len(some) < 2:
         return some[0] if some else found[0]
     values = np.array([one.quantity.value for one in some])
-    errors = np.array([(one.quantity.high - one.quantity.low) / (2 * Z) for one in some])
+    errors = np.array([one.quantity.standard_error for one in some])
     errors = np.maximum(errors, 1e-12 * np.abs(values).max() + 1e-300)
     weights = errors**-2 / (errors**-2).sum()
     mean = float(weights @ values)

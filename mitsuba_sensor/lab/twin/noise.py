@@ -10,13 +10,13 @@ import numpy as np
 from ...core.types import Float64Array
 from ..dark_noise import dark_noise
 from ..line_noise import line_noise
-from ..quantity import Quantity, unknown
+from ..quantity import TWO_SIDED, Quantity, unknown
 from ..series import COARSE_DN2, ROUNDING_DN2
 from ..stack import Stack
 from .dark import Dark
 from .evidence import Fitted, frames_of
 from .hidden_spread import HiddenSpread, Mixed, hidden_spread
-from .noise_law import NORMAL, NoiseLaw, Pixels, noise_law
+from .noise_law import NoiseLaw, Pixels, noise_law
 
 READ = Quantity("σ_read", "read noise of the pixels, rms", math.nan, math.nan, math.nan, "DN", "fit")
 UNSEEN = Pixels(math.nan, 0.0, 0.0, True)
@@ -83,7 +83,7 @@ def read_noise(dark: Dark, gain: Quantity) -> ReadNoise:
 
 def _of_tails(variances: Float64Array, law: NoiseLaw, pixels: Pixels, frames: int, floor: float) -> HiddenSpread:
     """Where the noise is not normal: sample variances follow no chi-square law, their mean is right all the same."""
-    half = NORMAL * float(variances.std()) / math.sqrt(variances.size)
+    half = TWO_SIDED * float(variances.std()) / math.sqrt(variances.size)
     m = max(float(variances.mean()) - floor, 1e-9)
     return HiddenSpread((m, max(m - half, 0.0), m + half), law.spread_over_pixels(frames, pixels))
 

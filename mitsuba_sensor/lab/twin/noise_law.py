@@ -20,7 +20,7 @@ import scipy
 
 from ...core.noise_distributions import NoiseDistribution, StudentT, TukeyLambda
 from ...core.types import Float64Array
-from ..quantity import Quantity, student_interval
+from ..quantity import TWO_SIDED, Quantity, student_interval
 from ..stack import Stack
 
 FEWEST_FRAMES = 6
@@ -33,8 +33,6 @@ ALARM = 3.5
 """Standard errors of τ₄ from that of a normal law, below which the noise is taken for normal: 1 false alarm in 700."""
 DRAWS = 2**22
 """Numbers that are drawn for the chance variance of l₂, which is then right to 0.5 %."""
-NORMAL = 1.959964
-"""Half of a 95 % interval [standard errors]."""
 EVEN, BLURRED = 0.4, 2.0
 """σ of the offsets from which on pixels lie anywhere between two codes, and σ of noise that hides where [DN]."""
 ALIGNED, HIDDEN = 0.25, 0.5
@@ -96,7 +94,7 @@ class NoiseLaw:
             noise = np.round(noise + pixels.mean + pixels.offsets * chance.normal(size=drawn.shape[1]))
         by_chance, unsure = _relative_variance(_sample_l_moments(noise)[0])
         found, error = _relative_variance(self.scales)
-        half = NORMAL * math.hypot(error, unsure * (1 + found))
+        half = TWO_SIDED * math.hypot(error, unsure * (1 + found))
         squares = [max(one - by_chance, 0.0) / (1 + by_chance) for one in (found, found - half, found + half)]
         value, low, high = (math.sqrt(one) / pixels.share(self.distribution) for one in squares)
         return value, low, high

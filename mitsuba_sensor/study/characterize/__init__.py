@@ -8,14 +8,13 @@ from collections.abc import Callable, Mapping, Sequence
 from ...lab.bench import Bench
 from ...lab.estimators import z_limit
 from ...lab.measurement import INSTRUMENTS, Measurement, measure
-from ...lab.quantity import Quantity
+from ...lab.quantity import TWO_SIDED, Quantity
 from ..page import Drawing, MarkedRow, Section, Study, study_of, table
 from .datasheet import Said
 
 MAIN = ("K", "η", "LE", "σ_d", "µ_e.sat", "SNR_max", "DR", "PRNU1288", "DSNU1288", "σ_row", "σ_col", "µ_I.mean", "T_d")
 MAIN_HEADINGS = "symbol | measured | from | to | unit | datasheet"
 HEADINGS = "symbol | figure | measured | from | to | unit | datasheet | z | section | note"
-TWO_SIDED_95 = 1.959964  # quantile of the normal law
 
 
 def figures_of(bench: Bench, progress: Callable[[int, int, str], None]) -> tuple[Measurement, ...]:
@@ -92,7 +91,7 @@ def _beside(figure: Quantity, datasheet: Mapping[str, Said]) -> dict[str, float]
     said = datasheet[figure.symbol]
     nearest = min(max(figure.value, said.low), said.high)
     half = figure.high - figure.value if nearest > figure.value else figure.value - figure.low
-    error = half / TWO_SIDED_95
+    error = half / TWO_SIDED
     z = (figure.value - nearest) / error if error > 0 else 0.0 if figure.low <= nearest <= figure.high else math.inf
     return {"datasheet": said.value, "z": z}
 
