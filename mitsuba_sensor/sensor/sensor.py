@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, Unpack
@@ -19,6 +20,9 @@ from .run import StripWindows
 
 FIXED = ("serial", "maps", "chain")
 """Options that belong to the sensor."""
+
+COUNTING = threading.Lock()
+"""Held while frames are numbered, so that threads which share a sensor never take the same one."""
 
 
 class Sensor:
@@ -68,21 +72,31 @@ class Sensor:
     @documents(ExposeOptions)
     def expose(self, photons: Photons | ArrayLike, exposure: Exposure, **options: Unpack[ExposeOptions]) -> Frames:
         """Raw frames of these mean photons per pixel, as of :func:`expose`; by default those behind the last ones."""
-        made = self._prepared(photons, exposure, options)
-        frames = made.frames()
-        self._count(made)
-        self._drop()
-        return frames
+        made, before = self._counted(photons, exposure, options)
+        try:
+            return made.frames()
+        except Exception:
+            with COUNTING:  # what was not taken has no number, unless another thread has gone on from it
+                if self.frames_taken == made.first.index + made.count:
+                    self.frames_taken = before
+            raise
+        finally:
+            with COUNTING:
+                self._drop()
 
     @documents(ExposeOptions)
     def stream(
         self, photons: Photons | ArrayLike, exposure: Exposure, **options: Unpack[ExposeOptions]
     ) -> Iterator[NDArray[np.unsignedinteger]]:
         """The frames one at a time, as of :func:`stream`; all of them count as taken from now on."""
-        made = self._prepared(photons, exposure, options)
-        stream = made.stream()
-        self._count(made)
-        return stream
+        return self._counted(photons, exposure, options)[0].stream()
+
+    def _counted(self, photons: Any, exposure: Exposure, options: ExposeOptions) -> tuple[PreparedExposure, int]:
+        """Ready to take the next frames, which nobody else takes from now on, and ``frames_taken`` before these."""
+        with COUNTING:
+            made, before = self._prepared(photons, exposure, options), self.frames_taken
+            self.frames_taken = max(before, made.first.index + made.count)
+        return made, before
 
     def _prepared(self, photons: Any, exposure: Exposure, options: ExposeOptions) -> PreparedExposure:
         for name in FIXED:
@@ -97,9 +111,6 @@ class Sensor:
         strips = self._kept.pop(key, None) or StripWindows(window)
         self._kept[key] = strips  # the last one is the one that was used last
         return replace(made, first=replace(made.first, window=strips.window, _blocks={}), strips=strips)
-
-    def _count(self, made: PreparedExposure) -> None:
-        self.frames_taken = max(self.frames_taken, made.first.index + made.count)
 
     def _drop(self) -> None:
         while len(self._kept) > 1 and self.bytes > self.most_bytes:

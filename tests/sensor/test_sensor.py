@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -215,3 +216,14 @@ def test_photons_may_be_written_over_once_a_frame_is_there(engine: str) -> None:
     np.testing.assert_array_equal(next(stream), fresh.digital[0])
     np.testing.assert_array_equal(frames.detected.mean_e, fresh.detected.mean_e)
     assert frames.report["stages"] == fresh.report["stages"]
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_threads_never_take_the_same_frame(engine: Any) -> None:
+    """Whoever comes first, the frames are the first 40 of this chip, each of them once."""
+    photons, asked = light(1), {"wavelengths_nm": [550.0], "engine": engine}
+    alone, shared = (ms.Sensor(CAMERAS["table 1"], serial=7) for _ in range(2))
+    expected = {alone.expose(photons, EXPOSURE, **asked).digital.tobytes() for _ in range(40)}
+    with ThreadPoolExecutor(8) as pool:
+        taken = list(pool.map(lambda _: shared.expose(photons, EXPOSURE, **asked).digital.tobytes(), range(40)))
+    assert len(expected) == 40 and set(taken) == expected and shared.frames_taken == 40
