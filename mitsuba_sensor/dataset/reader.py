@@ -19,9 +19,9 @@ from ..io.exr import read_aovs_exr
 from ..io.raw_files import read_raw
 from ..io.texts import read_json, text_of_file
 from .keys import Config, Facts
+from .record import INDEX
 from .store import Store
 
-FILE, ROOTS, INDEX = "dataset.toml", "roots.json", "index.jsonl"
 CHANGED = "`mitsuba-sensor dataset verify` finds what is missing or was changed"
 IMAGES = {
     "raw": "frame.tiff",

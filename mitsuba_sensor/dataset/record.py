@@ -10,6 +10,8 @@ from typing import Literal, NamedTuple, TypeAlias, get_args
 
 Kind: TypeAlias = Literal["samples", "views"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
+FILE, ROOTS, INDEX = "dataset.toml", "roots.json", "index.jsonl"
+"""What a folder of a dataset has beside its entries."""
 RECORD = "record.json"
 MOST_BYTES = 2**20
 """Of a record; one of 8 files has 0.9 kB."""

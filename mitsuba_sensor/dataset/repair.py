@@ -11,8 +11,8 @@ from ..io import files
 from ..io.texts import read_json
 from .faults import Fault
 from .planned import DatasetPlan, plan_below
-from .reader import FILE, INDEX, ROOTS, read_index
-from .record import Kind
+from .reader import read_index
+from .record import FILE, INDEX, ROOTS, Kind
 from .store import Store
 
 Show = Callable[[int, int], object]

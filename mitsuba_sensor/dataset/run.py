@@ -15,7 +15,8 @@ from ..io.worker_log import forget, is_begun
 from .engine import outcomes, usual_workers
 from .options import RunOptions
 from .planned import DatasetPlan, PlannedView
-from .reader import FILE, INDEX, ROOTS, index_text
+from .reader import index_text
+from .record import FILE, INDEX, ROOTS
 from .store import Store
 from .task import Outcome, log_path
 

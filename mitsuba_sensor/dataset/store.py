@@ -24,9 +24,11 @@ from ..io.files import write_json
 from ..stopping import undone_if_stopped, whole_step
 from . import faults
 from .faults import Fault
-from .record import KEY, KINDS, MOST_BYTES, RECORD, Kind, Record, is_name, record_of, text_of
+from .record import FILE, INDEX, KEY, KINDS, MOST_BYTES, RECORD, ROOTS, Kind, Record, is_name, record_of, text_of
 
 QUARANTINE = "quarantine"
+UNFINISHED = tuple(f".{name}." for name in (FILE, ROOTS, INDEX))
+"""Beginnings of the names of pages until they are whole (io/files.py)."""
 TAKEN = errno.EEXIST, errno.ENOTEMPTY
 PERHAPS_TAKEN = errno.ENOTDIR, errno.EACCES  # a file stands there; Windows
 TRIES = 10
@@ -171,7 +173,7 @@ class Store:
             durable.remove_folder(away)
 
     def clean(self, older_s: float = 3600) -> int:
-        """Remove what dead programs have left; returns how many scratch folders that were.
+        """Remove what dead programs have left, folders and pages; returns how many that were.
 
         older_s : a folder in which anything is younger is let alone, because its program may still run, on another
             machine too. One that is not is renamed first: a program that wakes up cannot publish half a folder.
@@ -179,6 +181,7 @@ class Store:
         places = [self.folder / kind / name for kind in KINDS for name in durable.names_of(self.folder / kind)]
         places.append(self.folder)  # where the clock is read
         found = [path / name for path in places for name in durable.names_of(path) if name.startswith(durable.SCRATCH)]
+        found += [self.folder / name for name in durable.names_of(self.folder) if name.startswith(UNFINISHED)]
         hidden = (name for name in durable.names_of(self.folder / QUARANTINE) if name.startswith("."))
         found += [self.folder / QUARANTINE / name for name in hidden]
         if not found:

@@ -32,8 +32,8 @@ from mitsuba_sensor.dataset.exports.job import worlds
 from mitsuba_sensor.dataset.exports.torch_dataset import TorchDataset
 from mitsuba_sensor.dataset.options import EXPORT_FORMATS
 from mitsuba_sensor.dataset.planned import load_plan
-from mitsuba_sensor.dataset.reader import INDEX, Dataset, index_text, read_index
-from mitsuba_sensor.dataset.record import Record, text_of
+from mitsuba_sensor.dataset.reader import Dataset, index_text, read_index
+from mitsuba_sensor.dataset.record import INDEX, Record, text_of
 from mitsuba_sensor.dataset.run import run
 from mitsuba_sensor.io.contact_sheet import contact_sheet
 from mitsuba_sensor.io.durable import size_and_hash

@@ -12,7 +12,8 @@ from helpers.datasets import SCENES
 from typer.testing import CliRunner
 
 from mitsuba_sensor import cli
-from mitsuba_sensor.dataset.reader import INDEX, Dataset
+from mitsuba_sensor.dataset.reader import Dataset
+from mitsuba_sensor.dataset.record import INDEX
 
 TEXT = """
 name = "small"

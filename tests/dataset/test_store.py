@@ -153,6 +153,16 @@ def test_left_over_folders_are_removed_by_age_and_by_the_clock_of_the_files(
     assert store.clean(older_s=-60) == 1 and not alive.exists() and store.exists("samples", KEY)
 
 
+def test_left_over_pages_are_removed_by_age_and_nobody_elses_files(store: Store) -> None:
+    store.folder.mkdir(parents=True, exist_ok=True)
+    dead, alive, foreign = (store.folder / name for name in (".index.jsonl.12", ".roots.json.13", ".gitignore"))
+    for path in (dead, alive, foreign):
+        path.write_text("half")
+    os.utime(dead, (0, 0))
+    os.utime(foreign, (0, 0))
+    assert store.clean() == 1 and not dead.exists() and alive.exists() and foreign.exists()
+
+
 def test_a_program_that_was_taken_for_dead_publishes_nothing(store: Store) -> None:
     def slow(folder: Path) -> None:
         writer()(folder)

@@ -13,7 +13,8 @@ from ...core.options import complete, documents
 from ...io.whole_folder import appearing_folder
 from ..file import read_dataset
 from ..options import ExportOptions
-from ..reader import FILE, Dataset
+from ..reader import Dataset
+from ..record import FILE
 from .card import write_card
 from .coco import write_coco
 from .colmap import write_colmap

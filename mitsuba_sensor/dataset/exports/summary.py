@@ -16,8 +16,8 @@ from ...sensor.camera_file import camera_from
 from ...sensor.figures import figures_if_any
 from ..file import DatasetFile
 from ..keys import Facts
-from ..reader import FILE, Dataset, Sample, read_index
-from ..record import RECORD, Kind, Record, text_of
+from ..reader import Dataset, Sample, read_index
+from ..record import FILE, RECORD, Kind, Record, text_of
 from ..store import Store
 from .card import CameraNumbers, CardFacts
 from .job import PICTURE, checked, facts_of
