@@ -40,24 +40,24 @@ def behind(stage: Stage, m: Moments) -> Moments:
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """A curved stage.  later : stages between it and the converter."""
+    """A curved stage.  after : the stages between it and the converter."""
 
     stage: Stage
     converter: Converter
-    behind: Chain
+    after: Chain
     frame: Frame
 
     @cached_property
     def later(self) -> float:
         """Nominal gain between it and the converter."""
-        return math.prod(one.nominal_gain for one in self.behind)
+        return math.prod(one.nominal_gain for one in self.after)
 
     @cached_property
     def margin_dn(self) -> float:
         """What noise and offsets behind it can move a signal by, at full scale."""
         per_v = self.converter.gain_dn_per_v
         full = (self.converter.highest - self.converter.black_level_dn) / per_v / self.later
-        m = reduce(lambda m, stage: behind(stage, m), self.behind, Moments(full, 0.0, 0.0, self.frame))
+        m = reduce(lambda m, stage: behind(stage, m), self.after, Moments(full, 0.0, 0.0, self.frame))
         return ADDED * per_v * math.sqrt(float(np.max(m.temporal)) + float(np.max(m.spatial)))
 
     def bend(self, mean: Float64Array, sigma: Float64Array) -> float:
