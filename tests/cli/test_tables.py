@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import io
+import json
 import math
+import os
 import re
+import subprocess
+import sys
 from typing import Any
 
 import pytest
@@ -159,3 +163,13 @@ def test_the_bar_says_what_is_done_and_no_share_where_no_end_is_known() -> None:
 
 def drawn(live: Any) -> str:
     return shown(live.get_renderable(), 100)
+
+
+def test_a_terminal_without_our_letters_gets_question_marks() -> None:
+    """As through a pipe of Windows, or in the locale POSIX; JSON stays whole."""
+    command = [sys.executable, "-m", "mitsuba_sensor", "cameras", "show", "konnik_table1"]
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    shown, data = (subprocess.run([*command, *x], capture_output=True, env=environment) for x in ([], ["--json"]))
+    assert shown.returncode == data.returncode == 0 and not shown.stderr + data.stderr
+    assert "5.7 ?m" in shown.stdout.decode("ascii")
+    assert "5.7 µm" in json.loads(data.stdout)["description"]
