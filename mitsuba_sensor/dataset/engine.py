@@ -19,7 +19,7 @@ from .keys import Facts
 from .options import RunOptions
 from .planned import PlannedView
 from .store import Store
-from .task import Make, Outcome, TaskLimits, Told, note_death_of, quarantined_by_tries, run_task, usual_make
+from .task import Make, Outcome, TaskLimits, Told, deaths_of, note_death_of, quarantined_by_tries, run_task, usual_make
 
 TOPIC = "mitsuba-sensor"  # of events that workers send
 MOST_EARLY_DEATHS = 10
@@ -143,14 +143,14 @@ def _spread(
     """Keep as many views under way as there are workers; what killed its worker is tried again."""
     import distributed
 
-    under_way, futures, tries = dict[str, PlannedView](), distributed.as_completed(raise_errors=False), 0
-    early = 0
+    under_way = dict[str, tuple[PlannedView, int]]()  # with the number of processes that had died of it
+    futures, tries, early = distributed.as_completed(raise_errors=False), 0, 0
 
     def submit(view: PlannedView) -> None:
         nonlocal tries
         tries += 1
         future = client.submit(_in_worker, str(store.folder), view, limits, key=f"view-{tries}", pure=False)
-        under_way[future.key] = view
+        under_way[future.key] = view, deaths_of(store, view)
         futures.add(future)
 
     def fill() -> Iterator[Outcome]:
@@ -165,12 +165,12 @@ def _spread(
     yield from fill()
     while under_way:
         future = next(futures)
-        view = under_way.pop(future.key)
+        view, before = under_way.pop(future.key)
         if future.status == "finished":
             early = 0
             yield future.result()
         elif isinstance(error := future.exception(), distributed.KilledWorker):
-            early = 0 if note_death_of(store, view) else early + 1
+            early = 0 if note_death_of(store, view) > before else early + 1
             if early >= MOST_EARLY_DEATHS:
                 raise InputError(
                     f"{early} processes in a row have died before they began a view: too little memory, perhaps, or "

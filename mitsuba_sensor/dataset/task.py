@@ -100,15 +100,21 @@ def quarantine(store: Store, view: PlannedView, why: str, log: str = "") -> None
     forget(path)
 
 
-def note_death_of(store: Store, view: PlannedView) -> bool:
-    """Note that the process that made a view has died; whether it had begun."""
+def note_death_of(store: Store, view: PlannedView) -> int:
+    """Note that the process that made a view has died; how many have so far, of those that had begun it."""
     with whole_step:  # not if this process is being stopped, and the other one with it
-        return note_death(log_path(store, view.key))
+        note_death(log_path(store, view.key))
+    return deaths_of(store, view)
+
+
+def deaths_of(store: Store, view: PlannedView) -> int:
+    """How many processes have died of a view."""
+    return fatal_tries(log_path(store, view.key))
 
 
 def quarantined_by_tries(store: Store, view: PlannedView) -> Outcome | None:
     """The outcome of a view of which three processes have died, which is put into quarantine; else None."""
-    tries = fatal_tries(log_path(store, view.key))
+    tries = deaths_of(store, view)
     if tries < MOST_TRIES:
         return None
     said = last_said(log_path(store, view.key))

@@ -85,13 +85,12 @@ def log_of(path: Path) -> str:
     return ""
 
 
-def note_death(path: Path) -> bool:
-    """Note that the process that began last has died by itself; nothing if it still runs. Whether any has begun."""
+def note_death(path: Path) -> None:
+    """Note that the process that began last has died by itself; nothing if it still runs, or none has begun."""
     tries = _tries(path)
     if tries and not _died(tries[-1]) and (_elsewhere(tries[-1]) or not _lives(tries[-1])):
         with suppress(OSError), path.open("ab", buffering=0) as log:
             log.write(DIED)
-    return bool(tries)
 
 
 def fatal_tries(path: Path) -> int:

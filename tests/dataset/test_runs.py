@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import signal
+import socket
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -98,6 +99,9 @@ def test_processes_that_die_before_they_begin_end_the_run(
                 os.kill(os.getpid(), signal.SIGKILL)
             return "0" * 24
 
+    log = tmp_path / "quarantine" / f"{'0' * 24}.log"  # of an earlier run, in which a process did begin, and died
+    log.parent.mkdir()
+    log.write_text(f"# begun by {socket.gethostname()} 1 0\n\n# died\n")
     monkeypatch.setattr(engine, "MOST_EARLY_DEATHS", 2)
     asked = complete(RunOptions, {"workers": 1})
     views: Any = iter([Deadly()])
