@@ -70,3 +70,9 @@ def test_a_file_of_a_name_that_is_too_long_is_not_there(tmp_path: Path) -> None:
     (tmp_path / "d.toml").write_text(fuzz_cases.DATASET.replace("konnik_table1", "a" * 5000 + ".toml"))
     with pytest.raises(InputError, match="no such file"):
         load_plan(tmp_path / "d.toml", [fuzz_cases.ROOT]).cameras.as_given  # noqa: B018
+
+
+@pytest.mark.parametrize("number", [400312, 401474])
+def test_names_without_end_are_cut_in_the_sentence(number: int, tmp_path: Path) -> None:
+    """Of a parameter of the film, and of the sensor."""
+    assert fuzz_cases.examined("scene", number, tmp_path)[0] == "refused"

@@ -135,7 +135,7 @@ class _Search:
     def _of_material(self, value: str, where: str) -> list[str]:
         """Files that Mitsuba reads for the name of a metal."""
         if not re.fullmatch(r"[\w-]*", value):
-            raise InputError(f"{where}: material is {value!r}, which is no name of a metal, e.g. Au.")
+            raise InputError(f"{where}: material is {value[:80]!r}, which is no name of a metal, e.g. Au.")
         return [f"data/ior/{value}.{kind}.spd" for kind in ("eta", "k")]
 
     def _value(self, one: Element, where: str) -> str:
@@ -146,7 +146,7 @@ class _Search:
                 value = value.replace(f"${name}", self.values[name])
             if "$" in value:
                 raise InputError(
-                    f"{where}: {one.value!r} has a parameter without a value; give it one (-D name=value)."
+                    f"{where}: {one.value[:200]!r} has a parameter without a value; give it one (-D name=value)."
                 )
         return value
 
@@ -154,7 +154,7 @@ class _Search:
         """One more folder in which files are sought."""
         folders = [folder / value for folder in self.folders if (folder / value).is_dir()] if _usable(value) else []
         if not folders:
-            raise InputError(f"{where}: there is no folder {value!r} beside the scene; correct the <path>.")
+            raise InputError(f"{where}: there is no folder {value[:200]!r} beside the scene; correct the <path>.")
         for folder in folders:
             self._refuse_code(folder)
         self.folders += [folder for folder in folders if folder not in self.folders]
@@ -164,7 +164,8 @@ class _Search:
         found = _existing([value], [*self.folders, *more])
         if not found:
             folders = ", ".join(map(str, self.folders))
-            raise InputError(f"{where}: there is no file {value!r} in {folders}; correct its name, or add a <path>.")
+            said = f"there is no file {value[:200]!r} in {folders}"
+            raise InputError(f"{where}: {said}; correct its name, or add a <path>.")
         return found
 
     def _add(self, file: Path) -> None:

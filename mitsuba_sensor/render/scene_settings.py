@@ -130,7 +130,7 @@ def _check_names(props: MitsubaObject, known: Iterable[str]) -> None:
     """InputError for a parameter that is not known."""
     for name in props:
         if name not in known:
-            raise InputError(f"{name!r} is not a parameter of a {props.plugin_name()}.{nearest(name, known)}")
+            raise InputError(f"{name[:80]!r} is not a parameter of a {props.plugin_name()}.{nearest(name, known)}")
 
 
 def film_fields_of(props: MitsubaObject) -> Fields:
