@@ -281,6 +281,7 @@ ONCE_WRONG = {
     498: "7 bit, DSNU 16 DN on a curve",
     549: "a curve that falls again",
     1017: "RTS pixels of 6 full wells, DSNU 18 DN",
+    2311: "4 bit, behind the peak of a curve that falls again",
 }
 """Random cases that an earlier theory had wrong."""
 

@@ -38,6 +38,9 @@ of distances between the quantiles of the offsets."""
 MODES: Float64Array = np.linspace(-4.5, 4.5, 37)
 """Offsets [σ] at which the codes of the states of a pixel are compared."""
 
+MOST_ENDS = 8
+"""Times that a curve comes to the end of the converter, or leaves it, at most."""
+
 SURE = 9.0
 """A signal so many σ beyond the last step of the converter has the largest code."""
 
@@ -103,10 +106,10 @@ class GivenCount:
 
     @cached_property
     def ends_e(self) -> list[float]:
-        """Counts at which well or converter are full, and stay so (a curve may bend back)."""
-        below = np.flatnonzero(self.codes_before_rounding[0] < self.converter.highest - 0.5)
-        full = self.counts[below[-1] + 1 if below.size else 0 :]
-        return [float(self.counts[-1]), *map(float, full[:1])]
+        """Counts at which well or converter are full, and at which a curve that falls again leaves the end."""
+        full = self.codes_before_rounding[0] >= self.converter.highest - 0.5
+        changes = self.counts[np.flatnonzero(np.diff(full, prepend=False))]
+        return [float(self.counts[-1]), *map(float, changes[:MOST_ENDS])]
 
     @cached_property
     def read_noise_e(self) -> float:
