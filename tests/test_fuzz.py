@@ -72,7 +72,7 @@ def test_a_file_of_a_name_that_is_too_long_is_not_there(tmp_path: Path) -> None:
         load_plan(tmp_path / "d.toml", [fuzz_cases.ROOT]).cameras.as_given  # noqa: B018
 
 
-@pytest.mark.parametrize("number", [400312, 401474])
-def test_names_without_end_are_cut_in_the_sentence(number: int, tmp_path: Path) -> None:
-    """Of a parameter of the film, and of the sensor."""
-    assert fuzz_cases.examined("scene", number, tmp_path)[0] == "refused"
+@pytest.mark.parametrize(("kind", "number"), [("scene", 400312), ("scene", 401474), ("pixels", 500156)])
+def test_names_without_end_or_letters_are_shown_as_a_sentence_can(kind: str, number: int, tmp_path: Path) -> None:
+    """Of a parameter of the film, of the sensor, and of a channel."""
+    assert fuzz_cases.examined(kind, number, tmp_path)[0] == "refused"

@@ -5,6 +5,8 @@ from __future__ import annotations
 import hashlib
 import os
 import re
+from collections.abc import Iterable
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -59,7 +61,7 @@ def read_irradiance(
     if unit not in UNITS:
         said = "without a unit" if unit is None else f"and unit is {unit!r}"
         near = "" if unit is None else nearest(unit, UNITS)
-        has = f"channels {', '.join(names[:4])}{', …' if len(names) > 4 else ''}"
+        has = f"channels {_some(names)}"
         which = f"say what its values are by unit= (--unit): {', '.join(UNITS)}"
         raise InputError(f"{file} is an EXR of another program ({has}) {said}; {which}.{near}")
     if unit.startswith("radiance") and camera is None:
@@ -96,7 +98,7 @@ def _foreign(
 
 def _rgb(file: Path, pixels: dict[str, np.ndarray]) -> np.ndarray:
     if not {"R", "G", "B"} <= pixels.keys():
-        raise InputError(f"{file} has no channels R, G and B ({', '.join(pixels)}); give another unit (--unit).")
+        raise InputError(f"{file} has no channels R, G and B ({_some(pixels)}); give another unit (--unit).")
     rgb = np.stack([pixels[name] for name in "RGB"], axis=-1)
     if not np.isfinite(rgb).all():
         raise InputError(f"{file} has RGB values that are not finite; correct them first.")
@@ -108,13 +110,20 @@ def _spectral(file: Path, pixels: dict[str, np.ndarray], unit: str) -> tuple[np.
     found = {_length_nm(*match.groups()): name for name in pixels if (match := SPECTRAL.fullmatch(name))}
     if len(found) < 2:
         one = f"{unit.removesuffix('_nm')} and wavelength_nm (--wavelength-nm)" if len(pixels) == 1 else "another unit"
-        has = f"{len(found)} channels S0.<wavelength>nm ({', '.join(pixels)})"
+        has = f"{len(found)} channels S0.<wavelength>nm ({_some(pixels)})"
         raise InputError(f"{file} has {has}, and {unit} needs two at least; give {one}.")
     centres = np.array(sorted(found))
     middles = 0.5 * (centres[1:] + centres[:-1])
     edges = np.concatenate([[2 * centres[0] - middles[0]], middles, [2 * centres[-1] - middles[-1]]])
     bands = np.stack([pixels[found[nm]] for nm in centres.tolist()], axis=-1)
     return bands, 0.5 * (edges[1:] + edges[:-1]), np.diff(edges)
+
+
+def _some(names: Iterable[str]) -> str:
+    """The first names of channels, for a sentence: a file may have any, and as many as it likes."""
+    first = list(islice(names, 5))
+    shown = [name[:40] if name.isprintable() else repr(name[:40]) for name in first[:4]]
+    return ", ".join([*shown, "…"][: len(first)])
 
 
 def _length_nm(number: str, prefix: str | None, unit: str) -> float:
@@ -127,7 +136,7 @@ def _one_channel(
     file: Path, pixels: dict[str, np.ndarray], wavelength_nm: float | None, unit: str
 ) -> tuple[np.ndarray, Float64Array, Float64Array]:
     if len(pixels) != 1:
-        has = f"{len(pixels)} channels ({', '.join(pixels)})"
+        has = f"{len(pixels)} channels ({_some(pixels)})"
         raise InputError(f"{file} has {has}, and {unit} is for one; give another unit (--unit).")
     if wavelength_nm is None:
         raise InputError(f"unit is {unit!r}, of one wavelength; give wavelength_nm, e.g. 550 (--wavelength-nm 550).")
