@@ -295,7 +295,6 @@ ATTACKS: dict[str, tuple[Attack, int]] = {
 
 
 if __name__ == "__main__":
-    signal.signal(
-        signal.SIGINT, signal.default_int_handler
-    )  # which a job in the background ignores, and its commands too
+    # A job in the background ignores Ctrl-C, and so would the commands that it begins.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     run_attacks(__doc__, ATTACKS)

@@ -62,11 +62,6 @@ class Parting(NamedTuple):
 PARTINGS = tuple(map(Parting.of, RESTS))
 
 
-def _fitting(size: int) -> list[Parting]:
-    """Of so many values there may be so many more; coarse ones may be twice as many."""
-    return [one for one in PARTINGS if size * one.z.size <= (2 * MOST if one is PARTINGS[0] else MOST)]
-
-
 @dataclass(frozen=True, eq=False)
 class Swing:
     """Normals for every count, node of the temporal noise and node of what is fixed.
@@ -147,10 +142,11 @@ class Swing:
         """With nodes for what is wide beside the curve."""
         mean, *variances = self.parts  # (C, T, S)
         weights = [self.temporal, self.fixed]
-        kept = PARTINGS[0].z.size if curve.bend(mean, np.sqrt(variances[1])) > 1e9 else 1  # for what is fixed
         for axis in (0, 1):
             sigma = np.sqrt(variances[axis])
-            fitting = _fitting(mean.size * (kept if axis == 0 else 1)) or _fitting(mean.size)
+            coarsest, *finer = PARTINGS  # which may be twice as large
+            fitting = [coarsest] if mean.size * coarsest.z.size <= 2 * MOST else []
+            fitting += [one for one in finer if mean.size * one.z.size <= MOST]
             if curve.bend(mean, sigma) <= TURNING or not fitting:
                 continue
             fine = (one for one in fitting if curve.leaves(mean, sigma, one.z, one.rest) <= LEAVING)
