@@ -14,6 +14,8 @@ Facts: TypeAlias = dict[str, Any]
 def text_of_file(path: Path, remedy: str, most_bytes: int = 2**30) -> str:
     """The text of a file. Raises InputError with the remedy where it cannot be read, or has more bytes."""
     try:
+        if path.is_fifo():  # whose writer may never come
+            raise InputError(f"{path} is a pipe and no file; {remedy}.")
         if path.stat().st_size > most_bytes:
             raise InputError(f"{path} has more than {most_bytes} bytes; {remedy}.")
         return path.read_text("utf-8")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 from pathlib import Path
 from typing import Any
@@ -93,6 +94,14 @@ def test_the_index_is_written_again(made: Path, broken: Path, what: str) -> None
     code, said = dataset("repair", str(broken), "--workers", "0")
     assert (code, said["made"], said["broken"]) == (0, 0, [])
     assert contents(broken) == contents(made)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes with names are of Unix")
+def test_nobody_waits_for_a_pipe_in_place_of_the_index(made: Path, broken: Path) -> None:
+    (broken / INDEX).unlink()
+    os.mkfifo(broken / INDEX)
+    assert dataset("verify", str(broken)) == (1, [{"kind": "dataset", "key": "", "file": INDEX, "what": "changed"}])
+    assert dataset("repair", str(broken), "--workers", "0")[0] == 0 and contents(broken) == contents(made)
 
 
 def test_other_entries_are_read_where_the_index_was_changed(broken: Path) -> None:
