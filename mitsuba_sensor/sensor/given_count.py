@@ -107,9 +107,12 @@ class GivenCount:
     @cached_property
     def ends_e(self) -> list[float]:
         """Counts at which well or converter are full, and at which a curve that falls again leaves the end."""
-        full = self.codes_before_rounding[0] >= self.converter.highest - 0.5
-        changes = self.counts[np.flatnonzero(np.diff(full, prepend=False))]
-        return [float(self.counts[-1]), *map(float, changes[:MOST_ENDS])]
+        beyond = self.codes_before_rounding[0] - (self.converter.highest - 0.5)
+        after = np.flatnonzero(np.diff(beyond >= 0, prepend=False))[:MOST_ENDS]
+        before = np.maximum(after - 1, 0)
+        share = np.divide(beyond[after], beyond[after] - beyond[before], out=np.zeros(after.size), where=after > before)
+        changes = self.counts[after] - share * (self.counts[after] - self.counts[before])
+        return [float(self.counts[-1]), *map(float, changes)]
 
     @cached_property
     def read_noise_e(self) -> float:

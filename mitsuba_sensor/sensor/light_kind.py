@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 from ..core.types import Float64Array
 
 
@@ -13,6 +15,12 @@ class Expected(NamedTuple):
     mean: Float64Array
     temporal: Float64Array
     spatial: Float64Array
+
+
+def possible(moments: Float64Array, limits: tuple[float, float]) -> Float64Array:
+    """Mean and variances (…, 3) without what an interpolation leaves beyond the limits of the signal, or below zero."""
+    low, high = limits
+    return np.clip(moments, [low, 0.0, 0.0], [high, np.inf, np.inf])
 
 
 class LightKind(NamedTuple):

@@ -6,6 +6,7 @@ must have. Whatever the rest of the package needs to know of a stage, it reads f
 
 from __future__ import annotations
 
+import math
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Sequence
@@ -146,6 +147,11 @@ class Stage(ABC):
         """Where the stage clips [e-]."""
         return None
 
+    @property
+    def limits(self) -> tuple[float, float]:
+        """The smallest and the largest signal behind the stage, in its unit."""
+        return -math.inf, math.inf if self.saturation_e is None else self.saturation_e
+
     def marked(self, signal: Array, frame: Frame) -> dict[str, Array]:
         """Masks of the pixels whose number the report of a frame lists: clipped ones, for example.
 
@@ -177,6 +183,11 @@ class Converter(Stage):
     @abstractmethod
     def highest(self) -> int:
         """The largest code."""
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """The smallest and the largest code."""
+        return 0.0, float(self.highest)
 
     @property
     def inl_lsb(self) -> Float64Array | None:

@@ -29,7 +29,7 @@ from .count_law import count_law
 from .electron_nodes import electron_nodes
 from .given_count import GivenCount, parts_of
 from .interpolation import interpolation
-from .light_kind import PLAIN, Expected, LightKind
+from .light_kind import PLAIN, Expected, LightKind, possible
 from .pixel_law import COARSE, PixelLaw, Quantiles, normal_law
 from .stage import Chain, Stage, place_of, propagate, without
 
@@ -68,7 +68,7 @@ class Theory:
         table = self.table(number)
         parts = np.array_split(levels.ravel() * self.electrons_per_light, max(levels.size // CHUNK, 1))
         found = np.concatenate([interpolation(self.nodes, part) @ table for part in parts])
-        return Expected(found[:, 0], np.maximum(found[:, 1], 0.0), np.maximum(found[:, 2], 0.0))
+        return Expected(*possible(found, stage.limits).T)
 
     def digital(self, light_e: Float64Array) -> Expected:
         """Of the digital numbers [DN, DN², DN²]."""
@@ -119,10 +119,8 @@ class Theory:
 
     def chance_to_fill(self, light_e: Float64Array) -> float:
         """The largest chance that the well is full at these levels."""
-        values, of_dark = (
-            self._chances_of_the_last,
-            None if self._of_dark is None else self._of_dark._chances_of_the_last,
-        )
+        of_dark = None if self._of_dark is None else self._of_dark._chances_of_the_last
+        values = self._chances_of_the_last
         for _, average in reversed(self._laws):
             values = average.averaged(values, None, of_dark)
             of_dark = None if of_dark is None else average.averaged(of_dark)
@@ -149,7 +147,8 @@ class Theory:
     def prepare(self, numbers: Sequence[int]) -> None:
         """Make the tables behind several stages at once."""
         missing = [number for number in numbers if number not in self._found]
-        self._found.update(self._averaged(missing) if missing else {})
+        found = self._averaged(missing) if missing else {}
+        self._found.update((number, possible(table, self.stages[number].limits)) for number, table in found.items())
 
     def _averaged(self, numbers: Sequence[int]) -> dict[int, Float64Array]:
         """Average over the laws of the stages between the light and the count."""

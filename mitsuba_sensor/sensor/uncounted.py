@@ -11,6 +11,7 @@ import scipy
 
 from ..core import Frame
 from ..core.types import Float64Array
+from .electron_nodes import KINK
 from .given_count import SHARP_DN, GivenCount
 from .light_kind import PLAIN, Expected, LightKind
 from .pixel_law import COARSE
@@ -52,8 +53,13 @@ class TheoryOfMeans(Theory):
 
     @cached_property
     def nodes(self) -> Float64Array:
-        """As if the electrons were counted; where all pixels are alike, closer, and the levels."""
-        nodes = self._like.nodes
+        """As if the electrons were counted, and about the ends closer, for no shot noise blurs them; where all pixels
+        are alike, closer everywhere, and the levels."""
+        given = self._like._given
+        blur_e = given.spread_dn.max() / max(abs(given.dn_per_e), 1e-300)
+        about = [end + KINK * blur_e - dark for end in given.ends_e for dark in (0.0, self._dark_e)]
+        nodes: Float64Array = np.unique(np.concatenate([self._like.nodes, *about]))
+        nodes = nodes[(nodes >= 0) & (nodes <= self._like.nodes[-1])]
         if self._like._given.spread_dn.any() or not all(map(self._is_certain, self.stages[1 : self._split])):
             return nodes
         closer = (nodes[:-1, None] + np.diff(nodes)[:, None] * np.arange(CLOSER) / CLOSER).ravel()

@@ -26,7 +26,7 @@ from mitsuba_sensor.sensor.interpolation import interpolation
 from mitsuba_sensor.sensor.light_kind import LightKind
 from mitsuba_sensor.sensor.pixel_law import PixelLaw, Quantiles, fixed_gains, fixed_offsets, of_map
 from mitsuba_sensor.sensor.theory import Theory
-from mitsuba_sensor.sensor.uncounted import theory_without
+from mitsuba_sensor.sensor.uncounted import theory_of, theory_without
 
 EXPOSURE = ms.Exposure(0.1)
 TABLE1, BAYER = ms.load_camera("konnik_table1"), ms.load_camera("bayer_2mp")
@@ -366,6 +366,34 @@ def test_the_law_of_a_measured_map_has_its_mean_and_variance(pixels: int) -> Non
     mean = law.weights @ law.gains[:, 0]
     assert mean == pytest.approx(values.mean(), rel=1e-12)
     assert law.weights @ (law.gains[:, 0] - mean) ** 2 == pytest.approx(values.var(), rel=2e-3, abs=1e-15)
+
+
+@pytest.mark.parametrize("light", [np.linspace(50_000.0, 80_000.0, 20_001), np.array([0.0, 1e300, np.inf])])
+def test_no_mean_lies_beyond_the_codes_of_the_converter(light: Float64Array) -> None:
+    """16 bit, K 1 DN/e-, 0.1 e- of noise: an interpolation next to the knee goes beyond it."""
+    camera = quiet(1.0, 0.1, **{"adc.bits": 16, "adc.full_scale_v": 2**16 * 5e-6, "pixel.full_well_e": 1e7})
+    found = theory(camera)
+    for means in (found.digital(light).mean, found.means(light)[len(camera.stages) - 1]):
+        assert means.min() >= 0.0
+        assert means.max() <= 65_535.0
+
+
+@pytest.mark.parametrize(
+    ("bits", "gain", "read_e", "dsnu_e"), [(8, 20.0, 0.1, 0.0), (16, 20.0, 0.1, 1.0), (12, 0.1, 10.0, 300.0)]
+)
+def test_without_shot_noise_the_knee_of_the_converter_is_as_sharp_as_the_noise(
+    bits: int, gain: float, read_e: float, dsnu_e: float
+) -> None:
+    """Moments of the code of a normal swing, read noise and offsets in one, up to 12 σ about the full converter."""
+    scale = {"adc.bits": bits, "adc.full_scale_v": 2**bits / gain * 5e-6, "adc.black_level_dn": 9.0}
+    camera = quiet(gain, read_e, **scale, **{"pixel.full_well_e": 1e7, "pixel.dsnu_e": dsnu_e})
+    stages = tuple(stage for stage in camera.stages if not stage.counts_electrons)
+    sigma_e = math.hypot(read_e, dsnu_e)
+    light = (2**bits - 10) / gain + np.linspace(-12, 12, 2001) * sigma_e
+    found = theory_of(stages, Frame(EXPOSURE, SensorWindow(0, (1, 1)))).digital(light)
+    mean, variance = code_moments(9 + gain * light, np.full(light.size, gain * sigma_e), 2**bits - 1)
+    np.testing.assert_allclose(found.mean, mean, atol=2e-3)
+    np.testing.assert_allclose(found.temporal + found.spatial, variance, atol=2e-4 * variance.max())
 
 
 def test_interpolation_is_exact_for_cubics_and_constant_beyond_the_last_node() -> None:
