@@ -14,7 +14,8 @@ changes the variance. The results are the mean of variance/mean over the pixels 
 without the noisiest 1 % of the pixels (by their renders, not by the result); the share of pixels within the χ² limits
 (two-sided 5 %); the third central moment over the mean, 1 for a Poisson distribution, weighted by 1/mean; samples per
 frame; the share of pixels whose render has more variance than their shot noise; and the correlation of neighbouring
-pixels after normalisation of each pixel over frames.
+pixels after normalisation of each pixel over frames. ``samples_per_frame`` are those of most pixels; ``noisy_pixels``
+says how many have more, and what that makes in all.
 """
 
 from __future__ import annotations
@@ -105,12 +106,14 @@ def timed(exposure: ms.Exposure, options: argparse.Namespace) -> dict[str, Any]:
 def measured(exposure: ms.Exposure, options: argparse.Namespace) -> dict[str, Any]:
     """Statistics of the electrons over frames, compared with the Poisson distribution."""
     electrons, noise, uncompensated, above, samples = [], [], [], [], []
+    notes = set[str]()
     for frame in compensated_frames(exposure, options.size, options.frames):
         electrons.append(frame.frames.electrons[0])
         noise.append(frame.photons.variance_e2)
         uncompensated.append(frame.uncompensated)
         above.append(frame.above_shot_noise)
         samples.append(frame.light.statistics.samples_per_pixel)
+        notes.update(note for note in frame.light.statistics.notes if "the noisiest" in note)
     counts = np.array(electrons)
     mean, variance = counts.mean(axis=0), counts.var(axis=0, ddof=1)
     free = (mean > 0) & (mean + CLIP_SIGMAS * np.sqrt(mean) < CAMERA.pixel.full_well_e)
@@ -136,6 +139,7 @@ def measured(exposure: ms.Exposure, options: argparse.Namespace) -> dict[str, An
         "third_moment_standard_error": float(np.sqrt(6 / len(counts) / (1 / mean[free]).sum())),
         "third_moment_without_noisiest": float((third / mean[free] ** 2)[quiet].sum() / (1 / mean[free])[quiet].sum()),
         "samples_per_frame": float(np.mean(samples)),
+        "noisy_pixels": "; ".join(sorted(notes)),
         "above_shot_noise": float(np.mean(above)),
         "share_within_chance": float(((chance > 0.025) & (chance < 0.975)).mean()),
         "uncompensated": float(np.mean(uncompensated)),

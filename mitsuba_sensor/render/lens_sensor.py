@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import cache
-from typing import TypeAlias
+from typing import Protocol, TypeAlias
 
 import numpy as np
 
@@ -34,6 +34,13 @@ NO_HEIGHT = 1e-9  # below it an image point is on the axis [mm]
 Samples: TypeAlias = tuple[Array, Array, Array, Array]  # time, wavelength, position on the full film [pixels], aperture
 
 
+class RaySource(Protocol):
+    """What a sensor of :func:`sensor_class` sees through."""
+
+    def sample(self, sensor: MitsubaObject, samples: Samples, active: Array) -> tuple[MitsubaObject, Array]:
+        """A ray of the scene for each point of the film, and its weight per wavelength."""
+
+
 def with_lens(
     sensor: MitsubaObject, view: View, camera: Camera | None, unit_m: float
 ) -> tuple[MitsubaObject, View, tuple[str, ...]]:
@@ -41,7 +48,7 @@ def with_lens(
     unchanged without distortion and prescription. Raises InputError where lens and sensor cannot be combined."""
     if camera is None:
         return sensor, view, ()
-    lens: SequentialLens | DistortedProjection
+    lens: RaySource
     variant, notes = mitsuba().variant(), list[str]()
     if camera.lens.prescription is not None:
         if view.half_width == 0:
@@ -56,22 +63,24 @@ def with_lens(
         lens = DistortedProjection(distortion, view)
     if variant.startswith("scalar"):
         notes.append("the lens is computed in Python here, 0.1 ms per ray; an llvm variant is as fast as without it")
-    return _lens_sensor_class(variant)(sensor, lens), view, tuple(notes)
+    return sensor_class(variant)(sensor, lens), view, tuple(notes)
 
 
 @cache
-def _lens_sensor_class(variant: str) -> MitsubaObject:
-    """The sensor's class; Mitsuba has another base class in every variant."""
+def sensor_class(variant: str) -> MitsubaObject:
+    """Class of sensors that see through something else, or on another film, than the scene's own; Mitsuba has another
+    base class in every variant."""
     mi, dr = mitsuba(), drjit()
     assert mi.variant() == variant
     base: MitsubaObject = mi.Sensor
 
     class LensSensor(base):  # type: ignore[misc]
-        """inner : the scene's own sensor.  lens : samples rays at positions on the full film [pixels]."""
+        """inner : the scene's own sensor.  lens : samples rays at positions on the full film [pixels].  film : of its
+        own, or None for that of ``inner``."""
 
-        def __init__(self, inner: MitsubaObject, lens: SequentialLens | DistortedProjection) -> None:
+        def __init__(self, inner: MitsubaObject, lens: RaySource, film: MitsubaObject | None = None) -> None:
             props = mi.Properties(inner.class_name())
-            props["film"], props["sampler"] = inner.film(), inner.sampler()
+            props["film"], props["sampler"] = film or inner.film(), inner.sampler()
             super().__init__(props)
             self.inner, self.lens = inner, lens
             self.m_needs_sample_2 = self.m_needs_sample_3 = True

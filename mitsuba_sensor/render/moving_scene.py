@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable, Mapping
+from copy import copy
 from itertools import pairwise
 from typing import Self
 
@@ -25,6 +26,7 @@ from ..optics.shutter import shutter_of, subframes
 from ..sensor.camera import Camera
 from .guides import render_guides, whole_square
 from .motion import Motion, RigidMotion
+from .noisy_pixels import NoisyPixels
 from .passes import hashed_seed, whole_grid
 from .rays import camera_to_world, first_hits, project
 from .scene import GUIDE_SEED, Scene
@@ -187,6 +189,12 @@ class MovingScene:
         moves = f"sub-frames per exposure and pass; the image moves up to {blur_px:.3g} px while a row is open"
         more = f" ({needed} would be smooth in each pass; that takes more samples)"
         return (*self.scene.notes, *(f"{n} {moves}{more if n < needed else ''}" for n in sorted(self._counts)))
+
+    def with_noisy(self, pixels: NoisyPixels) -> MovingScene:
+        """The same with more samples for some pixels."""
+        found = copy(self)
+        found.scene = self.scene.with_noisy(pixels)
+        return found
 
     def render(self, seed: int, samples: int, rows: tuple[int, int]) -> NDArray[np.float32]:
         """One pass over rows [first, last) of the crop: ∫response·L dλ [W m⁻² sr⁻¹], (rows, columns, channels)."""

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Literal, Unpack, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..core import InputError, Photons, first_given
 from ..core.options import complete, documents, part_of
@@ -19,15 +22,17 @@ from ..sensor.frames import Frames
 from ..sensor.metering import AskedExposure
 from ..sensor.options import ExposeOptions
 from .irradiance import Irradiance
+from .noisy_pixels import NoisyPixels, fewest_samples
 from .options import FrameSeriesOptions, RenderOptions
 from .passes import hashed_seed, whole_grid
 from .photons import collect
 from .prepared import PreparedRender, check_options, prepare
-from .renderer import Criterion, Map
+from .renderer import Criterion, Map, Renderer
 from .scene_nodes import SceneInput
 from .scene_settings import ParsedScene
 from .statistics import median_bias
-from .stop_criterion import FEWEST_TO_STOP, Progress, RenderProgress, StopCriterion, stop_criterion_of
+from .stop_criterion import FEWEST_TO_STOP, End, Progress, RenderProgress, StopCriterion, stop_criterion_of
+from .variants import mitsuba
 
 PerFrameNoise = Literal["compensated", "per-frame"]
 TARGET = LIMIT / 2  # median of v/μ: below it the total has the shape of a Poisson law (sensor/compensation.py)
@@ -35,6 +40,7 @@ FEWEST_FREEDOM = 7  # degrees of freedom of a measured variance; with fewer pass
 UNCOMPENSATED = 0.015  # of the shot variance, averaged over all but the noisiest pixels: what may stay as excess noise
 NOISIEST = 0.01  # of the pixels, e.g. edges of a lamp: they alone would ask for two to three times the samples
 MARGIN = 1.15  # on the samples that a frame needs: what is left differs from frame to frame by a tenth or so
+PIXEL_TARGET = 0.3  # v/μ of a single pixel, as the render before the first frame has measured it
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +77,8 @@ def render_frames(
 
     By default "compensated" renders until the median of v/μ, the variance of the render over that of the shot noise,
     is 1/6, and at most 1.5 % is left uncompensated outside the noisiest 1 % of the pixels; ``spectral`` is "channels",
-    since each render is used once. The first frame determines the size of the passes of the others: give ``spp`` where
-    a frame must come out the same when it is made alone. Raises InputError.
+    since each render is used once. A render before the first frame determines the samples of all, and which pixels get
+    several times as many (noisy_pixels.py; not in scalar variants). Raises InputError.
     """
     chosen = complete(FrameSeriesOptions, options)
     return FrameSeries.prepare(scene, camera, exposure, chosen, render_noise).frames(progress)
@@ -129,17 +135,19 @@ class FrameSeries:
 
     def frames(self, progress: Progress | None = None, report: bool = False) -> Iterator[RenderedFrame]:
         """One frame after the other. report : whether the first one brings its report along."""
-        prepared, sensor, stop = self.prepared, self.sensor, self.stop
-        first = sensor.first.index
+        sensor, first = self.sensor, self.sensor.first.index
+
+        def step(now: RenderProgress, number: int = first) -> None:
+            if progress is not None:
+                progress(replace(now, frame=number))
+
+        prepared, stop = (self.prepared, self.stop) if self.criterion is None else self._planned(step)
         for number in range(first, first + self.count):
-
-            def step(now: RenderProgress, number: int = number) -> None:
-                if progress is not None:
-                    progress(replace(now, frame=number))
-
-            light = prepared.render(hashed_seed(sensor.first.seed, -1, number), stop, step, criterion=self.criterion)
-            if not stop.sized or (self.criterion is not None and number == first):  # the first render sizes all others
-                stop = self._sized(stop)
+            seed = hashed_seed(sensor.first.seed, -1, number)
+            light = prepared.render(seed, stop, partial(step, number=number))
+            if not stop.sized:  # the first render sizes all others
+                samples = prepared.renderer.samples
+                stop = replace(stop, passes=max(stop.passes * stop.samples // samples, 2), samples=samples, sized=True)
             photons = as_photons(collect(light, prepared.camera, prepared.exposure), prepared.camera)
             mean, variance = prepared.renderer.electrons()
             if self.compensated:
@@ -150,27 +158,48 @@ class FrameSeries:
             above = _uncompensated(prepared, mean, variance, compensate=False) > 1
             yield RenderedFrame(made, light, photons, float(left.mean()), float(above.mean()))
 
-    def _sized(self, stop: StopCriterion) -> StopCriterion:
-        """The stop criterion with passes of such a size that the fewest are just enough, as the first render has shown:
-        a variance falls as one over the samples."""
-        renderer = self.prepared.renderer
-        samples = renderer.samples
-        if self.criterion is not None:
-            needed = renderer.passes * samples * self.criterion(*renderer.noise_estimate())
-            samples = min(whole_grid(max(MARGIN * needed / FEWEST_TO_STOP, 1.0), stop.repeatable), samples)
-        return replace(stop, passes=max(stop.passes * stop.samples // samples, 2), samples=samples, sized=True)
+    def _planned(self, progress: Progress) -> tuple[PreparedRender, StopCriterion]:
+        """The samples of every frame and of its noisiest pixels, by a render before the first frame: its variance falls
+        as one over the samples."""
+        prepared, stop, criterion = self.prepared, self.stop, self.criterion
+        assert criterion is not None
+        prepared.render(hashed_seed(self.sensor.first.seed, -2, 0), stop, progress, criterion=criterion)
+        renderer = prepared.renderer
+        mean, variance, freedom = renderer.noise_estimate()
+        done = renderer.passes * renderer.samples * MARGIN
+        samples, times = done * criterion(mean, variance, freedom), None
+        ratio, shown = _over_shot(prepared, mean, variance)
+        if shown.any() and not mitsuba().variant().startswith(
+            "scalar"
+        ):  # a sensor in Python takes 0.1 ms per ray there
+            median = float(np.median(ratio[shown])) * median_bias(freedom + 1)
+            samples, times = fewest_samples(ratio * shown * done / PIXEL_TARGET, max(done * median / TARGET, 1.0))
+        if times is not None and times.any():
+            scene = prepared.scene.with_noisy(NoisyPixels(times, prepared.bands.responses))
+            renderer = Renderer(scene, prepared.camera, prepared.exposure, prepared.bands)
+            prepared = replace(prepared, scene=scene, renderer=renderer)
+        most = stop.passes * stop.samples
+        each = whole_grid(max(min(samples, most) / FEWEST_TO_STOP, 1.0), stop.repeatable)
+        passes = max(min(max(math.ceil(samples / each), FEWEST_TO_STOP), most // each), 2)
+        end: End = "compensable" if samples <= most else "max_spp"
+        return prepared, replace(stop, passes=passes, samples=each, sized=True, goal=None, end=end)
+
+
+def _over_shot(prepared: PreparedRender, mean_e: Map, variance_e2: Map) -> tuple[Map, NDArray[np.bool_]]:
+    """The render's variance over the shot variance of light and dark, and which pixels have any light and stay below
+    the full well, (H, W) each."""
+    total = mean_e + mean_dark_e(prepared.camera, prepared.exposure)
+    shown = (total > 0) & (total < prepared.camera.pixel.full_well_e)
+    return variance_e2 / np.where(shown, total, np.inf), shown
 
 
 def _uncompensated(prepared: PreparedRender, mean_e: Map, variance_e2: Map, compensate: bool = True) -> Map:
     """What is left of the render's variance over the shot variance of light and dark, (N,): of every pixel that has any
     light and stays below the full well."""
     dark = mean_dark_e(prepared.camera, prepared.exposure)
-    total = mean_e + dark
-    shown = (total > 0) & (total < prepared.camera.pixel.full_well_e)
-    if not shown.any():
-        return np.zeros(1)
     compensated: Any = sum(compensable(mean_e, dark, variance_e2)) if compensate else 0.0
-    return np.asarray((variance_e2 - compensated)[shown] / total[shown])
+    ratio, shown = _over_shot(prepared, mean_e, variance_e2 - compensated)
+    return ratio[shown] if shown.any() else np.zeros(1)
 
 
 def _criterion(prepared: PreparedRender) -> Criterion:

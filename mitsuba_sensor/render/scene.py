@@ -21,13 +21,15 @@ from ..optics.intrinsics import View
 from ..sensor.camera import Camera
 from ..sensor.sensor_size import check_on_sensor
 from .bands import Bands, box_bands, response_film, restrict_wavelengths
+from .film_size import WIDTH, film_size
 from .guides import render_guides
 from .lens_sensor import with_lens
 from .lint import WRAPPERS, Finding, lint, lint_built, most_serious_first
+from .noisy_pixels import NoisyPixels
 from .passes import SAMPLER
 from .plugins import built_in_sensor
 from .scene_file import POLARISING, SceneFile, as_input_error, parse_scene, plain_message
-from .scene_settings import FILM, SENSOR, SIZE, SceneSettings, sensor_fields_of, settings_of
+from .scene_settings import FILM, SENSOR, SceneSettings, sensor_fields_of, settings_of
 from .variants import MitsubaObject, mitsuba
 
 SENSORS = ("perspective", "thinlens", "orthographic", SENSOR)
@@ -36,8 +38,6 @@ FILM_ID = "sensor"  # id of the new film, by which its sensor is found in the bu
 SCALAR_ONLY = ("timed_sunsky",)  # Dr.Jit refuses to trace it, and every render of the process after that
 PICTURES = ("bitmap", "envmap")  # whose file is one
 WITH_FILES = ("Shape", "Texture", "Emitter", "Volume", "BSDF", "Medium", "PhaseFunction")
-MOST_PIXELS = 2**28  # of one picture; its bands alone take 64 GB
-WIDTH, HEIGHT = 768, 576  # default of Mitsuba's films
 # Plugins that cannot be used, and what to do instead.
 UNSUITABLE = {
     "depth": "computes no radiance; take --integrator path (integrator='path')",
@@ -53,7 +53,7 @@ class Scene:
     """A scene ready to render into bands.
 
     view : what its sensor images.  notes : what was replaced, what will be black.  findings : the same, one by one.
-    sha256 : of the scene file, its includes and its parameters.
+    sha256 : of the scene file, its includes and its parameters.  noisy : pixels that get more samples, or None.
     """
 
     mitsuba_scene: MitsubaObject
@@ -63,6 +63,7 @@ class Scene:
     sha256: str
     notes: tuple[str, ...]
     findings: tuple[Finding, ...] = ()
+    noisy: NoisyPixels | None = None
 
     def restrict_wavelengths(self, low_nm: float, high_nm: float) -> None:
         """From now on sample wavelengths between two edges of the bands only."""
@@ -76,14 +77,24 @@ class Scene:
             parameters = mitsuba().traverse(self.sensor)
             parameters["film.crop_size"], parameters["film.crop_offset"] = list(size), list(offset)
             parameters.update()
+        image = self._rendered(self.sensor, seed, samples).reshape(size[1], size[0], -1)
+        if self.noisy is None:
+            return image
+        return self.noisy.averaged(image, self.sensor, rows, seed, samples, self._rendered)
+
+    def _rendered(self, sensor: MitsubaObject, seed: int, samples: int) -> NDArray[np.float32]:
         try:
-            image = self.integrator.render(self.mitsuba_scene, sensor=self.sensor, seed=seed, spp=samples)
+            image = self.integrator.render(self.mitsuba_scene, sensor=sensor, seed=seed, spp=samples)
         except RuntimeError as error:
             variant = mitsuba().variant()
             way_out = "" if variant.startswith("scalar") else f" in {variant}: try --variant scalar_spectral"
             first = plain_message(RuntimeError(str(error).split("\n\n")[0]))
             raise InputError(f"the scene cannot be rendered{way_out} ({first}).") from error
-        return np.array(image, dtype=np.float32).reshape(size[1], size[0], -1)
+        return np.array(image, dtype=np.float32)
+
+    def with_noisy(self, pixels: NoisyPixels) -> Scene:
+        """The same with more samples for some pixels."""
+        return replace(self, noisy=pixels, notes=(*self.notes, pixels.note))
 
     def guides(self, wavelengths_nm: Float64Array, rays: int, rows: tuple[int, int]) -> NDArray[np.float32]:
         """Guides of a denoiser for rows [first, last) of the crop: see :func:`guides.render_guides`."""
@@ -212,31 +223,6 @@ def _replace_camera(scene: SceneFile, settings: SceneSettings, camera: Camera | 
     node.props.set_plugin_name(kind)
     for name, value in view.items():
         node.props[name] = value
-
-
-def film_size(scene: SceneFile, camera: Camera | None, width: int | None) -> dict[str, int]:
-    """Width, height and crop of the first sensor's film, by the names of Mitsuba's parameters; scaled to ``width``."""
-    film, size = scene.film(), {}
-    if film is not None:
-        if film.props.plugin_name() == FILM and camera is not None:
-            size = {"width": camera.sensor.columns, "height": camera.sensor.rows}
-        size |= {k: v for k, v in film.props.items() if k in SIZE}
-    if width is None:
-        return _fitting(scene, size)
-    full = size.get("width", WIDTH)
-    if not 1 <= width <= full:
-        raise InputError(f"width is {width!r}; it must be a whole number from 1 to the film's own {full}.")
-    whole = {"width": full, "height": size.get("height", HEIGHT), **size}
-    return _fitting(scene, {k: max(round(v * width / full), 0 if "offset" in k else 1) for k, v in whole.items()})
-
-
-def _fitting(scene: SceneFile, size: dict[str, int]) -> dict[str, int]:
-    """The same, if it is no more than can be rendered."""
-    columns, rows = (size.get(f"crop_{x}", size.get(x, usual)) for x, usual in (("width", WIDTH), ("height", HEIGHT)))
-    if isinstance(columns, int) and isinstance(rows, int) and columns * rows > MOST_PIXELS:
-        many = f"{columns} × {rows} pixels; it may have {MOST_PIXELS} at most, a crop of it or --width fewer"
-        raise InputError(f"scene {scene.name!r} has a film of {many}.")
-    return size
 
 
 def _replace_film(scene: SceneFile, bands: Bands, size: dict[str, int], sampler: str) -> None:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 import tifffile
-from helpers.scenes import SCENES, scene_text, write_scene
+from helpers.scenes import SCENES, scene_text, skip_unless_usable, write_scene
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
@@ -169,7 +169,7 @@ def test_a_frame_made_alone_is_that_frame_of_the_series(floor: Path, render_nois
 def test_without_samples_a_frame_is_rendered_until_it_can_be_compensated(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """At least 16 passes and no more than 1.5 % left uncompensated; only the first frame finds the size of a pass.
+    """At least 16 passes and no more than 1.5 % left uncompensated; a render before the first frame finds their size.
 
     8 × 6 pixels with about 17 000 electrons each, which need some thousand samples.
     """
@@ -185,9 +185,19 @@ def test_without_samples_a_frame_is_rendered_until_it_can_be_compensated(
         assert found.ended_by == "compensable"
         assert frame.uncompensated <= 0.015
         assert found.passes >= FEWEST
-        assert len(sizes) == found.passes + (number == 0), "the first frame begins with one pass of another size"
+        assert (len(sizes) == found.passes) == (number > 0), "before the first frame there is a render"
         assert set(sizes[-found.passes :]) == {found.samples_per_pixel // found.passes}
         sizes.clear()
+
+
+def test_a_frame_made_alone_gets_the_samples_of_the_series() -> None:
+    """Also where no number of them was asked for: the render before the first frame is that of the seed."""
+    options = {"parameters": {"width": 12, "height": 12}, "variant": skip_unless_usable("llvm_ad_spectral"), "seed": 5}
+    scene, exposure = SCENES / "cornell_box.xml", ms.Exposure(1e-4)
+    whole = list(render_frames(scene, CAMERA, exposure, frames=3, **options))
+    (alone,) = render_frames(scene, CAMERA, exposure, first_frame=2, frames=1, **options)
+    assert alone.light.statistics.notes == whole[2].light.statistics.notes
+    np.testing.assert_allclose(alone.light.data, whole[2].light.data, rtol=1e-4)
 
 
 def test_the_colour_channels_are_rendered_unless_bands_are_asked_for(floor: Path) -> None:
