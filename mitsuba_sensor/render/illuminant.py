@@ -45,8 +45,9 @@ def illuminant_of(scene: Scene) -> Illuminant | None:
             [[_thrown(scene, point, quarter) for point in points.tolist()] for quarter in quarters.tolist()]
         )
     else:
-        drawn = [mi.Float(np.tile(number, len(quarters))) for number in points.T]
-        thrown = _thrown(scene, drawn, [mi.Float(np.repeat(nm, len(points))) for nm in quarters.T])
+        dr = drjit()  # from lists: each alignment of NumPy's arrays would compile a kernel of its own
+        drawn = [dr.tile(mi.Float(numbers.tolist()), len(quarters)) for numbers in points.T]
+        thrown = _thrown(scene, drawn, [dr.repeat(mi.Float(nm.tolist()), len(points)) for nm in quarters.T])
         found = np.moveaxis(np.array(thrown).reshape(AT_ONCE, len(quarters), len(points)), 0, -1)
     bands = found.mean(axis=1).reshape(-1, AVERAGED).mean(axis=1)
     if not (np.isfinite(bands).all() and bands.sum() > 0):
