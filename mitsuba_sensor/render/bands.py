@@ -14,6 +14,7 @@ from ..core import Float64Array, InputError, require
 from ..optics.f_number_law import transmittance
 from ..sensor.camera import Camera
 from ..sensor.fingerprint import response_fingerprint
+from .flat_response import film_response
 from .variants import MitsubaObject, mitsuba
 
 SHORTEST_NM, LONGEST_NM = 200.0, 1100.0  # range of silicon sensors
@@ -176,7 +177,7 @@ def _regular(low_nm: float, high_nm: float, values: list[float]) -> dict[str, ob
 
 def response_film(responses: Sequence[Mapping[str, object]], size: Mapping[str, int | str]) -> MitsubaObject:
     """A specfilm with one channel ∫ response·L dλ for each response (a Mitsuba spectrum)."""
-    channels = {f"band{k:04d}": dict(response) for k, response in enumerate(responses)}  # kept in order of their names
+    channels = {f"band{k:04d}": film_response(response) for k, response in enumerate(responses)}  # in order of names
     film = mitsuba().load_dict(
         {"type": "specfilm", "component_format": "float32", "rfilter": {"type": "box"}, **size, **channels}
     )

@@ -139,8 +139,12 @@ class Welford(RunningMean):
         return cls(np.zeros(shape), np.zeros(shape))
 
     def _note(self, rows: slice, delta: Float64Array) -> None:
-        delta *= math.sqrt((self.count - 1) / self.count)  # one distance is to the new mean
-        self._spread[rows] = np.hypot(self._spread[rows], delta)
+        if self.count == 1:
+            return
+        delta *= delta
+        delta *= (self.count - 1) / self.count  # one distance is to the new mean
+        delta += np.square(self._spread[rows], dtype=np.float64)  # of float32: neither too large nor too small
+        self._spread[rows] = np.sqrt(delta, out=delta)
 
     @property
     def variance_of_mean(self) -> Float64Array:
