@@ -3,11 +3,13 @@
     python benchmarks/render_cost.py [--variants V …] [--spp 16 128] [--size 96] [--turns 5] [--processes 3] [--json]
 
 plain    : ``mi.load_file`` and ``mi.render`` with a specfilm of one band (or thirty) and its default sampler.
+same     : plain, but with the sampler of ours, multijitter, which makes 132 samples of 128; all in one pass.
 ours     : ``mitsuba_sensor.render`` without denoising, from the scene file to standard errors and statistics.
 Warm     : in one process, alternately, scene and kernels loaded; ours loads the scene again, which is counted.
 Process  : a whole process, alternately: with no kernel on disk, and with those of the processes before; with imports.
-``first_pass_s`` is the time from its start until the first samples are there. ``over_plain`` are ratios of processor
-seconds of all threads, which other load on the machine hardly changes; wall-clock seconds stand beside them.
+``first_pass_s`` is the time from its start until the first samples are there. ``over_plain``, ``over_same`` and
+``over_channels`` are ratios of processor seconds of all threads, which other load on the machine hardly changes, each
+the median of the ratios of single turns; wall-clock seconds stand beside them.
 """
 
 from __future__ import annotations
@@ -23,10 +25,11 @@ from typing import Any
 
 import numpy as np
 from plain_mitsuba import sensor_like
-from timing import in_child, lines
+from timing import in_child, lines, ratio
 
 SCENE = str(Path(__file__).resolve().parent.parent / "scenes" / "cornell_box.xml")
-KINDS = ("plain 1 band", "plain 30 bands", "ours 1 band", "ours channels", "ours 30 bands")
+OURS = ("ours 1 band", "ours channels", "ours 30 bands")
+KINDS = ("plain 1 band", "plain 30 bands", "same 1 band", "same 30 bands", *OURS)
 LOW_NM, HIGH_NM = 400.0, 700.0
 Seconds = dict[str, float]
 
@@ -53,8 +56,8 @@ def main() -> None:
 
 
 def processes(case: tuple[str, int, int], count: int) -> dict[str, Any]:
-    """Whole processes of every kind but thirty plain bands: the first with an empty kernel cache, and the others."""
-    kinds = [kind for kind in KINDS if kind != "plain 30 bands"]
+    """Whole processes of one plain band and of ours: the first with an empty kernel cache, and the others."""
+    kinds = ("plain 1 band", *OURS)
     with tempfile.TemporaryDirectory() as home:
         turns = [
             {kind: in_child("render_cost", "whole", *case, kind, time.time(), home=home) for kind in kinds}
@@ -67,13 +70,17 @@ def processes(case: tuple[str, int, int], count: int) -> dict[str, Any]:
 
 
 def summary(found: dict[str, list[Seconds]]) -> dict[str, Seconds]:
-    """Medians, and processor seconds over those of plain Mitsuba."""
+    """Medians, and processor seconds over those of plain Mitsuba, of the same sampler, and of the colour filters."""
     medians = {
         kind: {name: statistics.median(one[name] for one in runs) for name in runs[0]} for kind, runs in found.items()
     }
+    seconds = {kind: [one["cpu_s"] for one in runs] for kind, runs in found.items()}
     for kind, median in medians.items():
-        base = medians.get(kind.replace("ours", "plain"), medians["plain 1 band"])
-        median["over_plain"] = median["cpu_s"] / base["cpu_s"]
+        film = "30 bands" if "30" in kind else "1 band"
+        bases = {"plain": f"plain {film}", "same": f"same {film}", "channels": "ours channels"}
+        median |= {
+            f"over_{name}": ratio(seconds[kind], seconds[base]) for name, base in bases.items() if base in seconds
+        }
     return medians
 
 
@@ -102,8 +109,9 @@ def renderer(
     kind: str, variant: str, size: int, spp: int, first_pass: Callable[[], None] = lambda: None
 ) -> Callable[[int], np.ndarray]:
     """A render of one kind, from its seed. first_pass : called when its first samples are there, if not at its end."""
-    if kind.startswith("plain"):
-        return plain(30 if "30" in kind else 1, variant, size, spp)
+    if not kind.startswith("ours"):
+        sampler = "multijitter" if kind.startswith("same") else "independent"
+        return plain(30 if "30" in kind else 1, variant, size, spp, sampler)
     import mitsuba_sensor as ms
 
     camera, exposure = ms.load_camera("konnik_table1"), ms.Exposure(0.02)
@@ -113,13 +121,14 @@ def renderer(
     return lambda seed: ms.render(SCENE, camera, exposure, seed=seed, **asked).data
 
 
-def plain(bands: int, variant: str, size: int, spp: int) -> Callable[[int], np.ndarray]:
+def plain(bands: int, variant: str, size: int, spp: int, sampler: str) -> Callable[[int], np.ndarray]:
     """The same with plain Mitsuba alone."""
     import mitsuba as mi
 
     mi.set_variant(variant)
+    mi.set_log_level(mi.LogLevel.Error)  # it warns of 132 samples, on stdout
     scene = mi.load_file(SCENE, width=str(size), height=str(size))
-    sensor = sensor_like(mi, scene.sensors()[0], size, np.linspace(LOW_NM, HIGH_NM, bands + 1).tolist())
+    sensor = sensor_like(mi, scene.sensors()[0], size, np.linspace(LOW_NM, HIGH_NM, bands + 1).tolist(), sampler)
     return lambda seed: np.array(mi.render(scene, sensor=sensor, seed=seed, spp=spp))
 
 
