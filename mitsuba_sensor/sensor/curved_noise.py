@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..core import Frame, Moments
 from ..core.types import Float64Array
 from .curve import Curve, behind
-from .measured_maps import groups_of, widened
+from .measured_maps import groups_of, is_measured, widened
 from .pixel_law import NoiseLaw
 from .stage import Chain, Converter
 
@@ -79,15 +79,15 @@ class Swing:
         found = cls(Moments(counts[:, None], np.zeros((1, 1)), np.zeros((1, 1)), frame), ALONE, ALONE)
         maps: Chain = ()  # with measured maps, and gains behind them
         for number, stage in enumerate(stages):
-            law, measured = stage.noise_law(frame), stage.measured(frame.window)
+            law, measured = stage.noise_law(frame), is_measured(stage, frame.window)
             if maps and (stage.curved or law is not None):
                 found, maps = found._in_groups(maps), ()
             if stage.curved:
                 curve = Curve(stage, converter, stages[number + 1 :], frame)
                 found = found._apart(curve)
-            if measured is not None or (maps and stage.nominal_gain != 1):
+            if measured or (maps and stage.nominal_gain != 1):
                 maps += (stage,)
-            if measured is None and law is None:
+            if not measured and law is None:
                 m = behind(stage, found.m)
                 found = replace(found, m=curve.beyond(found.m, m) if stage.curved else m)
             elif law is not None:
@@ -127,7 +127,8 @@ class Swing:
     def _in_groups(self, maps: Chain) -> Swing:
         """In groups of pixels that are alike; what is left inside of a group is normal where no noise hides it."""
         mean, temporal, spatial = (x[..., None] for x in self.parts)  # (C, T, S, groups)
-        weights, gains, offsets, of_gains, rest = groups_of(maps, self.m.frame.window, MOST_OF_MAPS // mean.size)
+        blur = float(np.sqrt(spatial.min()))
+        weights, gains, offsets, of_gains, rest = groups_of(maps, self.m.frame.window, MOST_OF_MAPS // mean.size, blur)
         left = float(weights @ rest)
         if not spatial.any() and not of_gains.any() and left < HIDDEN**2 * temporal.min():
             variance = left + float(weights @ (offsets - weights @ offsets) ** 2)

@@ -17,8 +17,10 @@ from .count_law import STEPS, count_nodes
 from .curve import behind
 from .curved_noise import Swing
 from .interpolation import interpolation
+from .measured_maps import is_measured
 from .pixel_law import RARE
 from .stage import Chain, Converter, converter_of
+from .threads import for_each
 
 OFFSET_STEPS, FARTHEST, BLUR = (0.75, 0.2, 0.06, 0.019, 0.006, 0.0019), 5.25, 0.7
 """Quantiles of the fixed offsets lie one of these steps apart, up to the farthest [σ]; at most BLUR of the noise."""
@@ -134,13 +136,16 @@ class GivenCount:
         """The same of the codes."""
         swing = Swing.behind(self.stages[:-1], self.converter, self.counts, self.conditions)
         found, of_step = np.empty((law.shape[0], 3)), self._offset_steps(law, swing)
-        for step in np.unique(of_step):
-            for some in _neighbours(np.flatnonzero(of_step == step)):
-                part = law[some]
-                used = slice(int(part.indices.min()), int(part.indices.max()) + 1)
-                found[some] = _over_offsets(
-                    self.converter, part[:, used], swing.of_counts(used), self.counts[used], step
-                )
+
+        def average(some: NDArray[np.intp]) -> None:
+            part = law[some]
+            used = slice(int(part.indices.min()), int(part.indices.max()) + 1)
+            found[some] = _over_offsets(
+                self.converter, part[:, used], swing.of_counts(used), self.counts[used], of_step[some[0]]
+            )
+
+        each = (np.flatnonzero(of_step == step) for step in np.unique(of_step))
+        for_each(average, (some for rows in each for some in _neighbours(rows)))
         return found
 
     def modes(self, law: scipy.sparse.csr_array) -> Float64Array | None:
@@ -172,7 +177,7 @@ class GivenCount:
             later = math.prod(one.nominal_gain for one in self.stages[number + 1 : -1])
             if (law := stage.noise_law(self.conditions)) is not None:
                 temporal = np.maximum(temporal - later**2 * law.quieter, 0.0)
-            if stage.measured(self.conditions.window) is not None:  # a map may be of few values
+            if is_measured(stage, self.conditions.window):  # a map may be of few values
                 of_map = stage.moments(Moments(0.0, 0.0, 0.0, self.conditions)).spatial
                 spatial = np.maximum(spatial - later**2 * of_map, 0.0)
         return self.converter.black_level_dn + gain * mean, gain * np.sqrt(temporal), gain * np.sqrt(temporal + spatial)

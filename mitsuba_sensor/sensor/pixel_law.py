@@ -5,12 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from ..core.types import Float64Array, RandomBits
+
+if TYPE_CHECKING:
+    from .map_levels import MapLevels
 
 
 @dataclass(frozen=True)
@@ -118,15 +122,13 @@ def borders_of(pixels: int, step: float) -> NDArray[np.intp]:
     return borders[borders < pixels]
 
 
-def of_map(values: Float64Array, make: Callable[[Float64Array, Float64Array], PixelLaw]) -> PixelLaw:
+def of_map(levels: MapLevels, make: Callable[[Float64Array, Float64Array], PixelLaw]) -> PixelLaw:
     """The law of a measured map: means of groups of pixels in order, every pixel for itself at both ends.
 
     Few hot pixels keep their tail.
     """
-    ordered = np.sort(np.asarray(values, dtype=np.float64), axis=None)
-    borders = borders_of(ordered.size, MAP_STEP)
-    weights = np.diff(borders, append=ordered.size).astype(np.float64)
-    return make(np.add.reduceat(ordered, borders) / weights, weights / ordered.size)
+    borders = borders_of(levels.size, MAP_STEP)
+    return make(levels.means_between(borders), np.diff(borders, append=levels.size) / levels.size)
 
 
 def normal_law(mean_e: Float64Array, temporal_e2: Float64Array, spatial_e2: Float64Array) -> PixelLaw:

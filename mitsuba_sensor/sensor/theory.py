@@ -56,7 +56,8 @@ class Theory:
     @classmethod
     def of(cls, stages: Chain, frame: Frame, kind: LightKind = PLAIN) -> Theory:
         """For the exposure and the measured maps of this frame."""
-        window = SensorWindow(0, (1, 1), given=frame.window.given)
+        given = frame.window.given
+        window = frame.window.cached("conditions", lambda: SensorWindow(0, (1, 1), given=given))
         return cls(tuple(stages), Frame(frame.exposure, window), kind)
 
     def behind(self, stage: Stage, light_e: Float64Array) -> Expected:

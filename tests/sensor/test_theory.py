@@ -24,6 +24,7 @@ from mitsuba_sensor.sensor.fpn_distributions import FpnDistribution, Gamma, Gaus
 from mitsuba_sensor.sensor.gains import gain_dn_per_e
 from mitsuba_sensor.sensor.interpolation import interpolation
 from mitsuba_sensor.sensor.light_kind import LightKind
+from mitsuba_sensor.sensor.map_levels import MapLevels
 from mitsuba_sensor.sensor.pixel_law import PixelLaw, Quantiles, fixed_gains, fixed_offsets, of_map
 from mitsuba_sensor.sensor.theory import Theory
 from mitsuba_sensor.sensor.uncounted import theory_of, theory_without
@@ -362,7 +363,7 @@ def test_the_law_of_a_measured_map_has_its_mean_and_variance(pixels: int) -> Non
     """A gamma map with one hot pixel in a thousand."""
     rng = np.random.default_rng(4)
     values = rng.gamma(2.0, 0.5, pixels) * np.where(rng.random(pixels) < 1e-3, 50.0, 1.0)
-    law = of_map(values, fixed_gains)
+    law = of_map(MapLevels.of(values[None]), fixed_gains)
     mean = law.weights @ law.gains[:, 0]
     assert mean == pytest.approx(values.mean(), rel=1e-12)
     assert law.weights @ (law.gains[:, 0] - mean) ** 2 == pytest.approx(values.var(), rel=2e-3, abs=1e-15)

@@ -8,6 +8,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from ...core import Array, Electrons, Exposure, Frame, Moments, SensorWindow, arrays
+from ...core.types import Float64Array
 from ..dark_components import (
     DarkComponent,
     DarkComponentSection,
@@ -21,6 +22,7 @@ from ..dark_current_models import DarkCurrentModel, Doubling, FigureOfMerit, Mea
 from ..datasheet import FileTable, Kelvin, MapCoupling, NotNegative, Positive
 from ..fpn_distributions import Autoregressive, FpnDistribution, Gamma, Gaussian, Logistic, LogNormal, Wald
 from ..gains import gain_dn_per_e
+from ..map_levels import levels_of_map
 from ..pixel_law import PixelLaw, Quantiles, fixed_offsets, mixed, of_map
 from ..stage import Datasheet, Stage, cut_to_zero
 from ..usual_range import AMPERES_TO_NA, PA_TO_NA, PERCENT, Usual
@@ -124,9 +126,15 @@ class DarkCurrent(Stage):
 
     def pixel_law(self, frame: Frame, quantiles: Quantiles) -> PixelLaw:
         """The dark electrons of the pixels: the main distribution, or its measured map, and the components."""
-        mean, given = self.mean_e(frame), frame.window.given.get("dark_fpn")
-        factors, weights = self.distribution.law(quantiles)
-        main = fixed_offsets(mean * factors, weights) if given is None else of_map(mean * given, fixed_offsets)
+        mean = self.mean_e(frame)
+
+        def offsets(factors: Float64Array, weights: Float64Array) -> PixelLaw:
+            return fixed_offsets(mean * factors, weights)
+
+        if "dark_fpn" in frame.window.given:
+            main = of_map(levels_of_map(frame.window, "dark_fpn"), offsets)
+        else:
+            main = offsets(*self.distribution.law(quantiles))
         components = component_laws(self.components, frame, quantiles)
         return mixed([(1 - sum(part.weight for part in self.components), main), *components])
 

@@ -14,6 +14,7 @@ from pydantic import Field
 from ...core import Array, Electrons, Frame, Moments, SensorWindow, arrays
 from ..datasheet import FileTable, LineCoupling, MapCoupling, NotNegative
 from ..fpn_distributions import AutoregressiveRectified, FpnDistribution, LogNormal, Rectified
+from ..map_levels import levels_of_map
 from ..pixel_law import PixelLaw, Quantiles, fixed_gains, of_map
 from ..stage import Datasheet, Stage, cut_to_zero
 from ..usual_range import PERCENT, Usual
@@ -82,7 +83,7 @@ class Prnu(Stage):
     def pixel_law(self, frame: Frame, quantiles: Quantiles) -> PixelLaw:
         """The gains of the pixels."""
         if "prnu" in frame.window.given:
-            return of_map(frame.window.given["prnu"], fixed_gains)
+            return of_map(levels_of_map(frame.window, "prnu"), fixed_gains)
         return fixed_gains(*self.distribution.law(quantiles))
 
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:

@@ -17,6 +17,7 @@ from ..cds_noise import cds_noise
 from ..datasheet import FileTable, NotNegative, Positive
 from ..fpn_distributions import LogNormal
 from ..gains import sense_gain_v_per_e
+from ..map_levels import MapLevels, levels_of_map
 from ..pixel_law import NoiseLaw, borders_of
 from ..stage import Datasheet, PixelNoise, Stage
 from ..usual_range import NS_TO_SECONDS, US_TO_SECONDS, VOLTS_TO_NV, Usual
@@ -170,7 +171,7 @@ class SourceFollowerNoise(Stage):
         for each where the noise is not normal."""
         if READ_NOISE in frame.window.given:
             weights, squares = frame.window.cached(
-                (READ_NOISE, GROUPS), lambda: _groups(frame.window.given[READ_NOISE])
+                (READ_NOISE, GROUPS), lambda: _groups(levels_of_map(frame.window, READ_NOISE))
             )
             squares = self.gain_v_per_e**2 * squares
         elif self.cv and self.sigma_v:
@@ -213,13 +214,11 @@ class SourceFollowerNoise(Stage):
         return window.number(scale) * LogNormal(self.cv).map_of(window, READ_NOISE)
 
 
-def _groups(sigma_e: Float64Array) -> tuple[Float64Array, Float64Array]:
+def _groups(levels: MapLevels) -> tuple[Float64Array, Float64Array]:
     """Numbers of pixels of a measured map and their mean σ²: of every value, or of groups where there are many.
 
     Borders of the groups are quantiles of a normal law, so that few noisy pixels keep their tail.
     """
-    values, counts = np.unique(sigma_e, return_counts=True)
-    few = values.size <= 3 * GROUPS
-    borders = np.arange(values.size) if few else borders_of(values.size, 2 * FARTHEST / (2 * GROUPS))
-    weights = np.add.reduceat(counts, borders).astype(np.float64)
-    return weights, np.add.reduceat(counts * values**2, borders) / weights
+    if levels.pixels.size > 3 * GROUPS:
+        levels = levels.in_groups(levels.firsts(borders_of(levels.size, 2 * FARTHEST / (2 * GROUPS))))
+    return levels.pixels, levels.means**2 + levels.variances
