@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
@@ -15,7 +14,7 @@ from ..core import InputError, Photons, first_given
 from ..core.options import complete, documents, part_of
 from ..sensor.camera import Camera
 from ..sensor.checks import as_photons, check_numbers
-from ..sensor.compensation import LIMIT, compensable
+from ..sensor.compensation import LIMIT, compensable, largest_e2
 from ..sensor.effects.dark_current import mean_dark_e
 from ..sensor.expose import PreparedExposure
 from ..sensor.frames import Frames
@@ -31,16 +30,17 @@ from .renderer import Criterion, Map, Renderer
 from .scene_nodes import SceneInput
 from .scene_settings import ParsedScene
 from .statistics import median_bias
-from .stop_criterion import FEWEST_TO_STOP, End, Progress, RenderProgress, StopCriterion, stop_criterion_of
+from .stop_criterion import FEWEST_TO_STOP, Progress, RenderProgress, StopCriterion, stop_criterion_of
 from .variants import mitsuba
 
 PerFrameNoise = Literal["compensated", "per-frame"]
 TARGET = LIMIT / 2  # median of v/μ: below it the total has the shape of a Poisson law (sensor/compensation.py)
 FEWEST_FREEDOM = 7  # degrees of freedom of a measured variance; with fewer passes more than 1 % stays uncompensated
-UNCOMPENSATED = 0.015  # of the shot variance, averaged over all but the noisiest pixels: what may stay as excess noise
+UNCOMPENSATED = 0.01  # of the shot variance, averaged over all but the noisiest pixels: what may stay as excess noise
 NOISIEST = 0.01  # of the pixels, e.g. edges of a lamp: they alone would ask for two to three times the samples
 MARGIN = 1.15  # on the samples that a frame needs: what is left differs from frame to frame by a tenth or so
 PIXEL_TARGET = 0.3  # v/μ of a single pixel, as the render before the first frame has measured it
+OF_LARGEST = 0.8  # of the variance that can be compensated at all, below one electron
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +76,7 @@ def render_frames(
     progress : called with a :class:`render.stop_criterion.RenderProgress` of each frame's render.
 
     By default "compensated" renders until the median of v/μ, the variance of the render over that of the shot noise,
-    is 1/6, and at most 1.5 % is left uncompensated outside the noisiest 1 % of the pixels; ``spectral`` is "channels",
+    is 1/6, and at most 1 % is left uncompensated outside the noisiest 1 % of the pixels; ``spectral`` is "channels",
     since each render is used once. A render before the first frame determines the samples of all, and which pixels get
     several times as many (noisy_pixels.py; not in scalar variants). Raises InputError.
     """
@@ -144,7 +144,7 @@ class FrameSeries:
         prepared, stop = (self.prepared, self.stop) if self.criterion is None else self._planned(step)
         for number in range(first, first + self.count):
             seed = hashed_seed(sensor.first.seed, -1, number)
-            light = prepared.render(seed, stop, partial(step, number=number))
+            light = prepared.render(seed, stop, partial(step, number=number), criterion=self.criterion)
             if not stop.sized:  # the first render sizes all others
                 samples = prepared.renderer.samples
                 stop = replace(stop, passes=max(stop.passes * stop.samples // samples, 2), samples=samples, sized=True)
@@ -173,16 +173,15 @@ class FrameSeries:
             "scalar"
         ):  # a sensor in Python takes 0.1 ms per ray there
             median = float(np.median(ratio[shown])) * median_bias(freedom + 1)
-            samples, times = fewest_samples(ratio * shown * done / PIXEL_TARGET, max(done * median / TARGET, 1.0))
+            needed = np.where(shown, done * ratio / _pixel_targets(prepared, mean), 0.0)
+            samples, times = fewest_samples(needed, max(done * median / TARGET, 1.0))
         if times is not None and times.any():
             scene = prepared.scene.with_noisy(NoisyPixels(times, prepared.bands.responses))
             renderer = Renderer(scene, prepared.camera, prepared.exposure, prepared.bands)
             prepared = replace(prepared, scene=scene, renderer=renderer)
         most = stop.passes * stop.samples
         each = whole_grid(max(min(samples, most) / FEWEST_TO_STOP, 1.0), stop.repeatable)
-        passes = max(min(max(math.ceil(samples / each), FEWEST_TO_STOP), most // each), 2)
-        end: End = "compensable" if samples <= most else "max_spp"
-        return prepared, replace(stop, passes=passes, samples=each, sized=True, goal=None, end=end)
+        return prepared, replace(stop, passes=max(most // each, 2), samples=each, sized=True)
 
 
 def _over_shot(prepared: PreparedRender, mean_e: Map, variance_e2: Map) -> tuple[Map, NDArray[np.bool_]]:
@@ -191,6 +190,13 @@ def _over_shot(prepared: PreparedRender, mean_e: Map, variance_e2: Map) -> tuple
     total = mean_e + mean_dark_e(prepared.camera, prepared.exposure)
     shown = (total > 0) & (total < prepared.camera.pixel.full_well_e)
     return variance_e2 / np.where(shown, total, np.inf), shown
+
+
+def _pixel_targets(prepared: PreparedRender, mean_e: Map) -> Map:
+    """v/μ of every pixel that its shot noise can give way to, with some margin, (H, W)."""
+    dark = mean_dark_e(prepared.camera, prepared.exposure)
+    largest = largest_e2(np.maximum(mean_e, dark)) / np.maximum(mean_e + dark, np.finfo(float).tiny)
+    return np.asarray(np.clip(OF_LARGEST * largest, np.finfo(float).tiny, PIXEL_TARGET))
 
 
 def _uncompensated(prepared: PreparedRender, mean_e: Map, variance_e2: Map, compensate: bool = True) -> Map:

@@ -169,7 +169,7 @@ def test_a_frame_made_alone_is_that_frame_of_the_series(floor: Path, render_nois
 def test_without_samples_a_frame_is_rendered_until_it_can_be_compensated(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """At least 16 passes and no more than 1.5 % left uncompensated; a render before the first frame finds their size.
+    """At least 16 passes and no more than 1 % left uncompensated; a render before the first frame finds their size.
 
     8 × 6 pixels with about 17 000 electrons each, which need some thousand samples.
     """
@@ -183,7 +183,7 @@ def test_without_samples_a_frame_is_rendered_until_it_can_be_compensated(
     for number, frame in enumerate(frames):
         found = frame.light.statistics
         assert found.ended_by == "compensable"
-        assert frame.uncompensated <= 0.015
+        assert frame.uncompensated <= 0.01
         assert found.passes >= FEWEST
         assert (len(sizes) == found.passes) == (number > 0), "before the first frame there is a render"
         assert set(sizes[-found.passes :]) == {found.samples_per_pixel // found.passes}
