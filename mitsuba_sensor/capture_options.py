@@ -1,10 +1,12 @@
 """The options of a capture: those of render and exposure, and which files it writes."""
 
 # Without `from __future__ import annotations`: core/options.py reads these declarations at run time.
+from collections.abc import Mapping
 from typing import Annotated, Literal
 
-from .core.options import Option
-from .render.options import RenderOptions
+from .core import InputError
+from .core.options import Option, declared
+from .render.options import RawLightOptions, RenderOptions
 from .sensor.options import FrameOptions
 
 
@@ -55,3 +57,15 @@ class CaptureOptions(RenderOptions, LightOptions, total=False):
         ),
     ]
     aovs: Annotated[bool, Option("Also trace AOVs: depth, position, normals, albedo, shapes, optical flow.", False)]
+
+
+def refuse_render_options(options: Mapping[str, object]) -> None:
+    """Raise InputError for options of a render where the light is rendered already."""
+    of_light = {one.name for kind in (LightOptions, RawLightOptions) for one in declared(kind)} | {"gain"}
+    for one in declared(CaptureOptions):
+        usual = one.option.default
+        value = options.get(one.name, usual)
+        if one.name not in of_light and not (isinstance(value, type(usual)) and value == usual):  # value: any object
+            raise InputError(
+                f"{one.name} is for the render of a scene, and this light is rendered already; leave it out."
+            )

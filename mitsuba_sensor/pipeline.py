@@ -13,20 +13,20 @@ from typing import Any, TypeAlias, Unpack
 
 import numpy as np
 
-from .capture_options import CaptureOptions, LightOptions
+from .capture_options import CaptureOptions, refuse_render_options
 from .core import Exposure, InputError, Photons
 from .core.heap import trim_heap
-from .core.options import complete, declared, documents, part_of, used
+from .core.options import complete, documents, part_of, used
 from .io import exr, files
 from .io.dng import check_dng, dng_names, write_dng
-from .io.frame_files import CLEAN, FRAME_FILES, frames_metadata, write_frames
+from .io.frame_files import CAPTURE_FILES, CLEAN, FRAME_FILES, frames_metadata, write_frames
 from .io.light_files import read_irradiance
 from .io.openexr import is_exr
 from .render.aovs import Aovs
 from .render.band_error import band_error, notes_of_bands
 from .render.denoise import denoised_if_possible
 from .render.irradiance import Irradiance
-from .render.options import FrameSeriesOptions, RawLightOptions, RenderOptions
+from .render.options import FrameSeriesOptions, RenderOptions
 from .render.per_frame import FrameSeries
 from .render.photons import collect
 from .render.prepared import PreparedRender, prepare
@@ -43,7 +43,6 @@ from .sensor.metering import AskedExposure, Metering, checked_exposure
 from .sensor.options import ExposeOptions
 from .sensor.plan import plan_for
 
-FILES = (*FRAME_FILES, "irradiance.exr", "aovs.exr")
 LEFT = ("uncompensated", "above_shot_noise")  # of renders for every frame: what their noise leaves in the frames
 Scene: TypeAlias = SceneInput | ParsedScene
 Light: TypeAlias = str | os.PathLike[str] | Irradiance
@@ -77,7 +76,7 @@ class Capture:
         All of them appear, or none; files of an older capture that this one does not have go. Raises InputError.
         """
         gain = float(self.metadata["options"]["preview_gain"])
-        with files.output_folder(os.fspath(folder), FILES if self.rendered else FRAME_FILES) as scratch:
+        with files.output_folder(os.fspath(folder), CAPTURE_FILES if self.rendered else FRAME_FILES) as scratch:
             write_frames(scratch, self.frames, self.metadata, gain)
             if self.metadata["options"]["clean"]:
                 for name, values in zip(CLEAN, (self.frames.clean, self.frames.temporal_variance), strict=True):
@@ -232,18 +231,6 @@ def _render_per_frame(
         vars(frames)["clean"] = np.concatenate([one.frames.clean for one in found])
     left = {name: float(np.mean([getattr(one, name) for one in found])) for name in LEFT}
     return series.prepared, first.light, frames, left
-
-
-def refuse_render_options(options: Mapping[str, object]) -> None:
-    """Raise InputError for options of a render where the light is rendered already."""
-    of_light = {one.name for kind in (LightOptions, RawLightOptions) for one in declared(kind)} | {"gain"}
-    for one in declared(CaptureOptions):
-        usual = one.option.default
-        value = options.get(one.name, usual)
-        if one.name not in of_light and not (isinstance(value, type(usual)) and value == usual):  # value: any object
-            raise InputError(
-                f"{one.name} is for the render of a scene, and this light is rendered already; leave it out."
-            )
 
 
 def frame_metadata(

@@ -11,12 +11,11 @@ from rich.text import Text
 
 import mitsuba_sensor as ms
 
-from ..capture_options import CaptureOptions, LightOptions
+from ..capture_options import CaptureOptions, LightOptions, refuse_render_options
 from ..core import InputError, first_given, require
 from ..core.options import complete
 from ..io import exr, files
-from ..io.frame_files import FRAME_FILES
-from ..pipeline import FILES, refuse_render_options
+from ..io.frame_files import CAPTURE_FILES, FRAME_FILES
 from ..render.options import RawLightOptions, RenderOptions, SceneOptions, UnitOptions
 from ..sensor.gains import gain_dn_per_e
 from ..sensor.metering import Metering
@@ -43,7 +42,7 @@ def render(
     asked for): all, or none.
     """
     given, asked = render_input(scene, flags)
-    with files.output_folder(out_dir, FILES) as folder, terminal.render_progress(err, asked) as progress:
+    with files.output_folder(out_dir, CAPTURE_FILES) as folder, terminal.render_progress(err, asked) as progress:
         found = ms.capture(given.scene, given.camera, given.exposure, progress=progress, **asked)
         found.save(folder)
     show(found.metadata if as_json else terminal.summary(found.metadata, str(out_dir)), as_json)

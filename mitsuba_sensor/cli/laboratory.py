@@ -11,10 +11,7 @@ from ..core import Exposure, Float64Array, InputError, first_given, require_seed
 from ..core.options import Option, complete, part_of
 from ..io import files
 from ..io.metadata import machine, versions
-from ..lab.bench import Bench, read_bench
 from ..sensor.camera import Camera
-from ..study.html_page import html
-from ..study.page import Study
 from . import options
 from .app import CHECKS, app, camera_and_exposure, err, out, show
 from .options import Flag, Flags, StudyFlags
@@ -22,7 +19,9 @@ from .study_sheet import study_sheet
 from .terminal import steps_bar
 
 if TYPE_CHECKING:
+    from ..lab.bench import Bench
     from ..study.characterize.datasheet import Said
+    from ..study.page import Study
 
 PANEL = "Laboratory"
 PAGE, REPORT = "report.html", "report.json"
@@ -85,6 +84,8 @@ def characterize(**flags: Flag) -> None:
     Writes report.html (all figures with 95 % intervals, and all plots) and report.json. Exit code 1: a figure is not
     the datasheet's.
     """
+    from ..study.html_page import html
+
     asked = complete(CharacterizeFlags, part_of(CharacterizeFlags, flags))
     folder = first_given(flags["out"], "characterize")
     files.require_folder(folder)
@@ -99,7 +100,7 @@ def characterize(**flags: Flag) -> None:
         raise typer.Exit(1)
 
 
-def _of_simulation(flags: Flags, asked: CharacterizeFlags) -> Study:
+def _of_simulation(flags: Flags, asked: CharacterizeFlags) -> "Study":
     """A virtual bench, beside the datasheet that its frames are from."""
     from ..study.characterize import characterized, figures_of
     from ..study.characterize.rendered_field import field_at, rendered_field
@@ -119,8 +120,9 @@ def _of_simulation(flags: Flags, asked: CharacterizeFlags) -> Study:
     return characterized(camera.name, measured, sheet, **about, **_made())
 
 
-def _of_files(flags: Flags, asked: CharacterizeFlags) -> Study:
+def _of_files(flags: Flags, asked: CharacterizeFlags) -> "Study":
     """Frames from disk, beside the datasheet of --camera if there is one."""
+    from ..lab.bench import read_bench
     from ..study.characterize import characterized, figures_of
 
     for name in ("rendered", "serial", "seed"):
@@ -139,7 +141,7 @@ def _of_files(flags: Flags, asked: CharacterizeFlags) -> Study:
     return characterized(name, measured, sheet, **about, **_made())
 
 
-def _at_gain(bench: Bench, gain: object) -> Bench:
+def _at_gain(bench: "Bench", gain: object) -> "Bench":
     """The stacks of one gain setting. Raises InputError where there are several and none is asked for."""
     if gain is None and len(bench.gains) > 1:
         raise InputError(f"the frames have the gain settings {', '.join(bench.gains)}; choose one by --gain.")
@@ -157,7 +159,7 @@ def _camera(flags: Flags) -> tuple[Camera, float]:
     return camera, exposure.temperature_k
 
 
-def _datasheet(flags: Flags, bench: Bench, efficiency: Float64Array | None) -> "dict[str, dict[str, Said]]":
+def _datasheet(flags: Flags, bench: "Bench", efficiency: Float64Array | None) -> "dict[str, dict[str, Said]]":
     """Figures of the datasheet in the exposure of the flat fields, by filter.  efficiency : QE of each filter."""
     from ..study.characterize.datasheet import expected
 

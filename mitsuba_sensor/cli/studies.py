@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -15,17 +16,17 @@ from ..io import files
 from ..io.measurements import Measurements
 from ..io.metadata import machine, versions
 from ..render.options import SceneOptions
-from ..render.prepared import prepare
 from ..sensor.metering import Metering
 from ..stopping import remark_if_stopped
-from ..study.html_page import html
-from ..study.kit import Kit, Subject
-from ..study.page import Study, Table, png
 from . import arguments, options
 from .app import CHECKS, RenderInput, app, err, out, render_input, show
 from .options import AblationFlags, Flag, Flags, StudyFlags, WorkPrecisionFlags
 from .study_sheet import study_sheet
 from .terminal import seconds_bar
+
+if TYPE_CHECKING:
+    from ..study.kit import Kit, Subject
+    from ..study.page import Study
 
 PAGE, NUMBERS, MEASUREMENTS = "study.html", "study.json", "measurements"
 
@@ -97,8 +98,11 @@ def paper(**flags: Flag) -> None:
     _run("paper", flags, {}, measured, every_picture=True)
 
 
-def _subject(scene: str, found: RenderInput, flags: Flags, **more: Flag) -> tuple[Subject, dict[str, Flag]]:
+def _subject(scene: str, found: RenderInput, flags: Flags, **more: Flag) -> "tuple[Subject, dict[str, Flag]]":
     """What a study of a scene is about, and all that decides what is measured of it. more : options of the render."""
+    from ..render.prepared import prepare
+    from ..study.kit import Subject
+
     parameters = flags["parameters"] or {}
     same = {name: flags[name] for name in ("scene_unit", "width", "integrator", "ignore_polarization")}
     render = {"parameters": parameters, **same, **more}
@@ -111,9 +115,13 @@ def _subject(scene: str, found: RenderInput, flags: Flags, **more: Flag) -> tupl
 
 
 def _run(
-    name: str, flags: Flags, question: dict[str, Flag], measure: Callable[[Kit], Study], every_picture: bool = False
+    name: str, flags: Flags, question: dict[str, Flag], measure: "Callable[[Kit], Study]", every_picture: bool = False
 ) -> None:
     """Run the study and write what it found; what was measured stays, even if the rest is stopped."""
+    from ..study.html_page import html
+    from ..study.kit import Kit
+    from ..study.page import Table, png
+
     out_dir, made = first_given(flags["out"], f"study/{name}"), {"machine": machine(), "versions": versions()}
     files.require_folder(out_dir)
     folder = Path(out_dir)

@@ -13,13 +13,8 @@ from ..core import InputError
 from ..core.options import Option, complete, part_of
 from ..io import files
 from ..io.metadata import machine, versions
-from ..lab.bench import read_bench
-from ..lab.twin import fit as fitted
-from ..lab.twin.held_out import held_out
-from ..lab.twin.maps import maps_of
 from ..sensor.camera import Camera
 from ..sensor.camera_file import camera_from
-from ..study.html_page import html
 from . import arguments, options
 from .app import CHECKS, app, err, out, show
 from .options import Flag
@@ -62,6 +57,11 @@ def fit(
     FILE.html, the figures with 95 % intervals and how far the twin is from frames that the fit did not see. Of several
     gain settings the maps of each are in FILE.NAME.npz.
     """
+    from ..lab.bench import read_bench
+    from ..lab.twin import fit as fitted
+    from ..lab.twin.held_out import held_out
+    from ..lab.twin.maps import maps_of
+    from ..study.html_page import html
     from ..study.twin import twin_study
 
     asked = complete(FitFlags, part_of(FitFlags, flags))

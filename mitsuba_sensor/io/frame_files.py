@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 CLEAN = ("clean.tiff", "temporal_variance.tiff")
 DNGS = ("frame.dng", "frame_[0-9]*.dng")  # of one frame, of several
 FRAME_FILES = ("frame.tiff", "frame.png", *DNGS, *CLEAN, "frame.json")  # of light that is rendered already
+CAPTURE_FILES = (*FRAME_FILES, "irradiance.exr", "aovs.exr")  # of a scene
 MOST_PIXELS = 60_000  # of a picture in a notebook: below 250 kB as PNG in base64, however noisy
 
 

@@ -12,11 +12,12 @@ import numpy as np
 
 from ..io.files import read_toml
 from ..lab.estimators import pareto
-from .kit import Known, Values
 from .series import MOST, colours, groups
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+    from .kit import Known, Values
 
 Mark = Literal["", "good", "bad", "best", "dim"]  # as it must be, not as it must be, the one to take, of no weight
 MarkedRow = tuple[Mark, Sequence[object]]
