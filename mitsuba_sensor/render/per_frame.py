@@ -169,9 +169,8 @@ class FrameSeries:
         done = renderer.passes * renderer.samples * MARGIN
         samples, times = done * criterion(mean, variance, freedom), None
         ratio, shown = _over_shot(prepared, mean, variance)
-        if shown.any() and not mitsuba().variant().startswith(
-            "scalar"
-        ):  # a sensor in Python takes 0.1 ms per ray there
+        scalar = mitsuba().variant().startswith("scalar")  # a sensor in Python takes 0.1 ms per ray there
+        if shown.any() and not scalar:
             median = float(np.median(ratio[shown])) * median_bias(freedom + 1)
             needed = np.where(shown, done * ratio / _pixel_targets(prepared, mean), 0.0)
             samples, times = fewest_samples(needed, max(done * median / TARGET, 1.0))

@@ -61,6 +61,7 @@ class MapLevels(NamedTuple):
         """
         middle, scale = _middle_and_scale(strip, shape)
         sums, lock = np.zeros((3, groups * LEVELS)), threading.Lock()
+        waiting, done = dict[int, tuple[int, list[Float64Array]]](), [0]  # strips that are counted, and rows added
 
         def count(rows: slice) -> None:
             values = strip(rows)
@@ -73,9 +74,12 @@ class MapLevels(NamedTuple):
             if number is not None:
                 place += LEVELS * number.ravel()
             found = [np.bincount(place, weights, sums.shape[1]) for weights in (None, off, off * off)]
-            with lock:
-                for total, part in zip(sums, found, strict=True):
-                    total += like * part
+            with lock:  # strip after strip, whichever thread was first: sums have the same bits in every run
+                waiting[rows.start] = rows.stop, [like * part for part in found]
+                while done[0] in waiting:
+                    done[0], parts = waiting.pop(done[0])
+                    for total, part in zip(sums, parts, strict=True):
+                        total += part
 
         for_each(count, row_strips_of(shape, max(STRIP, groups * LEVELS)))
         return [cls._of_sums(part, middle) for part in sums.reshape(3, groups, LEVELS).swapaxes(0, 1)]
