@@ -50,7 +50,7 @@ from mitsuba_sensor.render import combine, denoise, passes, spillable
 
 renderer = importlib.import_module("mitsuba_sensor.render.renderer")
 denoise._filtered = lambda images: images["color"].copy()  # the network's memory has a limit of its own
-renderer.FEWEST_RAYS, renderer.rays_per_pixel = 1, lambda pixels: 1  # as many are in flight with more, for longer
+renderer.rays_per_pixel = lambda samples: 1  # as many are in flight with more, for longer
 passes.MOST_VALUES, combine.PIXELS_AT_ONCE, spillable.LEAST_BYTES = 2**19, 2**14, 2**20  # parts of a smaller film
 SCENE = '''<scene version="3.0.0"><emitter type="constant"/><shape type="sphere"/><sensor type="perspective">
     <transform name="to_world"><lookat origin="0, 0, 9" target="0, 0, 0" up="0, 1, 0"/></transform><film type="hdrfilm">

@@ -21,8 +21,9 @@ if TYPE_CHECKING:
 
 MOST_BOUNCES = 6  # at mirrors and clear glass
 FEWEST_RAYS, MOST_RAYS = 64, 1024  # per pixel; noise of the guides stays in the denoised light (benchmarks/denoise.py)
-RAYS_IN_ALL = 2**23  # of small pictures; a ray takes about a quarter of the time of a light path
 RAYS_IN_FLIGHT = 2**21
+PRIMITIVE_POLYNOMIALS = ((0, (1,)), (1, (1, 3)), (1, (1, 3, 1)))  # of Sobol's second to fourth dimension, and starts
+LAINE_KARRAS = 0x6C50B47C, 0xB82F1E52, 0xC7AFE638, 0x8D22F6E6
 QUARTERS = 4  # wavelengths that Mitsuba evaluates at once
 
 
@@ -62,46 +63,79 @@ def detected_quarters(weights: Float64Array, spectrum: Float64Array, wavelengths
     return np.array([np.interp(quarters, one, wavelengths_nm) for one in middles])
 
 
-def rays_per_pixel(pixels: int) -> int:
-    """A square number, more for small pictures: 1024 up to 90 × 90, 64 from 360 × 360 on."""
-    return whole_square(min(max(RAYS_IN_ALL / pixels, FEWEST_RAYS), MOST_RAYS))
+def rays_per_pixel(samples: float) -> int:
+    """A power of two, as many as light paths, 64 … 1024: a ray takes about a seventh of the time of a path."""
+    return power_of_two(min(max(samples, FEWEST_RAYS), MOST_RAYS))
 
 
-def whole_square(count: float) -> int:
-    """The square number below, at least 1."""
-    return max(int(count**0.5), 1) ** 2
+def power_of_two(count: float) -> int:
+    """The one at or below, at least 1."""
+    return 1 << (int(max(count, 1)).bit_length() - 1)
 
 
 def _strip(
     scene: Scene, wavelengths_nm: Float64Array, seed: int, rays: int, rows: tuple[int, int], columns: int
 ) -> NDArray[np.float32]:
     mi, dr = mitsuba(), drjit()
-    index = dr.arange(mi.UInt32, (rows[1] - rows[0]) * columns * rays)
-    pixel, random = index // rays, mi.PCG32(size=dr.width(index), initstate=dr.opaque(mi.UInt64, seed))
-    ray = _camera_rays(scene, pixel, index % rays, random, rays, rows[0], columns)
+    pixels = (rows[1] - rows[0]) * columns
+    pixel = dr.arange(mi.UInt32, pixels * rays) // rays
+    random = mi.PCG32(size=pixels * rays, initstate=dr.opaque(mi.UInt64, seed))
+    ray = _camera_rays(scene, pixel, _scrambled_points(pixels, rays, seed), random.next_float32(), rows[0], columns)
     hit = _first_scattering(scene.mitsuba_scene, ray, random)
     valid = hit.is_valid()
     channels = [_reflectance(hit, valid, nm) for nm in wavelengths_nm]
     normal = dr.select(valid, hit.sh_frame.n, 0.0)
-    sums = [dr.block_reduce(dr.ReduceOp.Add, mi.Float(x), rays) for x in (*channels, normal.x, normal.y, normal.z)]
-    dr.eval(sums)
+    values = [mi.Float(x) for x in (*channels, normal.x, normal.y, normal.z)]
+    dr.eval(values)  # all in one kernel; a sum alone would trace the rays for itself
+    sums = [dr.block_reduce(dr.ReduceOp.Add, x, rays) for x in values]
     found = np.stack([np.array(x, dtype=np.float32) for x in sums], axis=-1) / np.float32(rays)
     return np.asarray(found.reshape(rows[1] - rows[0], columns, -1))
 
 
+def sobol_points(count: int) -> NDArray[np.uint32]:
+    """The first points of Sobol's sequence in four dimensions, (4, count), as fractions of 2³²; up to 2³² of them.
+
+    Direction numbers of Joe and Kuo 2008, doi 10.1137/070709359.
+    """
+    number, found = np.arange(count, dtype=np.uint32), np.zeros((len(PRIMITIVE_POLYNOMIALS) + 1, count), np.uint32)
+    for k in range(32):
+        found[0] |= (number >> k & 1) << (31 - k)
+    for axis, (middle, start) in enumerate(PRIMITIVE_POLYNOMIALS, 1):
+        directions, degree = [m << (31 - k) for k, m in enumerate(start)], len(start)
+        for k in range(degree, 32):
+            one = directions[k - degree] ^ (directions[k - degree] >> degree)
+            for lag in range(1, degree):
+                one ^= directions[k - lag] * (middle >> (degree - 1 - lag) & 1)
+            directions.append(one)
+        for k, direction in enumerate(directions):
+            found[axis] ^= (number >> k & 1) * np.uint32(direction)
+    return found
+
+
+def _scrambled_points(pixels: int, rays: int, seed: int) -> list[Array]:
+    """Points of the unit cube in four dimensions, ``rays`` of each pixel, one array for each dimension: Sobol's, with
+    their digits permuted for each pixel anew (Owen), by the hash of Laine and Karras 2011, doi
+    10.1111/j.1467-8659.2011.01980.x."""
+    mi, dr = mitsuba(), drjit()
+    random = mi.PCG32(size=pixels, initstate=dr.opaque(mi.UInt64, seed + 2**32))
+    found = []
+    for column in sobol_points(rays):
+        bits = dr.tile(dr.brev(mi.UInt32(column)), pixels) + dr.repeat(random.next_uint32(), rays)
+        for factor in LAINE_KARRAS:
+            bits ^= bits * factor
+        found.append(mi.Float(dr.brev(bits) >> 8) * 2.0**-24)
+    return found
+
+
 def _camera_rays(
-    scene: Scene, pixel: Array, number: Array, random: MitsubaObject, rays: int, first_row: int, columns: int
+    scene: Scene, pixel: Array, points: list[Array], wavelength: Array, first_row: int, columns: int
 ) -> MitsubaObject:
-    """Rays through points of each pixel, one in each cell of a square grid, and random points of the pupil."""
+    """Rays through points (u, v) of each pixel and of the pupil; rows of the picture from ``first_row`` on."""
     mi, film = mitsuba(), scene.sensor.film()
-    side = round(rays**0.5)
     height, offset = float(film.crop_size()[1]), float(film.crop_offset()[1]) - scene.view.crop_offset[1]
-    u = (mi.Float(number % side) + random.next_float32()) / side
-    v = (mi.Float(number // side) + random.next_float32()) / side
     row = mi.Float(pixel // columns) + drjit().opaque(mi.Float, first_row - offset)
-    place = mi.Point2f((mi.Float(pixel % columns) + u) / columns, (row + v) / height)
-    wavelength, pupil = random.next_float32(), mi.Point2f(random.next_float32(), random.next_float32())
-    return mi.Ray3f(scene.sensor.sample_ray(0.0, wavelength, place, pupil)[0])
+    place = mi.Point2f((mi.Float(pixel % columns) + points[0]) / columns, (row + points[1]) / height)
+    return mi.Ray3f(scene.sensor.sample_ray(0.0, wavelength, place, mi.Point2f(points[2], points[3]))[0])
 
 
 def _first_scattering(scene: MitsubaObject, ray: MitsubaObject, random: MitsubaObject) -> MitsubaObject:

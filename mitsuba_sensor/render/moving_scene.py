@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from ..core import Exposure, Float64Array, InputError, nearest
 from ..optics.shutter import shutter_of, subframes
 from ..sensor.camera import Camera
-from .guides import render_guides, whole_square
+from .guides import power_of_two, render_guides
 from .motion import Motion, RigidMotion
 from .noisy_pixels import NoisyPixels
 from .passes import hashed_seed, whole_grid
@@ -207,7 +207,7 @@ class MovingScene:
     def guides(self, wavelengths_nm: Float64Array, rays: int, rows: tuple[int, int]) -> NDArray[np.float32]:
         """Guides of a denoiser for rows [first, last) of the crop, averaged over the exposure."""
         count = min(self._given or self._needed, MOST_GUIDE_SUBFRAMES)
-        each = whole_square(max(rays / count, FEWEST_GUIDE_RAYS))
+        each = power_of_two(max(rays / count, FEWEST_GUIDE_RAYS))
 
         def make(seed: int, block: tuple[int, int]) -> NDArray[np.float32]:
             return render_guides(self.scene, wavelengths_nm, seed, each, block)

@@ -24,7 +24,7 @@ from .bands import Bands
 from .denoise import LEAST_PASSES, LEAST_PIXELS, Denoised, Halves, denoise
 from .film_channels import electrons_of_film, folded, in_band_factor, of_own_filter
 from .filter_bands import VALUES_AT_ONCE, denoised_bands, raw_bands
-from .guides import FEWEST_RAYS, Guides, detected_quarters, rays_per_pixel, whole_square
+from .guides import Guides, detected_quarters, rays_per_pixel
 from .moving_scene import MovingScene
 from .passes import clean, hashed_seed, row_strips
 from .photons import electrons_per_irradiance
@@ -222,10 +222,9 @@ class Renderer:
 
     def _render_guides(self, spectrum: Float64Array) -> Guides:
         """Guides at four wavelengths of each filter, by what it detects of the mean spectrum of the scene."""
-        columns, rows = self.scene.view.crop_size
         wavelengths_nm = detected_quarters(self._weights, spectrum, self.bands.wavelengths_nm)
-        rays = min(rays_per_pixel(columns * rows), max(whole_square(self.samples * self.passes), FEWEST_RAYS))
-        found = self.scene.guides(wavelengths_nm, rays, (0, rows))
+        rays = rays_per_pixel(self.samples * self.passes)
+        found = self.scene.guides(wavelengths_nm, rays, (0, self.scene.view.crop_size[1]))
         return Guides(np.ascontiguousarray(found[..., :-3]), np.ascontiguousarray(found[..., -3:]))
 
     def infinite(self) -> NDArray[np.bool_]:
