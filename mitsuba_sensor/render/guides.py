@@ -30,10 +30,12 @@ QUARTERS = 4  # wavelengths that Mitsuba evaluates at once
 @dataclass(frozen=True)
 class Guides:
     """reflectance : (H, W, F) diffuse reflectance of the first surface that scatters, at what each filter detects; 1
-    where nothing diffuse is met.  normal : (H, W, 3) its shading normal in world space; 0 where no surface is met."""
+    where nothing diffuse is met.  normal : (H, W, 3) its shading normal in world space; 0 where no surface is met.
+    rays : of each pixel."""
 
     reflectance: NDArray[np.float32]
     normal: NDArray[np.float32]
+    rays: int
 
 
 def render_guides(
@@ -78,9 +80,9 @@ def _strip(
 ) -> NDArray[np.float32]:
     mi, dr = mitsuba(), drjit()
     pixels = (rows[1] - rows[0]) * columns
-    pixel = dr.arange(mi.UInt32, pixels * rays) // rays
+    pixel, points = scrambled_points(pixels, rays, seed)
     random = mi.PCG32(size=pixels * rays, initstate=dr.opaque(mi.UInt64, seed))
-    ray = _camera_rays(scene, pixel, _scrambled_points(pixels, rays, seed), random.next_float32(), rows[0], columns)
+    ray = _camera_rays(scene, pixel, points, random.next_float32(), rows[0], columns)
     hit = _first_scattering(scene.mitsuba_scene, ray, random)
     valid = hit.is_valid()
     channels = [_reflectance(hit, valid, nm) for nm in wavelengths_nm]
@@ -112,19 +114,24 @@ def sobol_points(count: int) -> NDArray[np.uint32]:
     return found
 
 
-def _scrambled_points(pixels: int, rays: int, seed: int) -> list[Array]:
-    """Points of the unit cube in four dimensions, ``rays`` of each pixel, one array for each dimension: Sobol's, with
-    their digits permuted for each pixel anew (Owen), by the hash of Laine and Karras 2011, doi
-    10.1111/j.1467-8659.2011.01980.x."""
+def scrambled_points(pixels: int, rays: int, seed: int) -> tuple[Array, list[Array]]:
+    """Points of the unit cube in four dimensions, ``rays`` of each pixel: the pixel of each, and one array for each
+    dimension. They are Sobol's, with their digits permuted for each pixel anew (Owen), by the hash of Laine and Karras
+    2011, doi 10.1111/j.1467-8659.2011.01980.x.
+
+    rays : a power of two; data of the kernel, so that it serves all of them.
+    """
     mi, dr = mitsuba(), drjit()
-    random = mi.PCG32(size=pixels, initstate=dr.opaque(mi.UInt64, seed + 2**32))
-    found = []
-    for column in sobol_points(rays):
-        bits = dr.tile(dr.brev(mi.UInt32(column)), pixels) + dr.repeat(random.next_uint32(), rays)
+    index, random = dr.arange(mi.UInt32, pixels * rays), mi.PCG32(pixels, initstate=dr.opaque(mi.UInt64, seed + 2**32))
+    pixel, number = index >> dr.opaque(mi.UInt32, rays.bit_length() - 1), index & dr.opaque(mi.UInt32, rays - 1)
+    found, shifts = [], [random.next_uint32() for _ in range(1 + len(PRIMITIVE_POLYNOMIALS))]
+    dr.eval(shifts)
+    for column, shift in zip(sobol_points(rays), shifts, strict=True):
+        bits = dr.gather(mi.UInt32, dr.brev(mi.UInt32(column)), number) + dr.gather(mi.UInt32, shift, pixel)
         for factor in LAINE_KARRAS:
             bits ^= bits * factor
         found.append(mi.Float(dr.brev(bits) >> 8) * 2.0**-24)
-    return found
+    return pixel, found
 
 
 def _camera_rays(

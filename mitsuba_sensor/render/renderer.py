@@ -192,8 +192,8 @@ class Renderer:
         share = ((self.passes + 1) // 2) / self.passes
         even, odd = (partial(self._half, share, odd) for odd in (False, True))
         with self._sums.on_disk():
-            if self._guides is None and not mitsuba().variant().startswith("scalar"):
-                self._guides = self._render_guides(spectrum)
+            if not mitsuba().variant().startswith("scalar"):
+                self._guides = self._guides_for(rays_per_pixel(self.samples_per_pixel), spectrum)
             trim_heap()
             self.denoised = denoise(Halves(even, odd, self._variance_of, share), self._guides)
             if last:
@@ -220,12 +220,14 @@ class Renderer:
         del self._sums
         trim_heap()
 
-    def _render_guides(self, spectrum: Float64Array) -> Guides:
-        """Guides at four wavelengths of each filter, by what it detects of the mean spectrum of the scene."""
+    def _guides_for(self, rays: int, spectrum: Float64Array) -> Guides:
+        """Guides of at least so many rays, at four wavelengths of each filter, by what it detects of the mean spectrum
+        of the scene."""
+        if self._guides is not None and self._guides.rays >= rays:
+            return self._guides
         wavelengths_nm = detected_quarters(self._weights, spectrum, self.bands.wavelengths_nm)
-        rays = rays_per_pixel(self.samples * self.passes)
         found = self.scene.guides(wavelengths_nm, rays, (0, self.scene.view.crop_size[1]))
-        return Guides(np.ascontiguousarray(found[..., :-3]), np.ascontiguousarray(found[..., -3:]))
+        return Guides(np.ascontiguousarray(found[..., :-3]), np.ascontiguousarray(found[..., -3:]), rays)
 
     def infinite(self) -> NDArray[np.bool_]:
         """(H, W) where the irradiance is infinite."""
