@@ -93,15 +93,16 @@ def made(job: PreparedRender, spp: int, seed: int, denoise: bool) -> tuple[float
 def errors(found: list[tuple[float, Array, Array]], expected: Array) -> dict[str, float]:
     """Figures of renders against a reference."""
     below = (expected > 0) & (expected < CAMERA.pixel.full_well_e)
-    ratio = np.concatenate([((mean - expected) ** 2 / np.maximum(expected, 1e-30))[below] for _, mean, _ in found])
-    z = np.concatenate(
-        [(np.abs(mean - expected) / np.maximum(sigma, 1e-12 * expected))[below] for _, mean, sigma in found]
-    )
+    reference = expected[below]
+    apart = [np.abs(mean[below] - reference) for _, mean, _ in found]
+    ratio = np.concatenate([x**2 / reference for x in apart])
+    sigmas = [np.maximum(sigma[below], 1e-12 * reference) for _, _, sigma in found]
+    z = np.concatenate([x / sigma for x, sigma in zip(apart, sigmas, strict=True)])
     return {
         "median": float(np.median(ratio)),
         "mean": float(ratio.mean()),
         "p95": float(np.percentile(ratio, 95)),
-        "bias": float(np.mean([mean[below].sum() / expected[below].sum() - 1 for _, mean, _ in found])),
+        "bias": float(np.mean([mean[below].sum() / reference.sum() - 1 for _, mean, _ in found])),
         "z1": float((z < 1).mean()),
         "z2": float((z < 2).mean()),
         "seconds": float(np.median([seconds for seconds, _, _ in found])),

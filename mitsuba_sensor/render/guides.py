@@ -66,7 +66,7 @@ def detected_quarters(weights: Float64Array, spectrum: Float64Array, wavelengths
 
 
 def rays_per_pixel(samples: float) -> int:
-    """A power of two, as many as light paths, 64 … 1024: a ray takes about a seventh of the time of a path."""
+    """A power of two, as many as light paths, 64 … 1024: a ray takes a seventh of the time of a path with bounces."""
     return power_of_two(min(max(samples, FEWEST_RAYS), MOST_RAYS))
 
 
