@@ -1,6 +1,6 @@
 """Measure denoised and raw renders against long references: errors over shot noise, bias, error bars, seconds.
 
-    python benchmarks/denoise.py [--scenes FILE.xml …] [--spp 64 128 512 2048] [--width 96] [--seeds 4] [--json]
+    python benchmarks/denoise.py [--scenes FILE.xml …] [--spp 64 128 512 2048] [--width 96] [--seeds 4] [--rays 64]
 
 Each scene is rendered at 550 nm, exposed so that the median pixel has 1500 photoelectrons. Squared error over the
 electrons of the reference is the noise ratio of a camera without read noise: 1 is a render as noisy as the light.
@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.render import guides
 from mitsuba_sensor.render.passes import hashed_seed
 from mitsuba_sensor.render.prepared import PreparedRender, prepare
 from mitsuba_sensor.render.renderer import Renderer
@@ -46,8 +47,11 @@ def main() -> None:
     parser.add_argument("--width", type=int, default=96, help="columns of the pictures")
     parser.add_argument("--reference", type=int, default=16384, help="samples per pixel of the reference")
     parser.add_argument("--seeds", type=int, default=4, help="renders of each kind")
+    parser.add_argument("--rays", type=int, help="of the guides, per pixel; by default as the renderer chooses")
     parser.add_argument("--json", action="store_true", help="print JSON only")
     options = parser.parse_args()
+    if options.rays:
+        guides.FEWEST_RAYS = guides.MOST_RAYS = options.rays
     rows = [row for scene in options.scenes for row in of_scene(scene, options)]
     if options.json:
         print(json.dumps(rows))

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 MOST_BOUNCES = 6  # at mirrors and clear glass
 FEWEST_RAYS, MOST_RAYS = 64, 1024  # per pixel; noise of the guides stays in the denoised light (benchmarks/denoise.py)
 RAYS_IN_FLIGHT = 2**21
-PRIMITIVE_POLYNOMIALS = ((0, (1,)), (1, (1, 3)), (1, (1, 3, 1)))  # of Sobol's second to fourth dimension, and starts
+SOBOL = (0, (1,) * 32), (0, (1,)), (1, (1, 3)), (1, (1, 3, 1))  # of each dimension: polynomial, first direction numbers
 LAINE_KARRAS = 0x6C50B47C, 0xB82F1E52, 0xC7AFE638, 0x8D22F6E6
 QUARTERS = 4  # wavelengths that Mitsuba evaluates at once
 
@@ -31,7 +31,7 @@ QUARTERS = 4  # wavelengths that Mitsuba evaluates at once
 class Guides:
     """reflectance : (H, W, F) diffuse reflectance of the first surface that scatters, at what each filter detects; 1
     where nothing diffuse is met.  normal : (H, W, 3) its shading normal in world space; 0 where no surface is met.
-    rays : of each pixel."""
+    rays : of each pixel, as asked for."""
 
     reflectance: NDArray[np.float32]
     normal: NDArray[np.float32]
@@ -66,7 +66,7 @@ def detected_quarters(weights: Float64Array, spectrum: Float64Array, wavelengths
 
 
 def rays_per_pixel(samples: float) -> int:
-    """A power of two, as many as light paths, 64 … 1024: a ray takes a seventh of the time of a path with bounces."""
+    """A power of two, as many as light paths, 64 … 1024; a ray takes less time, but where paths are very short."""
     return power_of_two(min(max(samples, FEWEST_RAYS), MOST_RAYS))
 
 
@@ -99,15 +99,13 @@ def sobol_points(count: int) -> NDArray[np.uint32]:
 
     Direction numbers of Joe and Kuo 2008, doi 10.1137/070709359.
     """
-    number, found = np.arange(count, dtype=np.uint32), np.zeros((len(PRIMITIVE_POLYNOMIALS) + 1, count), np.uint32)
-    for k in range(32):
-        found[0] |= (number >> k & 1) << (31 - k)
-    for axis, (middle, start) in enumerate(PRIMITIVE_POLYNOMIALS, 1):
+    number, found = np.arange(count, dtype=np.uint32), np.zeros((len(SOBOL), count), np.uint32)
+    for axis, (polynomial, start) in enumerate(SOBOL):
         directions, degree = [m << (31 - k) for k, m in enumerate(start)], len(start)
         for k in range(degree, 32):
             one = directions[k - degree] ^ (directions[k - degree] >> degree)
             for lag in range(1, degree):
-                one ^= directions[k - lag] * (middle >> (degree - 1 - lag) & 1)
+                one ^= directions[k - lag] * (polynomial >> (degree - 1 - lag) & 1)
             directions.append(one)
         for k, direction in enumerate(directions):
             found[axis] ^= (number >> k & 1) * np.uint32(direction)
@@ -124,7 +122,7 @@ def scrambled_points(pixels: int, rays: int, seed: int) -> tuple[Array, list[Arr
     mi, dr = mitsuba(), drjit()
     index, random = dr.arange(mi.UInt32, pixels * rays), mi.PCG32(pixels, initstate=dr.opaque(mi.UInt64, seed + 2**32))
     pixel, number = index >> dr.opaque(mi.UInt32, rays.bit_length() - 1), index & dr.opaque(mi.UInt32, rays - 1)
-    found, shifts = [], [random.next_uint32() for _ in range(1 + len(PRIMITIVE_POLYNOMIALS))]
+    found, shifts = [], [random.next_uint32() for _ in SOBOL]
     dr.eval(shifts)
     for column, shift in zip(sobol_points(rays), shifts, strict=True):
         bits = dr.gather(mi.UInt32, dr.brev(mi.UInt32(column)), number) + dr.gather(mi.UInt32, shift, pixel)

@@ -83,7 +83,7 @@ class Renderer:
         """Render until ``budget`` is used up or its goal is met; returns which. criterion : function of
         :meth:`noise_estimate` that the goal is for; by default the median noise ratio."""
         usual = self.denoised_ratio if self._halves and budget.goal is not None else self.median_ratio
-        measure, meter = criterion or usual, ProgressMeter(progress)
+        measure, meter, self._guides = criterion or usual, ProgressMeter(progress), None
         self.groups = self.bands.groups if budget.grouped else (slice(0, len(self.bands)),)
         self._begin(budget.samples, meter)
         meter.forecast(budget, 0, np.nan)

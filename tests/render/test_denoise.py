@@ -23,6 +23,7 @@ from mitsuba_sensor.render.guides import scrambled_points, sobol_points
 from mitsuba_sensor.render.photons import photons_per_irradiance
 from mitsuba_sensor.render.prepared import prepare, render
 from mitsuba_sensor.render.scene import load_scene
+from mitsuba_sensor.render.stop_criterion import stop_criterion_of
 from mitsuba_sensor.render.variants import choose_variant, use
 from mitsuba_sensor.sensor.camera_file import load_camera
 
@@ -247,6 +248,19 @@ def test_guides_of_many_filters_trace_their_rays_once() -> None:
             scene.guides(np.full((filters, 4), 550.0), 16, (0, 32))
             launched.append(sum(one["type"] == dr.KernelType.JIT for one in dr.kernel_history()))
     assert launched[0] == launched[1]
+
+
+def test_what_an_interrupted_render_left_does_not_guide_the_next() -> None:
+    """64 samples after 256 that were denoised on the way are those of a renderer that rendered nothing before."""
+    options = {"wavelength_nm": 550, "variant": skip_unless_usable("llvm_ad_spectral"), "width": 24, "denoise": True}
+    found = []
+    for earlier in ([256], []):
+        renderer = prepare(SCENES / "still_life.xml", CAMERA, EXPOSURE, **options, repeatable=True).renderer
+        for spp in (*earlier, 64):
+            renderer.run(1, stop_criterion_of({"spp": spp}), lambda step: None)
+            renderer.denoise()
+        found.append(renderer.electrons()[0])
+    np.testing.assert_allclose(*found, rtol=1e-4)
 
 
 def test_without_the_library_the_render_is_raw_and_asked_for_it_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
