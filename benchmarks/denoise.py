@@ -5,7 +5,8 @@
 Each scene is rendered at 550 nm, exposed so that the median pixel has 1500 photoelectrons. Squared error over the
 electrons of the reference is the noise ratio of a camera without read noise: 1 is a render as noisy as the light.
 median, mean, 95 % : of that ratio, over all pixels below the full well and seeds; the reference's own noise is in it.
-bias : of the sum over the pixels below the full well.  z1, z2 : pixels within one and two standard errors.
+bias : of the sum over the pixels below the full well.  z1, z2 : pixels within one and two standard errors, those of
+the reference included.
 equal time : the raw render's ratio, scaled to the seconds of the denoised one, over the denoised one's. Loading and
 compiling are not timed, because both have them.
 """
@@ -71,14 +72,14 @@ def of_scene(scene: Path, options: argparse.Namespace) -> list[Row]:
     _, pilot, _ = made(job, PILOT_SPP, 0, denoise=False)
     time_s = MEDIAN_E / float(np.median(pilot))
     job = replace(job, exposure=ms.Exposure(time_s))
-    _, expected, _ = made(job, options.reference, 10**6, denoise=False)
+    _, *expected = made(job, options.reference, 10**6, denoise=False)
     rows = []
     for spp in options.spp:
         row: Row = {"scene": scene.stem, "spp": spp}
         for kind in ("raw", "denoised"):
             made(job, spp, 99, kind == "denoised")  # compiles
             found = [made(job, spp, seed, kind == "denoised") for seed in range(options.seeds)]
-            row[kind] = errors(found, expected)
+            row[kind] = errors(found, *expected)
         longer = row["denoised"]["seconds"] / row["raw"]["seconds"]
         row["equal_time"] = [row["raw"][x] / longer / max(row["denoised"][x], 1e-30) for x in ("median", "mean", "p95")]
         rows.append(row)
@@ -94,13 +95,13 @@ def made(job: PreparedRender, spp: int, seed: int, denoise: bool) -> tuple[float
     return time.perf_counter() - started, mean, np.sqrt(variance)
 
 
-def errors(found: list[tuple[float, Array, Array]], expected: Array) -> dict[str, float]:
-    """Figures of renders against a reference."""
+def errors(found: list[tuple[float, Array, Array]], expected: Array, uncertainty: Array) -> dict[str, float]:
+    """Figures of renders against a reference with standard errors of its own."""
     below = (expected > 0) & (expected < CAMERA.pixel.full_well_e)
     reference = expected[below]
     apart = [np.abs(mean[below] - reference) for _, mean, _ in found]
     ratio = np.concatenate([x**2 / reference for x in apart])
-    sigmas = [np.maximum(sigma[below], 1e-12 * reference) for _, _, sigma in found]
+    sigmas = [np.maximum(np.hypot(sigma, uncertainty)[below], 1e-12 * reference) for _, _, sigma in found]
     z = np.concatenate([x / sigma for x, sigma in zip(apart, sigmas, strict=True)])
     return {
         "median": float(np.median(ratio)),

@@ -6,13 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import Float64Array
-from .combine import BAR_RADII_PX, SMALLEST, Image, box
+from .combine import SMALLEST, Image, box
 from .film_channels import in_band_factor
 from .pooled import pooled
 from .row_strip import RowStrip
 
 VALUES_AT_ONCE = 2**18  # pixels × bands: 2 MiB for each array in between
 LEAST_SLOPE = 1e-6  # of the largest: filters that are nearly equal cannot be told apart
+OWN_RADIUS_PX = 2  # of the neighbourhood of a band's own error
 
 
 def bands_of_filters(
@@ -45,7 +46,7 @@ def band_errors(apart: NDArray[np.float32], mean: NDArray[np.float32], relative:
     own, and the relative standard error (H, W) of the electrons, which they have in common at least."""
     found = np.empty(mean.shape, np.float32)
     for k in range(mean.shape[-1]):
-        own = box(0.25 * apart[..., k].astype(np.float64) ** 2, BAR_RADII_PX[0])
+        own = box(0.25 * apart[..., k].astype(np.float64) ** 2, OWN_RADIUS_PX)
         found[..., k] = np.sqrt(np.maximum(own, (relative * mean[..., k]) ** 2))
     return found
 

@@ -79,7 +79,7 @@ def test_what_a_filter_takes_from_a_lamp_does_not_brighten_the_walls() -> None:
 
 
 def test_error_bars_hold_for_any_mixture_of_filters() -> None:
-    """Gradient, edge and texture; two filters: |z| < 1 in 0.60 … 0.84, |z| < 2 in 0.90 … 0.98 of 8 × 4096 pixels."""
+    """Gradient, edge and texture; two filters: |z| < 1 in 0.60 … 0.78, |z| < 2 in 0.90 … 0.97 of 8 × 4096 pixels."""
     from scipy.ndimage import gaussian_filter, median_filter
 
     rows, columns = np.mgrid[:64, :64]
@@ -90,8 +90,23 @@ def test_error_bars_hold_for_any_mixture_of_filters() -> None:
         halves = ([half, gaussian_filter(half, 2.0), median_filter(half, 5)] for half in (even, odd))
         found = combine(*halves, variance)
         z.append(np.abs(found.mean - truth) / np.sqrt(found.variance))
-    assert 0.60 < np.mean(np.array(z) < 1) < 0.84
-    assert 0.90 < np.mean(np.array(z) < 2) < 0.98
+    assert 0.60 < np.mean(np.array(z) < 1) < 0.78
+    assert 0.90 < np.mean(np.array(z) < 2) < 0.97
+
+
+def test_a_pixel_where_the_filter_is_wrong_has_a_wider_error_bar_than_its_neighbours() -> None:
+    """One bright pixel in 9 × 9, which a blur removes: its bar is at least 1.3 times that of a pixel three away, whose
+    neighbourhood is the same (medians of 9 pixels, mean of 8 pictures)."""
+    from scipy.ndimage import gaussian_filter
+
+    truth, wider = np.full((27, 27), 100.0), []
+    spots = np.s_[4::9, 4::9]
+    truth[spots] = 130.0
+    for seed in range(8):
+        even, odd, variance, _ = picture(truth, np.full_like(truth, 10.0), seed)
+        found = combine(*([half, gaussian_filter(half, 1.5)] for half in (even, odd)), variance)
+        wider.append(np.median(np.sqrt(found.variance[spots] / found.variance[4::9, 7::9])))
+    assert np.mean(wider) > 1.3
 
 
 def test_large_pictures_are_combined_in_strips_without_a_seam(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -142,7 +157,7 @@ def reference(variant: str) -> np.ndarray:
 
 def test_the_cornell_box_is_four_times_nearer_to_its_reference_and_its_error_bars_hold() -> None:
     """64 × 64, 128 samples against 116 736: squared error over electrons, median ÷ 4, 95th percentile ÷ 2.5, mean not
-    above the render's; the sum of the picture the same to 1e-3; |z| < 1 in 0.60 … 0.80, |z| < 2 in 0.90 … 0.97."""
+    above the render's; the sum of the picture the same to 1e-3; |z| < 1 in 0.60 … 0.75, |z| < 2 in 0.90 … 0.97."""
     variant, box = skip_unless_usable("llvm_ad_spectral"), {"parameters": {"width": 64, "height": 64}}
     truth, options = reference(variant), {**box, "wavelength_nm": 550, "spp": 128, "variant": variant}
     raw, smooth = (render(SCENES / "cornell_box.xml", CAMERA, EXPOSURE, denoise=d, **options) for d in (False, True))
@@ -153,7 +168,7 @@ def test_the_cornell_box_is_four_times_nearer_to_its_reference_and_its_error_bar
     assert after.mean() < before.mean()
     assert smooth.data.sum() == pytest.approx(raw.data.sum(), rel=1e-3)
     z = np.abs(smooth.data[..., 0] - truth) / (smooth.relative_error * smooth.data[..., 0])
-    assert 0.60 < (z < 1).mean() < 0.80 and 0.90 < (z < 2).mean() < 0.97
+    assert 0.60 < (z < 1).mean() < 0.75 and 0.90 < (z < 2).mean() < 0.97
     found = smooth.statistics.denoised
     assert found is not None and raw.statistics.denoised is None and variant == raw.statistics.variant
     assert found["raw_noise_ratio_median"] == pytest.approx(raw.statistics.noise_ratio_median)
