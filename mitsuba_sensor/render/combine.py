@@ -114,13 +114,14 @@ def _combine(
     typical = np.maximum(variance, _median(variance))
     limit = MOST_SIGMA * np.sqrt(typical)
     mean = np.clip(share * halves[0] + (1 - share) * halves[1], raw - limit, raw + limit)
-    own = scale * box(np.einsum("jhw,jkhw,khw->hw", weights, errors, weights), BAR_RADIUS_PX)
+    own = np.einsum("jhw,jkhw,khw->hw", weights, errors, weights)
     signs = BAR_APART * box((halves[0] - halves[1]) ** 2, 1) + BAR_MOVED * (mean - raw) ** 2
     signs += BAR_RAW * weights[0] ** 2 * variance + BAR_TYPICAL * typical
     near = np.maximum(scale * box(variance / scale, RADIUS_PX), ROUNDING * typical + SMALLEST)
-    bars = _bars(signs, np.clip(own, LEAST_BAR * near, MOST_BAR_SIGMA**2 * typical), near)
-    bars = np.minimum(bars, MOST_BAR_SIGMA**2 * typical)
-    return mean, bars, np.minimum(bars, typical), *map(np.asarray, halves), weights[0]
+    most = MOST_BAR_SIGMA**2 * typical
+    bars = np.minimum(_bars(signs, np.clip(scale * box(own, BAR_RADIUS_PX), LEAST_BAR * near, most), near), most)
+    spread = np.clip(scale * box(own, RADIUS_PX), LEAST_BAR * near, typical)
+    return mean, bars, spread, *map(np.asarray, halves), weights[0]
 
 
 def _bars(signs: Float64Array, neighbourhood: Float64Array, raw: Float64Array) -> Float64Array:
