@@ -129,8 +129,8 @@ def _bars(signs: Float64Array, neighbourhood: Float64Array, raw: Float64Array) -
 
     The mean over a neighbourhood has no bias, but knows nothing of the pixel; halves apart, a mean moved away from the
     raw pixel and the raw pixel's own share show at the pixel, but miss what both halves have wrong. Their geometric
-    mean follows both. The further it is below the raw variance, the more of it is made by few pixels: a power above
-    one half takes that into account. The numbers were found with nine scenes and references of 32768 samples.
+    mean follows both. The further it is below the raw variance, the fewer pixels make it: therefore a power above one
+    half. The numbers were found with nine scenes and references of 32768 samples.
     """
     return np.asarray(BAR_SCALE * raw * (signs / raw * (neighbourhood / raw)) ** BAR_POWER)
 
