@@ -115,7 +115,8 @@ def _combine(
     limit = MOST_SIGMA * np.sqrt(typical)
     mean = np.clip(share * halves[0] + (1 - share) * halves[1], raw - limit, raw + limit)
     own = np.einsum("jhw,jkhw,khw->hw", weights, errors, weights)
-    signs = BAR_APART * box((halves[0] - halves[1]) ** 2, 1) + BAR_MOVED * (mean - raw) ** 2
+    apart = np.maximum(box((halves[0] - halves[1]) ** 2, 1), 0)  # a box behind a firefly has its rounding, of any sign
+    signs = BAR_APART * apart + BAR_MOVED * (mean - raw) ** 2
     signs += BAR_RAW * weights[0] ** 2 * variance + BAR_TYPICAL * typical
     near = np.maximum(scale * box(variance / scale, RADIUS_PX), ROUNDING * typical + SMALLEST)
     most = MOST_BAR_SIGMA**2 * typical

@@ -109,6 +109,17 @@ def test_a_pixel_where_the_filter_is_wrong_has_a_wider_error_bar_than_its_neighb
     assert np.mean(wider) > 1.3
 
 
+@pytest.mark.parametrize("brightest", [1e3, 1e6, 1e9, 1e12])
+def test_error_bars_beside_a_firefly_are_numbers(brightest: float) -> None:
+    """Sums over boxes that move along a row keep a rounding error of the firefly that they have left."""
+    from scipy.ndimage import gaussian_filter
+
+    even, odd, variance, _ = picture(np.full((24, 40), 5.0), np.full((24, 40), 1e-6), 3)
+    even[7, 11], variance[7, 11] = brightest, 0.25 * brightest**2
+    found = combine(*([half, gaussian_filter(half, 1.0)] for half in (even, odd)), variance)
+    assert np.isfinite(found.mean).all() and np.isfinite(found.variance).all() and (found.variance > 0).all()
+
+
 def test_large_pictures_are_combined_in_strips_without_a_seam(monkeypatch: pytest.MonkeyPatch) -> None:
     from scipy.ndimage import gaussian_filter
 
