@@ -1,6 +1,7 @@
 """Measure denoised and raw renders against long references: errors over shot noise, bias, error bars, seconds.
 
     python benchmarks/denoise.py [--scenes FILE.xml …] [--spp 64 128 512 2048] [--width 96] [--seeds 4] [--rays 64]
+        [--references FOLDER]
 
 Each scene is rendered at 550 nm, exposed so that the median pixel has 1500 photoelectrons. Squared error over the
 electrons of the reference is the noise ratio of a camera without read noise: 1 is a render as noisy as the light.
@@ -49,6 +50,7 @@ def main() -> None:
     parser.add_argument("--reference", type=int, default=16384, help="samples per pixel of the reference")
     parser.add_argument("--seeds", type=int, default=4, help="renders of each kind")
     parser.add_argument("--rays", type=int, help="of the guides, per pixel; by default as the renderer chooses")
+    parser.add_argument("--references", type=Path, help="folder that keeps the references from one run to the next")
     parser.add_argument("--json", action="store_true", help="print JSON only")
     options = parser.parse_args()
     if options.rays:
@@ -72,7 +74,7 @@ def of_scene(scene: Path, options: argparse.Namespace) -> list[Row]:
     _, pilot, _ = made(job, PILOT_SPP, 0, denoise=False)
     time_s = MEDIAN_E / float(np.median(pilot))
     job = replace(job, exposure=ms.Exposure(time_s))
-    _, *expected = made(job, options.reference, 10**6, denoise=False)
+    expected = reference(job, scene, options)
     rows = []
     for spp in options.spp:
         row: Row = {"scene": scene.stem, "spp": spp}
@@ -84,6 +86,17 @@ def of_scene(scene: Path, options: argparse.Namespace) -> list[Row]:
         row["equal_time"] = [row["raw"][x] / longer / max(row["denoised"][x], 1e-30) for x in ("median", "mean", "p95")]
         rows.append(row)
     return rows
+
+
+def reference(job: PreparedRender, scene: Path, options: argparse.Namespace) -> list[Array]:
+    """Mean and standard error of the long render; from its file where that is there."""
+    if options.references is None:
+        return list(made(job, options.reference, 10**6, denoise=False)[1:])
+    options.references.mkdir(parents=True, exist_ok=True)
+    name = f"{scene.stem}-{job.scene.sha256[:8]}-{options.width}-{options.reference}-{job.exposure.time_s:.6g}.npy"
+    if not (file := options.references / name).exists():
+        np.save(file, np.stack(made(job, options.reference, 10**6, denoise=False)[1:]))
+    return list(np.load(file))
 
 
 def made(job: PreparedRender, spp: int, seed: int, denoise: bool) -> tuple[float, Array, Array]:

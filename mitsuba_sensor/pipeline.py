@@ -24,8 +24,8 @@ from .io.light_files import read_irradiance
 from .io.openexr import is_exr
 from .render.aovs import Aovs
 from .render.band_error import band_error, notes_of_bands
-from .render.denoise import denoised_if_possible
 from .render.irradiance import Irradiance
+from .render.network import denoised_if_possible
 from .render.options import FrameSeriesOptions, RenderOptions
 from .render.per_frame import FrameSeries
 from .render.photons import collect

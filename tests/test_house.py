@@ -48,7 +48,7 @@ IMPORTED_IN = {
     "pydantic": ("sensor/", "render/", "dataset/file.py"),
     "distributed": ("dataset/engine.py",),
     "dask": ("dataset/engine.py",),
-    "pyoidn": ("render/denoise.py",),
+    "pyoidn": ("render/network.py",),
     "yaml": ("io/importers/calibration.py",),
     "torch": ("dataset/exports/torch_dataset.py",),
 }

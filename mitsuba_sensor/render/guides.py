@@ -1,12 +1,15 @@
 """Auxiliary images of the denoiser: reflectance behind each colour filter and normals, averaged over pixel and pupil.
 
-Rays follow mirrors and clear glass to the first surface that scatters, so that what is seen in them guides too.
+Rays follow mirrors and clear glass to the first surface that scatters, so that what is seen in them guides too. Light
+is divided by the reflectance before it is filtered and multiplied by it afterwards, so that noise of the reflectance
+stays in the light: rays are traced until it hardly adds to the render's.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,22 +23,69 @@ if TYPE_CHECKING:
     from .scene import Scene
 
 MOST_BOUNCES = 6  # at mirrors and clear glass
-FEWEST_RAYS, MOST_RAYS = 64, 1024  # per pixel; noise of the guides stays in the denoised light (benchmarks/denoise.py)
+FEWEST_RAYS, MOST_RAYS = 64, 1024  # per pixel
+MOST_NOISE = 0.05  # of the render's, of which the denoiser removes nine tenths
+RAYS_PER_SAMPLE = 4  # at most; a ray takes a tenth of the time of a light path, or a third where paths are very short
+DARKEST_REFLECTANCE = 0.02  # what is darker is not divided by its own
 RAYS_IN_FLIGHT = 2**21
 SOBOL = (0, (1,) * 32), (0, (1,)), (1, (1, 3)), (1, (1, 3, 1))  # of each dimension: polynomial, first direction numbers
 LAINE_KARRAS = 0x6C50B47C, 0xB82F1E52, 0xC7AFE638, 0x8D22F6E6
 QUARTERS = 4  # wavelengths that Mitsuba evaluates at once
 
 
+Trace: TypeAlias = Callable[[int, int], NDArray[np.float32]]  # so many rays of a set with this number, (H, W, F + 3)
+
+
 @dataclass(frozen=True)
 class Guides:
-    """reflectance : (H, W, F) diffuse reflectance of the first surface that scatters, at what each filter detects; 1
-    where nothing diffuse is met.  normal : (H, W, 3) its shading normal in world space; 0 where no surface is met.
-    rays : of each pixel, as asked for."""
+    """values : (H, W, F + 3) reflectance and normal.  rays : of each pixel, as asked for.  noise : (H, W, F) variance
+    of the reflectance over its square."""
 
-    reflectance: NDArray[np.float32]
-    normal: NDArray[np.float32]
+    values: NDArray[np.float32]
     rays: int
+    noise: NDArray[np.float32]
+
+    @classmethod
+    def joined(cls, one: NDArray[np.float32], other: NDArray[np.float32], rays: int) -> Guides:
+        """Of two independent sets of rays; rays : of both."""
+        mean = 0.5 * (one + other)
+        noise = 0.25 * np.square(one[..., :-3] - other[..., :-3])
+        noise /= np.square(np.maximum(mean[..., :-3], DARKEST_REFLECTANCE))
+        return cls(mean, rays, noise)
+
+    @property
+    def reflectance(self) -> NDArray[np.float32]:
+        """(H, W, F) diffuse, of the first surface that scatters, at what each filter detects; 1 where nothing diffuse
+        is met."""
+        return self.values[..., :-3]
+
+    @property
+    def normal(self) -> NDArray[np.float32]:
+        """(H, W, 3) shading normal of that surface in world space; 0 where no surface is met."""
+        return self.values[..., -3:]
+
+
+def traced(trace: Trace, most: int, share: Callable[[NDArray[np.float32]], float], known: Guides | None) -> Guides:
+    """Guides of so many rays that their noise is MOST_NOISE of the render's, or of ``most``; each time as many more as
+    there were.
+
+    share : of a noise (H, W, F) in the render's.  known : what rays before have found.
+    """
+    half = FEWEST_RAYS // 2
+    found = known or Guides.joined(trace(half, 0), trace(half, 1), FEWEST_RAYS)
+    while found.rays < most and share(found.noise) > MOST_NOISE:
+        found = Guides.joined(found.values, trace(found.rays, found.rays.bit_length()), 2 * found.rays)
+    return found
+
+
+def noise_share(noise: NDArray[np.floating], mean: Float64Array, variance: Float64Array) -> float:
+    """Mean over the pixels of the guides' noise over the render's, at most 1 in each; all (H, W), of the same filters.
+
+    mean, variance : of the light and of its mean.
+    """
+    noisy = variance > 0
+    found = np.minimum(noise[noisy] * mean[noisy] ** 2 / variance[noisy], 1.0)
+    return float(found.mean()) if found.size else 0.0
 
 
 def render_guides(
@@ -65,9 +115,9 @@ def detected_quarters(weights: Float64Array, spectrum: Float64Array, wavelengths
     return np.array([np.interp(quarters, one, wavelengths_nm) for one in middles])
 
 
-def rays_per_pixel(samples: float) -> int:
-    """A power of two, as many as light paths, 64 … 1024; a ray takes less time, but where paths are very short."""
-    return power_of_two(min(max(samples, FEWEST_RAYS), MOST_RAYS))
+def most_rays(samples: float) -> int:
+    """Of a pixel with so many light paths: a power of two, 64 … 1024."""
+    return power_of_two(min(max(RAYS_PER_SAMPLE * samples, FEWEST_RAYS), MOST_RAYS))
 
 
 def power_of_two(count: float) -> int:

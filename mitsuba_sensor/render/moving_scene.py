@@ -204,15 +204,18 @@ class MovingScene:
             lambda number, block: self.scene.render(number, samples // count, block), seed, count, rows
         )
 
-    def guides(self, wavelengths_nm: Float64Array, rays: int, rows: tuple[int, int]) -> NDArray[np.float32]:
-        """Guides of a denoiser for rows [first, last) of the crop, averaged over the exposure."""
+    def guides(
+        self, wavelengths_nm: Float64Array, rows: tuple[int, int], rays: int, number: int = 0
+    ) -> NDArray[np.float32]:
+        """Guides of a denoiser for rows [first, last) of the crop, averaged over the exposure.  number : of the set of
+        rays."""
         count = min(self._given or self._needed, MOST_GUIDE_SUBFRAMES)
         each = power_of_two(max(rays / count, FEWEST_GUIDE_RAYS))
 
         def make(seed: int, block: tuple[int, int]) -> NDArray[np.float32]:
             return render_guides(self.scene, wavelengths_nm, seed, each, block)
 
-        return self._exposed(make, GUIDE_SEED, count, rows)
+        return self._exposed(make, GUIDE_SEED + number, count, rows)
 
     def _exposed(self, make: Make, seed: int, count: int, rows: tuple[int, int]) -> NDArray[np.float32]:
         """What ``make`` renders with a seed of some rows, averaged over ``count`` sub-frames of the exposure."""

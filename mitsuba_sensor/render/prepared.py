@@ -18,12 +18,12 @@ from ..sensor.metering import AUTO, AskedExposure, Metering, checked_exposure
 from ..sensor.options import ExposeOptions
 from .aovs import Aovs, aovs_of, load_for_rays
 from .bands import BANDWIDTH_NM, Bands, choose_bands
-from .denoise import denoised_if_possible, is_installed, library
 from .film_channels import with_filters
 from .illuminant import rendered_for
 from .irradiance import Irradiance
 from .motion import Motion, read_motion
 from .moving_scene import MovingScene, pose_m
+from .network import denoised_if_possible, is_installed, library
 from .options import RenderOptions
 from .passes import SAMPLER
 from .photons import metered

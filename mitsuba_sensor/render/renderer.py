@@ -24,7 +24,7 @@ from .bands import Bands
 from .denoise import LEAST_PASSES, LEAST_PIXELS, Denoised, Halves, denoise
 from .film_channels import electrons_of_film, folded, in_band_factor, of_own_filter
 from .filter_bands import VALUES_AT_ONCE, denoised_bands, raw_bands
-from .guides import Guides, detected_quarters, rays_per_pixel
+from .guides import Guides, detected_quarters, most_rays, noise_share, traced
 from .moving_scene import MovingScene
 from .passes import clean, hashed_seed, row_strips
 from .photons import electrons_per_irradiance
@@ -75,15 +75,15 @@ class Renderer:
         self._solid_angle, self._scale = solid_angle_sr(scene.view, camera), bands.scale
         self._camera, self._exposure, self.seconds_per_sample = camera, exposure, 0.0
         self.negative = self.non_finite = self.passes = self.samples = 0
-        self.denoised: Denoised | None = None
-        self._guides: Guides | None = None
         self._fireflies: float | None = None
+        self.denoised: Denoised | None = None
 
     def run(self, seed: int, budget: StopCriterion, progress: Progress, criterion: Criterion | None = None) -> End:
         """Render until ``budget`` is used up or its goal is met; returns which. criterion : function of
         :meth:`noise_estimate` that the goal is for; by default the median noise ratio."""
         usual = self.denoised_ratio if self._halves and budget.goal is not None else self.median_ratio
-        measure, meter, self._guides = criterion or usual, ProgressMeter(progress), None
+        measure, meter = criterion or usual, ProgressMeter(progress)
+        self._guides: Guides | None = None
         self.groups = self.bands.groups if budget.grouped else (slice(0, len(self.bands)),)
         self._begin(budget.samples, meter)
         meter.forecast(budget, 0, np.nan)
@@ -188,12 +188,11 @@ class Renderer:
         what only passes need is forgotten, to save memory."""
         if self.passes < LEAST_PASSES or not self._halves:
             return
-        spectrum = np.mean([strip.bands.mean.mean(axis=(0, 1), dtype=np.float64) for strip in self.strips], axis=0)
         share = ((self.passes + 1) // 2) / self.passes
         even, odd = (partial(self._half, share, odd) for odd in (False, True))
         with self._sums.on_disk():
             if not mitsuba().variant().startswith("scalar"):
-                self._guides = self._guides_for(rays_per_pixel(self.samples_per_pixel), spectrum)
+                self._guides = self._more_guides()
             trim_heap()
             self.denoised = denoise(Halves(even, odd, self._variance_of, share), self._guides)
             if last:
@@ -220,14 +219,17 @@ class Renderer:
         del self._sums
         trim_heap()
 
-    def _guides_for(self, rays: int, spectrum: Float64Array) -> Guides:
-        """Guides of at least so many rays, at four wavelengths of each filter, by what it detects of the mean spectrum
-        of the scene."""
-        if self._guides is not None and self._guides.rays >= rays:
-            return self._guides
+    def _more_guides(self) -> Guides:
+        """Those of before, if any, and more rays as needed; at wavelengths typical of what each filter detects."""
+        spectrum = np.mean([strip.bands.mean.mean(axis=(0, 1), dtype=np.float64) for strip in self.strips], axis=0)
         wavelengths_nm = detected_quarters(self._weights, spectrum, self.bands.wavelengths_nm)
-        found = self.scene.guides(wavelengths_nm, rays, (0, self.scene.view.crop_size[1]))
-        return Guides(np.ascontiguousarray(found[..., :-3]), np.ascontiguousarray(found[..., -3:]), rays)
+        light = self._raw_electrons()
+        return traced(
+            partial(self.scene.guides, wavelengths_nm, (0, self.scene.view.crop_size[1])),
+            most_rays(self.samples_per_pixel),
+            lambda noise: noise_share(self._own(noise), *light),
+            self._guides,
+        )
 
     def infinite(self) -> NDArray[np.bool_]:
         """(H, W) where the irradiance is infinite."""

@@ -96,9 +96,12 @@ class Scene:
         """The same with more samples for some pixels."""
         return replace(self, noisy=pixels, notes=(*self.notes, pixels.note))
 
-    def guides(self, wavelengths_nm: Float64Array, rays: int, rows: tuple[int, int]) -> NDArray[np.float32]:
-        """Guides of a denoiser for rows [first, last) of the crop: see :func:`guides.render_guides`."""
-        return render_guides(self, wavelengths_nm, GUIDE_SEED, rays, rows)
+    def guides(
+        self, wavelengths_nm: Float64Array, rows: tuple[int, int], rays: int, number: int = 0
+    ) -> NDArray[np.float32]:
+        """Guides of a denoiser for rows [first, last) of the crop: see :func:`guides.render_guides`.  number : of the
+        set of rays."""
+        return render_guides(self, wavelengths_nm, GUIDE_SEED + number, rays, rows)
 
 
 def load_scene(

@@ -19,7 +19,8 @@ from mitsuba_sensor.optics.f_number_law import solid_angle_sr
 from mitsuba_sensor.render.bands import choose_bands
 from mitsuba_sensor.render.combine import _missing, combine
 from mitsuba_sensor.render.filter_bands import bands_of_filters
-from mitsuba_sensor.render.guides import scrambled_points, sobol_points
+from mitsuba_sensor.render.guides import most_rays, noise_share, scrambled_points, sobol_points, traced
+from mitsuba_sensor.render.network import TURNS, Network
 from mitsuba_sensor.render.photons import photons_per_irradiance
 from mitsuba_sensor.render.prepared import prepare, render
 from mitsuba_sensor.render.scene import load_scene
@@ -167,23 +168,27 @@ def reference(variant: str) -> np.ndarray:
 
 
 def test_the_cornell_box_is_four_times_nearer_to_its_reference_and_its_error_bars_hold() -> None:
-    """64 × 64, 128 samples against 116 736: squared error over electrons, median ÷ 4, 95th percentile ÷ 2.5, mean not
-    above the render's; the sum of the picture the same to 1e-3; |z| < 1 in 0.60 … 0.75, |z| < 2 in 0.90 … 0.97."""
+    """64 × 64, 128 samples against 116 736, four renders: squared error over electrons, median ÷ 4, 95th percentile
+    ÷ 2.5, mean not above the render's; the sum of the picture the same to 1e-3; |z| < 1 in 0.60 … 0.75, |z| < 2 in
+    0.90 … 0.97."""
     variant, box = skip_unless_usable("llvm_ad_spectral"), {"parameters": {"width": 64, "height": 64}}
     truth, options = reference(variant), {**box, "wavelength_nm": 550, "spp": 128, "variant": variant}
-    raw, smooth = (render(SCENES / "cornell_box.xml", CAMERA, EXPOSURE, denoise=d, **options) for d in (False, True))
-    seen = truth < np.quantile(truth, 0.97)  # without the lamp
-    before, after = (((x.data[..., 0] - truth) ** 2 / truth)[seen] for x in (raw, smooth))
-    assert np.median(after) < np.median(before) / 4
-    assert np.percentile(after, 95) < np.percentile(before, 95) / 2.5
-    assert after.mean() < before.mean()
-    assert smooth.data.sum() == pytest.approx(raw.data.sum(), rel=1e-3)
-    z = np.abs(smooth.data[..., 0] - truth) / (smooth.relative_error * smooth.data[..., 0])
-    assert 0.60 < (z < 1).mean() < 0.75 and 0.90 < (z < 2).mean() < 0.97
-    found = smooth.statistics.denoised
-    assert found is not None and raw.statistics.denoised is None and variant == raw.statistics.variant
-    assert found["raw_noise_ratio_median"] == pytest.approx(raw.statistics.noise_ratio_median)
-    assert smooth.statistics.noise_ratio_median < raw.statistics.noise_ratio_median / 3
+    seen, z = truth < np.quantile(truth, 0.97), []  # without the lamp
+    for seed in range(1, 5):
+        raw, smooth = (
+            render(SCENES / "cornell_box.xml", CAMERA, EXPOSURE, denoise=d, seed=seed, **options) for d in (False, True)
+        )
+        before, after = (((x.data[..., 0] - truth) ** 2 / truth)[seen] for x in (raw, smooth))
+        assert np.median(after) < np.median(before) / 4
+        assert np.percentile(after, 95) < np.percentile(before, 95) / 2.5
+        assert after.mean() < before.mean()
+        assert smooth.data.sum() == pytest.approx(raw.data.sum(), rel=1e-3)
+        z.append(np.abs(smooth.data[..., 0] - truth) / (smooth.relative_error * smooth.data[..., 0]))
+        found = smooth.statistics.denoised
+        assert found is not None and raw.statistics.denoised is None and variant == raw.statistics.variant
+        assert found["raw_noise_ratio_median"] == pytest.approx(raw.statistics.noise_ratio_median)
+        assert smooth.statistics.noise_ratio_median < raw.statistics.noise_ratio_median / 3
+    assert 0.60 < np.mean(np.array(z) < 1) < 0.75 and 0.90 < np.mean(np.array(z) < 2) < 0.97
 
 
 def test_a_textured_floor_is_denoised_without_its_texture() -> None:
@@ -197,10 +202,10 @@ def test_a_textured_floor_is_denoised_without_its_texture() -> None:
 
 
 def test_scalar_variants_denoise_without_guides_and_exact_light_is_left_alone() -> None:
-    """A flat field has no noise but that of λ within its band of 10 nm: denoised, no pixel moves by more than 2e-4."""
+    """A flat field has no noise but that of λ within its band of 10 nm: denoised, no pixel moves by more than 4e-4."""
     options = {"spp": 32, "wavelength_nm": 550, "parameters": {"width": 24, "height": 16}, "variant": "scalar_spectral"}
     plain, smooth = (render(SCENES / "flat_field.xml", CAMERA, EXPOSURE, denoise=d, **options) for d in (False, True))
-    np.testing.assert_allclose(smooth.data, plain.data, rtol=2e-4)
+    np.testing.assert_allclose(smooth.data, plain.data, rtol=4e-4)
     assert smooth.statistics.denoised is not None and smooth.statistics.denoised["guided"] is False
 
 
@@ -229,9 +234,45 @@ def test_reflectance_is_seen_through_a_mirror_and_averaged_over_the_pixel(tmp_pa
     scene = scene_text('<emitter type="constant"/>', mirror, at.format(z=9, bsdf=wall))
     prepared = prepare(write_scene(tmp_path, scene), CAMERA, EXPOSURE, wavelength_nm=550, variant=variant)
     columns, rows = prepared.scene.view.crop_size
-    found = prepared.scene.guides(np.array([[549.0, 550.0, 551.0, 552.0]]), 16, (0, rows))
+    found = prepared.scene.guides(np.array([[549.0, 550.0, 551.0, 552.0]]), (0, rows), 16)
     assert found.shape == (rows, columns, 4)
     np.testing.assert_allclose(found[..., 0], 0.4, atol=1e-5)
+
+
+@pytest.mark.parametrize("turn", range(1, len(TURNS)))
+def test_a_turned_picture_is_filtered_as_it_lies(turn: int) -> None:
+    """And turned back: 40 × 24 random pixels, to the last bit."""
+    random, (rows, columns) = np.random.default_rng(turn), TURNS[turn]
+    colours, normal = (random.random((40, 24, 3), dtype=np.float32) for _ in range(2))
+    albedo = random.random((40, 24), dtype=np.float32)
+    with Network((40, 24), normal) as network:
+        found = network.filtered(colours, albedo, turn).copy()
+    turned = np.ascontiguousarray(normal[::rows, ::columns])
+    with Network((40, 24), turned) as network:
+        expected = network.filtered(colours[::rows, ::columns], albedo[::rows, ::columns], 0)
+    np.testing.assert_array_equal(found[::rows, ::columns], expected)
+    assert np.ptp(found) > 0
+
+
+def test_rays_are_traced_until_their_noise_hardly_adds_to_the_render() -> None:
+    """Reflectance 0.5 ± 0.4 of a ray: the noise of n rays is 0.64/n of the light's square. Of 100 ± 10 electrons 5 % of
+    the render's are kept by 1280 rays, so by 2048; ± 2 would take 32 000 and 512 samples are allowed 1024; ± 30 would
+    take 142 and 8 samples are allowed 64. The variances that are found are right to 5 % (9600 normal pixels: six standard errors)."""
+    random = np.random.default_rng(6)
+
+    def trace(rays: int, number: int) -> np.ndarray:
+        sigma = np.array([0.4, 0.0, 0.0, 0.0]) / rays**0.5
+        return (np.array([0.5, 0.0, 0.0, 1.0]) + sigma * random.standard_normal((80, 120, 4))).astype(np.float32)
+
+    for sigma, most, rays in ((2.0, most_rays(512), 1024), (10.0, 2**20, 2048), (100 * 0.3, most_rays(8), 64)):
+        light = np.full((80, 120), 100.0), np.full((80, 120), sigma**2)
+        found = traced(trace, most, lambda noise, light=light: noise_share(noise[..., 0], *light), None)
+        assert found.rays == rays
+        assert found.noise.mean() == pytest.approx(0.64 / rays, rel=0.05)
+        assert found.reflectance.var() == pytest.approx(0.16 / rays, rel=0.05)
+    more = traced(trace, 128, lambda noise: 1.0, found)
+    assert more.rays == 128 and more.reflectance.var() == pytest.approx(0.16 / 128, rel=0.05)
+    assert noise_share(np.ones((2, 2)), np.ones((2, 2)), np.zeros((2, 2))) == 0.0
 
 
 def test_guides_of_a_crop_are_a_window_of_the_whole() -> None:
@@ -239,7 +280,7 @@ def test_guides_of_a_crop_are_a_window_of_the_whole() -> None:
     options = {"wavelength_nm": 550, "variant": skip_unless_usable("llvm_ad_spectral"), "width": 32}
     scene = prepare(SCENES / "cornell_box.xml", CAMERA, EXPOSURE, **options).scene
     nm = np.array([[546.0, 549.0, 551.0, 554.0]])
-    whole, part = scene.guides(nm, 256, (0, 32)), scene.guides(nm, 256, (8, 16))
+    whole, part = scene.guides(nm, (0, 32), 256), scene.guides(nm, (8, 16), 256)
     assert np.abs(whole[8:16] - part).mean() < 0.01
 
 
@@ -271,7 +312,7 @@ def test_guides_of_many_filters_trace_their_rays_once() -> None:
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         for filters in (1, 6):
             dr.kernel_history_clear()
-            scene.guides(np.full((filters, 4), 550.0), 16, (0, 32))
+            scene.guides(np.full((filters, 4), 550.0), (0, 32), 16)
             launched.append(sum(one["type"] == dr.KernelType.JIT for one in dr.kernel_history()))
     assert launched[0] == launched[1]
 

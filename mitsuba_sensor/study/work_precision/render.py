@@ -15,7 +15,7 @@ from scipy.interpolate import make_interp_spline
 
 from ...core import InputError, Photons, require
 from ...lab.estimators import Slope, slope_of_runs
-from ...render.denoise import library
+from ...render.network import library
 from ...render.passes import FEWEST, MOST_IN_ALL, SAMPLER
 from ...render.photons import collect
 from ...render.stop_criterion import stop_criterion_of
