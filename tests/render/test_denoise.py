@@ -257,7 +257,8 @@ def test_a_turned_picture_is_filtered_as_it_lies(turn: int) -> None:
 def test_rays_are_traced_until_their_noise_hardly_adds_to_the_render() -> None:
     """Reflectance 0.5 ± 0.4 of a ray: the noise of n rays is 0.64/n of the light's square. Of 100 ± 10 electrons 5 % of
     the render's are kept by 1280 rays, so by 2048; ± 2 would take 32 000 and 512 samples are allowed 1024; ± 30 would
-    take 142 and 8 samples are allowed 64. The variances that are found are right to 5 % (9600 normal pixels: six standard errors)."""
+    take 142 and 8 samples are allowed 64. The variances that are found are right to 5 % (9600 normal pixels: six
+    standard errors)."""
     random = np.random.default_rng(6)
 
     def trace(rays: int, number: int) -> np.ndarray:
