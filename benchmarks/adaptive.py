@@ -87,7 +87,8 @@ class Passes:
             so_far.append(renderer.passes * np.concatenate([strip.electrons.mean for strip in renderer.strips])[..., 0])
             return 1.0
 
-        renderer.run(hashed_seed(5, 0, 0), StopCriterion(options.most // SPP, SPP), lambda _: None, remember)
+        one_by_one = StopCriterion(options.most // SPP, SPP, goal=1e-9)
+        renderer.run(hashed_seed(5, 0, 0), one_by_one, lambda _: None, remember)
         renderer.denoise()
         guides = renderer._guides
         assert guides is not None, "this needs a variant that traces guides"

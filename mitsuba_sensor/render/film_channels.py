@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,12 @@ from ..core import Exposure, Float64Array
 from ..sensor.camera import Camera
 from ..sensor.fingerprint import pixel_fingerprint
 from .bands import Bands, filter_responses
+from .passes import hashed_seed
 from .photons import electrons_per_irradiance, photons_per_irradiance
+
+if TYPE_CHECKING:
+    from .moving_scene import MovingScene
+    from .scene import Scene
 
 FACTORS = (0.0, 1e3)  # a band frees at most so many times what a flat spectrum does; beyond it is rounding
 
@@ -38,6 +44,29 @@ def electrons_of_film(camera: Camera, exposure: Exposure, bands: Bands) -> Float
         return per_band
     (photons,) = photons_per_irradiance(camera, exposure, [bands.reference_nm], [1.0])
     return np.concatenate([np.zeros_like(per_band), photons * np.eye(bands.filters)], axis=1)
+
+
+def radiance_of(
+    scene: Scene | MovingScene,
+    bands: Bands,
+    groups: tuple[slice, ...],
+    seed: int,
+    samples: int,
+    rows: tuple[int, int],
+    count: int,
+) -> NDArray[np.float32]:
+    """Passes of some rows, the groups of bands one after the other, (rows, columns × count, B + filters): see
+    :meth:`scene.Scene.render`."""
+    if len(groups) == 1:
+        if bands.kind == "cube":
+            scene.restrict_wavelengths(*bands.ends_nm)
+        return folded([scene.render(seed, samples, rows, count)], groups, bands)
+
+    def of_group(number: int) -> NDArray[np.float32]:
+        scene.restrict_wavelengths(*bands.ends_of(groups[number]))
+        return scene.render(hashed_seed(seed, number, 0), samples, rows, count)
+
+    return folded((of_group(number) for number in range(len(groups))), groups, bands)
 
 
 def folded(images: Iterable[NDArray[np.float32]], groups: tuple[slice, ...], bands: Bands) -> NDArray[np.float32]:

@@ -82,6 +82,8 @@ def sensor_class(variant: str) -> MitsubaObject:
             props = mi.Properties(inner.class_name())
             props["film"], props["sampler"] = film or inner.film(), inner.sampler()
             super().__init__(props)
+            if (medium := inner.get_medium()) is not None:
+                self.set_medium(medium)
             self.inner, self.lens = inner, lens
             self.m_needs_sample_2 = self.m_needs_sample_3 = True
 

@@ -76,8 +76,9 @@ class AnimatedTransforms:
 
     def camera_at(self, time_s: float) -> Float64Array:
         """Pose of the camera, 4×4 to world space."""
-        motion = self.motion.camera or RigidMotion(velocity_m_per_s=(0.0, 0.0, 0.0))
-        return self._displacement(motion, time_s) @ self.rest_pose
+        if self.motion.camera is None:
+            return self.rest_pose.copy()
+        return self._displacement(self.motion.camera, time_s) @ self.rest_pose
 
     def reproject(
         self, points: Float64Array, shapes: NDArray[np.intp], guess: Float64Array, from_s: float, to_s: float
@@ -196,8 +197,13 @@ class MovingScene:
         found.scene = self.scene.with_noisy(pixels)
         return found
 
-    def render(self, seed: int, samples: int, rows: tuple[int, int]) -> NDArray[np.float32]:
+    def most_together(self, samples: int) -> int:
+        """One pass, because each has instants of its own."""
+        return 1
+
+    def render(self, seed: int, samples: int, rows: tuple[int, int], count: int = 1) -> NDArray[np.float32]:
         """One pass over rows [first, last) of the crop: ∫response·L dλ [W m⁻² sr⁻¹], (rows, columns, channels)."""
+        assert count == self.most_together(samples)
         count = subframes_of_pass(self._given or self._needed, samples)
         self._counts.add(count)
         return self._exposed(

@@ -84,7 +84,7 @@ class Cleaned(NamedTuple):
 
 def clean(raw: NDArray[np.floating]) -> Cleaned:
     """Replace NaN, −inf and negative radiance by 0 and +inf by a mark, and count them."""
-    values = np.array(raw, dtype=np.float64)
+    values = np.array(raw, dtype=np.float64, order="C")
     if values.min() >= 0 and np.isfinite(values.sum()):  # nearly always
         return Cleaned(values, None, 0, 0)
     bad, infinite = ~np.isfinite(values), values == np.inf
@@ -101,29 +101,32 @@ class RunningMean:
 
     def add(self, values: Float64Array) -> None:
         """Add one pass."""
-        self.begin_pass()
-        self.add_rows(values)
+        self.begin(1)
+        self.add_rows(values[None])
 
-    def begin_pass(self) -> None:
-        """What :meth:`add_rows` is given from now on belongs to one more pass."""
-        self.count += 1
+    def begin(self, passes: int) -> None:
+        """What :meth:`add_rows` is given from now on belongs to so many more passes."""
+        self.count += passes
 
     def add_rows(self, values: Float64Array, first: int = 0) -> None:
-        """Add rows of the pass that has begun, a few at a time.  first : number of the first one."""
-        step = max(VALUES_AT_ONCE // max(math.prod(values.shape[1:]), 1), 1)
-        for start in range(0, len(values), step):
-            some = values[start : start + step]
-            rows = slice(first + start, first + start + len(some))
-            delta = some - self.mean[rows]
-            self.mean[rows] += delta / self.count
-            self._note(rows, delta)
+        """Add rows of the passes that have begun, (passes, rows, …), a few at a time; they are written over.  first :
+        number of the first one."""
+        step = max(VALUES_AT_ONCE // max(math.prod(values.shape[2:]), 1), 1)
+        for start in range(0, values.shape[1], step):
+            some = values[:, start : start + step]
+            rows = slice(first + start, first + start + some.shape[1])
+            mean = some.mean(axis=0) if len(some) > 1 else some[0].copy()
+            delta = mean - self.mean[rows]
+            self.mean[rows] += delta * (len(some) / self.count)
+            self._note(rows, some, mean, delta)
 
-    def _note(self, rows: slice, delta: Float64Array) -> None:
-        """What else is to be known of values in some rows, which were ``delta`` from the mean of those before."""
+    def _note(self, rows: slice, values: Float64Array, mean: Float64Array, delta: Float64Array) -> None:
+        """What else is to be known of values in some rows, whose mean was ``delta`` from that of the passes before."""
 
 
 class Welford(RunningMean):
-    """Mean and variance of equal passes.
+    """Mean and variance of equal passes, of several at once by the formula of Chan, Golub and LeVeque 1983, doi
+    10.1080/00031305.1983.10483115.
 
     mean, spread : zeros at first; ``spread`` is the root of the sum of squared deviations, which may be too large or
         too small for float32.
@@ -138,11 +141,15 @@ class Welford(RunningMean):
         """In float64."""
         return cls(np.zeros(shape), np.zeros(shape))
 
-    def _note(self, rows: slice, delta: Float64Array) -> None:
+    def _note(self, rows: slice, values: Float64Array, mean: Float64Array, delta: Float64Array) -> None:
+        here, before = len(values), self.count - len(values)
         if self.count == 1:
             return
         delta *= delta
-        delta *= (self.count - 1) / self.count  # one distance is to the new mean
+        delta *= before * here / self.count
+        if here > 1:
+            values -= mean
+            delta += np.einsum("p...,p...->...", values, values)
         delta += np.square(self._spread[rows], dtype=np.float64)  # of float32: neither too large nor too small
         self._spread[rows] = np.sqrt(delta, out=delta)
 

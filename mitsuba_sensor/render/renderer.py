@@ -22,7 +22,7 @@ from ..sensor.camera import Camera
 from ..sensor.input_noise import InputNoise, input_noise
 from .bands import Bands
 from .denoise import LEAST_PASSES, LEAST_PIXELS, Denoised, Halves, denoise
-from .film_channels import electrons_of_film, folded, in_band_factor, of_own_filter
+from .film_channels import electrons_of_film, in_band_factor, of_own_filter, radiance_of
 from .filter_bands import VALUES_AT_ONCE, denoised_bands, raw_bands
 from .guides import Guides, detected_quarters, most_rays, noise_share, traced
 from .moving_scene import MovingScene
@@ -91,7 +91,8 @@ class Renderer:
         if budget.is_long(math.prod(self.scene.view.crop_size) * count) and isinstance(self.scene, Scene):
             meter.try_out(partial(self.scene.render, 0, rows=self.strips[0].ends), budget.samples * count)
         while True:
-            self._pass(seed, meter)
+            most = self.scene.most_together(self.samples) if len(self.strips) == 1 else 1
+            self._passes(seed, meter, budget.together(most))
             value = measure(*self.noise_estimate())
             meter.forecast(budget, self.passes, value)
             self.seconds_per_sample = meter.later_pass_s / (self.samples * len(self.groups))
@@ -114,45 +115,34 @@ class Renderer:
         self.denoised, self._fireflies, self._compared = None, None, (0, np.nan)
         meter.begin(len(rows))
 
-    def _pass(self, seed: int, meter: ProgressMeter) -> None:
-        """One pass of all strips."""
+    def _passes(self, seed: int, meter: ProgressMeter, count: int) -> None:
+        """So many passes of all strips, several only of a single strip."""
         for s, strip in enumerate(self.strips):
             if s:
                 meter.report(self.passes * len(self.strips) + s)
-            radiance = self._radiance(hashed_seed(seed, s, self.passes), strip.ends)
-            strip.begin_pass()
+            wanted = hashed_seed(seed, s, self.passes), self.samples, strip.ends, count
+            radiance = radiance_of(self.scene, self.bands, self.groups, *wanted)
+            strip.begin(count)
             step = max(VALUES_AT_ONCE // radiance[0].size, 1)
             for first in range(0, len(radiance), step):
-                self._add(strip, first, radiance[first : first + step])
-        self.passes += 1
+                some = radiance[first : first + step]
+                by_pass = some.reshape(len(some), -1, count, some.shape[-1]).transpose(2, 0, 1, 3)
+                self._add(strip, first, by_pass)
+        self.passes += count
 
     def _add(self, strip: RowStrip, first: int, radiance: NDArray[np.float32]) -> None:
-        """Some rows of a pass.  first : the first one's number in the strip."""
+        """Some rows of passes, (passes, rows, W, channels).  first : the first one's number in the strip."""
         found, start = clean(radiance), strip.rows.start + first
-        rows = slice(start, start + len(radiance))
+        rows = slice(start, start + radiance.shape[1])
         self.negative += found.negative
         self.non_finite += found.non_finite
         if found.infinite is not None:
-            strip.infinite[first : first + len(radiance)] |= found.infinite.any(axis=-1)
+            strip.infinite[first : first + radiance.shape[1]] |= found.infinite.any(axis=(0, -1))
         irradiance = found.values
         irradiance *= self._solid_angle[rows, :, None] * self._scale
         per_filter = irradiance @ self._film_weights.T
-        own = self._own(per_filter, rows)
+        own = np.stack([self._own(one, rows) for one in per_filter])
         strip.add(first, irradiance[..., : len(self.bands)], per_filter if self._halves else own[..., None], own)
-
-    def _radiance(self, seed: int, rows: tuple[int, int]) -> NDArray[np.float32]:
-        """One pass of some rows, the groups of bands one after the other, (rows, columns, bands + filters)."""
-        if len(self.groups) == 1:
-            if self.bands.kind == "cube":
-                self.scene.restrict_wavelengths(*self.bands.ends_nm)
-            return folded([self.scene.render(seed, self.samples, rows)], self.groups, self.bands)
-        images = (self._of_group(number, seed, rows) for number in range(len(self.groups)))
-        return folded(images, self.groups, self.bands)
-
-    def _of_group(self, number: int, seed: int, rows: tuple[int, int]) -> NDArray[np.float32]:
-        """One pass of some rows with wavelengths of one group only, (rows, columns, channels of the film)."""
-        self.scene.restrict_wavelengths(*self.bands.ends_of(self.groups[number]))
-        return np.asarray(self.scene.render(hashed_seed(seed, number, 0), self.samples, rows))
 
     @cached_property
     def noise(self) -> InputNoise:

@@ -76,21 +76,23 @@ class RowStrip:
         self.even = None if sums.even is None else sums.even[rows]
         self.even_e = None if sums.even is None else np.zeros(of_filters, np.float32)
 
-    def begin_pass(self) -> None:
-        """What :meth:`add` is given from now on belongs to one more pass."""
-        self.bands.begin_pass()
-        self.electrons.begin_pass()
+    def begin(self, passes: int) -> None:
+        """What :meth:`add` is given from now on belongs to so many more passes."""
+        self.bands.begin(passes)
+        self.electrons.begin(passes)
 
     def add(self, first: int, irradiance: Float64Array, electrons: Float64Array, own: Float64Array) -> None:
-        """Add some rows of the pass that has begun.
+        """Add some rows of the passes that have begun; the arrays are written over.
 
-        first : the first one's number in the strip.  own : (H, W) electrons of each pixel's own filter.
+        first : the first one's number in the strip.  irradiance, electrons, own : (passes, rows, W, B) of the bands,
+        (passes, rows, W, F) behind the filters, (passes, rows, W) behind each pixel's own filter.
         """
-        here = slice(first, first + len(own))
-        if self.even is not None and self.even_e is not None and self.bands.count % 2 == 1:
-            self.even[here] += irradiance
-            self.even_e[here] += electrons
-        np.maximum(self.brightest[here], own, out=self.brightest[here])
+        here = slice(first, first + own.shape[1])
+        if self.even is not None and self.even_e is not None:
+            even = slice((self.bands.count - len(own)) % 2, None, 2)
+            self.even[here] += irradiance[even].sum(axis=0)
+            self.even_e[here] += electrons[even].sum(axis=0)
+        np.maximum(self.brightest[here], own.max(axis=0), out=self.brightest[here])
         self.bands.add_rows(irradiance, first)
         self.electrons.add_rows(electrons, first)
 

@@ -8,44 +8,32 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from pathlib import Path
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core import Array, Float64Array, InputError
-from ..io.raw_files import require_plausible_picture
 from ..optics.intrinsics import View
 from ..sensor.camera import Camera
 from ..sensor.sensor_size import check_on_sensor
-from .bands import Bands, box_bands, response_film, restrict_wavelengths
+from .bands import Bands, box_bands, response_film, restrict_wavelengths, take_wavelengths_of
 from .film_size import WIDTH, film_size
 from .guides import render_guides
+from .interleaved import interleaved, most_interleaved
 from .lens_sensor import with_lens
 from .lint import WRAPPERS, Finding, lint, lint_built, most_serious_first
 from .noisy_pixels import NoisyPixels
 from .passes import SAMPLER
 from .plugins import built_in_sensor
-from .scene_file import POLARISING, SceneFile, as_input_error, parse_scene, plain_message
+from .refusals import refuse_missing_files, refuse_misspelt, refuse_unsuitable
+from .scene_file import SceneFile, as_input_error, parse_scene, plain_message
 from .scene_settings import FILM, SENSOR, SceneSettings, sensor_fields_of, settings_of
 from .variants import MitsubaObject, mitsuba
 
-SENSORS = ("perspective", "thinlens", "orthographic", SENSOR)
 GUIDE_SEED = 1
 FILM_ID = "sensor"  # id of the new film, by which its sensor is found in the built scene
-SCALAR_ONLY = ("timed_sunsky",)  # Dr.Jit refuses to trace it, and every render of the process after that
-PICTURES = ("bitmap", "envmap")  # whose file is one
-WITH_FILES = ("Shape", "Texture", "Emitter", "Volume", "BSDF", "Medium", "PhaseFunction")
-# Plugins that cannot be used, and what to do instead.
-UNSUITABLE = {
-    "depth": "computes no radiance; take --integrator path (integrator='path')",
-    "ptracer": "starts its paths at the emitters and cannot write spectral bands; take --integrator path "
-    "(integrator='path')",
-} | dict.fromkeys(
-    POLARISING, "acts on polarised light, which is not simulated; for unpolarised light take --ignore-polarization"
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +41,8 @@ class Scene:
     """A scene ready to render into bands.
 
     view : what its sensor images.  notes : what was replaced, what will be black.  findings : the same, one by one.
-    sha256 : of the scene file, its includes and its parameters.  noisy : pixels that get more samples, or None.
+    sha256 : of the scene file, its includes and its parameters.  responses : of the channels of the film.  noisy :
+    pixels that get more samples, or None.
     """
 
     mitsuba_scene: MitsubaObject
@@ -61,26 +50,43 @@ class Scene:
     sensor: MitsubaObject
     view: View
     sha256: str
+    responses: Sequence[Mapping[str, object]]
     notes: tuple[str, ...]
     findings: tuple[Finding, ...] = ()
     noisy: NoisyPixels | None = None
+    _interleaved: dict[tuple[int, tuple[int, int]], MitsubaObject] = field(default_factory=dict)
 
     def restrict_wavelengths(self, low_nm: float, high_nm: float) -> None:
         """From now on sample wavelengths between two edges of the bands only."""
         restrict_wavelengths(self.sensor.film(), low_nm, high_nm)
 
-    def render(self, seed: int, samples: int, rows: tuple[int, int]) -> NDArray[np.float32]:
-        """One pass over rows [first, last) of the crop: ∫response·L dλ [W m⁻² sr⁻¹], (rows, columns, channels)."""
+    def most_together(self, samples: int) -> int:
+        """How many passes over the whole crop, of so many samples, :meth:`render` makes at once."""
+        columns, rows = self.view.crop_size
+        return most_interleaved(rows * columns, len(self.responses), samples) if self.noisy is None else 1
+
+    def render(self, seed: int, samples: int, rows: tuple[int, int], count: int = 1) -> NDArray[np.float32]:
+        """Passes over rows [first, last) of the crop: ∫response·L dλ [W m⁻² sr⁻¹], (rows, columns × count, channels),
+        those of a pixel side by side.  count : of passes, at most :meth:`most_together`."""
         (columns, _), (x, y) = self.view.crop_size, self.view.crop_offset
         film, size, offset = self.sensor.film(), (columns, rows[1] - rows[0]), (x, y + rows[0])
         if tuple(film.crop_size()) != size or tuple(film.crop_offset()) != offset:
             parameters = mitsuba().traverse(self.sensor)
             parameters["film.crop_size"], parameters["film.crop_offset"] = list(size), list(offset)
             parameters.update()
+        if count > 1:
+            return self._rendered(self._together(count, size), seed, samples).reshape(size[1], size[0] * count, -1)
         image = self._rendered(self.sensor, seed, samples).reshape(size[1], size[0], -1)
         if self.noisy is None:
             return image
         return self.noisy.averaged(image, self.sensor, rows, seed, samples, self._rendered)
+
+    def _together(self, count: int, size: tuple[int, int]) -> MitsubaObject:
+        """A sensor with a film for so many passes."""
+        if (found := self._interleaved.get((count, size))) is None:
+            found = self._interleaved[count, size] = interleaved(self.sensor, self.responses, count, size)
+        take_wavelengths_of(self.sensor.film(), found.film())
+        return found
 
     def _rendered(self, sensor: MitsubaObject, seed: int, samples: int) -> NDArray[np.float32]:
         try:
@@ -133,8 +139,8 @@ def _load(
     sampler: str,
 ) -> Scene:
     scene = replace(scene, state=mitsuba().parser.ParserState(scene.state))  # a copy, which is changed
-    _refuse_unsuitable(scene)
-    _refuse_missing_files(scene)
+    refuse_unsuitable(scene)
+    refuse_missing_files(scene)
     settings = settings_of(scene)
     camera, metres = camera or settings.camera, settings.metres(scene_unit)
     findings, dark = lint(scene, bands.ends_nm, metres)
@@ -158,7 +164,7 @@ def _load(
         (columns, rows), (column, row) = view.crop_size, view.crop_offset
         check_on_sensor(f"the film of scene {scene.name!r}", (rows, columns), (row, column), camera)
     notes = (*(str(finding) for finding in findings), *lens_notes)
-    return Scene(world, integrator, sensor, view, scene.digest(), notes, tuple(findings))
+    return Scene(world, integrator, sensor, view, scene.digest(), bands.responses, notes, tuple(findings))
 
 
 def inspect_scene(
@@ -173,40 +179,6 @@ def inspect_scene(
     scene = path if isinstance(path, SceneFile) else parse_scene(path, parameters)
     findings, dark = lint(scene, bands.ends_nm, settings_of(scene).metres(scene_unit))
     return tuple(findings) if dark else load_scene(scene, bands, parameters, camera, scene_unit).findings
-
-
-def _refuse_unsuitable(scene: SceneFile) -> None:
-    """InputError for a sensor, integrator or material that cannot be rendered into spectral bands."""
-    if (kind := scene.sensor().props.plugin_name()) not in SENSORS:
-        many = ", ".join(SENSORS)
-        raise InputError(f"scene {scene.name!r} has a sensor of type {kind!r}; it must be one of {many}.")
-    for node in scene.nodes("Integrator", "BSDF"):
-        if (kind := node.props.plugin_name()) in UNSUITABLE and not (scene.ignore_polarization and kind in POLARISING):
-            raise InputError(f"scene {scene.name!r}, {scene.where(node)}: {kind!r} {UNSUITABLE[kind]}.")
-    for node in scene.nodes("Emitter"):
-        kind, variant = node.props.plugin_name(), mitsuba().variant()
-        if kind in SCALAR_ONLY and not variant.startswith("scalar"):
-            why = f"{kind!r} of Mitsuba 3.9.1 fails in {variant}; take --variant scalar_spectral"
-            raise InputError(f"scene {scene.name!r}, {scene.where(node)}: {why}.")
-
-
-def _refuse_missing_files(scene: SceneFile) -> None:
-    """InputError that names all missing meshes, textures and tables."""
-    missing = dict[str, str]()
-    for node in scene.nodes(*WITH_FILES):
-        name = node.props.get("filename", None)
-        if not isinstance(name, str):
-            continue
-        file = Path(str(scene.resolver.resolve(name)))
-        if not os.path.isfile(file):
-            missing.setdefault(name, scene.where(node))
-        elif node.props.plugin_name() in PICTURES:
-            require_plausible_picture(file)
-    if missing:
-        named = ", ".join(f"{name} ({line})" for name, line in missing.items())
-        files = f"{len(missing)} files" if len(missing) > 1 else "a file"
-        where = "look in the folder of the scene, or name another with <path value=…/>"
-        raise InputError(f"scene {scene.name!r} lacks {files}: {named}; {where}.")
 
 
 def _replace_camera(scene: SceneFile, settings: SceneSettings, camera: Camera | None) -> None:
@@ -231,7 +203,7 @@ def _replace_camera(scene: SceneFile, settings: SceneSettings, camera: Camera | 
 def _replace_film(scene: SceneFile, bands: Bands, size: dict[str, int], sampler: str) -> None:
     """Replace film and sampler of the first sensor; remove other sensors; unwrap integrators that add channels."""
     mi, node = mitsuba(), scene.sensor()
-    _refuse_misspelt(scene)
+    refuse_misspelt(scene)
     for name, _ in scene.children(node.props, "Film", "Sampler"):
         del node.props[name]
     with as_input_error(scene.path):
@@ -245,21 +217,6 @@ def _replace_film(scene: SceneFile, bands: Bands, size: dict[str, int], sampler:
             inner = [child.props[key] for key, _ in scene.children(child.props, "Integrator")]
             scene.root[name] = inner[0] if inner else mi.load_dict({"type": "path"})
     scene.edits.fix_blocks(scene.root, scene.nodes("Integrator"))
-
-
-def _refuse_misspelt(scene: SceneFile) -> None:
-    """InputError for unknown types and parameters of film, filter and sampler, which Mitsuba never sees because they
-    are replaced. Those of old formats may be unknown."""
-    mi, versions = mitsuba(), [str(version) for version in scene.state.versions]  # none of a dict
-    for node in scene.nodes("Film", "Sampler", "ReconstructionFilter"):
-        kind, props = node.props.plugin_name(), node.props
-        if kind == FILM or (versions and versions[node.file_index] < "3"):
-            continue
-        nested = [name for name, _ in scene.children(props)]
-        own = {name: props[name] for name in props if name not in nested}
-        channel = {"channel": {"type": "d65"}} if kind == "specfilm" else {}  # it needs one
-        with as_input_error(scene.path, f"({scene.where(node)}) "):
-            mi.load_dict({"type": kind, **own, **channel})
 
 
 def _view(sensor: MitsubaObject, metres: float) -> View:

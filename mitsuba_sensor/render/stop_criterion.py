@@ -50,6 +50,17 @@ class StopCriterion:
         """Whether a fixed number of samples takes long. values : pixels times groups of bands."""
         return self.sized and self.goal is None and values * self.passes * self.samples >= LONG
 
+    def together(self, most: int) -> int:
+        """How many passes are made at once, at most ``most``; one where anything but their number can end the render.
+
+        It divides their number, so that all launches share a kernel, and is not all of them if two halves will do: the
+        first one compiles, the second tells how long a pass takes.
+        """
+        if not self.sized or self.goal is not None or math.isfinite(self.max_seconds):
+            return 1
+        divisors = [n for n in range(1, min(most, self.passes) + 1) if self.passes % n == 0]
+        return max([n for n in divisors if 1 < n <= self.passes // 2] or divisors)
+
     def finished(self, done: int, value: float, seconds: float, per_pass: float) -> End | None:
         """Why there is no further pass after ``done``, or None."""
         if done >= self.passes:
@@ -109,11 +120,12 @@ class ProgressMeter:
     def __init__(self, progress: Progress) -> None:
         self._progress, self._started = progress, time.monotonic()
         self._value, self._expected, self._tried_s, self._most_s = math.nan, 0, math.nan, math.inf
-        self._compiled, self.later_pass_s = self._started, 0.0  # when the first pass ended; seconds of a later one
+        self.later_pass_s = 0.0  # of one after those that compile
 
     def begin(self, strips: int) -> None:
         """Passes of so many strips start now."""
         self._strips, self._began = strips, time.monotonic()
+        self._first = self._began, 0  # when the first passes ended, and how many they were
 
     def try_out(self, render: Callable[[int], object], samples: int) -> None:
         """Forecast a long render before its first strip ends: the first rows with few samples, twice, because the
@@ -135,8 +147,10 @@ class ProgressMeter:
         """So many passes are done, and the criterion has this value."""
         seconds, per_pass = self.times(passes)
         now, self._most_s = self._started + seconds, budget.max_seconds
-        self._compiled = now if passes == 1 else self._compiled
-        self.later_pass_s = (now - self._compiled) / (passes - 1) if passes > 1 else per_pass
+        if not self._first[1]:
+            self._first = now, passes
+        ended, first = self._first
+        self.later_pass_s = (now - ended) / (passes - first) if passes > first else per_pass
         self._expected, self._value = budget.expected(passes, value, seconds, per_pass), value
         self.report(passes * self._strips)
 

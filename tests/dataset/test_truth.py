@@ -189,7 +189,7 @@ def test_light_in_a_cube_is_for_cameras_of_any_quantum_efficiency(tmp_path: Path
         for qe in (0.6, 0.3)
     ] + [{"camera": "bayer_2mp"}]
     outputs = ["raw", "electrons", "irradiance"]
-    render = {"spp": 32, "width": 16, "spectral": "cube"}
+    render = {"spp": 128, "width": 16, "spectral": "cube"}
     scenes, grid = [{"name": "cornell", "file": "cornell_box.xml"}], {"exposure_s": [0.01]}
     high, low, colour = made(
         tmp_path / "out", cameras=cameras, outputs=outputs, render=render, scenes=scenes, grid=grid
@@ -202,7 +202,7 @@ def test_light_in_a_cube_is_for_cameras_of_any_quantum_efficiency(tmp_path: Path
     light = ms.read_irradiance(colour.view_folder / "irradiance.exr")
     assert light.rendered_for is not None and light.rendered_for.illuminant is not None
     camera, exposure = ms.load_camera("bayer_2mp"), ms.Exposure(0.01)
-    own = ms.render(SCENES / "cornell_box.xml", camera, exposure, spp=32, width=16, seed=5)
+    own = ms.render(SCENES / "cornell_box.xml", camera, exposure, spp=128, width=16, seed=5)
     expected = electrons_of(as_photons(ms.collect(own, camera, exposure), camera), camera, exposure)
     assert colour.read("electrons").mean() == pytest.approx(expected.mean(), rel=0.05)
 

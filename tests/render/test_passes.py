@@ -62,6 +62,21 @@ def test_welford_is_the_mean_and_its_standard_error() -> None:
     np.testing.assert_allclose(np.sqrt(running.variance_of_mean), values.std(axis=0, ddof=1) / np.sqrt(12), rtol=1e-8)
 
 
+def test_several_passes_at_once_are_the_same_as_one_after_the_other() -> None:
+    """Twelve passes in any portions, with a mean a million times the spread, in rows that come a few at a time; those
+    that are written over are copies."""
+    values = 1e6 + np.random.default_rng(3).standard_normal((12, 6, 4, 5))
+    for portions in ((12,), (4, 4, 4), (1, 11), (5, 1, 6), (1,) * 12):
+        running, done = Welford.of_shape((6, 4, 5)), 0
+        for count in portions:
+            running.begin(count)
+            for rows in (slice(0, 2), slice(2, 6)):
+                running.add_rows(values[done : done + count, rows].copy(), rows.start)
+            done += count
+        np.testing.assert_allclose(running.mean, values.mean(axis=0), rtol=1e-15)
+        np.testing.assert_allclose(running.variance_of_mean, values.var(axis=0, ddof=1) / 12, rtol=1e-8)
+
+
 def test_bad_values_are_counted_and_clamped_and_infinity_is_marked() -> None:
     """NaN, −inf and negatives become 0; +inf is marked so that its pixel saturates; good values stay."""
     got = clean(np.array([[1.0, -2.0, np.nan], [np.inf, -np.inf, 0.0]], dtype=np.float32))

@@ -175,7 +175,7 @@ def test_without_samples_a_frame_is_rendered_until_it_can_be_compensated(
     """
     sizes: list[int] = []
     render = Scene.render
-    monkeypatch.setattr(Scene, "render", lambda self, seed, n, rows: sizes.append(n) or render(self, seed, n, rows))
+    monkeypatch.setattr(Scene, "render", lambda self, seed, n, *rows: sizes.append(n) or render(self, seed, n, *rows))
     sensor = TELECENTRIC.replace('"32"', '"8"').replace('"24"', '"6"')
     frames = render_frames(
         write_scene(tmp_path, scene_text(FLOOR, sensor=sensor)), CAMERA, ms.Exposure(0.5), frames=3, **OPTIONS

@@ -1,0 +1,74 @@
+"""Refuses scene files that cannot be rendered into spectral bands, and says what to do instead."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from ..core import InputError
+from ..io.raw_files import require_plausible_picture
+from .scene_file import POLARISING, SceneFile, as_input_error
+from .scene_settings import FILM, SENSOR
+from .variants import mitsuba
+
+SENSORS = ("perspective", "thinlens", "orthographic", SENSOR)
+SCALAR_ONLY = ("timed_sunsky",)  # Dr.Jit refuses to trace it, and every render of the process after that
+PICTURES = ("bitmap", "envmap")  # whose file is one
+WITH_FILES = ("Shape", "Texture", "Emitter", "Volume", "BSDF", "Medium", "PhaseFunction")
+# Plugins that cannot be used, and what to do instead.
+UNSUITABLE = {
+    "depth": "computes no radiance; take --integrator path (integrator='path')",
+    "ptracer": "starts its paths at the emitters and cannot write spectral bands; take --integrator path "
+    "(integrator='path')",
+} | dict.fromkeys(
+    POLARISING, "acts on polarised light, which is not simulated; for unpolarised light take --ignore-polarization"
+)
+
+
+def refuse_unsuitable(scene: SceneFile) -> None:
+    """InputError for a sensor, integrator or material that cannot be rendered into spectral bands."""
+    if (kind := scene.sensor().props.plugin_name()) not in SENSORS:
+        many = ", ".join(SENSORS)
+        raise InputError(f"scene {scene.name!r} has a sensor of type {kind!r}; it must be one of {many}.")
+    for node in scene.nodes("Integrator", "BSDF"):
+        if (kind := node.props.plugin_name()) in UNSUITABLE and not (scene.ignore_polarization and kind in POLARISING):
+            raise InputError(f"scene {scene.name!r}, {scene.where(node)}: {kind!r} {UNSUITABLE[kind]}.")
+    for node in scene.nodes("Emitter"):
+        kind, variant = node.props.plugin_name(), mitsuba().variant()
+        if kind in SCALAR_ONLY and not variant.startswith("scalar"):
+            why = f"{kind!r} of Mitsuba 3.9.1 fails in {variant}; take --variant scalar_spectral"
+            raise InputError(f"scene {scene.name!r}, {scene.where(node)}: {why}.")
+
+
+def refuse_missing_files(scene: SceneFile) -> None:
+    """InputError that names all missing meshes, textures and tables."""
+    missing = dict[str, str]()
+    for node in scene.nodes(*WITH_FILES):
+        name = node.props.get("filename", None)
+        if not isinstance(name, str):
+            continue
+        file = Path(str(scene.resolver.resolve(name)))
+        if not os.path.isfile(file):
+            missing.setdefault(name, scene.where(node))
+        elif node.props.plugin_name() in PICTURES:
+            require_plausible_picture(file)
+    if missing:
+        named = ", ".join(f"{name} ({line})" for name, line in missing.items())
+        files = f"{len(missing)} files" if len(missing) > 1 else "a file"
+        where = "look in the folder of the scene, or name another with <path value=…/>"
+        raise InputError(f"scene {scene.name!r} lacks {files}: {named}; {where}.")
+
+
+def refuse_misspelt(scene: SceneFile) -> None:
+    """InputError for unknown types and parameters of film, filter and sampler, which Mitsuba never sees because they
+    are replaced. Those of old formats may be unknown."""
+    mi, versions = mitsuba(), [str(version) for version in scene.state.versions]  # none of a dict
+    for node in scene.nodes("Film", "Sampler", "ReconstructionFilter"):
+        kind, props = node.props.plugin_name(), node.props
+        if kind == FILM or (versions and versions[node.file_index] < "3"):
+            continue
+        nested = [name for name, _ in scene.children(props)]
+        own = {name: props[name] for name in props if name not in nested}
+        channel = {"channel": {"type": "d65"}} if kind == "specfilm" else {}  # it needs one
+        with as_input_error(scene.path, f"({scene.where(node)}) "):
+            mi.load_dict({"type": kind, **own, **channel})
