@@ -20,6 +20,8 @@ from .network import COLOURS, Network, name
 
 LEAST_PASSES = 4  # two in each half, so that their variance is known
 LEAST_PIXELS = 13 * 13  # the neighbourhood from which the weights are estimated
+LEAST_NOISE = 1e-6  # relative variance that a camera may see: a tenth of the shot noise of 100 000 electrons
+LEAST_NOISY = 0.25  # of the lit pixels
 
 
 class Halves(NamedTuple):
@@ -49,6 +51,13 @@ class Denoised(NamedTuple):
         """The same for who needs mean and variance only."""
         nothing = np.empty(0, np.float32)
         return self._replace(even=nothing, odd=nothing)
+
+
+def is_noisy(mean: Float64Array, variance: Float64Array) -> bool:
+    """Whether a camera may see this noise in more than a quarter of the lit pixels; with less, a filter adds about as
+    much error as it removes.  mean, variance : (H, W) photoelectrons, and the variance of that mean."""
+    lit = mean > 0
+    return bool(np.count_nonzero(variance[lit] > LEAST_NOISE * mean[lit] ** 2) > LEAST_NOISY * np.count_nonzero(lit))
 
 
 def denoise(halves: Halves, guides: Guides | None) -> Denoised:

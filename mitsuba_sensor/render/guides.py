@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 MOST_BOUNCES = 6  # at mirrors and clear glass
 FEWEST_RAYS, MOST_RAYS = 64, 1024  # per pixel
 MOST_NOISE = 0.05  # of the render's, of which the denoiser removes nine tenths
-RAYS_PER_SAMPLE = 4  # at most; a ray takes a tenth of the time of a light path, or a third where paths are very short
+RAYS_PER_SAMPLE, RAYS_OF_FEW = 4, 256  # at most so many for a light path, of few paths; else one
 DARKEST_REFLECTANCE = 0.02  # what is darker is not divided by its own
 RAYS_IN_FLIGHT = 2**21
 SOBOL = (0, (1,) * 32), (0, (1,)), (1, (1, 3)), (1, (1, 3, 1))  # of each dimension: polynomial, first direction numbers
@@ -116,8 +116,10 @@ def detected_quarters(weights: Float64Array, spectrum: Float64Array, wavelengths
 
 
 def most_rays(samples: float) -> int:
-    """Of a pixel with so many light paths: a power of two, 64 … 1024."""
-    return power_of_two(min(max(RAYS_PER_SAMPLE * samples, FEWEST_RAYS), MOST_RAYS))
+    """Of a pixel with so many light paths: a power of two, 64 … 1024. A ray takes a tenth of the time of a path, or as
+    long where paths are very short."""
+    of_few = min(RAYS_PER_SAMPLE * samples, RAYS_OF_FEW)
+    return power_of_two(min(max(samples, of_few, FEWEST_RAYS), MOST_RAYS))
 
 
 def power_of_two(count: float) -> int:

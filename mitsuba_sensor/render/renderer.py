@@ -21,7 +21,7 @@ from ..optics.f_number_law import solid_angle_sr
 from ..sensor.camera import Camera
 from ..sensor.input_noise import InputNoise, input_noise
 from .bands import Bands
-from .denoise import LEAST_PASSES, LEAST_PIXELS, Denoised, Halves, denoise
+from .denoise import LEAST_PASSES, LEAST_PIXELS, Denoised, Halves, denoise, is_noisy
 from .film_channels import electrons_of_film, in_band_factor, of_own_filter, radiance_of
 from .filter_bands import VALUES_AT_ONCE, denoised_bands, raw_bands
 from .guides import Guides, detected_quarters, most_rays, noise_share, traced
@@ -174,9 +174,9 @@ class Renderer:
 
     def denoise(self, last: bool = False) -> None:
         """Denoise what was rendered so far; from now on :meth:`electrons` and :meth:`result` are the denoised light.
-        Of few passes or pixels, and where nothing is detected, they stay as they are.  last : no pass follows, and
-        what only passes need is forgotten, to save memory."""
-        if self.passes < LEAST_PASSES or not self._halves:
+        Of few passes or pixels, where nothing is detected and where no camera would see the noise, they stay as they
+        are.  last : no pass follows, and what only passes need is forgotten, to save memory."""
+        if self.passes < LEAST_PASSES or not self._halves or not is_noisy(*self._raw_electrons()):
             return
         share = ((self.passes + 1) // 2) / self.passes
         even, odd = (partial(self._half, share, odd) for odd in (False, True))

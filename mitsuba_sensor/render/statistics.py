@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from .passes import FEWEST
 
-# Firefly fraction above which the error bars are not reliable: at most 0.09 in calm scenes, 0.14 to 0.27 before a
-# caustic, at every number of samples (benchmarks/error_bar_coverage.py).
+# Firefly fraction above which the error bars are not reliable: at most 0.10 in calm scenes, 0.14 to 0.29 before a
+# caustic at every number of samples (benchmarks/error_bar_coverage.py); 0.11 to 0.8 with glass in the Cornell box,
+# until the bars hold there.
 MOST_FIREFLIES = 0.1
 POOLED = 2**20  # passes whose variance is known: a denoised or pooled pixel's is that of its neighbourhood
 ROUNDING = 1e-6  # of the light: what a float32 film loses is no noise

@@ -39,11 +39,10 @@ SMALL = {"width": 16, "height": 16}
 def test_flat_field_equals_closed_form(variant: str) -> None:
     """E = π·L/(4N²) [W m⁻² nm⁻¹], in every pixel to 1e-4 in one band of 10 nm, and per band of a cube to 0.1 %.
 
-    A band of the cube has 256 pixels × 1024 samples × 4 wavelengths / 6 bands: about 2e-4 of standard error. Denoised,
-    16 × 16 pixels would be off by up to 4e-4, the network's own pattern.
+    A band of the cube has 256 pixels × 1024 samples × 4 wavelengths / 6 bands: about 2e-4 of standard error.
     """
     expected = math.pi * 2e-4 / (4 * 2.8**2)
-    options = {"parameters": SMALL, "variant": skip_unless_usable(variant), "denoise": False}
+    options = {"parameters": SMALL, "variant": skip_unless_usable(variant)}
     single = render(SCENES / "flat_field.xml", CAMERA, EXPOSURE, wavelength_nm=550, spp=16, **options)
     assert single.data.shape == (16, 16, 1)
     np.testing.assert_allclose(single.data, expected, rtol=1e-4)
