@@ -21,7 +21,7 @@ from .network import COLOURS, Network, name
 LEAST_PASSES = 4  # two in each half, so that their variance is known
 LEAST_PIXELS = 13 * 13  # the neighbourhood from which the weights are estimated
 LEAST_NOISE = 1e-6  # relative variance that a camera may see: a tenth of the shot noise of 100 000 electrons
-LEAST_NOISY = 0.25  # of the lit pixels
+LEAST_NOISY = 0.01  # of the lit pixels; small things before an even sky are to be denoised too
 
 
 class Halves(NamedTuple):
@@ -54,7 +54,7 @@ class Denoised(NamedTuple):
 
 
 def is_noisy(mean: Float64Array, variance: Float64Array) -> bool:
-    """Whether a camera may see this noise in more than a quarter of the lit pixels; with less, a filter adds about as
+    """Whether a camera may see this noise in more than a hundredth of the lit pixels. Elsewhere a filter adds about as
     much error as it removes.  mean, variance : (H, W) photoelectrons, and the variance of that mean."""
     lit = mean > 0
     return bool(np.count_nonzero(variance[lit] > LEAST_NOISE * mean[lit] ** 2) > LEAST_NOISY * np.count_nonzero(lit))

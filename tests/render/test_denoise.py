@@ -218,14 +218,14 @@ def test_light_whose_noise_no_camera_sees_is_left_alone() -> None:
     assert smooth.statistics.denoised is None
 
 
-def test_noise_counts_where_a_quarter_of_the_lit_pixels_has_a_thousandth_of_the_light() -> None:
-    mean, variance = np.full((10, 10), 1e4), np.zeros((10, 10))
-    variance[:5, :5] = 101.0
+def test_noise_counts_where_a_hundredth_of_the_lit_pixels_has_a_thousandth_of_the_light() -> None:
+    mean, variance = np.full((10, 20), 1e4), np.zeros((10, 20))
+    variance[3, 3:5] = 101.0
     assert not is_noisy(mean, variance)
     variance[6, 6] = 101.0
     assert is_noisy(mean, variance)
     assert not is_noisy(mean, 0.98 * variance)
-    mean[7:], variance[:5, 4] = 0.0, 0.0
+    mean[7:], variance[6, 6] = 0.0, 0.0
     assert is_noisy(mean, variance) and not is_noisy(np.zeros_like(mean), variance)
 
 
