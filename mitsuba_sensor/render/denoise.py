@@ -95,7 +95,10 @@ def _filtered_half(
     first; the second is turned once more."""
     if guides is None:
         return [smoothed(network, half(), 1.0, turn)]
-    found = smoothed(network, half() / _divisor(guides), 1.0, turn + 1)
+    divided = _divisor(guides)
+    np.divide(half(), divided, out=divided)
+    found = smoothed(network, divided, 1.0, turn + 1)
+    del divided
     found *= _divisor(guides)
     return [smoothed(network, half(), guides.reflectance.mean(axis=-1), turn), found]
 
@@ -116,11 +119,11 @@ def smoothed(network: Network, image: Image, albedo: NDArray[np.float32] | float
     """The denoised image (H, W, F), never negative: three channels at a time, over their mean.  albedo, turn : see
     :meth:`network.Network.filtered`."""
     count, scale = image.shape[2], np.float32(image.mean(dtype=np.float64) or 1.0)
-    found = np.empty(image.shape, np.float32)
+    found, colours = np.empty(image.shape, np.float32), np.empty((*image.shape[:2], COLOURS), np.float32)
     for k in range(0, count, COLOURS):
-        channels = [min(c, count - 1) for c in range(k, k + COLOURS)]
-        made = network.filtered(image[..., channels] / scale, albedo, turn)
-        found[..., k : k + COLOURS] = made[..., : count - k]
+        for c in range(COLOURS):
+            np.divide(image[..., min(k + c, count - 1)], scale, out=colours[..., c])
+        found[..., k : k + COLOURS] = network.filtered(colours, albedo, turn)[..., : count - k]
     np.maximum(found, 0.0, out=found)
     found *= scale
     return found

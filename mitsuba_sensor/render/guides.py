@@ -8,7 +8,7 @@ stays in the light: rays are traced until it hardly adds to the render's.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -47,11 +47,17 @@ class Guides:
 
     @classmethod
     def joined(cls, one: NDArray[np.float32], other: NDArray[np.float32], rays: int) -> Guides:
-        """Of two independent sets of rays; rays : of both."""
-        mean = 0.5 * (one + other)
-        noise = 0.25 * np.square(one[..., :-3] - other[..., :-3])
-        noise /= np.square(np.maximum(mean[..., :-3], DARKEST_REFLECTANCE))
-        return cls(mean, rays, noise)
+        """Of two independent sets of rays, the first of which is written over; rays : of both."""
+        noise = one[..., :-3] - other[..., :-3]
+        one += other
+        one *= 0.5
+        noise /= 2 * np.maximum(one[..., :-3], DARKEST_REFLECTANCE)
+        noise *= noise
+        return cls(one, rays, noise)
+
+    def without_noise(self) -> Guides:
+        """The same for who traces no more rays."""
+        return replace(self, noise=np.empty(0, np.float32))
 
     @property
     def reflectance(self) -> NDArray[np.float32]:

@@ -182,7 +182,7 @@ class Renderer:
         even, odd = (partial(self._half, share, odd) for odd in (False, True))
         with self._sums.on_disk():
             if not mitsuba().variant().startswith("scalar"):
-                self._guides = self._more_guides()
+                self._guides = self._more_guides().without_noise() if last else self._more_guides()
             trim_heap()
             self.denoised = denoise(Halves(even, odd, self._variance_of, share), self._guides)
             if last:
