@@ -49,7 +49,9 @@ def main() -> None:
     parser.add_argument("--width", type=int, default=96, help="columns of the pictures")
     parser.add_argument("--reference", type=int, default=16384, help="samples per pixel of the reference")
     parser.add_argument("--seeds", type=int, default=4, help="renders of each kind")
-    parser.add_argument("--rays", type=int, help="of the guides, per pixel; by default as the renderer chooses")
+    parser.add_argument(
+        "--rays", type=int, help="of the guides, per pixel, a power of two from 2; by default as needed"
+    )
     parser.add_argument("--references", type=Path, help="folder that keeps the references from one run to the next")
     parser.add_argument("--json", action="store_true", help="print JSON only")
     options = parser.parse_args()

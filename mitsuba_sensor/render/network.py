@@ -57,19 +57,21 @@ class Network:
     def __init__(self, shape: tuple[int, int], normal: NDArray[np.float32] | None) -> None:
         names = ("color", "output") if normal is None else ("color", "albedo", "normal", "output")
         self._images = {name: np.zeros((*shape, COLOURS), np.float32) for name in names}
-        self._normal, self._open = normal, ExitStack()
+        self._normal = normal
 
     def __enter__(self) -> Self:
         oidn = library()
-        self._processor = self._open.enter_context(oidn.Device())
-        self._processor.commit()
-        self._filter = self._open.enter_context(oidn.Filter(self._processor))
-        for name, image in self._images.items():
-            self._filter.set_image(name, image, oidn.OIDN_FORMAT_FLOAT3)
-        self._filter.set_bool("hdr", True)
-        self._filter.set_bool("cleanAux", self._normal is not None)
-        self._filter.set_int("maxMemoryMB", MOST_MEMORY_MB)
-        self._filter.commit()
+        with ExitStack() as stack:
+            self._processor = stack.enter_context(oidn.Device())
+            self._processor.commit()
+            self._filter = stack.enter_context(oidn.Filter(self._processor))
+            for name, image in self._images.items():
+                self._filter.set_image(name, image, oidn.OIDN_FORMAT_FLOAT3)
+            self._filter.set_bool("hdr", True)
+            self._filter.set_bool("cleanAux", self._normal is not None)
+            self._filter.set_int("maxMemoryMB", MOST_MEMORY_MB)
+            self._filter.commit()
+            self._open = stack.pop_all()
         return self
 
     def __exit__(self, *_: object) -> None:
