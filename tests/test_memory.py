@@ -51,7 +51,7 @@ from mitsuba_sensor.render import combine, network, passes, spillable
 
 renderer, library = importlib.import_module("mitsuba_sensor.render.renderer"), MagicMock()
 library.Device.return_value.__enter__.return_value.get_error.return_value = None
-network.library = lambda: library  # the network's memory has a limit of its own
+setattr(network, "library", lambda: library)  # the network's memory has a limit of its own
 renderer.rays_per_pixel = lambda samples: 1  # as many are in flight with more, for longer
 passes.MOST_VALUES, combine.PIXELS_AT_ONCE, spillable.LEAST_BYTES = 2**19, 2**14, 2**20  # parts of a smaller film
 SCENE = '''<scene version="3.0.0"><emitter type="constant"/><shape type="sphere"/><sensor type="perspective">
