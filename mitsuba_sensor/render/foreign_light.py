@@ -21,8 +21,8 @@ from ..sensor.camera import Camera
 from . import spectra
 from .bands import BANDWIDTH_NM
 from .irradiance import Irradiance
-from .lint import MITSUBA_NM
 from .passes import clean
+from .scene_spectra import MITSUBA_NM
 from .statistics import RenderStatistics
 from .variants import choose_variant, mitsuba, use
 

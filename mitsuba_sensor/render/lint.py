@@ -1,23 +1,22 @@
 """Checks a scene, before rendering, for what differs from what its author probably expects.
 
-Outside 360 to 830 nm Mitsuba's own emitters are zero by default (d65, rgb and float emitters, environment maps, sun and
-sky, blackbody); a table is zero outside its nodes. There are similar problems with units, clip planes, shutters and
-integrators. Mitsuba warns of none of them.
+Spectra that end or cannot be, units, clip planes, shutters, integrators. Mitsuba warns of none of them.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator
 from itertools import chain
-from typing import Literal, TypeAlias
 
 import numpy as np
 
+from .finding import Finding, lines_of, most_serious_first, places
+from .mesh_attributes import colours_above_one
 from .passes import SAMPLER
 from .scene_file import POLARISING, SceneFile
 from .scene_settings import FILM
+from .scene_spectra import SceneSpectra
+from .spectrum_findings import Band, spectrum_findings
 from .variants import MitsubaObject, mitsuba
 
 ADDING = ("aov", "moment", "stokes")  # integrators that add channels; with specfilm they corrupt memory (#1189)
@@ -27,57 +26,33 @@ LOSS = 0.01  # of the radiance: what cut paths may lose without a finding
 FLAT = 0.01  # thickness over width: patches on a plane do not illuminate each other
 ROUNDING = 1e-5  # of float32 coordinates
 ALBEDO = 0.5  # of a closed grey scene, to estimate the radiance that cut paths lose
-MOST_LINES = 4  # named in one finding
-ORDER = ("black", "wrong", "note")
-
-Range: TypeAlias = tuple[float, float]
-EVERYWHERE: Range = (-math.inf, math.inf)
-MITSUBA_NM: Range = (360.0, 830.0)
-LIMITED = ("d65", "blackbody")  # spectra that end with Mitsuba's range
-SKIES = ("envmap", "sunsky", "timed_sunsky")
-STRENGTHS = ("radiance", "irradiance", "intensity")  # of emitters; a float there is a factor on D65 (#1579)
-TOLERANCE_NM = 1e-3
 
 
-@dataclass(frozen=True)
-class Finding:
-    """One result of the check.
-
-    level : "black", radiance that is missing; "wrong", a value with another meaning than expected; or "note".
-    where : lines in the scene file.  what : description.  remedy : what to do, or what was done.
-    """
-
-    level: Literal["black", "wrong", "note"]
-    where: str
-    what: str
-    remedy: str
-
-    def __str__(self) -> str:
-        return f"{self.what} ({self.where}); {self.remedy}"
-
-    def to_dict(self) -> dict[str, str]:
-        """Plain values, ready for JSON."""
-        return asdict(self)
-
-
-def lint(scene: SceneFile, band_nm: Range, unit_m: float | None) -> tuple[list[Finding], bool]:
+def lint(scene: SceneFile, band: Band, unit_m: float | None) -> tuple[list[Finding], bool]:
     """Findings in a parsed scene for a sensor with this band, most serious first; and whether no light is in it."""
     spectra = SceneSpectra(scene)
-    dark = not any(low < band_nm[1] and high > band_nm[0] for _, (low, high) in spectra.lights)
-    others = (check(scene) for check in (_changes, _integrator, _film, _sensors))
-    found = chain(_spectra(scene, spectra, *band_nm), _units(scene, unit_m), *others)
+    dark = not any(low < band.high_nm and high > band.low_nm for _, (low, high) in spectra.lights)
+    others = (check(scene) for check in (_changes, _integrator, _film, _sensors, colours_above_one))
+    found = chain(spectrum_findings(scene, spectra, band), _units(scene, unit_m), *others)
     return most_serious_first(found), bool(spectra.lights) and dark
 
 
-def most_serious_first(findings: Iterable[Finding]) -> list[Finding]:
-    """The findings, black before wrong before notes."""
-    return sorted(findings, key=lambda finding: ORDER.index(finding.level))
-
-
 def lint_built(scene: SceneFile, built: MitsubaObject, sensor: MitsubaObject) -> list[Finding]:
-    """Findings that need the shapes: those without size, what the clip planes cut off, paths that end too early."""
-    box, points = built.bbox(), _points(built)
-    return [*points, *_clip_planes(scene, box, sensor), *_short_paths(scene, box)] if box.valid() else []
+    """Findings that need the shapes: those without size, what the clip planes cut off, paths that end too early; and
+    environment maps that are not finite."""
+    box, points, skies = built.bbox(), _points(built), _environments(scene, built)
+    shapes = [*points, *_clip_planes(scene, box, sensor), *_short_paths(scene, box)] if box.valid() else []
+    return [*skies, *shapes]
+
+
+def _environments(scene: SceneFile, built: MitsubaObject) -> Iterator[Finding]:
+    """Environment maps with pixels that are not finite: by chance, or wherever light is looked for, nothing is lit."""
+    environment = built.environment()
+    parameters = {} if environment is None else mitsuba().traverse(environment)
+    if "data" in parameters and (bad := int((~np.isfinite(np.array(parameters["data"]))).sum())):
+        where = lines_of(scene, [n for n in scene.nodes("Emitter") if n.props.plugin_name() == "envmap"])
+        what = f"the environment map has {bad} values that are not finite, and the light of others is lost too"
+        yield Finding("wrong", where, what, "give it finite values")
 
 
 def _points(built: MitsubaObject) -> Iterator[Finding]:
@@ -119,39 +94,6 @@ def _short_paths(scene: SceneFile, box: MitsubaObject) -> Iterator[Finding]:
             yield Finding("note", scene.where(node), f"light paths end after {depth} segments, {loss}", remedy)
 
 
-def _lines(scene: SceneFile, nodes: list[MitsubaObject]) -> str:
-    """``line 3``, ``lines 3, 9 and 4 more``; a look-up reads the file, so only the named ones are looked up."""
-    lines = list(dict.fromkeys(scene.where(node).removeprefix("line ") for node in nodes[:MOST_LINES]))
-    more = f" and {len(nodes) - MOST_LINES} more" if len(nodes) > MOST_LINES else ""
-    return f"line{'s' * (len(lines) > 1)} {', '.join(lines)}{more}"
-
-
-def _places(count: int) -> str:
-    return f"{count} place{'s' * (count > 1)}"
-
-
-def _spectra(scene: SceneFile, spectra: SceneSpectra, low_nm: float, high_nm: float) -> Iterator[Finding]:
-    """Spectra that end inside the bands; rgb reflectances outside its range; floats, which mean D65 (#1579)."""
-    named = [(n, "light", r) for n, r in spectra.lights] + [(n, f"{name!r}", r) for n, name, r in spectra.materials]
-    incomplete: dict[tuple[str, float, float], list[MitsubaObject]] = {}
-    for node, name, (low, high) in named:
-        if low > low_nm + TOLERANCE_NM or high < high_nm - TOLERANCE_NM:
-            incomplete.setdefault((name, low, high), []).append(node)
-    for (name, low, high), nodes in incomplete.items():
-        bands = f"the bands extend from {low_nm:g} to {high_nm:g} nm"
-        what = f"{name} in {_places(len(nodes))} is black outside {low:g} to {high:g} nm; {bands}"
-        remedy = f"give it pairs of wavelength and value from {low_nm:g} to {high_nm:g} nm"
-        yield Finding("black", _lines(scene, nodes), what, remedy)
-    low, high = MITSUBA_NM
-    if spectra.colours and (low_nm < low or high_nm > high):
-        what = f"rgb in {_places(len(spectra.colours))} is extrapolated outside {low:g} to {high:g} nm, to 0 or to 1"
-        yield Finding("wrong", _lines(scene, spectra.colours), what, "give measured spectra")
-    if spectra.float_lights:
-        what = f"a float in {_places(len(spectra.float_lights))} gives the spectrum of D65, not a flat one"
-        remedy = 'write <spectrum name="radiance" value="..."/> for the same value at every wavelength'
-        yield Finding("wrong", _lines(scene, spectra.float_lights), what, remedy)
-
-
 def _units(scene: SceneFile, unit_m: float | None) -> Iterator[Finding]:
     """Emitters that are a point: their distance is taken in scene units (#1426)."""
     nodes = [n for n in scene.nodes("Emitter") if n.props.plugin_name() in POSITIONAL]
@@ -160,10 +102,12 @@ def _units(scene: SceneFile, unit_m: float | None) -> Iterator[Finding]:
     kinds = ", ".join(sorted({n.props.plugin_name() for n in nodes}))
     if unit_m is None:
         what = "is right only if the scene unit is the metre, which is not known"
-        yield Finding("note", _lines(scene, nodes), f"{kinds} light in {_places(len(nodes))} {what}", "give scene_unit")
+        yield Finding(
+            "note", lines_of(scene, nodes), f"{kinds} light in {places(len(nodes))} {what}", "give scene_unit"
+        )
         return
-    what = f"{kinds} light in {_places(len(nodes))} takes distances in units of {unit_m:g} m, as if they were metres"
-    yield Finding("wrong", _lines(scene, nodes), what, f"multiply its intensity by {unit_m**-2:g}")
+    what = f"{kinds} light in {places(len(nodes))} takes distances in units of {unit_m:g} m, as if they were metres"
+    yield Finding("wrong", lines_of(scene, nodes), what, f"multiply its intensity by {unit_m**-2:g}")
 
 
 def _changes(scene: SceneFile) -> Iterator[Finding]:
@@ -223,72 +167,4 @@ def _sensors(scene: SceneFile) -> Iterator[Finding]:
     sensors = [node for _, node in scene.children(scene.root, "Sensor")]
     if len(sensors) > 1:
         what = f"the scene has {len(sensors)} sensors; the first one was taken"
-        yield Finding("note", _lines(scene, sensors[1:]), what, "put the one you want first")
-
-
-class SceneSpectra:
-    """Spectra of the emitters and materials of a scene, and the wavelength range where each can be above zero.
-
-    lights : (node, range) of every emitter.  materials : (node, name, range) of every property of a material.
-    colours : nodes whose reflectance is an rgb colour or image, or whose radiance is an image; outside Mitsuba's range
-        they are extrapolated.
-    float_lights : nodes of emitters whose strength is one number.
-    """
-
-    def __init__(self, scene: SceneFile) -> None:
-        self._mi, self._nodes = mitsuba(), scene.state.nodes
-        emitters, surfaces = scene.nodes("Emitter"), scene.nodes("BSDF", "Medium")
-        self.lights = [(n, self._of_light(n.props)) for n in emitters]
-        self.float_lights = [n for n in emitters if any(isinstance(v, float) for v in _strengths(n.props))]
-        self.materials = [(n, name, self._of_value(v, light=False)) for n in surfaces for name, v in n.props.items()]
-        self.colours = [n for n in surfaces if any(self._is_colour(v) for _, v in n.props.items())]
-        self.colours += [n for n in emitters if any(self._is_colour(v) for v in _strengths(n.props) if not _is_rgb(v))]
-
-    def _of_light(self, props: MitsubaObject) -> Range:
-        if props.plugin_name() in SKIES or any(isinstance(v, float) or _is_rgb(v) for v in _strengths(props)):
-            return MITSUBA_NM  # rgb is multiplied by D65; rgb inside a texture is not, and unlimited
-        ranges = [self._of_value(value, light=True) for _, value in props.items()]
-        return min(ranges, key=lambda r: r[1] - r[0], default=EVERYWHERE)
-
-    def _of_value(self, value: MitsubaObject, light: bool) -> Range:
-        """Where a property can be above zero; everywhere if it is no spectrum or unlimited."""
-        if (props := self._texture(value)) is not None:
-            return self._of_texture(props, light)
-        spectrum = hasattr(value, "is_uniform") and not value.is_uniform()  # the parser's spectrum, not the variant's
-        return _ends(value.wavelengths) if spectrum else EVERYWHERE
-
-    def _of_texture(self, props: MitsubaObject, light: bool) -> Range:
-        kind, names = props.plugin_name(), list(props.keys())
-        if kind == "irregular":
-            nodes = props["wavelengths"] if "wavelengths" in names else ""
-            return _ends([float(number) for number in str(nodes).replace(",", " ").split()])
-        if {"wavelength_min", "wavelength_max"} <= set(names):
-            return float(props["wavelength_min"]), float(props["wavelength_max"])
-        inner = [self._of_value(value, light) for _, value in props.items()]
-        inner += [MITSUBA_NM] if light and kind in LIMITED else []
-        return (max(r[0] for r in inner), min(r[1] for r in inner)) if inner else EVERYWHERE
-
-    def _is_colour(self, value: MitsubaObject) -> bool:
-        """Whether a property of a material is an rgb colour or image, or a texture that contains one."""
-        if (props := self._texture(value)) is None:
-            return _is_rgb(value)
-        is_image = props.plugin_name() == "bitmap" and not props.get("raw")  # raw: roughness, normals and the like
-        return is_image or any(self._is_colour(inner) for _, inner in props.items())
-
-    def _texture(self, value: MitsubaObject) -> MitsubaObject:
-        if not isinstance(value, self._mi.Properties.ResolvedReference):
-            return None
-        node = self._nodes[value.index()]
-        return node.props if node.type == self._mi.ObjectType.Texture else None
-
-
-def _strengths(props: MitsubaObject) -> list[MitsubaObject]:
-    return [props[name] for name in STRENGTHS if name in props]
-
-
-def _is_rgb(value: MitsubaObject) -> bool:
-    return "Color3" in type(value).__name__
-
-
-def _ends(wavelengths_nm: list[float]) -> Range:
-    return (float(min(wavelengths_nm)), float(max(wavelengths_nm))) if len(wavelengths_nm) else EVERYWHERE
+        yield Finding("note", lines_of(scene, sensors[1:]), what, "put the one you want first")

@@ -18,6 +18,7 @@ from ..sensor.metering import AUTO, AskedExposure, Metering, checked_exposure
 from ..sensor.options import ExposeOptions
 from .aovs import Aovs, aovs_of, load_for_rays
 from .bands import BANDWIDTH_NM, Bands, choose_bands
+from .electron_share import with_notes_of_shares
 from .film_channels import with_filters
 from .illuminant import rendered_for
 from .irradiance import Irradiance
@@ -27,6 +28,7 @@ from .network import denoised_if_possible, is_installed, library
 from .options import RenderOptions
 from .passes import SAMPLER
 from .photons import metered
+from .refusals import refuse_black
 from .renderer import Criterion, Electrons, Estimate, Renderer
 from .row_strip import Kept
 from .scene import Scene, load_scene
@@ -132,16 +134,14 @@ class PreparedRender:
             renderer.denoise(last=True)
         found = renderer.result()
         if not found.data.any():
-            low_nm, high_nm = self.bands.ends_nm
-            why = f" ({renderer.non_finite} values were not finite)" if renderer.non_finite else ""
-            remedy = "give it an emitter that lights what the sensor sees, with a spectrum there"
-            raise InputError(f"the scene is black from {low_nm:g} to {high_nm:g} nm{why}; {remedy}.")
+            refuse_black(self.bands.ends_nm, renderer.lost, self.at_rest.findings)
         exposure, serial = self.exposure, self.parsed.settings.serial
         light = self._irradiance(found, self._statistics(stop, end, began, exposure, raw))
         if self.metering is not None and not self.metered:
             exposure = metered(light, self.camera, self.metering)
             light = replace(light, statistics=self._statistics(stop, end, began, exposure, raw))
         light = replace(light, rendered_for=rendered_for(self.at_rest, self.camera, exposure, serial))
+        light = with_notes_of_shares(light, self.camera, self.at_rest.findings)
         if kept is None or renderer.denoised is None:
             return light
         ratios = self._noise_ratios(exposure, raw, renderer.passes)
@@ -209,7 +209,7 @@ class PreparedRender:
     ) -> RenderStatistics:
         renderer, passes = self.renderer, self.renderer.passes
         fireflies, samples = renderer.firefly_fraction(), renderer.samples_per_pixel
-        doubt, notes = why_not_trusted(passes, fireflies), [*self.scene.notes]
+        doubt, notes = why_not_trusted(passes, fireflies, renderer.lost), [*self.scene.notes]
         if overruled := self.parsed.settings.overruled_by(self.camera):
             notes.append(f"{', '.join(overruled)} of the scene file overruled by the camera that was given")
         if self.denoise is None and not is_installed():

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from pathlib import Path
+from typing import NoReturn
 
 from ..core import InputError
 from ..io.raw_files import require_plausible_picture
+from .finding import Finding, Range
 from .scene_file import POLARISING, SceneFile, as_input_error
 from .scene_settings import FILM, SENSOR
 from .variants import mitsuba
@@ -57,6 +60,21 @@ def refuse_missing_files(scene: SceneFile) -> None:
         files = f"{len(missing)} files" if len(missing) > 1 else "a file"
         where = "look in the folder of the scene, or name another with <path value=…/>"
         raise InputError(f"scene {scene.name!r} lacks {files}: {named}; {where}.")
+
+
+def refuse_black(band_nm: Range, lost: int, findings: Iterable[Finding]) -> NoReturn:
+    """InputError for a picture in which nothing is above 0, with what may be the cause.
+
+    lost : values of single passes that were NaN.
+    """
+    what = f"the scene is black from {band_nm[0]:g} to {band_nm[1]:g} nm"
+    remedy = "give it an emitter that lights what the sensor sees, with a spectrum there"
+    if lost:
+        what = f"{what}: {lost} values of its light were NaN and all others are 0"
+        remedy = "look for NaN in textures and environment maps, and for metals whose eta and k end"
+    serious = [f"{finding.what} ({finding.where})" for finding in findings if finding.level != "note"]
+    found = f" It may be that {'; or that '.join(serious)}." if serious else ""
+    raise InputError(f"{what}; {remedy}.{found}")
 
 
 def refuse_misspelt(scene: SceneFile) -> None:

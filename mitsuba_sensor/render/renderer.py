@@ -58,8 +58,8 @@ class Renderer:
 
     passes, samples, groups : of the last render; samples per pixel, pass and group of bands.
     seconds_per_sample : of one sample in every pixel, without the first pass, which compiles.
-    negative, non_finite : its values that were set to 0.  denoised : what :meth:`denoise` made of the last render, else
-        None.
+    negative, non_finite : its values that were set to 0.  lost : those of them that were NaN or −∞.
+    denoised : what :meth:`denoise` made of the last render, else None.
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class Renderer:
         self._film_weights = electrons_of_film(camera, exposure, bands)
         self._solid_angle, self._scale = solid_angle_sr(scene.view, camera), bands.scale
         self._camera, self._exposure, self.seconds_per_sample = camera, exposure, 0.0
-        self.negative = self.non_finite = self.passes = self.samples = 0
+        self.negative = self.non_finite = self.lost = self.passes = self.samples = 0
         self._fireflies: float | None = None
         self.denoised: Denoised | None = None
 
@@ -111,7 +111,7 @@ class Renderer:
         filters = len(self._weights) if self._halves else 1
         self._sums = BandSums((height, columns, count), self._keep)
         self.strips = [RowStrip(slice(*edges), self._sums, filters) for edges in rows]
-        self.samples, self.passes, self.negative, self.non_finite = samples, 0, 0, 0
+        self.samples, self.passes, self.negative, self.non_finite, self.lost = samples, 0, 0, 0, 0
         self.denoised, self._fireflies, self._compared = None, None, (0, np.nan)
         meter.begin(len(rows))
 
@@ -137,6 +137,7 @@ class Renderer:
         self.negative += found.negative
         self.non_finite += found.non_finite
         if found.infinite is not None:
+            self.lost += found.non_finite - int(found.infinite.sum())
             strip.infinite[first : first + radiance.shape[1]] |= found.infinite.any(axis=(0, -1))
         irradiance = found.values
         irradiance *= self._solid_angle[rows, :, None] * self._scale

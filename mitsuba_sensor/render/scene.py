@@ -20,16 +20,20 @@ from ..sensor.camera import Camera
 from ..sensor.sensor_size import check_on_sensor
 from .bands import Bands, box_bands, response_film, restrict_wavelengths, take_wavelengths_of
 from .film_size import WIDTH, film_size
+from .finding import Finding, most_serious_first
 from .guides import render_guides
 from .interleaved import interleaved, most_interleaved
 from .lens_sensor import with_lens
-from .lint import WRAPPERS, Finding, lint, lint_built, most_serious_first
+from .lint import WRAPPERS, lint, lint_built
+from .mesh_attributes import refuse_missing_attributes
+from .metal_tables import continue_metals
 from .noisy_pixels import NoisyPixels
 from .passes import SAMPLER
 from .plugins import built_in_sensor
 from .refusals import refuse_missing_files, refuse_misspelt, refuse_unsuitable
 from .scene_file import SceneFile, as_input_error, parse_scene, plain_message
 from .scene_settings import FILM, SENSOR, SceneSettings, sensor_fields_of, settings_of
+from .spectrum_findings import Band
 from .variants import MitsubaObject, mitsuba
 
 GUIDE_SEED = 1
@@ -143,17 +147,19 @@ def _load(
     refuse_missing_files(scene)
     settings = settings_of(scene)
     camera, metres = camera or settings.camera, settings.metres(scene_unit)
-    findings, dark = lint(scene, bands.ends_nm, metres)
+    findings, dark = lint(scene, Band(*bands.ends_nm, camera), metres)
     if dark and not scene.edits.traverse:  # which may change the spectrum of an emitter
         why = f"{findings[0].what}; give it an emitter with a spectrum there"
         raise InputError(f"scene {scene.name!r} has no light in the bands: {why}.")
     _replace_camera(scene, replace(settings, unit_m=metres), camera)
     scene.edits.set_pose(scene.sensor().props, metres or 1.0)
     _replace_film(scene, bands, film_size(scene, camera, width), sampler)
+    continue_metals(scene.nodes("BSDF"), *bands.ends_nm)
     built = scene.build()
     world = built if scene.loaded is None else scene.loaded
     if not world.emitters():
         raise InputError(f'scene {scene.name!r} has no light; add an emitter, e.g. <emitter type="constant"/>.')
+    refuse_missing_attributes(scene, world)
     sensor = next((one for one in built.sensors() if one.film().id() == FILM_ID), None)
     if sensor is None:
         raise InputError(f"scene {scene.name!r}: its sensor has a number that is NaN; correct fov and to_world.")
@@ -177,7 +183,7 @@ def inspect_scene(
     that a missing mesh is an InputError here and not later."""
     bands = box_bands(camera, np.array(camera.band_nm, dtype=float))
     scene = path if isinstance(path, SceneFile) else parse_scene(path, parameters)
-    findings, dark = lint(scene, bands.ends_nm, settings_of(scene).metres(scene_unit))
+    findings, dark = lint(scene, Band(*bands.ends_nm, camera), settings_of(scene).metres(scene_unit))
     return tuple(findings) if dark else load_scene(scene, bands, parameters, camera, scene_unit).findings
 
 

@@ -28,8 +28,9 @@ class RenderStatistics:
         95th percentile and largest of the lit pixels. Above 1 the noise is more the renderer's than the sensor's.
     noise_ratio_asked, ended_by : the ratio that it worked towards (None if none), and what ended it: "spp",
         "noise_ratio", "compensable" (see :func:`render_frames`), "max_seconds" or "max_spp".
-    reliable, firefly_fraction : whether the error bars can be trusted, and the share of the lit pixels that owe more
-        than three quarters of their variance to one bright pass: rare paths (caustics) that others have not seen yet.
+    reliable, firefly_fraction : whether the error bars can be trusted, which NaN rules out, and the share of the lit
+        pixels that owe more than three quarters of their variance to one bright pass: rare paths (caustics) that others
+        have not seen yet.
     spectral : "cube", "single" or "channels".
     negative, non_finite : values of single passes that were set to 0 (+inf is kept: it saturates its pixel).
     notes : what was replaced in the scene, what is black, hints.
@@ -110,8 +111,15 @@ def firefly_fraction(brightest: NDArray[np.float64], mean: NDArray[np.float64], 
     return float((alone & noisy).mean()) if lit.any() else 0.0
 
 
-def why_not_trusted(passes: int, fireflies: float) -> str:
-    """One line that says why the error bars are not reliable, and what helps; empty if they are."""
+def why_not_trusted(passes: int, fireflies: float, lost: int = 0) -> str:
+    """One line that says why the error bars are not reliable, and what helps; empty if they are.
+
+    lost : values of single passes that were NaN.
+    """
+    if lost:
+        why = f"{lost} values of single passes were NaN and count as 0"
+        helps = "correct the texture, environment map or material that they come from"
+        return f"the light is too dark by an unknown amount: {why}; {helps}"
     if passes < FEWEST:
         return f"error bars are guesses: {passes} passes of at least {FEWEST}; take more samples (--spp)"
     if fireflies <= MOST_FIREFLIES:

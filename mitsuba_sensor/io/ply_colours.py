@@ -1,0 +1,83 @@
+"""Colours of the vertices of a PLY file, as they are written: which range of numbers they have."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import IO, NamedTuple
+
+import numpy as np
+
+from ..core import Float64Array
+
+TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"}
+TYPES |= {"float": "f4", "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2"}
+TYPES |= {"int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8"}
+ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
+COLOUR = re.compile(r"(.*_)?(r|g|b|red|green|blue)")
+MOST_LINES = 200  # of a header
+
+
+class _Vertices(NamedTuple):
+    """How the vertices are written: byte order ("" of text), how many there are, and their fields by name and type."""
+
+    order: str
+    number: int
+    fields: list[tuple[str, str]]
+
+
+def largest_colour(path: Path) -> float | None:
+    """The largest red, green or blue of all vertices.
+
+    None where there are none, where the vertices do not come first or have lists, and where the file is damaged:
+    Mitsuba says so when it reads the mesh.
+    """
+    with path.open("rb") as file:
+        vertices = _header(file)
+        names = [] if vertices is None else [name for name, _ in vertices.fields if COLOUR.fullmatch(name)]
+        if vertices is None or not names or not vertices.number:
+            return None
+        try:
+            columns = _columns(file, vertices, names)
+        except ValueError:
+            return None
+    return float(columns.max())
+
+
+def _header(file: IO[bytes]) -> _Vertices | None:
+    """The first element of the file, if these are its vertices."""
+    order, count, fields = "", -1, list[tuple[str, str]]()
+    for _ in range(MOST_LINES):
+        match file.readline(1000).decode("ascii", "replace").split():
+            case ["format", name, *_]:
+                order = ORDERS.get(name, "")
+            case ["element", "vertex", number] if count < 0 and number.isdecimal():
+                count = int(number)
+            case ["element", *_] if count < 0:
+                return None
+            case ["element", *_] | ["end_header"]:
+                break
+            case ["property", kind, name] if kind in TYPES:
+                fields.append((name, f"{order}{TYPES[kind]}"))
+            case ["property", *_]:
+                return None
+    else:
+        return None
+    return _Vertices(order, count, fields) if _skip_header(file) else None
+
+
+def _skip_header(file: IO[bytes]) -> bool:
+    """Go to the first byte behind the header."""
+    file.seek(0)
+    return any(file.readline(1000).strip() == b"end_header" for _ in range(MOST_LINES))
+
+
+def _columns(file: IO[bytes], vertices: _Vertices, names: list[str]) -> Float64Array:
+    """The numbers of these names, (vertices, names). Raises ValueError for a damaged file."""
+    if vertices.order:
+        kind = np.dtype(vertices.fields)
+        table = np.frombuffer(file.read(vertices.number * kind.itemsize), kind, vertices.number)
+        return np.stack([table[name].astype(np.float64) for name in names], axis=1)
+    numbers = [name for name, _ in vertices.fields]
+    chosen = [numbers.index(name) for name in names]
+    return np.loadtxt(file, usecols=chosen, max_rows=vertices.number, ndmin=2)

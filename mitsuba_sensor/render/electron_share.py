@@ -1,0 +1,59 @@
+"""The share of the photoelectrons of a camera that is detected where data of the scene end."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core import Float64Array
+from ..sensor.camera import Camera
+from .finding import Finding, Range
+from .irradiance import Irradiance
+
+STEP_NM = 1.0
+TOLERATED = 1e-3  # of the photoelectrons of a filter
+
+
+def share_of_flat_light(camera: Camera, data_nm: Range) -> str:
+    """What a camera detects of a flat spectrum outside two wavelengths, as the end of a sentence."""
+    low_nm, high_nm = (float(end) for end in camera.band_nm)
+    count = max(round((high_nm - low_nm) / STEP_NM), 1)
+    edges_nm = np.linspace(low_nm, high_nm, count + 1)
+    centres_nm = (edges_nm[1:] + edges_nm[:-1]) / 2
+    is_beyond = (centres_nm < data_nm[0]) | (centres_nm > data_nm[1])
+    name, share = _largest_share(camera, np.atleast_2d(camera.qe(centres_nm)) * centres_nm, is_beyond)
+    return f", and the {name} pixels detect {share:.1%} of a flat spectrum beyond"
+
+
+def with_notes_of_shares(light: Irradiance, camera: Camera, findings: Iterable[Finding]) -> Irradiance:
+    """The light of a camera with :func:`notes_of_shares` among its notes."""
+    notes = (*light.statistics.notes, *notes_of_shares(light, camera, findings))
+    return replace(light, statistics=replace(light.statistics, notes=notes))
+
+
+def notes_of_shares(light: Irradiance, camera: Camera, findings: Iterable[Finding]) -> Iterator[str]:
+    """For all data of a scene that end inside the bands: how many of the photoelectrons can rest on it, at most."""
+    if light.filters is not None:  # no bands
+        return
+    centres_nm, widths_nm = (np.asarray(x, dtype=np.float64) for x in (light.wavelengths_nm, light.bandwidths_nm))
+    is_finite = np.isfinite(light.data).all(axis=2)
+    spectrum = light.data[is_finite].mean(axis=0, dtype=np.float64) if is_finite.any() else np.zeros_like(centres_nm)
+    electrons = np.atleast_2d(camera.qe(centres_nm, widths_nm)) * centres_nm * widths_nm * spectrum
+    for data_nm in dict.fromkeys(finding.data_nm for finding in findings if finding.data_nm is not None):
+        low_nm, high_nm = data_nm
+        is_beyond = (centres_nm - widths_nm / 2 < low_nm) | (centres_nm + widths_nm / 2 > high_nm)
+        name, share = _largest_share(camera, electrons, is_beyond)
+        if share > TOLERATED:
+            bands = f"bands that reach beyond {low_nm:.5g} to {high_nm:.5g} nm, where data of the scene end"
+            yield f"{share:.1%} of the photoelectrons of the {name} pixels are from {bands}; at most these rest on it"
+
+
+def _largest_share(camera: Camera, electrons: Float64Array, is_beyond: NDArray[np.bool_]) -> tuple[str, float]:
+    """The filter with the largest share of electrons, (F, B), in some of the bands, (B,); and that share."""
+    total = electrons.sum(axis=1)
+    beyond = electrons[:, is_beyond].sum(axis=1)
+    shares = np.divide(beyond, total, out=np.zeros_like(total), where=total > 0)
+    return camera.filter_names[int(np.argmax(shares))], float(shares.max())

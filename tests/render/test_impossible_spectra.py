@@ -1,0 +1,350 @@
+"""Spectra that end too early and values that cannot be: each is told, and what Mitsuba makes of it is as it is told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.scenes import BALL, both_variants, scene_text, skip_unless_usable, write_scene
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.core.errors import InputError
+from mitsuba_sensor.render.finding import Finding
+from mitsuba_sensor.render.metal_tables import metal_table
+from mitsuba_sensor.render.scene import inspect_scene
+from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
+
+VISIBLE = ms.load_camera("konnik_table1")  # 400 to 700 nm
+INFRARED = ms.load_camera("rgbir_2mp")  # 390 to 1000 nm
+SKY = '<emitter type="constant"><spectrum name="radiance" value="0.01"/></emitter>'
+EXPOSURE = ms.Exposure(0.05)
+
+
+@pytest.fixture(autouse=True)
+def variant() -> str:
+    return use(choose_variant(skip_unless_usable("scalar_spectral"))).variant()
+
+
+def serious(folder: Path, *elements: str, camera: ms.Camera = VISIBLE) -> list[Finding]:
+    """Findings but notes, and those of metals, of a scene of these elements."""
+    found = inspect_scene(write_scene(folder, scene_text(*elements)), camera, {}, None)
+    return [finding for finding in found if finding.level != "note" or "table" in finding.what]
+
+
+def ball(reflectance: str, kind: str = "diffuse") -> str:
+    return BALL.format(bsdf=f'<bsdf type="{kind}">{reflectance}</bsdf>')
+
+
+def grey(value: str, name: str = "reflectance") -> str:
+    return f'<spectrum name="{name}" value="{value}"/>'
+
+
+def texture(kind: str, inside: str, name: str = "reflectance") -> str:
+    return f'<texture type="{kind}" name="{name}">{inside}</texture>'
+
+
+def picture(folder: Path, name: str, value: float, channels: int) -> str:
+    mitsuba().Bitmap(np.full((2, 2, channels), value, np.float32)).write(str(folder / name))
+    return texture("bitmap", f'<string name="filename" value="{name}"/>')
+
+
+def render(text: str, camera: ms.Camera = INFRARED, width: int = 8, variant: str = "scalar_spectral") -> ms.Irradiance:
+    return ms.render(text, camera, EXPOSURE, width=width, spp=8, variant=variant, denoise=False)
+
+
+D65_BY_DEFAULT = {
+    "constant": "{}",
+    "point": "{}",
+    "spot": "{}",
+    "directional": "{}",
+    "projector": "{}",
+    "area": '<shape type="sphere">{}</shape>',
+}
+
+
+@pytest.mark.parametrize("kind", D65_BY_DEFAULT)
+def test_a_light_without_a_spectrum_ends_as_d65_does(tmp_path: Path, kind: str) -> None:
+    """The finding of <spectrum type="d65"/>; Mitsuba itself is the oracle of test_lint for what that is at 950 nm."""
+    lamp = D65_BY_DEFAULT[kind].format(f'<emitter type="{kind}"/>')
+    others = () if kind == "constant" else (SKY,)
+    (finding,) = serious(tmp_path, *others, lamp, camera=INFRARED)
+    assert finding.level == "black" and "light in 1 place is black outside 360 to 830 nm" in finding.what
+    assert serious(tmp_path, *others, lamp) == []
+
+
+@pytest.mark.parametrize("kind", D65_BY_DEFAULT)
+def test_mitsuba_gives_a_light_without_a_spectrum_that_of_d65(kind: str) -> None:
+    mi = mitsuba()
+    shape = {"type": "rectangle", "to_world": mi.ScalarTransform4f().look_at([0, 0, 2], [0, 0, 0], [0, 1, 0])}
+    lamp = {**shape, "emitter": {"type": kind}} if kind == "area" else {"type": kind}
+    if kind in ("spot", "projector"):
+        lamp["to_world"] = shape["to_world"]
+    if kind == "directional":
+        lamp["direction"] = [0, 0, -1]
+    if kind == "point":
+        lamp["position"] = [0, 0, 2]
+    point = mi.SurfaceInteraction3f()
+    point.wavelengths, point.n = [355.0, 450.0, 650.0, 835.0], [0, 0, 1]
+    scene = mi.load_dict({"type": "scene", "lamp": lamp, "bead": {"type": "sphere", "radius": 0.1}})
+    weight = np.array(scene.emitters()[0].sample_direction(point, [0.5, 0.5])[1])
+    assert weight[0] == weight[3] == 0.0
+    assert weight[1] / weight[2] == pytest.approx(117.008 / 80.0268, rel=1e-3)  # CIE D65
+
+
+def test_the_sky_is_lit_from_320_to_720_nm(tmp_path: Path) -> None:
+    """Rendered at 340 nm, where it has light; refused at 800 nm with the range of its data, where it has none."""
+    path = write_scene(tmp_path, scene_text(ball(grey("0.5")), '<emitter type="sunsky"/>'))
+    light = ms.render(path, INFRARED, EXPOSURE, width=8, spp=8, variant="scalar_spectral", wavelength_nm=340)
+    assert light.data.mean() > 0
+    with pytest.raises(InputError, match="black outside 320 to 720 nm"):
+        ms.render(path, INFRARED, EXPOSURE, width=8, spp=8, variant="scalar_spectral", wavelength_nm=800)
+
+
+TOO_LARGE = [
+    (grey("1.3"), "1.3", "from 0 to 1"),
+    (grey("300:40, 1100:40"), "40", "percent"),
+    (grey("300:0.2, 450:200, 1100:0.2"), "200", "0 to 255"),
+    ('<float name="reflectance" value="1.3"/>', "1.3", "from 0 to 1"),
+    (texture("uniform", '<float name="value" value="1.5"/>'), "1.5", "from 0 to 1"),
+    (texture("checkerboard", '<spectrum name="color0" value="3"/>'), "3", "percent"),
+    (
+        texture("irregular", '<string name="wavelengths" value="300 800"/><string name="values" value="7 7"/>'),
+        "7",
+        "percent",
+    ),
+    (
+        texture(
+            "regular",
+            '<float name="wavelength_min" value="300"/><float name="wavelength_max" value="800"/>'
+            '<string name="values" value="0.1, 9"/>',
+        ),
+        "7.22",  # at 700 nm, where the camera ends
+        "percent",
+    ),
+]
+
+
+@pytest.mark.parametrize(("reflectance", "largest", "remedy"), TOO_LARGE)
+def test_a_reflectance_above_one_is_wrong(tmp_path: Path, reflectance: str, largest: str, remedy: str) -> None:
+    (finding,) = serious(tmp_path, SKY, ball(reflectance))
+    assert finding.level == "wrong" and f"'reflectance' in 1 place is as large as {largest}" in finding.what
+    assert remedy in finding.remedy
+
+
+def test_every_share_of_light_that_comes_back_has_bounds(tmp_path: Path) -> None:
+    kinds = {"plastic": "diffuse_reflectance", "dielectric": "specular_transmittance", "principled": "base_color"}
+    for kind, name in kinds.items():
+        (finding,) = serious(tmp_path, SKY, ball(grey("40", name), kind))
+        assert f"{name!r} in 1 place is as large as 40" in finding.what
+
+
+def test_a_table_in_percent_makes_light(tmp_path: Path) -> None:
+    """What is called wrong is wrong: of a sky of 0.01, a convex surface of reflectance 40 sends back 40 times as much
+    as a perfect one. The file is read beside the scene."""
+    (tmp_path / "percent.spd").write_text("300 40\n1100 40\n", encoding="utf-8")
+    path = write_scene(tmp_path, scene_text(SKY, ball('<spectrum name="reflectance" filename="percent.spd"/>')))
+    light, perfect = (ms.render(x, VISIBLE, EXPOSURE, width=8, spp=8, variant="scalar_spectral", denoise=False)
+                      for x in (path, scene_text(SKY, ball(grey("1")))))  # fmt: skip
+    assert light.data.max() / perfect.data.max() > 30
+    assert any("as large as 40" in note for note in light.statistics.notes)
+
+
+def test_values_outside_the_bands_of_the_camera_do_not_count(tmp_path: Path) -> None:
+    assert serious(tmp_path, SKY, ball(grey("300:0.5, 790:0.5, 800:50"))) == []
+
+
+def test_negative_light_is_wrong(tmp_path: Path) -> None:
+    """A constant; tables with negative values are refused by Mitsuba."""
+    lamp = '<emitter type="constant"><spectrum name="radiance" value="-0.5"/></emitter>'
+    for elements in ((SKY, ball(grey("-0.5"))), (lamp,)):
+        (finding,) = serious(tmp_path, *elements)
+        assert finding.level == "wrong" and "as small as -0.5" in finding.what
+
+
+@pytest.mark.parametrize(("channels", "effect"), [(1, "more light is sent out"), (3, "Mitsuba takes 1 instead")])
+def test_pictures_above_one_are_wrong(tmp_path: Path, channels: int, effect: str) -> None:
+    (finding,) = serious(tmp_path, SKY, ball(picture(tmp_path, "p.exr", 3.0, channels)))
+    assert finding.level == "wrong" and "as large as 3" in finding.what and effect in finding.what
+
+
+def test_pictures_of_fractions_are_not_told(tmp_path: Path) -> None:
+    for channels in (1, 3, 4):
+        assert serious(tmp_path, SKY, ball(picture(tmp_path, "p.exr", 1.0, channels))) == []
+
+
+def test_a_picture_with_nan_is_wrong(tmp_path: Path) -> None:
+    (finding,) = serious(tmp_path, SKY, ball(picture(tmp_path, "nan.exr", np.nan, 1)))
+    assert finding.level == "wrong" and "4 values that are not finite" in finding.what
+
+
+def test_a_medium_that_returns_more_light_than_it_gets_is_wrong(tmp_path: Path) -> None:
+    medium = '<medium name="interior" type="homogeneous"><spectrum name="albedo" value="1.5"/></medium>'
+    cube = f'<shape type="cube"><bsdf type="null"/>{medium}</shape>'
+    (finding,) = serious(tmp_path, SKY, cube)
+    assert "'albedo' in 1 place is as large as 1.5" in finding.what
+
+
+PLY = """ply
+format ascii 1.0
+element vertex 4
+property float x
+property float y
+property float z
+{properties}element face 2
+property list uchar int vertex_indices
+end_header
+-1 -1 4 {colour}
+1 -1 4 {colour}
+1 1 4 {colour}
+-1 1 4 {colour}
+3 0 1 2
+3 0 2 3
+"""
+
+
+def mesh(folder: Path, attribute: str, colour: str, kind: str = "float", names: str = "red green blue") -> str:
+    """A square whose vertices have a colour, and whose material takes an attribute."""
+    properties = "".join(f"property {kind} {name}\n" for name in names.split())
+    (folder / "square.ply").write_text(PLY.format(properties=properties, colour=colour), encoding="utf-8")
+    inside = texture("mesh_attribute", f'<string name="name" value="{attribute}"/>')
+    bsdf = f'<bsdf type="twosided"><bsdf type="diffuse">{inside}</bsdf></bsdf>'
+    return f'<shape type="ply"><string name="filename" value="square.ply"/>{bsdf}</shape>'
+
+
+@both_variants
+def test_an_attribute_that_the_mesh_does_not_have_is_refused(tmp_path: Path, variant: str) -> None:
+    use(choose_variant(skip_unless_usable(variant)))
+    with pytest.raises(InputError, match=r"no attribute 'vertex_albedo'.*it has vertex_color"):
+        serious(tmp_path, SKY, mesh(tmp_path, "vertex_albedo", "0.8 0.2 0.1"))
+    assert serious(tmp_path, SKY, mesh(tmp_path, "vertex_color", "0.8 0.2 0.1")) == []
+
+
+def test_an_attribute_of_a_shape_in_a_group_is_looked_for(tmp_path: Path) -> None:
+    group = f'<shape type="shapegroup" id="group">{mesh(tmp_path, "vertex_albedo", "0.8 0.2 0.1")}</shape>'
+    with pytest.raises(InputError, match="no attribute 'vertex_albedo'"):
+        serious(tmp_path, SKY, group, '<shape type="instance"><ref id="group"/></shape>')
+
+
+@pytest.mark.parametrize(("kind", "names"), [("uchar", "red green blue"), ("float", "r g b")])
+def test_colours_of_vertices_from_0_to_255_are_wrong(tmp_path: Path, kind: str, names: str) -> None:
+    (finding,) = serious(tmp_path, SKY, mesh(tmp_path, "vertex_color", "100 200 50", kind, names))
+    assert finding.level == "wrong" and "'square.ply' are as large as 200" in finding.what
+    read = loaded_colours(tmp_path)
+    mesh(tmp_path, "vertex_color", "1 1 1")
+    np.testing.assert_array_equal(read, loaded_colours(tmp_path))
+
+
+def loaded_colours(folder: Path) -> Any:
+    """What Mitsuba makes of the colours of the square."""
+    mi = mitsuba()
+    square = mi.load_dict({"type": "ply", "filename": str(folder / "square.ply")})
+    return np.array(mi.traverse(square)["vertex_color"])
+
+
+def held(material: str, end_nm: float) -> str:
+    """Mitsuba's table of a metal by hand, its last values again at a wavelength beyond its end."""
+    table = metal_table(material)
+    assert table is not None
+    wavelengths_nm = [*table.wavelengths_nm.tolist(), end_nm]
+
+    def spectrum(name: str, values: list[float]) -> str:
+        pairs = zip(wavelengths_nm, [*values, values[-1]], strict=True)
+        return grey(", ".join(f"{nm!r}:{value!r}" for nm, value in pairs), name)
+
+    return spectrum("eta", table.eta.tolist()) + spectrum("k", table.k.tolist())
+
+
+WALL = """<shape type="rectangle"><transform name="to_world"><scale value="9"/><rotate y="1" angle="180"/>
+<translate z="4"/></transform><bsdf type="conductor">{}</bsdf></shape>"""
+HEAD_ON = '<sensor type="orthographic"><film type="hdrfilm"><integer name="width" value="8"/>{film}</film></sensor>'
+SQUARE = '<integer name="height" value="8"/>'
+NAMED = '<string name="material" value="Cr"/>'
+
+
+@both_variants
+def test_a_metal_continues_as_its_table_held_by_hand(variant: str) -> None:
+    """Bit for bit, though the table by hand goes on to 1100 nm and the other one to the end of the camera."""
+    use(choose_variant(skip_unless_usable(variant)))
+    named, by_hand = (scene_text(SKY, ball(inside, "conductor")) for inside in (NAMED, held("Cr", 1100.0)))
+    light, reference = render(named, variant=variant), render(by_hand, variant=variant)
+    np.testing.assert_array_equal(light.data, reference.data)
+    assert any("table of 'Cr' in 1 place has 300.19 to 885.57 nm" in note for note in light.statistics.notes)
+
+
+def test_a_metal_reflects_beyond_its_table_what_its_last_indices_do() -> None:
+    """Head-on a sky of 0.01 comes back times ((n − 1)² + k²)/((n + 1)² + k²), the law of Fresnel, at 950 nm too; plain
+    Mitsuba has NaN there. n and k are those of the file Cr.eta.spd and Cr.k.spd at 885.57 nm."""
+    perfect = '<spectrum name="eta" value="0.01"/><spectrum name="k" value="1000"/>'
+
+    def mean(inside: str) -> float:
+        text = scene_text(SKY, WALL.format(inside), film=SQUARE, sensor=HEAD_ON)
+        options = {"width": 8, "spp": 8, "variant": "scalar_spectral", "denoise": False, "wavelength_nm": 950}
+        return float(ms.render(text, INFRARED, EXPOSURE, **options).data.mean())
+
+    n, k = 4.38, 4.31
+    fresnel = ((n - 1) ** 2 + k**2) / ((n + 1) ** 2 + k**2)
+    assert mean(NAMED) / mean(perfect) == pytest.approx(fresnel, rel=1e-3)
+
+
+def test_a_metal_within_its_table_stays_as_it_is(tmp_path: Path) -> None:
+    assert serious(tmp_path, SKY, ball(NAMED, "conductor")) == []
+    (finding,) = serious(
+        tmp_path, SKY, ball('<string name="material" value="Cu_palik"/>', "roughconductor"), camera=INFRARED
+    )
+    assert finding.level == "note" and "309.95 to 826.53 nm" in finding.what
+
+
+def test_own_indices_that_end_are_told_as_what_they_are(tmp_path: Path) -> None:
+    own = grey("300:1, 700:1", "eta") + grey("300:3, 700:3", "k")
+    eta, k = serious(tmp_path, SKY, ball(own, "conductor"), camera=INFRARED)
+    assert eta.level == k.level == "wrong" and "reflects everything or is NaN" in eta.what
+
+
+def test_the_share_of_the_photoelectrons_that_rests_on_a_table_is_told() -> None:
+    """A flat light, seen by a flat sensor from 400 to 1000 nm and a metal that fills the picture: with E ∝ R(λ) the
+    electrons of the bands beyond 885.57 nm, of all, weighed by λ."""
+    flat = VISIBLE.replace(
+        **{"quantum_efficiency.curves": {"mono": (0.5, 0.5)}, "quantum_efficiency.wavelengths_nm": (400, 1000)}
+    )
+    light = render(scene_text(SKY, ball(NAMED, "conductor")), flat)
+    (note,) = (note for note in light.statistics.notes if "at most these rest on it" in note)
+    nm = light.wavelengths_nm
+    electrons = light.data.mean(axis=(0, 1), dtype=float) * nm
+    share = electrons[nm > 880].sum() / electrons.sum()  # the band from 880 to 890 nm reaches beyond
+    assert note.startswith(f"{share:.1%} of the photoelectrons of the mono pixels")
+
+
+def test_lint_says_what_share_of_a_flat_spectrum_is_beyond(tmp_path: Path) -> None:
+    """∫λ dλ from 830 to 1000 nm over that from 400 to 1000 nm: 37.0 % for a flat quantum efficiency."""
+    flat = VISIBLE.replace(
+        **{"quantum_efficiency.curves": {"mono": (0.5, 0.5)}, "quantum_efficiency.wavelengths_nm": (400, 1000)}
+    )
+    share = (1000**2 - 830**2) / (1000**2 - 400**2)
+    (finding,) = serious(tmp_path, '<emitter type="constant"/>', camera=flat)
+    assert f"the mono pixels detect {share:.1%} of a flat spectrum beyond" in finding.what
+
+
+@both_variants
+def test_nan_in_an_environment_map_makes_a_render_unreliable(tmp_path: Path, variant: str) -> None:
+    mi = use(choose_variant(skip_unless_usable(variant)))
+    sky = np.ones((4, 8, 3), np.float32)
+    sky[1, 2] = np.nan
+    mi.Bitmap(sky).write(str(tmp_path / "sky.exr"))
+    lamp = '<emitter type="envmap"><string name="filename" value="sky.exr"/></emitter>'
+    path = write_scene(tmp_path, scene_text(ball(grey("0.5")), lamp))
+    options = {"width": 8, "spp": 64, "variant": variant, "denoise": False}
+    light = ms.render(path, VISIBLE, EXPOSURE, **options)
+    assert light.statistics.non_finite > 0 and not light.statistics.reliable
+    assert any("were NaN and count as 0" in note for note in light.statistics.notes)
+    assert any("the environment map has" in note for note in light.statistics.notes)
+    mi.Bitmap(np.ones((4, 8, 3), np.float32)).write(str(tmp_path / "sky.exr"))
+    assert ms.render(path, VISIBLE, EXPOSURE, **options).statistics.reliable
+
+
+def test_a_picture_of_nan_alone_is_not_said_to_lack_an_emitter() -> None:
+    own = grey("300:1, 386:1", "eta") + grey("300:3, 386:3", "k")
+    with pytest.raises(InputError, match=r"values of its light were NaN.*'eta' in 1 place is 0") as error:
+        render(scene_text(SKY, WALL.format(own), film=SQUARE, sensor=HEAD_ON))
+    assert "emitter" not in str(error.value)
