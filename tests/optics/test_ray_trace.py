@@ -71,7 +71,7 @@ def slopes(section: LensSection) -> np.ndarray:
 
 def test_a_hyperbola_of_conic_minus_n_squared_makes_the_light_of_its_focus_parallel() -> None:
     """Descartes: k = −n² has no spherical aberration at all; a sphere has."""
-    hyperbola, sphere = (lens(prescription=plano(k), f_number=2.9) for k in (-(1.5**2), 0.0))
+    hyperbola, sphere = (lens(prescription=plano(k), f_number=2.8) for k in (-(1.5**2), 0.0))
     assert np.abs(slopes(hyperbola)).max() < 1e-12 < 1e-3 < np.abs(slopes(sphere)).max()
 
 
@@ -81,18 +81,18 @@ def test_a_conic_written_as_a_polynomial_is_the_same_surface() -> None:
     for n in range(2, 20):  # binomial series of (1 − √(1 − (1 + k)·c²·r²))/((1 + k)·c)
         factor *= (2 * n - 3) / (2 * n)
         terms.append(factor * c ** (2 * n - 1) * ((1 + k) ** (n - 1) - 1.0))
-    assert np.abs(slopes(lens(prescription=plano(0.0, tuple(terms)), f_number=2.9))).max() < 1e-9
+    assert np.abs(slopes(lens(prescription=plano(0.0, tuple(terms)), f_number=2.8))).max() < 1e-9
 
 
 def test_a_scaled_asphere_refracts_rays_at_scaled_heights_by_the_same_angles() -> None:
     table = plano(-0.5, (2e-5, -3e-8))
-    small, large = (lens(prescription=table, f_number=2.9, focal_length_mm=f) for f in (40.0, 80.0))
+    small, large = (lens(prescription=table, f_number=2.8, focal_length_mm=f) for f in (40.0, 80.0))
     np.testing.assert_allclose(slopes(small), slopes(large), atol=1e-12)
-    assert np.abs(slopes(small) - slopes(lens(prescription=plano(-0.5), f_number=2.9))).max() > 1e-4
+    assert np.abs(slopes(small) - slopes(lens(prescription=plano(-0.5), f_number=2.8))).max() > 1e-4
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
-@pytest.mark.parametrize(("name", "f_number"), [("double_gauss", 2.03), ("double_gauss", 16.0), ("singlet", 8.0)])
+@pytest.mark.parametrize(("name", "f_number"), [("double_gauss", 2.05), ("double_gauss", 16.0), ("singlet", 8.0)])
 def test_no_ray_that_passes_lies_outside_the_ellipses_and_most_inside_them_pass(name: str, f_number: float) -> None:
     """Any ray outside would be light that is lost. 300 000 rays over the whole back from 200 image heights."""
     section = lens(prescription=name, f_number=f_number)
