@@ -16,10 +16,14 @@ TYPES |= {"int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8"}
 ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
 COLOUR = re.compile(r"(.*_)?(r|g|b|red|green|blue)")
 MOST_LINES = 200  # of a header
+MOST_VERTICES = 2**32  # that the faces of a mesh can name
 
 
 class _Vertices(NamedTuple):
-    """How the vertices are written: byte order ("" of text), how many there are, and their fields by name and type."""
+    """How the vertices are written.
+
+    order : of the bytes, "" of text.  number : of vertices.  fields : name and type of each number of a vertex.
+    """
 
     order: str
     number: int
@@ -29,19 +33,20 @@ class _Vertices(NamedTuple):
 def largest_colour(path: Path) -> float | None:
     """The largest red, green or blue of all vertices.
 
-    None where there are none, where the vertices do not come first or have lists, and where the file is damaged:
-    Mitsuba says so when it reads the mesh.
+    None where there are none, where the vertices do not come first or have lists, and where the
+    file is damaged: Mitsuba says so when it reads the mesh.
     """
     with path.open("rb") as file:
         vertices = _header(file)
-        names = [] if vertices is None else [name for name, _ in vertices.fields if COLOUR.fullmatch(name)]
-        if vertices is None or not names or not vertices.number:
+        if vertices is None:
+            return None
+        names = [name for name, _ in vertices.fields if COLOUR.fullmatch(name)]
+        if not names:
             return None
         try:
-            columns = _columns(file, vertices, names)
-        except ValueError:
+            return float(_columns(file, vertices, names).max())
+        except ValueError:  # too few numbers, none at all, or what is no number
             return None
-    return float(columns.max())
 
 
 def _header(file: IO[bytes]) -> _Vertices | None:
@@ -63,7 +68,8 @@ def _header(file: IO[bytes]) -> _Vertices | None:
                 return None
     else:
         return None
-    return _Vertices(order, count, fields) if _skip_header(file) else None
+    is_read = _skip_header(file) and 0 < count <= MOST_VERTICES
+    return _Vertices(order, count, fields) if is_read else None
 
 
 def _skip_header(file: IO[bytes]) -> bool:
@@ -76,7 +82,7 @@ def _columns(file: IO[bytes], vertices: _Vertices, names: list[str]) -> Float64A
     """The numbers of these names, (vertices, names). Raises ValueError for a damaged file."""
     if vertices.order:
         kind = np.dtype(vertices.fields)
-        table = np.frombuffer(file.read(vertices.number * kind.itemsize), kind, vertices.number)
+        table = np.frombuffer(file.read(), kind, vertices.number)
         return np.stack([table[name].astype(np.float64) for name in names], axis=1)
     numbers = [name for name, _ in vertices.fields]
     chosen = [numbers.index(name) for name in names]

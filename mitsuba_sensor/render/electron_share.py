@@ -35,24 +35,36 @@ def with_notes_of_shares(light: Irradiance, camera: Camera, findings: Iterable[F
 
 
 def notes_of_shares(light: Irradiance, camera: Camera, findings: Iterable[Finding]) -> Iterator[str]:
-    """For all data of a scene that end inside the bands: how many of the photoelectrons can rest on it, at most."""
-    if light.filters is not None:  # no bands
+    """For data of a scene that end inside the bands: how many photoelectrons are detected beyond.
+
+    Bands that reach beyond count whole. It is the most that can rest on what was assumed there.
+    """
+    ending = [finding.data_nm for finding in findings if finding.data_nm is not None]
+    if not ending or light.filters is not None:  # filters are no bands
         return
-    centres_nm, widths_nm = (np.asarray(x, dtype=np.float64) for x in (light.wavelengths_nm, light.bandwidths_nm))
-    is_finite = np.isfinite(light.data).all(axis=2)
-    spectrum = light.data[is_finite].mean(axis=0, dtype=np.float64) if is_finite.any() else np.zeros_like(centres_nm)
-    electrons = np.atleast_2d(camera.qe(centres_nm, widths_nm)) * centres_nm * widths_nm * spectrum
-    for data_nm in dict.fromkeys(finding.data_nm for finding in findings if finding.data_nm is not None):
-        low_nm, high_nm = data_nm
+    centres_nm = np.asarray(light.wavelengths_nm, dtype=np.float64)
+    widths_nm = np.asarray(light.bandwidths_nm, dtype=np.float64)
+    power = _mean_spectrum(light.data) * widths_nm
+    electrons = np.atleast_2d(camera.qe(centres_nm, widths_nm)) * centres_nm * power
+    for low_nm, high_nm in dict.fromkeys(ending):
         is_beyond = (centres_nm - widths_nm / 2 < low_nm) | (centres_nm + widths_nm / 2 > high_nm)
         name, share = _largest_share(camera, electrons, is_beyond)
         if share > TOLERATED:
-            bands = f"bands that reach beyond {low_nm:.5g} to {high_nm:.5g} nm, where data of the scene end"
-            yield f"{share:.1%} of the photoelectrons of the {name} pixels are from {bands}; at most these rest on it"
+            electrons_of = f"up to {share:.1%} of the photoelectrons of the {name} pixels"
+            beyond = f"light beyond {low_nm:.5g} to {high_nm:.5g} nm, where data of the scene end"
+            yield f"{electrons_of} rest on {beyond}"
+
+
+def _mean_spectrum(data: NDArray[np.float32]) -> Float64Array:
+    """Mean of the pixels, (B,), infinite light left out; without a copy of the data."""
+    mean = np.asarray(data.mean(axis=(0, 1), dtype=np.float64))
+    if np.isfinite(mean).all():
+        return mean
+    return np.asarray(data.mean(axis=(0, 1), dtype=np.float64, where=np.isfinite(data)))
 
 
 def _largest_share(camera: Camera, electrons: Float64Array, is_beyond: NDArray[np.bool_]) -> tuple[str, float]:
-    """The filter with the largest share of electrons, (F, B), in some of the bands, (B,); and that share."""
+    """The filter with the largest share of electrons, (F, B), in some bands, (B,); and that share."""
     total = electrons.sum(axis=1)
     beyond = electrons[:, is_beyond].sum(axis=1)
     shares = np.divide(beyond, total, out=np.zeros_like(total), where=total > 0)

@@ -19,7 +19,8 @@ MOST_LINES = 4  # named in one finding
 class Finding:
     """One result of the check.
 
-    level : "black", radiance that is missing; "wrong", a value with another meaning than expected; or "note".
+    level : "black", radiance that is missing; "wrong", a value with another meaning than expected;
+        or "note".
     where : lines in the scene file.  what : description.  remedy : what to do, or what was done.
     data_nm : the wavelengths for which there are data, where the finding is that they end; else None.
     """
@@ -44,7 +45,10 @@ def most_serious_first(findings: Iterable[Finding]) -> list[Finding]:
 
 
 def lines_of(scene: SceneFile, nodes: list[MitsubaObject]) -> str:
-    """``line 3``, ``lines 3, 9 and 4 more``; a look-up reads the file, so only the named ones are looked up."""
+    """``line 3``, ``lines 3, 9 and 4 more``.
+
+    A look-up reads the file, so only the named ones are looked up.
+    """
     lines = list(dict.fromkeys(scene.where(node).removeprefix("line ") for node in nodes[:MOST_LINES]))
     more = f" and {len(nodes) - MOST_LINES} more" if len(nodes) > MOST_LINES else ""
     return f"line{'s' * (len(lines) > 1)} {', '.join(lines)}{more}"

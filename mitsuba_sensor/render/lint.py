@@ -49,7 +49,8 @@ def _environments(scene: SceneFile, built: MitsubaObject) -> Iterator[Finding]:
     """Environment maps with pixels that are not finite: by chance, or wherever light is looked for, nothing is lit."""
     environment = built.environment()
     parameters = {} if environment is None else mitsuba().traverse(environment)
-    if "data" in parameters and (bad := int((~np.isfinite(np.array(parameters["data"]))).sum())):
+    values = np.asarray(parameters["data"]) if "data" in parameters else np.zeros(1)
+    if not np.isfinite(values.sum()) and (bad := int((~np.isfinite(values)).sum())):
         where = lines_of(scene, [n for n in scene.nodes("Emitter") if n.props.plugin_name() == "envmap"])
         what = f"the environment map has {bad} values that are not finite, and the light of others is lost too"
         yield Finding("wrong", where, what, "give it finite values")

@@ -1,7 +1,7 @@
 """Refractive indices of the metals that Mitsuba knows by name, continued where its tables end.
 
-The tables of Mitsuba 3.9 extend from about 300 to between 590 and 900 nm. Outside it takes η = k = 0, which reflects
-everything, or is NaN at normal incidence.
+The tables of Mitsuba 3.9 extend from about 300 to between 590 and 900 nm. Outside it takes η = k = 0,
+which reflects everything, or is NaN at normal incidence.
 """
 
 from __future__ import annotations
@@ -36,7 +36,8 @@ class MetalTable(NamedTuple):
         below, above = [low_nm] * (low_nm < first), [high_nm] * (high_nm > last)
         edges = (len(below), len(above))
         wavelengths_nm = np.concatenate([below, self.wavelengths_nm, above])
-        return MetalTable(wavelengths_nm, np.pad(self.eta, edges, mode="edge"), np.pad(self.k, edges, mode="edge"))
+        eta, k = (np.pad(values, edges, mode="edge") for values in (self.eta, self.k))
+        return MetalTable(wavelengths_nm, eta, k)
 
 
 def metal_table(material: object) -> MetalTable | None:
@@ -61,7 +62,9 @@ def continue_metals(nodes: list[MitsubaObject], low_nm: float, high_nm: float) -
     """
     for node in nodes:
         props = node.props
-        table = metal_table(props.get("material", None)) if props.plugin_name() in METALS else None
+        if props.plugin_name() not in METALS or any(name in props for name in PARTS):
+            continue
+        table = metal_table(props.get("material", None))
         if table is None or (table.ends_nm[0] <= low_nm and table.ends_nm[1] >= high_nm):
             continue
         longer = table.continued(low_nm, high_nm)

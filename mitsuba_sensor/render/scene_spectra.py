@@ -1,4 +1,4 @@
-"""Spectra of a parsed scene: at which wavelengths each can be above zero, and the numbers that it is made of."""
+"""Spectra of a parsed scene: where each can be above zero, and the numbers that it is made of."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .variants import MitsubaObject, mitsuba
 
 EVERYWHERE: Range = (-math.inf, math.inf)
 MITSUBA_NM: Range = (360.0, 830.0)
-SUN_NM: Range = (320.0, 720.0)  # of the model of sun and sky: measured, its tables have 11 wavelengths every 40 nm
+SUN_NM: Range = (320.0, 720.0)  # of the model of sun and sky, as measured with Mitsuba 3.9.1
 LIMITED = ("d65", "blackbody")  # spectra that end with Mitsuba's range
 SUNS = ("sunsky", "timed_sunsky")
 STRENGTHS = ("radiance", "irradiance", "intensity")  # of emitters; a float there is a factor on D65 (#1579)
@@ -47,12 +47,14 @@ class Picture(NamedTuple):
 
 
 class SceneSpectra:
-    """Spectra of the emitters and materials of a scene, and the wavelength range where each can be above zero.
+    """Spectra of the emitters and materials of a scene, and the range where each can be above zero.
 
-    lights : (node, range) of every emitter.  materials : (node, name, range) of every property of a material.
+    emitters, surfaces : nodes of lights, and of materials and media.
+    lights : (node, range) of every emitter.
+    materials : (node, name, range) of every property of a material.
     metals : (node, name of the metal, range of its table).
-    colours : nodes whose reflectance is an rgb colour or image, or whose radiance is an image; outside Mitsuba's range
-        they are extrapolated.
+    colours : nodes whose reflectance is an rgb colour or image, or whose radiance is an image; outside
+        Mitsuba's range they are extrapolated.
     float_lights : nodes of emitters whose strength is one number.
     """
 
@@ -68,7 +70,7 @@ class SceneSpectra:
         self.colours += [n for n, v in zip(self.emitters, pictures, strict=True) if any(map(self._is_colour, v))]
 
     def numbers(self, value: MitsubaObject) -> Iterator[Table | Picture]:
-        """Tables and pictures that a property is made of, those of the textures and volumes in it too."""
+        """Tables and pictures that a property is made of, those of textures and volumes in it too."""
         if (props := self._nested(value)) is not None:
             yield from self._numbers_of(props)
         elif hasattr(value, "is_uniform"):  # the parser's spectrum, not the variant's
@@ -80,13 +82,15 @@ class SceneSpectra:
         kind = props.plugin_name()
         if kind == "bitmap":
             yield from self._picture(props)
+        elif kind == "gridvolume":
+            yield from self._grid(props)
         elif kind in ("irregular", "regular") and "values" in props:
             values = _listed(props["values"])
             yield from _table(values, self._wavelengths_of(props, len(values)))
         else:
-            inner = (name for name in props if name.startswith(("color", "value", "grid")) or self._nested(props[name]))
-            for name in inner:
-                yield from self.numbers(props[name])
+            for name in props:
+                if name.startswith(("color", "value")) or self._nested(props[name]) is not None:
+                    yield from self.numbers(props[name])
 
     def _wavelengths_of(self, props: MitsubaObject, count: int) -> list[float]:
         if props.plugin_name() == "irregular":
@@ -97,7 +101,7 @@ class SceneSpectra:
 
     def _picture(self, props: MitsubaObject) -> Iterator[Picture]:
         """The pixels of a picture that can be outside 0 to 1."""
-        picture = props.get("bitmap", None)
+        picture = props.get("bitmap", props.get("data", None))
         if picture is None:
             file = Path(str(self._scene.resolver.resolve(props.get("filename", ""))))
             if file.suffix.lower() not in FLOAT_PICTURES or not file.is_file():
@@ -108,6 +112,15 @@ class SceneSpectra:
             channels = values.shape[2] if values.ndim == 3 else 1
             colours = channels - (channels in (2, 4))  # the last one of these is transparency
             yield Picture(values.reshape(-1, channels)[:, :colours])
+
+    def _grid(self, props: MitsubaObject) -> Iterator[Table]:
+        """The largest value of a volume."""
+        grid = props.get("grid", None)
+        if grid is None:
+            file = self._scene.resolver.resolve(props.get("filename", ""))
+            grid = self._mi.VolumeGrid(str(file)) if Path(str(file)).is_file() else None
+        if grid is not None:
+            yield from _table([float(grid.max())])
 
     def _of_light(self, props: MitsubaObject) -> Range:
         kind, strengths = props.plugin_name(), _strengths(props)
@@ -168,9 +181,10 @@ def _table(values: list[float], wavelengths_nm: list[float] | None = None) -> It
 
 def _listed(numbers: object) -> list[float]:
     """Numbers that are written in one text, or a list already; none where one of them is no number."""
-    listed = numbers.replace(",", " ").split() if isinstance(numbers, str) else np.ravel(np.array(numbers)).tolist()
     try:
-        return [float(number) for number in listed]
+        if isinstance(numbers, str):
+            return [float(number) for number in numbers.replace(",", " ").split()]
+        return [float(number) for number in np.ravel(np.array(numbers)).tolist()]
     except ValueError:
         return []
 

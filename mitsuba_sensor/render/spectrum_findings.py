@@ -1,7 +1,7 @@
-"""Findings about the spectra of a scene: those that end inside the bands of the camera, and values that cannot be.
+"""Findings about the spectra of a scene: those that end inside the bands, and values that cannot be.
 
-Outside 360 to 830 nm Mitsuba's own emitters are zero by default, sun and sky outside 320 to 720 nm; a table is zero
-outside its nodes. A reflectance above 1 makes light, and Mitsuba renders it.
+Outside 360 to 830 nm Mitsuba's own emitters are zero by default, sun and sky outside 320 to 720 nm; a
+table is zero outside its nodes. A reflectance above 1 makes light, and Mitsuba renders it.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Band(NamedTuple):
 
 
 def spectrum_findings(scene: SceneFile, spectra: SceneSpectra, band: Band) -> Iterator[Finding]:
-    """Spectra that end inside the bands, colours outside their range, floats that mean D65, values that cannot be."""
+    """Spectra that end inside the bands, floats that mean D65, and values that cannot be."""
     checks = (_incomplete, _metals, _colours, _float_lights, _impossible)
     return chain.from_iterable(check(scene, spectra, band) for check in checks)
 
@@ -108,7 +108,8 @@ def _float_lights(scene: SceneFile, spectra: SceneSpectra, _: Band) -> Iterator[
 class Extremes(NamedTuple):
     """The smallest and largest finite value of a spectrum in the bands.
 
-    is_clamped : whether Mitsuba takes 0 or 1 for what is outside.  not_finite : how many values are NaN or infinite.
+    not_finite : how many values are NaN or infinite.
+    is_clamped : whether Mitsuba takes 0 or 1 for what is outside.
     """
 
     node: MitsubaObject
@@ -133,10 +134,10 @@ def _extremes(nodes: Iterable[MitsubaObject], spectra: SceneSpectra, band: Band)
 
 
 def _impossible(scene: SceneFile, spectra: SceneSpectra, band: Band) -> Iterator[Finding]:
-    """Surfaces and media that return more light than they receive, negative light, values that are not finite."""
+    """Surfaces and media that return more light than they receive, negative light, and NaN."""
     surfaces = list(_extremes(spectra.surfaces, spectra, band))
     lights = list(_extremes(spectra.emitters, spectra, band))
-    fractions = [values for values in surfaces if values.name in FRACTIONS]
+    fractions = [values for values in (*surfaces, *lights) if values.name in FRACTIONS]
     strengths = [values for values in lights if values.name in STRENGTHS]
     for is_clamped in (False, True):
         effect = "Mitsuba takes 1 instead" if is_clamped else "more light is sent out than comes in"

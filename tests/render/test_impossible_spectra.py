@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from helpers.scenes import BALL, both_variants, scene_text, skip_unless_usable, 
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.errors import InputError
+from mitsuba_sensor.io.ply_colours import largest_colour
 from mitsuba_sensor.render.finding import Finding
 from mitsuba_sensor.render.metal_tables import metal_table
 from mitsuba_sensor.render.scene import inspect_scene
@@ -186,6 +188,16 @@ def test_a_medium_that_returns_more_light_than_it_gets_is_wrong(tmp_path: Path) 
     assert "'albedo' in 1 place is as large as 1.5" in finding.what
 
 
+@pytest.mark.parametrize("channels", [1, 3])
+def test_a_volume_that_returns_more_light_than_it_gets_is_wrong(tmp_path: Path, channels: int) -> None:
+    mitsuba().VolumeGrid(np.full((2, 2, 2, channels), 3, np.float32)).write(str(tmp_path / "v.vol"))
+    grid = '<volume name="albedo" type="gridvolume"><string name="filename" value="v.vol"/></volume>'
+    medium = f'<medium name="interior" type="heterogeneous">{grid}</medium>'
+    cube = f'<shape type="cube"><bsdf type="null"/>{medium}</shape>'
+    (finding,) = serious(tmp_path, SKY, cube)
+    assert "'albedo' in 1 place is as large as 3" in finding.what
+
+
 PLY = """ply
 format ascii 1.0
 element vertex 4
@@ -234,6 +246,30 @@ def test_colours_of_vertices_from_0_to_255_are_wrong(tmp_path: Path, kind: str, 
     read = loaded_colours(tmp_path)
     mesh(tmp_path, "vertex_color", "1 1 1")
     np.testing.assert_array_equal(read, loaded_colours(tmp_path))
+
+
+BYTES = b"""ply
+format binary_big_endian 1.0
+element vertex 2
+property double x
+property uchar red
+property ushort green
+property float blue
+end_header
+"""
+
+
+def test_colours_of_vertices_are_read_from_bytes_and_a_damaged_file_has_none(tmp_path: Path) -> None:
+    """Two vertices as struct writes them; then the file cut after each of its bytes."""
+    content = BYTES + struct.pack(">dBHfdBHf", 1e9, 3, 300, 0.5, 1e9, 255, 2, 4.0)
+    path = tmp_path / "mesh.ply"
+    path.write_bytes(content)
+    assert largest_colour(path) == 300
+    for length in range(len(content)):
+        path.write_bytes(content[:length])
+        assert largest_colour(path) is None
+    path.write_bytes(content.replace(b"vertex 2", b"vertex 99999999999999999999"))
+    assert largest_colour(path) is None
 
 
 def loaded_colours(folder: Path) -> Any:
@@ -296,6 +332,11 @@ def test_a_metal_within_its_table_stays_as_it_is(tmp_path: Path) -> None:
     assert finding.level == "note" and "309.95 to 826.53 nm" in finding.what
 
 
+def test_a_metal_with_a_name_and_indices_stays_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="not both"):
+        serious(tmp_path, SKY, ball(NAMED + grey("1.5", "eta"), "conductor"), camera=INFRARED)
+
+
 def test_own_indices_that_end_are_told_as_what_they_are(tmp_path: Path) -> None:
     own = grey("300:1, 700:1", "eta") + grey("300:3, 700:3", "k")
     eta, k = serious(tmp_path, SKY, ball(own, "conductor"), camera=INFRARED)
@@ -309,11 +350,11 @@ def test_the_share_of_the_photoelectrons_that_rests_on_a_table_is_told() -> None
         **{"quantum_efficiency.curves": {"mono": (0.5, 0.5)}, "quantum_efficiency.wavelengths_nm": (400, 1000)}
     )
     light = render(scene_text(SKY, ball(NAMED, "conductor")), flat)
-    (note,) = (note for note in light.statistics.notes if "at most these rest on it" in note)
+    (note,) = (note for note in light.statistics.notes if "where data of the scene end" in note)
     nm = light.wavelengths_nm
     electrons = light.data.mean(axis=(0, 1), dtype=float) * nm
     share = electrons[nm > 880].sum() / electrons.sum()  # the band from 880 to 890 nm reaches beyond
-    assert note.startswith(f"{share:.1%} of the photoelectrons of the mono pixels")
+    assert note.startswith(f"up to {share:.1%} of the photoelectrons of the mono pixels")
 
 
 def test_lint_says_what_share_of_a_flat_spectrum_is_beyond(tmp_path: Path) -> None:
