@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import colour
 import numpy as np
 
 from mitsuba_sensor.render import spectra
@@ -116,9 +117,9 @@ def color_checker() -> str:
         half_width=0.15,
     )
     text += square(0, 0, 0.2, 0.2, even(FRAME_REFLECTANCE), z=-0.001)
-    for k, (name, (wavelengths, values)) in enumerate(spectra.color_checker().items()):
+    for k, (name, patch) in enumerate(colour.SDS_COLOURCHECKERS["ISO 17321-1"].items()):
         x, y = 0.05 * (k % 6) - 0.125, 0.075 - 0.05 * (k // 6)
-        text += f"    <!-- {name} -->\n" + square(x, y, 0.02, 0.02, table(wavelengths, values))
+        text += f"    <!-- {name} -->\n" + square(x, y, 0.02, 0.02, table(patch.wavelengths, patch.values))
     return text + "</scene>\n"
 
 

@@ -41,8 +41,8 @@ IMPORTED_IN = {
     "rawpy": ("io/raw_files.py",),
     "astropy": ("io/raw_files.py",),
     "matplotlib": ("study/page.py",),
-    "colour": ("render/spectra.py",),
-    "colour_demosaicing": ("io/preview.py",),
+    "colour": (),  # slow to import: only tests compare with it
+    "colour_demosaicing": (),
     "typer": ("cli/",),
     "rich": ("cli/",),
     "pydantic": ("sensor/", "render/", "dataset/file.py"),
@@ -57,8 +57,6 @@ IMPORTED_IN = {
 SLOW = {
     "mitsuba",
     "drjit",
-    "colour",
-    "colour_demosaicing",
     "OpenEXR",
     "tifffile",
     "PIL",
@@ -82,9 +80,10 @@ READERS = (
     "sensor/lens_file.py",
     "core/llvm.py",
     "render/scene_file.py",
+    "render/spectra.py",
     "render/motion.py",
 )
-"""Files are read in io/, and: a camera's own text, scenes, the bytes that tell which LLVM this machine has."""
+"""Files are read in io/, and: a camera's own text, scenes, tables of spectra, the bytes that name the LLVM here."""
 WRITERS = ("io/",)
 
 

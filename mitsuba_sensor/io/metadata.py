@@ -14,8 +14,8 @@ from ..sensor.stage import converter_of
 if TYPE_CHECKING:
     from ..sensor.frames import Frames
 
-PACKAGES: tuple[str, ...] = ("mitsuba-sensor", "mitsuba", "drjit", "numpy", "scipy", "colour-science", "OpenEXR")
-PACKAGES += ("colour-demosaicing", "pydantic", "typer", "rich", "tifffile", "pillow", "matplotlib")
+PACKAGES: tuple[str, ...] = ("mitsuba-sensor", "mitsuba", "drjit", "numpy", "scipy", "OpenEXR")
+PACKAGES += ("pydantic", "typer", "rich", "tifffile", "pillow", "matplotlib")
 
 
 @cache  # it takes 20 ms

@@ -12,6 +12,7 @@ from ..core.illuminant import Illuminant
 from ..sensor.camera import Camera
 from ..sensor.stage import converter_of
 from .colour_matrix import ColourMatrix, colour_matrix, colour_order
+from .demosaic import demosaic_bayer
 
 NEAR, CORNER = 2.0, 1.0  # bilinear weights of the four neighbours beside and across
 PIXELS_AT_ONCE = 2**17  # of a frame that is developed: some twenty float64 maps of them
@@ -76,11 +77,9 @@ def demosaic(mosaic: NDArray[np.float64], filters: NDArray[np.integer], camera: 
         or np.shape(camera.tile) != (BAYER, BAYER)
     ):
         return bilinear(mosaic, filters, len(camera.filter_names))
-    from colour_demosaicing import demosaicing_CFA_Bayer_Menon2007
-
     order = [name[:1].upper() for name in camera.filter_names]
-    found = demosaicing_CFA_Bayer_Menon2007(mosaic, names)
-    return np.asarray(found[..., ["RGB".index(name) for name in order]], dtype=np.float64)
+    red, blue = (filters == order.index(name) for name in "RB")
+    return demosaic_bayer(mosaic, red, blue)[..., ["RGB".index(name) for name in order]]
 
 
 def bilinear(mosaic: NDArray[np.float64], filters: NDArray[np.integer], count: int) -> NDArray[np.float64]:

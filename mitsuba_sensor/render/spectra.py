@@ -1,9 +1,12 @@
-"""Spectra and colours from colour-science: D65, the CIE 1931 observer, reflectances of surfaces, CIELAB and sRGB.
+"""Spectra and colours: CIE illuminants A and D65, the CIE 1931 observer, reflectances of surfaces, CIELAB and sRGB.
 
-The only module that imports colour-science, and only inside functions, because the import is slow.
+The tables are those of colour-science, which takes seconds to import (benchmarks/spectra_tables.py writes them).
 """
 
 from __future__ import annotations
+
+from functools import cache
+from importlib import resources
 
 import numpy as np
 import scipy
@@ -13,8 +16,19 @@ from ..core import Float64Array
 
 LUMENS_PER_WATT = 683.002  # K_m, CIE: 683 lm/W at 540 THz, that is 555.017 nm in air
 VISIBLE_NM = (360.0, 830.0)  # the range of Mitsuba's own spectra (CIE observers)
-OBSERVER, DAYLIGHT, ADAPTATION = "CIE 1931 2 Degree Standard Observer", "D65", "CAT02"
-COLOR_CHECKER = "ISO 17321-1"  # 380 to 780 nm every 5 nm, 24 patches
+DAYLIGHT = "D65"
+ILLUMINANTS = ("A", DAYLIGHT)  # the columns of their table
+TABLES = resources.files(__package__) / "tables"
+D65_XY, D50_XY = (0.3127, 0.3290), (0.3457, 0.3585)  # chromaticity of the whites of sRGB and of ICC profiles, CIE 1931
+BRADFORD: Float64Array = np.array(
+    [[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]]
+)  # from XYZ to sharpened cones: ICC.1, annex E
+CAT02: Float64Array = np.array(
+    [[0.7328, 0.4296, -0.1624], [-0.7036, 1.6975, 0.0061], [0.0030, 0.0136, 0.9834]]
+)  # the same of CIECAM02: CIE 159:2004
+XYZ_TO_SRGB: Float64Array = np.array(
+    [[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]]
+)  # IEC 61966-2-1, rounded there
 
 
 def d65(wavelengths_nm: ArrayLike) -> Float64Array:
@@ -24,18 +38,16 @@ def d65(wavelengths_nm: ArrayLike) -> Float64Array:
 
 def standard_illuminant(name: str, wavelengths_nm: ArrayLike) -> Float64Array:
     """A CIE illuminant by its name ("D65", "A"), relative (100 at 560 nm), 0 outside its table."""
-    from colour import SDS_ILLUMINANTS
-
-    table, at_nm = SDS_ILLUMINANTS[name], np.asarray(wavelengths_nm, float)
-    return np.asarray(np.interp(at_nm, table.wavelengths, table.values, left=0.0, right=0.0))
+    table_nm, power = _table("illuminants")
+    values = power[:, ILLUMINANTS.index(name)]
+    return np.asarray(np.interp(np.asarray(wavelengths_nm, float), table_nm, values, left=0.0, right=0.0))
 
 
 def observer(wavelengths_nm: ArrayLike) -> Float64Array:
     """x̄, ȳ, z̄ of the CIE 1931 observer, (3, B), 0 outside 360 to 830 nm."""
-    from colour import MSDS_CMFS
-
-    table, at_nm = MSDS_CMFS[OBSERVER], np.asarray(wavelengths_nm, float)
-    return np.stack([np.interp(at_nm, table.wavelengths, one, left=0.0, right=0.0) for one in table.values.T])
+    table_nm, functions = _table("observer")
+    at_nm = np.asarray(wavelengths_nm, float)
+    return np.stack([np.interp(at_nm, table_nm, values, left=0.0, right=0.0) for values in functions.T])
 
 
 def photopic(wavelengths_nm: ArrayLike) -> Float64Array:
@@ -54,60 +66,59 @@ def d65_radiance(luminance_cd_per_m2: float, wavelengths_nm: ArrayLike) -> Float
     return luminance_cd_per_m2 / luminous(fine, d65(fine)) * d65(wavelengths_nm)
 
 
-def color_checker() -> dict[str, tuple[Float64Array, Float64Array]]:
-    """Name → (wavelengths_nm, reflectance) of the 24 patches, row by row, from dark skin to black (ISO 17321-1)."""
-    from colour import SDS_COLOURCHECKERS
-
-    return {name: (sd.wavelengths, sd.values) for name, sd in SDS_COLOURCHECKERS[COLOR_CHECKER].items()}
-
-
 def surfaces(wavelengths_nm: ArrayLike) -> Float64Array:
     """(190, B) reflectances of the training set of the AMPAS' RAW to ACES, held constant outside of 380 to 780 nm."""
-    from colour.characterisation import read_training_data_rawtoaces_v1
-
-    table, at_nm = read_training_data_rawtoaces_v1(), np.asarray(wavelengths_nm, float)
-    return np.array([np.interp(at_nm, table.wavelengths, one) for one in np.asarray(table.values).T])
+    table_nm, reflectances = _table("surfaces")
+    at_nm = np.asarray(wavelengths_nm, float)
+    return np.array([np.interp(at_nm, table_nm, values) for values in reflectances.T])
 
 
 def daylight_xyz() -> Float64Array:
     """XYZ of D65, Y = 1: the white of sRGB."""
-    return _white_xyz(DAYLIGHT)
+    return _white_xyz(D65_XY)
 
 
 def d50_xyz() -> Float64Array:
     """XYZ of D50, Y = 1: the white of colour profiles (ICC) and of DNG."""
-    return _white_xyz("D50")
-
-
-def _white_xyz(illuminant: str) -> Float64Array:
-    from colour import CCS_ILLUMINANTS, xy_to_XYZ
-
-    return np.asarray(xy_to_XYZ(CCS_ILLUMINANTS[OBSERVER][illuminant]))
+    return _white_xyz(D50_XY)
 
 
 def bradford(white: Float64Array, other: Float64Array) -> Float64Array:
     """(3, 3) from colours under one white (XYZ) to those under another: linear Bradford, as in DNG and ICC."""
-    from colour.adaptation import matrix_chromatic_adaptation_VonKries
-
-    return np.asarray(matrix_chromatic_adaptation_VonKries(white, other, transform="Bradford"))
+    return _adaptation(BRADFORD, white, other)
 
 
 def adapted_to_daylight(xyz: Float64Array, white: Float64Array) -> Float64Array:
     """Colours (N, 3) as they look in daylight to who was used to this white (CAT02)."""
-    from colour.adaptation import matrix_chromatic_adaptation_VonKries
-
-    return np.asarray(xyz @ matrix_chromatic_adaptation_VonKries(white, daylight_xyz(), transform=ADAPTATION).T)
+    return np.asarray(xyz @ _adaptation(CAT02, white, daylight_xyz()).T)
 
 
 def lab(xyz: Float64Array) -> Float64Array:
-    """CIELAB of colours (N, 3) in daylight."""
-    from colour import CCS_ILLUMINANTS, XYZ_to_Lab
-
-    return np.asarray(XYZ_to_Lab(np.maximum(xyz, 0.0), CCS_ILLUMINANTS[OBSERVER][DAYLIGHT]))
+    """CIELAB of colours (N, 3) in daylight (CIE 15:2004, 8.2.1)."""
+    relative = np.maximum(xyz, 0.0) / daylight_xyz()
+    x, y, z = np.where(relative > (24 / 116) ** 3, np.cbrt(relative), 841 / 108 * relative + 16 / 116).T
+    return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=-1)
 
 
 def xyz_to_srgb() -> Float64Array:
     """(3, 3) from XYZ to linear sRGB (IEC 61966-2-1)."""
-    from colour import RGB_COLOURSPACES
+    return XYZ_TO_SRGB
 
-    return np.asarray(RGB_COLOURSPACES["sRGB"].matrix_XYZ_to_RGB)
+
+@cache
+def _table(name: str) -> tuple[Float64Array, Float64Array]:
+    """Wavelengths (B,) [nm] and columns (B, N) of a table of the package."""
+    lines = (TABLES / f"{name}.csv").read_text(encoding="utf-8").splitlines()
+    rows = np.loadtxt(lines, delimiter=",")
+    return rows[:, 0], rows[:, 1:]
+
+
+def _white_xyz(chromaticity: tuple[float, float]) -> Float64Array:
+    x, y = chromaticity
+    return np.array([x / y, 1.0, (1 - x - y) / y])
+
+
+def _adaptation(cones: Float64Array, white: Float64Array, other: Float64Array) -> Float64Array:
+    """(3, 3) from colours under one white to those under another, each cone by itself (von Kries)."""
+    scale = (cones @ other) / (cones @ white)
+    return np.asarray(np.linalg.inv(cones) @ (scale[:, None] * cones))

@@ -8,8 +8,10 @@ from numpy.typing import NDArray
 
 from mitsuba_sensor.core.illuminant import Illuminant
 
+CHECKER = colour.SDS_COLOURCHECKERS["ISO 17321-1"]
+REFLECTANCES = {name: (patch.wavelengths, patch.values) for name, patch in CHECKER.items()}
 SHAPE = colour.SpectralShape(380, 780, 5)
-PATCHES = np.stack([one.copy().align(SHAPE).values for one in colour.SDS_COLOURCHECKERS["ISO 17321-1"].values()])
+PATCHES = np.stack([one.copy().align(SHAPE).values for one in CHECKER.values()])
 OBSERVER = colour.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"].copy().align(SHAPE).values
 WHITE = colour.CCS_ILLUMINANTS["CIE 1931 2 Degree Standard Observer"]["D65"]
 MIDDLES = np.arange(360.0, 1101.0, 5.0)

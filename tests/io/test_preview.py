@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from colour_demosaicing import demosaicing_CFA_Bayer_Menon2007, masks_CFA_Bayer
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.io.demosaic import demosaic_bayer
 from mitsuba_sensor.io.preview import bilinear, demosaic, preview, srgb_curve
 from mitsuba_sensor.sensor.chain import black_level_dn
 
@@ -80,6 +82,18 @@ def test_the_edge_of_a_grey_surface_has_no_colour() -> None:
     inner = np.s_[8:-8, 8:-8]
     assert np.ptp(bilinear(edge, filters, 3), axis=-1)[inner].max() > 0.3
     assert np.ptp(demosaic(edge, filters, COLOUR), axis=-1)[inner].max() < 0.02
+
+
+@pytest.mark.parametrize("pattern", ["RGGB", "BGGR", "GRBG", "GBRG"])
+@pytest.mark.parametrize("values", [2, 5, 4096])
+def test_bayer_patterns_are_demosaiced_as_by_colour_demosaicing(pattern: str, values: int) -> None:
+    """To the bit, also where rows and columns change as little as each other, and in the smallest pictures."""
+    random = np.random.default_rng(values)
+    for _ in range(30):
+        mosaic = random.integers(0, values, tuple(random.integers(2, 20, 2))) / values
+        red, _, blue = masks_CFA_Bayer(mosaic.shape, pattern)
+        expected = demosaicing_CFA_Bayer_Menon2007(mosaic, pattern)
+        np.testing.assert_array_equal(demosaic_bayer(mosaic, red, blue), expected)
 
 
 def test_saturation_is_white_whatever_the_balance() -> None:

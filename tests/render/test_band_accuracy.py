@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.patches import REFLECTANCES
 from helpers.scenes import SCENES, scene_text, skip_unless_usable, write_scene
 
 import mitsuba_sensor as ms
@@ -124,7 +125,7 @@ def test_a_colour_checker_has_the_colours_of_its_tables(width_nm: float) -> None
     light, nm = job.render(1, job.stop_criterion({"spp": 1024})), np.arange(390.0, 710.0, 0.05) + 0.025
     weights = BAYER.qe(nm) * photons_per_irradiance(BAYER, EXPOSURE, nm, np.full(nm.size, 0.05))
     lit = spectra.d65_radiance(85 / np.pi, nm)
-    expected = np.array([weights @ (np.interp(nm, *table) * lit) for table in spectra.color_checker().values()])
+    expected = np.array([weights @ (np.interp(nm, *table) * lit) for table in REFLECTANCES.values()])
     found = electrons_of(light, BAYER) / solid_angle_sr(job.scene.view, BAYER)
     for number in range(3):
         own = np.where(BAYER.filter_index((16, 24)) == number, found, np.nan)
