@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,8 @@ from ..core.types import Float64Array
 from .curve import behind
 from .given_count import BLURRING, SHARP_DN
 from .pixel_counts import FEW, MORE, REACH, CountLaws, CountNodes
-from .stage import Chain, PixelNoise, Stage, converter_of
+from .pixel_table import tabulated
+from .stage import Chain, Line, PixelNoise, Stage, converter_of
 
 AT_ONCE = 2**19
 """Counts of all pixels that are looked at together: a bound of the memory."""
@@ -41,13 +42,6 @@ SELDOM = 2e-3
 
 Codes = tuple[Float64Array, Float64Array]
 """Mean [DN] and variance [DN²] of the codes of some pixels."""
-
-
-class Line(NamedTuple):
-    """A straight stage without temporal noise: gain and offset of every pixel, (P,)."""
-
-    gain: Float64Array
-    offset: Float64Array
 
 
 Part: TypeAlias = "Stage | Line | PixelNoise"
@@ -144,7 +138,11 @@ class PixelCodes:
         return rounded_poisson(x[1], np.sqrt(noise[1]), (x[1] - x[0]) / self.law.mean, self.law.mean)
 
     def _every(self) -> Codes:
-        """Sums over all counts; pixels of like means together."""
+        """Sums over all counts."""
+        return tabulated(self, PixelCodes._every_by_itself) or self._every_by_itself()
+
+    def _every_by_itself(self) -> Codes:
+        """Sums over all counts of each pixel; pixels of like means together."""
         mean, variance = np.empty(self.numbers.size), np.empty(self.numbers.size)
         left = np.argsort(self.law.mean)[::-1]
         while left.size:
@@ -156,6 +154,10 @@ class PixelCodes:
 
     def _spaced(self) -> Codes:
         """Sums over counts a quarter of σ apart."""
+        return tabulated(self, PixelCodes._spaced_by_itself) or self._spaced_by_itself()
+
+    def _spaced_by_itself(self) -> Codes:
+        """Sums over counts a quarter of σ apart, of each pixel."""
         return self._over(self.law.spaced())
 
     def _over(self, nodes: CountNodes) -> Codes:

@@ -20,11 +20,11 @@ from ..core import Array, Electrons, Frame, Moments
 from ..core.types import Float64Array
 from .choices import check_clean
 from .detection import Detected
-from .pixel_codes import Line, Part, PixelCodes
+from .pixel_codes import Part, PixelCodes
 from .pixel_counts import CountLaws
 from .recorder import has_temporal_noise
 from .run import row_strips_of
-from .stage import Chain, PixelNoise, Stage, propagate
+from .stage import Chain, Line, PixelNoise, Stage, propagate
 from .threads import for_each
 
 STRIP = 2**15

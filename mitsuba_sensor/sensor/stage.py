@@ -39,6 +39,13 @@ class PixelNoise(NamedTuple):
     states: tuple[tuple[Array, Array, Array], ...]
 
 
+class Line(NamedTuple):
+    """A straight stage without temporal noise: gain and offset of every pixel, (P,)."""
+
+    gain: Float64Array
+    offset: Float64Array
+
+
 class Stage(ABC):
     """One effect of the signal chain; subclasses are frozen dataclasses of its parameters.
 

@@ -13,6 +13,7 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.core import Array, Electrons, Frame, Moments
 from mitsuba_sensor.core.rounding import rounded_poisson
 from mitsuba_sensor.sensor.gains import gain_dn_per_e
+from mitsuba_sensor.sensor.pixel_codes import PixelCodes
 from mitsuba_sensor.sensor.pixel_counts import CountLaws
 
 SHAPE, FRAMES, EXPOSURE = (8, 12), 1000, ms.Exposure(0.1)
@@ -121,6 +122,37 @@ def test_clean_frames_of_many_serials_average_to_the_spatial_mean() -> None:
     expected = ms.expose(photons, TABLE1, EXPOSURE).spatial_mean
     assert expected.shape == SHAPE and expected.dtype == np.float32 and np.ptp(expected) == 0
     assert abs(np.mean(cleans) - expected.mean()) < 4 * np.std(cleans) / np.sqrt(32)
+
+
+IN_TABLES: dict[str, tuple[ms.Camera, float]] = {
+    "dim colours": (ms.load_camera("bayer_2mp"), 5.0),
+    "dark and shallow wells": (ms.load_camera("bayer_2mp").replace(**{"pixel.full_well_e": 60.0}), 40.0),
+    "offsets of pixels": (TABLE1.replace(**{"adc.black_level_dn": 2, "pixel.dsnu_e": 3.0}), 30.0),
+    "0.1 DN": (TABLE1.replace(**{**QUIET, "adc.black_level_dn": 0}), 8.0),
+    "curved": (ms.load_camera("sony_imx174").replace(**{"adc.gamma": 1.04}), 20.0),
+}
+
+
+@pytest.mark.parametrize("name", IN_TABLES)
+def test_a_pixel_among_many_has_the_clean_value_that_it_has_among_few(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Many are looked up in a table of few sums; sixteen are summed one by one. Within 1e-5 of the noise."""
+    camera, mean = IN_TABLES[name]
+    summed, sum_of = [], PixelCodes._over
+    monkeypatch.setattr(
+        PixelCodes, "_over", lambda self, nodes: summed.append(self.numbers.size) or sum_of(self, nodes)
+    )
+    photons = mean * np.random.default_rng(1).lognormal(0.0, 0.7, (100, 160))
+    many = ms.expose(photons, camera, EXPOSURE)
+    clean, variance = many.clean[0], many.temporal_variance
+    assert 0 < sum(summed) < photons.size / 2
+    for row, column in ((0, 0), (31, 77), (96, 156)):
+        part = np.s_[row : row + 4, column : column + 4]
+        alone = ms.expose(ms.Photons(photons[part], origin=(row, column)), camera, EXPOSURE)
+        sigma = np.sqrt(alone.temporal_variance + 0.01)
+        assert np.abs(clean[part] - alone.clean[0]).max() < 1e-5 * sigma.min() + 2e-6
+        assert np.abs(variance[part] / alone.temporal_variance - 1).max() < 1e-4
 
 
 def test_infinite_light_is_the_largest_code_and_does_not_vary() -> None:
