@@ -4,6 +4,7 @@ from . import lab as lab
 from .core import Exposure as Exposure
 from .core import InputError as InputError
 from .core import Photons as Photons
+from .core import SensorWarning as SensorWarning
 from .dataset.reader import Dataset as Dataset
 from .dataset.sensor_noise import SensorNoise as SensorNoise
 from .io.files import write_tiff as write_tiff

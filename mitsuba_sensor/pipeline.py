@@ -14,7 +14,7 @@ from typing import Any, TypeAlias, Unpack
 import numpy as np
 
 from .capture_options import CaptureOptions, refuse_render_options
-from .core import Exposure, InputError, Photons
+from .core import Exposure, InputError, Photons, warn_of
 from .core.heap import trim_heap
 from .core.options import complete, documents, part_of, used
 from .io import exr, files
@@ -23,14 +23,13 @@ from .io.frame_files import CAPTURE_FILES, CLEAN, FRAME_FILES, frames_metadata, 
 from .io.light_files import read_irradiance
 from .io.openexr import is_exr
 from .render.aovs import Aovs
-from .render.band_error import band_error, notes_of_bands
 from .render.irradiance import Irradiance
+from .render.light_source import CollectedLight
 from .render.network import denoised_if_possible
 from .render.options import FrameSeriesOptions, RenderOptions
 from .render.per_frame import FrameSeries
 from .render.photons import collect
 from .render.prepared import PreparedRender, prepare
-from .render.render_noise import noise_note, render_noise
 from .render.scene_nodes import SceneInput
 from .render.scene_settings import ParsedScene
 from .render.stop_criterion import Progress, RenderProgress
@@ -131,6 +130,7 @@ def capture(
     if chosen["aovs"]:
         with _timed(times_s, "aovs"):
             aovs = prepared.aovs()
+    warn_of((*light.notes, *frames._exposure_notes))
     return Capture(frames, light, frames.light, aovs, metadata, rendered=True)
 
 
@@ -168,6 +168,7 @@ def _of_light(
     with _timed(times_s, "expose"):
         frames = _exposed(sensor.of(photons), progress)
     metadata = frame_metadata(frames, light, options, origin, times_s)
+    warn_of(frames._exposure_notes)
     return Capture(frames, light, frames.light, None, metadata, rendered=False)
 
 
@@ -245,11 +246,11 @@ def frame_metadata(
         if made is None and options["chain"] == "physical":
             made = plan_for(camera, frames.detected, frames.first)
         found = {} if made is None else made.to_dict()
-        noise = render_noise(light, frames)
+        noise, _ = frames._render_noise
         trim_heap()
-        known, off = frames_metadata(frames), band_error(light, camera)
-        wanted = "uncompensated" in origin  # a render for every frame
-        grain = () if wanted else noise_note(light, noise, frames)
+        source = frames.light.source
+        assert isinstance(source, CollectedLight)
+        known, off = frames_metadata(frames), source.band_error(camera)
     return {
         "origin": {**origin, "scene_sha256": statistics["scene_sha256"]},
         **known,
@@ -259,7 +260,6 @@ def frame_metadata(
         "counts": {**known["counts"], **{name: statistics[name] for name in ("negative", "non_finite")}},
         "render": statistics,
         "render_noise": noise,
-        "notes": [*known["notes"], *grain, *notes_of_bands(light, camera, off)],
         "effects": found.get("stages", []),
         "float32": found.get("float32"),
         "times_s": times_s,

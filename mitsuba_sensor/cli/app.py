@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Annotated, Any, NamedTuple
 
 import typer
@@ -12,7 +13,7 @@ from typer.core import TyperGroup
 import mitsuba_sensor as ms
 
 from .. import stopping
-from ..core import DiskFull, InputError, first_given
+from ..core import DiskFull, InputError, SensorWarning, first_given
 from ..io import files
 from ..render.irradiance import RenderedFor
 from ..render.scene_settings import ParsedScene, SceneSettings, parse
@@ -53,7 +54,9 @@ class CommandGroup(TyperGroup):
         """Run the command that was called; errors end here."""
         stopping.begin_command()
         try:
-            return super().invoke(ctx)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", SensorWarning)  # the notes are printed
+                return super().invoke(ctx)
         except DiskFull as error:
             _say(error)
             raise typer.Exit(3) from None

@@ -127,8 +127,7 @@ def summary(report: Report, folder: str) -> RenderableType:
     conditions = f", {exposure['time_s']:g} s{metered} at {exposure['temperature_k']:g} K, {size} → "
     gain = f" at gain {report['camera']['gain']}" if report["camera"]["gain"] is not None else ""
     head = Text.assemble((report["camera"]["name"] + gain, "bold"), conditions, (folder, "bold"))
-    said = *report["render"]["notes"], *report["camera"].get("notes", ()), *report["notes"]
-    notes = (Text.assemble(("note: ", "bold yellow"), note) for note in said)
+    notes = (Text.assemble(("note: ", "bold yellow"), note) for note in report["notes"])
     return Group(head, _stages(report), *_facts(report), *notes)
 
 
@@ -240,10 +239,6 @@ def _facts(report: Report) -> Iterator[Text]:
         yield _fact("denoised", f"by {done['by']}{before if known else ''}")  # before: of the exposure of the render
     seen = {name.replace("_", " "): number for name, number in counts.items() if number}
     yield _fact("pixels", ", ".join(f"{name} {number}" for name, number in seen.items()) or "none clipped, none bad")
-    outside = report["outside_qe"]
-    if outside["share_of_photons"]:
-        share = f"{100 * outside['share_of_photons']:.3g} % of the photons"
-        yield _fact("not detected", f"{share}, in {len(outside['wavelengths_nm'])} bands beyond the QE curve")
     idle = [effect["stage"] for effect in report["effects"] if effect["reason"] == IDLE]
     if report["left_out"]:
         yield _fact("left out", f"{', '.join(report['left_out'])} (tolerance {report['options']['tolerance_dn']:g} DN)")

@@ -1,10 +1,11 @@
 """What every stage is computed with: units, signals, arrays, random numbers, backends, moments, frames, errors."""
 
-from .checks import check_types, first_given, numbers
+from .checks import check_types, first_given, numbers, refuse_masked
 from .errors import DiskFull, InputError, closest, nearest, require, require_seed
 from .exposure import Exposure
 from .frame import Frame
 from .moments import Moments
+from .notes import Doubt, SensorWarning, SourceOfLight, warn_of
 from .sensor_window import SensorWindow
 from .signals import CountedElectrons, Electrons, Photons, PhotonsOfBands
 from .types import Array, Float32Array, Float64Array, NumpyArray
@@ -20,4 +21,5 @@ __all__ += [
     "check_types",
     "closest",
 ]
-__all__ += ["closest", "first_given", "nearest", "numbers", "require", "require_seed"]
+__all__ += ["Doubt", "SensorWarning", "SourceOfLight", "closest", "first_given", "nearest", "numbers"]
+__all__ += ["refuse_masked", "require", "require_seed", "warn_of"]

@@ -19,13 +19,31 @@ def check_types(camera: object, exposure: object, optional: bool = False) -> Non
         raise InputError(f"exposure is {exposure!r}; pass an Exposure, e.g. Exposure(time_s=0.1).")
 
 
+def refuse_masked(name: str, values: object) -> None:
+    """Raise InputError for an array of numpy.ma in which any value is masked; NumPy would go on without the mask."""
+    parts = values if isinstance(values, list | tuple) else (values,)
+    masks = [getattr(part, "mask", None) for part in parts]
+    masked = sum(int(np.sum(mask)) for mask in masks if isinstance(mask, np.ndarray | np.bool_))
+    if masked:
+        raise InputError(
+            f"{name} has {masked} masked value(s), of which nothing is known; pass numbers instead, e.g. "
+            f"{name}.filled(0.0), or leave those pixels out."
+        )
+
+
 def numbers(name: str, values: object, remedy: str) -> Float64Array:
-    """``values`` as float64; InputError for text, complex numbers, ragged lists and None.  remedy : what to pass."""
+    """``values`` as float64; InputError for text, booleans, complex numbers, ragged lists, masked values and None.
+
+    remedy : what to pass.
+    """
+    refuse_masked(name, values)
     try:
         array = np.asarray(values)
     except ValueError:
         array = np.asarray("ragged")
-    if array.dtype.kind not in "biuf":
+    if array.dtype.kind == "b":
+        raise InputError(f"{name} is of bool, as a mask or a picture has it; pass {remedy}.")
+    if array.dtype.kind not in "iuf":
         raise InputError(f"{name} is not numeric; pass {remedy}.")
     return np.asarray(array, dtype=np.float64)
 

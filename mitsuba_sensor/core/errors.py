@@ -29,7 +29,8 @@ class DiskFull(InputError):
 def require(name: str, value: float, low: float, high: float, remedy: str) -> float:
     """``value`` if it is a number in [low, high], else InputError.  name : with the unit.  remedy : what to pass."""
     try:
-        number = float(value + 0)  # refuses a string such as "0.1"
+        boolean = isinstance(value, bool) or getattr(getattr(value, "dtype", None), "kind", "") == "b"
+        number = float("" if boolean else value + 0)  # refuses a string such as "0.1"
     except (TypeError, ValueError, OverflowError):
         raise InputError(f"{name} is {value!r}; it must be a number ({remedy}).") from None
     if math.isnan(number) or not low <= number <= high:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from .illuminant import Illuminant
+from .notes import SourceOfLight
 from .types import Array, Float32Array, Float64Array, NumpyArray
 
 VALUES_AT_ONCE = 2**18  # pixels × bands of a strip: 2 MiB in float64
@@ -21,7 +22,8 @@ class Photons:
 
     mean : (H, W), or (H, W, B) with one layer per band; never negative, never NaN; +inf saturates the pixel.
     wavelengths_nm : (B,) centre of each band, or None when ``mean`` is (H, W) at the camera's own wavelength.
-    detected : whether ``mean`` is in photoelectrons, one layer per colour filter, with the QE applied already.
+    detected : whether ``mean`` is in photoelectrons, with the QE applied already: (H, W) of each pixel behind its own
+        colour filter, or (H, W, F) with one layer per filter; ``wavelengths_nm`` are not needed then.
     origin : (row, column) of the first pixel on the sensor, used unless a function is given another.
     bandwidths_nm : (B,) of the bands, over which the QE is then averaged; None: the photons have ``wavelengths_nm``.
     in_band : (H, W), the photoelectrons over those of a spectrum that is flat within each band, of each pixel behind
@@ -31,6 +33,7 @@ class Photons:
     illuminant : of the scene, for the colours of a preview; None where it is not known.
     intrinsics : how the picture is a projection of the world, as of :func:`optics.intrinsics.intrinsics`, for the lens
         corrections of a DNG; None where it is not known.
+    source : what is known of the light that they were collected from, for the notes of frames; None: nothing.
     """
 
     mean: NumpyArray
@@ -43,6 +46,7 @@ class Photons:
     in_band_of: str | None = None
     illuminant: Illuminant | None = None
     intrinsics: Mapping[str, Any] | None = None
+    source: SourceOfLight | None = None
 
     def __repr__(self) -> str:
         """``<Photons: 64 × 64 × 3>``, or electrons where they are detected."""

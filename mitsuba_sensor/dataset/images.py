@@ -7,7 +7,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import InputError
+from ..core import InputError, refuse_masked
 from ..core.types import Float32Array
 
 Values: TypeAlias = Literal["electrons", "linear", "srgb"]
@@ -46,6 +46,7 @@ def as_array(image: Image) -> NDArray[Any]:
     if hasattr(image, "detach"):
         image = image.detach().cpu()
         image = (image.float() if image.is_floating_point() else image).numpy()  # NumPy has no bfloat16
+    refuse_masked("image", image)
     array = np.asarray(image)
     if array.dtype.kind not in "iuf":
         raise InputError(f"image is {array.dtype}; pass integers or floats.")

@@ -25,9 +25,10 @@ from ..render.scene_settings import ParsedScene, SceneSettings, parse
 from ..render.variants import fastest_variant
 from ..sensor.camera import Camera
 from ..sensor.camera_file import camera_from
-from ..sensor.expose import expose
+from ..sensor.expose import prepared
 from ..sensor.frames import Frames
 from ..sensor.metering import Metering, electrons_of
+from ..sensor.options import ExposeOptions
 from .keys import Config, Facts, identity, key_of, seed_of
 from .planned import PlannedSample, PlannedView
 from .store import Store
@@ -125,7 +126,8 @@ class Rendered:
             longer = Exposure(exposure.time_s * 2.0 ** config["exposure"]["ev"], exposure.temperature_k)
             photons, camera, exposure, _ = self.light.collected(camera, longer, config["serial"])
         seed, serial = seed_of(identity(config)), config["serial"]
-        frames = expose(photons, camera, exposure, serial=serial, seed=seed, frames=config["frames"])
+        options: ExposeOptions = {"serial": serial, "seed": seed, "frames": config["frames"]}
+        frames = prepared(photons, camera, exposure, options).frames()
         electrons = electrons_of(photons, camera, exposure).astype(np.float32)
         for name in outputs:
             self._write(folder, name, frames, electrons)

@@ -178,7 +178,7 @@ class SensorNoise:
                 while len(self._sensors) >= KEPT:
                     del self._sensors[next(iter(self._sensors))]
             self._sensors[key] = sensor
-            return sensor.expose(photons, self.exposure, **asked)
+            return sensor._frames(photons, self.exposure, asked)
 
     def _is_colour(self, given: NDArray[Any]) -> bool:
         """Whether the last dimension is red, green and blue."""

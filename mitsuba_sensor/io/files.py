@@ -19,7 +19,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from ..core import InputError
+from ..core import InputError, refuse_masked
 from ..core.small_files import require_small, toml_tables
 from ..stopping import note_written, undone_if_stopped, whole_step
 from .disk_errors import disk_sentences, names_in
@@ -73,10 +73,10 @@ def write_tiff(path: str | os.PathLike[str], frames: np.ndarray, facts: Mapping[
     facts : ``image`` of frame.json; as JSON in the description, and black level, white level and the pattern of red,
         green and blue filters in the tags of TIFF/EP and DNG too.
     """
+    refuse_masked("frames", frames)
     if not isinstance(frames, np.ndarray) or str(frames.dtype) not in TIFF_TYPES or frames.ndim not in (2, 3):
-        given = getattr(frames, "dtype", type(frames).__name__), getattr(frames, "shape", ())
-        kinds = ", ".join(TIFF_TYPES)
-        raise InputError(f"frames is {given[0]} of shape {given[1]}; pass (H, W) or (N, H, W) of {kinds}.")
+        given = f"{getattr(frames, 'dtype', type(frames).__name__)} of shape {getattr(frames, 'shape', ())}"
+        raise InputError(f"frames is {given}; pass (H, W) or (N, H, W) of {', '.join(TIFF_TYPES)}.")
     if not frames.size:
         raise InputError(f"frames has shape {frames.shape} and no pixel; pass at least one.")
     tags = _raw_tags(facts) if facts else []

@@ -10,13 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import Float64Array
+from ..core import Float64Array, require
 from ..core.html import facts, fragment, picture
 from ..sensor.camera import Camera
-from ..sensor.metering import clipped_note
-from ..sensor.sensor_size import size_note
 from ..sensor.stage import converter_of
-from ..sensor.usual_range import temperature_note
 from . import files
 from .colour_matrix import ColourMatrix, colour_matrix
 from .metadata import image_facts, versions
@@ -35,13 +32,13 @@ MOST_PIXELS = 60_000  # of a picture in a notebook: below 250 kB as PNG in base6
 def preview_of(frames: Frames, number: int = 0, gain: float = 1.0) -> NDArray[np.uint8]:
     """frame.png: one of the frames, as :func:`preview` develops it in the light of the scene."""
     illuminant = frames.light.illuminant
+    gain = require("gain", gain, 0.0, np.inf, "how many times as bright, e.g. 2")
     return preview(frames.digital[number], frames.camera, gain, frames.first.window.origin, illuminant)
 
 
 def frames_metadata(frames: Frames) -> dict[str, Any]:
     """What frames know of themselves, under the names of frame.json."""
     first, colours = frames.first, colour_matrix(frames.camera, frames.light.illuminant)
-    beyond = size_note(first.window.shape, first.window.origin, frames.camera)
     return {
         "camera": frames.camera.to_dict(),
         "exposure": asdict(first.exposure),
@@ -52,7 +49,7 @@ def frames_metadata(frames: Frames) -> dict[str, Any]:
         "colour": None if colours is None else colours._asdict(),
         "left_out": [] if frames.plan is None else frames.plan.left_out,
         **frames.report,
-        "notes": [*beyond, *clipped_note(frames), *temperature_note(first.exposure.temperature_k)],
+        "notes": list(frames.notes),
         "versions": versions(),
     }
 
@@ -86,6 +83,8 @@ def frames_html(frames: Frames) -> str:
         "first frame": f"{first.min()} … {first.mean():.5g} … {first.max()} DN (min, mean, max)",
         "at the highest code": f"{100 * np.mean(first == highest):.3g} % of its pixels",
     }
+    if frames.notes:
+        found["notes"] = " · ".join(frames.notes)
     said = f"first of {count} raw frames of {camera.name}"
     return fragment(f"Raw frames of {camera.name}", picture(files.png(shown), shown.shape[1], said), facts(found))
 

@@ -41,7 +41,7 @@ OF_STACK: dict[str, Check] = {
     "exposure_s": A_NUMBER,
     "photons": A_NUMBER,
     "temperature_k": A_NUMBER,
-    "gain": (lambda value: isinstance(value, str | int | float), "a text or a number"),
+    "gain": (lambda value: isinstance(value, str) or _number(value), "a text or a number"),
 }
 WAY_OUT = f"write a {MANIFEST}; docs/lab.md shows one"
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -11,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import InputError
+from ..core import InputError, refuse_masked, require
+from ..core.exposure import LONGEST_S
 from ..core.types import Float64Array
 from .clipping import Clipping, clipping_of
 
@@ -46,14 +46,15 @@ class Stack:
 
     def __post_init__(self) -> None:
         frames = self.frames
+        refuse_masked("frames", frames)
+        refuse_masked("photons", self.photons)
         if not isinstance(frames, np.ndarray) or frames.ndim != 3 or not frames.size or frames.dtype.kind not in "uif":
             given = f"{getattr(frames, 'dtype', type(frames).__name__)} of shape {getattr(frames, 'shape', ())}"
             raise InputError(f"{self.source}: frames are {given}; pass numbers of shape (frames, rows, columns).")
         if frames.dtype.kind == "f" and not np.isfinite(frames).all():
             count = int(frames.size - np.isfinite(frames).sum())
             raise InputError(f"{self.source}: {count} values are NaN or infinite; pass finite digital numbers.")
-        if not (math.isfinite(self.exposure_s) and self.exposure_s >= 0):
-            raise InputError(f"{self.source}: exposure_s is {self.exposure_s!r}; it must be at least 0, e.g. 0.01.")
+        require(f"{self.source}: exposure_s", self.exposure_s, 0.0, LONGEST_S, "seconds, e.g. 0.01")
 
     @property
     def shape(self) -> tuple[int, int]:

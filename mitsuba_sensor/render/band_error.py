@@ -8,18 +8,18 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import Float64Array
+from ..core import Doubt, Float64Array
 from ..core.band_average import band_integrals
 from ..sensor.camera import Camera
-from .irradiance import Irradiance
-from .photons import is_exact
+from .irradiance import Irradiance, is_exact
 
-TOLERATED = 1e-3  # of the electrons of a filter
+TOLERATED, DOUBTFUL = 1e-3, 0.01  # of the electrons of a filter: what no note names, from where on Python warns
 BLOCKS = 8  # along each side of the picture: their means have little of the render's noise
 DIMMEST = 0.01  # of a filter's mean electrons: darker blocks do not count
 STANDS_OUT = 1.5  # times the mean of its neighbours: two bands with a line on their common edge have 2
@@ -77,11 +77,12 @@ def band_note(light: Irradiance, error: BandError) -> Iterator[str]:
     narrow = width_nm * (TOLERATED / error.error_estimate) ** 0.5  # the error goes with the square of the width
     enough = next((nm for nm in WIDTHS_NM if nm <= narrow), None)
     remedy = "" if enough is None else f", or with --bandwidth-nm {enough:g}"
-    yield (
+    said = (
         f"this light was not rendered for this camera: in bands of {width_nm:g} nm the {error.worst_filter} electrons "
         f"are off by about {error.error_estimate:.1%}, by at most {error.largest_error:.0%}; render it for this "
         f"camera{remedy}"
     )
+    yield Doubt(said) if error.error_estimate > DOUBTFUL else said
 
 
 def unseen_note(light: Irradiance, camera: Camera) -> Iterator[str]:
@@ -96,22 +97,26 @@ def unseen_note(light: Irradiance, camera: Camera) -> Iterator[str]:
     if len(light.wavelengths_nm) == 1 or unseen.max() <= TOLERATED:  # one band is as it was asked for
         return
     name, share = camera.filter_names[int(np.argmax(unseen))], float(unseen.max())
-    yield (
+    said = (
         f"nothing was rendered beyond {low.min():g} to {high.max():g} nm, where the {name} pixels of this camera "
         f"detect {share:.1%} of a flat spectrum; render it for this camera"
     )
+    yield Doubt(said) if share > DOUBTFUL else said
 
 
 def _blocks(light: Irradiance) -> Float64Array:
     """Mean spectra of parts of the picture, (N, B); pixels of infinite light do not count."""
     height, width, _ = light.data.shape
-    row_sets, column_sets = (np.array_split(np.arange(n), min(n, BLOCKS)) for n in (height, width))
-    found = []
-    for rows, columns in itertools.product(row_sets, column_sets):
-        part = light.data[np.ix_(rows, columns)].astype(np.float64)
-        finite = np.isfinite(part).all(axis=2, keepdims=True)
-        found.append(np.where(finite, part, 0.0).mean(axis=(0, 1)))
-    return np.array(found)
+    row_edges, column_edges = (np.linspace(0, n, min(n, BLOCKS) + 1).astype(int) for n in (height, width))
+    means = []
+    for rows, columns in itertools.product(pairwise(row_edges), pairwise(column_edges)):
+        part = light.data[slice(*rows), slice(*columns)]
+        mean = part.mean(axis=(0, 1), dtype=np.float64)
+        if not np.isfinite(mean).all():
+            finite = np.isfinite(part).all(axis=2, keepdims=True)
+            mean = np.where(finite, part, 0.0).mean(axis=(0, 1), dtype=np.float64)
+        means.append(mean)
+    return np.array(means)
 
 
 def _departures(spectra: Float64Array) -> tuple[Float64Array, Float64Array, NDArray[np.bool_]]:

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
+from ..core import Doubt
 from .scene_file import SceneFile
 from .variants import MitsubaObject
 
@@ -33,6 +34,11 @@ class Finding:
 
     def __str__(self) -> str:
         return f"{self.what} ({self.where}); {self.remedy}"
+
+    @property
+    def as_note(self) -> str:
+        """The sentence among the notes of a render: a doubt where something is black or wrong."""
+        return str(self) if self.level == "note" else Doubt(self)
 
     def to_dict(self) -> dict[str, str]:
         """Plain values, ready for JSON."""

@@ -12,6 +12,7 @@ from ..core import Exposure, InputError, Photons
 from ..core.illuminant import Illuminant
 from ..sensor.camera import Camera
 from ..sensor.camera_file import camera_from
+from ..sensor.fingerprint import pixel_fingerprint, response_fingerprint
 from ..sensor.metering import AskedExposure
 from .statistics import RenderStatistics
 
@@ -94,6 +95,11 @@ class Irradiance:
         what = "filters" if self.filters else "bands"
         return f"<Irradiance: {height} × {width}, {count} {what}, {nm[0]:g} … {nm[-1]:g} nm>"
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences on the render that may surprise: what was replaced in the scene, what is black, hints."""
+        return self.statistics.notes
+
     def _repr_html_(self) -> str:
         from ..io.light_html import light_html
 
@@ -125,3 +131,9 @@ class Irradiance:
                 "raw_light is asked for and this light is denoised only; render it again with --raw-light."
             )
         return self if self.raw is None else replace(self.raw, rendered_for=self.rendered_for)
+
+
+def is_exact(light: Irradiance, camera: Camera) -> bool:
+    """Whether the light holds this camera's photoelectrons, whatever its bands."""
+    known = light.in_band is not None and light.response == pixel_fingerprint(camera)
+    return known or (light.filters is not None and light.response == response_fingerprint(camera))

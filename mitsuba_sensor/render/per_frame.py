@@ -10,7 +10,7 @@ from typing import Any, Literal, Unpack, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import InputError, Photons, first_given
+from ..core import InputError, Photons, first_given, warn_of
 from ..core.options import complete, documents, part_of
 from ..sensor.camera import Camera
 from ..sensor.checks import as_photons, check_numbers
@@ -21,6 +21,7 @@ from ..sensor.frames import Frames
 from ..sensor.metering import AskedExposure
 from ..sensor.options import ExposeOptions
 from .irradiance import Irradiance
+from .light_source import CollectedLight
 from .noisy_pixels import NoisyPixels, fewest_samples
 from .options import FrameSeriesOptions, RenderOptions
 from .passes import hashed_seed, whole_grid
@@ -81,7 +82,15 @@ def render_frames(
     several times as many (noisy_pixels.py; not in scalar variants). Raises InputError.
     """
     chosen = complete(FrameSeriesOptions, options)
-    return FrameSeries.prepare(scene, camera, exposure, chosen, render_noise).frames(progress)
+    return _warned(FrameSeries.prepare(scene, camera, exposure, chosen, render_noise).frames(progress))
+
+
+def _warned(frames: Iterator[RenderedFrame]) -> Iterator[RenderedFrame]:
+    """The same frames; with the first one Python warns of the doubts, which are those of all."""
+    for number, frame in enumerate(frames):
+        if not number:
+            warn_of((*frame.light.notes, *frame.frames._exposure_notes))
+        yield frame
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,6 +158,7 @@ class FrameSeries:
                 samples = prepared.renderer.samples
                 stop = replace(stop, passes=max(stop.passes * stop.samples // samples, 2), samples=samples, sized=True)
             photons = as_photons(collect(light, prepared.camera, prepared.exposure), prepared.camera)
+            photons = photons.changed(source=CollectedLight.of(light, per_frame=True))
             mean, variance = prepared.renderer.electrons()
             if self.compensated:
                 photons = photons.changed(variance_e2=np.where(np.isfinite(photons.total), variance, 0.0))

@@ -18,6 +18,7 @@ from ..core import (
     check_types,
     first_given,
     numbers,
+    refuse_masked,
     require,
     require_seed,
 )
@@ -25,11 +26,12 @@ from ..core.heap import trim_heap
 from ..core.units import photon_energy_j
 from ..sensor.camera import Camera
 from ..sensor.checks import as_photons
-from ..sensor.fingerprint import pixel_fingerprint, response_fingerprint
+from ..sensor.fingerprint import response_fingerprint
 from ..sensor.metering import AUTO, AskedExposure, Metering, checked_exposure
 from ..sensor.sensor_size import check_on_sensor
 from .bands import Bands
-from .irradiance import Irradiance
+from .irradiance import Irradiance, is_exact
+from .light_source import CollectedLight
 
 
 def photons_per_irradiance(
@@ -75,6 +77,7 @@ def collect(
         raise InputError("light is Photons already; pass it to expose(), or an irradiance to collect().")
     if not isinstance(light, np.ndarray) and hasattr(light, "bandwidths_nm"):
         light = cast(Irradiance, light)
+        refuse_masked("light.data", light.data)
         check_on_sensor("the light", light.data.shape, light.origin, camera)
         if light.filters is not None and light.response not in (None, response_fingerprint(camera)):
             why = "light was rendered into the channels of a camera with another quantum efficiency or lens"
@@ -83,7 +86,7 @@ def collect(
         photons = _photons(light.data, light.wavelengths_nm, light.bandwidths_nm, camera, exposure)
         known = light.rendered_for
         photons = photons.changed(origin=light.origin, illuminant=None if known is None else known.illuminant)
-        photons = photons.changed(intrinsics=light.statistics.intrinsics)
+        photons = photons.changed(intrinsics=light.statistics.intrinsics, source=CollectedLight.of(light))
         if light.filters is not None:
             return photons.changed(detected=True, bandwidths_nm=None)
         in_band = light.in_band if is_exact(light, camera) else None
@@ -128,15 +131,10 @@ def metered(light: Irradiance, camera: Camera, metering: Metering) -> Exposure:
     return found
 
 
-def is_exact(light: Irradiance, camera: Camera) -> bool:
-    """Whether the light holds this camera's photoelectrons, whatever its bands."""
-    known = light.in_band is not None and light.response == pixel_fingerprint(camera)
-    return known or (light.filters is not None and light.response == response_fingerprint(camera))
-
-
 def _irradiance_values(light: object) -> Float64Array:
     """A map (H, W) or cube (H, W, B), checked; |U|² of a complex field U."""
     if getattr(light, "dtype", np.dtype(float)).kind == "c":
+        refuse_masked("light", light)
         values: Float64Array = np.abs(np.asarray(light)) ** 2
     else:
         values = numbers("light", light, "irradiance (H, W) or (H, W, bands), or a complex field (H, W)")

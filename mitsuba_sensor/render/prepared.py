@@ -6,7 +6,7 @@ import time
 from dataclasses import dataclass, replace
 from typing import Literal, Unpack
 
-from ..core import Exposure, InputError, first_given, require_seed
+from ..core import Exposure, InputError, first_given, require_seed, warn_of
 from ..core.options import complete, documents
 from ..optics.f_number_law import shading
 from ..optics.intrinsics import aperture_f_number, intrinsics
@@ -61,9 +61,10 @@ def render(
     """
     started = time.monotonic()
     chosen = denoised_if_possible(complete(RenderOptions, options))
-    check_options(chosen)
     prepared = prepare(scene, camera, exposure, **chosen)
-    return prepared.render(prepared.seed(seed), prepared.stop_criterion(chosen), progress, started=started)
+    light = prepared.render(prepared.seed(seed), prepared.stop_criterion(chosen), progress, started=started)
+    warn_of(light.notes)
+    return light
 
 
 def check_options(options: RenderOptions) -> None:
@@ -132,8 +133,7 @@ class PreparedRender:
                 progress(RenderProgress(renderer.passes, renderer.passes, seconds=seconds, doing="denoising"))
             kept = renderer.result(keep=True) if self.raw_light else None
             renderer.denoise(last=True)
-        found = renderer.result()
-        if not found.data.any():
+        if not (found := renderer.result()).data.any():
             refuse_black(self.bands.ends_nm, renderer.lost, self.at_rest.findings)
         exposure, serial = self.exposure, self.parsed.settings.serial
         light = self._irradiance(found, self._statistics(stop, end, began, exposure, raw))

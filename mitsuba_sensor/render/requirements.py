@@ -9,9 +9,9 @@ import numpy as np
 
 from ..core import Exposure, Float64Array
 from ..sensor.camera import Camera
-from .irradiance import Irradiance
+from .irradiance import Irradiance, is_exact
 from .lint import WRAPPERS
-from .photons import is_exact, photons_per_irradiance
+from .photons import photons_per_irradiance
 from .prepared import PreparedRender
 from .renderer import Renderer
 from .scene_file import SceneFile

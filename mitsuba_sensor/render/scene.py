@@ -169,7 +169,7 @@ def _load(
     if camera is not None:
         (columns, rows), (column, row) = view.crop_size, view.crop_offset
         check_on_sensor(f"the film of scene {scene.name!r}", (rows, columns), (row, column), camera)
-    notes = (*(str(finding) for finding in findings), *lens_notes)
+    notes = (*(finding.as_note for finding in findings), *lens_notes)
     return Scene(world, integrator, sensor, view, scene.digest(), bands.responses, notes, tuple(findings))
 
 

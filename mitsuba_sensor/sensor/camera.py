@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import AfterValidator, Field, PrivateAttr, ValidationError, create_model, model_validator
 
-from ..core import Exposure, InputError, nearest
+from ..core import Doubt, Exposure, InputError, nearest, numbers, refuse_masked
 from ..core.band_average import photon_averages
 from .chain import ORDER, chain, check_added, whole_chain
 from .datasheet import CameraTable, FileTable, PixelGeometry, SensorSection
@@ -102,7 +102,9 @@ class Camera(FileTable):
         "source_follower.read_noise_e": 3}`` gives the read noise in electrons instead. Raises InputError.
         """
         data, known = self.model_dump(), fields_of(Camera)
-        for dotted, value in changes.items():
+        for dotted, given in changes.items():
+            refuse_masked(dotted, given)
+            value = given.tolist() if isinstance(given, np.ndarray | np.generic) else given
             if dotted == "gain" and value is not None:
                 raise InputError(
                     f"gain is to be {value!r}, and its numbers too; take camera.at_gain({value!r}), or --gain {value}."
@@ -178,7 +180,8 @@ class Camera(FileTable):
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """A copy, as of every pydantic model, with a chain of its own; :meth:`replace` checks the values too."""
         camera = super().model_copy(update=update, deep=deep)
-        vars(camera).pop("stages", None)
+        for made in ("stages", "notes"):
+            vars(camera).pop(made, None)
         return camera
 
     def to_dict(self) -> dict[str, Any]:
@@ -201,10 +204,10 @@ class Camera(FileTable):
 
         return camera_html(self)
 
-    @property
+    @cached_property
     def notes(self) -> tuple[str, ...]:
         """Sentences about values of the datasheet that are allowed and may surprise; each begins with its field."""
-        unusual = [text for _, text in doubts(self.model_dump(), Camera)]
+        unusual = [Doubt(text) for _, text in doubts(self.model_dump(), Camera)]
         return (*unusual, *(note for effect in ORDER for note in effect.notes(self)), *gain_notes(self))
 
     @property
@@ -262,7 +265,7 @@ class Camera(FileTable):
         def at(nm: NDArray[np.float64]) -> NDArray[np.float64]:
             return np.array([np.interp(nm, points, curve, 0.0, 0.0) for curve in curves])
 
-        centres = np.asarray(wavelengths_nm, dtype=np.float64)
+        centres = numbers("wavelengths_nm", wavelengths_nm, "wavelengths in nm, e.g. [550.0]")
         if bandwidths_nm is None:
             return at(centres)
         return photon_averages(at, points, centres, np.asarray(bandwidths_nm, dtype=np.float64))

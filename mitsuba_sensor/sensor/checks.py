@@ -12,7 +12,15 @@ from .camera import Camera
 from .fingerprint import pixel_fingerprint
 from .gains import adc_gain_dn_per_v
 from .map_units import maps_in_dn
-from .photon_checks import check_lengths, check_light, check_photons, checked_widths, first_place
+from .photon_checks import (
+    check_channels,
+    check_lengths,
+    check_light,
+    check_photons,
+    checked_channels,
+    checked_widths,
+    first_place,
+)
 from .stage import Chain
 
 
@@ -95,8 +103,11 @@ def as_photons(
         raise InputError(f"photons has shape {mean.shape}; it must be a number, (H, W) or (H, W, bands).")
     way_out = "numbers in nm, one per band, e.g. [550.0]"
     bands = None if wavelengths is None else np.atleast_1d(numbers("wavelengths_nm", wavelengths, way_out))
+    if given and given.detected:
+        mean = checked_channels(mean, camera)
     expected = mean.shape[2] if mean.ndim == 3 else 1
-    if (bands is None and mean.ndim == 3) or (bands is not None and bands.shape != (expected,)):
+    unknown = bands is None and mean.ndim == 3 and not (given and given.detected)
+    if unknown or (bands is not None and bands.shape != (expected,)):
         count = "none" if bands is None else str(bands.size)
         raise InputError(f"photons has {expected} band(s) and wavelengths_nm {count}; pass one wavelength per band.")
     check_lengths(bands)
@@ -105,15 +116,16 @@ def as_photons(
     if given is None:
         return Photons(mean, bands)
     variance_e2 = None if given.variance_e2 is None else _checked_variance(given.variance_e2, Photons(mean), camera)
-    detected = _checked_channels(given.detected, mean.shape, camera)
+    detected = given.detected
     if bands is None or wavelengths_nm is not None or given.bandwidths_nm is None:
         photons = Photons(mean, bands, variance_e2, detected, given.origin, illuminant=given.illuminant)
-        return photons.changed(intrinsics=given.intrinsics)
+        return photons.changed(intrinsics=given.intrinsics, source=given.source)
     widths = checked_widths(given.bandwidths_nm, bands.shape)
     known = given.in_band is not None and given.in_band_of in (None, pixel_fingerprint(camera))
     in_band = _checked_factor(given.in_band, mean.shape[:2]) if known else None
     of_bands = widths, in_band, given.in_band_of
-    return Photons(mean, bands, variance_e2, detected, given.origin, *of_bands, given.illuminant, given.intrinsics)
+    photons = Photons(mean, bands, variance_e2, detected, given.origin, *of_bands, given.illuminant)
+    return photons.changed(intrinsics=given.intrinsics, source=given.source)
 
 
 def _checked_bands(photons: PhotonsOfBands, camera: Camera, check: bool) -> PhotonsOfBands:
@@ -123,7 +135,8 @@ def _checked_bands(photons: PhotonsOfBands, camera: Camera, check: bool) -> Phot
     check_lengths(photons.wavelengths_nm)
     if photons.bandwidths_nm is not None:
         checked_widths(photons.bandwidths_nm, photons.shape[2:])
-    _checked_channels(photons.detected, photons.shape, camera)
+    if photons.detected:
+        check_channels(photons.shape, camera)
     known = photons.in_band is not None and photons.in_band_of in (None, pixel_fingerprint(camera))
     in_band = _checked_factor(photons.in_band, photons.shape[:2]) if known else None
     variance_e2 = None if photons.variance_e2 is None else _checked_variance(photons.variance_e2, photons, camera)
@@ -147,17 +160,6 @@ def _refuse_infinite(mean: NDArray[np.float64]) -> None:
             f"photons is infinite in {int(bad.sum())} place(s), first at {first_place(bad)}; pass a finite number, "
             "e.g. 1e9 for a pixel that saturates."
         )
-
-
-def _checked_channels(detected: bool, shape: tuple[int, ...], camera: Camera) -> bool:
-    """Whether the photons are channels of this camera."""
-    filters = len(camera.quantum_efficiency.curves)
-    if detected and (len(shape) != 3 or shape[2] != filters or camera.quantum_efficiency.quantum_yield):
-        raise InputError(
-            f"photons has shape {shape} and is detected already; it must be (H, W, {filters}), one layer per "
-            "colour filter of a camera without quantum_yield: render it again for this camera."
-        )
-    return detected
 
 
 def placed(light: Photons, first_pixel: object, camera: Camera) -> Photons:

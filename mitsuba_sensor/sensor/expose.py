@@ -9,7 +9,7 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..core import Exposure, Frame, Photons, SensorWindow, check_types, first_given
+from ..core import Exposure, Frame, Photons, SensorWindow, check_types, first_given, warn_of
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
 from ..core.options import complete, documents
 from .camera import Camera
@@ -24,10 +24,12 @@ from .checks import (
 )
 from .choices import KEEP, KEPT_BY_PUBLISHED, chain_of, precision_of, tolerance_of
 from .detection import Detected, checked_and_detected
+from .frame_notes import exposure_notes
 from .frame_theory import FrameTheory
 from .frames import Frames
 from .metering import AskedExposure, Light
 from .options import ExposeOptions
+from .photon_checks import check_kept
 from .plan import Plan, plan_for
 from .report import FrameObserver
 from .run import FrameRunner, StripWindows, choose_backend, require_kept
@@ -46,9 +48,12 @@ def expose(
     photons : what :func:`collect` returns, or an array: a scalar (the whole sensor), (H, W), or (H, W, B) with
         ``wavelengths_nm`` of length B. Or the Irradiance itself, which is collected: then camera, exposure and serial
         number are by default those that it was rendered for, and the exposure may be "auto" (metered).
+    A SensorWarning says where the result is probably not the one that was wanted; the frames' ``notes`` say it too.
     Raises InputError for NaN or negative photons, naming how many there are and where the first one is.
     """
-    return prepared(photons, camera, exposure, options).frames()
+    frames = prepared(photons, camera, exposure, options).frames()
+    warn_of(frames._exposure_notes)
+    return frames
 
 
 @documents(ExposeOptions)
@@ -62,7 +67,10 @@ def stream(
 
     Everything is checked at once; light and maps are made with the first frame that is asked for.
     """
-    return prepared(photons, camera, exposure, options).stream()
+    made = prepared(photons, camera, exposure, options)
+    frames = made.stream()
+    warn_of(made.notes)
+    return frames
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +103,7 @@ class PreparedExposure:
         number : of the first frame, if it is another than before.
         """
         first = self.first if number is None else replace(self.first, index=number, _blocks={})
+        check_kept(self.keep, light)
         once = self.count == 1 and self.plan is None and self.tolerance_dn is None
         detected, plan = checked_and_detected(light, self.stages[0], first, once), self.plan
         if self.tolerance_dn is not None:
@@ -135,6 +144,11 @@ class PreparedExposure:
         runner = FrameRunner(self.stages, self._light.now(), self.first, strips=self.strips)
         done = runner.frames(self.first.index, self.count, lambda _: {"digital": np.empty(shape, code_type)})
         return (sinks.pop("digital") for sinks in done)  # popped: nobody here keeps a frame that was delivered
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Notes on this exposure, before any frame is computed."""
+        return exposure_notes(self.camera, self._light.now(), self.first)
 
     @property
     def _light(self) -> Detected:

@@ -15,6 +15,7 @@ from ..core.backend import Backend
 from .camera import Camera
 from .checks import check_chip, check_reference_shape, check_streams
 from .detection import Detected
+from .frame_notes import exposure_notes
 from .frame_theory import FrameTheory
 from .noise_budget import NoiseBudget
 from .pixel_moments import PixelMoments, pixel_moments
@@ -53,6 +54,27 @@ class Frames:
     def theory(self) -> FrameTheory:
         """Theory of every pixel of these frames."""
         return self._observer.theory
+
+    @cached_property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences on light, camera and frames that may surprise, as frame.json, command line and notebook show them.
+
+        Where one says that the result is probably not what was wanted, there was a :class:`SensorWarning` too.
+        """
+        source = self.light.source
+        of_light = () if source is None else source.notes
+        return (*of_light, *self._exposure_notes, *self._render_noise[1])
+
+    @cached_property
+    def _render_noise(self) -> tuple[dict[str, float | None], tuple[str, ...]]:
+        """What the render's noise means in these frames, and the notes on it; nothing without a render."""
+        source = self.light.source
+        return ({}, ()) if source is None else source.render_noise(self)
+
+    @cached_property
+    def _exposure_notes(self) -> tuple[str, ...]:
+        """The notes that cost next to nothing; all doubts but those on the light itself are among them."""
+        return exposure_notes(self.camera, self.detected, self.first)
 
     @cached_property
     def pixel_moments(self) -> PixelMoments:

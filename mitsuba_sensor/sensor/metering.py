@@ -6,24 +6,38 @@ import math
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal, Protocol, TypeAlias
+from typing import Literal, Protocol, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..core import Exposure, Float64Array, Frame, InputError, Moments, Photons, SensorWindow, check_types, require
+from ..core import (
+    Doubt,
+    Electrons,
+    Exposure,
+    Float64Array,
+    Frame,
+    InputError,
+    Moments,
+    Photons,
+    SensorWindow,
+    check_types,
+    require,
+)
+from ..core.backend import FLOAT32_LIMIT
 from ..core.exposure import LONGEST_S
 from ..core.special import root
 from .camera import Camera
-from .detection import detect
+from .detection import Detected, detect
 from .effects.adc import BLACK_LEVEL_AT
 from .effects.dark_current import mean_dark_e
+from .run import row_strips_of
 from .stage import converter_of
-
-if TYPE_CHECKING:
-    from .frames import Frames
 
 PERCENTILE, SHARE = 95.0, 0.7  # five pixels of a hundred are brighter, and mostly still below saturation
 MANY_CLIPPED = 0.2  # of the pixels: beyond this share a shorter time is suggested
+SHOT_NOISE = 2.5  # σ: over so much light the share of saturated pixels rises from none to all, as a straight line
+PIXELS_AT_ONCE = 2**18
 STRAIGHT = 1e-12  # of the range of codes: a chain is straight to the last digits
 DIGITS = 3  # of the time, so that it can be typed
 
@@ -71,8 +85,12 @@ class Metering:
 
     def time_s(self, photons: Photons, camera: Camera, exposure: Exposure) -> float:
         """The time found [s], from the mean photons of any exposure. Raises InputError."""
-        electrons = electrons_of(photons, camera, exposure)
-        lit = electrons[(electrons > 0) & np.isfinite(photons.total)]
+        return self.time_of(electrons_of(photons, camera, exposure), camera, exposure)
+
+    def time_of(self, electrons: NDArray[np.floating], camera: Camera, exposure: Exposure) -> float:
+        """The time found [s], from the mean electrons that the light of any exposure makes in each pixel, of which
+        those without bound do not count. Raises InputError."""
+        lit = electrons[(electrons > 0) & (electrons < FLOAT32_LIMIT)]
         if not lit.size:
             raise InputError("no pixel has any light to meter; give an exposure time, e.g. 0.1 s.")
         level_e = float(np.percentile(lit, self.percentile)) + mean_dark_e(camera, exposure)
@@ -144,22 +162,52 @@ def electrons_of(photons: Photons, camera: Camera, exposure: Exposure) -> Float6
     return np.asarray(signal.light * signal.yield_mean, dtype=np.float64)
 
 
-def clipped_note(frames: Frames) -> Iterator[str]:
-    """Where many pixels are saturated: how many, and the time that metering would choose."""
-    counts, exposure = frames.report["counts"], frames.first.exposure
-    pixels = frames.digital[0].size
-    share = max(counts["clipped_full_well"], counts["clipped_adc_high"]) / pixels
+def clipped_note(light: Detected, camera: Camera, frame: Frame) -> Iterator[str]:
+    """Where many pixels are saturated: how many in the mean, and the time that metering would choose.
+
+    light : on the window of ``frame``.
+    """
+    electrons, exposure = _mean_electrons(light, camera, frame), frame.exposure
+    share = saturated_share(electrons, camera, exposure)
     if share > MANY_CLIPPED:
-        yield f"{share:.0%} of the pixels are saturated at {exposure.time_s:g} s{_way_out(frames, exposure)}"
+        way_out = _way_out(electrons, camera, exposure)
+        yield Doubt(f"{share:.0%} of the pixels are saturated at {exposure.time_s:g} s{way_out}")
 
 
-def _way_out(frames: Frames, exposure: Exposure) -> str:
+def saturated_share(electrons: NDArray[np.floating], camera: Camera, exposure: Exposure) -> float:
+    """The share of the pixels that shot noise and dark current let saturate, in the mean over frames.
+
+    electrons : mean of the light in each pixel, (H, W).
+    """
+    try:
+        limit_e = saturation_e(camera) - mean_dark_e(camera, exposure)
+    except InputError:  # darkness is at the highest code
+        return 1.0
+    width_e = SHOT_NOISE * math.sqrt(saturation_e(camera))
+    if electrons.max() < limit_e - width_e / 2:
+        return 0.0
+    saturated = 0.0
+    for rows in row_strips_of((electrons.shape[0], electrons.shape[1]), PIXELS_AT_ONCE):
+        beyond = (electrons[rows] - limit_e) / width_e + 0.5
+        saturated += float(np.clip(beyond, 0.0, 1.0).sum(dtype=np.float64))
+    return saturated / electrons.size
+
+
+def _mean_electrons(light: Detected, camera: Camera, frame: Frame) -> NDArray[np.floating]:
+    """Of a chain that begins as the camera's does, or of one with a detection of its own."""
+    signal = light.signal
+    if not isinstance(signal, Electrons):
+        return electrons_of(light.photons, camera, frame.exposure)
+    return np.asarray(signal.light * signal.yield_mean)
+
+
+def _way_out(electrons: NDArray[np.floating], camera: Camera, exposure: Exposure) -> str:
     """What makes fewer pixels saturated; nothing where no time does, for example of infinite light."""
-    shorter_s, dark_e = np.inf, mean_dark_e(frames.camera, exposure)
+    shorter_s, dark_e = np.inf, mean_dark_e(camera, exposure)
     with suppress(InputError):  # no pixel has any light
-        shorter_s = Metering().time_s(frames.light, frames.camera, exposure)
+        shorter_s = Metering().time_of(electrons, camera, exposure)
     if shorter_s < exposure.time_s:
-        return f"; --exposure-s {shorter_s:g} is metered"
-    if dark_e < frames.camera.pixel.full_well_e:
+        return f"; {shorter_s:g} s is metered (--exposure-s {shorter_s:g})"
+    if dark_e < camera.pixel.full_well_e:
         return ""
     return f"; dark current alone makes {dark_e:.3g} e-: cool the sensor (--temperature-k), or expose for less time"

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import InputError, Photons, numbers
+from .camera import Camera
 
 
 def check_lengths(bands: NDArray[np.float64] | None) -> None:
@@ -41,3 +42,30 @@ def check_photons(mean: NDArray[np.float64]) -> None:
 def first_place(bad: NDArray[np.bool_]) -> tuple[int, ...]:
     """Index of the first one."""
     return tuple(int(i) for i in np.argwhere(bad)[0])
+
+
+def check_kept(keep: tuple[str, ...], light: Photons) -> None:
+    """Raise InputError where photons are to be kept of light of which only the photoelectrons are known."""
+    if light.detected and "photons" in keep:
+        raise InputError(
+            "keep names 'photons', and of this light only the photoelectrons are known; keep 'photoelectrons', or "
+            "render bands (spectral='cube')."
+        )
+
+
+def checked_channels(mean: NDArray[np.float64], camera: Camera) -> NDArray[np.float64]:
+    """Mean photoelectrons behind each colour filter, (H, W, F), of those or of each pixel behind its own, (H, W)."""
+    filters = len(camera.quantum_efficiency.curves)
+    layers = np.broadcast_to(mean[..., None], (*mean.shape, filters)) if mean.ndim == 2 else mean
+    check_channels(layers.shape, camera)
+    return layers
+
+
+def check_channels(shape: tuple[int, ...], camera: Camera) -> None:
+    """Raise InputError unless these are channels of this camera."""
+    filters = len(camera.quantum_efficiency.curves)
+    if len(shape) != 3 or shape[2] != filters or camera.quantum_efficiency.quantum_yield:
+        raise InputError(
+            f"photons has shape {shape} and is detected already; it must be (H, W), or (H, W, {filters}), one layer "
+            "per colour filter, of a camera without quantum_yield: render it again for this camera."
+        )

@@ -1,13 +1,32 @@
 """Quantum efficiency curves from a CSV file with the units in its header: wavelength_nm,R_percent,G_percent."""
 
-import csv
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+from ..core.csv_rows import SEPARATED, rows_of
 from ..core.small_files import require_small
+from .datasheet import Nanometres
 
 LENGTHS = {"nm": 1.0, "um": 1000.0, "µm": 1000.0}
 SHARES = {"fraction": 1.0, "percent": 0.01}
+
+
+class Column(NamedTuple):
+    """One column: its name and unit in the header, and its numbers in that unit."""
+
+    name: str
+    unit: str
+    numbers: list[float]
+
+    @property
+    def title(self) -> str:
+        """As the header has it."""
+        return f"{self.name}_{self.unit}"
+
+    def scaled(self, unit: str | None = None) -> list[float]:
+        """The numbers in nm or as fractions, if they are in this unit instead of the header's."""
+        scale = (LENGTHS | SHARES)[unit or self.unit]
+        return [number * scale for number in self.numbers]
 
 
 def read_curves(name: str, folder: str) -> dict[str, Any]:
@@ -15,31 +34,66 @@ def read_curves(name: str, folder: str) -> dict[str, Any]:
     path = Path(folder) / name
     try:
         require_small(path, "the file of curves")
-        rows = [row for row in csv.reader(path.read_text("utf-8-sig").splitlines()) if row and row[0][:1] != "#"]
+        rows = rows_of(path.read_text("utf-8-sig"))
     except (OSError, UnicodeDecodeError) as error:
         raise ValueError(f"file {name!r} cannot be read: {getattr(error, 'strerror', None) or error}") from None
     if len(rows) < 3:
         raise ValueError(f"file {name!r} needs a header and at least two lines of numbers")
-    scales = [_scale(name, i, column.strip()) for i, column in enumerate(rows[0])]
-    if len(scales) < 2:
-        raise ValueError(f"file {name!r} needs a wavelength column and at least one curve, separated by commas")
+    titles = [_title(name, i, title) for i, title in enumerate(rows[0])]
+    if len(titles) < 2:
+        raise ValueError(f"file {name!r} needs a wavelength column and at least one curve, {SEPARATED}")
     try:
-        numbers = [[float(cell) * s for cell, (_, s) in zip(row, scales, strict=True)] for row in rows[1:]]
+        numbers = [[float(cell) for cell, _ in zip(row, titles, strict=True)] for row in rows[1:]]
     except ValueError:
-        raise ValueError(f"file {name!r} has a line that is not {len(scales)} numbers separated by commas") from None
-    columns = list(zip(*numbers, strict=True))
-    curves = {label: list(column) for (label, _), column in zip(scales[1:], columns[1:], strict=True)}
-    if len(curves) < len(scales) - 1:
-        raise ValueError(f"file {name!r} names a curve twice; give each of {sorted(curves)} one column")
-    return {"wavelengths_nm": list(columns[0]), "curves": curves}
+        raise ValueError(f"file {name!r} has a line that is not {len(titles)} numbers {SEPARATED}") from None
+    wavelengths, *curves = (
+        Column(*title, list(column)) for title, column in zip(titles, zip(*numbers, strict=True), strict=True)
+    )
+    found = {one.name: one.scaled() for one in curves}
+    if len(found) < len(curves):
+        raise ValueError(f"file {name!r} names a curve twice; give each of {sorted(found)} one column")
+    _check_lengths(name, wavelengths)
+    _check_shares(name, curves)
+    return {"wavelengths_nm": wavelengths.scaled(), "curves": found}
 
 
-def _scale(name: str, position: int, column: str) -> tuple[str, float]:
-    """Label and factor of one column: ``wavelength_um`` → 1000, ``G_percent`` → 0.01."""
+def _title(name: str, position: int, column: str) -> tuple[str, str]:
+    """Name and unit of one column: ``wavelength_um``, ``G_percent``."""
     label, _, unit = column.rpartition("_")
     known = SHARES if position else LENGTHS
     if unit not in known or (not position and label != "wavelength") or not label:
         wanted = "NAME_fraction or NAME_percent" if position else "wavelength_nm or wavelength_um"
         called = f"column {position + 1} is called {column[:60]!r}"
-        raise ValueError(f"file {name!r}: {called}; call it {wanted}, so that the unit is sure")
-    return label, known[unit]
+        raise ValueError(f"file {name!r}: {called}; call it {wanted}, so that the unit is sure, in columns {SEPARATED}")
+    return label, unit
+
+
+def _check_lengths(name: str, column: Column) -> None:
+    """Raise ValueError for wavelengths that no camera has, and that would be usual in another unit."""
+    if all(map(Nanometres.includes, column.scaled())):
+        return
+    meant = next((unit for unit in LENGTHS if all(map(Nanometres.includes, column.scaled(unit)))), None)
+    if meant is not None:
+        ends = f"{min(column.numbers):g} to {max(column.numbers):g} {column.unit}"
+        raise ValueError(
+            f"file {name!r}: {column.title} goes from {ends}, and {Nanometres.text} nm is usual; if it is in {meant}, "
+            f"call it {column.name}_{meant}"
+        )
+
+
+def _check_shares(name: str, columns: list[Column]) -> None:
+    """Raise ValueError for percents in a column of fractions, and for columns that are fractions throughout and called
+    percents."""
+    for one in columns:
+        if one.unit == "fraction" and 1 < max(one.numbers) <= 100:
+            raise ValueError(
+                f"file {name!r}: {one.title} has {max(one.numbers):g}, and a fraction is at most 1; if it is in "
+                f"percent, call it {one.name}_percent"
+            )
+    largest = max(max(one.numbers) for one in columns)
+    if all(one.unit == "percent" for one in columns) and 0 < largest <= 1:
+        first = columns[0]
+        raise ValueError(
+            f"file {name!r}: the largest quantum efficiency is {largest:g} percent; if these are fractions, call the "
+            f"columns {first.name}_fraction; if a camera detects so little, write them as fractions too"
+        )

@@ -137,14 +137,14 @@ def report(camera: Camera, observer: FrameObserver) -> dict[str, Any]:
 
 def outside_qe(photons: Photons, camera: Camera) -> dict[str, Any]:
     """Bands beyond the ends of the QE curve, where nothing is detected: wavelengths [nm], share of all photons."""
-    points = camera.quantum_efficiency.wavelengths_nm
-    if photons.wavelengths_nm is None or len(photons.shape) == 2:
+    points, bands = camera.quantum_efficiency.wavelengths_nm, photons.wavelengths_nm
+    outside = np.zeros(1, bool) if bands is None else (bands < points[0]) | (bands > points[-1])
+    if bands is None or photons.detected or not outside.any():
         return {"wavelengths_nm": [], "share_of_photons": 0.0}
-    outside = (photons.wavelengths_nm < points[0]) | (photons.wavelengths_nm > points[-1])
-    strips = (strip.mean for strip in photons.strips())  # all of them together may be most of the memory
+    strips = (np.atleast_3d(strip.mean) for strip in photons.strips())  # together they may be most of the memory
     finite = np.sum([mean.sum(axis=(0, 1), where=np.isfinite(mean)) for mean in strips], axis=0)
     share = float(finite[outside].sum() / finite.sum()) if finite.sum() else 0.0
-    return {"wavelengths_nm": photons.wavelengths_nm[outside].tolist(), "share_of_photons": share}
+    return {"wavelengths_nm": bands[outside].tolist(), "share_of_photons": share}
 
 
 def _compensation(photons: Photons, observer: FrameObserver) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Iterator
 from dataclasses import replace
@@ -10,7 +11,7 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..core import Exposure, InputError, Photons
+from ..core import Exposure, InputError, Photons, require, warn_of
 from ..core.options import documents
 from .camera import Camera
 from .expose import PreparedExposure, prepared
@@ -52,7 +53,8 @@ class Sensor:
     def __init__(
         self, camera: Camera, *, serial: int = 1, maps: dict[str, ArrayLike] | None = None, most_bytes: float = 2**30
     ) -> None:
-        self.camera, self.serial, self.maps, self.most_bytes = camera, serial, maps, most_bytes
+        self.camera, self.serial, self.maps = camera, serial, maps
+        self.most_bytes = require("most_bytes", most_bytes, 0.0, math.inf, "bytes, e.g. 2**30")
         self.frames_taken = 0
         self._kept: dict[Any, StripWindows] = {}
 
@@ -72,6 +74,11 @@ class Sensor:
     @documents(ExposeOptions)
     def expose(self, photons: Photons | ArrayLike, exposure: Exposure, **options: Unpack[ExposeOptions]) -> Frames:
         """Raw frames of these mean photons per pixel, as of :func:`expose`; by default those behind the last ones."""
+        frames = self._frames(photons, exposure, options)
+        warn_of(frames._exposure_notes)
+        return frames
+
+    def _frames(self, photons: Photons | ArrayLike, exposure: Exposure, options: ExposeOptions) -> Frames:
         made, before = self._counted(photons, exposure, options)
         try:
             return made.frames()
@@ -89,7 +96,10 @@ class Sensor:
         self, photons: Photons | ArrayLike, exposure: Exposure, **options: Unpack[ExposeOptions]
     ) -> Iterator[NDArray[np.unsignedinteger]]:
         """The frames one at a time, as of :func:`stream`; all of them count as taken from now on."""
-        return self._counted(photons, exposure, options)[0].stream()
+        made = self._counted(photons, exposure, options)[0]
+        frames = made.stream()
+        warn_of(made.notes)
+        return frames
 
     def _counted(self, photons: Any, exposure: Exposure, options: ExposeOptions) -> tuple[PreparedExposure, int]:
         """Ready to take the next frames, which nobody else takes from now on, and ``frames_taken`` before these."""

@@ -3,7 +3,7 @@
 An array of photons may be any list of pixels.
 """
 
-from ..core import InputError
+from ..core import Doubt, InputError
 from .camera import Camera
 
 
@@ -16,7 +16,7 @@ def check_on_sensor(what: str, shape: tuple[int, ...], origin: tuple[int, int], 
 def size_note(shape: tuple[int, ...], origin: tuple[int, int], camera: Camera) -> tuple[str, ...]:
     """The same for frames of such a window, as a note."""
     said = _beyond(shape, origin, camera)
-    return (f"the frame has {said}; the fixed pattern goes on beyond the sensor",) if said else ()
+    return (Doubt(f"the frame has {said}; the fixed pattern goes on beyond the sensor"),) if said else ()
 
 
 def _beyond(shape: tuple[int, ...], origin: tuple[int, int], camera: Camera) -> str:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from ..core import Doubt
+
 
 class Mistake(NamedTuple):
     """A number given in another unit: value · factor + offset is the same in the unit of the field."""
@@ -74,4 +76,4 @@ COOLED_TO_HOT_K = Usual.of(70.0, 400.0, CELSIUS)  # liquid nitrogen … the hott
 def temperature_note(temperature_k: float) -> tuple[str, ...]:
     """What to say of a sensor temperature that is allowed and probably not meant."""
     usual = temperature_k > 0 and COOLED_TO_HOT_K.includes(temperature_k)
-    return () if usual else (COOLED_TO_HOT_K.doubt("temperature_k", temperature_k),)
+    return () if usual else (Doubt(COOLED_TO_HOT_K.doubt("temperature_k", temperature_k)),)

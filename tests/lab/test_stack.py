@@ -48,7 +48,7 @@ def test_each_place_of_a_mosaic_is_a_stack_of_its_own_pixels() -> None:
         (np.zeros((0, 4, 4)), 0.1, "shape (0, 4, 4)"),
         (np.zeros((2, 2, 2), bool), 0.1, "frames are bool"),
         (np.full((1, 1, 2), np.nan), 0.1, "2 values are NaN or infinite"),
-        (np.zeros((1, 1, 1)), -1, "exposure_s is -1; it must be at least 0"),
+        (np.zeros((1, 1, 1)), -1, "exposure_s is -1; it must be from 0 to"),
         (np.zeros((1, 1, 1)), np.nan, "exposure_s is nan"),
         ([[[1]]], 0.1, "frames are list"),
     ],

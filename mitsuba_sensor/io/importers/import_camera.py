@@ -17,7 +17,7 @@ from .draft import Draft
 from .emva_report import read_report
 from .getframes import PREFIX, preset_text, read_preset
 from .libcamera import is_tuning, read_tuning
-from .noise_table import is_table, read_table, rows_of
+from .noise_table import is_table, read_table, rows_by_name
 
 LIKE = "bayer_2mp"
 YAML = (".yml", ".yaml")
@@ -65,7 +65,7 @@ def _draft(paths: list[Path], like: Camera) -> Draft:
     if kind == ".json":
         return _of_json(text, first.name, like)
     if kind == ".csv":
-        return read_table(rows_of(text), first.name, like)
+        return read_table(rows_by_name(text), first.name, like)
     if kind in YAML or (kind == ".xml" and is_storage(text)):
         return read_storage(text, first.name, like)
     return (read_report if kind == ".xml" else read_preset)(text, first.name, like)

@@ -7,8 +7,6 @@ pixels; that of rows, sigR, is beside it.
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import re
 from collections.abc import Mapping
@@ -17,6 +15,7 @@ from typing import Any
 import scipy
 
 from ...core import InputError
+from ...core.csv_rows import rows_of
 from ...sensor.camera import Camera
 from .draft import Draft
 
@@ -40,10 +39,10 @@ def is_table(data: object) -> bool:
     return isinstance(rows, list) and bool(rows) and all(isinstance(one, dict) for one in rows)
 
 
-def rows_of(text: str) -> list[dict[str, str]]:
-    """The rows of a CSV file with a header; lines that begin with # are comments."""
-    lines = (line for line in io.StringIO(text) if not line.startswith("#"))
-    return [dict(one) for one in csv.DictReader(lines, skipinitialspace=True)]
+def rows_by_name(text: str) -> list[dict[str, str]]:
+    """The rows of a CSV file under the names in its header."""
+    header, *rows = rows_of(text) or [[]]
+    return [dict(zip(header, row, strict=False)) for row in rows]
 
 
 def read_table(data: Any, file: str, like: Camera) -> Draft:

@@ -11,7 +11,7 @@ from typing import Annotated, ClassVar, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from ...core import Array, Exposure, Frame, Moments, SensorWindow, arrays
+from ...core import Array, Doubt, Exposure, Frame, Moments, SensorWindow, arrays
 from ...core.types import Float64Array
 from ..datasheet import FileTable, NotNegative, Positive
 from ..gains import adc_gain_dn_per_v, full_scale_v, full_well_swing_v
@@ -24,8 +24,9 @@ HALVES_END = 2**23
 INTERVALS = {1.0: 1.5, 2.0: -0.6, 3.0: 0.1}
 """Width [DN] → weight of the intervals in which codes are counted: Σw = 1, Σw·a² = Σw·a⁴ = 0."""
 
-LEAST_FILLED, MOST_FILLED = 0.05, 256.0
-"""Share of the code range that a full well fills: beyond, a gain is probably in another unit; gains go up to 48 dB."""
+LEAST_FILLED, MOST_FILLED = 0.05, 100.0
+"""Share of the code range that a full well fills: beyond, a gain is probably in another unit. 100 is a gain of 40 dB; a
+camera that says at which of its gain settings it is, is compared with that setting instead."""
 
 BLACK_LEVEL_AT = Exposure(time_s=0.0, temperature_k=298.15)
 """The default black level holds the noise of this exposure."""
@@ -94,12 +95,13 @@ class Adc(Converter):
         if black_dn > highest / 2:
             left = f"leaves {max(highest - black_dn, 0.0):.6g} of {highest} codes for light"
             found.append(f"adc.black_level_dn is {black_dn:.6g}, and {left}; take a lower one, or more adc.bits")
-        if not LEAST_FILLED <= filled <= MOST_FILLED:
+        most = math.inf if camera.gain is not None else MOST_FILLED
+        if not LEAST_FILLED <= filled <= most:
             found.append(
                 f"adc.full_scale_v is {full_scale_v(camera):.4g}, and a full well fills {filled:.3g} of it; if the "
                 f"highest code is a full well, leave it out, or write {full_well_swing_v(camera):.4g}"
             )
-        return tuple(found)
+        return tuple(map(Doubt, found))
 
     def sample(self, swing: Array, frame: Frame) -> Array:
         """Swing [V] → whole digital numbers (H, W), rounded half up."""

@@ -12,7 +12,7 @@ from typing import Annotated, Any, ClassVar, Self
 import numpy as np
 from pydantic import Field, ValidationInfo, model_validator
 
-from ...core import Array, Electrons, Frame, InputError, Moments, Photons, SensorWindow, arrays
+from ...core import Array, Doubt, Electrons, Frame, InputError, Moments, Photons, SensorWindow, arrays
 from ...core.band_average import photon_averages
 from ...core.signals import Filters
 from ..datasheet import Chance, FileTable, Nanometres, Positive
@@ -20,6 +20,9 @@ from ..qe_file import read_curves
 from ..stage import Datasheet, Stage
 from ..usual_range import PERCENT, Usual
 from .quantum_yield import bursts
+
+LEAST_PEAK = 0.01
+"""Of a QE: below, it was probably divided by 100 twice."""
 
 Fractions = tuple[Annotated[float, Field(ge=0, le=1, strict=True)], ...]
 
@@ -148,6 +151,15 @@ class QuantumEfficiency(Stage):
         curves = tuple(SpectralCurve(section.wavelengths_nm, curve) for curve in section.curves.values())
         burst = SpectralCurve(section.wavelengths_nm, section.quantum_yield) if bursts(section.quantum_yield) else None
         return cls(curves, section.filter_tile, section.reference_nm, burst)
+
+    @classmethod
+    def notes(cls, camera: Datasheet) -> tuple[str, ...]:
+        """Where all curves are so low that they were probably divided by 100."""
+        peak = max(max(curve) for curve in camera.quantum_efficiency.curves.values())
+        if not 0 < peak < LEAST_PEAK:
+            return ()
+        usual = f"{LEAST_PEAK:g} to 1 is usual: if they were fractions and called percents, write {100 * peak:.4g}"
+        return (Doubt(f"quantum_efficiency.curves have at most {peak:.4g}, and {usual}"),)
 
     def sample(self, photons: Photons, frame: Frame) -> Electrons:
         """Mean photons (H, W) or (H, W, B) → mean photoelectrons (H, W); with a yield, mean interactions."""

@@ -122,6 +122,11 @@ class PublishedPhotons(Stage):
     def sample(self, photons: Photons, frame: Frame) -> Array:
         """Mean photons at one wavelength, (H, W) or (H, W, 1) → rounded mean photons (H, W)."""
         bands = photons.mean.shape[2:]
+        if photons.detected:
+            raise InputError(
+                "photons is detected already, and the published code detects photons itself; pass photons, or use the "
+                "physical chain."
+            )
         if bands not in ((), (1,)):
             raise InputError(
                 f"photons has {bands[0]} bands and the published code has one wavelength; "

@@ -77,6 +77,27 @@ def test_a_later_qe_replaces_an_earlier_one(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    "text",
+    [
+        "wavelength_nm;mono_fraction\n400;0,25\n700;0,5\n",
+        "wavelength_um\tmono_percent\n0,4\t25\n0,7\t50\n",
+        "wavelength_um; mono_percent\n0.4; 25.0\n0.7; 50.0\n",
+    ],
+)
+def test_semicolons_and_tabs_separate_too_and_then_commas_are_decimal(text: str, tmp_path: Path) -> None:
+    (tmp_path / "qe.csv").write_text(text)
+    camera = ms.load_camera(camera_file(tmp_path, 'file = "qe.csv"'))
+    np.testing.assert_allclose(camera.qe([400, 700]), [[0.25, 0.5]], rtol=1e-12)
+
+
+def test_a_quantum_efficiency_below_one_percent_everywhere_is_doubted() -> None:
+    low, tail = ({"mono": list(curve)} for curve in ([0.003, 0.006], [0.003, 0.6]))
+    (note,) = TABLE1.replace(**{"quantum_efficiency.curves": low}).notes
+    assert note.startswith("quantum_efficiency.curves have at most 0.006, and 0.01 to 1 is usual")
+    assert not TABLE1.replace(**{"quantum_efficiency.curves": tail}).notes
+
+
+@pytest.mark.parametrize(
     ("header", "scale_nm", "scale_qe"),
     [
         ("wavelength_nm,R_fraction,G_fraction", 1, 1),
@@ -109,11 +130,20 @@ FILES = {
     ),
     "no header": ("400,0.6\n500,0.6\n700,0.6\n", "column 1 is called '400'"),
     "no name": ("wavelength_nm,_percent\n400,60\n700,60\n", "column 2 is called '_percent'"),
-    "percents called fractions": ("wavelength_nm,mono_fraction\n400,60\n700,60\n", "less than or equal to 1"),
-    "nm called um": ("wavelength_nm,mono_percent\n400,60\n300,60\n", "wavelengths_nm must increase"),
+    "percents called fractions": ("wavelength_nm,mono_fraction\n400,60\n700,60\n", "in percent, call it mono_percent"),
+    "fractions called percents": ("wavelength_nm,mono_percent\n400,0.3\n700,0.6\n", "call the columns mono_fraction;"),
+    "nanometres called micrometres": (
+        "wavelength_um,mono_fraction\n400,0.3\n700,0.6\n",
+        "wavelength_um goes from 400 to 700 um, and 100 to 3000 nm is usual; if it is in nm, call it wavelength_nm",
+    ),
+    "micrometres called nanometres": (
+        "wavelength_nm,mono_fraction\n0.4,0.3\n0.7,0.6\n",
+        "wavelength_nm goes from 0.4 to 0.7 nm, and 100 to 3000 nm is usual; if it is in um, call it wavelength_um",
+    ),
+    "falling": ("wavelength_nm,mono_percent\n400,60\n300,60\n", "wavelengths_nm must increase"),
     "one line": ("wavelength_nm,mono_percent\n400,60\n", "needs a header and at least two lines"),
     "one column": ("wavelength_nm\n400\n700\n", "at least one curve, separated by commas"),
-    "semicolons": ("wavelength_nm;mono_percent\n400;60\n700;60\n", "column 1 is called 'wavelength_nm;mono_percent'"),
+    "spaces": ("wavelength_nm mono_percent\n400 60\n700 60\n", "in columns separated by commas, semicolons or tabs"),
     "ragged": ("wavelength_nm,mono_percent\n400,60\n700\n", "has a line that is not 2 numbers"),
     "text": ("wavelength_nm,mono_percent\n400,high\n700,60\n", "has a line that is not 2 numbers"),
     "NaN": ("wavelength_nm,mono_percent\n400,nan\n700,60\n", "finite number"),

@@ -1,0 +1,61 @@
+"""Notes on an exposure: what of camera, window, light and temperature is allowed and may surprise."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ..core import Doubt, Frame, Photons
+from .camera import Camera
+from .detection import Detected
+from .metering import clipped_note
+from .report import outside_qe
+from .sensor_size import size_note
+from .usual_range import temperature_note
+
+MUCH_OUTSIDE, NEARLY_ALL = 0.01, 0.99  # of the photons: where a QE curve was cut off Python warns from the first share
+CUT_OFF = 0.01  # of its peak: a curve that ends above this probably went on in the datasheet
+
+
+def exposure_notes(camera: Camera, light: Detected, first: Frame) -> tuple[str, ...]:
+    """All notes on an exposure but those on the light itself and on its noise; they take no theory and no frame.
+
+    light : on the window of ``first``, the first frame.
+    """
+    source = light.photons.source
+    return (
+        *camera.notes,
+        *size_note(first.window.shape, first.window.origin, camera),
+        *_outside_note(light.photons, camera),
+        *clipped_note(light, camera, first),
+        *temperature_note(first.exposure.temperature_k),
+        *(() if source is None else source.notes_for(camera)),
+    )
+
+
+def _outside_note(photons: Photons, camera: Camera) -> Iterator[str]:
+    """Where photons are in bands beyond the QE curve."""
+    outside = outside_qe(photons, camera)
+    share, wavelengths_nm = outside["share_of_photons"], outside["wavelengths_nm"]
+    if not share:
+        return
+    points = camera.quantum_efficiency.wavelengths_nm
+    first_nm, last_nm = min(wavelengths_nm), max(wavelengths_nm)
+    bands = f"a band at {first_nm:g} nm"
+    if len(wavelengths_nm) > 1:
+        bands = f"{len(wavelengths_nm)} bands from {first_nm:g} to {last_nm:g} nm"
+    note = (
+        f"{100 * share:.3g} % of the photons are in {bands} and not detected: the QE curve of {camera.name} goes from "
+        f"{points[0]:g} to {points[-1]:g} nm"
+    )
+    ends_low, ends_high = _is_cut_off(camera)
+    cut_off = (ends_low and first_nm < points[0]) or (ends_high and last_nm > points[-1])
+    yield Doubt(note) if share > (MUCH_OUTSIDE if cut_off else NEARLY_ALL) else note
+
+
+def _is_cut_off(camera: Camera) -> tuple[bool, bool]:
+    """Whether the QE is far from zero where its curves begin, and where they end."""
+    curves = np.array(list(camera.quantum_efficiency.curves.values()))
+    least = CUT_OFF * curves.max()
+    return bool(curves[:, 0].max() > least), bool(curves[:, -1].max() > least)
