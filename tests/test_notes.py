@@ -63,6 +63,16 @@ def test_light_of_another_camera_is_told_in_python_once_at_the_line_of_the_call(
     assert not none and not any("rendered" in note for note in own.notes)
 
 
+def test_a_lens_that_the_light_did_not_come_through_is_told(of_bayer: Any) -> None:
+    """Four times less light would come through it; the frames are those of the first lens."""
+    slower = BAYER.replace(**{"lens.f_number": 5.6})
+    frames, (warning,) = told(lambda: ms.expose(of_bayer, slower, EXPOSURE))
+    assert "behind the lens of bayer_2mp (f/2.8) already, and the lens of bayer_2mp (f/5.6) is not" in str(
+        warning.message
+    )
+    np.testing.assert_array_equal(frames.digital, ms.expose(of_bayer).digital)
+
+
 def test_terminal_file_notebook_and_python_show_the_same_sentences(
     of_bayer: Any, tmp_path: Path, cli: Callable[..., Any]
 ) -> None:

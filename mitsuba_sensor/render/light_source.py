@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ..core import Doubt
 from ..sensor.camera import Camera
 from ..sensor.fingerprint import pixel_fingerprint
 from ..sensor.frames import Frames
@@ -44,8 +46,18 @@ class CollectedLight:
         return self._band_errors[key]
 
     def notes_for(self, camera: Camera) -> tuple[str, ...]:
-        """What light that was rendered for another camera lacks for this one."""
-        return tuple(notes_of_bands(self.light, camera, self.band_error(camera)))
+        """What light that was rendered for another camera lacks for this one, and whose lens it came through."""
+        return (*notes_of_bands(self.light, camera, self.band_error(camera)), *self._lens_note(camera))
+
+    def _lens_note(self, camera: Camera) -> Iterator[str]:
+        """Where the camera has another lens than the one that the light is behind already."""
+        known = self.light.rendered_for
+        own = None if known is None else known.camera
+        if own is not None and own.lens != camera.lens:
+            yield Doubt(
+                f"the light is behind the lens of {own.name} (f/{own.lens.f_number:g}) already, and the lens of "
+                f"{camera.name} (f/{camera.lens.f_number:g}) is not used; render it for this camera"
+            )
 
     def render_noise(self, frames: Frames) -> tuple[dict[str, float | None], tuple[str, ...]]:
         """What the render's noise means in these frames, see :func:`render_noise`, and the notes on it."""

@@ -180,10 +180,10 @@ def saturated_share(electrons: NDArray[np.floating], camera: Camera, exposure: E
     electrons : mean of the light in each pixel, (H, W).
     """
     try:
-        limit_e = saturation_e(camera) - mean_dark_e(camera, exposure)
+        level_e = saturation_e(camera)
     except InputError:  # darkness is at the highest code
         return 1.0
-    width_e = SHOT_NOISE * math.sqrt(saturation_e(camera))
+    limit_e, width_e = level_e - mean_dark_e(camera, exposure), SHOT_NOISE * math.sqrt(level_e)
     if electrons.max() < limit_e - width_e / 2:
         return 0.0
     saturated = 0.0
