@@ -18,12 +18,10 @@ EXPOSURE = ms.Exposure(0.1)
 
 
 def light(data: Any, wavelengths: Any = (550.0,), widths: Any = (1.0,)) -> Any:
-    """All of an Irradiance that photons are made from."""
-    return SimpleNamespace(
-        data=np.asarray(data), wavelengths_nm=np.asarray(wavelengths), bandwidths_nm=np.asarray(widths),
-        filters=None, response=None, origin=(0, 0), in_band=None, rendered_for=None,
-        statistics=SimpleNamespace(intrinsics=None),
-    )  # fmt: skip
+    """An Irradiance without errors, and of a render of which nothing is known."""
+    values, statistics = np.asarray(data), SimpleNamespace(intrinsics=None, notes=())
+    errors = np.zeros(values.shape, np.float32), np.zeros(values.shape[:2], np.float32)
+    return ms.Irradiance(values, np.asarray(wavelengths), np.asarray(widths), *errors, statistics)  # type: ignore[arg-type]
 
 
 def test_one_watt_per_square_metre_gives_table_1s_photons() -> None:
