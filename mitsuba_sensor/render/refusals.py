@@ -73,8 +73,9 @@ def refuse_black(band_nm: Range, lost: int, findings: Iterable[Finding]) -> NoRe
         what = f"{what}: {lost} values of its light were NaN and all others are 0"
         remedy = "look for NaN in textures and environment maps, and for metals whose eta and k end"
     serious = [f"{finding.what} ({finding.where})" for finding in findings if finding.level != "note"]
-    found = f" It may be that {'; or that '.join(serious)}." if serious else ""
-    raise InputError(f"{what}; {remedy}.{found}")
+    if serious:
+        remedy = f"perhaps because {', or because '.join(serious)}; otherwise {remedy}"
+    raise InputError(f"{what}; {remedy}.")
 
 
 def refuse_misspelt(scene: SceneFile) -> None:

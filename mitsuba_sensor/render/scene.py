@@ -25,6 +25,7 @@ from .guides import render_guides
 from .interleaved import interleaved, most_interleaved
 from .lens_sensor import with_lens
 from .lint import WRAPPERS, lint, lint_built
+from .loaded_spectra import loaded_findings
 from .mesh_attributes import refuse_missing_attributes
 from .metal_tables import continue_metals
 from .noisy_pixels import NoisyPixels
@@ -164,7 +165,8 @@ def _load(
     if sensor is None:
         raise InputError(f"scene {scene.name!r}: its sensor has a number that is NaN; correct fov and to_world.")
     integrator = getattr(world.integrator(), "inner", world.integrator()) or mitsuba().load_dict({"type": "path"})
-    findings = most_serious_first([*findings, *lint_built(scene, world, sensor)])
+    spectra = () if scene.loaded is None else loaded_findings(world, Band(*bands.ends_nm, camera))
+    findings = most_serious_first([*findings, *lint_built(scene, world, sensor), *spectra])
     sensor, view, lens_notes = with_lens(sensor, _view(sensor, metres or 1.0), camera, metres or 1.0)
     if camera is not None:
         (columns, rows), (column, row) = view.crop_size, view.crop_offset

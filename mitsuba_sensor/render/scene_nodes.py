@@ -34,7 +34,7 @@ NO_RADIANCE = ("DepthIntegrator", "ParticleTracerIntegrator")
 POLARISERS = ("LinearPolarizer", "CircularPolarizer", "LinearRetarder", "MeasuredPolarized")  # classes of POLARISING
 # Options which change a scene before it is loaded:
 OPTIONS = ("parameters", "integrator", "motion", "ignore_polarization", "traverse", "look_at", "repeatable")
-LOADED = "spectra and materials of a loaded scene are not looked at for what is black in the bands"
+LOADED = "pictures and colours of a loaded scene are not looked at for what is black in the bands"
 ANOTHER = "pass the scene as a path, as XML text or as a dict"
 
 

@@ -145,7 +145,7 @@ def _impossible(scene: SceneFile, spectra: SceneSpectra, band: Band) -> Iterator
         for name, same in _by_name(too_large):
             largest = max(values.largest for values in same)
             what = f"{name!r} in {places(len(same))} is as large as {largest:g}: {effect}"
-            yield Finding("wrong", _lines(scene, same), what, _remedy(largest))
+            yield Finding("wrong", _lines(scene, same), what, remedy_of_fraction(largest))
     for name, same in _by_name([values for values in (*fractions, *strengths) if values.least < 0]):
         least = min(values.least for values in same)
         what = f"{name!r} in {places(len(same))} is as small as {least:g}: no light is negative"
@@ -166,7 +166,7 @@ def _lines(scene: SceneFile, extremes: Iterable[Extremes]) -> str:
     return lines_of(scene, [values.node for values in extremes])
 
 
-def _remedy(largest: float) -> str:
+def remedy_of_fraction(largest: float) -> str:
     """What to do with a fraction above 1."""
     if largest <= LEAST_PERCENT or largest > COUNTS:
         return "give values from 0 to 1"

@@ -16,6 +16,7 @@ from mitsuba_sensor.io.ply_colours import largest_colour
 from mitsuba_sensor.render.finding import Finding
 from mitsuba_sensor.render.metal_tables import metal_table
 from mitsuba_sensor.render.scene import inspect_scene
+from mitsuba_sensor.render.scene_nodes import parse_nodes
 from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
 
 VISIBLE = ms.load_camera("konnik_table1")  # 400 to 700 nm
@@ -343,6 +344,33 @@ def test_own_indices_that_end_are_told_as_what_they_are(tmp_path: Path) -> None:
     assert eta.level == k.level == "wrong" and "reflects everything or is NaN" in eta.what
 
 
+@both_variants
+def test_spectra_of_a_loaded_scene_are_looked_at(tmp_path: Path, variant: str) -> None:
+    """By its parameters: a metal that is not continued, a lamp of D65, a reflectance of 1.3; and none of them where
+    the camera sees nothing of it."""
+    mi = use(choose_variant(skip_unless_usable(variant)))
+    shapes = ball(NAMED, "conductor"), ball(grey("1.3")), ball(grey("300:0.2, 850:0.5"))
+    text = scene_text(*shapes, '<emitter type="constant"/>')
+    scene = mi.load_string(text)
+
+    def found(camera: ms.Camera) -> list[tuple[str, str]]:
+        findings = inspect_scene(parse_nodes(scene, {}), camera, {}, None)
+        return [
+            (finding.level, finding.what.split(" in ")[0].split(":")[0])
+            for finding in findings
+            if finding.level != "note"
+        ]
+
+    black = [("black", "'reflectance'"), ("black", "'radiance'")]
+    wrong = [
+        ("wrong", "'eta'"),
+        ("wrong", "'k'"),
+        ("wrong", "'reflectance' is as large as 1.3"),
+    ]
+    assert sorted(found(INFRARED)) == sorted([*black, *wrong])
+    assert found(VISIBLE) == wrong[2:]
+
+
 def test_the_share_of_the_photoelectrons_that_rests_on_a_table_is_told() -> None:
     """A flat light, seen by a flat sensor from 400 to 1000 nm and a metal that fills the picture: with E ∝ R(λ) the
     electrons of the bands beyond 885.57 nm, of all, weighed by λ."""
@@ -386,6 +414,8 @@ def test_nan_in_an_environment_map_makes_a_render_unreliable(tmp_path: Path, var
 
 def test_a_picture_of_nan_alone_is_not_said_to_lack_an_emitter() -> None:
     own = grey("300:1, 386:1", "eta") + grey("300:3, 386:3", "k")
-    with pytest.raises(InputError, match=r"values of its light were NaN.*'eta' in 1 place is 0") as error:
+    with pytest.raises(
+        InputError, match=r"values of its light were NaN.*perhaps because 'eta' in 1 place is 0"
+    ) as error:
         render(scene_text(SKY, WALL.format(own), film=SQUARE, sensor=HEAD_ON))
     assert "emitter" not in str(error.value)
