@@ -17,9 +17,10 @@ STEP_NM = 1.0
 TOLERATED = 1e-3  # of the photoelectrons of a filter
 
 
-def share_of_flat_light(camera: Camera, data_nm: Range) -> str:
-    """What a camera detects of a flat spectrum outside two wavelengths, as the end of a sentence."""
-    low_nm, high_nm = (float(end) for end in camera.band_nm)
+def share_of_flat_light(camera: Camera, band_nm: Range, data_nm: Range) -> str:
+    """What a camera detects of a spectrum that is flat in the bands and 0 outside, where there are no
+    data: the end of a sentence."""
+    low_nm, high_nm = band_nm
     count = max(round((high_nm - low_nm) / STEP_NM), 1)
     edges_nm = np.linspace(low_nm, high_nm, count + 1)
     centres_nm = (edges_nm[1:] + edges_nm[:-1]) / 2

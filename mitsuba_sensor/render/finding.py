@@ -55,8 +55,11 @@ def lines_of(scene: SceneFile, nodes: list[MitsubaObject]) -> str:
 
     A look-up reads the file, so only the named ones are looked up.
     """
-    lines = list(dict.fromkeys(scene.where(node).removeprefix("line ") for node in nodes[:MOST_LINES]))
+    named = list(dict.fromkeys(scene.where(node) for node in nodes[:MOST_LINES]))
     more = f" and {len(nodes) - MOST_LINES} more" if len(nodes) > MOST_LINES else ""
+    lines = [place.removeprefix("line ") for place in named if place.startswith("line ")]
+    if len(lines) < len(named):  # of included files, or of a dict
+        return f"{', '.join(named)}{more}"
     return f"line{'s' * (len(lines) > 1)} {', '.join(lines)}{more}"
 
 

@@ -44,7 +44,9 @@ class Band(NamedTuple):
     def beyond(self, data_nm: Range) -> str:
         """Where the bands are, and how much the camera detects where there are no data."""
         extent = f"the bands extend from {self.low_nm:g} to {self.high_nm:g} nm"
-        return extent if self.camera is None else extent + share_of_flat_light(self.camera, data_nm)
+        if self.camera is None:
+            return extent
+        return extent + share_of_flat_light(self.camera, (self.low_nm, self.high_nm), data_nm)
 
 
 def spectrum_findings(scene: SceneFile, spectra: SceneSpectra, band: Band) -> Iterator[Finding]:

@@ -154,6 +154,19 @@ def test_a_table_in_percent_makes_light(tmp_path: Path) -> None:
     assert any("as large as 40" in note for note in light.statistics.notes)
 
 
+def test_an_element_of_a_dict_is_named_and_has_no_line() -> None:
+    grey_13 = {"type": "diffuse", "reflectance": {"type": "spectrum", "value": 1.3}}
+    film = {"type": "hdrfilm", "width": 8, "height": 8}
+    scene = {
+        "type": "scene",
+        "sensor": {"type": "perspective", "film": film},
+        "ball": {"type": "sphere", "center": [0, 0, 4], "bsdf": grey_13},
+        "sky": {"type": "constant"},
+    }
+    found = inspect_scene(parse_nodes(scene, {}), VISIBLE, {}, None)
+    assert [finding.where for finding in found if finding.level == "wrong"] == ['node "ball.bsdf"']
+
+
 def test_values_outside_the_bands_of_the_camera_do_not_count(tmp_path: Path) -> None:
     assert serious(tmp_path, SKY, ball(grey("300:0.5, 790:0.5, 800:50"))) == []
 
