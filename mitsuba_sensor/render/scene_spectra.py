@@ -96,6 +96,8 @@ class SceneSpectra:
         if props.plugin_name() == "irregular":
             return _listed(props.get("wavelengths", ""))
         first, last = (float(props.get(name, 0.0)) for name in ("wavelength_min", "wavelength_max"))
+        if not math.isfinite(last - first):
+            return []
         wavelengths_nm: list[float] = np.linspace(first, last, count).tolist()
         return wavelengths_nm
 
