@@ -1,6 +1,6 @@
 """Attack `mitsuba-sensor dataset run`: kill it and its workers, run it twice at once, fill its disk, corrupt its files.
 
-    python benchmarks/dataset_kills.py [same kills calls poison full repair] [--tries N] [--seed S] [--json]
+    python benchmarks/dataset_kills.py [same kills calls poison full repair origin] [--tries N] [--seed S] [--json]
 
 same    the files of 0, 1, 2 and 4 workers, of shards, and of two runs at once on one folder
 kills   SIGKILL and Ctrl-C at random moments: the command, one of its workers, or all; then it is given again
@@ -8,6 +8,7 @@ calls   SIGKILL at the n-th rename, fsync, mkdir and unlink of the command or of
 poison  a view whose process is killed each time it begins: put into quarantine after three, the rest is made
 full    disks of every size until one is large enough: exit code 3, path and bytes named; resumed (as root)
 repair  random corruptions: `verify` lists them all, and `repair` makes these again and touches nothing else
+origin  damages of what says what a dataset is: seen by `verify`; nothing is rendered from them, and `run` restores them
 
 The dataset is tiny: three scenes of 16 pixels, two exposures, two chips. A try is damaged if an entry is torn, lost or
 wrong, if a file is left that belongs to nothing, or if the folder at the end is not that of an undisturbed run.
@@ -35,6 +36,8 @@ from dataset_damage import CORRUPTIONS
 from dataset_disks import mounted
 from dataset_entries import ALL_FILES_S, summary, tree
 
+from mitsuba_sensor.dataset.record import sealed, unsealed
+from mitsuba_sensor.dataset.repair import verify
 from mitsuba_sensor.dataset.store import Store
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -270,6 +273,42 @@ def repair(runs: Runs, tries: int, chance: random.Random) -> dict[str, Any]:
     return summary(tries, runs.problems, entries_spoilt=spoilt)
 
 
+def origin(runs: Runs, tries: int, chance: random.Random) -> dict[str, Any]:
+    """Bits, tails and other valid values of every file beside the entries."""
+    shutil.copytree(runs.top / "right", runs.out)
+    right, unseen = tree(runs.out), 0
+    names = [name for name in right if not name.startswith(("samples/", "views/"))]
+    for number in range(tries):
+        path = runs.out / names[number % len(names)]
+        path.write_bytes(damaged(path.read_bytes(), chance))
+        unseen += not any(fault.kind == "dataset" for fault in verify(runs.out))
+        if number < len(names):
+            subprocess.run([*COMMAND, "repair", str(runs.out), "--workers", "0"], cwd=ROOT, capture_output=True)
+            entries = {name for name in tree(runs.out) if name.startswith(("samples/", "views/"))}
+            runs.problems += [f"{path.name}: repair made others"] if entries != right.keys() - set(names) else []
+        path.write_bytes(right[path.relative_to(runs.out).as_posix()])
+    runs.problems += [f"{unseen} damages were not seen"] if unseen else []
+    runs.complete("the last one", "--workers", "0")
+    return summary(tries, runs.problems, files=names, unseen=unseen)
+
+
+def damaged(content: bytes, chance: random.Random) -> bytes:
+    """One bit is flipped, a tail is lost, a digit is another one, or a seal is right for other content."""
+    place, what = chance.randrange(len(content)), chance.randrange(4)
+    if what == 0:
+        return content[:place] + bytes([content[place] ^ 1 << chance.randrange(8)]) + content[place + 1 :]
+    if what == 1:
+        return content[:place]
+    digits = [found.start() for found in re.finditer(rb"[0-9]", content)]
+    place = chance.choice(digits)
+    other = content[:place] + b"%d" % ((int(content[place : place + 1]) + 1) % 10) + content[place + 1 :]
+    text = unsealed(content)
+    if what == 2 or text is None:
+        return other
+    place = chance.choice([found for found in digits if found < len(text) - 1])
+    return sealed(f"{text[:place]}{(int(text[place]) + 1) % 10}{text[place + 1 :]}")
+
+
 def on_runs(attack: Callable[[Runs, int, random.Random], dict[str, Any]]) -> Attack:
     """The same attack, of a seed and a folder; what it found wrong is told on stderr."""
 
@@ -288,6 +327,7 @@ ATTACKS: dict[str, tuple[Attack, int]] = {
     "kills": (on_runs(kills), 300),
     "calls": (on_runs(each_call), 60),
     "poison": (on_runs(poison), 5),
+    "origin": (on_runs(origin), 600),
     "full": (on_runs(full), 30),
     "repair": (on_runs(repair), 30),
 }

@@ -18,8 +18,9 @@ from ..dataset.engine import usual_workers
 from ..dataset.faults import Fault
 from ..dataset.forecast import Counts, Forecast, counts_of, forecast
 from ..dataset.options import EXPORT_FORMATS, ExportOptions, RootOptions, RunOptions
+from ..dataset.origin import plan_of, require_same_versions
 from ..dataset.planned import DatasetPlan, load_plan
-from ..dataset.repair import discard, holdings, plan_of, store_of, verify
+from ..dataset.repair import discard, holdings, store_of, verify
 from ..dataset.run import RunProgress, Show, run
 from ..stopping import remark_if_stopped, undone_if_stopped
 from . import arguments, options
@@ -95,9 +96,10 @@ def plan_command(
 
 
 @dataset.command("status", epilog="Example: mitsuba-sensor dataset status pairs/")
-def status_command(folder: DatasetFolder, as_json: arguments.Json = False) -> None:
+@options.flags(RootOptions)
+def status_command(folder: DatasetFolder, as_json: arguments.Json = False, **flags: options.Flag) -> None:
     """Say how much of a dataset is there, and what could not be made. Reads records, no pictures."""
-    store, plan = store_of(Path(folder)), plan_of(Path(folder), None)
+    store, plan = store_of(Path(folder)), plan_of(Path(folder), flags["roots"])
     held = holdings(store, plan)
     failed = {key: str(facts.get("why")) for key, facts in store.quarantined().items()}
     found = {"name": plan.file.name, **held._asdict(), "quarantine": failed}
@@ -124,9 +126,10 @@ def verify_command(folder: DatasetFolder, as_json: arguments.Json = False) -> No
 @options.flags(RootOptions, RunOptions, without=("shard",))
 def repair_command(folder: DatasetFolder, as_json: arguments.Json = False, **flags: options.Flag) -> None:
     """Make again what `dataset verify` finds, and what is missing; everything else stays as it is."""
-    place, roots = Path(folder), flags.pop("roots")
-    plan = plan_of(place, roots)
+    place = Path(folder)
     store_of(place)
+    plan = plan_of(place, flags.pop("roots"))
+    require_same_versions(plan.made_by, place)
     with steps_bar(err) as now:
         faults = list(verify(place, lambda done, total: now(done, total, "verified")))
     broken = discard(place, faults)

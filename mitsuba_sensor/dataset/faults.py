@@ -16,10 +16,13 @@ What: TypeAlias = Literal[
 
 
 class Fault(NamedTuple):
-    """One thing that is wrong.  kind : of entry, or dataset for the index.  key : empty for what belongs to no entry.
-    file : in the entry's folder, or, of what belongs to no entry, in the folder of its kind."""
+    """One thing that is wrong.
 
-    kind: Kind | Literal["dataset"]
+    kind : of entry, dataset for what says what it is, or quarantine for a note there.  key : empty for what belongs to
+    no entry.  file : in the entry's folder, or, of what belongs to no entry, in the folder of its kind.
+    """
+
+    kind: Kind | Literal["dataset", "quarantine"]
     key: str
     file: str
     what: What
@@ -36,7 +39,7 @@ def of_entry(folder: Path, kind: Kind, key: str) -> list[Fault]:
         return [Fault(kind, key, RECORD, "unreadable")]
     faults = [Fault(kind, key, name, "extra") for name in found if name not in record.files and name != RECORD]
     for name, (size, digest) in record.files.items():
-        what = _what_is_wrong(folder / name, size, digest) if found.get(name, True) else "not a plain file"
+        what = what_is_wrong(folder / name, size, digest) if found.get(name, True) else "not a plain file"
         faults += [Fault(kind, key, name, what)] if what else []
     return sorted(faults)
 
@@ -57,9 +60,11 @@ def _record_in(folder: Path, kind: Kind, key: str) -> Record | What:
     return record if (record.kind, record.key) == (kind, key) else "of another entry"
 
 
-def _what_is_wrong(path: Path, size: int, digest: str) -> What | None:
-    """Of a plain file, or one that is not there."""
+def what_is_wrong(path: Path, size: int, digest: str) -> What | None:
+    """What is wrong with a file that was written with this size and SHA-256; None if nothing is."""
     try:
+        if path.is_symlink():
+            return "not a plain file"
         there = path.lstat().st_size
         if there != size:
             return "short" if there < size else "long"

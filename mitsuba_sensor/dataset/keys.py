@@ -7,6 +7,9 @@ import json
 from collections.abc import Mapping
 from typing import Any, TypeAlias
 
+from .. import __version__
+from ..io.metadata import versions
+
 Config: TypeAlias = Mapping[str, Any]
 """Plain values by name, ready for JSON."""
 Facts: TypeAlias = dict[str, Any]
@@ -38,6 +41,14 @@ def identity(config: Config, camera_key: str | None = None) -> str:
     """The key of what decides the pixels of a sample, whatever its files.  camera_key : of its datasheet, if known."""
     own = {name: value for name, value in config.items() if name != "outputs"}
     return key_of({**own, "camera": camera_key or key_of(config["camera"])})
+
+
+def made_by() -> dict[str, str | None]:
+    """Versions of what the pixels of a dataset depend on; None for what is not installed.
+
+    All other libraries read, write and draw, or are known to give the same bits in every version.
+    """
+    return {"mitsuba-sensor": __version__, **{name: versions()[name] for name in ("mitsuba", "drjit", "pyoidn")}}
 
 
 def seed_of(key: str) -> int:

@@ -29,7 +29,7 @@ from ..sensor.expose import prepared
 from ..sensor.frames import Frames
 from ..sensor.metering import Metering, electrons_of
 from ..sensor.options import ExposeOptions
-from .keys import Config, Facts, identity, key_of, seed_of
+from .keys import Config, Facts, identity, key_of, made_by, seed_of
 from .planned import PlannedSample, PlannedView
 from .store import Store
 
@@ -104,7 +104,7 @@ class Rendered:
         if "irradiance" in self.view.outputs:
             exr.write_irradiance_exr(folder / "irradiance.exr", self.light)
         facts = {"key": self.view.key, "scene": self.view.scene, "config": self.view.config, "light": self.light_facts}
-        files.write_json(folder / "view.json", {**facts, "versions": versions()})
+        files.write_json(folder / "view.json", {**facts, "versions": {**versions(), **made_by()}})
 
     @property
     def light_facts(self) -> Facts:
@@ -147,7 +147,7 @@ class Rendered:
             "config": config,
             "view": {"key": self.view.key, "scene": self.view.scene, "config": self.view.config},
             "light": self.light_facts,
-            "versions": versions(),
+            "versions": {**versions(), **made_by()},
         }
         files.write_json(folder / "sample.json", facts)
 

@@ -17,7 +17,7 @@ from ..render.motion import Motion, read_motion
 from ..render.options import RenderOptions
 from .cameras import Cameras, VariedCamera, of_light
 from .file import MOST_SAMPLES, OF_SCENE, DatasetFile, SceneEntry
-from .keys import Config, Facts, identity, key_of
+from .keys import Config, Facts, identity, key_of, made_by
 from .roots import find_below
 from .splits import SplitOf
 from .sweep import Combination, changes_light, combinations, count, of_kind
@@ -61,11 +61,13 @@ class DatasetPlan:
     """All views of a dataset file, checked.  Raises InputError.
 
     roots : folders below which its files may be read.  text : of the file, as it was written.
+    made_by : versions of what its pixels depend on.
     """
 
     file: DatasetFile
     roots: Sequence[Path]
     text: str = ""
+    made_by: Config = field(default_factory=made_by)
     _lights: dict[object, tuple[Facts, str]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -109,7 +111,8 @@ class DatasetPlan:
             for key, (config, samples, entry) in found.items():
                 self._check_new(lights, key, samples)
                 outputs = tuple(name for name in OF_VIEW if name in self.file.outputs)
-                own, path = key_of({"view": key, "outputs": outputs}), str(self._place(entry))
+                own = key_of({"view": key, "outputs": outputs, "made_by": self.made_by})
+                path = str(self._place(entry))
                 yield PlannedView(own, config, outputs, entry.name, path, tuple(samples))
 
     @staticmethod
@@ -144,7 +147,8 @@ class DatasetPlan:
             "dataset_seed": self.file.seed,
         }
         outputs = [name for name in self.file.outputs if name not in OF_VIEW]
-        own = key_of({"sample": identity(config, camera.key), "outputs": outputs})
+        pixels = identity(config, camera.key)
+        own = key_of({"sample": pixels, "outputs": outputs, "made_by": self.made_by})
         said = {"scene": self.file.scenes[one.scene].name, "camera": self.cameras.name(one.camera), **values}
         said |= {} if one.view is None else {"view": one.view.model_dump()}
         return (light, key), PlannedSample(own, {**config, "outputs": outputs}, said, self.splits.of(one))
@@ -216,16 +220,11 @@ def _exposure(values: Config) -> Facts:
 
 def load_plan(path: str | Path, roots: Sequence[str | Path] = ()) -> DatasetPlan:
     """The plan of a dataset file; its files may be read below its own folder and the roots. Raises InputError."""
-    return plan_below(path, [Path(path).parent, *roots])
-
-
-def plan_below(path: str | Path, roots: Sequence[str | Path]) -> DatasetPlan:
-    """The plan of a dataset file; its files may be read below the roots. Raises InputError."""
     from .file import read_dataset
 
-    file = read_dataset(path)
-    for root in roots:
+    file, folders = read_dataset(path), [Path(path).parent, *roots]
+    for root in folders:
         files.refuse_empty(root, "--root", "give the name of a folder")
         if not Path(root).is_dir():
             raise InputError(f"--root {root} is no folder; give one that holds scenes or cameras.")
-    return DatasetPlan(file, [*map(Path, roots)], text_of_file(Path(path), "give a dataset file"))
+    return DatasetPlan(file, [*map(Path, folders)], text_of_file(Path(path), "give a dataset file"))

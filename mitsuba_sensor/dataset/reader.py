@@ -5,11 +5,11 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, overload
+from typing import Any, NamedTuple, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from ..core import InputError, nearest
 from ..io.exr import read_aovs_exr
 from ..io.raw_files import read_raw
-from ..io.texts import read_json, text_of_file
+from ..io.texts import read_json
 from .keys import Config, Facts
-from .record import INDEX
+from .record import INDEX, KEY, sealed, unsealed
 from .store import Store
 
 CHANGED = "`mitsuba-sensor dataset verify` finds what is missing or was changed"
@@ -90,7 +90,7 @@ class Dataset(Sequence[Sample]):
 
     def __init__(self, folder: str | os.PathLike[str], split: str | None = None) -> None:
         self.folder = Path(folder)
-        store, lines = Store(self.folder), read_index(self.folder)
+        store, lines = Store(self.folder), read_index(self.folder).lines
         splits = sorted({line["split"] for line in lines})
         if split is not None and split not in splits:
             raise InputError(f"split is {split!r}; {self.folder} has {', '.join(filter(None, splits)) or 'none'}.")
@@ -132,23 +132,62 @@ class Dataset(Sequence[Sample]):
         return sorted({one.split for one in self.samples})
 
 
-def index_text(lines: Sequence[Config]) -> str:
-    """The text of index.jsonl: a line for each sample, and a last one with the SHA-256 of those before."""
-    text = "".join(f"{json.dumps(line, ensure_ascii=False)}\n" for line in lines)
-    return f'{text}{{"samples": {len(lines)}, "sha256": "{hashlib.sha256(text.encode()).hexdigest()}"}}\n'
+class Index(NamedTuple):
+    """What index.jsonl says.
+
+    lines : key, view, split, values of each sample.  made_from : SHA-256 of the dataset's record when it was written.
+    """
+
+    lines: list[Facts]
+    made_from: str
 
 
-def read_index(folder: Path) -> list[Facts]:
+def line_text(line: Config) -> str:
+    """The line of a sample in index.jsonl."""
+    return f"{json.dumps(line, ensure_ascii=False)}\n"
+
+
+def index_text(index: Index) -> bytes:
+    """What index.jsonl holds: a line for each sample, and a last one with the SHA-256 of all before."""
+    end = json.dumps({"samples": len(index.lines), "made_from": index.made_from})
+    return sealed("".join(map(line_text, index.lines)) + end)
+
+
+def lines_digest(lines: Iterable[Config]) -> tuple[int, str]:
+    """How many lines there are, and the SHA-256 of their text."""
+    digest, count = hashlib.sha256(), 0
+    for line in lines:
+        digest.update(line_text(line).encode())
+        count += 1
+    return count, digest.hexdigest()
+
+
+def read_index(folder: Path) -> Index:
     """Its inverse. Raises InputError where there is no index, or not the one that was written."""
     path = folder / INDEX
     if not path.exists():
         raise InputError(f"{folder} is no dataset that is complete; make it with `mitsuba-sensor dataset run`.")
     remedy = "`mitsuba-sensor dataset run` writes it again"
-    text = text_of_file(path, remedy)
-    try:
-        *lines, last = text.splitlines(keepends=True)
-        if json.loads(last)["sha256"] == hashlib.sha256("".join(lines).encode()).hexdigest():
-            return [json.loads(line) for line in lines]
-    except (ValueError, KeyError, TypeError):
-        pass
+    if path.is_file() and (index := _index_of(path.read_bytes())):  # nobody waits for the writer of a pipe
+        return index
     raise InputError(f"{path} was changed; {remedy}.")
+
+
+def _index_of(content: bytes) -> Index | None:
+    """The index that :func:`index_text` wrote; None for any other bytes."""
+    text = unsealed(content)
+    try:
+        *lines, last = (json.loads(line) for line in (text or "").split("\n"))
+        index = Index(lines, last["made_from"])
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return None
+    return index if last.get("samples") == len(lines) and all(map(_is_line, lines)) else None
+
+
+def _is_line(line: object) -> bool:
+    """Whether a line is such as a run writes, whoever wrote it."""
+    if not isinstance(line, dict) or not isinstance(line.get("values"), dict):
+        return False
+    keys = [line.get("key"), line.get("view")]
+    named = all(isinstance(key, str) and KEY.fullmatch(key) for key in keys)
+    return named and isinstance(line.get("split"), str) and isinstance(line.get("view_files"), bool)

@@ -1,4 +1,7 @@
-"""Records of a dataset's entries: which files an entry has, their sizes and hashes, and a hash over all that."""
+"""Records of a dataset's entries: which files an entry has, their sizes and hashes, and a hash over all that.
+
+Whatever says what a dataset is, ends with the SHA-256 of its own bytes: records, the index, and notes of quarantine.
+"""
 
 from __future__ import annotations
 
@@ -10,9 +13,8 @@ from typing import Literal, NamedTuple, TypeAlias, get_args
 
 Kind: TypeAlias = Literal["samples", "views"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
-FILE, ROOTS, INDEX = "dataset.toml", "roots.json", "index.jsonl"
-"""What a folder of a dataset has beside its entries."""
-RECORD = "record.json"
+FILE, INDEX, RECORD = "dataset.toml", "index.jsonl", "record.json"
+"""What a folder of a dataset has beside its entries; each entry has a record too."""
 MOST_BYTES = 2**20
 """Of a record; one of 8 files has 0.9 kB."""
 
@@ -30,20 +32,36 @@ class Record(NamedTuple):
     files: Mapping[str, tuple[int, str]]
 
 
-def text_of(record: Record) -> bytes:
-    """What record.json holds: one line of JSON, at its end the SHA-256 of all bytes before."""
-    files = {name: list(facts) for name, facts in sorted(record.files.items())}
-    body = json.dumps({"kind": record.kind, "key": record.key, "files": files})[:-1].encode()
+def sealed(text: str) -> bytes:
+    """A text that ends with an object of JSON, with the SHA-256 of all bytes before as the object's last member."""
+    body = text.removesuffix("}").encode()
     return body + _END.format(hashlib.sha256(body).hexdigest()).encode()
 
 
-def record_of(content: bytes) -> Record | None:
-    """The record that :func:`text_of` wrote; None if one bit of it is different, or a name in it is no file's."""
+def unsealed(content: bytes) -> str | None:
+    """The text that :func:`sealed` was given; None if one bit of it is different."""
     body = content[:-_END_BYTES]
     if content[-_END_BYTES:] != _END.format(hashlib.sha256(body).hexdigest()).encode():
         return None
     try:
-        said = json.loads(body + b"}")
+        return body.decode() + "}"
+    except UnicodeDecodeError:
+        return None
+
+
+def text_of(record: Record) -> bytes:
+    """What record.json holds: one line of JSON, at its end the SHA-256 of all bytes before."""
+    files = {name: list(facts) for name, facts in sorted(record.files.items())}
+    return sealed(json.dumps({"kind": record.kind, "key": record.key, "files": files}))
+
+
+def record_of(content: bytes) -> Record | None:
+    """The record that :func:`text_of` wrote; None if one bit of it is different, or a name in it is no file's."""
+    body = unsealed(content)
+    if body is None:
+        return None
+    try:
+        said = json.loads(body)
         files = {name: (size, digest) for name, (size, digest) in said["files"].items()}
         record = Record(said["kind"], said["key"], files)
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError):

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
 from ..core import InputError
 from ..io import files
-from ..io.texts import read_json
 from .faults import Fault
-from .planned import DatasetPlan, plan_below
+from .origin import origin_faults, plan_lines
+from .planned import DatasetPlan
 from .reader import read_index
-from .record import FILE, INDEX, ROOTS, Kind
+from .record import FILE, INDEX, Kind
 from .store import Store
 
 Show = Callable[[int, int], object]
@@ -25,12 +26,14 @@ def verify(folder: Path, show: Show | None = None) -> Iterator[Fault]:
     """
     store = store_of(folder)
     yield from store.verify_all(show)
-    try:
-        lines = read_index(folder)
-    except InputError:
-        yield Fault("dataset", "", INDEX, "changed" if (folder / INDEX).exists() else "missing")
-        return
-    for line in lines:
+    yield from origin_faults(folder)
+    with suppress(InputError):
+        yield from _missing_of_index(store)
+
+
+def _missing_of_index(store: Store) -> Iterator[Fault]:
+    """What the index names and is not there. Raises InputError where there is no index."""
+    for line in read_index(store.folder).lines:
         entries: list[tuple[Kind, str]] = [("samples", line["key"])]
         entries += [("views", line["view"])] if line["view_files"] else []
         for kind, key in entries:
@@ -39,12 +42,19 @@ def verify(folder: Path, show: Show | None = None) -> Iterator[Fault]:
 
 
 def discard(folder: Path, faults: Sequence[Fault]) -> list[tuple[Kind, str]]:
-    """Remove the entries that have a fault; their kinds and keys. Files that belong to no entry stay."""
-    store = store_of(folder)
-    broken = sorted({(fault.kind, fault.key) for fault in faults if fault.key and fault.kind != "dataset"})
-    for kind, key in broken:
+    """Remove the entries that have a fault; their kinds and keys. Files that belong to no entry stay.
+
+    Notes of quarantine that have one are removed too, so that their views are tried again.
+    """
+    store, broken = store_of(folder), set[tuple[Kind, str]]()
+    for fault in faults:
+        if fault.kind == "quarantine":
+            store.release(fault.key)
+        elif fault.kind != "dataset" and fault.key:
+            broken.add((fault.kind, fault.key))
+    for kind, key in sorted(broken):
         store.discard(kind, key)
-    return broken
+    return sorted(broken)
 
 
 class Holdings(NamedTuple):
@@ -61,7 +71,7 @@ class Holdings(NamedTuple):
 def holdings(store: Store, plan: DatasetPlan) -> Holdings:
     """By the records of the store: no file is read."""
     sizes = {one.key: sum(size for size, _ in one.files.values()) for one in store.scan("samples")}
-    keys = [sample.key for view in plan.views() for sample in view.samples]
+    keys = [line["key"] for line in plan_lines(plan)]
     own = [sizes.pop(key) for key in keys if key in sizes]
     return Holdings(len(keys), len(own), sum(own), len(sizes), sum(sizes.values()))
 
@@ -69,14 +79,6 @@ def holdings(store: Store, plan: DatasetPlan) -> Holdings:
 def store_of(folder: Path) -> Store:
     """The store in a dataset folder. Raises InputError where it is none."""
     files.refuse_empty(folder, "the folder", "give the folder of a dataset")
-    if not (folder / FILE).is_file():
+    if not any((folder / name).is_file() for name in (FILE, INDEX)):
         raise InputError(f"{folder} is no dataset: it has no {FILE}; give a folder that `dataset run` made.")
     return Store(folder)
-
-
-def plan_of(folder: Path, roots: list[str] | None) -> DatasetPlan:
-    """The plan that a dataset folder was made from.  roots : in place of those of its run. Raises InputError."""
-    known: list[str] = read_json(folder / ROOTS, "give --root")["roots"] if roots is None else roots
-    if not all(isinstance(one, str) for one in known):
-        raise InputError(f"{folder / ROOTS} was changed; give --root.")
-    return plan_below(folder / FILE, known)

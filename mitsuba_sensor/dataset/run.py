@@ -10,13 +10,13 @@ from typing import TypeAlias, Unpack
 from ..core import DiskFull, InputError
 from ..core.options import complete, documents
 from ..io import durable, files
-from ..io.texts import text_of_file
 from ..io.worker_log import forget, is_begun
 from .engine import outcomes, usual_workers
+from .file import read_dataset
 from .options import RunOptions
+from .origin import origin_in, require_same_versions, write_index, write_origin
 from .planned import DatasetPlan, PlannedView
-from .reader import index_text
-from .record import FILE, INDEX, ROOTS
+from .record import FILE
 from .store import Store
 from .task import Outcome, log_path
 
@@ -53,7 +53,9 @@ def run(
         chosen["workers"] = usual_workers() if shard == (1, 1) else 0
     store, progress = Store(out), RunProgress(0)
     files.require_folder(out)
-    progress.changed = check_same(plan, store)
+    check_same(plan, store)
+    durable.make_folder(store.folder, store.folder.parent)
+    progress.changed = write_origin(plan, store.folder)
     store.clean()
     progress.samples = round(plan.samples / shard[1])
     known = store.quarantined()
@@ -135,33 +137,19 @@ def of_shard(plan: DatasetPlan, shard: tuple[int, int]) -> Iterator[PlannedView]
     return (view for view in plan.views() if int(view.key, 16) % shards == number - 1)
 
 
-def check_same(plan: DatasetPlan, store: Store) -> bool:
-    """Raise InputError where the folder holds another dataset; write down which one it holds, and say whether its
-    file was another one before."""
-    path, changed = store.folder / FILE, False
-    if path.exists():
-        from .file import read_dataset
-
-        name, changed = read_dataset(path).name, text_of_file(path, "give another folder") != plan.text
-        if name != plan.file.name:
-            raise InputError(
-                f"{store.folder} holds the dataset {name!r}, and this one is {plan.file.name!r}; give another folder."
-            )
-    elif store.folder.is_dir() and any(store.folder.iterdir()):
-        raise InputError(f"{store.folder} holds other files and no dataset; give a new folder.")
-    durable.make_folder(store.folder, store.folder.parent)
-    files.write_page(path, plan.text)
-    files.write_json(store.folder / ROOTS, {"roots": [str(root.resolve()) for root in plan.roots]})
-    return changed
-
-
-def write_index(plan: DatasetPlan, store: Store) -> None:
-    """index.jsonl: a line for each sample that is there, in the order of the dataset."""
-    lines = [
-        {"key": one.key, "view": view.key, "split": one.split, "view_files": bool(view.outputs)}
-        | {"values": dict(one.values)}
-        for view in plan.views()
-        for one in view.samples
-        if store.exists("samples", one.key)
-    ]
-    files.write_page(store.folder / INDEX, index_text(lines))
+def check_same(plan: DatasetPlan, store: Store) -> None:
+    """Raise InputError where the folder holds another dataset, or one that other versions have made."""
+    folder, origin = store.folder, origin_in(store.folder)
+    if origin is not None:
+        name = origin.name
+    elif (folder / FILE).exists():
+        name = read_dataset(folder / FILE).name
+    elif folder.is_dir() and any(folder.iterdir()):
+        raise InputError(f"{folder} holds other files and no dataset; give a new folder.")
+    else:
+        return
+    if name != plan.file.name:
+        this = plan.file.name
+        raise InputError(f"{folder} holds the dataset {name!r}, and this one is {this!r}; give another folder.")
+    if origin is not None:
+        require_same_versions(origin.made_by, folder)

@@ -20,14 +20,28 @@ from typing import Any
 from ..core import DiskFull, InputError
 from ..io import durable
 from ..io.disk_errors import disk_sentences, is_full, names_in
-from ..io.files import write_json
+from ..io.files import write_drawing
 from ..stopping import undone_if_stopped, whole_step
 from . import faults
 from .faults import Fault
-from .record import FILE, INDEX, KEY, KINDS, MOST_BYTES, RECORD, ROOTS, Kind, Record, is_name, record_of, text_of
+from .record import (
+    FILE,
+    INDEX,
+    KEY,
+    KINDS,
+    MOST_BYTES,
+    RECORD,
+    Kind,
+    Record,
+    is_name,
+    record_of,
+    sealed,
+    text_of,
+    unsealed,
+)
 
 QUARANTINE = "quarantine"
-UNFINISHED = tuple(f".{name}." for name in (FILE, ROOTS, INDEX))
+UNFINISHED = tuple(f".{name}." for name in (FILE, RECORD, INDEX))
 """Beginnings of the names of pages until they are whole (io/files.py)."""
 TAKEN = errno.EEXIST, errno.ENOTEMPTY
 PERHAPS_TAKEN = errno.ENOTDIR, errno.EACCES  # a file stands there; Windows
@@ -157,6 +171,9 @@ class Store:
                 done += 1
                 if progress is not None:
                     progress(done, total)
+        for key in self._keys_of_notes():
+            if self._note(key) is None:
+                yield Fault("quarantine", key, f"{key}.json", "changed")
 
     def discard(self, kind: Kind, key: str) -> None:
         """Remove an entry, broken or not: in one step it is no entry any more."""
@@ -198,20 +215,27 @@ class Store:
         path = self._quarantine_of(key)
         with disk_sentences(path):
             self._make_parent(path.parent)
-            write_json(path, dict(facts))
+            write_drawing(path, sealed(json.dumps(facts, ensure_ascii=False)))
             durable.flush(path, *durable.size_and_hash(path))
             durable.sync_folder(path.parent)
 
     def quarantined(self) -> dict[str, dict[str, Any]]:
         """Key → facts of all views that cannot be made; a file that is damaged counts for nothing."""
-        found = {}
-        for name in durable.names_of(self.folder / QUARANTINE):
-            if KEY.fullmatch(key := name.removesuffix(".json")) and name != key:
-                with suppress(OSError, ValueError):
-                    facts = json.loads(durable.read_small(os.fspath(self._quarantine_of(key)), MOST_BYTES))
-                    if isinstance(facts, dict):
-                        found[key] = facts
-        return found
+        notes = {key: self._note(key) for key in self._keys_of_notes()}
+        return {key: facts for key, facts in notes.items() if facts is not None}
+
+    def _keys_of_notes(self) -> list[str]:
+        names = (Path(name) for name in durable.names_of(self.folder / QUARANTINE))
+        return [name.stem for name in names if name.suffix == ".json" and KEY.fullmatch(name.stem)]
+
+    def _note(self, key: str) -> dict[str, Any] | None:
+        """The facts in a note of quarantine; None where it was changed."""
+        try:
+            text = unsealed(durable.read_small(os.fspath(self._quarantine_of(key)), MOST_BYTES))
+            facts = json.loads(text or "null")
+        except (OSError, ValueError, RecursionError):
+            return None
+        return facts if isinstance(facts, dict) else None
 
     def release(self, key: str) -> None:
         """Let a view be tried again."""

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ..sensor.frames import Frames
 
 PACKAGES: tuple[str, ...] = ("mitsuba-sensor", "mitsuba", "drjit", "numpy", "scipy", "OpenEXR")
-PACKAGES += ("pydantic", "typer", "rich", "tifffile", "pillow", "matplotlib")
+PACKAGES += ("pyoidn", "pydantic", "typer", "rich", "tifffile", "pillow", "matplotlib")
 
 
 @cache  # it takes 20 ms

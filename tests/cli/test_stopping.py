@@ -105,7 +105,7 @@ def test_ctrl_c_that_workers_get_too_while_they_begin_says_one_sentence(after_s:
     (tmp_path / "small.toml").write_text(SMALL, encoding="utf-8")
     arguments = ["dataset", "run", tmp_path / "small.toml", "-o", tmp_path / "out", "--root", SCENES, "--workers", 2]
     with program(*arguments, temporary=tmp_path) as child:
-        wait_until((tmp_path / "out" / "roots.json").exists)
+        wait_until((tmp_path / "out" / "record.json").exists)
         time.sleep(after_s)
         os.killpg(child.pid, signal.SIGINT)
         _, said = child.communicate(timeout=60)

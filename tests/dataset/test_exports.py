@@ -32,7 +32,7 @@ from mitsuba_sensor.dataset.exports.job import worlds
 from mitsuba_sensor.dataset.exports.torch_dataset import TorchDataset
 from mitsuba_sensor.dataset.options import EXPORT_FORMATS
 from mitsuba_sensor.dataset.planned import load_plan
-from mitsuba_sensor.dataset.reader import Dataset, index_text, read_index
+from mitsuba_sensor.dataset.reader import Dataset, Index, index_text, read_index
 from mitsuba_sensor.dataset.record import INDEX, Record, text_of
 from mitsuba_sensor.dataset.run import run
 from mitsuba_sensor.io.contact_sheet import contact_sheet
@@ -293,7 +293,7 @@ def flipped(path: Path) -> None:
 
 def linked(path: Path) -> None:
     """The same content, elsewhere."""
-    elsewhere = path.parents[3] / path.name
+    elsewhere = path.parents[3] / f"elsewhere-{path.name}"
     os.rename(path, elsewhere)
     path.symlink_to(elsewhere)
 
@@ -349,8 +349,8 @@ def test_names_in_a_foreign_dataset_lead_nowhere_else(
     name = name.replace("ABSOLUTE", str(tmp_path))
     copy = tmp_path / "deep" / "copy"
     shutil.copytree(made, copy)
-    lines = [line | ({"split": name} if field == "split" else {}) for line in read_index(copy)]
-    (copy / INDEX).write_text(index_text(lines), "utf-8")
+    lines = [line | ({"split": name} if field == "split" else {}) for line in read_index(copy).lines]
+    (copy / INDEX).write_bytes(index_text(Index(lines, "")))
     if field == "scene":
         for sample in Dataset(copy):
             facts = json.loads(json.dumps(sample.facts))

@@ -155,7 +155,7 @@ def test_left_over_folders_are_removed_by_age_and_by_the_clock_of_the_files(
 
 def test_left_over_pages_are_removed_by_age_and_nobody_elses_files(store: Store) -> None:
     store.folder.mkdir(parents=True, exist_ok=True)
-    dead, alive, foreign = (store.folder / name for name in (".index.jsonl.12", ".roots.json.13", ".gitignore"))
+    dead, alive, foreign = (store.folder / name for name in (".index.jsonl.12", ".record.json.13", ".gitignore"))
     for path in (dead, alive, foreign):
         path.write_text("half")
     os.utime(dead, (0, 0))
@@ -180,6 +180,7 @@ def test_views_in_quarantine_are_known_by_key_until_they_are_released(store: Sto
     assert store.quarantined() == {KEY: {"log": "it aborts"}, OTHER: {"log": "it aborts too"}}
     (store.folder / "quarantine" / f"{OTHER}.json").write_bytes(b'{"log": "it ab')
     assert set(store.quarantined()) == {KEY}
+    assert [(one.kind, one.key, one.what) for one in store.verify_all()] == [("quarantine", OTHER, "changed")]
     store.release(KEY)
     store.release(KEY)
     assert store.quarantined() == {}

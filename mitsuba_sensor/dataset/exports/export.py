@@ -13,6 +13,7 @@ from ...core.options import complete, documents
 from ...io.whole_folder import appearing_folder
 from ..file import read_dataset
 from ..options import ExportOptions
+from ..origin import require_origin
 from ..reader import Dataset
 from ..record import FILE
 from .card import write_card
@@ -72,6 +73,7 @@ def export(
         raise InputError(f"{dataset.folder} has no samples; make them with `mitsuba-sensor dataset run`.")
     if Path(out).absolute().is_relative_to(dataset.folder.absolute()):
         raise InputError(f"{out} is in the dataset itself; give a folder elsewhere.")
+    require_origin(dataset.folder)
     file, done, total = read_dataset(dataset.folder / FILE), 0, 2 * len(dataset)
 
     def step() -> None:

@@ -60,7 +60,7 @@ def summary(dataset: Dataset, samples: Sequence[Sample], file: DatasetFile, step
         _add(counts, sample, facts_of(sample))
         _add_record(counts, store, ("samples", sample.key), digest)
         step()
-    with_files = {line["view"] for line in read_index(dataset.folder) if line["view_files"]}
+    with_files = {line["view"] for line in read_index(dataset.folder).lines if line["view_files"]}
     for key in (one for one in counts.views if one in with_files):
         _add_record(counts, store, ("views", key), digest)
     return CardFacts(

@@ -1,0 +1,209 @@
+"""What a dataset is made from is part of it: a change of it is found, and nothing is rendered from anything else."""
+
+from __future__ import annotations
+
+import json
+import random
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers.datasets import SCENES
+
+from mitsuba_sensor import InputError
+from mitsuba_sensor.dataset import keys
+from mitsuba_sensor.dataset.reader import Dataset, Index, index_text, read_index
+from mitsuba_sensor.dataset.record import FILE, INDEX, RECORD, sealed, unsealed
+from mitsuba_sensor.dataset.repair import verify
+
+TEXT = """
+name = "tiny"
+seed = 1
+outputs = ["raw"]
+render = { width = 16, spp = 16 }
+scenes = [{ name = "flat", file = "mine/flat.xml" }]
+cameras = [{ camera = "konnik_table1" }]
+grid = { exposure_s = [0.1], serial = [1, 2] }
+"""
+Cli = Callable[..., Any]
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a dataset file, its scene, and the dataset in out/, as `dataset run` made it there."""
+    from mitsuba_sensor.dataset.planned import load_plan
+    from mitsuba_sensor.dataset.run import run
+
+    folder = tmp_path_factory.mktemp("made")
+    (folder / "tiny.toml").write_text(TEXT, "utf-8")
+    (folder / "mine").mkdir()
+    shutil.copy(SCENES / "flat_field.xml", folder / "mine" / "flat.xml")
+    assert run(load_plan(folder / "tiny.toml"), folder / "out", workers=0).made == 2
+    return folder
+
+
+@pytest.fixture
+def here(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of it all, which is the current folder."""
+    copy = Path(shutil.copytree(made, tmp_path / "copy"))
+    monkeypatch.chdir(copy)
+    return copy
+
+
+def damaged(content: bytes, chance: random.Random) -> bytes:
+    """The content with one bit flipped, a tail lost, a block of zeros, more bytes or other ends of lines."""
+    changed, place = bytearray(content), chance.randrange(len(content))
+    match chance.randrange(5):
+        case 0:
+            changed[place] ^= 1 << chance.randrange(8)
+        case 1:
+            del changed[place:]
+        case 2:
+            changed[place : place + 16] = bytes(16)
+        case 3:
+            changed += chance.randbytes(chance.randint(1, 20))
+        case 4:
+            changed = changed.replace(b"\n", b"\r\n")
+    return bytes(changed)
+
+
+@pytest.mark.parametrize("name", [FILE, RECORD, INDEX])
+def test_every_damage_of_what_says_what_a_dataset_is_is_found(name: str, here: Path) -> None:
+    path, chance = here / "out" / name, random.Random(name)
+    content = path.read_bytes()
+    assert not list(verify(here / "out"))
+    for _ in range(100):
+        path.write_bytes(damaged(content, chance))
+        assert name in [fault.file for fault in verify(here / "out")], path.read_bytes()
+    path.unlink()
+    assert [(fault.file, fault.what) for fault in verify(here / "out")] == [(name, "missing")]
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("seed = 1", "seed = 2"),
+        ("0.1", "0.2"),
+        ("[1, 2]", "[1, 3]"),
+        ('"raw"', '"clean"'),
+        ("tiny", "tidy"),
+        ("= 1", "=1"),
+    ],
+)
+def test_another_valid_dataset_file_is_found_and_nothing_is_rendered_from_it(
+    old: str, new: str, here: Path, made: Path, cli: Cli
+) -> None:
+    path = here / "out" / FILE
+    path.write_text(TEXT.replace(old, new, 1), "utf-8")
+    before = contents(here)
+    for command in ("repair", "status"):
+        done = cli("dataset", command, "out")
+        assert done.exit_code == 2 and "not what the samples were made from" in done.stderr
+    done = cli("dataset", "verify", "out")
+    assert done.exit_code == 1 and FILE in done.stdout
+    assert cli("dataset", "export", "card", "out", "-o", "card").exit_code == 2
+    assert contents(here) == before
+    assert cli("dataset", "run", "tiny.toml", "-o", "out", "--workers", "0").exit_code == 0
+    assert contents(here) == contents(made), "the file that it was made from restores it"
+
+
+OTHER_VALUES: dict[str, Any] = {
+    "name": "tidy",
+    "file": [len(TEXT), "0" * 64],
+    "made_by": {"mitsuba-sensor": "9.9.9"},
+    "samples": 3,
+    "lines_sha256": "0" * 64,
+}
+
+
+@pytest.mark.parametrize("field", OTHER_VALUES)
+def test_a_record_of_somebody_who_knows_how_its_hash_is_made_is_found_too(
+    field: str, here: Path, made: Path, cli: Cli
+) -> None:
+    path = here / "out" / RECORD
+    text = unsealed(path.read_bytes())
+    assert text is not None
+    path.write_bytes(sealed(json.dumps({**json.loads(text), field: OTHER_VALUES[field]})))
+    assert list(verify(here / "out"))
+    before = contents(here)
+    assert cli("dataset", "repair", "out", "--workers", "0").exit_code == 2
+    assert contents(here) == before
+
+
+def test_an_index_of_somebody_who_knows_how_its_hash_is_made_is_found_and_written_again(
+    here: Path, made: Path, cli: Cli
+) -> None:
+    path = here / "out" / INDEX
+    index = read_index(here / "out")
+    first, second = index.lines
+    for lines in ([second, first], [first, {**second, "split": "test"}], [first, second, second]):
+        path.write_bytes(index_text(Index(lines, index.made_from)))
+        assert [fault.file for fault in verify(here / "out")] == [INDEX]
+    assert cli("dataset", "repair", "out", "--workers", "0").exit_code == 0
+    assert contents(here) == contents(made)
+
+
+@pytest.mark.parametrize(
+    "changes", [{"key": "../../x"}, {"key": 7}, {"values": []}, {"split": 1}, {"view": "0" * 23}, {"view_files": 1}]
+)
+def test_an_index_with_a_line_that_no_run_writes_is_a_sentence(changes: Any, here: Path) -> None:
+    index = read_index(here / "out")
+    line = {**index.lines[0], **changes}
+    (here / "out" / INDEX).write_bytes(index_text(Index([line], index.made_from)))
+    with pytest.raises(InputError, match=r"index\.jsonl was changed"):
+        Dataset(here / "out")
+
+
+def test_a_separator_of_lines_in_a_text_is_no_end_of_a_line(tmp_path: Path) -> None:
+    line = {"key": "0" * 24, "view": "1" * 24, "split": "", "view_files": False, "values": {"a": "x\u2028y\x85z"}}
+    (tmp_path / INDEX).write_bytes(index_text(Index([line], "")))
+    assert read_index(tmp_path).lines == [line]
+
+
+def test_a_scene_that_was_changed_since_is_not_rendered_in_place_of_the_one_that_was(here: Path, cli: Cli) -> None:
+    scene = here / "mine" / "flat.xml"
+    scene.write_text(scene.read_text("utf-8").replace("</scene>", " </scene>"), "utf-8")
+    next(iter(Dataset(here / "out"))).folder.joinpath("frame.tiff").unlink()
+    before = contents(here)
+    done = cli("dataset", "repair", "out", "--workers", "0")
+    assert done.exit_code == 2 and "a scene, camera or motion was changed" in done.stderr
+    assert contents(here) == before
+
+
+def test_which_folders_are_read_is_for_the_user_to_say_and_not_for_the_data(
+    here: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli: Cli
+) -> None:
+    (here / "out" / "roots.json").write_text('{"roots": ["/"]}', "utf-8")
+    monkeypatch.chdir(tmp_path)
+    for command in ("status", "repair"):
+        done = cli("dataset", command, here / "out")
+        assert done.exit_code == 2 and "name its folder with --root" in done.stderr
+        assert cli("dataset", command, here / "out", "--root", here).exit_code == 0
+
+
+def test_another_version_neither_goes_on_with_a_dataset_nor_repairs_it(
+    here: Path, monkeypatch: pytest.MonkeyPatch, cli: Cli
+) -> None:
+    frames = [one.read("raw") for one in Dataset(here / "out")]
+    before, version = contents(here / "out"), keys.__version__
+    monkeypatch.setattr(keys, "__version__", "9.9.9")
+    for command in (["run", "tiny.toml", "-o", "out"], ["repair", "out"]):
+        done = cli("dataset", *command, "--workers", "0")
+        said = f"was made by mitsuba-sensor {version}, and this is mitsuba-sensor 9.9.9"
+        assert done.exit_code == 2 and said in " ".join(done.stderr.split())
+    assert cli("dataset", "verify", "out").exit_code == 0
+    assert json.loads(cli("dataset", "status", "out", "--json").stdout)["there"] == 2
+    assert contents(here / "out") == before
+
+    assert cli("dataset", "run", "tiny.toml", "-o", "new", "--workers", "0").exit_code == 0
+    old, new = Dataset(here / "out"), Dataset(here / "new")
+    assert not {one.key for one in old} & {one.key for one in new}, "they could never be mixed"
+    assert [one.facts["versions"]["mitsuba-sensor"] for one in new] == ["9.9.9", "9.9.9"]
+    for frame, sample in zip(frames, new, strict=True):
+        assert (sample.read("raw") == frame).all(), "a version is no seed"
