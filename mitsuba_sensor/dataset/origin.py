@@ -6,12 +6,12 @@ import json
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from ..core import InputError
 from ..io import durable, files
 from .faults import Fault, What, what_is_wrong
-from .keys import Config, made_by
+from .keys import Config, Facts, made_by
 from .planned import DatasetPlan, load_plan
 from .reader import Index, index_text, lines_digest, read_index
 from .record import FILE, INDEX, MOST_BYTES, RECORD, sealed, unsealed
@@ -34,7 +34,7 @@ class Origin(NamedTuple):
     lines_sha256: str
 
 
-def plan_lines(plan: DatasetPlan) -> Iterator[dict[str, Any]]:
+def plan_lines(plan: DatasetPlan) -> Iterator[Facts]:
     """The lines of a complete index, in the order of the dataset."""
     for view in plan.views():
         for sample in view.samples:

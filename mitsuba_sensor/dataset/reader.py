@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..core import InputError, nearest
 from ..io.exr import read_aovs_exr
 from ..io.raw_files import read_raw
-from ..io.texts import read_json
+from ..io.texts import read_json, text_of_file
 from .keys import Config, Facts
 from .record import INDEX, KEY, sealed, unsealed
 from .store import Store
@@ -168,9 +168,10 @@ def read_index(folder: Path) -> Index:
     if not path.exists():
         raise InputError(f"{folder} is no dataset that is complete; make it with `mitsuba-sensor dataset run`.")
     remedy = "`mitsuba-sensor dataset run` writes it again"
-    if path.is_file() and (index := _index_of(path.read_bytes())):  # nobody waits for the writer of a pipe
-        return index
-    raise InputError(f"{path} was changed; {remedy}.")
+    index = _index_of(text_of_file(path, remedy, newline="").encode())
+    if index is None:
+        raise InputError(f"{path} was changed; {remedy}.")
+    return index
 
 
 def _index_of(content: bytes) -> Index | None:

@@ -11,11 +11,10 @@ import errno
 import json
 import os
 import stat
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from ..core import DiskFull, InputError
 from ..io import durable
@@ -24,6 +23,7 @@ from ..io.files import write_drawing
 from ..stopping import undone_if_stopped, whole_step
 from . import faults
 from .faults import Fault
+from .keys import Config, Facts
 from .record import (
     FILE,
     INDEX,
@@ -210,7 +210,7 @@ class Store:
                 self._move_away_and_remove(path)
         return len(dead)
 
-    def quarantine(self, key: str, facts: Mapping[str, Any]) -> None:
+    def quarantine(self, key: str, facts: Config) -> None:
         """Note that a view cannot be made.  facts : plain values, its log for example."""
         path = self._quarantine_of(key)
         with disk_sentences(path):
@@ -219,7 +219,7 @@ class Store:
             durable.flush(path, *durable.size_and_hash(path))
             durable.sync_folder(path.parent)
 
-    def quarantined(self) -> dict[str, dict[str, Any]]:
+    def quarantined(self) -> dict[str, Facts]:
         """Key → facts of all views that cannot be made; a file that is damaged counts for nothing."""
         notes = {key: self._note(key) for key in self._keys_of_notes()}
         return {key: facts for key, facts in notes.items() if facts is not None}
@@ -228,7 +228,7 @@ class Store:
         names = (Path(name) for name in durable.names_of(self.folder / QUARANTINE))
         return [name.stem for name in names if name.suffix == ".json" and KEY.fullmatch(name.stem)]
 
-    def _note(self, key: str) -> dict[str, Any] | None:
+    def _note(self, key: str) -> Facts | None:
         """The facts in a note of quarantine; None where it was changed."""
         try:
             text = unsealed(durable.read_small(os.fspath(self._quarantine_of(key)), MOST_BYTES))
