@@ -46,8 +46,8 @@ IMPORTED_IN = {
     "typer": ("cli/",),
     "rich": ("cli/",),
     "pydantic": ("sensor/", "render/", "dataset/file.py"),
-    "distributed": ("dataset/engine.py",),
-    "dask": ("dataset/engine.py",),
+    "distributed": ("dataset/cluster.py",),
+    "psutil": ("dataset/workers.py",),
     "pyoidn": ("render/network.py",),
     "yaml": ("io/importers/calibration.py",),
     "torch": ("dataset/exports/torch_dataset.py",),
@@ -64,6 +64,7 @@ SLOW = {
     "pyoidn",
     "distributed",
     "dask",
+    "psutil",
     "numpy.f2py",
     "numpy.ma",
 }

@@ -136,6 +136,7 @@ def repair_command(folder: DatasetFolder, as_json: arguments.Json = False, **fla
     with samples_bar() as progress:
         found = run(plan, place, show=progress, **flags)
     head = f"entries that were not as they were written: {len(broken)}; samples made again: {found.made}"
+    head += "".join(f"\n{remark}" for remark in found.remarks)
     failed = {one.view: one.failed for one in found.failed}
     show({**_summary(found), "broken": broken} if as_json else _with_failed(head, failed), as_json)
     if found.failed:
@@ -199,6 +200,7 @@ def run_sheet(plan: DatasetPlan, found: RunProgress, folder: str) -> RenderableT
             f"\n{folder} was made from another text of the file before; samples that this one does not have stay there "
             f"and are in no index: `mitsuba-sensor dataset status {folder}` counts them"
         )
+    head.append("".join(f"\n{remark}" for remark in found.remarks))
     return _with_failed(head, {one.view: one.failed for one in found.failed})
 
 
@@ -237,4 +239,4 @@ def _with_failed(head: str | Text, failed: Mapping[str, str]) -> RenderableType:
 
 def _summary(found: RunProgress) -> dict[str, object]:
     failed = [{"view": one.view, "why": one.failed} for one in found.failed]
-    return {"made": found.made, "there": found.there, "failed": failed}
+    return {"made": found.made, "there": found.there, "failed": failed, "remarks": found.remarks}

@@ -25,7 +25,8 @@ from .task import Outcome, log_path
 class RunProgress:
     """How far a run is.  samples : of the dataset, or of this shard; before splits and shards leave any out.
     there : complete before this run.  made : by it.  failed : views in quarantine, with the reason.
-    changed : the folder was made from another text of the dataset file, whose samples stay in it."""
+    changed : the folder was made from another text of the dataset file, whose samples stay in it.
+    remarks : sentences that the user must read."""
 
     samples: int
     there: int = 0
@@ -33,6 +34,7 @@ class RunProgress:
     now: str = "starting"
     failed: list[Outcome] = field(default_factory=list)
     changed: bool = False
+    remarks: list[str] = field(default_factory=list)
 
 
 Show = Callable[[RunProgress], object]
@@ -75,7 +77,7 @@ def run(
         show(progress)
 
     views = _missing(of_shard(plan, shard), store, progress, (known, {} if chosen["retry"] else known))
-    for one in outcomes(store, views, chosen, told):
+    for one in outcomes(store, views, chosen, told, remark=progress.remarks.append):
         if one.full is not None:
             path, size, why = one.full
             raise DiskFull(Path(path), size, why)

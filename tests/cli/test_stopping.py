@@ -7,12 +7,13 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 from helpers.datasets import SCENES
+from helpers.waiting import wait_until
 
 from mitsuba_sensor import stopping
 
@@ -51,12 +52,6 @@ def stopped(child: subprocess.Popen[str], number: signal.Signals) -> tuple[int, 
     child.send_signal(number)
     _, said = child.communicate(timeout=60)
     return child.returncode, said, time.monotonic() - started
-
-
-def wait_until(condition: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + 60
-    while not condition() and time.monotonic() < deadline:
-        time.sleep(0.02)
 
 
 @pytest.mark.parametrize("variant", ["scalar_spectral", None])

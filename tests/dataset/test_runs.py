@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 import hashlib
+import json
+import multiprocessing
 import os
 import signal
 import socket
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 from helpers.datasets import SCENES
+from helpers.waiting import wait_until
 
 from mitsuba_sensor import InputError
 from mitsuba_sensor.core.options import complete
@@ -67,18 +75,72 @@ def test_processes_shards_and_a_cluster_make_the_same_bytes(plan: DatasetPlan, t
         assert contents(tmp_path / folder) == expected
 
 
+@contextmanager
+def cluster(folder: Path) -> Iterator[tuple[str, int]]:
+    """A Dask scheduler and one worker, as their user begins them: address and number of the scheduler's process."""
+    file, processes = folder / "scheduler.json", list[subprocess.Popen[bytes]]()
+    quiet: Any = {"stderr": subprocess.DEVNULL, "env": {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}}
+    scheduler, worker = ["dask_scheduler", "--host", "127.0.0.1", "--port", "0"], ["dask_worker", "--nthreads", "1"]
+    with ExitStack() as stack:
+        for name, *more in (scheduler, worker):
+            command = [sys.executable, "-m", f"distributed.cli.{name}", *more, "--scheduler-file", str(file)]
+            processes.append(subprocess.Popen([*command, "--no-dashboard"], **quiet))
+            stack.callback(processes[-1].wait)
+            stack.callback(processes[-1].kill)
+        wait_until(file.exists)
+        yield json.loads(file.read_text())["address"], processes[0].pid
+
+
+def make_text(
+    store: Store, view: PlannedView, told: Callable[[str], object], dies: str = ""
+) -> Iterator[PlannedSample]:
+    """A file for each sample, with the ports at which this process and its parent listen."""
+    if view.key == dies:
+        os.abort()
+    for sample in view.samples:
+        told("exposing")
+        store.commit("samples", sample.key, lambda folder: (folder / "a.txt").write_text(repr(listening())))
+        yield sample
+
+
+def listening() -> list[object]:
+    """Sockets of this process and its parent that others can connect to, those without a port included."""
+    connections = [one for pid in (os.getpid(), os.getppid()) for one in psutil.Process(pid).net_connections("all")]
+    return [one for one in connections if one.status in ("LISTEN", "NONE") and not one.raddr]
+
+
+def make_slowly(store: Store, view: PlannedView, told: Callable[[str], object]) -> Iterator[PlannedSample]:
+    """A file for each sample, where a scheduler is killed meanwhile."""
+    (pid,) = (store.folder / "scheduler").read_text().split()
+    for sample in view.samples:
+        store.commit("samples", sample.key, lambda folder: (folder / "a.txt").write_text("a"))
+        with suppress(ProcessLookupError):
+            os.kill(int(pid), signal.SIGKILL)
+        yield sample
+
+
+class Deadly:
+    """A view that ends the process that it comes to."""
+
+    @property
+    def key(self) -> str:
+        if multiprocessing.parent_process() is not None:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return "0" * 24
+
+
+def make_large(store: Store, view: PlannedView, told: Callable[[str], object]) -> Iterator[PlannedSample]:
+    """Take a GB and wait to be ended for it."""
+    content = bytearray(b"x") * 10**9
+    signal.pause()
+    yield view.samples[len(content)]
+
+
 def test_a_view_that_ends_its_process_is_put_aside_and_the_rest_is_made(plan: DatasetPlan, tmp_path: Path) -> None:
     """The first view aborts, as a renderer does that fails an assertion."""
     views = list(plan.views())
     bad = views[0].key
-
-    def make(store: Store, view: PlannedView, told: Callable[[str], object]) -> Iterator[PlannedSample]:
-        if view.key == bad:
-            os.abort()
-        for sample in view.samples:
-            store.commit("samples", sample.key, lambda folder: (folder / "a.txt").write_text("a"))
-            yield sample
-
+    make = partial(make_text, dies=bad)
     asked = complete(RunOptions, {"workers": 1})
     found = {one.view: one for one in outcomes(Store(tmp_path), iter(views), asked, lambda what, done: None, make)}
     assert "died 3 times (Fatal Python error: Aborted)" in found.pop(bad).failed
@@ -90,15 +152,6 @@ def test_processes_that_die_before_they_begin_end_the_run(
     plan: DatasetPlan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """No view is to blame, so none is put into quarantine."""
-    driver = os.getpid()
-
-    class Deadly:
-        @property
-        def key(self) -> str:
-            if os.getpid() != driver:
-                os.kill(os.getpid(), signal.SIGKILL)
-            return "0" * 24
-
     log = tmp_path / "quarantine" / f"{'0' * 24}.log"  # of an earlier run, in which a process did begin, and died
     log.parent.mkdir()
     log.write_text(f"# begun by {socket.gethostname()} 1 0\n\n# died\n")
@@ -108,6 +161,39 @@ def test_processes_that_die_before_they_begin_end_the_run(
     with pytest.raises(InputError, match="2 processes in a row have died before they began a view"):
         list(outcomes(Store(tmp_path), views, asked, lambda what, done: None))
     assert not Store(tmp_path).quarantined()
+
+
+def test_no_process_of_a_run_listens_to_anybody(plan: DatasetPlan, tmp_path: Path) -> None:
+    """Whoever else works on this machine could send it commands."""
+    views = list(plan.views())
+    asked = complete(RunOptions, {"workers": 2})
+    told = list[str]()
+    found = list(outcomes(Store(tmp_path), views, asked, lambda what, done: told.append(what), make_text))
+    assert [one.samples for one in found] == [4, 4] and told.count("sample") == 8
+    assert {path.read_text() for path in tmp_path.rglob("a.txt")} == {"[]"}
+    with socket.create_server(("127.0.0.1", 0)):
+        assert len(listening()) == 1, "it would be seen"
+
+
+def test_a_process_that_takes_too_much_memory_is_ended(plan: DatasetPlan, tmp_path: Path) -> None:
+    view = next(iter(plan.views()))
+    asked = complete(RunOptions, {"workers": 1, "memory_gb": 0.5})
+    (found,) = outcomes(Store(tmp_path), [view], asked, lambda what, done: None, make_large)
+    assert "died 3 times" in found.failed and "too little memory" in found.failed
+
+
+def test_a_run_goes_on_where_its_scheduler_dies(plan: DatasetPlan, tmp_path: Path) -> None:
+    """Killed after the first sample; the worker of the cluster, which sees the same folder, makes what it has begun."""
+    (tmp_path / "out").mkdir()
+    remarks = list[str]()
+    with cluster(tmp_path) as (address, pid):
+        (tmp_path / "out" / "scheduler").write_text(str(pid))
+        asked = complete(RunOptions, {"workers": 0, "scheduler": address})
+        views = list(plan.views())
+        store = Store(tmp_path / "out")
+        list(outcomes(store, views, asked, lambda what, done: None, make_slowly, remarks.append))
+    assert remarks == [f"the Dask scheduler at {address} was gone; this machine alone has made the rest."]
+    assert all(store.exists("samples", sample.key) for view in views for sample in view.samples)
 
 
 def test_a_limit_of_time_ends_a_render(plan: DatasetPlan, tmp_path: Path) -> None:
