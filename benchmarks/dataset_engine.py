@@ -13,8 +13,10 @@ import argparse
 import json
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
+
+from dataset_waiting import make
 
 from mitsuba_sensor.core.options import complete
 from mitsuba_sensor.dataset.engine import outcomes
@@ -23,8 +25,6 @@ from mitsuba_sensor.dataset.options import RunOptions
 from mitsuba_sensor.dataset.planned import PlannedSample, PlannedView
 from mitsuba_sensor.dataset.store import Store
 
-FILES = {"frame.tiff": 50_000, "frame.dng": 60_000, "clean.tiff": 100_000, "temporal_variance.tiff": 100_000}
-FILES |= {"electrons.tiff": 100_000, "electrons_error.tiff": 100_000, "frame.png": 50_000, "sample.json": 12_000}
 SAMPLES_PER_VIEW = 10
 
 
@@ -35,26 +35,6 @@ def views(samples: int, seconds: float, size: int) -> Iterator[PlannedView]:
         numbers = range(first, min(first + SAMPLES_PER_VIEW, samples))
         own = tuple(PlannedSample(key_of({**config, "sample": n}), config, {"number": n}, "") for n in numbers)
         yield PlannedView(key_of({**config, "view": first}), config, (), "none", "", own)
-
-
-def make(store: Store, view: PlannedView, told: Callable[[str], object]) -> Iterator[PlannedSample]:
-    """Wait, and write the files of each sample."""
-    for sample in view.samples:
-        told("exposing")
-        time.sleep(sample.config["seconds"])
-        store.commit("samples", sample.key, write_of(sample.config["size"]))
-        yield sample
-
-
-def write_of(size: int) -> Callable[[Path], None]:
-    """What fills the folder of a sample."""
-    names = {"frame.tiff": size} if size else FILES
-
-    def write(folder: Path) -> None:
-        for name, length in names.items():
-            (folder / name).write_bytes(b"x" * length)
-
-    return write
 
 
 def megabytes() -> float:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 from collections.abc import Iterator
-from contextlib import contextmanager
+from concurrent import futures
+from contextlib import contextmanager, suppress
 from typing import Any
 
 from ..core import InputError
@@ -14,6 +16,8 @@ from .store import Store
 from .task import Outcome, TaskLimits, Told, run_task
 
 TOPIC = "mitsuba-sensor"  # of events that workers send
+LOST = OSError, futures.CancelledError, asyncio.CancelledError
+"""What a client raises of a scheduler that does not answer."""
 ENDS_S = 1
 """In which a client takes its leave."""
 
@@ -38,33 +42,40 @@ class ClusterWorkers:
 
     @property
     def count(self) -> int:
-        """How many workers there are now, at least one."""
-        try:
+        """How many workers there are now, at least one. Raises SchedulerLost."""
+        with self._unless_lost():
             return max(len(self.client.scheduler_info(n_workers=-1)["workers"]), 1)
-        except OSError:
-            raise SchedulerLost([*self._under_way.values()]) from None
 
     def begin(self, view: PlannedView) -> None:
-        """Give a view to the scheduler."""
+        """Give a view to the scheduler. Raises SchedulerLost, of which the view is part."""
         self._begun += 1
-        given = *self._asked, made_by(), view
-        future = self.client.submit(_in_worker, *given, key=f"view-{self._begun}", pure=False)
-        self._under_way[future.key] = view
-        self._ended.add(future)
+        key = f"view-{self._begun}"
+        self._under_way[key] = view
+        with self._unless_lost():
+            future = self.client.submit(_in_worker, *self._asked, made_by(), view, key=key, pure=False)
+            self._ended.add(future)
 
     def next_ended(self) -> tuple[PlannedView, Outcome | None]:
         """The next view that has ended, and its outcome; None if its process has died. Raises SchedulerLost."""
         import distributed
 
-        future = next(self._ended)
-        if future.status in ("cancelled", "lost"):
-            raise SchedulerLost([*self._under_way.values()])
-        view = self._under_way.pop(future.key)
-        if future.status == "finished":
-            return view, future.result()
-        if isinstance(error := future.exception(), distributed.KilledWorker):
-            return view, None
-        raise error
+        with self._unless_lost():
+            future = next(self._ended)
+            outcome = None
+            with suppress(distributed.KilledWorker):
+                outcome = future.result()
+        return self._under_way.pop(future.key), outcome
+
+    @contextmanager
+    def _unless_lost(self) -> Iterator[None]:
+        """Raise SchedulerLost where the block meets a connection that is lost."""
+        try:
+            if self.client.status == "running":
+                yield
+                return
+        except LOST:
+            pass
+        raise SchedulerLost([*self._under_way.values()])
 
 
 @contextmanager
