@@ -1,10 +1,13 @@
 """Global and rolling shutter: when each row of the film is open, and which sub-frames at which instants make its image.
 
-A frame is the weighted sum of sub-frames: renders of the scene at the instants t_k = t_0 + (k + u)·Δ, with a new random
-u from 0 to 1 for every pass. Every row takes the m consecutive ones about the middle of its own exposure, each with
-weight 1/m. With Δ = exposure/m exactly m of the instants fall into an exposure, wherever it starts, so that the weights
-of every row add up to 1 in every pass, and over the passes every instant of the exposure has the same probability: the
-blur is that of the open shutter, without ghosts of the sub-frames (systematic sampling with a random start).
+A frame is the weighted sum of sub-frames: renders of the scene at the instants t_k = t_0 + (k +
+u)·Δ, with a u from 0 to 1 that is random for the first pass; those of later passes lie between (see
+:func:`phase_of_pass`). Every row takes the m consecutive ones about the middle of its own exposure,
+each with weight 1/m. With Δ = exposure/m exactly m of the instants fall into an exposure, wherever
+it starts, so that the weights of every row add up to 1 in every pass, and over the passes every
+instant of the exposure has the same probability: the blur is that of the open shutter, without
+ghosts of the sub-frames (systematic sampling with a random start). A new random u in each of P
+passes would make the blur short by 1/(2·m²·P), and its length uncertain by twice as much.
 
 Global shutter: all rows open at time 0. Rolling: row r of the film opens at r·t_row, read from top to bottom.
 """
@@ -20,6 +23,7 @@ from numpy.typing import ArrayLike
 from ..core import Exposure, Float64Array
 from ..sensor.camera import Camera
 
+GOLDEN_RATIO = (1 + math.sqrt(5)) / 2
 STEP_PX = 0.5  # largest motion of the image from one sub-frame to the next: half of what a pixel averages anyway
 
 
@@ -51,6 +55,14 @@ class Shutter:
         first, last = self.span_s(rows)
         shared = min(STEP_PX / speed_px_per_s, last - first) if speed_px_per_s > 0 else last - first
         return max(self.open_s, shared, self.row_time_s) / count
+
+
+def phase_of_pass(first: float, number: int) -> float:
+    """Phase u of the pass with this number, 0 to 1, where the pass 0 has the phase ``first``.
+
+    Steps of the golden ratio: however many passes there are, their phases are about evenly apart.
+    """
+    return (first + number * GOLDEN_RATIO) % 1.0
 
 
 def subframes(

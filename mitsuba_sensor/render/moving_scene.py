@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import Exposure, Float64Array, InputError, nearest
-from ..optics.shutter import shutter_of, subframes
+from ..optics.shutter import phase_of_pass, shutter_of, subframes
 from ..sensor.camera import Camera
 from .guides import power_of_two, render_guides
 from .motion import Motion, RigidMotion
@@ -36,9 +36,11 @@ MOST_BLOCKS = 8  # of rows, each with a kernel of its own; fewer blocks render m
 PROBES = 32  # rays along each side of the image that look for the largest speed
 INSTANTS = np.linspace(0, 1, 5)  # when they look, as fractions of the time from first row open to last row closed
 MOST_GUIDE_SUBFRAMES, FEWEST_GUIDE_RAYS = 16, 16  # of one exposure; per pixel and sub-frame
+MIDDLE = 0.5  # phase of sub-frames in the middles of their shares of the exposure
 DIFFERENCE = 1 / 256  # of that time: speeds are differences over it, with 0.03 px of rounding in all
 
 Make = Callable[[int, tuple[int, int]], NDArray[np.float32]]
+Start = tuple[int, float]  # seed of a pass and phase of its sub-frames
 
 
 class AnimatedTransforms:
@@ -175,6 +177,7 @@ class MovingScene:
         self.scene, self._shutter, self._given = scene, shutter_of(camera, exposure), subframes
         self.view, self.sha256, self.restrict_wavelengths = scene.view, scene.sha256, scene.restrict_wavelengths
         self.transforms, self._counts = AnimatedTransforms(scene, motion, unit_m), set[int]()
+        self._phase = MIDDLE
         (_, rows), (_, top) = scene.view.crop_size, scene.view.crop_offset
         first_s, last_s = self._shutter.span_s((top, top + rows))
         with self.transforms:
@@ -201,13 +204,18 @@ class MovingScene:
         """One pass, because each has instants of its own."""
         return 1
 
+    def begin_pass(self, seed: int, number: int) -> None:
+        """The pass with this number, of a render with this seed, comes next: its instants lie between those of the
+        passes before."""
+        self._phase = phase_of_pass(hashed_seed(seed, 0, 0) / 2**32, number)
+
     def render(self, seed: int, samples: int, rows: tuple[int, int], count: int = 1) -> NDArray[np.float32]:
         """One pass over rows [first, last) of the crop: ∫response·L dλ [W m⁻² sr⁻¹], (rows, columns, channels)."""
         assert count == self.most_together(samples)
         count = subframes_of_pass(self._given or self._needed, samples)
         self._counts.add(count)
         return self._exposed(
-            lambda number, block: self.scene.render(number, samples // count, block), seed, count, rows
+            lambda number, block: self.scene.render(number, samples // count, block), (seed, self._phase), count, rows
         )
 
     def guides(
@@ -221,9 +229,9 @@ class MovingScene:
         def make(seed: int, block: tuple[int, int]) -> NDArray[np.float32]:
             return render_guides(self.scene, wavelengths_nm, seed, each, block)
 
-        return self._exposed(make, GUIDE_SEED + number, count, rows)
+        return self._exposed(make, (GUIDE_SEED + number, phase_of_pass(MIDDLE, number)), count, rows)
 
-    def _exposed(self, make: Make, seed: int, count: int, rows: tuple[int, int]) -> NDArray[np.float32]:
+    def _exposed(self, make: Make, start: Start, count: int, rows: tuple[int, int]) -> NDArray[np.float32]:
         """What ``make`` renders with a seed of some rows, averaged over ``count`` sub-frames of the exposure."""
         # Blocks are rows that are open at about the same time: as many as exposures fit into the read-out of all.
         total, readout_s = rows[1] - rows[0], (rows[1] - rows[0] - 1) * self._shutter.row_time_s
@@ -231,14 +239,15 @@ class MovingScene:
         blocks = max(min(math.ceil(readout_s / duration_s), MOST_BLOCKS, total), 1)
         edges = pairwise(rows[0] + total * k // blocks for k in range(blocks + 1))
         with self.transforms:
-            parts = [self._exposed_block(make, seed, count, block) for block in edges]
+            parts = [self._exposed_block(make, start, count, block) for block in edges]
         return np.concatenate(parts).astype(np.float32)
 
-    def _exposed_block(self, make: Make, seed: int, count: int, rows: tuple[int, int]) -> Float64Array:
+    def _exposed_block(self, make: Make, start: Start, count: int, rows: tuple[int, int]) -> Float64Array:
         """The weighted sum of the sub-frames of some rows, (rows, columns, channels)."""
         film_rows = rows[0] + self.view.crop_offset[1], rows[1] + self.view.crop_offset[1]
         step_s = self._shutter.step_s(count, math.inf if self._given else self.speed_px_per_s, film_rows)
-        times_s, weights = subframes(self._shutter, film_rows, count, step_s, hashed_seed(seed, 0, 0) / 2**32)
+        seed, phase = start
+        times_s, weights = subframes(self._shutter, film_rows, count, step_s, phase)
         frame: Float64Array | None = None
         for k, time_s in enumerate(times_s):
             self.transforms.set_time(time_s)

@@ -117,6 +117,8 @@ class Renderer:
 
     def _passes(self, seed: int, meter: ProgressMeter, count: int) -> None:
         """So many passes of all strips, several only of a single strip."""
+        if isinstance(self.scene, MovingScene):
+            self.scene.begin_pass(seed, self.passes)
         for s, strip in enumerate(self.strips):
             if s:
                 meter.report(self.passes * len(self.strips) + s)

@@ -17,11 +17,13 @@ import pytest
 from helpers.scenes import SCENES, SKY, both_variants, scene_text, skip_unless_usable, write_scene
 from numpy.typing import NDArray
 
+import mitsuba_sensor as ms
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.core.llvm import drjit
 from mitsuba_sensor.core.options import complete
-from mitsuba_sensor.optics.shutter import STEP_PX, Shutter, shutter_of, subframes
+from mitsuba_sensor.optics.shutter import STEP_PX, Shutter, phase_of_pass, shutter_of, subframes
+from mitsuba_sensor.render import moving_scene
 from mitsuba_sensor.render.bands import choose_bands
 from mitsuba_sensor.render.motion import Motion, read_motion
 from mitsuba_sensor.render.moving_scene import AnimatedTransforms, MovingScene, subframes_of_pass
@@ -55,8 +57,11 @@ def loaded(folder: Path, *elements: str, film: str = "", variant: str = "scalar_
 
 def picture(scene: Scene | MovingScene, passes: int = 8, samples: int = 16) -> NDArray[np.float64]:
     """Mean of some passes over the brightness of the edge, (rows, columns)."""
-    rows = (0, scene.view.crop_size[1])
-    frames = [scene.render(hashed_seed(1, 0, k), samples, rows)[..., 0] for k in range(passes)]
+    rows, frames = (0, scene.view.crop_size[1]), []
+    for k in range(passes):
+        if isinstance(scene, MovingScene):
+            scene.begin_pass(1, k)
+        frames.append(scene.render(hashed_seed(1, 0, k), samples, rows)[..., 0])
     return np.mean(frames, axis=0, dtype=np.float64) / 10.0  # L dλ over 10 nm
 
 
@@ -119,8 +124,9 @@ def test_sub_frames_leave_no_ghosts_in_the_mean_of_the_passes(tmp_path: Path) ->
     np.testing.assert_array_equal(picture(scene, 1, 4), before)
 
 
-def picture_of(scene: Scene | MovingScene, number: int) -> NDArray[np.float64]:
+def picture_of(scene: MovingScene, number: int) -> NDArray[np.float64]:
     """One small pass over the brightness of the edge."""
+    scene.begin_pass(2, number)
     return scene.render(hashed_seed(2, 0, number), 2, (0, 4))[..., 0].astype(np.float64) / 10
 
 
@@ -196,6 +202,44 @@ def test_over_the_passes_every_instant_of_an_exposure_has_the_same_chance(row_ti
         even = row * row_time_s + (np.arange(200) + 0.5) * 0.01 / 200
         np.testing.assert_allclose(instants, even, atol=0.01 / 200 / 2 + 1e-12)
         assert instants.mean() == pytest.approx(row * row_time_s + 0.005, abs=0.01 / 400)
+
+
+@pytest.mark.parametrize("row_time_s", [0.0, 0.0007])
+@pytest.mark.parametrize("passes", [8, 16])
+def test_few_passes_of_four_sub_frames_blur_and_skew_by_the_exposure(passes: int, row_time_s: float) -> None:
+    """√12 times the deviation of a row's instants is the exposure, the slope of their means the row time: to 0.1 %.
+
+    100 random starts. Random phases in every pass would blur 0.4 % too little with 8 passes, and 0.9 % uncertainly.
+    """
+    shutter, count, starts = Shutter(0.01, row_time_s), 4, np.random.default_rng(3).uniform(size=100)
+    step, lengths, slopes = shutter.step_s(count, math.inf, (0, 40)), [], []
+    for start in starts:
+        instants = np.empty((40, 0))
+        for number in range(passes):
+            times_s, weights = subframes(shutter, (0, 40), count, step, phase_of_pass(start, number))
+            instants = np.append(instants, [times_s[row > 0] for row in weights], axis=1)
+        lengths.append(math.sqrt(12) * instants.std(axis=1).mean())
+        slopes.append(np.polyfit(np.arange(40), instants.mean(axis=1), 1)[0])
+    assert np.mean(lengths) == pytest.approx(shutter.open_s, rel=1e-3)
+    assert np.std(lengths) < 1.5e-3 * shutter.open_s
+    assert np.std(slopes) < 1e-3 * 0.0007 and np.mean(slopes) == pytest.approx(row_time_s, rel=1e-3, abs=1e-12)
+
+
+def test_every_pass_of_a_render_has_its_own_phase(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A render of 8 passes asks for the sub-frames of 8 phases that are about evenly apart."""
+    phases = list[float]()
+
+    def spy(shutter: Shutter, rows: tuple[int, int], count: int, step_s: float, phase: float) -> Any:
+        phases.append(phase)
+        return subframes(shutter, rows, count, step_s, phase)
+
+    monkeypatch.setattr(moving_scene, "subframes", spy)
+    use(choose_variant("scalar_spectral"))
+    scene = write_scene(tmp_path, scene_text(EDGE, sensor=SENSOR))
+    motion = RIGHT["camera"]
+    ms.render(scene, GLOBAL, Exposure(0.01), motion=motion, spp=8, denoise=False, variant="scalar_spectral")
+    gaps = np.diff(np.sort([*phases, min(phases) + 1]))
+    assert len(phases) == 8 and gaps.min() > 0.08 and gaps.max() < 0.22
 
 
 def test_rows_share_a_sub_frame_where_the_picture_moves_less_than_half_a_pixel() -> None:
