@@ -143,7 +143,7 @@ def _strip(
     ray = _camera_rays(scene, pixel, points, random.next_float32(), rows[0], columns)
     hit = _first_scattering(scene.mitsuba_scene, ray, random)
     valid = hit.is_valid()
-    channels = [_reflectance(hit, valid, nm) for nm in wavelengths_nm]
+    channels = _reflectances(hit, valid, wavelengths_nm)
     normal = dr.select(valid, hit.sh_frame.n, 0.0)
     values = [mi.Float(x) for x in (*channels, normal.x, normal.y, normal.z)]
     dr.eval(values)  # all in one kernel; a sum alone would trace the rays for itself
@@ -226,12 +226,28 @@ def _first_scattering(scene: MitsubaObject, ray: MitsubaObject, random: MitsubaO
     return dr.while_loop(start, again, follow, labels=("active", "bounce", "ray", "random", "hit"))[-1]
 
 
-def _reflectance(hit: MitsubaObject, valid: Array, wavelengths_nm: Float64Array) -> Array:
-    """Mean diffuse reflectance at four wavelengths; 1 without a diffuse part, and on the shapes of emitters."""
+def _reflectances(hit: MitsubaObject, valid: Array, wavelengths_nm: Float64Array) -> list[Array]:
+    """Mean diffuse reflectance at four wavelengths of each filter; 1 without a diffuse part, and on the shapes of
+    emitters.
+
+    The filters are a loop, so that the code of every material is compiled once, and their wavelengths are data of the
+    kernel, because they follow from the rendered light and are others in every render.
+    """
     mi, dr = mitsuba(), drjit()
-    hit.wavelengths = mi.Spectrum([float(nm) for nm in wavelengths_nm])
+    count, table = len(wavelengths_nm), mi.Float(np.ravel(wavelengths_nm).astype(np.float32))
     bsdf = hit.bsdf()
-    values = bsdf.eval_diffuse_reflectance(hit, valid)
-    mean = dr.clip((values[0] + values[1] + values[2] + values[3]) / QUARTERS, 0.0, 1.0)
     diffuse = valid & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse) & ~hit.shape.is_emitter()
-    return dr.select(diffuse, mean, 1.0)
+
+    def more(number: Array, *_: Array) -> Array:
+        return number < count
+
+    def evaluate(number: Array, *channels: Array) -> tuple[Array, ...]:
+        there = mi.SurfaceInteraction3f(hit)
+        there.wavelengths = mi.Spectrum(*[dr.gather(mi.Float, table, QUARTERS * number + k) for k in range(QUARTERS)])
+        values = bsdf.eval_diffuse_reflectance(there, diffuse)
+        mean = dr.clip((values[0] + values[1] + values[2] + values[3]) / QUARTERS, 0.0, 1.0)
+        changed = [dr.select(diffuse & (number == k), mean, value) for k, value in enumerate(channels)]
+        return (number + 1, *changed)
+
+    start = (mi.UInt32(0), *(mi.Float(1.0) for _ in range(count)))
+    return list(dr.while_loop(start, more, evaluate)[1:])

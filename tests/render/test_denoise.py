@@ -330,6 +330,20 @@ def test_points_of_every_pixel_stay_spread_and_have_no_bias() -> None:
     assert share.std() < 0.33 * (0.405 * 0.595 / 64) ** 0.5
 
 
+def test_guides_of_other_light_compile_no_other_kernel() -> None:
+    """Their wavelengths follow from the rendered light; every render would compile the guides anew, for as long as all
+    of a small render takes."""
+    options = {"wavelength_nm": 550, "variant": skip_unless_usable("llvm_ad_spectral"), "width": 32}
+    scene, hashes = prepare(SCENES / "cornell_box.xml", CAMERA, EXPOSURE, **options).scene, []
+    dr = drjit()
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        for nm in (550.0, 550.0, 617.3):
+            dr.kernel_history_clear()
+            scene.guides(nm + np.arange(12.0).reshape(3, 4), (0, 32), 16)
+            hashes.append({one["hash"] for one in dr.kernel_history() if one["type"] == dr.KernelType.JIT})
+    assert hashes[1] and hashes[2] <= hashes[1]
+
+
 def test_guides_of_many_filters_trace_their_rays_once() -> None:
     """As many kernels for six filters as for one."""
     options = {"wavelength_nm": 550, "variant": skip_unless_usable("llvm_ad_spectral"), "width": 32}
