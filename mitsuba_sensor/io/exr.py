@@ -23,6 +23,7 @@ FILTER_CHANNEL = "channel."
 ERROR_CHANNEL = "standard_error."
 RELATIVE_ERROR_CHANNEL = "relative_error"
 IN_BAND_CHANNEL = "in_band"
+PASS_ERROR_CHANNEL = "pass_error"
 RAW_LAYER = "raw."
 MOST_HALF, MOST_POWER = 65504.0, 120  # largest number in half precision; of two, in a float32 of a header
 AOV_LAYERS = {  # array of Aovs → its components, its unit
@@ -42,7 +43,8 @@ def write_irradiance_exr(path: Path, irradiance: Irradiance, half: bool = False)
         which the brightest one is just below the largest number; the unit in the header is divided by it.
 
     Channels ``S0.<nm>nm`` hold the bands and ``standard_error.<nm>nm`` their standard errors in the same unit (decimal
-    comma, as Fichet et al. 2021 have it, because a dot separates layers); ``relative_error`` that of the electrons.
+    comma, as Fichet et al. 2021 have it, because a dot separates layers); ``relative_error`` that of the electrons,
+    ``pass_error`` that of the electrons before denoising.
     ``in_band`` is the factor on the electrons of the camera whose fingerprint is ``response`` in the header.
     ``rendered_for`` in the header is camera (its whole datasheet), exposure, serial number and illuminant as JSON.
     Light that was kept as it was before denoising has the same channels in the layer ``raw``.
@@ -90,6 +92,8 @@ def _channels(irradiance: Irradiance, prefix: str, names: list[str], scale: floa
     channels = {RELATIVE_ERROR_CHANNEL: Plane(irradiance.relative_error)}
     if irradiance.in_band is not None:
         channels[IN_BAND_CHANNEL] = Plane(irradiance.in_band)
+    if irradiance.pass_error is not None:
+        channels[PASS_ERROR_CHANNEL] = Plane(irradiance.pass_error)
     for band, name in enumerate(names):
         channels[prefix + name] = Plane(irradiance.data[..., band], scale)
         channels[ERROR_CHANNEL + name] = Plane(irradiance.standard_error[..., band], scale)
@@ -129,6 +133,7 @@ def read_irradiance_exr(path: str | os.PathLike[str]) -> Irradiance:
                 "standard_error": bands(layer + ERROR_CHANNEL),
                 "relative_error": pixels[layer + RELATIVE_ERROR_CHANNEL],
                 "in_band": pixels.get(layer + IN_BAND_CHANNEL),
+                "pass_error": pixels.get(layer + PASS_ERROR_CHANNEL),
                 "statistics": _statistics(header[statistics]),
             }
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,9 @@ from ..sensor.camera_file import camera_from
 from ..sensor.fingerprint import pixel_fingerprint, response_fingerprint
 from ..sensor.metering import AskedExposure
 from .statistics import RenderStatistics
+
+Region: TypeAlias = tuple[slice, slice] | NDArray[np.bool_]
+WHOLE = slice(None), slice(None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +78,8 @@ class Irradiance:
     origin : (row, column) of the first pixel on the sensor: where the film's crop window begins.
     rendered_for : camera, exposure and serial number, where they are known.
     raw : the same light before it was denoised, if asked for and denoised; its statistics are its own.
+    pass_error : (H, W) standard error of the photoelectrons by the spread of the passes, before denoising, over the
+        photoelectrons; None where it is not known. See :meth:`error_of_sum`.
     """
 
     data: NDArray[np.float32]
@@ -88,6 +94,7 @@ class Irradiance:
     in_band: NDArray[np.float32] | None = None
     rendered_for: RenderedFor | None = None
     raw: Irradiance | None = None
+    pass_error: NDArray[np.float32] | None = None
 
     def __repr__(self) -> str:
         """``<Irradiance: 256 × 384, 32 bands, 367.5 … 832.5 nm>``."""
@@ -124,6 +131,35 @@ class Irradiance:
             self if self.rendered_for is None else replace(self, rendered_for=replace(self.rendered_for, serial=serial))
         )
 
+    def error_of_sum(self, region: Region = WHOLE) -> float:
+        """Relative standard error of the sum of the light over a region, all bands together.
+
+        region : what indexes a map (H, W): a pair of slices (rows, columns), or a mask (H, W) of bool.
+
+        Neighbouring pixels of denoised light have errors in common: the root of the sum of the squares of their error
+        bars is too small. Their sum is at most as uncertain as that of the passes, whose pixels are independent and
+        whose sums denoising keeps, or as if all pixels of the region had one error.
+        Pixels of infinite light do not count. Raises InputError for a region that selects no pixel of the picture, and
+        for light whose passes are not known.
+        """
+        if self.pass_error is None:
+            raise InputError(
+                "the error of a sum follows from the passes of a render, which this light does not hold; render it "
+                "again."
+            )
+        width = np.ones(len(self.filters)) if self.filters else self.bandwidths_nm
+        light = _part(self.data.astype(np.float64) @ width, region)
+        finite = np.isfinite(light)
+        light = light[finite]
+        own, passes = (_part(x, region)[finite] * light for x in (self.relative_error, self.pass_error))
+        total, of_passes = float(light.sum()), math.sqrt(float((passes**2).sum()))
+        if total <= 0:
+            return 0.0
+        if self.statistics.denoised is None:
+            return of_passes / total
+        separate, common = math.sqrt(float((own**2).sum())), float(own.sum())
+        return max(separate, min(common, of_passes)) / total
+
     def before_denoising(self) -> Irradiance:
         """The light as it was rendered. Raises InputError where it was denoised and that was not kept."""
         if self.raw is None and self.statistics.denoised is not None:
@@ -137,3 +173,16 @@ def is_exact(light: Irradiance, camera: Camera) -> bool:
     """Whether the light holds this camera's photoelectrons, whatever its bands."""
     known = light.in_band is not None and light.response == pixel_fingerprint(camera)
     return known or (light.filters is not None and light.response == response_fingerprint(camera))
+
+
+def _part(image: NDArray[np.floating], region: Region) -> NDArray[np.floating]:
+    """The pixels of a map (H, W) in a region. Raises InputError where it is none, or selects no pixel."""
+    is_mask = isinstance(region, np.ndarray) and region.dtype == bool and region.shape == image.shape
+    is_window = isinstance(region, tuple) and len(region) == 2 and all(isinstance(x, slice) for x in region)
+    if not (is_mask or is_window) or not image[region].size:
+        height, width = image.shape
+        raise InputError(
+            f"region is {region!r}; it must be two slices (rows, columns) or a mask of bool that select pixels of "
+            f"{height} × {width}, e.g. (slice(0, {height // 2 or 1}), slice(None))."
+        )
+    return image[region]

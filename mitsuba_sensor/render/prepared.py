@@ -34,7 +34,7 @@ from .row_strip import Kept
 from .scene import Scene, load_scene
 from .scene_nodes import SceneInput
 from .scene_settings import ParsedScene, SceneSettings, parse
-from .statistics import POOLED, NoiseRatios, RenderStatistics, summary_of, why_not_trusted
+from .statistics import POOLED, NoiseRatios, RenderStatistics, sum_error, summary_of, why_not_trusted
 from .stop_criterion import End, Progress, RenderProgress, StopCriterion, stop_criterion_of
 
 METERING_SPP = 32  # of the render that is metered where the exposure must be known before
@@ -136,7 +136,7 @@ class PreparedRender:
         if not (found := renderer.result()).data.any():
             refuse_black(self.bands.ends_nm, renderer.lost, self.at_rest.findings)
         exposure, serial = self.exposure, self.parsed.settings.serial
-        light = self._irradiance(found, self._statistics(stop, end, began, exposure, raw))
+        light = self._irradiance(found, raw, self._statistics(stop, end, began, exposure, raw))
         if self.metering is not None and not self.metered:
             exposure = metered(light, self.camera, self.metering)
             light = replace(light, statistics=self._statistics(stop, end, began, exposure, raw))
@@ -145,18 +145,18 @@ class PreparedRender:
         if kept is None or renderer.denoised is None:
             return light
         ratios = self._noise_ratios(exposure, raw, renderer.passes)
-        return replace(light, raw=self._irradiance(kept, replace(light.statistics, denoised=None, **ratios)))
+        return replace(light, raw=self._irradiance(kept, raw, replace(light.statistics, denoised=None, **ratios)))
 
-    def _irradiance(self, found: Estimate, statistics: RenderStatistics) -> Irradiance:
-        bands, (column, row) = self.bands, self.scene.view.crop_offset
+    def _irradiance(self, found: Estimate, raw: Electrons, statistics: RenderStatistics) -> Irradiance:
         return Irradiance(
             **found._asdict(),
-            wavelengths_nm=bands.wavelengths_nm,
-            bandwidths_nm=bands.bandwidths_nm,
+            wavelengths_nm=self.bands.wavelengths_nm,
+            bandwidths_nm=self.bands.bandwidths_nm,
             statistics=statistics,
-            filters=tuple(self.camera.quantum_efficiency.curves) if bands.kind == "channels" else None,
-            response=bands.response,
-            origin=(row, column),
+            filters=tuple(self.camera.quantum_efficiency.curves) if self.bands.kind == "channels" else None,
+            response=self.bands.response,
+            origin=self.scene.view.crop_offset[::-1],
+            pass_error=self.renderer.pass_error(raw, statistics.denoised is not None),
         )
 
     def exposure_of(self, light: Irradiance) -> Exposure:
@@ -239,6 +239,7 @@ class PreparedRender:
             camera_to_world=pose_m(self.at_rest, self.motion, self.unit_m).tolist(),
             denoised=self._denoised(exposure, raw),
             metering=None if self.metering is None else self.metering.record(exposure),
+            sum_error=sum_error(*raw),
         )
 
 
@@ -273,10 +274,9 @@ def prepare(
     bands = with_filters(_bands(chosen, settings, camera, usual), camera)
     metres = settings.metres(chosen["scene_unit"]) or 1.0
     at_rest = load_scene(parsed.file, bands, {}, camera, chosen["scene_unit"], width=chosen["width"], sampler=sampler)
-    motion, denoise = read_motion(chosen["motion"]), chosen["denoise"]
-    kept = Kept.of(denoise, chosen["raw_light"])
+    motion, kept = read_motion(chosen["motion"]), Kept.of(chosen["denoise"], chosen["raw_light"])
     renderer = Renderer(at_rest, camera, known, bands, kept)
-    asked_for = denoise, chosen["raw_light"], chosen["width"]
+    asked_for = chosen["denoise"], chosen["raw_light"], chosen["width"]
     still = PreparedRender(
         parsed, at_rest, camera, known, bands, renderer, *asked_for, Motion(), metres, sampler, metering
     )

@@ -169,6 +169,12 @@ class Renderer:
             return self._own(self.denoised.mean), self._own(self.denoised.variance)
         return self._raw_electrons()
 
+    def pass_error(self, raw: Electrons, denoised: bool) -> NDArray[np.float32]:
+        """(H, W) standard error of the photoelectrons by the spread of the passes, over the light.  raw : electrons
+        before denoising.  denoised : whether the light is."""
+        mean = self._own(self.denoised.mean) if denoised and self.denoised is not None else raw[0]
+        return relative_errors(mean, raw[1], self.infinite())
+
     def _raw_electrons(self) -> Electrons:
         """Mean of the passes and its variance behind each pixel's own filter, (H, W) each."""
         parts = [(strip.electrons, strip.rows) for strip in self.strips]

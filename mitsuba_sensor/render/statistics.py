@@ -43,6 +43,8 @@ class RenderStatistics:
     denoised : what the denoiser did, or None; raw_noise_ratio_* : before, raw_weight : mean weight of the render,
         sum_corrected_by : share of the light that was moved to have the render's sums.
     seconds_per_sample : of one sample in every pixel, by the passes after the first one, which compiles.
+    sum_error : relative standard error of the sum of the photoelectrons of all pixels, denoised or not; for regions
+        see :meth:`irradiance.Irradiance.error_of_sum`. None where it is not known.
     metering : the exposure time that was found and how, see :class:`sensor.metering.Metering`; None where it was given.
     """
 
@@ -69,6 +71,7 @@ class RenderStatistics:
     denoised: dict[str, Any] | None = None
     metering: dict[str, float] | None = None
     seconds_per_sample: float = 0.0
+    sum_error: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, ready for JSON."""
@@ -92,6 +95,14 @@ def summary_of(ratio: NDArray[np.float64], lit: NDArray[np.bool_], passes: int) 
     )
     median *= median_bias(passes)
     return {"noise_ratio_median": median, "noise_ratio_p95": p95, "noise_ratio_max": most}
+
+
+def sum_error(mean: NDArray[np.float64], variance: NDArray[np.float64]) -> float:
+    """Relative standard error of the sum over the picture; pixels are independent. mean, variance : (H, W) of the
+    passes and of that mean."""
+    finite = np.isfinite(mean) & np.isfinite(variance)
+    total = float(mean[finite].sum())
+    return float(np.sqrt(variance[finite].sum())) / total if total > 0 else 0.0
 
 
 def median_bias(passes: int) -> float:

@@ -61,7 +61,7 @@ def test_half_precision_rounds_by_one_part_in_2048(light: Any, tmp_path: Path, p
     factor = np.float32(2.0**power)
     data = light.data * factor
     data[0, 0] = np.inf
-    asked = replace(light, data=data, standard_error=light.standard_error * factor)
+    asked = replace(light, data=data, standard_error=light.standard_error * factor, pass_error=light.relative_error * 3)
     exr.write_irradiance_exr(tmp_path / "x.exr", asked, half=True)
     back = exr.read_irradiance_exr(tmp_path / "x.exr")
     for name in ("data", "standard_error"):
@@ -72,6 +72,7 @@ def test_half_precision_rounds_by_one_part_in_2048(light: Any, tmp_path: Path, p
         assert (np.isinf(found) == np.isinf(wanted)).all()
     assert np.abs(back.data[1:] / asked.data[1:] - 1).max() > 1e-5  # rounded indeed
     np.testing.assert_array_equal(back.relative_error, asked.relative_error)
+    np.testing.assert_array_equal(back.pass_error, asked.pass_error)
     with OpenEXR.File(str(tmp_path / "x.exr"), separate_channels=True) as file:
         unit = float(file.header()["emissiveUnits"].split()[0])
         band = next(name for name in file.channels() if name.startswith("S0."))
@@ -288,7 +289,7 @@ def test_a_file_in_the_place_of_a_folder_is_one_sentence_with_the_name_that_was_
 def test_an_exr_that_is_written_some_rows_at_a_time_is_the_same_file(
     light: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, half: bool
 ) -> None:
-    images = ("data", "standard_error", "relative_error", "in_band")
+    images = ("data", "standard_error", "relative_error", "in_band", "pass_error")
     found = {name: getattr(light, name) for name in images}
     tall = replace(light, **{name: None if x is None else np.repeat(x, 4, axis=0) for name, x in found.items()})
     exr.write_irradiance_exr(tmp_path / "once.exr", tall, half)
