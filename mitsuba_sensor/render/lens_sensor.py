@@ -93,14 +93,17 @@ def sensor_class(variant: str) -> MitsubaObject:
             return tuple(mi.Vector2f(*(dr.opaque(mi.Float, float(n)) for n in pair)) for pair in pairs)
 
         def sample_ray(
-            self, time: Array, wavelength: Array, position: Array, aperture: Array, active: Array = True
+            self, time: Array, sample1: Array, sample2: Array, sample3: Array, active: Array = True
         ) -> tuple[MitsubaObject, Array]:
+            """Called by C++ by position and by integrators in Python by name: the names are Mitsuba's."""
             size, corner = self.crop()
-            on_film = mi.Point2f(position.x * size.x + corner.x, position.y * size.y + corner.y)
-            return self.lens.sample(self, (time, wavelength, on_film, aperture), active)
+            on_film = mi.Point2f(sample2.x * size.x + corner.x, sample2.y * size.y + corner.y)
+            return self.lens.sample(self, (time, sample1, on_film, sample3), active)
 
-        def sample_ray_differential(self, *samples: Array) -> tuple[MitsubaObject, Array]:
-            ray, weight = self.sample_ray(*samples)
+        def sample_ray_differential(
+            self, time: Array, sample1: Array, sample2: Array, sample3: Array, active: Array = True
+        ) -> tuple[MitsubaObject, Array]:
+            ray, weight = self.sample_ray(time, sample1, sample2, sample3, active)
             return mi.RayDifferential3f(ray), weight
 
         def world_transform(self) -> MitsubaObject:

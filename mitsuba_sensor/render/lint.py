@@ -21,6 +21,7 @@ from .variants import MitsubaObject, mitsuba
 
 ADDING = ("aov", "moment", "stokes")  # integrators that add channels; with specfilm they corrupt memory (#1189)
 WRAPPERS = (*ADDING, "raw_frame")  # the one inside them is rendered
+SPECTRAL_RESPONSE = "srf"  # parameter of a sensor
 POSITIONAL = ("point", "spot", "projector")  # emitters whose irradiance depends on a distance in scene units
 LOSS = 0.01  # of the radiance: what cut paths may lose without a finding
 FLAT = 0.01  # thickness over width: patches on a plane do not illuminate each other
@@ -165,6 +166,9 @@ def _sensors(scene: SceneFile) -> Iterator[Finding]:
     if any(name in first.props for name in ("shutter_open", "shutter_close")):
         what = "shutter_open and shutter_close change nothing in Mitsuba 3: no transform moves in time"
         yield Finding("wrong", scene.where(first), what, "leave them out and give an exposure time")
+    if SPECTRAL_RESPONSE in first.props:
+        what = f"{SPECTRAL_RESPONSE} of the sensor is a spectral response, and the camera has its own"
+        yield Finding("note", scene.where(first), what, f"{SPECTRAL_RESPONSE} replaced by that of the camera")
     sensors = [node for _, node in scene.children(scene.root, "Sensor")]
     if len(sensors) > 1:
         what = f"the scene has {len(sensors)} sensors; the first one was taken"

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 from typing import Any, NamedTuple
 
-from .scene_file import OWN_PLUGINS
+from .plugin_names import OWN_PLUGINS
 from .variants import MitsubaObject
 
 _, FILM, _ = OWN_PLUGINS

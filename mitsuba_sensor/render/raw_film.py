@@ -15,24 +15,36 @@ from numpy.typing import NDArray
 
 from ..core import InputError
 from ..sensor.expose import expose
-from .plugin_id import PluginParameters
+from .passes import hashed_seed
+from .plugin_id import PluginParameters, parameters_of
+from .scene_nodes import LoadedView
 from .variants import MitsubaObject, mitsuba
 
 RAW = "raw"  # of the parameter output
+BATCH = -3  # of the seeds of the sensors of a batch
+NO_DERIVATIVE = (
+    'the digital numbers of a raw frame have no derivative; render the light, with a photosensor of output "bands" and '
+    "without raw_frame, and take mitsuba_sensor.differentiable for the sensor behind it."
+)
 
 
 def raw_film(bands: MitsubaObject, parameters: PluginParameters) -> MitsubaObject:
     """A film of the size of the film of the bands."""
     mi = mitsuba()
     props = mi.Properties("photosensor")
-    (width, height), (columns, rows), (x, y) = bands.size(), bands.crop_size(), bands.crop_offset()
-    names = "width", "height", "crop_width", "crop_height", "crop_offset_x", "crop_offset_y"
-    for name, value in zip(names, (width, height, columns, rows, x, y), strict=True):
-        props[name] = int(value)
+    for name, value in _size_of(bands).items():
+        props[name] = value
     props["rfilter"] = mi.load_dict({"type": "box"})
     film = _film_class(mi.variant())(props)
     film.set_id(parameters.id())
     return film
+
+
+def _size_of(film: MitsubaObject) -> dict[str, int]:
+    """The parameters of a film for size and crop."""
+    names = "width", "height", "crop_width", "crop_height", "crop_offset_x", "crop_offset_y"
+    numbers = *film.size(), *film.crop_size(), *film.crop_offset()
+    return {name: int(number) for name, number in zip(names, numbers, strict=True)}
 
 
 def raw_frame(props: MitsubaObject) -> MitsubaObject:
@@ -56,17 +68,39 @@ def _film_class(variant: str) -> MitsubaObject:
     base: MitsubaObject = mi.Film
 
     class RawFilm(base):  # type: ignore[misc]
-        """digital : the frame (H, W) [DN], once it is rendered."""
+        """digital : the frame (H, W) [DN], once it is rendered.  aov_film : where an integrator ``aov`` around
+        raw_frame gathers its channels, until it has developed them."""
 
         digital: NDArray[np.unsignedinteger] | None = None
+        aov_film: MitsubaObject = None
+
+        def hold(self, digital: NDArray[np.unsignedinteger]) -> None:
+            """Take a frame that was rendered."""
+            self.digital, self.aov_film = digital, None
 
         def prepare(self, aovs: Any) -> int:
-            """Called by an integrator that cannot fill it."""
-            way_out = "put the integrator of the scene into one, or leave output out for the light of each band"
-            raise InputError(f'a photosensor of output "raw" needs <integrator type="raw_frame">; {way_out}.')
+            """Called by an integrator that fills it with samples: only ``aov`` may, once there is a frame."""
+            if self.digital is None or not aovs:
+                way_out = "put the integrator of the scene into one, or leave output out for the light of each band"
+                raise InputError(f'a photosensor of output "raw" needs <integrator type="raw_frame">; {way_out}.')
+            exact = {"component_format": "float32", "rfilter": {"type": "box"}}
+            self.aov_film = mi.load_dict({"type": "hdrfilm", **_size_of(self), **exact})
+            return int(self.aov_film.prepare(aovs))
+
+        def create_block(self, *size: object) -> MitsubaObject:
+            """For the samples of an integrator ``aov``."""
+            return self.aov_film.create_block(*size)
+
+        def put_block(self, block: MitsubaObject) -> None:
+            """Samples of an integrator ``aov``."""
+            self.aov_film.put_block(block)
 
         def develop(self, raw: bool = False) -> MitsubaObject:
-            """The raw frame, (H, W, 1) [DN]; it is the same whether raw or not."""
+            """The raw frame, (H, W, 1) [DN]; it is the same whether raw or not. For an integrator ``aov``, once, the
+            channels that it has gathered."""
+            if self.aov_film is not None:
+                channels, self.aov_film = self.aov_film.develop(raw), None
+                return channels
             return mi.TensorXf(self._frame().astype(np.float32)[..., None])
 
         def bitmap(self, raw: bool = False) -> MitsubaObject:
@@ -122,19 +156,34 @@ def _integrator_class(variant: str) -> MitsubaObject:
             develop: bool = True,
             evaluate: bool = True,
         ) -> MitsubaObject:
-            """The raw frame of the first sensor, (H, W, 1) [DN], which its film holds too. seed : of all noise."""
-            from .prepared import render
-
-            first = scene.sensors()[0]
-            film = first.film()
-            if not hasattr(film, "digital") or sensor not in (0, first):
-                raise InputError(
-                    'raw_frame renders the first sensor, with a <film type="photosensor"> of output "raw".'
-                )
-            number = int(np.ravel(seed)[0])
-            light = render(scene, seed=number, spp=spp or int(first.sampler().sample_count()))
-            film.digital = expose(light, seed=number).digital[0]
+            """The raw frame of a sensor, (H, W, 1) [DN], which its film holds too; those of a batch of sensors are side
+            by side. seed : of all noise."""
+            asked = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
+            film = asked.film()
+            if not hasattr(film, "digital"):
+                raise InputError('raw_frame renders a sensor with a <film type="photosensor"> of output "raw".')
+            samples, first_seed, frames = spp or int(asked.sampler().sample_count()), int(np.ravel(seed)[0]), []
+            for number, part in enumerate(_sensors_of(asked)):
+                own_film = film if parameters_of(part.film()) is None else part.film()
+                view = LoadedView(scene, part, self.inner, own_film)
+                own_seed = hashed_seed(first_seed, BATCH, number) if number else first_seed
+                frames.append(_raw_frame_of(view, own_seed, samples))
+            film.hold(np.concatenate(frames, axis=1))
             return film.develop()
+
+        def render_forward(self, *scene: object, **options: object) -> MitsubaObject:
+            """Whole numbers have no derivative."""
+            raise InputError(NO_DERIVATIVE)
+
+        def render_backward(self, *scene: object, **options: object) -> None:
+            """Whole numbers have no derivative."""
+            raise InputError(NO_DERIVATIVE)
+
+        def sample(
+            self, scene: MitsubaObject, sampler: MitsubaObject, ray: MitsubaObject, *others: object
+        ) -> tuple[MitsubaObject, bool, list[MitsubaObject]]:
+            """No light: the frame is there when an integrator ``aov`` around this one samples its channels."""
+            return mi.Spectrum(0.0), True, []
 
         def aov_names(self) -> list[str]:
             """None."""
@@ -145,3 +194,31 @@ def _integrator_class(variant: str) -> MitsubaObject:
             return f"RawFrame[{self.inner}]"
 
     return RawFrame
+
+
+def _raw_frame_of(view: LoadedView, seed: int, samples: int) -> NDArray[np.unsignedinteger]:
+    """The digital numbers of one picture, (H, W) [DN]."""
+    from .prepared import render
+
+    light = render(view, seed=seed, spp=samples)
+    return np.asarray(expose(light, seed=seed).digital[0])
+
+
+def _sensors_of(sensor: MitsubaObject) -> list[MitsubaObject]:
+    """The sensors side by side on the film of a batch, which Mitsuba shows to the callback of a traversal alone; of any
+    other sensor, itself. Raises InputError for a batch whose film has a crop."""
+    mi = mitsuba()
+    if sensor.class_name() != "BatchSensor":
+        return [sensor]
+    film = sensor.film()
+    if tuple(film.crop_size()) != tuple(film.size()):
+        raise InputError("the film of a batch of sensors has a crop, which raw_frame cannot divide; leave it out.")
+    inside = list[MitsubaObject]()
+
+    class SensorsInside(mi.TraversalCallback):  # type: ignore[misc, name-defined]
+        def put(self, name: str, value: object, *_: object) -> None:
+            if isinstance(value, mi.Sensor):
+                inside.append(value)
+
+    sensor.traverse(SensorsInside())
+    return inside

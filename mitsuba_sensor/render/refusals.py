@@ -21,6 +21,8 @@ WITH_FILES = ("Shape", "Texture", "Emitter", "Volume", "BSDF", "Medium", "PhaseF
 # Plugins that cannot be used, and what to do instead.
 UNSUITABLE = {
     "depth": "computes no radiance; take --integrator path (integrator='path')",
+    "volprim_rf_basic": "renders radiance fields of red, green and blue and no spectra; take --integrator path "
+    "(integrator='path')",
     "ptracer": "starts its paths at the emitters and cannot write spectral bands; take --integrator path "
     "(integrator='path')",
 } | dict.fromkeys(

@@ -17,7 +17,8 @@ from .renderer import Renderer
 from .scene_file import SceneFile
 from .variants import mitsuba
 
-WITH_DEPTH = ("path", "volpath", "volpathmis")  # integrators of Mitsuba whose ``max_depth`` cuts off indirect light
+WITH_DEPTH = ("path", "volpath", "volpathmis", "prb", "prb_basic", "prb_projective", "prbvolpath")
+"""Integrators of Mitsuba whose ``max_depth`` cuts off indirect light."""
 PASSED = ("max_depth", "hide_emitters")  # what an integrator without indirect light takes from the scene's own
 STOPPED_DOWN = 1e-6  # of the scene's aperture: what is left of it. Mitsuba refuses an aperture of 0
 

@@ -24,7 +24,7 @@ from .finding import Finding, most_serious_first
 from .guides import render_guides
 from .interleaved import interleaved, most_interleaved
 from .lens_sensor import with_lens
-from .lint import WRAPPERS, lint, lint_built
+from .lint import SPECTRAL_RESPONSE, WRAPPERS, lint, lint_built
 from .loaded_spectra import loaded_findings
 from .mesh_attributes import refuse_missing_attributes
 from .metal_tables import continue_metals
@@ -98,9 +98,9 @@ class Scene:
             image = self.integrator.render(self.mitsuba_scene, sensor=sensor, seed=seed, spp=samples)
         except RuntimeError as error:
             variant = mitsuba().variant()
-            way_out = "" if variant.startswith("scalar") else f" in {variant}: try --variant scalar_spectral"
+            way_out = "--integrator path" + ("" if variant.startswith("scalar") else " or --variant scalar_spectral")
             first = plain_message(RuntimeError(str(error).split("\n\n")[0]))
-            raise InputError(f"the scene cannot be rendered{way_out} ({first}).") from error
+            raise InputError(f"the scene cannot be rendered in {variant}: try {way_out} ({first}).") from error
         return np.array(image, dtype=np.float32)
 
     def with_noisy(self, pixels: NoisyPixels) -> Scene:
@@ -157,14 +157,16 @@ def _load(
     _replace_film(scene, bands, film_size(scene, camera, width), sampler)
     continue_metals(scene.nodes("BSDF"), *bands.ends_nm)
     built = scene.build()
-    world = built if scene.loaded is None else scene.loaded
+    world, integrator = built, built.integrator()
+    if scene.loaded is not None:
+        world, integrator = scene.loaded.scene, scene.loaded.integrator
     if not world.emitters():
         raise InputError(f'scene {scene.name!r} has no light; add an emitter, e.g. <emitter type="constant"/>.')
     refuse_missing_attributes(scene, world)
     sensor = next((one for one in built.sensors() if one.film().id() == FILM_ID), None)
     if sensor is None:
         raise InputError(f"scene {scene.name!r}: its sensor has a number that is NaN; correct fov and to_world.")
-    integrator = getattr(world.integrator(), "inner", world.integrator()) or mitsuba().load_dict({"type": "path"})
+    integrator = getattr(integrator, "inner", integrator) or mitsuba().load_dict({"type": "path"})
     spectra = () if scene.loaded is None else loaded_findings(world, Band(*bands.ends_nm, camera))
     findings = most_serious_first([*findings, *lint_built(scene, world, sensor), *spectra])
     sensor, view, lens_notes = with_lens(sensor, _view(sensor, metres or 1.0), camera, metres or 1.0)
@@ -214,6 +216,8 @@ def _replace_film(scene: SceneFile, bands: Bands, size: dict[str, int], sampler:
     refuse_misspelt(scene)
     for name, _ in scene.children(node.props, "Film", "Sampler"):
         del node.props[name]
+    if SPECTRAL_RESPONSE in node.props:  # that of the camera is in the film
+        del node.props[SPECTRAL_RESPONSE]
     with as_input_error(scene.path):
         node.props["film"] = response_film(bands.responses, {**size, "id": FILM_ID})
     node.props["sampler"] = mi.load_dict({"type": sampler})

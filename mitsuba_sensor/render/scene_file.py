@@ -17,6 +17,7 @@ from ..io.scene_xml import MOST_BYTES, require_shallow
 from . import old_formats, old_text
 from .foreign_plugins import refuse_foreign_plugins
 from .parameter_names import meant
+from .plugin_names import remedy_for_unknown
 from .scene_edits import SceneEdits
 from .variants import MitsubaObject, mitsuba, own_folder_first
 
@@ -27,8 +28,6 @@ EXAMPLE_SENSOR = (
 NAME_OF_TEXT = "XML text"  # what a scene that is given as text is called in messages
 LONGEST = 1000  # characters of a message of Mitsuba, which repeats the values of a scene
 AS_TEXT = "<string>"  # the name that Mitsuba gives to a file that was changed before it was parsed
-DIFFERENTIABLE = ("prb", "prb_basic", "prb_projective", "prbvolpath", "direct_projective")  # not in scalar variants
-OWN_PLUGINS = ("camera", "photosensor", "raw_frame")
 POLARISING = ("circular", "polarizer", "retarder", "measured_polarized")
 
 
@@ -39,7 +38,7 @@ class SceneFile:
     exposure_s : value of the ``<default>`` of that name, which no element need use.
     changes : where, what was changed in it and why: an old format, or another integrator that was asked for.
     content : what was given instead of a file, or stands for it in the digest.
-    loaded : a scene that Mitsuba has loaded, of which only the sensor is in the nodes.
+    loaded : view of a scene that Mitsuba has loaded, of which only the sensor is in the nodes; else None.
     text : what was parsed, if not the file as it is; Mitsuba's state refers to it and does not keep it.
     ignore_polarization : whether elements that polarise light are rendered in unpolarised light.
     resolver : finds meshes and textures beside the file and in the folders that its ``<path>`` elements name.
@@ -285,16 +284,8 @@ def _remedy(message: str, file: Path) -> str:
     if "unreferenced propert" in message:
         return f".{meant(message)}"
     unknown = re.search(r'Plugin "(\w+)" not found', message)
-    if unknown and unknown[1] in DIFFERENTIABLE:
-        return "; it computes gradients and needs an llvm or cuda variant: 'path' gives the same image."
     if unknown:
-        of_integrator = "failed to instantiate integrator" in message
-        way_out = "; take --integrator path (integrator='path')" if of_integrator else ""
-        return f"{way_out}.{nearest(unknown[1], plugin_names())}"
+        remedy, of_integrator = remedy_for_unknown(unknown[1]), "failed to instantiate integrator" in message
+        way_out = "; take --integrator path (integrator='path')" if of_integrator and remedy.startswith(".") else ""
+        return f"{way_out}{remedy}"
     return "."
-
-
-def plugin_names() -> list[str]:
-    """Names of the plugins of Mitsuba and of our own."""
-    plugins = (Path(str(mitsuba().__file__)).parent / "plugins").iterdir()
-    return sorted({*OWN_PLUGINS, *(file.stem for file in plugins)})

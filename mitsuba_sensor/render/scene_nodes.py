@@ -12,14 +12,15 @@ import os
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from ..core import InputError, nearest
+from ..core import InputError
 from .foreign_plugins import refuse_foreign_plugins
-from .plugin_id import parameters_of
-from .scene_file import OWN_PLUGINS, POLARISING, SceneFile, as_input_error, plugin_names, with_integrator
+from .plugin_id import PluginParameters, parameters_of
+from .plugin_names import OWN_PLUGINS, remedy_for_unknown, type_of_plugin
+from .scene_file import EXAMPLE_SENSOR, POLARISING, SceneFile, as_input_error, with_integrator
 from .variants import MitsubaObject, mitsuba
 
 SceneInput: TypeAlias = str | os.PathLike[str] | Mapping[str, Any] | MitsubaObject
@@ -34,13 +35,38 @@ NO_RADIANCE = ("DepthIntegrator", "ParticleTracerIntegrator")
 POLARISERS = ("LinearPolarizer", "CircularPolarizer", "LinearRetarder", "MeasuredPolarized")  # classes of POLARISING
 # Options which change a scene before it is loaded:
 OPTIONS = ("parameters", "integrator", "motion", "ignore_polarization", "traverse", "look_at", "repeatable")
+CROP = ("crop_width", "crop_height", "crop_offset_x", "crop_offset_y")  # of a film
 LOADED = "pictures and colours of a loaded scene are not looked at for what is black in the bands"
 ANOTHER = "pass the scene as a path, as XML text or as a dict"
 
 
-def is_loaded(scene: object) -> bool:
-    """Whether it is a mi.Scene, of any variant."""
-    return hasattr(scene, "sensors") and hasattr(scene, "variant_name")
+class LoadedView(NamedTuple):
+    """A loaded scene and what one picture of it is made with.
+
+    integrator : or None for path.  film : whose parameters are those of our plugins, if any; that of the sensor, or of
+    the batch to which the sensor belongs.
+    """
+
+    scene: MitsubaObject
+    sensor: MitsubaObject
+    integrator: MitsubaObject
+    film: MitsubaObject
+
+    @classmethod
+    def of_first_sensor(cls, scene: MitsubaObject) -> LoadedView:
+        """The picture that Mitsuba itself makes of a scene. Raises InputError for a scene without sensors."""
+        if not (sensors := scene.sensors()):
+            raise InputError(f"scene 'mi.Scene' has no sensor; add one, e.g. {EXAMPLE_SENSOR}.")
+        integrator = scene.integrator()
+        return cls(scene, sensors[0], getattr(integrator, "inner", integrator), sensors[0].film())
+
+
+def view_of_loaded(scene: object) -> LoadedView | None:
+    """What is to be rendered of a mi.Scene, of any variant; None for what is no mi.Scene."""
+    if isinstance(scene, LoadedView):
+        return scene
+    is_scene = hasattr(scene, "sensors") and hasattr(scene, "variant_name")
+    return LoadedView.of_first_sensor(scene) if is_scene else None
 
 
 def check_loaded(scene: MitsubaObject, options: Mapping[str, Any]) -> None:
@@ -61,9 +87,9 @@ def check_loaded(scene: MitsubaObject, options: Mapping[str, Any]) -> None:
 
 def parse_nodes(scene: object, options: Mapping[str, Any]) -> SceneFile:
     """The nodes of a dict or a loaded scene; the variant must be set. options : of FileOptions. Raises InputError."""
-    mi = mitsuba()
-    if is_loaded(scene):
-        tree, name, digest = _tree_of(scene), "mi.Scene", _digest_of_scene(scene)
+    mi, loaded = mitsuba(), view_of_loaded(scene)
+    if loaded is not None:
+        tree, name, digest = _tree_of(loaded), "mi.Scene", _digest_of_view(loaded)
         changes = [("mi.Scene", (LOADED, ANOTHER))]
     elif isinstance(scene, Mapping):
         name, tree, changes = "dict", dict(scene), []
@@ -78,14 +104,14 @@ def parse_nodes(scene: object, options: Mapping[str, Any]) -> SceneFile:
     tree, fields = _fields_apart(tree)
     with as_input_error(Path(name)):
         state = mi.parser.parse_dict(config, tree)
+        refuse_foreign_plugins(name, state, resolver)  # before any plugin is built
         _know_types(state)
         mi.parser.transform_resolve(config, state)
-        refuse_foreign_plugins(name, state, resolver)
     polarised, content = bool(options.get("ignore_polarization")), digest.encode()
     file = SceneFile(
         Path(name), config, state, {}, resolver, changes=tuple(changes), ignore_polarization=polarised, content=content
     )
-    file = replace(file, loaded=scene) if is_loaded(scene) else file
+    file = replace(file, loaded=loaded)
     for field, value in fields.items():
         file.film().props[field] = value
     return with_integrator(file, options.get("integrator"))
@@ -116,16 +142,19 @@ def _fields_apart(tree: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]
 
 
 def _know_types(state: MitsubaObject) -> None:
-    """Types of our own elements, which are known by the tag in XML only. InputError for a type that no plugin has;
-    Mitsuba itself says so when it builds the scene."""
+    """Types of elements that Python has registered, ours among them: in XML they are known by the tag. InputError for a
+    type that no plugin has; Mitsuba itself says so when it builds the scene."""
     types = mitsuba().ObjectType
+    own = {SENSOR: types.Sensor, FILM: types.Film, RAW_FRAME: types.Integrator}
     for node in state.nodes:
-        if node.type == types.Unknown:
-            kind = node.props.plugin_name()
-            if kind not in OWN_PLUGINS:
-                place = mitsuba().parser.file_location(state, node).removeprefix("dictionary ")
-                raise InputError(f"scene 'dict', {place}: there is no plugin {kind!r}.{nearest(kind, plugin_names())}")
-            node.type = {SENSOR: types.Sensor, FILM: types.Film, RAW_FRAME: types.Integrator}[kind]
+        if node.type != types.Unknown:
+            continue
+        kind = node.props.plugin_name()
+        kind_of_node = own.get(kind) or type_of_plugin(node.props)
+        if kind_of_node is None:
+            place = mitsuba().parser.file_location(state, node).removeprefix("dictionary ")
+            raise InputError(f"scene 'dict', {place}: there is no plugin {kind!r}{remedy_for_unknown(kind)}")
+        node.type = kind_of_node
 
 
 def _leaves(tree: Mapping[str, Any], place: str = "") -> Iterator[tuple[str, Any]]:
@@ -145,18 +174,17 @@ def _described(tree: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield place, _digest_of(value) if built else repr(np.asarray(value).tolist()) if array else repr(value)
 
 
-def _tree_of(scene: MitsubaObject) -> dict[str, Any]:
-    """A dict with the first sensor of a loaded scene, described again. Raises InputError where it is of no use."""
-    if (integrator := scene.integrator()) is not None:
-        _check_integrator(getattr(integrator, "inner", integrator))
-    for number, shape in enumerate(scene.shapes()):
+def _tree_of(view: LoadedView) -> dict[str, Any]:
+    """A dict with the sensor of a loaded scene, described again. Raises InputError where it is of no use."""
+    if view.integrator is not None:
+        _check_integrator(view.integrator)
+    for number, shape in enumerate(view.scene.shapes()):
         if any(name in str(shape.bsdf()) for name in POLARISERS):
             raise InputError(
                 f"shape {shape.id() or number!r} of the scene polarises light ({', '.join(POLARISING)}), which is not "
                 f"simulated; {ANOTHER} and ignore_polarization=True for unpolarised light."
             )
-    sensors = scene.sensors()
-    return {"type": "scene", **({"sensor": _described_sensor(sensors[0])} if sensors else {})}
+    return {"type": "scene", "sensor": _described_sensor(view.sensor, parameters_of(view.film))}
 
 
 def _check_integrator(integrator: MitsubaObject) -> None:
@@ -166,8 +194,9 @@ def _check_integrator(integrator: MitsubaObject) -> None:
         raise InputError(f"the integrator of the scene, {kind}, {why}; load the scene with another, e.g. 'path'.")
 
 
-def _described_sensor(sensor: MitsubaObject) -> dict[str, Any]:
-    """The parameters of a sensor and its film, from which they are built again."""
+def _described_sensor(sensor: MitsubaObject, parameters: PluginParameters | None) -> dict[str, Any]:
+    """The parameters of a sensor and its film, from which they are built again.  parameters : of our plugins, in which
+    size and crop are those of the film as it is."""
     mi, kind, film = mitsuba(), SENSORS.get(sensor.class_name()), sensor.film()
     if kind is None:
         raise InputError(f"the sensor of the scene is a {sensor.class_name()}; it must be one of {', '.join(SENSORS)}.")
@@ -181,23 +210,22 @@ def _described_sensor(sensor: MitsubaObject) -> dict[str, Any]:
     pose = mi.ScalarTransform4f(np.array(found["to_world"].matrix, dtype=float).reshape(4, 4))
     own = {"width": width, "height": height}
     if crop != (width, height):
-        own |= dict(zip(("crop_width", "crop_height", "crop_offset_x", "crop_offset_y"), crop + offset, strict=True))
+        own |= dict(zip(CROP, crop + offset, strict=True))
     view = {"fov": float(np.ravel(found["x_fov"])[0]), "fov_axis": "x"} if "x_fov" in found else {}
-    parameters = parameters_of(film)
     rfilter = {"type": FILTERS.get(film.rfilter().class_name(), "gaussian")}
     described = {"type": FILMS.get(film.class_name(), "hdrfilm"), "component_format": "float32", "rfilter": rfilter}
     if parameters is not None:
-        described = {"type": FILM, **parameters.film}
+        described = {"type": FILM, **{key: parameters.film[key] for key in parameters.film if key not in CROP}}
         if parameters.sensor is not None:
             moved = {name: value for name, value in numbers.items() if "_clip" in name or "principal" in name}
             return {"type": SENSOR, **parameters.sensor, **moved, "to_world": pose, "film": {**described, **own}}
     return {"type": kind, **view, **numbers, "to_world": pose, "film": {**described, **own}}
 
 
-def _digest_of_scene(scene: MitsubaObject) -> str:
+def _digest_of_view(view: LoadedView) -> str:
     """Of everything that its parts print and contain, whatever their order: that of the shapes is left to chance."""
-    parts = [*scene.shapes(), *scene.emitters(), *scene.sensors()[:1]]
-    return json.dumps(sorted([_digest_of(one) for one in parts] + [str(scene.integrator())]))
+    parts = [*view.scene.shapes(), *view.scene.emitters(), view.sensor]
+    return json.dumps(sorted([_digest_of(part) for part in parts] + [str(view.integrator)]))
 
 
 def _digest_of(thing: MitsubaObject) -> str:

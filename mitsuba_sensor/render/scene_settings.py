@@ -18,6 +18,7 @@ from ..sensor.camera_file import list_cameras, load_camera, toml_value
 from ..sensor.metering import Metering
 from .bands import SPECTRAL
 from .options import FileOptions
+from .plugin_names import OWN_PLUGINS
 from .plugin_parameters import (
     EXPOSURE_PARAMETERS,
     FILM_PARAMETERS,
@@ -27,8 +28,8 @@ from .plugin_parameters import (
     SIZE_PARAMETERS,
 )
 from .scene_edits import SceneEdits
-from .scene_file import OWN_PLUGINS, SceneFile, as_input_error, parse_scene, searching
-from .scene_nodes import SceneInput, check_loaded, is_loaded, parse_nodes
+from .scene_file import SceneFile, as_input_error, parse_scene, searching
+from .scene_nodes import SceneInput, check_loaded, parse_nodes, view_of_loaded
 from .variants import MitsubaObject, Variant, choose_variant, mitsuba, use
 
 SENSOR, FILM, _ = OWN_PLUGINS  # plugin names of the two elements
@@ -238,8 +239,8 @@ def parse(scene: SceneInput, options: Mapping[str, Any]) -> ParsedScene:
     parameters = chosen["parameters"]
     if parameters is not None and not isinstance(parameters, Mapping):
         raise InputError(f"parameters is {parameters!r}; pass a dict of the scene's <default> names and their values.")
-    if is_loaded(scene):
-        check_loaded(scene, options)
+    if (loaded := view_of_loaded(scene)) is not None:
+        check_loaded(loaded.scene, options)
     variant = choose_variant(chosen["variant"])
     use(variant)
     if isinstance(scene, str | os.PathLike):
