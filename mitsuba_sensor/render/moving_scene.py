@@ -25,6 +25,7 @@ from ..core import Exposure, Float64Array, InputError, nearest
 from ..optics.shutter import phase_of_pass, shutter_of, subframes
 from ..sensor.camera import Camera
 from .guides import power_of_two, render_guides
+from .mesh_arrays import moved_vertices, vertex_arrays
 from .motion import Motion, RigidMotion
 from .noisy_pixels import NoisyPixels
 from .passes import hashed_seed, whole_grid
@@ -108,12 +109,12 @@ class AnimatedTransforms:
             self._camera.update()
         for name, displacement in objects.items():
             for key, rest in self._at_rest[name].items():
+                now = self._shapes[key]
                 if key.endswith(".to_world"):
                     value = displacement @ rest
-                else:
-                    shift = displacement[:3, 3] if key.endswith("positions") else 0.0
-                    value = (rest @ displacement[:3, :3].T + shift).ravel().astype(np.float32)
-                self._shapes[key] = type(self._shapes[key])(value)
+                else:  # flat up to Mitsuba 3.9, (N, 3) from 3.10 on
+                    value = moved_vertices(key, rest, displacement).astype(np.float32).reshape(now.shape)
+                self._shapes[key] = type(now)(value)
         if objects:
             self._shapes.update()
 
@@ -150,10 +151,11 @@ def _movable_parameters(parameters: MitsubaObject, name: str) -> dict[str, Float
     transform = f"{name}.to_world"
     if transform in parameters:
         return {transform: np.array(parameters[transform].matrix, dtype=np.float64).reshape(4, 4)}
-    keys = [f"{name}.vertex_positions", f"{name}.vertex_normals"]
-    if keys[0] not in parameters:
+    arrays = vertex_arrays(parameters, name)
+    if arrays is None:
         raise InputError(f"the shape {name!r} cannot be moved: it has neither a transform nor vertices; use a mesh.")
-    return {key: np.array(parameters[key], dtype=np.float64).reshape(-1, 3) for key in keys if len(parameters[key])}
+    keys = [key for key in arrays if key is not None and len(parameters[key])]
+    return {key: np.array(parameters[key], dtype=np.float64).reshape(-1, 3) for key in keys}
 
 
 class MovingScene:
