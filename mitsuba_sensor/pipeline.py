@@ -33,6 +33,7 @@ from .render.prepared import PreparedRender, prepare
 from .render.scene_nodes import SceneInput
 from .render.scene_settings import ParsedScene
 from .render.stop_criterion import Progress, RenderProgress
+from .render.variants import restores_variant
 from .sensor.camera import Camera
 from .sensor.checks import as_photons
 from .sensor.choices import KEEP, check_clean
@@ -90,6 +91,7 @@ class Capture:
 
 
 @documents(CaptureOptions)
+@restores_variant
 def capture(
     source: Scene | Light,
     camera: Camera | None = None,

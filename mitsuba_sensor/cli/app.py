@@ -17,6 +17,7 @@ from ..core import DiskFull, InputError, SensorWarning, first_given
 from ..io import files
 from ..render.irradiance import RenderedFor
 from ..render.scene_settings import ParsedScene, SceneSettings, parse
+from ..render.variants import variant_restored
 from ..sensor.camera_file import toml_value
 from ..sensor.metering import Metering
 from . import options
@@ -54,7 +55,7 @@ class CommandGroup(TyperGroup):
         """Run the command that was called; errors end here."""
         stopping.begin_command()
         try:
-            with warnings.catch_warnings():
+            with warnings.catch_warnings(), variant_restored():
                 warnings.simplefilter("ignore", SensorWarning)  # the notes are printed
                 return super().invoke(ctx)
         except DiskFull as error:

@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from statistics import fmean
 
+from ..render.variants import restores_variant
 from .keys import Facts
 from .planned import DatasetPlan, PlannedView
 from .store import Store
@@ -68,6 +69,7 @@ def counts_of(plan: DatasetPlan) -> Counts:
     return found
 
 
+@restores_variant
 def forecast(
     plan: DatasetPlan, workers: int, now: Callable[[int, int, str], object] = lambda done, total, what: None
 ) -> Forecast:

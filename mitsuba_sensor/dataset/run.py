@@ -11,6 +11,7 @@ from ..core import DiskFull, InputError
 from ..core.options import complete, documents
 from ..io import durable, files
 from ..io.worker_log import forget, is_begun
+from ..render.variants import restores_variant
 from .engine import outcomes, usual_workers
 from .file import read_dataset
 from .options import RunOptions
@@ -41,6 +42,7 @@ Show = Callable[[RunProgress], object]
 
 
 @documents(RunOptions)
+@restores_variant
 def run(
     plan: DatasetPlan, out: Path, *, show: Show = lambda progress: None, **options: Unpack[RunOptions]
 ) -> RunProgress:

@@ -27,6 +27,7 @@ from .scene import Scene, load_scene
 from .scene_file import SceneFile
 from .scene_nodes import SceneInput
 from .scene_settings import parse
+from .variants import restores_variant
 
 RowProgress = Callable[[int, int], None]
 SAMPLES_PER_RAY = 4  # samples of a render that take the memory of one ray of this pass
@@ -61,6 +62,7 @@ class Aovs:
 
 
 @documents(SceneOptions)
+@restores_variant
 def render_aovs(
     scene: SceneInput,
     camera: Camera,

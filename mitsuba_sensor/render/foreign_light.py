@@ -24,7 +24,7 @@ from .irradiance import Irradiance
 from .passes import clean
 from .scene_spectra import MITSUBA_NM
 from .statistics import RenderStatistics
-from .variants import choose_variant, mitsuba, use
+from .variants import any_spectral_variant, mitsuba, restores_variant, use
 
 D65_OF_WHITE = 98.99741751876255  # D65 over this [W m⁻² sr⁻¹ nm⁻¹] is RGB (1, 1, 1): MI_CIE_D65_NORMALIZATION
 
@@ -55,9 +55,10 @@ def upsampled(rgb: NDArray[np.floating[Any]], camera: Camera) -> Bands:
     return Bands(values, centres_nm, widths_nm)
 
 
+@restores_variant
 def _coefficients(colours: NDArray[np.float32]) -> Float64Array:
     """(H, W, 3) of the model, as Mitsuba's textures have them."""
-    mi = use(choose_variant())
+    mi = use(any_spectral_variant())
     settings = {"raw": False, "filter_type": "nearest", "format": "variant"}
     padded = np.pad(colours, ((0, 1), (0, 1), (0, 0)), mode="edge")  # a texture has 2 × 2 pixels at least
     texture = mi.load_dict({"type": "bitmap", "bitmap": mi.Bitmap(np.ascontiguousarray(padded)), **settings})

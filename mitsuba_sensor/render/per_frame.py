@@ -32,7 +32,7 @@ from .scene_nodes import SceneInput
 from .scene_settings import ParsedScene
 from .statistics import median_bias
 from .stop_criterion import FEWEST_TO_STOP, Progress, RenderProgress, StopCriterion, stop_criterion_of
-from .variants import mitsuba
+from .variants import computed_in, mitsuba, restores_variant
 
 PerFrameNoise = Literal["compensated", "per-frame"]
 TARGET = LIMIT / 2  # median of v/μ: below it the total has the shape of a Poisson law (sensor/compensation.py)
@@ -61,6 +61,7 @@ class RenderedFrame:
 
 
 @documents(FrameSeriesOptions)
+@restores_variant
 def render_frames(
     scene: SceneInput | ParsedScene,
     camera: Camera | None = None,
@@ -82,7 +83,8 @@ def render_frames(
     several times as many (noisy_pixels.py; not in scalar variants). Raises InputError.
     """
     chosen = complete(FrameSeriesOptions, options)
-    return _warned(FrameSeries.prepare(scene, camera, exposure, chosen, render_noise).frames(progress))
+    series = FrameSeries.prepare(scene, camera, exposure, chosen, render_noise)
+    return _warned(computed_in(series.prepared.parsed.variant, series.frames(progress)))
 
 
 def _warned(frames: Iterator[RenderedFrame]) -> Iterator[RenderedFrame]:

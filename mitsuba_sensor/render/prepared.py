@@ -36,11 +36,13 @@ from .scene_nodes import SceneInput
 from .scene_settings import ParsedScene, SceneSettings, parse
 from .statistics import POOLED, NoiseRatios, RenderStatistics, sum_error, summary_of, why_not_trusted
 from .stop_criterion import End, Progress, RenderProgress, StopCriterion, stop_criterion_of
+from .variants import restores_variant
 
 METERING_SPP = 32  # of the render that is metered where the exposure must be known before
 
 
 @documents(RenderOptions)
+@restores_variant
 def render(
     scene: SceneInput | ParsedScene,
     camera: Camera | None = None,
@@ -59,8 +61,7 @@ def render(
     progress : called with a :class:`render.stop_criterion.RenderProgress`, also once before the first pass.
     Raises InputError for anything wrong with the arguments or the scene. Ctrl-C is obeyed between passes.
     """
-    started = time.monotonic()
-    chosen = denoised_if_possible(complete(RenderOptions, options))
+    started, chosen = time.monotonic(), denoised_if_possible(complete(RenderOptions, options))
     prepared = prepare(scene, camera, exposure, **chosen)
     light = prepared.render(prepared.seed(seed), prepared.stop_criterion(chosen), progress, started=started)
     warn_of(light.notes)
@@ -80,9 +81,8 @@ def check_options(options: RenderOptions) -> None:
 class PreparedRender:
     """A loaded scene that can be rendered for one camera and exposure as often as asked.
 
-    unit_m : metres per unit.  denoise : None where nobody has decided; not denoised then.
-    raw_light : whether what is denoised is kept as it was, too.
-    metering : how the exposure is found, or was; None where it was given.
+    unit_m : metres per unit.  denoise : None where nobody has decided; not denoised then.  raw_light : whether what is
+    denoised is kept as it was, too.  metering : how the exposure is found, or was; None where it was given.
     metered : whether ``exposure`` is known; otherwise it is one second, and each light has :meth:`exposure_of` its own.
     """
 

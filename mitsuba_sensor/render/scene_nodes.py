@@ -21,7 +21,7 @@ from .foreign_plugins import refuse_foreign_plugins
 from .plugin_id import PluginParameters, parameters_of
 from .plugin_names import OWN_PLUGINS, remedy_for_unknown, type_of_plugin
 from .scene_file import EXAMPLE_SENSOR, POLARISING, SceneFile, as_input_error, with_integrator
-from .variants import MitsubaObject, mitsuba
+from .variants import MitsubaObject, mitsuba, refuse_polarized
 
 SceneInput: TypeAlias = str | os.PathLike[str] | Mapping[str, Any] | MitsubaObject
 """A path, XML text, a dict as for mi.load_dict, a mi.Scene."""
@@ -72,6 +72,7 @@ def view_of_loaded(scene: object) -> LoadedView | None:
 def check_loaded(scene: MitsubaObject, options: Mapping[str, Any]) -> None:
     """Raise InputError for a loaded scene of another variant, or with options that it comes too late for."""
     own, wanted = scene.variant_name(), options.get("variant") or mitsuba().variant()
+    refuse_polarized(own, f"the scene was loaded in variant {own!r}")
     if not own.endswith("_spectral"):
         raise InputError(
             f"the scene was loaded in variant {own!r}, which keeps no spectra; call mitsuba.set_variant"

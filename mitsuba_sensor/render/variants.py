@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import importlib
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, wraps
 from pathlib import Path
 from types import ModuleType
-from typing import Any, TypeAlias
+from typing import Any, ParamSpec, TypeAlias, TypeVar
 
 from ..core import InputError, nearest
 from ..core.llvm import backend_problem, drjit, llvm_version
 
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
+Item = TypeVar("Item")
 MitsubaObject: TypeAlias = Any  # a scene, sensor, film, ray, transform, properties …: its class depends on the variant
 
 VARIANTS = ("cuda_ad_spectral", "llvm_ad_spectral", "scalar_spectral")  # the fastest first
@@ -79,8 +85,69 @@ def use(variant: Variant) -> ModuleType:
     return mi
 
 
+@contextmanager
+def variant_restored() -> Iterator[None]:
+    """Behind this block, the variant that the user had set is the current one again, also after an error.
+
+    Where none was set, that of the block stays, because Mitsuba cannot go back to none.
+    """
+    mi = sys.modules.get("mitsuba")
+    before = mi.variant() if mi is not None else None
+    try:
+        yield
+    finally:
+        if before is not None and mitsuba().variant() != before:
+            mitsuba().set_variant(before)
+
+
+def restores_variant(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    """The function inside :func:`variant_restored`."""
+
+    @wraps(function)
+    def call(*arguments: Arguments.args, **options: Arguments.kwargs) -> Result:
+        with variant_restored():
+            return function(*arguments, **options)
+
+    return call
+
+
+def computed_in(variant: Variant, items: Iterator[Item]) -> Iterator[Item]:
+    """The items of an iterator that computes them in a variant; between them the user's variant is the current one."""
+    ended = object()
+    while True:
+        with variant_restored():
+            use(variant)
+            item = next(items, ended)
+        if item is ended:
+            return
+        yield item  # type: ignore[misc]
+
+
+def any_spectral_variant() -> Variant:
+    """The variant that is set, if it is a spectral one of :func:`choose_variant`, else the fastest: for what all of
+    them compute alike. Sets none."""
+    current = mitsuba().variant()
+    if current in _spectral_variants():
+        return choose_variant()
+    return fastest_variant("cuda", "llvm")
+
+
+def refuse_polarized(name: str, subject: str) -> None:
+    """Raise InputError for a variant that follows the polarisation of light.  subject : what has it."""
+    if name.endswith("_spectral_polarized"):
+        spectral = name.removesuffix("_polarized")
+        why = "which follows the polarisation of light, and that is not simulated here"
+        raise InputError(f"{subject}, {why}; take {spectral!r}, which has the same spectra.")
+
+
+def _spectral_variants() -> list[str]:
+    """Variants that render here: with spectra, without polarisation."""
+    return [name for name in mitsuba().variants() if name.endswith("_spectral")]
+
+
 def _checked(name: str, reason: str, subject: str) -> Variant:
-    known = [v for v in mitsuba().variants() if v.endswith("_spectral")]  # unpolarised
+    refuse_polarized(name, subject)
+    known = _spectral_variants()
     if name not in known:
         call = "call mitsuba.set_variant('scalar_spectral') or pass variant='scalar_spectral'"
         raise InputError(f"{subject}; it must be one of {', '.join(known)} ({call}).{nearest(name, known)}")

@@ -148,7 +148,7 @@ def test_newest_comes_first_but_a_named_one_before_it(tmp_path: Path, monkeypatc
 
 
 def test_unknown_and_non_spectral_variants_name_the_call_to_make() -> None:
-    for name in ("llvm_ad_rgb", "llvm_spectrl", "scalar_spectral_polarized"):
+    for name in ("llvm_ad_rgb", "llvm_spectrl"):
         with pytest.raises(InputError, match=r"mitsuba.set_variant\('scalar_spectral'\)"):
             choose_variant(name)
 

@@ -12,6 +12,7 @@ from ...core import InputError, require, require_seed
 from ...lab.estimators import as_normal, spread, z_limit
 from ...render.requirements import render_requirements
 from ...render.stop_criterion import stop_criterion_of
+from ...render.variants import restores_variant
 from ...sensor.gains import gain_dn_per_e
 from ..frames import QUANTITIES, Replicas
 from ..kit import Kit, Known, Step, Subject, Values
@@ -23,6 +24,7 @@ FEWEST_PASSES = 4  # two in each half, so that both have a standard error
 LABELS = {PLAN: "all that the plan leaves out"}
 
 
+@restores_variant
 def ablation(
     kit: Kit, subject: Subject, *, tolerance_dn: float = 0.02, frames: int = 24, seed: int = 1, serial: int = 1
 ) -> Study:

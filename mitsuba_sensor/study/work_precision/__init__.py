@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from itertools import chain
 
 from ...core import InputError
+from ...render.variants import restores_variant
 from ..kit import Kit, Subject
 from ..page import Line, Mark, MarkedRow, Part, Plot, Section, Study, Table, line, ringed, study_of, table
 from .errors import COMPENSATED, DENOISED, PLAIN
@@ -29,6 +30,7 @@ DIAGRAMS = {
 }
 
 
+@restores_variant
 def work_precision(
     kit: Kit,
     subject: Subject,
