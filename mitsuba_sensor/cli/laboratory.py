@@ -82,7 +82,7 @@ def characterize(**flags: Flag) -> None:
     figures stand beside the measured ones. With --frames the same is done with frames from disk, of any camera; with
     --camera too, its datasheet is compared with them.
     Writes report.html (all figures with 95 % intervals, and all plots) and report.json. Exit code 1: a figure is not
-    the datasheet's.
+    the datasheet's, or has no value because the frames are clipped.
     """
     from ..study.html_page import html
 

@@ -1,24 +1,37 @@
-"""Share of the values of a stack that the ADC or the full well clips, and the sentence that results then carry."""
+"""Share of the values of a stack that the ADC or the full well clips, and what that does to a figure of them.
+
+Where the share is larger than a thousandth, a figure has no value, and its note says why. A smaller share widens it.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core import InputError
+from ..core.types import Float64Array
+from .quantity import Quantity
+
 if TYPE_CHECKING:
     from .stack import Stack
 
-NOTED = 1e-3
-"""Share of clipped values from which on a result says so: a normal signal 3.1 σ from its limit has as many."""
+LARGEST_SHARE = 1e-3
+"""Share of clipped values above which they show no figure: a normal signal 3.1 σ from its limit has as many, which
+makes its standard deviation 0.09 % too small."""
 COARSE_DN = 0.4
 """Temporal noise [DN] below which rounding hides differences between pixels: the mean of rounded normal values is
 off by exp(−2π²σ²)/π at most, 0.014 DN there and 0.14 DN at half of it."""
 
 ROUNDING_DN2 = 1 / 12
 """Variance that rounding to whole numbers adds [DN²]."""
+
+
+class ClippedError(InputError):
+    """Frames that cannot show a figure because their values are clipped."""
 
 
 @dataclass(frozen=True)
@@ -35,36 +48,71 @@ class Clipping:
     largest: float
 
     @property
+    def clipped(self) -> bool:
+        """Whether more values are clipped than figures allow."""
+        return max(self.black, self.saturated) > LARGEST_SHARE
+
+    @property
     def usable(self) -> bool:
-        """Whether more than half of the values are inside of the range, and they are not all the same."""
-        return self.black < 0.5 and self.saturated < 0.5 and self.lowest < self.largest
+        """Whether figures may rest on these values: they are not clipped and not all the same."""
+        return not self.clipped and self.lowest < self.largest
+
+    @property
+    def share(self) -> float:
+        """Of all values, at both ends. It bounds by how much clipping makes the standard deviation of normal values too
+        small, relatively, and by how much it moves their mean [standard deviations]."""
+        return self.black + self.saturated
 
     @property
     def note(self) -> str:
-        """What to say of a result; nothing where hardly any value is clipped."""
+        """Why these values show no figure; nothing where hardly any value is clipped."""
         if self.lowest == self.largest:
             return f"every value is {self.lowest:g} DN"
-        black = f"{self.black:.2%} of the values are 0: the black level is too low" if self.black > NOTED else ""
-        top = f"{self.saturated:.2%} of the values are at the largest code {self.largest:g}"
-        return "; ".join(filter(None, (black, top if self.saturated > NOTED else "")))
+        notes = []
+        if self.black > LARGEST_SHARE:
+            notes.append(f"{self.black:.2%} of the values are 0: the black level is too low")
+        if self.saturated > LARGEST_SHARE:
+            notes.append(f"{self.saturated:.2%} of the values are at the largest code {self.largest:g}")
+        return "; ".join(notes)
+
+    def shares_of_pixels(self, frames: NDArray[Any]) -> Float64Array:
+        """Share of the frames in which each pixel is clipped, (N, H, W) → (H, W)."""
+        count = np.zeros(frames.shape[1:])
+        for frame in frames:
+            count += (frame == 0) * (self.black > 0) + (frame == self.largest) * (self.saturated > 0)
+        return count / len(frames)
 
 
 def clipping_of(frames: NDArray[Any], bits: int | None) -> Clipping:
-    """Of frames, (N, H, W). Without ``bits`` the largest value is the largest code if so many values pile up there that
-    they are not the tail of a distribution: more than 20, and 5 standard errors more than at the value below, of 16
-    codes or more.
+    """Of frames, (N, H, W). The largest value is a limit where it is the largest code of so many bits, and where so
+    many values pile up there that they are not the tail of a distribution: more than 20, and 5 standard errors more
+    than at the value below, of 16 codes or more.
     """
     lowest, largest = float(frames.min()), float(frames.max())
     black, at_top, below = (
         sum(int(np.count_nonzero(frame == value)) for frame in frames) for value in (0, largest, largest - 1)
     )
     whole = frames.dtype.kind != "f"
-    if bits is not None:
-        clipped = largest >= 2**bits - 1
-    else:
-        clipped = at_top > max(20.0, below + 5 * below**0.5 if whole else 0.0) and not (whole and largest - lowest < 16)
+    piled = at_top > max(20.0, below + 5 * below**0.5 if whole else 0.0) and not (whole and largest - lowest < 16)
+    clipped = piled or (bits is not None and largest >= 2**bits - 1)
     shares = (black if lowest == 0 else 0) / frames.size, (at_top if clipped else 0) / frames.size
     return Clipping(*shares, lowest, largest)
+
+
+def mark_clipped(figure: Quantity, *stacks: Stack) -> Quantity:
+    """The figure of these stacks: without a value, and with the reason, where they are clipped or constant."""
+    for clipping in (stack.clipping for stack in stacks):
+        if not clipping.usable:
+            clipped = figure.clipped or clipping.clipped
+            figure = replace(figure, value=math.nan, low=math.nan, high=math.nan, clipped=clipped)
+        figure = figure.noted(clipping.note)
+    return figure
+
+
+def mark_clipped_sigma(figure: Quantity, *stacks: Stack) -> Quantity:
+    """The same of a standard deviation, whose interval also holds what a small share of clipped values hides."""
+    hidden = sum(stack.clipping.share for stack in stacks)
+    return mark_clipped(replace(figure, low=figure.low * (1 - hidden), high=figure.high * (1 + hidden)), *stacks)
 
 
 def temporal_note(stack: Stack) -> str:

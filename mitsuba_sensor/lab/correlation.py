@@ -10,7 +10,7 @@ import numpy as np
 
 from ..core import InputError
 from ..core.types import Float64Array
-from .clipping import temporal_note
+from .clipping import mark_clipped, temporal_note
 from .estimators import standard_error
 from .quantity import Quantity, student_interval
 from .stack import Stack
@@ -70,7 +70,8 @@ def correlation(stack: Stack, lags: int = 8) -> Correlation:
         _quantity(f"ρ_{name}", f"of {name} neighbours", by_side[i] * grown)
         for i, name in enumerate(("horizontal", "vertical"))
     )
-    return Correlation(tuple(one.noted(note) for one in temporal), *(one.noted(note) for one in sides))
+    marked = (mark_clipped(one, stack).noted(note) for one in temporal)
+    return Correlation(tuple(marked), *(mark_clipped(one, stack).noted(note) for one in sides))
 
 
 def _products(stack: Stack, lags: int) -> tuple[Float64Array, Float64Array]:

@@ -12,7 +12,7 @@ import scipy
 
 from ..core import InputError
 from ..core.types import Float64Array
-from .clipping import temporal_note
+from .clipping import ClippedError, temporal_note
 from .line_fits import StraightLine, straight_line
 from .mean_squares import MeanSquares, temporal_mean_squares
 from .quantity import Quantity
@@ -80,6 +80,7 @@ def dark_current(stacks: Sequence[Stack]) -> DarkCurrentOverTime:
     terms = [one.variance() for one in noise if one]
     variance = np.array([sum(part.value for part in one) for one in terms])
     error = np.array([math.sqrt(sum(2 * part.value**2 / part.freedom for part in one)) for one in terms])
+    error = np.hypot(error, [2 * used[i].clipping.share * float(used[i].variance.mean()) for i in some])
     name = "dark current from the variance"
     if len(set(x[some])) < 2:
         few = "fewer than 2 exposure times have 2 frames"
@@ -104,7 +105,8 @@ def _checked(stacks: Sequence[Stack]) -> tuple[list[Stack], str]:
     times = sorted({stack.exposure_s for stack in used})
     if len(times) < 2:
         left = "".join(f" {stack.exposure_s:g} s: {stack.clipping.note}." for stack in stacks if stack not in used)
-        raise InputError(f"dark current needs 2 exposure times without clipped values; there are {len(times)}.{left}")
+        kind = ClippedError if any(stack.clipping.clipped for stack in stacks) else InputError
+        raise kind(f"dark current needs 2 exposure times without clipped values; there are {len(times)}.{left}")
     left_out = [f"{stack.exposure_s:g} s left out ({stack.clipping.note})" for stack in stacks if stack not in used]
     return used, "; ".join(left_out)
 
@@ -115,10 +117,11 @@ def errors_of_means(stacks: Sequence[Stack], noise: Sequence[MeanSquares | None]
     if any(one is None for one in noise):
         return np.full(len(stacks), np.nan), 1.0
     expected = np.array([one.variance_of_mean() for one in noise if one])
+    hidden = np.array([one.clipping.share**2 * float(one.variance.mean()) for one in stacks])
     found = np.array([stack.frame_means.var(ddof=1) for stack in stacks])
     frames = np.array([len(stack) for stack in stacks])
     free = float((frames - 1).sum())
     if (expected > 0).all() and scipy.special.chdtrc(free, float(((frames - 1) * found / expected).sum())) > DRIFT:
-        return np.sqrt(expected / frames), math.inf
+        return np.sqrt(expected / frames + hidden), math.inf
     drift = max(0.0, float((frames - 1) @ (found - expected)) / free)
-    return np.sqrt((expected + drift) / frames), free
+    return np.sqrt((expected + drift) / frames + hidden), free

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..core.types import Float64Array
+from .clipping import mark_clipped_sigma
 from .quantity import Quantity, normal_interval, quotient, unknown
 from .rounded_normal import rounded_normal
 from .series import COARSE_DN2, ROUNDING_DN2, Level, coarse_codes, level
@@ -56,24 +57,39 @@ def dark_noise(darks: Sequence[Stack], gain: Quantity | None = None) -> DarkNois
     Of three exposure times or more the variance is extrapolated to zero, else it is that of the shortest. Where noise
     of the shortest is below 0.7 DN, rounding adds another variance than 1/12 DN² in pixels that are alike, and σ is
     the most likely one of the rounded codes; below 0.4 DN, where EMVA 1288 gives no value, a note says so.
+
+    Stacks whose values are clipped are left out with a note; there is no value where the shortest is clipped and no
+    three exposure times are left that say what it would be.
     """
+    darks, left_out = _inside(darks)
     levels = [level(one) for one in darks]
     shortest = min(darks, key=lambda one: one.exposure_s)
     whole = all(bool((one.frames == np.round(one.frames)).all()) for one in darks)
     variance = float(temporal(shortest).variance.mean())
     coarse = whole and variance < COARSE_DN2 + ROUNDING_DN2
-    notes = [note for one in levels for note in one.notes] + coarse_codes(darks)
+    notes = [*left_out, *(note for one in levels for note in one.notes), *coarse_codes(darks)]
     found = _rounded(shortest, variance) if coarse else _at_zero(levels, ROUNDING_DN2 if whole else 0.0)
-    total, analogue = (replace(one, note="; ".join(filter(None, (one.note, *notes)))) for one in found)
+    marked = (mark_clipped_sigma(one, shortest) if shortest.clipping.share else one for one in found)
+    total, analogue = (replace(one, note="; ".join(filter(None, (one.note, *notes)))) for one in marked)
     electrons = replace(analogue, symbol="σ_d", unit="e-", note="")
     if gain is None:
-        electrons = unknown(electrons, "K is not known")
+        electrons = replace(unknown(electrons, "K is not known"), clipped=analogue.clipped)
     elif analogue.low > 0:
         electrons = quotient(analogue, gain, electrons)
     else:
         electrons = _upper(analogue, gain, electrons)
     points = np.array([one.exposure_s for one in levels]), np.array([one.variance for one in levels])
     return DarkNoise(total, analogue, electrons, coarse, points)
+
+
+def _inside(darks: Sequence[Stack]) -> tuple[Sequence[Stack], list[str]]:
+    """The stacks that show the noise at exposure time 0, and what to say of the others; all where none do."""
+    inside = [one for one in darks if not one.clipping.clipped]
+    times = {one.exposure_s for one in inside}
+    if min(one.exposure_s for one in darks) not in times and len(times) < 3:
+        return darks, []
+    clipped = [one for one in darks if one.clipping.clipped]
+    return inside, [f"{one.exposure_s:g} s left out ({one.clipping.note})" for one in clipped]
 
 
 def _named(symbol: str, note: str = "") -> Quantity:
@@ -136,5 +152,6 @@ def _no_noise(stack: Stack) -> tuple[Quantity, Quantity]:
 def _upper(analogue: Quantity, gain: Quantity, like: Quantity) -> Quantity:
     """An interval that begins at zero, in electrons."""
     if not gain.low > 0 or math.isnan(analogue.value):
-        return unknown(like, "; ".join(filter(None, (analogue.note, gain.note))))
+        nothing = unknown(like, "; ".join(filter(None, (analogue.note, gain.note))))
+        return replace(nothing, clipped=analogue.clipped or gain.clipped)
     return replace(like, value=analogue.value / gain.value, low=0.0, high=analogue.high / gain.low, note=analogue.note)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +12,7 @@ import scipy
 
 from ..core import InputError
 from ..core.types import Float64Array
+from .clipping import mark_clipped
 from .families import FAMILIES
 from .mixture import Mixture, edge_interval, fitted_mixture
 from .quantity import Quantity, normal_interval
@@ -126,7 +127,8 @@ def dark_signal(
         if parts and len(x) < FEWEST_VALUES:
             notes.append(f"{' + '.join((main, *parts))} is not fitted")
             continue
-        fits.append(_fit(main, tuple(parts), (x, w), values))
+        fit = _fit(main, tuple(parts), (x, w), values)
+        fits.append(replace(fit, parameters=tuple(mark_clipped(one, dark) for one in fit.parameters)))
     return DarkSignal(values, offset_dn, tuple(sorted(fits, key=lambda one: one.bic)), "; ".join(filter(None, notes)))
 
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,8 +11,9 @@ from numpy.typing import NDArray
 
 from ..core import InputError
 from ..core.types import Float64Array
+from .clipping import LARGEST_SHARE
 from .estimators import z_limit
-from .quantity import Quantity, share_interval
+from .quantity import Quantity, share_interval, unknown
 from .stack import Stack
 
 if TYPE_CHECKING:
@@ -89,18 +89,19 @@ def defects(dark: Stack, light: Stack | None = None, false_alarm: float = 0.01) 
     limit = z_limit(dark.mean.size, false_alarm)
     z_dark, _ = _deviations(dark.mean, dark)
     hot = z_dark > limit
-    hot_share = _share("hot", hot, dark.clipping.note, dark.clipping.usable)
+    hot_share = _share("hot", hot, dark)
     if light is None:
         dead_share, deviating_share = (
-            _share(name, None, "no light was given", False) for name in ("dead", "deviating")
+            unknown(_share(name, hot, dark), "no light was given") for name in ("dead", "deviating")
         )
         return Defects(hot, None, None, hot_share, dead_share, deviating_share, z_dark, None, limit)
     signal = light.mean - dark.mean
     z_light, expected = _deviations(signal, light)
     dead = (z_light < -limit) & (signal < DEAD_SHARE * expected)
     deviating = (np.abs(z_light) > limit) & ~dead
-    mark = light.clipping.note, light.clipping.usable
-    dead_share, deviating_share = _share("dead", dead, *mark), _share("deviating", deviating, *mark)
+    dead_share, deviating_share = (
+        _share(name, pixels, light, dark) for name, pixels in (("dead", dead), ("deviating", deviating))
+    )
     return Defects(hot, dead, deviating, hot_share, dead_share, deviating_share, z_dark, z_light, limit)
 
 
@@ -116,6 +117,17 @@ def _deviations(image: Float64Array, stack: Stack) -> tuple[Float64Array, Float6
     return rest / sigma, image - rest
 
 
-def _share(name: str, some: NDArray[np.bool_] | None, note: str, usable: bool) -> Quantity:
-    share = share_interval(int(some.sum()), some.size) if some is not None and usable else (math.nan,) * 3
-    return Quantity(name, f"share of {name} pixels", *share, "", SECTION, note).scaled(100, "%")
+def _share(name: str, pixels: NDArray[np.bool_], *stacks: Stack) -> Quantity:
+    """Of all pixels. It has no value where noise is clipped; pixels that are at an end in every frame are defects."""
+    share = share_interval(int(pixels.sum()), pixels.size)
+    figure = Quantity(name, f"share of {name} pixels", *share, "", SECTION).scaled(100, "%")
+    for stack in stacks:
+        clipping = stack.clipping
+        shares = clipping.shares_of_pixels(stack.frames)
+        noise_is_clipped = len(stack) == 1 or float(shares[shares < 1].sum()) > LARGEST_SHARE * shares.size
+        most_are = np.count_nonzero(shares == 1) >= shares.size / 2
+        if clipping.clipped and (noise_is_clipped or most_are):
+            figure = replace(unknown(figure, figure.note), clipped=True).noted(clipping.note)
+        elif clipping.lowest == clipping.largest:
+            figure = unknown(figure, figure.note).noted(clipping.note)
+    return figure

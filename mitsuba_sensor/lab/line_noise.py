@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..core.types import Float64Array
-from .clipping import temporal_note
+from .clipping import mark_clipped_sigma, temporal_note
 from .mean_squares import root, temporal_mean_squares
 from .quantity import Quantity
 from .stack import Stack
@@ -59,20 +59,19 @@ def line_noise(stack: Stack) -> LineNoise:
     leaves of its pixels' noise are removed. Raises InputError for a mosaic.
     """
     stack.require_one_filter()
-    usable = len(stack) > 1 and stack.clipping.usable
     found = temporal_mean_squares(stack) if len(stack) > 1 else None
     kinds = (("σ_row", "temporal row noise"), ("σ_col", "temporal column noise"), ("σ_pixel", "temporal pixel noise"))
     terms = (found.row_variance(), found.column_variance(), found.pixel_variance()) if found else ([], [], [])
     quantities = []
     for kind, some in zip(kinds, terms, strict=True):
-        value, low, high = root(some) if some and usable else (math.nan,) * 3
-        one = Quantity(*kind, value, low, high, "DN", SECTION).noted(stack.clipping.note).noted(temporal_note(stack))
+        value, low, high = root(some) if some else (math.nan,) * 3
+        one = mark_clipped_sigma(Quantity(*kind, value, low, high, "DN", SECTION), stack).noted(temporal_note(stack))
         one = (
             one.noted("a single line of pixels: rows, columns and pixels are not told apart")
             if found and not some
             else one
         )
-        quantities.append(one.noted("not told from 0") if low == 0 else one)
+        quantities.append(one.noted("not told from 0") if one.low == 0 else one)
     row, column, pixel = quantities
     return LineNoise(row, column, pixel, _spread(stack.row_means), _spread(stack.column_means))
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from ..core import InputError
 from .bench import Bench
+from .clipping import ClippedError
 from .correlation import correlation
 from .dark_current import DarkCurrentOverTime, dark_current
 from .dark_signal import dark_signal
@@ -24,6 +25,7 @@ from .profiles import profiles
 from .quantity import Quantity
 from .rts_pixels import rts_pixels
 from .selection import (
+    black_level,
     by_temperature,
     dark_for,
     dark_series,
@@ -64,6 +66,7 @@ class Measurement:
     figures : all quantities, by symbol, in the order of the instruments.
     drawings : what to draw, by title.  notes : what the instruments say about the frames.
     refused : the sentence of every instrument that could not measure, by its title.
+    clipped : titles of the instruments that could not because values are clipped.
     report : told the title of every instrument when it begins; begun : those titles.
     """
 
@@ -72,6 +75,7 @@ class Measurement:
     drawings: dict[str, Callable[[Axes], object]] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     refused: dict[str, str] = field(default_factory=dict)
+    clipped: list[str] = field(default_factory=list)
     report: Callable[[str], object] = lambda title: None
     begun: list[str] = field(default_factory=list)
 
@@ -84,7 +88,14 @@ class Measurement:
             return instrument()
         except InputError as error:
             self.refused[title] = str(error)
+            if isinstance(error, ClippedError):
+                self.clipped.append(title)
             return None
+
+    @property
+    def hidden(self) -> list[str]:
+        """What has no value because values of the frames are clipped: symbols, and titles of instruments."""
+        return [one.symbol for one in self.figures.values() if one.clipped] + self.clipped
 
     def take(self, title: str, drawing: str, instrument: Callable[[], Instrument]) -> None:
         """Figures and drawing of an instrument; nothing where it refuses.  drawing : its title."""
@@ -193,9 +204,8 @@ def _dark(found: Measurement, bench: Bench, gain: Quantity | None) -> None:
     current = partial(_in_electrons, gain, lambda: dark_current(dark_series(bench)))
     found.take("dark current", "Dark current", current)
     found.take("dark current over temperature", "Dark current over temperature", lambda: _over_temperature(bench))
-    offset = found.run("dark signal", lambda: float(shortest_dark(bench).mean.mean()))
-    signal = found.run("dark signal", lambda: dark_signal(longest_dark(bench), offset or 0.0))
-    if signal is not None:
+    signal = found.run("dark signal", lambda: dark_signal(longest_dark(bench), black_level(bench)))
+    if signal is not None and signal.fits:
         found.notes.append(f"dark signal of {longest_dark(bench).exposure_s:g} s: {signal.best.name} fits best (BIC)")
         found.drawings["Dark signal"] = signal.plot
         found.drawings["Dark signal, logarithmic"] = partial(signal.plot, log_counts=True)

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..core import InputError
 from ..core.types import Float64Array
-from .clipping import temporal_note
+from .clipping import mark_clipped_sigma, temporal_note
 from .highpass import highpass, highpass_power
 from .mean_squares import MeanSquare, MeanSquares, root, spatial_mean_squares, temporal_mean_squares
 from .quantity import Quantity
@@ -156,17 +156,15 @@ def _signal(dark: Stack, light: Stack) -> float:
 
 def _marked(found: dict[str, Quantity], dark: Stack, light: Stack) -> dict[str, Quantity]:
     """With what restricts them: lines, frames, clipped values, rounding, a value of 0."""
-    clipped = dark.clipping, light.clipping
     marked = {}
     for name, one in found.items():
-        both = range(2) if one.unit == "%" else range(1)
-        if not all(clipped[i].usable for i in both):
-            one = replace(one, value=math.nan, low=math.nan, high=math.nan)
-        elif math.isnan(one.high):
+        stacks = (dark, light) if one.unit == "%" else (dark,)
+        if math.isnan(one.high):
             one = one.noted("a single line of pixels: rows, columns and pixels are not told apart")
-        elif one.low == 0 and len(dark) > 1 and len(light) > 1:
+        one = mark_clipped_sigma(one, *stacks)
+        if one.low == 0 and len(dark) > 1 and len(light) > 1:
             one = one.noted("not told from 0")
-        for i in both:
-            one = one.noted(clipped[i].note).noted(temporal_note((dark, light)[i]))
+        for stack in stacks:
+            one = one.noted(temporal_note(stack))
         marked[name] = one
     return marked

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from ..core import InputError
 from ..core.types import Float64Array
+from .clipping import LARGEST_SHARE
 from .line_fits import line_through_origin
-from .quantity import Quantity, unknown
+from .quantity import Quantity, hidden_by_clipping, unknown
 from .saturation import Peak, find_peak, peak
 from .series import Series
 from .stack import Stack
@@ -72,7 +73,8 @@ def photon_transfer(measured: Series) -> PhotonTransfer:
     Weights are the errors of the variances, with what all levels share by their dark frames.
     """
     found = find_peak(measured)
-    fitted = (measured.signal <= FITTED * found.mean[0]) & (measured.of_flats("variance") > 0)
+    within = (measured.signal <= FITTED * found.mean[0]) & (measured.of_flats("variance") > 0)
+    fitted, clipped = within & measured.inside, measured.why_clipped(within)
     errors, freedom = measured.of_flats("variance_error"), measured.of_flats("freedom")
     curve = _Curve(measured.signal, measured.excess, errors, fitted, found)
     dark, variance = measured.of_darks("variance"), measured.of_flats("variance")
@@ -83,7 +85,7 @@ def photon_transfer(measured: Series) -> PhotonTransfer:
         shared = measured.shared(measured.dark_variance_error) + measured.shared(gain * measured.of_darks("mean_error"))
         return np.asarray(np.diag(own**2) + shared)
 
-    return _fit(curve, covariance)
+    return _fit(curve, covariance, clipped)
 
 
 def photon_transfer_of_scene(scene: Stack, dark: Stack | None = None) -> PhotonTransfer:
@@ -98,7 +100,9 @@ def photon_transfer_of_scene(scene: Stack, dark: Stack | None = None) -> PhotonT
         sizes = f"{found.mean.shape} pixels, the dark frames {below.mean.shape}"
         raise InputError(f"{scene.source}: the scene has {sizes}; pass frames of equal size.")
     x = (found.mean if below is None else found.mean - below.mean).ravel()
-    mean, variance, error, count = _bins(x, found.variance.ravel())
+    mean, variance, error, count, clipped = _bins(
+        x, found.variance.ravel(), scene.clipping.shares_of_pixels(scene.frames).ravel()
+    )
     if len(mean) < 5:
         raise InputError(
             f"{scene.source}: {len(mean)} levels of {FEWEST_OF_A_BIN} pixels or more between {x.min():.4g} and "
@@ -112,7 +116,10 @@ def photon_transfer_of_scene(scene: Stack, dark: Stack | None = None) -> PhotonT
     first = 1 if below is None else 0
     signal, excess, error, count = mean[first:] - base, variance[first:] - floor, error[first:], count[first:]
     ends = peak(signal, excess, error, top)
-    fitted = (signal <= FITTED * ends.mean[0]) & (excess + floor > 0)
+    within = (signal <= FITTED * ends.mean[0]) & (excess + floor > 0)
+    inside = clipped <= LARGEST_SHARE
+    darkness_is_clipped = not inside[0] if dark is None else dark.clipping.clipped
+    fitted = within & inside[first:] & (not darkness_is_clipped)
     freedom = count * (found.frames - 1)
 
     def covariance(gain: float) -> Float64Array:
@@ -122,21 +129,31 @@ def photon_transfer_of_scene(scene: Stack, dark: Stack | None = None) -> PhotonT
 
     notes = ["signal is counted from the darkest pixels: no dark frames" if below is None else "", found.drift_note]
     notes += _open_end(ends)
-    return _fit(_Curve(signal, excess, error, fitted, ends), covariance, [one for one in notes if one])
+    why = ""
+    if (within & ~fitted).any():
+        why = dark.clipping.note if dark is not None and dark.clipping.clipped else _why_of_scene(scene)
+    return _fit(_Curve(signal, excess, error, fitted, ends), covariance, why, [one for one in notes if one])
+
+
+def _why_of_scene(scene: Stack) -> str:
+    return f"{scene.clipping.black:.2%} of the values of the scene are 0, {scene.clipping.saturated:.2%} at the largest"
 
 
 def _open_end(ends: Peak) -> list[str]:
     return ["the scene does not reach saturation"] if ends.limited_by == "not reached" else []
 
 
-def _bins(x: Float64Array, variance: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array, Float64Array]:
-    """Means, mean variances, their standard errors and pixels of bins of equal width, without bins of few pixels."""
+def _bins(x: Float64Array, variance: Float64Array, clipped: Float64Array) -> tuple[Float64Array, ...]:
+    """Means, mean variances, their standard errors, pixels, and clipped shares of bins of equal width, without bins of
+    few pixels."""
     width = max(float(np.ptp(x)), 1e-9) / BINS
     index = np.minimum(((x - x.min()) / width).astype(np.intp), BINS - 1)
     kept = np.bincount(index, minlength=BINS) >= FEWEST_OF_A_BIN
     count = np.bincount(index, minlength=BINS)[kept].astype(np.float64)
-    mean, average, square = (np.bincount(index, one, BINS)[kept] / count for one in (x, variance, variance**2))
-    return mean, average, np.sqrt(np.maximum(square - average**2, 0) / count), count
+    mean, average, square, share = (
+        np.bincount(index, one, BINS)[kept] / count for one in (x, variance, variance**2, clipped)
+    )
+    return mean, average, np.sqrt(np.maximum(square - average**2, 0) / count), count, share
 
 
 def _errors(model: Float64Array, fitted: NDArray[np.bool_], found: tuple[Float64Array, ...]) -> Float64Array:
@@ -160,18 +177,23 @@ class _Curve(NamedTuple):
     peak: Peak
 
 
-def _fit(curve: _Curve, covariance: Callable[[float], Float64Array], notes: Sequence[str] = ()) -> PhotonTransfer:
-    """K of the points that are fitted, whose errors depend on K."""
+def _fit(
+    curve: _Curve, covariance: Callable[[float], Float64Array], clipped: str, notes: Sequence[str] = ()
+) -> PhotonTransfer:
+    """K of the points that are fitted, whose errors depend on K.  clipped : why points are left out, or nothing."""
     used = curve.fitted
     if not used.any() or curve.peak.mean[0] <= 0 or not (curve.variance[used] > 0).any():
         nothing = unknown(GAIN, "no level lies between darkness and 70 % of saturation")
+        if clipped:
+            nothing = hidden_by_clipping(GAIN, clipped)
         return PhotonTransfer(nothing, replace(nothing, symbol="K_0"), *curve)
     x, y = curve.signal[used], curve.variance[used]
     gain = float(np.median(y[x > 0] / x[x > 0])) if (x > 0).any() else 0.0
     for _ in range(4):
         line = line_through_origin(x, y, covariance(max(gain, 1e-12))[np.ix_(used, used)])
         gain = line.slope
-    note = "; ".join(filter(None, (line.note, *notes)))
+    left_out = f"levels with clipped values are left out ({clipped})" if clipped else ""
+    note = "; ".join(filter(None, (line.note, left_out, *notes)))
     known = replace(GAIN, value=line.slope, low=line.low, high=line.high, note=note)
     value, low, high = line.initial
     few = (

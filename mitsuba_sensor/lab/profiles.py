@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..core import InputError
 from ..core.types import Float64Array
+from .clipping import mark_clipped
 from .quantity import Quantity, student_interval
 from .stack import Stack
 
@@ -51,7 +52,12 @@ def profiles(stack: Stack, dark: Stack | None = None) -> tuple[Profile, Profile]
     if dark is not None and dark.shape != stack.shape:
         raise InputError(f"the dark frames have shape {dark.shape}, the others {stack.shape}; pass the same size.")
     image = stack.mean - (dark.mean if dark is not None else 0.0)
-    return _profile("horizontal", image), _profile("vertical", image.T)
+    stacks = (stack,) if dark is None else (stack, dark)
+    horizontal, vertical = (
+        replace(one, slope=mark_clipped(one.slope, *stacks))
+        for one in (_profile("horizontal", image), _profile("vertical", image.T))
+    )
+    return horizontal, vertical
 
 
 def _profile(direction: str, image: Float64Array) -> Profile:

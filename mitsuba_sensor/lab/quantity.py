@@ -26,6 +26,7 @@ class Quantity:
     value, low, high : in ``unit``, low and high the ends of the 95 % interval; NaN where nothing could be measured.
     section : where the definition stands (``EMVA 1288 R4 6.6``).
     note : what restricts the value (quantisation, too few frames, saturation), or nothing.
+    clipped : whether there is no value because values of the frames are clipped.
     """
 
     symbol: str
@@ -36,6 +37,7 @@ class Quantity:
     unit: str
     section: str
     note: str = ""
+    clipped: bool = False
 
     def __post_init__(self) -> None:
         if not (math.isnan(self.value) or self.low <= self.value <= self.high):
@@ -116,11 +118,17 @@ def unknown(like: Quantity, note: str) -> Quantity:
     return replace(like, value=math.nan, low=math.nan, high=math.nan, note=note)
 
 
+def hidden_by_clipping(like: Quantity, note: str) -> Quantity:
+    """The same without a value, because values of the frames are clipped, and which."""
+    return replace(unknown(like, note), clipped=True)
+
+
 def quotient(above: Quantity, below: Quantity, like: Quantity) -> Quantity:
     """above / below, with the other fields of ``like`` and the notes of all three; unknown if one is not positive."""
     notes = "; ".join(dict.fromkeys(note for note in (like.note, above.note, below.note) if note))
     if not (above.value > 0 and below.low > 0):
-        return unknown(like, notes or f"{above.symbol} or {below.symbol} is not known")
+        nothing = unknown(like, notes or f"{above.symbol} or {below.symbol} is not known")
+        return replace(nothing, clipped=above.clipped or below.clipped)
     found = above.divided(below, like.unit)
     return replace(like, value=found.value, low=found.low, high=found.high, note=notes)
 

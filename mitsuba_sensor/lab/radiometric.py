@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..core.types import Float64Array
 from .line_fits import line_through_origin
-from .quantity import Quantity, quotient, unknown
+from .quantity import Quantity, hidden_by_clipping, quotient, unknown
 from .saturation import Peak, find_peak
 from .series import Series
 
@@ -90,7 +91,7 @@ def radiometric(measured: Series) -> Radiometric:
     return Radiometric(*parts, light, measured.signal, noise, deviation, measured.photons_known)
 
 
-def _within(measured: Series, found: Peak, part: tuple[float, float]) -> Float64Array:
+def _within(measured: Series, found: Peak, part: tuple[float, float]) -> NDArray[np.bool_]:
     share = measured.signal / max(found.mean[0], 1e-300)
     return np.asarray((share >= part[0]) & (share <= part[1]) & (measured.light > 0) & (measured.signal > 0))
 
@@ -102,10 +103,18 @@ def _covariance(measured: Series) -> Float64Array:
 
 def _responsivity(measured: Series, found: Peak, like: Quantity) -> Quantity:
     used = _within(measured, found, FITTED)
+    clipped = measured.why_clipped(used)
+    used &= measured.inside
     if not used.any():
-        return unknown(like, "no level lies between 5 and 70 % of saturation")
+        nothing = unknown(like, "no level lies between 5 and 70 % of saturation")
+        return hidden_by_clipping(like, clipped) if clipped else nothing
     line = line_through_origin(measured.light[used], measured.signal[used], _covariance(measured)[np.ix_(used, used)])
-    return replace(like, value=line.slope, low=line.low, high=line.high, note=line.note)
+    found = replace(like, value=line.slope, low=line.low, high=line.high, note=line.note)
+    return found.noted(_left_out(clipped))
+
+
+def _left_out(clipped: str) -> str:
+    return f"levels with clipped values are left out ({clipped})" if clipped else ""
 
 
 def _linearity(measured: Series, found: Peak, like: Quantity) -> tuple[Quantity, Float64Array]:
@@ -115,8 +124,11 @@ def _linearity(measured: Series, found: Peak, like: Quantity) -> tuple[Quantity,
     """
     deviation = np.full(len(measured.light), math.nan)
     used = _within(measured, found, LINEAR)
+    clipped = measured.why_clipped(used)
+    used &= measured.inside
     if used.sum() < 3:
-        return unknown(like, f"{used.sum()} levels lie between 5 and 95 % of saturation; 3 are needed"), deviation
+        few = unknown(like, f"{used.sum()} levels lie between 5 and 95 % of saturation; 3 are needed")
+        return hidden_by_clipping(like, clipped) if clipped else few, deviation
     x, y = measured.light[used], measured.signal[used]
     line = np.polynomial.polynomial.polyval(x, np.polynomial.polynomial.polyfit(x, y, 1, w=1 / y))
     deviation[used] = 100 * (y - line) / line
@@ -125,4 +137,5 @@ def _linearity(measured: Series, found: Peak, like: Quantity) -> tuple[Quantity,
     # mean and standard deviation of |e| of normal e: sqrt(2/π) and sqrt(1 - 2/π) times σ
     half = math.sqrt(2 / math.pi) * float(noise.mean())
     half += 1.645 * math.sqrt(1 - 2 / math.pi) * float(np.sqrt((noise**2).sum())) / len(noise)
-    return replace(like, value=value, low=max(0.0, value - half), high=value + half), deviation
+    found = replace(like, value=value, low=max(0.0, value - half), high=value + half)
+    return found.noted(_left_out(clipped)), deviation

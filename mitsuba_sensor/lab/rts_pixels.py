@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..core import InputError
 from ..core.types import Float64Array
+from .clipping import mark_clipped
 from .quantity import Quantity, share_interval
 from .stack import Stack
 from .two_levels import TwoLevels, best_split, two_levels
@@ -101,16 +102,13 @@ def rts_pixels(stack: Stack, false_alarm: float = 0.01) -> TelegraphPixels:
         for i in range(0, rows.size, PIXELS)
     ]
     table = np.concatenate([np.zeros((6, 0)), *found], axis=1)
-    clipped = stack.clipping
     count, pixels = table.shape[1], stack.mean.size
     fraction = Quantity("RTS", "share of RTS pixels", *share_interval(count, pixels), "", SECTION).scaled(100, "%")
     step = Quantity("ΔRTS", "median step of the RTS pixels", *_median(table[2]), "DN", SECTION)
     step = step if count else step.noted("no RTS pixels")
     detectable = _detectable(quiet, limit, len(stack))
     fraction = fraction.noted(f"steps below about {detectable:.3g} DN are not found with {len(stack)} frames")
-    marked = [one.noted(clipped.note) for one in (fraction, step)]
-    if not clipped.usable:
-        marked = [replace(one, value=math.nan, low=math.nan, high=math.nan) for one in marked]
+    marked = [mark_clipped(one, stack) for one in (fraction, step)]
     row, column = table[:2].astype(np.intp)
     step_dn, step_error, share, share_error = table[2:]
     found_pixels = row, column, step_dn, step_error, share, share_error

@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from ..core.types import Float64Array
-from .quantity import Quantity, product, quotient, unknown
+from .quantity import Quantity, hidden_by_clipping, product, quotient, unknown
 from .series import Series
 
 if TYPE_CHECKING:
@@ -162,6 +162,8 @@ def _at(found: Peak, measured: Series, values: Float64Array, like: Quantity) -> 
     value, low, high = found.at(measured.signal, values)
     if found.mean[0] <= 0:
         return unknown(like, "no flat field is brighter than the dark frames")
+    if measured.clipped_darks:
+        return hidden_by_clipping(like, measured.clipped_darks)
     return replace(like, value=value, low=low, high=high)
 
 

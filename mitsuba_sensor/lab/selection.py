@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from ..core import InputError
 from .bench import Bench
+from .clipping import ClippedError
 from .stack import Stack
 
 HALF = 0.5
@@ -37,8 +38,17 @@ def longest_dark(bench: Bench) -> Stack:
     """Of the longest exposure at the most usual temperature that does not clip."""
     usable = [one for one in dark_series(bench) if one.clipping.usable]
     if not usable:
-        raise InputError("no dark stack is inside of the ADC's range.")
+        notes = "; ".join(f"{one.source}: {one.clipping.note}" for one in dark_series(bench)[:3])
+        raise ClippedError(f"no dark stack is inside of the ADC's range ({notes}).")
     return usable[-1]
+
+
+def black_level(bench: Bench) -> float:
+    """Mean of the shortest dark stack [DN]. Raises ClippedError where its values are clipped."""
+    shortest = shortest_dark(bench)
+    if shortest.clipping.clipped:
+        raise ClippedError(f"the black level is not known ({shortest.source}: {shortest.clipping.note}).")
+    return float(shortest.mean.mean())
 
 
 def dark_series(bench: Bench) -> list[Stack]:
@@ -72,7 +82,7 @@ def half_saturated(bench: Bench, saturation_dn: float | None) -> Stack:
     """The flat field nearest to half of saturation, of the stacks that have at least half as many frames as any.
 
     saturation_dn : signal over the dark level [DN]; None: that of the brightest flat field.
-    Raises InputError where no flat field is between a tenth of it and nine.
+    Raises InputError where no flat field without clipped values is between a tenth of it and nine.
     """
     dark = float(shortest_dark(bench).frame_means.mean())
     signals = [(one, float(one.frame_means.mean()) - dark) for one in bench.flats if one.clipping.usable]
@@ -80,6 +90,11 @@ def half_saturated(bench: Bench, saturation_dn: float | None) -> Stack:
     inside = [(one, signal / whole) for one, signal in signals if 0.1 * whole < signal < 0.9 * whole]
     if not inside:
         found = ", ".join(f"{100 * signal / whole:.3g} %" for _, signal in signals) if whole > 0 else ""
-        raise InputError(f"no flat field is between 10 and 90 % of saturation ({found or 'none'}); take one at 50 %.")
+        clipped = [f"{one.source}: {one.clipping.note}" for one in bench.flats if one.clipping.clipped]
+        kind = ClippedError if clipped and not signals else InputError
+        why = "; ".join(filter(None, (found, *clipped[:3]))) or "none"
+        raise kind(
+            f"no flat field without clipped values is between 10 and 90 % of saturation ({why}); take one at 50 %."
+        )
     most = max(len(one) for one, _ in inside)
     return min(((one, level) for one, level in inside if len(one) >= most / 2), key=lambda pair: abs(pair[1] - HALF))[0]

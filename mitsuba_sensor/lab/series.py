@@ -20,8 +20,6 @@ ROUNDING_DN2 = 1 / 12
 COARSE_DN2 = 0.5
 """Variance [DN²] of a normal law below which rounding adds another variance than 1/12, by more than 0.1 % of it: by as
 much as (4σ² + 1/π²) exp(-2π²σ²) where all pixels have one mean."""
-UNDERFLOW = 0.005
-"""Share of the dark values at code 0 that EMVA 1288 R4 6.5 allows."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +28,8 @@ class Level:
 
     light_error : standard error of the mean with light that drifts [DN].  freedom : of the variance.
     spread : standard deviation of the pixels' true means [DN], dark ones included.
+    clipped : why the values show neither mean nor variance; nothing where they are inside of the range. The standard
+    errors hold what a share of clipped values that is too small for that hides.
     """
 
     mean: float
@@ -42,24 +42,30 @@ class Level:
     exposure_s: float
     photons: float | None
     notes: tuple[str, ...]
+    clipped: str = ""
 
 
 def level(stack: Stack) -> Level:
     """Of a stack whose pixels are alike."""
     found = temporal(stack)
     frames, pixels = found.frames, found.mean.size
-    noise = math.sqrt(float(found.variance.mean()) / pixels / frames)
+    variance = float(found.variance.mean())
+    spread = math.sqrt(max(float(found.mean.var()) - variance / frames, 0.0))
+    clipping = stack.clipping
+    hidden_dn = clipping.share * math.hypot(math.sqrt(variance), spread)
+    noise = math.hypot(math.sqrt(variance / pixels / frames), hidden_dn)
     return Level(
         float(found.mean.mean()),
         noise,
         math.hypot(noise, found.drift_dn / math.sqrt(frames)),
-        float(found.variance.mean()),
-        found.variance_error,
+        variance,
+        math.hypot(found.variance_error, 2 * clipping.share * variance),
         float((frames - 1) * pixels),
-        math.sqrt(max(float(found.mean.var() - found.variance.mean() / frames), 0.0)),
+        spread,
         stack.exposure_s,
         _photons(stack),
         tuple(filter(None, (_note(stack, found),))),
+        f"{stack.source}: {clipping.note}" if clipping.clipped else "",
     )
 
 
@@ -116,6 +122,23 @@ class Series:
         """Photons per pixel where they are known, else the exposure time [s]."""
         return self.of_flats("photons" if self.photons_known else "exposure_s")
 
+    @cached_property
+    def inside(self) -> NDArray[np.bool_]:
+        """Which flats are not clipped, nor their darks, (n,)."""
+        return np.array(
+            [not (flat.clipped or self.darks[k].clipped) for flat, k in zip(self.flats, self.dark_of, strict=True)]
+        )
+
+    @cached_property
+    def clipped_darks(self) -> str:
+        """Why the dark frames show nothing, or nothing where they are inside of the range."""
+        return next((self.darks[k].clipped for k in self.dark_of if self.darks[k].clipped), "")
+
+    def why_clipped(self, levels: NDArray[np.bool_]) -> str:
+        """Why the first of these levels that is clipped shows nothing, or nothing where none is."""
+        clipped = (self.darks[k].clipped or flat.clipped for flat, k in zip(self.flats, self.dark_of, strict=True))
+        return next((note for note, asked in zip(clipped, levels, strict=True) if asked and note), "")
+
     def shared(self, errors: Float64Array) -> Float64Array:
         """Covariance (n, n) that flats have by the same dark, whose standard errors are given for each flat."""
         same = self.dark_of[:, None] == self.dark_of[None, :]
@@ -151,7 +174,7 @@ def series(darks: Sequence[Stack], flats: Sequence[Stack], window: int | None = 
     bits = next((one.bits for one in (*flats, *darks) if one.bits), None)
     whole = all(_whole(one) for one in (*darks, *flats))
     notes = [note for one in (*dark_levels, *levels) for note in one.notes]
-    notes += _notes(darks, levels, times, whole)
+    notes += [one.clipped for one in dark_levels if one.clipped] + _notes(darks, levels, times, whole)
     return Series(tuple(levels), dark_levels, dark_of, None if bits is None else 2**bits - 1, whole, tuple(notes))
 
 
@@ -160,10 +183,6 @@ def _notes(darks: Sequence[Stack], flats: Sequence[Level], times: Float64Array, 
     far = [one.exposure_s for one in flats if not np.isclose(times, one.exposure_s, rtol=1e-6).any()]
     if far:
         found.append(f"no dark frames at {far[0]:g} s ({len(far)} of {len(flats)} levels): those nearest were taken")
-    low = max(float(np.mean(one.frames <= 0)) for one in darks)
-    if low > UNDERFLOW:
-        share = f"{100 * low:.2g} % of the dark values are at code 0"
-        found.append(f"{share} (at most {100 * UNDERFLOW:g} % may be): raise the black level")
     found += coarse_codes(darks)
     if not whole:
         found.append("the frames have fractions of codes: no rounding was subtracted")

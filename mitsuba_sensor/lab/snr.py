@@ -21,7 +21,7 @@ class SignalToNoise:
     """light : photons per pixel, or photoelectrons where photons are not known.  measured : (µ_y - µ_y.dark) / σ_y.
 
     model : ηµ_p / sqrt(σ_y.dark²/K² + ηµ_p), EMVA 1288 R4 2.3.  ideal : sqrt(µ_p), or sqrt(µ_e).
-    Levels without signal, and above saturation, where noise is cut, have NaN.
+    Levels without signal, with clipped values, and above saturation, where noise is cut, have NaN.
     """
 
     light: Float64Array
@@ -44,7 +44,7 @@ class SignalToNoise:
 def signal_to_noise(measured: Series, gain: Quantity, efficiency: Quantity | None, dark: Quantity) -> SignalToNoise:
     """From a series, K [DN/e-], QE [1] or None, and σ_y.dark [DN]."""
     noise = np.sqrt(measured.of_flats("variance"))
-    below = (measured.signal > 0) & (measured.signal <= find_peak(measured).mean[0]) & (noise > 0)
+    below = measured.inside & (measured.signal > 0) & (measured.signal <= find_peak(measured).mean[0]) & (noise > 0)
     light = measured.signal / gain.value if efficiency is None else measured.light
     electrons = light if efficiency is None else efficiency.value * light
     with np.errstate(divide="ignore", invalid="ignore"):

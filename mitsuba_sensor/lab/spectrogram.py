@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
 
 from ..core.types import Float64Array
+from .clipping import mark_clipped
 from .quantity import Quantity, normal_interval
 from .stack import Stack
 
@@ -50,10 +51,13 @@ def spectrograms(image: Stack | Float64Array) -> tuple[Spectrogram, Spectrogram]
 
     The mean of the image is subtracted, each line padded with as many zeros. Raises InputError for a mosaic.
     """
-    if isinstance(image, Stack):
-        image.require_one_filter()
-        image = image.mean
-    return _spectrogram("horizontal", image), _spectrogram("vertical", image.T)
+    if not isinstance(image, Stack):
+        return _spectrogram("horizontal", image), _spectrogram("vertical", image.T)
+    image.require_one_filter()
+    along_rows, along_columns = (
+        replace(one, non_whiteness=mark_clipped(one.non_whiteness, image)) for one in spectrograms(image.mean)
+    )
+    return along_rows, along_columns
 
 
 def _spectrogram(direction: str, image: Float64Array) -> Spectrogram:

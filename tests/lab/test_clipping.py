@@ -16,7 +16,7 @@ def test_values_at_the_largest_code_are_counted_whether_the_bits_are_known_or_no
     top = 2**bits - 1
     frames = np.minimum(top - 20 + 12 * RNG.normal(size=(4, 50, 60)), top).round().astype(np.uint16)
     found = Stack(frames, 0.1, bits=bits if known else None).clipping
-    assert found.saturated == np.mean(frames == top) > 0.03 and found.usable and f"largest code {top}" in found.note
+    assert found.saturated == np.mean(frames == top) > 0.03 and not found.usable and f"largest code {top}" in found.note
     assert Stack(frames.astype(np.float32), 0.1).clipping.saturated == found.saturated
 
 

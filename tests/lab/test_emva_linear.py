@@ -129,10 +129,13 @@ def test_8_to_16_bits(bits: int, gain: float) -> None:
     assert ("below 0.4 DN" in found["σ_d"].note) == (bits == 8)
 
 
-def test_a_black_level_that_cuts_the_dark_frames_is_noted() -> None:
+def test_a_black_level_that_cuts_the_dark_frames_leaves_no_figure_that_needs_them() -> None:
     camera = replace(CAMERA, black_dn=0.0)
     found = emva_linear(*camera.bench(np.random.default_rng(8)))
-    assert "at code 0" in found.notes[0] and "notes of the series" in found["σ_d"].note
+    assert "of the values are 0: the black level is too low" in found.notes[0]
+    for symbol in ("K", "η", "σ_y.dark", "σ_d", "µ_e.min", "µ_p.min", "DR", "SNR_max"):
+        assert math.isnan(found[symbol].value) and found[symbol].clipped, str(found[symbol])
+        assert "the black level is too low" in found[symbol].note
 
 
 def test_codes_of_12_bits_that_lie_in_16_are_noted() -> None:

@@ -61,7 +61,7 @@ def test_what_has_no_spectrum_has_no_f() -> None:
 
 
 def test_the_mean_of_a_stack_is_measured_as_that_image() -> None:
-    frames = np.random.default_rng(6).integers(0, 99, (5, 30, 40))
+    frames = np.random.default_rng(6).integers(1, 99, (5, 30, 40))
     one, other = (spectrograms(given)[1] for given in (Stack(frames, 0.1), frames.mean(axis=0)))
     assert one.non_whiteness == other.non_whiteness
 

@@ -121,17 +121,13 @@ def line_weights(times: Float64Array, weights: Float64Array) -> tuple[Float64Arr
 
 
 def usable(stacks: Sequence[Stack]) -> tuple[list[Stack], list[str]]:
-    """Those with 2 frames or more and no clipped values; with a note where some must be taken that have."""
-    many = [one for one in stacks if len(one) > 1]
-    inside = [one for one in many if one.clipping.usable]
+    """Those with 2 frames or more and no clipped values, and notes on the others. Raises InputError where none is."""
+    inside = [one for one in stacks if len(one) > 1 and one.clipping.usable]
     if not inside:
         found = "; ".join(f"{one.source}: {one.clipping.note or f'{len(one)} frame'}" for one in stacks[:3])
         raise InputError(f"no dark stack has 2 frames or more inside of the ADC's range ({found}); take others.")
-    clean = [one for one in inside if not one.clipping.note]
-    if clean:
-        left = [one for one in stacks if one not in clean]
-        return clean, [f"{one.source} left out: {one.clipping.note or 'one frame'}" for one in left]
-    return inside, [f"{one.source}: {one.clipping.note}" for one in inside]
+    left = [one for one in stacks if one not in inside]
+    return inside, [f"{one.source} left out: {one.clipping.note or 'one frame'}" for one in left]
 
 
 def _sum(

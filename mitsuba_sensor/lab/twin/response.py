@@ -88,7 +88,7 @@ def _curvature(measured: Series, end: Peak) -> tuple[float, float, float]:
     """(κ, low, high), or zeros where the response is straight or the light of the levels is not known."""
     nothing = 0.0, 0.0, 0.0
     x, y = measured.light, measured.signal
-    used = (y > USED[0] * end.mean[0]) & (y < USED[1] * end.mean[0]) & (x > 0)
+    used = measured.inside & (y > USED[0] * end.mean[0]) & (y < USED[1] * end.mean[0]) & (x > 0)
     if used.sum() < FEWEST or len(set(x[used].tolist())) < FEWEST:
         return nothing
     x, y = x[used], y[used]

@@ -67,12 +67,15 @@ def _section(measured: Measurement, datasheet: Mapping[str, Said], limit: float)
     findings += [
         f"{row[1][0]}{where}: measured {row[1][2]:.4g}, datasheet {row[1][6]:.4g} {row[1][5]}" for row in wrong
     ]
+    if measured.hidden:
+        findings.append(f"no value{where}, since values of the frames are clipped: {', '.join(measured.hidden)}")
     findings += [f"not measured{where}: {title}: {sentence}" for title, sentence in measured.refused.items()]
     findings += [f"{note}{where}" for note in measured.notes]
     shown = [(mark, (row[0], *row[2:7])) for mark, row in rows if row[0] in MAIN]
     main = table(f"Main figures{where}", MAIN_HEADINGS, (("" if mark == "good" else mark, row) for mark, row in shown))
     drawings = [Drawing(f"{name}{where}", draw) for name, draw in measured.drawings.items()]
-    return Section(tuple(findings), not wrong, (main, *drawings, table(f"All figures{where}", HEADINGS, rows)))
+    holds = not wrong and not measured.hidden
+    return Section(tuple(findings), holds, (main, *drawings, table(f"All figures{where}", HEADINGS, rows)))
 
 
 def _row(figure: Quantity, datasheet: Mapping[str, Said], limit: float) -> MarkedRow:
