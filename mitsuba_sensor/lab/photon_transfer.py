@@ -136,7 +136,8 @@ def photon_transfer_of_scene(scene: Stack, dark: Stack | None = None) -> PhotonT
 
 
 def _why_of_scene(scene: Stack) -> str:
-    return f"{scene.clipping.black:.2%} of the values of the scene are 0, {scene.clipping.saturated:.2%} at the largest"
+    black, top = scene.clipping.black, scene.clipping.saturated
+    return f"{black:.2%} of the values of the scene are 0 and {top:.2%} are at the largest code"
 
 
 def _open_end(ends: Peak) -> list[str]:
