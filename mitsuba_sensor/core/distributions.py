@@ -21,11 +21,25 @@ EXACT_BELOW = 1e6
 # same for maps (H, W), whose coupling is 0.45 at most: φ^96 < 4e-20.
 AR_BLOCK, AR_WARM_UP = 4096, 2048
 AR_MAP_BLOCK, AR_MAP_MARGIN = 512, 96
+# Smallest survival probabilities that are summed one by one [2⁻³²] in a moment of the numbers that can be drawn; in
+# between it is an integral.
+OUTERMOST = 4096
 
 
 def survival(bits: RandomBits) -> Float64Array:
     """The survival probability P(X > x) of the number that is drawn: (bits + ½)/2³², never 0 or 1, exact in float64."""
     return (bits.astype(np.float64) + 0.5) * 2.0**-32
+
+
+def sum_over_upper_half(function: Callable[[Float64Array], Float64Array]) -> float:
+    """Average over the 2³² survival probabilities that can be drawn, of a function that is 0 for those above ½."""
+    outermost: Float64Array = (np.arange(OUTERMOST, dtype=np.float64) + 0.5) * 2.0**-32
+    tail = np.sum(function(outermost)) * 2.0**-32
+    nodes, weights = np.polynomial.legendre.leggauss(64)
+    near, far = math.log(2), -math.log(OUTERMOST * 2.0**-32)
+    s: Float64Array = np.exp(-(near + (far - near) * (nodes + 1) / 2))
+    rest = (far - near) / 2 * (weights @ (function(s) * s))
+    return float(tail + rest)
 
 
 def normal(bits: RandomBits) -> Float64Array:
@@ -43,6 +57,17 @@ def lognormal(bits: RandomBits, cv: float) -> Float64Array:
     """Log-normal of mean 1 and coefficient of variation ``cv``: μ = −½ln(1+cv²), σ² = ln(1+cv²)."""
     variance = math.log1p(cv * cv)
     return np.exp(math.sqrt(variance) * normal(bits) - 0.5 * variance)
+
+
+def lognormal_moment(cv: float, power: int) -> float:
+    """Mean of the ``power``-th power of the log-normal numbers that can be drawn; the largest is at 6.3 σ."""
+    variance = math.log1p(cv * cv)
+
+    def both_tails(s: Float64Array) -> Float64Array:
+        z = math.sqrt(variance) * normal_of(s)
+        return np.asarray(np.exp(power * (z - 0.5 * variance)) + np.exp(power * (-z - 0.5 * variance)))
+
+    return sum_over_upper_half(both_tails)
 
 
 def gamma(bits: RandomBits, cv: float) -> Float64Array:

@@ -15,14 +15,12 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
+from .distributions import sum_over_upper_half
 from .types import Float64Array
 
 REACH, TERMS = 6.5, 16
 """|z| at the end of the Chebyshev series in z², beyond the largest normal that can be drawn, and its terms, which hold
 a quantile to 6e-7 of itself."""
-
-TAIL = 4096
-"""Smallest survival probabilities that are summed one by one [2⁻³²]; in between the variance is an integral."""
 
 HEAVY = 1.04
 """A quantile at 4 σ that is so much farther out than a normal's needs normals of several widths, a nearer one several
@@ -102,13 +100,7 @@ class NoiseDistribution(ABC):
     @cached_property
     def _sigma(self) -> float:
         """Of the numbers that can be drawn, before they are scaled."""
-        outermost: Float64Array = (np.arange(TAIL, dtype=np.float64) + 0.5) * 2.0**-32
-        tail = np.sum(self.unscaled(outermost) ** 2) * 2.0**-32
-        nodes, weights = np.polynomial.legendre.leggauss(64)
-        near, far = math.log(2), -math.log(TAIL * 2.0**-32)
-        s: Float64Array = np.exp(-(near + (far - near) * (nodes + 1) / 2))
-        rest = (far - near) / 2 * (weights @ (self.unscaled(s) ** 2 * s))
-        return math.sqrt(2 * (tail + rest))
+        return math.sqrt(2 * sum_over_upper_half(lambda s: self.unscaled(s) ** 2))
 
 
 def _merged(parts: Mixture) -> Mixture:

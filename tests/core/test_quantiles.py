@@ -429,3 +429,19 @@ def test_the_reference_draws_are_the_exact_ones() -> None:
     """So that what is compared with above is what the reference engine does."""
     np.testing.assert_array_equal(NUMPY_FLOAT64.normal(W[:100]), distributions.normal(W[:100]))
     np.testing.assert_array_equal(NUMPY_FLOAT64.poisson(W[:100], 12.0), distributions.poisson(W[:100], 12.0))
+
+
+@pytest.mark.parametrize("draw", [distributions.poisson, quantiles.poisson], ids=["float64", "float32"])
+@pytest.mark.parametrize("mean", [1e-3, 1e-6, 1e-8, 1e-9, 1e-10])
+def test_a_small_mean_of_counts_is_right_to_half_of_two_to_the_minus_32(draw: Any, mean: float) -> None:
+    """No chance: the integers with an electron are those below a limit, which bisection finds."""
+    precision = np.float32 if draw is quantiles.poisson else np.float64
+    last_with, first_without = -1, 2**32 - 1
+    while first_without - last_with > 1:
+        middle = (last_with + first_without) // 2
+        if draw(np.array([middle], np.uint32), np.array([mean], precision))[0] > 0:
+            last_with = middle
+        else:
+            first_without = middle
+    chance = -math.expm1(-mean)
+    assert first_without / 2**32 == pytest.approx(chance, abs=2.0**-33 * 1.01, rel=1e-7)

@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
+import mitsuba_sensor as ms
 from mitsuba_sensor.core import distributions
-from mitsuba_sensor.core.backend import NUMPY_FLOAT64
+from mitsuba_sensor.core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
 from mitsuba_sensor.core.moments import rectified_normal
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.sensor.fpn_distributions import (
@@ -176,3 +177,50 @@ def test_the_variance_of_dark_current_fpn_is_that_of_the_rectified_distribution(
     assert Gaussian(cv).variance == pytest.approx(variance / mean**2, abs=1e-300)
     if cv <= 0.1:
         assert Gaussian(cv).variance == pytest.approx(cv**2, rel=1e-6)
+
+
+def drawable_integers() -> tuple[Any, Any]:
+    """Integers and their weights: the 4096 at each end one by one, Gauss-Legendre on strata in between."""
+    nodes, weights = np.polynomial.legendre.leggauss(20)
+    ranks, shares = [np.arange(4096.0)], [np.ones(4096)]
+    for low, high in pairwise(np.geomspace(4096, 2**31, 60)):
+        ranks.append(np.rint(low + (high - low) * (nodes + 1) / 2 - 0.5))
+        shares.append(weights * (high - low) / 2)
+    rank, share = np.concatenate(ranks), np.concatenate(shares) / 2**32
+    return np.concatenate([rank, 2**32 - 1 - rank]).astype(np.uint32), np.concatenate([share, share])
+
+
+@pytest.mark.parametrize("backend", [NUMPY_FLOAT64, NUMPY_FLOAT32], ids=["float64", "float32"])
+@pytest.mark.parametrize("cv", [0.4, 1.0, 5.0, 10.0, 30.0, 50.0, 100.0])
+@pytest.mark.parametrize("family", [LogNormal, Gamma, Logistic, Gaussian, Rectified], ids=lambda f: f.__name__)
+def test_theory_is_that_of_the_factors_that_32_bits_draw(family: Any, cv: float, backend: Any) -> None:
+    """No chance: an integral over all integers. Without their end a log-normal law of cv 100 has 21 % more σ."""
+    if cv > family.largest_cv:
+        pytest.skip("refused")
+    bits, share = drawable_integers()
+    factors = np.asarray(family(cv).from_bits(backend, bits), np.float64)
+    mean = float(share @ factors)
+    sigma = math.sqrt(float(share @ np.square(factors - mean)))
+    assert mean == pytest.approx(family(cv).mean, rel=1e-3)
+    assert sigma == pytest.approx(math.sqrt(family(cv).variance), rel=1e-3)
+    assert mean == pytest.approx(rectified_normal(cv)[0] if family is Rectified else 1.0, rel=1e-3)
+
+
+@pytest.mark.parametrize(("distribution", "most"), [("lognormal", 100), ("gamma", 50), ("wald", 1000)])
+def test_a_width_that_32_bits_do_not_draw_is_refused_with_a_way_out(distribution: str, most: float) -> None:
+    camera = ms.load_camera("konnik_table1").replace(**{"dark_current.distribution": distribution})
+    camera.replace(**{"dark_current.cv": float(most)})
+    with pytest.raises(
+        ms.InputError, match=f"cv is {most + 1}; that of {distribution} must be at most {most}, .*write"
+    ):
+        camera.replace(**{"dark_current.cv": most + 1.0})
+
+
+def test_a_lognormal_dark_current_that_is_drawn_narrower_says_so() -> None:
+    """E[X²; Z < 6.3] of a log-normal law: 1 − Φ(2σ − 6.3) of it, near enough."""
+    camera = ms.load_camera("konnik_table1")
+    (note,) = (one for one in camera.replace(**{"dark_current.cv": 30.0}).notes if "6.3 σ" in one)
+    sigma = math.sqrt(math.log1p(30.0**2))
+    drawn = math.sqrt(901 * stats.norm.cdf(6.3 - 2 * sigma) - 1)
+    assert float(note.split(" is ")[2].split(":")[0]) == pytest.approx(drawn, rel=0.03)
+    assert not any("6.3 σ" in one for one in camera.replace(**{"dark_current.cv": 10.0}).notes)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal, Self
 
@@ -20,7 +21,16 @@ from ..dark_components import (
 )
 from ..dark_current_models import DarkCurrentModel, Doubling, FigureOfMerit, Measured, Mpp
 from ..datasheet import FileTable, Kelvin, MapCoupling, NotNegative, Positive
-from ..fpn_distributions import Autoregressive, FpnDistribution, Gamma, Gaussian, Logistic, LogNormal, Wald
+from ..fpn_distributions import (
+    Autoregressive,
+    FpnDistribution,
+    Gamma,
+    Gaussian,
+    Logistic,
+    LogNormal,
+    Wald,
+    require_drawable,
+)
 from ..gains import gain_dn_per_e
 from ..map_levels import levels_of_map
 from ..pixel_law import PixelLaw, Quantiles, fixed_offsets, mixed, of_map
@@ -28,6 +38,10 @@ from ..stage import Datasheet, Stage, cut_to_zero
 from ..usual_range import AMPERES_TO_NA, PA_TO_NA, PERCENT, Usual
 
 DISTRIBUTIONS = {"gaussian": Gaussian, "lognormal": LogNormal, "gamma": Gamma, "wald": Wald, "logistic": Logistic}
+
+
+NOTED = 0.01
+"""Part of the standard deviation over the pixels whose loss is worth a note."""
 
 
 class DarkCurrentFields(FileTable):
@@ -76,6 +90,7 @@ class DarkCurrentFields(FileTable):
             raise ValueError(f"the weights of components add up to {weights:g}; at most 1")
         if self.distribution != "ar" and self.coupling:
             raise ValueError('coupling belongs to distribution = "ar"; the others have independent pixels')
+        require_drawable("cv", self.cv, DISTRIBUTIONS.get(self.distribution, Autoregressive), self.distribution)
         return self
 
 
@@ -104,6 +119,21 @@ class DarkCurrent(Stage):
             dark_current_model(camera),
             distribution or DISTRIBUTIONS[dark.distribution](dark.cv),
             dark_components(camera),
+        )
+
+    @classmethod
+    def notes(cls, camera: Datasheet) -> tuple[str, ...]:
+        """One where the random numbers end before a hundredth of the standard deviation of the pixels is drawn."""
+        dark = camera.dark_current
+        if dark.distribution != "lognormal" or not dark.cv:
+            return ()
+        drawn = math.sqrt(LogNormal(dark.cv).variance)
+        if drawn >= (1 - NOTED) * dark.cv:
+            return ()
+        return (
+            f"dark_current.cv is {dark.cv:g}, and σ over mean of the pixels that are drawn is {drawn:.3g}: the rest "
+            "lies beyond 6.3 σ of the log-normal law, where random numbers of 32 bits end; take less, or "
+            'distribution = "wald"',
         )
 
     def sample(self, electrons: Electrons, frame: Frame) -> Electrons:

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from ...core import Array, Electrons, Frame, Moments, SensorWindow, arrays
 from ..datasheet import FileTable, LineCoupling, MapCoupling, NotNegative
-from ..fpn_distributions import AutoregressiveRectified, FpnDistribution, LogNormal, Rectified
+from ..fpn_distributions import AutoregressiveRectified, FpnDistribution, LogNormal, Rectified, require_drawable
 from ..map_levels import levels_of_map
 from ..pixel_law import PixelLaw, Quantiles, fixed_gains, of_map
 from ..stage import Datasheet, Stage, cut_to_zero
@@ -30,6 +30,12 @@ class PrnuFields(FileTable):
         "gaussian", description="distribution of the pixels' gains", examples=["gaussian"]
     )
     prnu_coupling: MapCoupling = Field(0.0, description="coupling a of an ar gain map", examples=[0.25])
+
+    @model_validator(mode="after")
+    def _drawable(self) -> Self:
+        kind = LogNormal if self.prnu_distribution == "lognormal" else Rectified
+        require_drawable("prnu", self.prnu, kind, self.prnu_distribution)
+        return self
 
 
 class PrnuColumnFields(FileTable):

@@ -25,6 +25,9 @@ from ..usual_range import NS_TO_SECONDS, US_TO_SECONDS, VOLTS_TO_NV, Usual
 NOTED = 0.01
 """A band that leaves out more than this of the noise is worth a note."""
 
+LARGEST_CV = 5.0
+"""Spread of the read noise up to which the rms of the pixels that are drawn is right within 0.1 %."""
+
 GROUPS, FARTHEST = 9, 3.2
 """Kinds of pixels that differ in read noise, for the theory, and how far out they lie [σ]."""
 
@@ -51,7 +54,7 @@ class SourceFollowerNoiseFields(FileTable):
     read_noise_e: Annotated[NotNegative | None, Usual(0.05, 500)] = Field(
         None, description="read noise as a datasheet gives it, instead of white_nv_per_rthz [e- rms]", examples=[3]
     )
-    read_noise_cv: NotNegative = Field(
+    read_noise_cv: Annotated[NotNegative, Field(le=LARGEST_CV)] = Field(
         0.0,
         description="spread of the read noise over pixels: σ over mean of a log-normal law; their rms stays as given",
         examples=[0.3],
