@@ -22,6 +22,10 @@ if TYPE_CHECKING:
 LARGEST_SHARE = 1e-3
 """Share of clipped values above which they show no figure: a normal signal 3.1 σ from its limit has as many, which
 makes its standard deviation 0.09 % too small."""
+FEWEST_CODES = 16
+"""Between the smallest and the largest value, below which many values at one of them are a quiet camera's."""
+OFTEN = 0.05
+"""Share of the pixels at the smallest code that jump from there: of unclipped noise of 1 DN, one in a hundred."""
 COARSE_DN = 0.4
 """Temporal noise [DN] below which rounding hides differences between pixels: the mean of rounded normal values is
 off by exp(−2π²σ²)/π at most, 0.014 DN there and 0.14 DN at half of it."""
@@ -38,7 +42,8 @@ class ClippedError(InputError):
 class Clipping:
     """Shares of the values at the ends of the range.
 
-    black : of values 0 in frames without negative values.  saturated : of values at the largest code.
+    black : of values 0 in frames without negative values, or at another smallest code that clips.
+    saturated : of values at the largest code.
     lowest, largest : values that occur [DN].
     """
 
@@ -70,7 +75,7 @@ class Clipping:
             return f"every value is {self.lowest:g} DN"
         notes = []
         if self.black > LARGEST_SHARE:
-            notes.append(f"{self.black:.2%} of the values are 0: the black level is too low")
+            notes.append(f"{self.black:.2%} of the values are {self.lowest:g}: the black level is too low")
         if self.saturated > LARGEST_SHARE:
             notes.append(f"{self.saturated:.2%} of the values are at the largest code {self.largest:g}")
         return "; ".join(notes)
@@ -79,24 +84,54 @@ class Clipping:
         """Share of the frames in which each pixel is clipped, (N, H, W) → (H, W)."""
         count = np.zeros(frames.shape[1:])
         for frame in frames:
-            count += (frame == 0) * (self.black > 0) + (frame == self.largest) * (self.saturated > 0)
+            count += (frame == self.lowest) * (self.black > 0) + (frame == self.largest) * (self.saturated > 0)
         return count / len(frames)
 
 
 def clipping_of(frames: NDArray[Any], bits: int | None) -> Clipping:
-    """Of frames, (N, H, W). The largest value is a limit where it is the largest code of so many bits, and where so
-    many values pile up there that they are not the tail of a distribution: more than 20, and 5 standard errors more
-    than at the value below, of 16 codes or more.
+    """Of frames, (N, H, W). The largest value is a limit where it is the largest code of so many bits, the smallest
+    where it is 0; any other where so many values pile up there that they are not the tail of a distribution: more than
+    20, and 5 standard errors more than at the next value, of 16 codes or more. Quiet frames have many equal values at
+    their ends, too: pixels must jump from there, unless it is a code like 4095. At the smallest value there must be
+    more values than the two codes above it let a tail have.
     """
     lowest, largest = float(frames.min()), float(frames.max())
-    black, at_top, below = (
-        sum(int(np.count_nonzero(frame == value)) for frame in frames) for value in (0, largest, largest - 1)
-    )
-    whole = frames.dtype.kind != "f"
-    piled = at_top > max(20.0, below + 5 * below**0.5 if whole else 0.0) and not (whole and largest - lowest < 16)
-    clipped = piled or (bits is not None and largest >= 2**bits - 1)
-    shares = (black if lowest == 0 else 0) / frames.size, (at_top if clipped else 0) / frames.size
+    at_bottom, at_top = (_count(frames, value) for value in (lowest, largest))
+    far = largest - lowest >= FEWEST_CODES * _step(frames)
+    full = bits is not None and largest >= 2**bits - 1
+    if not full:
+        below = max(float(np.max(frame, where=frame < largest, initial=lowest)) for frame in frames)
+        at_next = _count(frames, below)
+        all_bits_set = largest > 0 and math.log2(largest + 1).is_integer()
+        may_clip = far and (all_bits_set or len(frames) == 1 or _jumps(frames, largest))
+        full = may_clip and at_top > max(20.0, at_next + 5 * math.sqrt(at_next))
+    black = lowest == 0
+    if not black and far and _jumps(frames, lowest):
+        first, second = (_count(frames, lowest + number * _step(frames)) for number in (1, 2))
+        black = at_bottom > max(20.0, first * min(1.0, first / max(second, 1)) + 5 * math.sqrt(first))
+    shares = at_bottom * black / frames.size, at_top * full / frames.size
     return Clipping(*shares, lowest, largest)
+
+
+def _count(frames: NDArray[Any], value: float) -> int:
+    return sum(int(np.count_nonzero(frame == value)) for frame in frames)
+
+
+def _step(frames: NDArray[Any]) -> float:
+    """Distance of neighbouring codes [DN], 1 for integers."""
+    if frames.dtype.kind != "f":
+        return 1.0
+    return float(np.diff(np.unique(frames[0])).min(initial=1.0))
+
+
+def _jumps(frames: NDArray[Any], end: float) -> bool:
+    """Whether pixels that are at an end in one frame are often 3 codes or more from it in the next one: noise of a code
+    or more, of which no value piles up unless it is clipped."""
+    if len(frames) < 2:
+        return False
+    first, second = (frame.astype(np.float64) for frame in frames[:2])
+    touching = (first == end) | (second == end)
+    return bool(np.mean(np.abs(second - first)[touching] > 2.5 * _step(frames)) > OFTEN) if touching.any() else False
 
 
 def mark_clipped(figure: Quantity, *stacks: Stack) -> Quantity:

@@ -41,7 +41,8 @@ def test_values_at_the_largest_code_are_counted_whether_the_bits_are_known_or_no
 def test_tails_and_quiet_frames_are_not_clipped(sigma: float, size: tuple[int, ...]) -> None:
     for level in (100.1, 100.5, 100.6, 100.9):
         frames = np.floor(level + 100 + sigma * RNG.normal(size=size) + 0.5).astype(np.uint16)
-        assert Stack(frames, 0.1).clipping.saturated == 0
+        for given in (frames, frames.astype(float), 0.5 * frames + 0.25):
+            assert Stack(given, 0.1).clipping.share == 0
 
 
 def test_black_and_constant_frames_are_said() -> None:
@@ -51,6 +52,26 @@ def test_black_and_constant_frames_are_said() -> None:
     assert not Stack(signed, 0.1).clipping.note
     constant = Stack(np.full((2, 4, 4), 7, np.uint8), 0.1).clipping
     assert constant.note == "every value is 7 DN" and not constant.usable
+
+
+@pytest.mark.parametrize("pedestal", [1, 16, 100])
+@pytest.mark.parametrize("share", [0.02, 0.26, 0.58])
+@pytest.mark.parametrize("kind", ["uint16", "float32"])
+def test_a_smallest_code_that_is_not_0_clips_where_noise_piles_up_at_it(pedestal: int, share: float, kind: str) -> None:
+    values = np.rint(2.4 * (np.random.default_rng(2).normal(size=(8, 96, 96)) - special.ndtri(share)))
+    frames = (np.maximum(values, 0) + pedestal).astype(kind)
+    frames[:, 0, :4] = 900  # hot pixels
+    found = Stack(frames, 0.1).clipping
+    assert found.black == np.mean(frames == pedestal) and f"are {pedestal}: the black level is too low" in found.note
+
+
+@pytest.mark.parametrize("sigma", [0.1, 0.3, 0.6, 1.0])
+def test_quiet_darks_with_hot_pixels_are_not_clipped_at_their_smallest_code(sigma: float) -> None:
+    rng = np.random.default_rng(4)
+    for level in (100.0, 100.2, 100.5):
+        hot = rng.exponential(20, (96, 96)) * (rng.random((96, 96)) < 0.02)
+        frames = np.rint(level + hot + sigma * rng.normal(size=(8, 96, 96))).astype(np.uint16)
+        assert Stack(frames, 0.1).clipping.share == 0
 
 
 def truth_in_the_dark(camera: SmallCamera) -> dict[str, float]:
