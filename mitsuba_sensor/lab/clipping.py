@@ -118,10 +118,9 @@ def _count(frames: NDArray[Any], value: float) -> int:
 
 
 def _step(frames: NDArray[Any]) -> float:
-    """Distance of neighbouring codes [DN], 1 for integers."""
-    if frames.dtype.kind != "f":
-        return 1.0
-    return float(np.diff(np.unique(frames[0])).min(initial=1.0))
+    """Smallest distance of two values of the first frame [DN]: 16 of codes of 12 bits that lie in 16."""
+    distances = np.diff(np.unique(frames[0]).astype(np.float64))
+    return float(distances.min()) if distances.size else 1.0
 
 
 def _jumps(frames: NDArray[Any], end: float) -> bool:
