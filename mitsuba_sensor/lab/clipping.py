@@ -7,20 +7,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core import InputError
-from ..core.types import Float64Array
+from ..core.types import Float64Array, NumpyArray
 from .quantity import Quantity
 
 if TYPE_CHECKING:
     from .stack import Stack
-
-Frames: TypeAlias = NDArray[Any]
-"""(N, H, W), integers or floats [DN]."""
 
 LARGEST_SHARE = 1e-3
 """Share of clipped values above which they show no figure: a normal signal 3.1 σ from its limit has as many, which
@@ -83,7 +79,7 @@ class Clipping:
             notes.append(f"{self.saturated:.2%} of the values are at the largest code {self.largest:g}")
         return "; ".join(notes)
 
-    def shares_of_pixels(self, frames: Frames) -> Float64Array:
+    def shares_of_pixels(self, frames: NumpyArray) -> Float64Array:
         """Share of the frames in which each pixel is clipped, (N, H, W) → (H, W)."""
         count = np.zeros(frames.shape[1:])
         for frame in frames:
@@ -91,7 +87,7 @@ class Clipping:
         return count / len(frames)
 
 
-def clipping_of(frames: Frames, bits: int | None) -> Clipping:
+def clipping_of(frames: NumpyArray, bits: int | None) -> Clipping:
     """Of frames, (N, H, W). The largest value is a limit where it is the largest code of so many bits, the smallest
     where it is 0; any other where so many values pile up there that they are not the tail of a distribution: more than
     20, and 5 standard errors more than at the next value, of 16 codes or more. Quiet frames have many equal values at
@@ -116,17 +112,17 @@ def clipping_of(frames: Frames, bits: int | None) -> Clipping:
     return Clipping(*shares, lowest, largest)
 
 
-def _count(frames: Frames, value: float) -> int:
+def _count(frames: NumpyArray, value: float) -> int:
     return sum(int(np.count_nonzero(frame == value)) for frame in frames)
 
 
-def _step(frames: Frames) -> float:
+def _step(frames: NumpyArray) -> float:
     """Smallest distance of two values of the first frame [DN]: 16 of codes of 12 bits that lie in 16."""
     distances = np.diff(np.unique(frames[0]).astype(np.float64))
     return float(distances.min()) if distances.size else 1.0
 
 
-def _jumps(frames: Frames, end: float) -> bool:
+def _jumps(frames: NumpyArray, end: float) -> bool:
     """Whether pixels that are at an end in one frame are often 3 codes or more from it in the next one: noise of a code
     or more, of which no value piles up unless it is clipped."""
     if len(frames) < 2:
