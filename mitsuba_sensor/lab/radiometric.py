@@ -109,8 +109,8 @@ def _responsivity(measured: Series, found: Peak, like: Quantity) -> Quantity:
         nothing = unknown(like, "no level lies between 5 and 70 % of saturation")
         return hidden_by_clipping(like, clipped) if clipped else nothing
     line = line_through_origin(measured.light[used], measured.signal[used], _covariance(measured)[np.ix_(used, used)])
-    found = replace(like, value=line.slope, low=line.low, high=line.high, note=line.note)
-    return found.noted(_left_out(clipped))
+    responsivity = replace(like, value=line.slope, low=line.low, high=line.high, note=line.note)
+    return responsivity.noted(_left_out(clipped))
 
 
 def _left_out(clipped: str) -> str:
@@ -137,5 +137,5 @@ def _linearity(measured: Series, found: Peak, like: Quantity) -> tuple[Quantity,
     # mean and standard deviation of |e| of normal e: sqrt(2/π) and sqrt(1 - 2/π) times σ
     half = math.sqrt(2 / math.pi) * float(noise.mean())
     half += 1.645 * math.sqrt(1 - 2 / math.pi) * float(np.sqrt((noise**2).sum())) / len(noise)
-    found = replace(like, value=value, low=max(0.0, value - half), high=value + half)
-    return found.noted(_left_out(clipped)), deviation
+    error = replace(like, value=value, low=max(0.0, value - half), high=value + half)
+    return error.noted(_left_out(clipped)), deviation

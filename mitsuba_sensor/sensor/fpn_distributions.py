@@ -80,7 +80,7 @@ class LogNormal(FpnDistribution):
         return distributions.lognormal_moment(self.cv, 1) if self.cv > NARROW else 1.0
 
     @cached_property
-    def variance(self) -> float:  # type: ignore[override]
+    def variance(self) -> float:
         """cv², as long as nothing of it lies beyond 6.3 σ."""
         if self.cv <= NARROW:
             return self.cv**2
