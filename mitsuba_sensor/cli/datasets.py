@@ -18,8 +18,9 @@ from ..dataset.engine import usual_workers
 from ..dataset.faults import Fault
 from ..dataset.forecast import Counts, Forecast, counts_of, forecast
 from ..dataset.options import EXPORT_FORMATS, ExportOptions, RootOptions, RunOptions
-from ..dataset.origin import plan_of, require_same_versions
+from ..dataset.origin import RESTORE, plan_of, require_same_versions
 from ..dataset.planned import DatasetPlan, load_plan
+from ..dataset.record import INDEX
 from ..dataset.repair import discard, holdings, store_of, verify
 from ..dataset.run import RunProgress, Show, run
 from ..stopping import remark_if_stopped, undone_if_stopped
@@ -226,7 +227,10 @@ def fault_sheet(folder: str, faults: list[Fault]) -> RenderableType:
     for one in faults[:MOST_SHOWN]:
         table.add_row(one.what, one.kind, one.key, Text(one.file))
     more = [Text(f"and {len(faults) - MOST_SHOWN} more (--json lists all)")] if len(faults) > MOST_SHOWN else []
-    return Group(table, *more, Text(f"`mitsuba-sensor dataset repair {folder}` makes them again"))
+    remedy = f"`mitsuba-sensor dataset repair {folder}` makes them again"
+    if any(fault.kind == "dataset" and fault.file != INDEX for fault in faults):
+        remedy = RESTORE.format(folder)
+    return Group(table, *more, Text(remedy))
 
 
 def _with_failed(head: str | Text, failed: Mapping[str, str]) -> RenderableType:

@@ -106,7 +106,7 @@ def test_another_valid_dataset_file_is_found_and_nothing_is_rendered_from_it(
         done = cli("dataset", command, "out")
         assert done.exit_code == 2 and "not what the samples were made from" in done.stderr
     done = cli("dataset", "verify", "out")
-    assert done.exit_code == 1 and FILE in done.stdout
+    assert done.exit_code == 1 and FILE in done.stdout and "run FILE.toml -o out" in " ".join(done.stdout.split())
     assert cli("dataset", "export", "card", "out", "-o", "card").exit_code == 2
     assert contents(here) == before
     assert cli("dataset", "run", "tiny.toml", "-o", "out", "--workers", "0").exit_code == 0

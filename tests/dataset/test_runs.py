@@ -23,7 +23,7 @@ from helpers.waiting import wait_until
 
 from mitsuba_sensor import InputError
 from mitsuba_sensor.core.options import complete
-from mitsuba_sensor.dataset import engine, task
+from mitsuba_sensor.dataset import engine, keys, task
 from mitsuba_sensor.dataset.engine import outcomes
 from mitsuba_sensor.dataset.file import read_dataset
 from mitsuba_sensor.dataset.options import RunOptions
@@ -185,7 +185,9 @@ def test_a_process_that_takes_too_much_memory_is_ended(
     assert "died 1 times" in found.failed and "too little memory" in found.failed
 
 
-def test_a_run_goes_on_where_its_scheduler_dies(plan: DatasetPlan, tmp_path: Path) -> None:
+def test_workers_of_a_cluster_have_the_versions_of_the_run_and_it_goes_on_where_the_scheduler_dies(
+    plan: DatasetPlan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Killed after the first sample; the worker of the cluster, which sees the same folder, makes what it has begun."""
     (tmp_path / "out").mkdir()
     remarks = list[str]()
@@ -194,6 +196,9 @@ def test_a_run_goes_on_where_its_scheduler_dies(plan: DatasetPlan, tmp_path: Pat
         asked = complete(RunOptions, {"workers": 0, "scheduler": address})
         views = list(plan.views())
         store = Store(tmp_path / "out")
+        with monkeypatch.context() as other, pytest.raises(InputError, match="give them the same versions"):
+            other.setattr(keys, "__version__", "9.9.9")
+            list(outcomes(store, views, asked, lambda what, done: None, make_slowly))
         list(outcomes(store, views, asked, lambda what, done: None, make_slowly, remarks.append))
     assert remarks == [f"the Dask scheduler at {address} was gone; this machine alone has made the rest."]
     assert all(store.exists("samples", sample.key) for view in views for sample in view.samples)
