@@ -174,6 +174,34 @@ def test_only_the_command_line_prints() -> None:
     assert not wrong, wrong
 
 
+RUNS_CODE = {"pickle", "_pickle", "cPickle", "cloudpickle", "dill", "marshal", "shelve", "joblib", "jsonpickle"}
+"""Modules that run code which stands in the files that they read."""
+SAFE_LOADERS = {"yaml.SafeLoader", "PlainLoader"}
+UNSAFE_CALLS = {"unsafe_load", "full_load", "unsafe_load_all", "full_load_all", "read_pickle"}
+
+
+def test_no_file_that_is_read_can_run_code() -> None:
+    """No pickle and nothing that is one inside: np.load refuses objects, YAML has plain values, torch loads nothing."""
+    wrong = [
+        f"{name_of(path)} imports {imported}"
+        for path in MODULES
+        for imported in imports(path)
+        if imported.partition(".")[0] in RUNS_CODE or imported.startswith("numpy.load")
+    ]
+    for path in MODULES:
+        for node in ast.walk(tree_of(path)):
+            if not isinstance(node, ast.Call):
+                continue
+            called, place = ast.unparse(node.func), f"{name_of(path)}:{node.lineno}"
+            name, given = called.rpartition(".")[2], {one.arg: ast.unparse(one.value) for one in node.keywords}
+            unsafe = name in UNSAFE_CALLS or called in ("eval", "exec")
+            unsafe |= name == "load" and called.startswith(("np.", "numpy.")) and given.get("allow_pickle") != "False"
+            unsafe |= called in ("yaml.load", "yaml.load_all") and given.get("Loader") not in SAFE_LOADERS
+            unsafe |= called in ("torch.load", "np.fromregex") or given.get("allow_pickle") == "True"
+            wrong += [f"{place} calls {called}"] if unsafe else []
+    assert not wrong, wrong
+
+
 def test_files_are_read_and_written_in_io() -> None:
     wrong = []
     for path in MODULES:

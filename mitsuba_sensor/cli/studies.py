@@ -50,14 +50,15 @@ def work_precision(scene: arguments.Scene, **flags: Flag) -> None:
     Samplers, sizes of passes, variants, bands, and what is done about the render's noise, against a reference of known
     error; engines, precisions, samplers of the Poisson law and plans of the sensor. Small pictures do (-D width=48).
     """
-    from ..study.work_precision import SIDES
+    from ..study.work_precision import RECORDS, SIDES
     from ..study.work_precision import work_precision as measured
 
     asked: dict[str, Flag] = dict(complete(WorkPrecisionFlags, part_of(WorkPrecisionFlags, flags)))
     sides = tuple(asked.pop("sides") or SIDES)
     found, _ = render_input(scene, {**flags, "variant": next(iter(asked["variants"] or ()), None)})
     subject, question = _subject(scene, found, flags)
-    _run("work-precision", flags, {**question, **asked}, partial(measured, subject=subject, sides=sides, **asked))
+    measure = partial(measured, subject=subject, sides=sides, **asked)
+    _run("work-precision", flags, {**question, **asked}, measure, RECORDS)
 
 
 @study.command("ablation", epilog="Example: mitsuba-sensor study ablation scenes/still_life.xml --exposure-s 0.001")
@@ -80,9 +81,10 @@ def ablation(scene: arguments.Scene, **flags: Flag) -> None:
 @options.flags(StudyFlags)
 def stress(**flags: Flag) -> None:
     """Stiff and extreme cases of every stage on every engine: input, expected, got, verdict; and condition numbers."""
+    from ..study.stress import RECORDS
     from ..study.stress import stress as measured
 
-    _run("stress", flags, {}, measured)
+    _run("stress", flags, {}, measured, RECORDS)
 
 
 @study.command("paper", epilog="Example: mitsuba-sensor study paper -o study/paper")
@@ -93,9 +95,10 @@ def paper(**flags: Flag) -> None:
     Radiometric function, photon transfer, SNR, PRNU, spectrograms and non-whiteness, dark signal with fits; linear and
     with the paper's curves; closed forms that must hold; a sentence wherever the text cannot be met. A few minutes.
     """
+    from ..study.paper import RECORDS
     from ..study.paper import paper as measured
 
-    _run("paper", flags, {}, measured, every_picture=True)
+    _run("paper", flags, {}, measured, RECORDS, every_picture=True)
 
 
 def _subject(scene: str, found: RenderInput, flags: Flags, **more: Flag) -> "tuple[Subject, dict[str, Flag]]":
@@ -115,9 +118,17 @@ def _subject(scene: str, found: RenderInput, flags: Flags, **more: Flag) -> "tup
 
 
 def _run(
-    name: str, flags: Flags, question: dict[str, Flag], measure: "Callable[[Kit], Study]", every_picture: bool = False
+    name: str,
+    flags: Flags,
+    question: dict[str, Flag],
+    measure: "Callable[[Kit], Study]",
+    records: tuple[type, ...] = (),
+    every_picture: bool = False,
 ) -> None:
-    """Run the study and write what it found; what was measured stays, even if the rest is stopped."""
+    """Run the study and write what it found; what was measured stays, even if the rest is stopped.
+
+    records : classes that its measurements consist of.
+    """
     from ..study.html_page import html
     from ..study.kit import Kit
     from ..study.page import Table, png
@@ -125,7 +136,8 @@ def _run(
     out_dir, made = first_given(flags["out"], f"study/{name}"), {"machine": machine(), "versions": versions()}
     files.require_folder(out_dir)
     folder = Path(out_dir)
-    known = Measurements(folder / MEASUREMENTS, {"study": name, **question, **made}, flags["force"])
+    asked_for = {"study": name, **question, **made}
+    known = Measurements(folder / MEASUREMENTS, asked_for, flags["force"], records)
     about = {"scene": question["scene"], "camera": question["camera"]["name"]} if question else {}
     pairs, where = zip(sys.argv, sys.argv[1:], strict=False), ("-o", "--out")  # the command is without these
     asked = [one for before, one in pairs if one not in (*where, "--json", "--force") and before not in where]

@@ -84,9 +84,9 @@ def test_a_program_that_still_imports_can_be_stopped(after_s: float, scene_file:
 def test_a_stopped_study_says_what_is_kept(scene_file: Path, tmp_path: Path) -> None:
     (out := tmp_path / "results").mkdir()
     with program("study", "stress", "-o", out / "s", temporary=tmp_path) as child:
-        wait_until(lambda: any(out.rglob("*.pickle")))
+        wait_until(lambda: any(out.rglob("*.npz")))
         found, said, seconds = stopped(child, signal.SIGINT)
-    kept = list(out.rglob("*.pickle"))
+    kept = list(out.rglob("*.npz"))
     which = "1 measurement is" if len(kept) == 1 else f"{len(kept)} measurements are"
     assert found == 130 and seconds < WITHIN_S
     remark = f"stopped; {which} kept in {kept[0].parent}; the same command goes on from there"

@@ -57,7 +57,7 @@ def test_a_study_leaves_a_page_numbers_a_picture_and_its_measurements(
     assert done.exit_code == 0, done.output
     left = {"study.html", "study.json", "ablation.png", "measurements"}
     assert {path.name for path in (tmp_path / "out").iterdir()} == left
-    assert len(list((tmp_path / "out" / "measurements").rglob("*.pickle"))) == 3
+    assert len(list((tmp_path / "out" / "measurements").rglob("*.npz"))) == 3
     numbers = json.loads((tmp_path / "out" / "study.json").read_text(encoding="utf-8"))
     assert numbers["n"] == 3 and numbers["machine"]["cpus"] and numbers["resumed_measurements"] == 0
     assert numbers["command"].startswith("mitsuba-sensor") and numbers["versions"]["mitsuba"]

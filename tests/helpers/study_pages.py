@@ -1,12 +1,25 @@
-"""What is wrong with the page of a study, as sentences: series, colours, units."""
+"""What is wrong with the page of a study, as sentences: series, colours, units; its measurements through files."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
+from mitsuba_sensor.io.measurements import Measurements
 from mitsuba_sensor.study.page import Bars, Plot, Study, Table
 
 MOST_SERIES = 8
+
+
+def through_files(known: dict[str, Any], records: tuple[type, ...], folder: Path) -> dict[str, Any]:
+    """Measurements as the next process reads them."""
+    written = Measurements(folder, "study", records=records)
+    for key, value in known.items():
+        written[key] = value
+    read = Measurements(folder, "study", records=records)
+    assert set(read) == set(known)
+    return dict(read)
 
 
 def faults(study: Study) -> list[str]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import json
-import pickle
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ import numpy as np
 import pytest
 from helpers import EACH_KIND
 from helpers.scenes import PERSPECTIVE, SKY, scene_text, write_scene
-from helpers.study_pages import faults
+from helpers.study_pages import faults, through_files
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.signals import Photons
@@ -201,10 +200,10 @@ def test_series_colours_and_units_of_the_page_are_as_they_must_be(studied: Any) 
 
 
 def test_a_resumed_study_measures_nothing_twice_and_is_the_same_study(
-    studied: Any, monkeypatch: pytest.MonkeyPatch
+    studied: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     scene, known, study = studied
-    kept = pickle.loads(pickle.dumps(known))
+    kept = through_files(known, (), tmp_path)
     monkeypatch.setattr("mitsuba_sensor.study.kit.prepare", None)
     assert json.dumps(study_of(scene, kept).to_dict()) == json.dumps(study.to_dict())
     monkeypatch.undo()

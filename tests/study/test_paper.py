@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.study_pages import faults
+from helpers.study_pages import faults, through_files
 from typer.testing import CliRunner
 
 from mitsuba_sensor.cli import app
@@ -218,9 +218,12 @@ def test_the_terminal_shows_40_lines_at_most(study: Study) -> None:
         assert height(study_sheet(study, "study/paper/study.html", width), width) <= 40
 
 
-def test_nothing_is_measured_twice(kit: Kit, study: Study) -> None:
-    again = Kit(kit.known)
-    assert package.paper(again, SMALL).findings == study.findings and again.new == 0
+def test_nothing_is_measured_twice(kit: Kit, study: Study, tmp_path: Path) -> None:
+    """From measurements as files have them comes the same study."""
+    again = Kit(through_files(kit.known, package.RECORDS, tmp_path))
+    same = package.paper(again, SMALL)
+    assert same.findings == study.findings and again.new == 0
+    assert json.dumps(same.to_dict()) == json.dumps(study.to_dict())
 
 
 def test_the_command_writes_every_picture(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -10,14 +10,13 @@ from __future__ import annotations
 import io
 import json
 import math
-import pickle
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from helpers.scenes import scene_text, write_scene
-from helpers.study_pages import faults
+from helpers.study_pages import faults, through_files
 from numpy.typing import NDArray
 from rich.console import Console
 
@@ -33,10 +32,10 @@ from mitsuba_sensor.render.stop_criterion import StopCriterion
 from mitsuba_sensor.render.variants import Variant
 from mitsuba_sensor.study.kit import Kit, Subject
 from mitsuba_sensor.study.page import Plot, Section, Study
+from mitsuba_sensor.study.work_precision import RECORDS, work_precision
 from mitsuba_sensor.study.work_precision import errors as errors_module
 from mitsuba_sensor.study.work_precision import render as render_module
 from mitsuba_sensor.study.work_precision import settings as settings_module
-from mitsuba_sensor.study.work_precision import work_precision
 from mitsuba_sensor.study.work_precision.errors import FEWEST_COMPENSATED, Ladder
 from mitsuba_sensor.study.work_precision.render import SAMPLE_COUNTS, Render, Result, choices, corrected, predict
 from mitsuba_sensor.study.work_precision.settings import (
@@ -226,7 +225,7 @@ def test_rings_are_on_points_that_no_other_beats(studied: Studied) -> None:
 
 
 def test_a_study_that_goes_on_measures_nothing_twice(
-    floor: Path, quick: None, studied: Studied, monkeypatch: pytest.MonkeyPatch
+    floor: Path, quick: None, studied: Studied, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """From measurements as files have them: the same study, and no pass is rendered."""
     study, known = studied
@@ -235,7 +234,7 @@ def test_a_study_that_goes_on_measures_nothing_twice(
         raise AssertionError("rendered again")
 
     monkeypatch.setattr(Renderer, "run", refuse)
-    again = study_of(floor, pickle.loads(pickle.dumps(known)))
+    again = study_of(floor, through_files(known, RECORDS, tmp_path))
     assert json.dumps(again.to_dict()) == json.dumps(study.to_dict())
 
 

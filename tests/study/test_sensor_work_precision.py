@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import copy
 import math
-import pickle
 import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from helpers import ROOT
-from helpers.study_pages import faults
+from helpers.study_pages import faults, through_files
 from scipy import special, stats
 
 import mitsuba_sensor as ms
@@ -381,12 +381,12 @@ def known(small: Any) -> Known:
     return done
 
 
-def test_a_resumed_study_measures_nothing_twice(known: Known, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_resumed_study_measures_nothing_twice(known: Known, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """From measurements that went through files comes the same study, though nothing can be measured any more."""
     for module, name in ((measured, "one_turn"), (study_frames, "sample"), (study_frames, "FrameRunner")):
         monkeypatch.setattr(module, name, None)
     monkeypatch.setattr(measured, "drawn_law", lambda *_: 1 / 0)
-    again, once = run(pickle.loads(pickle.dumps(known))), run(known)
+    again, once = run(through_files(known, (), tmp_path)), run(known)
     assert again.findings == once.findings and again.parts == once.parts
 
 

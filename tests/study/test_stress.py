@@ -12,11 +12,12 @@ import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from decimal import Decimal, localcontext
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from helpers.study_pages import faults
+from helpers.study_pages import faults, through_files
 from scipy import integrate, stats
 
 import mitsuba_sensor as ms
@@ -97,7 +98,9 @@ def test_an_exception_keeps_the_cases_before_it_and_says_behind_which_one_it_cam
     assert bad.text == "OverflowError: too large" and case[2] == "behind given"
 
 
-def test_the_study_says_what_holds_what_fails_and_who_is_not_here(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_study_says_what_holds_what_fails_and_who_is_not_here(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     """Three cases: one holds on every engine, one on none, one is asked of nobody who is here."""
     absent = Engine("CUDA float32", "cuda", compiler="cuda")
     monkeypatch.setattr(Engine, "problem", property(lambda self: "no such device" if self.compiler == "cuda" else None))
@@ -107,7 +110,8 @@ def test_the_study_says_what_holds_what_fails_and_who_is_not_here(monkeypatch: p
     monkeypatch.setattr(package, "THEMES", (good, bad, third))
     monkeypatch.setattr(package, "sensitivities", lambda: sensitivities("konnik_table1"))
     told: list[tuple[float, float, str]] = []
-    study = package.stress(Kit(progress=lambda *now: told.append(now)))
+    kit = Kit(progress=lambda *now: told.append(now))
+    study = package.stress(kit)
     assert study.name == "stress" and not study.passed
     assert study.findings[0].startswith("1 of 2 cases hold on NumPy float64, NumPy float32, LLVM float32: 5 verdicts")
     assert "expected nothing wrong" in study.findings[1] and "no such device" in study.findings[2]
@@ -122,6 +126,8 @@ def test_the_study_says_what_holds_what_fails_and_who_is_not_here(monkeypatch: p
     assert tables[0].rows[0][3:] == (engines, "as it must", "holds")  # type: ignore[union-attr]
     json.dumps(study.to_dict(), allow_nan=False)
     assert not faults(study)
+    resumed = package.stress(Kit(through_files(kit.known, package.RECORDS, tmp_path)))
+    assert resumed.to_dict() == study.to_dict()
     assert len(told) == 7 and all(elapsed <= expected for elapsed, expected, _ in told)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
+from ...lab.families import FAMILIES
 from ..kit import Kit, Step
 from ..page import MarkedRow, Section, Study, study_of, table
 from . import dark, light, pattern, transfer
@@ -11,6 +12,15 @@ from .camera import CURVES, FULL, LINEAR, PAIR, Size
 from .published import DARK_SIGNALS, NOT_TO_BE_MET, TABLE_2
 
 TITLE = "Section 4 of Konnik & Welsh 2014: published and ours"
+RECORDS: tuple[type, ...] = (
+    light.Sweep,
+    transfer.Curve,
+    pattern.MeasuredPrnu,
+    pattern.Whiteness,
+    dark.Rate,
+    *map(type, FAMILIES.values()),
+)
+"""Classes that its measurements consist of."""
 
 
 def paper(kit: Kit, size: Size = FULL) -> Study:

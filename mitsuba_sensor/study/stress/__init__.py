@@ -174,6 +174,10 @@ class Sensitivity(NamedTuple):
         return "a spread follows this input more than the mean does"
 
 
+RECORDS: tuple[type, ...] = (Got, Sensitivity)
+"""Classes that its measurements consist of."""
+
+
 def sensitivities() -> list[Sensitivity]:
     """Every shipped camera, and Table 1 with all curves and with 24 bits; the strongest input first."""
     cameras = {name: load_camera(name) for name in list_cameras()}

@@ -12,12 +12,13 @@ from ...core import InputError
 from ...render.variants import restores_variant
 from ..kit import Kit, Subject
 from ..page import Line, Mark, MarkedRow, Part, Plot, Section, Study, Table, line, ringed, study_of, table
-from .errors import COMPENSATED, DENOISED, PLAIN
+from .errors import COMPENSATED, DENOISED, PLAIN, Ladder, Reference
 from .render import FRAME_SIGMA, THEORY, WITHIN, Render
 from .sensor import Results, Sensor
 from .sensor_page import sensor_section
 
 SIDES = ("render", "sensor")
+RECORDS = Reference, Ladder  # that its measurements consist of
 SECONDS = "wall time of a render [s]"
 FRAMES = {PLAIN: "render noise on top", COMPENSATED: "render noise compensated", DENOISED: "denoised"}
 SEEN = "Over all pixels below full well"

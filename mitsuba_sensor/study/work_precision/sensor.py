@@ -76,9 +76,14 @@ class Sensor:
                 yield Step(f"Poisson law, mean {mean:g}: {one.name}", SHORT_S, partial(drawn_law, one, mean))
 
     def plan(self, tolerance_dn: float | None) -> Values:
-        """What a plan leaves of the chain (None: all), and what theory says of it by light level (3, levels)."""
+        """Labels of the stages that a plan leaves (None: all); what theory says of it by light level (3, levels)."""
         key, measure = f"plan: {tolerance_dn}", partial(self._planned, tolerance_dn)
         return dict(self.kit[key] if key in self.kit.known else self.kit.measure(key, SHORT_S, measure))
+
+    def stages(self, tolerance_dn: float | None) -> Chain:
+        """The stages that a plan leaves (None: all)."""
+        kept = self.plan(tolerance_dn)["stages"]
+        return tuple(stage for stage in self.subject.camera.stages if stage.label in kept)
 
     def _planned(self, tolerance_dn: float | None) -> Values:
         camera, precision = self.subject.camera, "float64"
@@ -88,9 +93,9 @@ class Sensor:
             stages, precision = made.stages, made.precision
         pixels = [self.expected(one) for one in (stages, whole)]
         moments = [np.stack([*frames.averages(one, self.groups).values()], axis=1) for one in pixels]
-        kept, worst_dn = {stage.label for stage in stages}, float(np.abs(frames.in_dn(*pixels)).max())
+        kept, worst_dn = [stage.label for stage in stages], float(np.abs(frames.in_dn(*pixels)).max())
         left_out = [stage.label for stage in whole if stage.label not in kept]
-        found = {"stages": stages, "left_out": left_out, "precision": precision, "moments": moments[0]}
+        found = {"stages": kept, "left_out": left_out, "precision": precision, "moments": moments[0]}
         return {**found, "predicted_dn": frames.in_dn(*moments), "worst_pixel_dn": worst_dn}
 
     def expected(self, stages: Chain) -> Array:
@@ -106,7 +111,7 @@ class Sensor:
     def stream(self, setting: FrameSetting) -> frames.Stream:
         """Frames of the large window."""
         light = frames.Illuminated(self._large, self.subject.camera, self.subject.exposure, setting.backend())
-        return frames.Stream(self.plan(setting.tolerance_dn)["stages"], light)
+        return frames.Stream(self.stages(setting.tolerance_dn), light)
 
     def first(self, setting: FrameSetting) -> float:
         """Seconds until the first frame: light, maps and, unless Dr.Jit has it already, the kernel."""
@@ -132,7 +137,7 @@ class Sensor:
 
     def moments(self, setting: FrameSetting) -> Array:
         """Of frames on the host, by light level, (3, levels, sensors); equal random bits make differences clear."""
-        stages = self.plan(setting.tolerance_dn)["stages"]
+        stages = self.stages(setting.tolerance_dn)
         light = frames.Illuminated(self._small, self.subject.camera, self.subject.exposure, setting.backend())
         found = light.measured_moments(stages, REPLICAS, self.expected(stages), self.groups)
         return np.stack([*found.values()], axis=1)
