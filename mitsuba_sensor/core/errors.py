@@ -6,12 +6,24 @@ A message is one sentence with the value, the allowed range and the remedy; the 
 import difflib
 import math
 import operator
+import reprlib
 from collections.abc import Iterable
 from pathlib import Path
 
+LONGEST_HEAD, LONGEST_END = 900, 450  # characters of a sentence, of which the end says the way out
+
 
 class InputError(ValueError):
-    """Wrong input: the message says what was given, why it cannot be computed, and what to pass instead."""
+    """Wrong input: the message says what was given, why it cannot be computed, and what to pass instead.
+
+    A message that repeats a text without end, of a file for example, is cut in the middle.
+    """
+
+    def __str__(self) -> str:
+        message = super().__str__()
+        if len(message) <= LONGEST_HEAD + LONGEST_END:
+            return message
+        return f"{message[:LONGEST_HEAD]} … {message[-LONGEST_END:]}"
 
 
 class DiskFull(InputError):
@@ -24,6 +36,24 @@ class DiskFull(InputError):
     def __str__(self) -> str:
         wanted = "" if self.size is None else f"{self.size} bytes were to be written; "
         return f"cannot write {self.path}: {self.why}; {wanted}make space there, or give another place."
+
+
+class _ShortRepr(reprlib.Repr):
+    """The repr of values from files, of bounded length and depth, and taken in bounded time."""
+
+    maxlevel, maxdict, maxlist, maxtuple, maxset = 3, 4, 6, 6, 6
+    maxstring = maxlong = maxother = 80
+
+    def repr_int(self, x: int, level: int) -> str:
+        """Python refuses to write a whole number of thousands of digits."""
+        if x.bit_length() > 8 * self.maxlong:
+            return f"a whole number of {x.bit_length()} bits"
+        return super().repr_int(x, level)
+
+
+def shown(value: object) -> str:
+    """A value as a sentence shows it, whatever its size: repr, with ``...`` for what is left out."""
+    return _ShortRepr().repr(value)
 
 
 def require(name: str, value: float, low: float, high: float, remedy: str) -> float:

@@ -1,5 +1,7 @@
-"""Checks that what is read as a whole is a regular file, and small: no pipe, no gigabytes, no TOML of endless depth."""
+"""Reads text that people and other programs write, within limits of size and depth that hold before it is parsed."""
 
+import json
+import re
 import stat
 import tomllib
 from pathlib import Path
@@ -8,7 +10,19 @@ from typing import Any
 from .errors import InputError
 
 MOST_BYTES = 2**22  # of a file that people write: camera, lens, curves, motion
-DEEPEST = 32  # tables and lists inside of one another
+DEEPEST = 32  # tables and lists inside of one another; parts of a dotted key
+MOST_BITS = 14_000  # of a whole number: Python writes at most 4300 digits
+TOO_DEEP = f"tables or lists are nested more than {DEEPEST} deep"
+
+STRING_OR_COMMENT = re.compile(
+    r'"""(?>[^"\\]+|\\.|"(?!""))*+"{3,5}'  # up to two quotes may stand before the closing three
+    r"|'''(?>[^']+|'(?!''))*+'{3,5}"
+    r'|"(?>[^"\\\n]+|\\.)*+"'
+    r"|'[^'\n]*+'"
+    r"|\#[^\n]*+",
+    re.DOTALL,
+)
+LONG_KEY = re.compile(rf"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){{{DEEPEST},}}")
 
 
 def require_small(path: Path, what: str, most_bytes: int = MOST_BYTES) -> None:
@@ -24,8 +38,15 @@ def require_small(path: Path, what: str, most_bytes: int = MOST_BYTES) -> None:
 
 
 def toml_tables(text: str) -> dict[str, Any]:
-    """The tables of a TOML text. Raises TOMLDecodeError for whatever is wrong with it, tables that are nested too deep
-    and numbers of thousands of digits too."""
+    """The tables of a TOML text; the only call of the parser, whose time grows with the square of a key's parts.
+
+    Raises TOMLDecodeError for whatever is wrong with the text: also one of more than 4 MB, tables, lists or keys that
+    are nested too deep, and numbers of thousands of digits.
+    """
+    if len(text) > MOST_BYTES:
+        raise tomllib.TOMLDecodeError(f"it has {len(text)} characters; it may have {MOST_BYTES} at most")
+    if LONG_KEY.search(without_strings(text)):
+        raise tomllib.TOMLDecodeError(f"a key has more than {DEEPEST} parts")
     try:
         tables = tomllib.loads(text)
     except RecursionError:
@@ -34,17 +55,48 @@ def toml_tables(text: str) -> dict[str, Any]:
         raise
     except ValueError as error:  # Python's limit for the digits of a number
         raise tomllib.TOMLDecodeError(str(error).partition(";")[0]) from None
-    if tables is None or not _is_shallow(tables):
-        raise tomllib.TOMLDecodeError(f"tables or lists are nested more than {DEEPEST} deep")
-    return tables
+    wrong = TOO_DEEP if tables is None else beyond_limits(tables)
+    if wrong:
+        raise tomllib.TOMLDecodeError(wrong)
+    return tables or {}
 
 
-def _is_shallow(tables: dict[str, Any]) -> bool:
-    """Level by level, because going into depth may be what is too deep."""
-    level: list[Any] = [tables]
+def without_strings(text: str) -> str:
+    """A TOML text of equal length, with letters in the place of strings and blanks in that of comments."""
+
+    def fill(match: re.Match[str]) -> str:
+        return (" " if match[0].startswith("#") else "s") * len(match[0])
+
+    return STRING_OR_COMMENT.sub(fill, text)
+
+
+def json_value(text: str | bytes) -> Any:
+    """The value of a JSON text. Raises ValueError for what is none or nested too deep."""
+    try:
+        value = json.loads(text)
+    except RecursionError:
+        raise ValueError(TOO_DEEP) from None
+    if wrong := beyond_limits(value):
+        raise ValueError(wrong)
+    return value
+
+
+def beyond_limits(value: object) -> str:
+    """What is wrong with a value of tables and lists: they are too deep, or a number is too long; else an empty text.
+
+    Goes level by level, because going into depth may be what is too deep, and meets everything once, because one value
+    may stand in many places.
+    """
+    level: list[object] = [value]
     for _ in range(DEEPEST):
-        inner = [x.values() if isinstance(x, dict) else x for x in level if isinstance(x, dict | list)]
-        level = [one for values in inner for one in values]
+        inner: dict[int, object] = {}
+        for outer in level:
+            if isinstance(outer, dict | list):
+                parts = outer.values() if isinstance(outer, dict) else outer
+                inner.update((id(part), part) for part in parts)
+            elif isinstance(outer, int) and outer.bit_length() > MOST_BITS:  # hexadecimal: Python cannot print it
+                return f"a whole number has {outer.bit_length()} bits; it may have {MOST_BITS} at most"
+        level = list(inner.values())
         if not level:
-            return True
-    return False
+            return ""
+    return TOO_DEEP

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..core.errors import shown
+from ..core.small_files import json_value
 from .files import plain_values
 from .openexr import Plane, whole_exr, write_planes
 
@@ -109,17 +111,17 @@ def read_irradiance_exr(path: str | os.PathLike[str]) -> Irradiance:
 
     wrong = "but not the focal-plane irradiance that `mitsuba-sensor render` writes"
     with whole_exr(Path(path), wrong, "; give an irradiance.exr") as (header, pixels):
-        filters = tuple(json.loads(header["filters"])) if "filters" in header else None
+        filters = _names_of(json_value(header["filters"])) if "filters" in header else None
         names = [name.removeprefix(SPECTRAL_CHANNEL) for name in pixels if name.startswith(SPECTRAL_CHANNEL)]
         names = list(filters or sorted(names, key=_wavelength_nm))  # EXR sorts them as text
         prefix = FILTER_CHANNEL if filters else SPECTRAL_CHANNEL
         lengths = [header["reference_nm"] if filters else _wavelength_nm(name) for name in names]
         common = {
             "wavelengths_nm": np.array(lengths, dtype=float),
-            "bandwidths_nm": np.array(json.loads(header["bandwidths_nm"]), dtype=float),
+            "bandwidths_nm": np.array(json_value(header["bandwidths_nm"]), dtype=float),
             "filters": filters,
             "response": header.get("response") or None,
-            "origin": tuple(json.loads(header.get("first_pixel", "[0, 0]"))),
+            "origin": _pair_of(json_value(header.get("first_pixel", "[0, 0]"))),
         }
 
         def bands(kind: str) -> np.ndarray:
@@ -141,6 +143,21 @@ def read_irradiance_exr(path: str | os.PathLike[str]) -> Irradiance:
         return Irradiance(**light("", "render_statistics"), rendered_for=_rendered_for(header), raw=raw)
 
 
+def _pair_of(value: object) -> tuple[int, int]:
+    """Row and column in a header. Raises ValueError for anything else."""
+    match value:
+        case [int(row), int(column)]:
+            return row, column
+    raise ValueError(f"first_pixel is {shown(value)}")
+
+
+def _names_of(value: object) -> tuple[str, ...]:
+    """Names of filters in a header. Raises ValueError for anything else."""
+    if not isinstance(value, list) or not all(isinstance(name, str) for name in value):
+        raise ValueError(f"filters is {shown(value)}")
+    return tuple(value)
+
+
 def rendered_for(path: str | os.PathLike[str]) -> RenderedFor | None:
     """What an irradiance.exr was rendered for, without reading its pixels; None where it does not say.
 
@@ -153,15 +170,14 @@ def rendered_for(path: str | os.PathLike[str]) -> RenderedFor | None:
 def _rendered_for(header: Mapping[str, Any]) -> RenderedFor | None:
     from ..render.irradiance import RenderedFor
 
-    return RenderedFor.from_dict(json.loads(header["rendered_for"])) if "rendered_for" in header else None
+    return RenderedFor.from_dict(json_value(header["rendered_for"])) if "rendered_for" in header else None
 
 
 def _statistics(text: str) -> RenderStatistics:
     """Of JSON, whose notes are a tuple again."""
     from ..render.statistics import RenderStatistics
 
-    found: dict[str, Any] = json.loads(text)
-    return RenderStatistics(**{**found, "notes": tuple(found["notes"])})
+    return RenderStatistics.from_dict(json_value(text))
 
 
 def write_aovs_exr(path: Path, aovs: Aovs) -> None:
@@ -188,7 +204,7 @@ def read_aovs_exr(path: str | os.PathLike[str]) -> Aovs:
     with whole_exr(Path(path), "without the AOVs that `render --aovs` writes") as (header, pixels):
         layers = {name: [pixels[layer] for layer in _layers(name, axes)] for name, (axes, _) in AOV_LAYERS.items()}
         arrays = {name: np.stack(images, axis=-1) if images[1:] else images[0] for name, images in layers.items()}
-        return Aovs(**arrays, shapes=tuple(json.loads(header["shapes"])), scene_sha256=header["scene_sha256"])
+        return Aovs(**arrays, shapes=tuple(json_value(header["shapes"])), scene_sha256=header["scene_sha256"])
 
 
 def _layers(name: str, axes: str) -> list[str]:

@@ -122,8 +122,9 @@ def whole_exr(
         raise InputError(f"{path} {why}; render it again.") from error
     try:
         yield header, images
-    except (KeyError, ValueError, TypeError, RecursionError) as error:
-        raise InputError(f"{path} is an EXR {wrong} (missing or unreadable: {error}){remedy}.") from error
+    except (KeyError, ValueError, TypeError, AttributeError, OverflowError) as error:
+        why = " ".join(str(error).split())
+        raise InputError(f"{path} is an EXR {wrong} (missing or unreadable: {why}){remedy}.") from error
 
 
 def require_plausible_exr(path: Path) -> None:

@@ -251,8 +251,9 @@ def dng_tags(path: str | os.PathLike[str]) -> dict[str, Any]:
             pages = [first, *(first.pages or ())]
             raw = next((page for page in pages if page.photometric in (32803, 34892)), first)  # CFA, linear raw
             tags = {tag.name: _plain(tag) for page in (first, raw) for tag in page.tags}
-    except (OSError, ValueError, tifffile.TiffFileError) as error:
-        raise InputError(f"{path} cannot be read as a DNG: {error}. Give a .dng file.") from None
+    except Exception as error:  # tifffile raises errors of every kind for broken files
+        why = str(error).split("\n")[0] or type(error).__name__
+        raise InputError(f"{path} cannot be read as a DNG: {why}. Give a .dng file.") from None
     exif = tags.get("ExifTag")
     return {**tags, **(exif if isinstance(exif, dict) else {})}
 
@@ -262,5 +263,6 @@ def _plain(tag: Any) -> Any:
     value = tag.value
     if getattr(tag.dtype, "name", "") in ("RATIONAL", "SRATIONAL") and isinstance(value, tuple):
         pairs = np.asarray(value, np.float64).reshape(-1, 2)
-        return [float(x) for x in pairs[:, 0] / pairs[:, 1]]
+        with np.errstate(all="ignore"):
+            return [float(x) for x in pairs[:, 0] / pairs[:, 1]]
     return value

@@ -1,7 +1,7 @@
-"""Values of Python as an .npz of JSON and arrays of numbers, and back. Reading one runs no code of the file's author.
+"""Values of Python as an .npz of JSON and arrays of numbers, and back.
 
-Dataclasses and named tuples keep the name of their class. Only classes that the reader lists, and
-those that the types of their fields name, are made again; nothing is imported by a name in a file.
+Reading one runs no code of the file's author. Dataclasses and named tuples keep the name of their
+class; only classes that the reader lists, and those that the types of their fields name, are made.
 """
 
 from __future__ import annotations

@@ -1,14 +1,16 @@
-"""Reads small text files."""
+"""Reads small text files: text, JSON, XML."""
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any, TypeAlias
+from xml.etree import ElementTree
 
 from ..core import InputError
+from ..core.small_files import DEEPEST, json_value
 
 Facts: TypeAlias = dict[str, Any]
+MOST_XML = 2**23  # characters; each may be a third of an element, which takes 100 bytes
 
 
 def text_of_file(path: Path, remedy: str, most_bytes: int = 2**30, newline: str | None = None) -> str:
@@ -31,9 +33,49 @@ def text_of_file(path: Path, remedy: str, most_bytes: int = 2**30, newline: str 
 def read_json(path: Path, remedy: str) -> Facts:
     """The object in a JSON file. Raises InputError with the remedy."""
     try:
-        found = json.loads(text_of_file(path, remedy))
-    except (ValueError, RecursionError):
+        found = json_value(text_of_file(path, remedy))
+    except ValueError:
         found = None
     if not isinstance(found, dict):
         raise InputError(f"{path} holds no JSON object; {remedy}.")
     return found
+
+
+def xml_tree(text: str, file: str, remedy: str) -> ElementTree.Element:
+    """The root of an XML text. Raises InputError with the remedy; also for entities, which may expand to any size.
+
+    file : for messages.
+    """
+    if len(text) > MOST_XML:
+        raise InputError(f"{file} has {len(text)} characters; XML may have {MOST_XML} at most. {remedy}.")
+    parser = ElementTree.XMLParser(target=_ShallowTree(file))
+    try:
+        parser.feed(text)
+        root: ElementTree.Element = parser.close()
+    except ElementTree.ParseError as error:
+        raise InputError(f"{file} is no XML: {error}. {remedy}.") from None
+    return root
+
+
+class _ShallowTree(ElementTree.TreeBuilder):
+    """Builds a tree that has no document type and is not deep.  file : for messages."""
+
+    def __init__(self, file: str) -> None:
+        super().__init__()
+        self._file, self._depth = file, 0
+
+    def start(self, tag: str, attrs: dict[str, str], /) -> ElementTree.Element:
+        """An element begins."""
+        self._depth += 1
+        if self._depth > DEEPEST:
+            raise InputError(f"{self._file}: its elements are nested more than {DEEPEST} deep.")
+        return super().start(tag, attrs)
+
+    def end(self, tag: str, /) -> ElementTree.Element:
+        """An element ends."""
+        self._depth -= 1
+        return super().end(tag)
+
+    def doctype(self, *_: object) -> None:
+        """A document type begins, the only place of entities."""
+        raise InputError(f"{self._file} has a <!DOCTYPE>; remove it and its entities.")

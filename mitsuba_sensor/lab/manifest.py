@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import sys
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
 
 from ..core import InputError, nearest
+from ..core.errors import shown
 from ..io.files import read_toml
 from ..io.raw_files import RAW_FORMATS
 
@@ -21,7 +22,7 @@ Check: TypeAlias = tuple[Callable[[Any], bool], str]
 
 
 def _number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < math.inf
+    return isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value <= sys.float_info.max
 
 
 def _texts(value: object) -> bool:
@@ -41,7 +42,7 @@ OF_STACK: dict[str, Check] = {
     "exposure_s": A_NUMBER,
     "photons": A_NUMBER,
     "temperature_k": A_NUMBER,
-    "gain": (lambda value: isinstance(value, str) or _number(value), "a text or a number"),
+    "gain": (lambda value: isinstance(value, str) or _number(value), "a text or a number of at least 0"),
 }
 WAY_OUT = f"write a {MANIFEST}; docs/lab.md shows one"
 
@@ -70,7 +71,7 @@ def read_manifest(path: Path) -> dict[str, Any]:
             if key not in known:
                 raise InputError(f"{path}: {key} is no key of a manifest ({', '.join(known)}).{nearest(key, known)}")
             if not known[key][0](value):
-                raise InputError(f"{path}: {key} is {value!r}; it must be {known[key][1]}.")
+                raise InputError(f"{path}: {key} is {shown(value)}; it must be {known[key][1]}.")
     return facts
 
 
@@ -83,9 +84,12 @@ def groups(facts: Mapping[str, Any], manifest: Path) -> list[Group]:
             if key not in settings:
                 raise InputError(f"{where}: {key} is missing; it must be {OF_STACK[key][1]}.")
         patterns = settings["files"] if isinstance(settings["files"], list) else [settings["files"]]
-        files = [file for one in patterns for file in sorted(manifest.parent.glob(one))]
+        try:
+            files = [file for pattern in patterns for file in sorted(manifest.parent.glob(pattern))]
+        except (OSError, ValueError, NotImplementedError):  # too long, no pattern, or of another folder
+            files = []
         if not files:
-            raise InputError(f"{where}: no file in {manifest.parent} matches {settings['files']!r}.")
+            raise InputError(f"{where}: no file in {manifest.parent} matches {shown(settings['files'])}.")
         found.append(Group(where, files, settings["kind"], settings))
     return found
 

@@ -225,6 +225,7 @@ def _rotation_vector(angle_deg: float | None, axis: tuple[float, ...] | None, na
     if angle_deg is None or axis is None:
         missing, given = (name, "axis") if angle_deg is None else ("axis", name)
         raise ValueError(f"has {given} and no {missing}; a rotation needs both, e.g. axis = [0, 1, 0]")
-    if not any(axis):
-        raise ValueError("axis is [0, 0, 0]; give a direction, e.g. [0, 1, 0]")
-    return np.asarray(np.radians(angle_deg) * np.array(axis) / np.linalg.norm(axis))
+    length = np.linalg.norm(axis)
+    if length < 1 / LARGEST:
+        raise ValueError(f"axis is {list(axis)}; give a direction, e.g. [0, 1, 0]")
+    return np.asarray(np.radians(angle_deg) * np.array(axis) / length)

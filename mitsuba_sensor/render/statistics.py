@@ -8,7 +8,9 @@ from typing import Any, TypedDict
 import numpy as np
 import scipy
 from numpy.typing import NDArray
+from pydantic import TypeAdapter, ValidationError
 
+from ..core.errors import shown
 from .passes import FEWEST
 
 # Firefly fraction above which the error bars are not reliable: at most 0.10 in calm scenes, 0.14 to 0.29 before a
@@ -76,6 +78,16 @@ class RenderStatistics:
     def to_dict(self) -> dict[str, Any]:
         """Plain values, ready for JSON."""
         return {**asdict(self), "notes": list(self.notes)}
+
+    @classmethod
+    def from_dict(cls, values: object) -> RenderStatistics:
+        """The inverse of :meth:`to_dict`. Raises ValueError for a value that is not of its type."""
+        try:
+            return TypeAdapter(cls).validate_python(values)
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            name = ".".join(map(str, first["loc"])) or "the render statistics"
+            raise ValueError(f"{name} is {shown(first['input'])}") from None
 
 
 class NoiseRatios(TypedDict):

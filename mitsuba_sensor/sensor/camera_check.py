@@ -13,12 +13,14 @@ from typing import Any, Literal
 from pydantic import ValidationError
 
 from ..core import closest
+from ..core.small_files import toml_tables
 from .camera import Camera
 from .camera_file import CameraText, camera_text, plain_tables
 from .datasheet_errors import Fault, Loc, doubts, faults, fields_of
 from .toml_lines import TomlLines
 
 AT_LINE = "(at line "  # in the parser's messages
+MOST_BROKEN = 20  # lines that are no TOML; the text is parsed again for each
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,7 @@ def check_camera(name: str | Path | Mapping[str, Any]) -> tuple[CameraFinding, .
     unread = [CameraFinding("error", file, line, "", f"not valid TOML: {said}.") for line, said in broken]
     if readable is None:
         return tuple(unread)
-    return _findings(tomllib.loads(readable), CameraText(readable, file, folder), unread)
+    return _findings(toml_tables(readable), CameraText(readable, file, folder), unread)
 
 
 def _findings(data: dict[str, Any], source: CameraText, unread: list[CameraFinding]) -> tuple[CameraFinding, ...]:
@@ -87,7 +89,7 @@ def _readable(text: str) -> tuple[str | None, list[tuple[int | None, str]]]:
     rows, broken = text.split("\n"), list[tuple[int | None, str]]()
     while True:
         try:
-            tomllib.loads("\n".join(rows))
+            toml_tables("\n".join(rows))
         except tomllib.TOMLDecodeError as error:
             line = str(error).partition(AT_LINE)[2].partition(",")[0]
             number = int(line) if line.isdecimal() else None
@@ -95,7 +97,8 @@ def _readable(text: str) -> tuple[str | None, list[tuple[int | None, str]]]:
             key, _, value = row.partition("=")
             said = re.sub(r" \(at line \d+, (column \d+)\)", r" in \1", str(error))
             mended = f'{key}= "?"'
-            if not number or _is_toml(row) or not _is_toml(mended):
+            too_many = len(broken) == MOST_BROKEN
+            if not number or too_many or _is_toml(row) or not _is_toml(mended):
                 return None, [*broken, (number, f"{said}; the rest is checked when this is right")]
             broken.append((number, f"{said}{_toml_hint(value)}"))
             rows[number - 1] = mended
@@ -105,7 +108,7 @@ def _readable(text: str) -> tuple[str | None, list[tuple[int | None, str]]]:
 
 def _is_toml(row: str) -> bool:
     try:
-        tomllib.loads(row)
+        toml_tables(row)
     except tomllib.TOMLDecodeError:
         return False
     return True

@@ -4,7 +4,7 @@ import sys
 import types
 from collections.abc import Collection, Iterator, Mapping
 from functools import cache
-from typing import Any, NamedTuple, TypeAlias, Union, get_args, get_origin
+from typing import Any, NamedTuple, TypeAlias, TypeGuard, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
@@ -106,8 +106,7 @@ def _meant(loc: Loc, missing: Collection[str]) -> str:
 def _other_unit(value: object, field: FieldInfo | None) -> str:
     """Where the number would be a usual one in another unit: that it may be in it."""
     usual = usual_of(field) if field else None
-    numeric = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < sys.float_info.max
-    hint = usual.right(value) if usual and numeric else ""  # type: ignore[arg-type]
+    hint = usual.right(value) if usual and _is_number(value) else ""
     return hint and f"; {hint}"
 
 
@@ -134,8 +133,13 @@ def _numbers(value: object) -> Iterator[float]:
     inner = value.values() if isinstance(value, Mapping) else value if isinstance(value, list | tuple) else ()
     for one in inner:
         yield from _numbers(one)
-    if isinstance(value, int | float) and not isinstance(value, bool):
+    if _is_number(value):
         yield value
+
+
+def _is_number(value: object) -> TypeGuard[float]:
+    """Whether it is a number that a float can hold."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
 
 
 def usual_of(field: FieldInfo) -> Usual | None:

@@ -8,13 +8,12 @@
   both sides.
 """
 
-import json
 from importlib import resources
 from pathlib import Path
 
 import numpy as np
 
-from ..core.small_files import require_small
+from ..core.small_files import json_value, require_small
 
 BUILT_IN = resources.files(__package__) / "lenses"
 Row = tuple[float, float, float, float, float, float]
@@ -29,7 +28,7 @@ def list_lenses() -> list[str]:
 def read_lens(name: str, folder: str) -> dict[str, object]:
     """The prescription of a built-in lens, or of a file from ``folder``, that of the camera file; else ValueError."""
     if name in list_lenses():
-        return dict(json.loads((BUILT_IN / f"{name}.json").read_text("utf-8")))
+        return dict(json_value((BUILT_IN / f"{name}.json").read_text("utf-8")))
     path = Path(folder) / name
     if path.suffix not in (".json", ".dat"):
         raise ValueError(
@@ -46,8 +45,8 @@ def read_lens(name: str, folder: str) -> dict[str, object]:
 def from_json(text: str, name: str) -> dict[str, object]:
     """A prescription from JSON, the package's own or ISET3d's."""
     try:
-        data = json.loads(text)
-    except (ValueError, RecursionError) as error:  # also of numbers with thousands of digits
+        data = json_value(text)
+    except ValueError as error:  # also of numbers with thousands of digits
         raise ValueError(f"the lens {name!r} is not valid JSON: {error}") from None
     surfaces = data.get("surfaces") if isinstance(data, dict) else None
     if not isinstance(surfaces, list) or not all(isinstance(surface, dict) for surface in surfaces):
@@ -82,7 +81,7 @@ def _iset_row(surface: dict[str, object], name: str) -> Row:
     try:
         radius, semi, conic = (_number(surface.get(key, 0.0)) for key in ("radius", "semi_aperture", "conic_constant"))
         return radius, _number(surface["thickness"]), _number(surface["ior"]), semi, 0.0, conic
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, TypeError, ValueError, OverflowError):
         raise ValueError(
             f"the lens {name!r} has a surface that is not numbers for radius, thickness, ior and semi_aperture"
         ) from None

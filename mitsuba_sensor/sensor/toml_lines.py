@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator
 from typing import Any, TypeAlias
 
-KeyPath: TypeAlias = tuple[str | int, ...]
+from ..core.small_files import toml_tables, without_strings
 
-ENDS = ("]", '"""', "'''")
-"""One of these stands in the last line of whatever goes over several lines."""
+KeyPath: TypeAlias = tuple[str | int, ...]
 
 
 class TomlLines:
@@ -20,7 +18,7 @@ class TomlLines:
         self._lengths: dict[KeyPath, int] = {}  # of the lists of tables
         table: KeyPath = ()
         for number, statement in _statements(text):
-            paths = list(_paths(tomllib.loads(statement)))
+            paths = list(_paths(toml_tables(statement)))
             if statement.lstrip().startswith("["):
                 table = self._header(paths[-1], of_list=statement.lstrip().startswith("[["))
                 paths = [()]
@@ -51,20 +49,19 @@ class TomlLines:
 
 
 def _statements(text: str) -> Iterator[tuple[int, str]]:
-    """Headers and assignments, each with the number of its first line; one may go over several lines."""
-    begun, first = "", 0
-    for number, line in enumerate(text.split("\n"), start=1):
-        if not begun and line.strip()[:1] in ("", "#"):
+    """Headers and assignments, each with the number of its first line; one goes on while a bracket is open."""
+    start, first, number, open_brackets = 0, 1, 1, 0
+    position = 0
+    for line in without_strings(text).split("\n"):  # a string of several lines is in one of these
+        end = position + len(line)
+        number += text.count("\n", position, end) + 1
+        open_brackets += sum(map(line.count, "[{")) - sum(map(line.count, "]}"))
+        position = end + 1
+        if open_brackets:
             continue
-        first, goes_on, begun = first if begun else number, bool(begun), f"{begun}{line}\n"
-        if goes_on and not any(end in line for end in ENDS):
-            continue
-        try:
-            tomllib.loads(begun)
-        except tomllib.TOMLDecodeError:
-            continue
-        yield first, begun
-        begun = ""
+        if line.strip():
+            yield first, text[start:end]
+        start, first = position, number
 
 
 def _paths(data: dict[str, Any], path: KeyPath = ()) -> Iterator[KeyPath]:

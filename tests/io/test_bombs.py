@@ -7,6 +7,7 @@ import os
 import pickle
 import resource
 import struct
+import tomllib
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator
@@ -20,13 +21,18 @@ from helpers.scenes import SKY, scene_text, write_scene
 from PIL import Image
 
 from mitsuba_sensor.core.errors import InputError
+from mitsuba_sensor.core.small_files import toml_tables
+from mitsuba_sensor.dataset.file import read_dataset
 from mitsuba_sensor.io.files import read_fpn_maps, write_fpn_maps
+from mitsuba_sensor.io.importers.import_camera import import_camera
 from mitsuba_sensor.io.light_files import read_irradiance
 from mitsuba_sensor.io.openexr import Plane, write_planes
 from mitsuba_sensor.io.raw_files import read_raw
+from mitsuba_sensor.lab.manifest import read_manifest
 from mitsuba_sensor.render.aovs import render_aovs
 from mitsuba_sensor.render.motion import read_motion
 from mitsuba_sensor.render.scene_file import parse_scene
+from mitsuba_sensor.sensor.camera_check import check_camera
 from mitsuba_sensor.sensor.camera_file import load_camera
 
 SIDE = 100_000
@@ -199,6 +205,84 @@ def test_text_files_have_a_largest_size_and_a_depth(tmp_path: Path) -> None:
             (tmp_path / "x.json").rename(path)
     with pytest.raises(InputError, match="is not a file"):
         parse_scene(pipe, {})
+
+
+def laughs(levels: int) -> str:
+    """YAML of some hundred bytes whose lists hold 9 aliases each."""
+    names = "abcdefghijklmnopqrstuvwxyz"
+    first = "a: &a [x,x,x,x,x,x,x,x,x]\n"
+    return first + "".join(
+        f"{n}: &{n} [{','.join([f'*{m}'] * 9)}]\n" for m, n in zip(names, names[1:levels], strict=False)
+    )
+
+
+ENTITY = '<!DOCTYPE a [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;&a;">]>'
+STORAGE = "<opencv_storage>{}</opencv_storage>"
+TEXT_BOMBS = {
+    "aliases": ("a.yml", laughs(12), "alias"),
+    "an alias of itself": ("a.yml", "camera_matrix: &a [*a]\n", "alias"),
+    "deep YAML": ("a.yml", "a: " + "[" * 100_000, "nested more than 32 deep"),
+    "entities": ("a.xml", f"<?xml version='1.0'?>{ENTITY}{STORAGE.format('&b;')}", "<!DOCTYPE>"),
+    "entities of a report": ("a.xml", f"<?xml version='1.0'?>{ENTITY}<report>&b;</report>", "<!DOCTYPE>"),
+    "an entity that is a file": (
+        "a.xml",
+        "<?xml version='1.0'?><!DOCTYPE a [<!ENTITY b SYSTEM 'file:///etc/passwd'>]><report>&b;</report>",
+        "<!DOCTYPE>",
+    ),
+    "deep XML": ("a.xml", "<report>" + "<a>" * 100_000, "nested more than 32 deep"),
+    "deep OpenCV XML": ("a.xml", STORAGE.format("<a>" * 50 + "</a>" * 50), "nested more than 32 deep"),
+    "deep JSON": ("a.json", "[" * 100_000, "nested more than 32 deep"),
+    "deep tables of JSON": ("a.json", '{"a":' * 40 + "1" + "}" * 40, "nested more than 32 deep"),
+    "a long key": ("a.toml", f"[{'.'.join('a' * 1_000_000)}]", "a key has more than 32 parts"),
+    "a long key behind a string": (
+        "a.toml",
+        'x = ["""a"""", {' + ".".join("k" * 1_000_000) + ' = 1}, "b"]',
+        "a key has more than 32 parts",
+    ),
+    "a long quoted key": ("a.toml", ".".join(['"a"'] * 300_000) + " = 1", "a key has more than 32 parts"),
+}
+
+
+@pytest.mark.parametrize("name", TEXT_BOMBS)
+def test_texts_that_expand_or_nest_without_end_are_refused(name: str, tmp_path: Path) -> None:
+    """In a second each of a processor; the aliases asked for 12 GB, the long key for minutes."""
+    file, text, said = TEXT_BOMBS[name]
+    (tmp_path / file).write_text(text)
+    before = resource.getrusage(resource.RUSAGE_SELF)
+    with pytest.raises(InputError, match=said) as caught:
+        import_camera(tmp_path / file)
+    after = resource.getrusage(resource.RUSAGE_SELF)
+    assert len(str(caught.value)) < 400 and "\n" not in str(caught.value)
+    assert after.ru_utime - before.ru_utime < 5
+
+
+@pytest.mark.parametrize("read", [load_camera, read_motion, read_dataset, read_manifest, check_camera])
+def test_every_toml_is_read_within_limits(read: Callable[[Path], Any], tmp_path: Path) -> None:
+    (tmp_path / "a.toml").write_text(f"[{'.'.join('a' * 1_000_000)}]\n")
+    try:
+        said = " ".join(map(str, read(tmp_path / "a.toml")))
+    except InputError as error:
+        said = str(error)
+    assert "a key has more than 32 parts" in said
+
+
+def test_a_key_of_32_parts_and_texts_with_dots_are_read() -> None:
+    dots = ".".join("a" * 1000)
+    text = f'{".".join("a" * 31)} = 1\nb = \'{dots}\'\nc = """\n{dots} = 1\n"""\n# {dots}\nd = [1.5, 2.5]\n'
+    assert toml_tables(text) == tomllib.loads(text)
+    with pytest.raises(tomllib.TOMLDecodeError, match="32"):
+        toml_tables(f"{'.'.join('a' * 33)} = 1")
+
+
+def test_a_check_of_a_camera_file_ends_however_it_is_broken(tmp_path: Path) -> None:
+    """Each broken line parses the text again: 20 of them are named. A list over many lines is parsed once."""
+    (tmp_path / "broken.toml").write_text("".join(f"x{k} = ?\n" for k in range(20_000)))
+    (tmp_path / "long.toml").write_text("x = [\n" + "[1],\n" * 20_000 + "]\ny = 1\n")
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_utime
+    assert len(check_camera(tmp_path / "broken.toml")) == 21
+    lines = {one.field: one.line for one in check_camera(tmp_path / "long.toml")}
+    assert (lines["x"], lines["y"]) == (1, 20_003)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_utime - before < 10
 
 
 def test_a_film_of_more_pixels_than_can_be_rendered_is_refused(tmp_path: Path) -> None:

@@ -254,7 +254,7 @@ def test_an_imported_camera_is_a_camera_file_without_faults_and_every_number_has
         ("a.json", {"algorithms": [{"rpi.noise": {"reference_slope": 2}}, {"rpi.alsc": {"luminance_lut": [1, 2]}}]},
          "luminance_lut of rpi.alsc has 2 numbers; it must have 192 or 1024"),
         ("a.json", {"x_100": {"lam": 0.1}}, "row 'x_100' has no k/kmax/gain_dn_per_e and siggs"),
-        ("a.json", {"x_100": {"K": "big", "sigGs": 1}}, "K at ISO 100.0 is 'big'; it must be a number above 0"),
+        ("a.json", {"x_100": {"K": "big", "sigGs": 1}}, "K at ISO 100 is 'big'; it must be a number above 0"),
         ("a.csv", "iso,K\n", "has no rows"),
         ("a.xml", "<a>", "is no XML"),
         ("a.xml", "<a><QE>60</QE></a>", "has no K and sigma_d of EMVA 1288"),

@@ -9,17 +9,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
-from xml.etree import ElementTree
 
 import numpy as np
 
 from ...core import Float64Array, InputError
+from ...core.small_files import DEEPEST
 from ...optics.calibration import FIT_POINTS, HALF_PIXEL, Calibration, radial_fit
 from ...sensor.camera import Camera
+from ..texts import xml_tree
 from .draft import Draft
 
 OPENCV_ROOT, OPENCV_TAG = "<opencv_storage", "!!opencv-matrix"
-LONGEST_YAML = 2_000_000  # characters, read in ten seconds; the corners of a hundred pictures have a tenth
+LONGEST_YAML = 500_000  # characters, read in five seconds; the corners of a hundred pictures have less than half
 TABLE_POINTS = 65  # heights of a fisheye lens
 WIDEST_RAD = math.radians(85)  # field angle of a fisheye's corner; an ideal image height is its tangent
 SQUARE = 1e-3  # relative difference of fx and fy that is not worth a note
@@ -61,19 +62,18 @@ def is_transforms(data: object) -> bool:
 def read_transforms(data: dict[str, Any], file: str, like: Camera) -> Draft:
     """The draft of a camera of nerfstudio's transforms.json. Raises InputError for a camera that is no pinhole."""
     draft = Draft(file, like)
-    frames = [one for one in data.get("frames") or [] if isinstance(one, dict)]
+    frames = draft.tables("frames", data.get("frames") or [])
     said = {**(frames[0] if frames else {}), **data}
     differ = sum(
         any(one.get(name, said.get(name)) != said.get(name) for name in ("fl_x", "fl_y", "w")) for one in frames
     )
-    model = said.get("camera_model", "OPENCV")
-    if model not in TRANSFORMS_MODELS:
-        raise InputError(f"{file}: camera_model is {model!r}; it must be one of {', '.join(TRANSFORMS_MODELS)}.")
-    width, height = (_count(draft, name, said.get(name)) for name in ("w", "h"))
+    model = draft.choice("camera_model", said.get("camera_model", "OPENCV"), TRANSFORMS_MODELS)
+    width, height = (draft.count(name, said.get(name), MOST) for name in ("w", "h"))
     if "fl_x" in said:
         focal_x = draft.number("fl_x", said["fl_x"], 0.0, MOST)
     else:
-        focal_x = width / 2 / math.tan(draft.number("camera_angle_x", said["camera_angle_x"], 0.0, 3.1) / 2)
+        angle = draft.number("camera_angle_x", said.get("camera_angle_x"), 1e-6, 3.1)
+        focal_x = width / 2 / math.tan(angle / 2)
     focal_y = draft.number("fl_y", said.get("fl_y", focal_x), 0.0, MOST)
     middle = [draft.number(name, said.get(name, n / 2), -MOST, MOST) for name, n in (("cx", width), ("cy", height))]
     pinhole = Calibration(width, height, (focal_x, focal_y), (middle[0] - HALF_PIXEL, middle[1] - HALF_PIXEL))
@@ -93,12 +93,11 @@ def read_storage(text: str, file: str, like: Camera) -> Draft:
     matrix = _numbers(draft, said, "camera_matrix")
     if len(matrix) != 9:
         raise InputError(f"{file}: camera_matrix has {len(matrix)} numbers; it must have 9, row by row.")
-    width, height = (_count(draft, name, said.get(name)) for name in ("image_width", "image_height"))
+    width, height = (draft.count(name, said.get(name), MOST) for name in ("image_width", "image_height"))
     focal = draft.number("fx", matrix[0], 0.0, MOST), draft.number("fy", matrix[4], 0.0, MOST)
     pinhole = Calibration(width, height, focal, (matrix[2], matrix[5]))
-    model = said.get("distortion_model") or ("fisheye" if _flag(said.get("fisheye_model")) else "plumb_bob")
-    if model not in MODELS:
-        raise InputError(f"{file}: distortion_model is {model!r}; it must be one of {', '.join(MODELS)}.")
+    usual = "fisheye" if _flag(said.get("fisheye_model")) else "plumb_bob"
+    model = draft.choice("distortion_model", said.get("distortion_model") or usual, list(MODELS))
     values = _numbers(draft, said, "distortion_coefficients") if "distortion_coefficients" in said else []
     names = MODELS[model]
     if len(values) > len(names):
@@ -188,28 +187,45 @@ def _series(coefficients: tuple[float, ...], radius: Float64Array) -> Float64Arr
 
 
 def _of_xml(text: str, file: str) -> dict[str, Any]:
-    try:
-        root = ElementTree.fromstring(text)
-    except ElementTree.ParseError as error:
-        raise InputError(f"{file} is no XML: {error}. Give the file that cv2.FileStorage writes.") from None
+    root = xml_tree(text, file, "Give the file that cv2.FileStorage writes")
     return {one.tag: one.text if not len(one) else {part.tag: part.text for part in one} for one in root}
 
 
 def _of_yaml(text: str, file: str) -> dict[str, Any]:
-    """Tables of a YAML file; OpenCV's directive and tag, which YAML 1.1 does not have, are passed over."""
+    """Tables of a YAML file, whose values are texts, as those of XML are: no type that a file names is made.
+
+    OpenCV's directive and tag, which YAML 1.1 does not have, are passed over. An alias, which stands for what may stand
+    for more, is refused, and so is what is nested deeply.
+    """
     import yaml
+
+    class PlainLoader(yaml.BaseLoader):  # type: ignore[misc]
+        """Lists and tables of texts."""
+
+        depth = 0
+
+        def compose_node(self, parent: object, index: object) -> object:
+            if self.check_event(yaml.AliasEvent):
+                name = self.peek_event().anchor
+                raise yaml.YAMLError(f"it has the alias *{name[:40]}, in whose place its value must stand")
+            self.depth += 1
+            if self.depth > DEEPEST:
+                raise yaml.YAMLError(f"it is nested more than {DEEPEST} deep")
+            node = super().compose_node(parent, index)
+            self.depth -= 1
+            return node
 
     if len(text) > LONGEST_YAML:
         raise InputError(f"{file} has {len(text)} characters; a calibration has {LONGEST_YAML} at most.")
     plain = "\n".join(line for line in text.splitlines() if not line.startswith("%")).replace(OPENCV_TAG, "")
     try:
-        found = yaml.safe_load(plain)  # libyaml's loader ends the process where brackets are nested deeply
+        tables = yaml.load(plain, Loader=PlainLoader)  # libyaml's ends the process where brackets are nested deeply
     except (yaml.YAMLError, RecursionError, ValueError) as error:
         why = " ".join(str(error).split()) or "it is nested too deeply"
         raise InputError(f"{file} is no YAML: {why}. Give a calibration of OpenCV or ROS.") from None
-    if not isinstance(found, dict):
+    if not isinstance(tables, dict):
         raise InputError(f"{file} has no table of names and values; give a calibration of OpenCV or ROS.")
-    return found
+    return tables
 
 
 def _numbers(draft: Draft, said: Mapping[str, Any], name: str) -> list[float]:
@@ -218,21 +234,13 @@ def _numbers(draft: Draft, said: Mapping[str, Any], name: str) -> list[float]:
     data = node.get("data") if isinstance(node, dict) else None
     values = data.split() if isinstance(data, str) else data
     if not isinstance(values, list):
-        names = ", ".join(map(str, said))[:200]
+        names = ", ".join(said)[:200]
         raise InputError(
             f"{draft.file} has no {name} with rows, cols and data, which a calibration needs; it has {names}."
         )
-    return [draft.number(name, value, -MOST, MOST) for value in values]
-
-
-def _count(draft: Draft, name: str, value: object) -> int:
-    """Pixels of a side."""
-    found = draft.number(name, value, 0.0, MOST)
-    if found != int(found):
-        raise InputError(f"{draft.file}: {name} is {value!r}; it must be a whole number of pixels.")
-    return int(found)
+    return draft.numbers(name, values, -MOST, MOST)
 
 
 def _flag(value: object) -> bool:
-    """Whether OpenCV's flag is set, 0 or 1, a text in XML."""
-    return str(value).strip() in ("1", "True", "true")
+    """Whether OpenCV's flag is set, 0 or 1 as a text."""
+    return isinstance(value, str) and value.strip() in ("1", "True", "true")

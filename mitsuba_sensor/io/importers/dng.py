@@ -16,9 +16,10 @@ import numpy as np
 from ...core import InputError
 from ...sensor.camera import Camera
 from ..raw_files import dng_tags
-from .draft import Draft
+from .draft import MOST, Draft
 
 MODEL, BLACK, WHITE, PROFILE, ISO = "UniqueCameraModel", "BlackLevel", "WhiteLevel", "NoiseProfile", "ISOSpeedRatings"
+MOST_PIXELS = 1e6  # of a side
 REMEDY = "Let Adobe's DNG Converter, or the camera's own software, write it, or give another file"
 
 
@@ -38,10 +39,10 @@ def read_dngs(paths: Sequence[Path], like: Camera) -> Draft:
 def _setting(path: Path, like: Camera) -> tuple[Draft, dict[str, float]]:
     """The draft of one file, and its gain setting."""
     tags, draft = dng_tags(path), Draft(path.name, like)
-    profile = _numbers(tags, PROFILE, path)
-    if len(profile) % 2:
+    profile = _numbers(tags, PROFILE, draft)
+    if len(profile) % 2 or not profile:
         raise InputError(f"{path}: NoiseProfile has {len(profile)} numbers; it must have two for each colour.")
-    black, white = float(np.mean(_numbers(tags, BLACK, path))), float(np.min(_numbers(tags, WHITE, path)))
+    black, white = float(np.mean(_numbers(tags, BLACK, draft))), min(_numbers(tags, WHITE, draft))
     slopes = [draft.number("S of NoiseProfile", x, 0.0, 10.0) for x in profile[0::2]]
     offsets = [draft.number("O of NoiseProfile", x, -1e-30, 10.0) for x in profile[1::2]]
     span, slope, offset = draft.number("white less black level", white - black), *map(np.mean, (slopes, offsets))
@@ -53,14 +54,19 @@ def _setting(path: Path, like: Camera) -> tuple[Draft, dict[str, float]]:
     draft.says("adc.black_level_dn", black, "BlackLevel")
     draft.set_clip(dn_per_e, black)
     for field, tag in (("sensor.columns", "ImageWidth"), ("sensor.rows", "ImageLength")):
-        draft.says(field, int(tags[tag]), tag)
+        draft.says(field, draft.count(tag, tags.get(tag), MOST_PIXELS), tag)
     draft.name = draft.description = str(tags.get(MODEL) or path.stem)
-    iso = draft.number("ISO", np.ravel(tags.get(ISO, 100))[0])
+    iso = draft.number("ISO", _list(tags.get(ISO, 100))[0])
     numbers = {"gain_dn_per_e": dn_per_e, "read_noise_e": read_noise_e, "black_level_dn": black}
     return draft, {"iso": iso, **numbers}
 
 
-def _numbers(tags: Mapping[str, Any], name: str, path: Path) -> list[float]:
+def _numbers(tags: Mapping[str, Any], name: str, draft: Draft) -> list[float]:
     if name not in tags:
-        raise InputError(f"{path} has no {name}, which says the noise of a DNG. {REMEDY}.")
-    return [float(x) for x in np.ravel(tags[name])]
+        raise InputError(f"{draft.file} has no {name}, which says the noise of a DNG. {REMEDY}.")
+    return draft.numbers(name, _list(tags[name]), -MOST, MOST)
+
+
+def _list(value: object) -> list[object]:
+    """The values of a tag, of which there may be one or several."""
+    return list(value) if isinstance(value, list | tuple | np.ndarray) and len(value) else [value]

@@ -7,7 +7,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from ...core import InputError
+from ...core.errors import shown
 from ...sensor.camera import Camera
 from ...sensor.camera_file import camera_from
 from ...sensor.gains import volts_per_electron
@@ -42,16 +45,47 @@ class Draft:
 
     def number(self, name: str, value: object, low: float = 0.0, high: float = MOST) -> float:
         """A number of the file, as a float above ``low``. Raises InputError with the value and the range."""
-        try:
-            found = float(value)  # type: ignore[arg-type]
-        except (TypeError, ValueError):
-            found = math.nan
-        if not low < found <= high:
-            raise InputError(
-                f"{self.file}: {name} is {value!r}; it must be a number above {low:g}, at most {high:g}. Mend the "
-                "file, or leave the setting out."
-            )
-        return found
+        number = number_of(value)
+        if number is None or not low < number <= high:
+            raise self._wrong(name, value, f"a number above {low:g}, at most {high:g}")
+        return number
+
+    def count(self, name: str, value: object, high: float) -> int:
+        """A whole number of the file, 1 … high. Raises InputError."""
+        number = number_of(value)
+        if number is None or not (1 <= number <= high and number == int(number)):
+            raise self._wrong(name, value, f"a whole number from 1 to {high:.10g}")
+        return int(number)
+
+    def numbers(self, name: str, value: object, low: float = 0.0, high: float = MOST) -> list[float]:
+        """A list of numbers of the file. Raises InputError."""
+        if not isinstance(value, list | tuple):
+            raise self._wrong(name, value, "a list of numbers")
+        return [self.number(name, item, low, high) for item in value]
+
+    def table(self, name: str, value: object) -> dict[str, Any]:
+        """A table of the file: names and values. Raises InputError."""
+        if not isinstance(value, dict):
+            raise self._wrong(name, value, "a table of names and values")
+        return value
+
+    def tables(self, name: str, value: object) -> list[dict[str, Any]]:
+        """A list of tables of the file. Raises InputError."""
+        if not isinstance(value, list):
+            raise self._wrong(name, value, "a list of tables")
+        return [self.table(name, item) for item in value]
+
+    def choice(self, name: str, value: object, allowed: Sequence[str]) -> str:
+        """A text of the file, one of some. Raises InputError."""
+        if not isinstance(value, str) or value not in allowed:
+            raise self._wrong(name, value, f"one of {', '.join(allowed)}")
+        return value
+
+    def _wrong(self, name: str, value: object, wanted: str) -> InputError:
+        given = value if number_of(value) is not None else shown(value)  # texts of YAML, XML and CSV
+        return InputError(
+            f"{self.file}: {name} is {given}; it must be {wanted}. Mend the file, or leave the setting out."
+        )
 
     def set_gain(self, dn_per_e: float, how: str) -> None:
         """The overall system gain K, as the full scale of the converter."""
@@ -87,6 +121,17 @@ class Draft:
         data |= {"name": self.name or found.name, "description": self.description}
         data["sources"] = {**same, **self.sources}
         return camera_from(data, self.file)
+
+
+def number_of(value: object) -> float | None:
+    """The number that a value or a text of a file is; None for booleans, and for what is no finite number."""
+    if isinstance(value, bool) or not isinstance(value, str | int | float | np.integer | np.floating):
+        return None
+    try:
+        number = float(value)
+    except (ValueError, OverflowError):
+        return None
+    return number if math.isfinite(number) else None
 
 
 def _rounded(value: Any) -> Any:

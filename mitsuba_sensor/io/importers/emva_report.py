@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
-from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
 
 from ...core import InputError
 from ...core.units import KELVIN_AT_0_C
 from ...sensor.camera import Camera
-from .draft import Draft
+from ..texts import xml_tree
+from .draft import Draft, number_of
 
 NAMES = {
     "gain": ("k",),
@@ -26,10 +26,7 @@ OPEN_AIR_K = KELVIN_AT_0_C + 25.0
 
 def read_report(text: str, file: str, like: Camera) -> Draft:
     """The draft of a camera. Raises InputError for what is no XML and for a report without gain or dark noise."""
-    try:
-        tree = ElementTree.fromstring(text)
-    except ElementTree.ParseError as error:
-        raise InputError(f"{file} is no XML: {error}. Give the report that emva1288 writes with its xml().") from None
+    tree = xml_tree(text, file, "Give the report that emva1288 writes with its xml()")
     said = {quantity: x for quantity, names in NAMES.items() if (x := _value(tree, names)) is not None}
     draft = Draft(file, like)
     if not said.keys() & {"gain", "inverse"} or "read" not in said:
@@ -55,8 +52,9 @@ def _set_light_and_dark(said: dict[str, str], draft: Draft) -> None:
         draft.says(
             "quantum_efficiency.value", draft.number("QE", said["qe"], 0.0, 100.0) / 100, "QE [%], at all wavelengths"
         )
-    if "dark" in said and math.isfinite(float(said["dark"])) and float(said["dark"]) >= 0:
-        draft.says("dark_current.rate_e_per_s", draft.number("u_I", said["dark"], -1e-9), "dark current")
+    dark = number_of(said.get("dark"))  # a report whose fit failed has nan, or a negative one
+    if dark is not None and dark >= 0:
+        draft.says("dark_current.rate_e_per_s", draft.number("u_I", dark, -1e-9), "dark current")
         draft.assume("dark_current.at_temperature_k", OPEN_AIR_K, "25 °C; the report does not say it")
     if "prnu" in said:
         draft.says("pixel.prnu", draft.number("PRNU1288", said["prnu"], -1e-9, 100.0) / 100, "PRNU1288 [%]")
@@ -66,7 +64,7 @@ def _set_light_and_dark(said: dict[str, str], draft: Draft) -> None:
         draft.says("readout.dsnu_col", spread / well, "DSNU1288 over the full well, taken as offsets of columns")
 
 
-def _value(tree: ElementTree.Element, names: tuple[str, ...]) -> str | None:
+def _value(tree: Element, names: tuple[str, ...]) -> str | None:
     """The text of the first element of one of these names, or of its child <Value> or <data>."""
     for one in tree.iter():
         if one.tag.lower() in names:

@@ -30,6 +30,7 @@ LEFT_OUT = (
     "detector_glow_e_per_s",
 )  # fmt: skip
 GAINED = ("EMCCD", "EAPD")
+MOST_PIXELS = 1e6  # of a side
 
 
 def preset_text(name: str) -> str:
@@ -57,14 +58,15 @@ def read_preset(text: str, file: str, like: Camera) -> Draft:
         raise InputError(
             f"{file} has no sensor_type and gain_e_per_adu, as presets of getframes have. Give one of those."
         )
+    draft = Draft(file, like)
     if data["sensor_type"] in GAINED:
         raise InputError(f"{file} is an {data['sensor_type']}, which multiplies electrons; give a CCD, CMOS or SCMOS.")
-    draft = Draft(file, like)
     _set_chip(draft, data)
     for key, field in FIELDS.items():
         if key in data:
-            number = draft.number(key, data[key], -1e-12)
-            draft.says(field, int(number) if key == "bit_depth" else number, key)
+            whole = key == "bit_depth"
+            number = draft.count(key, data[key], 64) if whole else draft.number(key, data[key], -1e-12)
+            draft.says(field, number, key)
     if "dark_current_ref_temp_c" in data:
         celsius = draft.number("dark_current_ref_temp_c", data["dark_current_ref_temp_c"], -KELVIN_AT_0_C, 200.0)
         draft.says("dark_current.at_temperature_k", celsius + KELVIN_AT_0_C, "dark_current_ref_temp_c")
@@ -78,10 +80,12 @@ def read_preset(text: str, file: str, like: Camera) -> Draft:
 
 def _set_chip(draft: Draft, data: dict[str, Any]) -> None:
     """Size and technology."""
-    rows, columns = data["resolution"]
-    draft.says("sensor.rows", int(rows), "resolution")
-    draft.says("sensor.columns", int(columns), "resolution")
-    pitch = draft.number("pixel_size_um", data["pixel_size_um"])
+    sides = draft.numbers("resolution", data.get("resolution"))
+    if len(sides) != 2:
+        raise InputError(f"{draft.file}: resolution has {len(sides)} numbers; it must have 2, rows and columns.")
+    for field, side in zip(("sensor.rows", "sensor.columns"), sides, strict=True):
+        draft.says(field, draft.count("resolution", side, MOST_PIXELS), "resolution")
+    pitch = draft.number("pixel_size_um", data.get("pixel_size_um"))
     draft.says("pixel.pitch_x_um", pitch, "pixel_size_um")
     draft.says("pixel.pitch_y_um", pitch, "pixel_size_um")
     draft.assume("pixel.fill_factor", 1.0, "the quantum efficiency of a preset is that of the whole pixel")
@@ -93,8 +97,12 @@ def _set_qe(draft: Draft, data: dict[str, Any]) -> None:
     """The curve of a preset, or its one number."""
     draft.changes["quantum_efficiency.tile"] = None
     if "qe_curve" in data:
-        curve, at = data["qe_curve"]["qe"], [float(x) for x in data["qe_curve"]["wavelength_nm"]]
-        draft.says("quantum_efficiency.curves", {"mono": [float(x) for x in curve]}, "qe_curve")
+        table = draft.table("qe_curve", data["qe_curve"])
+        curve = draft.numbers("qe_curve.qe", table.get("qe"), -1e-12, 1.0)
+        at = draft.numbers("qe_curve.wavelength_nm", table.get("wavelength_nm"))
+        if not curve or len(curve) != len(at):
+            raise InputError(f"{draft.file}: qe_curve has {len(curve)} qe and {len(at)} wavelength_nm; give pairs.")
+        draft.says("quantum_efficiency.curves", {"mono": curve}, "qe_curve")
         draft.says("quantum_efficiency.wavelengths_nm", at, "qe_curve")
         draft.assume("quantum_efficiency.reference_nm", at[curve.index(max(curve))], "the peak of the curve")
     else:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from ...core import InputError
-from ...core.small_files import require_small
+from ...core.small_files import json_value, require_small
 from ...sensor.camera import Camera
 from ...sensor.camera_file import load_camera
 from .calibration import is_storage, is_transforms, read_storage, read_transforms
@@ -26,7 +25,7 @@ FORMATS = (
     f"preset of getframes (.toml, or {PREFIX}NAME), or a geometric calibration (OpenCV .yml or .xml, ROS .yaml, "
     "nerfstudio's transforms.json)"
 )
-LARGEST_BYTES = 2**26
+LARGEST_BYTES = 2**24
 
 
 def import_camera(
@@ -73,8 +72,8 @@ def _draft(paths: list[Path], like: Camera) -> Draft:
 
 def _of_json(text: str, file: str, like: Camera) -> Draft:
     try:
-        data: Any = json.loads(text)
-    except (ValueError, RecursionError) as error:
+        data: Any = json_value(text)
+    except ValueError as error:
         raise InputError(f"{file} is no JSON: {error}. Give {FORMATS}.") from None
     if is_tuning(data):
         return read_tuning(data, file, like)

@@ -30,15 +30,16 @@ def is_tuning(data: object) -> bool:
 
 def read_tuning(data: dict[str, Any], file: str, like: Camera) -> Draft:
     """The draft of a camera. Raises InputError for a file without noise or black level."""
-    parts = {name: values for one in data["algorithms"] for name, values in one.items()}
-    if (noise := parts.get("rpi.noise")) is None or "reference_slope" not in noise:
-        raise InputError(
-            f"{file}: rpi.noise has no reference_slope; its algorithms are {', '.join(parts)}. Take the tuning file of "
-            "a calibrated sensor."
-        )
     draft = Draft(file, like)
+    parts = {name: x for one in draft.tables("algorithms", data["algorithms"]) for name, x in one.items()}
+    noise = draft.table("rpi.noise", parts.get("rpi.noise") or {})
+    if "reference_slope" not in noise:
+        raise InputError(
+            f"{file}: rpi.noise has no reference_slope; its algorithms are {', '.join(parts)[:200]}. Take the tuning "
+            "file of a calibrated sensor."
+        )
     dn = 2.0 ** (draft.bits - SCALE_BITS)
-    black_dn = _black(parts.get("rpi.black_level", {}), draft) * dn
+    black_dn = _black(draft.table("rpi.black_level", parts.get("rpi.black_level") or {}), draft) * dn
     slope = draft.number("rpi.noise reference_slope", noise["reference_slope"], 0.0, 1e3)
     constant = draft.number("rpi.noise reference_constant", noise.get("reference_constant", 0.0), -1e-9, 65535.0)
     dn_per_e = slope**2 * dn
@@ -52,7 +53,8 @@ def read_tuning(data: dict[str, Any], file: str, like: Camera) -> Draft:
     else:
         why = f"as {like.name}; reference_constant is 0, which says that the fit found no noise of darkness"
         draft.assume("source_follower.read_noise_e", like.source_follower.read_noise_e, why)
-    _shading(parts.get("rpi.alsc", {}).get("luminance_lut"), draft)
+    shading = draft.table("rpi.alsc", parts.get("rpi.alsc") or {})
+    _shading(shading.get("luminance_lut"), draft)
     draft.description = f"Sensor of the libcamera tuning file {file}, at analogue gain 1"
     return draft
 
@@ -68,10 +70,10 @@ def _shading(table: object, draft: Draft) -> None:
     """The luminance table of rpi.alsc, a gain for every part of the picture, as fall-off of a lens by image height."""
     if table is None:
         return
-    if not isinstance(table, list) or len(table) not in GRIDS:
-        size = len(table) if isinstance(table, list) else table
-        raise InputError(f"{draft.file}: luminance_lut of rpi.alsc has {size} numbers; it must have 192 or 1024.")
-    gain = np.array([draft.number("rpi.alsc luminance_lut", x) for x in table]).reshape(GRIDS[len(table)])
+    gains = draft.numbers("rpi.alsc luminance_lut", table, 1e-6, 1e6)
+    if len(gains) not in GRIDS:
+        raise InputError(f"{draft.file}: luminance_lut of rpi.alsc has {len(gains)} numbers; it must have 192 or 1024.")
+    gain = np.array(gains).reshape(GRIDS[len(gains)])
     like = draft.like
     sides = (like.sensor.rows * like.pixel.pitch_y_um, like.sensor.columns * like.pixel.pitch_x_um)
     y, x = (((np.arange(n) + 0.5) / n - 0.5) * side * 1e-3 for n, side in zip(gain.shape, sides, strict=True))

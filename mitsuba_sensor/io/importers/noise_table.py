@@ -16,6 +16,7 @@ import scipy
 
 from ...core import InputError
 from ...core.csv_rows import rows_of
+from ...core.errors import shown
 from ...sensor.camera import Camera
 from .draft import Draft
 
@@ -48,10 +49,12 @@ def rows_by_name(text: str) -> list[dict[str, str]]:
 def read_table(data: Any, file: str, like: Camera) -> Draft:
     """The draft of a camera at the lowest ISO, with all of them as its ladder. Raises InputError."""
     named = data.items() if isinstance(data, dict) else ((str(n), one) for n, one in enumerate(data, start=1))
-    rows = sorted((_row(name, values, file) for name, values in named), key=lambda one: float(one["iso"]))
+    draft = Draft(file, like)
+    rows = [_row(name, values, draft) for name, values in named]
     if not rows:
         raise InputError(f"{file} has no rows; give one for each ISO, with iso, K and sigGs.")
-    draft, first = Draft(file, like), rows[0]
+    rows = sorted(rows, key=lambda row: float(row["iso"]))
+    first = rows[0]
     if "white" in first:
         white = draft.number("wp", first["white"], 0.0, 2.0**24)
         draft.says("adc.bits", math.ceil(math.log2(white + 1)), f"white level {white:g}")
@@ -72,7 +75,7 @@ def read_table(data: Any, file: str, like: Camera) -> Draft:
     return draft
 
 
-def _row(name: str, values: Mapping[str, Any], file: str) -> dict[str, Any]:
+def _row(name: str, values: Mapping[str, Any], draft: Draft) -> dict[str, Any]:
     """A row under our names for its columns; the ISO may stand in the row's own name ("SonyA7S2_1600")."""
     plain = {key.strip().lower(): x for key, x in values.items() if key is not None and x not in (None, "")}
     row = {
@@ -84,14 +87,15 @@ def _row(name: str, values: Mapping[str, Any], file: str) -> dict[str, Any]:
     missing += [] if row.keys() & {"scale", "sigma"} else ["sigma"]
     if missing:
         wanted = " and ".join("/".join(NAMES[one]) for one in missing)
-        raise InputError(f"{file}: row {name!r} has no {wanted}; it has {', '.join(plain) or 'nothing'}.")
-    return row
+        names = ", ".join(plain)[:200] or "nothing"
+        raise InputError(f"{draft.file}: row {shown(name)} has no {wanted}; it has {names}.")
+    return {**row, "iso": draft.number("iso", row["iso"])}
 
 
 def _setting(row: Mapping[str, Any], draft: Draft) -> dict[str, float]:
     """The gain setting of a row [e-]; a shape that we do not have is the nearest."""
-    at = f"at ISO {row['iso']}"
-    gain = draft.number(f"K {at}", row["gain"])
+    at = f"at ISO {row['iso']:g}"
+    gain = draft.number(f"K {at}", row["gain"], 1e-9, 1e9)
     shape = draft.number(f"lam {at}", row["shape"], -0.5, 2.0) if "shape" in row else None
     if "scale" in row:
         pixel_dn = draft.number(f"sigTL {at}", row["scale"]) * float(scipy.stats.tukeylambda.std(shape or 0.0))
@@ -104,7 +108,7 @@ def _setting(row: Mapping[str, Any], draft: Draft) -> dict[str, float]:
         numbers["row_noise_e"] = draft.number(f"sigR {at}", row["row"], -1e-12) / gain
     if "black" in row:
         numbers["black_level_dn"] = draft.number(f"bl {at}", row["black"], -1e-12)
-    return {"iso": draft.number("iso", row["iso"]), **numbers}
+    return {"iso": row["iso"], **numbers}
 
 
 def _set_shape(draft: Draft, given: float, used: float, iso: str) -> None:
