@@ -12,8 +12,12 @@ def main() -> None:
     if isinstance(sys.stdout, io.TextIOWrapper):  # of a terminal without × and µ
         sys.stdout.reconfigure(errors="replace")
     from .cli import app
+    from .io.output_pipe import flush_output
 
-    app(prog_name="mitsuba-sensor")
+    try:
+        app(prog_name="mitsuba-sensor")
+    finally:
+        flush_output()
 
 
 if __name__ == "__main__":

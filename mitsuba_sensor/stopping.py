@@ -80,8 +80,13 @@ def _wait_for(numbers: set[signal.Signals]) -> None:
     with whole_step:
         _undo()
         with suppress(OSError, ValueError):  # nobody reads stderr any more
-            os.write(2, f"{sentence()}\n".encode(sys.stderr.encoding, "replace"))
+            os.write(2, f"{_on_one_line(sentence())}\n".encode(sys.stderr.encoding, "replace"))
         os._exit(128 + number)
+
+
+def _on_one_line(text: str) -> str:
+    """The text, with names of files that hold control characters escaped."""
+    return text if text.isprintable() else repr(text)[1:-1]
 
 
 def undo_when_terminated() -> None:

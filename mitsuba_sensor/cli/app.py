@@ -6,7 +6,6 @@ import warnings
 from typing import Annotated, Any, NamedTuple
 
 import typer
-from rich.console import Console
 from rich.markup import escape
 from typer.core import TyperGroup
 
@@ -14,7 +13,9 @@ import mitsuba_sensor as ms
 
 from .. import stopping
 from ..core import DiskFull, InputError, SensorWarning, first_given
+from ..core.printable import printable
 from ..io import files
+from ..io.output_pipe import BROKEN_PIPE, silence_output
 from ..render.irradiance import RenderedFor
 from ..render.scene_settings import ParsedScene, SceneSettings, parse
 from ..render.variants import variant_restored
@@ -22,9 +23,10 @@ from ..sensor.camera_file import toml_value
 from ..sensor.metering import Metering
 from . import options
 from .options import Flag, Flags
+from .printable_console import PrintableConsole
 
 NO_SCENE = SceneSettings()
-out, err = Console(), Console(stderr=True)
+out, err = PrintableConsole(), PrintableConsole(stderr=True)
 
 
 UsageError: Any = typer.BadParameter.__base__  # of click, which new versions of typer bring along
@@ -61,11 +63,14 @@ class CommandGroup(TyperGroup):
         except DiskFull as error:
             _say(error)
             raise typer.Exit(3) from None
+        except BrokenPipeError:  # whoever reads the output, head for example, has enough
+            silence_output()
+            raise typer.Exit(BROKEN_PIPE) from None
         except (InputError, OSError, MemoryError, UsageError) as error:
             _say(error)
             raise typer.Exit(2) from None
         except KeyboardInterrupt:  # where no signals can be waited for (Windows)
-            err.print(stopping.sentence(), highlight=False, soft_wrap=True)
+            err.print(stopping.sentence(), markup=False, highlight=False, soft_wrap=True)
             raise typer.Exit(130) from None
 
 
@@ -166,7 +171,7 @@ def changes_of(flags: Flags) -> dict[str, Any]:
 def show(what: object, as_json: bool) -> None:
     """JSON and text plain and whole, everything else as rich shows it."""
     if as_json or isinstance(what, str):
-        typer.echo(files.to_json(what) if as_json else what)
+        typer.echo(files.to_json(what) if as_json else printable(str(what), keep="\n\t"))
     else:
         out.print(what, highlight=False)
 

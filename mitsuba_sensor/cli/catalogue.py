@@ -95,7 +95,7 @@ def show_camera(name: arguments.CameraName, as_toml: arguments.Toml = False, as_
     fields = camera.model_dump(mode="json")
     table = FittedTable(("field", "value", "source"))
     for field, value in _flat({key: x for key, x in fields.items() if key not in ("sources", "gains")}).items():
-        table.add_row(field, Text(short(value)), Text(camera.sources.get(field, ""), style="dim"))
+        table.add_row(field, Text(short(value)), Text(short(camera.sources.get(field, "")), style="dim"))
     figures = figures_if_any(camera)
     found = {"sources": dict(camera.sources), "notes": list(camera.notes), "emva1288": figures and figures.to_dict()}
     show({**fields, **found} if as_json else table, as_json)

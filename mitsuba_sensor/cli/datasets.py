@@ -169,7 +169,7 @@ def export_command(
 @contextmanager
 def samples_bar() -> Iterator[Show]:
     """A bar over samples, with the rate, a forecast and failures. Yields what :func:`dataset.run.run` shows to."""
-    texts = MofNCompleteColumn(), TextColumn("{task.description}"), TimeElapsedColumn()
+    texts = MofNCompleteColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn()
     bar = Progress(BarColumn(), *texts, console=err, transient=True, disable=not err.is_terminal)
     last: list[RunProgress] = []
     remark_if_stopped(partial(_kept, last))

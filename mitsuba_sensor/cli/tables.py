@@ -12,6 +12,8 @@ from rich.console import Console, ConsoleOptions, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from ..core.printable import printable
+
 NUMBER = re.compile(r"[<(+−-]?\d[\d.,]*(e[+-]?\d+)?%?[),;:]?", re.IGNORECASE)
 NO_TEXT = ("", "–")  # in a column of numbers
 LONGEST_PIECE = 20  # longer ones, paths for example, are broken where the terminal is narrow
@@ -36,7 +38,8 @@ class FittedTable:
 
     def add_row(self, *cells: str | Text, style: str = "") -> None:
         """One cell for each heading."""
-        self.rows.append(tuple(Text(cell) if isinstance(cell, str) else cell for cell in cells))
+        texts = (Text(cell) if isinstance(cell, str) else cell for cell in cells)
+        self.rows.append(tuple(_printable_cell(cell) for cell in texts))
         self.styles.append(style)
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
@@ -100,6 +103,12 @@ class FittedTable:
         )
 
 
+def _printable_cell(cell: Text) -> Text:
+    """The cell as the terminal shows it, so that its width is right."""
+    shown = printable(cell.plain, keep="\n")
+    return cell if shown == cell.plain else Text(shown, style=cell.style)
+
+
 def number(value: float | None) -> str:
     """Four significant digits and no more than four decimals, without an exponent where it can be avoided."""
     if value is None:
@@ -119,5 +128,5 @@ def rough(value: float) -> str:
 def short(value: object) -> str:
     """A value on one line; a long list by its ends."""
     if isinstance(value, list | tuple) and len(value) > 6:
-        return f"{value[0]} … {value[-1]} ({len(value)} numbers)"
-    return str(value)
+        return printable(f"{value[0]} … {value[-1]} ({len(value)} numbers)")
+    return printable(str(value))

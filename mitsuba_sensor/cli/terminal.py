@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console, Group, RenderableType
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
@@ -55,7 +56,7 @@ def render_progress(
     assert isinstance(frames, int) and isinstance(first, int)
     count = 1 if options.get("render_noise", "shared") == "shared" else frames
     columns = (
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         TextColumn("{task.fields[share]}"),
         TextColumn("{task.fields[ratio]}"),
@@ -100,7 +101,7 @@ def seconds_bar(console: Console) -> Iterator[Callable[[float, float, str], None
             left = f"about {minutes(left_s)}"
             if progress.tasks[task].total is None:
                 console.print(f"this takes {left}", highlight=False)
-            progress.update(task, completed=done_s, total=expected_s, description=f"{left} left [dim]{now}")
+            progress.update(task, completed=done_s, total=expected_s, description=f"{left} left [dim]{escape(now)}")
 
         yield tell
 
@@ -110,7 +111,7 @@ def steps_bar(console: Console) -> Iterator[Callable[[int, int, str], None]]:
     """A bar over steps. Yields what is told how many are done, how many there are, and what is done now."""
     texts = (
         TextColumn("{task.completed:.0f} of {task.total:.0f}"),
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         TimeElapsedColumn(),
     )
     bar = Progress(BarColumn(), *texts, console=console, transient=True, disable=not console.is_terminal)

@@ -10,17 +10,24 @@ import reprlib
 from collections.abc import Iterable
 from pathlib import Path
 
+from .printable import printable
+
 LONGEST_HEAD, LONGEST_END = 900, 450  # characters of a sentence, of which the end says the way out
 
 
 class InputError(ValueError):
     """Wrong input: the message says what was given, why it cannot be computed, and what to pass instead.
 
-    A message that repeats a text without end, of a file for example, is cut in the middle.
+    It is one line of printable text, whatever is quoted in it, and cut in the middle where that has no end.
     """
 
     def __str__(self) -> str:
-        message = super().__str__()
+        return self.sentence(super().__str__())
+
+    @staticmethod
+    def sentence(message: str) -> str:
+        """A message as it is shown."""
+        message = printable(message)
         if len(message) <= LONGEST_HEAD + LONGEST_END:
             return message
         return f"{message[:LONGEST_HEAD]} … {message[-LONGEST_END:]}"
@@ -35,7 +42,7 @@ class DiskFull(InputError):
 
     def __str__(self) -> str:
         wanted = "" if self.size is None else f"{self.size} bytes were to be written; "
-        return f"cannot write {self.path}: {self.why}; {wanted}make space there, or give another place."
+        return self.sentence(f"cannot write {self.path}: {self.why}; {wanted}make space there, or give another place.")
 
 
 class _ShortRepr(reprlib.Repr):

@@ -20,6 +20,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ..core import InputError, refuse_masked
+from ..core.printable import printable_json
 from ..core.small_files import require_small, toml_tables
 from ..stopping import note_written, undone_if_stopped, whole_step
 from .disk_errors import disk_sentences, names_in
@@ -170,7 +171,7 @@ def write_json(path: Path, report: dict[str, Any]) -> None:
 
 def to_json(report: Any) -> str:
     """Indented strict JSON: NumPy values become plain ones, NaN and ±inf, which JSON does not have, become null."""
-    return json.dumps(plain_values(report), indent=2, ensure_ascii=False, allow_nan=False)
+    return printable_json(json.dumps(plain_values(report), indent=2, ensure_ascii=False, allow_nan=False))
 
 
 def read_toml(path: Path) -> dict[str, Any]:

@@ -39,6 +39,18 @@ def elements_of(path: Path) -> tuple[Element, ...]:
     return tuple(found)
 
 
+def require_scene_file(path: Path) -> None:
+    """Raise InputError where there is no such file, a larger one, or one whose name Mitsuba cannot take."""
+    if not path.is_file():
+        raise InputError(f"scene {str(path)!r} is not a file; give the path of a Mitsuba 3 scene in XML.")
+    try:
+        str(path.absolute()).encode()
+    except UnicodeEncodeError:
+        way_out = "Mitsuba opens no such file; rename it"
+        raise InputError(f"scene {str(path)!r} has a name, or a folder, that is not UTF-8; {way_out}.") from None
+    require_small(path, "the scene file", MOST_BYTES)
+
+
 def require_shallow(text: str, path: Path) -> None:
     """Raise InputError for elements that are nested deeper than Mitsuba's parser can be trusted with."""
     _parse(text, path, lambda tag, attributes, line: None, strict=False)

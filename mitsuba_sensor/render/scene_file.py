@@ -12,8 +12,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from ..core import InputError, nearest
-from ..core.small_files import require_small
-from ..io.scene_xml import MOST_BYTES, require_shallow
+from ..io.scene_xml import require_scene_file, require_shallow
 from . import old_formats, old_text
 from .foreign_plugins import refuse_foreign_plugins
 from .parameter_names import meant
@@ -139,11 +138,9 @@ def parse_scene(
     """
     given = path if is_text(path) else ""
     file, mi = Path(NAME_OF_TEXT if given else path), mitsuba()
-    if not given and not os.path.isfile(file):
-        raise InputError(f"scene {os.fspath(path)!r} is not a file; give the path of a Mitsuba 3 scene in XML.")
-    values = {str(k): str(v) for k, v in parameters.items()}
     if not given:
-        require_small(file, "the scene file", MOST_BYTES)
+        require_scene_file(file)
+    values = {str(k): str(v) for k, v in parameters.items()}
     text = str(given) or file.read_text(encoding="utf-8", errors="replace")
     require_shallow(text, file)
     usual = re.search(r'<default\s+name="exposure_s"\s+value="([^"]*)"', text)

@@ -13,6 +13,7 @@ from typing import Any, Literal
 from pydantic import ValidationError
 
 from ..core import closest
+from ..core.printable import printable
 from ..core.small_files import toml_tables
 from .camera import Camera
 from .camera_file import CameraText, camera_text, plain_tables
@@ -40,7 +41,7 @@ class CameraFinding:
 
     def __str__(self) -> str:
         place = self.file if self.line is None else f"{self.file}:{self.line}"
-        return f"{place}: {self.level}: {self.text}"
+        return printable(f"{place}: {self.level}: {self.text}")
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON."""

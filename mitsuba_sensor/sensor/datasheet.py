@@ -42,6 +42,17 @@ class FileTable(BaseModel):
     cmos_only: ClassVar[Mapping[str, float | str]] = {}
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
+    def __hash__(self) -> int:
+        """Of the values, by which tables are compared; those of a camera's own stages need no hash."""
+        return hash((type(self), *(_hashable(getattr(self, name)) for name in type(self).model_fields)))
+
+
+def _hashable(value: object) -> object:
+    """A value whose lists are tuples and whose tables are sets of pairs."""
+    if isinstance(value, Mapping):
+        return frozenset((key, _hashable(inner)) for key, inner in value.items())
+    return tuple(map(_hashable, value)) if isinstance(value, list | tuple) else value
+
 
 def optional(description: str, example: object, default: Any = None) -> Any:
     """A field that a camera file may leave out."""

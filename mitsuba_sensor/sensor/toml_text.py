@@ -7,6 +7,8 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+from ..core.printable import printable_toml
+
 LONGEST = 110
 """Characters of a list on one line."""
 
@@ -16,7 +18,7 @@ def toml_of(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+        return printable_toml(json.dumps(value, ensure_ascii=False))
     if isinstance(value, float):
         return f"{value:.0f}" if value.is_integer() and abs(value) < 1e7 else repr(value)
     if isinstance(value, Mapping):

@@ -416,3 +416,14 @@ def test_a_copy_with_other_fields_has_the_chain_of_those_fields() -> None:
     assert camera.stages[-1].highest == 4095  # type: ignore[attr-defined]
     other = camera.model_copy(update={"adc": camera.replace(**{"adc.bits": 14}).adc})
     assert other.stages[-1].highest == 2**14 - 1  # type: ignore[attr-defined]
+
+
+def test_equal_cameras_have_one_hash() -> None:
+    """However they came about; whole numbers and floats that are equal; another value has another one."""
+    camera = ms.load_camera("bayer_2mp")
+    again = ms.load_camera(camera.to_toml())
+    whole, real = (camera.replace(**{"adc.black_level_dn": value}) for value in (64, 64.0))
+    assert camera == again and hash(camera) == hash(again) and len({camera, again}) == 1
+    assert whole == real and hash(whole) == hash(real) and hash(camera.lens) == hash(again.lens)
+    others = [camera.replace(**{"adc.bits": 14}), *(ms.load_camera(name) for name in ms.list_cameras())]
+    assert len({*others, camera}) == len(others)

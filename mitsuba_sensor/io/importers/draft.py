@@ -11,6 +11,7 @@ import numpy as np
 
 from ...core import InputError
 from ...core.errors import shown
+from ...core.printable import printable
 from ...sensor.camera import Camera
 from ...sensor.camera_file import camera_from
 from ...sensor.gains import volts_per_electron
@@ -104,6 +105,9 @@ class Draft:
         why = "the file has no full well; the converter is full first"
         self.assume("pixel.full_well_e", (2.0**self.bits - 1 - black_dn) / dn_per_e, why)
 
+    def __post_init__(self) -> None:
+        self.file = printable(self.file)
+
     @property
     def bits(self) -> int:
         """Of the converter."""
@@ -118,7 +122,7 @@ class Draft:
             if key in found.sources
         }
         data = found.model_dump()
-        data |= {"name": self.name or found.name, "description": self.description}
+        data |= {"name": printable(self.name) or found.name, "description": printable(self.description)}
         data["sources"] = {**same, **self.sources}
         return camera_from(data, self.file)
 

@@ -95,7 +95,7 @@ def _row(name: str, values: Mapping[str, Any], draft: Draft) -> dict[str, Any]:
 def _setting(row: Mapping[str, Any], draft: Draft) -> dict[str, float]:
     """The gain setting of a row [e-]; a shape that we do not have is the nearest."""
     at = f"at ISO {row['iso']:g}"
-    gain = draft.number(f"K {at}", row["gain"], 1e-9, 1e9)
+    gain = draft.number(f"K {at}", row["gain"])
     shape = draft.number(f"lam {at}", row["shape"], -0.5, 2.0) if "shape" in row else None
     if "scale" in row:
         pixel_dn = draft.number(f"sigTL {at}", row["scale"]) * float(scipy.stats.tukeylambda.std(shape or 0.0))
