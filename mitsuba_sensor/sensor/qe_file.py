@@ -90,10 +90,10 @@ def _check_shares(name: str, columns: list[Column]) -> None:
                 f"file {name!r}: {one.title} has {max(one.numbers):g}, and a fraction is at most 1; if it is in "
                 f"percent, call it {one.name}_percent"
             )
-    largest = max(max(one.numbers) for one in columns)
-    if all(one.unit == "percent" for one in columns) and 0 < largest <= 1:
-        first = columns[0]
+    percents = [one for one in columns if one.unit == "percent"]
+    largest = max((max(one.numbers) for one in percents), default=0.0)
+    if 0 < largest <= 1:
         raise ValueError(
             f"file {name!r}: the largest quantum efficiency is {largest:g} percent; if these are fractions, call the "
-            f"columns {first.name}_fraction; if a camera detects so little, write them as fractions too"
+            f"columns {percents[0].name}_fraction; if a camera detects so little, write them as fractions too"
         )

@@ -154,12 +154,16 @@ class QuantumEfficiency(Stage):
 
     @classmethod
     def notes(cls, camera: Datasheet) -> tuple[str, ...]:
-        """Where all curves are so low that they were probably divided by 100."""
-        peak = max(max(curve) for curve in camera.quantum_efficiency.curves.values())
-        if not 0 < peak < LEAST_PEAK:
-            return ()
-        usual = f"{LEAST_PEAK:g} to 1 is usual: if they were fractions and called percents, write {100 * peak:.4g}"
-        return (Doubt(f"quantum_efficiency.curves have at most {peak:.4g}, and {usual}"),)
+        """Where a curve is so low that it was probably divided by 100."""
+        peaks = {name: max(curve) for name, curve in camera.quantum_efficiency.curves.items()}
+        return tuple(
+            Doubt(
+                f"quantum_efficiency.curves.{name} has at most {peak:.4g}, and {LEAST_PEAK:g} to 1 is usual: if it was "
+                f"a fraction and called percent, write {100 * peak:.4g}"
+            )
+            for name, peak in peaks.items()
+            if 0 < peak < LEAST_PEAK
+        )
 
     def sample(self, photons: Photons, frame: Frame) -> Electrons:
         """Mean photons (H, W) or (H, W, B) → mean photoelectrons (H, W); with a yield, mean interactions."""

@@ -93,7 +93,7 @@ def test_semicolons_and_tabs_separate_too_and_then_commas_are_decimal(text: str,
 def test_a_quantum_efficiency_below_one_percent_everywhere_is_doubted() -> None:
     low, tail = ({"mono": list(curve)} for curve in ([0.003, 0.006], [0.003, 0.6]))
     (note,) = TABLE1.replace(**{"quantum_efficiency.curves": low}).notes
-    assert note.startswith("quantum_efficiency.curves have at most 0.006, and 0.01 to 1 is usual")
+    assert note.startswith("quantum_efficiency.curves.mono has at most 0.006, and 0.01 to 1 is usual")
     assert not TABLE1.replace(**{"quantum_efficiency.curves": tail}).notes
 
 
@@ -132,6 +132,10 @@ FILES = {
     "no name": ("wavelength_nm,_percent\n400,60\n700,60\n", "column 2 is called '_percent'"),
     "percents called fractions": ("wavelength_nm,mono_fraction\n400,60\n700,60\n", "in percent, call it mono_percent"),
     "fractions called percents": ("wavelength_nm,mono_percent\n400,0.3\n700,0.6\n", "call the columns mono_fraction;"),
+    "a fraction called percent beside a fraction": (
+        "wavelength_nm,R_fraction,G_percent\n400,0.3,0.2\n700,0.6,0.5\n",
+        "the largest quantum efficiency is 0.5 percent",
+    ),
     "nanometres called micrometres": (
         "wavelength_um,mono_fraction\n400,0.3\n700,0.6\n",
         "wavelength_um goes from 400 to 700 um, and 100 to 3000 nm is usual; if it is in nm, call it wavelength_nm",
