@@ -65,7 +65,7 @@ def checkout(tmp_path_factory: pytest.TempPathFactory) -> Checkout:
 
 
 def test_two_commands_do_all_the_set_up() -> None:
-    assert f"pip install . && {FIRST}" in SHELL
+    assert f"pip install '.[llvm]' && {FIRST}" in SHELL
     assert "pip install '.[test]' && pytest" in SHELL
 
 

@@ -186,9 +186,10 @@ def diagnosis(findings: Report) -> RenderableType:
     yes = {True: Text("yes", style="green"), False: Text("no", style="red")}
     for one in findings["variants"]:
         variants.add_row(one["name"], yes[one["works"]], Text(one["reason"]))
-    llvm = FittedTable(("LLVM", "usable?", "library", "why"))
-    for one in findings["llvm"]:
-        llvm.add_row(str(one["version"] or "?"), yes[one["usable"]], Text(one["path"]), Text(one["reason"]))
+    llvm = FittedTable(("LLVM", "used?", "library", "why"))
+    for library in findings["llvm"]:
+        version, path = str(library["version"] or "?"), Text(library["path"])
+        llvm.add_row(version, yes[library["used"]], path, Text(library["reason"]))
     versions = ", ".join(f"{name} {version or 'missing'}" for name, version in findings["versions"].items())
     remedies = [Text.assemble(("do: ", "bold yellow"), command) for command in findings["remedies"]]
     verdict = Text(f"renders with {findings['variant']}" if findings["works"] else "cannot render", style="bold")
@@ -229,6 +230,10 @@ def _facts(report: Report) -> Iterator[Text]:
         f"percentile, more than 1 in {100 * noise['above_sensor']:.0f} % of the pixels; "
         f"{render['samples_per_pixel']} samples per pixel{ended}",
     )
+    if most := noise["most_samples"]:
+        ratios = f"× {number(noise['most_samples_median'])} and {number(noise['most_samples_p95'])}"
+        more_s = minutes(noise["most_samples_more_s"])
+        yield _fact("with more samples", f"--spp {most:.0f} would have {ratios} and take {more_s} longer")
     if "uncompensated" in report["origin"]:
         left, above = (f"{100 * report['origin'][name]:.2g} %" for name in ("uncompensated", "above_shot_noise"))
         left = f"{left} of the shot noise's variance is left on top of it; {above} of the pixels have more render noise"

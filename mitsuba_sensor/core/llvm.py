@@ -2,15 +2,20 @@
 
 Dr.Jit initialises LLVM when it is *imported*, so the library is chosen before: versions are read from file names and
 ELF sonames, without loading a library. drjit 1.5.0 refuses LLVM 14, and 15 and 16 abort the process (they cannot select
-``llvm.maximum``); 19 and 22 are known to work. This package imports Dr.Jit through :func:`drjit` only.
+``llvm.maximum``); 19, 22 and 23 are known to work. This package imports Dr.Jit through :func:`drjit` only.
+
+Libraries of the operating system come first. Where it has none, the package karellen-llvm-core of the Python package
+index brings one into the environment of this interpreter, without root rights.
 """
 
 import contextlib
+import ctypes
 import glob
 import importlib
 import mmap
 import os
 import re
+import site
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -22,9 +27,20 @@ NO_LIBRARY = os.devnull  # the path that Dr.Jit gets when no LLVM is usable; it 
 
 # Dr.Jit searches /usr/lib/<triplet> only; Linux distributions, Conda and Homebrew use the others.
 FOLDERS: tuple[str, ...] = ("/usr/lib/x86_64-linux-gnu", "/usr/lib/aarch64-linux-gnu", "/usr/lib64", "/usr/lib")
-FOLDERS += ("/usr/local/lib", "/usr/lib/llvm-*/lib", "/usr/lib/llvm/*/lib64", os.path.join(sys.prefix, "lib"))
+FOLDERS += ("/usr/local/lib", "/usr/lib/llvm-*/lib", "/usr/lib/llvm/*/lib64")
 FOLDERS += ("/opt/homebrew/opt/llvm*/lib", "/usr/local/opt/llvm*/lib")
+# Of this interpreter's environment, where pip, Conda and uv put libraries.
+OWN_FOLDERS: tuple[str, ...] = (os.path.join(sys.prefix, "lib"), os.path.join(site.getuserbase(), "lib"))
 NAMES = ("libLLVM.dylib", "libLLVM-*.dylib") if sys.platform == "darwin" else ("libLLVM.so*", "libLLVM-*.so*")
+
+
+# What libLLVM of karellen-llvm-core needs, in the order of their needs. Its own links to them appear when Python is
+# started by somebody who may write to its folder; a library that is loaded already needs no link.
+COMPANIONS = ("libunwind.so.1.0", "libc++abi.so.1.0", "libc++.so.1.0")
+ON_THE_INDEX = sys.platform == "linux" and os.uname().machine == "x86_64"
+INSTALL = (
+    "pip install karellen-llvm-core, or apt-get install libllvm19" if ON_THE_INDEX else "apt-get install libllvm19"
+)
 
 
 @dataclass(frozen=True)
@@ -38,13 +54,21 @@ class LlvmLibrary:
 
 
 def find_llvm(folders: tuple[str, ...] = ()) -> list[LlvmLibrary]:
-    """All LLVM libraries in these folders (glob patterns), none loaded: $DRJIT_LIBLLVM_PATH first, then the newest."""
-    patterns = [os.path.join(f, n) for f in folders or FOLDERS for n in NAMES]
-    found = {os.path.realpath(p): p for pattern in patterns for p in sorted(glob.glob(pattern))}
+    """All LLVM libraries in these folders (glob patterns), none loaded: $DRJIT_LIBLLVM_PATH first, then those of the
+    operating system, then those of this environment, the newest first."""
+    found = _libraries_in(folders or FOLDERS)
+    if not folders:
+        found += [library for library in _libraries_in(OWN_FOLDERS) if library not in found]
     named = os.environ.get(LLVM_PATH, "")
     first = [inspect_llvm(named)] if named and named != NO_LIBRARY else []
-    rest = sorted((inspect_llvm(p) for p in found), key=lambda library: -library.version)
-    return first + [library for library in rest if not first or library.path != os.path.realpath(named)]
+    return first + [library for library in found if not first or library.path != os.path.realpath(named)]
+
+
+def _libraries_in(folders: tuple[str, ...]) -> list[LlvmLibrary]:
+    """All LLVM libraries in these folders (glob patterns), the newest first."""
+    patterns = [os.path.join(folder, name) for folder in folders for name in NAMES]
+    paths = {os.path.realpath(path) for pattern in patterns for path in glob.glob(pattern)}
+    return sorted(map(inspect_llvm, sorted(paths)), key=lambda library: -library.version)
 
 
 def inspect_llvm(path: str) -> LlvmLibrary:
@@ -87,7 +111,26 @@ def guard_llvm() -> LlvmLibrary | None:
     """Tell Dr.Jit, before its import, to load the first usable library, or none; return that library."""
     library = next((one for one in find_llvm() if one.usable), None)
     os.environ[LLVM_PATH] = library.path if library else NO_LIBRARY
+    if library:
+        _load_companions(library.path)
     return library
+
+
+def _load_companions(path: str) -> None:
+    """Load the libraries that a libLLVM from the package index needs; they stand in a folder beside it."""
+    for name in COMPANIONS:
+        for companion in glob.glob(os.path.join(os.path.dirname(path), "*-unknown-linux-gnu", name)):
+            with contextlib.suppress(OSError):  # then Dr.Jit has no LLVM, and backend_problem says why
+                ctypes.CDLL(companion)
+
+
+def _why_not_loaded(path: str) -> str:
+    """What the dynamic linker says of a library that Dr.Jit has not loaded."""
+    try:
+        ctypes.CDLL(path)
+    except OSError as error:
+        return str(error).removeprefix(f"{path}: ")
+    return "Dr.Jit does not find in it what it needs"
 
 
 def drjit() -> ModuleType:
@@ -124,6 +167,9 @@ def backend_problem(backend: str) -> str | None:
         return None if dr.has_backend(dr.JitBackend.CUDA) else "no CUDA device or driver"
     if backend == "llvm":
         version = llvm_version()
+        if version == 0 and os.environ.get(LLVM_PATH, NO_LIBRARY) != NO_LIBRARY:
+            path = os.environ[LLVM_PATH]
+            return f"no LLVM that can be loaded ({path}: {_why_not_loaded(path)})"
         if version == 0:
             return f"no LLVM {OLDEST_LLVM} or newer on this machine"
         if version < OLDEST_LLVM:  # Mitsuba was imported before this package, without guard_llvm

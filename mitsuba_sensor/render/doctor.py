@@ -13,7 +13,7 @@ from functools import partial
 from importlib import resources
 from typing import Any, TypeAlias
 
-from ..core.llvm import find_llvm
+from ..core.llvm import INSTALL, find_llvm
 from ..io.metadata import versions
 from ..stopping import undone_if_stopped
 from .variants import VARIANTS
@@ -29,7 +29,10 @@ def examine() -> Finding:
     chosen = _try(None)
     variants = [chosen if chosen["name"] == name else _try(name) for name in VARIANTS]
     findings = {"works": chosen["works"], "variant": chosen["name"], "seconds": chosen["seconds"], "variants": variants}
-    findings |= {"llvm": [asdict(library) for library in find_llvm()], "versions": versions()}
+    libraries = find_llvm()
+    used = next((library for library in libraries if library.usable), None)
+    llvm = [asdict(library) | {"used": library is used} for library in libraries]
+    findings |= {"llvm": llvm, "versions": versions()}
     return {**findings, "remedies": _remedies(findings, chosen["reason"])}
 
 
@@ -81,5 +84,5 @@ def _remedies(findings: Finding, reason: str) -> list[str]:
         working = [one["name"] for one in findings["variants"] if one["works"]]
         remedies += [f"mitsuba-sensor render SCENE -o DIR --variant {name}   # until then" for name in working[:1]]
     elif findings["variant"] == SLOW:
-        remedies.append("apt-get install libllvm19   # renders up to about three times faster")
+        remedies.append(f"{INSTALL}   # renders up to about three times faster")
     return remedies

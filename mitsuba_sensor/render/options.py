@@ -137,7 +137,8 @@ class RenderOptions(SceneOptions, RawLightOptions, total=False):
     spp: Annotated[
         int | None,
         Option(
-            "Samples (light paths) per pixel over all passes; 4 × as many halve the render noise. Default: 240.",
+            "Samples (light paths) per pixel over all passes; 4 × as many halve the render noise. Default: until 95 % "
+            "of the lit pixels have less render noise than sensor noise, at most 256.",
             low=1,
             high=MOST_IN_ALL,
             example="256",

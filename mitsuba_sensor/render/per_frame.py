@@ -31,7 +31,14 @@ from .renderer import Criterion, Map, Renderer
 from .scene_nodes import SceneInput
 from .scene_settings import ParsedScene
 from .statistics import median_bias
-from .stop_criterion import FEWEST_TO_STOP, Progress, RenderProgress, StopCriterion, stop_criterion_of
+from .stop_criterion import (
+    DEFAULT_SPP,
+    FEWEST_TO_STOP,
+    Progress,
+    RenderProgress,
+    StopCriterion,
+    stop_criterion_of,
+)
 from .variants import computed_in, mitsuba, restores_variant
 
 PerFrameNoise = Literal["compensated", "per-frame"]
@@ -129,6 +136,8 @@ class FrameSeries:
         measured = compensated and options["spp"] is None and options["noise_ratio"] is None
         rendering: RenderOptions = {**part_of(RenderOptions, options), "denoise": False}
         wanted: RenderOptions = {**rendering, "noise_ratio": 1.0} if measured else rendering
+        if not any(wanted[name] is not None for name in ("spp", "noise_ratio", "max_spp", "max_seconds")):
+            wanted["spp"] = DEFAULT_SPP  # all frames have as many
         check_options(wanted)
         check_numbers(options["frames"], options["first_frame"], first_given(options["seed"], 1))
         prepared = prepare(scene, camera, exposure, usual="channels", **rendering)

@@ -25,6 +25,7 @@ from .irradiance import Irradiance
 from .motion import Motion, read_motion
 from .moving_scene import MovingScene, pose_m
 from .network import denoised_if_possible, is_installed, library
+from .noise_goals import SensorNoise
 from .options import RenderOptions
 from .passes import SAMPLER
 from .photons import metered
@@ -125,7 +126,7 @@ class PreparedRender:
     ) -> Irradiance:
         """One render; started : when it began, on the monotonic clock [s]; criterion : see :meth:`Renderer.run`."""
         began, renderer = time.monotonic() if started is None else started, self.renderer
-        end = renderer.run(seed, stop, progress or (lambda step: None), criterion)
+        end = renderer.run(seed, stop, progress or (lambda step: None), criterion or SensorNoise(self, stop))
         raw, kept = renderer.electrons(), None
         if self.denoise:
             if progress is not None:
@@ -144,7 +145,7 @@ class PreparedRender:
         light = with_notes_of_shares(light, self.camera, self.at_rest.findings)
         if kept is None or renderer.denoised is None:
             return light
-        ratios = self._noise_ratios(exposure, raw, renderer.passes)
+        ratios = self.noise_ratios(exposure, raw, renderer.passes)
         return replace(light, raw=self._irradiance(kept, raw, replace(light.statistics, denoised=None, **ratios)))
 
     def _irradiance(self, found: Estimate, raw: Electrons, statistics: RenderStatistics) -> Irradiance:
@@ -189,7 +190,7 @@ class PreparedRender:
             scene = load_for_rays(self.parsed.file, self.camera, self.unit_m, self.width)
         return aovs_of(scene, self.motion, self.unit_m, shutter_of(self.camera, self.exposure))
 
-    def _noise_ratios(self, exposure: Exposure, electrons: Electrons, passes: int) -> NoiseRatios:
+    def noise_ratios(self, exposure: Exposure, electrons: Electrons, passes: int) -> NoiseRatios:
         """Render variance over sensor variance in an exposure. passes : that measured the variance, many if pooled."""
         (mean_e, variance_e2), known = electrons, exposure == self.exposure
         longer = 1.0 if known else exposure.time_s / self.exposure.time_s
@@ -201,7 +202,7 @@ class PreparedRender:
         """What the denoiser did, and the noise ratio before."""
         if (found := self.renderer.denoised) is None:
             return None
-        before = self._noise_ratios(exposure, raw, self.renderer.passes)
+        before = self.noise_ratios(exposure, raw, self.renderer.passes)
         return {**found.record, **{f"raw_{name}": before[name] for name in ("noise_ratio_median", "noise_ratio_p95")}}
 
     def _statistics(
@@ -214,9 +215,7 @@ class PreparedRender:
             notes.append(f"{', '.join(overruled)} of the scene file overruled by the camera that was given")
         if self.denoise is None and not is_installed():
             notes.append("not denoised: Open Image Denoise is not installed; pip install pyoidn")
-        if stop.asked is not None and stop.asked != samples:
-            why = "equal passes, each a full grid" if end == "spp" else "the time was up"
-            notes.append(f"{stop.asked} samples per pixel asked for, {samples} taken: {why}")
+        notes += stop.notes(end, samples)
         return RenderStatistics(
             passes=passes,
             samples_per_pixel=samples,
@@ -225,7 +224,7 @@ class PreparedRender:
             variant=self.parsed.variant.name,
             sampler=self.sampler,
             spectral=self.bands.kind,
-            **self._noise_ratios(exposure, renderer.electrons(), passes if renderer.denoised is None else POOLED),
+            **self.noise_ratios(exposure, renderer.electrons(), passes if renderer.denoised is None else POOLED),
             noise_ratio_asked=stop.goal if stop.reached == "noise_ratio" else None,
             ended_by=end,
             reliable=not doubt,

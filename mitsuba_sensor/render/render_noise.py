@@ -13,6 +13,7 @@ from .irradiance import Irradiance
 from .passes import MOST_IN_ALL
 from .pooled import FEWEST
 from .statistics import POOLED, RenderStatistics, summary_of
+from .stop_criterion import DEFAULT_SPP, RATIO_EXPONENT
 
 ALL = 0.995  # of the variance: more would be called 100 %
 LITTLE_NOISE = 0.1  # of the sensor's variance: 5 % more noise in the frame
@@ -29,6 +30,9 @@ def render_noise(light: Irradiance, frames: Frames) -> dict[str, float | None]:
     share_of_variance_median : of the noise of a lit pixel in one frame, the render's part.  above_sensor : share of the
     lit pixels in which the render's variance is the larger one.  samples_for_a_tenth, seconds_for_a_tenth : of a render
     whose median ratio is 0.1, roughly; None where it is less, or nobody can tell.
+    most_samples, most_samples_median, most_samples_p95, most_samples_more_s : what a render that stopped at the
+    sensor's noise would reach with all samples that the default allows, roughly, and how much longer it would take;
+    None for other renders.
     """
     detection = frames.camera.stages[0]
     known = frames.stages[0] == detection  # the published chain counts its photoelectrons in another way
@@ -45,6 +49,7 @@ def render_noise(light: Irradiance, frames: Frames) -> dict[str, float | None]:
     median = found["noise_ratio_median"]
     samples = samples_for(LITTLE_NOISE, median, statistics)
     more = None if samples is None else (samples - statistics.samples_per_pixel) * statistics.seconds_per_sample
+    most = _with_most_samples(statistics, median, found["noise_ratio_p95"])
     return {
         "over_sensor_median": median,
         "over_sensor_p95": found["noise_ratio_p95"],
@@ -53,6 +58,23 @@ def render_noise(light: Irradiance, frames: Frames) -> dict[str, float | None]:
         "above_sensor": float((ratio[lit] > 1).mean()) if lit.any() else 0.0,
         "samples_for_a_tenth": samples,
         "seconds_for_a_tenth": None if more is None else statistics.seconds + more,
+        **most,
+    }
+
+
+def _with_most_samples(statistics: RenderStatistics, median: float, p95: float) -> dict[str, float | None]:
+    """What all samples of the default would bring to a render that stopped at the sensor's noise."""
+    if statistics.ended_by != "sensor_noise":
+        names = ("most_samples", "most_samples_median", "most_samples_p95", "most_samples_more_s")
+        return dict.fromkeys(names)
+    done = statistics.samples_per_pixel
+    exponent = 1.0 if statistics.denoised is None else RATIO_EXPONENT
+    falls_to = (done / DEFAULT_SPP) ** exponent
+    return {
+        "most_samples": float(DEFAULT_SPP),
+        "most_samples_median": median * falls_to,
+        "most_samples_p95": p95 * falls_to,
+        "most_samples_more_s": (DEFAULT_SPP - done) * statistics.seconds_per_sample,
     }
 
 

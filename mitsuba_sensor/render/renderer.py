@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cached_property, partial
 from typing import NamedTuple
 
@@ -26,12 +27,13 @@ from .film_channels import electrons_of_film, in_band_factor, of_own_filter, rad
 from .filter_bands import VALUES_AT_ONCE, denoised_bands, raw_bands
 from .guides import Guides, detected_quarters, most_rays, noise_share, traced
 from .moving_scene import MovingScene
+from .noise_goals import MedianNoiseRatio, SensorNoise
 from .passes import clean, hashed_seed, row_strips
 from .photons import electrons_per_irradiance
 from .pooled import pooled, relative_errors
 from .row_strip import BandSums, Kept, RowStrip
 from .scene import Scene
-from .statistics import firefly_fraction, median_bias
+from .statistics import firefly_fraction
 from .stop_criterion import End, Progress, ProgressMeter, StopCriterion
 from .variants import mitsuba
 
@@ -70,19 +72,26 @@ class Renderer:
         self._weights = electrons_per_irradiance(camera, exposure, bands)
         can_be_denoised = columns * rows >= LEAST_PIXELS and self._weights.any()
         self._keep = keep if can_be_denoised else Kept.SPREAD
-        self._halves = Kept.HALVES in self._keep
+        self.can_denoise = Kept.HALVES in self._keep
         self._film_weights = electrons_of_film(camera, exposure, bands)
         self._solid_angle, self._scale = solid_angle_sr(scene.view, camera), bands.scale
         self._camera, self._exposure, self.seconds_per_sample = camera, exposure, 0.0
         self.negative = self.non_finite = self.lost = self.passes = self.samples = 0
         self._fireflies: float | None = None
         self.denoised: Denoised | None = None
+        self._filtered: Denoised | None = None  # of the passes so far, if they were denoised already
 
-    def run(self, seed: int, budget: StopCriterion, progress: Progress, criterion: Criterion | None = None) -> End:
+    def run(
+        self, seed: int, budget: StopCriterion, progress: Progress, criterion: Criterion | SensorNoise | None = None
+    ) -> End:
         """Render until ``budget`` is used up or its goal is met; returns which. criterion : function of
-        :meth:`noise_estimate` that the goal is for; by default the median noise ratio."""
-        usual = self.denoised_ratio if self._halves and budget.goal is not None else self.median_ratio
-        measure, meter = criterion or usual, ProgressMeter(progress)
+        :meth:`noise_estimate` that the goal is for, by default the median noise ratio; or what ends the render, too."""
+        measure: Criterion = MedianNoiseRatio(self, denoised=self.can_denoise and budget.goal is not None)
+        noise, meter = None, ProgressMeter(progress)
+        if isinstance(criterion, SensorNoise):
+            noise = criterion
+        elif criterion is not None:
+            measure = criterion
         self._guides: Guides | None = None
         self.groups = self.bands.groups if budget.grouped else (slice(0, len(self.bands)),)
         self._begin(budget.samples, meter)
@@ -96,6 +105,11 @@ class Renderer:
             value = measure(*self.noise_estimate())
             meter.forecast(budget, self.passes, value)
             self.seconds_per_sample = meter.later_pass_s / (self.samples * len(self.groups))
+            with meter.not_counted():
+                reached = noise is not None and noise.is_reached()
+            if reached:
+                meter.forecast(replace(budget, passes=self.passes), self.passes, value)
+                return "sensor_noise"
             if budget.sized:
                 if end := budget.finished(self.passes, value, *meter.times(self.passes)):
                     return end
@@ -108,15 +122,16 @@ class Renderer:
         """Empty strips for passes of so many samples per pixel."""
         (columns, height), count = self.scene.view.crop_size, len(self.bands)
         rows = row_strips((columns, height), count, samples)
-        filters = len(self._weights) if self._halves else 1
+        filters = len(self._weights) if self.can_denoise else 1
         self._sums = BandSums((height, columns, count), self._keep)
         self.strips = [RowStrip(slice(*edges), self._sums, filters) for edges in rows]
         self.samples, self.passes, self.negative, self.non_finite, self.lost = samples, 0, 0, 0, 0
-        self.denoised, self._fireflies, self._compared = None, None, (0, np.nan)
+        self.denoised = self._filtered = self._fireflies = None
         meter.begin(len(rows))
 
     def _passes(self, seed: int, meter: ProgressMeter, count: int) -> None:
         """So many passes of all strips, several only of a single strip."""
+        self._filtered = None
         if isinstance(self.scene, MovingScene):
             self.scene.begin_pass(seed, self.passes)
         for s, strip in enumerate(self.strips):
@@ -145,7 +160,7 @@ class Renderer:
         irradiance *= self._solid_angle[rows, :, None] * self._scale
         per_filter = irradiance @ self._film_weights.T
         own = np.stack([self._own(one, rows) for one in per_filter])
-        strip.add(first, irradiance[..., : len(self.bands)], per_filter if self._halves else own[..., None], own)
+        strip.add(first, irradiance[..., : len(self.bands)], per_filter if self.can_denoise else own[..., None], own)
 
     @cached_property
     def noise(self) -> InputNoise:
@@ -185,19 +200,32 @@ class Renderer:
         """Denoise what was rendered so far; from now on :meth:`electrons` and :meth:`result` are the denoised light.
         Of few passes or pixels, where nothing is detected and where no camera would see the noise, they stay as they
         are.  last : no pass follows, and what only passes need is forgotten, to save memory."""
-        if self.passes < LEAST_PASSES or not self._halves or not is_noisy(*self._raw_electrons()):
-            return
+        if self._filtered is None:
+            self._filtered = self._denoise_passes(last)
+        self.denoised = self._filtered
+        if last and self.denoised is not None:
+            self._filtered = None
+            self._fireflies, self._guides = self.firefly_fraction(), None
+            for strip in self.strips:
+                strip.finish()
+
+    def denoised_electrons(self) -> Electrons | None:
+        """What :meth:`electrons` would be if no pass followed, or None where nothing is denoised."""
+        self.denoise()
+        light = None if self.denoised is None else self.electrons()
+        self.denoised = None
+        return light
+
+    def _denoise_passes(self, last: bool) -> Denoised | None:
+        if self.passes < LEAST_PASSES or not self.can_denoise or not is_noisy(*self._raw_electrons()):
+            return None
         share = ((self.passes + 1) // 2) / self.passes
         even, odd = (partial(self._half, share, odd) for odd in (False, True))
         with self._sums.on_disk():
             if not mitsuba().variant().startswith("scalar"):
                 self._guides = self._more_guides().without_noise() if last else self._more_guides()
             trim_heap()
-            self.denoised = denoise(Halves(even, odd, self._variance_of, share), self._guides)
-            if last:
-                self._fireflies, self._guides = self.firefly_fraction(), None
-                for strip in self.strips:
-                    strip.finish()
+            return denoise(Halves(even, odd, self._variance_of, share), self._guides)
 
     def _half(self, share: float, odd: bool) -> NDArray[np.float32]:
         """Mean photoelectrons of the even passes or the others, (H, W, F)."""
@@ -214,7 +242,7 @@ class Renderer:
 
     def release(self) -> None:
         """Forget the last render; what it returned stays."""
-        self.strips, self.denoised, self._guides = [], None, None
+        self.strips, self.denoised, self._filtered, self._guides = [], None, None, None
         del self._sums
         trim_heap()
 
@@ -251,25 +279,6 @@ class Renderer:
             return mean, variance, max(self.passes - 1, 1)
         right, left = mean[:, step:], mean[:, :-step]
         return right, 0.5 * (right - left) ** 2, 1
-
-    def median_ratio(self, mean_e: Map, variance_e2: Map, freedom: int) -> float:
-        """Median noise ratio of the lit pixels, corrected for the bias of a median of few degrees of freedom (χ²)."""
-        ratio = self.noise.ratio(mean_e, variance_e2)[mean_e > 0]
-        return float(np.median(ratio)) * median_bias(freedom + 1) if ratio.size else 0.0
-
-    def denoised_ratio(self, mean_e: Map, variance_e2: Map, freedom: int) -> float:
-        """Median noise ratio of the denoised light; denoised again after a quarter as many passes more, and between as
-        if it fell as one over the passes. Of the passes themselves where these cannot be denoised."""
-        passes, ratio = self._compared
-        if 4 * self.passes >= 5 * passes:
-            self.denoise()
-            if self.denoised is None:
-                return self.median_ratio(mean_e, variance_e2, freedom)
-            mean, variance = self.electrons()
-            found = self.noise.ratio(mean, variance)[mean > 0]
-            passes, ratio = self._compared = self.passes, float(np.median(found)) if found.size else 0.0
-            self.denoised = None
-        return ratio * passes / self.passes
 
     def result(self, keep: bool = False) -> Estimate:
         """What was rendered and, where that was done, denoised. A pixel with an infinite band is infinite in all.

@@ -29,7 +29,8 @@ class RenderStatistics:
     noise_ratio_* : render variance over the sensor's own temporal variance, both as electrons at the input: median,
         95th percentile and largest of the lit pixels. Above 1 the noise is more the renderer's than the sensor's.
     noise_ratio_asked, ended_by : the ratio that it worked towards (None if none), and what ended it: "spp",
-        "noise_ratio", "compensable" (see :func:`render_frames`), "max_seconds" or "max_spp".
+        "sensor_noise" (95 % of the lit pixels have less render noise than sensor noise), "noise_ratio",
+        "compensable" (see :func:`render_frames`), "max_seconds" or "max_spp".
     reliable, firefly_fraction : whether the error bars can be trusted, which NaN rules out, and the share of the lit
         pixels that owe more than three quarters of their variance to one bright pass: rare paths (caustics) that others
         have not seen yet.

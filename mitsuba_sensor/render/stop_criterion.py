@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -12,7 +13,11 @@ from ..core import InputError
 from .options import RenderOptions
 from .passes import FEWEST, pass_plan, whole_grid
 
-DEFAULT_SPP = 240  # 8 passes of 30
+DEFAULT_SPP = 256  # at most: 32 passes of 8
+DEFAULT_PASS_SPP = 8
+FIRST_LOOK = 8  # passes of the default render, before it is compared with the sensor's noise
+# Render variance over sensor variance falls as samples^-0.75 where it is denoised: its gain falls, too.
+RATIO_EXPONENT = 0.75
 FEWEST_TO_STOP = 16  # passes before a goal counts as reached: 15 degrees of freedom
 SIZED = 32  # passes that a render towards a goal is sized for
 PASS_SPP = 16  # of the first pass of a render without a fixed number; it tells how large the others are
@@ -20,13 +25,15 @@ TRIED = 64  # part of a pass that is tried out, to forecast a long render
 LONG = 2**26  # samples in all of a render that is tried out: more than a minute in most scenes
 MOST_SPP_ASKED = 2**16  # of a render that works towards a noise ratio, unless max_spp says otherwise
 
-End = Literal["spp", "noise_ratio", "compensable", "max_seconds", "max_spp"]
+End = Literal["spp", "sensor_noise", "noise_ratio", "compensable", "max_seconds", "max_spp"]
 
 
 @dataclass(frozen=True)
 class StopCriterion:
     """How many passes of how many samples; fixed, or until one of the limits is met.
 
+    to_sensor_noise : whether the render ends earlier, where 95 % of the lit pixels have less render noise than sensor
+        noise.
     passes : the most there may be.  samples : per pixel and pass; of the first pass where the rest is not ``sized``.
     goal, reached : value of the renderer's criterion at which to stop, or None, and what that is called.
     max_seconds : no pass is begun that would end later, as far as those before tell; two are always made.
@@ -45,6 +52,7 @@ class StopCriterion:
     sized: bool = True
     grouped: bool = False
     repeatable: bool = False
+    to_sensor_noise: bool = False
 
     def is_long(self, values: int) -> bool:
         """Whether a fixed number of samples takes long. values : pixels times groups of bands."""
@@ -54,12 +62,28 @@ class StopCriterion:
         """How many passes are made at once, at most ``most``; one where anything but their number can end the render.
 
         It divides their number, so that all launches share a kernel, and is not all of them if two halves will do: the
-        first one compiles, the second tells how long a pass takes.
+        first one compiles, the second tells how long a pass takes. Of a render to the sensor's noise the passes before
+        the first look count.
         """
         if not self.sized or self.goal is not None or math.isfinite(self.max_seconds):
             return 1
-        divisors = [n for n in range(1, min(most, self.passes) + 1) if self.passes % n == 0]
-        return max([n for n in divisors if 1 < n <= self.passes // 2] or divisors)
+        passes = min(self.passes, FIRST_LOOK) if self.to_sensor_noise else self.passes
+        divisors = [n for n in range(1, min(most, passes) + 1) if passes % n == 0]
+        return max([n for n in divisors if 1 < n <= passes // 2] or divisors)
+
+    def first_look(self) -> int | None:
+        """Passes after which the render is first compared with the sensor's noise; None where it never is."""
+        return FIRST_LOOK if self.to_sensor_noise else None
+
+    def next_look(self, done: int, ratio: float) -> int | None:
+        """Passes after which to compare again; None where nothing is left to save.
+
+        done, ratio : passes so far, and render variance over sensor variance that should be 1 and is more.
+        """
+        needed: float = done * ratio ** (1 / RATIO_EXPONENT)
+        if needed > self.passes - FIRST_LOOK:
+            return None
+        return math.ceil(needed / FIRST_LOOK) * FIRST_LOOK
 
     def finished(self, done: int, value: float, seconds: float, per_pass: float) -> End | None:
         """Why there is no further pass after ``done``, or None."""
@@ -79,6 +103,13 @@ class StopCriterion:
         if done and math.isfinite(self.max_seconds) and per_pass > 0:
             most = min(most, max(done + int((self.max_seconds - seconds) / per_pass), 2, done))
         return most
+
+    def notes(self, end: End, samples: int) -> list[str]:
+        """Where another number of samples per pixel was taken than was asked for: why."""
+        if self.asked is None or self.asked == samples:
+            return []
+        why = "equal passes, each a full grid" if end == "spp" else "the time was up"
+        return [f"{self.asked} samples per pixel asked for, {samples} taken: {why}"]
 
     def sized_by(self, value: float, seconds: float) -> StopCriterion:
         """The same with the size of the passes, from what one pass of ``samples`` showed: about 32 of them."""
@@ -154,6 +185,15 @@ class ProgressMeter:
         self._expected, self._value = budget.expected(passes, value, seconds, per_pass), value
         self.report(passes * self._strips)
 
+    @contextmanager
+    def not_counted(self) -> Iterator[None]:
+        """What happens within is not a pass, and its time is not counted as one's."""
+        started = time.monotonic()
+        yield
+        seconds = time.monotonic() - started
+        self._began += seconds
+        self._first = self._first[0] + seconds, self._first[1]
+
     def report(self, strips: int) -> None:
         """So many strips of all passes are done."""
         (seconds, since), expected = self.times(1), self._expected * self._strips
@@ -175,7 +215,11 @@ def stop_criterion_of(options: RenderOptions, groups: int = 1) -> StopCriterion:
     max_seconds, repeatable = math.inf if limit_s is None else limit_s, bool(options.get("repeatable"))
     if repeatable and limit_s is not None:
         raise InputError(f"repeatable is given and max_seconds is {limit_s!r}, but time is not: take max_spp instead.")
-    if noise_ratio is None and max_spp is None and (spp is not None or limit_s is None):
+    unlimited = noise_ratio is None and max_spp is None and limit_s is None
+    if spp is None and unlimited and groups == 1:
+        passes = DEFAULT_SPP // DEFAULT_PASS_SPP
+        return StopCriterion(passes, DEFAULT_PASS_SPP, repeatable=repeatable, to_sensor_noise=True)
+    if spp is not None or unlimited:  # bands in groups are for other cameras, too
         wanted = DEFAULT_SPP if spp is None else spp
         plan = pass_plan(wanted, repeatable)
         grouped = groups > 1 and math.prod(plan) >= FEWEST * groups

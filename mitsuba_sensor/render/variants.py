@@ -13,7 +13,7 @@ from types import ModuleType
 from typing import Any, ParamSpec, TypeAlias, TypeVar
 
 from ..core import InputError, nearest
-from ..core.llvm import backend_problem, drjit, llvm_version
+from ..core.llvm import INSTALL, backend_problem, drjit, llvm_version
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
@@ -21,7 +21,7 @@ Item = TypeVar("Item")
 MitsubaObject: TypeAlias = Any  # a scene, sensor, film, ray, transform, properties …: its class depends on the variant
 
 VARIANTS = ("cuda_ad_spectral", "llvm_ad_spectral", "scalar_spectral")  # the fastest first
-FASTER = "up to about three times faster with LLVM, depending on the processor: apt-get install libllvm19"
+FASTER = "up to about three times faster with LLVM, depending on the processor: " + INSTALL
 
 
 @dataclass(frozen=True)
@@ -154,6 +154,6 @@ def _checked(name: str, reason: str, subject: str) -> Variant:
     backend = name.split("_")[0]
     problem = backend_problem(backend)
     if problem:
-        way_out = "take scalar_spectral" + (", or apt-get install libllvm19" if backend == "llvm" else "")
+        way_out = "take scalar_spectral" + (f", or {INSTALL}" if backend == "llvm" else "")
         raise InputError(f"{subject}, but there is {problem}; {way_out}.")
     return Variant(name, backend, reason, FASTER if backend == "scalar" and llvm_version() == 0 else "")

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from mitsuba_sensor.core import llvm
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.llvm import LLVM_PATH, find_llvm, inspect_llvm
 from mitsuba_sensor.render import variants
@@ -23,7 +25,7 @@ REPORT = """
 import json, os, sys
 from mitsuba_sensor.core import llvm
 from mitsuba_sensor.render import variants
-llvm.FOLDERS = tuple(sys.argv[1:])
+llvm.FOLDERS, llvm.OWN_FOLDERS = tuple(sys.argv[1:]), ()
 chosen = variants.choose_variant()
 mi = variants.use(chosen)
 scene = mi.load_dict({"type": "scene", "s": {"type": "sphere"}, "e": {"type": "constant"}, "i": {"type": "direct"},
@@ -145,6 +147,60 @@ def test_newest_comes_first_but_a_named_one_before_it(tmp_path: Path, monkeypatc
     assert [one.version for one in find_llvm((str(tmp_path),))] == [19, 18, 15]
     monkeypatch.setenv(LLVM_PATH, str(tmp_path / "libLLVM.so.18.1"))
     assert [one.version for one in find_llvm((str(tmp_path),))] == [18, 19, 15]
+
+
+@linux
+def test_a_library_of_the_system_comes_before_a_newer_one_of_this_environment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    system, own = tmp_path / "system", tmp_path / "own"
+    for folder, name in ((system, "libLLVM.so.19.1"), (system, "libLLVM-15.so.1"), (own, "libLLVM.so.23.1")):
+        folder.mkdir(exist_ok=True)
+        fake_library(folder, name)
+    monkeypatch.delenv(LLVM_PATH, raising=False)
+    monkeypatch.setattr(llvm, "FOLDERS", (str(system),))
+    monkeypatch.setattr(llvm, "OWN_FOLDERS", (str(own),))
+    assert [library.version for library in find_llvm()] == [19, 15, 23]
+    assert [library.version for library in find_llvm() if library.usable] == [19, 23]
+
+
+@linux
+def test_a_library_that_cannot_be_loaded_is_named_with_what_it_lacks(tmp_path: Path) -> None:
+    """A head of this interpreter and nothing else: the dynamic linker refuses it, and scalar renders."""
+    path = fake_library(tmp_path, "libLLVM.so.23.1")
+    (name, hint, reason, loaded), _ = import_drjit(tmp_path)
+    assert (name, loaded) == ("scalar_spectral", [])
+    assert f"no LLVM that can be loaded ({path}: " in reason
+    assert "libllvm19" in hint
+
+
+@linux
+def test_what_a_library_of_the_index_needs_is_loaded_without_its_links(tmp_path: Path) -> None:
+    """A library that needs another one by a name that no file has, as libLLVM needs libc++.so.1.
+
+    Both are built here; without the first, the linker does not find it."""
+    if shutil.which("gcc") is None:
+        pytest.skip("needs gcc to build two small libraries")
+    beside = tmp_path / "x86_64-unknown-linux-gnu"
+    beside.mkdir()
+    (tmp_path / "a.c").write_text("int a(void) { return 42; }")
+    (tmp_path / "b.c").write_text("int a(void); int b(void) { return a(); }")
+    needed, library = beside / "libc++.so.1.0", tmp_path / "libLLVM.so.23.1"
+    build = ["gcc", "-shared", "-fPIC"]
+    subprocess.run([*build, "-Wl,-soname,libc++.so.1", "-o", needed, tmp_path / "a.c"], check=True)
+    subprocess.run([*build, "-Wl,-soname,libLLVM.so.23.1", "-o", library, tmp_path / "b.c", needed], check=True)
+    code = f"""
+import ctypes
+from mitsuba_sensor.core import llvm
+llvm.FOLDERS, llvm.OWN_FOLDERS = ({str(tmp_path)!r},), ()
+assert llvm.guard_llvm().version == 23
+assert ctypes.CDLL({str(library)!r}).b() == 42
+"""
+    env = {name: value for name, value in os.environ.items() if name != LLVM_PATH}
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60, env=env)
+    alone = f"import ctypes; ctypes.CDLL({str(library)!r})"
+    refused = subprocess.run([sys.executable, "-c", alone], capture_output=True, text=True, timeout=60)
+    assert "libc++.so.1" in refused.stderr
 
 
 def test_unknown_and_non_spectral_variants_name_the_call_to_make() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,12 +16,13 @@ from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.render import stop_criterion
 from mitsuba_sensor.render.irradiance import Irradiance
 from mitsuba_sensor.render.passes import FEWEST, MOST_SPP, whole_grid
-from mitsuba_sensor.render.prepared import render
-from mitsuba_sensor.render.stop_criterion import PASS_SPP, StopCriterion, stop_criterion_of
+from mitsuba_sensor.render.prepared import prepare, render
+from mitsuba_sensor.render.stop_criterion import FIRST_LOOK, PASS_SPP, StopCriterion, stop_criterion_of
 from mitsuba_sensor.sensor.camera_file import load_camera
 
 CAMERA, EXPOSURE = load_camera("konnik_table1"), Exposure(0.02)
 BOX = SCENES / "cornell_box.xml"  # noise in every pixel
+SMALL = {"width": 16, "height": 12}  # large enough to be denoised
 FAST = {"wavelength_nm": 550, "variant": "scalar_spectral", "parameters": {"width": 12, "height": 8}}
 
 
@@ -110,6 +112,66 @@ def test_the_size_of_the_passes_follows_the_need_and_stays_on_the_sampler_s_grid
         sized = stop_criterion_of({"noise_ratio": 0.01}).sized_by(ratio, 1.0)
         assert sized.samples == whole_grid(sized.samples) <= MOST_SPP
         assert PASS_SPP <= sized.samples <= max(PASS_SPP, PASS_SPP * ratio / 0.01 / 32)
+
+
+def test_a_render_without_a_number_of_samples_stops_where_the_sensor_is_noisier_than_the_render() -> None:
+    """95 % of the lit pixels; the same bytes as of so many samples that were asked for. Much light has little shot
+    noise beside it, so that all samples are taken."""
+    dim = render(BOX, CAMERA, Exposure(0.0005), **FAST)
+    assert dim.statistics.ended_by == "sensor_noise"
+    assert dim.statistics.samples_per_pixel < stop_criterion.DEFAULT_SPP
+    asked = render(BOX, CAMERA, Exposure(0.0005), spp=dim.statistics.samples_per_pixel, **FAST)
+    assert asked.statistics.ended_by == "spp"
+    assert asked.data.tobytes() == dim.data.tobytes()
+
+
+@pytest.mark.parametrize("time_s", [0.0005, 0.005, 0.01, 0.02, 0.05])
+def test_a_render_that_stopped_at_the_sensor_s_noise_has_less(time_s: float) -> None:
+    """Denoised error bars can be larger than those of the passes, and they count."""
+    light = render(BOX, CAMERA, Exposure(time_s), **{**FAST, "parameters": SMALL})
+    stopped = light.statistics.ended_by == "sensor_noise"
+    assert stopped == (light.statistics.samples_per_pixel < stop_criterion.DEFAULT_SPP)
+    assert not stopped or light.statistics.noise_ratio_p95 <= 1
+
+
+def test_all_samples_are_taken_where_much_light_shows_the_render_s_noise() -> None:
+    bright = render(BOX, CAMERA, Exposure(0.05), **{**FAST, "parameters": SMALL})
+    assert bright.statistics.ended_by == "spp"
+    assert bright.statistics.samples_per_pixel == stop_criterion.DEFAULT_SPP
+
+
+@pytest.mark.parametrize("denoise", [True, False])
+def test_a_look_at_the_noise_leaves_the_rest_of_the_render_as_it_is(denoise: bool) -> None:
+    """Compared with a render that is never looked at."""
+    prepared = prepare(BOX, CAMERA, Exposure(0.05), **{**FAST, "parameters": SMALL}, denoise=denoise)
+    looked_at = stop_criterion_of({})
+    light = prepared.render(1, looked_at)
+    assert light.statistics.passes > FIRST_LOOK
+    plain = prepared.render(1, replace(looked_at, passes=light.statistics.passes, to_sensor_noise=False))
+    assert plain.data.tobytes() == light.data.tobytes()
+    assert plain.relative_error.tobytes() == light.relative_error.tobytes()
+    raw_ratio = "raw_noise_ratio_p95"
+    if denoise:
+        assert light.statistics.denoised is not None and plain.statistics.denoised is not None
+        assert light.statistics.denoised[raw_ratio] == plain.statistics.denoised[raw_ratio]
+
+
+def test_a_metered_render_stops_by_the_noise_of_the_exposure_that_is_found() -> None:
+    light = render(BOX, CAMERA.replace(**{"pixel.full_well_e": 400}), "auto", **FAST)
+    assert light.statistics.ended_by == "sensor_noise"
+    assert light.statistics.noise_ratio_p95 <= 1
+
+
+def test_the_next_look_comes_when_the_noise_should_be_low_enough() -> None:
+    """Denoised, it falls as samples^-0.75: to the eighth with 16 times as many."""
+    default = stop_criterion_of({})
+    assert default.passes == 32
+    assert default.next_look(FIRST_LOOK, 2**0.75) == 2 * FIRST_LOOK
+    assert default.next_look(FIRST_LOOK, 1.01) == 2 * FIRST_LOOK
+    assert default.next_look(FIRST_LOOK, 8.0) is None
+    assert default.next_look(FIRST_LOOK, math.inf) is None
+    assert stop_criterion_of({"spp": 256}).first_look() is None
+    assert not stop_criterion_of({}, groups=8).to_sensor_noise  # bands for other cameras, too
 
 
 def test_a_forecast_is_what_a_variance_does_that_falls_as_one_over_the_passes() -> None:
