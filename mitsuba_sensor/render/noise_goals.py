@@ -91,7 +91,7 @@ class SensorNoise:
         if not lit.any():
             return np.inf
         if metering is not None and not prepared.metered:
-            time_s = metering.time_of_electrons_s(mean_e[lit], prepared.camera, exposure)
+            time_s = metering.time_of(mean_e[lit], prepared.camera, exposure)
             exposure = replace(exposure, time_s=time_s)
         light = mean_e, variance_e2
         return prepared.noise_ratios(exposure, light, prepared.renderer.passes)["noise_ratio_p95"]

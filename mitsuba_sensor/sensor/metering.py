@@ -93,11 +93,7 @@ class Metering:
         lit = electrons[(electrons > 0) & (electrons < FLOAT32_LIMIT)]
         if not lit.size:
             raise InputError("no pixel has any light to meter; give an exposure time, e.g. 0.1 s.")
-        return self.time_of_electrons_s(lit, camera, exposure)
-
-    def time_of_electrons_s(self, electrons: Float64Array, camera: Camera, exposure: Exposure) -> float:
-        """The time found [s], from the mean electrons of the lit pixels in any exposure, (N,)."""
-        level_e = float(np.percentile(electrons, self.percentile)) + mean_dark_e(camera, exposure)
+        level_e = float(np.percentile(lit, self.percentile)) + mean_dark_e(camera, exposure)
         time_s = exposure.time_s * self.share * saturation_e(camera) / level_e
         return min(float(f"{time_s:.{DIGITS}g}"), LONGEST_S)
 
