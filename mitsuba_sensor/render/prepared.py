@@ -19,6 +19,7 @@ from ..sensor.options import ExposeOptions
 from .aovs import Aovs, aovs_of, load_for_rays
 from .bands import BANDWIDTH_NM, Bands, choose_bands
 from .electron_share import with_notes_of_shares
+from .estimate import Estimate
 from .film_channels import with_filters
 from .illuminant import rendered_for
 from .irradiance import Irradiance
@@ -30,7 +31,7 @@ from .options import RenderOptions
 from .passes import SAMPLER
 from .photons import metered
 from .refusals import refuse_black
-from .renderer import Criterion, Electrons, Estimate, Renderer
+from .renderer import Criterion, Electrons, Renderer
 from .row_strip import Kept
 from .scene import Scene, load_scene
 from .scene_nodes import SceneInput

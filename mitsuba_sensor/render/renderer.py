@@ -11,7 +11,6 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property, partial
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +22,7 @@ from ..sensor.camera import Camera
 from ..sensor.input_noise import InputNoise, input_noise
 from .bands import Bands
 from .denoise import LEAST_PASSES, LEAST_PIXELS, Denoised, Halves, denoise, is_noisy
+from .estimate import Estimate
 from .film_channels import electrons_of_film, in_band_factor, of_own_filter, radiance_of
 from .filter_bands import VALUES_AT_ONCE, denoised_bands, raw_bands
 from .guides import Guides, detected_quarters, most_rays, noise_share, traced
@@ -40,19 +40,6 @@ from .variants import mitsuba
 Map = Float64Array
 Criterion = Callable[[Map, Map, int], float]
 Electrons = tuple[Map, Map]  # mean, and expected squared error of the mean
-
-
-class Estimate(NamedTuple):
-    """What a render found, as a file has it.
-
-    data, standard_error : (H, W, B) mean and standard error per band [W m⁻² nm⁻¹].  relative_error, in_band : (H, W),
-        see :class:`irradiance.Irradiance`.
-    """
-
-    data: NDArray[np.float32]
-    standard_error: NDArray[np.float32]
-    relative_error: NDArray[np.float32]
-    in_band: NDArray[np.float32] | None
 
 
 class Renderer:
