@@ -92,10 +92,10 @@ def test_the_user_s_own_scene_renders_as_before(integrator: str) -> None:
 def test_frames_one_by_one_do_not_mind_what_is_set_between_them() -> None:
     """Between two frames the user's variant is set, whichever that is then; the frames are the same."""
     mi = user_has("llvm_ad_rgb")
-    options: Any = {"variant": "llvm_ad_spectral", "spp": 4, "frames": 3, "seed": 5}
+    options: Any = {"variant": "llvm_ad_spectral", "spp": 2, "frames": 2, "seed": 5}
     expected = [made.frames.digital for made in ms.render_frames(SCENE, CAMERA, EXPOSURE, **options)]
     frames = ms.render_frames(SCENE, CAMERA, EXPOSURE, **options)
-    for own, digital in zip(("llvm_ad_rgb", "scalar_rgb", "scalar_spectral"), expected, strict=True):
+    for own, digital in zip(("llvm_ad_rgb", "scalar_rgb"), expected, strict=True):
         mi.set_variant(own)
         np.testing.assert_array_equal(next(frames).frames.digital, digital)
         assert mi.variant() == own
