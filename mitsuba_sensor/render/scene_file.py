@@ -18,7 +18,7 @@ from .foreign_plugins import refuse_foreign_plugins
 from .parameter_names import meant
 from .plugin_names import remedy_for_unknown
 from .scene_edits import SceneEdits
-from .variants import MitsubaObject, mitsuba, own_folder_first
+from .variants import MitsubaObject, mitsuba, own_folder_first, parser_config
 
 EXAMPLE_SENSOR = (
     '<sensor type="perspective"><float name="fov" value="40"/><transform name="to_world">'
@@ -150,8 +150,7 @@ def parse_scene(
     if unknown is not None and "<include" not in text:  # names in included files are left to Mitsuba
         has = f"it has {', '.join(known)}" if known else "it has none"
         raise InputError(f"scene {str(file)!r} has no parameter {unknown!r}; {has}.{nearest(unknown, known)}")
-    config = mi.parser.ParserConfig(mi.variant() or "scalar_spectral")
-    config.merge_meshes = False  # a merged mesh has lost its name: nothing could move or number it
+    config = parser_config()
     beside = type(mi.file_resolver())(mi.file_resolver())
     beside.prepend(str(file.resolve().parent))
     old = _with_old_includes(text, file.parent) if is_old(text) else ""

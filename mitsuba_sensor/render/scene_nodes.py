@@ -21,7 +21,7 @@ from .foreign_plugins import refuse_foreign_plugins
 from .plugin_id import PluginParameters, parameters_of
 from .plugin_names import OWN_PLUGINS, remedy_for_unknown, type_of_plugin
 from .scene_file import EXAMPLE_SENSOR, POLARISING, SceneFile, as_input_error, with_integrator
-from .variants import MitsubaObject, mitsuba, refuse_polarized
+from .variants import MitsubaObject, mitsuba, parser_config, refuse_polarized
 
 SceneInput: TypeAlias = str | os.PathLike[str] | Mapping[str, Any] | MitsubaObject
 """A path, XML text, a dict as for mi.load_dict, a mi.Scene."""
@@ -99,8 +99,7 @@ def parse_nodes(scene: object, options: Mapping[str, Any]) -> SceneFile:
     else:
         kinds, given = "a path, XML text, a dict as for mi.load_dict, or a mi.Scene", " ".join(repr(scene).split())
         raise InputError(f"scene is {given}; pass {kinds}, e.g. 'scenes/cornell_box.xml'.")
-    config = mi.parser.ParserConfig(mi.variant())
-    config.merge_meshes = False
+    config = parser_config()
     resolver = type(mi.file_resolver())(mi.file_resolver())
     tree, fields = _fields_apart(tree)
     with as_input_error(Path(name)):

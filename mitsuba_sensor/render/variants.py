@@ -85,6 +85,18 @@ def use(variant: Variant) -> ModuleType:
     return mi
 
 
+def parser_config() -> MitsubaObject:
+    """How Mitsuba builds scenes: meshes keep their names, by which they move, and plugins are built one after another.
+
+    In parallel, their numbers are others in every fourth process or so, and a kernel with other numbers is compiled
+    anew although the one of the last process is in the cache.
+    """
+    mi = mitsuba()
+    config = mi.parser.ParserConfig(mi.variant() or "scalar_spectral")
+    config.merge_meshes = config.parallel = False
+    return config
+
+
 @contextmanager
 def variant_restored() -> Iterator[None]:
     """Behind this block, the variant that the user had set is the current one again, also after an error.
