@@ -45,9 +45,10 @@ def plan_lines(plan: DatasetPlan) -> Iterator[Facts]:
 def write_origin(plan: DatasetPlan, folder: Path) -> bool:
     """Write dataset.toml and record.json; whether another dataset.toml was recorded before. Raises InputError."""
     before = origin_in(folder)
+    samples, lines_sha256 = lines_digest(plan_lines(plan))  # says what is wrong with them before anything is made
+    durable.make_folder(folder, folder.parent)
     files.write_page(folder / FILE, plan.text)
     written = durable.size_and_hash(folder / FILE)
-    samples, lines_sha256 = lines_digest(plan_lines(plan))
     origin = Origin(plan.file.name, written, plan.made_by, samples, lines_sha256)
     files.write_drawing(folder / RECORD, sealed(json.dumps({"kind": "dataset", **origin._asdict()})))
     return before is not None and before.file != written

@@ -9,7 +9,7 @@ from typing import TypeAlias, Unpack
 
 from ..core import DiskFull, InputError
 from ..core.options import complete, documents
-from ..io import durable, files
+from ..io import files
 from ..io.worker_log import forget, is_begun
 from ..render.variants import restores_variant
 from .engine import outcomes, usual_workers
@@ -58,7 +58,6 @@ def run(
     store, progress = Store(out), RunProgress(0)
     files.require_folder(out)
     check_same(plan, store)
-    durable.make_folder(store.folder, store.folder.parent)
     progress.changed = write_origin(plan, store.folder)
     store.clean()
     progress.samples = round(plan.samples / shard[1])

@@ -6,6 +6,7 @@ import multiprocessing
 import os
 import signal
 import threading
+from contextlib import suppress
 from multiprocessing import connection
 from multiprocessing.connection import Connection
 
@@ -28,7 +29,8 @@ def serve(pipe: Connection, folder: str, limits: TaskLimits) -> None:
 
 def _make_views(pipe: Connection, folder: str, limits: TaskLimits) -> None:
     def tell(what: str, done: int) -> None:
-        pipe.send((what, done))
+        with suppress(OSError):  # whom it is told is gone, which is no fault of the view
+            pipe.send((what, done))
 
     try:
         while True:

@@ -30,6 +30,7 @@ from mitsuba_sensor.dataset.options import RunOptions
 from mitsuba_sensor.dataset.planned import DatasetPlan, PlannedSample, PlannedView, load_plan
 from mitsuba_sensor.dataset.run import run
 from mitsuba_sensor.dataset.store import Store
+from mitsuba_sensor.stopping import whole_step
 
 FLAT = (SCENES / "flat_field.xml").read_text(encoding="utf-8")
 FILE = """
@@ -117,6 +118,19 @@ def make_slowly(store: Store, view: PlannedView, told: Callable[[str], object]) 
         with suppress(ProcessLookupError):
             os.kill(int(pid), signal.SIGKILL)
         yield sample
+
+
+def make_and_kill(store: Store, view: PlannedView, told: Callable[[str], object]) -> Iterator[PlannedSample]:
+    """Kill the program that asked for the view, and tell it something before this process can end for it."""
+    program = os.getppid()
+    (store.folder.parent / "worker").write_text(str(os.getpid()))
+    whole_step.acquire()
+    os.kill(program, signal.SIGKILL)
+    wait_until(lambda: os.getppid() != program)
+    told("exposing")
+    whole_step.release()
+    wait_until(lambda: False)
+    yield view.samples[0]
 
 
 class Deadly:
@@ -210,6 +224,50 @@ def test_a_limit_of_time_ends_a_render(plan: DatasetPlan, tmp_path: Path) -> Non
     endless = DatasetPlan(read_dataset(tables), plan.roots)
     found = run(endless, tmp_path / "out", workers=1, timeout_s=1)
     assert found.made == 0 and "Timeout" in found.failed[0].failed
+
+
+def test_a_dataset_with_equal_samples_is_refused_before_anything_is_made(plan: DatasetPlan, tmp_path: Path) -> None:
+    tables = {**plan.file.model_dump(exclude_none=True), "list": [{"temperature_k": 290}] * 2}
+    twice = DatasetPlan(read_dataset(tables), plan.roots)
+    with pytest.raises(InputError, match="are the same"):
+        run(twice, tmp_path / "out", workers=0)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_view_is_not_to_blame_where_the_program_that_asked_for_it_is_killed(
+    plan: DatasetPlan, tmp_path: Path
+) -> None:
+    """Its worker tells of samples that nobody hears of, and ends."""
+    code = f"""
+import sys
+sys.path[:] = {sys.path!r}
+from pathlib import Path
+from {__name__} import make_and_kill
+from mitsuba_sensor.core.options import complete
+from mitsuba_sensor.dataset.engine import outcomes
+from mitsuba_sensor.dataset.options import RunOptions
+from mitsuba_sensor.dataset.planned import load_plan
+from mitsuba_sensor.dataset.store import Store
+asked = complete(RunOptions, {{"workers": 1}})
+views = load_plan({str(tmp_path / "four.toml")!r}).views()
+list(outcomes(Store(Path({str(tmp_path / "out")!r})), views, asked, lambda what, done: None, make_and_kill))
+"""
+    done = subprocess.run([sys.executable, "-c", code])
+    assert done.returncode == -signal.SIGKILL
+    worker, store = int((tmp_path / "worker").read_text()), Store(tmp_path / "out")
+    try:
+        wait_until(lambda: not lives(worker) or bool(store.quarantined()))
+        assert not lives(worker) and not store.quarantined()
+    finally:
+        with suppress(ProcessLookupError):
+            os.kill(worker, signal.SIGKILL)
+
+
+def lives(pid: int) -> bool:
+    """Whether a process runs, which nobody may have waited for."""
+    with suppress(psutil.NoSuchProcess):
+        return psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
+    return False
 
 
 def test_a_folder_holds_one_dataset(plan: DatasetPlan, tmp_path: Path) -> None:
