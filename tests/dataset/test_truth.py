@@ -21,6 +21,7 @@ from mitsuba_sensor.dataset.repair import holdings
 from mitsuba_sensor.dataset.run import run
 from mitsuba_sensor.dataset.store import Store
 from mitsuba_sensor.render.scene_settings import parse
+from mitsuba_sensor.render.variants import fastest_variant
 from mitsuba_sensor.sensor.checks import as_photons
 from mitsuba_sensor.sensor.metering import electrons_of
 
@@ -217,6 +218,7 @@ def test_a_sample_is_a_render_and_an_exposure_of_its_own(tmp_path: Path) -> None
     exposure = ms.Exposure(0.01, 313)
     options: dict[str, Any] = {"spp": 16, "width": 16, "parameters": {"lamp_cd_per_m2": 500}, "repeatable": True}
     seed = seed_of(key_of(found[0].facts["view"]["config"]))
+    options["variant"] = fastest_variant("llvm").name  # that of every dataset, whatever is set in this process
     light = ms.render(SCENES / "cornell_box.xml", camera.at_gain(800), exposure, seed=seed, denoise=False, **options)
     for sample, time_s in zip(found, (0.01, 0.02), strict=True):
         frames = ms.expose(
