@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import re
+import sys
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import InputError
+from ..core.small_files import json_value
 from ..core.units import KELVIN_AT_0_C
 from .openexr import is_exr, require_plausible_exr
 from .plausible import require_plausible
@@ -24,6 +25,7 @@ from .plausible import require_plausible
 TIFF, PICTURES, ARRAYS, FITS = (".tif", ".tiff"), (".png",), (".npy",), (".fits", ".fit", ".fts")
 CAMERA_RAW = (".dng", ".cr2", ".cr3", ".crw", ".nef", ".nrw", ".arw", ".raf", ".rw2", ".orf", ".pef", ".srw", ".x3f")
 RAW_FORMATS = (*TIFF, *PICTURES, *ARRAYS, *FITS, *CAMERA_RAW)
+LONGEST_LABEL = 100  # characters of a gain setting
 NO_TILE: tuple[tuple[str, ...], ...] = ()
 EXTRA = "pip install 'mitsuba-sensor[raw]'"
 
@@ -91,15 +93,15 @@ def _tiff(file: Path) -> RawFile:
     pattern, size = tags.get("CFAPattern"), tags.get("CFARepeatPatternDim")
     tile = NO_TILE
     if facts.get("cfa_pattern"):
-        tile = tuple(map(tuple, facts["cfa_pattern"]))
+        tile = _tile_of(facts["cfa_pattern"])
     elif pattern is not None and size is not None:
         tile = tuple(tuple(names[number] for number in row) for row in np.reshape(list(pattern), size))
     exposure_s, iso = _exif(tags)
     return RawFile(
         frames,
-        facts.get("exposure_s", exposure_s),
-        facts.get("temperature_k"),
-        str(facts.get("gain") or iso),
+        _not_negative(facts.get("exposure_s", exposure_s)),
+        _not_negative(facts.get("temperature_k")),
+        _label(facts.get("gain")) or iso,
         _bits(facts.get("white_level_dn")),
         tile,
     )
@@ -107,8 +109,8 @@ def _tiff(file: Path) -> RawFile:
 
 def _own_facts(description: object) -> dict[str, Any]:
     """What this package writes into the description of a TIFF; empty for other programs' TIFFs."""
-    with suppress(ValueError, TypeError):
-        facts = json.loads(str(description))
+    with suppress(ValueError):
+        facts = json_value(str(description))
         if isinstance(facts, dict):
             return facts
     return {}
@@ -120,11 +122,33 @@ def _exif(tags: Mapping[str, Any]) -> tuple[float | None, str]:
     known = {**tags, **(exif if isinstance(exif, dict) else {})}
     time, iso = known.get("ExposureTime"), known.get("PhotographicSensitivity", known.get("ISOSpeedRatings"))
     exposure_s = time[0] / time[1] if isinstance(time, tuple) and len(time) == 2 and time[1] else None
-    return exposure_s, "" if iso is None else str(iso[0] if isinstance(iso, tuple) else iso)
+    return exposure_s, _label(iso[0] if isinstance(iso, tuple) and iso else iso)
 
 
-def _bits(white_level_dn: float | None) -> int | None:
-    return math.ceil(math.log2(white_level_dn + 1)) if white_level_dn else None
+def _bits(white_level_dn: object) -> int | None:
+    white = _not_negative(white_level_dn)
+    return math.ceil(math.log2(white + 1)) if white else None
+
+
+def _not_negative(value: object) -> float | None:
+    """A number of metadata; None for what is none, which says nothing."""
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+        return None
+    return float(value) if 0 <= value <= sys.float_info.max else None
+
+
+def _label(value: object) -> str:
+    """The name or number of a setting in metadata; empty for what is neither."""
+    known = isinstance(value, str | int | float | np.integer | np.floating) and not isinstance(value, bool)
+    return str(value)[:LONGEST_LABEL] if known else ""
+
+
+def _tile_of(value: object) -> tuple[tuple[str, ...], ...]:
+    """Names of colour filters in metadata; empty for anything else."""
+    rows = [row for row in value if isinstance(row, list)] if isinstance(value, list) else []
+    names = [name for row in rows for name in row]
+    right = names and len({len(row) for row in rows}) == 1 and all(isinstance(name, str) for name in names)
+    return tuple(tuple(row) for row in rows) if right else NO_TILE
 
 
 def _png(file: Path) -> RawFile:
@@ -156,16 +180,24 @@ def _fits(file: Path) -> RawFile:
             raise InputError(f"{file} holds no image; give a FITS file with frames of one value per pixel.")
         header = {**opened[0].header, **image.header}
         values = np.asarray(image.data)
-    celsius, pattern = header.get("CCD-TEMP"), str(header.get("BAYERPAT", "")).strip().upper()
+    pattern = _label(header.get("BAYERPAT", "")).strip().upper()
+    temperature_k = _kelvin(header.get("CCD-TEMP"))
     kind = str(header.get("IMAGETYP", "")).lower().replace(" frame", "").strip()
     return RawFile(
         _pages(values.astype(values.dtype.newbyteorder("="), copy=False)),
-        header.get("EXPTIME", header.get("EXPOSURE")),
-        None if celsius is None else float(celsius) + KELVIN_AT_0_C,
-        str(header.get("ISOSPEED", header.get("GAIN", ""))),
+        _not_negative(header.get("EXPTIME", header.get("EXPOSURE"))),
+        temperature_k,
+        _label(header.get("ISOSPEED", header.get("GAIN", ""))),
         tile=tuple(map(tuple, (pattern[:2], pattern[2:]))) if len(pattern) == 4 else (),
         kind={"zero": "bias", "object": "light"}.get(kind, kind),
     )
+
+
+def _kelvin(celsius: object) -> float | None:
+    """A temperature of metadata [K]; None for what is none."""
+    if isinstance(celsius, bool) or not isinstance(celsius, int | float):
+        return None
+    return _not_negative(celsius + KELVIN_AT_0_C)
 
 
 def _camera_raw(file: Path) -> RawFile:
