@@ -9,6 +9,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
+from .printable import printable
+
 if TYPE_CHECKING:
     from ..sensor.camera import Camera
     from ..sensor.frames import Frames
@@ -42,7 +44,7 @@ def warn_of(notes: Iterable[str]) -> None:
     """Warn once of all doubts among these notes, at the line of the user's program that called this package."""
     doubts = [note for note in notes if isinstance(note, Doubt)]
     if doubts:
-        warnings.warn(" · ".join(doubts), SensorWarning, stacklevel=_level_of_user())
+        warnings.warn(printable(" · ".join(doubts)), SensorWarning, stacklevel=_level_of_user())
 
 
 def _level_of_user() -> int:
