@@ -60,6 +60,7 @@ def test_the_files_whose_fields_are_replaced_are_right(kind: fuzz_types.Kind, tm
         ("camera.toml", ("adc", "bits"), "hexadecimal of many digits", "a whole number has 20001 bits"),
         ("iset.json", ("surfaces", 0, "radius"), "huge", "not numbers for radius"),
         ("light.exr", ("render_statistics", "passes"), "text", "passes is 'x'"),
+        ("light.exr", ("bandwidths_nm",), "no list", "bandwidths_nm is []"),
         ("light.exr", ("first_pixel",), "nested list", "first_pixel is [[1, [2]]]"),
     ],
 )  # fmt: skip

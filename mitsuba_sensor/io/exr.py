@@ -118,7 +118,7 @@ def read_irradiance_exr(path: str | os.PathLike[str]) -> Irradiance:
         lengths = [header["reference_nm"] if filters else _wavelength_nm(name) for name in names]
         common = {
             "wavelengths_nm": np.array(lengths, dtype=float),
-            "bandwidths_nm": np.array(json_value(header["bandwidths_nm"]), dtype=float),
+            "bandwidths_nm": _widths_of(json_value(header["bandwidths_nm"]), len(lengths)),
             "filters": filters,
             "response": header.get("response") or None,
             "origin": _pair_of(json_value(header.get("first_pixel", "[0, 0]"))),
@@ -149,6 +149,14 @@ def _pair_of(value: object) -> tuple[int, int]:
         case [int(row), int(column)]:
             return row, column
     raise ValueError(f"first_pixel is {shown(value)}")
+
+
+def _widths_of(value: object, bands: int) -> np.ndarray:
+    """Widths of so many bands in a header [nm]. Raises ValueError for anything else."""
+    widths = np.array(value, dtype=float)
+    if widths.shape != (bands,) or not np.isfinite(widths).all():
+        raise ValueError(f"bandwidths_nm is {shown(value)}")
+    return widths
 
 
 def _names_of(value: object) -> tuple[str, ...]:
