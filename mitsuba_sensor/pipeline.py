@@ -41,7 +41,6 @@ from .sensor.expose import PreparedExposure, prepare_exposure
 from .sensor.frames import Frames
 from .sensor.metering import AskedExposure, Metering, checked_exposure
 from .sensor.options import ExposeOptions
-from .sensor.plan import plan_for
 
 LEFT = ("uncompensated", "above_shot_noise")  # of renders for every frame: what their noise leaves in the frames
 Scene: TypeAlias = SceneInput | ParsedScene
@@ -244,10 +243,8 @@ def frame_metadata(
     origin : where the light comes from.  times_s : seconds by step, to which this one is added.
     """
     with _timed(times_s, "report"):
-        statistics, camera, made = light.statistics.to_dict(), frames.camera, frames.plan
-        if made is None and options["chain"] == "physical":
-            made = plan_for(camera, frames.detected, frames.first)
-        found = {} if made is None else made.to_dict()
+        statistics, camera = light.statistics.to_dict(), frames.camera
+        planned = {} if frames.plan is None else frames.plan.to_dict()
         noise, _ = frames._render_noise
         trim_heap()
         source = frames.light.source
@@ -262,7 +259,7 @@ def frame_metadata(
         "counts": {**known["counts"], **{name: statistics[name] for name in ("negative", "non_finite")}},
         "render": statistics,
         "render_noise": noise,
-        "effects": found.get("stages", []),
-        "float32": found.get("float32"),
+        "effects": planned.get("stages", []),
+        "float32": planned.get("float32"),
         "times_s": times_s,
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 Report = Mapping[str, Any]  # ready for JSON: frame.json, or what a command prints
 KEPT = {True: Text("yes"), False: Text("no", style="green")}  # of a plan
 FILES = "report and files"  # the last step of a capture
+SIGNAL = ("mean_frame", "mean_expected", "sigma_frame", "sigma_expected")  # of a stage in a report
 END = {"max_seconds": ", the time was up", "max_spp": ", the most samples were taken"}
 
 
@@ -198,23 +200,30 @@ def diagnosis(findings: Report) -> RenderableType:
 
 
 def _stages(report: Report) -> FittedTable:
-    """One row per stage: its signal in this frame and in theory, and how far it changes the noise of the raw frame."""
-    table = FittedTable(
-        ("after", "", "mean", "theory", "σ", "theory σ", "temporal", "spatial"),
-        keys=2,
-        caption="temporal, spatial: how far this stage changes the noise of the raw frame [DN]",
-    )
-    effects = {effect["stage"]: effect for effect in report["effects"]}  # the published chain has none
+    """One row per stage that does something: its signal in this frame and in theory, and, where a plan was made, how
+    far it changes the noise of the raw frame."""
+    effects = {effect["stage"]: effect for effect in report["effects"]}
+    of_plan = ("temporal", "spatial") if effects else ()
+    caption = "temporal, spatial: how far this stage changes the noise of the raw frame [DN]" if effects else None
+    table = FittedTable(("after", "", "mean", "theory", "σ", "theory σ", *of_plan), keys=2, caption=caption)
+    idle = _idle_stages(report)
     for stage in report["stages"]:
-        effect = effects.get(stage["name"], {})
-        if effect.get("reason") == IDLE:
+        if stage["name"] in idle:
             continue
         scale, unit = (1e3, "mV") if stage["unit"] == "V" else (1.0, stage["unit"])
-        signal = [stage[key] for key in ("mean_frame", "mean_expected", "sigma_frame", "sigma_expected")]
-        noise = [effect.get(key) for key in ("temporal_dn", "spatial_dn")]
-        cells = [number(value * scale) for value in signal] + [rough(value) if value else "" for value in noise]
+        cells = [number(stage[key] * scale) for key in SIGNAL]
+        effect = effects.get(stage["name"], {})
+        noise = [effect.get(f"{name}_dn") for name in of_plan]
+        cells += [rough(value) if value else "" for value in noise]
         table.add_row(stage["name"], Text(unit, style="dim"), *cells)
     return table
+
+
+def _idle_stages(report: Report) -> list[str]:
+    """Names of the stages behind which the signal is what it was before: unit, means and σ, in the frame too."""
+    seen = [(stage["unit"], *(stage[key] for key in SIGNAL)) for stage in report["stages"]]
+    pairs = zip(report["stages"][1:], itertools.pairwise(seen), strict=True)
+    return [stage["name"] for stage, (before, behind) in pairs if before == behind]
 
 
 def _facts(report: Report) -> Iterator[Text]:
@@ -245,7 +254,7 @@ def _facts(report: Report) -> Iterator[Text]:
         yield _fact("denoised", f"by {done['by']}{before if known else ''}")  # before: of the exposure of the render
     seen = {name.replace("_", " "): number for name, number in counts.items() if number}
     yield _fact("pixels", ", ".join(f"{name} {number}" for name, number in seen.items()) or "none clipped, none bad")
-    idle = [effect["stage"] for effect in report["effects"] if effect["reason"] == IDLE]
+    idle = _idle_stages(report)
     if report["left_out"]:
         yield _fact("left out", f"{', '.join(report['left_out'])} (tolerance {report['options']['tolerance_dn']:g} DN)")
     if idle:
