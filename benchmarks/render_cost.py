@@ -1,10 +1,13 @@
 """Measure what a render costs more than plain ``mi.render`` of the same scene, variant and samples.
 
-    python benchmarks/render_cost.py [--variants V …] [--spp 16 128] [--size 96] [--turns 5] [--processes 3] [--json]
+    python benchmarks/render_cost.py [--variants V …] [--spp 16 128] [--size 96] [--turns 5] [--processes 3]
+                                     [--default] [--json]
 
 plain    : ``mi.load_file`` and ``mi.render`` with a specfilm of one band (or thirty) and its default sampler.
 same     : plain, but with the sampler of ours, multijitter, which makes 132 samples of 128; all in one pass.
 ours     : ``mitsuba_sensor.render`` without denoising, from the scene file to standard errors and statistics.
+default  : ``mitsuba_sensor.render`` as it is without options, denoised, for a monochrome and a Bayer camera; with
+           --default only these and plain, of one band.
 Warm     : in one process, alternately, scene and kernels loaded; ours loads the scene again, which is counted.
 Process  : a whole process, alternately: with no kernel on disk, and with those of the processes before; with imports.
 ``first_pass_s`` is the time from its start until the first samples are there. ``over_plain``, ``over_same`` and
@@ -19,7 +22,7 @@ import json
 import statistics
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,8 +31,16 @@ from plain_mitsuba import sensor_like
 from timing import in_child, lines, ratio
 
 SCENE = str(Path(__file__).resolve().parent.parent / "scenes" / "cornell_box.xml")
-OURS = ("ours 1 band", "ours channels", "ours 30 bands")
+BARE: dict[str, Any] = {"denoise": False}
+OURS: dict[str, tuple[str, dict[str, Any]]] = {
+    "ours 1 band": ("konnik_table1", {**BARE, "wavelength_nm": 550}),
+    "ours channels": ("konnik_table1", {**BARE, "spectral": "channels"}),
+    "ours 30 bands": ("konnik_table1", BARE),
+    "default mono": ("konnik_table1", {}),
+    "default Bayer": ("bayer_2mp", {}),
+}
 KINDS = ("plain 1 band", "plain 30 bands", "same 1 band", "same 30 bands", *OURS)
+DEFAULT = ("plain 1 band", "default mono", "default Bayer")
 LOW_NM, HIGH_NM = 400.0, 700.0
 Seconds = dict[str, float]
 
@@ -42,22 +53,24 @@ def main() -> None:
     parser.add_argument("--size", type=int, default=96, help="width and height in pixels (default 96)")
     parser.add_argument("--turns", type=int, default=5, help="warm renders of each kind (default 5)")
     parser.add_argument("--processes", type=int, default=3, help="processes of each kind with kernels (default 3)")
+    parser.add_argument("--default", action="store_true", help="only the default and plain, of one band")
     parser.add_argument("--json", action="store_true", help="print JSON only")
     options = parser.parse_args()
     found: dict[str, Any] = {}
+    kinds = DEFAULT if options.default else KINDS
     for variant in options.variants:
         for spp in options.spp:
             case = (variant, options.size, spp)
             found[f"{variant} {spp} samples"] = {
-                "warm": summary(in_child("render_cost", "warm", *case, options.turns)),
-                **processes(case, options.processes),
+                "warm": summary(in_child("render_cost", "warm", *case, options.turns, kinds)),
+                **processes(case, options.processes, kinds),
             }
     print(json.dumps(found) if options.json else "\n".join(lines(found)))
 
 
-def processes(case: tuple[str, int, int], count: int) -> dict[str, Any]:
+def processes(case: tuple[str, int, int], count: int, of: Sequence[str]) -> dict[str, Any]:
     """Whole processes of one plain band and of ours: the first with an empty kernel cache, and the others."""
-    kinds = ("plain 1 band", *OURS)
+    kinds = ("plain 1 band", *(kind for kind in of if kind in OURS))
     with tempfile.TemporaryDirectory() as home:
         turns = [
             {kind: in_child("render_cost", "whole", *case, kind, time.time(), home=home) for kind in kinds}
@@ -84,10 +97,10 @@ def summary(found: dict[str, list[Seconds]]) -> dict[str, Seconds]:
     return medians
 
 
-def warm(variant: str, size: int, spp: int, turns: int) -> dict[str, list[Seconds]]:
+def warm(variant: str, size: int, spp: int, turns: int, kinds: Sequence[str]) -> dict[str, list[Seconds]]:
     """Wall-clock and processor seconds of every kind, in turns, after one turn that is not counted."""
-    renders = {kind: renderer(kind, variant, size, spp) for kind in KINDS}
-    found: dict[str, list[Seconds]] = {kind: [] for kind in KINDS}
+    renders = {kind: renderer(kind, variant, size, spp) for kind in kinds}
+    found: dict[str, list[Seconds]] = {kind: [] for kind in kinds}
     for turn in range(turns + 1):
         for kind, render in renders.items():
             wall, processor = time.perf_counter(), time.process_time()
@@ -109,15 +122,15 @@ def renderer(
     kind: str, variant: str, size: int, spp: int, first_pass: Callable[[], None] = lambda: None
 ) -> Callable[[int], np.ndarray]:
     """A render of one kind, from its seed. first_pass : called when its first samples are there, if not at its end."""
-    if not kind.startswith("ours"):
+    if kind not in OURS:
         sampler = "multijitter" if kind.startswith("same") else "independent"
         return plain(30 if "30" in kind else 1, variant, size, spp, sampler)
     import mitsuba_sensor as ms
 
-    camera, exposure = ms.load_camera("konnik_table1"), ms.Exposure(0.02)
-    asked: dict[str, Any] = {"variant": variant, "spp": spp, "parameters": {"width": size, "height": size}}
-    asked |= {"denoise": False, "progress": lambda step: first_pass() if step.done else None}
-    asked |= {"ours 1 band": {"wavelength_nm": 550}, "ours channels": {"spectral": "channels"}}.get(kind, {})
+    (name, options), exposure = OURS[kind], ms.Exposure(0.02)
+    camera = ms.load_camera(name)
+    asked: dict[str, Any] = {"variant": variant, "spp": spp, "parameters": {"width": size, "height": size}, **options}
+    asked["progress"] = lambda step: first_pass() if step.done else None
     return lambda seed: ms.render(SCENE, camera, exposure, seed=seed, **asked).data
 
 

@@ -204,7 +204,7 @@ def _stages(report: Report) -> FittedTable:
     far it changes the noise of the raw frame."""
     effects = {effect["stage"]: effect for effect in report["effects"]}
     of_plan = ("temporal", "spatial") if effects else ()
-    caption = "temporal, spatial: how far this stage changes the noise of the raw frame [DN]" if effects else None
+    caption = "temporal, spatial: how far this stage changes the noise of the raw frame [DN]" if effects else ""
     table = FittedTable(("after", "", "mean", "theory", "σ", "theory σ", *of_plan), keys=2, caption=caption)
     idle = _idle_stages(report)
     for stage in report["stages"]:

@@ -99,6 +99,8 @@ def _clip_above(m: Moments, edge: float) -> Moments:
     parts = (np.asarray(x, dtype=np.float64) for x in (m.mean, m.temporal, m.spatial))
     mean, temporal, spatial = np.broadcast_arrays(*parts)
     variance = temporal + spatial
+    if not variance.any():
+        return replace(m, mean=np.minimum(mean, edge), temporal=temporal, spatial=spatial)
     sigma = np.sqrt(variance)
     near = (variance > 0) & np.isfinite(variance) & (edge - mean < 8 * sigma)
     sure = ~((variance > 0) & np.isfinite(variance)) & (mean > edge)

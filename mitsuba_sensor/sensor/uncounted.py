@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import scipy
 
-from ..core import Frame
+from ..core import Exposure, Frame, SensorWindow
 from ..core.types import Float64Array
 from .electron_nodes import KINK
 from .given_count import SHARP_DN, GivenCount
@@ -138,10 +138,22 @@ def _kind_of_theory(stages: Chain, kind: LightKind) -> type[Theory]:
 
 def theory_of(stages: Chain, frame: Frame, kind: LightKind = PLAIN, levels_e: Float64Array = NO_LEVELS) -> Theory:
     """For any chain.  levels_e : at which it is to be exact where the codes go up in steps [e-]."""
-    theory = _kind_of_theory(stages, kind).of(stages, frame, kind)
+    own = _kind_of_theory(stages, kind)
+    if own is Theory and not frame.window.given:
+        try:
+            return _theory_of_counts(stages, frame.exposure, kind)
+        except TypeError:  # a stage of the user's that holds arrays has no hash
+            return Theory.of(stages, frame, kind)
+    theory = own.of(stages, frame, kind)
     if isinstance(theory, TheoryOfMeans):
         vars(theory)["levels_e"] = levels_e
     return theory
+
+
+@lru_cache(maxsize=4)  # every frame of a dataset asks for it, and each render for its noise ratio
+def _theory_of_counts(stages: Chain, exposure: Exposure, kind: LightKind) -> Theory:
+    """Without measured FPN maps."""
+    return Theory.of(stages, Frame(exposure, SensorWindow(0, (1, 1))), kind)
 
 
 def theory_without(theory: Theory, out: Collection[Stage]) -> Theory:
