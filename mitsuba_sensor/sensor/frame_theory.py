@@ -17,7 +17,7 @@ from .run import row_strips_of
 from .stage import Chain, Stage
 from .theory import Theory
 from .threads import for_each
-from .uncounted import theory_of
+from .uncounted import shared_theory_of
 
 STRIP = 2**16
 """Pixels that are looked up together."""
@@ -55,7 +55,7 @@ class FrameTheory:
     @cached_property
     def theories(self) -> list[Theory]:
         """One for each kind of light."""
-        return [theory_of(self.stages, self.frame, levels.kind, levels.light_e) for levels in self.levels]
+        return [shared_theory_of(self.stages, self.frame, levels.kind, levels.light_e) for levels in self.levels]
 
     def averages(self, stage: Stage) -> Averages:
         """Behind a stage."""

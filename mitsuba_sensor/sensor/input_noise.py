@@ -10,7 +10,7 @@ from ..core import Exposure, Frame, SensorWindow
 from .camera import Camera
 from .stage import Chain, converter_of
 from .theory import Theory
-from .uncounted import theory_of
+from .uncounted import shared_theory_of
 
 LEVELS = 513  # light levels of the table, evenly spaced in ln(1 + μ): 3 % apart at a full well of 33 000 e-
 BEYOND_WELL = 4.0  # the table ends at so many full wells; nothing is left of the light there
@@ -46,7 +46,7 @@ def input_noise(camera: Camera, exposure: Exposure) -> InputNoise:
 @lru_cache(maxsize=8)  # it takes longer than a short render
 def _of_chain(stages: Chain, full_well_e: float, exposure: Exposure) -> InputNoise:
     levels = np.expm1(np.linspace(0.0, np.log1p(BEYOND_WELL * full_well_e), LEVELS))
-    theory = theory_of(stages, Frame(exposure, SensorWindow(0, (1, 1))))
+    theory = shared_theory_of(stages, Frame(exposure, SensorWindow(0, (1, 1))))
     code = theory.digital(levels)
     if not any(stage.counts_electrons for stage in stages):  # the codes may go up in steps
         code = code._replace(mean=_without_steps(theory, levels))

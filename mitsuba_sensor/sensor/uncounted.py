@@ -138,22 +138,37 @@ def _kind_of_theory(stages: Chain, kind: LightKind) -> type[Theory]:
 
 def theory_of(stages: Chain, frame: Frame, kind: LightKind = PLAIN, levels_e: Float64Array = NO_LEVELS) -> Theory:
     """For any chain.  levels_e : at which it is to be exact where the codes go up in steps [e-]."""
-    own = _kind_of_theory(stages, kind)
-    if own is Theory and not frame.window.given:
-        try:
-            return _theory_of_counts(stages, frame.exposure, kind)
-        except TypeError:  # a stage of the user's that holds arrays has no hash
-            return Theory.of(stages, frame, kind)
-    theory = own.of(stages, frame, kind)
+    theory = _kind_of_theory(stages, kind).of(stages, frame, kind)
     if isinstance(theory, TheoryOfMeans):
         vars(theory)["levels_e"] = levels_e
     return theory
 
 
-@lru_cache(maxsize=4)  # every frame of a dataset asks for it, and each render for its noise ratio
-def _theory_of_counts(stages: Chain, exposure: Exposure, kind: LightKind) -> Theory:
-    """Without measured FPN maps."""
-    return Theory.of(stages, Frame(exposure, SensorWindow(0, (1, 1))), kind)
+def shared_theory_of(
+    stages: Chain, frame: Frame, kind: LightKind = PLAIN, levels_e: Float64Array = NO_LEVELS
+) -> Theory:
+    """The same, computed once for all frames of a chain and an exposure; nobody may change it."""
+    if frame.window.given or _kind_of_theory(stages, kind) is not Theory:
+        return theory_of(stages, frame, kind, levels_e)
+    return _theory_of_counts(_SameStages(stages), frame.exposure, kind)
+
+
+class _SameStages:
+    """Stages as a key: equal to the very same objects, for a theory finds its stages by identity."""
+
+    def __init__(self, stages: Chain) -> None:
+        self.stages, self.identities = stages, tuple(map(id, stages))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _SameStages) and self.identities == other.identities
+
+    def __hash__(self) -> int:
+        return hash(self.identities)
+
+
+@lru_cache(maxsize=4)  # a render asks for it, and every frame; the key keeps the stages alive
+def _theory_of_counts(key: _SameStages, exposure: Exposure, kind: LightKind) -> Theory:
+    return Theory.of(key.stages, Frame(exposure, SensorWindow(0, (1, 1))), kind)
 
 
 def theory_without(theory: Theory, out: Collection[Stage]) -> Theory:

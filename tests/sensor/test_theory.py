@@ -15,6 +15,7 @@ from helpers import BENCHMARKS
 from scipy import integrate, special, stats
 
 import mitsuba_sensor as ms
+import mitsuba_sensor.sensor.theory as theory_module
 from mitsuba_sensor.core import Frame, SensorWindow
 from mitsuba_sensor.core.code_law import code_moments
 from mitsuba_sensor.core.types import Float64Array
@@ -512,3 +513,17 @@ def test_measured_maps_behind_the_count_enter_by_their_own_distribution(named: t
     assert found.mean[0] == pytest.approx(mean.mean(), rel=1e-3, abs=0.01)
     assert math.sqrt(found.temporal[0]) == pytest.approx(math.sqrt(np.mean(square - mean**2)), rel=5e-3)
     assert math.sqrt(found.spatial[0]) == pytest.approx(mean.std(), rel=5e-3)
+
+
+def test_frames_of_one_camera_and_exposure_compute_their_theory_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also with a plan between them, which looks at levels of its own."""
+    laws = []
+    monkeypatch.setattr(theory_module, "count_law", lambda *law: laws.append(law) or count_law(*law))
+    camera, light = TABLE1.replace(**{"pixel.full_well_e": 1234.5}), np.linspace(10.0, 3000.0, 64).reshape(8, 8)
+    first = ms.expose(light, camera, EXPOSURE).spatial_mean
+    assert len(laws) == 1
+    ms.plan(camera, EXPOSURE, light, tolerance_dn=0.1)
+    of_plan = len(laws) - 1
+    again = ms.expose(light, camera, EXPOSURE, seed=2).spatial_mean
+    assert len(laws) == 1 + of_plan
+    np.testing.assert_array_equal(again, first)
