@@ -166,7 +166,7 @@ class _SameStages:
         return hash(self.identities)
 
 
-@lru_cache(maxsize=4)  # a render asks for it, and every frame; the key keeps the stages alive
+@lru_cache(maxsize=4)  # a render asks for it, and every frame; the key holds the stages, whose identities stay theirs
 def _theory_of_counts(key: _SameStages, exposure: Exposure, kind: LightKind) -> Theory:
     return Theory.of(key.stages, Frame(exposure, SensorWindow(0, (1, 1))), kind)
 
