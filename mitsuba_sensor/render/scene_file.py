@@ -117,6 +117,9 @@ class SceneFile:
         for node in state.nodes:
             for name in node.props:  # what was read here would count as known to the plugin
                 node.props.mark_queried(name, False)
+            picture = node.props.get("bitmap", None)
+            if isinstance(picture, mi.Bitmap):
+                node.props["bitmap"] = mi.Bitmap(picture)  # Mitsuba takes the pixels out of what it is given
         with searching(self.resolver), as_input_error(self.path):
             mi.parser.transform_all(self.config, state)
             built = mi.parser.instantiate(self.config, state)

@@ -125,9 +125,15 @@ def _check_dict(tree: Mapping[str, Any], options: Mapping[str, Any]) -> None:
     for place, value in _leaves(tree):
         if options.get("integrator") and isinstance(value, mitsuba().Integrator):
             raise InputError(f"integrator is given and {place!r} of the dict is one already; leave one of them out.")
-        if hasattr(value, "variant_name") and (own := value.variant_name()) != (now := mitsuba().variant()):
+        own, now = _variant_of(value), mitsuba().variant()
+        if own not in ("", now):
             way_out = f"make it in that one, or pass variant={own!r}"
             raise InputError(f"{place!r} of the dict was made in variant {own!r}, and {now!r} renders; {way_out}.")
+
+
+def _variant_of(value: Any) -> str:
+    """The variant that an object of a dict was made in; empty for pictures and what else belongs to all variants."""
+    return str(value.variant_name()) if hasattr(value, "variant_name") else ""
 
 
 def _fields_apart(tree: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -231,6 +237,8 @@ def _digest_of_view(view: LoadedView) -> str:
 def _digest_of(thing: MitsubaObject) -> str:
     """SHA-256 of what an object of Mitsuba prints, and of its parameters."""
     digest = hashlib.sha256(str(thing).encode())
+    if isinstance(thing, mitsuba().Bitmap):
+        digest.update(np.ascontiguousarray(np.array(thing)).tobytes())
     for _, value in sorted((name.split(".")[-1], value) for name, value in _arrays(thing)):
         digest.update(value)
     return digest.hexdigest()

@@ -177,6 +177,24 @@ def test_a_scene_of_another_variant_is_one_sentence() -> None:
         mi.set_variant("scalar_spectral")
 
 
+def test_a_picture_in_a_dict_can_be_rendered_again_in_any_variant_and_counts_for_the_scene() -> None:
+    """Plain Mitsuba takes the pixels out of the Bitmap that it is given: its second scene is black."""
+    mi = ready("scalar_spectral")
+    half, quarter = (mi.Bitmap(np.full((4, 4, 3), value, np.float32)) for value in (0.5, 0.25))
+
+    def wall(picture: Any) -> dict[str, Any]:
+        bsdf = {"type": "diffuse", "reflectance": {"type": "bitmap", "bitmap": picture}}
+        return {**room(mi), "white": bsdf}
+
+    first, again = (ms.render(wall(half), CAMERA, EXPOSURE, **OPTIONS) for _ in range(2))
+    darker = ms.render(wall(quarter), CAMERA, EXPOSURE, **OPTIONS)
+    np.testing.assert_array_equal(first.data, again.data)
+    assert darker.data.mean() < first.data.mean()
+    assert first.statistics.scene_sha256 == again.statistics.scene_sha256 != darker.statistics.scene_sha256
+    compiled = ms.render(wall(half), CAMERA, EXPOSURE, variant=skip_unless_usable("llvm_ad_spectral"), **OPTIONS)
+    assert compiled.data.mean() == pytest.approx(first.data.mean(), rel=0.1)  # noise: about 2 %
+
+
 def test_what_is_no_scene_is_one_sentence() -> None:
     mi = ready("scalar_spectral")
     aov = {**room(mi), "integrator": {"type": "aov", "aovs": "d:depth", "inner": {"type": "path"}}}
