@@ -39,15 +39,16 @@ def elements_of(path: Path) -> tuple[Element, ...]:
     return tuple(found)
 
 
-def require_scene_file(path: Path) -> None:
+def require_scene_file(name: str) -> None:
     """Raise InputError where there is no such file, a larger one, or one whose name Mitsuba cannot take."""
+    path = Path(name)
     if not path.is_file():
-        raise InputError(f"scene {str(path)!r} is not a file; give the path of a Mitsuba 3 scene in XML.")
+        raise InputError(f"scene {name!r} is not a file; give the path of a Mitsuba 3 scene in XML.")
     try:
         str(path.absolute()).encode()
     except UnicodeEncodeError:
         way_out = "Mitsuba opens no such file; rename it"
-        raise InputError(f"scene {str(path)!r} has a name, or a folder, that is not UTF-8; {way_out}.") from None
+        raise InputError(f"scene {name!r} has a name, or a folder, that is not UTF-8; {way_out}.") from None
     require_small(path, "the scene file", MOST_BYTES)
 
 

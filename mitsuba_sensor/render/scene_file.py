@@ -142,7 +142,7 @@ def parse_scene(
     given = path if is_text(path) else ""
     file, mi = Path(NAME_OF_TEXT if given else path), mitsuba()
     if not given:
-        require_scene_file(file)
+        require_scene_file(os.fspath(path))
     values = {str(k): str(v) for k, v in parameters.items()}
     text = str(given) or file.read_text(encoding="utf-8", errors="replace")
     require_shallow(text, file)
