@@ -24,7 +24,7 @@ SCENES = {  # old → new in the scene of conftest.py
     'name="max_depth" value="3" → name="max_depth" value="-7"': ("max_depth",),
     'name="level" value="0.0002" → name="level" value="bright"': ("bright",),
     'value="$level" → value="$levle"': ("levle", "-D"),
-    'value="$level" → value="nan"': (*BLACK, "not finite"),
+    'value="$level" → value="nan"': (NO_NAME, "black from 400 to 700 nm", "not finite", "line 12"),
     'value="$level" → value="-1"': BLACK,
     'value="$level" → value="0"': BLACK,
     'value="0.5" → value="none.spd"': ("none.spd",),
