@@ -227,5 +227,6 @@ def _rotation_vector(angle_deg: float | None, axis: tuple[float, ...] | None, na
         raise ValueError(f"has {given} and no {missing}; a rotation needs both, e.g. axis = [0, 1, 0]")
     length = np.linalg.norm(axis)
     if length < 1 / LARGEST:
-        raise ValueError(f"axis is {list(axis)}; give a direction, e.g. [0, 1, 0]")
+        given = ", ".join(f"{x:g}" for x in axis)
+        raise ValueError(f"axis is [{given}]; give a direction, e.g. [0, 1, 0]")
     return np.asarray(np.radians(angle_deg) * np.array(axis) / length)
