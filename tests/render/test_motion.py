@@ -433,7 +433,7 @@ MISTAKES: dict[str, tuple[Any, str]] = {
     ),
     "no axis": ({"camera": {"rotate_deg_per_s": 9}}, "has rotate_deg_per_s and no axis; a rotation needs both"),
     "no angle": ({"camera": {"axis": [0, 1, 0]}}, "has axis and no rotate_deg_per_s"),
-    "a null axis": ({"camera": {"rotate_deg_per_s": 9, "axis": [0, 0, 0]}}, r"axis is \[0.0, 0.0, 0.0\]; give a"),
+    "a null axis": ({"camera": {"rotate_deg_per_s": 9, "axis": [0, 0, 0]}}, r"axis is \[0, 0, 0\]; give a"),
     "no pivot": ({"objects": {"fan": TURN}}, r"objects\.fan: rotates and has no pivot_m; give its fixed point"),
     "no time": (
         {"camera": {"keys": [{"move_m": [0, 0, 1]}]}},
