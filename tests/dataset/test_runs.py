@@ -10,7 +10,7 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -19,6 +19,7 @@ from typing import Any
 import psutil
 import pytest
 from helpers.datasets import SCENES
+from helpers.makers import listening, make_large, make_slowly, make_text
 from helpers.waiting import wait_until
 
 from mitsuba_sensor import InputError
@@ -27,10 +28,9 @@ from mitsuba_sensor.dataset import engine, keys, task
 from mitsuba_sensor.dataset.engine import outcomes
 from mitsuba_sensor.dataset.file import read_dataset
 from mitsuba_sensor.dataset.options import RunOptions
-from mitsuba_sensor.dataset.planned import DatasetPlan, PlannedSample, PlannedView, load_plan
+from mitsuba_sensor.dataset.planned import DatasetPlan, load_plan
 from mitsuba_sensor.dataset.run import run
 from mitsuba_sensor.dataset.store import Store
-from mitsuba_sensor.stopping import whole_step
 
 FLAT = (SCENES / "flat_field.xml").read_text(encoding="utf-8")
 FILE = """
@@ -92,47 +92,6 @@ def cluster(folder: Path) -> Iterator[tuple[str, int]]:
         yield json.loads(file.read_text())["address"], processes[0].pid
 
 
-def make_text(
-    store: Store, view: PlannedView, told: Callable[[str], object], dies: str = ""
-) -> Iterator[PlannedSample]:
-    """A file for each sample, with the ports at which this process and its parent listen."""
-    if view.key == dies:
-        os.abort()
-    for sample in view.samples:
-        told("exposing")
-        store.commit("samples", sample.key, lambda folder: (folder / "a.txt").write_text(repr(listening())))
-        yield sample
-
-
-def listening() -> list[object]:
-    """Sockets of this process and its parent that others can connect to, those without a port included."""
-    connections = [one for pid in (os.getpid(), os.getppid()) for one in psutil.Process(pid).net_connections("all")]
-    return [one for one in connections if one.laddr and not one.raddr]
-
-
-def make_slowly(store: Store, view: PlannedView, told: Callable[[str], object]) -> Iterator[PlannedSample]:
-    """A file for each sample, where a scheduler is killed meanwhile."""
-    (pid,) = (store.folder / "scheduler").read_text().split()
-    for sample in view.samples:
-        store.commit("samples", sample.key, lambda folder: (folder / "a.txt").write_text("a"))
-        with suppress(ProcessLookupError):
-            os.kill(int(pid), signal.SIGKILL)
-        yield sample
-
-
-def make_and_kill(store: Store, view: PlannedView, told: Callable[[str], object]) -> Iterator[PlannedSample]:
-    """Kill the program that asked for the view, and tell it something before this process can end for it."""
-    program = os.getppid()
-    (store.folder.parent / "worker").write_text(str(os.getpid()))
-    whole_step.acquire()
-    os.kill(program, signal.SIGKILL)
-    wait_until(lambda: os.getppid() != program)
-    told("exposing")
-    whole_step.release()
-    wait_until(lambda: False)
-    yield view.samples[0]
-
-
 class Deadly:
     """A view that ends the process that it comes to."""
 
@@ -141,13 +100,6 @@ class Deadly:
         if multiprocessing.parent_process() is not None:
             os.kill(os.getpid(), signal.SIGKILL)
         return "0" * 24
-
-
-def make_large(store: Store, view: PlannedView, told: Callable[[str], object]) -> Iterator[PlannedSample]:
-    """Take 0.6 GB and wait to be ended for it."""
-    content = bytearray(b"x") * (6 * 10**8)
-    signal.pause()
-    yield view.samples[len(content)]
 
 
 def test_a_view_that_ends_its_process_is_put_aside_and_the_rest_is_made(plan: DatasetPlan, tmp_path: Path) -> None:
@@ -242,7 +194,7 @@ def test_a_view_is_not_to_blame_where_the_program_that_asked_for_it_is_killed(
 import sys
 sys.path[:] = {sys.path!r}
 from pathlib import Path
-from {__name__} import make_and_kill
+from helpers.makers import make_and_kill
 from mitsuba_sensor.core.options import complete
 from mitsuba_sensor.dataset.engine import outcomes
 from mitsuba_sensor.dataset.options import RunOptions

@@ -1,0 +1,63 @@
+"""What makes the views of a dataset in tests of its processes, which import it as the test's own process does."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+
+import psutil
+
+from helpers.waiting import wait_until
+from mitsuba_sensor.dataset.planned import PlannedSample, PlannedView
+from mitsuba_sensor.dataset.store import Store
+from mitsuba_sensor.stopping import whole_step
+
+
+def make_text(
+    store: Store, view: PlannedView, told: Callable[[str], object], dies: str = ""
+) -> Iterator[PlannedSample]:
+    """A file for each sample, with the ports at which this process and its parent listen."""
+    if view.key == dies:
+        os.abort()
+    for sample in view.samples:
+        told("exposing")
+        store.commit("samples", sample.key, lambda folder: (folder / "a.txt").write_text(repr(listening())))
+        yield sample
+
+
+def listening() -> list[object]:
+    """Sockets of this process and its parent that others can connect to, those without a port included."""
+    connections = [one for pid in (os.getpid(), os.getppid()) for one in psutil.Process(pid).net_connections("all")]
+    return [one for one in connections if one.laddr and not one.raddr]
+
+
+def make_slowly(store: Store, view: PlannedView, told: Callable[[str], object]) -> Iterator[PlannedSample]:
+    """A file for each sample, where a scheduler is killed meanwhile."""
+    (pid,) = (store.folder / "scheduler").read_text().split()
+    for sample in view.samples:
+        store.commit("samples", sample.key, lambda folder: (folder / "a.txt").write_text("a"))
+        with suppress(ProcessLookupError):
+            os.kill(int(pid), signal.SIGKILL)
+        yield sample
+
+
+def make_and_kill(store: Store, view: PlannedView, told: Callable[[str], object]) -> Iterator[PlannedSample]:
+    """Kill the program that asked for the view, and tell it something before this process can end for it."""
+    program = os.getppid()
+    (store.folder.parent / "worker").write_text(str(os.getpid()))
+    whole_step.acquire()
+    os.kill(program, signal.SIGKILL)
+    wait_until(lambda: os.getppid() != program)
+    told("exposing")
+    whole_step.release()
+    wait_until(lambda: False)
+    yield view.samples[0]
+
+
+def make_large(store: Store, view: PlannedView, told: Callable[[str], object]) -> Iterator[PlannedSample]:
+    """Take 0.6 GB and wait to be ended for it."""
+    content = bytearray(b"x") * (6 * 10**8)
+    signal.pause()
+    yield view.samples[len(content)]
