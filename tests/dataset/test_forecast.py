@@ -25,4 +25,4 @@ def test_counts_and_bytes_are_those_of_the_run(tmp_path: Path) -> None:
     made = run(plan, tmp_path / "out", workers=0)
     files = [path for kind in ("samples", "views") for path in (tmp_path / "out" / kind).rglob("*") if path.is_file()]
     size = sum(path.stat().st_size for path in files if path.name != "record.json")
-    assert made.made == 8 and math.isclose(found.bytes, size, rel_tol=0.1) and 0 < found.seconds < 600
+    assert made.made == 8 and math.isclose(found.bytes, size, rel_tol=0.1) and found.seconds > 0

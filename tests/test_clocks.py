@@ -1,0 +1,76 @@
+"""No test reads a clock: on a busy machine it would fail. Forecasts run on a test's own clock; benchmarks time."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+TESTS = Path(__file__).parent
+WAITS = TESTS / "helpers" / "waiting.py"
+"""Waits for other processes end with a failure instead of never, and need a clock for that."""
+
+CLOCKS = {"monotonic", "perf_counter", "process_time", "thread_time", "clock_gettime", "ru_utime", "ru_stime"}
+CLOCKS |= {f"{name}_ns" for name in CLOCKS if "ru_" not in name}
+CLOCKS_OF_MODULES = {("time", "time"), ("time", "time_ns"), ("os", "times"), ("datetime", "now")}
+MODULES_WITH_CLOCKS = {"timeit", "cProfile", "profile"}
+
+
+def clock_reads(tree: ast.Module) -> Iterator[str]:
+    """Each clock that a module imports or calls, with its line."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names = {alias.name for alias in node.names} & MODULES_WITH_CLOCKS
+        elif isinstance(node, ast.ImportFrom):
+            imported = {alias.name for alias in node.names}
+            names = {name for name in imported if name in CLOCKS or (node.module, name) in CLOCKS_OF_MODULES}
+            names |= {node.module or ""} & MODULES_WITH_CLOCKS
+        elif isinstance(node, ast.Attribute):
+            owner = ast.unparse(node.value).rpartition(".")[2]
+            is_clock = node.attr in CLOCKS or (owner, node.attr) in CLOCKS_OF_MODULES
+            names = {node.attr} if is_clock else set()
+        else:
+            continue
+        for name in names:
+            yield f"{name} in line {node.lineno}"
+
+
+def test_no_test_reads_a_clock() -> None:
+    reads = {
+        path.relative_to(TESTS).as_posix(): found
+        for path in sorted(TESTS.rglob("*.py"))
+        if path != WAITS and (found := list(clock_reads(ast.parse(path.read_text(encoding="utf-8")))))
+    }
+    assert not reads, reads
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "import time\nstarted = time.monotonic()",
+        "from time import perf_counter",
+        "from time import time",
+        "import time as t\nt.process_time_ns()",
+        "import time\nnow = time.time()",
+        "import resource\nused = resource.getrusage(0).ru_utime",
+        "import datetime\nnow = datetime.datetime.now()",
+        "import timeit",
+    ],
+)
+def test_a_clock_is_found_however_it_is_read(code: str) -> None:
+    assert list(clock_reads(ast.parse(code)))
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "import time\ntime.sleep(1)",
+        "monkeypatch.setattr(module.time, 'monotonic', lambda: 0.0)",
+        "light.statistics.seconds",
+        "exposure.time_s",
+    ],
+)
+def test_a_sleep_and_a_clock_of_the_test_s_own_are_none(code: str) -> None:
+    assert not list(clock_reads(ast.parse(code)))
