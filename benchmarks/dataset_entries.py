@@ -22,7 +22,7 @@ import numpy as np
 from mitsuba_sensor.core import DiskFull
 from mitsuba_sensor.dataset.record import RECORD, Kind
 from mitsuba_sensor.dataset.store import Store
-from mitsuba_sensor.io import files
+from mitsuba_sensor.files import appearing as files
 
 Entry: TypeAlias = tuple[Kind, str]
 Told: TypeAlias = Callable[[Entry], object]

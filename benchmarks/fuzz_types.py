@@ -28,11 +28,11 @@ from fuzz_cases import DATASET, MOTION, POSES, ROOT, read, sentences_wrong
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.illuminant import Illuminant
-from mitsuba_sensor.io.exr import rendered_for, write_irradiance_exr
-from mitsuba_sensor.io.importers.import_camera import import_camera
-from mitsuba_sensor.io.openexr import Plane, whole_exr, write_planes
-from mitsuba_sensor.io.raw_files import read_raw
+from mitsuba_sensor.files.openexr import Plane, whole_exr, write_planes
+from mitsuba_sensor.files.raw_files import read_raw
 from mitsuba_sensor.lab.bench import read_bench
+from mitsuba_sensor.output.exr import rendered_for, write_irradiance_exr
+from mitsuba_sensor.output.importers.import_camera import import_camera
 from mitsuba_sensor.render.irradiance import Irradiance, RenderedFor
 from mitsuba_sensor.render.photons import collect
 from mitsuba_sensor.render.statistics import RenderStatistics

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.io.files import write_png, write_tiff
-from mitsuba_sensor.io.preview import preview
+from mitsuba_sensor.files.appearing import write_png, write_tiff
+from mitsuba_sensor.output.preview import preview
 
 SCENE = Path(__file__).resolve().parent.parent / "scenes" / "cornell_box.xml"
 

@@ -11,7 +11,7 @@ import argparse
 from pathlib import Path
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.io.files import write_drawing
+from mitsuba_sensor.files.appearing import write_drawing
 from mitsuba_sensor.lab.measurement import measure
 from mitsuba_sensor.study.characterize.virtual_bench import Setup, virtual_bench
 from mitsuba_sensor.study.page import Drawing, png

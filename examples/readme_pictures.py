@@ -13,8 +13,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.io.files import write_png
-from mitsuba_sensor.io.preview import preview
+from mitsuba_sensor.files.appearing import write_png
+from mitsuba_sensor.output.preview import preview
 
 SHORTER = 10.0
 

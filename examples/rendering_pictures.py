@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.io.files import write_png
-from mitsuba_sensor.io.preview import preview
+from mitsuba_sensor.files.appearing import write_png
+from mitsuba_sensor.output.preview import preview
 from mitsuba_sensor.render.aovs import render_aovs
 
 SCENES = Path(__file__).parent.parent / "scenes"

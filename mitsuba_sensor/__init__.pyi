@@ -7,8 +7,8 @@ from .core import Photons as Photons
 from .core import SensorWarning as SensorWarning
 from .dataset.reader import Dataset as Dataset
 from .dataset.sensor_noise import SensorNoise as SensorNoise
-from .io.files import write_tiff as write_tiff
-from .io.light_files import read_irradiance as read_irradiance
+from .files.appearing import write_tiff as write_tiff
+from .output.light_files import read_irradiance as read_irradiance
 from .pipeline import Capture as Capture
 from .pipeline import capture as capture
 from .render.irradiance import Irradiance as Irradiance

@@ -12,7 +12,7 @@ def main() -> None:
     if isinstance(sys.stdout, io.TextIOWrapper):  # of a terminal without × and µ
         sys.stdout.reconfigure(errors="replace")
     from .cli import app
-    from .io.output_pipe import flush_output
+    from .cli.output_pipe import flush_output
 
     try:
         app(prog_name="mitsuba-sensor")

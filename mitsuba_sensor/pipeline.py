@@ -17,11 +17,12 @@ from .capture_options import CaptureOptions, refuse_render_options
 from .core import Exposure, InputError, Photons, warn_of
 from .core.heap import trim_heap
 from .core.options import complete, documents, part_of, used
-from .io import exr, files
-from .io.dng import check_dng, dng_names, write_dng
-from .io.frame_files import CAPTURE_FILES, CLEAN, FRAME_FILES, frames_metadata, write_frames
-from .io.light_files import read_irradiance
-from .io.openexr import is_exr
+from .files import appearing as files
+from .files.openexr import is_exr
+from .output import exr
+from .output.dng import check_dng, dng_names, write_dng
+from .output.frame_files import CAPTURE_FILES, CLEAN, FRAME_FILES, frames_metadata, write_frames
+from .output.light_files import read_irradiance
 from .render.aovs import Aovs
 from .render.irradiance import Irradiance
 from .render.light_source import CollectedLight

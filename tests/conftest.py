@@ -126,7 +126,7 @@ def light() -> Any:
 @pytest.fixture
 def light_file(light: Any, tmp_path: Path) -> Path:
     """That light as an irradiance.exr."""
-    from mitsuba_sensor.io.exr import write_irradiance_exr
+    from mitsuba_sensor.output.exr import write_irradiance_exr
 
     path = tmp_path / "light" / "irradiance.exr"
     path.parent.mkdir()

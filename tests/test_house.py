@@ -35,11 +35,11 @@ USERS_OF_THE_PUBLIC_API = ("cli", "study", "dataset", "pipeline")
 IMPORTED_IN = {
     "mitsuba": ("render/",),
     "drjit": ("core/",),
-    "OpenEXR": ("io/openexr.py",),
-    "tifffile": ("io/files.py", "io/dng.py", "io/raw_files.py"),
-    "PIL": ("io/files.py", "io/raw_files.py", "io/contact_sheet.py"),
-    "rawpy": ("io/raw_files.py",),
-    "astropy": ("io/raw_files.py",),
+    "OpenEXR": ("files/openexr.py",),
+    "tifffile": ("files/appearing.py", "output/dng.py", "files/raw_files.py"),
+    "PIL": ("files/appearing.py", "files/raw_files.py", "output/contact_sheet.py"),
+    "rawpy": ("files/raw_files.py",),
+    "astropy": ("files/raw_files.py",),
     "matplotlib": ("study/page.py",),
     "colour": (),  # slow to import: only tests compare with it
     "colour_demosaicing": (),
@@ -49,7 +49,7 @@ IMPORTED_IN = {
     "distributed": ("dataset/cluster.py",),
     "psutil": ("dataset/workers.py",),
     "pyoidn": ("render/network.py",),
-    "yaml": ("io/importers/calibration.py",),
+    "yaml": ("output/importers/calibration.py",),
     "torch": ("dataset/exports/torch_dataset.py",),
 }
 """Foreign library → the one place that imports it."""
@@ -81,7 +81,7 @@ READERS = (
     "sensor/lens_file.py",
     "core/llvm.py",
     "render/scene_file.py",
-    "render/spectra.py",
+    "optics/spectra.py",
     "render/motion.py",
 )
 """Files are read in io/, and: a camera's own text, scenes, tables of spectra, the bytes that name the LLVM here."""
@@ -128,7 +128,7 @@ def sub_package(name: str) -> str:
     return name.split("/")[0].removesuffix(".py")
 
 
-SHOWN = {"sensor/frames.py": ("mitsuba_sensor.io.frame_files", "mitsuba_sensor.io.dng")}
+SHOWN = {"sensor/frames.py": ("mitsuba_sensor.output.frame_files", "mitsuba_sensor.output.dng")}
 """Frames are shown and saved by methods of their own, whose code is where pictures and files are made."""
 
 

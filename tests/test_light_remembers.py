@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.cli import app
-from mitsuba_sensor.io import exr
+from mitsuba_sensor.output import exr
 from mitsuba_sensor.sensor.stage import Stage
 
 BAYER = ms.load_camera("bayer_2mp")
@@ -139,7 +139,7 @@ def test_an_added_stage_is_not_kept() -> None:
 
 def test_the_illuminant_is_that_of_the_scene(rendered: Path) -> None:
     """CIE D65 through Mitsuba, its shape within 1 % of colour-science's table from 400 to 700 nm."""
-    from mitsuba_sensor.render.spectra import d65
+    from mitsuba_sensor.optics.spectra import d65
 
     light = exr.read_irradiance_exr(rendered / "irradiance.exr").rendered_for
     assert light is not None and light.illuminant is not None

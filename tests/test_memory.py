@@ -25,7 +25,7 @@ def begin():
 
 """
 FRAME = """
-from mitsuba_sensor.io.exr import write_irradiance_exr
+from mitsuba_sensor.output.exr import write_irradiance_exr
 from mitsuba_sensor.render.foreign_light import Bands, irradiance_of
 
 def light_of(width, height):

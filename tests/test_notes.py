@@ -14,7 +14,7 @@ import pytest
 from helpers.scenes import SKY, scene_text, write_scene
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.io.exr import write_irradiance_exr
+from mitsuba_sensor.output.exr import write_irradiance_exr
 
 BAYER, WIDER = ms.load_camera("bayer_2mp"), ms.load_camera("sony_imx174")
 TABLE1 = ms.load_camera("konnik_table1")

@@ -15,7 +15,7 @@ import tifffile
 import mitsuba_sensor as ms
 from mitsuba_sensor.capture_options import CaptureOptions
 from mitsuba_sensor.core.options import declared
-from mitsuba_sensor.io.exr import read_aovs_exr, read_irradiance_exr
+from mitsuba_sensor.output.exr import read_aovs_exr, read_irradiance_exr
 from mitsuba_sensor.render import scene, scene_settings
 from mitsuba_sensor.render.aovs import render_aovs
 from mitsuba_sensor.render.scene import Scene

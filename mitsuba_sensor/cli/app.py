@@ -14,8 +14,7 @@ import mitsuba_sensor as ms
 from .. import stopping
 from ..core import DiskFull, InputError, SensorWarning, first_given
 from ..core.printable import printable
-from ..io import files
-from ..io.output_pipe import BROKEN_PIPE, silence_output
+from ..files import appearing as files
 from ..render.irradiance import RenderedFor
 from ..render.scene_settings import ParsedScene, SceneSettings, parse
 from ..render.variants import variant_restored
@@ -23,6 +22,7 @@ from ..sensor.camera_file import toml_value
 from ..sensor.metering import Metering
 from . import options
 from .options import Flag, Flags
+from .output_pipe import BROKEN_PIPE, silence_output
 from .printable_console import PrintableConsole
 
 NO_SCENE = SceneSettings()

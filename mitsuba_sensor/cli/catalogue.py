@@ -12,7 +12,7 @@ from rich.text import Text
 import mitsuba_sensor as ms
 
 from ..core import InputError
-from ..io import files
+from ..files import appearing as files
 from ..sensor.camera_check import CameraFinding
 from ..sensor.figures import EmvaFigures, figures_if_any
 from ..sensor.gain_ladder import SET
@@ -61,7 +61,7 @@ def import_command(
     [sources] of the file says where each number comes from; what the source does not say is marked "assumed:". --set
     fields of the camera that it is like hold for the conversion, adc.bits for example.
     """
-    from ..io.importers.import_camera import import_camera
+    from ..output.importers.import_camera import import_camera
 
     file = _camera_file(out, flags["force"])
     like = ms.load_camera(flags["like"])

@@ -14,8 +14,9 @@ import mitsuba_sensor as ms
 from ..capture_options import CaptureOptions, LightOptions, refuse_render_options
 from ..core import InputError, first_given, require
 from ..core.options import complete
-from ..io import exr, files
-from ..io.frame_files import CAPTURE_FILES, FRAME_FILES
+from ..files import appearing as files
+from ..output import exr
+from ..output.frame_files import CAPTURE_FILES, FRAME_FILES
 from ..render.options import RawLightOptions, RenderOptions, SceneOptions, UnitOptions
 from ..sensor.gains import gain_dn_per_e
 from ..sensor.metering import Metering

@@ -9,8 +9,8 @@ import typer
 
 from ..core import Exposure, Float64Array, InputError, first_given, require_seed
 from ..core.options import Option, complete, part_of
-from ..io import files
-from ..io.metadata import machine, versions
+from ..files import appearing as files
+from ..output.metadata import machine, versions
 from ..sensor.camera import Camera
 from . import options
 from .app import CHECKS, app, camera_and_exposure, err, out, show

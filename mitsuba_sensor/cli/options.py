@@ -12,7 +12,7 @@ import typer
 from ..capture_options import CaptureOptions
 from ..core import InputError, require_seed
 from ..core.options import Declared, Option, declared
-from ..io import files
+from ..files import appearing as files
 from ..render.options import FileOptions, RenderOptions, SceneOptions
 from ..render.passes import MOST_IN_ALL
 from ..render.variants import VARIANTS

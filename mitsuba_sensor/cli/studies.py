@@ -12,9 +12,9 @@ import typer
 
 from ..core import first_given
 from ..core.options import complete, part_of
-from ..io import files
-from ..io.measurements import Measurements
-from ..io.metadata import machine, versions
+from ..files import appearing as files
+from ..output.measurements import Measurements
+from ..output.metadata import machine, versions
 from ..render.options import SceneOptions
 from ..sensor.metering import Metering
 from ..stopping import remark_if_stopped

@@ -11,8 +11,8 @@ import mitsuba_sensor as ms
 
 from ..core import InputError
 from ..core.options import Option, complete, part_of
-from ..io import files
-from ..io.metadata import machine, versions
+from ..files import appearing as files
+from ..output.metadata import machine, versions
 from ..sensor.camera import Camera
 from ..sensor.camera_file import camera_from
 from . import arguments, options

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ..core import InputError, nearest
-from ..io.scene_references import camera_references, check_below
+from ..files.scene_references import camera_references, check_below
 from ..sensor.camera import Camera
 from ..sensor.camera_file import list_cameras, load_camera
 from ..sensor.datasheet_errors import fields_of

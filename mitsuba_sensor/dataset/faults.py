@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal, NamedTuple, TypeAlias
 
-from ..io import durable
+from ..files import durable
 from .record import KEY, MOST_BYTES, RECORD, Kind, Record, record_of
 
 What: TypeAlias = Literal[

@@ -14,7 +14,7 @@ from pydantic import Field, PlainValidator, model_validator
 
 from ..core import InputError, nearest
 from ..core.options import complete, declared
-from ..io import files
+from ..files import appearing as files
 from ..render.motion import KeyPose, Number, Vector, read_motion
 from ..render.options import RenderOptions
 from ..sensor.datasheet import Count, FileTable, optional

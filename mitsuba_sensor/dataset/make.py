@@ -12,10 +12,11 @@ import numpy as np
 
 from ..core import Exposure
 from ..core.options import complete
-from ..io import exr, files
-from ..io.dng import check_dng, dng_names, write_dng
-from ..io.frame_files import preview_of
-from ..io.metadata import image_facts, versions
+from ..files import appearing as files
+from ..output import exr
+from ..output.dng import check_dng, dng_names, write_dng
+from ..output.frame_files import preview_of
+from ..output.metadata import image_facts, versions
 from ..render.aovs import Aovs
 from ..render.illuminant import illuminant_of
 from ..render.irradiance import Irradiance

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ..core import InputError
-from ..io import durable, files
+from ..files import appearing as files
+from ..files import durable
 from .faults import Fault, What, what_is_wrong
 from .keys import Config, Facts, made_by
 from .planned import DatasetPlan, load_plan

@@ -10,9 +10,9 @@ from pathlib import Path
 
 from ..core import InputError
 from ..core.options import used
-from ..io import files
-from ..io.scene_references import scene_digest
-from ..io.texts import text_of_file
+from ..files import appearing as files
+from ..files.scene_references import scene_digest
+from ..files.texts import text_of_file
 from ..render.motion import Motion, read_motion
 from ..render.options import RenderOptions
 from .cameras import Cameras, VariedCamera, of_light

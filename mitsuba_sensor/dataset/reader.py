@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import InputError, nearest
-from ..io.exr import read_aovs_exr
-from ..io.raw_files import read_raw
-from ..io.texts import read_json, text_of_file
+from ..files.raw_files import read_raw
+from ..files.texts import read_json, text_of_file
+from ..output.exr import read_aovs_exr
 from .keys import Config, Facts
 from .record import INDEX, KEY, sealed, unsealed
 from .store import Store

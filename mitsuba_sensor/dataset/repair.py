@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ..core import InputError
-from ..io import files
+from ..files import appearing as files
 from .faults import Fault
 from .origin import origin_faults, plan_lines
 from .planned import DatasetPlan

@@ -9,8 +9,8 @@ from typing import TypeAlias, Unpack
 
 from ..core import DiskFull, InputError
 from ..core.options import complete, documents
-from ..io import files
-from ..io.worker_log import forget, is_begun
+from ..files import appearing as files
+from ..files.worker_log import forget, is_begun
 from ..render.variants import restores_variant
 from .engine import outcomes, usual_workers
 from .file import read_dataset

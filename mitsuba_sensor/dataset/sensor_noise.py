@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..core import Exposure, InputError, Photons
 from ..core.llvm import backend_problem
 from ..core.types import Float32Array
-from ..io.preview import demosaic, srgb_curve
+from ..output.preview import demosaic, srgb_curve
 from ..sensor.camera import Camera
 from ..sensor.camera_file import load_camera
 from ..sensor.frames import Frames

@@ -17,9 +17,9 @@ from functools import partial
 from pathlib import Path
 
 from ..core import DiskFull, InputError
-from ..io import durable
-from ..io.disk_errors import disk_sentences, is_full, names_in
-from ..io.files import write_drawing
+from ..files import durable
+from ..files.appearing import write_drawing
+from ..files.disk_errors import disk_sentences, is_full, names_in
 from ..stopping import undone_if_stopped, whole_step
 from . import faults
 from .faults import Fault
@@ -42,7 +42,7 @@ from .record import (
 
 QUARANTINE = "quarantine"
 UNFINISHED = tuple(f".{name}." for name in (FILE, RECORD, INDEX))
-"""Beginnings of the names of pages until they are whole (io/files.py)."""
+"""Beginnings of the names of pages until they are whole (files/appearing.py)."""
 TAKEN = errno.EEXIST, errno.ENOTEMPTY
 PERHAPS_TAKEN = errno.ENOTDIR, errno.EACCES  # a file stands there; Windows
 TRIES = 10

@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import InputError
-from ..io.raw_files import RawFile, read_raw
+from ..files.raw_files import RawFile, read_raw
 from .manifest import KINDS, MANIFEST, WAY_OUT, Group, Kind, groups, groups_of_names, read_manifest
 from .stack import Stack
 

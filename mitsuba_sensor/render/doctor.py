@@ -14,7 +14,7 @@ from importlib import resources
 from typing import Any, TypeAlias
 
 from ..core.llvm import INSTALL, find_llvm
-from ..io.metadata import versions
+from ..output.metadata import versions
 from ..stopping import undone_if_stopped
 from .variants import VARIANTS
 

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import Float64Array, InputError, require
+from ..optics import spectra
 from ..optics.f_number_law import solid_angle_sr, transmittance
 from ..optics.intrinsics import View
 from ..sensor.camera import Camera
-from . import spectra
 from .bands import BANDWIDTH_NM
 from .irradiance import Irradiance
 from .passes import clean

@@ -108,7 +108,7 @@ class Irradiance:
         return self.statistics.notes
 
     def _repr_html_(self) -> str:
-        from ..io.light_html import light_html
+        from .light_html import light_html
 
         return light_html(self)
 

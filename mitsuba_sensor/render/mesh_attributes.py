@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ..core import InputError, nearest
-from ..io.ply_colours import largest_colour
+from ..files.ply_colours import largest_colour
 from .finding import Finding, lines_of
 from .scene_file import SceneFile
 from .variants import MitsubaObject, mitsuba

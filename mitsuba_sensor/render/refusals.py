@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from ..core import InputError
-from ..io.raw_files import require_plausible_picture
+from ..files.raw_files import require_plausible_picture
 from .finding import Finding, Range
 from .scene_file import POLARISING, SceneFile, as_input_error
 from .scene_settings import FILM, SENSOR

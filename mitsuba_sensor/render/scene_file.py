@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from ..core import InputError, nearest
-from ..io.scene_xml import require_scene_file, require_shallow
+from ..files.scene_xml import require_scene_file, require_shallow
 from . import old_formats, old_text
 from .foreign_plugins import refuse_foreign_plugins
 from .parameter_names import meant

@@ -131,20 +131,20 @@ class Frames:
 
     def preview(self, number: int = 0, gain: float = 1.0) -> NDArray[np.uint8]:
         """What frame.png shows: one of the frames, 8 bit, (H, W) grey or (H, W, 3) sRGB.  gain : brightens it."""
-        from ..io.frame_files import preview_of
+        from ..output.frame_files import preview_of
 
         return preview_of(self, number, gain)
 
     def save(self, folder: str | os.PathLike[str]) -> None:
         """Write frame.tiff, frame.png and frame.json: all, or none; those of older frames go. Raises InputError."""
-        from ..io.frame_files import save_frames
+        from ..output.frame_files import save_frames
 
         save_frames(self, folder)
 
     def save_dng(self, path: str | os.PathLike[str], number: int = 0) -> None:
         """Write one of the frames as a DNG, its pixels unchanged. Raises InputError where other programs read none:
         beyond 16 bits, of filters that are not red, green and blue in 2 × 2, below 22 × 22 pixels."""
-        from ..io.dng import write_dng
+        from ..output.dng import write_dng
 
         write_dng(path, self, number)
 
@@ -156,7 +156,7 @@ class Frames:
         return f"<Frames: {size}, {self.digital.dtype}, of {taken}, seed {first.seed}>"
 
     def _repr_html_(self) -> str:
-        from ..io.frame_files import frames_html
+        from ..output.frame_files import frames_html
 
         return frames_html(self)
 

@@ -63,7 +63,7 @@ class Step(NamedTuple):
 class Kit:
     """Measures what is not measured yet, and says how long that will take. new : how many it measured itself.
 
-    known : (value, seconds that it took) by key; as files (io/measurements.py), they let a stopped study go on."""
+    known : (value, seconds that it took) by key; as files (output/measurements.py), they let a stopped study go on."""
 
     def __init__(self, known: Values | None = None, progress: Progress | None = None) -> None:
         self.known = {} if known is None else known

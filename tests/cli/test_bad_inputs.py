@@ -29,7 +29,7 @@ def places(tmp_path_factory: pytest.TempPathFactory, scene_file: Path, light: An
     """Good files, and bad ones of every kind."""
     import OpenEXR
 
-    from mitsuba_sensor.io.exr import write_irradiance_exr
+    from mitsuba_sensor.output.exr import write_irradiance_exr
 
     folder = tmp_path_factory.mktemp("bad")
     good = tmp_path_factory.mktemp("light") / "irradiance.exr"

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from helpers import CAMERAS
 
-from mitsuba_sensor.io import files
+from mitsuba_sensor.files import appearing as files
 from mitsuba_sensor.render.scene import Scene
 from mitsuba_sensor.sensor.expose import PreparedExposure
 

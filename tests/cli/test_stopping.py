@@ -124,7 +124,7 @@ def test_what_another_thread_writes_while_the_program_stops_is_removed_too(tmp_p
         "import os, signal, sys, threading\nfrom pathlib import Path\n"
         "from mitsuba_sensor.stopping import stop_at_signals\n"
         "stop_at_signals()\n"
-        "from mitsuba_sensor.io.files import output_folder\n"
+        "from mitsuba_sensor.files.appearing import output_folder\n"
         "with output_folder(Path(sys.argv[1]), ['a']) as scratch:\n"
         "    for n in range(10**9):\n"
         "        (scratch / str(n)).write_bytes(b'x' * 1000)\n"

@@ -35,10 +35,10 @@ from mitsuba_sensor.dataset.planned import load_plan
 from mitsuba_sensor.dataset.reader import Dataset, Index, index_text, read_index
 from mitsuba_sensor.dataset.record import INDEX, Record, text_of
 from mitsuba_sensor.dataset.run import run
-from mitsuba_sensor.io.contact_sheet import contact_sheet
-from mitsuba_sensor.io.durable import size_and_hash
-from mitsuba_sensor.io.exr import read_aovs_exr
-from mitsuba_sensor.io.whole_folder import LISTING
+from mitsuba_sensor.files.durable import size_and_hash
+from mitsuba_sensor.files.whole_folder import LISTING
+from mitsuba_sensor.output.contact_sheet import contact_sheet
+from mitsuba_sensor.output.exr import read_aovs_exr
 
 SCENE = """<scene version="3.0.0"><default name="height" value="0"/><integrator type="direct"/>
 <sensor type="perspective"><float name="fov" value="50"/><film type="hdrfilm"><integer name="width" value="20"/>

@@ -15,7 +15,7 @@ from mitsuba_sensor.dataset.file import read_dataset
 from mitsuba_sensor.dataset.planned import DatasetPlan
 from mitsuba_sensor.dataset.reader import Dataset
 from mitsuba_sensor.dataset.run import run
-from mitsuba_sensor.io.raw_files import read_raw
+from mitsuba_sensor.files.raw_files import read_raw
 from mitsuba_sensor.sensor.camera_file import camera_from
 
 EVERYTHING = ["raw", "dng", "clean", "electrons", "variance", "noise_budget", "preview", "aovs", "irradiance"]

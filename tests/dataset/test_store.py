@@ -17,7 +17,8 @@ import pytest
 from mitsuba_sensor.core import DiskFull, InputError
 from mitsuba_sensor.dataset.record import Record, record_of, text_of
 from mitsuba_sensor.dataset.store import Store
-from mitsuba_sensor.io import durable, files
+from mitsuba_sensor.files import appearing as files
+from mitsuba_sensor.files import durable
 
 KEY, OTHER = "ab" * 12, "ab" + "cd" * 11
 CONTENT = {"frame.tiff": b"raw" * 100, "sample.json": b"{}", "nothing.bin": b""}

@@ -11,12 +11,12 @@ from pathlib import Path
 import pytest
 
 from mitsuba_sensor.core import DiskFull
-from mitsuba_sensor.io.worker_log import fatal_tries, is_begun, last_said, log_of, logged, note_death
+from mitsuba_sensor.files.worker_log import fatal_tries, is_begun, last_said, log_of, logged, note_death
 
 DIES = """
 import os, sys
 from pathlib import Path
-from mitsuba_sensor.io.worker_log import logged
+from mitsuba_sensor.files.worker_log import logged
 with logged(Path(sys.argv[1]), capture=sys.argv[2] == "worker") as log:
     print("the renderer says", file=sys.stderr, flush=True)
     os.kill(os.getpid(), int(sys.argv[3]))

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from mitsuba_sensor.io.measurements import Measurements
+from mitsuba_sensor.output.measurements import Measurements
 from mitsuba_sensor.study.page import Bars, Plot, Study, Table
 
 MOST_SERIES = 8

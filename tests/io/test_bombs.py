@@ -23,12 +23,12 @@ from PIL import Image
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.small_files import toml_tables
 from mitsuba_sensor.dataset.file import read_dataset
-from mitsuba_sensor.io.files import read_fpn_maps, write_fpn_maps
-from mitsuba_sensor.io.importers.import_camera import import_camera
-from mitsuba_sensor.io.light_files import read_irradiance
-from mitsuba_sensor.io.openexr import Plane, write_planes
-from mitsuba_sensor.io.raw_files import read_raw
+from mitsuba_sensor.files.appearing import read_fpn_maps, write_fpn_maps
+from mitsuba_sensor.files.openexr import Plane, write_planes
+from mitsuba_sensor.files.raw_files import read_raw
 from mitsuba_sensor.lab.manifest import read_manifest
+from mitsuba_sensor.output.importers.import_camera import import_camera
+from mitsuba_sensor.output.light_files import read_irradiance
 from mitsuba_sensor.render.aovs import render_aovs
 from mitsuba_sensor.render.motion import read_motion
 from mitsuba_sensor.render.scene_file import parse_scene

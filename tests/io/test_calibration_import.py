@@ -20,11 +20,11 @@ from mitsuba_sensor.dataset.exports.nerfstudio import transforms
 from mitsuba_sensor.dataset.exports.opencv import opencv_xml, opencv_yaml
 from mitsuba_sensor.dataset.exports.poses import PosedImage
 from mitsuba_sensor.dataset.exports.ros import camera_info
-from mitsuba_sensor.io.importers.import_camera import import_camera
 from mitsuba_sensor.optics.calibration import Calibration, calibration_of
 from mitsuba_sensor.optics.distortion import distortion_of
 from mitsuba_sensor.optics.f_number_law import solid_angle_sr
 from mitsuba_sensor.optics.intrinsics import image_distance_m, intrinsics
+from mitsuba_sensor.output.importers.import_camera import import_camera
 from mitsuba_sensor.render.aovs import load_for_rays
 from mitsuba_sensor.render.options import SceneOptions
 from mitsuba_sensor.render.scene_settings import parse

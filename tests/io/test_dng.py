@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from scipy import constants
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.io import dng
-from mitsuba_sensor.io.dng_colours import calibrations
-from mitsuba_sensor.io.importers.import_camera import import_camera
-from mitsuba_sensor.io.raw_files import dng_tags, read_raw
+from mitsuba_sensor.files.raw_files import dng_tags, read_raw
+from mitsuba_sensor.output import dng
+from mitsuba_sensor.output.dng_colours import calibrations
+from mitsuba_sensor.output.importers.import_camera import import_camera
 from mitsuba_sensor.render.scene import Scene
 
 BAYER, RGBIR = ms.load_camera("bayer_2mp"), ms.load_camera("rgbir_2mp")

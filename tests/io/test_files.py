@@ -19,7 +19,8 @@ import tifffile
 from PIL import Image
 
 from mitsuba_sensor import InputError
-from mitsuba_sensor.io import exr, files
+from mitsuba_sensor.files import appearing as files
+from mitsuba_sensor.output import exr
 
 NAMES = ("a.txt", "b.txt")
 
@@ -210,7 +211,7 @@ import resource, sys
 from pathlib import Path
 import numpy as np
 from mitsuba_sensor import InputError
-from mitsuba_sensor.io import exr, files
+from mitsuba_sensor.output import exr, files
 folder, what = Path(sys.argv[1]), sys.argv[2]
 light = exr.read_irradiance_exr(folder / "light.exr")
 noise = np.random.default_rng(1).integers(0, 65535, (1, 64, 64), dtype=np.uint16)
@@ -293,6 +294,6 @@ def test_an_exr_that_is_written_some_rows_at_a_time_is_the_same_file(
     found = {name: getattr(light, name) for name in images}
     tall = replace(light, **{name: None if x is None else np.repeat(x, 4, axis=0) for name, x in found.items()})
     exr.write_irradiance_exr(tmp_path / "once.exr", tall, half)
-    monkeypatch.setattr("mitsuba_sensor.io.openexr.VALUES_AT_ONCE", 1)
+    monkeypatch.setattr("mitsuba_sensor.files.openexr.VALUES_AT_ONCE", 1)
     exr.write_irradiance_exr(tmp_path / "strips.exr", tall, half)
     assert (tmp_path / "strips.exr").read_bytes() == (tmp_path / "once.exr").read_bytes()

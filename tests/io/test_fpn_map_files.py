@@ -14,7 +14,7 @@ import pytest
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.frame import Frame
-from mitsuba_sensor.io import files
+from mitsuba_sensor.files import appearing as files
 from mitsuba_sensor.render.scene import Scene
 
 TABLE1 = ms.load_camera("konnik_table1")

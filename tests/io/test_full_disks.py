@@ -11,8 +11,9 @@ import pytest
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core import DiskFull
-from mitsuba_sensor.io import dng, files
-from mitsuba_sensor.io.openexr import Plane, write_planes
+from mitsuba_sensor.files import appearing as files
+from mitsuba_sensor.files.openexr import Plane, write_planes
+from mitsuba_sensor.output import dng
 
 resource = pytest.importorskip("resource")
 TRIES = 40

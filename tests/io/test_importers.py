@@ -15,7 +15,7 @@ import tifffile
 from scipy import stats
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.io.importers.import_camera import import_camera
+from mitsuba_sensor.output.importers.import_camera import import_camera
 from mitsuba_sensor.sensor.gains import gain_dn_per_e
 
 SHAPE = (400, 500)

@@ -107,7 +107,7 @@ def test_rgb_radiance_becomes_the_light_that_mitsuba_makes_of_an_rgb_emitter(tmp
     np.testing.assert_allclose(there[inside], rendered[inside], atol=0.005 * rendered.max(), rtol=0.02)
     grey = write(tmp_path / "grey.exr", {name: np.full((1, 1), 2.0) for name in "RGB"})
     white = ms.read_irradiance(grey, unit="radiance_rgb", camera=BAYER)
-    from mitsuba_sensor.render.spectra import d65
+    from mitsuba_sensor.optics.spectra import d65
 
     expected = 2 * d65(white.wavelengths_nm) / 98.997 * math.pi / (4 * BAYER.lens.f_number**2) * BAYER.lens.transmission
     np.testing.assert_allclose(white.data[0, 0], expected, rtol=2e-3)

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.io.measurements import Measurements
+from mitsuba_sensor.output.measurements import Measurements
 
 QUESTION = {"study": "ablation", "camera": {"adc": {"bits": 12}, "pixel": {"pitch": 5.0}}, "seeds": (1, 2)}
 

@@ -7,8 +7,8 @@ import pytest
 from colour_demosaicing import demosaicing_CFA_Bayer_Menon2007, masks_CFA_Bayer
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.io.demosaic import demosaic_bayer
-from mitsuba_sensor.io.preview import bilinear, demosaic, preview, srgb_curve
+from mitsuba_sensor.output.demosaic import demosaic_bayer
+from mitsuba_sensor.output.preview import bilinear, demosaic, preview, srgb_curve
 from mitsuba_sensor.sensor.chain import black_level_dn
 
 MONO = ms.load_camera("konnik_table1")
@@ -110,5 +110,5 @@ def test_a_preview_of_some_rows_at_a_time_is_that_of_the_whole_frame(
     raw = np.random.default_rng(1).integers(0, 2**camera.adc.bits, (61, 34))
     whole = preview(raw, camera, origin=origin)
     for rows in (1, 7):
-        monkeypatch.setattr("mitsuba_sensor.io.preview.PIXELS_AT_ONCE", rows * 34)
+        monkeypatch.setattr("mitsuba_sensor.output.preview.PIXELS_AT_ONCE", rows * 34)
         np.testing.assert_array_equal(preview(raw, camera, origin=origin), whole)

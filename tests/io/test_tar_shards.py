@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from mitsuba_sensor.core.errors import DiskFull, InputError
-from mitsuba_sensor.io.tar_shards import TarShards, npy
+from mitsuba_sensor.files.tar_shards import TarShards, npy
 
 RAW = np.arange(24, dtype=np.uint16).reshape(2, 3, 4)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from mitsuba_sensor.core.errors import InputError
-from mitsuba_sensor.io.whole_folder import LISTING, appearing_folder, inside
+from mitsuba_sensor.files.whole_folder import LISTING, appearing_folder, inside
 
 
 def write(path: Path, text: str = "a", force: bool = False, name: str = "deep/a.txt") -> None:

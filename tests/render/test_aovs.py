@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.core.llvm import drjit
-from mitsuba_sensor.io.exr import read_aovs_exr, read_irradiance_exr, write_aovs_exr
+from mitsuba_sensor.output.exr import read_aovs_exr, read_irradiance_exr, write_aovs_exr
 from mitsuba_sensor.render.aovs import Aovs, render_aovs
 from mitsuba_sensor.render.bands import choose_bands
 from mitsuba_sensor.render.motion import Motion, read_motion

@@ -14,10 +14,10 @@ from helpers.scenes import SCENES, scene_text, skip_unless_usable, write_scene
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.band_average import band_integrals, photon_averages
-from mitsuba_sensor.io.exr import read_irradiance_exr, write_irradiance_exr
+from mitsuba_sensor.optics import spectra
 from mitsuba_sensor.optics.f_number_law import solid_angle_sr, transmittance
 from mitsuba_sensor.optics.intrinsics import View
-from mitsuba_sensor.render import spectra
+from mitsuba_sensor.output.exr import read_irradiance_exr, write_irradiance_exr
 from mitsuba_sensor.render.band_error import band_error, band_note
 from mitsuba_sensor.render.bands import choose_bands
 from mitsuba_sensor.render.film_channels import with_filters

@@ -10,7 +10,7 @@ from helpers.scenes import BALL, SCENES, SKY, both_variants, scene_text, skip_un
 
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
-from mitsuba_sensor.io.exr import read_irradiance_exr, write_irradiance_exr
+from mitsuba_sensor.output.exr import read_irradiance_exr, write_irradiance_exr
 from mitsuba_sensor.render.bands import channel_bands, choose_bands, response_fingerprint
 from mitsuba_sensor.render.photons import collect
 from mitsuba_sensor.render.prepared import render

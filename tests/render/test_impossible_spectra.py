@@ -12,7 +12,7 @@ from helpers.scenes import BALL, both_variants, scene_text, skip_unless_usable, 
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.errors import InputError
-from mitsuba_sensor.io.ply_colours import largest_colour
+from mitsuba_sensor.files.ply_colours import largest_colour
 from mitsuba_sensor.render.finding import Finding
 from mitsuba_sensor.render.metal_tables import metal_table
 from mitsuba_sensor.render.scene import inspect_scene

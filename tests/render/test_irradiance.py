@@ -20,8 +20,9 @@ from helpers.scenes import BALL, SCENES, SKY, both_variants, scene_text, skip_un
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.core.units import photon_energy_j
+from mitsuba_sensor.optics import spectra
 from mitsuba_sensor.render import bands as film
-from mitsuba_sensor.render import passes, spectra
+from mitsuba_sensor.render import passes
 from mitsuba_sensor.render.bands import box_bands
 from mitsuba_sensor.render.photons import photons_per_irradiance
 from mitsuba_sensor.render.prepared import prepare, render

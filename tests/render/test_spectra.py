@@ -8,7 +8,7 @@ import pytest
 from colour.adaptation import matrix_chromatic_adaptation_VonKries
 from colour.characterisation import read_training_data_rawtoaces_v1
 
-from mitsuba_sensor.render import spectra
+from mitsuba_sensor.optics import spectra
 
 NM = np.arange(250.0, 1150.0, 0.25)
 OBSERVER = "CIE 1931 2 Degree Standard Observer"

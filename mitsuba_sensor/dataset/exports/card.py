@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ...io.contact_sheet import contact_sheet
-from ...io.files import write_page, write_png
+from ...files.appearing import write_page, write_png
+from ...output.contact_sheet import contact_sheet
 
 QUANTILES = ("lowest", "1 %", "median", "99 %", "highest")
 SHEET = "contact_sheet.png"

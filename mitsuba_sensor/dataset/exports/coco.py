@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...io.exr import read_aovs_exr
-from ...io.files import write_page
-from ...io.whole_folder import inside
+from ...files.appearing import write_page
+from ...files.whole_folder import inside
+from ...output.exr import read_aovs_exr
 from .job import Job, checked, facts_of
 
 HOW = """from pycocotools.coco import COCO

@@ -12,8 +12,8 @@ from collections.abc import Sequence
 import scipy
 
 from ...core import InputError
-from ...io.files import write_page
-from ...io.whole_folder import inside
+from ...files.appearing import write_page
+from ...files.whole_folder import inside
 from ...optics.calibration import HALF_PIXEL, Calibration
 from .job import Job, posed, worlds
 from .poses import PosedImage, world_to_camera

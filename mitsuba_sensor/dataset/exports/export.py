@@ -10,7 +10,7 @@ from typing import Unpack
 
 from ...core import InputError, nearest
 from ...core.options import complete, documents
-from ...io.whole_folder import appearing_folder
+from ...files.whole_folder import appearing_folder
 from ..file import read_dataset
 from ..options import ExportOptions
 from ..origin import require_origin

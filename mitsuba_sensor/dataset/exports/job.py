@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import InputError
-from ...io import durable
-from ...io.whole_folder import copy_into
+from ...files import durable
+from ...files.whole_folder import copy_into
 from ...optics.calibration import calibration_of
 from ..keys import Facts, canonical
 from ..reader import AOVS, IMAGES, Sample

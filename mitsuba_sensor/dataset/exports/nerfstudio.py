@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from ...io.files import write_json, write_png
-from ...io.whole_folder import inside
+from ...files.appearing import write_json, write_png
+from ...files.whole_folder import inside
 from ...optics.calibration import HALF_PIXEL, Calibration
 from ..reader import Sample
 from .job import Job, checked_array, posed, worlds

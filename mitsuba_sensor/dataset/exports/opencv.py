@@ -13,8 +13,8 @@ import numpy as np
 import scipy
 
 from ...core import Float64Array
-from ...io.files import write_page
-from ...io.whole_folder import inside
+from ...files.appearing import write_page
+from ...files.whole_folder import inside
 from ...optics.calibration import Calibration
 from .job import Job, posed, worlds
 from .poses import PosedImage, world_to_camera, yaml_number

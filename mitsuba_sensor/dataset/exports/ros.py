@@ -10,8 +10,8 @@ import json
 import numpy as np
 
 from ...core import Float64Array
-from ...io.files import write_json, write_page
-from ...io.whole_folder import inside
+from ...files.appearing import write_json, write_page
+from ...files.whole_folder import inside
 from ...optics.calibration import Calibration
 from .job import Job, posed
 from .poses import yaml_number

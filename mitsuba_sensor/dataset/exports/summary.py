@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ...core import InputError
-from ...io import durable
+from ...files import durable
 from ...sensor.camera_file import camera_from
 from ...sensor.figures import figures_if_any
 from ..file import DatasetFile

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ...core import InputError
-from ...io.tar_shards import TarShards, npy
+from ...files.tar_shards import TarShards, npy
 from ..reader import IMAGES, Sample
 from .job import PICTURE, Job, checked, checked_array
 

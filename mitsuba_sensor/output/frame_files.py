@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from ..core import Float64Array, require
 from ..core.html import facts, fragment, picture
+from ..files import appearing as files
 from ..sensor.camera import Camera
+from ..sensor.colour_matrix import ColourMatrix, colour_matrix
 from ..sensor.stage import converter_of
-from . import files
-from .colour_matrix import ColourMatrix, colour_matrix
 from .metadata import image_facts, versions
 from .preview import developed, preview
 

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from ...core import InputError
+from ...files.raw_files import dng_tags
 from ...sensor.camera import Camera
-from ..raw_files import dng_tags
 from .draft import MOST, Draft
 
 MODEL, BLACK, WHITE, PROFILE, ISO = "UniqueCameraModel", "BlackLevel", "WhiteLevel", "NoiseProfile", "ISOSpeedRatings"

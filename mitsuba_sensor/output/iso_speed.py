@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from ..core import Exposure
-from ..render import spectra
+from ..optics import spectra
 from ..render.photons import photons_per_irradiance
 from ..sensor.camera import Camera
+from ..sensor.colour_matrix import STEP_NM, standard_light
 from ..sensor.metering import saturation_e
-from .colour_matrix import STEP_NM, standard_light
 
 SATURATION_LX_S = 78.0
 """ISO 12232: a speed by saturation is this over the exposure at the focal plane that saturates."""

@@ -14,9 +14,9 @@ import numpy as np
 
 from ...core import Float64Array, InputError
 from ...core.small_files import DEEPEST
+from ...files.texts import xml_tree
 from ...optics.calibration import FIT_POINTS, HALF_PIXEL, Calibration, radial_fit
 from ...sensor.camera import Camera
-from ..texts import xml_tree
 from .draft import Draft
 
 OPENCV_ROOT, OPENCV_TAG = "<opencv_storage", "!!opencv-matrix"

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from ..core import InputError
-from .disk_errors import disk_sentences
-from .files import appearing, plain_values
+from ..files.appearing import appearing, plain_values
+from ..files.disk_errors import disk_sentences
 from .records import classes_of, read_value, write_value
 
 

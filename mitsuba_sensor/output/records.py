@@ -14,9 +14,9 @@ from typing import get_args, get_type_hints
 
 import numpy as np
 
+from ..files.plausible import read_arrays
 from ..sensor.camera import Camera
 from ..sensor.camera_file import camera_from
-from .plausible import read_arrays
 
 TEXT = "json"  # name of the array that holds the JSON; the others are named by their number
 Classes = Mapping[str, type]

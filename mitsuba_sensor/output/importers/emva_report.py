@@ -6,8 +6,8 @@ from xml.etree.ElementTree import Element
 
 from ...core import InputError
 from ...core.units import KELVIN_AT_0_C
+from ...files.texts import xml_tree
 from ...sensor.camera import Camera
-from ..texts import xml_tree
 from .draft import Draft, number_of
 
 NAMES = {

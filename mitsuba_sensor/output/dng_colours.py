@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core import Float64Array
-from ..render import spectra
+from ..optics import spectra
 from ..sensor.camera import Camera
-from .colour_matrix import colour_matrix, colour_order, standard_light
+from ..sensor.colour_matrix import colour_matrix, colour_order, standard_light
 
 LIGHT_SOURCES = {"A": 17, "D65": 21}  # CIE illuminant → LightSource of Exif, in the order of the tags
 

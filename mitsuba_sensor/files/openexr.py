@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..core import InputError
-from .files import appearing
+from .appearing import appearing
 from .plausible import require_plausible
 
 EXR_MAGIC = b"\x76\x2f\x31\x01"  # OpenEXR file layout, "Magic Number"

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from ..core.illuminant import Illuminant
 from ..sensor.camera import Camera
+from ..sensor.colour_matrix import ColourMatrix, colour_matrix, colour_order
 from ..sensor.stage import converter_of
-from .colour_matrix import ColourMatrix, colour_matrix, colour_order
 from .demosaic import demosaic_bayer
 
 NEAR, CORNER = 2.0, 1.0  # bilinear weights of the four neighbours beside and across

@@ -15,14 +15,24 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from ..core import InputError
+from ..files.appearing import (
+    CFA_COLOURS,
+    TIFF_BYTE,
+    TIFF_LONG,
+    TIFF_SHORT,
+    TiffTag,
+    appearing,
+    cfa_tags,
+    to_json,
+    write_pages,
+)
 from ..sensor.camera import Camera
+from ..sensor.colour_matrix import colour_matrix, colour_order
 from ..sensor.figures import QUANTISATION_DN2, figures_if_any
 from ..sensor.metering import saturation_dn
 from ..sensor.stage import converter_of
-from .colour_matrix import colour_matrix, colour_order
 from .dng_colours import calibrations
 from .dng_lens import lens_corrections
-from .files import CFA_COLOURS, TIFF_BYTE, TIFF_LONG, TIFF_SHORT, TiffTag, appearing, cfa_tags, to_json, write_pages
 from .iso_speed import iso_speed
 from .metadata import image_facts
 

@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from ..core import Float64Array
 from ..core.html import facts, fragment, picture
-from ..render import spectra
+from ..files import appearing as files
+from ..optics import spectra
+from ..output.preview import srgb_curve
+from ..sensor.colour_matrix import colour_matrix
 from ..sensor.fingerprint import response_fingerprint
-from . import files
-from .colour_matrix import colour_matrix
-from .preview import srgb_curve
 
 if TYPE_CHECKING:
-    from ..render.irradiance import Irradiance
+    from .irradiance import Irradiance
 
 MOST_PIXELS = 60_000
 BRIGHT = 99.0  # percentile of the lit pixels that is white

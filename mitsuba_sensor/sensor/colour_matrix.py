@@ -9,9 +9,9 @@ import numpy as np
 
 from ..core import Float64Array
 from ..core.illuminant import Illuminant
-from ..render import spectra
-from ..sensor.camera import Camera
-from ..sensor.fingerprint import response_fingerprint
+from ..optics import spectra
+from .camera import Camera
+from .fingerprint import response_fingerprint
 
 NOISE = 0.0003  # of white, of a raw value: a matrix that amplifies it much is no good for pictures with noise
 STEP_NM = 5.0  # width of the bands of an illuminant

@@ -14,10 +14,10 @@ import numpy as np
 
 from ..core import Float64Array, InputError, nearest, require
 from ..core.units import LIGHT_SPEED_M_PER_S
+from ..files.openexr import whole_exr
 from ..sensor.camera import Camera
 from ..sensor.camera_file import load_camera
 from .exr import read_irradiance_exr
-from .openexr import whole_exr
 
 if TYPE_CHECKING:
     from ..render.irradiance import Irradiance

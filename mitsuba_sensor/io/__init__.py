@@ -1,1 +1,0 @@
-"""What is kept: images, spectra and reports on disk."""
