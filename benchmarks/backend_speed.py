@@ -37,7 +37,7 @@ from timing import alternate, in_child, lines, ratio, seconds_of, speeds
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.llvm import drjit
-from mitsuba_sensor.output.metadata import machine
+from mitsuba_sensor.core.versions import machine
 
 
 def main() -> None:

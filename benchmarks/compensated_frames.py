@@ -33,7 +33,7 @@ from scipy import stats
 from timing import lines, ratio
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.output.metadata import machine
+from mitsuba_sensor.core.versions import machine
 from mitsuba_sensor.render.per_frame import RenderedFrame
 
 SCENE = Path(__file__).resolve().parent.parent / "scenes" / "cornell_box.xml"

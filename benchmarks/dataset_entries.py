@@ -22,7 +22,8 @@ import numpy as np
 from mitsuba_sensor.core import DiskFull
 from mitsuba_sensor.dataset.record import RECORD, Kind
 from mitsuba_sensor.dataset.store import Store
-from mitsuba_sensor.files import appearing as files
+from mitsuba_sensor.files import texts, tiff
+from mitsuba_sensor.files.appearing import write_drawing
 
 Entry: TypeAlias = tuple[Kind, str]
 Told: TypeAlias = Callable[[Entry], object]
@@ -42,9 +43,9 @@ def entries(count: int) -> list[Entry]:
 def write(entry: Entry, folder: Path) -> None:
     """Frames, facts and bytes, all decided by the key; some files are empty."""
     rng = np.random.default_rng(int(entry[1], 16))
-    files.write_tiff(folder / "frame.tiff", rng.integers(0, 4096, (2, 8, 12)).astype(np.uint16))
-    files.write_json(folder / "sample.json", {"key": entry[1], "temperature_k": rng.uniform(250, 350)})
-    files.write_drawing(folder / "data.bin", rng.bytes(int(rng.integers(0, 3)) * int(rng.integers(1, 9000))))
+    tiff.write_tiff(folder / "frame.tiff", rng.integers(0, 4096, (2, 8, 12)).astype(np.uint16))
+    texts.write_json(folder / "sample.json", {"key": entry[1], "temperature_k": rng.uniform(250, 350)})
+    write_drawing(folder / "data.bin", rng.bytes(int(rng.integers(0, 3)) * int(rng.integers(1, 9000))))
 
 
 def expected(wanted: list[Entry]) -> dict[str, bytes]:

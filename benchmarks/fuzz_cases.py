@@ -20,7 +20,7 @@ from PIL import Image
 import mitsuba_sensor as ms
 from mitsuba_sensor.dataset.file import read_dataset
 from mitsuba_sensor.dataset.planned import load_plan
-from mitsuba_sensor.files.appearing import read_fpn_maps
+from mitsuba_sensor.files.npz import read_fpn_maps
 from mitsuba_sensor.files.openexr import Plane, write_planes
 from mitsuba_sensor.files.raw_files import read_raw
 from mitsuba_sensor.files.scene_references import scene_references

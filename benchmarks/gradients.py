@@ -31,7 +31,7 @@ from timing import alternate, ratio
 
 import mitsuba_sensor as ms
 from mitsuba_sensor import differentiable
-from mitsuba_sensor.output.metadata import machine
+from mitsuba_sensor.core.versions import machine
 
 TEN = (
     "readout.sense_gain_uv_per_e",

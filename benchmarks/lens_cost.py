@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 from timing import alternate, lines, ratio
 
+from mitsuba_sensor.core.versions import machine
 from mitsuba_sensor.optics.paraxial import cardinal_points
-from mitsuba_sensor.output.metadata import machine
 from mitsuba_sensor.render.bands import box_bands
 from mitsuba_sensor.render.scene import Scene, load_scene
 from mitsuba_sensor.render.variants import choose_variant, use

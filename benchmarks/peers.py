@@ -24,7 +24,7 @@ from frame_sources import ENGINES, next_frame, open_stream
 from timing import alternate, lines, speeds
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.output.metadata import machine
+from mitsuba_sensor.core.versions import machine
 
 CAMERAS: dict[str, Callable[[], ms.Camera]] = {
     "pyxel": shot_dark_read_quantise,

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.output.metadata import machine
+from mitsuba_sensor.core.versions import machine
 from mitsuba_sensor.render.passes import SAMPLER
 from mitsuba_sensor.render.prepared import PreparedRender, prepare
 from mitsuba_sensor.render.stop_criterion import PASS_SPP, StopCriterion

@@ -30,7 +30,7 @@ import numpy as np
 from timing import lines, ratio
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.output.metadata import machine
+from mitsuba_sensor.core.versions import machine
 from mitsuba_sensor.render.variants import choose_variant, use
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -26,7 +26,7 @@ from cases import full_chain, photon_map, shape_of
 from frame_sources import ENGINES, PLAIN, open_stream
 from timing import in_child, lines
 
-from mitsuba_sensor.output.metadata import machine
+from mitsuba_sensor.core.versions import machine
 
 LIMITS_MIB = {"drjit": 300, "numpy": 150}
 """Limit of the peak memory at 12 Mpx [MiB]."""

@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.files.appearing import write_png, write_tiff
+from mitsuba_sensor.files.png import write_png
+from mitsuba_sensor.files.tiff import write_tiff
 from mitsuba_sensor.output.preview import preview
 
 SCENE = Path(__file__).resolve().parent.parent / "scenes" / "cornell_box.xml"

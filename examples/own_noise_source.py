@@ -20,7 +20,7 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.moments import Moments
 from mitsuba_sensor.core.types import Array
-from mitsuba_sensor.files.appearing import write_png
+from mitsuba_sensor.files.png import write_png
 
 
 @dataclass(frozen=True)

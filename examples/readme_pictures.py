@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.files.appearing import write_png
+from mitsuba_sensor.files.png import write_png
 from mitsuba_sensor.output.preview import preview
 
 SHORTER = 10.0

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.files.appearing import write_png
+from mitsuba_sensor.files.png import write_png
 from mitsuba_sensor.output.preview import preview
 from mitsuba_sensor.render.aovs import render_aovs
 

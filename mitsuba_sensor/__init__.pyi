@@ -7,7 +7,7 @@ from .core import Photons as Photons
 from .core import SensorWarning as SensorWarning
 from .dataset.reader import Dataset as Dataset
 from .dataset.sensor_noise import SensorNoise as SensorNoise
-from .files.appearing import write_tiff as write_tiff
+from .files.tiff import write_tiff as write_tiff
 from .output.light_files import read_irradiance as read_irradiance
 from .pipeline import Capture as Capture
 from .pipeline import capture as capture

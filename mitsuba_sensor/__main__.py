@@ -3,7 +3,7 @@
 import io
 import sys
 
-from .stopping import stop_at_signals
+from .core.stopping import stop_at_signals
 
 
 def main() -> None:
@@ -12,7 +12,7 @@ def main() -> None:
     if isinstance(sys.stdout, io.TextIOWrapper):  # of a terminal without × and µ
         sys.stdout.reconfigure(errors="replace")
     from .cli import app
-    from .cli.output_pipe import flush_output
+    from .files.output_pipe import flush_output
 
     try:
         app(prog_name="mitsuba-sensor")

@@ -17,7 +17,8 @@ from .capture_options import CaptureOptions, refuse_render_options
 from .core import Exposure, InputError, Photons, warn_of
 from .core.heap import trim_heap
 from .core.options import complete, documents, part_of, used
-from .files import appearing as files
+from .files import tiff
+from .files.appearing import output_folder
 from .files.openexr import is_exr
 from .output import exr
 from .output.dng import check_dng, dng_names, write_dng
@@ -76,11 +77,11 @@ class Capture:
         All of them appear, or none; files of an older capture that this one does not have go. Raises InputError.
         """
         gain = float(self.metadata["options"]["preview_gain"])
-        with files.output_folder(os.fspath(folder), CAPTURE_FILES if self.rendered else FRAME_FILES) as scratch:
+        with output_folder(os.fspath(folder), CAPTURE_FILES if self.rendered else FRAME_FILES) as scratch:
             write_frames(scratch, self.frames, self.metadata, gain)
             if self.metadata["options"]["clean"]:
                 for name, values in zip(CLEAN, (self.frames.clean, self.frames.temporal_variance), strict=True):
-                    files.write_tiff(scratch / name, values)
+                    tiff.write_tiff(scratch / name, values)
             if self.metadata["options"]["dng"]:
                 for number, name in enumerate(dng_names(self.frames)):
                     write_dng(scratch / name, self.frames, number)

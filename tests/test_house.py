@@ -18,11 +18,11 @@ PACKAGE = Path(mitsuba_sensor.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
 ORDER = (
-    ("stopping",),
     ("core",),
+    ("files", "optics"),
     ("sensor",),
-    ("optics",),
-    ("io", "render"),
+    ("render",),
+    ("output",),
     ("capture_options", "pipeline"),
     ("dataset", "lab", "study"),
     ("cli",),
@@ -36,8 +36,8 @@ IMPORTED_IN = {
     "mitsuba": ("render/",),
     "drjit": ("core/",),
     "OpenEXR": ("files/openexr.py",),
-    "tifffile": ("files/appearing.py", "output/dng.py", "files/raw_files.py"),
-    "PIL": ("files/appearing.py", "files/raw_files.py", "output/contact_sheet.py"),
+    "tifffile": ("files/tiff.py", "files/raw_files.py"),
+    "PIL": ("files/png.py", "files/raw_files.py", "output/contact_sheet.py"),
     "rawpy": ("files/raw_files.py",),
     "astropy": ("files/raw_files.py",),
     "matplotlib": ("study/page.py",),
@@ -75,17 +75,20 @@ TERMINAL = {"typer", "rich"}
 """What `import mitsuba_sensor` does not import either."""
 
 READERS = (
-    "io/",
+    "files/",
+    "output/",
     "sensor/camera_file.py",
     "sensor/qe_file.py",
     "sensor/lens_file.py",
     "core/llvm.py",
+    "core/versions.py",
     "render/scene_file.py",
     "optics/spectra.py",
     "render/motion.py",
 )
-"""Files are read in io/, and: a camera's own text, scenes, tables of spectra, the bytes that name the LLVM here."""
-WRITERS = ("io/",)
+"""Files are read in files/ and output/, and: a camera's own text, scenes, tables of spectra, the bytes that name the
+LLVM and the processor here."""
+WRITERS = ("files/", "output/")
 
 
 def name_of(path: Path) -> str:
@@ -202,7 +205,7 @@ def test_no_file_that_is_read_can_run_code() -> None:
     assert not wrong, wrong
 
 
-def test_files_are_read_and_written_in_io() -> None:
+def test_files_are_read_and_written_in_files_and_output() -> None:
     wrong = []
     for path in MODULES:
         for called, place in calls(path):

@@ -11,10 +11,10 @@ from typer.core import TyperGroup
 
 import mitsuba_sensor as ms
 
-from .. import stopping
-from ..core import DiskFull, InputError, SensorWarning, first_given
+from ..core import DiskFull, InputError, SensorWarning, first_given, stopping
 from ..core.printable import printable
-from ..files import appearing as files
+from ..files import texts
+from ..files.output_pipe import BROKEN_PIPE, silence_output
 from ..render.irradiance import RenderedFor
 from ..render.scene_settings import ParsedScene, SceneSettings, parse
 from ..render.variants import variant_restored
@@ -22,7 +22,6 @@ from ..sensor.camera_file import toml_value
 from ..sensor.metering import Metering
 from . import options
 from .options import Flag, Flags
-from .output_pipe import BROKEN_PIPE, silence_output
 from .printable_console import PrintableConsole
 
 NO_SCENE = SceneSettings()
@@ -171,7 +170,7 @@ def changes_of(flags: Flags) -> dict[str, Any]:
 def show(what: object, as_json: bool) -> None:
     """JSON and text plain and whole, everything else as rich shows it."""
     if as_json or isinstance(what, str):
-        typer.echo(files.to_json(what) if as_json else printable(str(what), keep="\n\t"))
+        typer.echo(texts.to_json(what) if as_json else printable(str(what), keep="\n\t"))
     else:
         out.print(what, highlight=False)
 

@@ -12,7 +12,7 @@ from rich.text import Text
 import mitsuba_sensor as ms
 
 from ..core import InputError
-from ..files import appearing as files
+from ..files import texts
 from ..sensor.camera_check import CameraFinding
 from ..sensor.figures import EmvaFigures, figures_if_any
 from ..sensor.gain_ladder import SET
@@ -47,7 +47,7 @@ def new_camera(name: arguments.NewFile, **flags: options.Flag) -> None:
     """
     file = _camera_file(name, flags["force"])
     camera = ms.load_camera(flags["like"]).replace(**changes_of(flags)).without(*flags["without"] or ())
-    files.write_page(file, camera.to_toml())
+    texts.write_page(file, camera.to_toml())
     show(f"{file} is a camera like {flags['like']}; change it, then: mitsuba-sensor cameras check {file}", False)
 
 
@@ -66,7 +66,7 @@ def import_command(
     file = _camera_file(out, flags["force"])
     like = ms.load_camera(flags["like"])
     camera = import_camera(sources, like.replace(**changes_of(flags)), flags["name"])
-    files.write_page(file, camera.to_toml())
+    texts.write_page(file, camera.to_toml())
     assumed = sorted(field for field, text in camera.sources.items() if text.startswith("assumed"))
     said = {"file": str(file), "name": camera.name, "sources": dict(camera.sources), "assumed": assumed}
     text = f"{file} is {camera.description}; {len(assumed)} of {len(camera.sources)} numbers are assumed"

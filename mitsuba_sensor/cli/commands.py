@@ -14,13 +14,14 @@ import mitsuba_sensor as ms
 from ..capture_options import CaptureOptions, LightOptions, refuse_render_options
 from ..core import InputError, first_given, require
 from ..core.options import complete
-from ..files import appearing as files
+from ..core.stopping import undone_if_stopped
+from ..files import npz
+from ..files.appearing import output_folder, refuse_empty
 from ..output import exr
 from ..output.frame_files import CAPTURE_FILES, FRAME_FILES
 from ..render.options import RawLightOptions, RenderOptions, SceneOptions, UnitOptions
 from ..sensor.gains import gain_dn_per_e
 from ..sensor.metering import Metering
-from ..stopping import undone_if_stopped
 from . import arguments, options, terminal
 from .app import CHECKS, PICTURES, THINGS, app, camera_and_exposure, err, other_flags, render_input, settings_of, show
 from .options import number
@@ -43,7 +44,7 @@ def render(
     asked for): all, or none.
     """
     given, asked = render_input(scene, flags)
-    with files.output_folder(out_dir, CAPTURE_FILES) as folder, terminal.render_progress(err, asked) as progress:
+    with output_folder(out_dir, CAPTURE_FILES) as folder, terminal.render_progress(err, asked) as progress:
         found = ms.capture(given.scene, given.camera, given.exposure, progress=progress, **asked)
         found.save(folder)
     show(found.metadata if as_json else terminal.summary(found.metadata, str(out_dir)), as_json)
@@ -62,14 +63,14 @@ def expose(
     Camera, exposure and serial number are those that it was rendered for, unless you give others.
     Writes frame.tiff, frame.png and frame.json into DIR (and those of --dng and --clean if asked for): all, or none.
     """
-    files.refuse_empty(irradiance, "irradiance", "give the path of an irradiance.exr")
+    refuse_empty(irradiance, "irradiance", "give the path of an irradiance.exr")
     unit, wavelength_nm, fov_deg = (flags.pop(name) for name in UnitOptions.__annotations__)
     _refuse_lens(flags, unit)
     camera, exposure = camera_and_exposure(flags, settings_of(exr.rendered_for(irradiance), flags))
     asked = any(x is not None for x in (unit, wavelength_nm, fov_deg))  # of another program's light
     light = ms.read_irradiance(irradiance, unit, wavelength_nm, camera, fov_deg) if asked else irradiance
     bar = terminal.render_progress(err, {}, "reading the light")
-    with files.output_folder(out_dir, FRAME_FILES) as folder, bar as progress:
+    with output_folder(out_dir, FRAME_FILES) as folder, bar as progress:
         found = ms.capture(light, camera, exposure, progress=progress, **other_flags(flags))
         found.save(folder)
     show(found.metadata if as_json else terminal.summary(found.metadata, str(out_dir)), as_json)
@@ -142,7 +143,7 @@ def fpn_maps(out_file: arguments.MapFile, as_json: arguments.Json = False, **fla
     To look at, to change, or to replace by measured ones: `render … --fpn-maps FILE.npz` takes such a file.
     """
     asked = complete(options.MapFlags, other_flags(flags))
-    files.refuse_empty(out_file, "-o", "give the name of a file, e.g. -o camera1.npz")
+    refuse_empty(out_file, "-o", "give the name of a file, e.g. -o camera1.npz")
     path = Path(out_file)
     if path.suffix != ".npz":
         raise InputError(f"{out_file} is no name of a file of FPN maps; let it end in .npz.")
@@ -154,7 +155,7 @@ def fpn_maps(out_file: arguments.MapFile, as_json: arguments.Json = False, **fla
         require(name, first_given(given, pixels), 1, pixels, f"pixels, at most those of {camera.name}")
     shape = first_given(asked["rows"], camera.sensor.rows), first_given(asked["width"], camera.sensor.columns)
     found = ms.fpn_maps(camera, shape, serial=asked["serial"])
-    files.write_fpn_maps(path, found)
+    npz.write_fpn_maps(path, found)
     spread = {name: {"mean": float(x.mean()), "sigma": float(x.std()), "shape": x.shape} for name, x in found.items()}
     show(spread if as_json else terminal.map_list(spread, str(out_file)), as_json)
 

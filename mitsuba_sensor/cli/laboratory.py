@@ -9,8 +9,9 @@ import typer
 
 from ..core import Exposure, Float64Array, InputError, first_given, require_seed
 from ..core.options import Option, complete, part_of
-from ..files import appearing as files
-from ..output.metadata import machine, versions
+from ..core.versions import machine, versions
+from ..files import texts
+from ..files.appearing import output_folder, require_folder
 from ..sensor.camera import Camera
 from . import options
 from .app import CHECKS, app, camera_and_exposure, err, out, show
@@ -88,11 +89,11 @@ def characterize(**flags: Flag) -> None:
 
     asked = complete(CharacterizeFlags, part_of(CharacterizeFlags, flags))
     folder = first_given(flags["out"], "characterize")
-    files.require_folder(folder)
+    require_folder(folder)
     made = _of_files(flags, asked) if asked["frames"] else _of_simulation(flags, asked)
-    with files.output_folder(folder, (PAGE, REPORT)) as scratch:
-        files.write_page(scratch / PAGE, html(made))
-        files.write_json(scratch / REPORT, made.to_dict())
+    with output_folder(folder, (PAGE, REPORT)) as scratch:
+        texts.write_page(scratch / PAGE, html(made))
+        texts.write_json(scratch / REPORT, made.to_dict())
     show(
         made.to_dict() if flags["as_json"] else study_sheet(made, str(Path(folder) / PAGE), out.width), flags["as_json"]
     )

@@ -12,7 +12,7 @@ import typer
 from ..capture_options import CaptureOptions
 from ..core import InputError, require_seed
 from ..core.options import Declared, Option, declared
-from ..files import appearing as files
+from ..files import npz
 from ..render.options import FileOptions, RenderOptions, SceneOptions
 from ..render.passes import MOST_IN_ALL
 from ..render.variants import VARIANTS
@@ -273,7 +273,7 @@ READERS: dict[str, Callable[[Flag], Flag]] = {  # how the text of an option beco
     "settings": lambda texts: pairs("--set", texts),
     "traverse": lambda texts: {k: [number(x) for x in v.split(",")] for k, v in pairs("--traverse", texts).items()},
     "exposure_s": lambda text: text if text == "auto" else _seconds(text),
-    "maps": files.read_fpn_maps,
+    "maps": npz.read_fpn_maps,
 }
 PROPOSALS: dict[str, Callable[[str], list[str]]] = {  # for the value of an option, where its type does not say
     "camera": camera_names,

@@ -8,7 +8,7 @@ from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
 
 from ..core.printable import printable
-from .output_pipe import BROKEN_PIPE, silence_output
+from ..files.output_pipe import BROKEN_PIPE, silence_output
 
 
 class PrintableConsole(Console):

@@ -12,12 +12,13 @@ import typer
 
 from ..core import first_given
 from ..core.options import complete, part_of
-from ..files import appearing as files
+from ..core.stopping import remark_if_stopped
+from ..core.versions import machine, versions
+from ..files import texts
+from ..files.appearing import output_folder, require_folder, write_drawing
 from ..output.measurements import Measurements
-from ..output.metadata import machine, versions
 from ..render.options import SceneOptions
 from ..sensor.metering import Metering
-from ..stopping import remark_if_stopped
 from . import arguments, options
 from .app import CHECKS, RenderInput, app, err, out, render_input, show
 from .options import AblationFlags, Flag, Flags, StudyFlags, WorkPrecisionFlags
@@ -134,7 +135,7 @@ def _run(
     from ..study.page import Table, png
 
     out_dir, made = first_given(flags["out"], f"study/{name}"), {"machine": machine(), "versions": versions()}
-    files.require_folder(out_dir)
+    require_folder(out_dir)
     folder = Path(out_dir)
     asked_for = {"study": name, **question, **made}
     known = Measurements(folder / MEASUREMENTS, asked_for, flags["force"], records)
@@ -150,11 +151,11 @@ def _run(
     found = replace(found, data={**found.data, **about, "seconds": round(kit.seconds, 1)})
     pictures = [part for part in found.parts if not isinstance(part, Table)][: None if every_picture else 1]
     named = {f"{name}-{k}.png" if k > 1 else f"{name}.png": one for k, one in enumerate(pictures, start=1)}
-    with files.output_folder(folder, [*dict.fromkeys((PAGE, NUMBERS, f"{name}.png", *named))]) as scratch:
-        files.write_page(scratch / PAGE, html(found))
-        files.write_json(scratch / NUMBERS, found.to_dict())
+    with output_folder(folder, [*dict.fromkeys((PAGE, NUMBERS, f"{name}.png", *named))]) as scratch:
+        texts.write_page(scratch / PAGE, html(found))
+        texts.write_json(scratch / NUMBERS, found.to_dict())
         for file, picture in named.items():
-            files.write_drawing(scratch / file, png(picture))
+            write_drawing(scratch / file, png(picture))
     show(found.to_dict() if flags["as_json"] else study_sheet(found, str(folder / PAGE), out.width), flags["as_json"])
     if not found.passed:
         raise typer.Exit(1)

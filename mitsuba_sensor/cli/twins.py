@@ -11,8 +11,9 @@ import mitsuba_sensor as ms
 
 from ..core import InputError
 from ..core.options import Option, complete, part_of
-from ..files import appearing as files
-from ..output.metadata import machine, versions
+from ..core.versions import machine, versions
+from ..files import npz, texts
+from ..files.appearing import output_folder, refuse_empty, require_folder
 from ..sensor.camera import Camera
 from ..sensor.camera_file import camera_from
 from . import arguments, options
@@ -78,11 +79,11 @@ def fit(
         made = {"command": shlex.join(["mitsuba-sensor", *sys.argv[1:]]), "machine": machine(), "versions": versions()}
         found = twin_study(twin, camera, benches, progress, frames=frames, **made)
     maps = {f"{path.stem}{_mark(one.name) if n else ''}.npz": maps_of(one) for n, one in enumerate(twin.settings)}
-    with files.output_folder(path.parent, (path.name, f"{path.stem}.html", *maps)) as scratch:
-        files.write_page(scratch / path.name, camera.to_toml())
-        files.write_page(scratch / f"{path.stem}.html", html(found))
+    with output_folder(path.parent, (path.name, f"{path.stem}.html", *maps)) as scratch:
+        texts.write_page(scratch / path.name, camera.to_toml())
+        texts.write_page(scratch / f"{path.stem}.html", html(found))
         for name, some in maps.items():
-            files.write_fpn_maps(scratch / name, some)
+            npz.write_fpn_maps(scratch / name, some)
     page = str(path.with_suffix(".html"))
     show(found.to_dict() if as_json else study_sheet(found, page, out.width), as_json)
     if not found.passed:
@@ -90,13 +91,13 @@ def fit(
 
 
 def _target(out_file: str, force: bool) -> Path:
-    files.refuse_empty(out_file, "-o", "give the name of a camera file, e.g. -o my_camera.toml")
+    refuse_empty(out_file, "-o", "give the name of a camera file, e.g. -o my_camera.toml")
     path = Path(out_file)
     if path.suffix != ".toml":
         raise InputError(f"{out_file} is no name of a camera file; let it end in .toml.")
     if path.exists() and not force:
         raise InputError(f"{out_file} is there already; give another name, or --force to write over it.")
-    files.require_folder(path.parent)
+    require_folder(path.parent)
     return path
 
 

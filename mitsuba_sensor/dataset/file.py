@@ -14,7 +14,8 @@ from pydantic import Field, PlainValidator, model_validator
 
 from ..core import InputError, nearest
 from ..core.options import complete, declared
-from ..files import appearing as files
+from ..files import texts
+from ..files.appearing import refuse_empty
 from ..render.motion import KeyPose, Number, Vector, read_motion
 from ..render.options import RenderOptions
 from ..sensor.datasheet import Count, FileTable, optional
@@ -275,11 +276,11 @@ def read_dataset(source: str | os.PathLike[str] | Config) -> DatasetFile:
     where, data = "the tables", source
     if not isinstance(source, Mapping):
         where = f"dataset file {os.fspath(source)!r}"
-        files.refuse_empty(os.fspath(source), "the dataset", "give the path of a dataset file, e.g. dataset.toml")
+        refuse_empty(os.fspath(source), "the dataset", "give the path of a dataset file, e.g. dataset.toml")
         try:
             if Path(source).stat().st_size > LARGEST_BYTES:
                 raise InputError(f"{where} has more than {LARGEST_BYTES} bytes; is it a dataset file?")
-            data = files.read_toml(Path(source))
+            data = texts.read_toml(Path(source))
         except tomllib.TOMLDecodeError as error:
             raise InputError(f"{where} is not valid TOML: {error}.") from None
         except RecursionError:

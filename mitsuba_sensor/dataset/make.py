@@ -12,11 +12,11 @@ import numpy as np
 
 from ..core import Exposure
 from ..core.options import complete
-from ..files import appearing as files
+from ..core.versions import versions
+from ..files import png, texts, tiff
 from ..output import exr
 from ..output.dng import check_dng, dng_names, write_dng
-from ..output.frame_files import preview_of
-from ..output.metadata import image_facts, versions
+from ..output.frame_files import image_facts, preview_of
 from ..render.aovs import Aovs
 from ..render.illuminant import illuminant_of
 from ..render.irradiance import Irradiance
@@ -105,7 +105,7 @@ class Rendered:
         if "irradiance" in self.view.outputs:
             exr.write_irradiance_exr(folder / "irradiance.exr", self.light)
         facts = {"key": self.view.key, "scene": self.view.scene, "config": self.view.config, "light": self.light_facts}
-        files.write_json(folder / "view.json", {**facts, "versions": {**versions(), **made_by()}})
+        texts.write_json(folder / "view.json", {**facts, "versions": {**versions(), **made_by()}})
 
     @property
     def light_facts(self) -> Facts:
@@ -134,7 +134,7 @@ class Rendered:
             self._write(folder, name, frames, electrons)
         if "preview" in outputs:  # as bright as without the stops that were taken away
             picture = preview_of(frames, gain=2.0 ** max(-config["exposure"]["ev"], 0))
-            files.write_png(folder / "frame.png", picture)
+            png.write_png(folder / "frame.png", picture)
         facts = {
             "key": sample.key,
             "values": sample.values,
@@ -150,7 +150,7 @@ class Rendered:
             "light": self.light_facts,
             "versions": {**versions(), **made_by()},
         }
-        files.write_json(folder / "sample.json", facts)
+        texts.write_json(folder / "sample.json", facts)
 
     def _error_of(self, camera: Camera) -> str:
         """The camera whose photoelectrons the standard error of the render is of."""
@@ -160,20 +160,20 @@ class Rendered:
 
     def _write(self, folder: Path, output: str, frames: Frames, electrons: np.ndarray) -> None:
         if output == "raw":
-            files.write_tiff(folder / "frame.tiff", frames.digital, image_facts(frames))
+            tiff.write_tiff(folder / "frame.tiff", frames.digital, image_facts(frames))
         elif output == "dng":
             for number, name in enumerate(dng_names(frames)):
                 write_dng(folder / name, frames, number)
         elif output == "clean":
-            files.write_tiff(folder / "clean.tiff", frames.clean)
+            tiff.write_tiff(folder / "clean.tiff", frames.clean)
         elif output == "variance":
-            files.write_tiff(folder / "temporal_variance.tiff", frames.temporal_variance)
+            tiff.write_tiff(folder / "temporal_variance.tiff", frames.temporal_variance)
         elif output == "electrons":
             error = np.where(electrons > 0, self.light.relative_error * electrons, 0).astype(np.float32)
-            files.write_tiff(folder / "electrons.tiff", electrons)
-            files.write_tiff(folder / "electrons_error.tiff", error)
+            tiff.write_tiff(folder / "electrons.tiff", electrons)
+            tiff.write_tiff(folder / "electrons_error.tiff", error)
         elif output == "noise_budget":
-            files.write_json(folder / "noise_budget.json", budget(frames))
+            texts.write_json(folder / "noise_budget.json", budget(frames))
 
 
 def budget(frames: Frames) -> Facts:

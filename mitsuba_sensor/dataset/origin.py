@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ..core import InputError
-from ..files import appearing as files
-from ..files import durable
+from ..files import durable, texts
+from ..files.appearing import write_drawing
 from .faults import Fault, What, what_is_wrong
 from .keys import Config, Facts, made_by
 from .planned import DatasetPlan, load_plan
@@ -48,10 +48,10 @@ def write_origin(plan: DatasetPlan, folder: Path) -> bool:
     before = origin_in(folder)
     samples, lines_sha256 = lines_digest(plan_lines(plan))  # says what is wrong with them before anything is made
     durable.make_folder(folder, folder.parent)
-    files.write_page(folder / FILE, plan.text)
+    texts.write_page(folder / FILE, plan.text)
     written = durable.size_and_hash(folder / FILE)
     origin = Origin(plan.file.name, written, plan.made_by, samples, lines_sha256)
-    files.write_drawing(folder / RECORD, sealed(json.dumps({"kind": "dataset", **origin._asdict()})))
+    write_drawing(folder / RECORD, sealed(json.dumps({"kind": "dataset", **origin._asdict()})))
     return before is not None and before.file != written
 
 
@@ -120,7 +120,7 @@ def write_index(plan: DatasetPlan, store: Store) -> None:
     """index.jsonl: a line for each sample that is there, in the order of the dataset."""
     lines = [line for line in plan_lines(plan) if store.exists("samples", line["key"])]
     made_from = durable.sha256_of(store.folder / RECORD)
-    files.write_drawing(store.folder / INDEX, index_text(Index(lines, made_from)))
+    write_drawing(store.folder / INDEX, index_text(Index(lines, made_from)))
 
 
 def origin_faults(folder: Path) -> Iterator[Fault]:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ..core import InputError
 from ..core.options import used
-from ..files import appearing as files
+from ..files.appearing import refuse_empty
 from ..files.scene_references import scene_digest
 from ..files.texts import text_of_file
 from ..render.motion import Motion, read_motion
@@ -224,7 +224,7 @@ def load_plan(path: str | Path, roots: Sequence[str | Path] = ()) -> DatasetPlan
 
     file, folders = read_dataset(path), [Path(path).parent, *roots]
     for root in folders:
-        files.refuse_empty(root, "--root", "give the name of a folder")
+        refuse_empty(root, "--root", "give the name of a folder")
         if not Path(root).is_dir():
             raise InputError(f"--root {root} is no folder; give one that holds scenes or cameras.")
     return DatasetPlan(file, [*map(Path, folders)], text_of_file(Path(path), "give a dataset file"))

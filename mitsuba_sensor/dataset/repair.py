@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ..core import InputError
-from ..files import appearing as files
+from ..files.appearing import refuse_empty
 from .faults import Fault
 from .origin import origin_faults, plan_lines
 from .planned import DatasetPlan
@@ -78,7 +78,7 @@ def holdings(store: Store, plan: DatasetPlan) -> Holdings:
 
 def store_of(folder: Path) -> Store:
     """The store in a dataset folder. Raises InputError where it is none."""
-    files.refuse_empty(folder, "the folder", "give the folder of a dataset")
+    refuse_empty(folder, "the folder", "give the folder of a dataset")
     if not any((folder / name).is_file() for name in (FILE, INDEX)):
         raise InputError(f"{folder} is no dataset: it has no {FILE}; give a folder that `dataset run` made.")
     return Store(folder)

@@ -9,7 +9,7 @@ from typing import TypeAlias, Unpack
 
 from ..core import DiskFull, InputError
 from ..core.options import complete, documents
-from ..files import appearing as files
+from ..files.appearing import require_folder
 from ..files.worker_log import forget, is_begun
 from ..render.variants import restores_variant
 from .engine import outcomes, usual_workers
@@ -56,7 +56,7 @@ def run(
     if chosen["workers"] is None:
         chosen["workers"] = usual_workers() if shard == (1, 1) else 0
     store, progress = Store(out), RunProgress(0)
-    files.require_folder(out)
+    require_folder(out)
     check_same(plan, store)
     progress.changed = write_origin(plan, store.folder)
     store.clean()

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from ..core import Exposure, InputError, Photons
 from ..core.llvm import backend_problem
 from ..core.types import Float32Array
-from ..output.preview import demosaic, srgb_curve
+from ..optics.spectra import srgb_curve
+from ..output.preview import demosaic
 from ..sensor.camera import Camera
 from ..sensor.camera_file import load_camera
 from ..sensor.frames import Frames

@@ -1,38 +1,22 @@
-"""Writers of TIFF, PNG, JSON, text and FPN maps; each file appears whole or not at all.
+"""Files that appear whole or not at all.
 
-Every writer fills a temporary name in the same folder and renames it at the end, so nobody reads half a file;
-:func:`output_folder` does the same for a set of files. What the disk refuses becomes one sentence (InputError).
+:func:`appearing` gives a writer a temporary name in the same folder and renames it at the end, so nobody reads half a
+file; :func:`output_folder` does the same for a set of files. What the disk refuses becomes one sentence (InputError).
 """
 
 from __future__ import annotations
 
-import io
-import json
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeAlias
 
-import numpy as np
-
-from ..core import InputError, refuse_masked
-from ..core.printable import printable_json
-from ..core.small_files import require_small, toml_tables
-from ..stopping import note_written, undone_if_stopped, whole_step
+from ..core import InputError
+from ..core.stopping import note_written, undone_if_stopped, whole_step
 from .disk_errors import disk_sentences, names_in
-from .plausible import read_arrays
-
-NOTHING: Mapping[str, Any] = {}
-TIFF_TYPES = "uint8", "uint16", "uint32", "float32"
-TiffTag: TypeAlias = tuple[int, int, int, Any, bool]  # code, type, count, value, on the first page only
-LARGEST_TIFF = 2**32 - 2**25
-"""Bytes of pixels; more become a BigTIFF."""
-CFA_COLOURS = "rgb"  # numbers 0, 1, 2 in the CFAPattern of TIFF/EP
-TIFF_BYTE, TIFF_SHORT, TIFF_LONG = 1, 3, 4  # types of tags
 
 
 @contextmanager
@@ -67,137 +51,10 @@ def output_folder(path: Path | str, names: Sequence[str]) -> Iterator[Path]:
             raise
 
 
-def write_tiff(path: str | os.PathLike[str], frames: np.ndarray, facts: Mapping[str, Any] = NOTHING) -> None:
-    """Raw digital numbers (N, H, W), unsigned 8, 16 or 32 bit or float32, one page per frame, nothing scaled.
-
-    Raises InputError for any other array, and for what the disk refuses.
-    facts : ``image`` of frame.json; as JSON in the description, and black level, white level and the pattern of red,
-        green and blue filters in the tags of TIFF/EP and DNG too.
-    """
-    refuse_masked("frames", frames)
-    if not isinstance(frames, np.ndarray) or str(frames.dtype) not in TIFF_TYPES or frames.ndim not in (2, 3):
-        given = f"{getattr(frames, 'dtype', type(frames).__name__)} of shape {getattr(frames, 'shape', ())}"
-        raise InputError(f"frames is {given}; pass (H, W) or (N, H, W) of {', '.join(TIFF_TYPES)}.")
-    if not frames.size:
-        raise InputError(f"frames has shape {frames.shape} and no pixel; pass at least one.")
-    tags = _raw_tags(facts) if facts else []
-    text = to_json(dict(facts)).encode() if facts else None
-    with appearing(Path(path), frames.nbytes) as temporary:
-        write_pages(temporary, frames, text, tags)
-
-
-def write_pages(path: Path, frames: np.ndarray, text: bytes | None, tags: Sequence[TiffTag]) -> None:
-    """A TIFF of frames (H, W) or (N, H, W) with a description and tags. Raises OSError.
-
-    Every byte passes through Python: NumPy's own way into a file (tofile) does not say when the disk has no place for
-    the last ones.
-    """
-    import tifffile
-
-    large = frames.nbytes > LARGEST_TIFF
-    with (
-        io.BufferedWriter(_NoTofile(path, "wb")) as file,
-        tifffile.TiffWriter(file, bigtiff=large, byteorder="<") as tiff,
-    ):
-        for page in frames.reshape(-1, *frames.shape[-2:]):
-            tiff.write(
-                page,
-                contiguous=True,
-                photometric="minisblack",
-                metadata=None,
-                software="mitsuba_sensor",
-                description=text,
-                extratags=tags,
-            )
-
-
-class _NoTofile(io.FileIO):
-    """A file to which NumPy does not write past Python."""
-
-    def fileno(self) -> int:
-        raise io.UnsupportedOperation
-
-
-def _raw_tags(facts: Mapping[str, Any]) -> list[TiffTag]:
-    """(code, type, count, value, first page only) of BlackLevel, WhiteLevel, CFARepeatPatternDim and CFAPattern."""
-    tags: list[TiffTag] = [
-        (50714, TIFF_LONG, 1, round(facts["black_level_dn"]), False),
-        (50717, TIFF_LONG, 1, facts["white_level_dn"], False),
-    ]
-    return [*tags, *cfa_tags(facts["cfa_pattern"])]
-
-
-def cfa_tags(pattern: Sequence[Sequence[str]] | None) -> list[TiffTag]:
-    """CFARepeatPatternDim and CFAPattern of rows of filter names, if all of them are red, green or blue."""
-    names = np.array(pattern or [[]])
-    initials = [name[:1].lower() for name in names.ravel()]
-    if not initials or not set(initials) <= set(CFA_COLOURS):
-        return []
-    colours = bytes(CFA_COLOURS.index(one) for one in initials)
-    return [(33421, TIFF_SHORT, 2, names.shape, False), (33422, TIFF_BYTE, names.size, colours, False)]
-
-
-def write_png(path: Path, picture: np.ndarray, facts: Mapping[str, Any] = NOTHING) -> None:
-    """An 8-bit preview, (H, W) grey or (H, W, 3) sRGB.  facts : what becomes text in it, each value as JSON."""
-    write_drawing(path, png(picture, facts))
-
-
-def png(picture: np.ndarray, facts: Mapping[str, Any] = NOTHING) -> bytes:
-    """The same as the bytes of a file."""
-    from PIL import Image, PngImagePlugin
-
-    texts, content = PngImagePlugin.PngInfo(), io.BytesIO()
-    for name, value in facts.items():
-        texts.add_text(name, json.dumps(plain_values(value)))
-    Image.fromarray(picture).save(content, format="PNG", pnginfo=texts)
-    return content.getvalue()
-
-
-def write_page(path: Path, text: str) -> None:
-    """Text in UTF-8, an HTML page for example."""
-    write_drawing(path, text.encode())
-
-
 def write_drawing(path: Path, content: bytes) -> None:
     """A file that is already made, a drawn PNG for example."""
     with appearing(path, len(content)) as temporary:
         temporary.write_bytes(content)
-
-
-def write_json(path: Path, report: dict[str, Any]) -> None:
-    """A report as strict JSON (see :func:`to_json`)."""
-    write_page(path, to_json(report) + "\n")
-
-
-def to_json(report: Any) -> str:
-    """Indented strict JSON: NumPy values become plain ones, NaN and ±inf, which JSON does not have, become null."""
-    return printable_json(json.dumps(plain_values(report), indent=2, ensure_ascii=False, allow_nan=False))
-
-
-def read_toml(path: Path) -> dict[str, Any]:
-    """The tables of a TOML file. Raises OSError, UnicodeDecodeError or TOMLDecodeError."""
-    require_small(path, "the file")
-    return toml_tables(path.read_text("utf-8"))
-
-
-def write_fpn_maps(path: Path, maps: Mapping[str, np.ndarray]) -> None:
-    """FPN maps by name as a NumPy .npz; :func:`read_fpn_maps` is its inverse."""
-    size = sum(values.nbytes for values in maps.values())
-    with appearing(path, size) as temporary, temporary.open("wb") as file:
-        np.savez(file, **maps)  # type: ignore[arg-type]
-
-
-def read_fpn_maps(path: Path) -> dict[str, np.ndarray]:
-    """What :func:`write_fpn_maps` wrote, or maps of a real sensor under the same names. Raises InputError."""
-    try:
-        return read_arrays(Path(path))
-    except InputError:
-        raise
-    except (OSError, ValueError) as error:
-        why = getattr(error, "strerror", None) or "it is no .npz of numbers"
-        raise InputError(
-            f"the FPN maps {path} cannot be read: {why}; make one with `mitsuba-sensor fpn-maps`."
-        ) from None
 
 
 def refuse_empty(path: Path | str, name: str, remedy: str) -> None:
@@ -285,16 +142,3 @@ def _publish(scratch: Path, folder: Path, names: Sequence[str]) -> None:
         raise
     for name in appeared:
         note_written(folder / name)
-
-
-def plain_values(value: Any, finite: bool = True) -> Any:
-    """``value`` in the six types of JSON; NaN and ±inf are null where they must be ``finite``."""
-    if isinstance(value, dict):
-        return {str(key): plain_values(item, finite) for key, item in value.items()}
-    if isinstance(value, list | tuple | np.ndarray):
-        return [plain_values(item, finite) for item in value]
-    if isinstance(value, np.generic):
-        return plain_values(value.item(), finite)
-    if isinstance(value, float):
-        return value if np.isfinite(value) or not finite else None
-    return str(value) if isinstance(value, Path) else value

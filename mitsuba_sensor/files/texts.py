@@ -1,13 +1,18 @@
-"""Reads small text files: text, JSON, XML."""
+"""Small text files: reads text, JSON, TOML and XML, and writes text and strict JSON."""
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any, TypeAlias
 from xml.etree import ElementTree
 
+import numpy as np
+
 from ..core import InputError
-from ..core.small_files import DEEPEST, json_value
+from ..core.printable import printable_json
+from ..core.small_files import DEEPEST, json_value, require_small, toml_tables
+from .appearing import write_drawing
 
 Facts: TypeAlias = dict[str, Any]
 MOST_XML = 2**23  # characters; each may be a third of an element, which takes 100 bytes
@@ -79,3 +84,37 @@ class _ShallowTree(ElementTree.TreeBuilder):
     def doctype(self, *_: object) -> None:
         """A document type begins, the only place of entities."""
         raise InputError(f"{self._file} has a <!DOCTYPE>; remove it and its entities.")
+
+
+def write_page(path: Path, text: str) -> None:
+    """Text in UTF-8, an HTML page for example."""
+    write_drawing(path, text.encode())
+
+
+def write_json(path: Path, report: dict[str, Any]) -> None:
+    """A report as strict JSON (see :func:`to_json`)."""
+    write_page(path, to_json(report) + "\n")
+
+
+def to_json(report: Any) -> str:
+    """Indented strict JSON: NumPy values become plain ones, NaN and ±inf, which JSON does not have, become null."""
+    return printable_json(json.dumps(plain_values(report), indent=2, ensure_ascii=False, allow_nan=False))
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The tables of a TOML file. Raises OSError, UnicodeDecodeError or TOMLDecodeError."""
+    require_small(path, "the file")
+    return toml_tables(path.read_text("utf-8"))
+
+
+def plain_values(value: Any, finite: bool = True) -> Any:
+    """``value`` in the six types of JSON; NaN and ±inf are null where they must be ``finite``."""
+    if isinstance(value, dict):
+        return {str(key): plain_values(item, finite) for key, item in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [plain_values(item, finite) for item in value]
+    if isinstance(value, np.generic):
+        return plain_values(value.item(), finite)
+    if isinstance(value, float):
+        return value if np.isfinite(value) or not finite else None
+    return str(value) if isinstance(value, Path) else value

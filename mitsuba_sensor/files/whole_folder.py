@@ -15,10 +15,11 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from ..core import InputError
-from ..stopping import note_written, undone_if_stopped, whole_step
+from ..core.stopping import note_written, undone_if_stopped, whole_step
 from . import durable
-from .appearing import refuse_empty, require_folder, to_json
+from .appearing import refuse_empty, require_folder
 from .disk_errors import disk_sentences, names_in
+from .texts import to_json
 
 LISTING = "files.json"
 LONGEST_LISTING = 2**28

@@ -11,8 +11,8 @@ from typing import Any, Literal, TypeAlias, get_args
 
 from ..core import InputError, nearest
 from ..core.errors import shown
-from ..files.appearing import read_toml
 from ..files.raw_files import RAW_FORMATS
+from ..files.texts import read_toml
 
 Kind: TypeAlias = Literal["bias", "dark", "flat", "scene"]
 KINDS: tuple[Kind, ...] = get_args(Kind)

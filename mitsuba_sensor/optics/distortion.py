@@ -7,12 +7,15 @@ x to the right, y down, as in OpenCV.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
 
 from ..core import Float64Array, InputError
-from ..sensor.lens_datasheet import LensSection
+
+if TYPE_CHECKING:
+    from ..sensor.lens_datasheet import LensSection
 
 NEWTON_STEPS = 30  # five are enough for a usual lens; convergence is slow near a fold
 RESIDUAL = 1e-9  # of a tangent: a thousandth of a pixel on an image a hundred thousand pixels wide

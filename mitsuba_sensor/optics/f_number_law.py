@@ -14,14 +14,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import Float64Array, InputError
-from ..sensor.camera import Camera
 from .distortion import distortion_of
 from .intrinsics import View, image_distance_m, magnification
+
+if TYPE_CHECKING:
+    from ..sensor.camera import Camera
 
 RADII = 33  # points of the table of relative illumination
 GAUSS_2 = (0.5 - 0.5 / math.sqrt(3), 0.5 + 0.5 / math.sqrt(3))  # nodes of the 2-point Gauss rule on a pixel

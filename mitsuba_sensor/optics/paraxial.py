@@ -10,12 +10,15 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..core import Float64Array, InputError
-from ..sensor.lens_datasheet import LensSection, SurfaceSection
 from .ray_trace import D_NM, Ray, Surface, glass_behind, lens_surfaces, stopped_down, surfaces_to_stop, trace
+
+if TYPE_CHECKING:
+    from ..sensor.lens_datasheet import LensSection, SurfaceSection
 
 AXIAL_RAYS, REFINEMENTS = 256, 3  # by which the widest cone of light on the axis is found
 

@@ -16,12 +16,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import Exposure, Float64Array
-from ..sensor.camera import Camera
+
+if TYPE_CHECKING:
+    from ..sensor.camera import Camera
 
 GOLDEN_RATIO = (1 + math.sqrt(5)) / 2
 STEP_PX = 0.5  # largest motion of the image from one sub-frame to the next: half of what a pixel averages anyway

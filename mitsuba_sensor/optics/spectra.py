@@ -122,3 +122,8 @@ def _adaptation(cones: Float64Array, white: Float64Array, other: Float64Array) -
     """(3, 3) from colours under one white to those under another, each cone by itself (von Kries)."""
     scale = (cones @ other) / (cones @ white)
     return np.asarray(np.linalg.inv(cones) @ (scale[:, None] * cones))
+
+
+def srgb_curve(linear: Float64Array) -> Float64Array:
+    """IEC 61966-2-1 transfer curve, [0, 1] → [0, 1]."""
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055)

@@ -15,17 +15,9 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from ..core import InputError
-from ..files.appearing import (
-    CFA_COLOURS,
-    TIFF_BYTE,
-    TIFF_LONG,
-    TIFF_SHORT,
-    TiffTag,
-    appearing,
-    cfa_tags,
-    to_json,
-    write_pages,
-)
+from ..files.appearing import appearing
+from ..files.texts import to_json
+from ..files.tiff import CFA_COLOURS, TIFF_BYTE, TIFF_LONG, TIFF_SHORT, TiffTag, cfa_tags, write_pages
 from ..sensor.camera import Camera
 from ..sensor.colour_matrix import colour_matrix, colour_order
 from ..sensor.figures import QUANTISATION_DN2, figures_if_any
@@ -33,8 +25,8 @@ from ..sensor.metering import saturation_dn
 from ..sensor.stage import converter_of
 from .dng_colours import calibrations
 from .dng_lens import lens_corrections
+from .frame_files import image_facts
 from .iso_speed import iso_speed
-from .metadata import image_facts
 
 if TYPE_CHECKING:
     from ..sensor.frames import Frames

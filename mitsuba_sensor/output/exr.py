@@ -12,8 +12,8 @@ import numpy as np
 
 from ..core.errors import shown
 from ..core.small_files import json_value
-from ..files.appearing import plain_values
 from ..files.openexr import Plane, whole_exr, write_planes
+from ..files.texts import plain_values
 
 if TYPE_CHECKING:
     from ..render.aovs import Aovs

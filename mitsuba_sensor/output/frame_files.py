@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from ..core import Float64Array, require
 from ..core.html import facts, fragment, picture
-from ..files import appearing as files
+from ..core.versions import versions
+from ..files import png, texts, tiff
+from ..files.appearing import output_folder
 from ..sensor.camera import Camera
 from ..sensor.colour_matrix import ColourMatrix, colour_matrix
 from ..sensor.stage import converter_of
-from .metadata import image_facts, versions
 from .preview import developed, preview
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ def frames_metadata(frames: Frames) -> dict[str, Any]:
 
 def save_frames(frames: Frames, folder: str | os.PathLike[str]) -> None:
     """Write frame.tiff, frame.png and frame.json, all or none; CLEAN of other frames goes. Raises InputError."""
-    with files.output_folder(os.fspath(folder), FRAME_FILES) as scratch:
+    with output_folder(os.fspath(folder), FRAME_FILES) as scratch:
         write_frames(scratch, frames, frames_metadata(frames))
 
 
@@ -65,9 +66,9 @@ def write_frames(folder: Path, frames: Frames, metadata: dict[str, Any], gain: f
     image, colours = metadata["image"], metadata["colour"]
     matrix = None if colours is None else ColourMatrix(**colours)
     shown = developed(frames.digital[0], frames.camera, matrix, gain, frames.first.window.origin)
-    files.write_tiff(folder / "frame.tiff", frames.digital, image)
-    files.write_png(folder / "frame.png", shown, image)
-    files.write_json(folder / "frame.json", metadata)
+    tiff.write_tiff(folder / "frame.tiff", frames.digital, image)
+    png.write_png(folder / "frame.png", shown, image)
+    texts.write_json(folder / "frame.json", metadata)
 
 
 def frames_html(frames: Frames) -> str:
@@ -86,7 +87,7 @@ def frames_html(frames: Frames) -> str:
     if frames.notes:
         found["notes"] = " · ".join(frames.notes)
     said = f"first of {count} raw frames of {camera.name}"
-    return fragment(f"Raw frames of {camera.name}", picture(files.png(shown), shown.shape[1], said), facts(found))
+    return fragment(f"Raw frames of {camera.name}", picture(png.png(shown), shown.shape[1], said), facts(found))
 
 
 def binned(digital: NDArray[np.generic], camera: Camera) -> Float64Array:
@@ -103,3 +104,16 @@ def binned(digital: NDArray[np.generic], camera: Camera) -> Float64Array:
     blocks = whole.reshape(down, step_y, tile[0], right, step_x, tile[1])
     means = blocks.mean(axis=(1, 4), dtype=np.float64)
     return np.asarray(means.reshape(down * tile[0], right * tile[1]))
+
+
+def image_facts(frames: Frames) -> dict[str, Any]:
+    """What a reader of the raw frames must know: size, first pixel on the sensor, colour filters as they lie in this
+    file from its first pixel on, black and white level [DN], exposure time [s] and temperature [K]."""
+    camera, window, converter = frames.camera, frames.first.window, converter_of(frames.camera.stages)
+    filters = camera.filter_index((len(camera.tile), len(camera.tile[0])), window.origin)
+    names = [[camera.filter_names[number] for number in row] for row in filters]
+    levels = {"black_level_dn": converter.black_level_dn, "white_level_dn": converter.highest}
+    shape = dict(zip(("frames", "rows", "columns"), frames.digital.shape, strict=True))
+    pattern = names if len(camera.filter_names) > 1 else None
+    exposure = {"exposure_s": frames.first.exposure.time_s, "temperature_k": frames.first.exposure.temperature_k}
+    return {**shape, "origin": window.origin, "cfa_pattern": pattern, **levels, **exposure}

@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from ..core import InputError
-from ..files.appearing import appearing, plain_values
+from ..files.appearing import appearing
 from ..files.disk_errors import disk_sentences
+from ..files.texts import plain_values
 from .records import classes_of, read_value, write_value
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.illuminant import Illuminant
+from ..optics.spectra import srgb_curve
 from ..sensor.camera import Camera
 from ..sensor.colour_matrix import ColourMatrix, colour_matrix, colour_order
 from ..sensor.stage import converter_of
@@ -93,11 +94,6 @@ def bilinear(mosaic: NDArray[np.float64], filters: NDArray[np.integer], count: i
         mean = np.divide(_spread(np.where(own, mosaic, 0.0)), weight, out=np.zeros_like(mosaic), where=weight > 0)
         planes.append(np.where(own, mosaic, mean))
     return np.stack(planes, axis=-1)
-
-
-def srgb_curve(linear: NDArray[np.float64]) -> NDArray[np.float64]:
-    """IEC 61966-2-1 transfer curve, [0, 1] → [0, 1]."""
-    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055)
 
 
 def _spread(image: NDArray[np.float64]) -> NDArray[np.float64]:

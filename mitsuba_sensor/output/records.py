@@ -14,7 +14,7 @@ from typing import get_args, get_type_hints
 
 import numpy as np
 
-from ..files.plausible import read_arrays
+from ..files.npz import read_arrays
 from ..sensor.camera import Camera
 from ..sensor.camera_file import camera_from
 

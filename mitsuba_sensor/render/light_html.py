@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from ..core import Float64Array
 from ..core.html import facts, fragment, picture
-from ..files import appearing as files
+from ..files import png
 from ..optics import spectra
-from ..output.preview import srgb_curve
+from ..optics.spectra import srgb_curve
 from ..sensor.colour_matrix import colour_matrix
 from ..sensor.fingerprint import response_fingerprint
 
@@ -44,7 +44,7 @@ def light_html(light: Irradiance) -> str:
         found["rendered for"] = f"{name}, {known.exposure.time_s:g} s, serial {known.serial}"
     if statistics.notes:
         found["notes"] = " · ".join(statistics.notes)
-    return fragment("Irradiance at the focal plane", picture(files.png(shown), shown.shape[1], how), facts(found))
+    return fragment("Irradiance at the focal plane", picture(png.png(shown), shown.shape[1], how), facts(found))
 
 
 def light_picture(light: Irradiance) -> tuple[NDArray[np.uint8], str]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from ..files.appearing import read_toml
+from ..files.texts import read_toml
 from ..lab.estimators import pareto
 from .series import MOST, colours, groups
 

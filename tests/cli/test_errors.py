@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 from helpers import CAMERAS
 
-from mitsuba_sensor.files import appearing as files
+from mitsuba_sensor.files import png, texts, tiff
+from mitsuba_sensor.files.disk_errors import disk_sentences
 from mitsuba_sensor.render.scene import Scene
 from mitsuba_sensor.sensor.expose import PreparedExposure
 
@@ -150,19 +151,19 @@ def test_a_place_that_takes_no_files_is_found_before_the_render(
     assert [path.name for path in (tmp_path / "folder").iterdir()] == ["frame.json"]
 
 
-@pytest.mark.parametrize("writer", ["write_tiff", "write_png", "write_json"])
+@pytest.mark.parametrize("module, writer", [(tiff, "write_tiff"), (png, "write_png"), (texts, "write_json")])
 def test_a_disk_that_fills_up_leaves_the_older_result_alone(
-    writer: str, light_file: Path, tmp_path: Path, cli: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+    module: Any, writer: str, light_file: Path, tmp_path: Path, cli: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = tmp_path / "out"
     assert cli("expose", light_file, "-o", out).exit_code == 0
     before = {path.name: path.read_bytes() for path in out.iterdir()}
 
     def full(path: Path, *_: Any) -> None:
-        with files.disk_sentences(path):
+        with disk_sentences(path):
             raise OSError(errno.ENOSPC, "No space left on device", str(path))
 
-    monkeypatch.setattr(files, writer, full)
+    monkeypatch.setattr(module, writer, full)
     done = cli("expose", light_file, "-o", out, "--seed", 2)
     assert done.exit_code == 3 and "No space left on device" in done.stderr
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 import mitsuba_sensor as ms
 from mitsuba_sensor.cli import app
 from mitsuba_sensor.core.printable import printable, printable_json, printable_toml
-from mitsuba_sensor.files.appearing import to_json
+from mitsuba_sensor.files.texts import to_json
 from mitsuba_sensor.sensor.toml_text import toml_of
 
 PROGRAM = (sys.executable, "-m", "mitsuba_sensor")

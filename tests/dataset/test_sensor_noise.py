@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.output.preview import srgb_curve
+from mitsuba_sensor.optics.spectra import srgb_curve
 
 BAYER, MONO = ms.load_camera("bayer_2mp"), ms.load_camera("sony_imx174")
 RNG = np.random.default_rng(17)

@@ -17,8 +17,7 @@ import pytest
 from mitsuba_sensor.core import DiskFull, InputError
 from mitsuba_sensor.dataset.record import Record, record_of, text_of
 from mitsuba_sensor.dataset.store import Store
-from mitsuba_sensor.files import appearing as files
-from mitsuba_sensor.files import durable
+from mitsuba_sensor.files import durable, tiff
 
 KEY, OTHER = "ab" * 12, "ab" + "cd" * 11
 CONTENT = {"frame.tiff": b"raw" * 100, "sample.json": b"{}", "nothing.bin": b""}
@@ -111,7 +110,7 @@ def test_the_writers_of_files_name_the_final_place_and_the_bytes_of_a_full_disk(
     with monkeypatch.context() as patch, pytest.raises(DiskFull) as caught:
         patch.setattr("tifffile.TiffWriter.write", full)
         frames = np.zeros((2, 8, 4), np.uint16)
-        store.commit("samples", KEY, lambda folder: files.write_tiff(folder / "frame.tiff", frames))
+        store.commit("samples", KEY, lambda folder: tiff.write_tiff(folder / "frame.tiff", frames))
     assert (caught.value.path, caught.value.size) == (place / "frame.tiff", 128)
     said = f"cannot write {place / 'frame.tiff'}: {os.strerror(errno.ENOSPC)}; 128 bytes were to be written; make space"
     assert str(caught.value).startswith(said) and str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)

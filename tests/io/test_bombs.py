@@ -23,7 +23,7 @@ from PIL import Image
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.small_files import toml_tables
 from mitsuba_sensor.dataset.file import read_dataset
-from mitsuba_sensor.files.appearing import read_fpn_maps, write_fpn_maps
+from mitsuba_sensor.files.npz import read_fpn_maps, write_fpn_maps
 from mitsuba_sensor.files.openexr import Plane, write_planes
 from mitsuba_sensor.files.raw_files import read_raw
 from mitsuba_sensor.lab.manifest import read_manifest

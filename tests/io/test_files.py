@@ -19,7 +19,8 @@ import tifffile
 from PIL import Image
 
 from mitsuba_sensor import InputError
-from mitsuba_sensor.files import appearing as files
+from mitsuba_sensor.files import npz, png, texts, tiff
+from mitsuba_sensor.files.appearing import output_folder
 from mitsuba_sensor.output import exr
 
 NAMES = ("a.txt", "b.txt")
@@ -99,7 +100,7 @@ def test_colour_science_reads_our_bands(light: Any, light_file: Path) -> None:
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.uint32])
 def test_tiff_holds_every_code_of_every_frame(tmp_path: Path, kind: type) -> None:
     frames = np.random.default_rng(1).integers(0, np.iinfo(kind).max, (3, 5, 7), dtype=kind, endpoint=True)
-    files.write_tiff(tmp_path / "x.tiff", frames)
+    tiff.write_tiff(tmp_path / "x.tiff", frames)
     back = tifffile.imread(tmp_path / "x.tiff")
     assert back.dtype == kind
     np.testing.assert_array_equal(back, frames)
@@ -107,32 +108,32 @@ def test_tiff_holds_every_code_of_every_frame(tmp_path: Path, kind: type) -> Non
 
 def test_a_tiff_takes_facts_in_any_script(tmp_path: Path) -> None:
     facts = {"black_level_dn": 4.0, "white_level_dn": 255, "cfa_pattern": [["grün", "緑"]]}
-    files.write_tiff(tmp_path / "x.tiff", np.zeros((2, 3), dtype=np.uint8), facts)
+    tiff.write_tiff(tmp_path / "x.tiff", np.zeros((2, 3), dtype=np.uint8), facts)
     with tifffile.TiffFile(tmp_path / "x.tiff") as file:
         assert json.loads(file.pages.first.description) == facts
 
 
 def test_one_frame_of_one_pixel_is_a_tiff_too(tmp_path: Path) -> None:
-    files.write_tiff(tmp_path / "x.tiff", np.full((1, 1, 1), 513, dtype=np.uint16))
+    tiff.write_tiff(tmp_path / "x.tiff", np.full((1, 1, 1), 513, dtype=np.uint16))
     assert tifffile.imread(tmp_path / "x.tiff").item() == 513
 
 
 @pytest.mark.parametrize("shape", [(4, 6), (4, 6, 3)])
 def test_png_holds_the_picture(tmp_path: Path, shape: tuple[int, ...]) -> None:
     picture = np.random.default_rng(1).integers(0, 255, shape, dtype=np.uint8)
-    files.write_png(tmp_path / "x.png", picture)
+    png.write_png(tmp_path / "x.png", picture)
     np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "x.png")), picture)
 
 
 def test_json_is_strict_whatever_stands_in_the_report(tmp_path: Path) -> None:
     report = {"nan": float("nan"), "inf": np.float64("inf"), "array": np.arange(3), "path": Path("a"), "λ": (1, True)}
-    files.write_json(tmp_path / "x.json", report)
+    texts.write_json(tmp_path / "x.json", report)
     back = json.loads((tmp_path / "x.json").read_text(encoding="utf-8"), parse_constant=pytest.fail)
     assert back == {"nan": None, "inf": None, "array": [0, 1, 2], "path": "a", "λ": [1, True]}
 
 
 def test_all_files_of_a_job_appear_together(tmp_path: Path) -> None:
-    with files.output_folder(tmp_path / "new" / "out", NAMES) as folder:
+    with output_folder(tmp_path / "new" / "out", NAMES) as folder:
         for name in NAMES:
             (folder / name).write_text("new")
         assert not any((tmp_path / "new" / "out" / name).exists() for name in NAMES)
@@ -141,7 +142,7 @@ def test_all_files_of_a_job_appear_together(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("end", [KeyboardInterrupt, ValueError, InputError, SystemExit])
 def test_a_job_that_fails_leaves_no_trace(tmp_path: Path, end: type[BaseException]) -> None:
-    with pytest.raises(end), files.output_folder(tmp_path / "new" / "out", NAMES) as folder:
+    with pytest.raises(end), output_folder(tmp_path / "new" / "out", NAMES) as folder:
         (folder / "a.txt").write_text("half")
         raise end
     assert list(tmp_path.iterdir()) == []
@@ -149,7 +150,7 @@ def test_a_job_that_fails_leaves_no_trace(tmp_path: Path, end: type[BaseExceptio
 
 def test_a_job_that_fails_leaves_older_results_as_they_were(tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_text("old")
-    with pytest.raises(KeyboardInterrupt), files.output_folder(tmp_path, NAMES) as folder:
+    with pytest.raises(KeyboardInterrupt), output_folder(tmp_path, NAMES) as folder:
         (folder / "a.txt").write_text("new")
         raise KeyboardInterrupt
     assert (tmp_path / "a.txt").read_text() == "old"
@@ -165,8 +166,8 @@ def test_a_rename_that_fails_halfway_is_taken_back(tmp_path: Path, monkeypatch: 
             raise OSError(28, "No space left on device", str(target))
         real(source, target)
 
-    monkeypatch.setattr(files.os, "replace", replace)
-    with pytest.raises(InputError, match="No space left on device"), files.output_folder(tmp_path, NAMES) as folder:
+    monkeypatch.setattr(os, "replace", replace)
+    with pytest.raises(InputError, match="No space left on device"), output_folder(tmp_path, NAMES) as folder:
         for name in NAMES:
             (folder / name).write_text("new")
     assert (tmp_path / "a.txt").read_text() == "old"
@@ -190,9 +191,9 @@ def test_ctrl_c_right_after_any_rename_loses_no_older_file(
         if len(done) == renames:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(files.os, "replace", replace)
+    monkeypatch.setattr(os, "replace", replace)
     names = ("a.txt", "link.txt", "b.txt", "c.txt")
-    with pytest.raises(KeyboardInterrupt), files.output_folder(tmp_path, names) as folder:
+    with pytest.raises(KeyboardInterrupt), output_folder(tmp_path, names) as folder:
         for name in names[2:]:
             (folder / name).write_text("new")
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == old
@@ -201,7 +202,7 @@ def test_ctrl_c_right_after_any_rename_loses_no_older_file(
 
 def test_a_folder_where_a_file_should_go_is_refused_before_the_work(tmp_path: Path) -> None:
     (tmp_path / "a.txt").mkdir()
-    with pytest.raises(InputError, match="is a folder"), files.output_folder(tmp_path, NAMES):
+    with pytest.raises(InputError, match="is a folder"), output_folder(tmp_path, NAMES):
         pytest.fail("the job was begun")
     assert [path.name for path in tmp_path.iterdir()] == ["a.txt"]
 
@@ -211,7 +212,9 @@ import resource, sys
 from pathlib import Path
 import numpy as np
 from mitsuba_sensor import InputError
-from mitsuba_sensor.output import exr, files
+from mitsuba_sensor.files import png, texts, tiff
+from mitsuba_sensor.files.appearing import output_folder
+from mitsuba_sensor.output import exr
 folder, what = Path(sys.argv[1]), sys.argv[2]
 light = exr.read_irradiance_exr(folder / "light.exr")
 noise = np.random.default_rng(1).integers(0, 65535, (1, 64, 64), dtype=np.uint16)
@@ -220,14 +223,14 @@ if what == "out.dng":
     frames = ms.expose(noise[0] / 4.0, ms.load_camera("konnik_table1"), ms.Exposure(0.01), engine="numpy")
 resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
 jobs = {
-    "out.tiff": lambda path: files.write_tiff(path, noise),
+    "out.tiff": lambda path: tiff.write_tiff(path, noise),
     "out.dng": lambda path: frames.save_dng(path),
-    "out.png": lambda path: files.write_png(path, (noise[0] // 256).astype(np.uint8)),
-    "out.json": lambda path: files.write_json(path, {"noise": noise}),
+    "out.png": lambda path: png.write_png(path, (noise[0] // 256).astype(np.uint8)),
+    "out.json": lambda path: texts.write_json(path, {"noise": noise}),
     "out.exr": lambda path: exr.write_irradiance_exr(path, light),
 }
 try:
-    with files.output_folder(folder / "a", [what]) as outer, files.output_folder(outer, [what]) as inner:
+    with output_folder(folder / "a", [what]) as outer, output_folder(outer, [what]) as inner:
         jobs[what](inner / what)
 except InputError as error:
     sys.exit(f"InputError: {error}")
@@ -283,7 +286,7 @@ def test_an_exr_of_somebody_else_is_refused(tmp_path: Path) -> None:
 def test_a_file_in_the_place_of_a_folder_is_one_sentence_with_the_name_that_was_given(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match=r"cannot write \S+/file/maps.npz: Not a directory"):
-        files.write_fpn_maps(tmp_path / "file" / "maps.npz", {})
+        npz.write_fpn_maps(tmp_path / "file" / "maps.npz", {})
 
 
 @pytest.mark.parametrize("half", [False, True])

@@ -14,7 +14,7 @@ import pytest
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.frame import Frame
-from mitsuba_sensor.files import appearing as files
+from mitsuba_sensor.files import npz
 from mitsuba_sensor.render.scene import Scene
 
 TABLE1 = ms.load_camera("konnik_table1")
@@ -25,8 +25,8 @@ Cli = Callable[..., Any]
 
 def test_patterns_come_back_bit_by_bit(tmp_path: Path) -> None:
     found = ms.fpn_maps(TABLE1, (12, 16), serial=7)
-    files.write_fpn_maps(tmp_path / "chip.npz", found)
-    back = files.read_fpn_maps(tmp_path / "chip.npz")
+    npz.write_fpn_maps(tmp_path / "chip.npz", found)
+    back = npz.read_fpn_maps(tmp_path / "chip.npz")
     assert list(back) == list(found)
     for name, values in found.items():
         assert back[name].dtype == np.float64 and back[name].tobytes() == values.tobytes()
@@ -35,13 +35,13 @@ def test_patterns_come_back_bit_by_bit(tmp_path: Path) -> None:
 
 def test_the_name_of_the_file_is_the_one_that_was_given(tmp_path: Path) -> None:
     """np.savez would add .npz to it."""
-    files.write_fpn_maps(tmp_path / "chip", {"prnu": np.ones((2, 3))})
-    assert files.read_fpn_maps(tmp_path / "chip")["prnu"].shape == (2, 3)
+    npz.write_fpn_maps(tmp_path / "chip", {"prnu": np.ones((2, 3))})
+    assert npz.read_fpn_maps(tmp_path / "chip")["prnu"].shape == (2, 3)
 
 
 def test_a_folder_that_is_not_there_takes_no_file(tmp_path: Path) -> None:
     with pytest.raises(ms.InputError, match=r"cannot write .*chip.npz"):
-        files.write_fpn_maps(tmp_path / "none" / "chip.npz", {"prnu": np.ones((2, 3))})
+        npz.write_fpn_maps(tmp_path / "none" / "chip.npz", {"prnu": np.ones((2, 3))})
 
 
 def archive(**arrays: Any) -> bytes:
@@ -79,15 +79,15 @@ BAD = {
 def test_what_is_no_file_of_patterns_is_refused_in_one_sentence(case: str, tmp_path: Path) -> None:
     (tmp_path / "bad.npz").write_bytes(BAD[case])
     with pytest.raises(ms.InputError, match=r"bad.npz cannot be read: .*mitsuba-sensor fpn-maps") as caught:
-        files.read_fpn_maps(tmp_path / "bad.npz")
+        npz.read_fpn_maps(tmp_path / "bad.npz")
     assert "\n" not in str(caught.value)
 
 
 def test_a_missing_file_and_a_folder_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ms.InputError, match=r"none\.npz cannot be read: No such file"):
-        files.read_fpn_maps(tmp_path / "none.npz")
+        npz.read_fpn_maps(tmp_path / "none.npz")
     with pytest.raises(ms.InputError, match="cannot be read: Is a directory"):
-        files.read_fpn_maps(tmp_path)
+        npz.read_fpn_maps(tmp_path)
 
 
 @pytest.fixture
@@ -103,7 +103,7 @@ def test_the_command_line_writes_what_patterns_returns_and_says_what_is_in_it(
     chip: Path, tmp_path: Path, cli: Cli
 ) -> None:
     for name, values in ms.fpn_maps(TABLE1, (12, 16), serial=7).items():
-        np.testing.assert_array_equal(files.read_fpn_maps(chip)[name], values)
+        np.testing.assert_array_equal(npz.read_fpn_maps(chip)[name], values)
     said = cli("fpn-maps", "-o", tmp_path / "x.npz", *SIZE).stdout
     assert "x.npz" in said and "dark_fpn" in said and "12 × 16" in said
     spread = json.loads(cli("fpn-maps", "-o", tmp_path / "x.npz", *SIZE, "--json").stdout)
@@ -185,7 +185,7 @@ def test_what_expose_would_refuse_is_refused_before_the_render(
     """A render may take an hour."""
     places = {"PRNV": tmp_path / "prnv.npz", "PRNU": tmp_path / "prnu.npz"}
     for path in places.values():
-        files.write_fpn_maps(path, {path.stem: np.ones((12, 16))})
+        npz.write_fpn_maps(path, {path.stem: np.ones((12, 16))})
     monkeypatch.setattr(Scene, "render", lambda *_: pytest.fail("rendered for nothing"))
     done = cli(
         "render", scene_file, "-o", tmp_path / "out", *(places.get(argument, argument) for argument in arguments)

@@ -11,7 +11,7 @@ import pytest
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core import DiskFull
-from mitsuba_sensor.files import appearing as files
+from mitsuba_sensor.files import npz, png, texts, tiff
 from mitsuba_sensor.files.openexr import Plane, write_planes
 from mitsuba_sensor.output import dng
 
@@ -21,15 +21,15 @@ IMAGE = np.random.default_rng(1).random((40, 24)).astype(np.float32)
 RAW = (IMAGE * 4000).astype(np.uint16)
 FRAMES = ms.expose(np.full((24, 24), 100.0), ms.load_camera("konnik_table1"), ms.Exposure(0.01))
 WRITERS = {
-    "one.tiff": lambda path: files.write_tiff(path, RAW),
-    "three.tiff": lambda path: files.write_tiff(path, RAW[None].repeat(3, 0)),
+    "one.tiff": lambda path: tiff.write_tiff(path, RAW),
+    "three.tiff": lambda path: tiff.write_tiff(path, RAW[None].repeat(3, 0)),
     "frame.dng": lambda path: dng.write_dng(path, FRAMES),
     "small.exr": lambda path: write_planes(path, {}, {"Y": Plane(IMAGE[:4, :4])}),
     "tail.exr": lambda path: write_planes(path, {}, {name: Plane(IMAGE[:34]) for name in "RGB"}),
     "large.exr": lambda path: write_planes(path, {}, {name: Plane(IMAGE.repeat(9, 0)) for name in "RGB"}),
-    "maps.npz": lambda path: files.write_fpn_maps(path, {"prnu": IMAGE}),
-    "frame.json": lambda path: files.write_json(path, {"values": IMAGE.tolist()}),
-    "frame.png": lambda path: files.write_png(path, (IMAGE * 255).astype(np.uint8)),
+    "maps.npz": lambda path: npz.write_fpn_maps(path, {"prnu": IMAGE}),
+    "frame.json": lambda path: texts.write_json(path, {"values": IMAGE.tolist()}),
+    "frame.png": lambda path: png.write_png(path, (IMAGE * 255).astype(np.uint8)),
 }
 
 
@@ -62,7 +62,7 @@ def test_no_byte_is_lost_without_an_error(name: str, tmp_path: Path) -> None:
 
 def test_the_pages_of_a_tiff_are_those_of_the_stack_in_one(tmp_path: Path) -> None:
     tifffile = pytest.importorskip("tifffile")
-    files.write_pages(tmp_path / "pages.tiff", RAW[None].repeat(3, 0), b"text", [(50714, 4, 1, 5, False)])
+    tiff.write_pages(tmp_path / "pages.tiff", RAW[None].repeat(3, 0), b"text", [(50714, 4, 1, 5, False)])
     kinds = {"photometric": "minisblack", "metadata": None, "software": "mitsuba_sensor", "description": b"text"}
     extra = [(50714, 4, 1, 5, False)]
     tifffile.imwrite(tmp_path / "stack.tiff", RAW[None].repeat(3, 0), byteorder="<", extratags=extra, **kinds)

@@ -18,7 +18,7 @@ from rich.console import Console
 
 from mitsuba_sensor.cli.study_sheet import LONGEST, study_sheet
 from mitsuba_sensor.cli.terminal import seconds_bar
-from mitsuba_sensor.files.appearing import to_json
+from mitsuba_sensor.files.texts import to_json
 from mitsuba_sensor.study.html_page import html, text
 from mitsuba_sensor.study.page import (
     Bars,

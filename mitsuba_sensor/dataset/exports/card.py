@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ...files.appearing import write_page, write_png
+from ...files.png import write_png
+from ...files.texts import write_page
 from ...output.contact_sheet import contact_sheet
 
 QUANTILES = ("lowest", "1 %", "median", "99 %", "highest")

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...files.appearing import write_page
+from ...files.texts import write_page
 from ...files.whole_folder import inside
 from ...output.exr import read_aovs_exr
 from .job import Job, checked, facts_of

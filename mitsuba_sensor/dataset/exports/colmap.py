@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import scipy
 
 from ...core import InputError
-from ...files.appearing import write_page
+from ...files.texts import write_page
 from ...files.whole_folder import inside
 from ...optics.calibration import HALF_PIXEL, Calibration
 from .job import Job, posed, worlds

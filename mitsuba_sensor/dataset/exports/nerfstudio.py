@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from ...files.appearing import write_json, write_png
+from ...files.png import write_png
+from ...files.texts import write_json
 from ...files.whole_folder import inside
 from ...optics.calibration import HALF_PIXEL, Calibration
 from ..reader import Sample

@@ -13,7 +13,7 @@ import numpy as np
 import scipy
 
 from ...core import Float64Array
-from ...files.appearing import write_page
+from ...files.texts import write_page
 from ...files.whole_folder import inside
 from ...optics.calibration import Calibration
 from .job import Job, posed, worlds

@@ -10,7 +10,7 @@ import json
 import numpy as np
 
 from ...core import Float64Array
-from ...files.appearing import write_json, write_page
+from ...files.texts import write_json, write_page
 from ...files.whole_folder import inside
 from ...optics.calibration import Calibration
 from .job import Job, posed

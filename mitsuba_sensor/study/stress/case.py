@@ -12,7 +12,7 @@ import numpy as np
 from ... import Camera, Exposure, Frames, InputError, Stage, expose, load_camera
 from ...core import Array, Electrons, Float64Array, Frame, SensorWindow
 from ...core.llvm import backend_problem, drjit
-from ...files.appearing import read_toml
+from ...files.texts import read_toml
 from ...sensor.run import choose_backend
 from ...sensor.stage import sample, total
 

@@ -18,7 +18,7 @@ import tifffile
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.sensor_window import SensorWindow
-from mitsuba_sensor.files.appearing import to_json
+from mitsuba_sensor.files.texts import to_json
 from mitsuba_sensor.sensor.konnik2014 import Konnik2014Settings, chain_of
 from mitsuba_sensor.sensor.stage import sample
 

@@ -1,0 +1,103 @@
+"""Writes TIFFs of raw frames, one page per frame, nothing scaled."""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from ..core import InputError, refuse_masked
+from .appearing import appearing
+from .texts import to_json
+
+NOTHING: Mapping[str, Any] = {}
+
+
+TIFF_TYPES = "uint8", "uint16", "uint32", "float32"
+
+
+TiffTag: TypeAlias = tuple[int, int, int, Any, bool]  # code, type, count, value, on the first page only
+
+
+LARGEST_TIFF = 2**32 - 2**25
+"""Bytes of pixels; more become a BigTIFF."""
+
+
+CFA_COLOURS = "rgb"  # numbers 0, 1, 2 in the CFAPattern of TIFF/EP
+
+
+TIFF_BYTE, TIFF_SHORT, TIFF_LONG = 1, 3, 4  # types of tags
+
+
+def write_tiff(path: str | os.PathLike[str], frames: np.ndarray, facts: Mapping[str, Any] = NOTHING) -> None:
+    """Raw digital numbers (N, H, W), unsigned 8, 16 or 32 bit or float32, one page per frame, nothing scaled.
+
+    Raises InputError for any other array, and for what the disk refuses.
+    facts : ``image`` of frame.json; as JSON in the description, and black level, white level and the pattern of red,
+        green and blue filters in the tags of TIFF/EP and DNG too.
+    """
+    refuse_masked("frames", frames)
+    if not isinstance(frames, np.ndarray) or str(frames.dtype) not in TIFF_TYPES or frames.ndim not in (2, 3):
+        given = f"{getattr(frames, 'dtype', type(frames).__name__)} of shape {getattr(frames, 'shape', ())}"
+        raise InputError(f"frames is {given}; pass (H, W) or (N, H, W) of {', '.join(TIFF_TYPES)}.")
+    if not frames.size:
+        raise InputError(f"frames has shape {frames.shape} and no pixel; pass at least one.")
+    tags = _raw_tags(facts) if facts else []
+    text = to_json(dict(facts)).encode() if facts else None
+    with appearing(Path(path), frames.nbytes) as temporary:
+        write_pages(temporary, frames, text, tags)
+
+
+def write_pages(path: Path, frames: np.ndarray, text: bytes | None, tags: Sequence[TiffTag]) -> None:
+    """A TIFF of frames (H, W) or (N, H, W) with a description and tags. Raises OSError.
+
+    Every byte passes through Python: NumPy's own way into a file (tofile) does not say when the disk has no place for
+    the last ones.
+    """
+    import tifffile
+
+    large = frames.nbytes > LARGEST_TIFF
+    with (
+        io.BufferedWriter(_NoTofile(path, "wb")) as file,
+        tifffile.TiffWriter(file, bigtiff=large, byteorder="<") as tiff,
+    ):
+        for page in frames.reshape(-1, *frames.shape[-2:]):
+            tiff.write(
+                page,
+                contiguous=True,
+                photometric="minisblack",
+                metadata=None,
+                software="mitsuba_sensor",
+                description=text,
+                extratags=tags,
+            )
+
+
+class _NoTofile(io.FileIO):
+    """A file to which NumPy does not write past Python."""
+
+    def fileno(self) -> int:
+        raise io.UnsupportedOperation
+
+
+def _raw_tags(facts: Mapping[str, Any]) -> list[TiffTag]:
+    """(code, type, count, value, first page only) of BlackLevel, WhiteLevel, CFARepeatPatternDim and CFAPattern."""
+    tags: list[TiffTag] = [
+        (50714, TIFF_LONG, 1, round(facts["black_level_dn"]), False),
+        (50717, TIFF_LONG, 1, facts["white_level_dn"], False),
+    ]
+    return [*tags, *cfa_tags(facts["cfa_pattern"])]
+
+
+def cfa_tags(pattern: Sequence[Sequence[str]] | None) -> list[TiffTag]:
+    """CFARepeatPatternDim and CFAPattern of rows of filter names, if all of them are red, green or blue."""
+    names = np.array(pattern or [[]])
+    initials = [name[:1].lower() for name in names.ravel()]
+    if not initials or not set(initials) <= set(CFA_COLOURS):
+        return []
+    colours = bytes(CFA_COLOURS.index(one) for one in initials)
+    return [(33421, TIFF_SHORT, 2, names.shape, False), (33422, TIFF_BYTE, names.size, colours, False)]
