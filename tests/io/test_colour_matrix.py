@@ -72,7 +72,7 @@ def test_a_camera_without_red_green_and_blue_has_no_colours() -> None:
 
 def taken(camera: ms.Camera, folder: Path, dng: bool = False) -> Path:
     """The ColorChecker as a camera sees it, rendered, exposed, with all noise."""
-    ms.capture("scenes/color_checker.xml", camera, ms.Exposure(0.1), spp=16, width=384, seed=3, dng=dng).save(folder)
+    ms.capture("scenes/color_checker.xml", camera, ms.Exposure(0.1), spp=16, width=192, seed=3, dng=dng).save(folder)
     return folder
 
 

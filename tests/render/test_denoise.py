@@ -203,6 +203,7 @@ def test_the_cornell_box_is_four_times_nearer_to_its_reference_and_its_error_bar
     assert np.mean(np.array(in_quadrature) < 1) < 0.55
 
 
+@pytest.mark.exhaustive
 def test_a_textured_floor_is_denoised_without_its_texture() -> None:
     """Still life, chequered cloth, 96 × 64, 64 samples against 1024: squared errors ÷ 2.5 in the median."""
     scene, options = SCENES / "still_life.xml", {"width": 96, "wavelength_nm": 550}
@@ -368,6 +369,7 @@ def test_guides_of_many_filters_trace_their_rays_once() -> None:
     assert launched[0] == launched[1]
 
 
+@pytest.mark.exhaustive
 def test_what_an_interrupted_render_left_does_not_guide_the_next() -> None:
     """64 samples after 256 that were denoised on the way are those of a renderer that rendered nothing before."""
     options = {"wavelength_nm": 550, "variant": skip_unless_usable("llvm_ad_spectral"), "width": 24, "denoise": True}

@@ -72,7 +72,11 @@ def passes(scene: Scene, seed: int) -> Any:
 
 
 @pytest.mark.parametrize(
-    ("spectral", "lens"), [("channels", {"lens.distortion": [-0.2, 0.05, 0.0, 0.0, 0.0]}), ("cube", {})]
+    ("spectral", "lens"),
+    [
+        ("channels", {"lens.distortion": [-0.2, 0.05, 0.0, 0.0, 0.0]}),
+        pytest.param("cube", {}, marks=pytest.mark.exhaustive),
+    ],
 )
 def test_noisy_pixels_see_the_same_light_in_the_same_places(
     tmp_path: Path, spectral: Any, lens: dict[str, Any]

@@ -1,8 +1,8 @@
 """Frames with a render each: the series, Poisson's law where render noise is compensated, and what is refused.
 
 A floor under an even sky, seen by a telecentric lens: every pixel has the radiance ρ·L, and the noise of drawing
-directions. Statistics are of 200 frames of 32 × 24 pixels in ``scalar_spectral``: 153 600 counts. The mean over the
-pixels of variance over mean then has a standard error of 0.36 %: a bound of 2 % is five of them.
+directions. Statistics are of 100 frames of 32 × 24 pixels in ``scalar_spectral``: 76 800 counts. The mean over the
+pixels of variance over mean then has a standard error of 0.51 %: a bound of 2.6 % is five of them.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ TELECENTRIC = """<sensor type="orthographic">{more}
 <film type="hdrfilm"><integer name="width" value="32"/><integer name="height" value="24"/>{film}</film></sensor>"""
 CAMERA = ms.load_camera("konnik_table1").replace(**{"pixel.prnu": 0.0, "dark_current.cv": 0.0})
 EXPOSURE = ms.Exposure(0.001)
-FRAMES, SPP = 200, 12
+FRAMES, SPP = 100, 12
 OPTIONS = {"wavelength_nm": 550.0, "variant": "scalar_spectral"}
 
 
@@ -88,11 +88,11 @@ def compensated(floor: Path) -> Series:
 
 @pytest.fixture(scope="module")
 def each(floor: Path) -> Series:
-    return series(floor, "per-frame", SPP, FRAMES // 2)
+    return series(floor, "per-frame", SPP, FRAMES)
 
 
 def test_compensated_frames_have_mean_and_variance_of_poissons_law(compensated: Series, each: Series) -> None:
-    """Mean within four standard errors (0.15 %) of the closed form; variance within 2 % of the mean.
+    """Mean within four standard errors (0.2 %) of the closed form; variance within 2.6 % of the mean.
 
     The renders' own noise, 8 % of the shot noise and more, could not be missed.
     """
@@ -100,7 +100,7 @@ def test_compensated_frames_have_mean_and_variance_of_poissons_law(compensated: 
     assert each.uncompensated > 0.08
     assert compensated.uncompensated < 0.01
     assert compensated.electrons.mean() == pytest.approx(mean, abs=4 * math.sqrt(mean / compensated.electrons.size))
-    assert compensated.variance_over_mean == pytest.approx(1.0, abs=0.02)
+    assert compensated.variance_over_mean == pytest.approx(1.0, abs=0.026)
 
 
 @pytest.mark.parametrize("axis", [1, 2])
