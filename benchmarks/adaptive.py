@@ -24,13 +24,13 @@ from denoise import CAMERA, MEDIAN_E, PILOT_SPP, SCENES, made
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.render.denoise import Halves, denoise
-from mitsuba_sensor.render.guides import Guides
-from mitsuba_sensor.render.passes import hashed_seed
-from mitsuba_sensor.render.prepared import prepare
-from mitsuba_sensor.render.renderer import Renderer
-from mitsuba_sensor.render.row_strip import Kept
-from mitsuba_sensor.render.stop_criterion import StopCriterion
+from mitsuba_sensor.render.denoise.denoise import Halves, denoise
+from mitsuba_sensor.render.denoise.guides import Guides
+from mitsuba_sensor.render.passes.passes import hashed_seed
+from mitsuba_sensor.render.passes.prepared import prepare
+from mitsuba_sensor.render.passes.renderer import Renderer
+from mitsuba_sensor.render.passes.row_strip import Kept
+from mitsuba_sensor.render.passes.stop_criterion import StopCriterion
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]

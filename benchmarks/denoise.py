@@ -25,12 +25,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.render import guides
-from mitsuba_sensor.render.passes import hashed_seed
-from mitsuba_sensor.render.prepared import PreparedRender, prepare
-from mitsuba_sensor.render.renderer import Renderer
-from mitsuba_sensor.render.row_strip import Kept
-from mitsuba_sensor.render.stop_criterion import stop_criterion_of
+from mitsuba_sensor.render.denoise import guides
+from mitsuba_sensor.render.passes.passes import hashed_seed
+from mitsuba_sensor.render.passes.prepared import PreparedRender, prepare
+from mitsuba_sensor.render.passes.renderer import Renderer
+from mitsuba_sensor.render.passes.row_strip import Kept
+from mitsuba_sensor.render.passes.stop_criterion import stop_criterion_of
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]

@@ -33,9 +33,9 @@ from mitsuba_sensor.files.raw_files import read_raw
 from mitsuba_sensor.lab.bench import read_bench
 from mitsuba_sensor.output.exr import rendered_for, write_irradiance_exr
 from mitsuba_sensor.output.importers.import_camera import import_camera
-from mitsuba_sensor.render.irradiance import Irradiance, RenderedFor
-from mitsuba_sensor.render.photons import collect
-from mitsuba_sensor.render.statistics import RenderStatistics
+from mitsuba_sensor.render.light.irradiance import Irradiance, RenderedFor
+from mitsuba_sensor.render.light.photons import collect
+from mitsuba_sensor.render.passes.statistics import RenderStatistics
 
 Place = tuple[str | int, ...]
 DEEP: Any = 0

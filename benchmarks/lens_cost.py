@@ -22,8 +22,8 @@ from timing import alternate, lines, ratio
 
 from mitsuba_sensor.core.versions import machine
 from mitsuba_sensor.optics.paraxial import cardinal_points
-from mitsuba_sensor.render.bands import box_bands
-from mitsuba_sensor.render.scene import Scene, load_scene
+from mitsuba_sensor.render.light.bands import box_bands
+from mitsuba_sensor.render.scene.scene import Scene, load_scene
 from mitsuba_sensor.render.variants import choose_variant, use
 from mitsuba_sensor.sensor.camera import Camera
 from mitsuba_sensor.sensor.camera_file import load_camera

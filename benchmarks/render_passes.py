@@ -27,9 +27,9 @@ import numpy as np
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.versions import machine
-from mitsuba_sensor.render.passes import SAMPLER
-from mitsuba_sensor.render.prepared import PreparedRender, prepare
-from mitsuba_sensor.render.stop_criterion import PASS_SPP, StopCriterion
+from mitsuba_sensor.render.passes.passes import SAMPLER
+from mitsuba_sensor.render.passes.prepared import PreparedRender, prepare
+from mitsuba_sensor.render.passes.stop_criterion import PASS_SPP, StopCriterion
 from mitsuba_sensor.render.variants import choose_variant, use
 
 ROOT = Path(__file__).resolve().parent.parent

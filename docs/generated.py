@@ -14,7 +14,7 @@ from types import ModuleType
 from typing import Any
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.render.plugin_parameters import (
+from mitsuba_sensor.render.scene.plugin_parameters import (
     FILM_PARAMETERS,
     PASSED_ON_PARAMETERS,
     SENSOR_PARAMETERS,

@@ -14,7 +14,7 @@ import numpy as np
 import mitsuba_sensor as ms
 from mitsuba_sensor.files.png import write_png
 from mitsuba_sensor.output.preview import preview
-from mitsuba_sensor.render.aovs import render_aovs
+from mitsuba_sensor.render.motion.aovs import render_aovs
 
 SCENES = Path(__file__).parent.parent / "scenes"
 EXPOSURE = ms.Exposure(0.0005)

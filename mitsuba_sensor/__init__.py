@@ -12,7 +12,7 @@ import lazy_loader
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)  # the public names: in __init__.pyi
 
-from .render.plugin_hook import watch  # noqa: E402, behind lazy_loader, which keeps `render` the function
+from .render.plugins.plugin_hook import watch  # noqa: E402, behind lazy_loader, which keeps `render` the function
 
 watch()  # <film type="photosensor"> and <sensor type="camera"> in plain Mitsuba
 

@@ -24,17 +24,17 @@ from .output import exr
 from .output.dng import check_dng, dng_names, write_dng
 from .output.frame_files import CAPTURE_FILES, CLEAN, FRAME_FILES, frames_metadata, write_frames
 from .output.light_files import read_irradiance
-from .render.aovs import Aovs
-from .render.irradiance import Irradiance
-from .render.light_source import CollectedLight
-from .render.network import denoised_if_possible
+from .render.denoise.network import denoised_if_possible
+from .render.light.irradiance import Irradiance
+from .render.light.light_source import CollectedLight
+from .render.light.photons import collect
+from .render.motion.aovs import Aovs
 from .render.options import FrameSeriesOptions, RenderOptions
-from .render.per_frame import FrameSeries
-from .render.photons import collect
-from .render.prepared import PreparedRender, prepare
-from .render.scene_nodes import SceneInput
-from .render.scene_settings import ParsedScene
-from .render.stop_criterion import Progress, RenderProgress
+from .render.passes.per_frame import FrameSeries
+from .render.passes.prepared import PreparedRender, prepare
+from .render.passes.stop_criterion import Progress, RenderProgress
+from .render.scene.scene_nodes import SceneInput
+from .render.scene.scene_settings import ParsedScene
 from .render.variants import restores_variant
 from .sensor.camera import Camera
 from .sensor.checks import as_photons
@@ -106,7 +106,7 @@ def capture(
     source : a scene file, or light that is there already: an irradiance.exr, or what :func:`render` returned.
     camera, exposure : what is not given is read from the scene's <film type="photosensor">, or is what the light was
         rendered for, and so is its serial number; an exposure of "auto", or none anywhere, is metered.
-    progress : called with a :class:`render.stop_criterion.RenderProgress` after every pass and frame.
+    progress : called with a :class:`render.passes.stop_criterion.RenderProgress` after every pass and frame.
     Everything is checked before the first ray is traced. Raises InputError.
     """
     asked = checked_exposure(camera, exposure)

@@ -21,8 +21,8 @@ from helpers.pages import blocks, fenced, lines
 import mitsuba_sensor as ms
 from mitsuba_sensor.cli import app
 from mitsuba_sensor.core.llvm import backend_problem
-from mitsuba_sensor.render.plugin_parameters import FILM_PARAMETERS, PASSED_ON_PARAMETERS, SENSOR_PARAMETERS
-from mitsuba_sensor.render.scene_settings import parse
+from mitsuba_sensor.render.scene.plugin_parameters import FILM_PARAMETERS, PASSED_ON_PARAMETERS, SENSOR_PARAMETERS
+from mitsuba_sensor.render.scene.scene_settings import parse
 from mitsuba_sensor.sensor.chain import ORDER
 
 DOCS = ROOT / "docs"

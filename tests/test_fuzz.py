@@ -10,7 +10,7 @@ from helpers import BENCHMARKS
 
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.dataset.planned import load_plan
-from mitsuba_sensor.render.motion import read_motion
+from mitsuba_sensor.render.motion.motion import read_motion
 from mitsuba_sensor.sensor.camera_file import SHIPPED, load_camera
 
 sys.path.insert(0, str(BENCHMARKS))

@@ -48,7 +48,7 @@ IMPORTED_IN = {
     "pydantic": ("sensor/", "render/", "dataset/file.py"),
     "distributed": ("dataset/cluster.py",),
     "psutil": ("dataset/workers.py",),
-    "pyoidn": ("render/network.py",),
+    "pyoidn": ("render/denoise/network.py",),
     "yaml": ("output/importers/calibration.py",),
     "torch": ("dataset/exports/torch_dataset.py",),
 }
@@ -82,9 +82,9 @@ READERS = (
     "sensor/lens_file.py",
     "core/llvm.py",
     "core/versions.py",
-    "render/scene_file.py",
+    "render/scene/scene_file.py",
     "optics/spectra.py",
-    "render/motion.py",
+    "render/motion/motion.py",
 )
 """Files are read in files/ and output/, and: a camera's own text, scenes, tables of spectra, the bytes that name the
 LLVM and the processor here."""

@@ -26,7 +26,7 @@ def begin():
 """
 FRAME = """
 from mitsuba_sensor.output.exr import write_irradiance_exr
-from mitsuba_sensor.render.foreign_light import Bands, irradiance_of
+from mitsuba_sensor.render.light.foreign_light import Bands, irradiance_of
 
 def light_of(width, height):
     values = np.random.default_rng(1).random((height, width, 32), np.float32)
@@ -49,7 +49,7 @@ import importlib
 from unittest.mock import MagicMock
 from mitsuba_sensor.render import combine, network, passes, spillable
 
-renderer, library = importlib.import_module("mitsuba_sensor.render.renderer"), MagicMock()
+renderer, library = importlib.import_module("mitsuba_sensor.render.passes.renderer"), MagicMock()
 library.Device.return_value.__enter__.return_value.get_error.return_value = None
 setattr(network, "library", lambda: library)  # the network's memory has a limit of its own
 renderer.rays_per_pixel = lambda samples: 1  # as many are in flight with more, for longer

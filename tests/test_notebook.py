@@ -19,7 +19,7 @@ from PIL import Image
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.errors import InputError
-from mitsuba_sensor.render.irradiance import RenderedFor
+from mitsuba_sensor.render.light.irradiance import RenderedFor
 
 MONO, BAYER, RGBIR = (ms.load_camera(name) for name in ("konnik_table1", "bayer_2mp", "rgbir_2mp"))
 EXPOSURE = ms.Exposure(0.01)

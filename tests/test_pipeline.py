@@ -16,10 +16,10 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.capture_options import CaptureOptions
 from mitsuba_sensor.core.options import declared
 from mitsuba_sensor.output.exr import read_aovs_exr, read_irradiance_exr
-from mitsuba_sensor.render import scene, scene_settings
-from mitsuba_sensor.render.aovs import render_aovs
-from mitsuba_sensor.render.scene import Scene
-from mitsuba_sensor.render.stop_criterion import RenderProgress
+from mitsuba_sensor.render.motion.aovs import render_aovs
+from mitsuba_sensor.render.passes.stop_criterion import RenderProgress
+from mitsuba_sensor.render.scene import scene, scene_settings
+from mitsuba_sensor.render.scene.scene import Scene
 from mitsuba_sensor.sensor import camera as camera_module
 from mitsuba_sensor.sensor import chain as chain_module
 

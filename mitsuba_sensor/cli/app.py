@@ -15,8 +15,8 @@ from ..core import DiskFull, InputError, SensorWarning, first_given, stopping
 from ..core.printable import printable
 from ..files import texts
 from ..files.output_pipe import BROKEN_PIPE, silence_output
-from ..render.irradiance import RenderedFor
-from ..render.scene_settings import ParsedScene, SceneSettings, parse
+from ..render.light.irradiance import RenderedFor
+from ..render.scene.scene_settings import ParsedScene, SceneSettings, parse
 from ..render.variants import variant_restored
 from ..sensor.camera_file import toml_value
 from ..sensor.metering import Metering

@@ -91,8 +91,8 @@ def plan(
 
     Writes nothing. Times are medians of five interleaved runs on this machine.
     """
-    from ..render.photons import metered
-    from ..render.requirements import render_requirements
+    from ..render.light.photons import metered
+    from ..render.passes.requirements import render_requirements
 
     tolerance = require("tolerance_dn", number(tolerance_dn), 0.0, 1e9, "digital numbers, e.g. 0.02")
     unit, fov_deg = flags.pop("unit"), flags.pop("fov_deg")
@@ -184,7 +184,7 @@ def lint(scene: arguments.Scene, as_json: arguments.Json = False, **flags: optio
 
     Exit code: 0 if there is nothing but notes, 1 if something is black or wrong, 2 if the scene cannot be loaded.
     """
-    from ..render.scene import inspect_scene
+    from ..render.scene.scene import inspect_scene
 
     given, _ = render_input(scene, flags)
     camera, (low, high) = given.camera, given.camera.band_nm

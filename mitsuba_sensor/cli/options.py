@@ -14,7 +14,7 @@ from ..core import InputError, require_seed
 from ..core.options import Declared, Option, declared
 from ..files import npz
 from ..render.options import FileOptions, RenderOptions, SceneOptions
-from ..render.passes import MOST_IN_ALL
+from ..render.passes.passes import MOST_IN_ALL
 from ..render.variants import VARIANTS
 from ..sensor.metering import PERCENTILE, SHARE
 from ..sensor.options import FrameOptions, Gain, SensorOptions

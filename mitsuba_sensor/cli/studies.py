@@ -104,7 +104,7 @@ def paper(**flags: Flag) -> None:
 
 def _subject(scene: str, found: RenderInput, flags: Flags, **more: Flag) -> "tuple[Subject, dict[str, Flag]]":
     """What a study of a scene is about, and all that decides what is measured of it. more : options of the render."""
-    from ..render.prepared import prepare
+    from ..render.passes.prepared import prepare
     from ..study.kit import Subject
 
     parameters = flags["parameters"] or {}

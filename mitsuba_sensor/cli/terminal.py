@@ -19,8 +19,8 @@ from ..sensor.plan import IDLE, NEEDED, Plan
 from .tables import FittedTable, number, rough
 
 if TYPE_CHECKING:
-    from ..render.requirements import RenderRequirement
-    from ..render.stop_criterion import RenderProgress
+    from ..render.passes.requirements import RenderRequirement
+    from ..render.passes.stop_criterion import RenderProgress
 
 Report = Mapping[str, Any]  # ready for JSON: frame.json, or what a command prints
 KEPT = {True: Text("yes"), False: Text("no", style="green")}  # of a plan

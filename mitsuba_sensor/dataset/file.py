@@ -16,7 +16,7 @@ from ..core import InputError, nearest
 from ..core.options import complete, declared
 from ..files import texts
 from ..files.appearing import refuse_empty
-from ..render.motion import KeyPose, Number, Vector, read_motion
+from ..render.motion.motion import KeyPose, Number, Vector, read_motion
 from ..render.options import RenderOptions
 from ..sensor.datasheet import Count, FileTable, optional
 from ..sensor.datasheet_errors import sentence

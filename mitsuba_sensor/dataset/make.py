@@ -17,12 +17,12 @@ from ..files import png, texts, tiff
 from ..output import exr
 from ..output.dng import check_dng, dng_names, write_dng
 from ..output.frame_files import image_facts, preview_of
-from ..render.aovs import Aovs
-from ..render.illuminant import illuminant_of
-from ..render.irradiance import Irradiance
+from ..render.light.illuminant import illuminant_of
+from ..render.light.irradiance import Irradiance
+from ..render.motion.aovs import Aovs
 from ..render.options import RenderOptions
-from ..render.prepared import PreparedRender, prepare
-from ..render.scene_settings import ParsedScene, SceneSettings, parse
+from ..render.passes.prepared import PreparedRender, prepare
+from ..render.scene.scene_settings import ParsedScene, SceneSettings, parse
 from ..render.variants import fastest_variant
 from ..sensor.camera import Camera
 from ..sensor.camera_file import camera_from

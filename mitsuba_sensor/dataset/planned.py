@@ -13,7 +13,7 @@ from ..core.options import used
 from ..files.appearing import refuse_empty
 from ..files.scene_references import scene_digest
 from ..files.texts import text_of_file
-from ..render.motion import Motion, read_motion
+from ..render.motion.motion import Motion, read_motion
 from ..render.options import RenderOptions
 from .cameras import Cameras, VariedCamera, of_light
 from .file import MOST_SAMPLES, OF_SCENE, DatasetFile, SceneEntry

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from ..render.motion import KeyPose
+from ..render.motion.motion import KeyPose
 from .file import DatasetFile, Distribution, RandomSweep, SceneEntry, Value, View
 from .keys import Config, Facts
 from .values import check_value

@@ -16,9 +16,9 @@ from ..files.openexr import Plane, whole_exr, write_planes
 from ..files.texts import plain_values
 
 if TYPE_CHECKING:
-    from ..render.aovs import Aovs
-    from ..render.irradiance import Irradiance, RenderedFor
-    from ..render.statistics import RenderStatistics
+    from ..render.light.irradiance import Irradiance, RenderedFor
+    from ..render.motion.aovs import Aovs
+    from ..render.passes.statistics import RenderStatistics
 
 SPECTRAL_CHANNEL = "S0."  # Fichet, Pacanowski & Wilkie 2021, "An OpenEXR Layout for Spectral Images", JCGT 10(3)
 FILTER_CHANNEL = "channel."
@@ -107,7 +107,7 @@ def read_irradiance_exr(path: str | os.PathLike[str]) -> Irradiance:
 
     Raises InputError for anything else: no such file, not an EXR, no spectrum in it, cut short.
     """
-    from ..render.irradiance import Irradiance
+    from ..render.light.irradiance import Irradiance
 
     wrong = "but not the focal-plane irradiance that `mitsuba-sensor render` writes"
     with whole_exr(Path(path), wrong, "; give an irradiance.exr") as (header, pixels):
@@ -176,14 +176,14 @@ def rendered_for(path: str | os.PathLike[str]) -> RenderedFor | None:
 
 
 def _rendered_for(header: Mapping[str, Any]) -> RenderedFor | None:
-    from ..render.irradiance import RenderedFor
+    from ..render.light.irradiance import RenderedFor
 
     return RenderedFor.from_dict(json_value(header["rendered_for"])) if "rendered_for" in header else None
 
 
 def _statistics(text: str) -> RenderStatistics:
     """Of JSON, whose notes are a tuple again."""
-    from ..render.statistics import RenderStatistics
+    from ..render.passes.statistics import RenderStatistics
 
     return RenderStatistics.from_dict(json_value(text))
 
@@ -207,7 +207,7 @@ def write_aovs_exr(path: Path, aovs: Aovs) -> None:
 
 def read_aovs_exr(path: str | os.PathLike[str]) -> Aovs:
     """What :func:`write_aovs_exr` wrote. Raises InputError for anything else."""
-    from ..render.aovs import Aovs
+    from ..render.motion.aovs import Aovs
 
     with whole_exr(Path(path), "without the AOVs that `render --aovs` writes") as (header, pixels):
         layers = {name: [pixels[layer] for layer in _layers(name, axes)] for name, (axes, _) in AOV_LAYERS.items()}

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..core import Exposure
 from ..optics import spectra
-from ..render.photons import photons_per_irradiance
+from ..render.light.photons import photons_per_irradiance
 from ..sensor.camera import Camera
 from ..sensor.colour_matrix import STEP_NM, standard_light
 from ..sensor.metering import saturation_e

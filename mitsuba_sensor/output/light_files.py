@@ -20,7 +20,7 @@ from ..sensor.camera_file import load_camera
 from .exr import read_irradiance_exr
 
 if TYPE_CHECKING:
-    from ..render.irradiance import Irradiance
+    from ..render.light.irradiance import Irradiance
 
 UNITS = {
     "w_per_m2_nm": "irradiance on the sensor in W m⁻² nm⁻¹, channels S0.<wavelength>nm",
@@ -74,7 +74,7 @@ def read_irradiance(
 def _foreign(
     file: Path, unit: str, wavelength_nm: float | None, camera: Camera | None, fov_deg: float | None
 ) -> Irradiance:
-    from ..render import foreign_light
+    from ..render.light import foreign_light
 
     with whole_exr(file, "that cannot be read") as (_, channels):
         pixels = {name: np.asarray(image, dtype=np.float32) for name, image in channels.items()}

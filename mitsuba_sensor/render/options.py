@@ -7,10 +7,10 @@ from typing import Annotated, Any, Literal, TypedDict
 
 from ..core.options import Option
 from ..sensor.options import FrameOptions, Gain
-from .bands import LONGEST_NM, NARROWEST_NM, SHORTEST_NM
-from .motion import Motion
-from .passes import MOST_IN_ALL, MOST_REPEATABLE, MOST_SPP
-from .scene_edits import checked_look_at, checked_traverse
+from .light.bands import LONGEST_NM, NARROWEST_NM, SHORTEST_NM
+from .motion.motion import Motion
+from .passes.passes import MOST_IN_ALL, MOST_REPEATABLE, MOST_SPP
+from .scene.scene_edits import checked_look_at, checked_traverse
 
 
 class FileOptions(TypedDict, total=False):

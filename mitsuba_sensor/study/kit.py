@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import Exposure, check_types
-from ..render.irradiance import Irradiance
-from ..render.passes import SAMPLER
-from ..render.prepared import PreparedRender, prepare, render
+from ..render.light.irradiance import Irradiance
+from ..render.passes.passes import SAMPLER
+from ..render.passes.prepared import PreparedRender, prepare, render
 from ..sensor.camera import Camera
 
 Array = NDArray[np.float64]

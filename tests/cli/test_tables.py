@@ -19,8 +19,8 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.cli import terminal
 from mitsuba_sensor.cli.study_sheet import study_sheet
 from mitsuba_sensor.cli.tables import FittedTable, number, rough
-from mitsuba_sensor.render.requirements import RenderRequirement
-from mitsuba_sensor.render.stop_criterion import RenderProgress
+from mitsuba_sensor.render.passes.requirements import RenderRequirement
+from mitsuba_sensor.render.passes.stop_criterion import RenderProgress
 from mitsuba_sensor.study.page import Grid, Section, Table, study_of
 
 WIDTHS = (40, 60, 80, 120)

@@ -20,7 +20,7 @@ from mitsuba_sensor.dataset.reader import Dataset
 from mitsuba_sensor.dataset.repair import holdings
 from mitsuba_sensor.dataset.run import run
 from mitsuba_sensor.dataset.store import Store
-from mitsuba_sensor.render.scene_settings import parse
+from mitsuba_sensor.render.scene.scene_settings import parse
 from mitsuba_sensor.render.variants import fastest_variant
 from mitsuba_sensor.sensor.checks import as_photons
 from mitsuba_sensor.sensor.metering import electrons_of

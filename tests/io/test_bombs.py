@@ -29,9 +29,9 @@ from mitsuba_sensor.files.raw_files import read_raw
 from mitsuba_sensor.lab.manifest import read_manifest
 from mitsuba_sensor.output.importers.import_camera import import_camera
 from mitsuba_sensor.output.light_files import read_irradiance
-from mitsuba_sensor.render.aovs import render_aovs
-from mitsuba_sensor.render.motion import read_motion
-from mitsuba_sensor.render.scene_file import parse_scene
+from mitsuba_sensor.render.motion.aovs import render_aovs
+from mitsuba_sensor.render.motion.motion import read_motion
+from mitsuba_sensor.render.scene.scene_file import parse_scene
 from mitsuba_sensor.sensor.camera_check import check_camera
 from mitsuba_sensor.sensor.camera_file import load_camera
 

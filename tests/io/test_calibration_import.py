@@ -25,9 +25,9 @@ from mitsuba_sensor.optics.distortion import distortion_of
 from mitsuba_sensor.optics.f_number_law import solid_angle_sr
 from mitsuba_sensor.optics.intrinsics import image_distance_m, intrinsics
 from mitsuba_sensor.output.importers.import_camera import import_camera
-from mitsuba_sensor.render.aovs import load_for_rays
+from mitsuba_sensor.render.motion.aovs import load_for_rays
 from mitsuba_sensor.render.options import SceneOptions
-from mitsuba_sensor.render.scene_settings import parse
+from mitsuba_sensor.render.scene.scene_settings import parse
 from mitsuba_sensor.render.variants import choose_variant, use
 
 GIVEN = Calibration(640, 480, (501.25, 501.25), (325.5, 231.0625), (-0.21, 0.06, 0.004, -1e-5, -0.01))

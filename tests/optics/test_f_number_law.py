@@ -16,9 +16,9 @@ from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.optics.f_number_law import cos4, solid_angle_sr, transmittance
 from mitsuba_sensor.optics.intrinsics import View, aperture_f_number, intrinsics, magnification
-from mitsuba_sensor.render.bands import box_bands
-from mitsuba_sensor.render.prepared import render
-from mitsuba_sensor.render.scene import Scene, load_scene
+from mitsuba_sensor.render.light.bands import box_bands
+from mitsuba_sensor.render.passes.prepared import render
+from mitsuba_sensor.render.scene.scene import Scene, load_scene
 from mitsuba_sensor.render.variants import choose_variant, use
 from mitsuba_sensor.sensor.camera import Camera
 from mitsuba_sensor.sensor.camera_file import load_camera

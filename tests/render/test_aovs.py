@@ -21,11 +21,11 @@ from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.core.llvm import drjit
 from mitsuba_sensor.output.exr import read_aovs_exr, read_irradiance_exr, write_aovs_exr
-from mitsuba_sensor.render.aovs import Aovs, render_aovs
-from mitsuba_sensor.render.bands import choose_bands
-from mitsuba_sensor.render.motion import Motion, read_motion
-from mitsuba_sensor.render.passes import hashed_seed
-from mitsuba_sensor.render.scene import load_scene
+from mitsuba_sensor.render.light.bands import choose_bands
+from mitsuba_sensor.render.motion.aovs import Aovs, render_aovs
+from mitsuba_sensor.render.motion.motion import Motion, read_motion
+from mitsuba_sensor.render.passes.passes import hashed_seed
+from mitsuba_sensor.render.scene.scene import load_scene
 from mitsuba_sensor.render.variants import choose_variant, use
 from mitsuba_sensor.sensor.camera_file import load_camera
 

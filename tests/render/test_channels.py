@@ -11,9 +11,9 @@ from helpers.scenes import BALL, SCENES, SKY, both_variants, scene_text, skip_un
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.output.exr import read_irradiance_exr, write_irradiance_exr
-from mitsuba_sensor.render.bands import channel_bands, choose_bands, response_fingerprint
-from mitsuba_sensor.render.photons import collect
-from mitsuba_sensor.render.prepared import render
+from mitsuba_sensor.render.light.bands import channel_bands, choose_bands, response_fingerprint
+from mitsuba_sensor.render.light.photons import collect
+from mitsuba_sensor.render.passes.prepared import render
 from mitsuba_sensor.sensor.camera_file import load_camera
 from mitsuba_sensor.sensor.expose import expose
 

@@ -16,16 +16,16 @@ from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.core.llvm import drjit
 from mitsuba_sensor.optics.f_number_law import solid_angle_sr
-from mitsuba_sensor.render.bands import choose_bands
-from mitsuba_sensor.render.combine import _missing, combine
-from mitsuba_sensor.render.denoise import is_noisy
-from mitsuba_sensor.render.filter_bands import bands_of_filters
-from mitsuba_sensor.render.guides import most_rays, noise_share, scrambled_points, sobol_points, traced
-from mitsuba_sensor.render.network import TURNS, Network
-from mitsuba_sensor.render.photons import photons_per_irradiance
-from mitsuba_sensor.render.prepared import prepare, render
-from mitsuba_sensor.render.scene import load_scene
-from mitsuba_sensor.render.stop_criterion import stop_criterion_of
+from mitsuba_sensor.render.denoise.combine import _missing, combine
+from mitsuba_sensor.render.denoise.denoise import is_noisy
+from mitsuba_sensor.render.denoise.filter_bands import bands_of_filters
+from mitsuba_sensor.render.denoise.guides import most_rays, noise_share, scrambled_points, sobol_points, traced
+from mitsuba_sensor.render.denoise.network import TURNS, Network
+from mitsuba_sensor.render.light.bands import choose_bands
+from mitsuba_sensor.render.light.photons import photons_per_irradiance
+from mitsuba_sensor.render.passes.prepared import prepare, render
+from mitsuba_sensor.render.passes.stop_criterion import stop_criterion_of
+from mitsuba_sensor.render.scene.scene import load_scene
 from mitsuba_sensor.render.variants import choose_variant, use
 from mitsuba_sensor.sensor.camera_file import load_camera
 

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from helpers.scenes import skip_unless_usable, write_scene
 
-from mitsuba_sensor.render.bands import box_bands
-from mitsuba_sensor.render.scene import load_scene
-from mitsuba_sensor.render.scene_file import POLARISING, parse_scene
+from mitsuba_sensor.render.light.bands import box_bands
+from mitsuba_sensor.render.scene.scene import load_scene
+from mitsuba_sensor.render.scene.scene_file import POLARISING, parse_scene
 from mitsuba_sensor.render.variants import choose_variant, use
 from mitsuba_sensor.sensor.camera_file import load_camera
 

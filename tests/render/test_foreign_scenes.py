@@ -15,9 +15,9 @@ from helpers.scenes import BALL, PERSPECTIVE, SKY, both_variants, scene_text, sk
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.optics.f_number_law import solid_angle_sr
 from mitsuba_sensor.optics.intrinsics import aperture_f_number, magnification
-from mitsuba_sensor.render.bands import box_bands
-from mitsuba_sensor.render.scene import load_scene
-from mitsuba_sensor.render.scene_file import parse_scene
+from mitsuba_sensor.render.light.bands import box_bands
+from mitsuba_sensor.render.scene.scene import load_scene
+from mitsuba_sensor.render.scene.scene_file import parse_scene
 from mitsuba_sensor.render.variants import choose_variant, use
 from mitsuba_sensor.sensor.camera_file import load_camera
 

@@ -13,10 +13,10 @@ from helpers.scenes import BALL, both_variants, scene_text, skip_unless_usable, 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.files.ply_colours import largest_colour
-from mitsuba_sensor.render.finding import Finding
-from mitsuba_sensor.render.metal_tables import metal_table
-from mitsuba_sensor.render.scene import inspect_scene
-from mitsuba_sensor.render.scene_nodes import parse_nodes
+from mitsuba_sensor.render.lint.finding import Finding
+from mitsuba_sensor.render.lint.metal_tables import metal_table
+from mitsuba_sensor.render.scene.scene import inspect_scene
+from mitsuba_sensor.render.scene.scene_nodes import parse_nodes
 from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
 
 VISIBLE = ms.load_camera("konnik_table1")  # 400 to 700 nm

@@ -21,12 +21,12 @@ from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.core.units import photon_energy_j
 from mitsuba_sensor.optics import spectra
-from mitsuba_sensor.render import bands as film
-from mitsuba_sensor.render import passes
-from mitsuba_sensor.render.bands import box_bands
-from mitsuba_sensor.render.photons import photons_per_irradiance
-from mitsuba_sensor.render.prepared import prepare, render
-from mitsuba_sensor.render.scene import Scene
+from mitsuba_sensor.render.light import bands as film
+from mitsuba_sensor.render.light.bands import box_bands
+from mitsuba_sensor.render.light.photons import photons_per_irradiance
+from mitsuba_sensor.render.passes import passes
+from mitsuba_sensor.render.passes.prepared import prepare, render
+from mitsuba_sensor.render.scene.scene import Scene
 from mitsuba_sensor.render.variants import choose_variant, use
 from mitsuba_sensor.sensor.camera_file import load_camera
 from mitsuba_sensor.sensor.effects.dark_current import mean_dark_e

@@ -19,8 +19,8 @@ from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.optics.f_number_law import solid_angle_sr
 from mitsuba_sensor.optics.intrinsics import aperture_f_number, chief_ray_heights, intrinsics
 from mitsuba_sensor.optics.paraxial import cardinal_points
-from mitsuba_sensor.render.bands import box_bands
-from mitsuba_sensor.render.scene import Scene, load_scene
+from mitsuba_sensor.render.light.bands import box_bands
+from mitsuba_sensor.render.scene.scene import Scene, load_scene
 from mitsuba_sensor.render.variants import choose_variant, use
 from mitsuba_sensor.sensor.camera import Camera
 from mitsuba_sensor.sensor.camera_file import load_camera

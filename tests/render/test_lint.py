@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from helpers.scenes import BALL, SCENES, SHIPPED, both_variants, scene_text, skip_unless_usable, write_scene
 
-from mitsuba_sensor.render.lint import Finding
-from mitsuba_sensor.render.scene import inspect_scene
+from mitsuba_sensor.render.lint.lint import Finding
+from mitsuba_sensor.render.scene.scene import inspect_scene
 from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
 from mitsuba_sensor.sensor.camera import Camera
 from mitsuba_sensor.sensor.camera_file import load_camera
@@ -325,8 +325,8 @@ def test_the_gravest_comes_first_and_lines_are_counted(tmp_path: Path) -> None:
 
 
 def test_findings_become_the_notes_of_a_render(tmp_path: Path) -> None:
-    from mitsuba_sensor.render.bands import box_bands
-    from mitsuba_sensor.render.scene import load_scene
+    from mitsuba_sensor.render.light.bands import box_bands
+    from mitsuba_sensor.render.scene.scene import load_scene
 
     path = write_scene(tmp_path, clean(POINT, more='<float name="far_clip" value="4.5"/>'))
     scene = load_scene(path, box_bands(VISIBLE, np.array([400.0, 700.0])), {})

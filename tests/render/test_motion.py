@@ -23,13 +23,13 @@ from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.core.llvm import drjit
 from mitsuba_sensor.core.options import complete
 from mitsuba_sensor.optics.shutter import STEP_PX, Shutter, phase_of_pass, shutter_of, subframes
-from mitsuba_sensor.render import moving_scene
-from mitsuba_sensor.render.bands import choose_bands
-from mitsuba_sensor.render.motion import Motion, read_motion
-from mitsuba_sensor.render.moving_scene import AnimatedTransforms, MovingScene, subframes_of_pass
+from mitsuba_sensor.render.light.bands import choose_bands
+from mitsuba_sensor.render.motion import moving_scene
+from mitsuba_sensor.render.motion.motion import Motion, read_motion
+from mitsuba_sensor.render.motion.moving_scene import AnimatedTransforms, MovingScene, subframes_of_pass
 from mitsuba_sensor.render.options import RenderOptions
-from mitsuba_sensor.render.passes import hashed_seed
-from mitsuba_sensor.render.scene import Scene, load_scene
+from mitsuba_sensor.render.passes.passes import hashed_seed
+from mitsuba_sensor.render.scene.scene import Scene, load_scene
 from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
 from mitsuba_sensor.sensor.camera_file import load_camera
 

@@ -11,10 +11,10 @@ import pytest
 from helpers.scenes import SCENES, scene_text, skip_unless_usable, write_scene
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.render.noisy_pixels import GROWTH, MOST_TIMES, NoisyPixels, fewest_samples
-from mitsuba_sensor.render.per_frame import render_frames
-from mitsuba_sensor.render.prepared import prepare
-from mitsuba_sensor.render.scene import Scene
+from mitsuba_sensor.render.passes.noisy_pixels import GROWTH, MOST_TIMES, NoisyPixels, fewest_samples
+from mitsuba_sensor.render.passes.per_frame import render_frames
+from mitsuba_sensor.render.passes.prepared import prepare
+from mitsuba_sensor.render.scene.scene import Scene
 
 CAMERA = ms.load_camera("konnik_table1")
 BAYER = ms.load_camera("bayer_2mp")

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from mitsuba_sensor.render.passes import MOST_SPP, Welford, clean, hashed_seed, pass_plan, row_strips
+from mitsuba_sensor.render.passes.passes import MOST_SPP, Welford, clean, hashed_seed, pass_plan, row_strips
 from mitsuba_sensor.render.variants import choose_variant, use
 
 

@@ -11,7 +11,7 @@ import pytest
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.signals import Photons
 from mitsuba_sensor.core.units import photon_energy_j
-from mitsuba_sensor.render.photons import photons_per_irradiance
+from mitsuba_sensor.render.light.photons import photons_per_irradiance
 
 CAMERA = ms.load_camera("konnik_table1")
 EXPOSURE = ms.Exposure(0.1)

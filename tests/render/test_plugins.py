@@ -17,10 +17,10 @@ from helpers.scenes import BALL, SCENES, SKY, both_variants, read_settings, scen
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.optics.intrinsics import aperture_f_number, image_distance_m, magnification
-from mitsuba_sensor.render import plugins
-from mitsuba_sensor.render.bands import box_bands, channel_bands
-from mitsuba_sensor.render.prepared import render
-from mitsuba_sensor.render.scene import Scene, load_scene
+from mitsuba_sensor.render.light.bands import box_bands, channel_bands
+from mitsuba_sensor.render.passes.prepared import render
+from mitsuba_sensor.render.plugins import plugins
+from mitsuba_sensor.render.scene.scene import Scene, load_scene
 from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
 from mitsuba_sensor.sensor.camera_file import load_camera
 from mitsuba_sensor.sensor.metering import Metering

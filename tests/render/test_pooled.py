@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mitsuba_sensor.core import Float64Array
-from mitsuba_sensor.render.pooled import pooled
+from mitsuba_sensor.render.passes.pooled import pooled
 
 PASSES = 8
 

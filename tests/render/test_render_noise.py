@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.render.irradiance import RenderedFor
-from mitsuba_sensor.render.render_noise import noise_note, render_noise, samples_for
+from mitsuba_sensor.render.light.irradiance import RenderedFor
+from mitsuba_sensor.render.light.render_noise import noise_note, render_noise, samples_for
 
 CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.1)
 

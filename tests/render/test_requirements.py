@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.render.requirements import render_requirements
+from mitsuba_sensor.render.passes.requirements import render_requirements
 from mitsuba_sensor.sensor.gains import gain_dn_per_e
 
 TABLE1 = ms.load_camera("konnik_table1")

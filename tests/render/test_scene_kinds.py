@@ -11,7 +11,7 @@ from helpers.scenes import BALL, SCENES, SKY, both_variants, scene_text, skip_un
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.errors import InputError
-from mitsuba_sensor.render import plugins
+from mitsuba_sensor.render.plugins import plugins
 from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
 
 CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.1)

@@ -12,11 +12,11 @@ from helpers.scenes import BALL, SCENES, SHIPPED, SKY, read_settings, scene_text
 
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
-from mitsuba_sensor.render.bands import box_bands
-from mitsuba_sensor.render.irradiance import Irradiance
-from mitsuba_sensor.render.photons import collect
-from mitsuba_sensor.render.prepared import render
-from mitsuba_sensor.render.scene import load_scene
+from mitsuba_sensor.render.light.bands import box_bands
+from mitsuba_sensor.render.light.irradiance import Irradiance
+from mitsuba_sensor.render.light.photons import collect
+from mitsuba_sensor.render.passes.prepared import render
+from mitsuba_sensor.render.scene.scene import load_scene
 from mitsuba_sensor.render.variants import choose_variant, use
 from mitsuba_sensor.sensor.camera_file import load_camera
 

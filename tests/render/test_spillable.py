@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mitsuba_sensor.render import spillable
-from mitsuba_sensor.render.spillable import Spillable, on_disk
+from mitsuba_sensor.render.passes import spillable
+from mitsuba_sensor.render.passes.spillable import Spillable, on_disk
 
 SHAPES = ((7, 5, 3), (11, 2))
 pytestmark = pytest.mark.skipif(not spillable.CAN_SPILL, reason="memory is given back where the system has madvise")

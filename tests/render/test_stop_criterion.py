@@ -13,12 +13,12 @@ from helpers.scenes import SCENES
 
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
-from mitsuba_sensor.render import stop_criterion
-from mitsuba_sensor.render.irradiance import Irradiance
-from mitsuba_sensor.render.passes import FEWEST, MOST_SPP, whole_grid
-from mitsuba_sensor.render.prepared import prepare, render
-from mitsuba_sensor.render.scene import Scene
-from mitsuba_sensor.render.stop_criterion import FIRST_LOOK, PASS_SPP, StopCriterion, stop_criterion_of
+from mitsuba_sensor.render.light.irradiance import Irradiance
+from mitsuba_sensor.render.passes import stop_criterion
+from mitsuba_sensor.render.passes.passes import FEWEST, MOST_SPP, whole_grid
+from mitsuba_sensor.render.passes.prepared import prepare, render
+from mitsuba_sensor.render.passes.stop_criterion import FIRST_LOOK, PASS_SPP, StopCriterion, stop_criterion_of
+from mitsuba_sensor.render.scene.scene import Scene
 from mitsuba_sensor.sensor.camera_file import load_camera
 
 CAMERA, EXPOSURE = load_camera("konnik_table1"), Exposure(0.02)

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 import mitsuba_sensor as ms
 from mitsuba_sensor.cli import app
 from mitsuba_sensor.core.errors import InputError
-from mitsuba_sensor.render.aovs import render_aovs
+from mitsuba_sensor.render.motion.aovs import render_aovs
 from mitsuba_sensor.render.variants import mitsuba, variant_restored
 
 CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.1)

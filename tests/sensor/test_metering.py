@@ -14,7 +14,7 @@ from helpers.scenes import SCENES, SKY, scene_text, write_scene
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.errors import InputError
-from mitsuba_sensor.render.photons import metered
+from mitsuba_sensor.render.light.photons import metered
 from mitsuba_sensor.sensor.effects.dark_current import mean_dark_e
 from mitsuba_sensor.sensor.metering import PERCENTILE, SHARE, Metering, saturation_e
 

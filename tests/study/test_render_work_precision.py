@@ -24,11 +24,11 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.cli.study_sheet import study_sheet
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.lab.estimators import slope_of_runs
-from mitsuba_sensor.render.bands import choose_bands
-from mitsuba_sensor.render.passes import MOST_IN_ALL, pass_plan
-from mitsuba_sensor.render.prepared import prepare
-from mitsuba_sensor.render.renderer import Renderer
-from mitsuba_sensor.render.stop_criterion import StopCriterion
+from mitsuba_sensor.render.light.bands import choose_bands
+from mitsuba_sensor.render.passes.passes import MOST_IN_ALL, pass_plan
+from mitsuba_sensor.render.passes.prepared import prepare
+from mitsuba_sensor.render.passes.renderer import Renderer
+from mitsuba_sensor.render.passes.stop_criterion import StopCriterion
 from mitsuba_sensor.render.variants import Variant
 from mitsuba_sensor.study.kit import Kit, Subject
 from mitsuba_sensor.study.page import Plot, Section, Study

@@ -10,8 +10,8 @@ from pathlib import Path
 
 from ...core import InputError, require, require_seed
 from ...lab.estimators import as_normal, spread, z_limit
-from ...render.requirements import render_requirements
-from ...render.stop_criterion import stop_criterion_of
+from ...render.passes.requirements import render_requirements
+from ...render.passes.stop_criterion import stop_criterion_of
 from ...render.variants import restores_variant
 from ...sensor.gains import gain_dn_per_e
 from ..frames import QUANTITIES, Replicas

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from ...core.options import part_of
 from ...lab.estimators import standard_error
 from ...optics.f_number_law import solid_angle_sr
-from ...render.aovs import render_aovs
-from ...render.irradiance import Irradiance
+from ...render.light.irradiance import Irradiance
+from ...render.motion.aovs import render_aovs
 from ...render.options import SceneOptions
-from ...render.passes import hashed_seed, whole_grid
-from ...render.prepared import PreparedRender
-from ...render.requirements import direct_integrator, without_depth_of_field, without_indirect_light
-from ...render.stop_criterion import StopCriterion
+from ...render.passes.passes import hashed_seed, whole_grid
+from ...render.passes.prepared import PreparedRender
+from ...render.passes.requirements import direct_integrator, without_depth_of_field, without_indirect_light
+from ...render.passes.stop_criterion import StopCriterion
 from ...sensor.gains import gain_dn_per_e
 from ..kit import Array, Known, Subject, Values, in_turns, one_turn
 from .sensor import FEWEST_PIXELS, WORST

@@ -12,8 +12,8 @@ import numpy as np
 
 from ...core import Exposure, Photons
 from ...lab.estimators import Spread, as_normal, spread, standard_error, z_limit
-from ...render.irradiance import Irradiance
-from ...render.photons import collect
+from ...render.light.irradiance import Irradiance
+from ...render.light.photons import collect
 from ...sensor.camera import Camera
 from ...sensor.plan import plan
 from ...sensor.run import choose_backend

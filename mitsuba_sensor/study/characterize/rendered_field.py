@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from ...core import Exposure
 from ...optics.f_number_law import transmittance
-from ...render.photons import collect
-from ...render.prepared import render
+from ...render.light.photons import collect
+from ...render.passes.prepared import render
 from ...sensor.camera import Camera
 
 Array = NDArray[np.float64]

@@ -16,9 +16,9 @@ from scipy import stats
 from ... import Exposure, Irradiance, Stage, collect, expose, load_camera, render
 from ...core import Array, Electrons, Frame, Moments, SensorWindow
 from ...core.units import BOLTZMANN_J_PER_K, ELEMENTARY_CHARGE_C, LIGHT_SPEED_M_PER_S, PLANCK_J_S, photon_energy_j
-from ...render.bands import Bands, box_bands
-from ...render.photons import photons_per_irradiance
-from ...render.scene import load_scene
+from ...render.light.bands import Bands, box_bands
+from ...render.light.photons import photons_per_irradiance
+from ...render.scene.scene import load_scene
 from ...render.variants import MitsubaObject, choose_variant, mitsuba, use
 from ...sensor.effects.dark_current import mean_dark_e
 from ...sensor.stage import propagate

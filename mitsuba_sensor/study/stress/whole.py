@@ -17,7 +17,7 @@ from ... import Camera, Exposure, Photons, collect, expose, load_camera, plan
 from ...core import Float64Array, Frame, Moments, SensorWindow
 from ...core.backend import FLOAT32_LIMIT
 from ...files.texts import to_json
-from ...render.passes import clean
+from ...render.passes.passes import clean
 from ...sensor.chain import black_level_dn
 from ...sensor.gains import adc_gain_dn_per_v
 from .case import CASES as TABLES

@@ -18,12 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import Exposure, Frame, Photons, SensorWindow
-from ...render.denoise import LEAST_PASSES
-from ...render.irradiance import Irradiance
-from ...render.passes import Welford
-from ...render.per_frame import NOISIEST, TARGET, UNCOMPENSATED
-from ...render.statistics import median_bias
-from ...render.stop_criterion import StopCriterion
+from ...render.denoise.denoise import LEAST_PASSES
+from ...render.light.irradiance import Irradiance
+from ...render.passes.passes import Welford
+from ...render.passes.per_frame import NOISIEST, TARGET, UNCOMPENSATED
+from ...render.passes.statistics import median_bias
+from ...render.passes.stop_criterion import StopCriterion
 from ...sensor.compensation import compensable
 from ...sensor.effects.dark_current import mean_dark_e
 from ...sensor.expose import expose
@@ -33,7 +33,9 @@ from .settings import Block, RenderSetting, Series, in_blocks
 
 REFERENCE_S = 15.0  # seconds that each reference may take, as its first passes tell
 STEP, PILOT = 0.01, 8  # relative, of the light, for the slope of the DN; passes whose spread tells how noisy one is
-FEWEST_COMPENSATED = 8  # passes from which a variance can be compensated: 7 degrees of freedom (render/per_frame.py)
+FEWEST_COMPENSATED = (
+    8  # passes from which a variance can be compensated: 7 degrees of freedom (render/passes/per_frame.py)
+)
 TINY = float(np.finfo(float).tiny)
 PLAIN, COMPENSATED, DENOISED = "plain", "compensated", "denoised"  # what is done about the render's noise
 
@@ -131,7 +133,7 @@ def frame_exposure(series: Series, target: Target, passes: int) -> FrameExposure
     shown = target.seen & (noise <= np.quantile(noise[target.seen], 1 - NOISIEST))
 
     def enough(share: float, count: float) -> bool:
-        """Whether so many passes are quiet enough at a share of the exposure, as render/per_frame.py decides."""
+        """Whether so many passes are quiet enough at a share of the exposure, as render/passes/per_frame.py decides."""
         light, dark = share * target.own.electrons[shown], share * dark_e
         variance = share**2 * one_pass_e2[shown] / count  # electrons go with the exposure, this with its square
         total = np.maximum(light + dark, TINY)

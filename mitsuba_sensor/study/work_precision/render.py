@@ -15,10 +15,10 @@ from scipy.interpolate import make_interp_spline
 
 from ...core import InputError, Photons, require
 from ...lab.estimators import Slope, slope_of_runs
-from ...render.network import library
-from ...render.passes import FEWEST, MOST_IN_ALL, SAMPLER
-from ...render.photons import collect
-from ...render.stop_criterion import stop_criterion_of
+from ...render.denoise.network import library
+from ...render.light.photons import collect
+from ...render.passes.passes import FEWEST, MOST_IN_ALL, SAMPLER
+from ...render.passes.stop_criterion import stop_criterion_of
 from ...render.variants import use
 from ..kit import Array, Kit, Step, Subject
 from . import errors

@@ -19,20 +19,20 @@ from scipy.stats import poisson
 from ...core import Float64Array, InputError, NumpyArray, Photons, arrays, types
 from ...core.backend import Backend
 from ...core.llvm import backend_problem
-from ...render.bands import GROUP, NARROWEST_NM, Bands
-from ...render.passes import SAMPLER, hashed_seed
-from ...render.photons import photons_per_irradiance
-from ...render.prepared import PreparedRender
-from ...render.renderer import Renderer
-from ...render.row_strip import Kept
-from ...render.stop_criterion import PASS_SPP, StopCriterion
+from ...render.light.bands import GROUP, NARROWEST_NM, Bands
+from ...render.light.photons import photons_per_irradiance
+from ...render.passes.passes import SAMPLER, hashed_seed
+from ...render.passes.prepared import PreparedRender
+from ...render.passes.renderer import Renderer
+from ...render.passes.row_strip import Kept
+from ...render.passes.stop_criterion import PASS_SPP, StopCriterion
 from ...render.variants import Variant, choose_variant, mitsuba
 from ...sensor.run import choose_backend
 from ..frames import BACKENDS
 from ..kit import Array, Subject
 
 OTHERS = {"independent": 16, "stratified": 16, "orthogonal": 25, "ldsampler": 16}  # samples that each keeps
-SIZES = (4, 64, 256)  # samples per pass beside the package's first 16 (render/stop_criterion.py)
+SIZES = (4, 64, 256)  # samples per pass beside the package's first 16 (render/passes/stop_criterion.py)
 EXACT, QUANTILE, GAUSSIAN, MEAN_ONLY, GENERATOR = "exact", "quantile", "Gaussian", "mean only", "NumPy Generator"
 SAMPLERS = (EXACT, QUANTILE, GAUSSIAN, MEAN_ONLY, GENERATOR)
 OWN = SAMPLERS[:2]  # what the package offers: in float64 SciPy's exact quantile, in float32 its own quantile function

@@ -1,0 +1,220 @@
+"""Bands and film: a render's spectral channels (adjacent bands, one band or colour filters), one film channel each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+
+from ...core import Float64Array, InputError, require
+from ...optics.f_number_law import transmittance
+from ...sensor.camera import Camera
+from ...sensor.fingerprint import response_fingerprint
+from ..variants import MitsubaObject, mitsuba
+from .flat_response import film_response
+
+SHORTEST_NM, LONGEST_NM = 200.0, 1100.0  # range of silicon sensors
+NARROWEST_NM = 0.5  # below it the float32 nodes of a band lose accuracy
+BANDWIDTH_NM = 10.0  # of each band, unless asked otherwise
+GROUP = 4  # wavelengths that Mitsuba samples for one path
+NODES = 17  # of a box in a cube; the density of wavelengths has the same nodes
+STEPS_NM = (1.0, 0.5, 0.25, 0.2, 0.1, 0.05)  # of tabulated responses, linear in between: the first that meets all kinks
+DENSITY_STEPS = 64  # see round_wavelength_density
+NOTHING = 1e-30  # in place of 0
+SPECTRAL = ("auto", "cube", "channels")
+BandKind = Literal["cube", "single", "channels"]
+
+
+@dataclass(frozen=True, eq=False)
+class Bands:
+    """The channels of one film.
+
+    kind : "cube" or "single", boxes of height 1, with the lens's transmission still to be applied; or "channels", one
+        response T(λ)·QE(λ)·λ/λ_ref per colour filter, so that ∫E dλ of a channel at λ_ref gives the photoelectrons.
+    edges_nm : (B + 1,) of the boxes; for channels the two ends of the camera's band.
+    wavelengths_nm, bandwidths_nm : (B,) centres and widths; λ_ref and 1 nm for every channel.
+    responses : of the channels of the film, Mitsuba spectra: (B,), and behind them of ``filters`` colour filters for
+        every group of bands, like those of kind "channels" (film_channels.py).
+    transmission : (B,) of the lens, still to be applied; 1 where it is part of the responses.
+    response : None, or the fingerprint of the camera whose filters are in the responses.
+    grouped : whether bands are rendered in groups of four: less noise in each band, more in their sum.
+    """
+
+    kind: BandKind
+    edges_nm: Float64Array
+    wavelengths_nm: Float64Array
+    bandwidths_nm: Float64Array
+    responses: tuple[Mapping[str, object], ...]
+    transmission: Float64Array
+    response: str | None = None
+    grouped: bool = False
+    filters: int = 0
+
+    @property
+    def reference_nm(self) -> float:
+        """λ_ref of the colour filters: the middle of all bands."""
+        return float(self.edges_nm[0] + self.edges_nm[-1]) / 2
+
+    @property
+    def scale(self) -> Float64Array:
+        """Irradiance over what the film has, (B + filters,): T/Δλ of a band, 1 of a filter."""
+        return np.append(self.transmission / self.bandwidths_nm, np.ones(self.filters))
+
+    @property
+    def groups(self) -> tuple[slice, ...]:
+        """The channels that share light paths: four bands at a time where they are ``grouped``, else all.
+
+        Mitsuba samples four equidistant wavelengths per path: of four equal bands each gets exactly one, of thirty most
+        get none. That is noise of each band, but less noise of the sum over all, which a frame of this camera measures.
+        """
+        if not self.grouped or len(self) <= GROUP:
+            return (slice(0, len(self)),)
+        return tuple(slice(k, min(k + GROUP, len(self))) for k in range(0, len(self), GROUP))
+
+    @property
+    def ends_nm(self) -> tuple[float, float]:
+        """Where the first channel begins, and where the last one ends."""
+        return float(self.edges_nm[0]), float(self.edges_nm[-1])
+
+    def ends_of(self, group: slice) -> tuple[float, float]:
+        """Where the first band of a group begins, and where its last one ends."""
+        return float(self.edges_nm[group.start]), float(self.edges_nm[group.stop])
+
+    def __len__(self) -> int:
+        return len(self.wavelengths_nm)
+
+
+def choose_bands(camera: Camera, wavelength_nm: float | None, bandwidth_nm: float, spectral: str) -> Bands:
+    """The channels for a render of this camera. Raises InputError.
+
+    wavelength_nm : centre of a single band.
+    spectral : "auto", adjacent bands of ``bandwidth_nm`` over the camera's band (the last one may be narrower), least
+        noise in this camera's frame; "cube", the same bands, least noise in each; "channels", its colour filters.
+    """
+    if spectral not in SPECTRAL:
+        raise InputError(f"spectral is {spectral!r}; it must be one of {', '.join(SPECTRAL)}.")
+    if spectral == "channels":
+        if wavelength_nm is not None:
+            raise InputError(
+                "spectral is 'channels' and wavelength_nm is given; a single band has no colour filters: "
+                "leave one of them out."
+            )
+        return channel_bands(camera)
+    width = require("bandwidth_nm", bandwidth_nm, NARROWEST_NM, LONGEST_NM - SHORTEST_NM, "nanometres, e.g. 10")
+    if wavelength_nm is not None:
+        centre = require("wavelength_nm", wavelength_nm, SHORTEST_NM, LONGEST_NM, "nanometres, e.g. 550")
+        return box_bands(camera, np.array([centre - width / 2, centre + width / 2]))
+    low, high = (float(v) for v in camera.band_nm)
+    count = max(math.ceil((high - low) / width - 1e-9), 1)
+    bands = box_bands(camera, np.append(low + width * np.arange(count), high))
+    return replace(bands, grouped=spectral == "cube" and bands.kind == "cube")
+
+
+def box_bands(camera: Camera, edges_nm: Float64Array) -> Bands:
+    """Adjacent boxes of height 1 between the edges, (B + 1,): ∫L dλ over each; ∫T·L dλ behind a coloured lens.
+
+    A box is a ``regular`` spectrum: an ``irregular`` one needs a search for every sample and band (a 30-band film was
+    1.5 to 1.7 times slower with it), and ``uniform`` cannot be a response.
+    """
+    edges = edges_nm.tolist()
+    width = max(edges[1] - edges[0], 1e-9)
+    centres = (edges_nm[:-1] + edges_nm[1:]) / 2
+    kind: BandKind = "cube" if len(centres) > 1 else "single"
+    if camera.lens.transmission_curve is not None:
+        lens = tuple(_lens_response(camera, low, high) for low, high in pairwise(edges))
+        return Bands(kind, edges_nm, centres, np.diff(edges_nm), lens, np.ones(len(centres)))
+    boxes = tuple(
+        _regular(low, high, [1.0] * (NODES if len(edges) > GROUP + 1 and high - low > 0.999 * width else 2))
+        for low, high in pairwise(edges)
+    )
+    return Bands(kind, edges_nm, centres, np.diff(edges_nm), boxes, transmittance(camera, centres))
+
+
+def channel_bands(camera: Camera) -> Bands:
+    """One response per colour filter, T(λ)·QE(λ)·λ/λ_ref, of the pixels behind it (paper eq. 12 and 14)."""
+    if camera.quantum_efficiency.quantum_yield is not None:
+        raise InputError("spectral is 'channels' and the camera has a quantum_yield, which needs bands; take 'cube'.")
+    low, high = (float(v) for v in camera.band_nm)
+    reference_nm = (low + high) / 2
+    responses = filter_responses(camera, low, high, reference_nm)
+    ones = np.ones(len(responses))
+    fingerprint, ends = response_fingerprint(camera), np.array([low, high])
+    return Bands("channels", ends, reference_nm * ones, ones, responses, ones, fingerprint)
+
+
+def filter_responses(
+    camera: Camera, low_nm: float, high_nm: float, reference_nm: float
+) -> tuple[dict[str, object], ...]:
+    """T(λ)·QE(λ)·λ/λ_ref of every filter from one wavelength to another, 0 beyond them."""
+    nodes = _nodes(camera, low_nm, high_nm)
+    curves = np.atleast_2d(camera.qe(nodes)) * transmittance(camera, nodes) * nodes / reference_nm
+    return tuple(_regular(low_nm, high_nm, curve.tolist()) for curve in curves)
+
+
+def _lens_response(camera: Camera, low_nm: float, high_nm: float) -> dict[str, object]:
+    """T(λ) from one wavelength to another, 0 beyond them."""
+    nodes = _nodes(camera, low_nm, high_nm)
+    return _regular(low_nm, high_nm, transmittance(camera, nodes).tolist())
+
+
+def _nodes(camera: Camera, low_nm: float, high_nm: float) -> Float64Array:
+    """Equidistant wavelengths, among them the points of the camera's curves where these are on a grid of 0.05 nm."""
+    points = np.array([*camera.quantum_efficiency.wavelengths_nm, *(camera.lens.transmission_wavelengths_nm or ())])
+    kinks = np.append(points[(points > low_nm) & (points < high_nm)], high_nm) - low_nm
+    met = (step for step in STEPS_NM if np.allclose(kinks / step, np.round(kinks / step), atol=1e-6))
+    return np.linspace(low_nm, high_nm, max(math.ceil((high_nm - low_nm) / next(met, STEPS_NM[-1]) - 1e-6), 1) + 1)
+
+
+def _regular(low_nm: float, high_nm: float, values: list[float]) -> dict[str, object]:
+    """A Mitsuba spectrum of equidistant nodes; Mitsuba refuses one that is 0 everywhere."""
+    text = ", ".join(repr(float(v)) for v in (values if any(values) else [NOTHING] * len(values)))
+    return {"type": "regular", "wavelength_min": low_nm, "wavelength_max": high_nm, "values": text}
+
+
+def response_film(responses: Sequence[Mapping[str, object]], size: Mapping[str, int | str]) -> MitsubaObject:
+    """A specfilm with one channel ∫ response·L dλ for each response (a Mitsuba spectrum)."""
+    channels = {f"band{k:04d}": film_response(response) for k, response in enumerate(responses)}  # in order of names
+    film = mitsuba().load_dict(
+        {"type": "specfilm", "component_format": "float32", "rfilter": {"type": "box"}, **size, **channels}
+    )
+    round_wavelength_density(film)
+    return film
+
+
+def restrict_wavelengths(film: MitsubaObject, low_nm: float, high_nm: float) -> None:
+    """Sample wavelengths only, and uniformly, between two edges of bands, without compiling a kernel. The density is
+    linear between its nodes: a few samples fall into a sixteenth of a band on either side, and are lost."""
+    parameters = mitsuba().traverse(film.sensor_response_function())
+    first, last = (float(x) for x in parameters["range"])
+    nodes = np.linspace(first, last, len(parameters["values"]))
+    step = (last - first) / (len(nodes) - 1)
+    _set_density(parameters, ((nodes > low_nm - 0.25 * step) & (nodes < high_nm + 0.25 * step)).astype(float))
+
+
+def take_wavelengths_of(film: MitsubaObject, other: MitsubaObject) -> None:
+    """From now on sample wavelengths for another film with the same channels as for this one."""
+    mine, others = (mitsuba().traverse(one.sensor_response_function()) for one in (film, other))
+    values = np.array(mine["values"], dtype=float)
+    if not np.array_equal(values, np.array(others["values"], dtype=float)):
+        _set_density(others, values)
+
+
+def round_wavelength_density(film: MitsubaObject) -> None:
+    """Round the density from which the film samples wavelengths, so that its inversion in float32 is accurate.
+
+    Mitsuba 3.9.1 inverts the density in float32 with a formula that cancels where neighbouring nodes are nearly, but
+    not exactly, equal: adjacent bands of height 1 ± 3e-7 come out 1 … 2 instead of 1, without visible noise. Rounded
+    to 64 steps, neighbours are equal or clearly different. It stays unbiased: the film divides by the same density.
+    """
+    parameters = mitsuba().traverse(film.sensor_response_function())
+    values = np.array(parameters["values"], dtype=float)
+    _set_density(parameters, np.maximum(np.round(values / values.max() * DENSITY_STEPS), 1))
+
+
+def _set_density(parameters: MitsubaObject, values: Float64Array) -> None:
+    parameters["values"] = type(parameters["values"])(values.tolist())
+    parameters.update()

@@ -1,0 +1,104 @@
+"""The film's channels: bands, and beside them the colour filters of the camera, whose photoelectrons are then exact.
+
+A band holds the light of all its wavelengths together, so the photoelectrons that it frees are known only for an
+assumed spectrum. The filters' own responses are therefore integrated too, on the same light paths.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core import Exposure, Float64Array
+from ...sensor.camera import Camera
+from ...sensor.fingerprint import pixel_fingerprint
+from ..passes.passes import hashed_seed
+from .bands import Bands, filter_responses
+from .photons import electrons_per_irradiance, photons_per_irradiance
+
+if TYPE_CHECKING:
+    from ..motion.moving_scene import MovingScene
+    from ..scene.scene import Scene
+
+FACTORS = (0.0, 1e3)  # a band frees at most so many times what a flat spectrum does; beyond it is rounding
+
+
+def with_filters(bands: Bands, camera: Camera) -> Bands:
+    """The bands, and the responses of the camera's filters in each group of bands that is rendered for itself."""
+    if bands.kind == "channels":
+        return bands
+    curves = [r for g in bands.groups for r in filter_responses(camera, *bands.ends_of(g), bands.reference_nm)]
+    count = len(camera.quantum_efficiency.curves)
+    return replace(bands, responses=(*bands.responses, *curves), filters=count, response=pixel_fingerprint(camera))
+
+
+def electrons_of_film(camera: Camera, exposure: Exposure, bands: Bands) -> Float64Array:
+    """Photoelectrons behind each filter from 1 W m⁻² in each channel of the film, (F, B + filters); from bands only
+    where the film has no filters."""
+    per_band = electrons_per_irradiance(camera, exposure, bands)
+    if not bands.filters:
+        return per_band
+    (photons,) = photons_per_irradiance(camera, exposure, [bands.reference_nm], [1.0])
+    return np.concatenate([np.zeros_like(per_band), photons * np.eye(bands.filters)], axis=1)
+
+
+def radiance_of(
+    scene: Scene | MovingScene,
+    bands: Bands,
+    groups: tuple[slice, ...],
+    seed: int,
+    samples: int,
+    rows: tuple[int, int],
+    count: int,
+) -> NDArray[np.float32]:
+    """Passes of some rows, the groups of bands one after the other, (rows, columns × count, B + filters): see
+    :meth:`scene.Scene.render`."""
+    if len(groups) == 1:
+        if bands.kind == "cube":
+            scene.restrict_wavelengths(*bands.ends_nm)
+        return folded([scene.render(seed, samples, rows, count)], groups, bands)
+
+    def of_group(number: int) -> NDArray[np.float32]:
+        scene.restrict_wavelengths(*bands.ends_of(groups[number]))
+        return scene.render(hashed_seed(seed, number, 0), samples, rows, count)
+
+    return folded((of_group(number) for number in range(len(groups))), groups, bands)
+
+
+def folded(images: Iterable[NDArray[np.float32]], groups: tuple[slice, ...], bands: Bands) -> NDArray[np.float32]:
+    """Renders of groups of bands → (H, W, B + filters). images : (H, W, channels of the film), one for each group."""
+    parts, filters = list[NDArray[np.float32]](), np.zeros(1, np.float32)
+    count, sets = len(bands), len(bands.groups)
+    if sets == 1:
+        (image,) = images
+        return image
+    for number, (group, image) in enumerate(zip(groups, images, strict=True)):
+        parts.append(image[..., group])
+        of_groups = image[..., count:].reshape(*image.shape[:2], sets, bands.filters)
+        filters = filters + np.asarray(of_groups.sum(axis=2) if len(groups) < sets else of_groups[:, :, number])
+    return np.concatenate([*parts, filters], axis=-1)
+
+
+def of_own_filter(per_filter: NDArray[np.floating], tile: NDArray[np.integer], origin: tuple[int, int]) -> Float64Array:
+    """(H, W, F), or (H, W, 1) for all filters, as each pixel's own filter has it, (H, W).
+
+    tile : filter numbers that repeat over the sensor.  origin : (row, column) of the first pixel on it.
+    """
+    if per_filter.shape[2] == 1:
+        return np.asarray(per_filter[..., 0], np.float64)
+    found, (down, right) = np.empty(per_filter.shape[:2]), tile.shape
+    for row, column in np.ndindex(tile.shape):
+        here = slice((row - origin[0]) % down, None, down), slice((column - origin[1]) % right, None, right)
+        found[here] = per_filter[*here, tile[row, column]]
+    return found
+
+
+def in_band_factor(electrons: NDArray[np.floating], bands: NDArray[np.floating]) -> NDArray[np.float32]:
+    """Photoelectrons over those of the bands with a flat spectrum in each, (H, W); 1 where that is no number."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        factor = electrons / bands
+    return np.where(np.isfinite(factor), np.clip(factor, *FACTORS), 1.0).astype(np.float32)

@@ -1,0 +1,113 @@
+"""Light from elsewhere: bands or RGB radiance of another program, as irradiance at the focal plane of a camera.
+
+Radiance in front of the lens becomes irradiance by the f-number law of the camera, E = L·T(λ)·Ω. RGB becomes a spectrum
+as Mitsuba does it for its own emitters: the smooth spectrum of Jakob & Hanika 2019, "A Low-Dimensional Function Space
+for Efficient Spectral Upsampling", doi:10.1111/cgf.13626, of the colour over twice its largest component, times that
+and D65.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core import Float64Array, InputError, require
+from ...optics import spectra
+from ...optics.f_number_law import solid_angle_sr, transmittance
+from ...optics.intrinsics import View
+from ...sensor.camera import Camera
+from ..lint.scene_spectra import MITSUBA_NM
+from ..passes.passes import clean
+from ..passes.statistics import RenderStatistics
+from ..variants import any_spectral_variant, mitsuba, restores_variant, use
+from .bands import BANDWIDTH_NM
+from .irradiance import Irradiance
+
+D65_OF_WHITE = 98.99741751876255  # D65 over this [W m⁻² sr⁻¹ nm⁻¹] is RGB (1, 1, 1): MI_CIE_D65_NORMALIZATION
+
+
+class Bands(NamedTuple):
+    """values : (H, W, B) per nm.  wavelengths_nm, bandwidths_nm : (B,) centres and widths."""
+
+    values: NDArray[np.float32]
+    wavelengths_nm: Float64Array
+    bandwidths_nm: Float64Array
+
+
+def upsampled(rgb: NDArray[np.floating[Any]], camera: Camera) -> Bands:
+    """Spectral radiance [W m⁻² sr⁻¹ nm⁻¹] of linear sRGB (H, W, 3), in bands of 10 nm that the camera detects."""
+    low_nm, high_nm = (float(np.clip(end, *MITSUBA_NM)) for end in camera.band_nm)
+    count = max(math.ceil((high_nm - low_nm) / BANDWIDTH_NM), 1)
+    edges_nm = np.linspace(low_nm, high_nm, count + 1)
+    centres_nm, widths_nm = 0.5 * (edges_nm[1:] + edges_nm[:-1]), np.diff(edges_nm)
+    largest = 2 * rgb.max(axis=-1, keepdims=True)
+    colours = np.divide(rgb, largest, out=np.zeros(rgb.shape, np.float32), where=largest > 0)
+    a, b, c = np.moveaxis(_coefficients(colours.astype(np.float32)), -1, 0)
+    daylight, values = spectra.d65(centres_nm) / D65_OF_WHITE, np.empty((*rgb.shape[:2], count), np.float32)
+    for band, nm in enumerate(centres_nm):
+        slope = (a * nm + b) * nm + c
+        with np.errstate(invalid="ignore"):
+            share = np.where(np.isinf(slope), np.sign(slope), slope / np.sqrt(1 + slope**2))
+        values[..., band] = largest[..., 0] * daylight[band] * (0.5 + 0.5 * share)
+    return Bands(values, centres_nm, widths_nm)
+
+
+@restores_variant
+def _coefficients(colours: NDArray[np.float32]) -> Float64Array:
+    """(H, W, 3) of the model, as Mitsuba's textures have them."""
+    mi = use(any_spectral_variant())
+    settings = {"raw": False, "filter_type": "nearest", "format": "variant"}
+    padded = np.pad(colours, ((0, 1), (0, 1), (0, 0)), mode="edge")  # a texture has 2 × 2 pixels at least
+    texture = mi.load_dict({"type": "bitmap", "bitmap": mi.Bitmap(np.ascontiguousarray(padded)), **settings})
+    return np.array(mitsuba().traverse(texture)["data"], dtype=np.float64).reshape(padded.shape)[:-1, :-1]
+
+
+def behind_lens(bands: Bands, camera: Camera, fov_deg: float | None) -> tuple[Bands, str]:
+    """Irradiance of radiance in front of the lens, and what was assumed. fov_deg : horizontal field of view; None where
+    it is not known: no cos⁴. Raises InputError for a lens that needs rays."""
+    (rows, columns), lens = bands.values.shape[:2], camera.lens
+    if lens.prescription is not None or lens.distortion or lens.distortion_percent is not None:
+        way_out = "take a camera whose lens has neither prescription nor distortion"
+        raise InputError(f"only a render follows the lens of {camera.name}, and this light is rendered; {way_out}.")
+    half_width, how = 0.0, "without cos⁴, because no field of view is given"
+    if fov_deg is not None:
+        fov_deg = require("fov_deg", fov_deg, 0.0, 179.0, "degrees, e.g. 40")
+        half_width, how = math.tan(math.radians(fov_deg) / 2), f"cos⁴ for {fov_deg:g} degrees across"
+    solid_angle = solid_angle_sr(View((columns, rows), (columns, rows), half_width=half_width), camera)
+    factor = solid_angle[..., None] * transmittance(camera, bands.wavelengths_nm)
+    return bands._replace(
+        values=(bands.values * factor).astype(np.float32)
+    ), f"lens at f/{camera.lens.f_number:g}, {how}"
+
+
+def irradiance_of(bands: Bands, notes: tuple[str, ...], sha256: str) -> Irradiance:
+    """Irradiance whose errors are not known. Values that are no light become 0 and are counted; +inf stays."""
+    found = clean(bands.values)
+    data = found.values.astype(np.float32)
+    if found.infinite is not None:
+        data[found.infinite] = np.inf
+    statistics = RenderStatistics(
+        passes=0,
+        samples_per_pixel=0,
+        seconds=0.0,
+        variant="",
+        sampler="",
+        spectral="cube" if data.shape[2] > 1 else "single",
+        noise_ratio_median=0.0,
+        noise_ratio_p95=0.0,
+        noise_ratio_max=0.0,
+        noise_ratio_asked=None,
+        ended_by="read",
+        reliable=False,
+        firefly_fraction=0.0,
+        negative=found.negative,
+        non_finite=found.non_finite,
+        notes=(*notes, "the noise of a render in it is not known, and remains in the frames"),
+        scene_sha256=sha256,
+        aperture_f_number=None,
+    )
+    errors = np.zeros_like(data), np.zeros(data.shape[:2], np.float32)
+    return Irradiance(data, bands.wavelengths_nm, bands.bandwidths_nm, *errors, statistics)

@@ -1,0 +1,68 @@
+"""A result of the check of a scene: how serious it is, where it is in the file, and what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+from ...core import Doubt
+from ..scene.scene_file import SceneFile
+from ..variants import MitsubaObject
+
+Range: TypeAlias = tuple[float, float]
+
+ORDER = ("black", "wrong", "note")
+MOST_LINES = 4  # named in one finding
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One result of the check.
+
+    level : "black", radiance that is missing; "wrong", a value with another meaning than expected;
+        or "note".
+    where : lines in the scene file.  what : description.  remedy : what to do, or what was done.
+    data_nm : the wavelengths for which there are data, where the finding is that they end; else None.
+    """
+
+    level: Literal["black", "wrong", "note"]
+    where: str
+    what: str
+    remedy: str
+    data_nm: Range | None = None
+
+    def __str__(self) -> str:
+        return f"{self.what} ({self.where}); {self.remedy}"
+
+    @property
+    def as_note(self) -> str:
+        """The sentence among the notes of a render: a doubt where something is black or wrong."""
+        return str(self) if self.level == "note" else Doubt(self)
+
+    def to_dict(self) -> dict[str, str]:
+        """Plain values, ready for JSON."""
+        return {"level": self.level, "where": self.where, "what": self.what, "remedy": self.remedy}
+
+
+def most_serious_first(findings: Iterable[Finding]) -> list[Finding]:
+    """The findings, black before wrong before notes."""
+    return sorted(findings, key=lambda finding: ORDER.index(finding.level))
+
+
+def lines_of(scene: SceneFile, nodes: list[MitsubaObject]) -> str:
+    """``line 3``, ``lines 3, 9 and 4 more``.
+
+    A look-up reads the file, so only the named ones are looked up.
+    """
+    named = list(dict.fromkeys(scene.where(node) for node in nodes[:MOST_LINES]))
+    more = f" and {len(nodes) - MOST_LINES} more" if len(nodes) > MOST_LINES else ""
+    lines = [place.removeprefix("line ") for place in named if place.startswith("line ")]
+    if len(lines) < len(named):  # of included files, or of a dict
+        return f"{', '.join(named)}{more}"
+    return f"line{'s' * (len(lines) > 1)} {', '.join(lines)}{more}"
+
+
+def places(count: int) -> str:
+    """``1 place``, ``2 places``."""
+    return f"{count} place{'s' * (count > 1)}"

@@ -1,0 +1,95 @@
+"""Refuses scene files that cannot be rendered into spectral bands, and says what to do instead."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from typing import NoReturn
+
+from ...core import InputError
+from ...files.raw_files import require_plausible_picture
+from ..scene.scene_file import POLARISING, SceneFile, as_input_error
+from ..scene.scene_settings import FILM, SENSOR
+from ..variants import mitsuba
+from .finding import Finding, Range
+
+SENSORS = ("perspective", "thinlens", "orthographic", SENSOR)
+SCALAR_ONLY = ("timed_sunsky",)  # Dr.Jit refuses to trace it, and every render of the process after that
+PICTURES = ("bitmap", "envmap")  # whose file is one
+WITH_FILES = ("Shape", "Texture", "Emitter", "Volume", "BSDF", "Medium", "PhaseFunction")
+# Plugins that cannot be used, and what to do instead.
+UNSUITABLE = {
+    "depth": "computes no radiance; take --integrator path (integrator='path')",
+    "volprim_rf_basic": "renders radiance fields of red, green and blue and no spectra; take --integrator path "
+    "(integrator='path')",
+    "ptracer": "starts its paths at the emitters and cannot write spectral bands; take --integrator path "
+    "(integrator='path')",
+} | dict.fromkeys(
+    POLARISING, "acts on polarised light, which is not simulated; for unpolarised light take --ignore-polarization"
+)
+
+
+def refuse_unsuitable(scene: SceneFile) -> None:
+    """InputError for a sensor, integrator or material that cannot be rendered into spectral bands."""
+    if (kind := scene.sensor().props.plugin_name()) not in SENSORS:
+        many = ", ".join(SENSORS)
+        raise InputError(f"scene {scene.name!r} has a sensor of type {kind!r}; it must be one of {many}.")
+    for node in scene.nodes("Integrator", "BSDF"):
+        if (kind := node.props.plugin_name()) in UNSUITABLE and not (scene.ignore_polarization and kind in POLARISING):
+            raise InputError(f"scene {scene.name!r}, {scene.where(node)}: {kind!r} {UNSUITABLE[kind]}.")
+    for node in scene.nodes("Emitter"):
+        kind, variant = node.props.plugin_name(), mitsuba().variant()
+        if kind in SCALAR_ONLY and not variant.startswith("scalar"):
+            why = f"{kind!r} of Mitsuba 3.9.1 fails in {variant}; take --variant scalar_spectral"
+            raise InputError(f"scene {scene.name!r}, {scene.where(node)}: {why}.")
+
+
+def refuse_missing_files(scene: SceneFile) -> None:
+    """InputError that names all missing meshes, textures and tables."""
+    missing = dict[str, str]()
+    for node in scene.nodes(*WITH_FILES):
+        name = node.props.get("filename", None)
+        if not isinstance(name, str):
+            continue
+        file = Path(str(scene.resolver.resolve(name)))
+        if not os.path.isfile(file):
+            missing.setdefault(name, scene.where(node))
+        elif node.props.plugin_name() in PICTURES:
+            require_plausible_picture(file)
+    if missing:
+        named = ", ".join(f"{name} ({line})" for name, line in missing.items())
+        files = f"{len(missing)} files" if len(missing) > 1 else "a file"
+        where = "look in the folder of the scene, or name another with <path value=…/>"
+        raise InputError(f"scene {scene.name!r} lacks {files}: {named}; {where}.")
+
+
+def refuse_black(band_nm: Range, lost: int, findings: Iterable[Finding]) -> NoReturn:
+    """InputError for a picture in which nothing is above 0, with what may be the cause.
+
+    lost : values of single passes that were NaN.
+    """
+    what = f"the scene is black from {band_nm[0]:g} to {band_nm[1]:g} nm"
+    remedy = "give it an emitter that lights what the sensor sees, with a spectrum there"
+    if lost:
+        what = f"{what}: {lost} values of its light were NaN and all others are 0"
+        remedy = "look for NaN in textures and environment maps, and for metals whose eta and k end"
+    serious = [f"{finding.what} ({finding.where})" for finding in findings if finding.level != "note"]
+    if serious:
+        remedy = f"perhaps because {', or because '.join(serious)}; otherwise {remedy}"
+    raise InputError(f"{what}; {remedy}.")
+
+
+def refuse_misspelt(scene: SceneFile) -> None:
+    """InputError for unknown types and parameters of film, filter and sampler, which Mitsuba never sees because they
+    are replaced. Those of old formats may be unknown."""
+    mi, versions = mitsuba(), [str(version) for version in scene.state.versions]  # none of a dict
+    for node in scene.nodes("Film", "Sampler", "ReconstructionFilter"):
+        kind, props = node.props.plugin_name(), node.props
+        if kind == FILM or (versions and versions[node.file_index] < "3"):
+            continue
+        nested = [name for name, _ in scene.children(props)]
+        own = {name: props[name] for name in props if name not in nested}
+        channel = {"channel": {"type": "d65"}} if kind == "specfilm" else {}  # it needs one
+        with as_input_error(scene.path, f"({scene.where(node)}) "):
+            mi.load_dict({"type": kind, **own, **channel})

@@ -1,0 +1,177 @@
+"""Findings about the spectra of a scene: those that end inside the bands, and values that cannot be.
+
+Outside 360 to 830 nm Mitsuba's own emitters are zero by default, sun and sky outside 320 to 720 nm; a
+table is zero outside its nodes. A reflectance above 1 makes light, and Mitsuba renders it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from itertools import chain
+from typing import NamedTuple
+
+import numpy as np
+
+from ...sensor.camera import Camera
+from ..scene.scene_file import SceneFile
+from ..variants import MitsubaObject
+from .electron_share import share_of_flat_light
+from .finding import Finding, Range, lines_of, places
+from .scene_spectra import MITSUBA_NM, STRENGTHS, SUNS, Picture, SceneSpectra
+
+TOLERANCE_NM = 1e-3
+TOLERANCE = 1e-6  # of a reflectance of 1, in float32
+SKIES = ("envmap", *SUNS)
+INDICES = ("eta", "k")  # of metals: without them everything is reflected
+FRACTIONS: tuple[str, ...] = ("reflectance", "diffuse_reflectance", "specular_reflectance")
+FRACTIONS += ("specular_transmittance", "base_color", "albedo")
+"""Properties of materials and media that are the share of the light that comes back."""
+PERCENT, COUNTS = 100.0, 255.0
+LEAST_PERCENT = 2.0  # the largest value of a fraction that is more likely a mistake than a percentage
+
+
+class Band(NamedTuple):
+    """The wavelengths of all bands together, and the camera that they are for, where it is known."""
+
+    low_nm: float
+    high_nm: float
+    camera: Camera | None = None
+
+    def is_inside(self, data_nm: Range) -> bool:
+        """Whether there are data in the whole band."""
+        return data_nm[0] <= self.low_nm + TOLERANCE_NM and data_nm[1] >= self.high_nm - TOLERANCE_NM
+
+    def beyond(self, data_nm: Range) -> str:
+        """Where the bands are, and how much the camera detects where there are no data."""
+        extent = f"the bands extend from {self.low_nm:g} to {self.high_nm:g} nm"
+        if self.camera is None:
+            return extent
+        return extent + share_of_flat_light(self.camera, (self.low_nm, self.high_nm), data_nm)
+
+
+def spectrum_findings(scene: SceneFile, spectra: SceneSpectra, band: Band) -> Iterator[Finding]:
+    """Spectra that end inside the bands, floats that mean D65, and values that cannot be."""
+    checks = (_incomplete, _metals, _colours, _float_lights, _impossible)
+    return chain.from_iterable(check(scene, spectra, band) for check in checks)
+
+
+def _incomplete(scene: SceneFile, spectra: SceneSpectra, band: Band) -> Iterator[Finding]:
+    lights = [(node, "light", data_nm) for node, data_nm in spectra.lights]
+    incomplete: dict[tuple[str, Range, str], list[MitsubaObject]] = {}
+    for node, name, data_nm in chain(lights, spectra.materials):
+        if not band.is_inside(data_nm):
+            incomplete.setdefault((name, data_nm, _more_data(node, band)), []).append(node)
+    for (name, data_nm, remedy), nodes in incomplete.items():
+        label = name if name == "light" else repr(name)
+        where = f"outside {data_nm[0]:g} to {data_nm[1]:g} nm"
+        if name in INDICES:
+            what = f"{label} in {places(len(nodes))} is 0 {where}, where a metal then reflects everything or is NaN"
+            yield Finding("wrong", lines_of(scene, nodes), f"{what}; {band.beyond(data_nm)}", remedy, data_nm)
+        else:
+            what = f"{label} in {places(len(nodes))} is black {where}; {band.beyond(data_nm)}"
+            yield Finding("black", lines_of(scene, nodes), what, remedy, data_nm)
+
+
+def _more_data(node: MitsubaObject, band: Band) -> str:
+    """What to do about a spectrum that ends."""
+    if (kind := node.props.plugin_name()) in SKIES:
+        return f"{kind!r} has no more data: add another light from {band.low_nm:g} to {band.high_nm:g} nm"
+    return f"give it pairs of wavelength and value from {band.low_nm:g} to {band.high_nm:g} nm"
+
+
+def _metals(scene: SceneFile, spectra: SceneSpectra, band: Band) -> Iterator[Finding]:
+    short: dict[tuple[str, Range], list[MitsubaObject]] = {}
+    for node, material, data_nm in spectra.metals:
+        if not band.is_inside(data_nm):
+            short.setdefault((material, data_nm), []).append(node)
+    for (material, data_nm), nodes in short.items():
+        ends = f"{data_nm[0]:.5g} to {data_nm[1]:.5g} nm"
+        what = f"Mitsuba's table of {material!r} in {places(len(nodes))} has {ends}; {band.beyond(data_nm)}"
+        remedy = "its first and last values are held beyond; give eta and k if you know them there"
+        yield Finding("note", lines_of(scene, nodes), what, remedy, data_nm)
+
+
+def _colours(scene: SceneFile, spectra: SceneSpectra, band: Band) -> Iterator[Finding]:
+    low, high = MITSUBA_NM
+    if spectra.colours and (band.low_nm < low or band.high_nm > high):
+        what = f"rgb in {places(len(spectra.colours))} is extrapolated outside {low:g} to {high:g} nm, to 0 or to 1"
+        what = f"{what}; {band.beyond(MITSUBA_NM)}"
+        yield Finding("wrong", lines_of(scene, spectra.colours), what, "give measured spectra", MITSUBA_NM)
+
+
+def _float_lights(scene: SceneFile, spectra: SceneSpectra, _: Band) -> Iterator[Finding]:
+    """Floats that mean D65 (#1579)."""
+    if spectra.float_lights:
+        what = f"a float in {places(len(spectra.float_lights))} gives the spectrum of D65, not a flat one"
+        remedy = 'write <spectrum name="radiance" value="..."/> for the same value at every wavelength'
+        yield Finding("wrong", lines_of(scene, spectra.float_lights), what, remedy)
+
+
+class Extremes(NamedTuple):
+    """The smallest and largest finite value of a spectrum in the bands.
+
+    not_finite : how many values are NaN or infinite.
+    is_clamped : whether Mitsuba takes 0 or 1 for what is outside.
+    """
+
+    node: MitsubaObject
+    name: str
+    least: float
+    largest: float
+    not_finite: int
+    is_clamped: bool
+
+
+def _extremes(nodes: Iterable[MitsubaObject], spectra: SceneSpectra, band: Band) -> Iterator[Extremes]:
+    for node in nodes:
+        for name in node.props:
+            for numbers in spectra.numbers(node.props[name]):
+                if isinstance(numbers, Picture):
+                    values, is_clamped = numbers.values, numbers.values.shape[1] > 1
+                else:
+                    values, is_clamped = numbers.between(band.low_nm, band.high_nm), False
+                finite = values[np.isfinite(values)]
+                ends = (float(finite.min(initial=np.inf)), float(finite.max(initial=-np.inf)))
+                yield Extremes(node, name, *ends, values.size - finite.size, is_clamped)
+
+
+def _impossible(scene: SceneFile, spectra: SceneSpectra, band: Band) -> Iterator[Finding]:
+    """Surfaces and media that return more light than they receive, negative light, and NaN."""
+    surfaces = list(_extremes(spectra.surfaces, spectra, band))
+    lights = list(_extremes(spectra.emitters, spectra, band))
+    fractions = [values for values in (*surfaces, *lights) if values.name in FRACTIONS]
+    strengths = [values for values in lights if values.name in STRENGTHS]
+    for is_clamped in (False, True):
+        effect = "Mitsuba takes 1 instead" if is_clamped else "more light is sent out than comes in"
+        too_large = [v for v in fractions if v.largest > 1 + TOLERANCE and v.is_clamped == is_clamped]
+        for name, same in _by_name(too_large):
+            largest = max(values.largest for values in same)
+            what = f"{name!r} in {places(len(same))} is as large as {largest:g}: {effect}"
+            yield Finding("wrong", _lines(scene, same), what, remedy_of_fraction(largest))
+    for name, same in _by_name([values for values in (*fractions, *strengths) if values.least < 0]):
+        least = min(values.least for values in same)
+        what = f"{name!r} in {places(len(same))} is as small as {least:g}: no light is negative"
+        yield Finding("wrong", _lines(scene, same), what, "give values of 0 and more")
+    for name, same in _by_name([values for values in (*surfaces, *lights) if values.not_finite]):
+        what = f"{name!r} in {places(len(same))} has {sum(v.not_finite for v in same)} values that are not finite"
+        yield Finding("wrong", _lines(scene, same), what, "give it finite values")
+
+
+def _by_name(extremes: Iterable[Extremes]) -> Iterator[tuple[str, list[Extremes]]]:
+    groups: dict[str, list[Extremes]] = {}
+    for values in extremes:
+        groups.setdefault(values.name, []).append(values)
+    yield from groups.items()
+
+
+def _lines(scene: SceneFile, extremes: Iterable[Extremes]) -> str:
+    return lines_of(scene, [values.node for values in extremes])
+
+
+def remedy_of_fraction(largest: float) -> str:
+    """What to do with a fraction above 1."""
+    if largest <= LEAST_PERCENT or largest > COUNTS:
+        return "give values from 0 to 1"
+    if largest <= PERCENT:
+        return "if it is in percent, divide it by 100"
+    return "if it counts from 0 to 255, divide it by 255"

@@ -1,0 +1,140 @@
+"""AOVs of a frame: depth, position, normal, albedo, shape index and optical flow of each pixel.
+
+A pass of its own: one ray through the centre of each pixel and of the pupil, without averaging at edges, pixel-aligned
+with the frame (same film, crop, lens). With a rolling shutter every row shows the scene at the time when it opens.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Unpack
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core import Exposure, Float64Array, InputError, check_types
+from ...core.options import complete, documents
+from ...optics.shutter import Shutter, shutter_of
+from ...sensor.camera import Camera
+from ..light.bands import LONGEST_NM, SHORTEST_NM, choose_bands
+from ..options import SceneOptions
+from ..passes.passes import row_strips
+from ..scene.scene import Scene, load_scene
+from ..scene.scene_file import SceneFile
+from ..scene.scene_nodes import SceneInput
+from ..scene.scene_settings import parse
+from ..variants import restores_variant
+from .motion import Motion, read_motion
+from .moving_scene import AnimatedTransforms
+from .rays import first_hits
+
+RowProgress = Callable[[int, int], None]
+SAMPLES_PER_RAY = 4  # samples of a render that take the memory of one ray of this pass
+
+
+@dataclass(frozen=True, eq=False)
+class Aovs:
+    """The AOVs of a frame. All arrays are float32, lengths are metres.
+
+    "Empty" are pixels whose ray meets no surface, or to which the lens passes no light.
+
+    depth_m : (H, W) distance from the camera along its optical axis; +inf where empty.
+    position_m : (H, W, 3) in world space; NaN where empty.
+    normal : (H, W, 3) unit shading normal in world space, as the surface has it (outwards); 0 where empty.
+    albedo : (H, W, 3) diffuse reflectance at equal energy, mean over 600–700, 500–600 and 400–500 nm; 0 for
+        metals, clear glass and where empty.
+    shape_index : (H, W) whole number, index of the shape in the scene file, from 0; −1 where empty.
+    flow_px : (H, W, 2) optical flow to the right and down [pixels]: how far the point moves while its row is open, by
+        the motion of the camera and of its own shape; the background is infinitely far. NaN where it ends behind the
+        camera. Beyond the film a measured distortion is that of the edge.
+    shapes : name of each shape, its id or its type and index.
+    """
+
+    depth_m: NDArray[np.float32]
+    position_m: NDArray[np.float32]
+    normal: NDArray[np.float32]
+    albedo: NDArray[np.float32]
+    shape_index: NDArray[np.float32]
+    flow_px: NDArray[np.float32]
+    shapes: tuple[str, ...]
+    scene_sha256: str
+
+
+@documents(SceneOptions)
+@restores_variant
+def render_aovs(
+    scene: SceneInput,
+    camera: Camera,
+    *,
+    exposure: Exposure | None = None,
+    progress: RowProgress | None = None,
+    **options: Unpack[SceneOptions],
+) -> Aovs:
+    """The AOVs of a scene file, aligned with the frame that :func:`render.passes.prepared.render` makes of it.
+
+    exposure : for how long the shutter is open, which a motion needs.
+    progress : called with (rows done, rows in all), also once before the first.
+    In scalar variants rays are traced one by one: 0.3 ms per pixel with a motion, and 0.01 ms in LLVM.
+    Raises InputError.
+    """
+    check_types(camera, Exposure(0.0) if exposure is None else exposure)
+    chosen = complete(SceneOptions, options)
+    if chosen["motion"] is not None and exposure is None:
+        raise InputError("a motion is given and no exposure; pass exposure=Exposure(time_s) for the optical flow.")
+    moved = read_motion(chosen["motion"])
+    parsed = parse(scene, chosen)
+    metres, shutter = parsed.settings.metres(chosen["scene_unit"]), shutter_of(camera, exposure or Exposure(0.0))
+    loaded = load_for_rays(parsed.file, camera, chosen["scene_unit"], chosen["width"])
+    return aovs_of(loaded, moved, metres or 1.0, shutter, progress)
+
+
+def load_for_rays(file: SceneFile, camera: Camera, scene_unit: str | float | None, width: int | None) -> Scene:
+    """The scene at rest with one band, which is enough where rays are traced and no light."""
+    bands = choose_bands(camera, None, LONGEST_NM - SHORTEST_NM, "auto")
+    return load_scene(file, bands, {}, camera, scene_unit, width=width)
+
+
+def aovs_of(scene: Scene, motion: Motion, unit_m: float, shutter: Shutter, progress: RowProgress | None = None) -> Aovs:
+    """The AOVs of a scene that is loaded. unit_m : metres per scene unit."""
+    with AnimatedTransforms(scene, motion, unit_m) as transforms:
+        arrays = _trace(transforms, shutter, progress)
+    arrays["depth_m"] *= np.float32(unit_m)
+    arrays["position_m"] *= np.float32(unit_m)
+    shapes = enumerate(scene.mitsuba_scene.shapes())
+    names = tuple(shape.id() or f"{shape.class_name().lower()} {k}" for k, shape in shapes)
+    return Aovs(**arrays, shapes=names, scene_sha256=scene.sha256)
+
+
+def _trace(
+    transforms: AnimatedTransforms, shutter: Shutter, progress: RowProgress | None = None
+) -> dict[str, NDArray[np.float32]]:
+    """All arrays, strip by strip; row by row where the rows show the scene at different times."""
+    (columns, rows), (left, top) = transforms.scene.view.crop_size, transforms.scene.view.crop_offset
+    row_by_row = shutter.row_time_s > 0 and transforms.motion != Motion()
+    strips = [(r, r + 1) for r in range(rows)] if row_by_row else row_strips((columns, rows), 1, SAMPLES_PER_RAY)
+    parts, report = [], progress or (lambda done, total: None)
+    report(0, rows)
+    for first, last in strips:
+        start_s = float(shutter.start_s(first + top)) if row_by_row else 0.0
+        transforms.set_time(start_s)
+        grid = np.meshgrid(left + np.arange(columns) + 0.5, top + np.arange(first, last) + 0.5)
+        arrays = _trace_pixels(transforms, np.stack(grid, axis=-1).reshape(-1, 2), start_s, start_s + shutter.open_s)
+        shape = (last - first, columns)
+        parts.append({k: v.astype(np.float32).reshape(*shape, *v.shape[1:]) for k, v in arrays.items()})
+        report(last, rows)
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def _trace_pixels(
+    transforms: AnimatedTransforms, pixels: Float64Array, from_s: float, to_s: float
+) -> dict[str, Float64Array | NDArray[np.intp]]:
+    """The arrays of Aovs at pixels (N, 2), flat."""
+    camera, flow = transforms.camera_at(from_s), np.zeros_like(pixels)
+    hits = first_hits(transforms.scene, camera, pixels, albedo=True)
+    axis = camera[:3, 2] / np.linalg.norm(camera[:3, 2])
+    if transforms.motion != Motion():
+        flow = transforms.reproject(hits.points, hits.shape, pixels, from_s, to_s) - pixels
+    depth = np.asarray(np.where(hits.found, (hits.position - camera[:3, 3]) @ axis, np.inf))
+    arrays = {"depth_m": depth, "position_m": hits.position, "normal": hits.normal, "albedo": hits.albedo}
+    return {**arrays, "shape_index": hits.shape, "flow_px": flow}

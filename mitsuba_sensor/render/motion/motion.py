@@ -1,0 +1,232 @@
+"""Rigid motions of the camera and of the objects of a scene over time, read from a TOML file.
+
+Lengths are metres in world space, time 0 is when the first row of the film opens. Camera and objects have either
+constant velocities or key poses, relative to their pose in the scene file::
+
+    [camera]
+    velocity_m_per_s = [0.5, 0, 0]     # constant
+    rotate_deg_per_s = 20              # right-handed about axis, through pivot_m (by default the camera's position)
+    axis = [0, 1, 0]
+
+    [objects.fan]                      # the id of a shape in the scene file
+    rotate_deg_per_s = 720
+    axis = [0, 0, 1]
+    pivot_m = [0, 0.2, -1]             # required for an object that rotates
+
+    [[objects.ball.keys]]              # linear, and by the shorter arc, between keys; constant before and after
+    time_s = 0
+    [[objects.ball.keys]]
+    time_s = 0.02
+    move_m = [0.1, 0, 0]
+    turn_deg = 30                      # about axis, through the object's pivot_m
+    axis = [0, 0, 1]
+
+A key of the camera may instead give its pose in the world: ``origin_m`` and ``target_m`` (``up`` is [0, 1, 0] if not
+given), or ``to_world``, four rows of four numbers.
+"""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Mapping
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+import numpy as np
+import scipy
+from numpy.typing import ArrayLike
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
+
+from ...core import Float64Array, InputError
+from ...core.small_files import require_small, toml_tables
+from ...sensor.datasheet import FileTable
+from ...sensor.datasheet_errors import sentence
+
+LARGEST = 1e30  # the square of it is a number
+Number = Annotated[
+    float,
+    BeforeValidator(lambda x: x.tolist() if hasattr(x, "tolist") else x),
+    Field(strict=True, ge=-LARGEST, le=LARGEST),
+]
+Vector = Annotated[tuple[Number, ...], Field(min_length=3, max_length=3)]
+Matrix = Annotated[
+    tuple[Annotated[tuple[Number, ...], Field(min_length=4, max_length=4)], ...], Field(min_length=4, max_length=4)
+]
+ZERO = (0.0, 0.0, 0.0)
+AXIS = Field(None, description="direction of the axis of rotation", examples=[[0, 1, 0]])
+ROTATION_TOLERANCE = 1e-4  # accepts a matrix that is printed with five digits
+
+
+class KeyPose(FileTable):
+    """A pose at a time: relative to the scene file, or in the world (camera only)."""
+
+    time_s: Number = Field(ge=-1e9, le=1e9, description="seconds from the start of the exposure", examples=[0.01])
+    move_m: Vector = Field(ZERO, description="movement from the pose in the scene file [m]", examples=[[0.1, 0, 0]])
+    turn_deg: Number | None = Field(None, description="rotation about axis [degrees]", examples=[30])
+    axis: Vector | None = AXIS
+    origin_m: Vector | None = Field(None, description="position of the camera in the world [m]", examples=[[0, 1, 4]])
+    target_m: Vector | None = Field(None, description="a point that it looks at [m]", examples=[[0, 1, 0]])
+    up: Vector = Field((0.0, 1.0, 0.0), description="direction that is up in the image", examples=[[0, 1, 0]])
+    to_world: Matrix | None = Field(
+        None, description="pose of the camera, four rows of four numbers", examples=[np.eye(4, dtype=int).tolist()]
+    )
+
+    @model_validator(mode="after")
+    def _one_pose(self) -> Self:
+        world = self.model_fields_set & {"origin_m", "target_m", "up", "to_world"}
+        relative = self.model_fields_set & {"move_m", "turn_deg", "axis"}
+        if world and (relative or (world - {"up"} != {"origin_m", "target_m"} and world != {"to_world"})):
+            raise ValueError("must have one of move_m and turn_deg, origin_m and target_m, or to_world")
+        _rotation_vector(self.turn_deg, self.axis, "turn_deg")
+        _ = self.pose  # raises what is wrong with it
+        return self
+
+    @property
+    def pose(self) -> Float64Array | None:
+        """4×4 to the world, from to_world or from origin and target (axes: left, up, forward); None if relative."""
+        if self.to_world is None and self.origin_m is None:
+            return None
+        matrix: Float64Array = np.eye(4) if self.to_world is None else np.array(self.to_world)
+        if self.to_world is None:
+            origin, target, up = (np.array(vector) for vector in (self.origin_m, self.target_m, self.up))
+            forward = target - origin
+            left = np.cross(up, forward)
+            if np.linalg.norm(left) < 1e-9 * np.linalg.norm(up) * np.linalg.norm(forward) or not left.any():
+                raise ValueError("target_m is at origin_m, or up is along the view; change target_m or up")
+            axes = [left, np.cross(forward, left), forward]
+            matrix[:3] = np.column_stack([*(axis / np.linalg.norm(axis) for axis in axes), origin])
+        turn = matrix[:3, :3]
+        rigid = np.allclose(turn @ turn.T, np.eye(3), atol=ROTATION_TOLERANCE) and np.linalg.det(turn) > 0
+        if not rigid or matrix[3, 3] != 1:
+            raise ValueError("to_world is not a rotation and a translation; remove scale, shear and mirroring")
+        return matrix
+
+    def relative(
+        self, start: Float64Array, pivot: Float64Array
+    ) -> tuple[Float64Array, scipy.spatial.transform.Rotation]:
+        """Translation of the pivot, and rotation, from the pose ``start`` of the scene file to this one."""
+        if self.pose is None:
+            return np.array(self.move_m), scipy.spatial.transform.Rotation.from_rotvec(
+                _rotation_vector(self.turn_deg, self.axis, "turn_deg")
+            )
+        rigid = start.copy()  # without scale or mirroring (an orthographic zoom)
+        rigid[:3, :3] /= np.linalg.norm(start[:3, :3], axis=0)
+        rigid[:3, 0] *= np.sign(np.linalg.det(start[:3, :3]))
+        whole = self.pose @ np.linalg.inv(rigid)
+        turn = scipy.spatial.transform.Rotation.from_matrix(whole[:3, :3])
+        return whole[:3, 3] + turn.as_matrix() @ pivot - pivot, turn
+
+
+class RigidMotion(FileTable):
+    """The motion of the camera.  pivot_m : fixed point of its rotation; None is the camera's own position."""
+
+    velocity_m_per_s: Vector = Field(ZERO, description="constant velocity [m/s]", examples=[[0.5, 0, 0]])
+    rotate_deg_per_s: Number | None = Field(None, description="constant rotation about axis [degree/s]", examples=[20])
+    axis: Vector | None = AXIS
+    pivot_m: Vector | None = Field(None, description="fixed point of the rotation [m]", examples=[[0, 0, 0]])
+    keys: tuple[KeyPose, ...] = Field((), description="a list of tables with time_s", examples=[[{"time_s": 0}]])
+
+    @model_validator(mode="after")
+    def _one_motion(self) -> Self:
+        if bool(self.model_fields_set & {"velocity_m_per_s", "rotate_deg_per_s", "axis"}) == bool(self.keys):
+            raise ValueError("must have either velocity_m_per_s or rotate_deg_per_s, or keys, and not both")
+        for before, after in pairwise(key.time_s for key in self.keys):
+            if after <= before:
+                raise ValueError(f"keys has time_s {after:g} after {before:g}; the times must increase")
+        _rotation_vector(self.rotate_deg_per_s, self.axis, "rotate_deg_per_s")
+        return self
+
+    def displacement(self, time_s: float, base: ArrayLike | None = None) -> Float64Array:
+        """4×4 from the pose in the scene file to that at ``time_s``: x → pivot + move + R·(x − pivot).
+
+        base : 4×4 pose of the camera in the scene file; its last column is the pivot where none is given.
+        """
+        start = np.eye(4) if base is None else np.asarray(base, float)
+        pivot = start[:3, 3] if self.pivot_m is None else np.array(self.pivot_m)
+        if self.keys:
+            move, turn = self._between_keys(time_s, start, pivot)
+        else:
+            move = time_s * np.array(self.velocity_m_per_s)
+            spin = _rotation_vector(self.rotate_deg_per_s, self.axis, "rotate_deg_per_s")
+            turn = scipy.spatial.transform.Rotation.from_rotvec(time_s * spin)
+        result = np.eye(4)
+        result[:3, :3] = turn.as_matrix()
+        result[:3, 3] = pivot + move - result[:3, :3] @ pivot
+        return result
+
+    def _between_keys(
+        self, time_s: float, start: Float64Array, pivot: Float64Array
+    ) -> tuple[Float64Array, scipy.spatial.transform.Rotation]:
+        """Linear interpolation of the pivot, slerp of rotations; constant before the first and after the last key."""
+        poses = [key.relative(start, pivot) for key in self.keys]
+        if len(poses) == 1:
+            return poses[0]
+        times = [key.time_s for key in self.keys]
+        at = float(np.clip(time_s, times[0], times[-1]))
+        moves = np.array([move for move, _ in poses])
+        move = np.array([np.interp(at, times, axis) for axis in moves.T])
+        return move, scipy.spatial.transform.Slerp(
+            times, scipy.spatial.transform.Rotation.concatenate([turn for _, turn in poses])
+        )(at)
+
+
+class ObjectMotion(RigidMotion):
+    """The motion of one object; a rotation needs its pivot_m."""
+
+    @model_validator(mode="after")
+    def _of_an_object(self) -> Self:
+        for key in self.keys:
+            if world := sorted(key.model_fields_set & {"origin_m", "target_m", "up", "to_world"}):
+                raise ValueError(f"keys has {world[0]}, which belongs to the camera; an object has move_m and turn_deg")
+        if self.pivot_m is None and (self.rotate_deg_per_s or any(key.turn_deg for key in self.keys)):
+            raise ValueError("rotates and has no pivot_m; give its fixed point, e.g. pivot_m = [0, 0, 0]")
+        return self
+
+
+class Motion(FileTable):
+    """What moves during an exposure. objects : by the id of the shape in the scene file."""
+
+    camera: RigidMotion | None = Field(None, description="a table [camera]", examples=[{"velocity_m_per_s": [1, 0, 0]}])
+    objects: dict[str, ObjectMotion] = Field({}, description="tables [objects.ID]", examples=[{"fan": {}}])
+
+
+def read_motion(source: str | os.PathLike[str] | Mapping[str, Any] | Motion | None) -> Motion:
+    """A motion from a TOML file or a mapping of the same fields; None is no motion. Raises InputError, one sentence."""
+    if source is None or isinstance(source, Motion):
+        return source or Motion()
+    where, data = "the motion", source
+    if not isinstance(source, Mapping):
+        if not isinstance(source, str | os.PathLike):
+            raise InputError(f"motion is {source!r}; pass a TOML file, a mapping of its fields, or a Motion.")
+        where = f"motion file {os.fspath(source)!r}"
+        try:
+            require_small(Path(source), "motion file")
+            data = toml_tables(Path(source).read_text(encoding="utf-8"))
+        except tomllib.TOMLDecodeError as error:
+            raise InputError(f"{where} is not valid TOML: {error}.") from None
+        except (OSError, UnicodeDecodeError) as error:
+            why = getattr(error, "strerror", None) or "it is not text"
+            raise InputError(f"{where} cannot be read: {why}.") from None
+    try:
+        motion = Motion.model_validate(data)
+    except ValidationError as error:
+        raise InputError(sentence(error, Motion, where, "motion")) from None
+    if motion == Motion():
+        raise InputError(f"{where} moves nothing; give it a table [camera] or [objects.ID].")
+    return motion
+
+
+def _rotation_vector(angle_deg: float | None, axis: tuple[float, ...] | None, name: str) -> Float64Array:
+    """Rotation vector [rad] of an angle about an axis; both are given, or neither."""
+    if angle_deg is None and axis is None:
+        return np.zeros(3)
+    if angle_deg is None or axis is None:
+        missing, given = (name, "axis") if angle_deg is None else ("axis", name)
+        raise ValueError(f"has {given} and no {missing}; a rotation needs both, e.g. axis = [0, 1, 0]")
+    length = np.linalg.norm(axis)
+    if length < 1 / LARGEST:
+        given = ", ".join(f"{x:g}" for x in axis)
+        raise ValueError(f"axis is [{given}]; give a direction, e.g. [0, 1, 0]")
+    return np.asarray(np.radians(angle_deg) * np.array(axis) / length)

@@ -1,0 +1,175 @@
+"""Intersections of one ray per pixel with the scene, and projection of scene points onto pixels.
+
+The rays are sampled by the sensor itself at the centre of the pupil, so they include whatever lens the scene has.
+Scalar variants trace them one by one, LLVM and CUDA variants all at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core import Array, Float64Array
+from ...core.llvm import drjit
+from ..scene.scene import Scene
+from ..variants import MitsubaObject, mitsuba
+
+RGB_NM = ((600.0, 700.0), (500.0, 600.0), (400.0, 500.0))  # thirds of the visible, about the sensor's red, green, blue
+NEWTON_STEPS = 8  # of project
+CONVERGED_PX, LOST_PX = 1e-3, 0.1  # of project; float32 rays are accurate to 1e-4 px over 1000 columns
+NO_SHAPE = -1
+
+
+class SurfaceHits(NamedTuple):
+    """The first surfaces that N rays meet, glass and the shapes of emitters included.
+
+    found : (N,) whether there is a surface.  position : (N, 3) in scene units, NaN without a surface.
+    points : (N, 4) positions in homogeneous coordinates; without a surface the direction, with a last component of 0.
+    normal : (N, 3) shading normal as the surface has it (outwards; not turned to the camera).
+    shape : (N,) index in the order of the scene file, −1 without a surface.
+    albedo : (N, 3) diffuse reflectance, mean over 600–700, 500–600 and 400–500 nm; 0 for metals and clear glass.
+    """
+
+    found: NDArray[np.bool_]
+    position: Float64Array
+    points: Float64Array
+    normal: Float64Array
+    shape: NDArray[np.intp]
+    albedo: Float64Array
+
+
+def camera_to_world(sensor: MitsubaObject) -> Float64Array:
+    """4×4 from the camera's frame (x left, y up, z forward) to the world, at the sensor's present pose."""
+    return np.array(mitsuba().traverse(sensor)["to_world"].matrix, dtype=np.float64).reshape(4, 4)
+
+
+def pixel_rays(scene: Scene, pixels: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """Origins and directions, (N, 3), in the camera's frame; NaN where the lens passes no light to a pixel.
+
+    pixels : (N, 2) positions on the whole film, x to the right and y down; the first pixel's centre is (0.5, 0.5).
+    """
+    mi, film = mitsuba(), scene.sensor.film()
+    size, offset = np.array(film.crop_size(), float), np.array(film.crop_offset(), float)
+    positions, pupil_centre = (pixels - offset.ravel()) / size.ravel(), mi.Point2f(0.5, 0.5)
+
+    def sample_ray(x: Array, y: Array) -> tuple[Array, ...]:
+        ray, _ = scene.sensor.sample_ray(0.0, 0.5, mi.Point2f(x, y), pupil_centre)
+        return ray.o, ray.d, ray.maxt
+
+    origins, directions, maxt = _evaluate(sample_ray, positions)
+    to_camera = np.linalg.inv(camera_to_world(scene.sensor))
+    directions = np.where(maxt.reshape(-1, 1) > 0, directions, np.nan)  # 0 marks rays that a lens vignettes
+    return origins @ to_camera[:3, :3].T + to_camera[:3, 3], directions @ to_camera[:3, :3].T
+
+
+def first_hits(scene: Scene, camera: Float64Array, pixels: Float64Array, albedo: bool = False) -> SurfaceHits:
+    """First surfaces along the rays of pixels (N, 2), at the scene's present pose and with ``camera``, 4×4, as that of
+    the camera; none where the lens passes no light.  albedo : False leaves it at 0."""
+    mi, (origins, directions) = mitsuba(), pixel_rays(scene, pixels)
+    handle_of, index_of_handle = _shape_numbering(list(scene.mitsuba_scene.shapes()))
+
+    def first_surface(*ray: Array) -> tuple[Array, ...]:
+        hit = scene.mitsuba_scene.ray_intersect(mi.Ray3f(mi.Point3f(*ray[:3]), mi.Vector3f(*ray[3:])))
+        colour = _albedo(hit) if albedo else (0.0, 0.0, 0.0)
+        return hit.is_valid(), hit.p, hit.sh_frame.n, handle_of(hit), *colour
+
+    world = directions @ camera[:3, :3].T
+    unit = world / np.linalg.norm(world, axis=1, keepdims=True)
+    finite = np.asarray(np.isfinite(unit).all(axis=1))
+    starts, ahead = origins @ camera[:3, :3].T + camera[:3, 3], np.where(finite[:, None], unit, (0.0, 0.0, 1.0))
+    valid, position, normal, handles, *colour = _evaluate(first_surface, np.concatenate([starts, ahead], axis=1))
+    found = valid.astype(bool).ravel() & finite
+    rgb, at = np.stack([np.broadcast_to(c.ravel(), found.shape) for c in colour], axis=-1), found[:, None]
+    return SurfaceHits(
+        found,
+        np.where(at, position, np.nan),
+        np.column_stack([np.where(at, position, world), found]),
+        np.where(at, normal, 0.0),
+        np.where(found, index_of_handle[handles.ravel().astype(np.intp)], NO_SHAPE),
+        np.where(at, rgb, 0.0),
+    )
+
+
+def project(scene: Scene, points: Float64Array, guess: Float64Array) -> Float64Array:
+    """Positions on the film (N, 2) [pixels] of points in the camera's frame; NaN where a point is not imaged.
+
+    points : (N, 4) homogeneous; a last component of 0 is a direction, infinitely far.  guess : (N, 2) first estimate.
+    Newton's method on the sensor's own rays; one step for a pinhole or thin lens, whose film is flat.
+    """
+    pixels, ahead = np.array(guess, dtype=float), points[:, 2] > 0
+    pixels[~ahead] = np.nan
+    slope, rest, step = None, np.flatnonzero(ahead), np.zeros((0, 2))
+    for _ in range(NEWTON_STEPS):
+        if not rest.size:
+            break
+        miss = _miss(scene, points[rest], pixels[rest])
+        if slope is None:
+            x, y = (_miss(scene, points[rest], pixels[rest] + side) - miss for side in np.eye(2))
+            with np.errstate(divide="ignore", invalid="ignore"):  # not finite where there is no inverse
+                scale = 1 / (x[:, 0] * y[:, 1] - y[:, 0] * x[:, 1])
+                inverse = np.array([[y[:, 1], -y[:, 0]], [-x[:, 1], x[:, 0]]]).transpose(2, 0, 1)
+                slope = inverse * scale[:, None, None]
+        step = np.einsum("nij,nj->ni", slope, miss)
+        pixels[rest] -= step
+        far = np.asarray(np.abs(step).max(axis=1) > CONVERGED_PX)
+        rest, slope, step = rest[far], slope[far], step[far]
+    pixels[rest[np.abs(step).max(axis=1, initial=0) > LOST_PX]] = np.nan
+    return pixels
+
+
+def _miss(scene: Scene, points: Float64Array, pixels: Float64Array) -> Float64Array:
+    """(N, 2) transverse distance of the rays of the pixels from the points, in the plane of each point."""
+    origins, directions = pixel_rays(scene, pixels)
+    along = (points[:, 2] - points[:, 3] * origins[:, 2]) / directions[:, 2]
+    passed = points[:, 3:] * origins[:, :2] + along[:, None] * directions[:, :2]
+    return passed - points[:, :2]
+
+
+def _evaluate(function: Callable[..., tuple[Array, ...]], inputs: Float64Array) -> list[Float64Array]:
+    """Outputs, (N, …), of a function of Mitsuba's numbers at (N, k) inputs: all at once, or one by one in scalar."""
+    mi = mitsuba()
+    if not mi.variant().startswith("scalar"):
+        # Made from lists the arrays are aligned; NumPy's may not be, and each alignment compiles a kernel (0.7 s).
+        outputs = function(*(mi.Float(column.tolist()) for column in inputs.T))
+        drjit().eval(outputs)
+        arrays = [np.atleast_1d(np.array(out, dtype=np.float64).T) for out in outputs]
+        return [np.broadcast_to(x, (len(inputs), *x.shape[1:])) for x in arrays]  # of parallel rays there is one only
+    rows = [[np.array(out, dtype=np.float64) for out in function(*row)] for row in inputs.tolist()]
+    return [np.array(column) for column in zip(*rows, strict=True)]
+
+
+def _shape_numbering(shapes: list[MitsubaObject]) -> tuple[Callable[[MitsubaObject], Array], NDArray[np.intp]]:
+    """The handle of an intersection's shape, or of its instance; the index in the scene of each handle, 0 for none."""
+    mi = mitsuba()
+    if mi.variant().startswith("scalar"):
+        handles = {shape: k + 1 for k, shape in enumerate(shapes)}
+        return lambda hit: handles[hit.instance or hit.shape] if hit.is_valid() else 0, np.arange(len(shapes) + 1) - 1
+    dr = drjit()
+
+    def handle(hit: MitsubaObject) -> Array:
+        instance = dr.reinterpret_array(mi.UInt32, hit.instance)
+        return dr.select(instance != 0, instance, dr.reinterpret_array(mi.UInt32, hit.shape))
+
+    numbers = [int(np.array(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape)))[0]) for shape in shapes]
+    table = np.full(max(numbers, default=0) + 1, NO_SHAPE)
+    table[numbers] = np.arange(len(shapes))
+    return handle, table
+
+
+def _albedo(hit: MitsubaObject) -> tuple[Array, ...]:
+    """Diffuse reflectance in three bands, each the mean of the centres of its four quarters; 0 without a diffuse part,
+    where Mitsuba would give the value of the lobe, which may be far above 1."""
+    mi, valid = mitsuba(), hit.is_valid()
+    if valid is False:  # a scalar ray without a surface, which has no material
+        return (0.0, 0.0, 0.0)
+    bsdf, scalar, colour = hit.bsdf(), valid is True, []
+    diffuse = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse)
+    for low, high in RGB_NM:
+        hit.wavelengths = mi.Spectrum([low + (k + 0.5) * (high - low) / 4 for k in range(4)])
+        quarters = bsdf.eval_diffuse_reflectance(hit, valid)
+        mean = (quarters[0] + quarters[1] + quarters[2] + quarters[3]) / 4
+        colour.append(min(mean, 1.0) * diffuse if scalar else drjit().select(diffuse, drjit().minimum(mean, 1.0), 0.0))
+    return tuple(colour)

@@ -1,0 +1,300 @@
+"""A scene, parsed once and loaded once, and its renders: passes → spectral irradiance and render statistics."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from typing import Literal, Unpack
+
+from ...core import Exposure, InputError, first_given, require_seed, warn_of
+from ...core.options import complete, documents
+from ...optics.f_number_law import shading
+from ...optics.intrinsics import aperture_f_number, intrinsics
+from ...optics.shutter import shutter_of
+from ...sensor.camera import Camera
+from ...sensor.expose import PreparedExposure, prepare_exposure
+from ...sensor.input_noise import input_noise
+from ...sensor.metering import AUTO, AskedExposure, Metering, checked_exposure
+from ...sensor.options import ExposeOptions
+from ..denoise.network import denoised_if_possible, is_installed, library
+from ..light.bands import BANDWIDTH_NM, Bands, choose_bands
+from ..light.film_channels import with_filters
+from ..light.illuminant import rendered_for
+from ..light.irradiance import Irradiance
+from ..light.photons import metered
+from ..lint.electron_share import with_notes_of_shares
+from ..lint.refusals import refuse_black
+from ..motion.aovs import Aovs, aovs_of, load_for_rays
+from ..motion.motion import Motion, read_motion
+from ..motion.moving_scene import MovingScene, pose_m
+from ..options import RenderOptions
+from ..scene.scene import Scene, load_scene
+from ..scene.scene_nodes import SceneInput
+from ..scene.scene_settings import ParsedScene, SceneSettings, parse
+from ..variants import restores_variant
+from .estimate import Estimate
+from .noise_goals import SensorNoise
+from .passes import SAMPLER
+from .renderer import Criterion, Electrons, Renderer
+from .row_strip import Kept
+from .statistics import POOLED, NoiseRatios, RenderStatistics, sum_error, summary_of, why_not_trusted
+from .stop_criterion import End, Progress, RenderProgress, StopCriterion, stop_criterion_of
+
+METERING_SPP = 32  # of the render that is metered where the exposure must be known before
+
+
+@documents(RenderOptions)
+@restores_variant
+def render(
+    scene: SceneInput | ParsedScene,
+    camera: Camera | None = None,
+    exposure: AskedExposure | None = None,
+    *,
+    seed: int | None = None,
+    progress: Progress | None = None,
+    **options: Unpack[RenderOptions],
+) -> Irradiance:
+    """Render a scene file into the irradiance on this camera's focal plane.
+
+    camera, exposure, seed : what is not given is read from the scene's <film type="photosensor">, and so are the
+        options wavelength_nm, bandwidth_nm and spectral. A camera that is given brings its own lens; a note says so
+        where the scene's <sensor type="camera"> has another. An exposure of "auto", or none anywhere, is metered:
+        ``statistics.metering`` has what was found.
+    progress : called with a :class:`render.passes.stop_criterion.RenderProgress`, also once before the first pass.
+    Raises InputError for anything wrong with the arguments or the scene. Ctrl-C is obeyed between passes.
+    """
+    started, chosen = time.monotonic(), denoised_if_possible(complete(RenderOptions, options))
+    prepared = prepare(scene, camera, exposure, **chosen)
+    light = prepared.render(prepared.seed(seed), prepared.stop_criterion(chosen), progress, started=started)
+    warn_of(light.notes)
+    return light
+
+
+def check_options(options: RenderOptions) -> None:
+    """Raise InputError for options that are no use in any scene."""
+    if options["denoise"]:
+        library()
+    if options["subframes"] is not None and options["motion"] is None:
+        raise InputError(f"subframes is {options['subframes']!r} and nothing moves; pass a motion, or leave it out.")
+    stop_criterion_of(options)
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedRender:
+    """A loaded scene that can be rendered for one camera and exposure as often as asked.
+
+    unit_m : metres per unit.  denoise : None where nobody has decided; not denoised then.  raw_light : whether what is
+    denoised is kept as it was, too.  metering : how the exposure is found, or was; None where it was given.
+    metered : whether ``exposure`` is known; otherwise it is one second, and each light has :meth:`exposure_of` its own.
+    """
+
+    parsed: ParsedScene
+    scene: Scene | MovingScene
+    camera: Camera
+    exposure: Exposure
+    bands: Bands
+    renderer: Renderer
+    denoise: bool | None
+    raw_light: bool
+    width: int | None
+    motion: Motion
+    unit_m: float
+    sampler: str = SAMPLER
+    metering: Metering | None = None
+    metered: bool = False
+
+    @property
+    def at_rest(self) -> Scene:
+        """The scene without its motion."""
+        return self.scene if isinstance(self.scene, Scene) else self.scene.scene
+
+    def seed(self, given: int | None) -> int:
+        """The seed that was given, else the scene file's, else 1. Raises InputError."""
+        return require_seed("seed", first_given(given, self.parsed.settings.seed, 1))
+
+    def stop_criterion(self, options: RenderOptions) -> StopCriterion:
+        """When a render of these bands is good enough."""
+        return stop_criterion_of(options, len(self.bands.groups))
+
+    def render(
+        self,
+        seed: int,
+        stop: StopCriterion,
+        progress: Progress | None = None,
+        *,
+        started: float | None = None,
+        criterion: Criterion | None = None,
+    ) -> Irradiance:
+        """One render; started : when it began, on the monotonic clock [s]; criterion : see :meth:`Renderer.run`."""
+        began, renderer = time.monotonic() if started is None else started, self.renderer
+        end = renderer.run(seed, stop, progress or (lambda step: None), criterion or SensorNoise(self, stop))
+        raw, kept = renderer.electrons(), None
+        if self.denoise:
+            if progress is not None:
+                seconds = time.monotonic() - began
+                progress(RenderProgress(renderer.passes, renderer.passes, seconds=seconds, doing="denoising"))
+            kept = renderer.result(keep=True) if self.raw_light else None
+            renderer.denoise(last=True)
+        if not (found := renderer.result()).data.any():
+            refuse_black(self.bands.ends_nm, renderer.lost, self.at_rest.findings)
+        exposure, serial = self.exposure, self.parsed.settings.serial
+        light = self._irradiance(found, raw, self._statistics(stop, end, began, exposure, raw))
+        if self.metering is not None and not self.metered:
+            exposure = metered(light, self.camera, self.metering)
+            light = replace(light, statistics=self._statistics(stop, end, began, exposure, raw))
+        light = replace(light, rendered_for=rendered_for(self.at_rest, self.camera, exposure, serial))
+        light = with_notes_of_shares(light, self.camera, self.at_rest.findings)
+        if kept is None or renderer.denoised is None:
+            return light
+        ratios = self.noise_ratios(exposure, raw, renderer.passes)
+        return replace(light, raw=self._irradiance(kept, raw, replace(light.statistics, denoised=None, **ratios)))
+
+    def _irradiance(self, found: Estimate, raw: Electrons, statistics: RenderStatistics) -> Irradiance:
+        return Irradiance(
+            **found._asdict(),
+            wavelengths_nm=self.bands.wavelengths_nm,
+            bandwidths_nm=self.bands.bandwidths_nm,
+            statistics=statistics,
+            filters=tuple(self.camera.quantum_efficiency.curves) if self.bands.kind == "channels" else None,
+            response=self.bands.response,
+            origin=self.scene.view.crop_offset[::-1],
+            pass_error=self.renderer.pass_error(raw, statistics.denoised is not None),
+        )
+
+    def exposure_of(self, light: Irradiance) -> Exposure:
+        """The exposure of this light: what was given, or found when it was metered."""
+        if (found := light.statistics.metering) is None:
+            return self.exposure
+        return replace(self.exposure, time_s=found["exposure_s"])
+
+    def metered_first(self) -> PreparedRender:
+        """The same, its exposure known: where it is to be metered, by a short render from now on. Raises InputError."""
+        if self.metering is None or self.metered:
+            return self
+        light = replace(self, denoise=False).render(self.seed(None), stop_criterion_of({"spp": METERING_SPP}))
+        exposure = self.exposure_of(light)
+        renderer = Renderer(self.scene, self.camera, exposure, self.bands, Kept.of(self.denoise, self.raw_light))
+        return replace(self, exposure=exposure, renderer=renderer, metered=True)
+
+    def sensor(self, options: ExposeOptions) -> PreparedExposure:
+        """The exposure of what is rendered, checked before anything is: ``.of(photons).frames()``. Seed and serial
+        number are by default the scene file's, else 1. Raises InputError."""
+        (columns, rows), (column, row) = self.scene.view.crop_size, self.scene.view.crop_offset
+        serial = require_seed("serial", first_given(options.get("serial"), self.parsed.settings.serial, 1))
+        seeds: ExposeOptions = {**options, "seed": self.seed(options.get("seed")), "serial": serial}
+        return prepare_exposure(self.camera, self.exposure, (rows, columns), (row, column), seeds)
+
+    def aovs(self) -> Aovs:
+        """Depth, position, normals, … of the same pixels, in a pass of their own."""
+        scene = self.at_rest
+        if self.motion != Motion():  # a mesh that has moved and come back is off by rounding: built again
+            scene = load_for_rays(self.parsed.file, self.camera, self.unit_m, self.width)
+        return aovs_of(scene, self.motion, self.unit_m, shutter_of(self.camera, self.exposure))
+
+    def noise_ratios(self, exposure: Exposure, electrons: Electrons, passes: int) -> NoiseRatios:
+        """Render variance over sensor variance in an exposure. passes : that measured the variance, many if pooled."""
+        (mean_e, variance_e2), known = electrons, exposure == self.exposure
+        longer = 1.0 if known else exposure.time_s / self.exposure.time_s
+        noise = self.renderer.noise if known else input_noise(self.camera, exposure)
+        ratio = noise.ratio(mean_e * longer, variance_e2 * longer**2)
+        return summary_of(ratio, (mean_e > 0) & ~self.renderer.infinite(), passes)
+
+    def _denoised(self, exposure: Exposure, raw: Electrons) -> dict[str, object] | None:
+        """What the denoiser did, and the noise ratio before."""
+        if (found := self.renderer.denoised) is None:
+            return None
+        before = self.noise_ratios(exposure, raw, self.renderer.passes)
+        return {**found.record, **{f"raw_{name}": before[name] for name in ("noise_ratio_median", "noise_ratio_p95")}}
+
+    def _statistics(
+        self, stop: StopCriterion, end: End, started: float, exposure: Exposure, raw: Electrons
+    ) -> RenderStatistics:
+        renderer, passes = self.renderer, self.renderer.passes
+        fireflies, samples = renderer.firefly_fraction(), renderer.samples_per_pixel
+        doubt, notes = why_not_trusted(passes, fireflies, renderer.lost), [*self.scene.notes]
+        if overruled := self.parsed.settings.overruled_by(self.camera):
+            notes.append(f"{', '.join(overruled)} of the scene file overruled by the camera that was given")
+        if self.denoise is None and not is_installed():
+            notes.append("not denoised: Open Image Denoise is not installed; pip install pyoidn")
+        notes += stop.notes(end, samples)
+        return RenderStatistics(
+            passes=passes,
+            samples_per_pixel=samples,
+            seconds=time.monotonic() - started,
+            seconds_per_sample=renderer.seconds_per_sample,
+            variant=self.parsed.variant.name,
+            sampler=self.sampler,
+            spectral=self.bands.kind,
+            **self.noise_ratios(exposure, renderer.electrons(), passes if renderer.denoised is None else POOLED),
+            noise_ratio_asked=stop.goal if stop.reached == "noise_ratio" else None,
+            ended_by=end,
+            reliable=not doubt,
+            firefly_fraction=fireflies,
+            negative=renderer.negative,
+            non_finite=renderer.non_finite,
+            notes=(*notes, *(note for note in (doubt, self.parsed.variant.hint) if note)),
+            scene_sha256=self.scene.sha256,
+            aperture_f_number=aperture_f_number(self.scene.view, self.camera),
+            intrinsics=intrinsics(self.scene.view, self.camera) | {"shading": shading(self.scene.view, self.camera)},
+            camera_to_world=pose_m(self.at_rest, self.motion, self.unit_m).tolist(),
+            denoised=self._denoised(exposure, raw),
+            metering=None if self.metering is None else self.metering.record(exposure),
+            sum_error=sum_error(*raw),
+        )
+
+
+def prepare(
+    scene: SceneInput | ParsedScene,
+    camera: Camera | None = None,
+    exposure: AskedExposure | None = None,
+    *,
+    usual: Literal["auto", "channels"] = "auto",
+    sampler: str = SAMPLER,
+    **options: Unpack[RenderOptions],
+) -> PreparedRender:
+    """Check all that was asked for, read what was not from the scene file, and load the scene.
+
+    usual : the value of ``spectral`` where neither the options nor the scene file ask for anything.
+    sampler : of Mitsuba; no option of :func:`render`, because no other is better (benchmarks/render_passes.py).
+    No ray is traced, except where an exposure that is to be metered decides what is rendered, with a motion or a noise
+    ratio: a short render at rest finds it. Raises InputError.
+    """
+    asked, chosen = checked_exposure(camera, exposure), complete(RenderOptions, options)
+    check_options(chosen)
+    parsed = scene if isinstance(scene, ParsedScene) else parse(scene, chosen)
+    settings = parsed.settings
+    camera = first_given(camera, settings.camera)
+    asked = settings.metering() if asked is AUTO else first_given(asked, settings.exposure)
+    if camera is None:
+        place = 'put <film type="photosensor"> with camera into it'
+        raise InputError(f"no camera is given and the scene has none; pass one, or {place}.")
+    camera = camera.at_gain(chosen["gain"])
+    metering = asked if isinstance(asked, Metering) else None
+    known = asked.unit_exposure if isinstance(asked, Metering) else asked
+    bands = with_filters(_bands(chosen, settings, camera, usual), camera)
+    metres = settings.metres(chosen["scene_unit"]) or 1.0
+    at_rest = load_scene(parsed.file, bands, {}, camera, chosen["scene_unit"], width=chosen["width"], sampler=sampler)
+    motion, kept = read_motion(chosen["motion"]), Kept.of(chosen["denoise"], chosen["raw_light"])
+    renderer = Renderer(at_rest, camera, known, bands, kept)
+    asked_for = chosen["denoise"], chosen["raw_light"], chosen["width"]
+    still = PreparedRender(
+        parsed, at_rest, camera, known, bands, renderer, *asked_for, Motion(), metres, sampler, metering
+    )
+    if chosen["motion"] is None:
+        return still if chosen["noise_ratio"] is None else still.metered_first()
+    still = still.metered_first()
+    moving = MovingScene(at_rest, motion, camera, still.exposure, chosen["subframes"], metres)
+    renderer = Renderer(moving, camera, still.exposure, bands, kept)
+    return replace(still, scene=moving, motion=motion, renderer=renderer)
+
+
+def _bands(options: RenderOptions, settings: SceneSettings, camera: Camera, usual: str) -> Bands:
+    """The channels asked for, else those of the scene file, else the ``usual`` ones. Raises InputError."""
+    wavelength_nm = first_given(options["wavelength_nm"], settings.wavelength_nm)
+    in_scene = "auto" if options["wavelength_nm"] else settings.spectral
+    spectral = first_given(options["spectral"], in_scene, "auto")
+    if spectral == "auto":  # channels have no width, and no electrons in bursts
+        bands = wavelength_nm is not None or options["bandwidth_nm"] is not None
+        spectral = "auto" if bands or camera.quantum_efficiency.quantum_yield else usual
+    width_nm = first_given(options["bandwidth_nm"], settings.bandwidth_nm, BANDWIDTH_NM)
+    return choose_bands(camera, wavelength_nm, width_nm, spectral)

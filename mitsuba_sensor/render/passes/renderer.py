@@ -1,0 +1,295 @@
+"""Renders a loaded scene in passes, until a stop criterion is met, into mean and variance per pixel and band.
+
+Every pass has a hashed seed. Passes are combined in float64, because Mitsuba's film accumulates in float32, which loses
+1e-8 per sample; their spread gives the variance of the result. Large films are cut into strips of rows, so that no pass
+has more than a few million samples in memory.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cached_property, partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core import Exposure, Float64Array
+from ...core.heap import trim_heap
+from ...optics.f_number_law import solid_angle_sr
+from ...sensor.camera import Camera
+from ...sensor.input_noise import InputNoise, input_noise
+from ..denoise.denoise import LEAST_PASSES, LEAST_PIXELS, Denoised, Halves, denoise, is_noisy
+from ..denoise.filter_bands import VALUES_AT_ONCE, denoised_bands, raw_bands
+from ..denoise.guides import Guides, detected_quarters, most_rays, noise_share, traced
+from ..light.bands import Bands
+from ..light.film_channels import electrons_of_film, in_band_factor, of_own_filter, radiance_of
+from ..light.photons import electrons_per_irradiance
+from ..motion.moving_scene import MovingScene
+from ..scene.scene import Scene
+from ..variants import mitsuba
+from .estimate import Estimate
+from .noise_goals import MedianNoiseRatio, SensorNoise
+from .passes import clean, hashed_seed, row_strips
+from .pooled import pooled, relative_errors
+from .row_strip import BandSums, Kept, RowStrip
+from .statistics import firefly_fraction
+from .stop_criterion import End, Progress, ProgressMeter, StopCriterion
+
+Map = Float64Array
+Criterion = Callable[[Map, Map, int], float]
+Electrons = tuple[Map, Map]  # mean, and expected squared error of the mean
+
+
+class Renderer:
+    """Renders one scene for one camera, exposure and set of bands.
+
+    passes, samples, groups : of the last render; samples per pixel, pass and group of bands.
+    seconds_per_sample : of one sample in every pixel, without the first pass, which compiles.
+    negative, non_finite : its values that were set to 0.  lost : those of them that were NaN or −∞.
+    denoised : what :meth:`denoise` made of the last render, else None.
+    """
+
+    def __init__(
+        self, scene: Scene | MovingScene, camera: Camera, exposure: Exposure, bands: Bands, keep: Kept = Kept.SPREAD
+    ) -> None:
+        (columns, rows), self._tile = scene.view.crop_size, np.array(camera.tile)
+        self.scene, self.bands = scene, bands
+        self._weights = electrons_per_irradiance(camera, exposure, bands)
+        can_be_denoised = columns * rows >= LEAST_PIXELS and self._weights.any()
+        self._keep = keep if can_be_denoised else Kept.SPREAD
+        self.can_denoise = Kept.HALVES in self._keep
+        self._film_weights = electrons_of_film(camera, exposure, bands)
+        self._solid_angle, self._scale = solid_angle_sr(scene.view, camera), bands.scale
+        self._camera, self._exposure, self.seconds_per_sample = camera, exposure, 0.0
+        self.negative = self.non_finite = self.lost = self.passes = self.samples = 0
+        self._fireflies: float | None = None
+        self.denoised: Denoised | None = None
+        self._filtered: Denoised | None = None  # of the passes so far, if they were denoised already
+
+    def run(
+        self, seed: int, budget: StopCriterion, progress: Progress, criterion: Criterion | SensorNoise | None = None
+    ) -> End:
+        """Render until ``budget`` is used up or its goal is met; returns which. criterion : function of
+        :meth:`noise_estimate` that the goal is for, by default the median noise ratio; or what ends the render, too."""
+        measure: Criterion = MedianNoiseRatio(self, denoised=self.can_denoise and budget.goal is not None)
+        noise, meter = None, ProgressMeter(progress)
+        if isinstance(criterion, SensorNoise):
+            noise = criterion
+        elif criterion is not None:
+            measure = criterion
+        self._guides: Guides | None = None
+        self.groups = self.bands.groups if budget.grouped else (slice(0, len(self.bands)),)
+        self._begin(budget.samples, meter)
+        meter.forecast(budget, 0, np.nan)
+        count = len(self.groups)
+        if budget.is_long(math.prod(self.scene.view.crop_size) * count) and isinstance(self.scene, Scene):
+            meter.try_out(partial(self.scene.render, 0, rows=self.strips[0].ends), budget.samples * count)
+        while True:
+            most = self.scene.most_together(self.samples) if len(self.strips) == 1 else 1
+            self._passes(seed, meter, budget.together(most))
+            value = measure(*self.noise_estimate())
+            meter.forecast(budget, self.passes, value)
+            self.seconds_per_sample = meter.later_pass_s / (self.samples * len(self.groups))
+            with meter.not_counted():
+                reached = noise is not None and noise.is_reached()
+            if reached:
+                meter.forecast(replace(budget, passes=self.passes), self.passes, value)
+                return "sensor_noise"
+            if budget.sized:
+                if end := budget.finished(self.passes, value, *meter.times(self.passes)):
+                    return end
+                continue
+            budget = budget.sized_by(value, meter.times(1)[0])
+            if budget.samples != self.samples:  # passes of different sizes cannot be combined: start again
+                self._begin(budget.samples, meter)
+
+    def _begin(self, samples: int, meter: ProgressMeter) -> None:
+        """Empty strips for passes of so many samples per pixel."""
+        (columns, height), count = self.scene.view.crop_size, len(self.bands)
+        rows = row_strips((columns, height), count, samples)
+        filters = len(self._weights) if self.can_denoise else 1
+        self._sums = BandSums((height, columns, count), self._keep)
+        self.strips = [RowStrip(slice(*edges), self._sums, filters) for edges in rows]
+        self.samples, self.passes, self.negative, self.non_finite, self.lost = samples, 0, 0, 0, 0
+        self.denoised = self._filtered = self._fireflies = None
+        meter.begin(len(rows))
+
+    def _passes(self, seed: int, meter: ProgressMeter, count: int) -> None:
+        """So many passes of all strips, several only of a single strip."""
+        self._filtered = None
+        if isinstance(self.scene, MovingScene):
+            self.scene.begin_pass(seed, self.passes)
+        for s, strip in enumerate(self.strips):
+            if s:
+                meter.report(self.passes * len(self.strips) + s)
+            wanted = hashed_seed(seed, s, self.passes), self.samples, strip.ends, count
+            radiance = radiance_of(self.scene, self.bands, self.groups, *wanted)
+            strip.begin(count)
+            step = max(VALUES_AT_ONCE // radiance[0].size, 1)
+            for first in range(0, len(radiance), step):
+                some = radiance[first : first + step]
+                by_pass = some.reshape(len(some), -1, count, some.shape[-1]).transpose(2, 0, 1, 3)
+                self._add(strip, first, by_pass)
+        self.passes += count
+
+    def _add(self, strip: RowStrip, first: int, radiance: NDArray[np.float32]) -> None:
+        """Some rows of passes, (passes, rows, W, channels).  first : the first one's number in the strip."""
+        found, start = clean(radiance), strip.rows.start + first
+        rows = slice(start, start + radiance.shape[1])
+        self.negative += found.negative
+        self.non_finite += found.non_finite
+        if found.infinite is not None:
+            self.lost += found.non_finite - int(found.infinite.sum())
+            strip.infinite[first : first + radiance.shape[1]] |= found.infinite.any(axis=(0, -1))
+        irradiance = found.values
+        irradiance *= self._solid_angle[rows, :, None] * self._scale
+        per_filter = irradiance @ self._film_weights.T
+        own = np.stack([self._own(one, rows) for one in per_filter])
+        strip.add(first, irradiance[..., : len(self.bands)], per_filter if self.can_denoise else own[..., None], own)
+
+    @cached_property
+    def noise(self) -> InputNoise:
+        """The camera's own, in this exposure."""
+        return input_noise(self._camera, self._exposure)
+
+    @property
+    def samples_per_pixel(self) -> int:
+        """Light paths per pixel of the last render, of all passes and groups."""
+        return self.passes * self.samples * len(self.groups)
+
+    def _own(self, per_filter: NDArray[np.floating], rows: slice = slice(None)) -> Float64Array:
+        """(H, W, F) as each pixel's own filter has it, (H, W)."""
+        column, row = self.scene.view.crop_offset
+        return of_own_filter(per_filter, self._tile, (row + (rows.start or 0), column))
+
+    def electrons(self) -> Electrons:
+        """Mean photoelectrons of one exposure, and the expected squared error of that mean, (H, W) each: denoised where
+        that was done, else the mean of the passes and its variance."""
+        if self.denoised is not None:
+            return self._own(self.denoised.mean), self._own(self.denoised.variance)
+        return self._raw_electrons()
+
+    def pass_error(self, raw: Electrons, denoised: bool) -> NDArray[np.float32]:
+        """(H, W) standard error of the photoelectrons by the spread of the passes, over the light.  raw : electrons
+        before denoising.  denoised : whether the light is."""
+        mean = self._own(self.denoised.mean) if denoised and self.denoised is not None else raw[0]
+        return relative_errors(mean, raw[1], self.infinite())
+
+    def _raw_electrons(self) -> Electrons:
+        """Mean of the passes and its variance behind each pixel's own filter, (H, W) each."""
+        parts = [(strip.electrons, strip.rows) for strip in self.strips]
+        variance = np.concatenate([self._own(e.variance_of_mean, rows) for e, rows in parts])
+        return np.concatenate([self._own(e.mean, rows) for e, rows in parts]), variance
+
+    def denoise(self, last: bool = False) -> None:
+        """Denoise what was rendered so far; from now on :meth:`electrons` and :meth:`result` are the denoised light.
+        Of few passes or pixels, where nothing is detected and where no camera would see the noise, they stay as they
+        are.  last : no pass follows, and what only passes need is forgotten, to save memory."""
+        if self._filtered is None:
+            self._filtered = self._denoise_passes(last)
+        self.denoised = self._filtered
+        if last and self.denoised is not None:
+            self._filtered = None
+            self._fireflies, self._guides = self.firefly_fraction(), None
+            for strip in self.strips:
+                strip.finish()
+
+    def denoised_electrons(self) -> Electrons | None:
+        """What :meth:`electrons` would be if no pass followed, or None where nothing is denoised."""
+        self.denoise()
+        light = None if self.denoised is None else self.electrons()
+        self.denoised = None
+        return light
+
+    def _denoise_passes(self, last: bool) -> Denoised | None:
+        if self.passes < LEAST_PASSES or not self.can_denoise or not is_noisy(*self._raw_electrons()):
+            return None
+        share = ((self.passes + 1) // 2) / self.passes
+        even, odd = (partial(self._half, share, odd) for odd in (False, True))
+        with self._sums.on_disk():
+            if not mitsuba().variant().startswith("scalar"):
+                self._guides = self._more_guides().without_noise() if last else self._more_guides()
+            trim_heap()
+            return denoise(Halves(even, odd, self._variance_of, share), self._guides)
+
+    def _half(self, share: float, odd: bool) -> NDArray[np.float32]:
+        """Mean photoelectrons of the even passes or the others, (H, W, F)."""
+        found = np.concatenate([s.even_e for s in self.strips if s.even_e is not None])
+        found /= share * self.passes
+        for strip in self.strips if odd else []:
+            here = found[strip.rows]
+            here[...] = (strip.electrons.mean - share * here) / (1 - share)
+        return found
+
+    def _variance_of(self, number: int) -> Map:
+        """Variance of the mean photoelectrons behind one filter."""
+        return np.concatenate([strip.electrons.variance_of_mean[..., number] for strip in self.strips])
+
+    def release(self) -> None:
+        """Forget the last render; what it returned stays."""
+        self.strips, self.denoised, self._filtered, self._guides = [], None, None, None
+        del self._sums
+        trim_heap()
+
+    def _more_guides(self) -> Guides:
+        """Those of before, if any, and more rays as needed; at wavelengths typical of what each filter detects."""
+        spectrum = np.mean([strip.bands.mean.mean(axis=(0, 1), dtype=np.float64) for strip in self.strips], axis=0)
+        wavelengths_nm = detected_quarters(self._weights, spectrum, self.bands.wavelengths_nm)
+        light = self._raw_electrons()
+        return traced(
+            partial(self.scene.guides, wavelengths_nm, (0, self.scene.view.crop_size[1])),
+            most_rays(self.samples_per_pixel),
+            lambda noise: noise_share(self._own(noise), *light),
+            self._guides,
+        )
+
+    def infinite(self) -> NDArray[np.bool_]:
+        """(H, W) where the irradiance is infinite."""
+        return np.concatenate([strip.infinite for strip in self.strips])
+
+    def firefly_fraction(self) -> float:
+        """See :func:`statistics.RenderStatistics.firefly_fraction`."""
+        if self._fireflies is not None:
+            return self._fireflies
+        mean, variance = self._raw_electrons()
+        mean[self.infinite()] = np.inf
+        squares = variance * self.passes * (self.passes - 1)
+        return firefly_fraction(np.concatenate([s.brightest for s in self.strips]), mean, squares)
+
+    def noise_estimate(self) -> tuple[Map, Map, int]:
+        """Mean photoelectrons, the variance of that mean, (H, W) each, and its degrees of freedom. That of a single
+        pass is half the squared difference of neighbours behind one filter, correct where the image is smooth."""
+        mean, variance = self._raw_electrons()
+        if self.passes > 1 or mean.shape[1] <= (step := self._tile.shape[1]):
+            return mean, variance, max(self.passes - 1, 1)
+        right, left = mean[:, step:], mean[:, :-step]
+        return right, 0.5 * (right - left) ** 2, 1
+
+    def result(self, keep: bool = False) -> Estimate:
+        """What was rendered and, where that was done, denoised. A pixel with an infinite band is infinite in all.
+        Unless asked to ``keep`` them, the sums of the bands are written over, to save memory."""
+        shape = (*self.scene.view.crop_size[::-1], len(self.bands))
+        data, error = (np.empty(shape, np.float32), np.empty(shape, np.float32)) if keep else self._sums.reused()
+        mean, variance = self.electrons()
+        if self.denoised is None:
+            variance = pooled(mean, variance, self.passes)
+        relative = relative_errors(mean, variance, self.infinite())
+        del variance
+        trim_heap()
+        in_band = np.empty_like(relative) if self.bands.filters else None
+        for strip in self.strips:
+            infinite, here = strip.infinite, strip.rows
+            if self.denoised is None or strip.even is None:
+                data[here], error[here] = raw_bands(strip)
+            else:
+                of_rows = [getattr(self.denoised, name)[here] for name in ("mean", "even", "odd")]
+                data[here], error[here] = denoised_bands(strip, self._weights, of_rows, relative[here])
+            data[here][infinite] = error[here][infinite] = np.inf
+            if in_band is not None:
+                in_band[here] = in_band_factor(mean[here], self._own(data[here] @ self._weights.T, here))
+        if not keep and self.denoised is not None:
+            self.denoised = self.denoised.without_halves()
+        trim_heap()
+        return Estimate(data, error, relative, in_band)

@@ -1,0 +1,153 @@
+"""Render statistics: how a render was made, its noise beside the sensor's, and whether its error bars are reliable."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any, TypedDict
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+from pydantic import TypeAdapter, ValidationError
+
+from ...core.errors import shown
+from .passes import FEWEST
+
+# Firefly fraction above which the error bars are not reliable: at most 0.10 in calm scenes, 0.14 to 0.29 before a
+# caustic at every number of samples (benchmarks/error_bar_coverage.py); 0.11 to 0.8 with glass in the Cornell box,
+# until the bars hold there.
+MOST_FIREFLIES = 0.1
+POOLED = 2**20  # passes whose variance is known: a denoised or pooled pixel's is that of its neighbourhood
+ROUNDING = 1e-6  # of the light: what a float32 film loses is no noise
+ONE_PASS = 0.75  # of the squared deviations of all passes
+
+
+@dataclass(frozen=True)
+class RenderStatistics:
+    """How an irradiance came about, and how much of its noise is the renderer's.
+
+    noise_ratio_* : render variance over the sensor's own temporal variance, both as electrons at the input: median,
+        95th percentile and largest of the lit pixels. Above 1 the noise is more the renderer's than the sensor's.
+    noise_ratio_asked, ended_by : the ratio that it worked towards (None if none), and what ended it: "spp",
+        "sensor_noise" (95 % of the lit pixels have less render noise than sensor noise), "noise_ratio",
+        "compensable" (see :func:`render_frames`), "max_seconds" or "max_spp".
+    reliable, firefly_fraction : whether the error bars can be trusted, which NaN rules out, and the share of the lit
+        pixels that owe more than three quarters of their variance to one bright pass: rare paths (caustics) that others
+        have not seen yet.
+    spectral : "cube", "single" or "channels".
+    negative, non_finite : values of single passes that were set to 0 (+inf is kept: it saturates its pixel).
+    notes : what was replaced in the scene, what is black, hints.
+    scene_sha256 : of the scene file, its includes and its parameters.
+    aperture_f_number : what the scene's own thin-lens aperture means on this sensor, None where it has none. It makes
+        the blur; the camera's f-number makes the light.
+    intrinsics : how the picture is a projection of the world, see :func:`optics.intrinsics.intrinsics`.
+    camera_to_world : pose of the camera when the first row opens, four rows of four numbers: its columns are left,
+        up and forward, with the scale of the scene's to_world, and the position [m]; None for light from elsewhere.
+    denoised : what the denoiser did, or None; raw_noise_ratio_* : before, raw_weight : mean weight of the render,
+        sum_corrected_by : share of the light that was moved to have the render's sums.
+    seconds_per_sample : of one sample in every pixel, by the passes after the first one, which compiles.
+    sum_error : relative standard error of the sum of the photoelectrons of all pixels, denoised or not; for regions
+        see :meth:`irradiance.Irradiance.error_of_sum`. None where it is not known.
+    metering : the exposure time that was found and how, see :class:`sensor.metering.Metering`; None where it was given.
+    """
+
+    passes: int
+    samples_per_pixel: int
+    seconds: float
+    variant: str
+    sampler: str
+    spectral: str
+    noise_ratio_median: float
+    noise_ratio_p95: float
+    noise_ratio_max: float
+    noise_ratio_asked: float | None
+    ended_by: str
+    reliable: bool
+    firefly_fraction: float
+    negative: int
+    non_finite: int
+    notes: tuple[str, ...]
+    scene_sha256: str
+    aperture_f_number: float | None
+    intrinsics: dict[str, Any] | None = None
+    camera_to_world: list[list[float]] | None = None
+    denoised: dict[str, Any] | None = None
+    metering: dict[str, float] | None = None
+    seconds_per_sample: float = 0.0
+    sum_error: float | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, ready for JSON."""
+        return {**asdict(self), "notes": list(self.notes)}
+
+    @classmethod
+    def from_dict(cls, values: object) -> RenderStatistics:
+        """The inverse of :meth:`to_dict`. Raises ValueError for a value that is not of its type."""
+        try:
+            return TypeAdapter(cls).validate_python(values)
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            name = ".".join(map(str, first["loc"])) or "the render statistics"
+            raise ValueError(f"{name} is {shown(first['input'])}") from None
+
+
+class NoiseRatios(TypedDict):
+    """Noise ratio of the lit pixels: median, 95th percentile, largest."""
+
+    noise_ratio_median: float
+    noise_ratio_p95: float
+    noise_ratio_max: float
+
+
+def summary_of(ratio: NDArray[np.float64], lit: NDArray[np.bool_], passes: int) -> NoiseRatios:
+    """Of the lit pixels, without those of infinite light. A variance that was measured with few degrees of freedom has
+    a median below its mean (χ²), which is corrected."""
+    finite = ratio[np.isfinite(ratio) & lit]
+    median, p95, most = (
+        np.percentile(finite, (50, 95, 100), overwrite_input=True).tolist() if finite.size else (0.0, 0.0, 0.0)
+    )
+    median *= median_bias(passes)
+    return {"noise_ratio_median": median, "noise_ratio_p95": p95, "noise_ratio_max": most}
+
+
+def sum_error(mean: NDArray[np.float64], variance: NDArray[np.float64]) -> float:
+    """Relative standard error of the sum over the picture; pixels are independent. mean, variance : (H, W) of the
+    passes and of that mean."""
+    finite = np.isfinite(mean) & np.isfinite(variance)
+    total = float(mean[finite].sum())
+    return float(np.sqrt(variance[finite].sum())) / total if total > 0 else 0.0
+
+
+def median_bias(passes: int) -> float:
+    """Mean over median of a variance that was measured by so many passes: of χ² with one degree of freedom less."""
+    freedom = max(passes - 1, 1)
+    return freedom / float(scipy.special.chdtri(freedom, 0.5))
+
+
+def firefly_fraction(brightest: NDArray[np.float64], mean: NDArray[np.float64], squares: NDArray[np.float64]) -> float:
+    """Share of the lit pixels whose brightest pass makes most of the spread: (b − m)² > 3/4 Σ(x − m)².
+
+    brightest, mean : of the passes of each pixel.  squares : the sum of their squared deviations.
+    """
+    lit = (mean > 0) & np.isfinite(mean)
+    alone = (brightest[lit] - mean[lit]) ** 2 > ONE_PASS * squares[lit]
+    noisy = squares[lit] > (ROUNDING * mean[lit]) ** 2
+    return float((alone & noisy).mean()) if lit.any() else 0.0
+
+
+def why_not_trusted(passes: int, fireflies: float, lost: int = 0) -> str:
+    """One line that says why the error bars are not reliable, and what helps; empty if they are.
+
+    lost : values of single passes that were NaN.
+    """
+    if lost:
+        why = f"{lost} values of single passes were NaN and count as 0"
+        helps = "correct the texture, environment map or material that they come from"
+        return f"the light is too dark by an unknown amount: {why}; {helps}"
+    if passes < FEWEST:
+        return f"error bars are guesses: {passes} passes of at least {FEWEST}; take more samples (--spp)"
+    if fireflies <= MOST_FIREFLIES:
+        return ""
+    why = f"{fireflies:.1%} of the lit pixels owe most of their noise to one pass (rare paths, e.g. caustics)"
+    helps = "more samples help slowly, a larger light or a rougher surface helps at once"
+    return f"error bars are too small: {why}; {helps}"

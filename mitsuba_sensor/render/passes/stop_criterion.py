@@ -1,0 +1,241 @@
+"""When a render is good enough, and how long until then."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from ...core import InputError
+from ..options import RenderOptions
+from .passes import FEWEST, pass_plan, whole_grid
+
+DEFAULT_SPP = 256  # at most: 32 passes of 8
+DEFAULT_PASS_SPP = 8
+FIRST_LOOK = 8  # passes of the default render, before it is compared with the sensor's noise
+# Render variance over sensor variance falls as samples^-0.75 where it is denoised: its gain falls, too.
+RATIO_EXPONENT = 0.75
+FEWEST_TO_STOP = 16  # passes before a goal counts as reached: 15 degrees of freedom
+SIZED = 32  # passes that a render towards a goal is sized for
+PASS_SPP = 16  # of the first pass of a render without a fixed number; it tells how large the others are
+TRIED = 64  # part of a pass that is tried out, to forecast a long render
+LONG = 2**26  # samples in all of a render that is tried out: more than a minute in most scenes
+MOST_SPP_ASKED = 2**16  # of a render that works towards a noise ratio, unless max_spp says otherwise
+
+End = Literal["spp", "sensor_noise", "noise_ratio", "compensable", "max_seconds", "max_spp"]
+
+
+@dataclass(frozen=True)
+class StopCriterion:
+    """How many passes of how many samples; fixed, or until one of the limits is met.
+
+    to_sensor_noise : whether the render ends earlier, where 95 % of the lit pixels have less render noise than sensor
+        noise.
+    passes : the most there may be.  samples : per pixel and pass; of the first pass where the rest is not ``sized``.
+    goal, reached : value of the renderer's criterion at which to stop, or None, and what that is called.
+    max_seconds : no pass is begun that would end later, as far as those before tell; two are always made.
+    grouped : whether ``samples`` are of each group of bands apart.
+    repeatable : see :func:`passes.pass_plan`.
+    end : why it ends when ``passes`` are done.  asked : samples per pixel that were asked for, if a number was.
+    """
+
+    passes: int
+    samples: int
+    goal: float | None = None
+    reached: End = "noise_ratio"
+    max_seconds: float = math.inf
+    end: End = "spp"
+    asked: int | None = None
+    sized: bool = True
+    grouped: bool = False
+    repeatable: bool = False
+    to_sensor_noise: bool = False
+
+    def is_long(self, values: int) -> bool:
+        """Whether a fixed number of samples takes long. values : pixels times groups of bands."""
+        return self.sized and self.goal is None and values * self.passes * self.samples >= LONG
+
+    def together(self, most: int) -> int:
+        """How many passes are made at once, at most ``most``; one where anything but their number can end the render.
+
+        It divides their number, so that all launches share a kernel, and is not all of them if two halves will do: the
+        first one compiles, the second tells how long a pass takes. Of a render to the sensor's noise the passes before
+        the first look count.
+        """
+        if not self.sized or self.goal is not None or math.isfinite(self.max_seconds):
+            return 1
+        passes = min(self.passes, FIRST_LOOK) if self.to_sensor_noise else self.passes
+        divisors = [n for n in range(1, min(most, passes) + 1) if passes % n == 0]
+        return max([n for n in divisors if 1 < n <= passes // 2] or divisors)
+
+    def first_look(self) -> int | None:
+        """Passes after which the render is first compared with the sensor's noise; None where it never is."""
+        return FIRST_LOOK if self.to_sensor_noise else None
+
+    def next_look(self, done: int, ratio: float) -> int | None:
+        """Passes after which to compare again; None where nothing is left to save.
+
+        done, ratio : passes so far, and render variance over sensor variance that should be 1 and is more.
+        """
+        needed: float = done * ratio ** (1 / RATIO_EXPONENT)
+        if needed > self.passes - FIRST_LOOK:
+            return None
+        return math.ceil(needed / FIRST_LOOK) * FIRST_LOOK
+
+    def finished(self, done: int, value: float, seconds: float, per_pass: float) -> End | None:
+        """Why there is no further pass after ``done``, or None."""
+        if done >= self.passes:
+            return self.end
+        if self.goal is not None and done >= FEWEST_TO_STOP and value <= self.goal:
+            return self.reached
+        if done >= 2 and seconds + per_pass > self.max_seconds:
+            return "max_seconds"
+        return None
+
+    def expected(self, done: int, value: float, seconds: float, per_pass: float) -> int:
+        """Forecast: how many passes there will be; a variance falls as one over the passes."""
+        most = self.passes
+        if self.goal is not None and done and value > 0:
+            most = min(most, max(math.ceil(done * value / self.goal), FEWEST_TO_STOP, done))
+        if done and math.isfinite(self.max_seconds) and per_pass > 0:
+            most = min(most, max(done + int((self.max_seconds - seconds) / per_pass), 2, done))
+        return most
+
+    def notes(self, end: End, samples: int) -> list[str]:
+        """Where another number of samples per pixel was taken than was asked for: why."""
+        if self.asked is None or self.asked == samples:
+            return []
+        why = "equal passes, each a full grid" if end == "spp" else "the time was up"
+        return [f"{self.asked} samples per pixel asked for, {samples} taken: {why}"]
+
+    def sized_by(self, value: float, seconds: float) -> StopCriterion:
+        """The same with the size of the passes, from what one pass of ``samples`` showed: about 32 of them."""
+        needed = float(self.passes * self.samples)
+        if self.goal is not None and math.isfinite(value):
+            needed = min(needed, self.samples * value / self.goal)
+        if math.isfinite(self.max_seconds) and seconds > 0:
+            needed = min(needed, self.samples * max(self.max_seconds / seconds - 1, 1))
+        samples = max(whole_grid(needed / SIZED), self.samples)
+        return replace(self, samples=samples, passes=max(self.passes * self.samples // samples, 2), sized=True)
+
+
+@dataclass(frozen=True)
+class RenderProgress:
+    """How far a render is: what ``progress`` is called with.
+
+    done, expected : passes, strip by strip, so far and in all; a forecast where a ratio or a time ends the render.
+    noise_ratio : median of render variance over sensor variance so far; NaN before the first pass ends.
+    seconds, seconds_left : so far, and forecast (NaN before the first strip of a short render).
+    frame : number of the frame, where each frame has a render of its own.
+    doing : while frames are exposed to light that is there, done and expected are frames.
+    """
+
+    done: int
+    expected: int
+    noise_ratio: float = math.nan
+    seconds: float = 0.0
+    seconds_left: float = math.nan
+    frame: int = 0
+    doing: Literal["rendering", "denoising", "exposing"] = "rendering"
+
+
+Progress = Callable[[RenderProgress], None]
+
+
+class ProgressMeter:
+    """Times a render of some strips of rows, forecasts its end, and reports to ``progress``."""
+
+    def __init__(self, progress: Progress) -> None:
+        self._progress, self._started = progress, time.monotonic()
+        self._value, self._expected, self._tried_s, self._most_s = math.nan, 0, math.nan, math.inf
+        self.later_pass_s = 0.0  # of one after those that compile
+
+    def begin(self, strips: int) -> None:
+        """Passes of so many strips start now."""
+        self._strips, self._began = strips, time.monotonic()
+        self._first = self._began, 0  # when the first passes ended, and how many they were
+
+    def try_out(self, render: Callable[[int], object], samples: int) -> None:
+        """Forecast a long render before its first strip ends: the first rows with few samples, twice, because the
+        first time compiles. render : of so many samples per pixel.  samples : of a pass."""
+        few = max(samples // TRIED, 1)
+        for _ in range(2):
+            started = time.monotonic()
+            render(few)
+            self._tried_s = (time.monotonic() - started) * samples / few
+        self.report(0)
+        self.begin(self._strips)
+
+    def times(self, passes: int) -> tuple[float, float]:
+        """Seconds since the render started, and per pass since :meth:`begin`."""
+        now = time.monotonic()
+        return now - self._started, (now - self._began) / max(passes, 1)
+
+    def forecast(self, budget: StopCriterion, passes: int, value: float) -> None:
+        """So many passes are done, and the criterion has this value."""
+        seconds, per_pass = self.times(passes)
+        now, self._most_s = self._started + seconds, budget.max_seconds
+        if not self._first[1]:
+            self._first = now, passes
+        ended, first = self._first
+        self.later_pass_s = (now - ended) / (passes - first) if passes > first else per_pass
+        self._expected, self._value = budget.expected(passes, value, seconds, per_pass), value
+        self.report(passes * self._strips)
+
+    @contextmanager
+    def not_counted(self) -> Iterator[None]:
+        """What happens within is not a pass, and its time is not counted as one's."""
+        started = time.monotonic()
+        yield
+        seconds = time.monotonic() - started
+        self._began += seconds
+        self._first = self._first[0] + seconds, self._first[1]
+
+    def report(self, strips: int) -> None:
+        """So many strips of all passes are done."""
+        (seconds, since), expected = self.times(1), self._expected * self._strips
+        left_s = (expected - strips) * (since / strips if strips else self._tried_s)
+        if math.isfinite(self._most_s) and not left_s <= self._most_s - seconds:  # NaN: not known yet
+            left_s = max(self._most_s - seconds, 0.0)
+        self._progress(RenderProgress(strips, expected, self._value, seconds, left_s))
+
+
+def stop_criterion_of(options: RenderOptions, groups: int = 1) -> StopCriterion:
+    """When a render with these options is good enough; None is "not given". Raises InputError. groups : of bands, that
+    share the samples; where there are too few for all, the bands are rendered together."""
+    spp, noise_ratio, max_spp = options.get("spp"), options.get("noise_ratio"), options.get("max_spp")
+    if spp is not None and noise_ratio is not None:
+        raise InputError(f"spp is {spp!r} and noise_ratio {noise_ratio!r}; give one: samples, or what they reach.")
+    if spp is not None and max_spp is not None:
+        raise InputError(f"spp is {spp!r} and max_spp {max_spp!r}; spp is exact, max_spp goes with noise_ratio.")
+    limit_s = options.get("max_seconds")
+    max_seconds, repeatable = math.inf if limit_s is None else limit_s, bool(options.get("repeatable"))
+    if repeatable and limit_s is not None:
+        raise InputError(f"repeatable is given and max_seconds is {limit_s!r}, but time is not: take max_spp instead.")
+    unlimited = noise_ratio is None and max_spp is None and limit_s is None
+    if spp is None and unlimited and groups == 1:
+        passes = DEFAULT_SPP // DEFAULT_PASS_SPP
+        return StopCriterion(passes, DEFAULT_PASS_SPP, repeatable=repeatable, to_sensor_noise=True)
+    if spp is not None or unlimited:  # bands in groups are for other cameras, too
+        wanted = DEFAULT_SPP if spp is None else spp
+        plan = pass_plan(wanted, repeatable)
+        grouped = groups > 1 and math.prod(plan) >= FEWEST * groups
+        plan = pass_plan(max(round(wanted / groups), FEWEST), repeatable) if grouped else plan
+        return StopCriterion(*plan, max_seconds=max_seconds, asked=spp, grouped=grouped, repeatable=repeatable)
+    most = MOST_SPP_ASKED if max_spp is None else max_spp
+    grouped = groups > 1 and most >= FEWEST_TO_STOP * groups
+    most = most // groups if grouped else most
+    samples = PASS_SPP if most >= FEWEST_TO_STOP * PASS_SPP and not repeatable else pass_plan(most, repeatable)[1]
+    return StopCriterion(
+        max(most // samples, 2),
+        samples,
+        noise_ratio,
+        max_seconds=max_seconds,
+        end="max_spp",
+        sized=repeatable,
+        grouped=grouped,
+        repeatable=repeatable,
+    )

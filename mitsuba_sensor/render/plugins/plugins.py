@@ -1,0 +1,105 @@
+"""Registers two plugins for plain Mitsuba: <sensor type="camera"> and <film type="photosensor">.
+
+Each is a factory: it reads its parameters and returns an object of Mitsuba's own (specfilm; perspective or thinlens),
+so that ``mi.load_file`` and ``mi.render`` run at full speed in every spectral variant, and an unread parameter still
+raises with its file and line. The only data that a film of Mitsuba can carry is its id; it contains the parameters, and
+the sensor around the film reads the pixel pitch from it.
+
+The values of such a film are ∫L dλ over each band [W m⁻² sr⁻¹], or weighted by each colour filter: the lens's solid
+angle, exposure and noise follow in :func:`mitsuba_sensor.render`. A prescription is traced there only; plain Mitsuba
+gets the thin lens of the same focal length and f-number.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+
+from ...core import InputError
+from ...sensor.camera import Camera
+from ..light.bands import BANDWIDTH_NM, choose_bands, response_film
+from ..scene.plugin_id import PluginParameters, parameters_of
+from ..scene.scene_settings import (
+    FILM,
+    PASSED_ON,
+    SceneSettings,
+    film_fields_of,
+    lens_fields,
+    sensor_fields_of,
+    settings_from,
+)
+from ..variants import MitsubaObject, mitsuba
+from .plugin_hook import register
+from .raw_film import RAW, raw_film
+
+OF_VIEW = ("focal_length_mm", "focus_distance_m", "scene_unit")  # parameters of a sensor that no camera has
+
+
+def register_plugins() -> None:
+    """Register the two plugins in the variant that is set and in all that will be set. May be repeated.
+
+    Importing this package does it, where Python finds Mitsuba by itself.
+    """
+    register(mitsuba())
+
+
+def built_in_sensor(settings: SceneSettings, camera: Camera, columns: int) -> tuple[str, dict[str, float | str]]:
+    """The sensor of Mitsuba that replaces a <sensor type="camera">: its type and its parameters.
+
+    A thin lens of focal length f focused at d has its image at s = f·d/(d − f). Without a focus distance s = f, and a
+    pinhole images everything sharply. Field of view 2·atan(columns·pitch/(2·s)), aperture radius f/(2·N).
+    columns : width of the film in pixels.  Raises InputError.
+    """
+    if settings.focal_length_mm is None:
+        raise InputError('a camera needs its focal length, e.g. <float name="focal_length_mm" value="25"/>.')
+    focal_m, focus_m, unit_m = settings.focal_length_mm * 1e-3, settings.focus_distance_m, settings.unit_m or 1.0
+    if focus_m is not None and focus_m <= focal_m:
+        far = f"more than the focal length, {focal_m:g} m (the distance of objects in focus, e.g. 2)"
+        raise InputError(f"focus_distance_m is {focus_m:g}; it must be {far}.")
+    image_m = focal_m if focus_m is None else focal_m * focus_m / (focus_m - focal_m)
+    half_width = columns * camera.pixel.pitch_x_um * 1e-6 / (2 * image_m)
+    view: dict[str, float | str] = {"fov": 2 * math.degrees(math.atan(half_width)), "fov_axis": "x"}
+    if focus_m is None:
+        return "perspective", view
+    radius_m = focal_m / (2 * camera.lens.f_number)
+    return "thinlens", {**view, "aperture_radius": radius_m / unit_m, "focus_distance": focus_m / unit_m}
+
+
+def photosensor(props: MitsubaObject) -> MitsubaObject:
+    """<film type="photosensor"> → Mitsuba's specfilm."""
+    return _photosensor(PluginParameters(film_fields_of(props)))
+
+
+def _photosensor(parameters: PluginParameters) -> MitsubaObject:
+    """A specfilm with the bands of its camera, which has the parameters of film and sensor in its id."""
+    mi, settings = mitsuba(), settings_from(parameters.film, {})
+    if not mi.is_spectral:
+        raise InputError("a photosensor needs a spectral variant; call mitsuba.set_variant('scalar_spectral') first.")
+    if (camera := settings.camera) is None:
+        raise InputError('a photosensor needs its camera, e.g. <string name="camera" value="konnik_table1"/>.')
+    width_nm = settings.bandwidth_nm or BANDWIDTH_NM
+    bands = choose_bands(camera, settings.wavelength_nm, width_nm, settings.spectral or "auto")
+    full = {"width": camera.sensor.columns, "height": camera.sensor.rows}
+    film = response_film(bands.responses, {**full, **settings.size, "id": parameters.id()})
+    return raw_film(film, parameters) if parameters.film.get("output") == RAW else film
+
+
+def camera(props: MitsubaObject) -> MitsubaObject:
+    """<sensor type="camera"> → Mitsuba's perspective or thinlens."""
+    mi, lens = mitsuba(), sensor_fields_of(props)
+    nested = {name: props[name] for name in props if props.type(name) == mi.Properties.Type.Object}
+    film_name = next((name for name, value in nested.items() if isinstance(value, mi.Film)), None)
+    known = None if film_name is None else parameters_of(nested[film_name])
+    if film_name is None or known is None:
+        raise InputError(f'a camera needs a <film type="{FILM}">: its pixels and the focal length determine the view.')
+    settings = settings_from(known.film, lens)
+    assert settings.camera is not None  # a photosensor is not built without one
+    kind, view = built_in_sensor(settings, settings.camera, nested[film_name].size()[0])
+    of_camera = {name: json.dumps(value) for name, value in lens_fields(lens).items()}  # as TOML
+    rest = {name: value for name, value in lens.items() if name in OF_VIEW}
+    parameters = PluginParameters({**known.film, **of_camera}, rest)
+    nested[film_name] = _photosensor(parameters)
+    passed = {name: props[name] for name in props if name in PASSED_ON}
+    sensor = mi.load_dict({"type": kind, "id": props.id(), **view, **passed, **nested})
+    sensor.film().set_id(parameters.id())  # load_dict gives it the name that it has there
+    return sensor

@@ -1,0 +1,224 @@
+"""Raw frames out of plain Mitsuba: a film that holds digital numbers, and the integrator that fills it.
+
+``<film type="photosensor"><string name="output" value="raw"/>`` is such a film; ``<integrator type="raw_frame">``
+around another one renders the scene with that one and exposes the camera. Then ``mi.render`` returns the raw frame, and
+``film.develop()``, ``film.bitmap()`` and ``film.write()`` have it. Both are classes of Python, one for each variant.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core import InputError
+from ...sensor.expose import expose
+from ..passes.passes import hashed_seed
+from ..scene.plugin_id import PluginParameters, parameters_of
+from ..scene.scene_nodes import LoadedView
+from ..variants import MitsubaObject, mitsuba
+
+RAW = "raw"  # of the parameter output
+BATCH = -3  # of the seeds of the sensors of a batch
+NO_DERIVATIVE = (
+    'the digital numbers of a raw frame have no derivative; render the light, with a photosensor of output "bands" and '
+    "without raw_frame, and take mitsuba_sensor.differentiable for the sensor behind it."
+)
+
+
+def raw_film(bands: MitsubaObject, parameters: PluginParameters) -> MitsubaObject:
+    """A film of the size of the film of the bands."""
+    mi = mitsuba()
+    props = mi.Properties("photosensor")
+    for name, value in _size_of(bands).items():
+        props[name] = value
+    props["rfilter"] = mi.load_dict({"type": "box"})
+    film = _film_class(mi.variant())(props)
+    film.set_id(parameters.id())
+    return film
+
+
+def _size_of(film: MitsubaObject) -> dict[str, int]:
+    """The parameters of a film for size and crop."""
+    names = "width", "height", "crop_width", "crop_height", "crop_offset_x", "crop_offset_y"
+    numbers = *film.size(), *film.crop_size(), *film.crop_offset()
+    return {name: int(number) for name, number in zip(names, numbers, strict=True)}
+
+
+def raw_frame(props: MitsubaObject) -> MitsubaObject:
+    """<integrator type="raw_frame"> around another integrator; by default around path."""
+    mi = mitsuba()
+    nested = [props[name] for name in props if props.type(name) == mi.Properties.Type.Object]
+    inner = next((one for one in nested if isinstance(one, mi.Integrator)), None)
+    level = mi.log_level()
+    mi.set_log_level(mi.LogLevel.Error)  # Mitsuba warns that Python is slow in scalar variants; it traces no ray here
+    try:
+        return _integrator_class(mi.variant())(props, mi.load_dict({"type": "path"}) if inner is None else inner)
+    finally:
+        mi.set_log_level(level)
+
+
+@cache
+def _film_class(variant: str) -> MitsubaObject:
+    """The film's class; Mitsuba has another base class in every variant."""
+    mi = mitsuba()
+    assert mi.variant() == variant
+    base: MitsubaObject = mi.Film
+
+    class RawFilm(base):  # type: ignore[misc]
+        """digital : the frame (H, W) [DN], once it is rendered.  aov_film : where an integrator ``aov`` around
+        raw_frame gathers its channels, until it has developed them."""
+
+        digital: NDArray[np.unsignedinteger] | None = None
+        aov_film: MitsubaObject = None
+
+        def hold(self, digital: NDArray[np.unsignedinteger]) -> None:
+            """Take a frame that was rendered."""
+            self.digital, self.aov_film = digital, None
+
+        def prepare(self, aovs: Any) -> int:
+            """Called by an integrator that fills it with samples: only ``aov`` may, once there is a frame."""
+            if self.digital is None or not aovs:
+                way_out = "put the integrator of the scene into one, or leave output out for the light of each band"
+                raise InputError(f'a photosensor of output "raw" needs <integrator type="raw_frame">; {way_out}.')
+            exact = {"component_format": "float32", "rfilter": {"type": "box"}}
+            self.aov_film = mi.load_dict({"type": "hdrfilm", **_size_of(self), **exact})
+            return int(self.aov_film.prepare(aovs))
+
+        def create_block(self, *size: object) -> MitsubaObject:
+            """For the samples of an integrator ``aov``."""
+            return self.aov_film.create_block(*size)
+
+        def put_block(self, block: MitsubaObject) -> None:
+            """Samples of an integrator ``aov``."""
+            self.aov_film.put_block(block)
+
+        def develop(self, raw: bool = False) -> MitsubaObject:
+            """The raw frame, (H, W, 1) [DN]; it is the same whether raw or not. For an integrator ``aov``, once, the
+            channels that it has gathered."""
+            if self.aov_film is not None:
+                channels, self.aov_film = self.aov_film.develop(raw), None
+                return channels
+            return mi.TensorXf(self._frame().astype(np.float32)[..., None])
+
+        def bitmap(self, raw: bool = False) -> MitsubaObject:
+            """The raw frame as whole numbers."""
+            return mi.Bitmap(self._frame()[..., None])
+
+        def write(self, path: Any) -> None:
+            """The raw frame as float32, in an EXR for example."""
+            mi.Bitmap(self._frame().astype(np.float32)[..., None]).write(str(path))
+
+        def clear(self) -> None:
+            """Forget the frame."""
+            self.digital = None
+
+        def base_channels_count(self) -> int:
+            """One, the digital numbers."""
+            return 1
+
+        def schedule_storage(self) -> None:
+            """Nothing waits."""
+
+        def to_string(self) -> str:
+            """For people."""
+            return f"RawFilm[size = {list(self.size())}, rendered = {self.digital is not None}]"
+
+        def _frame(self) -> NDArray[np.unsignedinteger]:
+            if self.digital is None:
+                raise InputError("the film holds no raw frame yet; render the scene first, e.g. mi.render(scene).")
+            return self.digital
+
+    return RawFilm
+
+
+@cache
+def _integrator_class(variant: str) -> MitsubaObject:
+    mi = mitsuba()
+    assert mi.variant() == variant
+    base: MitsubaObject = mi.SamplingIntegrator
+
+    class RawFrame(base):  # type: ignore[misc]
+        """inner : renders the light."""
+
+        def __init__(self, props: MitsubaObject, inner: MitsubaObject) -> None:
+            super().__init__(props)
+            self.inner = inner
+
+        def render(
+            self,
+            scene: MitsubaObject,
+            sensor: MitsubaObject = 0,
+            seed: Any = 0,
+            spp: int = 0,
+            develop: bool = True,
+            evaluate: bool = True,
+        ) -> MitsubaObject:
+            """The raw frame of a sensor, (H, W, 1) [DN], which its film holds too; those of a batch of sensors are side
+            by side. seed : of all noise."""
+            asked = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
+            film = asked.film()
+            if not hasattr(film, "digital"):
+                raise InputError('raw_frame renders a sensor with a <film type="photosensor"> of output "raw".')
+            samples, first_seed, frames = spp or int(asked.sampler().sample_count()), int(np.ravel(seed)[0]), []
+            for number, part in enumerate(_sensors_of(asked)):
+                own_film = film if parameters_of(part.film()) is None else part.film()
+                view = LoadedView(scene, part, self.inner, own_film)
+                own_seed = hashed_seed(first_seed, BATCH, number) if number else first_seed
+                frames.append(_raw_frame_of(view, own_seed, samples))
+            film.hold(np.concatenate(frames, axis=1))
+            return film.develop()
+
+        def render_forward(self, *scene: object, **options: object) -> MitsubaObject:
+            """Whole numbers have no derivative."""
+            raise InputError(NO_DERIVATIVE)
+
+        def render_backward(self, *scene: object, **options: object) -> None:
+            """Whole numbers have no derivative."""
+            raise InputError(NO_DERIVATIVE)
+
+        def sample(
+            self, scene: MitsubaObject, sampler: MitsubaObject, ray: MitsubaObject, *others: object
+        ) -> tuple[MitsubaObject, bool, list[MitsubaObject]]:
+            """No light: the frame is there when an integrator ``aov`` around this one samples its channels."""
+            return mi.Spectrum(0.0), True, []
+
+        def aov_names(self) -> list[str]:
+            """None."""
+            return []
+
+        def to_string(self) -> str:
+            """For people."""
+            return f"RawFrame[{self.inner}]"
+
+    return RawFrame
+
+
+def _raw_frame_of(view: LoadedView, seed: int, samples: int) -> NDArray[np.unsignedinteger]:
+    """The digital numbers of one picture, (H, W) [DN]."""
+    from ..passes.prepared import render
+
+    light = render(view, seed=seed, spp=samples)
+    return np.asarray(expose(light, seed=seed).digital[0])
+
+
+def _sensors_of(sensor: MitsubaObject) -> list[MitsubaObject]:
+    """The sensors side by side on the film of a batch, which Mitsuba shows to the callback of a traversal alone; of any
+    other sensor, itself. Raises InputError for a batch whose film has a crop."""
+    mi = mitsuba()
+    if sensor.class_name() != "BatchSensor":
+        return [sensor]
+    film = sensor.film()
+    if tuple(film.crop_size()) != tuple(film.size()):
+        raise InputError("the film of a batch of sensors has a crop, which raw_frame cannot divide; leave it out.")
+    inside = list[MitsubaObject]()
+
+    class SensorsInside(mi.TraversalCallback):  # type: ignore[misc, name-defined]
+        def put(self, name: str, value: object, *_: object) -> None:
+            if isinstance(value, mi.Sensor):
+                inside.append(value)
+
+    sensor.traverse(SensorsInside())
+    return inside

@@ -1,0 +1,236 @@
+"""A Mitsuba sensor that images through the camera's lens: it wraps the scene's own sensor.
+
+The scene's sensor keeps film, sampler, pose and parameters; a change through ``mi.traverse`` of either of the two
+sensors changes both. A measured distortion displaces the rays of the scene's own pinhole or thin lens (distorted
+projection); a prescription traces its own, from each point of the sensor through all surfaces into the scene.
+
+A pixel's irradiance is E = ∫ L·cos θ dω over the rear of the lens, with dω = cos³θ dA/Z² for the plane of the last
+vertex at the distance Z. A ray through a point sampled uniformly from the ellipse of area A that light can pass has the
+weight A·cos⁴θ/Z², or 0 if it is vignetted. So the rays carry E/L, and the f-number law must not be applied again.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cache
+from typing import Protocol, TypeAlias
+
+import numpy as np
+
+from ...core import Array, Float64Array, InputError
+from ...core.llvm import drjit
+from ...optics.distortion import Distortion, distortion_of
+from ...optics.exit_pupil import exit_pupil_bounds
+from ...optics.intrinsics import View, image_distance_m
+from ...optics.paraxial import cardinal_points, surfaces_at_f_number
+from ...optics.ray_trace import D_NM, Ray, stopped_down, trace
+from ...sensor.camera import Camera
+from ..variants import MitsubaObject, mitsuba
+
+TOLERANCE_PX = 0.005  # of the interpolated displacement of a distorted projection
+COARSEST, FINEST = 32, 1024  # cells of its table along a side
+NO_HEIGHT = 1e-9  # below it an image point is on the axis [mm]
+Samples: TypeAlias = tuple[Array, Array, Array, Array]  # time, wavelength, position on the full film [pixels], aperture
+
+
+class RaySource(Protocol):
+    """What a sensor of :func:`sensor_class` sees through."""
+
+    def sample(self, sensor: MitsubaObject, samples: Samples, active: Array) -> tuple[MitsubaObject, Array]:
+        """A ray of the scene for each point of the film, and its weight per wavelength."""
+
+
+def with_lens(
+    sensor: MitsubaObject, view: View, camera: Camera | None, unit_m: float
+) -> tuple[MitsubaObject, View, tuple[str, ...]]:
+    """The scene's sensor behind the camera's lens, its view, and notes about the differences; sensor and view are
+    unchanged without distortion and prescription. Raises InputError where lens and sensor cannot be combined."""
+    if camera is None:
+        return sensor, view, ()
+    lens: RaySource
+    variant, notes = mitsuba().variant(), list[str]()
+    if camera.lens.prescription is not None:
+        if view.half_width == 0:
+            many = "take a perspective or thinlens sensor"
+            raise InputError(f"lens.prescription is given and the scene's sensor is orthographic; {many}.")
+        lens = SequentialLens(camera, view, unit_m)
+        notes, view = lens.notes(camera.lens.prescription.name, view), lens.view
+    else:
+        distortion = distortion_of(camera.lens, image_distance_m(view, camera) * 1e3)
+        if distortion is None:
+            return sensor, view, ()
+        lens = DistortedProjection(distortion, view)
+    if variant.startswith("scalar"):
+        notes.append("the lens is computed in Python here, 0.1 ms per ray; an llvm variant is as fast as without it")
+    return sensor_class(variant)(sensor, lens), view, tuple(notes)
+
+
+@cache
+def sensor_class(variant: str) -> MitsubaObject:
+    """Class of sensors that see through something else, or on another film, than the scene's own; Mitsuba has another
+    base class in every variant."""
+    mi, dr = mitsuba(), drjit()
+    assert mi.variant() == variant
+    base: MitsubaObject = mi.Sensor
+
+    class LensSensor(base):  # type: ignore[misc]
+        """inner : the scene's own sensor.  lens : samples rays at positions on the full film [pixels].  film : of its
+        own, or None for that of ``inner``."""
+
+        def __init__(self, inner: MitsubaObject, lens: RaySource, film: MitsubaObject | None = None) -> None:
+            props = mi.Properties(inner.class_name())
+            props["film"], props["sampler"] = film or inner.film(), inner.sampler()
+            super().__init__(props)
+            if (medium := inner.get_medium()) is not None:
+                self.set_medium(medium)
+            self.inner, self.lens = inner, lens
+            self.m_needs_sample_2 = self.m_needs_sample_3 = True
+
+        def crop(self) -> tuple[Array, ...]:
+            """Size and corner of the crop, as data: strips of rows share one compiled kernel."""
+            pairs = self.film().crop_size(), self.film().crop_offset()
+            return tuple(mi.Vector2f(*(dr.opaque(mi.Float, float(n)) for n in pair)) for pair in pairs)
+
+        def sample_ray(
+            self, time: Array, sample1: Array, sample2: Array, sample3: Array, active: Array = True
+        ) -> tuple[MitsubaObject, Array]:
+            """Called by C++ by position and by integrators in Python by name: the names are Mitsuba's."""
+            size, corner = self.crop()
+            on_film = mi.Point2f(sample2.x * size.x + corner.x, sample2.y * size.y + corner.y)
+            return self.lens.sample(self, (time, sample1, on_film, sample3), active)
+
+        def sample_ray_differential(
+            self, time: Array, sample1: Array, sample2: Array, sample3: Array, active: Array = True
+        ) -> tuple[MitsubaObject, Array]:
+            ray, weight = self.sample_ray(time, sample1, sample2, sample3, active)
+            return mi.RayDifferential3f(ray), weight
+
+        def world_transform(self) -> MitsubaObject:
+            return self.inner.world_transform()
+
+        def traverse(self, callback: MitsubaObject) -> None:
+            self.inner.traverse(callback)
+
+        def parameters_changed(self, keys: MitsubaObject = ()) -> None:
+            self.inner.parameters_changed(list(keys))
+            super().parameters_changed(list(keys))
+
+    return LensSensor
+
+
+class DistortedProjection:
+    """For each real position on the film, the ray of its ideal position, from a table over the whole film that is as
+    fine as needed for bilinear interpolation to be within TOLERANCE_PX at the centre of every cell."""
+
+    def __init__(self, distortion: Distortion, view: View) -> None:
+        mi, self._size, self._cells = mitsuba(), view.size, COARSEST
+        table = _displacement(distortion, view, 2 * COARSEST)
+        while self._cells < FINEST:
+            corners = table[::2, ::2]
+            middle = (corners[1:, 1:] + corners[1:, :-1] + corners[:-1, 1:] + corners[:-1, :-1]) / 4
+            if np.abs(middle - table[1::2, 1::2]).max() <= TOLERANCE_PX:
+                break
+            self._cells *= 2
+            table = _displacement(distortion, view, 2 * self._cells)
+        self._displacement = mi.Texture2f(mi.TensorXf(table[::2, ::2].astype(np.float32)), use_accel=False)
+
+    def sample(self, sensor: MitsubaObject, samples: Samples, active: Array) -> tuple[MitsubaObject, Array]:
+        """The scene's own ray, and its weight, for the position without distortion."""
+        time, wavelength, real, aperture = samples
+        scale, (size, corner) = self._cells / (self._cells + 1), sensor.crop()
+        at = [p / n * scale + (0.5 / (self._cells + 1)) for p, n in zip(real, self._size, strict=True)]
+        dx, dy = self._displacement.eval(type(real)(*at), active)
+        ideal = type(real)(real.x + dx, real.y + dy)
+        in_crop = type(real)((ideal.x - corner.x) / size.x, (ideal.y - corner.y) / size.y)
+        ray, weight = sensor.inner.sample_ray(time, wavelength, in_crop, aperture, active)
+        return ray, weight
+
+
+def _displacement(distortion: Distortion, view: View, cells: int) -> Float64Array:
+    """Ideal minus real position on a grid over the whole film, (cells + 1, cells + 1, 2) [pixels]."""
+    (width, height), (axis_x, axis_y), scale = view.size, view.axis, view.tangent_per_pixel
+    at = np.linspace(0.0, 1.0, cells + 1)
+    x, y = np.meshgrid(width * at - axis_x, height * at - axis_y)
+    u, v, _ = distortion.ideal(scale * x, scale * y)
+    return np.stack([u / scale - x, v / scale - y], axis=-1)
+
+
+class SequentialLens:
+    """Rays through the camera's prescription, and the view through it; the centre of its entrance pupil is where the
+    scene's sensor is."""
+
+    def __init__(self, camera: Camera, view: View, unit_m: float) -> None:
+        lens, mi, dr = camera.lens, mitsuba(), drjit()
+        points, focus_m = cardinal_points(lens), lens.focus_m or view.focus_m
+        surfaces, distance = surfaces_at_f_number(lens), points.image_distance(focus_m)
+        self._pitch_mm = (camera.pixel.pitch_x_um * 1e-3, camera.pixel.pitch_y_um * 1e-3)
+        self.view = replace(
+            view,
+            half_width=0.5 * view.size[0] * self._pitch_mm[0] / points.principal_distance(focus_m),
+            focus_m=focus_m,
+            aperture_radius_m=points.entrance_radius * 1e-3,
+            sequential=True,
+        )
+        wavelengths_nm = (*camera.band_nm, D_NM) if lens.dispersion else (D_NM,)
+        reach = [max(a, n - a) * p for a, n, p in zip(view.axis, view.size, self._pitch_mm, strict=True)]
+        bounds = exit_pupil_bounds(surfaces, distance, math.hypot(*reach), wavelengths_nm)
+        last, lit = len(bounds.radial) - 1, np.flatnonzero(bounds.radial)
+        self._highest_mm = bounds.highest  # image height of the film's farthest corner; and the largest one with light
+        self._lit_mm = min(int(lit[-1]) + 1, last) / last * bounds.highest
+        self._dispersion = lens.dispersion
+        self._entrance_pupil_mm = points.length - points.entrance_pupil  # from the last vertex
+        self._units_per_mm = 1e-3 / unit_m
+        # Focus and f-number are data of the compiled kernel, so that it serves all of them; the glass is part of it.
+        self._surfaces = stopped_down(surfaces, dr.opaque(mi.Float, points.stop_radius))
+        self._distance = dr.opaque(mi.Float, distance)
+        table = np.stack([bounds.centre, bounds.radial, bounds.tangential], axis=-1).astype(np.float32)
+        self._bounds = mi.Texture1f(mi.TensorXf(table), use_accel=False)
+        self._per_mm = dr.opaque(mi.Float, 1 / bounds.highest)
+
+    def notes(self, name: str, scene: View) -> list[str]:
+        """What the lens of this name determines instead of the scene, whose own view is given."""
+        wide, was = (2 * math.degrees(math.atan(view.half_width)) for view in (self.view, scene))
+        focus = "infinity" if math.isinf(self.view.focus_m) else f"{self.view.focus_m:g} m"
+        found = f"the lens {name!r} determines the field of view, {wide:.3g} degrees across instead of the scene's "
+        found += f"{was:.3g}, and the blur; it is focused at {focus}"
+        if self._lit_mm >= self._highest_mm:
+            return [found]
+        dark = f"no light comes through the lens to image heights above {self._lit_mm:.3g} mm; "
+        return [found, f"{dark}the sensor's corner is at {self._highest_mm:.3g} mm"]
+
+    def sample(self, sensor: MitsubaObject, samples: Samples, active: Array) -> tuple[MitsubaObject, Array]:
+        """A ray and its weight E/L, per wavelength."""
+        mi, dr = mitsuba(), drjit()
+        time, wavelength, position, aperture = samples
+        lengths, weight = sensor.inner.sample_wavelengths(dr.zeros(mi.SurfaceInteraction3f), wavelength, active)
+        start, solid_angle = self._start(position, aperture)
+        if self._dispersion:  # only the first wavelength is traced, and represents the others
+            weight = weight * mi.Spectrum(len(lengths), *[0.0] * (len(lengths) - 1))
+        end = trace(self._surfaces, start, lengths[0] if self._dispersion else D_NM)
+        to_world, unvignetted = sensor.world_transform(), mi.Mask(end.unvignetted & active)
+        mm = self._units_per_mm
+        exit_point = mi.Point3f(end.x * mm, end.y * mm, (end.z - self._entrance_pupil_mm) * mm)
+        origin = dr.select(unvignetted, exit_point, mi.Point3f(0.0))
+        direction = dr.select(unvignetted, mi.Vector3f(end.dx, end.dy, end.dz), mi.Vector3f(0.0, 0.0, 1.0))
+        ray = mi.Ray3f(to_world @ origin, dr.normalize(to_world @ direction), time, lengths)
+        ray.maxt = dr.select(unvignetted, ray.maxt, 0.0)  # a vignetted ray intersects nothing
+        return ray, weight * dr.select(unvignetted, solid_angle, 0.0)
+
+    def _start(self, position: Array, aperture: Array) -> tuple[Ray, Array]:
+        """A ray from the film to the plane of the last vertex, and the projected solid angle it represents [sr]."""
+        dr, (axis_x, axis_y), (pitch_x, pitch_y) = drjit(), self.view.axis, self._pitch_mm
+        x, y, z = (position.x - axis_x) * pitch_x, (position.y - axis_y) * pitch_y, self._distance
+        height = dr.sqrt(x * x + y * y)
+        on_axis, inverse = height < NO_HEIGHT, 1.0 / dr.maximum(height, NO_HEIGHT)
+        ux, uy = dr.select(on_axis, 1.0, x * inverse), y * inverse
+        cells = self._bounds.shape[0] - 1  # of the exit-pupil bounds, linear in between
+        at = height * self._per_mm * (cells / (cells + 1)) + 0.5 / (cells + 1)
+        centre, radial, tangential = self._bounds.eval(at)
+        disk = mitsuba().warp.square_to_uniform_disk_concentric(aperture)
+        along, across = centre + radial * disk.x, tangential * disk.y
+        dx, dy = along * ux - across * uy - x, along * uy + across * ux - y
+        inverse = dr.rsqrt(dx * dx + dy * dy + z * z)
+        cosine = z * inverse
+        solid_angle = (math.pi * radial * tangential) * (cosine * cosine / z) ** 2
+        return Ray(x, y, -z, dx * inverse, dy * inverse, cosine, True), solid_angle

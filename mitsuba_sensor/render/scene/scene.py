@@ -1,0 +1,254 @@
+"""Loads any Mitsuba 3 scene file and replaces its film by one of spectral bands.
+
+Film and sampler of the first sensor are replaced between parsing and building, so that any scene (rgb, any film or
+filter) renders as spectral irradiance. Nothing else is changed, and notes say what was replaced.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core import Array, Float64Array, InputError
+from ...optics.intrinsics import View
+from ...sensor.camera import Camera
+from ...sensor.sensor_size import check_on_sensor
+from ..denoise.guides import render_guides
+from ..light.bands import Bands, box_bands, response_film, restrict_wavelengths, take_wavelengths_of
+from ..lint.finding import Finding, most_serious_first
+from ..lint.lint import SPECTRAL_RESPONSE, WRAPPERS, lint, lint_built
+from ..lint.loaded_spectra import loaded_findings
+from ..lint.mesh_attributes import refuse_missing_attributes
+from ..lint.metal_tables import continue_metals
+from ..lint.refusals import refuse_missing_files, refuse_misspelt, refuse_unsuitable
+from ..lint.spectrum_findings import Band
+from ..passes.interleaved import interleaved, most_interleaved
+from ..passes.noisy_pixels import NoisyPixels
+from ..passes.passes import SAMPLER
+from ..plugins.plugins import built_in_sensor
+from ..variants import MitsubaObject, mitsuba
+from .film_size import WIDTH, film_size
+from .lens_sensor import with_lens
+from .scene_file import SceneFile, as_input_error, parse_scene, plain_message
+from .scene_settings import FILM, SENSOR, SceneSettings, sensor_fields_of, settings_of
+
+GUIDE_SEED = 1
+FILM_ID = "sensor"  # id of the new film, by which its sensor is found in the built scene
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A scene ready to render into bands.
+
+    view : what its sensor images.  notes : what was replaced, what will be black.  findings : the same, one by one.
+    sha256 : of the scene file, its includes and its parameters.  responses : of the channels of the film.  noisy :
+    pixels that get more samples, or None.
+    """
+
+    mitsuba_scene: MitsubaObject
+    integrator: MitsubaObject
+    sensor: MitsubaObject
+    view: View
+    sha256: str
+    responses: Sequence[Mapping[str, object]]
+    notes: tuple[str, ...]
+    findings: tuple[Finding, ...] = ()
+    noisy: NoisyPixels | None = None
+    _interleaved: dict[tuple[int, tuple[int, int]], MitsubaObject] = field(default_factory=dict)
+
+    def restrict_wavelengths(self, low_nm: float, high_nm: float) -> None:
+        """From now on sample wavelengths between two edges of the bands only."""
+        restrict_wavelengths(self.sensor.film(), low_nm, high_nm)
+
+    def most_together(self, samples: int) -> int:
+        """How many passes over the whole crop, of so many samples, :meth:`render` makes at once."""
+        columns, rows = self.view.crop_size
+        return most_interleaved(rows * columns, len(self.responses), samples) if self.noisy is None else 1
+
+    def render(self, seed: int, samples: int, rows: tuple[int, int], count: int = 1) -> NDArray[np.float32]:
+        """Passes over rows [first, last) of the crop: ∫response·L dλ [W m⁻² sr⁻¹], (rows, columns × count, channels),
+        those of a pixel side by side.  count : of passes, at most :meth:`most_together`."""
+        (columns, _), (x, y) = self.view.crop_size, self.view.crop_offset
+        film, size, offset = self.sensor.film(), (columns, rows[1] - rows[0]), (x, y + rows[0])
+        if tuple(film.crop_size()) != size or tuple(film.crop_offset()) != offset:
+            parameters = mitsuba().traverse(self.sensor)
+            parameters["film.crop_size"], parameters["film.crop_offset"] = list(size), list(offset)
+            parameters.update()
+        if count > 1:
+            return self._rendered(self._together(count, size), seed, samples).reshape(size[1], size[0] * count, -1)
+        image = self._rendered(self.sensor, seed, samples).reshape(size[1], size[0], -1)
+        if self.noisy is None:
+            return image
+        return self.noisy.averaged(image, self.sensor, rows, seed, samples, self._rendered)
+
+    def _together(self, count: int, size: tuple[int, int]) -> MitsubaObject:
+        """A sensor with a film for so many passes."""
+        if (found := self._interleaved.get((count, size))) is None:
+            found = self._interleaved[count, size] = interleaved(self.sensor, self.responses, count, size)
+        take_wavelengths_of(self.sensor.film(), found.film())
+        return found
+
+    def _rendered(self, sensor: MitsubaObject, seed: int, samples: int) -> NDArray[np.float32]:
+        try:
+            image = self.integrator.render(self.mitsuba_scene, sensor=sensor, seed=seed, spp=samples)
+        except RuntimeError as error:
+            variant = mitsuba().variant()
+            way_out = "--integrator path" + ("" if variant.startswith("scalar") else " or --variant scalar_spectral")
+            first = plain_message(RuntimeError(str(error).split("\n\n")[0]))
+            raise InputError(f"the scene cannot be rendered in {variant}: try {way_out} ({first}).") from error
+        return np.array(image, dtype=np.float32)
+
+    def with_noisy(self, pixels: NoisyPixels) -> Scene:
+        """The same with more samples for some pixels."""
+        return replace(self, noisy=pixels, notes=(*self.notes, pixels.note))
+
+    def guides(
+        self, wavelengths_nm: Float64Array, rows: tuple[int, int], rays: int, number: int = 0
+    ) -> NDArray[np.float32]:
+        """Guides of a denoiser for rows [first, last) of the crop: see :func:`guides.render_guides`.  number : of the
+        set of rays."""
+        return render_guides(self, wavelengths_nm, GUIDE_SEED + number, rays, rows)
+
+
+def load_scene(
+    path: str | os.PathLike[str] | SceneFile,
+    bands: Bands,
+    parameters: Mapping[str, object],
+    camera: Camera | None = None,
+    scene_unit: str | float | None = None,
+    *,
+    width: int | None = None,
+    sampler: str = SAMPLER,
+) -> Scene:
+    """Load ``path`` with a film of these bands; the variant must be set. Raises InputError.
+
+    parameters, scene_unit, width : as for :func:`render`.  sampler : Mitsuba plugin that samples the light paths.
+    camera : whose lens is used; by default the one that the scene file names, if any.
+    """
+    scene = path if isinstance(path, SceneFile) else parse_scene(path, parameters)
+    with as_input_error(scene.path):
+        return _load(scene, bands, camera, scene_unit, width, sampler)
+
+
+def _load(
+    scene: SceneFile,
+    bands: Bands,
+    camera: Camera | None,
+    scene_unit: str | float | None,
+    width: int | None,
+    sampler: str,
+) -> Scene:
+    scene = replace(scene, state=mitsuba().parser.ParserState(scene.state))  # a copy, which is changed
+    refuse_unsuitable(scene)
+    refuse_missing_files(scene)
+    settings = settings_of(scene)
+    camera, metres = camera or settings.camera, settings.metres(scene_unit)
+    findings, dark = lint(scene, Band(*bands.ends_nm, camera), metres)
+    if dark and not scene.edits.traverse:  # which may change the spectrum of an emitter
+        why = f"{findings[0].what}; give it an emitter with a spectrum there"
+        raise InputError(f"scene {scene.name!r} has no light in the bands: {why}.")
+    _replace_camera(scene, replace(settings, unit_m=metres), camera)
+    scene.edits.set_pose(scene.sensor().props, metres or 1.0)
+    _replace_film(scene, bands, film_size(scene, camera, width), sampler)
+    continue_metals(scene.nodes("BSDF"), *bands.ends_nm)
+    built = scene.build()
+    world, integrator = built, built.integrator()
+    if scene.loaded is not None:
+        world, integrator = scene.loaded.scene, scene.loaded.integrator
+    if not world.emitters():
+        raise InputError(f'scene {scene.name!r} has no light; add an emitter, e.g. <emitter type="constant"/>.')
+    refuse_missing_attributes(scene, world)
+    sensor = next((one for one in built.sensors() if one.film().id() == FILM_ID), None)
+    if sensor is None:
+        raise InputError(f"scene {scene.name!r}: its sensor has a number that is NaN; correct fov and to_world.")
+    integrator = getattr(integrator, "inner", integrator) or mitsuba().load_dict({"type": "path"})
+    spectra = () if scene.loaded is None else loaded_findings(world, Band(*bands.ends_nm, camera))
+    findings = most_serious_first([*findings, *lint_built(scene, world, sensor), *spectra])
+    sensor, view, lens_notes = with_lens(sensor, _view(sensor, metres or 1.0), camera, metres or 1.0)
+    if camera is not None:
+        (columns, rows), (column, row) = view.crop_size, view.crop_offset
+        check_on_sensor(f"the film of scene {scene.name!r}", (rows, columns), (row, column), camera)
+    notes = (*(finding.as_note for finding in findings), *lens_notes)
+    return Scene(world, integrator, sensor, view, scene.digest(), bands.responses, notes, tuple(findings))
+
+
+def inspect_scene(
+    path: str | os.PathLike[str] | SceneFile,
+    camera: Camera,
+    parameters: Mapping[str, object],
+    scene_unit: str | float | None = None,
+) -> tuple[Finding, ...]:
+    """Findings about a scene for ``camera``, without rendering; the variant must be set. The scene is built too, so
+    that a missing mesh is an InputError here and not later."""
+    bands = box_bands(camera, np.array(camera.band_nm, dtype=float))
+    scene = path if isinstance(path, SceneFile) else parse_scene(path, parameters)
+    findings, dark = lint(scene, Band(*bands.ends_nm, camera), settings_of(scene).metres(scene_unit))
+    return tuple(findings) if dark else load_scene(scene, bands, parameters, camera, scene_unit).findings
+
+
+def _replace_camera(scene: SceneFile, settings: SceneSettings, camera: Camera | None) -> None:
+    """Replace a <sensor type="camera"> by Mitsuba's perspective or thinlens."""
+    node = scene.sensor()
+    if node.props.plugin_name() != SENSOR:
+        return
+    where = f"scene {scene.name!r}, {scene.where(node)}"
+    if camera is None:
+        raise InputError(f'{where}: a camera needs a <film type="{FILM}"> that names it, or --camera.')
+    try:
+        kind, view = built_in_sensor(settings, camera, film_size(scene, camera, None).get("width", WIDTH))
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+    for name in sensor_fields_of(node.props):
+        del node.props[name]
+    node.props.set_plugin_name(kind)
+    for name, value in view.items():
+        node.props[name] = value
+
+
+def _replace_film(scene: SceneFile, bands: Bands, size: dict[str, int], sampler: str) -> None:
+    """Replace film and sampler of the first sensor; remove other sensors; unwrap integrators that add channels."""
+    mi, node = mitsuba(), scene.sensor()
+    refuse_misspelt(scene)
+    for name, _ in scene.children(node.props, "Film", "Sampler"):
+        del node.props[name]
+    if SPECTRAL_RESPONSE in node.props:  # that of the camera is in the film
+        del node.props[SPECTRAL_RESPONSE]
+    with as_input_error(scene.path):
+        node.props["film"] = response_film(bands.responses, {**size, "id": FILM_ID})
+    node.props["sampler"] = mi.load_dict({"type": sampler})
+    for name, child in scene.children(scene.root, "Sensor"):
+        if child != node:
+            del scene.root[name]
+    for name, child in scene.children(scene.root, "Integrator"):
+        if child.props.plugin_name() in WRAPPERS:
+            inner = [child.props[key] for key, _ in scene.children(child.props, "Integrator")]
+            scene.root[name] = inner[0] if inner else mi.load_dict({"type": "path"})
+    scene.edits.fix_blocks(scene.root, scene.nodes("Integrator"))
+
+
+def _view(sensor: MitsubaObject, metres: float) -> View:
+    """The view of a built sensor, whose fov_axis or focal_length Mitsuba has converted into x_fov; metres per unit."""
+    parameters, film = mitsuba().traverse(sensor), sensor.film()
+
+    def value(name: str, default: float) -> float:  # Dr.Jit scalars are arrays of one
+        return float(np.ravel(parameters[name])[0]) if name in parameters else default
+
+    def pair(vector: Array) -> tuple[int, int]:
+        return int(vector[0]), int(vector[1])
+
+    if 0 in pair(film.crop_size()):
+        raise InputError(f"the film has {film.crop_size()[0]} × {film.crop_size()[1]} pixels; it needs at least 1 × 1.")
+    return View(
+        size=pair(film.size()),
+        crop_size=pair(film.crop_size()),
+        crop_offset=pair(film.crop_offset()),
+        half_width=math.tan(math.radians(value("x_fov", 0.0)) / 2),
+        principal_point=(value("principal_point_offset_x", 0.0), value("principal_point_offset_y", 0.0)),
+        focus_m=value("focus_distance", math.inf) * metres,
+        aperture_radius_m=value("aperture_radius", 0.0) * metres,
+    )
