@@ -17,7 +17,7 @@ from .render.light.photons import gradient_light as gradient_light
 from .render.light.photons import uniform_light as uniform_light
 from .render.passes.per_frame import render_frames as render_frames
 from .render.passes.prepared import render as render
-from .render.plugins.plugins import register_plugins as register_plugins
+from .render.plugins.plugin_hook import register_plugins as register_plugins
 from .sensor.camera import Camera as Camera
 from .sensor.camera_check import check_camera as check_camera
 from .sensor.camera_file import list_cameras as list_cameras

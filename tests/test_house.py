@@ -247,14 +247,20 @@ def test_the_public_api_has_at_most_32_names() -> None:
     assert all(hasattr(mitsuba_sensor, name) for name in mitsuba_sensor.__all__)
 
 
-def test_importing_the_package_changes_nothing() -> None:
+def test_importing_the_package_changes_nothing_but_adds_one_finder() -> None:
+    """The finder registers the plugins when Mitsuba is imported, and takes itself out (docs/plugins.md)."""
     code = (
-        "import os, sys; before = dict(os.environ)\n"
+        "import os, sys; before = dict(os.environ); finders, hooks = list(sys.meta_path), list(sys.path_hooks)\n"
         "import mitsuba_sensor\n"
         "assert dict(os.environ) == before, 'environment changed'\n"
+        "added = [type(finder).__name__ for finder in sys.meta_path if finder not in finders]\n"
+        "assert added == ['AfterMitsuba'] and sys.meta_path[1:] == finders, sys.meta_path\n"
+        "assert sys.path_hooks == hooks, sys.path_hooks\n"
         f"loaded = {SLOW | TERMINAL} & set(sys.modules)\n"
         "assert not loaded, f'{loaded} imported'\n"
         "assert not mitsuba_sensor.Camera.__pydantic_complete__, 'the check of camera files is built'\n"
+        "import mitsuba\n"
+        "assert sys.meta_path == finders, 'the finder is still there'\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=dict(os.environ))
     assert done.returncode == 0, done.stderr

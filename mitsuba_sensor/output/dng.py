@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 Tag: TypeAlias = TiffTag
 
-ASCII, RATIONAL, UNDEFINED, SRATIONAL, DOUBLE = 2, 5, 7, 10, 12  # types of tags, beside those of files.py
+ASCII, RATIONAL, UNDEFINED, SRATIONAL, DOUBLE = 2, 5, 7, 10, 12  # types of tags, beside those of tiff.py
 LARGEST = 2**31 - 1  # numerator and denominator of a fraction, signed or not
 PHOTOMETRIC, CFA, LINEAR_RAW = 262, 32803, 34892
 EXIF, EXIF_TO_BE = 34665, 34664  # where the directory of Exif stands; tifffile writes no tag of this number

@@ -1,4 +1,4 @@
-"""Spectral irradiance and AOVs as OpenEXR files; each appears whole or not at all (files.py)."""
+"""Spectral irradiance and AOVs as OpenEXR files; each appears whole or not at all (appearing.py)."""
 
 from __future__ import annotations
 

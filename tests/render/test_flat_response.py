@@ -10,9 +10,8 @@ from helpers.scenes import BALL, SKY, scene_text, skip_unless_usable, write_scen
 
 from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.core.llvm import drjit
-from mitsuba_sensor.render.light.bands import box_bands, response_film, round_wavelength_density
+from mitsuba_sensor.render.light.bands import box_bands, film_response, response_film, round_wavelength_density
 from mitsuba_sensor.render.light.film_channels import with_filters
-from mitsuba_sensor.render.light.flat_response import film_response
 from mitsuba_sensor.render.passes.prepared import render
 from mitsuba_sensor.render.variants import choose_variant, use
 from mitsuba_sensor.sensor.camera import Camera

@@ -13,8 +13,8 @@ from helpers.scenes import scene_text, skip_unless_usable, write_scene
 from mitsuba_sensor.render.light.bands import choose_bands
 from mitsuba_sensor.render.motion.motion import read_motion
 from mitsuba_sensor.render.motion.moving_scene import AnimatedTransforms
-from mitsuba_sensor.render.scene.mesh_arrays import NORMALS, POSITIONS, vertex_arrays
 from mitsuba_sensor.render.scene.scene import load_scene
+from mitsuba_sensor.render.scene.scene_edits import NORMALS, POSITIONS, vertex_arrays
 from mitsuba_sensor.render.variants import choose_variant, use
 from mitsuba_sensor.sensor.camera_file import load_camera
 

@@ -19,7 +19,7 @@ from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.optics.intrinsics import aperture_f_number, image_distance_m, magnification
 from mitsuba_sensor.render.light.bands import box_bands, channel_bands
 from mitsuba_sensor.render.passes.prepared import render
-from mitsuba_sensor.render.plugins import plugins
+from mitsuba_sensor.render.plugins import plugin_hook
 from mitsuba_sensor.render.scene.scene import Scene, load_scene
 from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
 from mitsuba_sensor.sensor.camera_file import load_camera
@@ -57,7 +57,7 @@ def fov_deg(image_m: float, columns: int = 12) -> float:
 
 def plain(path: Path, **parameters: str) -> Any:
     """What a Mitsuba user does."""
-    plugins.register_plugins()
+    plugin_hook.register_plugins()
     return mitsuba().load_file(str(path), **parameters)
 
 
@@ -287,8 +287,8 @@ def test_files_of_inline_fields_lie_beside_the_scene(tmp_path: Path) -> None:
 def test_registering_works_before_any_variant_is_set() -> None:
     """In a fresh process, the order of a Mitsuba user: register, set a variant, load; and another variant later."""
     code = (
-        "from mitsuba_sensor.render import plugins\n"
-        "plugins.register_plugins(); plugins.register_plugins()\n"
+        "import mitsuba_sensor as ms\n"
+        "ms.register_plugins(); ms.register_plugins()\n"
         "import mitsuba as mi\n"
         "assert mi.variant() is None, 'a variant was set'\n"
         "for variant in ('scalar_spectral', 'scalar_rgb', 'scalar_spectral'):\n"

@@ -11,7 +11,7 @@ from helpers.scenes import BALL, SCENES, SKY, both_variants, scene_text, skip_un
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.errors import InputError
-from mitsuba_sensor.render.plugins import plugins
+from mitsuba_sensor.render.plugins import plugin_hook
 from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
 
 CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.1)
@@ -82,7 +82,7 @@ def test_instances_and_lights_of_every_kind_stay_as_they_are_in_a_loaded_scene()
 
 def test_a_scene_of_our_plugins_keeps_camera_lens_crop_and_exposure_when_it_is_loaded() -> None:
     mi = ready("scalar_spectral")
-    plugins.register_plugins()
+    plugin_hook.register_plugins()
     from_text = ms.capture(OWN, **OPTIONS)
     loaded = ms.capture(mi.load_string(OWN), **OPTIONS)
     np.testing.assert_array_equal(loaded.frames.digital, from_text.frames.digital)

@@ -56,7 +56,7 @@ def radiance_of(
     count: int,
 ) -> NDArray[np.float32]:
     """Passes of some rows, the groups of bands one after the other, (rows, columns × count, B + filters): see
-    :meth:`scene.Scene.render`."""
+    :meth:`scene.scene.Scene.render`."""
     if len(groups) == 1:
         if bands.kind == "cube":
             scene.restrict_wavelengths(*bands.ends_nm)

@@ -27,8 +27,8 @@ from ...sensor.camera import Camera
 from ..denoise.guides import power_of_two, render_guides
 from ..passes.noisy_pixels import NoisyPixels
 from ..passes.passes import hashed_seed, whole_grid
-from ..scene.mesh_arrays import moved_vertices, vertex_arrays
 from ..scene.scene import GUIDE_SEED, Scene
+from ..scene.scene_edits import moved_vertices, vertex_arrays
 from ..variants import MitsubaObject, mitsuba
 from .motion import Motion, RigidMotion
 from .rays import camera_to_world, first_hits, project

@@ -12,7 +12,7 @@ class Estimate(NamedTuple):
     """What a render found, as a file has it.
 
     data, standard_error : (H, W, B) mean and standard error per band [W m⁻² nm⁻¹].  relative_error, in_band : (H, W),
-        see :class:`irradiance.Irradiance`.
+        see :class:`light.irradiance.Irradiance`.
     """
 
     data: NDArray[np.float32]

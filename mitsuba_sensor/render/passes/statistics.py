@@ -47,7 +47,7 @@ class RenderStatistics:
         sum_corrected_by : share of the light that was moved to have the render's sums.
     seconds_per_sample : of one sample in every pixel, by the passes after the first one, which compiles.
     sum_error : relative standard error of the sum of the photoelectrons of all pixels, denoised or not; for regions
-        see :meth:`irradiance.Irradiance.error_of_sum`. None where it is not known.
+        see :meth:`light.irradiance.Irradiance.error_of_sum`. None where it is not known.
     metering : the exposure time that was found and how, see :class:`sensor.metering.Metering`; None where it was given.
     """
 

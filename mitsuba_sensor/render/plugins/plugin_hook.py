@@ -1,4 +1,9 @@
-"""Makes our plugins known to Mitsuba, whichever of the two packages is imported first; imports Mitsuba never."""
+"""Makes our plugins known to Mitsuba, whichever of the two packages is imported first; imports Mitsuba never.
+
+``import mitsuba_sensor`` calls :func:`watch`: one finder goes into ``sys.meta_path`` where Mitsuba is not imported
+yet. The finder looks at the import of ``mitsuba`` alone and takes itself out once Mitsuba is loaded. It is all that an
+import of this package changes in a process (docs/plugins.md).
+"""
 
 from __future__ import annotations
 
@@ -68,3 +73,13 @@ def _register(_before: str | None, _now: str | None) -> None:
     mi.register_integrator("raw_frame", integrator)
     mi.register_film("photosensor", film)
     mi.register_sensor("camera", sensor)
+
+
+def register_plugins() -> None:
+    """Register the two plugins in the variant that is set and in all that will be set. May be repeated.
+
+    Importing this package does it, where Python finds Mitsuba by itself.
+    """
+    from ..variants import mitsuba
+
+    register(mitsuba())

@@ -13,56 +13,23 @@ gets the thin lens of the same focal length and f-number.
 from __future__ import annotations
 
 import json
-import math
 
 from ...core import InputError
-from ...sensor.camera import Camera
 from ..light.bands import BANDWIDTH_NM, choose_bands, response_film
+from ..scene.film_and_view import built_in_sensor
 from ..scene.plugin_id import PluginParameters, parameters_of
 from ..scene.scene_settings import (
     FILM,
     PASSED_ON,
-    SceneSettings,
     film_fields_of,
     lens_fields,
     sensor_fields_of,
     settings_from,
 )
 from ..variants import MitsubaObject, mitsuba
-from .plugin_hook import register
 from .raw_film import RAW, raw_film
 
 OF_VIEW = ("focal_length_mm", "focus_distance_m", "scene_unit")  # parameters of a sensor that no camera has
-
-
-def register_plugins() -> None:
-    """Register the two plugins in the variant that is set and in all that will be set. May be repeated.
-
-    Importing this package does it, where Python finds Mitsuba by itself.
-    """
-    register(mitsuba())
-
-
-def built_in_sensor(settings: SceneSettings, camera: Camera, columns: int) -> tuple[str, dict[str, float | str]]:
-    """The sensor of Mitsuba that replaces a <sensor type="camera">: its type and its parameters.
-
-    A thin lens of focal length f focused at d has its image at s = f·d/(d − f). Without a focus distance s = f, and a
-    pinhole images everything sharply. Field of view 2·atan(columns·pitch/(2·s)), aperture radius f/(2·N).
-    columns : width of the film in pixels.  Raises InputError.
-    """
-    if settings.focal_length_mm is None:
-        raise InputError('a camera needs its focal length, e.g. <float name="focal_length_mm" value="25"/>.')
-    focal_m, focus_m, unit_m = settings.focal_length_mm * 1e-3, settings.focus_distance_m, settings.unit_m or 1.0
-    if focus_m is not None and focus_m <= focal_m:
-        far = f"more than the focal length, {focal_m:g} m (the distance of objects in focus, e.g. 2)"
-        raise InputError(f"focus_distance_m is {focus_m:g}; it must be {far}.")
-    image_m = focal_m if focus_m is None else focal_m * focus_m / (focus_m - focal_m)
-    half_width = columns * camera.pixel.pitch_x_um * 1e-6 / (2 * image_m)
-    view: dict[str, float | str] = {"fov": 2 * math.degrees(math.atan(half_width)), "fov_axis": "x"}
-    if focus_m is None:
-        return "perspective", view
-    radius_m = focal_m / (2 * camera.lens.f_number)
-    return "thinlens", {**view, "aperture_radius": radius_m / unit_m, "focus_distance": focus_m / unit_m}
 
 
 def photosensor(props: MitsubaObject) -> MitsubaObject:

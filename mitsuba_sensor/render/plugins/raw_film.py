@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ...core import InputError
 from ...sensor.expose import expose
 from ..passes.passes import hashed_seed
+from ..passes.prepared import render
 from ..scene.plugin_id import PluginParameters, parameters_of
 from ..scene.scene_nodes import LoadedView
 from ..variants import MitsubaObject, mitsuba
@@ -198,8 +199,6 @@ def _integrator_class(variant: str) -> MitsubaObject:
 
 def _raw_frame_of(view: LoadedView, seed: int, samples: int) -> NDArray[np.unsignedinteger]:
     """The digital numbers of one picture, (H, W) [DN]."""
-    from ..passes.prepared import render
-
     light = render(view, seed=seed, spp=samples)
     return np.asarray(expose(light, seed=seed).digital[0])
 

@@ -22,17 +22,15 @@ from ..denoise.guides import render_guides
 from ..light.bands import Bands, box_bands, response_film, restrict_wavelengths, take_wavelengths_of
 from ..lint.finding import Finding, most_serious_first
 from ..lint.lint import SPECTRAL_RESPONSE, WRAPPERS, lint, lint_built
-from ..lint.loaded_spectra import loaded_findings
 from ..lint.mesh_attributes import refuse_missing_attributes
 from ..lint.metal_tables import continue_metals
 from ..lint.refusals import refuse_missing_files, refuse_misspelt, refuse_unsuitable
-from ..lint.spectrum_findings import Band
+from ..lint.spectrum_findings import Band, loaded_findings
 from ..passes.interleaved import interleaved, most_interleaved
 from ..passes.noisy_pixels import NoisyPixels
 from ..passes.passes import SAMPLER
-from ..plugins.plugins import built_in_sensor
 from ..variants import MitsubaObject, mitsuba
-from .film_size import WIDTH, film_size
+from .film_and_view import WIDTH, built_in_sensor, film_size
 from .lens_sensor import with_lens
 from .scene_file import SceneFile, as_input_error, parse_scene, plain_message
 from .scene_settings import FILM, SENSOR, SceneSettings, sensor_fields_of, settings_of
@@ -110,7 +108,7 @@ class Scene:
     def guides(
         self, wavelengths_nm: Float64Array, rows: tuple[int, int], rays: int, number: int = 0
     ) -> NDArray[np.float32]:
-        """Guides of a denoiser for rows [first, last) of the crop: see :func:`guides.render_guides`.  number : of the
+        """Guides of a denoiser for rows [first, last) of the crop: see :func:`render_guides`.  number : of the
         set of rays."""
         return render_guides(self, wavelengths_nm, GUIDE_SEED + number, rays, rows)
 

@@ -15,9 +15,7 @@ from ...core import InputError, nearest
 from ...files.scene_xml import require_scene_file, require_shallow
 from ..variants import MitsubaObject, mitsuba, own_folder_first, parser_config
 from . import old_formats, old_text
-from .foreign_plugins import refuse_foreign_plugins
-from .parameter_names import meant
-from .plugin_names import remedy_for_unknown
+from .plugin_names import meant, refuse_foreign_plugins, remedy_for_unknown
 from .scene_edits import SceneEdits
 
 EXAMPLE_SENSOR = (

@@ -18,9 +18,8 @@ import numpy as np
 
 from ...core import InputError
 from ..variants import MitsubaObject, mitsuba, parser_config, refuse_polarized
-from .foreign_plugins import refuse_foreign_plugins
 from .plugin_id import PluginParameters, parameters_of
-from .plugin_names import OWN_PLUGINS, remedy_for_unknown, type_of_plugin
+from .plugin_names import OWN_PLUGINS, refuse_foreign_plugins, remedy_for_unknown, type_of_plugin
 from .scene_file import EXAMPLE_SENSOR, POLARISING, SceneFile, as_input_error, with_integrator
 
 SceneInput: TypeAlias = str | os.PathLike[str] | Mapping[str, Any] | MitsubaObject

@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mitsuba_sensor.render.passes import spillable
-from mitsuba_sensor.render.passes.spillable import Spillable, on_disk
+from mitsuba_sensor.render.passes import row_strip
+from mitsuba_sensor.render.passes.row_strip import Spillable, on_disk
 
 SHAPES = ((7, 5, 3), (11, 2))
-pytestmark = pytest.mark.skipif(not spillable.CAN_SPILL, reason="memory is given back where the system has madvise")
+pytestmark = pytest.mark.skipif(not row_strip.CAN_SPILL, reason="memory is given back where the system has madvise")
 
 
 def filled(monkeypatch: pytest.MonkeyPatch) -> tuple[list[Spillable], list[np.ndarray]]:
     """Arrays of random numbers, and copies of them; all of them are large enough."""
-    monkeypatch.setattr(spillable, "LEAST_BYTES", 1)
+    monkeypatch.setattr(row_strip, "LEAST_BYTES", 1)
     arrays, random = [Spillable(shape) for shape in SHAPES], np.random.default_rng(1)
     for array in arrays:
         assert array.values.dtype == np.float32 and not array.values.any()
@@ -59,7 +59,7 @@ def test_on_a_full_disk_they_stay_in_memory(monkeypatch: pytest.MonkeyPatch, whe
 
 def test_little_is_not_worth_a_file(monkeypatch: pytest.MonkeyPatch) -> None:
     arrays, before = filled(monkeypatch)
-    monkeypatch.setattr(spillable, "LEAST_BYTES", 2**20)
+    monkeypatch.setattr(row_strip, "LEAST_BYTES", 2**20)
     monkeypatch.setattr(tempfile, "TemporaryFile", None)
     with on_disk(arrays):
         assert all((array.values == values).all() for array, values in zip(arrays, before, strict=True))

@@ -1,11 +1,13 @@
-"""Size of the film of a scene: the scene's own, or the camera's, scaled to a width."""
+"""Size of the film of a scene, and the sensor of Mitsuba that has the view of a <sensor type="camera">."""
 
 from __future__ import annotations
+
+import math
 
 from ...core import InputError
 from ...sensor.camera import Camera
 from .scene_file import SceneFile
-from .scene_settings import FILM, SIZE
+from .scene_settings import FILM, SIZE, SceneSettings
 
 MOST_PIXELS = 2**28  # of one picture; its bands alone take 64 GB
 WIDTH, HEIGHT = 768, 576  # default of Mitsuba's films
@@ -34,3 +36,25 @@ def _fitting(scene: SceneFile, size: dict[str, int]) -> dict[str, int]:
         many = f"{columns} × {rows} pixels; it may have {MOST_PIXELS} at most, a crop of it or --width fewer"
         raise InputError(f"scene {scene.name!r} has a film of {many}.")
     return size
+
+
+def built_in_sensor(settings: SceneSettings, camera: Camera, columns: int) -> tuple[str, dict[str, float | str]]:
+    """The sensor of Mitsuba that replaces a <sensor type="camera">: its type and its parameters.
+
+    A thin lens of focal length f focused at d has its image at s = f·d/(d − f). Without a focus distance s = f, and a
+    pinhole images everything sharply. Field of view 2·atan(columns·pitch/(2·s)), aperture radius f/(2·N).
+    columns : width of the film in pixels.  Raises InputError.
+    """
+    if settings.focal_length_mm is None:
+        raise InputError('a camera needs its focal length, e.g. <float name="focal_length_mm" value="25"/>.')
+    focal_m, focus_m, unit_m = settings.focal_length_mm * 1e-3, settings.focus_distance_m, settings.unit_m or 1.0
+    if focus_m is not None and focus_m <= focal_m:
+        far = f"more than the focal length, {focal_m:g} m (the distance of objects in focus, e.g. 2)"
+        raise InputError(f"focus_distance_m is {focus_m:g}; it must be {far}.")
+    image_m = focal_m if focus_m is None else focal_m * focus_m / (focus_m - focal_m)
+    half_width = columns * camera.pixel.pitch_x_um * 1e-6 / (2 * image_m)
+    view: dict[str, float | str] = {"fov": 2 * math.degrees(math.atan(half_width)), "fov_axis": "x"}
+    if focus_m is None:
+        return "perspective", view
+    radius_m = focal_m / (2 * camera.lens.f_number)
+    return "thinlens", {**view, "aperture_radius": radius_m / unit_m, "focus_distance": focus_m / unit_m}
