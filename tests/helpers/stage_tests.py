@@ -48,6 +48,9 @@ CORNER, PART = (3, 5), (9, 11)
 EXACT = {"float64": 1e-9, "float32": 3e-7}
 """Relative error of what is not random at all: of the closed forms, and of a float32."""
 
+ENGINES = ("float64", "numpy", pytest.param("drjit", marks=pytest.mark.exhaustive))
+"""Dr.Jit's bytes are NumPy's in float32, which each test file of a stage holds anyway."""
+
 Signal = Any
 Sampled = tuple[NDArray[Any], ...]
 
@@ -192,7 +195,7 @@ class StageTests:
         if not cls.neutral:
             cls.test_a_neutral_value_changes_nothing = None  # type: ignore[assignment]
 
-    @pytest.mark.parametrize("engine", ["float64", "numpy", "drjit"])
+    @pytest.mark.parametrize("engine", ENGINES)
     def test_its_samples_have_the_moments_that_it_states(self, engine: str) -> None:
         """Behind the stage and behind every one after it, as digital numbers too."""
         backend_of(engine)
@@ -214,7 +217,7 @@ class StageTests:
             for name, values in one.items():
                 assert_equal(values, other[name])
 
-    @pytest.mark.parametrize("engine", ["float64", "numpy", "drjit"])
+    @pytest.mark.parametrize("engine", ENGINES)
     def test_a_crop_of_a_frame_is_the_frame_of_the_crop(self, engine: str) -> None:
         """Behind the stage; frame 3 alone is frame 3 after others, too."""
         light, backend = dark_to_saturation(self.camera, self.to_saturation), backend_of(engine)

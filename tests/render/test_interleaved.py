@@ -17,6 +17,7 @@ from mitsuba_sensor.render.passes.stop_criterion import StopCriterion, stop_crit
 from mitsuba_sensor.sensor.camera_file import load_camera
 
 CAMERA, EXPOSURE = load_camera("konnik_table1"), Exposure(0.02)
+RENDERS = 20
 
 
 def prepared(scene: object, width: int = 24, **options: object) -> PreparedRender:
@@ -56,14 +57,14 @@ def test_passes_of_some_rows_are_a_window_of_the_whole() -> None:
 
 
 def test_the_mean_is_that_of_single_passes_and_the_error_bars_are_of_independent_ones() -> None:
-    """Cornell box, 24 × 24, 16 samples: over 40 renders the mean agrees with single passes within four standard errors
-    of the picture's sum, and the variance of a pixel over the renders is what each render says, within 6 % (576 pixels
-    of 39 degrees of freedom: 1 % at equal variances, a few where pixels differ)."""
+    """Cornell box, 24 × 24, 16 samples: over 20 renders the mean agrees with single passes within four standard errors
+    of the picture's sum, and the variance of a pixel over the renders is what each render says, within 8 % (576 pixels
+    of 19 degrees of freedom: 1.4 % at equal variances, a few where pixels differ)."""
     job, stop = prepared(SCENES / "cornell_box.xml"), stop_criterion_of({"spp": 16})
 
     def renders(first: int) -> tuple[np.ndarray, np.ndarray]:
         found = []
-        for seed in range(first, first + 40):
+        for seed in range(first, first + RENDERS):
             job.renderer.run(seed, stop, lambda step: None)
             found.append(job.renderer.electrons())
         return np.array([mean for mean, _ in found]), np.array([variance for _, variance in found])
@@ -73,12 +74,12 @@ def test_the_mean_is_that_of_single_passes_and_the_error_bars_are_of_independent
         single, _ = renders(1000)
     sums = mean.sum(axis=(1, 2)), single.sum(axis=(1, 2))
     apart = abs(sums[0].mean() - sums[1].mean())
-    assert apart < 4 * np.hypot(sums[0].std(), sums[1].std()) / 40**0.5
-    assert mean.var(axis=0, ddof=1).sum() == pytest.approx(variance.mean(axis=0).sum(), rel=0.06)
+    assert apart < 4 * np.hypot(sums[0].std(), sums[1].std()) / RENDERS**0.5
+    assert mean.var(axis=0, ddof=1).sum() == pytest.approx(variance.mean(axis=0).sum(), rel=0.08)
     neighbours = np.corrcoef(
         (mean - mean.mean(axis=0))[:, :, 1:].ravel(), (mean - mean.mean(axis=0))[:, :, :-1].ravel()
     )
-    assert abs(neighbours[0, 1]) < 0.05
+    assert abs(neighbours[0, 1]) < 0.07
 
 
 def test_a_render_of_few_samples_is_two_launches_of_one_kernel() -> None:

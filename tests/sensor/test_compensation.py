@@ -117,11 +117,11 @@ CASES_E = ((0.3, 0.09), (1.0, 0.2), (2.5, 0.7), (9.0, 2.25), (12.0, 3.999), (100
 DRAWS = 2**19
 
 
-@pytest.mark.parametrize("dark_e", [0.0, 5.0])
+@pytest.mark.parametrize("dark_e", [pytest.param(0.0, marks=pytest.mark.exhaustive), 5.0])
 def test_every_engine_draws_whole_electrons_of_that_mean_and_variance(backend: Backend, dark_e: float) -> None:
     """2^19 draws each: 5 standard errors of the variance are 1.0 % (1.3 % at 0.3 e-), of the mean 0.7 % of σ.
 
-    28 comparisons at P(|z| > 5) = 6e-7: one other seed in 60 000 would fail. (The backends have the same random bits.)
+    28 comparisons each at P(|z| > 5) = 6e-7: one other seed in 60 000 would fail (the backends share their bits).
     """
     mean, noise = (np.repeat(np.array(x)[:, None], DRAWS, axis=1) for x in zip(*CASES_E, strict=True))
     frame = frame_of(mean.shape, backend)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import EACH_KIND
-from helpers.stage_tests import TALL, WIDE, assert_step_agrees, backend_of, photons, steps
+from helpers.stage_tests import ENGINES, TALL, WIDE, assert_step_agrees, backend_of, photons, steps
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.sensor.chain import chain
@@ -40,7 +40,7 @@ ROWS = {"sony_a7s2"}
 """Cameras whose rows share a noise: their windows have many rows."""
 
 
-@pytest.mark.parametrize("engine", ["float64", "numpy", "drjit"])
+@pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize(("name", "change", "level"), CASES, ids=str)
 def test_every_stage_of_a_camera_file_has_the_moments_that_it_states(
     name: str, change: dict[str, Any], level: float, engine: str
@@ -58,7 +58,7 @@ def test_every_stage_of_a_camera_file_has_the_moments_that_it_states(
         assert_step_agrees(step, engine)
 
 
-@pytest.mark.parametrize("engine", ["float64", "numpy", "drjit"])
+@pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("level", [0.0, 0.4])
 def test_every_stage_of_a_camera_with_every_effect_has_the_moments_that_it_states(level: float, engine: str) -> None:
     """Chance: 3 × 18 comparisons in 2 cases at 5e-6 each: one other seed in 1800 would fail somewhere."""
