@@ -172,6 +172,18 @@ def assert_equal(one: Sampled, other: Sampled) -> None:
         np.testing.assert_array_equal(a, b)
 
 
+def assert_report_plan_and_noise_budget_name(camera: ms.Camera, labels: list[str]) -> None:
+    """Each stage is named by its label, or by the labels of its sources."""
+    light = dark_to_saturation(camera, PART)
+    frames = ms.expose(light, camera, EXPOSURE)
+    reported = [line["name"] for line in frames.report["stages"]]
+    planned = [effect.stage for effect in ms.plan(camera, EXPOSURE, light).effects]
+    sources = {entry.source for entry in frames.noise_budget().entries}
+    for label in labels:
+        assert label in reported and label in planned
+        assert label in sources or any(source.endswith(label) for source in sources), label
+
+
 class StageTests:
     """What every stage must pass.
 
@@ -255,15 +267,10 @@ class StageTests:
             assert_equal(arrays_of(apply(stage, signal, frame), frame), arrays_of(signal, frame))
             assert same(stage.moments(moments), moments)
 
+    @pytest.mark.exhaustive
     def test_report_plan_and_noise_budget_name_it(self) -> None:
-        """By its label, or by the labels of its sources."""
         stage = next(stage for stage in chain(self.camera) if isinstance(stage, self.stage))
-        light = dark_to_saturation(self.camera, PART)
-        frames = ms.expose(light, self.camera, EXPOSURE)
-        assert stage.label in [line["name"] for line in frames.report["stages"]]
-        assert stage.label in [effect.stage for effect in ms.plan(self.camera, EXPOSURE, light).effects]
-        sources = {entry.source for entry in frames.noise_budget().entries}
-        assert stage.label in sources or any(source.endswith(stage.label) for source in sources)
+        assert_report_plan_and_noise_budget_name(self.camera, [stage.label])
 
     def test_it_is_a_documented_value(self) -> None:
         """Frozen, hashable, equal to its copy from a second chain of the same camera, and documented."""

@@ -158,7 +158,14 @@ def test_the_theory_of_a_frame_about_its_own_render_is_the_mean_less_what_is_com
 RENDERS = 240
 
 
-@pytest.mark.parametrize(("camera", "mean", "ratio"), [(BARE, 3.0, 0.16), (BARE, 200.0, 0.16), (TABLE1, 40.0, 0.3)])
+@pytest.mark.parametrize(
+    ("camera", "mean", "ratio"),
+    [
+        (BARE, 3.0, 0.16),
+        pytest.param(BARE, 200.0, 0.16, marks=pytest.mark.exhaustive),
+        pytest.param(TABLE1, 40.0, 0.3, marks=pytest.mark.exhaustive),
+    ],
+)
 def test_frames_with_renders_of_their_own_have_the_mean_and_variance_of_shot_noise(
     camera: ms.Camera, mean: float, ratio: float
 ) -> None:
@@ -338,7 +345,9 @@ def test_float32_agrees_with_float64() -> None:
     assert np.mean(one != other) < 0.01 and np.abs(one - other).max() <= 1
 
 
-@pytest.mark.parametrize("name", ["patterns", "RTS pixels", "strong dark"])
+@pytest.mark.parametrize(
+    "name", ["patterns", *(pytest.param(name, marks=pytest.mark.exhaustive) for name in ("RTS pixels", "strong dark"))]
+)
 def test_the_noise_budget_adds_up_to_the_frame_and_to_the_theory(name: str) -> None:
     frames = ms.expose(rendered(LIGHT_E, NOISE_E2), CAMERAS[name], EXPOSURE, precision="float64")
     noise_budget = frames.noise_budget()

@@ -85,7 +85,8 @@ PARAMETERS = (
     "exposure.time_s",
     "exposure.temperature_k",
 )
-LEVELS = (3, 30, 1000, 20000)
+LEVELS = (*(pytest.param(level, marks=pytest.mark.exhaustive) for level in (3, 1000)), 30, 20000)
+"""Electrons."""
 SHAPE = (64, 4096)
 SURE = 5.0
 
@@ -410,7 +411,10 @@ BEHIND = ("readout.sense_gain_uv_per_e", "source_follower.read_noise_e", "adc.bl
 
 
 @pytest.mark.parametrize("end", ENDS)
-@pytest.mark.parametrize("sigma_dn", [0.05, 0.1, 0.3, 0.7, 1.05, 2.0, 5.0])
+@pytest.mark.parametrize(
+    "sigma_dn",
+    [0.3, *(pytest.param(sigma_dn, marks=pytest.mark.exhaustive) for sigma_dn in (0.05, 0.1, 0.7, 1.05, 2.0, 5.0))],
+)
 def test_at_edges_and_clips_the_slopes_are_those_of_the_expected_code(end: str, sigma_dn: float) -> None:
     """Of the mean at every noise; of the variance where the slope is that of the expected code."""
     electrons, fields = ENDS[end]
@@ -546,6 +550,7 @@ def test_the_benchmark_runs() -> None:
     assert all(task["times_plain"] > 0 and task["seconds"] > 0 for task in row["tasks"].values())
 
 
+@pytest.mark.exhaustive
 def test_the_benchmark_measures_errors() -> None:
     command = [sys.executable, str(BENCHMARK), "--sigma-dn", "0.3", "--frames", "1", "--json"]
     done = subprocess.run(command, capture_output=True, text=True)

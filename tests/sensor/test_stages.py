@@ -11,7 +11,16 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import EACH_KIND
-from helpers.stage_tests import ENGINES, TALL, WIDE, assert_step_agrees, backend_of, photons, steps
+from helpers.stage_tests import (
+    ENGINES,
+    TALL,
+    WIDE,
+    assert_report_plan_and_noise_budget_name,
+    assert_step_agrees,
+    backend_of,
+    photons,
+    steps,
+)
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.sensor.chain import chain
@@ -65,6 +74,10 @@ def test_every_stage_of_a_camera_with_every_effect_has_the_moments_that_it_state
     backend_of(engine)
     for step in steps(EVERYTHING, photons(EVERYTHING, level, WIDE), engine):
         assert_step_agrees(step, engine)
+
+
+def test_report_plan_and_noise_budget_name_every_stage_of_a_camera_with_every_effect() -> None:
+    assert_report_plan_and_noise_budget_name(EVERYTHING, [stage.label for stage in chain(EVERYTHING)])
 
 
 def test_two_clips_in_a_row_are_within_5_percent_of_their_theory() -> None:

@@ -107,7 +107,15 @@ CASES = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("shape", [HEAVY, STUDENT, {**HEAVY, "source_follower.read_noise_shape": -0.3}], ids=str)
+@pytest.mark.parametrize(
+    "shape",
+    [
+        HEAVY,
+        pytest.param(STUDENT, marks=pytest.mark.exhaustive),
+        pytest.param({**HEAVY, "source_follower.read_noise_shape": -0.3}, marks=pytest.mark.exhaustive),
+    ],
+    ids=str,
+)
 @pytest.mark.parametrize(("sigma_dn", "black_dn", "dn_per_e", "light_e"), CASES)
 def test_the_theory_of_a_frame_is_that_of_its_frames(
     shape: dict[str, Any], sigma_dn: float, black_dn: float, dn_per_e: float, light_e: float
