@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from helpers import CAMERAS
 from helpers.bad_inputs import CALLS, DATASHEETS, NO_NAME, SCENES
+from helpers.marks import one_in
 from PIL import Image
 
 import mitsuba_sensor as ms
@@ -66,7 +67,7 @@ def there(places: dict[str, str]) -> set[str]:
     return {str(path) for path in Path(places["TMP"]).rglob("*")}
 
 
-@pytest.mark.parametrize("line", LINES)
+@pytest.mark.parametrize("line", one_in(3, LINES))
 def test_a_bad_input_is_one_sentence_exit_2_and_no_file(
     line: str, places: dict[str, str], cli: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -95,7 +96,7 @@ def edited(scene_file: Path, edits: str, folder: Path) -> Path:
     return folder / "wrong.xml"
 
 
-@pytest.mark.parametrize("edits", SCENES)
+@pytest.mark.parametrize("edits", one_in(4, SCENES))
 def test_a_mistake_in_a_scene_is_one_sentence_with_the_path_of_the_file(
     edits: str, scene_file: Path, tmp_path: Path, cli: Callable[..., Any]
 ) -> None:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 import tifffile
+from helpers.marks import exhaustive
 from PIL import Image
 from typer.testing import CliRunner
 
@@ -123,6 +124,7 @@ def test_a_colour_camera_gets_a_colour_preview_and_a_mosaic(
     assert np.asarray(Image.open(tmp_path / "frame.png")).shape == (12, 16, 3)
 
 
+@pytest.mark.exhaustive
 def test_every_camera_that_ships_takes_a_picture(light_file: Path, tmp_path: Path, cli: Callable[..., Any]) -> None:
     for name in ms.list_cameras():
         assert cli("expose", light_file, "-o", tmp_path / name, "--camera", name).exit_code == 0
@@ -171,7 +173,7 @@ def test_plan_says_what_the_render_needs_and_what_time_is_saved(light_file: Path
         assert text in said, text
 
 
-@pytest.mark.parametrize("columns", [60, 80, 120])
+@pytest.mark.parametrize("columns", [exhaustive(60), 80, exhaustive(120)])
 def test_plan_cuts_no_number_and_no_name_in_a_narrow_terminal(
     columns: int, light_file: Path, cli: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 from helpers.datasets import SCENES
+from helpers.marks import exhaustive
 from helpers.waiting import WAIT_S, wait_until
 
 from mitsuba_sensor.core import stopping
@@ -52,8 +53,15 @@ def stop(child: subprocess.Popen[str], number: signal.Signals) -> tuple[int, str
     return child.returncode, said
 
 
-@pytest.mark.parametrize("variant", ["scalar_spectral", None])
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(
+    ("number", "code", "variant"),
+    [
+        (signal.SIGINT, 130, None),
+        exhaustive(signal.SIGINT, 130, "scalar_spectral"),
+        (signal.SIGTERM, 143, "scalar_spectral"),
+        exhaustive(signal.SIGTERM, 143, None),
+    ],
+)
 def test_a_stopped_render_leaves_nothing_behind(
     number: signal.Signals, code: int, variant: str | None, scene_file: Path, tmp_path: Path
 ) -> None:
@@ -68,7 +76,7 @@ def test_a_stopped_render_leaves_nothing_behind(
     assert list(out.iterdir()) == []
 
 
-@pytest.mark.parametrize("after_s", [0.1, 0.3, 0.6])
+@pytest.mark.parametrize("after_s", [exhaustive(0.1), 0.3, exhaustive(0.6)])
 def test_a_program_that_still_imports_can_be_stopped(after_s: float, scene_file: Path, tmp_path: Path) -> None:
     (out := tmp_path / "results").mkdir()
     with program("render", scene_file, "-o", out / "new", temporary=out) as child:
@@ -91,7 +99,7 @@ def test_a_stopped_study_says_what_is_kept(scene_file: Path, tmp_path: Path) -> 
     assert [path for path in out.rglob("*") if path.is_file()] == kept
 
 
-@pytest.mark.parametrize("after_s", [0.1, 0.4, 0.7, 1.0])
+@pytest.mark.parametrize("after_s", [*map(exhaustive, (0.1, 0.4, 0.7)), 1.0])
 def test_ctrl_c_that_workers_get_too_while_they_begin_says_one_sentence(after_s: float, tmp_path: Path) -> None:
     """As from a terminal, which gives it to all processes of a command: those that begin take it later, in silence."""
     (tmp_path / "small.toml").write_text(SMALL, encoding="utf-8")

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from helpers.marks import exhaustive
 from helpers.scenes import SKY, scene_text, write_scene
 from typer.testing import CliRunner
 
@@ -83,7 +84,9 @@ def test_a_study_that_was_stopped_goes_on_where_it_was(
     assert anew.measured == list(STEPS)
 
 
-@pytest.mark.parametrize("change", [("--set", "adc.bits=14"), ("--exposure-s", "0.2"), ("-D", "light=3")])
+@pytest.mark.parametrize(
+    "change", [("--set", "adc.bits=14"), exhaustive(("--exposure-s", "0.2")), exhaustive(("-D", "light=3"))]
+)
 def test_measurements_of_another_camera_exposure_or_scene_are_not_used(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, change: tuple[str, ...]
 ) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.marks import exhaustive
 from numpy.typing import NDArray
 from scipy import stats
 
@@ -241,7 +242,7 @@ def kernel_share(coupling: float) -> float:
     return float(spectrum.mean() ** 2 / np.mean(spectrum**2))
 
 
-@pytest.mark.parametrize("coupling", [0.25, 0.49, 0.4999])
+@pytest.mark.parametrize("coupling", [exhaustive(0.25), 0.49, exhaustive(0.4999)])
 def test_isotropic_ar_is_stationary_from_its_first_column(coupling: float) -> None:
     """First, middle and last column have variance 1 over 1500 cameras: 5·√(2/1500), 6e-7 false alarms each."""
     x = stripes(coupling, 64, lines=1500)

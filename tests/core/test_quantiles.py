@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import BENCHMARKS
+from helpers.marks import one_in
 from numpy.typing import NDArray
 from scipy import special, stats
 
@@ -162,7 +163,7 @@ def test_poisson_from_10_on_is_one_count_off_for_one_integer_in_a_thousand_at_mo
 
 
 @pytest.mark.parametrize("backend", [NUMPY_FLOAT64, NUMPY_FLOAT32], ids=["float64", "float32"])
-@pytest.mark.parametrize("mean", [1e-6, 1e-3, 0.3, 3.0, 9.99, 10.0, 12.0, 17.0, 100.0, 1e4, 1e6])
+@pytest.mark.parametrize("mean", one_in(3, [1e-6, 1e-3, 0.3, 3.0, 9.99, 10.0, 12.0, 17.0, 100.0, 1e4, 1e6]))
 def test_poisson_passes_chi_squared_with_a_million_draws(mean: float, backend: Backend) -> None:
     """At most 400 cells of at least 5 expected counts, p > 1e-4: each of the 22 cases fails in 1e-4 of the seeds."""
     count, mean = 10**6, float(np.float32(mean))

@@ -25,6 +25,7 @@ import pytest
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
+from helpers.marks import exhaustive
 from mitsuba_sensor.core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, Backend
 from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.llvm import backend_problem
@@ -48,7 +49,7 @@ CORNER, PART = (3, 5), (9, 11)
 EXACT = {"float64": 1e-9, "float32": 3e-7}
 """Relative error of what is not random at all: of the closed forms, and of a float32."""
 
-ENGINES = ("float64", "numpy", pytest.param("drjit", marks=pytest.mark.exhaustive))
+ENGINES = ("float64", "numpy", exhaustive("drjit"))
 """Dr.Jit's bytes are NumPy's in float32, which each test file of a stage holds anyway."""
 
 Signal = Any

@@ -143,6 +143,7 @@ def test_a_setting_whose_frames_do_not_show_its_law_has_the_whole_range() -> Non
     assert one.shape.value == pytest.approx(0.1425, abs=1e-3)
 
 
+@pytest.mark.exhaustive
 def test_a_twin_of_heavy_tails_has_their_law_and_their_spread_over_pixels() -> None:
     """Frames of one camera: λ to 0.02, cv to 10 %, σ_read to 1.5 %, and a file that loads."""
     camera = ms.load_camera("sony_imx174").replace(

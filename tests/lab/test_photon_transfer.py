@@ -65,6 +65,7 @@ def test_a_curved_response_widens_k_to_its_slope_at_zero_and_says_so(curve: obje
     assert found.initial_gain.covers(0.11)
 
 
+@pytest.mark.exhaustive
 def test_a_curve_that_noise_hides_is_inside_the_interval_more_often_than_the_line_says() -> None:
     """40 series with V/V 1.05 + ADC 1.04, whose slope is 1.2 % too large: 28 intervals or more hold K."""
     camera, rng = SmallCamera(0.11, 1.0, 8.0, WELL_E, curve=v_v_and_adc), np.random.default_rng(6)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import DATA
+from helpers.marks import exhaustive
 from helpers.scenes import SCENES, both_variants, skip_unless_usable, write_scene
 
 from mitsuba_sensor.core.exposure import Exposure
@@ -38,7 +39,7 @@ def at_550(scene: str, size: int, **options: object) -> Irradiance:
     ("seeds", "within_1", "within_2"),
     [
         ((7,), (0.63, 0.70), (0.915, 0.96)),
-        pytest.param((7, 8, 9), (0.65, 0.70), (0.92, 0.96), marks=pytest.mark.exhaustive),
+        exhaustive((7, 8, 9), (0.65, 0.70), (0.92, 0.96)),
     ],
 )
 def test_standard_errors_cover_a_reference_of_a_hundred_times_the_samples(

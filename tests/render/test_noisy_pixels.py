@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.marks import exhaustive
 from helpers.scenes import SCENES, scene_text, skip_unless_usable, write_scene
 
 import mitsuba_sensor as ms
@@ -75,7 +76,7 @@ def passes(scene: Scene, seed: int) -> Any:
     ("spectral", "lens"),
     [
         ("channels", {"lens.distortion": [-0.2, 0.05, 0.0, 0.0, 0.0]}),
-        pytest.param("cube", {}, marks=pytest.mark.exhaustive),
+        exhaustive("cube", {}),
     ],
 )
 def test_noisy_pixels_see_the_same_light_in_the_same_places(

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.marks import exhaustive
 from helpers.scenes import PERSPECTIVE, SCENES, SKY, both_variants, scene_text, skip_unless_usable, write_scene
 
 from mitsuba_sensor.core.errors import InputError
@@ -219,14 +220,8 @@ def rendered_by_threads(variant: str, threads: tuple[int, ...], **options: Any) 
     [
         {"spp": 100, "width": 33, "spectral": "channels", "denoise": False},
         {"spp": 500, "width": 21, "bandwidth_nm": 50, "denoise": True},
-        pytest.param(
-            {"spp": 100, "width": 27, "spectral": "cube", "bandwidth_nm": 80, "denoise": False},
-            marks=pytest.mark.exhaustive,
-        ),
-        pytest.param(
-            {"noise_ratio": 20, "max_spp": 400, "width": 25, "bandwidth_nm": 80, "denoise": False},
-            marks=pytest.mark.exhaustive,
-        ),
+        exhaustive({"spp": 100, "width": 27, "spectral": "cube", "bandwidth_nm": 80, "denoise": False}),
+        exhaustive({"noise_ratio": 20, "max_spp": 400, "width": 25, "bandwidth_nm": 80, "denoise": False}),
     ],
 )
 def test_a_repeatable_render_has_the_same_bits_with_any_number_of_threads(options: dict[str, Any]) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import BENCHMARKS
+from helpers.marks import exhaustive
 from numpy.typing import NDArray
 from scipy import stats
 
@@ -117,7 +118,7 @@ CASES_E = ((0.3, 0.09), (1.0, 0.2), (2.5, 0.7), (9.0, 2.25), (12.0, 3.999), (100
 DRAWS = 2**19
 
 
-@pytest.mark.parametrize("dark_e", [pytest.param(0.0, marks=pytest.mark.exhaustive), 5.0])
+@pytest.mark.parametrize("dark_e", [exhaustive(0.0), 5.0])
 def test_every_engine_draws_whole_electrons_of_that_mean_and_variance(backend: Backend, dark_e: float) -> None:
     """2^19 draws each: 5 standard errors of the variance are 1.0 % (1.3 % at 0.3 e-), of the mean 0.7 % of σ.
 
@@ -162,8 +163,8 @@ RENDERS = 240
     ("camera", "mean", "ratio"),
     [
         (BARE, 3.0, 0.16),
-        pytest.param(BARE, 200.0, 0.16, marks=pytest.mark.exhaustive),
-        pytest.param(TABLE1, 40.0, 0.3, marks=pytest.mark.exhaustive),
+        exhaustive(BARE, 200.0, 0.16),
+        exhaustive(TABLE1, 40.0, 0.3),
     ],
 )
 def test_frames_with_renders_of_their_own_have_the_mean_and_variance_of_shot_noise(
@@ -345,9 +346,7 @@ def test_float32_agrees_with_float64() -> None:
     assert np.mean(one != other) < 0.01 and np.abs(one - other).max() <= 1
 
 
-@pytest.mark.parametrize(
-    "name", ["patterns", *(pytest.param(name, marks=pytest.mark.exhaustive) for name in ("RTS pixels", "strong dark"))]
-)
+@pytest.mark.parametrize("name", ["patterns", exhaustive("RTS pixels"), exhaustive("strong dark")])
 def test_the_noise_budget_adds_up_to_the_frame_and_to_the_theory(name: str) -> None:
     frames = ms.expose(rendered(LIGHT_E, NOISE_E2), CAMERAS[name], EXPOSURE, precision="float64")
     noise_budget = frames.noise_budget()

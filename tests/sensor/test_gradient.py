@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import BENCHMARKS
+from helpers.marks import exhaustive
 
 import mitsuba_sensor as ms
 from mitsuba_sensor import differentiable
@@ -85,7 +86,7 @@ PARAMETERS = (
     "exposure.time_s",
     "exposure.temperature_k",
 )
-LEVELS = (*(pytest.param(level, marks=pytest.mark.exhaustive) for level in (3, 1000)), 30, 20000)
+LEVELS = (exhaustive(3), 30, exhaustive(1000), 20000)
 """Electrons."""
 SHAPE = (64, 4096)
 SURE = 5.0
@@ -413,7 +414,7 @@ BEHIND = ("readout.sense_gain_uv_per_e", "source_follower.read_noise_e", "adc.bl
 @pytest.mark.parametrize("end", ENDS)
 @pytest.mark.parametrize(
     "sigma_dn",
-    [0.3, *(pytest.param(sigma_dn, marks=pytest.mark.exhaustive) for sigma_dn in (0.05, 0.1, 0.7, 1.05, 2.0, 5.0))],
+    [0.3, *map(exhaustive, (0.05, 0.1, 0.7, 1.05, 2.0, 5.0))],
 )
 def test_at_edges_and_clips_the_slopes_are_those_of_the_expected_code(end: str, sigma_dn: float) -> None:
     """Of the mean at every noise; of the variance where the slope is that of the expected code."""

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.marks import exhaustive
 from helpers.stage_tests import StageTests
 from scipy import special, stats
 
@@ -111,8 +112,8 @@ CASES = [
     "shape",
     [
         HEAVY,
-        pytest.param(STUDENT, marks=pytest.mark.exhaustive),
-        pytest.param({**HEAVY, "source_follower.read_noise_shape": -0.3}, marks=pytest.mark.exhaustive),
+        exhaustive(STUDENT),
+        exhaustive({**HEAVY, "source_follower.read_noise_shape": -0.3}),
     ],
     ids=str,
 )

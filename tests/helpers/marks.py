@@ -1,0 +1,18 @@
+"""Which cases of a claim every run of the tests has, and which ones only ``pytest -m exhaustive`` adds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import pytest
+
+
+def exhaustive(*values: Any, **options: Any) -> Any:
+    """A case of ``parametrize`` that only the exhaustive tests have."""
+    return pytest.param(*values, marks=pytest.mark.exhaustive, **options)
+
+
+def one_in(every: int, cases: Iterable[Any]) -> list[Any]:
+    """Cases of one parameter, of which one in ``every`` is in the quick tests; the others are exhaustive."""
+    return [case if number % every == 0 else exhaustive(case) for number, case in enumerate(cases)]
