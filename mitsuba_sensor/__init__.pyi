@@ -1,36 +1,36 @@
 """The public names and the modules that they are loaded from when they are first used."""
 
 from . import lab as lab
+from .capture import Capture as Capture
+from .capture import capture as capture
 from .core import Exposure as Exposure
 from .core import InputError as InputError
 from .core import Photons as Photons
 from .core import SensorWarning as SensorWarning
 from .dataset.reader import Dataset as Dataset
 from .dataset.sensor_noise import SensorNoise as SensorNoise
+from .expose import expose as expose
+from .expose import render_frames as render_frames
+from .expose import stream as stream
 from .files.tiff import write_tiff as write_tiff
+from .kept_sensor import Sensor as Sensor
+from .output.frames import Frames as Frames
 from .output.light_files import read_irradiance as read_irradiance
-from .pipeline import Capture as Capture
-from .pipeline import capture as capture
 from .render.light.irradiance import Irradiance as Irradiance
 from .render.light.photons import collect as collect
 from .render.light.photons import gradient_light as gradient_light
 from .render.light.photons import uniform_light as uniform_light
-from .render.passes.per_frame import render_frames as render_frames
 from .render.passes.prepared import render as render
 from .render.plugins.plugin_hook import register_plugins as register_plugins
 from .sensor.camera import Camera as Camera
 from .sensor.camera_check import check_camera as check_camera
 from .sensor.camera_file import list_cameras as list_cameras
 from .sensor.camera_file import load_camera as load_camera
-from .sensor.expose import expose as expose
-from .sensor.expose import stream as stream
 from .sensor.fpn_maps import fpn_maps as fpn_maps
-from .sensor.frames import Frames as Frames
 from .sensor.gradient import differentiable as differentiable
 from .sensor.metering import Metering as Metering
 from .sensor.plan import Plan as Plan
 from .sensor.plan import plan as plan
-from .sensor.sensor import Sensor as Sensor
 from .sensor.stage import Stage as Stage
 
 __version__: str

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from .core import InputError
 from .core.options import Option, declared
 from .render.options import RawLightOptions, RenderOptions
+from .sensor.choices import check_clean
 from .sensor.options import FrameOptions
 
 
@@ -69,3 +70,11 @@ def refuse_render_options(options: Mapping[str, object]) -> None:
             raise InputError(
                 f"{one.name} is for the render of a scene, and this light is rendered already; leave it out."
             )
+
+
+def check_asked_files(options: CaptureOptions) -> None:
+    """Raise InputError for files that cannot be written, whatever the scene."""
+    if options["clean"]:
+        check_clean(options["chain"])
+    if options["half"] and options["no_irradiance"]:
+        raise InputError("half is the precision of irradiance.exr, which is not to be written; leave one of both out.")

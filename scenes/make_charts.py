@@ -13,7 +13,7 @@ from pathlib import Path
 import colour
 import numpy as np
 
-from mitsuba_sensor.render import spectra
+from mitsuba_sensor.optics import spectra
 
 HERE = Path(__file__).parent
 STEPS = 64

@@ -13,7 +13,7 @@ from .printable import printable
 
 if TYPE_CHECKING:
     from ..sensor.camera import Camera
-    from ..sensor.frames import Frames
+    from ..sensor.frames import RawFrames
 
 PACKAGE = f"{Path(__file__).parent.parent}{os.sep}"
 
@@ -36,7 +36,7 @@ class SourceOfLight(Protocol):
     def notes_for(self, camera: Camera) -> tuple[str, ...]:
         """Notes on this light before a camera, which may be another one than it was rendered for."""
 
-    def render_noise(self, frames: Frames) -> tuple[dict[str, float | None], tuple[str, ...]]:
+    def render_noise(self, frames: RawFrames) -> tuple[dict[str, float | None], tuple[str, ...]]:
         """What the render's noise means in these frames, and the notes on it."""
 
 

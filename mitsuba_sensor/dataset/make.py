@@ -17,8 +17,10 @@ from ..files import png, texts, tiff
 from ..output import exr
 from ..output.dng import check_dng, dng_names, write_dng
 from ..output.frame_files import image_facts, preview_of
+from ..output.frames import Frames
 from ..render.light.illuminant import illuminant_of
 from ..render.light.irradiance import Irradiance
+from ..render.light.photons import collected
 from ..render.motion.aovs import Aovs
 from ..render.options import RenderOptions
 from ..render.passes.prepared import PreparedRender, prepare
@@ -26,8 +28,7 @@ from ..render.scene.scene_settings import ParsedScene, SceneSettings, parse
 from ..render.variants import fastest_variant
 from ..sensor.camera import Camera
 from ..sensor.camera_file import camera_from
-from ..sensor.expose import prepared
-from ..sensor.frames import Frames
+from ..sensor.expose import exposure_of_photons
 from ..sensor.metering import Metering, electrons_of
 from ..sensor.options import ExposeOptions
 from .keys import Config, Facts, identity, key_of, made_by, seed_of
@@ -122,13 +123,13 @@ class Rendered:
         camera = camera_of(self.settings, config)
         timed = is_timed(self.view)
         asked = self.prepared.exposure if timed else exposure_of(self.settings, config)
-        photons, camera, exposure, _ = self.light.collected(camera, asked, config["serial"])
+        photons, camera, exposure, _ = collected(self.light, camera, asked, config["serial"])
         if config["exposure"]["ev"] and not timed:
             longer = Exposure(exposure.time_s * 2.0 ** config["exposure"]["ev"], exposure.temperature_k)
-            photons, camera, exposure, _ = self.light.collected(camera, longer, config["serial"])
+            photons, camera, exposure, _ = collected(self.light, camera, longer, config["serial"])
         seed, serial = seed_of(identity(config)), config["serial"]
         options: ExposeOptions = {"serial": serial, "seed": seed, "frames": config["frames"]}
-        frames = prepared(photons, camera, exposure, options).frames()
+        frames = Frames.exposed(exposure_of_photons(photons, camera, exposure, options))
         electrons = electrons_of(photons, camera, exposure).astype(np.float32)
         for name in outputs:
             self._write(folder, name, frames, electrons)

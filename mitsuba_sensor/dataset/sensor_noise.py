@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from ..core import Exposure, InputError, Photons
 from ..core.llvm import backend_problem
 from ..core.types import Float32Array
+from ..kept_sensor import Sensor
 from ..optics.spectra import srgb_curve
+from ..output.frames import Frames
 from ..output.preview import demosaic
 from ..sensor.camera import Camera
 from ..sensor.camera_file import load_camera
-from ..sensor.frames import Frames
-from ..sensor.sensor import Sensor
 from ..sensor.stage import converter_of
 from .images import Image, Values, as_array, as_given, scaled
 
@@ -179,7 +179,7 @@ class SensorNoise:
                 while len(self._sensors) >= KEPT:
                     del self._sensors[next(iter(self._sensors))]
             self._sensors[key] = sensor
-            return sensor._frames(photons, self.exposure, asked)
+            return sensor.frames(photons, self.exposure, asked)
 
     def _is_colour(self, given: NDArray[Any]) -> bool:
         """Whether the last dimension is red, green and blue."""

@@ -29,7 +29,7 @@ from .frame_files import image_facts
 from .iso_speed import iso_speed
 
 if TYPE_CHECKING:
-    from ..sensor.frames import Frames
+    from ..sensor.frames import RawFrames
 
 Tag: TypeAlias = TiffTag
 
@@ -65,13 +65,13 @@ def check_dng(camera: Camera, shape: tuple[int, ...]) -> None:
         )
 
 
-def dng_names(frames: Frames) -> list[str]:
+def dng_names(frames: RawFrames) -> list[str]:
     """Names of the DNGs of all frames: frame.dng, or frame_0008.dng, frame_0009.dng … by the number of each frame."""
     first, count = frames.first.index, len(frames.digital)
     return ["frame.dng"] if count == 1 else [f"frame_{number:04d}.dng" for number in range(first, first + count)]
 
 
-def write_dng(path: str | os.PathLike[str], frames: Frames, number: int = 0) -> None:
+def write_dng(path: str | os.PathLike[str], frames: RawFrames, number: int = 0) -> None:
     """One of the frames as a DNG 1.4, its pixels unchanged and uncompressed. Raises InputError (see check_dng)."""
     check_dng(frames.camera, frames.digital.shape)
     if not -len(frames.digital) <= number < len(frames.digital):
@@ -83,7 +83,7 @@ def write_dng(path: str | os.PathLike[str], frames: Frames, number: int = 0) -> 
         _finish(temporary, CFA if colour else LINEAR_RAW, list(_exif(frames)))
 
 
-def _about(frames: Frames) -> Iterator[Tag]:
+def _about(frames: RawFrames) -> Iterator[Tag]:
     """Version, camera, orientation and noise."""
     name = frames.camera.name.encode("ascii", "replace").decode()
     yield _tag(254, TIFF_LONG, 0)  # NewSubfileType: the picture itself, without which Adobe's SDK finds none
@@ -102,7 +102,7 @@ def _about(frames: Frames) -> Iterator[Tag]:
         yield _tag(51041, DOUBLE, *(profile * (3 if len(frames.camera.filter_names) > 1 else 1)))
 
 
-def _levels(frames: Frames, side: int) -> Iterator[Tag]:
+def _levels(frames: RawFrames, side: int) -> Iterator[Tag]:
     """BlackLevelRepeatDim, BlackLevel of side × side pixels, and WhiteLevel."""
     black_dn = converter_of(frames.camera.stages).black_level_dn
     yield _tag(50713, TIFF_SHORT, side, side)
@@ -110,7 +110,7 @@ def _levels(frames: Frames, side: int) -> Iterator[Tag]:
     yield _tag(50717, TIFF_LONG, saturation_dn(frames.camera))
 
 
-def noise_profile(frames: Frames) -> tuple[float, float] | None:
+def noise_profile(frames: RawFrames) -> tuple[float, float] | None:
     """(S, O) of DNG 1.4: the temporal variance of a pixel is S·x + O, black level at x = 0 and white level at x = 1.
 
     S = K/(white − black) and O = (K²·σ_d² + σ_q²)/(white − black)², with EMVA 1288's overall system gain K of small
@@ -127,7 +127,7 @@ def noise_profile(frames: Frames) -> tuple[float, float] | None:
     return gain_dn_per_e / span_dn, dark_dn2 / span_dn**2
 
 
-def _colours(frames: Frames, pattern: Sequence[Sequence[str]]) -> Iterator[Tag]:
+def _colours(frames: RawFrames, pattern: Sequence[Sequence[str]]) -> Iterator[Tag]:
     """The mosaic as it lies in this file, levels, matrices, and white where the illuminant is known."""
     camera, illuminant = frames.camera, frames.light.illuminant
     yield from cfa_tags(pattern)
@@ -146,7 +146,7 @@ def _colours(frames: Frames, pattern: Sequence[Sequence[str]]) -> Iterator[Tag]:
         yield _tag(50728, RATIONAL, *1.0 / found.white_balance[order])  # AsShotNeutral
 
 
-def _exif(frames: Frames) -> Iterator[Tag]:
+def _exif(frames: RawFrames) -> Iterator[Tag]:
     """Exposure time, f-number and ISO speed, each where it is known."""
     camera, time_s = frames.camera, frames.first.exposure.time_s
     if time_s <= LARGEST:

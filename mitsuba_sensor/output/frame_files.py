@@ -21,7 +21,8 @@ from ..sensor.stage import converter_of
 from .preview import developed, preview
 
 if TYPE_CHECKING:
-    from ..sensor.frames import Frames
+    from ..sensor.frames import RawFrames
+    from .frames import Frames
 
 CLEAN = ("clean.tiff", "temporal_variance.tiff")
 DNGS = ("frame.dng", "frame_[0-9]*.dng")  # of one frame, of several
@@ -30,7 +31,7 @@ CAPTURE_FILES = (*FRAME_FILES, "irradiance.exr", "aovs.exr")  # of a scene
 MOST_PIXELS = 60_000  # of a picture in a notebook: below 250 kB as PNG in base64, however noisy
 
 
-def preview_of(frames: Frames, number: int = 0, gain: float = 1.0) -> NDArray[np.uint8]:
+def preview_of(frames: RawFrames, number: int = 0, gain: float = 1.0) -> NDArray[np.uint8]:
     """frame.png: one of the frames, as :func:`preview` develops it in the light of the scene."""
     illuminant = frames.light.illuminant
     gain = require("gain", gain, 0.0, np.inf, "how many times as bright, e.g. 2")
@@ -106,7 +107,7 @@ def binned(digital: NDArray[np.generic], camera: Camera) -> Float64Array:
     return np.asarray(means.reshape(down * tile[0], right * tile[1]))
 
 
-def image_facts(frames: Frames) -> dict[str, Any]:
+def image_facts(frames: RawFrames) -> dict[str, Any]:
     """What a reader of the raw frames must know: size, first pixel on the sensor, colour filters as they lie in this
     file from its first pixel on, black and white level [DN], exposure time [s] and temperature [K]."""
     camera, window, converter = frames.camera, frames.first.window, converter_of(frames.camera.stages)

@@ -87,12 +87,11 @@ def as_photons(
     photons: Photons | ArrayLike, camera: Camera, wavelengths_nm: ArrayLike | None = None, check: bool = True
 ) -> Photons:
     """Anything that ``expose`` accepts as mean photons, checked: shape, and if ``check``, NaN and negative values."""
-    if hasattr(photons, "rendered_for"):
-        raise InputError("photons is an Irradiance; pass collect(light, camera, exposure), the photons that it brings.")
     given = photons if isinstance(photons, Photons) else None
     if isinstance(given, PhotonsOfBands) and wavelengths_nm is None:
         return _checked_bands(given, camera, check)
-    mean = numbers("photons", given.mean if given else photons, "a number or an array of mean photons per pixel")
+    remedy = "a number or an array of mean photons per pixel; of a render, collect(light, camera, exposure)"
+    mean = numbers("photons", given.mean if given else photons, remedy)
     wavelengths = given.wavelengths_nm if given and wavelengths_nm is None else wavelengths_nm
     if given is None:
         _refuse_pictures(np.asarray(photons).dtype)

@@ -1,17 +1,17 @@
-"""expose(): mean photons per pixel → raw frames in digital numbers."""
+"""Mean photons per pixel → raw frames in digital numbers: an exposure is checked and prepared, then computed."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any, Unpack
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..core import Exposure, Frame, Photons, SensorWindow, check_types, first_given, warn_of
+from ..core import Exposure, Frame, Photons, SensorWindow, check_types, first_given
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
-from ..core.options import complete, documents
+from ..core.options import complete
 from .camera import Camera
 from .chain import whole_chain
 from .checks import (
@@ -25,52 +25,13 @@ from .checks import (
 from .choices import KEEP, KEPT_BY_PUBLISHED, chain_of, precision_of, tolerance_of
 from .detection import Detected, checked_and_detected
 from .frame_notes import exposure_notes
-from .frame_theory import FrameTheory
-from .frames import Frames
-from .metering import AskedExposure, Light
+from .frames import RawFrames
 from .options import ExposeOptions
 from .photon_checks import check_kept
 from .plan import Plan, plan_for
 from .report import FrameObserver
 from .run import FrameRunner, StripWindows, choose_backend, require_kept
 from .stage import Chain, converter_of
-
-
-@documents(ExposeOptions)
-def expose(
-    photons: Photons | ArrayLike | Light,
-    camera: Camera | None = None,
-    exposure: AskedExposure | None = None,
-    **options: Unpack[ExposeOptions],
-) -> Frames:
-    """Raw frames that ``camera`` delivers for these mean photons per pixel.
-
-    photons : what :func:`collect` returns, or an array: a scalar (the whole sensor), (H, W), or (H, W, B) with
-        ``wavelengths_nm`` of length B. Or the Irradiance itself, which is collected: then camera, exposure and serial
-        number are by default those that it was rendered for, and the exposure may be "auto" (metered).
-    A SensorWarning says where the result is probably not the one that was wanted; the frames' ``notes`` say it too.
-    Raises InputError for NaN or negative photons, naming how many there are and where the first one is.
-    """
-    frames = prepared(photons, camera, exposure, options).frames()
-    warn_of(frames._exposure_notes)
-    return frames
-
-
-@documents(ExposeOptions)
-def stream(
-    photons: Photons | ArrayLike | Light,
-    camera: Camera | None = None,
-    exposure: AskedExposure | None = None,
-    **options: Unpack[ExposeOptions],
-) -> Iterator[NDArray[np.unsignedinteger]]:
-    """The frames of :func:`expose` one at a time, each (H, W) [DN]: for more of them than memory holds.
-
-    Everything is checked at once; light and maps are made with the first frame that is asked for.
-    """
-    made = prepared(photons, camera, exposure, options)
-    frames = made.stream()
-    warn_of(made.notes)
-    return frames
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,12 +75,12 @@ class PreparedExposure:
         check_compensation(light, stages, self.count)
         return replace(self, light=detected, first=first, plan=plan, stages=stages)
 
-    def frames(self, observer: FrameObserver | None = None) -> Frames:
+    def frames(self, observer: FrameObserver | None = None) -> RawFrames:
         """All frames at once.  observer : sees the first one."""
         kept = {name: np.empty((self.count, *self.first.window.shape)) for name in self.keep}
         kept["digital"] = np.empty((self.count, *self.first.window.shape), self._code_type)
         first = self.first.index
-        light, runner = self._light, FrameRunner(self.stages, self._light, self.first, observer, self.strips)
+        light, runner = self.detected, FrameRunner(self.stages, self.detected, self.first, observer, self.strips)
         done = runner.frames(first, self.count, lambda i: {name: x[i - first] for name, x in kept.items()})
         for number, _ in enumerate(done, 1):
             if self.told is not None:
@@ -127,31 +88,25 @@ class PreparedExposure:
         light.check()
         digital: NDArray[Any] = kept.pop("digital")
         backend = self.first.window.backend
-        return Frames(
-            digital, self.camera, light.photons, self._on_numpy, self.stages, light, backend, self.plan, **kept
+        return RawFrames(
+            digital, self.camera, light.photons, self.first_on_numpy, self.stages, light, backend, self.plan, **kept
         )
-
-    def frames_with_report(self) -> Frames:
-        """The same, with the report of the first frame made along with it: each frame is computed once."""
-        observer = FrameObserver(FrameTheory(self.stages, self._light, self._on_numpy))
-        frames = self.frames(observer)
-        vars(frames)["_observer"] = observer
-        return frames
 
     def stream(self) -> Iterator[NDArray[np.unsignedinteger]]:
         """One frame at a time."""
         shape, code_type = self.first.window.shape, self._code_type
-        runner = FrameRunner(self.stages, self._light.now(), self.first, strips=self.strips)
+        runner = FrameRunner(self.stages, self.detected.now(), self.first, strips=self.strips)
         done = runner.frames(self.first.index, self.count, lambda _: {"digital": np.empty(shape, code_type)})
         return (sinks.pop("digital") for sinks in done)  # popped: nobody here keeps a frame that was delivered
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Notes on this exposure, before any frame is computed."""
-        return exposure_notes(self.camera, self._light.now(), self.first)
+        return exposure_notes(self.camera, self.detected.now(), self.first)
 
     @property
-    def _light(self) -> Detected:
+    def detected(self) -> Detected:
+        """Mean photoelectrons of the light. Raises TypeError before there is any."""
         if self.light is None:
             raise TypeError("an exposure needs its light: prepare_exposure(…).of(photons)")
         return self.light
@@ -161,21 +116,16 @@ class PreparedExposure:
         return np.min_scalar_type(converter_of(self.stages).highest)
 
     @property
-    def _on_numpy(self) -> Frame:
+    def first_on_numpy(self) -> Frame:
         """The first frame on the NumPy backend of the same precision, which has the same bytes."""
         return self.first.on(NUMPY_FLOAT64 if self.first.window.backend is NUMPY_FLOAT64 else NUMPY_FLOAT32)
 
 
-def prepared(
-    photons: Any, camera: Camera | None, exposure: AskedExposure | None, options: ExposeOptions
+def exposure_of_photons(
+    photons: Photons | ArrayLike, camera: Camera, exposure: Exposure, options: ExposeOptions
 ) -> PreparedExposure:
-    """An exposure with its light. Raises InputError."""
-    if hasattr(photons, "collected"):
-        asked = options.get("serial"), options.get("gain")
-        photons, camera, exposure, serial = photons.collected(camera, exposure, *asked)
-        options = {**options, "serial": serial}
+    """An exposure with its light: mean photons as of :func:`mitsuba_sensor.expose`. Raises InputError."""
     check_types(camera, exposure)
-    assert camera is not None and isinstance(exposure, Exposure)
     light = as_photons(photons, camera, options.get("wavelengths_nm"), check=False)  # where it is detected
     light = placed(light, options.get("origin"), camera)
     return prepare_exposure(camera, exposure, light.shape[:2], light.origin, options).of(light)

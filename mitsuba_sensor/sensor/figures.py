@@ -5,15 +5,17 @@ from __future__ import annotations
 import math
 from contextlib import suppress
 from dataclasses import asdict, dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ..core import Exposure, Frame, InputError, Moments, SensorWindow, check_types
-from .camera import Camera
 from .gains import gain_dn_per_e, volts_per_electron
 from .metering import saturation_e
 from .stage import propagate
+
+if TYPE_CHECKING:
+    from .camera import Camera
 
 QUANTISATION_DN2 = 1 / 12
 """σ_q², variance of rounding to whole digital numbers (EMVA 1288 R4, section 2.2)."""

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Literal, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,12 +27,14 @@ from ..core import (
 from ..core.backend import FLOAT32_LIMIT
 from ..core.exposure import LONGEST_S
 from ..core.special import root
-from .camera import Camera
 from .detection import Detected, detect
 from .effects.adc import BLACK_LEVEL_AT
 from .effects.dark_current import mean_dark_e
 from .run import row_strips_of
 from .stage import converter_of
+
+if TYPE_CHECKING:
+    from .camera import Camera
 
 PERCENTILE, SHARE = 95.0, 0.7  # five pixels of a hundred are brighter, and mostly still below saturation
 MANY_CLIPPED = 0.2  # of the pixels: beyond this share a shorter time is suggested
@@ -106,15 +108,6 @@ AUTO = Metering()
 """What "auto" stands for until a scene or light says how it is metered and at which temperature."""
 
 AskedExposure: TypeAlias = Exposure | Metering | Literal["auto"]
-
-
-class Light(Protocol):
-    """Light that knows its photons, camera, exposure and serial number: an Irradiance."""
-
-    def collected(
-        self, camera: Camera | None, exposure: AskedExposure | None, serial: int | None, gain: str | float | None
-    ) -> tuple[Photons, Camera, Exposure, int | None]:
-        """Those asked for, else its own."""
 
 
 def checked_exposure(camera: object, exposure: AskedExposure | None) -> Exposure | Metering | None:

@@ -1,12 +1,16 @@
 """Checks of mean photons and of the bands that they are in."""
 
-from typing import Any
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core import InputError, Photons, numbers
-from .camera import Camera
+
+if TYPE_CHECKING:
+    from .camera import Camera
 
 
 def check_lengths(bands: NDArray[np.float64] | None) -> None:

@@ -175,7 +175,7 @@ def test_running_out_of_memory_is_a_sentence(
     def huge(*_: Any, **__: Any) -> None:
         raise MemoryError("Unable to allocate 1 TiB")
 
-    monkeypatch.setattr(PreparedExposure, "frames_with_report", huge)
+    monkeypatch.setattr(PreparedExposure, "frames", huge)
     done = cli("expose", light_file, "-o", tmp_path / "out")
     assert done.exit_code == 2 and "Unable to allocate 1 TiB" in done.stderr
     assert not (tmp_path / "out").exists()

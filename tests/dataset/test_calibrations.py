@@ -17,6 +17,7 @@ import yaml
 from helpers.scenes import SKY, scene_text, skip_unless_usable, write_scene
 from numpy.typing import NDArray
 
+from mitsuba_sensor.capture import capture
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.core.options import complete
@@ -28,7 +29,6 @@ from mitsuba_sensor.dataset.exports.ros import camera_info
 from mitsuba_sensor.optics.calibration import Calibration, calibration_of
 from mitsuba_sensor.optics.intrinsics import intrinsics
 from mitsuba_sensor.optics.shutter import shutter_of
-from mitsuba_sensor.pipeline import capture
 from mitsuba_sensor.render.motion.aovs import aovs_of, load_for_rays
 from mitsuba_sensor.render.motion.motion import KeyPose, Motion
 from mitsuba_sensor.render.options import SceneOptions

@@ -14,10 +14,10 @@ from helpers.scenes import PERSPECTIVE, SCENES, SKY, both_variants, scene_text, 
 
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
+from mitsuba_sensor.expose import render_frames
 from mitsuba_sensor.output.exr import read_irradiance_exr, write_irradiance_exr
 from mitsuba_sensor.render.light.photons import collect
 from mitsuba_sensor.render.motion.aovs import render_aovs
-from mitsuba_sensor.render.passes.per_frame import render_frames
 from mitsuba_sensor.render.passes.prepared import render
 from mitsuba_sensor.sensor.camera_file import load_camera
 from mitsuba_sensor.sensor.expose import expose

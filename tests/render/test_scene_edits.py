@@ -15,10 +15,10 @@ from helpers.scenes import PERSPECTIVE, SCENES, SKY, both_variants, scene_text, 
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.core.llvm import drjit
+from mitsuba_sensor.expose import render_frames
 from mitsuba_sensor.render.light.irradiance import Irradiance
 from mitsuba_sensor.render.motion.aovs import render_aovs
 from mitsuba_sensor.render.passes.passes import FEWEST, pass_plan, whole_grid
-from mitsuba_sensor.render.passes.per_frame import render_frames
 from mitsuba_sensor.render.passes.prepared import METERING_SPP, render
 from mitsuba_sensor.render.variants import mitsuba
 from mitsuba_sensor.sensor.camera_file import load_camera

@@ -9,13 +9,13 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import Exposure, InputError, Photons
+from ...core import Exposure, InputError
 from ...core.illuminant import Illuminant
 from ...sensor.camera import Camera
 from ...sensor.camera_file import camera_from
 from ...sensor.fingerprint import pixel_fingerprint, response_fingerprint
-from ...sensor.metering import AskedExposure
 from ..passes.statistics import RenderStatistics
+from .light_html import light_html
 
 Region: TypeAlias = tuple[slice, slice] | NDArray[np.bool_]
 WHOLE = slice(None), slice(None)
@@ -108,22 +108,7 @@ class Irradiance:
         return self.statistics.notes
 
     def _repr_html_(self) -> str:
-        from .light_html import light_html
-
         return light_html(self)
-
-    def collected(
-        self,
-        camera: Camera | None,
-        exposure: AskedExposure | None,
-        serial: int | None,
-        gain: str | float | None = None,
-    ) -> tuple[Photons, Camera, Exposure, int | None]:
-        """Mean photons per pixel, camera, exposure and serial number, as :func:`expose` takes them: those asked for,
-        else those that it was rendered for; an exposure of neither is metered. Raises InputError."""
-        from .photons import collected
-
-        return collected(self, camera, exposure, serial, gain)
 
     def of_serial(self, serial: int) -> Irradiance:
         """The same, remembering this serial number of the camera."""

@@ -10,7 +10,7 @@ import numpy as np
 from ...core import Doubt
 from ...sensor.camera import Camera
 from ...sensor.fingerprint import pixel_fingerprint
-from ...sensor.frames import Frames
+from ...sensor.frames import RawFrames
 from .band_error import BandError, band_error, notes_of_bands
 from .irradiance import Irradiance
 from .render_noise import noise_note, render_noise
@@ -59,7 +59,7 @@ class CollectedLight:
                 f"{camera.name} (f/{camera.lens.f_number:g}) is not used; render it for this camera"
             )
 
-    def render_noise(self, frames: Frames) -> tuple[dict[str, float | None], tuple[str, ...]]:
+    def render_noise(self, frames: RawFrames) -> tuple[dict[str, float | None], tuple[str, ...]]:
         """What the render's noise means in these frames, see :func:`render_noise`, and the notes on it."""
         noise = render_noise(self.light, frames)
         return noise, () if self.per_frame else tuple(noise_note(self.light, noise, frames))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -75,8 +75,7 @@ def collect(
     check_types(camera, exposure)
     if isinstance(light, Photons):
         raise InputError("light is Photons already; pass it to expose(), or an irradiance to collect().")
-    if not isinstance(light, np.ndarray) and hasattr(light, "bandwidths_nm"):
-        light = cast(Irradiance, light)
+    if isinstance(light, Irradiance):
         refuse_masked("light.data", light.data)
         check_on_sensor("the light", light.data.shape, light.origin, camera)
         if light.filters is not None and light.response not in (None, response_fingerprint(camera)):
@@ -108,7 +107,7 @@ def collected(
     camera: Camera | None,
     asked: AskedExposure | None,
     serial: int | None,
-    gain: str | float | None,
+    gain: str | float | None = None,
 ) -> tuple[Photons, Camera, Exposure, int | None]:
     """Photons, camera, exposure and serial number: those asked for, else those that the light was rendered for; an
     exposure of neither is metered, for the camera at this gain setting. Raises InputError."""

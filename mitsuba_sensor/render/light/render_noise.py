@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from ...sensor.detection import detect
-from ...sensor.frames import Frames
+from ...sensor.frames import RawFrames
 from ...sensor.input_noise import input_noise
 from ..passes.passes import MOST_IN_ALL
 from ..passes.pooled import FEWEST
@@ -23,7 +23,7 @@ LITTLE_NOISE = 0.1  # of the sensor's variance: 5 % more noise in the frame
 GAIN_EXPONENT = 1 / 3
 
 
-def render_noise(light: Irradiance, frames: Frames) -> dict[str, float | None]:
+def render_noise(light: Irradiance, frames: RawFrames) -> dict[str, float | None]:
     """Variance of the render over the sensor's own temporal variance, both as electrons at the input, in this exposure.
 
     The render statistics have the same for the exposure of the render; a longer exposure of the same light shows more.
@@ -78,7 +78,7 @@ def _with_most_samples(statistics: RenderStatistics, median: float, p95: float) 
     }
 
 
-def noise_note(light: Irradiance, noise: Mapping[str, float | None], frames: Frames) -> Iterator[str]:
+def noise_note(light: Irradiance, noise: Mapping[str, float | None], frames: RawFrames) -> Iterator[str]:
     """Where the render's noise is more than a tenth of the sensor's: how much of the grain is its, and what helps.
 
     noise : what :func:`render_noise` returned of them.
@@ -97,7 +97,7 @@ def noise_note(light: Irradiance, noise: Mapping[str, float | None], frames: Fra
     yield f"{said} of the noise variance of a typical pixel is the render's, not the camera's; {remedy}"
 
 
-def _not_rendered_for(light: Irradiance, frames: Frames) -> list[str]:
+def _not_rendered_for(light: Irradiance, frames: RawFrames) -> list[str]:
     """What of these frames the render did not know: a noise ratio is that of its own camera and exposure."""
     if (known := light.rendered_for) is None:
         return []

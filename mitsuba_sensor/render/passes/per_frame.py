@@ -1,23 +1,22 @@
-"""Frames that each have a render of their own, whose noise may be counted as part of their shot noise (compensated)."""
+"""Renders for frames that each have one of their own, whose noise may be part of the shot noise (compensated)."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Literal, Unpack, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import InputError, Photons, first_given, warn_of
-from ...core.options import complete, documents, part_of
+from ...core import InputError, Photons, first_given
+from ...core.options import part_of
 from ...sensor.camera import Camera
 from ...sensor.checks import as_photons, check_numbers
 from ...sensor.compensation import LIMIT, compensable, largest_e2
 from ...sensor.effects.dark_current import mean_dark_e
 from ...sensor.expose import PreparedExposure
-from ...sensor.frames import Frames
 from ...sensor.metering import AskedExposure
 from ...sensor.options import ExposeOptions
 from ..light.irradiance import Irradiance
@@ -26,7 +25,7 @@ from ..light.photons import collect
 from ..options import FrameSeriesOptions, RenderOptions
 from ..scene.scene_nodes import SceneInput
 from ..scene.scene_settings import ParsedScene
-from ..variants import computed_in, mitsuba, restores_variant
+from ..variants import mitsuba
 from .noisy_pixels import NoisyPixels, fewest_samples
 from .passes import hashed_seed, whole_grid
 from .prepared import PreparedRender, check_options, prepare
@@ -45,54 +44,19 @@ OF_LARGEST = 0.8  # of the variance that can be compensated at all, below one el
 
 
 @dataclass(frozen=True, eq=False)
-class RenderedFrame:
-    """One frame, and the render that it was made from.
+class RenderOfFrame:
+    """The render of one frame, and the exposure that the frame is computed from.
 
     uncompensated : what is left of the render's variance over the shot variance, averaged over the pixels: the frame is
         that much too noisy; without compensation, all of it.
     above_shot_noise : share of the pixels whose render has more variance than their shot noise: only more samples help.
     """
 
-    frames: Frames
+    exposed: PreparedExposure
     light: Irradiance
     photons: Photons
     uncompensated: float
     above_shot_noise: float
-
-
-@documents(FrameSeriesOptions)
-@restores_variant
-def render_frames(
-    scene: SceneInput | ParsedScene,
-    camera: Camera | None = None,
-    exposure: AskedExposure | None = None,
-    *,
-    render_noise: PerFrameNoise = "compensated",
-    progress: Progress | None = None,
-    **options: Unpack[FrameSeriesOptions],
-) -> Iterator[RenderedFrame]:
-    """Frames of a scene, each from a render with a seed of its own; one at a time, all checked before the first.
-
-    render_noise : "compensated" counts the render's noise as part of the shot noise, so that 16 times fewer samples are
-        enough than for a noise ratio of 0.01; "per-frame" adds it to the shot noise.
-    progress : called with a :class:`render.passes.stop_criterion.RenderProgress` of each frame's render.
-
-    By default "compensated" renders until the median of v/μ, the variance of the render over that of the shot noise,
-    is 1/6, and at most 1 % is left uncompensated outside the noisiest 1 % of the pixels; ``spectral`` is "channels",
-    since each render is used once. A render before the first frame determines the samples of all, and which pixels get
-    several times as many (noisy_pixels.py; not in scalar variants). Raises InputError.
-    """
-    chosen = complete(FrameSeriesOptions, options)
-    series = FrameSeries.prepare(scene, camera, exposure, chosen, render_noise)
-    return _warned(computed_in(series.prepared.parsed.variant, series.frames(progress)))
-
-
-def _warned(frames: Iterator[RenderedFrame]) -> Iterator[RenderedFrame]:
-    """The same frames; with the first one Python warns of the doubts, which are those of all."""
-    for number, frame in enumerate(frames):
-        if not number:
-            warn_of((*frame.light.notes, *frame.frames._exposure_notes))
-        yield frame
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,8 +110,8 @@ class FrameSeries:
         stop, criterion = (replace(stop, reached="compensable"), _criterion(prepared)) if measured else (stop, None)
         return cls(prepared, sensor, stop, criterion, compensated, options["frames"])
 
-    def frames(self, progress: Progress | None = None, report: bool = False) -> Iterator[RenderedFrame]:
-        """One frame after the other. report : whether the first one brings its report along."""
+    def renders(self, progress: Progress | None = None) -> Iterator[RenderOfFrame]:
+        """One render after the other, each with the exposure of its frame."""
         sensor, first = self.sensor, self.sensor.first.index
 
         def step(now: RenderProgress, number: int = first) -> None:
@@ -167,10 +131,9 @@ class FrameSeries:
             if self.compensated:
                 photons = photons.changed(variance_e2=np.where(np.isfinite(photons.total), variance, 0.0))
             exposed = sensor.of(photons, number)
-            made = exposed.frames_with_report() if report and number == first else exposed.frames()
             left = _uncompensated(prepared, mean, variance, self.compensated)
             above = _uncompensated(prepared, mean, variance, compensate=False) > 1
-            yield RenderedFrame(made, light, photons, float(left.mean()), float(above.mean()))
+            yield RenderOfFrame(exposed, light, photons, float(left.mean()), float(above.mean()))
 
     def _planned(self, progress: Progress) -> tuple[PreparedRender, StopCriterion]:
         """The samples of every frame and of its noisiest pixels, by a render before the first frame: its variance falls

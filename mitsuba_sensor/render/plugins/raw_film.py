@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import InputError
-from ...sensor.expose import expose
+from ...sensor.expose import exposure_of_photons
+from ..light.photons import collected
 from ..passes.passes import hashed_seed
 from ..passes.prepared import render
 from ..scene.plugin_id import PluginParameters, parameters_of
@@ -200,7 +201,9 @@ def _integrator_class(variant: str) -> MitsubaObject:
 def _raw_frame_of(view: LoadedView, seed: int, samples: int) -> NDArray[np.unsignedinteger]:
     """The digital numbers of one picture, (H, W) [DN]."""
     light = render(view, seed=seed, spp=samples)
-    return np.asarray(expose(light, seed=seed).digital[0])
+    photons, camera, exposure, serial = collected(light, None, None, None, None)
+    exposed = exposure_of_photons(photons, camera, exposure, {"serial": serial, "seed": seed})
+    return np.asarray(exposed.frames().digital[0])
 
 
 def _sensors_of(sensor: MitsubaObject) -> list[MitsubaObject]:

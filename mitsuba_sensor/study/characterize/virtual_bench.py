@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import Exposure, InputError
+from ...kept_sensor import Sensor
 from ...lab.bench import Bench
 from ...lab.stack import Stack
 from ...sensor.camera import Camera
 from ...sensor.effects.dark_current import mean_dark_e
-from ...sensor.sensor import Sensor
 from .rendered_field import Field, field_at
 
 Array = NDArray[np.float64]

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import Exposure, Frame, Photons, SensorWindow
+from ...expose import expose
 from ...render.denoise.denoise import LEAST_PASSES
 from ...render.light.irradiance import Irradiance
 from ...render.passes.passes import Welford
@@ -26,7 +27,6 @@ from ...render.passes.statistics import median_bias
 from ...render.passes.stop_criterion import StopCriterion
 from ...sensor.compensation import compensable
 from ...sensor.effects.dark_current import mean_dark_e
-from ...sensor.expose import expose
 from ..frames import expected_moments
 from ..kit import Array, Subject
 from .settings import Block, RenderSetting, Series, in_blocks

@@ -11,13 +11,15 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..core import Exposure, InputError, Photons, require, warn_of
-from ..core.options import documents
-from .camera import Camera
-from .expose import PreparedExposure, prepared
-from .frames import Frames
-from .options import ExposeOptions
-from .run import StripWindows
+from .core import Exposure, InputError, Photons, require, warn_of
+from .core.options import documents
+from .expose import prepare_light
+from .output.frames import Frames
+from .render.light.irradiance import Irradiance
+from .sensor.camera import Camera
+from .sensor.expose import PreparedExposure
+from .sensor.options import ExposeOptions
+from .sensor.run import StripWindows
 
 FIXED = ("serial", "maps", "chain")
 """Options that belong to the sensor."""
@@ -72,16 +74,19 @@ class Sensor:
         self._kept.clear()
 
     @documents(ExposeOptions)
-    def expose(self, photons: Photons | ArrayLike, exposure: Exposure, **options: Unpack[ExposeOptions]) -> Frames:
+    def expose(
+        self, photons: Photons | ArrayLike | Irradiance, exposure: Exposure, **options: Unpack[ExposeOptions]
+    ) -> Frames:
         """Raw frames of these mean photons per pixel, as of :func:`expose`; by default those behind the last ones."""
-        frames = self._frames(photons, exposure, options)
-        warn_of(frames._exposure_notes)
+        frames = self.frames(photons, exposure, options)
+        warn_of(frames.exposure_notes)
         return frames
 
-    def _frames(self, photons: Photons | ArrayLike, exposure: Exposure, options: ExposeOptions) -> Frames:
+    def frames(self, photons: Photons | ArrayLike | Irradiance, exposure: Exposure, options: ExposeOptions) -> Frames:
+        """What :meth:`expose` returns, without a warning."""
         made, before = self._counted(photons, exposure, options)
         try:
-            return made.frames()
+            return Frames.exposed(made)
         except Exception:
             with COUNTING:  # what was not taken has no number, unless another thread has gone on from it
                 if self.frames_taken == made.first.index + made.count:
@@ -93,7 +98,7 @@ class Sensor:
 
     @documents(ExposeOptions)
     def stream(
-        self, photons: Photons | ArrayLike, exposure: Exposure, **options: Unpack[ExposeOptions]
+        self, photons: Photons | ArrayLike | Irradiance, exposure: Exposure, **options: Unpack[ExposeOptions]
     ) -> Iterator[NDArray[np.unsignedinteger]]:
         """The frames one at a time, as of :func:`stream`; all of them count as taken from now on."""
         made = self._counted(photons, exposure, options)[0]
@@ -114,7 +119,7 @@ class Sensor:
                 raise InputError(f"{name} belongs to the sensor; pass it to Sensor(camera, …), or use expose.")
         begin: ExposeOptions = {"first_frame": self.frames_taken}
         given: ExposeOptions = {**begin, **options, "serial": self.serial, "maps": self.maps}
-        made = prepared(photons, self.camera, exposure, given)
+        made = prepare_light(photons, self.camera, exposure, given)
         window = made.first.window
         backend = window.backend
         key = (window.shape, window.origin, type(backend), backend.precision, backend.bytes_of_numpy)

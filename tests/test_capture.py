@@ -1,4 +1,4 @@
-"""pipeline.py: capture() gives what render, collect and expose give one by one, and its files hold the same."""
+"""capture.py: capture() gives what render, collect and expose give one by one, and its files hold the same."""
 
 from __future__ import annotations
 

@@ -1,0 +1,298 @@
+"""From a scene, or from light that is rendered already, to raw frames and their files: read from top to bottom."""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, TypeAlias, Unpack, cast
+
+import numpy as np
+
+from .capture_options import CaptureOptions, check_asked_files, refuse_render_options
+from .core import Exposure, InputError, Photons, warn_of
+from .core.heap import trim_heap
+from .core.options import complete, documents, part_of, used
+from .files import tiff
+from .files.appearing import output_folder
+from .files.openexr import is_exr
+from .output import exr
+from .output.dng import check_dng, dng_names, write_dng
+from .output.frame_files import CAPTURE_FILES, CLEAN, FRAME_FILES, frames_metadata, write_frames
+from .output.frames import Frames
+from .output.light_files import read_irradiance
+from .render.denoise.network import denoised_if_possible
+from .render.light.irradiance import Irradiance
+from .render.light.light_source import CollectedLight
+from .render.light.photons import collect, collected
+from .render.motion.aovs import Aovs
+from .render.options import FrameSeriesOptions, RenderOptions
+from .render.passes.per_frame import FrameSeries
+from .render.passes.prepared import PreparedRender, prepare
+from .render.passes.stop_criterion import Progress, RenderProgress
+from .render.scene.scene_nodes import SceneInput
+from .render.scene.scene_settings import ParsedScene
+from .render.variants import restores_variant
+from .sensor.camera import Camera
+from .sensor.checks import as_photons
+from .sensor.expose import PreparedExposure, prepare_exposure
+from .sensor.metering import AskedExposure, Metering, checked_exposure
+from .sensor.options import ExposeOptions
+
+Scene: TypeAlias = SceneInput | ParsedScene
+Light: TypeAlias = str | os.PathLike[str] | Irradiance
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Capture:
+    """Frames of a camera, and what they were made from.
+
+    frames : the raw frames, ``frames.digital`` (N, H, W) [DN].
+    light, photons : irradiance at the focal plane, mean photons per pixel; of the first frame where each has its own.
+    aovs : depth, normals, … of the same pixels, if asked for.
+    metadata : what is written as frame.json: camera, exposure, options, seeds, theory beside frame, render statistics.
+    """
+
+    frames: Frames
+    light: Irradiance
+    photons: Photons
+    aovs: Aovs | None
+    metadata: dict[str, Any]
+    rendered: bool
+
+    def __repr__(self) -> str:
+        return f"<Capture: {self.frames!r}, {self.light!r}>"
+
+    def save(self, folder: str | os.PathLike[str]) -> None:
+        """Write frame.tiff, frame.png, frame.json, irradiance.exr if it was rendered, and what else was asked for.
+
+        All of them appear, or none; files of an older capture that this one does not have go. Raises InputError.
+        """
+        gain = float(self.metadata["options"]["preview_gain"])
+        with output_folder(os.fspath(folder), CAPTURE_FILES if self.rendered else FRAME_FILES) as scratch:
+            write_frames(scratch, self.frames, self.metadata, gain)
+            if self.metadata["options"]["clean"]:
+                for name, values in zip(CLEAN, (self.frames.clean, self.frames.temporal_variance), strict=True):
+                    tiff.write_tiff(scratch / name, values)
+            if self.metadata["options"]["dng"]:
+                for number, name in enumerate(dng_names(self.frames)):
+                    write_dng(scratch / name, self.frames, number)
+            if self.rendered and not self.metadata["options"]["no_irradiance"]:
+                exr.write_irradiance_exr(scratch / "irradiance.exr", self.light, self.metadata["options"]["half"])
+            if self.aovs is not None:
+                exr.write_aovs_exr(scratch / "aovs.exr", self.aovs)
+
+
+@documents(CaptureOptions)
+@restores_variant
+def capture(
+    source: Scene | Light,
+    camera: Camera | None = None,
+    exposure: AskedExposure | None = None,
+    *,
+    progress: Progress | None = None,
+    **options: Unpack[CaptureOptions],
+) -> Capture:
+    """Render a scene and expose a camera to it; ``capture("scene.xml").save("out/")``.
+
+    source : a scene file, or light that is there already: an irradiance.exr, or what :func:`render` returned.
+    camera, exposure : what is not given is read from the scene's <film type="photosensor">, or is what the light was
+        rendered for, and so is its serial number; an exposure of "auto", or none anywhere, is metered.
+    progress : called with a :class:`render.passes.stop_criterion.RenderProgress` after every pass and frame.
+    Everything is checked before the first ray is traced. Raises InputError.
+    """
+    request = Request(source, camera, checked_exposure(camera, exposure), complete(CaptureOptions, options), progress)
+    check_asked_files(request.options)
+    if isinstance(source, Irradiance) or (isinstance(source, str | os.PathLike) and is_exr(source)):
+        exposed = expose_light(request)
+    elif request.options["render_noise"] == "shared":
+        exposed = render_once(request)
+    else:
+        exposed = render_each_frame(request)
+    frames, light, render = exposed.frames, exposed.light, exposed.render
+    metadata = frame_metadata(exposed, request.times_s)
+    aovs = None
+    if render is not None and request.options["aovs"]:
+        with timed(request.times_s, "aovs"):
+            aovs = render.aovs()
+    warn_of(frames.exposure_notes if render is None else (*light.notes, *frames.exposure_notes))
+    return Capture(frames, light, frames.light, aovs, metadata, rendered=render is not None)
+
+
+@dataclass(frozen=True, eq=False)
+class Request:
+    """What a capture is asked for.
+
+    camera, exposure : None for those of the scene or the light.  options : all of them.
+    times_s : wall-clock seconds of each step, noted as they end.
+    """
+
+    source: Scene | Light
+    camera: Camera | None
+    exposure: Exposure | Metering | None
+    options: CaptureOptions
+    progress: Progress | None
+    times_s: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Exposed:
+    """Frames, and the light that they were exposed to.
+
+    origin : where the light comes from, for the metadata.  options : with the serial number that was taken.
+    render : of the scene; None for light that was rendered before.
+    """
+
+    frames: Frames
+    light: Irradiance
+    origin: Mapping[str, object]
+    options: CaptureOptions
+    render: PreparedRender | None = None
+
+
+def expose_light(request: Request) -> Exposed:
+    """Frames of light that is rendered already."""
+    refuse_render_options(request.options)
+    source = cast(Light, request.source)
+    path = None if isinstance(source, Irradiance) else Path(source)
+    with timed(request.times_s, "read irradiance"):
+        light = source if isinstance(source, Irradiance) else read_irradiance(source)
+        light = light.before_denoising() if request.options["raw_light"] else light
+    asked = request.options["serial"], request.options["gain"]
+    photons, camera, exposure, serial = collected(light, request.camera, request.exposure, *asked)
+    options: CaptureOptions = {**request.options, "serial": serial}
+    metering = request.exposure
+    if metering is None and light.rendered_for is None:
+        metering = Metering()
+    origin = {
+        "irradiance": path,
+        "as_rendered": light.rendered_for.shared_with(camera, exposure, serial) if light.rendered_for else [],
+        "metering": metering.record(exposure) if isinstance(metering, Metering) else None,
+    }
+    sensor = prepare_exposure(camera, exposure, light.data.shape[:2], light.origin, part_of(ExposeOptions, options))
+    check_frame_files(sensor, options)
+    with timed(request.times_s, "expose"):
+        frames = expose_with_progress(sensor.of(photons), request.progress)
+    return Exposed(frames, light, origin, options)
+
+
+def render_once(request: Request) -> Exposed:
+    """One render of a scene, and all frames of it."""
+    options, progress = request.options, request.progress
+    rendering = denoised_if_possible(part_of(RenderOptions, options))
+    with timed(request.times_s, "render"):
+        started = time.monotonic()
+        render = prepare(cast(Scene, request.source), request.camera, request.exposure, **rendering)
+        if options["chain"] == "konnik2014" and len(render.bands) != 1:
+            raise InputError("chain konnik2014 has one wavelength; give wavelength_nm, e.g. --wavelength-nm 550.")
+        sensor = render.sensor(part_of(ExposeOptions, options))
+        check_frame_files(sensor, options)  # before the first ray
+        light = render.render(sensor.first.seed, render.stop_criterion(rendering), progress, started=started)
+        render.renderer.release()
+    with timed(request.times_s, "expose"):
+        exposure = render.exposure_of(light)
+        photons = as_photons(collect(light, render.camera, exposure), render.camera)
+        frames = expose_with_progress(sensor.at(exposure).of(photons), progress)
+    return exposed_of_scene(request, render, light, frames)
+
+
+def render_each_frame(request: Request) -> Exposed:
+    """A render of a scene for every frame; irradiance and metadata are those of the first."""
+    options, noise = request.options, request.options["render_noise"]
+    assert noise != "shared"
+    if options["chain"] != "physical":
+        raise InputError(f"render_noise is {noise!r}, which is for the physical chain; leave the chain out.")
+    with timed(request.times_s, "render and expose"):
+        scene, series_options = cast(Scene, request.source), part_of(FrameSeriesOptions, options)
+        series = FrameSeries.prepare(scene, request.camera, request.exposure, series_options, noise)
+        check_frame_files(series.sensor, options)
+        renders, parts = [], list[Frames]()
+        for render in series.renders(request.progress):
+            renders.append(render)
+            parts.append(Frames.exposed(render.exposed) if parts else Frames.exposed_with_report(render.exposed))
+    left = {
+        "uncompensated": float(np.mean([render.uncompensated for render in renders])),
+        "above_shot_noise": float(np.mean([render.above_shot_noise for render in renders])),
+    }
+    frames = Frames.joined(parts, with_clean=options["clean"])
+    return exposed_of_scene(request, series.prepared, renders[0].light, frames, left)
+
+
+def exposed_of_scene(
+    request: Request, render: PreparedRender, light: Irradiance, frames: Frames, left: Mapping[str, float] | None = None
+) -> Exposed:
+    """The frames of a scene.  left : what the noise of renders for every frame leaves in the frames."""
+    options = request.options
+    origin = {
+        "scene": render.parsed.file.path,
+        "parameters": dict(options["parameters"] or {}),
+        "motion": used(CaptureOptions, options)["motion"],
+        "render_noise": options["render_noise"],
+        "metering": light.statistics.metering,
+        **(left or {}),
+    }
+    return Exposed(frames, light.of_serial(frames.first.window.serial), origin, options, render)
+
+
+def check_frame_files(sensor: PreparedExposure, options: CaptureOptions) -> None:
+    """Raise InputError for frames of which a file is asked for that cannot hold them."""
+    if options["dng"]:
+        check_dng(sensor.camera, sensor.first.window.shape)
+
+
+def expose_with_progress(sensor: PreparedExposure, progress: Progress | None) -> Frames:
+    """The frames, with the report of the first; progress is told after each of them."""
+    if progress is None:
+        return Frames.exposed_with_report(sensor)
+    began, count = time.monotonic(), sensor.count
+
+    def tell(done: int) -> None:
+        seconds = time.monotonic() - began
+        left_s = seconds / done * (count - done) if done else math.nan
+        progress(RenderProgress(done, count, seconds=seconds, seconds_left=left_s, doing="exposing"))
+
+    tell(0)
+    return Frames.exposed_with_report(replace(sensor, told=tell))
+
+
+@contextmanager
+def timed(times_s: dict[str, float], name: str) -> Iterator[None]:
+    """Note the wall-clock seconds that the block takes, and give back the memory that it no longer needs."""
+    start = time.perf_counter()
+    yield
+    trim_heap()
+    times_s[name] = round(time.perf_counter() - start, 4)
+
+
+def frame_metadata(exposed: Exposed, times_s: dict[str, float]) -> dict[str, Any]:
+    """The whole of frame.json: what a frame was made of, and what theory says of it, stage by stage.
+
+    times_s : seconds by step, to which this one is added.
+    """
+    frames, light, options = exposed.frames, exposed.light, exposed.options
+    with timed(times_s, "report"):
+        statistics = light.statistics.to_dict()
+        planned = {} if frames.plan is None else frames.plan.to_dict()
+        noise, _ = frames.render_noise
+        trim_heap()
+        source = frames.light.source
+        assert isinstance(source, CollectedLight)
+        of_frames, band_error = frames_metadata(frames), source.band_error(frames.camera)
+    bands = {"wavelengths_nm": light.wavelengths_nm, "bandwidths_nm": light.bandwidths_nm, **band_error._asdict()}
+    return {
+        "origin": {**exposed.origin, "scene_sha256": statistics["scene_sha256"]},
+        **of_frames,
+        "options": used(CaptureOptions, options),
+        "chain": options["chain"],
+        "bands": bands,
+        "counts": {**of_frames["counts"], **{name: statistics[name] for name in ("negative", "non_finite")}},
+        "render": statistics,
+        "render_noise": noise,
+        "effects": planned.get("stages", []),
+        "float32": planned.get("float32"),
+        "times_s": times_s,
+    }

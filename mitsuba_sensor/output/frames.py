@@ -1,0 +1,154 @@
+"""Frames: raw frames with what is expected of them, their report, their notes, and the files that they are saved as."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..sensor.choices import KEEP
+from ..sensor.expose import PreparedExposure
+from ..sensor.frame_notes import exposure_notes as notes_of_exposure
+from ..sensor.frame_theory import FrameTheory
+from ..sensor.frames import RawFrames
+from ..sensor.noise_budget import NoiseBudget
+from ..sensor.pixel_moments import PixelMoments, pixel_moments
+from ..sensor.report import FrameObserver, report
+from .dng import write_dng
+from .frame_files import frames_html, preview_of, save_frames
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Frames(RawFrames):
+    """Raw frames of one camera, which know what is expected of them and can be saved.
+
+    digital : (N, H, W) uint8, uint16 or uint32, whichever holds ``adc.bits`` [DN].
+    plan : what was left out of the chain, where ``plan`` or ``tolerance_dn`` was given.
+    detected : mean photoelectrons of the light.  backend : what computed the frames.
+    photons, photoelectrons, dark_electrons, electrons, volts, input_referred_electrons : (N, H, W) float64 if asked for
+        by ``keep``, else None.
+    observer : who followed the first frame while it was computed, for the report.
+    own_clean : clean frames where each has a light of its own.
+    """
+
+    observer: FrameObserver | None = None
+    own_clean: NDArray[np.float32] | None = None
+
+    @classmethod
+    def of(cls, raw: RawFrames, observer: FrameObserver | None = None) -> Frames:
+        """The same frames.  observer : who followed the first of them while it was computed, for the report."""
+        return cls(**{field.name: getattr(raw, field.name) for field in fields(RawFrames)}, observer=observer)
+
+    @classmethod
+    def exposed(cls, sensor: PreparedExposure) -> Frames:
+        """All frames of an exposure."""
+        return cls.of(sensor.frames())
+
+    @classmethod
+    def exposed_with_report(cls, sensor: PreparedExposure) -> Frames:
+        """The same, with the report of the first frame made along with it: each frame is computed once."""
+        observer = FrameObserver(FrameTheory(sensor.stages, sensor.detected, sensor.first_on_numpy))
+        return cls.of(sensor.frames(observer), observer)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Frames], with_clean: bool) -> Frames:
+        """Frames that each have a light of their own as one; light, theory and report are those of the first.
+
+        with_clean : whether the clean frame of each is computed.
+        """
+        first = parts[0]
+        names = ("digital", *(name for name in KEEP if getattr(first, name) is not None))
+        joined: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+        clean = np.concatenate([part.clean for part in parts]) if with_clean else None
+        return replace(first, **joined, own_clean=clean)
+
+    @cached_property
+    def theory(self) -> FrameTheory:
+        """Theory of every pixel of these frames."""
+        return self._observer.theory
+
+    @cached_property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences on light, camera and frames that may surprise, as frame.json, command line and notebook show them.
+
+        Where one says that the result is probably not what was wanted, there was a :class:`SensorWarning` too.
+        """
+        source = self.light.source
+        of_light = () if source is None else source.notes
+        return (*of_light, *self.exposure_notes, *self.render_noise[1])
+
+    @cached_property
+    def render_noise(self) -> tuple[dict[str, float | None], tuple[str, ...]]:
+        """What the render's noise means in these frames, and the notes on it; nothing without a render."""
+        source = self.light.source
+        return ({}, ()) if source is None else source.render_noise(self)
+
+    @cached_property
+    def exposure_notes(self) -> tuple[str, ...]:
+        """The notes that cost next to nothing; all doubts but those on the light itself are among them."""
+        return notes_of_exposure(self.camera, self.detected, self.first)
+
+    @cached_property
+    def pixel_moments(self) -> PixelMoments:
+        """``clean[0]`` and ``temporal_variance``, by the theory of every pixel with the FPN maps of this serial."""
+        return pixel_moments(self.stages, self.detected, self.first)
+
+    @cached_property
+    def clean(self) -> NDArray[np.float32]:
+        """Expectation of the raw frame over temporal noise, fixed patterns of this serial included, (1, H, W) [DN].
+
+        Of frames with renders of their own (N, H, W). Not rounded. Raises InputError for chain konnik2014.
+        """
+        return self.pixel_moments.mean[None] if self.own_clean is None else self.own_clean
+
+    @property
+    def temporal_variance(self) -> NDArray[np.float32]:
+        """Variance of every pixel from frame to frame in the light of the first, (H, W) [DN²]."""
+        return self.pixel_moments.temporal
+
+    @cached_property
+    def spatial_mean(self) -> NDArray[np.float32]:
+        """Expectation over temporal noise and over all cameras of this model, (H, W) [DN]: no fixed pattern."""
+        return self.theory.digital_mean()
+
+    @cached_property
+    def report(self) -> dict[str, Any]:
+        """Theory and sample of every stage in the first frame, ready for JSON (see report.py)."""
+        self._observer.sample(self.first.window.backend)
+        return report(self.camera, self._observer)
+
+    @cached_property
+    def _observer(self) -> FrameObserver:
+        """Who followed the first frame; it is computed again unless :meth:`exposed_with_report` made it."""
+        if self.observer is not None:
+            return self.observer
+        observer = FrameObserver(FrameTheory(self.stages, self.detected, self.first))
+        first = self.first.on(self.backend)
+        PreparedExposure(self.camera, self.stages, first, 1, (), light=self.detected).frames(observer)
+        return observer
+
+    def preview(self, number: int = 0, gain: float = 1.0) -> NDArray[np.uint8]:
+        """What frame.png shows: one of the frames, 8 bit, (H, W) grey or (H, W, 3) sRGB.  gain : brightens it."""
+        return preview_of(self, number, gain)
+
+    def save(self, folder: str | os.PathLike[str]) -> None:
+        """Write frame.tiff, frame.png and frame.json: all, or none; those of older frames go. Raises InputError."""
+        save_frames(self, folder)
+
+    def save_dng(self, path: str | os.PathLike[str], number: int = 0) -> None:
+        """Write one of the frames as a DNG, its pixels unchanged. Raises InputError where other programs read none:
+        beyond 16 bits, of filters that are not red, green and blue in 2 × 2, below 22 × 22 pixels."""
+        write_dng(path, self, number)
+
+    def _repr_html_(self) -> str:
+        return frames_html(self)
+
+    def noise_budget(self) -> NoiseBudget:
+        """What every source contributes to each pixel of the first frame, in DN; the sum is the frame."""
+        theory = FrameTheory(self.stages, self.detected, self.first)
+        return NoiseBudget(self.stages, self.detected, self.first, theory)
