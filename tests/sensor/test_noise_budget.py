@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.marks import exhaustive, one_in
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.sensor.frame_theory import FrameTheory
@@ -41,7 +42,7 @@ def entries(noise_budget: NoiseBudget) -> dict[str, Contribution]:
     return {entry.source: entry for entry in noise_budget.entries}
 
 
-@pytest.mark.parametrize("light", [0.0, 20_000.0, 70_000.0])
+@pytest.mark.parametrize("light", [exhaustive(0.0), 20_000.0, exhaustive(70_000.0)])
 @pytest.mark.parametrize("name", CAMERAS)
 def test_contributions_add_up_to_the_frame_and_variances_to_the_theory(name: str, light: float) -> None:
     """To 1e-6 DN in every pixel, in darkness, at half a well, and where well and converter clip."""
@@ -78,7 +79,7 @@ FOLLOWS = {
 multiplies all that stands before it."""
 
 
-@pytest.mark.parametrize("source", OFF)
+@pytest.mark.parametrize("source", one_in(4, OFF))
 def test_switching_a_source_off_changes_its_own_entry_only(source: str) -> None:
     """Entries of the sources before it are the same bits; those after it too, but for the last digits of adding up.
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.marks import exhaustive
 from scipy.special import ndtr
 from scipy.stats import poisson
 
@@ -70,7 +71,7 @@ def test_shot_noise_of_few_pixels_of_one_filter_is_seen(few_green: ms.Camera) ->
     assert planned == pytest.approx(whole, rel=0.01)
 
 
-@pytest.mark.parametrize("black_level_dn", [2.0, 2.3, 2.5])
+@pytest.mark.parametrize("black_level_dn", [exhaustive(2.0), 2.3, exhaustive(2.5)])
 def test_pixel_offsets_that_dither_the_offsets_of_columns_are_kept(black_level_dn: float) -> None:
     """6 bit, 0.013 DN of noise, pixel DSNU 0.013 DN: without it the column means follow the steps of the converter.
 
@@ -92,6 +93,7 @@ def test_pixel_offsets_that_dither_the_offsets_of_columns_are_kept(black_level_d
     assert alone.kept and alone.spatial_dn < 0.2 * moved < moved < alone.structure_dn
 
 
+@pytest.mark.exhaustive
 def test_column_offsets_do_not_hide_behind_a_larger_prnu() -> None:
     """In quadrature with PRNU 2 % of 2048 DN the columns' 2.9 DN are 0.1 DN; in column means they are all there."""
     camera = TABLE1.replace(**{"pixel.prnu": 0.02, "readout.dsnu_col": 0.0007})
@@ -200,7 +202,7 @@ def test_one_hot_pixel_of_a_measured_map_is_counted() -> None:
     assert found.kept and found.pixels_beyond >= 1
 
 
-@pytest.mark.parametrize("photons", [2.0, 30_000.0, 70_000.0])
+@pytest.mark.parametrize("photons", [exhaustive(2.0), 30_000.0, exhaustive(70_000.0)])
 def test_theory_without_shot_noise_is_that_of_frames_without_it(photons: float) -> None:
     """σ of the columns 4.1 DN, of a well at 0.25 V full scale; within 4 standard errors of 24 serials."""
     camera, light = TABLE1.replace(**{"adc.full_scale_v": 0.25}), np.full((24, 200), photons)
@@ -217,7 +219,7 @@ def test_theory_without_shot_noise_is_that_of_frames_without_it(photons: float) 
     assert abs(squares.mean() - temporal - spatial) < 4 * squares.std(ddof=1) / np.sqrt(24) + 1e-6
 
 
-@pytest.mark.parametrize("photons", [3.0, 900.0])
+@pytest.mark.parametrize("photons", [3.0, exhaustive(900.0)])
 def test_electrons_that_photons_free_vary_without_shot_noise(photons: float) -> None:
     """Yield 2.5, Fano 0.5: temporal variance within 4 standard errors of 24 serials (chance of a miss 6e-5)."""
     yields = {"quantum_yield": [2.5, 2.5], "fano_factor": 0.5, "curves": {"mono": [0.6, 0.6]}}

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import ROOT
+from helpers.marks import one_in
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.lab.dark_noise import dark_noise
@@ -60,7 +61,7 @@ def test_every_shipped_camera_is_in_this_list_or_not_real() -> None:
     assert set(ms.list_cameras()) == PUBLISHED.keys() | NOT_REAL and len(PUBLISHED) >= 8
 
 
-@pytest.mark.parametrize("name", PUBLISHED)
+@pytest.mark.parametrize("name", one_in(3, PUBLISHED))
 def test_frames_of_a_published_camera_have_its_gain_and_read_noise(name: str) -> None:
     """Two frames in darkness and at 30 % of the well: photon transfer, K = Δσ²/Δμ, σ of darkness over K."""
     dn_per_e, read_noise_e = PUBLISHED[name]
@@ -94,7 +95,7 @@ def test_every_shipped_ladder_is_in_this_list() -> None:
     assert {name: labels for name, labels in found.items() if labels} == {x: list(y) for x, y in LADDERS.items()}
 
 
-@pytest.mark.parametrize("name", LADDERS)
+@pytest.mark.parametrize("name", one_in(3, LADDERS))
 def test_photon_transfer_at_two_settings_has_the_published_gain(name: str) -> None:
     """Flat pairs at four levels of 80 000 pixels or more: K to 0.25 %, so that 1 % is 4 standard errors."""
     labels = tuple(LADDERS[name])
@@ -105,7 +106,7 @@ def test_photon_transfer_at_two_settings_has_the_published_gain(name: str) -> No
         assert found.fitted.sum() == 4 and found.gain.value == pytest.approx(LADDERS[name][setting][0], rel=0.01)
 
 
-@pytest.mark.parametrize("name", LADDERS)
+@pytest.mark.parametrize("name", one_in(3, LADDERS))
 def test_temporal_dark_noise_at_every_setting_is_the_published_one(name: str) -> None:
     """80 000 pixels show σ to 0.25 %. At the step of the α7S II it falls from 4.17 to 1.40 e-."""
     found = {}

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import BENCHMARKS
+from helpers.marks import exhaustive, one_in
 from scipy import integrate, special, stats
 
 import mitsuba_sensor as ms
@@ -56,6 +57,7 @@ CASES = (
 )  # fmt: skip
 
 
+@pytest.mark.exhaustive
 def test_cameras_built_to_break_the_theory_have_the_moments_of_their_frames() -> None:
     """16 serials, 3 frames of 8192 pixels each; mean, temporal and spatial σ within four standard errors, 0.3 % or
     0.01 DN. Half of over 100 quantities are not within the latter by themselves: other seeds fail one run in 30."""
@@ -175,7 +177,7 @@ EXTREMES: dict[str, tuple[dict[str, Any], ms.Exposure]] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("case", EXTREMES)
+@pytest.mark.parametrize("case", one_in(4, EXTREMES))
 def test_no_camera_makes_the_theory_fail(case: str) -> None:
     """Finite numbers within the range of the codes."""
     changes, exposure = EXTREMES[case]
@@ -486,9 +488,9 @@ def test_a_chain_without_its_quantum_yield_has_one_electron_per_interaction(out:
 
 
 @pytest.mark.parametrize(
-    "named", [("dsnu_col_e",), ("dsnu_col_e", "dsnu_row_e", "dsnu_pixel_e"), ("prnu_col", "dsnu_row_e")]
+    "named", one_in(3, [("dsnu_col_e",), ("dsnu_col_e", "dsnu_row_e", "dsnu_pixel_e"), ("prnu_col", "dsnu_row_e")])
 )
-@pytest.mark.parametrize("read_e", [0.1, 3.0])
+@pytest.mark.parametrize("read_e", [0.1, exhaustive(3.0)])
 def test_measured_maps_behind_the_count_enter_by_their_own_distribution(named: tuple[str, ...], read_e: float) -> None:
     """Two-valued, skewed and shared maps next to the low clip: Σ Φ over the transitions in every pixel."""
     rng = np.random.default_rng(3)

@@ -241,6 +241,7 @@ def confirmed(found: list[Deviation], seed: int = 99) -> list[Deviation]:
     return [d for d in deviations(RECORD_ROWS, seed, again) if (d.record, d.what) in names and d.sigma > LIMIT]
 
 
+@pytest.mark.exhaustive
 def test_every_stage_of_every_record_is_met_within_4_standard_errors() -> None:
     """153 records, 3730 comparisons: 1364 of them exact (nothing random in them), 1263 different, the rest repetitions
     of an earlier stage.
