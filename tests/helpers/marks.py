@@ -13,6 +13,13 @@ def exhaustive(*values: Any, **options: Any) -> Any:
     return pytest.param(*values, marks=pytest.mark.exhaustive, **options)
 
 
-def one_in(every: int, cases: Iterable[Any]) -> list[Any]:
-    """Cases of one parameter, of which one in ``every`` is in the quick tests; the others are exhaustive."""
-    return [case if number % every == 0 else exhaustive(case) for number, case in enumerate(cases)]
+def one_in(every: int, cases: Iterable[Any], several: bool = False) -> list[Any]:
+    """Cases of a parameter, of which one in ``every`` is in the quick tests; the others are exhaustive.
+
+    several : whether a case is a tuple of the values of several parameters.
+    """
+    marked = []
+    for number, case in enumerate(cases):
+        values = case if several else (case,)
+        marked.append(exhaustive(*values) if number % every else pytest.param(*values))
+    return marked

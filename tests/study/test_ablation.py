@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import EACH_KIND
+from helpers.marks import one_in
 from helpers.scenes import PERSPECTIVE, SKY, scene_text, write_scene
 from helpers.study_pages import faults, through_files
 
@@ -62,7 +63,7 @@ def results_of(name: str, known: dict[str, Any] | None = None) -> SensorResults:
     return SensorResults(ablation(ms.load_camera(name), kit=Kit(known or shipped(name))))
 
 
-@pytest.mark.parametrize("name", (*EACH_KIND, "hamamatsu_orca_quest_2", "moravian_c1_5000"))
+@pytest.mark.parametrize("name", one_in(4, (*EACH_KIND, "hamamatsu_orca_quest_2", "moravian_c1_5000")))
 def test_theory_and_frames_agree_for_every_stage_of_every_shipped_camera(name: str) -> None:
     """From 15 to 25 000 e-, with the read noise on and off: in one run of a hundred chance would raise one alarm.
 
@@ -117,6 +118,7 @@ def test_a_stage_that_moves_the_mean_is_seen_to_move_it() -> None:
     assert found.theory["cases"]["dark current"]["of"] == "mean"
 
 
+@pytest.mark.exhaustive
 def test_pixels_with_a_random_telegraph_signal_are_measured_as_theory_means_them() -> None:
     """States of neighbouring frames are alike; every frame is the first of a seed of its own, so here they are not."""
     camera = TABLE1.replace(**{
@@ -128,6 +130,7 @@ def test_pixels_with_a_random_telegraph_signal_are_measured_as_theory_means_them
     assert abs(found.furthest.z) <= found.limit
 
 
+@pytest.mark.exhaustive
 def test_the_plan_holds_at_every_pixel() -> None:
     for tolerance_dn in (0.2, 5.0):
         found = results(ablation(TABLE1, tolerance_dn=tolerance_dn), cases=(PLAN,))
@@ -183,6 +186,7 @@ def study_of(scene: Path, known: dict[str, Any], progress: Any = None, **given: 
     return package.ablation(Kit(known, progress), subject, **{"frames": 2, **given})
 
 
+@pytest.mark.exhaustive
 def test_a_study_says_what_the_plan_saves_and_what_it_costs(studied: Any) -> None:
     study = studied[2]
     assert study.passed and study.name == "ablation"

@@ -110,6 +110,7 @@ def test_a_check_that_is_1_percent_off_or_not_a_number_fails() -> None:
 # What is measured
 
 
+@pytest.mark.exhaustive
 def test_everything_that_must_hold_does(study: Study) -> None:
     failed = [row for row in checks(study) if row[-1] != "holds"]
     assert study.passed and not failed and len(list(checks(study))) == 44

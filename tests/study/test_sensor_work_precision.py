@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import ROOT
+from helpers.marks import exhaustive
 from helpers.study_pages import faults, through_files
 from scipy import special, stats
 
@@ -185,7 +186,7 @@ def test_settings_of_different_kind_have_different_names(sensor: Sensor, monkeyp
 
 @needs_llvm
 @pytest.mark.parametrize("sampler", [QUANTILE, GAUSSIAN, MEAN_ONLY])
-@pytest.mark.parametrize("tolerance_dn", [None, 1.0])
+@pytest.mark.parametrize("tolerance_dn", [exhaustive(None), 1.0])
 def test_with_equal_random_bits_drjit_and_numpy_differ_nowhere(
     sensor: Sensor, sampler: str, tolerance_dn: float | None
 ) -> None:
