@@ -17,12 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.lab.bench import Bench
-from mitsuba_sensor.lab.distance import Distance, frame_distances
+from mitsuba_sensor.lab.frames.bench import Bench
+from mitsuba_sensor.lab.frames.stack import Stack
+from mitsuba_sensor.lab.measure.distance import Distance, frame_distances
 from mitsuba_sensor.lab.quantity import Quantity
-from mitsuba_sensor.lab.stack import Stack
 from mitsuba_sensor.lab.twin import Twin, fit
-from mitsuba_sensor.lab.twin.held_out import held_out
+from mitsuba_sensor.lab.twin.fit import held_out
 from mitsuba_sensor.sensor.gains import gain_dn_per_e
 from mitsuba_sensor.study.twin.simulated import Simulated
 

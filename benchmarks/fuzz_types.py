@@ -30,7 +30,7 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.core.illuminant import Illuminant
 from mitsuba_sensor.files.openexr import Plane, whole_exr, write_planes
 from mitsuba_sensor.files.raw_files import read_raw
-from mitsuba_sensor.lab.bench import read_bench
+from mitsuba_sensor.lab.frames.bench import read_bench
 from mitsuba_sensor.output.exr import rendered_for, write_irradiance_exr
 from mitsuba_sensor.output.importers.import_camera import import_camera
 from mitsuba_sensor.render.light.irradiance import Irradiance, RenderedFor

@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from mitsuba_sensor.lab.emva_linear import emva_linear
-from mitsuba_sensor.lab.stack import Stack
+from mitsuba_sensor.lab.frames.stack import Stack
+from mitsuba_sensor.lab.measure.emva_linear import emva_linear
 
 LIMIT_PERCENT = 2.0
 EXPOSURE_S = 1e-4

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.lab.emva_linear import emva_linear
-from mitsuba_sensor.lab.stack import Stack
+from mitsuba_sensor.lab.frames.stack import Stack
+from mitsuba_sensor.lab.measure.emva_linear import emva_linear
 from mitsuba_sensor.sensor.gains import gain_dn_per_e
 
 Figures = dict[str, float]

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.lab.nonuniformity import Nonuniformity, nonuniformity
-from mitsuba_sensor.lab.stack import Stack
+from mitsuba_sensor.lab.frames.stack import Stack
+from mitsuba_sensor.lab.measure.nonuniformity import Nonuniformity, nonuniformity
 from mitsuba_sensor.sensor.gains import gain_dn_per_e
 
 EXPOSURE = ms.Exposure(0.1)

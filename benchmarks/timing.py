@@ -17,7 +17,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from mitsuba_sensor.lab.estimators import ratio
+from mitsuba_sensor.lab.statistics.estimators import ratio
 from mitsuba_sensor.study.kit import in_turns
 
 __all__ = ["alternate", "in_child", "lines", "ratio", "seconds_of", "speeds"]

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.files.appearing import write_drawing
-from mitsuba_sensor.lab.measurement import measure
+from mitsuba_sensor.lab.measure.measurement import measure
 from mitsuba_sensor.study.characterize.virtual_bench import Setup, virtual_bench
 from mitsuba_sensor.study.page import Drawing, png
 

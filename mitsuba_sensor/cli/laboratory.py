@@ -20,7 +20,7 @@ from .study_sheet import study_sheet
 from .terminal import steps_bar
 
 if TYPE_CHECKING:
-    from ..lab.bench import Bench
+    from ..lab.frames.bench import Bench
     from ..study.characterize.datasheet import Said
     from ..study.page import Study
 
@@ -123,7 +123,7 @@ def _of_simulation(flags: Flags, asked: CharacterizeFlags) -> "Study":
 
 def _of_files(flags: Flags, asked: CharacterizeFlags) -> "Study":
     """Frames from disk, beside the datasheet of --camera if there is one."""
-    from ..lab.bench import read_bench
+    from ..lab.frames.bench import read_bench
     from ..study.characterize import characterized, figures_of
 
     for name in ("rendered", "serial", "seed"):

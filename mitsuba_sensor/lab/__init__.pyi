@@ -1,9 +1,9 @@
 """The public names and the modules that they are loaded from when they are first used."""
 
-from .bench import Bench as Bench
-from .bench import read_bench as read_bench
+from .frames.bench import Bench as Bench
+from .frames.bench import read_bench as read_bench
+from .frames.stack import Stack as Stack
 from .quantity import Quantity as Quantity
-from .stack import Stack as Stack
 from .twin.fit import Twin as Twin
 from .twin.fit import fit as fit
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from ..files.texts import read_toml
-from ..lab.estimators import pareto
+from ..lab.statistics.estimators import pareto
 from .series import MOST, colours, groups
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mitsuba_sensor.lab.stack import Stack
+from mitsuba_sensor.lab.frames.stack import Stack
 
 
 class Sigmas(NamedTuple):

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mitsuba_sensor.lab.stack import Stack
+from mitsuba_sensor.lab.frames.stack import Stack
 
 
 def as_it_is(electrons: np.ndarray) -> np.ndarray:

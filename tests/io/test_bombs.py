@@ -26,7 +26,7 @@ from mitsuba_sensor.dataset.file import read_dataset
 from mitsuba_sensor.files.npz import read_fpn_maps, write_fpn_maps
 from mitsuba_sensor.files.openexr import Plane, write_planes
 from mitsuba_sensor.files.raw_files import read_raw
-from mitsuba_sensor.lab.manifest import read_manifest
+from mitsuba_sensor.lab.frames.manifest import read_manifest
 from mitsuba_sensor.output.importers.import_camera import import_camera
 from mitsuba_sensor.output.light_files import read_irradiance
 from mitsuba_sensor.render.motion.aovs import render_aovs

@@ -13,17 +13,17 @@ import pytest
 from numpy.typing import NDArray
 
 from mitsuba_sensor.core import InputError
-from mitsuba_sensor.lab.correlation import correlation
-from mitsuba_sensor.lab.dark_current import dark_current
-from mitsuba_sensor.lab.dark_signal import dark_signal
-from mitsuba_sensor.lab.defects import defects
-from mitsuba_sensor.lab.line_noise import line_noise
-from mitsuba_sensor.lab.nonuniformity import nonuniformity
-from mitsuba_sensor.lab.profiles import profiles
+from mitsuba_sensor.lab.frames.stack import Stack
+from mitsuba_sensor.lab.measure.correlation import correlation
+from mitsuba_sensor.lab.measure.dark_current import dark_current
+from mitsuba_sensor.lab.measure.dark_signal import dark_signal
+from mitsuba_sensor.lab.measure.defects import defects
+from mitsuba_sensor.lab.measure.line_noise import line_noise
+from mitsuba_sensor.lab.measure.nonuniformity import nonuniformity
+from mitsuba_sensor.lab.measure.profiles import profiles
+from mitsuba_sensor.lab.measure.rts_pixels import rts_pixels
+from mitsuba_sensor.lab.measure.spectrogram import spectrograms
 from mitsuba_sensor.lab.quantity import Quantity
-from mitsuba_sensor.lab.rts_pixels import rts_pixels
-from mitsuba_sensor.lab.spectrogram import spectrograms
-from mitsuba_sensor.lab.stack import Stack
 
 RNG = np.random.default_rng(1)
 SHAPES = [(1, 1, 1), (3, 1, 2), (1, 1, 40), (9, 1, 40), (9, 40, 1), (2, 3, 3), (16, 12, 14), (1, 30, 30)]

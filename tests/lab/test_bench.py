@@ -14,7 +14,7 @@ from PIL import Image, TiffImagePlugin
 import mitsuba_sensor as ms
 from mitsuba_sensor.core import InputError
 from mitsuba_sensor.files.raw_files import read_raw
-from mitsuba_sensor.lab.bench import read_bench
+from mitsuba_sensor.lab.frames.bench import read_bench
 
 FRAMES = np.random.default_rng(3).integers(0, 4096, (3, 6, 8), dtype=np.uint16)
 

@@ -9,18 +9,18 @@ import pytest
 from helpers.small_cameras import SmallCamera
 from scipy import special
 
-from mitsuba_sensor.lab.bench import Bench
-from mitsuba_sensor.lab.dark_noise import dark_noise
-from mitsuba_sensor.lab.defects import defects
-from mitsuba_sensor.lab.emva_linear import emva_linear
-from mitsuba_sensor.lab.line_noise import line_noise
-from mitsuba_sensor.lab.measurement import measure
-from mitsuba_sensor.lab.nonuniformity import nonuniformity
-from mitsuba_sensor.lab.photon_transfer import photon_transfer_of_scene
-from mitsuba_sensor.lab.profiles import profiles
-from mitsuba_sensor.lab.rts_pixels import rts_pixels
-from mitsuba_sensor.lab.spectrogram import spectrograms
-from mitsuba_sensor.lab.stack import Stack
+from mitsuba_sensor.lab.frames.bench import Bench
+from mitsuba_sensor.lab.frames.stack import Stack
+from mitsuba_sensor.lab.measure.dark_noise import dark_noise
+from mitsuba_sensor.lab.measure.defects import defects
+from mitsuba_sensor.lab.measure.emva_linear import emva_linear
+from mitsuba_sensor.lab.measure.line_noise import line_noise
+from mitsuba_sensor.lab.measure.measurement import measure
+from mitsuba_sensor.lab.measure.nonuniformity import nonuniformity
+from mitsuba_sensor.lab.measure.photon_transfer import photon_transfer_of_scene
+from mitsuba_sensor.lab.measure.profiles import profiles
+from mitsuba_sensor.lab.measure.rts_pixels import rts_pixels
+from mitsuba_sensor.lab.measure.spectrogram import spectrograms
 from mitsuba_sensor.study.characterize import characterized
 
 RNG = np.random.default_rng(1)

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from mitsuba_sensor.core import InputError
-from mitsuba_sensor.lab import stack
-from mitsuba_sensor.lab.correlation import correlation
-from mitsuba_sensor.lab.stack import Stack
+from mitsuba_sensor.lab.frames import stack
+from mitsuba_sensor.lab.frames.stack import Stack
+from mitsuba_sensor.lab.measure.correlation import correlation
 
 
 def test_intervals_of_white_noise_cover_0() -> None:

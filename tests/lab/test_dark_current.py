@@ -11,10 +11,9 @@ from helpers.lab_frames import Sigmas, frames
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core import InputError
-from mitsuba_sensor.lab.dark_current import dark_current
-from mitsuba_sensor.lab.dark_temperature import dark_temperature
+from mitsuba_sensor.lab.frames.stack import Stack
+from mitsuba_sensor.lab.measure.dark_current import dark_current, dark_temperature
 from mitsuba_sensor.lab.quantity import Quantity
-from mitsuba_sensor.lab.stack import Stack
 
 RATE, GAIN, READ_DN = 200.0, 0.5, 2.0
 """Electrons per second, DN per electron, and the read noise [DN] of the NumPy camera."""

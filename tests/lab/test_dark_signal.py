@@ -11,10 +11,10 @@ import scipy.stats
 from numpy.typing import NDArray
 
 from mitsuba_sensor.core import InputError
-from mitsuba_sensor.lab.dark_signal import DarkSignal, Fit, dark_signal
-from mitsuba_sensor.lab.families import FAMILIES
-from mitsuba_sensor.lab.mixture import Mixture
-from mitsuba_sensor.lab.stack import Stack
+from mitsuba_sensor.lab.frames.stack import Stack
+from mitsuba_sensor.lab.measure.dark_signal import DarkSignal, Fit, dark_signal
+from mitsuba_sensor.lab.statistics.families import FAMILIES
+from mitsuba_sensor.lab.statistics.mixture import Mixture
 
 PIXELS = 512 * 512
 

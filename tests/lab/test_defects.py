@@ -11,11 +11,11 @@ from helpers.lab_frames import Sigmas, frames, noise, rounded, stack
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core import InputError
-from mitsuba_sensor.lab.defects import defects
+from mitsuba_sensor.lab.frames.stack import Stack
+from mitsuba_sensor.lab.measure.defects import defects
+from mitsuba_sensor.lab.measure.rts_pixels import rts_pixels
 from mitsuba_sensor.lab.quantity import share_interval
-from mitsuba_sensor.lab.rts_pixels import rts_pixels
-from mitsuba_sensor.lab.stack import Stack
-from mitsuba_sensor.lab.two_levels import two_levels
+from mitsuba_sensor.lab.statistics.two_levels import two_levels
 
 QUIET = Sigmas(0, 0, 2)
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from mitsuba_sensor.core import InputError
-from mitsuba_sensor.lab.distance import FigureDistance, figure_distances, frame_distances
+from mitsuba_sensor.lab.frames.stack import Stack
+from mitsuba_sensor.lab.measure.distance import FigureDistance, figure_distances, frame_distances
 from mitsuba_sensor.lab.quantity import Quantity
-from mitsuba_sensor.lab.stack import Stack
 
 RNG = np.random.default_rng(7)
 N, H, W = 8, 100, 120

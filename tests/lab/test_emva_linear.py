@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core import InputError
-from mitsuba_sensor.lab.emva_linear import EmvaLinear, emva_linear
-from mitsuba_sensor.lab.stack import Stack
+from mitsuba_sensor.lab.frames.stack import Stack
+from mitsuba_sensor.lab.measure.emva_linear import EmvaLinear, emva_linear
 
 CAMERA = SmallCamera()
 TRUE = {"K": 0.3, "η": 0.6, "R": 0.18, "σ_d": 6.0, "σ_y.dark": (1.8**2 + 1 / 12) ** 0.5}

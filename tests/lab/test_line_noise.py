@@ -11,8 +11,8 @@ from helpers.lab_frames import Sigmas, frames, noise, stack
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core import InputError
-from mitsuba_sensor.lab.line_noise import line_noise
-from mitsuba_sensor.lab.stack import Stack
+from mitsuba_sensor.lab.frames.stack import Stack
+from mitsuba_sensor.lab.measure.line_noise import line_noise
 
 KNOWN = Sigmas(0.5, 0.3, 2.0)
 

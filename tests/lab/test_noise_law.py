@@ -11,9 +11,9 @@ from scipy import integrate, special, stats
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.noise_distributions import NoiseDistribution, StudentT, TukeyLambda
-from mitsuba_sensor.lab.bench import Bench
+from mitsuba_sensor.lab.frames.bench import Bench
+from mitsuba_sensor.lab.frames.stack import Stack
 from mitsuba_sensor.lab.quantity import Quantity
-from mitsuba_sensor.lab.stack import Stack
 from mitsuba_sensor.lab.twin import fit
 from mitsuba_sensor.lab.twin.dark import dark_over_time
 from mitsuba_sensor.lab.twin.noise import read_noise

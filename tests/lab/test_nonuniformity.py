@@ -11,11 +11,10 @@ from helpers.lab_frames import Sigmas, frames, noise, stack
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core import InputError
-from mitsuba_sensor.lab.highpass import highpass, highpass_power
-from mitsuba_sensor.lab.mean_squares import MeanSquare, combined, root
-from mitsuba_sensor.lab.nonuniformity import nonuniformity
+from mitsuba_sensor.lab.frames.stack import Stack
+from mitsuba_sensor.lab.measure.nonuniformity import highpass, highpass_power, nonuniformity
 from mitsuba_sensor.lab.quantity import Quantity, variance_interval
-from mitsuba_sensor.lab.stack import Stack
+from mitsuba_sensor.lab.statistics.mean_squares import MeanSquare, combined, root
 
 DSNU, PRNU = Sigmas(1.0, 2.0, 1.5), Sigmas(0.2, 0.3, 0.5)
 PARTS = ("dsnu", "dsnu_row", "dsnu_col", "dsnu_pixel", "prnu", "prnu_row", "prnu_col", "prnu_pixel", "paper")

@@ -8,9 +8,9 @@ from helpers.small_cameras import SmallCamera
 from matplotlib.figure import Figure
 
 from mitsuba_sensor.core import InputError
-from mitsuba_sensor.lab.photon_transfer import PhotonTransfer, photon_transfer, photon_transfer_of_scene
-from mitsuba_sensor.lab.series import series
-from mitsuba_sensor.lab.stack import Stack
+from mitsuba_sensor.lab.frames.series import series
+from mitsuba_sensor.lab.frames.stack import Stack
+from mitsuba_sensor.lab.measure.photon_transfer import PhotonTransfer, photon_transfer, photon_transfer_of_scene
 
 WELL_E = 33_000.0  # Table 1 of Konnik and Welsh 2014
 

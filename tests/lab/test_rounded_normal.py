@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mitsuba_sensor.lab.dark_noise import dark_noise
+from mitsuba_sensor.lab.frames.stack import Stack
+from mitsuba_sensor.lab.measure.dark_noise import dark_noise
 from mitsuba_sensor.lab.quantity import Quantity
-from mitsuba_sensor.lab.rounded_normal import rounded_normal
-from mitsuba_sensor.lab.stack import Stack
+from mitsuba_sensor.lab.statistics.rounded_normal import rounded_normal
 
 UNIT = Quantity("K", "overall system gain", 0.5, 0.49, 0.51, "DN/e-", "")
 

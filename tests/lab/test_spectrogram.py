@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from mitsuba_sensor.core import InputError
-from mitsuba_sensor.lab.profiles import profiles
-from mitsuba_sensor.lab.spectrogram import spectrograms
-from mitsuba_sensor.lab.stack import Stack
+from mitsuba_sensor.lab.frames.stack import Stack
+from mitsuba_sensor.lab.measure.profiles import profiles
+from mitsuba_sensor.lab.measure.spectrogram import spectrograms
 
 
 def test_the_mean_square_of_the_spectrogram_is_the_variance_of_the_image() -> None:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from mitsuba_sensor.core import InputError
-from mitsuba_sensor.lab import stack
+from mitsuba_sensor.lab.frames import stack
+from mitsuba_sensor.lab.frames.stack import Stack
 from mitsuba_sensor.lab.quantity import Quantity, normal_interval, student_interval, variance_interval
-from mitsuba_sensor.lab.stack import Stack
 
 RNG = np.random.default_rng(16)
 BAYER = (("R", "G"), ("G", "B"))

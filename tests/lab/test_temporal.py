@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from mitsuba_sensor.core import InputError
-from mitsuba_sensor.lab.stack import Stack
-from mitsuba_sensor.lab.temporal import temporal
+from mitsuba_sensor.lab.frames.stack import Stack
+from mitsuba_sensor.lab.frames.temporal import temporal
 
 
 def of(frames: np.ndarray) -> Stack:

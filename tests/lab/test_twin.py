@@ -15,18 +15,18 @@ from helpers import BENCHMARKS
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core import InputError
-from mitsuba_sensor.lab.bench import Bench
-from mitsuba_sensor.lab.mean_squares import MeanSquare, MeanSquares
+from mitsuba_sensor.lab.frames.bench import Bench
+from mitsuba_sensor.lab.frames.stack import Stack
 from mitsuba_sensor.lab.quantity import Quantity
-from mitsuba_sensor.lab.stack import Stack
+from mitsuba_sensor.lab.statistics.mean_squares import MeanSquare, MeanSquares
 from mitsuba_sensor.lab.twin import fit
-from mitsuba_sensor.lab.twin.average import root_mean_square, weighted_mean
 from mitsuba_sensor.lab.twin.combined_map import CombinedMap, Noise
 from mitsuba_sensor.lab.twin.dark import line_weights
 from mitsuba_sensor.lab.twin.evidence import Fitted, short
-from mitsuba_sensor.lab.twin.held_out import held_out
+from mitsuba_sensor.lab.twin.fit import held_out
 from mitsuba_sensor.lab.twin.hidden_spread import Mixed, hidden_spread
 from mitsuba_sensor.lab.twin.parabola import straight
+from mitsuba_sensor.lab.twin.setting import root_mean_square, weighted_mean
 from mitsuba_sensor.lab.twin.telegraph import _without_bias
 from mitsuba_sensor.sensor.camera_file import camera_from
 from mitsuba_sensor.sensor.gains import gain_dn_per_e

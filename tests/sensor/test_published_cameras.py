@@ -10,10 +10,10 @@ from helpers import ROOT
 from helpers.marks import one_in
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.lab.dark_noise import dark_noise
-from mitsuba_sensor.lab.photon_transfer import photon_transfer
-from mitsuba_sensor.lab.series import series
-from mitsuba_sensor.lab.stack import Stack
+from mitsuba_sensor.lab.frames.series import series
+from mitsuba_sensor.lab.frames.stack import Stack
+from mitsuba_sensor.lab.measure.dark_noise import dark_noise
+from mitsuba_sensor.lab.measure.photon_transfer import photon_transfer
 from mitsuba_sensor.sensor.datasheet_errors import fields_of
 from mitsuba_sensor.sensor.gains import gain_dn_per_e
 from mitsuba_sensor.sensor.metering import saturation_e

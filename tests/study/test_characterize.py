@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 import mitsuba_sensor as ms
 from mitsuba_sensor.cli import app
 from mitsuba_sensor.core import Exposure, InputError
-from mitsuba_sensor.lab.bench import Bench
-from mitsuba_sensor.lab.measurement import INSTRUMENTS, measure
+from mitsuba_sensor.lab.frames.bench import Bench
+from mitsuba_sensor.lab.measure.measurement import INSTRUMENTS, measure
 from mitsuba_sensor.study.characterize import characterized, figures_of
 from mitsuba_sensor.study.characterize import virtual_bench as bench_module
 from mitsuba_sensor.study.characterize.datasheet import Said, expected

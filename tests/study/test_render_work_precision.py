@@ -23,7 +23,7 @@ from rich.console import Console
 import mitsuba_sensor as ms
 from mitsuba_sensor.cli.study_sheet import study_sheet
 from mitsuba_sensor.core.errors import InputError
-from mitsuba_sensor.lab.estimators import slope_of_runs
+from mitsuba_sensor.lab.statistics.estimators import slope_of_runs
 from mitsuba_sensor.render.light.bands import choose_bands
 from mitsuba_sensor.render.passes.passes import MOST_IN_ALL, pass_plan
 from mitsuba_sensor.render.passes.prepared import prepare

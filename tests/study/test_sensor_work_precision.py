@@ -22,7 +22,7 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.core.backend import NUMPY_FLOAT32
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.llvm import backend_problem
-from mitsuba_sensor.lab.estimators import Spread, ratio, spread
+from mitsuba_sensor.lab.statistics.estimators import Spread, ratio, spread
 from mitsuba_sensor.sensor.chain import chain
 from mitsuba_sensor.sensor.checks import as_photons
 from mitsuba_sensor.sensor.effects.shot_noise import ShotNoise

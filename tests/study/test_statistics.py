@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from mitsuba_sensor.lab.estimators import as_normal, pareto, slope_of_runs, z_limit
+from mitsuba_sensor.lab.statistics.estimators import as_normal, pareto, slope_of_runs, z_limit
 
 
 @pytest.mark.parametrize("power", [-1.0, -0.5, 0.0, 2.0])

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...core.types import Float64Array
-from ..mean_squares import MeanSquare, MeanSquares, root, spatial_mean_squares
+from ..statistics.mean_squares import MeanSquare, MeanSquares, root, spatial_mean_squares
 
 PARTS: dict[str, Callable[[MeanSquares], list[MeanSquare]]] = {
     "row": MeanSquares.row_variance,

@@ -10,12 +10,12 @@ import numpy as np
 
 from ...core import InputError
 from ...core.types import Float64Array
-from ..dark_current import errors_of_means
-from ..families import FAMILIES
-from ..mean_squares import MeanSquares, temporal_mean_squares
+from ..frames.series import ROUNDING_DN2
+from ..frames.stack import Stack
+from ..measure.dark_current import errors_of_means
 from ..quantity import Quantity, normal_interval, student_interval, unknown
-from ..series import ROUNDING_DN2
-from ..stack import Stack
+from ..statistics.families import FAMILIES
+from ..statistics.mean_squares import MeanSquares, temporal_mean_squares
 from .combined_map import CombinedMap, Noise
 from .evidence import Fitted, frames_of
 from .parabola import straight

@@ -7,8 +7,8 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from ..frames.stack import Stack
 from ..quantity import Quantity
-from ..stack import Stack
 
 
 @dataclass(frozen=True)

@@ -5,16 +5,16 @@ from __future__ import annotations
 import copy
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from ...core import InputError
 from ...core.types import Float64Array
-from ..bench import Bench, read_bench
+from ..frames.bench import Bench, read_bench
+from ..frames.stack import Stack
 from .evidence import Fitted
 from .fields import Value, fields_of, full_well
-from .ladder import gains_of, step_notes
 from .maps import maps_of
 from .noise_law import of_one_family
 from .setting import Setting, fit_setting
@@ -42,6 +42,8 @@ ASSUMED_SOURCES = {
 QE, BAND_NM, ANY_NM = 0.6, (300.0, 1100.0), 550.0
 FULL_SWING_V = 1.0
 """Swing of a full well, where no camera says its conversion gain [V]."""
+SHARE, FEWEST = 0.25, 8
+"""Of the frames of a stack that are held out, and of how many at least: 2 stay out and 6 in."""
 
 
 @dataclass(eq=False)
@@ -186,3 +188,75 @@ def fit(frames: str | os.PathLike[str] | Bench, report: Callable[[int, int], Non
     for one, law in zip(found, of_one_family([one.noise.law for one in found]), strict=True):
         one.noise = replace(one.noise, law=law)
     return Twin(tuple(found), bench.wavelength_nm)
+
+
+def held_out(bench: Bench) -> tuple[Bench, Bench]:
+    """(the frames to fit, the frames to compare with): the last quarter of each stack of 8 frames or more is held out.
+
+    Both are views of the same frames.
+    """
+    return _part(bench, True), _part(bench, False)
+
+
+def _part(bench: Bench, first: bool) -> Bench:
+    biases, darks, flats = (_parts(some, first) for some in (bench.biases, bench.darks, bench.flats))
+    return Bench(biases, darks, flats, (), bench.wavelength_nm)
+
+
+def _parts(stacks: Sequence[Stack], first: bool) -> tuple[Stack, ...]:
+    return tuple(found for stack in stacks if (found := _of(stack, first)) is not None)
+
+
+def _of(stack: Stack, first: bool) -> Stack | None:
+    count = int(SHARE * len(stack)) if len(stack) >= FEWEST else 0
+    if first:
+        return replace(stack, frames=stack.frames[: len(stack) - count]) if count else stack
+    return replace(stack, frames=stack.frames[len(stack) - count :]) if count else None
+
+
+def gains_of(settings: Sequence[Setting]) -> list[dict[str, Any]]:
+    """K, read noise with the shape of its law, black level, row and column noise of each setting.
+
+    Full wells too, where all settings show one.
+    """
+    wells = all(one.brightest.limited_by == "well" for one in settings)
+    return [_rung(one, wells) for one in settings]
+
+
+def _rung(one: Setting, well: bool) -> dict[str, Any]:
+    numbers = {
+        "gain_dn_per_e": one.gain.quantity.value,
+        "read_noise_e": one.electrons(one.noise.read).quantity.value,
+        "black_level_dn": max(one.dark.black.quantity.value, 0.0),
+        "row_noise_e": one.electrons(one.noise.row).quantity.value,
+        "column_noise_e": one.electrons(one.noise.column).quantity.value,
+    }
+    if one.noise.shape.known:
+        numbers["read_noise_shape"] = one.noise.shape.quantity.value
+    if well:
+        numbers["full_well_e"] = one.electrons(one.brightest.end).quantity.value
+    return {**_label(one.name), **numbers}
+
+
+def _label(name: str) -> dict[str, Any]:
+    try:
+        return {"iso": float(name)} if float(name) > 0 else {"name": name}
+    except ValueError:
+        return {"name": name or "unnamed"}
+
+
+def step_notes(settings: Sequence[Setting]) -> list[str]:
+    """Where read noise falls in DN while K rises, which one conversion gain cannot do.
+
+    With σ² = a²K² + b² (noise before and behind the amplifier) it never falls.
+    """
+    found = []
+    for low, high in zip(settings, settings[1:], strict=False):
+        before, after = low.noise.read.quantity, high.noise.read.quantity
+        if after.high < before.low:
+            k = [f"{one.gain.quantity.value:.3g}" for one in (low, high)]
+            found.append(
+                f"conversion gain changes from {low.name} to {high.name}: K rises from {k[0]} to {k[1]} DN/e- while "
+                f"the read noise falls from {before.value:.3g} to {after.value:.3g} DN"
+            )
+    return found

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...core.types import Float64Array
-from ..mean_squares import temporal_mean_squares
+from ..frames.stack import Stack
 from ..quantity import Quantity
-from ..stack import Stack
+from ..statistics.mean_squares import temporal_mean_squares
 from .combined_map import CombinedMap, Noise
 from .dark import Dark
 from .evidence import Fitted, frames_of

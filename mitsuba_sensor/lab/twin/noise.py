@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...core.types import Float64Array
-from ..dark_noise import dark_noise
-from ..line_noise import line_noise
+from ..frames.series import COARSE_DN2, ROUNDING_DN2
+from ..frames.stack import Stack
+from ..measure.dark_noise import dark_noise
+from ..measure.line_noise import line_noise
 from ..quantity import TWO_SIDED, Quantity, unknown
-from ..series import COARSE_DN2, ROUNDING_DN2
-from ..stack import Stack
 from .dark import Dark
 from .evidence import Fitted, frames_of
 from .hidden_spread import HiddenSpread, Mixed, hidden_spread

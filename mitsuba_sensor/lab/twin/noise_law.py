@@ -20,8 +20,8 @@ import scipy
 
 from ...core.noise_distributions import NoiseDistribution, StudentT, TukeyLambda
 from ...core.types import Float64Array
+from ..frames.stack import Stack
 from ..quantity import TWO_SIDED, Quantity, student_interval
-from ..stack import Stack
 
 FEWEST_FRAMES = 6
 """An L-moment of order 6 needs as many values."""

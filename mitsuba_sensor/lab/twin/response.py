@@ -11,12 +11,12 @@ import numpy as np
 import scipy
 
 from ...core.types import Float64Array
-from ..photon_transfer import PhotonTransfer, photon_transfer
+from ..frames.series import Series, series
+from ..frames.stack import Stack
+from ..measure.photon_transfer import PhotonTransfer, photon_transfer
+from ..measure.radiometric import radiometric
+from ..measure.saturation import Peak, find_peak
 from ..quantity import Quantity, normal_interval, student_interval
-from ..radiometric import radiometric
-from ..saturation import Peak, find_peak
-from ..series import Series, series
-from ..stack import Stack
 from .evidence import Fitted, frames_of
 from .parabola import straight
 

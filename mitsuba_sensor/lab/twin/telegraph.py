@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..frames.stack import Stack
+from ..measure.rts_pixels import FEWEST_FRAMES, TelegraphPixels, rts_pixels
 from ..quantity import Quantity, normal_interval
-from ..rts_pixels import FEWEST_FRAMES, TelegraphPixels, rts_pixels
-from ..stack import Stack
 from .evidence import Fitted, frames_of
 
 FEWEST = 4

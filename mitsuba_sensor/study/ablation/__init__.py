@@ -9,7 +9,7 @@ from functools import cache, partial
 from pathlib import Path
 
 from ...core import InputError, require, require_seed
-from ...lab.estimators import as_normal, spread, z_limit
+from ...lab.statistics.estimators import as_normal, spread, z_limit
 from ...render.passes.requirements import render_requirements
 from ...render.passes.stop_criterion import stop_criterion_of
 from ...render.variants import restores_variant

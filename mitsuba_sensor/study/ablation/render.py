@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.options import part_of
-from ...lab.estimators import standard_error
+from ...lab.statistics.estimators import standard_error
 from ...optics.f_number_law import solid_angle_sr
 from ...render.light.irradiance import Irradiance
 from ...render.motion.aovs import render_aovs

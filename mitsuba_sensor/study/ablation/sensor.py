@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core import Exposure, Photons
-from ...lab.estimators import Spread, as_normal, spread, standard_error, z_limit
+from ...lab.statistics.estimators import Spread, as_normal, spread, standard_error, z_limit
 from ...render.light.irradiance import Irradiance
 from ...render.light.photons import collect
 from ...sensor.camera import Camera

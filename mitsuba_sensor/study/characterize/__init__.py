@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 
-from ...lab.bench import Bench
-from ...lab.estimators import z_limit
-from ...lab.measurement import INSTRUMENTS, Measurement, measure
+from ...lab.frames.bench import Bench
+from ...lab.measure.measurement import INSTRUMENTS, Measurement, measure
 from ...lab.quantity import TWO_SIDED, Quantity
+from ...lab.statistics.estimators import z_limit
 from ..page import Drawing, MarkedRow, Section, Study, study_of, table
 from .datasheet import Said
 

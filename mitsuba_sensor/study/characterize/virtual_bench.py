@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from ...core import Exposure, InputError
 from ...kept_sensor import Sensor
-from ...lab.bench import Bench
-from ...lab.stack import Stack
+from ...lab.frames.bench import Bench
+from ...lab.frames.stack import Stack
 from ...sensor.camera import Camera
 from ...sensor.effects.dark_current import mean_dark_e
 from .rendered_field import Field, field_at

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from ...lab.families import FAMILIES
+from ...lab.statistics.families import FAMILIES
 from ..kit import Kit, Step
 from ..page import MarkedRow, Section, Study, study_of, table
 from . import dark, light, pattern, transfer

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ... import Camera, Exposure, expose, load_camera
-from ...lab.stack import Stack
+from ...lab.frames.stack import Stack
 from ..kit import Array
 
 FULL_WELL_E, CODES, EFFICIENCY = 33_000.0, 4096.0, 0.60  # Table 1

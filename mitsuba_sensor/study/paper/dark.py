@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ... import Camera
-from ...lab.dark_current import DarkCurrentOverTime, dark_current
-from ...lab.dark_signal import DarkSignal, Fit, dark_signal
-from ...lab.families import FAMILIES
-from ...lab.mixture import Mixture
+from ...lab.measure.dark_current import DarkCurrentOverTime, dark_current
+from ...lab.measure.dark_signal import DarkSignal, Fit, dark_signal
 from ...lab.quantity import Quantity
+from ...lab.statistics.families import FAMILIES
+from ...lab.statistics.mixture import Mixture
 from ..page import Drawing, Part, Section, Table, table
 from .camera import DARK_E_PER_S, FULL_WELL_E, GAIN, KELVIN, NO_COLUMNS, READ_E, Size, stack_of, table1
 from .check import WIDER, Check, all_hold, check_table, within_interval

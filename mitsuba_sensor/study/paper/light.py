@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...lab.radiometric import Radiometric, radiometric
-from ...lab.series import series
+from ...lab.frames.series import series
+from ...lab.measure.radiometric import Radiometric, radiometric
 from ..kit import Array
 from ..page import Line, Plot, Section, Table, line, table
 from .camera import (

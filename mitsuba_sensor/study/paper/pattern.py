@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import scipy
 
-from ...lab.nonuniformity import Nonuniformity, nonuniformity
-from ...lab.spectrogram import Spectrogram, spectrograms
+from ...lab.measure.nonuniformity import Nonuniformity, nonuniformity
+from ...lab.measure.spectrogram import Spectrogram, spectrograms
 from ..page import Drawing, Section, Table, table
 from .camera import (
     COLUMN_DN,

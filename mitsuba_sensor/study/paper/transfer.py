@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...lab.photon_transfer import PhotonTransfer, photon_transfer_of_scene
+from ...lab.measure.photon_transfer import PhotonTransfer, photon_transfer_of_scene
 from ..kit import Array
 from ..page import Drawing, Line, Part, Plot, Section, table
 from .camera import (

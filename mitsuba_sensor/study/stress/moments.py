@@ -13,7 +13,7 @@ import numpy as np
 from ... import Camera, Exposure, differentiable, expose, load_camera
 from ...core import Frame, SensorWindow
 from ...core.units import BOLTZMANN_EV_PER_K
-from ...lab.estimators import standard_error
+from ...lab.statistics.estimators import standard_error
 from ...render.passes.requirements import electrons_moved, grouped_electrons
 from ...sensor.chain import black_level_dn
 from ...sensor.gains import gain_dn_per_e

@@ -10,7 +10,7 @@ import numpy as np
 
 from ... import Exposure
 from ...core import Array, distributions
-from ...lab.estimators import standard_error
+from ...lab.statistics.estimators import standard_error
 from ...sensor.cds_noise import CdsNoise, flicker_integral
 from .case import SIGMAS, Engine, Rows, agree, holds, relative, shown, stage_of, table1, together
 

@@ -12,14 +12,14 @@ import numpy as np
 import mitsuba_sensor as ms
 
 from ...core.types import Float64Array
-from ...lab.bench import Bench
-from ...lab.correlation import correlation
-from ...lab.distance import SIGNIFICANCE, Distance, figure_distances, frame_distances
-from ...lab.estimators import z_limit
-from ...lab.line_noise import line_noise
+from ...lab.frames.bench import Bench
+from ...lab.frames.stack import Stack
+from ...lab.frames.temporal import temporal
+from ...lab.measure.correlation import correlation
+from ...lab.measure.distance import SIGNIFICANCE, Distance, figure_distances, frame_distances
+from ...lab.measure.line_noise import line_noise
 from ...lab.quantity import Quantity
-from ...lab.stack import Stack
-from ...lab.temporal import temporal
+from ...lab.statistics.estimators import z_limit
 from ...lab.twin import Twin
 from ..page import Drawing, MarkedRow, Plot, Section, Study, line, study_of, table
 from .simulated import Simulated

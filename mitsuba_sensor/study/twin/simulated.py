@@ -10,7 +10,7 @@ import numpy as np
 import mitsuba_sensor as ms
 
 from ...core.types import Float64Array
-from ...lab.stack import Stack
+from ...lab.frames.stack import Stack
 from ...lab.twin import Twin
 
 ASSUMED_K = 298.15

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from ...core import InputError, Photons, require
-from ...lab.estimators import Slope, slope_of_runs
+from ...lab.statistics.estimators import Slope, slope_of_runs
 from ...render.denoise.network import library
 from ...render.light.photons import collect
 from ...render.passes.passes import FEWEST, MOST_IN_ALL, SAMPLER

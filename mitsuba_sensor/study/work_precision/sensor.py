@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from ...core import Photons
-from ...lab.estimators import pareto, ratio, spread
+from ...lab.statistics.estimators import pareto, ratio, spread
 from ...sensor.checks import as_photons
 from ...sensor.plan import plan
 from ...sensor.precision import LARGEST_DN, SHARE

@@ -8,7 +8,7 @@ from itertools import starmap
 
 import numpy as np
 
-from ...lab.estimators import ratio
+from ...lab.statistics.estimators import ratio
 from .. import frames
 from ..page import Mark, MarkedRow, Plot, Section, Table, line, ringed, table
 from . import sensor as measured

@@ -1,0 +1,158 @@
+"""Share of the values of a stack that the ADC or the full well clips, and what that does to a figure of them.
+
+Where the share is larger than a thousandth, a figure has no value, and its note says why. A smaller share widens it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...core import InputError
+from ...core.types import Float64Array, NumpyArray
+from ..quantity import Quantity
+
+if TYPE_CHECKING:
+    from .stack import Stack
+
+LARGEST_SHARE = 1e-3
+"""Share of clipped values above which they show no figure: a normal signal 3.1 σ from its limit has as many, which
+makes its standard deviation 0.09 % too small."""
+FEWEST_CODES = 16
+"""Between the smallest and the largest value, below which many values at one of them are a quiet camera's."""
+OFTEN = 0.05
+"""Share of the pixels at the smallest code that jump from there: of unclipped noise of 1 DN, one in a hundred."""
+COARSE_DN = 0.4
+"""Temporal noise [DN] below which rounding hides differences between pixels: the mean of rounded normal values is
+off by exp(−2π²σ²)/π at most, 0.014 DN there and 0.14 DN at half of it."""
+
+ROUNDING_DN2 = 1 / 12
+"""Variance that rounding to whole numbers adds [DN²]."""
+
+
+class ClippedError(InputError):
+    """Frames that cannot show a figure because their values are clipped."""
+
+
+@dataclass(frozen=True)
+class Clipping:
+    """Shares of the values at the ends of the range.
+
+    black : of values 0 in frames without negative values, or at another smallest code that clips.
+    saturated : of values at the largest code.
+    lowest, largest : values that occur [DN].
+    """
+
+    black: float
+    saturated: float
+    lowest: float
+    largest: float
+
+    @property
+    def clipped(self) -> bool:
+        """Whether more values are clipped than figures allow."""
+        return max(self.black, self.saturated) > LARGEST_SHARE
+
+    @property
+    def usable(self) -> bool:
+        """Whether figures may rest on these values: they are not clipped and not all the same."""
+        return not self.clipped and self.lowest < self.largest
+
+    @property
+    def share(self) -> float:
+        """Of all values, at both ends. It bounds by how much clipping makes the standard deviation of normal values too
+        small, relatively, and by how much it moves their mean [standard deviations]."""
+        return self.black + self.saturated
+
+    @property
+    def note(self) -> str:
+        """Why these values show no figure; nothing where hardly any value is clipped."""
+        if self.lowest == self.largest:
+            return f"every value is {self.lowest:g} DN"
+        notes = []
+        if self.black > LARGEST_SHARE:
+            notes.append(f"{self.black:.2%} of the values are {self.lowest:g}: the black level is too low")
+        if self.saturated > LARGEST_SHARE:
+            notes.append(f"{self.saturated:.2%} of the values are at the largest code {self.largest:g}")
+        return "; ".join(notes)
+
+    def shares_of_pixels(self, frames: NumpyArray) -> Float64Array:
+        """Share of the frames in which each pixel is clipped, (N, H, W) → (H, W)."""
+        count = np.zeros(frames.shape[1:])
+        for frame in frames:
+            count += (frame == self.lowest) * (self.black > 0) + (frame == self.largest) * (self.saturated > 0)
+        return count / len(frames)
+
+
+def clipping_of(frames: NumpyArray, bits: int | None) -> Clipping:
+    """Of frames, (N, H, W). The largest value is a limit where it is the largest code of so many bits, the smallest
+    where it is 0; any other where so many values pile up there that they are not the tail of a distribution: more than
+    20, and 5 standard errors more than at the next value, of 16 codes or more. Quiet frames have many equal values at
+    their ends, too: pixels must jump from there, unless it is a code like 4095. At the smallest value there must be
+    more values than the two codes above it let a tail have.
+    """
+    lowest, largest = float(frames.min()), float(frames.max())
+    at_bottom, at_top = (_count(frames, value) for value in (lowest, largest))
+    far = largest - lowest >= FEWEST_CODES * _step(frames)
+    full = bits is not None and largest >= 2**bits - 1
+    if not full:
+        below = max(float(np.max(frame, where=frame < largest, initial=lowest)) for frame in frames)
+        at_next = _count(frames, below)
+        all_bits_set = largest > 0 and math.log2(largest + 1).is_integer()
+        may_clip = far and (all_bits_set or len(frames) == 1 or _jumps(frames, largest))
+        full = may_clip and at_top > max(20.0, at_next + 5 * math.sqrt(at_next))
+    black = lowest == 0
+    if not black and far and _jumps(frames, lowest):
+        first, second = (_count(frames, lowest + number * _step(frames)) for number in (1, 2))
+        black = at_bottom > max(20.0, first * min(1.0, first / max(second, 1)) + 5 * math.sqrt(first))
+    shares = at_bottom * black / frames.size, at_top * full / frames.size
+    return Clipping(*shares, lowest, largest)
+
+
+def _count(frames: NumpyArray, value: float) -> int:
+    return sum(int(np.count_nonzero(frame == value)) for frame in frames)
+
+
+def _step(frames: NumpyArray) -> float:
+    """Smallest distance of two values of the first frame [DN]: 16 of codes of 12 bits that lie in 16."""
+    distances = np.diff(np.unique(frames[0]).astype(np.float64))
+    return float(distances.min()) if distances.size else 1.0
+
+
+def _jumps(frames: NumpyArray, end: float) -> bool:
+    """Whether pixels that are at an end in one frame are often 3 codes or more from it in the next one: noise of a code
+    or more, of which no value piles up unless it is clipped."""
+    if len(frames) < 2:
+        return False
+    first, second = (frame.astype(np.float64) for frame in frames[:2])
+    touching = (first == end) | (second == end)
+    return bool(np.mean(np.abs(second - first)[touching] > 2.5 * _step(frames)) > OFTEN) if touching.any() else False
+
+
+def mark_clipped(figure: Quantity, *stacks: Stack) -> Quantity:
+    """The figure of these stacks: without a value, and with the reason, where they are clipped or constant."""
+    for clipping in (stack.clipping for stack in stacks):
+        if not clipping.usable:
+            clipped = figure.clipped or clipping.clipped
+            figure = replace(figure, value=math.nan, low=math.nan, high=math.nan, clipped=clipped)
+        figure = figure.noted(clipping.note)
+    return figure
+
+
+def mark_clipped_sigma(figure: Quantity, *stacks: Stack) -> Quantity:
+    """The same of a standard deviation, whose interval also holds what a small share of clipped values hides."""
+    hidden = sum(stack.clipping.share for stack in stacks)
+    return mark_clipped(replace(figure, low=figure.low * (1 - hidden), high=figure.high * (1 + hidden)), *stacks)
+
+
+def temporal_note(stack: Stack) -> str:
+    """What a stack is short of for its temporal noise to be removed: frames, or a noise that rounding does not hide."""
+    if len(stack) == 1:
+        return "one frame: temporal noise is not told from spatial, pass at least 2"
+    temporal_dn = max(0.0, float(stack.variance.mean()) - ROUNDING_DN2) ** 0.5
+    if stack.frames.dtype.kind != "f" and temporal_dn < COARSE_DN:
+        return f"temporal noise is {temporal_dn:.2g} DN: rounding hides differences below 1 DN"
+    return ""

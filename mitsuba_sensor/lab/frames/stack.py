@@ -1,0 +1,139 @@
+"""Frames of one scene under one setting of a camera, simulated or real, with their statistics of each pixel."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core import InputError, refuse_masked, require
+from ...core.exposure import LONGEST_S
+from ...core.types import Float64Array
+from .clipping import Clipping, clipping_of
+
+STRIP_VALUES = 2**22
+"""Values that are float64 at once: 32 MiB, whatever the size of the stack."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stack:
+    """N frames of one scene with one setting, and what is known about them.
+
+    frames : (N, H, W) digital numbers, integers or floats [DN]; they are not copied.
+    exposure_s : exposure time [s], at least 0.
+    photons : mean photons per pixel and exposure: a number for a flat field, 0 in the dark, (H, W) for another scene;
+        None where nobody knows.
+    temperature_k : of the sensor [K], or None.  gain : name of the gain setting, an ISO speed for example.
+    bits : of the ADC, or None: its largest code is then looked for in the frames.
+    tile : names of the colour filters as they lie in these frames, in rows; empty for a monochrome camera.
+    source : the file or folder, for messages.
+
+    Raises InputError for frames of another shape or type, values that are not finite, and unusable settings.
+    """
+
+    frames: NDArray[Any]
+    exposure_s: float
+    photons: float | Float64Array | None = None
+    temperature_k: float | None = None
+    gain: str = ""
+    bits: int | None = None
+    tile: tuple[tuple[str, ...], ...] = ()
+    source: str = "the frames"
+
+    def __post_init__(self) -> None:
+        frames = self.frames
+        refuse_masked("frames", frames)
+        refuse_masked("photons", self.photons)
+        if not isinstance(frames, np.ndarray) or frames.ndim != 3 or not frames.size or frames.dtype.kind not in "uif":
+            given = f"{getattr(frames, 'dtype', type(frames).__name__)} of shape {getattr(frames, 'shape', ())}"
+            raise InputError(f"{self.source}: frames are {given}; pass numbers of shape (frames, rows, columns).")
+        if frames.dtype.kind == "f" and not np.isfinite(frames).all():
+            count = int(frames.size - np.isfinite(frames).sum())
+            raise InputError(f"{self.source}: {count} values are NaN or infinite; pass finite digital numbers.")
+        require(f"{self.source}: exposure_s", self.exposure_s, 0.0, LONGEST_S, "seconds, e.g. 0.01")
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(H, W)."""
+        return self.frames.shape[1], self.frames.shape[2]
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    @property
+    def dark(self) -> bool:
+        """Whether it is known that no light fell on the sensor."""
+        return self.photons is not None and not np.any(self.photons)
+
+    @cached_property
+    def mean(self) -> Float64Array:
+        """Of each pixel over the frames, (H, W) [DN]."""
+        return np.asarray(self.frames.mean(axis=0, dtype=np.float64))
+
+    @cached_property
+    def variance(self) -> Float64Array:
+        """Of each pixel over the frames, with N - 1, (H, W) [DN²]; NaN for a single frame. Two passes, in strips."""
+        found = np.full(self.shape, np.nan)
+        if len(self) > 1:
+            for rows in self.strips():
+                rest = self.frames[:, rows] - self.mean[rows]
+                found[rows] = np.einsum("nij,nij->ij", rest, rest) / (len(self) - 1)
+        return found
+
+    @cached_property
+    def clipping(self) -> Clipping:
+        """Shares of the values at the ends of the range."""
+        return clipping_of(self.frames, self.bits)
+
+    @cached_property
+    def frame_means(self) -> Float64Array:
+        """Of each frame over its pixels, (N,) [DN]: light that drifts shows here."""
+        return np.asarray(self.frames.mean(axis=(1, 2), dtype=np.float64))
+
+    @cached_property
+    def row_means(self) -> Float64Array:
+        """Of each row of each frame, (N, H) [DN]."""
+        return np.asarray(self.frames.mean(axis=2, dtype=np.float64))
+
+    @cached_property
+    def column_means(self) -> Float64Array:
+        """Of each column of each frame, (N, W) [DN]."""
+        return np.asarray(self.frames.mean(axis=1, dtype=np.float64))
+
+    def strips(self) -> Iterator[slice]:
+        """Rows that are worked on at once."""
+        height = max(1, STRIP_VALUES // (len(self) * self.shape[1]))
+        yield from (slice(top, min(top + height, self.shape[0])) for top in range(0, self.shape[0], height))
+
+    def require_one_filter(self) -> None:
+        """Raises InputError for a mosaic, whose pixels differ by their colour filters."""
+        if self.tile:
+            raise InputError(
+                f"{self.source}: pixels behind {len(self.tile) * len(self.tile[0])} colour filters differ by more than "
+                "their noise; pass each stack of Stack.of_filters() instead."
+            )
+
+    def window(self, rows: slice, columns: slice) -> Stack:
+        """The same pixels of every frame (a view); a mosaic must begin at a whole tile."""
+        photons = self.photons[rows, columns] if isinstance(self.photons, np.ndarray) else self.photons
+        return replace(self, frames=self.frames[:, rows, columns], photons=photons)
+
+    def of_filters(self) -> dict[str, Stack]:
+        """The pixels behind each place of the tile apart, by the name of its colour filter, as EMVA 1288 asks.
+
+        A filter that occurs at several places of the tile gives one stack each: ``G``, ``G (2)``. A monochrome stack
+        is the only one, under an empty name.
+        """
+        if not self.tile:
+            return {"": self}
+        found: dict[str, Stack] = {}
+        for row, names in enumerate(self.tile):
+            for column, name in enumerate(names):
+                count = sum(one == name or one.startswith(f"{name} (") for one in found)
+                part = self.window(slice(row, None, len(self.tile)), slice(column, None, len(names)))
+                found[f"{name} ({count + 1})" if count else name] = replace(part, tile=())
+        return found

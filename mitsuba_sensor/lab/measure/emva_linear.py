@@ -1,0 +1,103 @@
+"""The temporal figures of EMVA 1288 R4 Linear, measured in a bench series of dark frames and flat fields; SNR."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...core.types import Float64Array
+from ..frames.series import Series, centre, series
+from ..frames.stack import Stack
+from ..quantity import Quantity, unknown
+from .dark_noise import DarkNoise, dark_noise
+from .photon_transfer import PhotonTransfer, photon_transfer
+from .radiometric import EFFICIENCY, Radiometric, radiometric
+from .saturation import Saturation, find_peak, saturation
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+@dataclass(frozen=True, eq=False)
+class EmvaLinear:
+    """quantities : all figures, K first, then QE and those of the parts.  notes : what was found in the frames."""
+
+    quantities: tuple[Quantity, ...]
+    photon_transfer: PhotonTransfer
+    radiometric: Radiometric
+    dark_noise: DarkNoise
+    saturation: Saturation
+    snr: SignalToNoise
+    notes: tuple[str, ...]
+
+    def __getitem__(self, symbol: str) -> Quantity:
+        """A figure by its symbol: ``K``, ``η``, ``R``, ``LE``, ``σ_y.dark``, ``σ_d``, ``µ_e.sat``, ``DR``, …"""
+        return {one.symbol: one for one in self.quantities}[symbol]
+
+
+def emva_linear(darks: Sequence[Stack], flats: Sequence[Stack], window: int | None = None) -> EmvaLinear:
+    """Measure a camera from stacks of two frames or more each.
+
+    darks : one of each exposure time, or one for all.  flats : levels from near darkness to above saturation, with
+    photons per pixel; without photons QE and what needs it stay unknown.  window : rows and columns about the centre
+    that are used, all where None.
+
+    What cannot be measured is NaN with a note. Raises InputError where the stacks do not belong together or hold a
+    single frame, a mosaic, or no flat fields.
+    """
+    measured = series(darks, flats, window)
+    transfer, light = photon_transfer(measured), radiometric(measured)
+    efficiency = light.efficiency(transfer.gain)
+    dark = dark_noise([one if window is None else centre(one, window) for one in darks], transfer.gain)
+    ends = saturation(measured, transfer.gain, efficiency, dark.total)
+    shown = efficiency or unknown(EFFICIENCY, "photons are not known")
+    found = (transfer.gain, shown, *light.quantities, *dark.quantities, *ends.quantities)
+    if measured.notes:
+        found = tuple(replace(one, note=_with(one.note, "see the notes of the series")) for one in found)
+    snr = signal_to_noise(measured, transfer.gain, efficiency, dark.total)
+    return EmvaLinear(found, transfer, light, dark, ends, snr, measured.notes)
+
+
+def _with(note: str, more: str) -> str:
+    return f"{note}; {more}" if note else more
+
+
+@dataclass(frozen=True, eq=False)
+class SignalToNoise:
+    """light : photons per pixel, or photoelectrons where photons are not known.  measured : (µ_y - µ_y.dark) / σ_y.
+
+    model : ηµ_p / sqrt(σ_y.dark²/K² + ηµ_p), EMVA 1288 R4 2.3.  ideal : sqrt(µ_p), or sqrt(µ_e).
+    Levels without signal, with clipped values, and above saturation, where noise is cut, have NaN.
+    """
+
+    light: Float64Array
+    measured: Float64Array
+    model: Float64Array
+    ideal: Float64Array
+    photons_known: bool
+
+    def plot(self, axes: Axes, log: bool = True) -> None:
+        """The three of them; log for both axes logarithmic, as EMVA 1288 draws it."""
+        shown = np.isfinite(self.measured)
+        axes.plot(self.light[shown], self.measured[shown], "o", markersize=3, label="measured")
+        axes.plot(self.light, self.model, linewidth=1, label="model")
+        axes.plot(self.light, self.ideal, "--", color="black", linewidth=1, label="ideal sensor")
+        axes.set(xlabel="photons per pixel" if self.photons_known else "photoelectrons per pixel", ylabel="SNR")
+        if log:
+            axes.set(xscale="log", yscale="log")
+
+
+def signal_to_noise(measured: Series, gain: Quantity, efficiency: Quantity | None, dark: Quantity) -> SignalToNoise:
+    """From a series, K [DN/e-], QE [1] or None, and σ_y.dark [DN]."""
+    noise = np.sqrt(measured.of_flats("variance"))
+    below = measured.inside & (measured.signal > 0) & (measured.signal <= find_peak(measured).mean[0]) & (noise > 0)
+    light = measured.signal / gain.value if efficiency is None else measured.light
+    electrons = light if efficiency is None else efficiency.value * light
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.where(below, measured.signal / noise, np.nan)
+        model = electrons / np.sqrt((dark.value / gain.value) ** 2 + electrons)
+        ideal = np.sqrt(light)
+    return SignalToNoise(light, ratio, model, ideal, efficiency is not None)

@@ -1,0 +1,201 @@
+"""Spatial non-uniformity in the dark and in light (DSNU1288, PRNU1288), split into rows, columns and pixels."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy
+
+from ...core import InputError
+from ...core.types import Float64Array
+from ..frames.clipping import mark_clipped_sigma, temporal_note
+from ..frames.stack import Stack
+from ..quantity import Quantity
+from ..statistics.mean_squares import MeanSquare, MeanSquares, root, spatial_mean_squares, temporal_mean_squares
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Noise = tuple[MeanSquares | None, float]
+"""Mean squares of temporal noise over the number of frames, None for one frame; and how often they are added."""
+
+DSNU_SECTION = "EMVA 1288 R4 eq. 66", "EMVA 1288 R4 eq. 42 and 66"
+PRNU_SECTION = "EMVA 1288 R4 eq. 67", "EMVA 1288 R4 eq. 42 and 67"
+"""Of the whole, and of its parts."""
+PAPER = "Konnik & Welsh 2014, PRNU"
+PARTS: dict[str, Callable[[MeanSquares], list[MeanSquare]]] = {
+    "": MeanSquares.variance,
+    "_row": MeanSquares.row_variance,
+    "_col": MeanSquares.column_variance,
+    "_pixel": MeanSquares.pixel_variance,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Nonuniformity:
+    """Standard deviations over rows, columns and pixels of what does not change from frame to frame.
+
+    dsnu, dsnu_row, dsnu_col, dsnu_pixel : in the dark [DN]; [e-] by :meth:`per_gain`.
+    prnu, prnu_row, prnu_col, prnu_pixel : in light, of the mean signal [%]; their squares are s²_light − s²_dark.
+    paper_raw, paper : σ/µ of the light minus the dark [%], with and without what averaging leaves of temporal noise.
+    difference : light minus dark, (H, W) [DN].
+    """
+
+    dsnu: Quantity
+    dsnu_row: Quantity
+    dsnu_col: Quantity
+    dsnu_pixel: Quantity
+    prnu: Quantity
+    prnu_row: Quantity
+    prnu_col: Quantity
+    prnu_pixel: Quantity
+    paper_raw: Quantity
+    paper: Quantity
+    difference: Float64Array
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """All ten."""
+        return tuple(getattr(self, field.name) for field in fields(self)[:-1])
+
+    def per_gain(self, gain: Quantity | float) -> Nonuniformity:
+        """DSNU in electrons.  gain : K [DN/e-]; the interval of a measured one widens those of DSNU."""
+        return replace(self, **{f"dsnu{part}": getattr(self, f"dsnu{part}").divided(gain, "e-") for part in PARTS})
+
+    def plot(self, ax: Axes) -> None:
+        """Density of the pixels' deviation from the mean signal, and the normal law of the same standard deviation."""
+        rest = (self.difference - self.difference.mean()).ravel()
+        sigma = float(rest.std())
+        density, edges = np.histogram(rest, bins=min(200, max(10, rest.size // 50)), density=True)
+        some = density > 0
+        ax.plot(0.5 * (edges[1:] + edges[:-1])[some], density[some], ".", label="measured")
+        if sigma:
+            x = np.linspace(edges[0], edges[-1], 400)
+            ax.plot(x, np.exp(-0.5 * (x / sigma) ** 2) / (sigma * math.sqrt(2 * math.pi)), label="normal law")
+        ax.set(xlabel="deviation from the mean signal [DN]", ylabel="density [1/DN]", yscale="log")
+        ax.set_ylim(bottom=0.5 * float(density[some].min()))
+
+
+def nonuniformity(dark: Stack, light: Stack, high_pass: bool = False) -> Nonuniformity:
+    """DSNU1288 and PRNU1288 of a dark stack and one of a flat field at half saturation, of the same exposure time.
+
+    The intervals are those of σ of the camera's model: another chip of it would lie in them too. Mean squares have the
+    degrees of freedom of the analysis of variance, where EMVA 1288 divides by the number of lines, and temporal row and
+    column noise is removed from rows and columns as well: both vanish for many lines and frames.
+
+    high_pass : removes uneven light as EMVA 1288 R4 8.1 does, and corrects for what the filter takes of each part.
+
+    Raises InputError for stacks that do not fit, a mosaic, one pixel, and light that is not brighter than the dark.
+    """
+    percent = 100 / _signal(dark, light)
+    images = [highpass(stack.mean) if high_pass else stack.mean for stack in (dark, light)]
+    power = highpass_power() if high_pass else (1.0, 1.0, 1.0)
+    pairs = ((images[0],), (images[1] - images[0], images[1] + images[0]), (images[1] - images[0],))
+    in_dark, more, apart = (spatial_mean_squares(*pair).divided(power) for pair in pairs)
+    of_dark, of_light = _noise(dark), _noise(light)
+    found = {}
+    for part, terms in PARTS.items():
+        dsnu, prnu = (_Spatial(terms, terms(one)) for one in (in_dark, more))
+        found[f"dsnu{part}"] = Quantity(
+            *(f"DSNU1288{part}", "dark signal non-uniformity"), *dsnu.less((of_dark, 1)), "DN", DSNU_SECTION[bool(part)]
+        )
+        found[f"prnu{part}"] = Quantity(
+            *(f"PRNU1288{part}", "photo response non-uniformity"),
+            *prnu.less((of_light, 1), (of_dark, -1), scale=percent),
+            *("%", PRNU_SECTION[bool(part)]),
+        )
+    sigma, name = _Spatial(MeanSquares.variance, apart.variance()), "standard deviation over mean, light minus dark"
+    found["paper_raw"] = Quantity("σ/µ raw", name, *sigma.less(scale=percent), "%", PAPER)
+    less = sigma.less((of_light, 1), (of_dark, 1), scale=percent)
+    found["paper"] = Quantity("σ/µ", f"{name}, without temporal noise", *less, "%", PAPER)
+    return Nonuniformity(**_marked(found, dark, light), difference=light.mean - dark.mean)
+
+
+@dataclass(frozen=True)
+class _Spatial:
+    """Terms of a measured variance, and how those of temporal noise are made."""
+
+    terms: Callable[[MeanSquares], list[MeanSquare]]
+    measured: list[MeanSquare]
+
+    def less(self, *noises: Noise, scale: float = 1.0) -> tuple[float, float, float]:
+        """(value, low, high) of the standard deviation without so much noise; no value if that is not known."""
+        if not self.measured:
+            return (math.nan,) * 3
+        if any(noise is None for noise, _ in noises):
+            return math.nan, 0.0, root(self.measured, scale)[2]
+        removed = [one.times(-times) for noise, times in noises if noise for one in self.terms(noise)]
+        return root([*self.measured, *removed], scale)
+
+
+def _noise(stack: Stack) -> MeanSquares | None:
+    """Mean squares of temporal noise in the mean of the frames; None for one frame."""
+    return temporal_mean_squares(stack).divided((len(stack),) * 3) if len(stack) > 1 else None
+
+
+def _signal(dark: Stack, light: Stack) -> float:
+    """Mean difference [DN], of stacks that fit."""
+    for stack in (dark, light):
+        stack.require_one_filter()
+    if dark.shape != light.shape or dark.exposure_s != light.exposure_s:
+        raise InputError(
+            f"dark frames of {dark.shape[0]} × {dark.shape[1]} pixels and {dark.exposure_s:g} s, light of "
+            f"{light.shape[0]} × {light.shape[1]} and {light.exposure_s:g} s; pass the same size and exposure time."
+        )
+    if dark.mean.size < 2:
+        raise InputError("one pixel has no non-uniformity; pass frames of at least 2 pixels.")
+    signal = float(light.mean.mean() - dark.mean.mean())
+    if signal <= 0:
+        raise InputError(f"the light is {signal:g} DN brighter than the dark; pass the dark stack first, then light.")
+    return signal
+
+
+def _marked(found: dict[str, Quantity], dark: Stack, light: Stack) -> dict[str, Quantity]:
+    """With what restricts them: lines, frames, clipped values, rounding, a value of 0."""
+    marked = {}
+    for name, one in found.items():
+        stacks = (dark, light) if one.unit == "%" else (dark,)
+        if math.isnan(one.high):
+            one = one.noted("a single line of pixels: rows, columns and pixels are not told apart")
+        one = mark_clipped_sigma(one, *stacks)
+        if one.low == 0 and len(dark) > 1 and len(light) > 1:
+            one = one.noted("not told from 0")
+        for stack in stacks:
+            one = one.noted(temporal_note(stack))
+        marked[name] = one
+    return marked
+
+
+KERNEL = np.convolve(np.convolve(np.full(7, 1 / 7), np.full(11, 1 / 11)), (0.25, 0.5, 0.25))
+"""Along one axis: boxes of 7 and 11 pixels and a binomial of 3, which are smoothed with and subtracted (EMVA 1288 R4
+8.1)."""
+MARGIN = len(KERNEL) // 2
+"""Pixels at each border whose neighbourhood is not complete."""
+
+
+def highpass(image: Float64Array) -> Float64Array:
+    """The image less its smooth part, without a margin of 9 pixels, (H, W) → (H − 18, W − 18).
+
+    Raises InputError for an image of fewer than 38 rows or columns, half of which would be margin.
+    """
+    if min(image.shape) < 4 * MARGIN + 2:
+        raise InputError(
+            f"the image is {image.shape[0]} × {image.shape[1]}; the high-pass filter needs at least "
+            f"{4 * MARGIN + 2} rows and columns. Leave high_pass out."
+        )
+    smooth = image
+    for axis in (0, 1):
+        smooth = scipy.ndimage.convolve1d(smooth, KERNEL, axis=axis, mode="reflect")
+    inside = (slice(MARGIN, -MARGIN),) * 2
+    return np.asarray(image[inside] - smooth[inside])
+
+
+def highpass_power() -> tuple[float, float, float]:
+    """Share of the variance that is left of independent rows, columns and pixels."""
+    centre, power = KERNEL[MARGIN], float(KERNEL @ KERNEL)
+    line, pixel = 1 - 2 * centre + power, 1 - 2 * centre**2 + power**2
+    return line, line, pixel

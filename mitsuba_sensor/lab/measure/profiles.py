@@ -1,0 +1,81 @@
+"""Horizontal and vertical profiles of an image: mean, smallest and largest value of its lines, and the middle line."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...core import InputError
+from ...core.types import Float64Array
+from ..frames.clipping import mark_clipped
+from ..frames.stack import Stack
+from ..quantity import Quantity, student_interval
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+SECTION = "EMVA 1288 R4 8.7"
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """Along one direction of an image of H × W pixels.
+
+    direction : "horizontal", (W,) values of the columns, or "vertical", (H,) values of the rows.
+    mean, smallest, largest, middle : over the pixels of each line, and of the row or column in the middle [DN].
+    slope : of the straight line through the means, over the whole length [DN]: uneven light or a gradient in the dark.
+    """
+
+    direction: str
+    mean: Float64Array
+    smallest: Float64Array
+    largest: Float64Array
+    middle: Float64Array
+    slope: Quantity
+
+    def plot(self, ax: Axes) -> None:
+        """The four curves against the number of the pixel."""
+        for name in ("largest", "middle", "mean", "smallest"):
+            ax.plot(getattr(self, name), lw=1.6 if name == "mean" else 0.8, label=name)
+        line = "column" if self.direction == "horizontal" else "row"
+        ax.set(xlabel=f"number of the {line}", ylabel="value [DN]")
+
+
+def profiles(stack: Stack, dark: Stack | None = None) -> tuple[Profile, Profile]:
+    """Horizontal and vertical profile of the mean of a stack.  dark : what is subtracted, as for PRNU.
+
+    Raises InputError for a mosaic, and for a dark stack of another size.
+    """
+    stack.require_one_filter()
+    if dark is not None and dark.shape != stack.shape:
+        raise InputError(f"the dark frames have shape {dark.shape}, the others {stack.shape}; pass the same size.")
+    image = stack.mean - (dark.mean if dark is not None else 0.0)
+    stacks = (stack,) if dark is None else (stack, dark)
+    horizontal, vertical = (
+        replace(one, slope=mark_clipped(one.slope, *stacks))
+        for one in (_profile("horizontal", image), _profile("vertical", image.T))
+    )
+    return horizontal, vertical
+
+
+def _profile(direction: str, image: Float64Array) -> Profile:
+    mean = image.mean(axis=0)
+    middle = image[image.shape[0] // 2]
+    return Profile(direction, mean, image.min(axis=0), image.max(axis=0), middle, _slope(direction, mean))
+
+
+def _slope(direction: str, mean: Float64Array) -> Quantity:
+    """Least squares; the interval from the scatter of the lines about the straight line, which FPN of lines makes."""
+    count = len(mean)
+    name = "change along the " + ("rows" if direction == "horizontal" else "columns")
+    if count < 3:
+        note = "needs 3 lines at least"
+        return Quantity(f"Δ_{direction}", name, np.nan, np.nan, np.nan, "DN", SECTION, note)
+    place = np.linspace(-0.5, 0.5, count)
+    power = float(place @ place)
+    slope = float(place @ mean) / power
+    rest = mean - mean.mean() - slope * place
+    error = float(np.sqrt(rest @ rest / (count - 2) / power))
+    return Quantity(f"Δ_{direction}", name, *student_interval(slope, error, count - 2), "DN", SECTION)

@@ -1,0 +1,141 @@
+"""Radiometric function: mean and noise against light, responsivity R, quantum efficiency, linearity error LE."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.types import Float64Array
+from ..frames.series import Series
+from ..quantity import Quantity, hidden_by_clipping, quotient, unknown
+from ..statistics.line_fits import line_through_origin
+from .saturation import Peak, find_peak
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+FITTED = 0.05, 0.7
+"""Part of the saturation signal over which R is fitted: EMVA 1288 R4 6.6 ends at 70 %; below 5 % the dark level counts.
+"""
+LINEAR = 0.05, 0.95
+"""Part of the saturation signal over which the linearity error is averaged, EMVA 1288 R4 6.7."""
+EFFICIENCY = Quantity("η", "quantum efficiency", math.nan, math.nan, math.nan, "1", "EMVA 1288 R4 2.1")
+
+
+@dataclass(frozen=True, eq=False)
+class Radiometric:
+    """responsivity : R [DN/p], or [DN/s] where photons are not known.  linearity_error : LE [%].
+
+    light : photons per pixel or exposure times [s].  signal, noise : mean minus dark mean, and standard deviation [DN].
+    deviation : of the signal from the line through 5 to 95 % of saturation [%], NaN outside.
+    """
+
+    responsivity: Quantity
+    linearity_error: Quantity
+    light: Float64Array
+    signal: Float64Array
+    noise: Float64Array
+    deviation: Float64Array
+    photons_known: bool
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """All of them."""
+        return self.responsivity, self.linearity_error
+
+    def efficiency(self, gain: Quantity) -> Quantity | None:
+        """η = R / K (EMVA 1288 R4 2.1), None where photons are not known."""
+        return quotient(self.responsivity, gain, EFFICIENCY) if self.photons_known else None
+
+    @property
+    def light_label(self) -> str:
+        """Of the axis."""
+        return "photons per pixel" if self.photons_known else "exposure time [s]"
+
+    def plot(self, axes: Axes, log: bool = False) -> None:
+        """Signal and noise against light, with the line of R; log for both axes logarithmic."""
+        axes.plot(self.light, self.signal, "o", markersize=3, label="mean − dark mean")
+        axes.plot(self.light, self.noise, "s", markersize=3, label="standard deviation")
+        if math.isfinite(self.responsivity.value):
+            shown = self.light[self.responsivity.value * self.light <= 1.05 * self.signal.max()]
+            axes.plot(shown, self.responsivity.value * shown, color="black", linewidth=1, label="slope R")
+        axes.set(xlabel=self.light_label, ylabel="signal, noise [DN]")
+        if log:
+            axes.set(xscale="log", yscale="log")
+
+    def plot_deviation(self, axes: Axes) -> None:
+        """Relative deviation from the line of the linearity error."""
+        axes.plot(self.light, self.deviation, "o-", markersize=3, linewidth=1, label="deviation")
+        axes.axhline(0, color="black", linewidth=1, label="line")
+        axes.set(xlabel=self.light_label, ylabel="deviation from the line [%]")
+
+
+def radiometric(measured: Series) -> Radiometric:
+    """From flat fields and dark frames; where photons are not known, against the exposure time."""
+    unit = "DN/p" if measured.photons_known else "DN/s"
+    responsivity = Quantity("R", "responsivity", math.nan, math.nan, math.nan, unit, "EMVA 1288 R4 6.6")
+    error = Quantity("LE", "linearity error", math.nan, math.nan, math.nan, "%", "EMVA 1288 R4 6.7")
+    light, deviation = measured.light, np.full(len(measured.flats), math.nan)
+    noise = np.sqrt(measured.of_flats("variance"))
+    found = find_peak(measured)
+    if len(set(light.tolist())) < 2 and len(light) > 1:
+        nothing = "neither photons nor exposure times tell the levels apart"
+        parts = unknown(responsivity, nothing), unknown(error, nothing)
+    else:
+        error, deviation = _linearity(measured, found, error)
+        parts = _responsivity(measured, found, responsivity), error
+    return Radiometric(*parts, light, measured.signal, noise, deviation, measured.photons_known)
+
+
+def _within(measured: Series, found: Peak, part: tuple[float, float]) -> NDArray[np.bool_]:
+    share = measured.signal / max(found.mean[0], 1e-300)
+    return np.asarray((share >= part[0]) & (share <= part[1]) & (measured.light > 0) & (measured.signal > 0))
+
+
+def _covariance(measured: Series) -> Float64Array:
+    own = np.maximum(measured.of_flats("light_error"), 1e-9 * np.abs(measured.signal))
+    return np.asarray(np.diag(np.maximum(own, 1e-12) ** 2) + measured.shared(measured.of_darks("light_error")))
+
+
+def _responsivity(measured: Series, found: Peak, like: Quantity) -> Quantity:
+    used = _within(measured, found, FITTED)
+    clipped = measured.why_clipped(used)
+    used &= measured.inside
+    if not used.any():
+        nothing = unknown(like, "no level lies between 5 and 70 % of saturation")
+        return hidden_by_clipping(like, clipped) if clipped else nothing
+    line = line_through_origin(measured.light[used], measured.signal[used], _covariance(measured)[np.ix_(used, used)])
+    responsivity = replace(like, value=line.slope, low=line.low, high=line.high, note=line.note)
+    return responsivity.noted(_left_out(clipped))
+
+
+def _left_out(clipped: str) -> str:
+    return f"levels with clipped values are left out ({clipped})" if clipped else ""
+
+
+def _linearity(measured: Series, found: Peak, like: Quantity) -> tuple[Quantity, Float64Array]:
+    """LE: mean |y - ŷ|/ŷ over 5 to 95 % of saturation, about a line a + bH whose relative deviations are least.
+
+    Noise of the means e moves it by at most the mean of |e|/ŷ, which is the half width of the interval.
+    """
+    deviation = np.full(len(measured.light), math.nan)
+    used = _within(measured, found, LINEAR)
+    clipped = measured.why_clipped(used)
+    used &= measured.inside
+    if used.sum() < 3:
+        few = unknown(like, f"{used.sum()} levels lie between 5 and 95 % of saturation; 3 are needed")
+        return hidden_by_clipping(like, clipped) if clipped else few, deviation
+    x, y = measured.light[used], measured.signal[used]
+    line = np.polynomial.polynomial.polyval(x, np.polynomial.polynomial.polyfit(x, y, 1, w=1 / y))
+    deviation[used] = 100 * (y - line) / line
+    value = float(np.abs(deviation[used]).mean())
+    noise = 100 * np.hypot(measured.of_flats("light_error")[used], measured.of_darks("light_error")[used]) / line
+    # mean and standard deviation of |e| of normal e: sqrt(2/π) and sqrt(1 - 2/π) times σ
+    half = math.sqrt(2 / math.pi) * float(noise.mean())
+    half += 1.645 * math.sqrt(1 - 2 / math.pi) * float(np.sqrt((noise**2).sum())) / len(noise)
+    error = replace(like, value=value, low=max(0.0, value - half), high=value + half)
+    return error.noted(_left_out(clipped)), deviation
