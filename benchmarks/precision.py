@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.study.frames import pixel_difference
+from mitsuba_sensor.study.kit import pixel_difference
 
 BITS, FULL_WELLS_E = (8, 12, 14, 16), (1e3, 1e4, 33_000.0, 1e5, 1e6)
 EXPOSURE = ms.Exposure(0.1)

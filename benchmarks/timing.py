@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from mitsuba_sensor.lab.statistics.estimators import ratio
-from mitsuba_sensor.study.kit import in_turns
+from mitsuba_sensor.study.kit import time_in_turns
 
 __all__ = ["alternate", "in_child", "lines", "ratio", "seconds_of", "speeds"]
 
@@ -32,7 +32,7 @@ def alternate(tasks: Mapping[str, Callable[[], object]], turns: int) -> dict[str
         task()
         return getattr(task, "runs", 1)
 
-    return in_turns({name: partial(counted, task) for name, task in tasks.items()}, turns)
+    return time_in_turns({name: partial(counted, task) for name, task in tasks.items()}, turns)
 
 
 def seconds_of(task: Callable[[], object]) -> float:

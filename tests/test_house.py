@@ -40,7 +40,8 @@ IMPORTED_IN = {
     "PIL": ("files/png.py", "files/raw_files.py", "output/contact_sheet.py"),
     "rawpy": ("files/raw_files.py",),
     "astropy": ("files/raw_files.py",),
-    "matplotlib": ("study/page.py",),
+    "matplotlib": ("study/drawing.py",),
+    "jinja2": ("core/html.py",),
     "colour": (),  # slow to import: only tests compare with it
     "colour_demosaicing": (),
     "typer": ("cli/",),
@@ -61,6 +62,7 @@ SLOW = {
     "tifffile",
     "PIL",
     "matplotlib",
+    "jinja2",
     "pyoidn",
     "distributed",
     "dask",
@@ -178,6 +180,20 @@ def test_no_imports_go_round_in_a_circle() -> None:
     """Not even by an import inside a function."""
     graph = {dotted(path): {name for name in modules_imported(path) if name != dotted(path)} for path in MODULES}
     graphlib.TopologicalSorter(graph).prepare()  # raises CycleError, with the circle
+
+
+STUDIES = ("study/work_precision/", "study/ablation/", "study/stress/")
+
+
+def test_studies_import_only_the_public_api() -> None:
+    """Beside it their kit and pages, and estimates with intervals of the laboratory."""
+    beside = ("mitsuba_sensor.study.", "mitsuba_sensor.lab.statistics.estimators.")
+    wrong = []
+    for path in MODULES:
+        for imported in imports(path) if name_of(path).startswith(STUDIES) else ():
+            if imported.startswith("mitsuba_sensor.") and not imported.startswith(beside):
+                wrong.append(f"{name_of(path)} imports {imported}")
+    assert not wrong, wrong
 
 
 def test_each_foreign_library_is_imported_in_one_place() -> None:

@@ -162,8 +162,17 @@ class AblationFlags(TypedDict, total=False):
     """Flags of ``study ablation``."""
 
     tolerance_dn: Annotated[float, Option("Of the plan that is put to the test, in DN.", 0.02)]
-    frames: Annotated[int, Option("Frames of each of the 64 cameras that are measured.", 24, low=2, example="24")]
-    spp: Annotated[int, Option("Samples per pixel of every render.", 32, low=1, high=MOST_IN_ALL, example="32")]
+    frames: Annotated[int, Option("Frames of each of the 8 cameras that are measured.", 8, low=2, example="8")]
+    spp: Annotated[
+        int,
+        Option(
+            "Samples per pixel of the render, a quarter of it of each comparison.",
+            32,
+            low=8,
+            high=MOST_IN_ALL,
+            example="32",
+        ),
+    ]
     seed: Annotated[int | None, Option("Of the first frame. Default: the scene file's, else 1.", check=require_seed)]
     serial: Annotated[int | None, Option("Of the first camera. Default: the scene file's, else 1.", check=require_seed)]
 

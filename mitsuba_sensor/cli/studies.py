@@ -1,9 +1,9 @@
-"""Commands of study: error against run time, what can be left out, stiff and extreme cases, and the paper's figures."""
+"""Commands of study: error against run time, what can be left out, stiff and extreme cases."""
 
 import shlex
 import sys
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,9 +13,6 @@ import typer
 from ..core import first_given
 from ..core.options import complete, part_of
 from ..core.stopping import remark_if_stopped
-from ..core.versions import machine, versions
-from ..files import texts
-from ..files.appearing import output_folder, require_folder, write_drawing
 from ..output.measurements import Measurements
 from ..render.options import SceneOptions
 from ..sensor.metering import Metering
@@ -29,14 +26,11 @@ if TYPE_CHECKING:
     from ..study.kit import Kit, Subject
     from ..study.page import Study
 
-PAGE, NUMBERS, MEASUREMENTS = "study.html", "study.json", "measurements"
-
 study = typer.Typer(
     no_args_is_help=True,
     help="How good the numbers are, what they cost, and what could be left out: tables, plots and a page.\n\n"
-    "Each writes study.html (a page that needs nothing else), study.json and a PNG of its first plot; paper of every "
-    "plot. One that was stopped goes on where it was when the same command is given again. Exit code 1: something that "
-    "must hold fails.",
+    "Each writes study.html (a page that needs nothing else), study.json and a PNG of its first plot. One that was "
+    "stopped goes on where it was when the same command is given again. Exit code 1: something that must hold fails.",
 )
 app.add_typer(study, name="study", rich_help_panel=CHECKS)
 
@@ -48,8 +42,8 @@ app.add_typer(study, name="study", rich_help_panel=CHECKS)
 def work_precision(scene: arguments.Scene, **flags: Flag) -> None:
     """Error against run time of SCENE, of the render and of the sensor, and the setting to take.
 
-    Samplers, sizes of passes, variants, bands, and what is done about the render's noise, against a reference of known
-    error; engines, precisions, samplers of the Poisson law and plans of the sensor. Small pictures do (-D width=48).
+    Bands, channels, denoising and variants against a reference of known error; engines, precisions and plans of the
+    sensor against NumPy in float64. Small pictures do (--width 48).
     """
     from ..study.work_precision import RECORDS, SIDES
     from ..study.work_precision import work_precision as measured
@@ -65,17 +59,18 @@ def work_precision(scene: arguments.Scene, **flags: Flag) -> None:
 @study.command("ablation", epilog="Example: mitsuba-sensor study ablation scenes/still_life.xml --exposure-s 0.001")
 @options.flags(options.CameraFlags, SceneOptions, AblationFlags, StudyFlags, without=("motion",))
 def ablation(scene: arguments.Scene, **flags: Flag) -> None:
-    """What each stage of the sensor and each feature of the render does to SCENE, and what leaving it out would save.
+    """What each noise source and each feature of the render does to SCENE, and what leaving it out would save.
 
-    Every change is predicted from theory and measured on frames; the two must agree within three standard errors.
+    Every change of the frames is predicted by the law of each pixel and measured; the two must agree.
     """
+    from ..study.ablation import RECORDS
     from ..study.ablation import ablation as measured
 
     asked: dict[str, Flag] = dict(complete(AblationFlags, part_of(AblationFlags, flags)))
     found, _ = render_input(scene, flags)
     asked |= {name: first_given(asked[name], getattr(found.scene.settings, name), 1) for name in ("seed", "serial")}
     subject, question = _subject(scene, found, flags, spp=asked.pop("spp"), variant=flags["variant"])
-    _run("ablation", flags, {**question, **asked}, partial(measured, subject=subject, **asked))
+    _run("ablation", flags, {**question, **asked}, partial(measured, subject=subject, **asked), RECORDS)
 
 
 @study.command("stress", epilog="Example: mitsuba-sensor study stress -o study/stress")
@@ -86,20 +81,6 @@ def stress(**flags: Flag) -> None:
     from ..study.stress import stress as measured
 
     _run("stress", flags, {}, measured, RECORDS)
-
-
-@study.command("paper", epilog="Example: mitsuba-sensor study paper -o study/paper")
-@options.flags(StudyFlags)
-def paper(**flags: Flag) -> None:
-    """Every table and figure of section 4 of Konnik & Welsh 2014 for Table 1's camera, beside what is printed.
-
-    Radiometric function, photon transfer, SNR, PRNU, spectrograms and non-whiteness, dark signal with fits; linear and
-    with the paper's curves; closed forms that must hold; a sentence wherever the text cannot be met. A few minutes.
-    """
-    from ..study.paper import RECORDS
-    from ..study.paper import paper as measured
-
-    _run("paper", flags, {}, measured, RECORDS, every_picture=True)
 
 
 def _subject(scene: str, found: RenderInput, flags: Flags, **more: Flag) -> "tuple[Subject, dict[str, Flag]]":
@@ -124,41 +105,37 @@ def _run(
     question: dict[str, Flag],
     measure: "Callable[[Kit], Study]",
     records: tuple[type, ...] = (),
-    every_picture: bool = False,
 ) -> None:
-    """Run the study and write what it found; what was measured stays, even if the rest is stopped.
+    """Run a study and show what it found.
 
-    records : classes that its measurements consist of.
+    question : all that decides what is measured.  records : classes that its measurements consist of.
     """
-    from ..study.html_page import html
-    from ..study.kit import Kit
-    from ..study.page import Table, png
+    from ..study.running import PAGE, StudyFolder
 
-    out_dir, made = first_given(flags["out"], f"study/{name}"), {"machine": machine(), "versions": versions()}
-    require_folder(out_dir)
-    folder = Path(out_dir)
-    asked_for = {"study": name, **question, **made}
-    known = Measurements(folder / MEASUREMENTS, asked_for, flags["force"], records)
-    about = {"scene": question["scene"], "camera": question["camera"]["name"]} if question else {}
-    pairs, where = zip(sys.argv, sys.argv[1:], strict=False), ("-o", "--out")  # the command is without these
-    asked = [one for before, one in pairs if one not in (*where, "--json", "--force") and before not in where]
-    about |= {"command": shlex.join(["mitsuba-sensor", *asked]), **made, "resumed_measurements": len(known)}
-    about |= {"exposure": question["exposure"]} if question else {}
+    path = Path(first_given(flags["out"], f"study/{name}"))
+    about: dict[str, object] = {"command": _command()}
+    if question:
+        about |= {"scene": question["scene"], "camera": question["camera"]["name"], "exposure": question["exposure"]}
+    folder = StudyFolder(path, name, question, about, records)
+    known = folder.measurements(flags["force"])
     remark_if_stopped(partial(_kept, known))
     with seconds_bar(err) as progress:
-        kit = Kit(known, progress)
-        found = measure(kit)
-    found = replace(found, data={**found.data, **about, "seconds": round(kit.seconds, 1)})
-    pictures = [part for part in found.parts if not isinstance(part, Table)][: None if every_picture else 1]
-    named = {f"{name}-{k}.png" if k > 1 else f"{name}.png": one for k, one in enumerate(pictures, start=1)}
-    with output_folder(folder, [*dict.fromkeys((PAGE, NUMBERS, f"{name}.png", *named))]) as scratch:
-        texts.write_page(scratch / PAGE, html(found))
-        texts.write_json(scratch / NUMBERS, found.to_dict())
-        for file, picture in named.items():
-            write_drawing(scratch / file, png(picture))
-    show(found.to_dict() if flags["as_json"] else study_sheet(found, str(folder / PAGE), out.width), flags["as_json"])
-    if not found.passed:
+        outcome = folder.run(measure, known, progress)
+    if flags["as_json"]:
+        show(outcome.to_dict(), True)
+    else:
+        show(study_sheet(outcome, str(path / PAGE), out.width), False)
+    if not outcome.passed:
         raise typer.Exit(1)
+
+
+def _command() -> str:
+    """The command that was given, without where it writes and how it shows what it found."""
+    asked = []
+    for before, argument in zip(sys.argv, sys.argv[1:], strict=False):
+        if argument not in ("-o", "--out", "--json", "--force") and before not in ("-o", "--out"):
+            asked.append(argument)
+    return shlex.join(["mitsuba-sensor", *asked])
 
 
 def _kept(known: Measurements) -> str | None:

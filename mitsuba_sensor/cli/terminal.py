@@ -21,11 +21,13 @@ from .tables import FittedTable, number, rough
 if TYPE_CHECKING:
     from ..render.passes.requirements import RenderRequirement
     from ..render.passes.stop_criterion import RenderProgress
+    from ..study.kit import Forecast
 
 Report = Mapping[str, Any]  # ready for JSON: frame.json, or what a command prints
 KEPT = {True: Text("yes"), False: Text("no", style="green")}  # of a plan
 FILES = "report and files"  # the last step of a capture
 SIGNAL = ("mean_frame", "mean_expected", "sigma_frame", "sigma_expected")  # of a stage in a report
+SAID_AGAIN = 1.5  # a study says again how long it takes where that is so many times what it said before
 END = {"max_seconds": ", the time was up", "max_spp": ", the most samples were taken"}
 
 
@@ -91,19 +93,26 @@ def step_name(step: RenderProgress, renders: int) -> str:
 
 
 @contextmanager
-def seconds_bar(console: Console) -> Iterator[Callable[[float, float, str], None]]:
-    """A bar over the seconds that a study expects to take, and what it does now. Yields what a kit reports to."""
+def seconds_bar(console: Console) -> Iterator[Callable[[Forecast], None]]:
+    """A bar over the seconds that a study is expected to take. Yields what a kit tells its forecasts.
+
+    A line says how long it takes as soon as a step was measured, and again where that was much too short.
+    """
     texts = TextColumn("{task.percentage:>3.0f} %"), TimeElapsedColumn(), TextColumn("{task.description}")
     bar = Progress(BarColumn(), *texts, console=console, transient=True, disable=not console.is_terminal)
+    said_s = 0.0
     with bar as progress, undone_if_stopped(bar.stop):
         task = progress.add_task("", total=None)
 
-        def tell(done_s: float, expected_s: float, now: str) -> None:
-            left_s = max(expected_s - done_s, 0.0)
-            left = f"about {minutes(left_s)}"
-            if progress.tasks[task].total is None:
-                console.print(f"this takes {left}", highlight=False)
-            progress.update(task, completed=done_s, total=expected_s, description=f"{left} left [dim]{escape(now)}")
+        def tell(forecast: Forecast) -> None:
+            nonlocal said_s
+            left = f"about {minutes(max(forecast.total_s - forecast.done_s, 0.0))} left"
+            if forecast.done_s and forecast.total_s > SAID_AGAIN * said_s:
+                said_s = forecast.total_s
+                longest = f", {minutes(forecast.longest_s)} of it for {forecast.longest}" if forecast.longest else ""
+                console.print(f"this takes about {minutes(said_s)}{longest}", highlight=False, markup=False)
+            description = f"{left} [dim]{escape(forecast.now)}"
+            progress.update(task, completed=forecast.done_s, total=forecast.total_s, description=description)
 
         yield tell
 

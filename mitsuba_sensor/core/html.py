@@ -1,56 +1,81 @@
-"""Pieces of HTML that objects show in a notebook: tables, bars and embedded pictures, all text escaped."""
+"""HTML from Jinja templates, all text escaped: what objects show in a notebook, and the pages of studies."""
 
 from __future__ import annotations
 
 import base64
 from collections.abc import Iterable, Mapping, Sequence
-from html import escape
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
 
-WIDEST_PX, NARROWEST_PX = 480, 160  # of a picture on the page; a few pixels are shown enlarged
+if TYPE_CHECKING:
+    from jinja2 import Environment
 
+WIDEST_PX, NARROWEST_PX = 480, 160
+"""Widths of a picture on the page; a few pixels are shown enlarged."""
 
-class Markup(str):
-    """Text that is HTML already."""
-
-
-def element(name: str, content: object, **attributes: object) -> Markup:
-    """<name …>content</name>; content and attributes are escaped, except for :class:`Markup`."""
-    given = "".join(f' {key}="{escape(str(value))}"' for key, value in attributes.items())
-    return Markup(f"<{name}{given}>{content if isinstance(content, Markup) else escape(str(content))}</{name}>")
+LONGEST_BAR_PX = 100.0
 
 
-def joined(parts: Iterable[Markup]) -> Markup:
-    """The parts one after another."""
-    return Markup("".join(parts))
+class Table(NamedTuple):
+    """Rows of cells below a header, which may be empty. A cell is a text, a number or a :class:`Bar`."""
+
+    header: tuple[object, ...]
+    rows: tuple[tuple[object, ...], ...]
 
 
-def table(header: Sequence[object], rows: Iterable[Sequence[object]]) -> Markup:
+class Bar(NamedTuple):
+    """A horizontal bar, and the text behind it."""
+
+    width_px: str
+    text: str
+
+
+class Picture(NamedTuple):
+    """An embedded PNG."""
+
+    data: str
+    width_px: int
+    rendering: str
+    described: str
+
+
+def table(header: Sequence[object], rows: Iterable[Sequence[object]]) -> Table:
     """A table with one line for each row."""
-    lines = [joined(element("th", cell, style="text-align:left") for cell in header)] if header else []
-    lines += [joined(element("td", cell, style="text-align:left") for cell in row) for row in rows]
-    return element("table", joined(element("tr", line) for line in lines))
+    return Table(tuple(header), tuple(map(tuple, rows)))
 
 
-def facts(values: Mapping[str, object]) -> Markup:
+def facts(values: Mapping[str, object]) -> Table:
     """A table of names and values."""
     return table((), values.items())
 
 
-def bar(share: float, said: str) -> Markup:
-    """A horizontal bar, full at a share of 1, behind which stands what is said."""
-    width = f"{100 * min(max(share, 0.0), 1.0):.1f}px"
-    mark = element("span", "", style=f"display:inline-block;height:0.7em;background:#4c78a8;width:{width}")
-    return Markup(mark + " " + escape(said))
+def bar(share: float, text: str) -> Bar:
+    """A horizontal bar, full at a share of 1, behind which stands the text."""
+    return Bar(f"{LONGEST_BAR_PX * min(max(share, 0.0), 1.0):.1f}", text)
 
 
-def picture(png: bytes, columns: int, described: str) -> Markup:
+def picture(png: bytes, columns: int, described: str) -> Picture:
     """An embedded PNG of so many columns, enlarged without smoothing where it has few."""
-    wide = min(max(columns, NARROWEST_PX), WIDEST_PX)
-    style = f"width:{wide}px;max-width:100%;image-rendering:{'pixelated' if columns < wide else 'auto'}"
-    data = base64.b64encode(png).decode()
-    return Markup(f'<img src="data:image/png;base64,{data}" alt="{escape(described)}" style="{style}">')
+    width_px = min(max(columns, NARROWEST_PX), WIDEST_PX)
+    rendering = "pixelated" if columns < width_px else "auto"
+    return Picture(base64.b64encode(png).decode(), width_px, rendering, described)
 
 
-def fragment(title: str, *parts: Markup) -> str:
+def fragment(title: str, *parts: Table | Picture) -> str:
     """What ``_repr_html_`` returns: a heading and its parts."""
-    return element("div", joined((element("p", element("b", title)), *parts)))
+    return render_template(Path(__file__).with_name("fragment.html.j2"), title=title, parts=parts)
+
+
+def render_template(template: Path, **values: object) -> str:
+    """The text of a Jinja template with these values, which are escaped."""
+    return environment(template.parent).get_template(template.name).render(values)
+
+
+@cache
+def environment(folder: Path) -> Environment:
+    """Jinja, imported with the first page, for the templates of a folder."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    loader = FileSystemLoader(folder)
+    return Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)

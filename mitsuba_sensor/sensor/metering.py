@@ -176,7 +176,8 @@ def saturated_share(electrons: NDArray[np.floating], camera: Camera, exposure: E
         level_e = saturation_e(camera)
     except InputError:  # darkness is at the highest code
         return 1.0
-    limit_e, width_e = level_e - mean_dark_e(camera, exposure), SHOT_NOISE * math.sqrt(level_e)
+    limit_e = max(level_e - mean_dark_e(camera, exposure), -FLOAT32_LIMIT)  # the light may be float32
+    width_e = SHOT_NOISE * math.sqrt(level_e)
     if electrons.max() < limit_e - width_e / 2:
         return 0.0
     saturated = 0.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ..core.html import Markup, bar, facts, fragment, joined, table
+from ..core.html import Bar, bar, facts, fragment, table
 from .figures import figures_if_any
 from .stage import converter_of
 
@@ -66,8 +66,8 @@ def budget_html(budget: NoiseBudget) -> str:
     entries = budget.entries
     most = max((max(abs(one.temporal_dn2), abs(one.spatial_dn2)) for one in entries), default=0.0) or 1.0
 
-    def variance(value: float) -> Markup:
-        return joined((bar(abs(value) / most, f"{value:.3g}"),))
+    def variance(value: float) -> Bar:
+        return bar(abs(value) / most, f"{value:.3g}")
 
     names = "source", "mean [DN]", "rms [DN]", "temporal [DN²]", "spatial [DN²]"
     rows = [

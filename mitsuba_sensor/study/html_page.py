@@ -3,29 +3,47 @@
 from __future__ import annotations
 
 import math
-from html import escape
+from pathlib import Path
 
-from .page import LOOK, Part, Study, Table, svg
+from ..core.html import render_template
+from .drawing import svg
+from .page import Study, Table
 
-ORIGIN = ("command", "scene", "camera", "exposure", "machine", "versions", "seconds", "date")  # at the foot of the page
+ORIGIN = (
+    "command",
+    "scene",
+    "camera",
+    "exposure",
+    "machine",
+    "versions",
+    "seconds",
+    "longest_step",
+    "date",
+)
+"""What stands at the foot of the page, where the data of the study has it."""
 
 
 def html(study: Study) -> str:
     """The whole page."""
-    mark, verdict = ("good", "everything that must hold does") if study.passed else ("bad", "not all holds")
-    findings = "".join(f"<li>{escape(finding)}</li>" for finding in study.findings)
-    made = "".join(f"<div>{name}: {escape(text(study.data[name]))}</div>" for name in ORIGIN if name in study.data)
-    return (
-        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width">'
-        f"<title>{escape(study.title)}</title>\n<style>\n{LOOK['css'].strip()}\n</style></head><body>\n<h1>{escape(study.title)}</h1>\n"
-        f'<p><strong class="{mark}">{verdict}</strong></p>\n<ul>{findings}</ul>\n'
-        f"{''.join(map(_part, study.parts))}<footer>{made}</footer>\n</body></html>\n"
+    return render_template(
+        Path(__file__).with_name("study.html.j2"),
+        study=study,
+        origin={name.replace("_", " "): text(study.data[name]) for name in ORIGIN if name in study.data},
+        pictures={id(picture): svg(picture) for picture in study.pictures},
+        is_table=lambda part: isinstance(part, Table),
+        is_number=is_number,
+        id=id,
+        text=text,
     )
 
 
+def is_number(value: object) -> bool:
+    """Whether a cell stands to the right."""
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
 def text(value: object) -> str:
-    """A value for people: numbers with four digits, lists joined, nothing for None."""
+    """A value for people: numbers with four digits, lists joined, a dash for None."""
     match value:
         case None:
             return "–"
@@ -35,24 +53,7 @@ def text(value: object) -> str:
             plain = value == 0 or 1e-3 <= abs(value) < 1e5
             return f"{value:.4g}" if plain or not math.isfinite(value) else f"{value:.3g}"
         case dict():
-            return ", ".join(f"{key} {text(one)}" for key, one in value.items())
+            return ", ".join(f"{key} {text(entry)}" for key, entry in value.items())
         case list() | tuple():
             return ", ".join(map(text, value))
     return str(value)
-
-
-def _part(part: Part) -> str:
-    note = f'<p class="note">{escape(part.note)}</p>' if part.note else ""
-    if isinstance(part, Table):
-        heads = "".join(f"<th>{escape(column)}</th>" for column in part.columns)
-        marked = zip(part.marks or ("",) * len(part.rows), part.rows, strict=True)
-        rows = "".join(f'<tr class="{mark}">{"".join(map(_cell, row))}</tr>' for mark, row in marked)
-        inside = f"<table><thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table>"
-    else:
-        inside = svg(part)
-    return f'<section><h2>{escape(part.title)}</h2>{note}<div class="wide">{inside}</div></section>\n'
-
-
-def _cell(value: object) -> str:
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    return f'<td class="{"number" if number else "text"}">{escape(text(value))}</td>'

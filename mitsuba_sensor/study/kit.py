@@ -1,73 +1,120 @@
-"""The kit of all studies: their subject, steps measured once, tasks timed in turns."""
+"""The kit of all studies: their subject, steps that are measured once, forecasts, tasks timed in turns."""
 
 from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
-from functools import cached_property
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import Exposure, check_types
-from ..render.light.irradiance import Irradiance
-from ..render.passes.passes import SAMPLER
-from ..render.passes.prepared import PreparedRender, prepare, render
-from ..sensor.camera import Camera
+import mitsuba_sensor as ms
+
+from ..files.texts import read_toml
 
 Array = NDArray[np.float64]
-Numbers = NDArray[Any]  # of any type, digital numbers for example
-Values = dict[str, Any]  # measured values by name
-Known = Mapping[str, Any]  # the same for reading
-Progress = Callable[[float, float, str], None]  # told seconds of work done, seconds expected in all, and what is next
-Task = Callable[[], object]  # something to be timed; an integer that it returns says how often it did its work
+Values = dict[str, Any]
+"""Measured values by name."""
+
+Task = Callable[[], object]
+"""Something to be timed; an integer that it returns says how often it did its work."""
+
+
+def read_table(path: Path) -> Values:
+    """Settings and cases of a study, from the TOML file beside its code."""
+    return read_toml(path)
 
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """What a study of a scene is about: fields and options by name as in :func:`mitsuba_sensor.render`."""
+    """Scene, camera and exposure of a study; options as in :func:`mitsuba_sensor.render`."""
 
     scene: str | os.PathLike[str]
-    camera: Camera
-    exposure: Exposure
-    options: Known = field(default_factory=dict)
+    camera: ms.Camera
+    exposure: ms.Exposure
+    options: Mapping[str, Any] = field(default_factory=dict)
 
-    def __post_init__(self) -> None:
-        check_types(self.camera, self.exposure)
-
-    @cached_property
-    def job(self) -> PreparedRender:
-        """The scene as it is."""
-        return self.job_with()
-
-    def job_with(self, camera: Camera | None = None, sampler: str = SAMPLER, **options: Any) -> PreparedRender:
-        """The scene, loaded for another camera, with another sampler or with other options."""
-        return prepare(self.scene, camera or self.camera, self.exposure, sampler=sampler, **{**self.options, **options})
-
-    def render(self, seed: int, **options: Any) -> Irradiance:
-        """One render, with these options changed."""
-        return render(self.scene, self.camera, self.exposure, seed=seed, **{**self.options, **options})
+    def render(self, seed: int, camera: ms.Camera | None = None, **options: Any) -> ms.Irradiance:
+        """One render, perhaps of another camera or with other options."""
+        asked = {**self.options, **options}
+        return ms.render(self.scene, camera or self.camera, self.exposure, seed=seed, **asked)
 
 
 class Step(NamedTuple):
-    """One measurement: its name, also for the progress bar; the seconds expected; what gives its value."""
+    """One measurement.
+
+    key : its name, also for the progress bar.  seconds : that it takes, in proportion to other steps of its kind.
+    measure : gives its value.  kind : of step; times of one kind tell what the others of it will take.
+    """
 
     key: str
     seconds: float
     measure: Callable[[], Any]
+    kind: str = ""
+
+
+class Forecast(NamedTuple):
+    """How long a study takes.
+
+    done_s, total_s : seconds of work done, and expected in all.  now : the step that begins.
+    longest, longest_s : the kind of step that takes most of the time, and its seconds.
+    """
+
+    done_s: float
+    total_s: float
+    now: str
+    longest: str
+    longest_s: float
+
+
+Progress = Callable[[Forecast], None]
+
+
+class Pace:
+    """Measured seconds over the expected ones, by kind of step: other scenes and machines have other ones."""
+
+    def __init__(self) -> None:
+        self.expected_s = defaultdict[str, float](float)
+        self.measured_s = defaultdict[str, float](float)
+
+    def add(self, step: Step, seconds: float) -> None:
+        """Count a step that took so many seconds."""
+        self.expected_s[step.kind] += step.seconds
+        self.measured_s[step.kind] += seconds
+
+    def forecast(self, step: Step) -> float:
+        """Seconds of a step: by the steps of its kind, else by all steps so far, else as it says itself."""
+        kinds = [step.kind] if step.kind in self.expected_s else list(self.expected_s)
+        expected_s = sum(self.expected_s[kind] for kind in kinds)
+        if not expected_s:
+            return step.seconds
+        measured_s = sum(self.measured_s[kind] for kind in kinds)
+        return step.seconds * measured_s / expected_s
 
 
 class Kit:
-    """Measures what is not measured yet, and says how long that will take. new : how many it measured itself.
+    """Measures what is not measured yet, and forecasts how long the rest takes.
 
-    known : (value, seconds that it took) by key; as files (output/measurements.py), they let a stopped study go on."""
+    known : (value, seconds that it took) by key; as files (io/measurements.py), they let a stopped study go on.
+    progress : told the forecast before each step.  clock : in seconds.  new : steps that were measured here.
+    """
 
-    def __init__(self, known: Values | None = None, progress: Progress | None = None) -> None:
+    def __init__(
+        self,
+        known: Values | None = None,
+        progress: Progress | None = None,
+        clock: Callable[[], float] = time.perf_counter,
+    ) -> None:
         self.known = {} if known is None else known
-        self.new, self._taken_s, self._progress = 0, 0.0, progress or (lambda *_: None)
+        self.new = 0
+        self._clock = clock
+        self._pace = Pace()
+        self._progress = progress
 
     def __getitem__(self, key: str) -> Any:
         """A value that is measured already."""
@@ -75,41 +122,88 @@ class Kit:
 
     @property
     def seconds(self) -> float:
-        """Taken by all measurements, also by the runs before this one."""
+        """Seconds that all measurements took, also those of runs before this one."""
         return float(sum(seconds for _, seconds in self.known.values()))
 
-    def take(self, steps: Iterable[Step], after_s: float = 0.0) -> None:
-        """Measure every step that is not known yet, in order. after_s : expected of the study behind these steps."""
-        left = [step for step in steps if step.key not in self.known]
-        before_s, expected_s = self._taken_s, 0.0
-        for number, step in enumerate(left):
-            pace = (self._taken_s - before_s) / expected_s if expected_s else 1.0  # of the steps so far
-            rest_s = pace * sum(one.seconds for one in left[number:])
-            self._progress(self._taken_s, self._taken_s + rest_s + after_s, step.key)
-            started = time.perf_counter()
+    @property
+    def longest_step(self) -> str:
+        """The name of the step that took most time, and its seconds."""
+        key = max(self.known, key=lambda name: float(self.known[name][1]), default="")
+        return f"{key} ({self.known[key][1]:.1f} s)" if key else ""
+
+    def take(self, steps: Iterable[Step], later: Sequence[Step] = ()) -> None:
+        """Measure every step that is not known yet, in order.  later : steps of the study behind these."""
+        waiting = [step for step in steps if step.key not in self.known]
+        behind = [step for step in later if step.key not in self.known]
+        for number, step in enumerate(waiting):
+            self._tell(step.key, [*waiting[number:], *behind])
+            started = self._clock()
             value = step.measure()
-            seconds = time.perf_counter() - started
+            seconds = self._clock() - started
             self.known[step.key] = value, seconds
-            self.new, self._taken_s, expected_s = self.new + 1, self._taken_s + seconds, expected_s + step.seconds
-        self._progress(self._taken_s, self._taken_s + after_s, "done")
+            self._pace.add(step, seconds)
+            self.new += 1
+        self._tell("done", behind)
 
     def measure(self, key: str, seconds: float, measure: Callable[[], Any]) -> Any:
-        """One step, and its value."""
+        """The value of one step."""
         self.take([Step(key, seconds, measure)])
         return self[key]
 
+    def _tell(self, now: str, left: Sequence[Step]) -> None:
+        if self._progress is None:
+            return
+        seconds = defaultdict[str, float](float, self._pace.measured_s)
+        done_s = sum(seconds.values())
+        for step in left:
+            seconds[step.kind] += self._pace.forecast(step)
+        longest = max(seconds, key=lambda kind: seconds[kind], default="")
+        self._progress(Forecast(done_s, sum(seconds.values()), now, longest, seconds[longest]))
 
-def one_turn(tasks: Mapping[str, Task], number: int) -> dict[str, float]:
+
+def time_one_turn(tasks: Mapping[str, Task], number: int) -> dict[str, float]:
     """Seconds of every task's work, in an order of its own for every turn: no task always follows the same one."""
-    names, seconds = list(tasks), {}  # a machine that slows down between turns slows all tasks alike
+    names = list(tasks)
+    seconds = {}
     for place in np.random.default_rng(number).permutation(len(names)):
-        start = time.perf_counter()
-        runs = tasks[names[place]]()
-        seconds[names[place]] = (time.perf_counter() - start) / (runs if isinstance(runs, int) else 1)
+        name = names[place]
+        started = time.perf_counter()
+        runs = tasks[name]()
+        taken = time.perf_counter() - started
+        seconds[name] = taken / runs if isinstance(runs, int) else taken
     return seconds
 
 
-def in_turns(tasks: Mapping[str, Task], turns: int) -> dict[str, list[float]]:
-    """Seconds of every task in each of so many turns, after one that compiles and does not count."""
-    _, *counted = (one_turn(tasks, number) for number in range(turns + 1))
+def time_in_turns(tasks: Mapping[str, Task], turns: int) -> dict[str, list[float]]:
+    """Seconds of every task in each turn, after one that compiles and does not count.
+
+    A machine that slows down between turns slows all tasks alike.
+    """
+    counted = [time_one_turn(tasks, number) for number in range(turns + 1)][1:]
     return {name: [seconds[name] for seconds in counted] for name in tasks}
+
+
+def resized(photons: ms.Photons, shape: tuple[int, int]) -> ms.Photons:
+    """The light on a window of another size, each pixel that of the nearest; taken as exact."""
+    sizes = zip(photons.mean.shape[:2], shape, strict=True)
+    rows, columns = (np.linspace(0, there - 1, here).round().astype(int) for there, here in sizes)
+    mean = np.ascontiguousarray(photons.mean[rows][:, columns])
+    return replace(photons, mean=mean, variance_e2=None, in_band=None, origin=(0, 0))
+
+
+def measured_moments(frames: ms.Frames) -> Array:
+    """Mean, temporal and spatial variance of every pixel of several frames, (3, H, W) [DN, DN², DN²].
+
+    Spatial is the squared distance from the mean of all cameras of this model, less what temporal noise adds.
+    """
+    digital = frames.digital.astype(np.float64)
+    mean, temporal = digital.mean(axis=0), digital.var(axis=0, ddof=1)
+    spatial = (mean - frames.spatial_mean) ** 2 - temporal / len(digital)
+    return np.stack([mean, temporal, spatial])
+
+
+def pixel_difference(frame: NDArray[np.number], reference: NDArray[np.number]) -> Values:
+    """How far a frame is from another one with equal random bits: share of the pixels, largest and rms step [DN]."""
+    step = np.abs(frame.astype(np.float64) - reference)
+    rms_dn = float(np.sqrt(np.mean(step**2)))
+    return {"share_of_pixels": float(np.mean(step > 0)), "largest_dn": float(step.max()), "rms_dn": rms_dn}

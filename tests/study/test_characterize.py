@@ -21,7 +21,8 @@ from mitsuba_sensor.study.characterize import virtual_bench as bench_module
 from mitsuba_sensor.study.characterize.datasheet import Said, expected
 from mitsuba_sensor.study.characterize.rendered_field import rendered_field
 from mitsuba_sensor.study.characterize.virtual_bench import FLAT_S, Setup, virtual_bench
-from mitsuba_sensor.study.page import Drawing, Table, png
+from mitsuba_sensor.study.drawing import png
+from mitsuba_sensor.study.page import Drawing, Table
 
 CAMERA = ms.load_camera("konnik_table1").replace(
     **{

@@ -1,209 +1,272 @@
-"""The sensor with one stage off at a time, and with all that the plan leaves out: in theory, in frames, in seconds."""
+"""The sensor with one noise source off at a time, and with all that a plan leaves out: in its laws, frames, seconds."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property, partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...core import Exposure, Photons
-from ...lab.statistics.estimators import Spread, as_normal, spread, standard_error, z_limit
-from ...render.light.irradiance import Irradiance
-from ...render.light.photons import collect
-from ...sensor.camera import Camera
-from ...sensor.plan import plan
-from ...sensor.run import choose_backend
-from ...sensor.stage import Chain, sample, without
-from .. import frames
-from ..frames import QUANTITIES, Illuminated, Replicas
-from ..kit import Array, Kit, Step, Subject, Task, Values, in_turns
-from ..page import Mark
+import mitsuba_sensor as ms
 
-WHOLE, PLAN, DETECTION = "whole chain", "the plan", "detection"
-SENSORS = 64  # serial numbers whose frames are measured: independent values, from whose spread the standard errors come
-THEORY, EQUAL_BITS = "moments of every pixel", "frames with equal random bits"  # names of measurements, and of frames:
-FRAMES_OF = f"frames of {SENSORS} sensors: "
-WORST, FEWEST_PIXELS = 0.01, 16  # share of the pixels, or so many, that are the worst: of one, no variance is known
-LOOKED_AT = 8  # frames, each of a sensor of its own, whose pixels are compared one by one with those of the whole chain
-SHAPE = {"numpy": (256, 512), "drjit": (1024, 1024)}  # of timed frames: one strip of NumPy's, enough for a kernel
-TURNS = {"numpy": 15, "drjit": 7}  # in each of which every chain makes frames
-RARE = 2.0  # events, the standard error where none was seen: of 3 · 2 expected, none is seen in 1 of 400 cases, 3 σ
-NUMPY_NS, DRJIT_NS, CALL_S, KERNEL_S = 120.0, 12.0, 1.5e-3, 3.0  # at first: per pixel and frame; a chain, a kernel
+from ...lab.statistics.estimators import Spread, as_normal, spread, standard_error, z_limit
+from ..kit import Array, Kit, Step, Subject, Values, measured_moments, resized, time_in_turns
+from ..page import Bars, Mark, MarkedRow, Part, Section, Table, table
+
+WHOLE, PLAN = "whole chain", "the plan"
+QUANTITIES = "mean", "temporal σ", "spatial σ"
+SENSORS = 8
+"""Serial numbers whose frames are measured; their spread makes the standard errors."""
+
+TIMED_SHAPE = 256, 512
+TURNS = 9
+MOVED_BY_CHANCE = 3.0
+"""So many times its tolerance may a plan move the mean of a pixel over these sensors: fixed patterns that are left out
+average to less than this."""
+
+LEAST_DN = 1e-6
+"""What no frame shows: differences of laws below are roundings."""
+
+
+class Moments(NamedTuple):
+    """Averages over the pixels, for each sensor, (3, sensors): mean, temporal and spatial variance [DN, DN², DN²].
+
+    predicted : by the exact law of every pixel.  measured : of frames.
+    pixel_dn : mean of every pixel over the sensors by its law, (H, W) [DN].
+    """
+
+    predicted: Array
+    measured: Array
+    pixel_dn: Array
 
 
 class Comparison(NamedTuple):
-    """One quantity of one chain, over all pixels or the worst, less that of the whole chain [DN]."""
+    """A change by the laws and in frames, with its standard error, and how many of these the two are apart."""
 
-    case: str
-    quantity: str
-    predicted_dn: float = 0.0
-    measured_dn: float = 0.0
-    error_dn: float = 0.0
-    z: float = 0.0  # standard errors from the prediction, as a normal law counts that are as unlikely as Student's t
-
-
-class Chains:
-    """Every chain of a camera under some light, taken as exact: whole, without a stage, planned; and what theory says.
-
-    worst : how far any pixel moves at most [DN], and of what.  groups : all pixels; by chain those that move most."""
-
-    def __init__(self, camera: Camera, exposure: Exposure, photons: Photons, tolerance_dn: float) -> None:
-        self.plan = plan(camera, exposure, photons, tolerance_dn)
-        whole = self.plan.whole
-        off = {stage.label: without(whole, {stage}) for stage in whole if not stage.required}
-        self.stages: dict[str, Chain] = {WHOLE: whole, **off, PLAN: self.plan.stages}
-        self.light = Illuminated(photons, camera, exposure, choose_backend("numpy", self.plan.precision, 0))
-        self.expected = {case: frames.expected_moments(s, photons, exposure) for case, s in self.stages.items()}
-        self.worst: dict[str, Values] = {WHOLE: {}}
-        self.groups = {WHOLE: np.arange(self.expected[WHOLE][0].size)}
-        for case in list(self.stages)[1:]:
-            every = np.abs(frames.in_dn(self.expected[WHOLE], self.expected[case])).reshape(3, -1)
-            row = int(np.argmax(every.max(axis=1)))
-            self.worst[case] = {"worst_dn": float(every[row].max()), "of": QUANTITIES[row]}
-            count = max(int(WORST * every[row].size), FEWEST_PIXELS)
-            self.groups[case] = np.argsort(every[row], kind="stable")[-count:]
-
-    def theory(self) -> Values:
-        """What the plan says, the moments of every chain averaged over groups of pixels, and how exact theory is."""
-        limits = ["the noise behind the count is taken for a normal law, or for a mixture of some"]
-        if any(stage.curved for stage in self.plan.whole):
-            limits.append("curved stages are taken to second order in that noise")
-        effects, sizes = [asdict(effect) for effect in self.plan.effects], {k: len(x) for k, x in self.groups.items()}
-        averages = {case: frames.averages(moments, self.groups) for case, moments in self.expected.items()}
-        cases = {case: {"moments": found, **self.worst[case]} for case, found in averages.items()}
-        return {"plan": effects, "sizes": sizes, "limits": limits, "cases": cases}
+    predicted_dn: float
+    measured_dn: float
+    error_dn: float
+    z: float
 
 
 class SensorAblation:
-    """A camera under the light of a scene, and what a kit measures of its chains."""
+    """A camera in the light of a scene, and what a kit measures without each of its noise sources.
+
+    light : renders the scene, when it is needed.  frames : of each sensor.  seed, serial : of the first frame, sensor.
+    """
 
     def __init__(
-        self, kit: Kit, subject: Subject, light: Callable[[], Irradiance], tolerance_dn: float, replicas: Replicas
+        self,
+        kit: Kit,
+        subject: Subject,
+        light: Callable[[], ms.Photons],
+        tolerance_dn: float,
+        replicas: tuple[int, int, int],
     ) -> None:
         self.kit, self._subject, self._light = kit, subject, light
-        self._tolerance_dn, self._replicas = tolerance_dn, replicas
-        self.names = [WHOLE, *(s.label for s in subject.camera.stages if not s.required), PLAN]
-        self.engines = [engine for engine in SHAPE if frames.problem_of(engine) is None]
-
-    def steps(self, pixels: int) -> Iterator[Step]:
-        """All measurements of so many pixels."""
-        frame_s = CALL_S + 1e-9 * NUMPY_NS * pixels
-        yield Step(THEORY, 1.0, lambda: self.chains.theory())
-        yield Step(EQUAL_BITS, LOOKED_AT * len(self.names) * frame_s, self._equal_bits)
-        seconds = self._replicas.sensors * self._replicas.frames * frame_s
-        yield from (Step(FRAMES_OF + case, seconds, partial(self._frames, case)) for case in self.names)
-        for engine in self.engines:
-            cases = self.names if engine == "numpy" else [WHOLE, PLAN]  # where each chain has to be compiled
-            each_s = 1e-9 * math.prod(SHAPE[engine]) * (TURNS[engine] + 1)
-            each_s *= NUMPY_NS if engine == "numpy" else frames.FRAMES_A_TURN * DRJIT_NS
-            seconds = len(cases) * (each_s + (engine != "numpy") * KERNEL_S)
-            yield Step(f"seconds, {engine}", seconds, partial(self._nanoseconds, engine, cases))
+        self.tolerance_dn = tolerance_dn
+        self.frames, self._seed, self._serial = replicas
+        self.cameras = dict(reduced_cameras(subject.camera))
 
     @cached_property
-    def photons(self) -> Photons:
+    def photons(self) -> ms.Photons:
         """Mean photons of every pixel, taken as exact."""
-        return replace(collect(self._light(), self._subject.camera, self._subject.exposure), variance_e2=None)
+        return replace(self._light(), variance_e2=None)
 
     @cached_property
-    def chains(self) -> Chains:
-        """Every chain under that light."""
-        return Chains(self._subject.camera, self._subject.exposure, self.photons, self._tolerance_dn)
+    def plan(self) -> ms.Plan:
+        """What this exposure can do without."""
+        return ms.plan(self._subject.camera, self._subject.exposure, self.photons, self.tolerance_dn)
 
-    def _equal_bits(self) -> dict[str, dict[str, float]]:
-        """Pixels of each chain's frames beside those of the whole chain that were drawn with the same random bits."""
-        light, stages = self.chains.light, self.chains.stages
-        stacks: dict[str, list[Array]] = {case: [] for case in self.names}
-        for number in range(LOOKED_AT):
-            sensor = light.sensor(self._replicas.serial + number)
-            start = light.electrons(stages[WHOLE], sensor)
-            for case, stack in stacks.items():
-                stack.append(light.frame(stages[case], start, sensor, self._replicas.seed + number))
-        whole = np.array(stacks.pop(WHOLE))
-        return {case: frames.pixel_difference(np.array(stack), whole) for case, stack in stacks.items()}
+    def steps(self) -> Iterator[Step]:
+        """All measurements."""
+        yield Step("the plan's verdicts", 2.0, self.verdicts, "plan")
+        for case in self.cameras:
+            yield Step(f"frames: {case}", 1.0, partial(self.moments, case), "frames")
+        yield Step("seconds of frames", 10.0, self.nanoseconds, "seconds of frames")
 
-    def is_whole(self, case: str) -> bool:
-        """Whether theory and every frame that was looked at say that the chain is the whole one: nothing to measure."""
-        looked, theory = self.kit[EQUAL_BITS], self.kit[THEORY]["cases"]
-        return case != WHOLE and theory[case]["worst_dn"] == 0 and looked[case]["share_of_pixels"] == 0
+    def verdicts(self) -> Values:
+        """What the plan leaves out, and why."""
+        planned = self.plan.to_dict()["stages"]
+        return {"left_out": self.plan.left_out, "stages": {one["stage"]: one["reason"] for one in planned}}
 
-    def _frames(self, case: str) -> Values | None:
-        """Moments of frames over groups of pixels; None where the chain is the whole one."""
-        if self.is_whole(case):
-            return None
-        stages, expected = self.chains.stages[case], self.chains.expected[case]
-        return self.chains.light.measured_moments(stages, self._replicas, expected, self.chains.groups)
+    def expose(self, case: str, photons: ms.Photons, **options: Any) -> ms.Frames:
+        """Frames of one case."""
+        plan = self.plan if case == PLAN else None
+        return ms.expose(photons, self.cameras[case], self._subject.exposure, plan=plan, **options)
 
-    def _nanoseconds(self, engine: str, cases: list[str]) -> dict[str, list[float]]:
-        """Per pixel of each chain behind the detection, turn by turn; on NumPy also of the detection."""
-        whole, shape, light = self.chains.plan.whole, SHAPE[engine], self.chains.light
-        if engine == "numpy":
-            light = replace(light, photons=frames.resized(self.photons, shape))
-            sensor = light.sensor(1)
-            start, frame, chains = light.electrons(whole, sensor), light.first(sensor), self.chains.stages
-            tasks: dict[str, Task] = {case: partial(sample, chains[case][1:], start, frame) for case in cases}
-            tasks[DETECTION] = partial(sample, whole[:1], light.photons, frame)
-        elif self.chains.plan.precision == "float32":  # the same behind every filter: a cube would fill memory
-            mean = frames.resized(Photons(np.asarray(light.electrons(whole, light.sensor(1)).light)), shape).mean
-            filters = len(self._subject.camera.filter_names)
-            detected = Photons(np.repeat(mean[..., None], filters, axis=2), detected=True)
-            light = replace(light, photons=detected, backend=choose_backend(engine, "float32", 0))
-            tasks = {case: frames.Stream(self.chains.stages[case], light).turn for case in cases}
-        else:  # in float64, which a compiled engine has not
-            return {}
-        turns = in_turns(tasks, TURNS[engine])
-        return {name: [1e9 * one_s / math.prod(shape) for one_s in seconds] for name, seconds in turns.items()}
+    def moments(self, case: str) -> Moments:
+        """Moments of every sensor by its laws and in frames; all cases have the same random bits."""
+        predicted, measured, pixels = [], [], []
+        for number in range(SENSORS):
+            asked = {"frames": self.frames, "serial": self._serial + number, "seed": self._seed + number}
+            frames = self.expose(case, self.photons, **asked)
+            law_mean = np.float64(frames.clean[0])
+            law_spatial = (law_mean - frames.spatial_mean) ** 2
+            predicted.append([x.mean(dtype=float) for x in (law_mean, frames.temporal_variance, law_spatial)])
+            measured.append(measured_moments(frames).mean(axis=(1, 2)))
+            pixels.append(law_mean)
+        return Moments(np.array(predicted).T, np.array(measured).T, np.mean(pixels, axis=0))
+
+    def nanoseconds(self) -> dict[str, list[float]]:
+        """Nanoseconds per pixel of every case's frames on NumPy, in each turn."""
+        photons, streams = resized(self.photons, TIMED_SHAPE), {}
+        for case, camera in self.cameras.items():
+            plan = ms.plan(camera, self._subject.exposure, photons, self.tolerance_dn) if case == PLAN else None
+            streams[case] = ms.stream(photons, camera, self._subject.exposure, engine="numpy", frames=2**31, plan=plan)
+        tasks = {case: partial(next, frames) for case, frames in streams.items()}
+        seconds = time_in_turns(tasks, TURNS)
+        return {case: [1e9 * x / math.prod(TIMED_SHAPE) for x in taken] for case, taken in seconds.items()}
+
+
+def reduced_cameras(camera: ms.Camera) -> Iterator[tuple[str, ms.Camera]]:
+    """The whole camera, the camera without each of its noise sources, and that of the plan."""
+    yield WHOLE, camera
+    for stage in camera.stages:
+        try:
+            yield stage.label, camera.without(stage.key())
+        except ms.InputError:  # no noise source: gains, wells and the converter stay
+            continue
+    yield PLAN, camera
 
 
 class SensorResults:
-    """All that was measured about the sensor, compared; turns : ns per pixel.  furthest : with the largest |z|."""
+    """What was measured without each noise source, beside the whole chain.
+
+    changes : by case, of each quantity; of the whole chain its own values.  limit : of |z|, one in 100 studies by
+    chance.
+    """
 
     def __init__(self, ablation: SensorAblation) -> None:
-        self._ablation, kit, names = ablation, ablation.kit, ablation.names
-        self.theory: Values = kit[THEORY]
-        self.looked: Values = kit[EQUAL_BITS]
-        self.changes = {case: [self._compare(case, WHOLE, of) for of in QUANTITIES] for case in names}  # all pixels
-        self.worst = {case: self._compare(case, case, self.theory["cases"][case]["of"]) for case in names[1:]}
-        self.turns: dict[str, Values] = {one: x for one in ablation.engines if (x := kit[f"seconds, {one}"])}
-        every = [*(one for row in self.changes.values() for one in row), *self.worst.values()]
-        self.compared = [one for one in every if one.error_dn > 0]
+        kit = ablation.kit
+        self.verdicts: Values = kit["the plan's verdicts"]
+        self.nanoseconds: Mapping[str, list[float]] = kit["seconds of frames"]
+        moments: dict[str, Moments] = {case: kit[f"frames: {case}"] for case in ablation.cameras}
+        whole = moments[WHOLE]
+        self.changes = {case: compare(one, None if case == WHOLE else whole) for case, one in moments.items()}
+        self.worst_pixel_dn = {
+            case: float(np.abs(one.pixel_dn - whole.pixel_dn).max()) for case, one in moments.items()
+        }
+        self.compared = [one for case in self.changes.values() for one in case if one.error_dn > 0]
         self.limit = z_limit(len(self.compared))
-        self.furthest = max(self.compared, key=lambda one: abs(one.z), default=Comparison(WHOLE, QUANTITIES[0]))
-        self.agree = abs(self.furthest.z) <= self.limit
-        self.left_out = [effect["stage"] for effect in self.theory["plan"] if not effect["kept"]]
+        self.agree = max((abs(one.z) for one in self.compared), default=0.0) <= self.limit
+        self.plan_keeps = self.worst_pixel_dn[PLAN] <= MOVED_BY_CHANCE * ablation.tolerance_dn + LEAST_DN
 
-    def saved(self, engine: str, case: str, share: bool = False) -> Spread:
-        """What leaving out saves, over the turns [ns/pixel], or as a share of the whole chain's time."""
-        pairs = zip(self.turns[engine][WHOLE], self.turns[engine][case], strict=True)
-        return spread((whole - other) / (whole if share else 1.0) for whole, other in pairs)
+    def saved_ns(self, case: str) -> Spread:
+        """Nanoseconds per pixel that leaving out saves."""
+        pairs = zip(self.nanoseconds[WHOLE], self.nanoseconds[case], strict=True)
+        return spread(whole - other for whole, other in pairs)
 
-    def mark(self, compared: Sequence[Comparison]) -> Mark:
-        """Nothing changes; theory and frames disagree; they agree."""
-        if all(one.error_dn == 0 for one in compared):
+    def saved_share(self, case: str) -> Spread:
+        """Share of the whole chain's time that leaving out saves."""
+        pairs = zip(self.nanoseconds[WHOLE], self.nanoseconds[case], strict=True)
+        return spread(1 - other / whole for whole, other in pairs)
+
+    def mark(self, case: str) -> Mark:
+        """Whether nothing changes, laws and frames agree, or not."""
+        changes = self.changes[case]
+        if not any(one.error_dn or one.measured_dn for one in changes):
             return "dim"
-        return "bad" if max(abs(one.z) for one in compared) > self.limit else "good"
+        return "good" if all(abs(one.z) <= self.limit for one in changes) else "bad"
 
-    def _compare(self, case: str, group: str, of: str) -> Comparison:
-        """Variances are compared, because they average; to DN they come by the predicted σ: Δσ = ΔV/(σ + σ′)."""
-        if self._ablation.is_whole(case):
-            return Comparison(case, of)
-        row, kit, whole = QUANTITIES.index(of), self._ablation.kit, self.theory["cases"][WHOLE]["moments"][group]
-        now, before = self.theory["cases"][case]["moments"][group][row], 0.0 if case == WHOLE else whole[row]
-        predicted_dn = now - before if row == 0 else math.sqrt(now) - math.sqrt(before)
-        measured, other = (kit[FRAMES_OF + one][group] for one in (case, WHOLE))
-        found, unseen = measured[row], False
-        if case != WHOLE:
-            found, unseen = found - other[row], np.array_equal(measured[:2], other[:2])
-        error = standard_error(found)
-        if unseen or error == 0:  # the next event may be a whole line of a sensor, which shares a pattern
-            sigma = math.sqrt(sum(whole[1:]))
-            step = 1.0 if row == 0 else 1.0 + 2.0 * sigma  # what a pixel that reads one code more adds
-            error = RARE * step / (len(found) * math.sqrt(self.theory["sizes"][group]))
-        off = float(found.mean()) - (now - before)
-        roots = math.sqrt(now) + math.sqrt(now if case == WHOLE else before)
-        unit = 1.0 if row == 0 else max(roots, math.sqrt(error))  # an unresolved variance has no resolved root
-        z = as_normal(off / error, len(found) - 1)
-        return Comparison(case, of, predicted_dn, predicted_dn + off / unit, error / unit, z)
+
+def compare(moments: Moments, whole: Moments | None) -> tuple[Comparison, ...]:
+    """Changes of mean, temporal σ and spatial σ from the whole chain; of the whole chain itself its values."""
+    predicted, measured = moments.predicted, moments.measured
+    before = [0.0] * 3 if whole is None else [float(values.mean()) for values in whole.predicted]
+    off = measured - predicted - (0.0 if whole is None else whole.measured - whole.predicted)
+    comparisons = []
+    for row in range(3):
+        now = predicted[row].mean()
+        error = standard_error(off[row]) if np.abs(off[row]).max() > LEAST_DN else 0.0
+        mean_off = float(off[row].mean()) if error else 0.0
+        unit, change = 1.0, now - before[row]
+        if row:  # Δσ = ΔV/(σ + σ′); a variance that is not resolved has no root that is
+            change = math.sqrt(max(now, 0.0)) - math.sqrt(max(before[row], 0.0))
+            unit = max(math.sqrt(max(now, 0.0)) + math.sqrt(max(before[row], 0.0)), math.sqrt(error), LEAST_DN)
+        z = as_normal(mean_off / error, SENSORS - 1) if error else 0.0
+        comparisons.append(Comparison(float(change), float(change) + mean_off / unit, error / unit, z))
+    return tuple(comparisons)
+
+
+def sensor_section(results: SensorResults, ablation: SensorAblation) -> Section:
+    """What the sensor shows; it has passed if laws and frames agree and the plan keeps to its tolerance."""
+    parts: tuple[Part, ...] = changes_table(results, ablation), *sensor_bars(results, ablation.tolerance_dn)
+    return Section(tuple(sensor_findings(results, ablation)), results.agree and results.plan_keeps, parts)
+
+
+def sensor_findings(results: SensorResults, ablation: SensorAblation) -> Iterator[str]:
+    """What the plan leaves out, whether laws and frames agree, what is needed and what costs most."""
+    left_out, saved = results.verdicts["left_out"], results.saved_share(PLAN)
+    saves = f"saves {saved.median:.0%} of the sensor's time ({saved.low:.0%} to {saved.high:.0%})"
+    if saved.low <= 0 <= saved.high:
+        saves = f"saves no time that shows ({saved.low:.0%} to {saved.high:.0%})"
+    yield (
+        f"The plan at {ablation.tolerance_dn:g} DN leaves out {len(left_out)} of {len(results.verdicts['stages'])} "
+        f"stages ({', '.join(left_out) or 'none'}), {saves}, and moves no pixel's mean over {SENSORS} cameras by more "
+        f"than {results.worst_pixel_dn[PLAN]:.2g} DN."
+    )
+    if results.compared:
+        furthest = max(abs(one.z) for one in results.compared)
+        verdict = "agree" if results.agree else "do not agree"
+        yield (
+            f"Laws and frames {verdict} in {len(results.compared)} comparisons: the largest |z| is {furthest:.2f}; by "
+            f"chance one above {results.limit:.2f} is found in 1 % of such studies."
+        )
+    sources = [case for case in results.changes if case not in (WHOLE, PLAN)]
+    if sources:
+        needed = max(sources, key=lambda case: largest_change(results.changes[case]))
+        dear = max(sources, key=lambda case: results.saved_share(case).median)
+        yield (
+            f"Most depends on {needed}: without it mean or σ change by {largest_change(results.changes[needed]):.3g} "
+            f"DN; most time goes into {dear}, {results.saved_share(dear).median:.0%} on NumPy."
+        )
+
+
+def largest_change(changes: Sequence[Comparison]) -> float:
+    """The largest predicted change of mean, temporal σ and spatial σ [DN]."""
+    return max(abs(one.predicted_dn) for one in changes)
+
+
+def changes_table(results: SensorResults, ablation: SensorAblation) -> Table:
+    """Changes and seconds of every case."""
+    rows: list[MarkedRow] = []
+    for case, changes in results.changes.items():
+        numbers = [x for one in changes for x in (one.predicted_dn, one.measured_dn, one.error_dn)]
+        z = max(abs(one.z) for one in changes)
+        times = results.saved_ns(case).median, 100 * results.saved_share(case).median
+        reason = results.verdicts["stages"].get(case, "")
+        rows.append((results.mark(case), (case, *numbers, z, results.worst_pixel_dn[case], *times, reason)))
+    headings = " | ".join(f"{name}, predicted [DN] | {name}, measured [DN] | {name}, ± [DN]" for name in QUANTITIES)
+    whole_ns = spread(results.nanoseconds[WHOLE]).median
+    return table(
+        "What changes when a noise source is left out",
+        f"left out | {headings} | largest abs(z) [1] | worst pixel's mean [DN] | saved [ns/pixel] | saved [%] | plan",
+        rows,
+        f"Averages over all pixels; of the whole chain the values, below it their changes. Predicted by the exact law "
+        f"of every pixel; measured on {ablation.frames} frames of each of {SENSORS} sensors, with equal random bits; ± "
+        f"is the standard error from sensor to sensor. Seconds are those of NumPy on "
+        f"{math.prod(TIMED_SHAPE)} pixels, medians of interleaved runs; the whole chain takes {whole_ns:.4g} ns/pixel.",
+    )
+
+
+def sensor_bars(results: SensorResults, tolerance_dn: float) -> Iterator[Bars]:
+    """Changes and seconds of the cases that are not the whole chain."""
+    cases = [case for case in results.changes if case != WHOLE and largest_change(results.changes[case]) > LEAST_DN]
+    if not cases:
+        return
+    series = {
+        name: tuple(abs(results.changes[case][row].predicted_dn) or None for case in cases)
+        for row, name in enumerate(QUANTITIES)
+    }
+    level = (tolerance_dn, f"tolerance {tolerance_dn:g} DN") if tolerance_dn > 0 else None
+    title = "What changes without each noise source"
+    yield Bars(title, "change of mean or σ [DN]", tuple(cases), series, log_x=True, level=level)
+    saved = [results.saved_ns(case) for case in cases]
+    whiskers = {"saved": tuple((one.high - one.low) / 2 for one in saved)}
+    medians = {"saved": tuple(one.median for one in saved)}
+    note = "Whiskers are half the distance of the quartiles."
+    yield Bars("Time saved on NumPy", "saved [ns/pixel]", tuple(cases), medians, whiskers, note=note)

@@ -1,17 +1,22 @@
-"""``study paper``: section 4 of Konnik & Welsh 2014, its tables and figures for Table 1's camera beside the printed."""
+"""Section 4 of Konnik & Welsh 2014: its tables and figures for Table 1's camera, beside the printed ones.
+
+``paper_pages.py`` makes the pages. published : what is printed.  camera : Table 1's, and closed forms of its response.
+light, transfer, pattern, dark : sections of the text in their order.  check : measured numbers beside closed forms."""
 
 from __future__ import annotations
 
 from functools import partial
 
-from ...lab.statistics.families import FAMILIES
-from ..kit import Kit, Step
-from ..page import MarkedRow, Section, Study, study_of, table
+from mitsuba_sensor.lab.statistics.families import FAMILIES
+from mitsuba_sensor.study.kit import Kit, Step
+from mitsuba_sensor.study.page import MarkedRow, Section, Study, study_of, table
+
 from . import dark, light, pattern, transfer
-from .camera import CURVES, FULL, LINEAR, PAIR, Size
+from .camera import CURVES, FULL, LINEAR, PAIR, SMALL, Size
 from .published import DARK_SIGNALS, NOT_TO_BE_MET, TABLE_2
 
 TITLE = "Section 4 of Konnik & Welsh 2014: published and ours"
+__all__ = ["RECORDS", "SMALL", "measure_paper"]
 RECORDS: tuple[type, ...] = (
     light.Sweep,
     transfer.Curve,
@@ -23,7 +28,7 @@ RECORDS: tuple[type, ...] = (
 """Classes that its measurements consist of."""
 
 
-def paper(kit: Kit, size: Size = FULL) -> Study:
+def measure_paper(kit: Kit, size: Size = FULL) -> Study:
     """Measure everything that is not measured yet, and compare it with what is printed and with closed forms."""
     sweeps = {name: f"radiometric, {name}" for name in (LINEAR, PAIR)}
     curves = {name: f"gradient, {name}" for name in CURVES}
@@ -31,21 +36,18 @@ def paper(kit: Kit, size: Size = FULL) -> Study:
         (row, camera): f"F, {row.name}, {row.time_s:g} s, {camera}" for row in TABLE_2 for camera in pattern.CAMERAS
     }
     laws = {law: f"dark, {law.time_s:g} s" for law in DARK_SIGNALS}
-    kit.take(
-        [
-            *(Step(key, 4.0, partial(light.measure, name, size)) for name, key in sweeps.items()),
-            *(Step(key, 14.0, partial(transfer.measure, name, size)) for name, key in curves.items()),
-            Step("PRNU", 4.0, partial(pattern.measure_prnu, size)),
-            *(Step(key, 12.0, partial(pattern.measure_f, *one, size)) for one, key in whiteness.items()),
-            *(Step(key, 2.0, partial(dark.measure, law, size)) for law, key in laws.items()),
-            Step("dark current", 3.0, partial(dark.measure_rate, size)),
-        ]
-    )
+    steps = [Step(key, 4.0, partial(light.measure, name, size), "light") for name, key in sweeps.items()]
+    steps += [Step(key, 14.0, partial(transfer.measure, name, size), "transfer") for name, key in curves.items()]
+    steps += [Step("PRNU", 4.0, partial(pattern.measure_prnu, size), "PRNU")]
+    steps += [Step(key, 12.0, partial(pattern.measure_f, *row, size), "whiteness") for row, key in whiteness.items()]
+    steps += [Step(key, 2.0, partial(dark.measure, law, size), "dark signal") for law, key in laws.items()]
+    steps += [Step("dark current", 3.0, partial(dark.measure_rate, size), "dark current")]
+    kit.take(steps)
     sections = [
         light.section({name: kit[key] for name, key in sweeps.items()}, size),
         transfer.section({name: kit[key] for name, key in curves.items()}),
         pattern.prnu_section(kit["PRNU"], size),
-        pattern.f_section({one: kit[key] for one, key in whiteness.items()}, size),
+        pattern.f_section({row: kit[key] for row, key in whiteness.items()}, size),
         dark.section({law: kit[key] for law, key in laws.items()}, kit["dark current"], size),
         _gaps(),
     ]

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from ... import Camera, Exposure, expose, load_camera
-from ...lab.frames.stack import Stack
-from ..kit import Array
+from mitsuba_sensor import Camera, Exposure, expose, load_camera
+from mitsuba_sensor.lab.frames.stack import Stack
+from mitsuba_sensor.study.kit import Array
 
 FULL_WELL_E, CODES, EFFICIENCY = 33_000.0, 4096.0, 0.60  # Table 1
 PRNU, COLUMN_DN = 0.005, 0.001 * CODES  # Table 1: 0.5 % and 0.10 % of a full well
@@ -52,6 +52,7 @@ class Size:
 
 
 FULL = Size()
+SMALL = Size(window=160, gradient=(96, 950), other_rows=64, frames=32, dark_frames=32, chips=12)
 
 
 def table1(**changes: Any) -> Camera:

@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from ...lab.quantity import Quantity
-from ..page import Table, table
+from mitsuba_sensor.lab.quantity import Quantity
+from mitsuba_sensor.study.page import Table, table
 
 WIDER = 2.5
 """Half widths of a 95 % interval that a number may be off, 4.9 standard errors: chance exceeds it once in a million."""

@@ -7,9 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...lab.measure.photon_transfer import PhotonTransfer, photon_transfer_of_scene
-from ..kit import Array
-from ..page import Drawing, Line, Part, Plot, Section, table
+from mitsuba_sensor.lab.measure.photon_transfer import PhotonTransfer, photon_transfer_of_scene
+from mitsuba_sensor.study.kit import Array
+from mitsuba_sensor.study.page import Drawing, Line, Part, Plot, Section, table
+
 from .camera import (
     CURVES,
     DARK_E_PER_S,

@@ -13,21 +13,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import paper_pages
 import pytest
 from helpers.study_pages import faults, through_files
-from typer.testing import CliRunner
+from paper import RECORDS, camera, dark, measure_paper, pattern, transfer
+from paper.camera import FULL, GAIN, RESPONSES, SMALL, Response
+from paper.check import Check, c4
+from paper.published import DARK_SIGNALS, TABLE_2
 
-from mitsuba_sensor.cli import app
 from mitsuba_sensor.cli.study_sheet import height, study_sheet
-from mitsuba_sensor.study import paper as package
 from mitsuba_sensor.study.kit import Kit
 from mitsuba_sensor.study.page import Drawing, Line, Plot, Section, Study, Table, study_of
-from mitsuba_sensor.study.paper import camera, dark, pattern, transfer
-from mitsuba_sensor.study.paper.camera import FULL, GAIN, RESPONSES, Response, Size
-from mitsuba_sensor.study.paper.check import Check, c4
-from mitsuba_sensor.study.paper.published import DARK_SIGNALS, TABLE_2
 
-SMALL = Size(window=160, gradient=(96, 950), other_rows=64, frames=32, dark_frames=32, chips=12)
 WELL = 33_000.0
 
 
@@ -38,7 +35,7 @@ def kit() -> Kit:
 
 @pytest.fixture(scope="module")
 def study(kit: Kit) -> Study:
-    return package.paper(kit, SMALL)
+    return measure_paper(kit, SMALL)
 
 
 def table(study: Study, title: str) -> Table:
@@ -221,8 +218,8 @@ def test_the_terminal_shows_40_lines_at_most(study: Study) -> None:
 
 def test_nothing_is_measured_twice(kit: Kit, study: Study, tmp_path: Path) -> None:
     """From measurements as files have them comes the same study."""
-    again = Kit(through_files(kit.known, package.RECORDS, tmp_path))
-    same = package.paper(again, SMALL)
+    again = Kit(through_files(kit.known, RECORDS, tmp_path))
+    same = measure_paper(again, SMALL)
     assert same.findings == study.findings and again.new == 0
     assert json.dumps(same.to_dict()) == json.dumps(study.to_dict())
 
@@ -233,9 +230,9 @@ def test_the_command_writes_every_picture(monkeypatch: pytest.MonkeyPatch, tmp_p
         plots = tuple(Plot(f"plot {k}", "x [s]", "y [DN]", (Line("a", (1.0, 2.0), (1.0, 2.0)),)) for k in range(3))
         return study_of("paper", "title", [Section(("found",), True, plots)])
 
-    monkeypatch.setattr(package, "paper", short)
+    monkeypatch.setattr(paper_pages, "measure_paper", lambda kit, size: short(kit))
     for _ in range(2):
-        done = CliRunner().invoke(app, ["study", "paper", "-o", str(tmp_path / "out"), "--json"])
-        assert done.exit_code == 0 and json.loads(done.stdout)["passed"], done.output
+        assert paper_pages.main(["-o", str(tmp_path / "out")]) == 0
+    assert json.loads((tmp_path / "out" / "study.json").read_text(encoding="utf-8"))["passed"]
     left = {"study.html", "study.json", "measurements", "paper.png", "paper-2.png", "paper-3.png"}
     assert {path.name for path in (tmp_path / "out").iterdir()} == left

@@ -6,10 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...lab.frames.series import series
-from ...lab.measure.radiometric import Radiometric, radiometric
-from ..kit import Array
-from ..page import Line, Plot, Section, Table, line, table
+from mitsuba_sensor.lab.frames.series import series
+from mitsuba_sensor.lab.measure.radiometric import Radiometric, radiometric
+from mitsuba_sensor.study.kit import Array
+from mitsuba_sensor.study.page import Line, Plot, Section, Table, line, table
+
 from .camera import (
     COLUMN_DN,
     CURVES,

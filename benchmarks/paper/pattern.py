@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import scipy
 
-from ...lab.measure.nonuniformity import Nonuniformity, nonuniformity
-from ...lab.measure.spectrogram import Spectrogram, spectrograms
-from ..page import Drawing, Section, Table, table
+from mitsuba_sensor.lab.measure.nonuniformity import Nonuniformity, nonuniformity
+from mitsuba_sensor.lab.measure.spectrogram import Spectrogram, spectrograms
+from mitsuba_sensor.study.page import Drawing, Section, Table, table
+
 from .camera import (
     COLUMN_DN,
     DARK_E_PER_S,

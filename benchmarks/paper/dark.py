@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ... import Camera
-from ...lab.measure.dark_current import DarkCurrentOverTime, dark_current
-from ...lab.measure.dark_signal import DarkSignal, Fit, dark_signal
-from ...lab.quantity import Quantity
-from ...lab.statistics.families import FAMILIES
-from ...lab.statistics.mixture import Mixture
-from ..page import Drawing, Part, Section, Table, table
+from mitsuba_sensor import Camera
+from mitsuba_sensor.lab.measure.dark_current import DarkCurrentOverTime, dark_current
+from mitsuba_sensor.lab.measure.dark_signal import DarkSignal, Fit, dark_signal
+from mitsuba_sensor.lab.quantity import Quantity
+from mitsuba_sensor.lab.statistics.families import FAMILIES
+from mitsuba_sensor.lab.statistics.mixture import Mixture
+from mitsuba_sensor.study.page import Drawing, Part, Section, Table, table
+
 from .camera import DARK_E_PER_S, FULL_WELL_E, GAIN, KELVIN, NO_COLUMNS, READ_E, Size, stack_of, table1
 from .check import WIDER, Check, all_hold, check_table, within_interval
 from .pattern import DARK_CV, ROUNDING_E2
