@@ -55,8 +55,7 @@ def main() -> None:
 def studied(name: str, arguments: tuple[str, ...], folder: Path) -> list[str]:
     """One study in Markdown; its picture is copied into the folder, of the paper's every picture."""
     program = STUDY if arguments else PAPER
-    words = ("mitsuba-sensor", "study", *arguments) if arguments else ("python", *PAPER)
-    command = shlex.join(words)
+    command = shlex.join(("mitsuba-sensor", "study", *arguments) if arguments else ("python", *PAPER))
     print(command, flush=True)
     work = (folder / "work" / name).resolve()
     done = subprocess.run([sys.executable, *program, *arguments, "-o", str(work)], cwd=ROOT, stdout=subprocess.DEVNULL)

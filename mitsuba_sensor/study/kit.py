@@ -100,7 +100,7 @@ class Pace:
 class Kit:
     """Measures what is not measured yet, and forecasts how long the rest takes.
 
-    known : (value, seconds that it took) by key; as files (io/measurements.py), they let a stopped study go on.
+    known : (value, seconds that it took) by key; as files (output/measurements.py), they let a stopped study go on.
     progress : told the forecast before each step.  clock : in seconds.  new : steps that were measured here.
     """
 
