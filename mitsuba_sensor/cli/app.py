@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterable
 from typing import Annotated, Any, NamedTuple
 
 import typer
+from rich.console import Console, ConsoleOptions, RenderableType
 from rich.markup import escape
+from rich.segment import Segment
 from typer.core import TyperGroup
 
 import mitsuba_sensor as ms
@@ -22,7 +25,21 @@ from ..sensor.camera_file import toml_value
 from ..sensor.metering import Metering
 from . import options
 from .options import Flag, Flags
-from .printable_console import PrintableConsole
+
+
+class PrintableConsole(Console):
+    """A console whose styles are our own: control characters in the texts themselves are escaped."""
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        """Pieces of text with a style; those of a progress bar that move the cursor stay as they are."""
+        for text, style, control in super().render(renderable, options):
+            yield Segment(text if control else printable(text, keep="\n"), style, control)
+
+    def on_broken_pipe(self) -> None:
+        """Nobody reads any more."""
+        silence_output()
+        raise SystemExit(BROKEN_PIPE)
+
 
 NO_SCENE = SceneSettings()
 out, err = PrintableConsole(), PrintableConsole(stderr=True)

@@ -18,8 +18,8 @@ from ..core.llvm import backend_problem
 from ..core.types import Float32Array
 from ..kept_sensor import Sensor
 from ..optics.spectra import srgb_curve
+from ..output.demosaic import demosaic
 from ..output.frames import Frames
-from ..output.preview import demosaic
 from ..sensor.camera import Camera
 from ..sensor.camera_file import load_camera
 from ..sensor.stage import converter_of

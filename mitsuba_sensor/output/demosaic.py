@@ -1,4 +1,4 @@
-"""Demosaicing of a Bayer pattern by directional filters.
+"""Demosaicing: of a Bayer pattern by directional filters, of others by bilinear means.
 
 Menon, Andriani and Calvagno 2007, doi:10.1109/TIP.2006.884928:
 
@@ -18,6 +18,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from ..sensor.camera import Camera
+
 Picture: TypeAlias = NDArray[np.float64]
 Mask: TypeAlias = NDArray[np.bool_]
 
@@ -27,6 +29,8 @@ BOTH_SIDES, THREE = [0.5, 0.0, 0.5], [1 / 3, 1 / 3, 1 / 3]
 AROUND = np.array(
     [[0, 0, 1, 0, 1], [0, 0, 0, 1, 0], [0, 0, 3, 0, 3], [0, 0, 0, 1, 0], [0, 0, 1, 0, 1]], float
 )  # weights of the changes along a row about a pixel: its own row counts three times
+NEAR, CORNER = 2.0, 1.0  # bilinear weights of the four neighbours beside and across
+BAYER = 2  # rows and columns of a tile of two greens, and of the smallest picture that has one
 
 
 def demosaic_bayer(mosaic: Picture, red: Mask, blue: Mask) -> Picture:
@@ -76,3 +80,40 @@ def _choose(is_row: Mask, picture: Picture, weights: list[float]) -> Picture:
 
 def _weighted(picture: Picture, weights: list[float], axis: int) -> Picture:
     return np.asarray(scipy.ndimage.convolve1d(picture, weights, axis=axis, mode="mirror"))
+
+
+def demosaic(mosaic: NDArray[np.float64], filters: NDArray[np.integer], camera: Camera) -> NDArray[np.float64]:
+    """(H, W) values and filter numbers → (H, W, F): by Menon, Andriani and Calvagno 2007 behind a Bayer pattern (the
+    edges that it follows stay without colour), else by bilinear means."""
+    names = "".join(camera.filter_names[number][:1].upper() for number in filters[:BAYER, :BAYER].ravel())
+    if (
+        sorted(names) != ["B", "G", "G", "R"]
+        or len(camera.filter_names) != 3
+        or np.shape(camera.tile) != (BAYER, BAYER)
+    ):
+        return bilinear(mosaic, filters, len(camera.filter_names))
+    order = [name[:1].upper() for name in camera.filter_names]
+    red, blue = (filters == order.index(name) for name in "RB")
+    return demosaic_bayer(mosaic, red, blue)[..., ["RGB".index(name) for name in order]]
+
+
+def bilinear(mosaic: NDArray[np.float64], filters: NDArray[np.integer], count: int) -> NDArray[np.float64]:
+    """Every pixel keeps what it measured and takes the weighted mean of its neighbours for the rest.
+
+    mosaic, filters : (H, W), value and filter number of each pixel; count : F, how many filters → (H, W, F).
+    """
+    planes = []
+    for own in (filters == index for index in range(count)):
+        weight = _spread(own.astype(float))
+        mean = np.divide(_spread(np.where(own, mosaic, 0.0)), weight, out=np.zeros_like(mosaic), where=weight > 0)
+        planes.append(np.where(own, mosaic, mean))
+    return np.stack(planes, axis=-1)
+
+
+def _spread(image: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Sum over the eight neighbours with the bilinear weights, zero outside the image."""
+    padded, total, (height, width) = np.pad(image, 1), np.zeros_like(image), image.shape
+    for down, right in np.ndindex(3, 3):
+        weight = (0.0, NEAR, CORNER)[abs(down - 1) + abs(right - 1)]
+        total += weight * padded[down : down + height, right : right + width]
+    return total

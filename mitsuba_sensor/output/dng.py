@@ -10,23 +10,23 @@ import struct
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
-from ..core import InputError
+from ..core import Exposure, Float64Array, InputError
 from ..files.appearing import appearing
 from ..files.texts import to_json
 from ..files.tiff import CFA_COLOURS, TIFF_BYTE, TIFF_LONG, TIFF_SHORT, TiffTag, cfa_tags, write_pages
+from ..optics import spectra
+from ..render.light.photons import photons_per_irradiance
 from ..sensor.camera import Camera
-from ..sensor.colour_matrix import colour_matrix, colour_order
+from ..sensor.colour_matrix import STEP_NM, colour_matrix, colour_order, standard_light
 from ..sensor.figures import QUANTISATION_DN2, figures_if_any
-from ..sensor.metering import saturation_dn
+from ..sensor.metering import saturation_dn, saturation_e
 from ..sensor.stage import converter_of
-from .dng_colours import calibrations
 from .dng_lens import lens_corrections
 from .frame_files import image_facts
-from .iso_speed import iso_speed
 
 if TYPE_CHECKING:
     from ..sensor.frames import RawFrames
@@ -43,6 +43,9 @@ PADDING = 2  # pixels at each edge that a developer needs to interpolate colours
 BAYER = (2, 2)  # the only tile of filters, of those that cameras here can have, that LibRaw reads
 BEYOND_SHORT = 65535  # an ISO speed that stands in RecommendedExposureIndex instead (Exif 2.3)
 INSTEAD = "leave dng out: frame.tiff (ms.write_tiff) holds every code"
+SATURATION_LX_S = 78.0
+"""ISO 12232: a speed by saturation is this over the exposure at the focal plane that saturates."""
+LIGHT_SOURCES = {"A": 17, "D65": 21}  # CIE illuminant → LightSource of Exif, in the order of the tags
 
 
 def check_dng(camera: Camera, shape: tuple[int, ...]) -> None:
@@ -207,3 +210,51 @@ def _directory(tags: Sequence[Tag], place: int) -> bytes:
         entries += struct.pack("<HHI4s", code, kind, count, inside)
         behind += content if len(content) > 4 else b""
     return entries + bytes(4) + behind
+
+
+def iso_speed(camera: Camera) -> float | None:
+    """S_sat = 78 lx·s/H_sat: H_sat of CIE D65 makes the most sensitive of the camera's pixels saturate.
+
+    The number of the camera's gain setting where that is an ISO number. Raises InputError where darkness is at the
+    highest code.
+    """
+    number = next((one.iso for one in camera.gains if one.label == camera.gain), None)
+    if number is not None:
+        return float(number)
+    middles, power = standard_light(camera, spectra.DAYLIGHT)
+    bands = photons_per_irradiance(camera, Exposure(1.0), middles, np.full(middles.size, STEP_NM))
+    electrons_per_lx_s = camera.qe(middles) @ (bands * power) / spectra.luminous(middles, power)
+    return float(SATURATION_LX_S * electrons_per_lx_s.max() / saturation_e(camera)) or None
+
+
+class Calibration(NamedTuple):
+    """What a DNG says of a camera under one illuminant; DNG 1.4, chapter 6.
+
+    light_source : the illuminant, a LightSource of Exif.
+    to_raw : (3, 3) ColorMatrix, from XYZ to raw red, green and blue; of white the largest is 1 where Y is 1.
+    to_xyz : (3, 3) ForwardMatrix, from balanced red, green and blue to XYZ adapted to D50.
+    """
+
+    light_source: int
+    to_raw: Float64Array
+    to_xyz: Float64Array
+
+
+def calibrations(camera: Camera) -> tuple[Calibration, ...]:
+    """Of a camera with filters red, green and blue, under each illuminant that all of them detect; the others none."""
+    return tuple(one for name in LIGHT_SOURCES if (one := _calibration(camera, name)) is not None)
+
+
+def _calibration(camera: Camera, name: str) -> Calibration | None:
+    """The matrix of the preview (see colour_matrix.py) under this illuminant, in the terms of DNG, whose readers adapt
+    colours by the linear Bradford method."""
+    light, order = standard_light(camera, name), colour_order(camera.filter_names)
+    found = colour_matrix(camera, light)
+    if found is None or order is None or found.illuminant != "scene":
+        return None
+    srgb_to_d50 = spectra.bradford(spectra.daylight_xyz(), spectra.d50_xyz()) @ np.linalg.inv(spectra.xyz_to_srgb())
+    to_xyz = srgb_to_d50 @ found.to_srgb[:, order]
+    white = spectra.observer(light.wavelengths_nm) @ light.power
+    from_d50 = spectra.bradford(spectra.d50_xyz(), white / white[1])
+    to_raw = np.linalg.inv(from_d50 @ to_xyz * found.white_balance[order])
+    return Calibration(LIGHT_SOURCES[name], np.asarray(to_raw, np.float64), to_xyz)

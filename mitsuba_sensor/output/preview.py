@@ -13,12 +13,10 @@ from ..optics.spectra import srgb_curve
 from ..sensor.camera import Camera
 from ..sensor.colour_matrix import ColourMatrix, colour_matrix, colour_order
 from ..sensor.stage import converter_of
-from .demosaic import demosaic_bayer
+from .demosaic import demosaic
 
-NEAR, CORNER = 2.0, 1.0  # bilinear weights of the four neighbours beside and across
 PIXELS_AT_ONCE = 2**17  # of a frame that is developed: some twenty float64 maps of them
 HALO_ROWS = 16  # beyond them no pixel matters: demosaicing looks at fewer than ten, edges refined
-BAYER = 2  # rows and columns of a tile of two greens, and of the smallest picture that has one
 
 
 def preview(
@@ -66,40 +64,3 @@ def _developed(
         linear = balanced @ colours.to_srgb.T
         linear[(balanced[..., colour_order(camera.filter_names)] >= 1).all(axis=-1)] = 1.0  # saturation is white
     return np.rint(255.0 * srgb_curve(np.clip(gain * linear, 0.0, 1.0))).astype(np.uint8)
-
-
-def demosaic(mosaic: NDArray[np.float64], filters: NDArray[np.integer], camera: Camera) -> NDArray[np.float64]:
-    """(H, W) values and filter numbers → (H, W, F): by Menon, Andriani and Calvagno 2007 behind a Bayer pattern (the
-    edges that it follows stay without colour), else by bilinear means."""
-    names = "".join(camera.filter_names[number][:1].upper() for number in filters[:BAYER, :BAYER].ravel())
-    if (
-        sorted(names) != ["B", "G", "G", "R"]
-        or len(camera.filter_names) != 3
-        or np.shape(camera.tile) != (BAYER, BAYER)
-    ):
-        return bilinear(mosaic, filters, len(camera.filter_names))
-    order = [name[:1].upper() for name in camera.filter_names]
-    red, blue = (filters == order.index(name) for name in "RB")
-    return demosaic_bayer(mosaic, red, blue)[..., ["RGB".index(name) for name in order]]
-
-
-def bilinear(mosaic: NDArray[np.float64], filters: NDArray[np.integer], count: int) -> NDArray[np.float64]:
-    """Every pixel keeps what it measured and takes the weighted mean of its neighbours for the rest.
-
-    mosaic, filters : (H, W), value and filter number of each pixel; count : F, how many filters → (H, W, F).
-    """
-    planes = []
-    for own in (filters == index for index in range(count)):
-        weight = _spread(own.astype(float))
-        mean = np.divide(_spread(np.where(own, mosaic, 0.0)), weight, out=np.zeros_like(mosaic), where=weight > 0)
-        planes.append(np.where(own, mosaic, mean))
-    return np.stack(planes, axis=-1)
-
-
-def _spread(image: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Sum over the eight neighbours with the bilinear weights, zero outside the image."""
-    padded, total, (height, width) = np.pad(image, 1), np.zeros_like(image), image.shape
-    for down, right in np.ndindex(3, 3):
-        weight = (0.0, NEAR, CORNER)[abs(down - 1) + abs(right - 1)]
-        total += weight * padded[down : down + height, right : right + width]
-    return total

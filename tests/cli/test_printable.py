@@ -93,7 +93,7 @@ def test_names_in_a_camera_file_do_not_reach_the_terminal_raw(
 
 
 def test_our_own_styles_and_the_cursor_of_progress_bars_stay(monkeypatch: pytest.MonkeyPatch) -> None:
-    from mitsuba_sensor.cli.printable_console import PrintableConsole
+    from mitsuba_sensor.cli.app import PrintableConsole
 
     console = PrintableConsole(force_terminal=True, width=60, color_system="standard")
     with console.capture() as taken:

@@ -20,7 +20,7 @@ from scipy import constants
 import mitsuba_sensor as ms
 from mitsuba_sensor.files.raw_files import dng_tags, read_raw
 from mitsuba_sensor.output import dng
-from mitsuba_sensor.output.dng_colours import calibrations
+from mitsuba_sensor.output.dng import calibrations
 from mitsuba_sensor.output.importers.import_camera import import_camera
 from mitsuba_sensor.render.scene.scene import Scene
 

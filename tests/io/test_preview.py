@@ -8,8 +8,8 @@ from colour_demosaicing import demosaicing_CFA_Bayer_Menon2007, masks_CFA_Bayer
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.optics.spectra import srgb_curve
-from mitsuba_sensor.output.demosaic import demosaic_bayer
-from mitsuba_sensor.output.preview import bilinear, demosaic, preview
+from mitsuba_sensor.output.demosaic import bilinear, demosaic, demosaic_bayer
+from mitsuba_sensor.output.preview import preview
 from mitsuba_sensor.sensor.chain import black_level_dn
 
 MONO = ms.load_camera("konnik_table1")
