@@ -3,7 +3,7 @@
 import io
 import sys
 
-from .core.stopping import stop_at_signals
+from .stopping import stop_at_signals
 
 
 def main() -> None:

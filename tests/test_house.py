@@ -19,6 +19,7 @@ PACKAGE = Path(mitsuba_sensor.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
 ORDER = (
+    ("stopping",),
     ("core",),
     ("files", "optics"),
     ("sensor",),

@@ -14,7 +14,8 @@ from typer.core import TyperGroup
 
 import mitsuba_sensor as ms
 
-from ..core import DiskFull, InputError, SensorWarning, first_given, stopping
+from .. import stopping
+from ..core import DiskFull, InputError, SensorWarning, first_given
 from ..core.printable import printable
 from ..files import texts
 from ..files.output_pipe import BROKEN_PIPE, silence_output

@@ -14,7 +14,6 @@ import mitsuba_sensor as ms
 from ..capture_options import CaptureOptions, LightOptions, refuse_render_options
 from ..core import InputError, first_given, require
 from ..core.options import complete
-from ..core.stopping import undone_if_stopped
 from ..files import npz
 from ..files.appearing import output_folder, refuse_empty
 from ..output import exr
@@ -22,6 +21,7 @@ from ..output.frame_files import CAPTURE_FILES, FRAME_FILES
 from ..render.options import RawLightOptions, RenderOptions, SceneOptions, UnitOptions
 from ..sensor.gains import gain_dn_per_e
 from ..sensor.metering import Metering
+from ..stopping import undone_if_stopped
 from . import arguments, options, terminal
 from .app import CHECKS, PICTURES, THINGS, app, camera_and_exposure, err, other_flags, render_input, settings_of, show
 from .options import number

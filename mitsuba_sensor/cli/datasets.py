@@ -14,7 +14,6 @@ from rich.console import Group, RenderableType
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
-from ..core.stopping import remark_if_stopped, undone_if_stopped
 from ..dataset.engine import usual_workers
 from ..dataset.faults import Fault
 from ..dataset.forecast import Counts, Forecast, counts_of, forecast
@@ -24,6 +23,7 @@ from ..dataset.planned import DatasetPlan, load_plan
 from ..dataset.record import INDEX
 from ..dataset.repair import discard, holdings, store_of, verify
 from ..dataset.run import RunProgress, Show, run
+from ..stopping import remark_if_stopped, undone_if_stopped
 from . import arguments, options
 from .app import THINGS, app, err, show
 from .completion import one_of, shell_files

@@ -12,10 +12,10 @@ import typer
 
 from ..core import first_given
 from ..core.options import complete, part_of
-from ..core.stopping import remark_if_stopped
 from ..output.measurements import Measurements
 from ..render.options import SceneOptions
 from ..sensor.metering import Metering
+from ..stopping import remark_if_stopped
 from . import arguments, options
 from .app import CHECKS, RenderInput, app, err, out, render_input, show
 from .options import AblationFlags, Flag, Flags, StudyFlags, WorkPrecisionFlags

@@ -17,10 +17,10 @@ from functools import partial
 from pathlib import Path
 
 from ..core import DiskFull, InputError
-from ..core.stopping import undone_if_stopped, whole_step
 from ..files import durable
 from ..files.appearing import write_drawing
 from ..files.disk_errors import disk_sentences, is_full, names_in
+from ..stopping import undone_if_stopped, whole_step
 from . import faults
 from .faults import Fault
 from .keys import Config, Facts

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..core import DiskFull, InputError
-from ..core.stopping import whole_step
 from ..files.worker_log import fatal_tries, forget, last_said, log_of, logged, note_death
+from ..stopping import whole_step
 from .planned import PlannedSample, PlannedView
 from .store import Store
 

@@ -10,7 +10,7 @@ from contextlib import suppress
 from multiprocessing import connection
 from multiprocessing.connection import Connection
 
-from ..core.stopping import undo_when_terminated
+from ..stopping import undo_when_terminated
 from .task import Outcome, TaskLimits, run_task
 
 

@@ -14,7 +14,7 @@ from multiprocessing.context import SpawnProcess
 from typing import NamedTuple
 
 from ..core import InputError
-from ..core.stopping import signals_held, undone_if_stopped, whole_step
+from ..stopping import signals_held, undone_if_stopped, whole_step
 from .keys import Facts
 from .planned import PlannedView
 from .store import Store

@@ -15,7 +15,7 @@ from functools import partial
 from pathlib import Path
 
 from ..core import InputError
-from ..core.stopping import note_written, undone_if_stopped, whole_step
+from ..stopping import note_written, undone_if_stopped, whole_step
 from .disk_errors import disk_sentences, names_in
 
 

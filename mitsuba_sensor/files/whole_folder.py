@@ -15,7 +15,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from ..core import InputError
-from ..core.stopping import note_written, undone_if_stopped, whole_step
+from ..stopping import note_written, undone_if_stopped, whole_step
 from . import durable
 from .appearing import refuse_empty, require_folder
 from .disk_errors import disk_sentences, names_in

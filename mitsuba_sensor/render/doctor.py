@@ -14,8 +14,8 @@ from importlib import resources
 from typing import Any, TypeAlias
 
 from ..core.llvm import INSTALL, find_llvm
-from ..core.stopping import undone_if_stopped
 from ..core.versions import versions
+from ..stopping import undone_if_stopped
 from .variants import VARIANTS
 
 SLOW = "scalar_spectral"

@@ -16,7 +16,7 @@ from helpers.datasets import SCENES
 from helpers.marks import exhaustive
 from helpers.waiting import WAIT_S, wait_until
 
-from mitsuba_sensor.core import stopping
+from mitsuba_sensor import stopping
 
 PROGRAM = [sys.executable, "-m", "mitsuba_sensor"]
 NOTHING_YET = "stopped; 0 samples are complete; the same command goes on from there"
@@ -119,7 +119,7 @@ def test_a_signal_that_the_caller_ignores_stays_ignored(prepare: str) -> None:
     code = (
         "import os, signal, time\n"
         "signal.signal(signal.SIGINT, signal.SIG_IGN)\n"
-        f"from mitsuba_sensor.core.stopping import {prepare}\n"
+        f"from mitsuba_sensor.stopping import {prepare}\n"
         f"{prepare}(); os.kill(os.getpid(), signal.SIGINT); time.sleep(0.3); print('alive')\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
@@ -130,7 +130,7 @@ def test_what_another_thread_writes_while_the_program_stops_is_removed_too(tmp_p
     """A thread that fills the scratch folder as fast as it can; it ends with the process."""
     code = (
         "import os, signal, sys, threading\nfrom pathlib import Path\n"
-        "from mitsuba_sensor.core.stopping import stop_at_signals\n"
+        "from mitsuba_sensor.stopping import stop_at_signals\n"
         "stop_at_signals()\n"
         "from mitsuba_sensor.files.appearing import output_folder\n"
         "with output_folder(Path(sys.argv[1]), ['a']) as scratch:\n"

@@ -10,9 +10,9 @@ from contextlib import suppress
 import psutil
 
 from helpers.waiting import wait_until
-from mitsuba_sensor.core.stopping import whole_step
 from mitsuba_sensor.dataset.planned import PlannedSample, PlannedView
 from mitsuba_sensor.dataset.store import Store
+from mitsuba_sensor.stopping import whole_step
 
 
 def make_text(

@@ -3,6 +3,8 @@
 Mitsuba catches Ctrl-C itself while it renders, and Python runs no handler of its own before a kernel ends. Therefore
 the program blocks these signals in all threads, and a thread of its own waits for them: it undoes what is not finished,
 says one sentence, and ends the process. A program that only imports the package keeps its own handlers.
+
+This module stands beside core/, which imports NumPy: threads that NumPy begins before would not block the signals.
 """
 
 import os
