@@ -74,6 +74,7 @@ def test_no_script_has_the_name_of_a_package(folder: Path) -> None:
 TINY = ("--mpx", "0.01", "--content", "ramp", "--turns", "1")
 
 
+@pytest.mark.exhaustive
 def test_every_case_has_a_speed_and_a_ratio_and_parts_are_timed_against_the_whole() -> None:
     arguments = "--electrons 1 1000 --engines numpy drjit --parts cases single short conversion rng"
     speed = run("backend_speed.py", *TINY, *arguments.split())
@@ -93,12 +94,14 @@ def test_every_case_has_a_speed_and_a_ratio_and_parts_are_timed_against_the_whol
             assert_speeds(found, "frame")
 
 
+@pytest.mark.exhaustive
 def test_float32_is_compared_with_float64_for_every_option() -> None:
     rows = run("precision.py", "--pixels", "2000", "--bits", "12")["rows"]
     assert len(rows) == 17 and {row["plan"] for row in rows} <= {"float32", "float64"}
     assert all(0 <= row["share_of_pixels"] < 0.01 and row["largest_dn"] <= 1 for row in rows)
 
 
+@pytest.mark.exhaustive
 def test_first_and_changed_frames_are_timed_in_new_processes() -> None:
     arguments = "--electrons 1000 --engines drjit --parts first changed"
     speed = run("backend_speed.py", *TINY, *arguments.split())
@@ -113,6 +116,7 @@ def test_first_and_changed_frames_are_timed_in_new_processes() -> None:
         assert row["compiled_kernels"] == 0, f"another {name} compiled {row['compiled_kernels']} kernels"
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("peer", ["pyxel", "galsim", "getframes"])
 def test_a_peer_agrees_or_says_how_to_install_it(peer: str) -> None:
     result = run("peers.py", "--peers", peer, "--mpx", "0.01", "--turns", "1", "--engines", "numpy")
@@ -124,6 +128,7 @@ def test_a_peer_agrees_or_says_how_to_install_it(peer: str) -> None:
     assert_speeds(found["rows"][0]["speeds"], peer, "numpy")
 
 
+@pytest.mark.exhaustive
 @pytest.mark.skipif(not Path("/proc/self/clear_refs").exists(), reason="resident memory is read from Linux's /proc")
 def test_streams_have_a_speed_and_a_resident_memory() -> None:
     arguments = "--shape 60 80 --frames 8 --peak-mpx 0.1 --runs 1 --engines numpy"
@@ -135,6 +140,7 @@ def test_streams_have_a_speed_and_a_resident_memory() -> None:
     assert math.isfinite(result["peak"]["numpy"]["peak_mib"])
 
 
+@pytest.mark.exhaustive
 def test_the_first_command_is_timed() -> None:
     variants = run("first_command.py", "--runs", "0", "--width", "12")["variants"]
     assert "error" not in variants["scalar_spectral"]
@@ -142,17 +148,20 @@ def test_the_first_command_is_timed() -> None:
         assert "error" in found or all(math.isfinite(x) and x > 0 for x in found.values())
 
 
+@pytest.mark.exhaustive
 def test_lenses_are_timed_against_the_thin_lens() -> None:
     if problem := backend_problem("llvm"):
         pytest.skip(problem)
     assert_speeds(run("lens_cost.py", "--quick")["lenses"], "thin_lens", "distortion", "double_gauss", "dispersion")
 
 
+@pytest.mark.exhaustive
 def test_coverage_of_the_error_bars_is_a_share_of_the_pixels() -> None:
     for row in run("error_bar_coverage.py", "--quick"):
         assert 0 <= row["z1"] <= row["z2"] <= 1, row
 
 
+@pytest.mark.exhaustive
 def test_the_memory_of_a_render_is_measured_in_a_process_of_its_own() -> None:
     (found,) = run("render_memory.py", "--quick").values()
     assert 100 < found["peak_mib"] < 2000 and found["seconds"] > 0 and 0.1 < found["written_mib"] < 10
@@ -164,6 +173,7 @@ def assert_positive(tree: Any) -> None:
         assert math.isfinite(number) and number > 0, f"{path} is {number}"
 
 
+@pytest.mark.exhaustive
 def test_passes_of_every_sampler_and_size_have_a_cost() -> None:
     rows = run("render_passes.py", "--quick")["rows"]
     assert {(row["sampler"], row["samples"]) for row in rows} == {
@@ -172,10 +182,12 @@ def test_passes_of_every_sampler_and_size_have_a_cost() -> None:
     assert_positive(rows)
 
 
+@pytest.mark.exhaustive
 def test_a_cube_is_timed_against_plain_mitsuba_at_equal_error() -> None:
     assert_positive(run("render_speed.py", "--quick")["cornell_box"])
 
 
+@pytest.mark.exhaustive
 def test_a_render_is_timed_against_plain_mitsuba_in_one_process_and_in_new_ones() -> None:
     arguments = "--variants scalar_spectral --spp 16 --size 8 --turns 1 --processes 0"
     (found,) = run("render_cost.py", *arguments.split()).values()
@@ -183,6 +195,7 @@ def test_a_render_is_timed_against_plain_mitsuba_in_one_process_and_in_new_ones(
     assert {"plain 1 band", "ours 1 band", "ours channels", "ours 30 bands"} <= set(found["warm"])
 
 
+@pytest.mark.exhaustive
 def test_compensated_frames_are_timed_and_held_against_poissons_law() -> None:
     found = run("compensated_frames.py", "--quick")
     assert_positive(found["time"])
@@ -199,6 +212,7 @@ def test_cases_of_plans_are_cameras_that_exist() -> None:
     assert len({draw(number).scene for number in range(300)}) == 7
 
 
+@pytest.mark.exhaustive
 def test_plans_of_random_cameras_are_compared_and_continued(tmp_path: Path) -> None:
     """One case, then the same one from the file and a second."""
     file = str(tmp_path / "plans.jsonl")
@@ -209,6 +223,7 @@ def test_plans_of_random_cameras_are_compared_and_continued(tmp_path: Path) -> N
     assert more["cases"] == len(Path(file).read_text(encoding="utf-8").splitlines()) == 2
 
 
+@pytest.mark.exhaustive
 def test_denoised_light_is_compared_with_a_reference() -> None:
     """16 samples of a Cornell box of 32 × 32 pixels: denoised, the median squared error is at most two thirds."""
     scene = str(BENCHMARKS.parent / "scenes" / "cornell_box.xml")
@@ -219,6 +234,7 @@ def test_denoised_light_is_compared_with_a_reference() -> None:
     assert row["denoised"]["z2"] > 0.85
 
 
+@pytest.mark.exhaustive
 def test_samples_where_they_count_are_compared_with_uniform_ones() -> None:
     """A Cornell box of 16 × 16 pixels, 256 samples at most: finite figures, and never fewer samples than the first."""
     scene = str(BENCHMARKS.parent / "scenes" / "cornell_box.xml")

@@ -85,6 +85,7 @@ def test_frame_and_files_need_little_memory_beside_the_light(tmp_path: Path) -> 
     assert bytes_per_pixel(FRAME, str(tmp_path / "out")) < OF_FRAME
 
 
+@pytest.mark.exhaustive
 @on_linux
 def test_a_denoised_render_needs_as_much_again_as_its_bands_and_errors() -> None:
     """Of one sample in each pass; the network is left out."""

@@ -110,7 +110,7 @@ def test_a_mistake_in_a_scene_is_one_sentence_with_the_path_of_the_file(
     assert list(tmp_path.iterdir()) == [scene]
 
 
-@pytest.mark.parametrize("edit", DATASHEETS)
+@pytest.mark.parametrize("edit", one_in(3, DATASHEETS))
 def test_a_mistake_in_a_camera_file_is_one_sentence_with_file_and_line(
     edit: str, light_file: Path, tmp_path: Path, cli: Callable[..., Any]
 ) -> None:
@@ -139,6 +139,7 @@ def test_a_mistake_in_python_is_one_sentence(call: str, light: Any, tmp_path: Pa
     assert "\n" not in str(caught.value) and list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.exhaustive
 def test_a_sensor_at_25_kelvin_is_allowed_and_doubted(
     light_file: Path, tmp_path: Path, cli: Callable[..., Any]
 ) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from helpers import CAMERAS
+from helpers.marks import one_in
 
 from mitsuba_sensor.files import png, texts, tiff
 from mitsuba_sensor.files.disk_errors import disk_sentences
@@ -117,7 +118,7 @@ def sentence(stderr: str) -> str:
     return " ".join(stderr.replace("│", " ").split())
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", one_in(3, CASES))
 def test_a_mistake_is_one_sentence_exit_2_and_no_file(
     case: str, places: dict[str, str], cli: Callable[..., Any]
 ) -> None:

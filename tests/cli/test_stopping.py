@@ -86,6 +86,7 @@ def test_a_program_that_still_imports_can_be_stopped(after_s: float, scene_file:
     assert list(out.iterdir()) == []
 
 
+@pytest.mark.exhaustive
 def test_a_stopped_study_says_what_is_kept(scene_file: Path, tmp_path: Path) -> None:
     (out := tmp_path / "results").mkdir()
     with program("study", "stress", "-o", out / "s", temporary=tmp_path) as child:

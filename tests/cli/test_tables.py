@@ -165,6 +165,7 @@ def drawn(live: Any) -> str:
     return shown(live.get_renderable(), 100)
 
 
+@pytest.mark.exhaustive
 def test_a_terminal_without_our_letters_gets_question_marks() -> None:
     """As through a pipe of Windows, or in the locale POSIX; JSON stays whole."""
     command = [sys.executable, "-m", "mitsuba_sensor", "cameras", "show", "konnik_table1"]

@@ -182,7 +182,7 @@ def test_poisson_passes_chi_squared_with_a_million_draws(mean: float, backend: B
     assert stats.chi2.sf(chi2, max(expected.size - 1, 1)) > 1e-4
 
 
-@pytest.mark.parametrize("mean", [0.01, 1.0, 9.9, 10.0, 12.0, 17.0, 30.0, 1e3, 1e5])
+@pytest.mark.parametrize("mean", one_in(3, [0.01, 1.0, 9.9, 10.0, 12.0, 17.0, 30.0, 1e3, 1e5]))
 def test_poisson_distribution_of_a_million_even_integers_is_the_exact_distribution(mean: float) -> None:
     """Total variation 2e-5, and what the coarse grid costs each of the ±6σ cells; mean and variance likewise."""
     w, mean = even_integers(20), float(np.float32(mean))
@@ -258,7 +258,7 @@ THINNED += ((7, 3.0, 0.0), (0, 5.0, 5.0), (400, 1.0, 1.0), (16_674, 174.0, 16_50
 """Electrons, and the mean of either kind."""
 
 
-@pytest.mark.parametrize(("number", "light", "dark"), THINNED)
+@pytest.mark.parametrize(("number", "light", "dark"), one_in(3, THINNED, several=True))
 def test_binomial_distribution_of_a_million_even_integers_is_the_exact_distribution(
     number: int, light: float, dark: float
 ) -> None:

@@ -106,6 +106,7 @@ def test_poses_parameters_and_traverse_change_the_light(tmp_path: Path) -> None:
     assert np.abs(one - other).mean() > 0.05 * one.mean()
 
 
+@pytest.mark.exhaustive
 def test_a_moving_scene_is_exposed_for_the_time_that_it_was_rendered_for(tmp_path: Path) -> None:
     """Two stops are four times the metered time and light, and another render; two gains are metered for themselves."""
     motion = {"camera": {"rotate_deg_per_s": 5, "axis": [0, 1, 0]}}

@@ -114,6 +114,7 @@ def test_a_view_that_ends_its_process_is_put_aside_and_the_rest_is_made(plan: Da
     assert set(Store(tmp_path).quarantined()) == {bad}
 
 
+@pytest.mark.exhaustive
 def test_processes_that_die_before_they_begin_end_the_run(
     plan: DatasetPlan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -151,6 +152,7 @@ def test_a_process_that_takes_too_much_memory_is_ended(
     assert "died 1 times" in found.failed and "too little memory" in found.failed
 
 
+@pytest.mark.exhaustive
 def test_workers_of_a_cluster_have_the_versions_of_the_run_and_it_goes_on_where_the_scheduler_dies(
     plan: DatasetPlan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -170,6 +172,7 @@ def test_workers_of_a_cluster_have_the_versions_of_the_run_and_it_goes_on_where_
     assert all(store.exists("samples", sample.key) for view in views for sample in view.samples)
 
 
+@pytest.mark.exhaustive
 def test_a_limit_of_time_ends_a_render(plan: DatasetPlan, tmp_path: Path) -> None:
     tables: dict[str, Any] = {**plan.file.model_dump(exclude_none=True), "render": {"spp": 2**20, "width": 16}}
     tables["random"] = {"draws": 1, "values": {"parameters.radiance": {"uniform": [1e-4, 1e-3]}}}

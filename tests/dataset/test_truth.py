@@ -181,6 +181,7 @@ def test_a_varied_focus_stands_above_that_of_the_scene(own_lens: Path) -> None:
     assert [camera_of(settings, one.config).lens.focus_m for one in found] == [1.0, 2.0]
 
 
+@pytest.mark.exhaustive
 def test_light_in_a_cube_is_for_cameras_of_any_quantum_efficiency(tmp_path: Path) -> None:
     """Half the efficiency is half the electrons of the same light, exactly; whose error is given is said; a camera with
     colour filters knows the illuminant. Each is the camera's own render within its error."""

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import tifffile
 from helpers import ROOT
+from helpers.marks import one_in
 
 import mitsuba_sensor as ms
 
@@ -76,11 +77,18 @@ def test_warp_rectilinear_is_the_distortion_of_the_lens(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("fields", "tolerance"),
-    [
-        ({}, 3e-4),
-        ({"distortion": (-0.25, 0.05, 0.0, 0.0, 0.0)}, 1e-3),
-        ({"relative_illumination": [1.0, 0.97, 0.9, 0.7, 0.4, 0.1], "relative_illumination_heights_mm": HEIGHTS}, 0.02),
-    ],
+    one_in(
+        3,
+        [
+            ({}, 3e-4),
+            ({"distortion": (-0.25, 0.05, 0.0, 0.0, 0.0)}, 1e-3),
+            (
+                {"relative_illumination": [1.0, 0.97, 0.9, 0.7, 0.4, 0.1], "relative_illumination_heights_mm": HEIGHTS},
+                0.02,
+            ),
+        ],
+        several=True,
+    ),
 )
 def test_fix_vignette_radial_is_the_inverse_of_the_shading(
     fields: dict[str, Any], tolerance: float, tmp_path: Path

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.marks import one_in
 from numpy.typing import NDArray
 
 from mitsuba_sensor.core import InputError
@@ -55,7 +56,7 @@ def quantities(result: Any) -> list[Quantity]:
     ]
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", one_in(3, KINDS))
 @pytest.mark.parametrize("shape", SHAPES, ids=str)
 def test_no_frames_give_a_number_without_a_mark_or_an_error_without_a_sentence(
     shape: tuple[int, int, int], kind: str

@@ -8,6 +8,7 @@ import matplotlib.figure
 import numpy as np
 import pytest
 from helpers.lab_frames import Sigmas, frames
+from helpers.marks import one_in
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core import InputError
@@ -31,7 +32,7 @@ def dark_stacks(rng: np.random.Generator, drift_dn: float = 0.0, count: int = 6)
     return stacks
 
 
-@pytest.mark.parametrize(("drift_dn", "runs"), [(0.0, 400), (1.0, 300)])
+@pytest.mark.parametrize(("drift_dn", "runs"), one_in(2, [(0.0, 400), (1.0, 300)], several=True))
 def test_intervals_cover_the_dark_current_95_times_in_100(drift_dn: float, runs: int) -> None:
     """Shares within 4.8 %, which chance leaves once in 9000 runs; the pattern of a chip is part of its dark current."""
     rng = np.random.default_rng(1)

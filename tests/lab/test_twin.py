@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import scipy
 from helpers import BENCHMARKS
+from helpers.marks import exhaustive
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core import InputError
@@ -148,16 +149,17 @@ def test_a_quarter_of_the_frames_of_long_stacks_is_held_out(bench: Bench) -> Non
 # Round trips
 
 
-def test_random_cameras_come_back(trips: ModuleType) -> None:
-    """4 cameras of 13 or 14 parameters: no error of more than 2 half intervals (chance: once in 250 suites), and 45 of
-    54 intervals or more cover (chance of fewer: 1 in 20 000)."""
-    found = list(trips.results(range(20, 24), size=56, frames=16))
+@pytest.mark.parametrize("seeds", [range(20, 22), exhaustive(range(22, 24))], ids=str)
+def test_random_cameras_come_back(seeds: range, trips: ModuleType) -> None:
+    """Cameras of 13 or 14 parameters: no error of more than 2 half intervals (chance: once in 250 suites), and all but
+    5 of 27 intervals cover (chance of fewer: 1 in 500)."""
+    found = list(trips.results(seeds, size=56, frames=16))
     half = {
         (seed, name): (q.value - q.low) if truth < q.value else (q.high - q.value) for seed, name, truth, q in found
     }
     far = [(seed, name) for seed, name, truth, q in found if abs(q.value - truth) > 2 * half[seed, name] + 1e-9]
     assert not far
-    assert sum(q.covers(truth) for _, _, truth, q in found) >= len(found) - 9
+    assert sum(q.covers(truth) for _, _, truth, q in found) >= len(found) - 5
     errors = {name: max(abs(q.value / t - 1) for _, other, t, q in found if other == name) for name in ("K", "σ_read")}
     assert errors["K"] <= 0.01 and errors["σ_read"] <= 0.03
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.marks import one_in
 from helpers.scenes import BALL, SKY, scene_text, skip_unless_usable, write_scene
 
 import mitsuba_sensor as ms
@@ -47,7 +48,7 @@ def assert_same_light(one: ms.Irradiance, other: ms.Irradiance) -> None:
     assert (off <= 5 * error + 1e-6 * one.data.sum(axis=(0, 1))).all()
 
 
-@pytest.mark.parametrize("integrator", [*IN_SPECTRA, "prb distorted"])
+@pytest.mark.parametrize("integrator", one_in(3, [*IN_SPECTRA, "prb distorted"]))
 def test_its_light_is_that_of_path(integrator: str) -> None:
     """In a film so small that passes lie side by side on another, and behind a lens with distortion."""
     ready()

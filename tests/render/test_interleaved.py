@@ -93,6 +93,7 @@ def test_a_render_of_few_samples_is_two_launches_of_one_kernel() -> None:
     assert job.renderer.passes == 8 and sorted(sizes)[-2:] == [24 * 24 * 4 * 2] * 2
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("spectral", ["auto", "cube", "channels"])
 def test_every_kind_of_channels_has_the_same_light(spectral: str) -> None:
     """The whole picture's photoelectrons within 2 % of those of single passes, 128 samples."""
@@ -105,6 +106,7 @@ def test_every_kind_of_channels_has_the_same_light(spectral: str) -> None:
     assert sums[0] == pytest.approx(sums[1], rel=0.02)
 
 
+@pytest.mark.exhaustive
 def test_a_camera_within_a_medium_stays_within_it(tmp_path) -> None:
     """Absorption of 1 per unit over 3 units and more before a bright wall: below exp(−3) of the light, with one pass or
     many (of 6144 and 24 576 paths 300 and 1000 arrive: 7 %)."""

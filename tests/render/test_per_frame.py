@@ -190,6 +190,7 @@ def test_without_samples_a_frame_is_rendered_until_it_can_be_compensated(
         sizes.clear()
 
 
+@pytest.mark.exhaustive
 def test_a_frame_made_alone_gets_the_samples_of_the_series() -> None:
     """Also where no number of them was asked for: the render before the first frame is that of the seed."""
     options = {"parameters": {"width": 12, "height": 12}, "variant": skip_unless_usable("llvm_ad_spectral"), "seed": 5}

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import CAMERAS
+from helpers.marks import one_in
 from helpers.scenes import BALL, SCENES, SKY, both_variants, read_settings, scene_text, skip_unless_usable, write_scene
 
 from mitsuba_sensor.core.errors import InputError
@@ -393,7 +394,7 @@ IN_PLAIN_MITSUBA = (
 )
 
 
-@pytest.mark.parametrize("imports", IN_PLAIN_MITSUBA)
+@pytest.mark.parametrize("imports", one_in(3, IN_PLAIN_MITSUBA))
 def test_importing_the_package_makes_the_plugins_known_in_either_order(tmp_path: Path, imports: str) -> None:
     """Nothing is registered by hand; importing one does not import the other."""
     path = write_scene(tmp_path, one_file())

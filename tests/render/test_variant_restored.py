@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.marks import one_in
 from helpers.scenes import BALL, SKY, scene_text, skip_unless_usable, write_scene
 from typer.testing import CliRunner
 
@@ -59,7 +60,7 @@ CALLS: dict[str, Callable[[Path, str], object]] = {
 }
 
 
-@pytest.mark.parametrize("call", CALLS)
+@pytest.mark.parametrize("call", one_in(3, CALLS))
 @pytest.mark.parametrize(("own", "rendering"), PAIRS)
 def test_the_user_s_variant_comes_back(tmp_path: Path, call: str, own: str, rendering: str) -> None:
     mi = user_has(own)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.marks import one_in
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.frame import Frame
@@ -56,7 +57,7 @@ def loaded(text: str, folder: Path) -> ms.Camera:
     return ms.load_camera(path)
 
 
-@pytest.mark.parametrize("name", CAMERAS)
+@pytest.mark.parametrize("name", one_in(4, CAMERAS))
 def test_the_file_of_a_camera_loads_as_an_equal_camera(name: str, tmp_path: Path) -> None:
     """And its text again is the same."""
     text = CAMERAS[name].to_toml()
@@ -76,7 +77,7 @@ def keys_of(text: str) -> dict[str, set[str]]:
     return found
 
 
-@pytest.mark.parametrize("name", ms.list_cameras())
+@pytest.mark.parametrize("name", one_in(4, ms.list_cameras()))
 def test_every_key_that_there_is_stands_in_the_file_below_its_explanation(name: str) -> None:
     """With its description, its unit and, where it is declared, its usual range; tables of a list have headers."""
     text = CAMERAS[name].to_toml()

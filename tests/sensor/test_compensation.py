@@ -34,6 +34,7 @@ from mitsuba_sensor.sensor.gains import gain_dn_per_e
 problem = backend_problem("llvm")
 compiled = pytest.mark.skipif(problem is not None, reason=str(problem))
 
+BACKENDS = ("float64", exhaustive("numpy"), exhaustive("drjit"))
 BENCHMARK = BENCHMARKS / "compensation.py"
 EXPOSURE = ms.Exposure(0.1)
 TABLE1 = ms.load_camera("konnik_table1")
@@ -118,6 +119,7 @@ CASES_E = ((0.3, 0.09), (1.0, 0.2), (2.5, 0.7), (9.0, 2.25), (12.0, 3.999), (100
 DRAWS = 2**19
 
 
+@pytest.mark.parametrize("backend", BACKENDS, indirect=True)
 @pytest.mark.parametrize("dark_e", [exhaustive(0.0), 5.0])
 def test_every_engine_draws_whole_electrons_of_that_mean_and_variance(backend: Backend, dark_e: float) -> None:
     """2^19 draws each: 5 standard errors of the variance are 1.0 % (1.3 % at 0.3 e-), of the mean 0.7 % of σ.
@@ -195,6 +197,7 @@ def test_frames_with_renders_of_their_own_have_the_mean_and_variance_of_shot_noi
         assert abs(np.mean(a * b)) / away.var() < 5 / size
 
 
+@pytest.mark.exhaustive
 def test_the_shape_is_nearer_to_poissons_than_without_and_the_limit_is_where_the_table_says() -> None:
     """Variance and third cumulant over the mean (Poisson: 1) and the distance to Poisson's law, added up exactly.
 
@@ -269,6 +272,7 @@ def test_dark_current_compensates_what_the_light_cannot() -> None:
         (np.inf, np.nan, False),
     ],
 )
+@pytest.mark.parametrize("backend", BACKENDS, indirect=True)
 def test_extremes_give_whole_electrons(backend: Backend, light_e: float, noise_e2: float, short: bool) -> None:
     """Darkness, certainty, noise without end, a mean beyond every well, and light that saturates."""
     engine = "drjit" if backend.compiled else "numpy"
@@ -399,6 +403,7 @@ def test_a_variance_that_is_none_is_one_sentence(variance: Any, sentence: str) -
         ms.expose(rendered(LIGHT_E, variance), TABLE1, EXPOSURE)
 
 
+@pytest.mark.exhaustive
 def test_infinite_light_compensates_nothing_and_needs_no_variance() -> None:
     light_e, noise = LIGHT_E.copy(), NOISE_E2.copy()
     light_e[3, 4], noise[3, 4] = np.inf, np.nan

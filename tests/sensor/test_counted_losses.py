@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.marks import one_in
 from scipy.special import ndtr
 
 import mitsuba_sensor as ms
@@ -85,7 +86,7 @@ CUT: dict[str, tuple[dict[str, Any], str, float]] = {
 }
 
 
-@pytest.mark.parametrize("case", CUT)
+@pytest.mark.parametrize("case", one_in(3, CUT))
 def test_pixels_that_a_law_made_negative_are_counted(case: str) -> None:
     """50 000 pixels, 5 binomial standard errors."""
     changes, name, share = CUT[case]

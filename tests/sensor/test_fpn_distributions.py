@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.marks import one_in
 from scipy import integrate, stats
 
 import mitsuba_sensor as ms
@@ -56,7 +57,7 @@ def standard_error(x: Any, power: int, tiles: int = 5) -> float:
 
 
 @pytest.mark.parametrize("cv", CVS)
-@pytest.mark.parametrize("family", FAMILIES, ids=lambda f: f.__name__)
+@pytest.mark.parametrize("family", one_in(3, FAMILIES), ids=lambda f: f.__name__)
 def test_mean_and_variance_are_those_of_its_own_theory(family: Any, cv: float) -> None:
     """5 standard errors of 150 000 pixels from 25 tiles: 1.8 % of the variance of a normal, 0.9 % of its σ."""
     x, law = map_of(family, cv), pattern(family, cv)
@@ -200,7 +201,7 @@ def drawable_integers() -> tuple[Any, Any]:
 
 
 @pytest.mark.parametrize("backend", [NUMPY_FLOAT64, NUMPY_FLOAT32], ids=["float64", "float32"])
-@pytest.mark.parametrize(("family", "cv"), DRAWN)
+@pytest.mark.parametrize(("family", "cv"), one_in(3, DRAWN, several=True))
 def test_theory_is_that_of_the_factors_that_32_bits_draw(family: Any, cv: float, backend: Any) -> None:
     """No chance: an integral over all integers. Without their end a log-normal law of cv 100 has 21 % more σ."""
     bits, share = drawable_integers()

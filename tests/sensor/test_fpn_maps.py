@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.marks import one_in
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
@@ -45,7 +46,7 @@ SITES = {
 
 
 @pytest.mark.parametrize("origin", [(0, 0), (506, 1020)], ids=str)
-@pytest.mark.parametrize("option", OPTIONS)
+@pytest.mark.parametrize("option", one_in(4, OPTIONS))
 def test_a_sensor_is_its_maps_whatever_the_serial(
     option: str, origin: tuple[int, int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -59,7 +60,7 @@ def test_a_sensor_is_its_maps_whatever_the_serial(
     assert given.digital.tobytes() == own.digital.tobytes()
 
 
-@pytest.mark.parametrize("option", [*OPTIONS, *SITES])
+@pytest.mark.parametrize("option", one_in(3, [*OPTIONS, *SITES]))
 def test_giving_a_sensor_its_own_maps_changes_nothing(option: str) -> None:
     camera = TABLE1.replace(**(OPTIONS | SITES)[option])
     maps = ms.fpn_maps(camera, SHAPE, serial=7)

@@ -43,6 +43,7 @@ def test_frames_of_another_chip_are_refused_with_both_named_for_their_patterns_d
         frames.minus(reference)
 
 
+@pytest.mark.exhaustive
 def test_what_the_sensor_does_not_show_makes_no_other_camera() -> None:
     """A reference under another lens is of the same chip; so is one whose chain a plan shortened."""
     frames = ms.expose(DARKNESS, SILENT, ZERO)

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import BENCHMARKS
-from helpers.marks import exhaustive
+from helpers.marks import exhaustive, one_in
 
 import mitsuba_sensor as ms
 from mitsuba_sensor import differentiable
@@ -173,7 +173,9 @@ def test_the_mean_follows_frames_with_equal_random_bits(name: str, level: int) -
     assert abs(found) < SURE * error + 2e-3 * abs(slopes[name].mean()) + 1e-6 * digital.mean()
 
 
-@pytest.mark.parametrize("name", ["photons", "pixel.prnu", "readout.sense_gain_uv_per_e", "adc.black_level_dn"])
+@pytest.mark.parametrize(
+    "name", one_in(2, ["photons", "pixel.prnu", "readout.sense_gain_uv_per_e", "adc.black_level_dn"])
+)
 def test_backward_adds_up_what_forward_says(name: str) -> None:
     frames = differentiable(np.full((37, 41), 900.0), RICH, EXPOSURE, PARAMETERS, seed=4, serial=9)
     frame = frames.frame()
@@ -219,7 +221,7 @@ CAMERAS: dict[str, dict[str, Any]] = {
 }
 
 
-@pytest.mark.parametrize("kind", CAMERAS)
+@pytest.mark.parametrize("kind", one_in(2, CAMERAS))
 def test_values_are_those_of_expose_bit_by_bit(kind: str) -> None:
     camera = RICH.replace(**CAMERAS[kind])
     shape = (45, 67)
@@ -359,7 +361,7 @@ def wide() -> Any:
     return frame
 
 
-@pytest.mark.parametrize("name", FIELDS)
+@pytest.mark.parametrize("name", one_in(3, FIELDS))
 def test_every_field_moves_every_pixel_as_its_derivative_says_or_is_refused(name: str) -> None:
     if name in NO_SLOPE:
         with pytest.raises(ms.InputError, match="no number of this chain depends smoothly"):
@@ -542,6 +544,7 @@ def test_arrays_without_derivatives_pay_nothing() -> None:
         assert np.all(np.asarray(arrays.with_derivative_of(line, lambda x: x + 1, x)) == np.asarray(x) + 1)
 
 
+@pytest.mark.exhaustive
 def test_the_benchmark_runs() -> None:
     command = [sys.executable, str(BENCHMARK), "--mpx", "0.01", "--turns", "1", "--json"]
     done = subprocess.run(command, capture_output=True, text=True)

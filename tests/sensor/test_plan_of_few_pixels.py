@@ -107,6 +107,7 @@ def test_column_offsets_do_not_hide_behind_a_larger_prnu() -> None:
     assert planned == pytest.approx(whole, rel=0.05)
 
 
+@pytest.mark.exhaustive
 def test_rows_are_judged_by_the_length_of_a_row() -> None:
     """Temporal row noise of 0.1 e-: 0.012 DN of a pixel, 0.25 DN beside the noise of a mean over 400 pixels."""
     camera = TABLE1.replace(**{"readout.row_noise_e": 0.1})
@@ -115,6 +116,7 @@ def test_rows_are_judged_by_the_length_of_a_row() -> None:
     assert dark[400].structure_dn == pytest.approx(20 * 0.1 * gain_dn_per_e(camera), rel=0.02)
 
 
+@pytest.mark.exhaustive
 def test_rare_telegraph_pixels_are_counted() -> None:
     """41 traps of 50 e- among 1e6 pixels: a spatial σ of 0.02 DN, and 41 pixels that jump by 6 DN."""
     fields = {
@@ -151,6 +153,7 @@ def test_a_camera_without_dark_current_and_traps_has_none_in_its_plan() -> None:
     assert budget["photon shot noise"].temporal_dn2 == pytest.approx(600 * gain_dn_per_e(camera) ** 2, rel=0.01)
 
 
+@pytest.mark.exhaustive
 def test_shot_noise_left_out_leaves_every_mean_where_it_was() -> None:
     """Two photoelectrons in the mean with and without, under a QE of 0.6: only their noise of 0.14 DN goes."""
     light = np.full((40, 40), 2.0)
@@ -162,6 +165,7 @@ def test_shot_noise_left_out_leaves_every_mean_where_it_was() -> None:
     assert planned == pytest.approx(whole, abs=0.05)
 
 
+@pytest.mark.exhaustive
 def test_the_pixels_that_several_laws_with_tails_move_are_bounded_together() -> None:
     """PRNU and a wide dark current that each stay within the tolerance, far out in their tails, may not both go."""
     fields = {"pixel.prnu": 0.001, "dark_current.cv": 0.5, "dark_current.distribution": "lognormal"}
@@ -194,6 +198,7 @@ def test_a_measured_map_is_judged_as_it_is_pixel_by_pixel() -> None:
     )
 
 
+@pytest.mark.exhaustive
 def test_one_hot_pixel_of_a_measured_map_is_counted() -> None:
     gains = np.ones((40, 60))
     gains[3, 3] = 1.05

@@ -117,6 +117,7 @@ def test_given_maps_are_cut_into_the_same_strips(monkeypatch: pytest.MonkeyPatch
         assert signals("as shipped", strip, monkeypatch, maps=maps) == whole
 
 
+@pytest.mark.exhaustive
 def test_a_plan_goes_through_the_same_strips(monkeypatch: pytest.MonkeyPatch) -> None:
     plan = ms.plan(TABLE1, ms.Exposure(0.3), ONE_BAND, tolerance_dn=1.0)
     assert len(plan.stages) < len(plan.whole)

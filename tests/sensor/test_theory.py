@@ -336,6 +336,7 @@ def test_averages_over_dark_currents_are_integrals_over_their_distributions(
     assert found[2] == pytest.approx(expected(lambda x: (response(x) - mean) ** 2), rel=5e-3)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(("sigma", "kind"), [(1e-4, ByQuantiles), (0.3, ByDistribution)])
 def test_gains_that_are_wide_beside_the_edge_of_the_well_are_integrated(sigma: float, kind: type) -> None:
     """min(x, 1000) of normal gains about the edge itself: E = 1000·(1 − σ/√(2π))."""

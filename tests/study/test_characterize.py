@@ -84,6 +84,7 @@ def test_every_drawing_has_axes_with_names_and_at_most_eight_series(small: Bench
     assert png(Drawing("Dark current", found.drawings["Dark current"])).startswith(b"\x89PNG")
 
 
+@pytest.mark.exhaustive
 def test_the_light_of_a_mosaic_saturates_every_filter_and_each_is_measured_apart() -> None:
     camera = ms.load_camera("bayer_2mp")
     with pytest.MonkeyPatch.context() as patch:

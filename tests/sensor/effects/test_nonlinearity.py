@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.marks import one_in
 from helpers.stage_tests import StageTests
 
 import mitsuba_sensor as ms
@@ -189,7 +190,7 @@ def test_the_code_range_ends_at_the_swing_of_a_full_well_with_its_curves(name: s
     assert small / 1e-4 * 4096 / full == pytest.approx(gain_dn_per_e(camera), rel=1e-6)
 
 
-@pytest.mark.parametrize("name", CURVES)
+@pytest.mark.parametrize("name", one_in(3, CURVES))
 def test_the_well_and_not_the_converter_ends_a_curved_response(name: str) -> None:
     """99 % of a full well is below the last code in every pixel; 110 % has the σ of the read noise alone.
 
