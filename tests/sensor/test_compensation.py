@@ -350,7 +350,8 @@ def test_float32_agrees_with_float64() -> None:
     assert np.mean(one != other) < 0.01 and np.abs(one - other).max() <= 1
 
 
-@pytest.mark.parametrize("name", ["patterns", exhaustive("RTS pixels"), exhaustive("strong dark")])
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("name", ["patterns", "RTS pixels", "strong dark"])
 def test_the_noise_budget_adds_up_to_the_frame_and_to_the_theory(name: str) -> None:
     frames = ms.expose(rendered(LIGHT_E, NOISE_E2), CAMERAS[name], EXPOSURE, precision="float64")
     noise_budget = frames.noise_budget()
