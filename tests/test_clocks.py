@@ -28,7 +28,7 @@ def clock_reads(tree: ast.Module) -> Iterator[str]:
             names = {name for name in imported if name in CLOCKS or (node.module, name) in CLOCKS_OF_MODULES}
             names |= {node.module or ""} & MODULES_WITH_CLOCKS
         elif isinstance(node, ast.Attribute):
-            owner = ast.unparse(node.value).rpartition(".")[2]
+            owner = getattr(node.value, "attr", getattr(node.value, "id", ""))
             is_clock = node.attr in CLOCKS or (owner, node.attr) in CLOCKS_OF_MODULES
             names = {node.attr} if is_clock else set()
         else:

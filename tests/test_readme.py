@@ -15,13 +15,16 @@ import numpy as np
 import pytest
 import tifffile
 from helpers import ROOT
-from helpers.marks import exhaustive, one_in
+from helpers.marks import exhaustive
 from helpers.pages import fenced, lines
 from PIL import Image
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 FIRST = "mitsuba-sensor render scenes/first_frame.xml -o out/"
-EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+PROGRAMS = sorted((ROOT / "examples").glob("*.py"))
+LONG = {"readme_pictures", "rendering_pictures", "study_pages", "fit_a_twin", "measure_a_camera"}
+"""Examples that take more than four seconds."""
+EXAMPLES = [exhaustive(path) if path.stem in LONG else path for path in PROGRAMS]
 
 
 SHELL = lines(fenced(README, "sh"))
@@ -115,7 +118,7 @@ def test_the_python_of_the_readme_runs(checkout: Checkout) -> None:
     assert "kept" in checkout.run(shlex.join([sys.executable, "-c", fenced(README, "python")]))
 
 
-@pytest.mark.parametrize("example", one_in(8, EXAMPLES), ids=[path.stem for path in EXAMPLES])
+@pytest.mark.parametrize("example", EXAMPLES, ids=[path.stem for path in PROGRAMS])
 def test_the_examples_run(example: Path, checkout: Checkout) -> None:
     """An example that reads a file gets the light of the first picture, and a folder to write to."""
     folder = checkout.folder / example.stem

@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 from helpers.marks import one_in
+from helpers.waiting import WAIT_S
 from typer.testing import CliRunner
 
 import mitsuba_sensor as ms
@@ -106,7 +107,7 @@ def test_our_own_styles_and_the_cursor_of_progress_bars_stay(monkeypatch: pytest
 
 
 def run(*arguments: Any, **options: Any) -> subprocess.CompletedProcess[bytes]:
-    return subprocess.run([*PROGRAM, *arguments], capture_output=True, timeout=120, **options)
+    return subprocess.run([*PROGRAM, *arguments], capture_output=True, timeout=WAIT_S, **options)
 
 
 def test_a_file_whose_name_is_no_text_is_read_and_named(tmp_path: Path) -> None:
@@ -131,6 +132,6 @@ def test_a_pipe_that_nobody_reads_ends_the_program_in_silence(arguments: tuple[s
     """As `| head -0` does: 141 is what a shell says of SIGPIPE. The pipe is closed before anything is written."""
     reader, writer = os.pipe()
     os.close(reader)
-    done = subprocess.run([*PROGRAM, *arguments], stdout=writer, stderr=subprocess.PIPE, timeout=120)
+    done = subprocess.run([*PROGRAM, *arguments], stdout=writer, stderr=subprocess.PIPE, timeout=WAIT_S)
     os.close(writer)
     assert (done.returncode, done.stderr) == (141, b"")

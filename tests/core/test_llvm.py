@@ -14,6 +14,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from helpers.waiting import WAIT_S
 
 from mitsuba_sensor.core import llvm
 from mitsuba_sensor.core.errors import InputError
@@ -50,7 +51,7 @@ def import_drjit(folder: Path, **environment: str) -> tuple[list, str]:
     """What a fresh process chooses when it looks for LLVM in ``folder`` alone; and what it wrote to stderr."""
     env = {k: v for k, v in os.environ.items() if k != LLVM_PATH} | environment
     command = [sys.executable, "-c", REPORT, str(folder)]
-    done = subprocess.run(command, capture_output=True, text=True, env=env, timeout=120)
+    done = subprocess.run(command, capture_output=True, text=True, env=env, timeout=WAIT_S)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout.splitlines()[-1]), done.stderr
 
@@ -102,7 +103,7 @@ def test_newest_usable_llvm_is_loaded_beside_the_poison(tmp_path: Path) -> None:
 @linux
 def test_importing_the_package_sets_no_variant_and_loads_no_mitsuba() -> None:
     code = "import sys, mitsuba_sensor; assert 'mitsuba' not in sys.modules and 'drjit' not in sys.modules"
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=WAIT_S)
 
 
 @linux
@@ -197,9 +198,9 @@ assert llvm.guard_llvm().version == 23
 assert ctypes.CDLL({str(library)!r}).b() == 42
 """
     env = {name: value for name, value in os.environ.items() if name != LLVM_PATH}
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=60, env=env)
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=WAIT_S, env=env)
     alone = f"import ctypes; ctypes.CDLL({str(library)!r})"
-    refused = subprocess.run([sys.executable, "-c", alone], capture_output=True, text=True, timeout=60)
+    refused = subprocess.run([sys.executable, "-c", alone], capture_output=True, text=True, timeout=WAIT_S)
     assert "libc++.so.1" in refused.stderr
 
 
