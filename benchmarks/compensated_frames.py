@@ -34,7 +34,7 @@ from timing import lines, ratio
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.versions import machine
-from mitsuba_sensor.expose import RenderedFrame
+from mitsuba_sensor.render_frames import RenderedFrame
 
 SCENE = Path(__file__).resolve().parent.parent / "scenes" / "cornell_box.xml"
 CAMERA = ms.load_camera("konnik_table1")

@@ -10,7 +10,6 @@ from .core import SensorWarning as SensorWarning
 from .dataset.reader import Dataset as Dataset
 from .dataset.sensor_noise import SensorNoise as SensorNoise
 from .expose import expose as expose
-from .expose import render_frames as render_frames
 from .expose import stream as stream
 from .files.tiff import write_tiff as write_tiff
 from .kept_sensor import Sensor as Sensor
@@ -22,6 +21,7 @@ from .render.light.photons import gradient_light as gradient_light
 from .render.light.photons import uniform_light as uniform_light
 from .render.passes.prepared import render as render
 from .render.plugins.plugin_hook import register_plugins as register_plugins
+from .render_frames import render_frames as render_frames
 from .sensor.camera import Camera as Camera
 from .sensor.camera_check import check_camera as check_camera
 from .sensor.camera_file import list_cameras as list_cameras

@@ -25,7 +25,7 @@ ORDER = (
     ("sensor",),
     ("render",),
     ("output",),
-    ("capture", "capture_options", "expose", "kept_sensor"),
+    ("capture", "capture_options", "expose", "kept_sensor", "render_frames"),
     ("dataset", "lab", "study"),
     ("cli",),
 )

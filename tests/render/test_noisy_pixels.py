@@ -12,10 +12,10 @@ from helpers.marks import exhaustive
 from helpers.scenes import SCENES, scene_text, skip_unless_usable, write_scene
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.expose import render_frames
 from mitsuba_sensor.render.passes.noisy_pixels import GROWTH, MOST_TIMES, NoisyPixels, fewest_samples
 from mitsuba_sensor.render.passes.prepared import prepare
 from mitsuba_sensor.render.scene.scene import Scene
+from mitsuba_sensor.render_frames import render_frames
 
 CAMERA = ms.load_camera("konnik_table1")
 BAYER = ms.load_camera("bayer_2mp")

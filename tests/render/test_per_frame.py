@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.errors import InputError
-from mitsuba_sensor.expose import RenderedFrame, render_frames
 from mitsuba_sensor.render.light.photons import photons_per_irradiance
 from mitsuba_sensor.render.passes.passes import FEWEST, hashed_seed
 from mitsuba_sensor.render.scene.scene import Scene
+from mitsuba_sensor.render_frames import RenderedFrame, render_frames
 from mitsuba_sensor.sensor.effects.dark_current import mean_dark_e
 
 REFLECTANCE, SKY = 0.5, 2.5e-3

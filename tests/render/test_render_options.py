@@ -15,11 +15,11 @@ from helpers.scenes import PERSPECTIVE, SCENES, SKY, both_variants, scene_text, 
 from mitsuba_sensor import expose
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
-from mitsuba_sensor.expose import render_frames
 from mitsuba_sensor.output.exr import read_irradiance_exr, write_irradiance_exr
 from mitsuba_sensor.render.light.photons import collect
 from mitsuba_sensor.render.motion.aovs import render_aovs
 from mitsuba_sensor.render.passes.prepared import render
+from mitsuba_sensor.render_frames import render_frames
 from mitsuba_sensor.sensor.camera_file import load_camera
 
 TABLE1, BAYER, EXPOSURE = load_camera("konnik_table1"), load_camera("bayer_2mp"), Exposure(0.02)
