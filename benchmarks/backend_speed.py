@@ -2,13 +2,11 @@
 
     python benchmarks/backend_speed.py [--mpx 1 4 12] [--electrons 1 1000 30000] [--content flat ramp random]
         [--turns 5] [--engines numpy drjit numpy64] [--json]
-        [--parts cases single short conversion rng first changed]
+        [--parts cases single short first changed]
 
 cases       frames of the full chain for every size × level × content; the time of the next frame of an open stream
 single      frames of new photon maps, one per call of ms.Sensor, for every size; beside a stream of one photon map
 short       shot noise, read noise and ADC only, compared with the full chain
-conversion  NumPy input to uint16 output, compared with the kernel alone
-rng         the full chain, compared with its random bits and four normal deviates alone
 first       the first frame of a process, with and without compiled kernels on disk
 changed     the first frame after a change of a parameter, in a process that has computed a frame before
 
@@ -28,7 +26,6 @@ from collections.abc import Callable
 from itertools import product
 from typing import Any
 
-import kernel_timings
 import numpy as np
 from cases import CONTENTS, EXPOSURE, full_chain, photon_map, shape_of, shot_read_quantise
 from frame_sources import ENGINES, PLAIN, next_exposure, next_frame, open_stream, refusal
@@ -107,32 +104,6 @@ def short(options: argparse.Namespace) -> dict[str, Any]:
     for engine in (PLAIN, *options.engines):
         tasks = {name: next_frame(engine, middle_light(options), camera) for name, camera in cameras.items()}
         found[engine] = speeds(alternate(tasks, options.turns), middle_light(options).size, "full_chain")
-    return found
-
-
-def conversion(options: argparse.Namespace) -> dict[str, Any]:
-    """Time of a frame compared with the time of its kernel, for backends with kernels."""
-    return compared(
-        options, "kernel_only", lambda name: kernel_timings.kernel_only(name, middle_light(options), full_chain())
-    )
-
-
-def rng(options: argparse.Namespace) -> dict[str, Any]:
-    """Time of a frame compared with the time of its random numbers, for backends with kernels."""
-    return compared(
-        options, "random_numbers", lambda name: kernel_timings.random_numbers_only(name, middle_light(options).shape)
-    )
-
-
-def compared(
-    options: argparse.Namespace, label: str, task_of: Callable[[str], Callable[[], object] | None]
-) -> dict[str, Any]:
-    """Times of whole frames and of a part of their computation; None where the part cannot run alone."""
-    found: dict[str, Any] = {}
-    for engine in options.engines:
-        part, photons = task_of(engine), middle_light(options)
-        tasks = {"frame": next_frame(engine, photons, full_chain())} | ({label: part} if part else {})
-        found[engine] = speeds(alternate(tasks, options.turns), photons.size, "frame") if part else None
     return found
 
 
@@ -255,8 +226,6 @@ PARTS: dict[str, Callable[[argparse.Namespace], dict[str, Any]]] = {
     "cases": cases,
     "single": single,
     "short": short,
-    "conversion": conversion,
-    "rng": rng,
     "first": first,
     "changed": changed,
 }

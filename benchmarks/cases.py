@@ -43,22 +43,10 @@ def reference_qe(camera: ms.Camera) -> float:
     return float(camera.qe([camera.quantum_efficiency.reference_nm or 0.0])[0, 0])
 
 
-def _flat(shape: tuple[int, int]) -> NDArray[np.float64]:
-    return np.ones(shape)
-
-
-def _ramp(shape: tuple[int, int]) -> NDArray[np.float64]:
-    return np.tile(np.linspace(0.0, 2.0, shape[1]), (shape[0], 1))
-
-
-def _random(shape: tuple[int, int]) -> NDArray[np.float64]:
-    return np.random.default_rng(1).uniform(0.0, 2.0, shape)
-
-
 CONTENTS: dict[str, Callable[[tuple[int, int]], NDArray[np.float64]]] = {
-    "flat": _flat,
-    "ramp": _ramp,
-    "random": _random,
+    "flat": np.ones,
+    "ramp": lambda shape: np.tile(np.linspace(0.0, 2.0, shape[1]), (shape[0], 1)),
+    "random": lambda shape: np.random.default_rng(1).uniform(0.0, 2.0, shape),
 }
 """Relative light of mean 1: constant, a ramp from 0 to 2 from left to right, and uniform random from 0 to 2."""
 

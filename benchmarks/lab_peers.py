@@ -28,7 +28,7 @@ from mitsuba_sensor.sensor.gains import gain_dn_per_e
 
 Figures = dict[str, float]
 LIMITS = {"K": 1.0, "QE": 1.0, "sigma_d": 2.0, "saturation": 1.0, "linearity": 0.05}
-"""Largest errors [%]; those of DSNU1288 and PRNU1288 are in lab_spatial.py."""
+"""Largest errors [%]."""
 EXPOSURE = ms.Exposure(0.001)
 LEVELS = np.concatenate([np.linspace(0.02, 0.9, 45), np.linspace(0.905, 1.05, 30)])
 """Of the light that fills the range: EMVA 1288 R4 6.5 asks for 50 or more; these are dense where it saturates."""

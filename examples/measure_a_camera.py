@@ -11,11 +11,11 @@ import argparse
 from pathlib import Path
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.bench.virtual_bench import Setup, virtual_bench
 from mitsuba_sensor.files.appearing import write_drawing
 from mitsuba_sensor.lab.measure.measurement import measure
-from mitsuba_sensor.study.characterize.virtual_bench import Setup, virtual_bench
-from mitsuba_sensor.study.drawing import png
-from mitsuba_sensor.study.page import Drawing
+from mitsuba_sensor.pages.drawing import png
+from mitsuba_sensor.pages.page import Drawing
 
 CURVE = "Photon transfer, linear"
 

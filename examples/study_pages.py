@@ -18,7 +18,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from mitsuba_sensor.study.html_page import text
+from mitsuba_sensor.pages.html_page import text
 
 ROOT = Path(__file__).resolve().parent.parent
 SCENES = ("cornell_box", "color_checker", "still_life", "step_wedge")
@@ -35,7 +35,7 @@ EVERY = [
 
 
 STUDY = ("-m", "mitsuba_sensor", "study")
-PAPER = ("benchmarks/paper_pages.py",)
+PAPER = ("reproduction/paper_pages.py",)
 
 
 def main() -> None:

@@ -1,23 +1,18 @@
-"""A short run of benchmarks/fuzz_files.py, and what its longer runs have found."""
+"""A short run of tests/attacks/fuzz_files.py, and what its longer runs have found."""
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
+import fuzz_cases
+import fuzz_types
 import pytest
-from helpers import BENCHMARKS
+from fuzz_files import report
 
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.dataset.planned import load_plan
 from mitsuba_sensor.render.motion.motion import read_motion
 from mitsuba_sensor.sensor.camera_file import SHIPPED, load_camera
-
-sys.path.insert(0, str(BENCHMARKS))
-
-import fuzz_cases
-import fuzz_types
-from fuzz_files import report
 
 CASES, TYPES = 210, 600
 

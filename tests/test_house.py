@@ -26,7 +26,8 @@ ORDER = (
     ("render",),
     ("output",),
     ("capture", "capture_options", "expose", "kept_sensor", "render_frames"),
-    ("dataset", "lab", "study"),
+    ("dataset", "lab", "pages", "study"),
+    ("bench",),
     ("cli",),
 )
 """A sub-package may import those of its own place and those before it."""
@@ -41,7 +42,7 @@ IMPORTED_IN = {
     "PIL": ("files/png.py", "files/raw_files.py", "output/contact_sheet.py"),
     "rawpy": ("files/raw_files.py",),
     "astropy": ("files/raw_files.py",),
-    "matplotlib": ("study/drawing.py",),
+    "matplotlib": ("pages/drawing.py",),
     "jinja2": ("core/html.py",),
     "colour": (),  # slow to import: only tests compare with it
     "colour_demosaicing": (),
@@ -188,7 +189,7 @@ STUDIES = ("study/work_precision/", "study/ablation/", "study/stress/")
 
 def test_studies_import_only_the_public_api() -> None:
     """Beside it their kit and pages, and estimates with intervals of the laboratory."""
-    beside = ("mitsuba_sensor.study.", "mitsuba_sensor.lab.statistics.estimators.")
+    beside = ("mitsuba_sensor.study.", "mitsuba_sensor.pages.", "mitsuba_sensor.lab.statistics.estimators.")
     wrong = []
     for path in MODULES:
         for imported in imports(path) if name_of(path).startswith(STUDIES) else ():

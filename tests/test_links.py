@@ -21,8 +21,10 @@ from helpers import ROOT
 PACKAGE = ROOT / "mitsuba_sensor"
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
 MODULES = sorted(path for path in PACKAGE.rglob("*.py") if path.name != "__main__.py")
-SCRIPTS = sorted(path for folder in ("benchmarks", "examples", "tests") for path in (ROOT / folder).rglob("*.py"))
-FOLDERS = ("mitsuba_sensor", "docs", "examples", "benchmarks", "scenes", "tests")
+SCRIPTS = sorted(
+    path for folder in ("benchmarks", "reproduction", "examples", "tests") for path in (ROOT / folder).rglob("*.py")
+)
+FOLDERS = ("mitsuba_sensor", "docs", "examples", "benchmarks", "reproduction", "scenes", "tests")
 
 
 def without_code(text: str) -> str:

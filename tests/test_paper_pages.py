@@ -22,8 +22,8 @@ from paper.check import Check, c4
 from paper.published import DARK_SIGNALS, TABLE_2
 
 from mitsuba_sensor.cli.study_sheet import height, study_sheet
+from mitsuba_sensor.pages.page import Drawing, Line, Plot, Section, Study, Table, study_of
 from mitsuba_sensor.study.kit import Kit
-from mitsuba_sensor.study.page import Drawing, Line, Plot, Section, Study, Table, study_of
 
 WELL = 33_000.0
 

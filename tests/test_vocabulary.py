@@ -63,7 +63,16 @@ WORDS = (
     Word(r"guests?", "user"),
 )
 
-SCANNED = ("CHANGELOG.md", "README.md", "docs", "benchmarks", "examples", "mitsuba_sensor", "pyproject.toml")
+SCANNED = (
+    "CHANGELOG.md",
+    "README.md",
+    "docs",
+    "benchmarks",
+    "reproduction",
+    "examples",
+    "mitsuba_sensor",
+    "pyproject.toml",
+)
 
 RETIRED_OPTIONS = {
     "--columns": "--width",

@@ -20,9 +20,9 @@ from .study_sheet import study_sheet
 from .terminal import steps_bar
 
 if TYPE_CHECKING:
+    from ..bench.datasheet import Said
     from ..lab.frames.bench import Bench
-    from ..study.characterize.datasheet import Said
-    from ..study.page import Study
+    from ..pages.page import Study
 
 PANEL = "Laboratory"
 PAGE, REPORT = "report.html", "report.json"
@@ -85,7 +85,7 @@ def characterize(**flags: Flag) -> None:
     Writes report.html (all figures with 95 % intervals, and all plots) and report.json. Exit code 1: a figure is not
     the datasheet's, or has no value because the frames are clipped.
     """
-    from ..study.html_page import html
+    from ..pages.html_page import html
 
     asked = complete(CharacterizeFlags, part_of(CharacterizeFlags, flags))
     folder = first_given(flags["out"], "characterize")
@@ -103,9 +103,9 @@ def characterize(**flags: Flag) -> None:
 
 def _of_simulation(flags: Flags, asked: CharacterizeFlags) -> "Study":
     """A virtual bench, beside the datasheet that its frames are from."""
-    from ..study.characterize import characterized, figures_of
-    from ..study.characterize.rendered_field import field_at, rendered_field
-    from ..study.characterize.virtual_bench import Setup, best_wavelength_nm, virtual_bench
+    from ..bench.figures_page import characterized, figures_of
+    from ..bench.rendered_field import field_at, rendered_field
+    from ..bench.virtual_bench import Setup, best_wavelength_nm, virtual_bench
 
     if asked["bits"] is not None:
         raise InputError("--bits is for frames from disk; leave it out, or give --frames.")
@@ -123,8 +123,8 @@ def _of_simulation(flags: Flags, asked: CharacterizeFlags) -> "Study":
 
 def _of_files(flags: Flags, asked: CharacterizeFlags) -> "Study":
     """Frames from disk, beside the datasheet of --camera if there is one."""
+    from ..bench.figures_page import characterized, figures_of
     from ..lab.frames.bench import read_bench
-    from ..study.characterize import characterized, figures_of
 
     for name in ("rendered", "serial", "seed"):
         if asked[name]:
@@ -162,7 +162,7 @@ def _camera(flags: Flags) -> tuple[Camera, float]:
 
 def _datasheet(flags: Flags, bench: "Bench", efficiency: Float64Array | None) -> "dict[str, dict[str, Said]]":
     """Figures of the datasheet in the exposure of the flat fields, by filter.  efficiency : QE of each filter."""
-    from ..study.characterize.datasheet import expected
+    from ..bench.datasheet import expected
 
     camera, temperature_k = _camera(flags)
     exposure = Exposure(min((stack.exposure_s for stack in bench.flats), default=0.0), temperature_k)

@@ -23,8 +23,8 @@ from .study_sheet import study_sheet
 from .terminal import seconds_bar
 
 if TYPE_CHECKING:
+    from ..pages.page import Study
     from ..study.kit import Kit, Subject
-    from ..study.page import Study
 
 study = typer.Typer(
     no_args_is_help=True,

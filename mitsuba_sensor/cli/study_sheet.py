@@ -7,8 +7,8 @@ import io
 from rich.console import Console, Group, RenderableType
 from rich.text import Text
 
-from ..study import page
-from ..study.html_page import text
+from ..pages import page
+from ..pages.html_page import text
 from .tables import FittedTable
 
 STYLES = {"good": "green", "bad": "bold red", "best": "bold green", "dim": "dim", "": ""}  # of a mark

@@ -58,12 +58,12 @@ def fit(
     FILE.html, the figures with 95 % intervals and how far the twin is from frames that the fit did not see. Of several
     gain settings the maps of each are in FILE.NAME.npz.
     """
+    from ..bench.twin_page import twin_study
     from ..lab.frames.bench import read_bench
     from ..lab.twin import fit as fitted
     from ..lab.twin.fit import held_out
     from ..lab.twin.maps import maps_of
-    from ..study.html_page import html
-    from ..study.twin import twin_study
+    from ..pages.html_page import html
 
     asked = complete(FitFlags, part_of(FitFlags, flags))
     path = _target(out_file, asked["force"])

@@ -10,10 +10,10 @@ from ..core.versions import machine, versions
 from ..files.appearing import output_folder, require_folder, write_drawing
 from ..files.texts import write_json, write_page
 from ..output.measurements import Measurements
-from .drawing import png
-from .html_page import html
+from ..pages.drawing import png
+from ..pages.html_page import html
+from ..pages.page import Study
 from .kit import Kit, Progress
-from .page import Study
 
 PAGE, NUMBERS, MEASUREMENTS = "study.html", "study.json", "measurements"
 

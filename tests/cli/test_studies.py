@@ -12,9 +12,9 @@ from helpers.scenes import SKY, scene_text, write_scene
 from typer.testing import CliRunner
 
 from mitsuba_sensor.cli import app
+from mitsuba_sensor.pages.page import Line, Plot, Section, Study, Table, study_of
 from mitsuba_sensor.study import ablation, work_precision
 from mitsuba_sensor.study.kit import Kit, Step, Subject
-from mitsuba_sensor.study.page import Line, Plot, Section, Study, Table, study_of
 
 STEPS = ("one", "two", "three")
 

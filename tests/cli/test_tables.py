@@ -19,9 +19,9 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.cli import terminal
 from mitsuba_sensor.cli.study_sheet import study_sheet
 from mitsuba_sensor.cli.tables import FittedTable, number, rough
+from mitsuba_sensor.pages.page import Grid, Section, Table, study_of
 from mitsuba_sensor.render.passes.requirements import RenderRequirement
 from mitsuba_sensor.render.passes.stop_criterion import RenderProgress
-from mitsuba_sensor.study.page import Grid, Section, Table, study_of
 
 WIDTHS = (40, 60, 80, 120)
 WHOLE = 400  # characters, in which every table stands in one block

@@ -1,4 +1,4 @@
-"""Killed writers, full disks, lost power and corrupted files leave no damage; benchmarks/dataset_store.py does more."""
+"""Killed writers, full disks, power cuts and corrupt files do no damage; tests/attacks/dataset_store.py does more."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import sys
 from typing import Any
 
 import pytest
-from helpers import BENCHMARKS
+from helpers import ATTACKS
 
 
 def attack(name: str, tries: int) -> dict[str, Any]:
-    """What the benchmark counts; it ends with 1 if anything is damaged."""
-    command = [sys.executable, str(BENCHMARKS / "dataset_store.py"), name, "--tries", str(tries), "--json"]
+    """What the attack counts; it ends with 1 if anything is damaged."""
+    command = [sys.executable, str(ATTACKS / "dataset_store.py"), name, "--tries", str(tries), "--json"]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
     found: dict[str, Any] = json.loads(done.stdout)[name]

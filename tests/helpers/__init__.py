@@ -9,6 +9,7 @@ import mitsuba_sensor
 ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT / "tests" / "data"
 BENCHMARKS = ROOT / "benchmarks"
+ATTACKS = ROOT / "tests" / "attacks"
 CAMERAS = Path(mitsuba_sensor.__file__).parent / "sensor" / "cameras"
 
 EACH_KIND = ("konnik_table1", "bayer_2mp", "rgbir_2mp", "eev_44_82")

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from mitsuba_sensor.output.measurements import Measurements
-from mitsuba_sensor.study.page import Bars, Plot, Study, Table
+from mitsuba_sensor.pages.page import Bars, Plot, Study, Table
 
 MOST_SERIES = 8
 

@@ -9,6 +9,7 @@ import pytest
 from helpers.small_cameras import SmallCamera
 from scipy import special
 
+from mitsuba_sensor.bench.figures_page import characterized
 from mitsuba_sensor.lab.frames.bench import Bench
 from mitsuba_sensor.lab.frames.stack import Stack
 from mitsuba_sensor.lab.measure.dark_noise import dark_noise
@@ -21,7 +22,6 @@ from mitsuba_sensor.lab.measure.photon_transfer import photon_transfer_of_scene
 from mitsuba_sensor.lab.measure.profiles import profiles
 from mitsuba_sensor.lab.measure.rts_pixels import rts_pixels
 from mitsuba_sensor.lab.measure.spectrogram import spectrograms
-from mitsuba_sensor.study.characterize import characterized
 
 RNG = np.random.default_rng(1)
 

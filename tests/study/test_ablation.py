@@ -10,11 +10,11 @@ from helpers.scenes import SKY, scene_text, write_scene
 from helpers.study_pages import faults, through_files
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.pages.page import Study, Table
 from mitsuba_sensor.study.ablation import RECORDS, ablation
 from mitsuba_sensor.study.ablation.render import Rendered, change_of, shared_rms
 from mitsuba_sensor.study.ablation.sensor import SENSORS, Moments, compare
 from mitsuba_sensor.study.kit import Kit, Subject
-from mitsuba_sensor.study.page import Study, Table
 
 EXPOSURE = ms.Exposure(0.1)
 
@@ -113,11 +113,9 @@ def test_the_rms_of_a_change_is_free_of_noise() -> None:
     assert np.sqrt((off.mean(axis=0) ** 2).mean()) > 5.0
 
 
-def test_the_worst_pixels_are_named_by_one_half_and_measured_by_the_other() -> None:
-    """Pure noise has no worst pixels: their change is 0 within its error, where the largest of each pair are 2.6 σ."""
+def test_renders_that_differ_by_noise_alone_have_not_changed() -> None:
     rng = np.random.default_rng(2)
     base = [Rendered(rng.normal(0.0, 1.0, (64, 64)), 2.0) for _ in range(4)]
     other = [Rendered(rng.normal(0.0, 1.0, (64, 64)), 1.0) for _ in range(4)]
     change = change_of(base, other)
-    assert abs(change.worst_dn) < 5 * change.worst_error_dn + 0.1 and not change.is_change
-    assert (change.saved_s, change.saved_share) == (1.0, 0.5)
+    assert not change.is_change and (change.saved_s, change.saved_share) == (1.0, 0.5)

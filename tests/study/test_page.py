@@ -19,10 +19,9 @@ from rich.console import Console
 from mitsuba_sensor.cli.study_sheet import LONGEST, study_sheet
 from mitsuba_sensor.cli.terminal import seconds_bar
 from mitsuba_sensor.files.texts import to_json
-from mitsuba_sensor.study.drawing import png, svg
-from mitsuba_sensor.study.html_page import html, text
-from mitsuba_sensor.study.kit import Forecast
-from mitsuba_sensor.study.page import (
+from mitsuba_sensor.pages.drawing import png, svg
+from mitsuba_sensor.pages.html_page import html, text
+from mitsuba_sensor.pages.page import (
     Bars,
     Grid,
     Line,
@@ -33,6 +32,7 @@ from mitsuba_sensor.study.page import (
     study_of,
     table,
 )
+from mitsuba_sensor.study.kit import Forecast
 
 TABLE = Table(
     "Series <all>", ("name", "ms", "error"), (("a & b", 1.23456, None), ("c", 2.0, 1e-9)), ("good", "bad"), "read me"

@@ -12,22 +12,31 @@ import pytest
 from helpers.study_pages import faults, through_files
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.pages.page import Grid, Study
 from mitsuba_sensor.study import stress as package
 from mitsuba_sensor.study.kit import Kit
-from mitsuba_sensor.study.page import Grid, Study
 from mitsuba_sensor.study.stress import RECORDS, THEMES, Theme, stress, verdicts
-from mitsuba_sensor.study.stress.case import ENGINES, NO_ENGINE, SCALAR_RENDERER, Row, refusal, table1, within
+from mitsuba_sensor.study.stress.case import (
+    ENGINES,
+    NO_ENGINE,
+    SCALAR_RENDERER,
+    Row,
+    problem_of,
+    refusal,
+    table1,
+    within,
+)
 from mitsuba_sensor.study.stress.sensitivity import sensitivities
 
-QUICK = ("refusals", "infinite light", "smallest divisors", "special noise")
+QUICK = ("refusals", "smallest divisors", "special noise")
 """Themes that take less than a second; the command has them all."""
 
 
 @pytest.mark.parametrize("engine", ENGINES[:3], ids=lambda engine: engine.name)
 @pytest.mark.parametrize("theme", [one for one in THEMES if one.name in QUICK[1:]], ids=lambda theme: theme.name)
 def test_quick_themes_hold_on_every_engine(theme: Theme, engine: package.Engine) -> None:
-    if engine.problem:
-        pytest.skip(engine.problem)
+    if problem_of(engine):
+        pytest.skip(problem_of(engine))
     rows = verdicts(theme, engine)
     assert rows and all(row.got.passed for row in rows), [row for row in rows if not row.got.passed]
 

@@ -255,7 +255,7 @@ def prepare(
     """Check all that was asked for, read what was not from the scene file, and load the scene.
 
     usual : the value of ``spectral`` where neither the options nor the scene file ask for anything.
-    sampler : of Mitsuba; no option of :func:`render`, because no other is better (benchmarks/render_passes.py).
+    sampler : of Mitsuba; no option of :func:`render`, because no other is better.
     No ray is traced, except where an exposure that is to be metered decides what is rendered, with a motion or a noise
     ratio: a short render at rest finds it. Raises InputError.
     """

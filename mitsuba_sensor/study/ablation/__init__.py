@@ -6,8 +6,8 @@ from pathlib import Path
 
 import mitsuba_sensor as ms
 
+from ...pages.page import Study, study_of
 from ..kit import Kit, Step, Subject
-from ..page import Study, study_of
 from .render import RenderAblation, Rendered, render_section
 from .sensor import Moments, SensorAblation, SensorResults, sensor_section
 

@@ -13,19 +13,31 @@ import numpy as np
 import mitsuba_sensor as ms
 
 from ...lab.statistics.estimators import standard_error
+from ...pages.page import Mark, MarkedRow, Section, Table, table
 from ..kit import Array, Kit, Step, Subject, Values
-from ..page import Bars, Mark, MarkedRow, Section, Table, table
 
 PAIRS = 4
 """Renders with and without each feature."""
-
-WORST = 0.01
-"""Share of the pixels that change most, which one half of the pairs names and the other measures."""
 
 SIGNIFICANT = 3.0
 """Standard errors beyond which a change is one."""
 
 AS_IT_IS = "as it is"
+LENS_FEATURES: dict[str, tuple[tuple[str, ...], Values]] = {  # fields that the lens must have, and changes of a camera
+    "lens fall-off": (
+        (),
+        {"lens.relative_illumination": (1.0, 1.0), "lens.relative_illumination_heights_mm": (0.0, 1e6)},
+    ),
+    "lens distortion": (
+        ("distortion", "distortion_percent"),
+        dict.fromkeys(("lens.distortion", "lens.distortion_percent", "lens.distortion_heights_mm")),
+    ),
+    "lens transmission curve": (
+        ("transmission_curve",),
+        dict.fromkeys(("lens.transmission_curve", "lens.transmission_wavelengths_nm")),
+    ),
+    "lens prescription": (("prescription",), {"lens.prescription": None}),
+}
 
 
 class Rendered(NamedTuple):
@@ -42,8 +54,6 @@ class Change(NamedTuple):
     mean_error_dn: float
     rms_dn: float
     rms_error_dn: float
-    worst_dn: float
-    worst_error_dn: float
     saved_s: float
     saved_share: float
 
@@ -83,17 +93,9 @@ class RenderAblation:
         if bands > 1 and self._subject.camera.quantum_efficiency.quantum_yield is None:
             features["channels instead of bands"] = {"spectral": "channels"}
         features["indirect light"] = {"integrator": "direct"}
-        flat = {"lens.relative_illumination": (1.0, 1.0), "lens.relative_illumination_heights_mm": (0.0, 1e6)}
-        features["lens fall-off"] = {"camera": flat}
-        if lens.distortion is not None or lens.distortion_percent is not None:
-            names = "lens.distortion", "lens.distortion_percent", "lens.distortion_heights_mm"
-            features["lens distortion"] = {"camera": dict.fromkeys(names)}
-        if lens.transmission_curve is not None:
-            mean = lens.transmission * math.fsum(lens.transmission_curve) / len(lens.transmission_curve)
-            curve = dict.fromkeys(("lens.transmission_curve", "lens.transmission_wavelengths_nm"))
-            features["lens transmission curve"] = {"camera": {"lens.transmission": mean, **curve}}
-        if lens.prescription is not None:
-            features["lens prescription"] = {"camera": {"lens.prescription": None}}
+        for name, (needed, changes) in LENS_FEATURES.items():
+            if not needed or any(getattr(lens, field) is not None for field in needed):
+                features[name] = {"camera": changes}
         return features
 
     def steps(self) -> Iterator[Step]:
@@ -132,24 +134,11 @@ class RenderAblation:
 def change_of(base: list[Rendered], without: list[Rendered]) -> Change:
     """The change from pairs of renders with equal seeds."""
     off = np.array([other.signal_dn - one.signal_dn for one, other in zip(base, without, strict=True)])
-    worst, worst_error = worst_change(off)
     rms, rms_error = shared_rms(off)
     before, after = (statistics.median(one.seconds for one in renders) for renders in (base, without))
     means = off.mean(axis=(1, 2))
     mean, error = float(means.mean()), standard_error(means)
-    return Change(mean, error, rms, rms_error, worst, worst_error, before - after, 1 - after / before)
-
-
-def worst_change(off: Array) -> tuple[float, float]:
-    """Change of the pixels that change most and its standard error; the half that names them does not measure them."""
-    measured = []
-    for first in (0, 1):
-        naming, measuring = off[first::2].mean(axis=0), off[1 - first :: 2]
-        count = max(int(WORST * naming.size), 1)
-        places = np.argsort(np.abs(naming), axis=None)[-count:]
-        signs = np.sign(naming.ravel()[places])
-        measured += [float((one.ravel()[places] * signs).mean()) for one in measuring]
-    return statistics.fmean(measured), standard_error(np.array(measured))
+    return Change(mean, error, rms, rms_error, before - after, 1 - after / before)
 
 
 def shared_rms(off: Array) -> tuple[float, float]:
@@ -171,7 +160,7 @@ def shared_rms(off: Array) -> tuple[float, float]:
 
 def render_section(changes: Mapping[str, Change]) -> Section:
     """What the render loses without each feature."""
-    return Section(tuple(render_findings(changes)), True, (render_table(changes), *render_bars(changes)))
+    return Section(tuple(render_findings(changes)), True, (render_table(changes),))
 
 
 def render_findings(changes: Mapping[str, Change]) -> Iterator[str]:
@@ -183,13 +172,6 @@ def render_findings(changes: Mapping[str, Change]) -> Iterator[str]:
             f"Of the render, the picture depends most on what '{name}' leaves out: {most.rms_dn:.3g} ± "
             f"{most.rms_error_dn:.2g} DN rms, for {most.saved_share:.0%} of the seconds."
         )
-    free = {name: one for name, one in changes.items() if not one.is_change}
-    if free:
-        name, best = max(free.items(), key=lambda entry: entry[1].saved_share)
-        yield (
-            f"What '{name}' changes cannot be told from noise in {PAIRS} pairs of renders (rms {best.rms_dn:.2g} ± "
-            f"{best.rms_error_dn:.2g} DN), and it saves {best.saved_share:.0%} of the render's seconds."
-        )
 
 
 def render_table(changes: Mapping[str, Change]) -> Table:
@@ -200,18 +182,8 @@ def render_table(changes: Mapping[str, Change]) -> Table:
         rows.append((mark, (name, *one[:-1], 100 * one.saved_share)))
     return table(
         "What changes when the render leaves something out",
-        "left out | mean [DN] | ± [DN] | rms [DN] | ± [DN] | worst 1 % [DN] | ± [DN] | saved [s] | saved [%]",
+        "left out | mean [DN] | ± [DN] | rms [DN] | ± [DN] | saved [s] | saved [%]",
         rows,
         f"Change of the mean signal in DN, cut at the full well, in {PAIRS} pairs of renders with equal seeds; rms is "
-        "freed of noise. Half of the pairs name the worst pixels, the other half measures them. Grey: not to be told "
-        "from noise. Seconds are those of all samples, without loading and compiling.",
+        "freed of noise. Grey: not to be told from noise. Seconds are those of all samples, without compiling.",
     )
-
-
-def render_bars(changes: Mapping[str, Change]) -> Iterator[Bars]:
-    """The change of the picture without each feature."""
-    if changes:
-        series = {"rms": tuple(one.rms_dn or None for one in changes.values())}
-        error = {"rms": tuple(one.rms_error_dn for one in changes.values())}
-        title = "What changes without a feature of the render"
-        yield Bars(title, "rms change of a pixel [DN]", tuple(changes), series, error, log_x=True)

@@ -6,15 +6,15 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 import mitsuba_sensor as ms
 
 from ...lab.statistics.estimators import Spread, as_normal, spread, standard_error, z_limit
+from ...pages.page import Bars, Mark, MarkedRow, Part, Section, Table, table
 from ..kit import Array, Kit, Step, Subject, Values, measured_moments, resized, time_in_turns
-from ..page import Bars, Mark, MarkedRow, Part, Section, Table, table
 
 WHOLE, PLAN = "whole chain", "the plan"
 QUANTITIES = "mean", "temporal σ", "spatial σ"
@@ -93,17 +93,19 @@ class SensorAblation:
         planned = self.plan.to_dict()["stages"]
         return {"left_out": self.plan.left_out, "stages": {one["stage"]: one["reason"] for one in planned}}
 
-    def expose(self, case: str, photons: ms.Photons, **options: Any) -> ms.Frames:
-        """Frames of one case."""
-        plan = self.plan if case == PLAN else None
-        return ms.expose(photons, self.cameras[case], self._subject.exposure, plan=plan, **options)
-
     def moments(self, case: str) -> Moments:
         """Moments of every sensor by its laws and in frames; all cases have the same random bits."""
         predicted, measured, pixels = [], [], []
         for number in range(SENSORS):
-            asked = {"frames": self.frames, "serial": self._serial + number, "seed": self._seed + number}
-            frames = self.expose(case, self.photons, **asked)
+            frames = ms.expose(
+                self.photons,
+                self.cameras[case],
+                self._subject.exposure,
+                plan=self.plan if case == PLAN else None,
+                frames=self.frames,
+                serial=self._serial + number,
+                seed=self._seed + number,
+            )
             law_mean = np.float64(frames.clean[0])
             law_spatial = (law_mean - frames.spatial_mean) ** 2
             predicted.append([x.mean(dtype=float) for x in (law_mean, frames.temporal_variance, law_spatial)])
@@ -155,11 +157,6 @@ class SensorResults:
         self.agree = max((abs(one.z) for one in self.compared), default=0.0) <= self.limit
         self.plan_keeps = self.worst_pixel_dn[PLAN] <= MOVED_BY_CHANCE * ablation.tolerance_dn + LEAST_DN
 
-    def saved_ns(self, case: str) -> Spread:
-        """Nanoseconds per pixel that leaving out saves."""
-        pairs = zip(self.nanoseconds[WHOLE], self.nanoseconds[case], strict=True)
-        return spread(whole - other for whole, other in pairs)
-
     def saved_share(self, case: str) -> Spread:
         """Share of the whole chain's time that leaving out saves."""
         pairs = zip(self.nanoseconds[WHOLE], self.nanoseconds[case], strict=True)
@@ -194,7 +191,7 @@ def compare(moments: Moments, whole: Moments | None) -> tuple[Comparison, ...]:
 
 def sensor_section(results: SensorResults, ablation: SensorAblation) -> Section:
     """What the sensor shows; it has passed if laws and frames agree and the plan keeps to its tolerance."""
-    parts: tuple[Part, ...] = changes_table(results, ablation), *sensor_bars(results, ablation.tolerance_dn)
+    parts: tuple[Part, ...] = changes_table(results, ablation), *changes_bars(results, ablation.tolerance_dn)
     return Section(tuple(sensor_findings(results, ablation)), results.agree and results.plan_keeps, parts)
 
 
@@ -237,14 +234,14 @@ def changes_table(results: SensorResults, ablation: SensorAblation) -> Table:
     for case, changes in results.changes.items():
         numbers = [x for one in changes for x in (one.predicted_dn, one.measured_dn, one.error_dn)]
         z = max(abs(one.z) for one in changes)
-        times = results.saved_ns(case).median, 100 * results.saved_share(case).median
+        saved = 100 * results.saved_share(case).median
         reason = results.verdicts["stages"].get(case, "")
-        rows.append((results.mark(case), (case, *numbers, z, results.worst_pixel_dn[case], *times, reason)))
+        rows.append((results.mark(case), (case, *numbers, z, results.worst_pixel_dn[case], saved, reason)))
     headings = " | ".join(f"{name}, predicted [DN] | {name}, measured [DN] | {name}, ± [DN]" for name in QUANTITIES)
     whole_ns = spread(results.nanoseconds[WHOLE]).median
     return table(
         "What changes when a noise source is left out",
-        f"left out | {headings} | largest abs(z) [1] | worst pixel's mean [DN] | saved [ns/pixel] | saved [%] | plan",
+        f"left out | {headings} | largest abs(z) [1] | worst pixel's mean [DN] | saved [%] | plan",
         rows,
         f"Averages over all pixels; of the whole chain the values, below it their changes. Predicted by the exact law "
         f"of every pixel; measured on {ablation.frames} frames of each of {SENSORS} sensors, with equal random bits; ± "
@@ -253,20 +250,13 @@ def changes_table(results: SensorResults, ablation: SensorAblation) -> Table:
     )
 
 
-def sensor_bars(results: SensorResults, tolerance_dn: float) -> Iterator[Bars]:
-    """Changes and seconds of the cases that are not the whole chain."""
+def changes_bars(results: SensorResults, tolerance_dn: float) -> list[Bars]:
+    """Changes without each noise source, where there are any."""
     cases = [case for case in results.changes if case != WHOLE and largest_change(results.changes[case]) > LEAST_DN]
-    if not cases:
-        return
-    series = {
-        name: tuple(abs(results.changes[case][row].predicted_dn) or None for case in cases)
-        for row, name in enumerate(QUANTITIES)
-    }
+    series = {}
+    for row, name in enumerate(QUANTITIES):
+        series[name] = tuple(abs(results.changes[case][row].predicted_dn) or None for case in cases)
     level = (tolerance_dn, f"tolerance {tolerance_dn:g} DN") if tolerance_dn > 0 else None
     title = "What changes without each noise source"
-    yield Bars(title, "change of mean or σ [DN]", tuple(cases), series, log_x=True, level=level)
-    saved = [results.saved_ns(case) for case in cases]
-    whiskers = {"saved": tuple((one.high - one.low) / 2 for one in saved)}
-    medians = {"saved": tuple(one.median for one in saved)}
-    note = "Whiskers are half the distance of the quartiles."
-    yield Bars("Time saved on NumPy", "saved [ns/pixel]", tuple(cases), medians, whiskers, note=note)
+    bars = Bars(title, "change of mean or σ [DN]", tuple(cases), series, log_x=True, level=level)
+    return [bars] if cases else []

@@ -13,17 +13,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...pages.page import Grid, Mark, MarkedRow, Section, Study, Table, study_of, table
 from ..kit import Kit, Step
-from ..page import Grid, Mark, MarkedRow, Section, Study, Table, study_of, table
 from . import frames, renders
-from .case import ENGINES, NO_ENGINE, RENDERERS, SCALAR_RENDERER, Engine, Got, Row, Rows
+from .case import ENGINES, NO_ENGINE, RENDERERS, Engine, Got, Row, Rows, problem_of
 from .sensitivity import Sensitivity, cameras, condition_section, sensitivities
 
 RECORDS: tuple[type, ...] = (Got, Row, Sensitivity)
 """Classes that its measurements consist of."""
 
 COLUMNS = (NO_ENGINE, *ENGINES, *RENDERERS)
-SHOWN_FAILURES = 5
 
 
 class Theme(NamedTuple):
@@ -44,16 +43,14 @@ THEMES = (
         for name in ("light", "exposure time", "temperature")
         for camera in frames.EACH_KIND
     ),
-    Theme("infinite light", frames.infinite_light),
     Theme("counts", frames.counts, seconds=1.0),
     Theme("special noise", frames.specials, seconds=1.0),
     Theme("corners", frames.corners, seconds=3.0),
     Theme("smallest divisors", frames.divisors),
-    Theme("frame sizes", frames.sizes, seconds=1.5),
+    Theme("frame sizes", frames.sizes),
     Theme("refusals", frames.refusals, (NO_ENGINE,)),
     Theme("radiance", renders.radiances, RENDERERS, 1.5),
     Theme("samples per pixel", renders.samples, RENDERERS, 2.0),
-    Theme("bands", renders.bands, (SCALAR_RENDERER,)),
 )
 
 
@@ -62,7 +59,7 @@ def stress(kit: Kit) -> Study:
     asked = {}
     for engine in COLUMNS:
         for number, theme in enumerate(THEMES):
-            if engine in theme.engines and engine.problem is None:
+            if engine in theme.engines and problem_of(engine) is None:
                 asked[f"{theme.name} {number}, {engine.name}"] = theme, engine
     steps = [
         Step(key, theme.seconds, partial(verdicts, theme, engine), theme.name) for key, (theme, engine) in asked.items()
@@ -74,7 +71,8 @@ def stress(kit: Kit) -> Study:
     for key, (theme, engine) in asked.items():
         answers[theme.name] += [(engine.name, row) for row in kit[key]]
     sensitive = [one for key in conditions for one in kit[key]]
-    sections = [verdict_section(answers, kit), condition_section(sensitive), table_section(answers)]
+    tables = Section((), True, tuple(theme_table(theme, told) for theme, told in answers.items()))
+    sections = [verdict_section(answers, kit), condition_section(sensitive), tables]
     return study_of("stress", "Stiff and extreme cases", sections)
 
 
@@ -98,9 +96,9 @@ def verdict_section(answers: dict[str, list[tuple[str, Row]]], kit: Kit) -> Sect
     failed = [one for one in every if not one[2].got.passed]
     engines = ", ".join(dict.fromkeys(engine for _, engine, _ in every if engine != NO_ENGINE.name))
     findings = [f"{len(every) - len(failed)} of {len(every)} cases hold on {engines}, in {kit.seconds:.0f} s."]
-    for theme, engine, row in failed[:SHOWN_FAILURES]:
+    for theme, engine, row in failed[:5]:
         findings.append(f"Fails: {theme}, {row.given}, {engine}: {row.got.text}; expected {row.expected}.")
-    findings += [f"Not here: {engine.name} ({engine.problem})." for engine in COLUMNS if engine.problem]
+    findings += [f"Not here: {engine.name} ({problem_of(engine)})." for engine in COLUMNS if problem_of(engine)]
     return Section(tuple(findings), not failed, (verdict_grid(answers),))
 
 
@@ -123,11 +121,6 @@ def verdict_cell(theme: str, engine: Engine, told: Iterable[tuple[str, Row]]) ->
         return ("good" if all(passed) else "bad"), f"{sum(passed)}/{len(passed)}"
     asked = any(engine in one.engines for one in THEMES if one.name == theme)
     return ("dim", "not here") if asked else ("", "")
-
-
-def table_section(answers: dict[str, list[tuple[str, Row]]]) -> Section:
-    """Input, expected, got and verdict of every case, theme by theme."""
-    return Section((), True, tuple(theme_table(theme, told) for theme, told in answers.items()))
 
 
 def theme_table(theme: str, told: Iterable[tuple[str, Row]]) -> Table:

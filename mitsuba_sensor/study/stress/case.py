@@ -83,11 +83,6 @@ class Engine:
     precision: Any = "float32"
     renders: bool = False
 
-    @property
-    def problem(self) -> str | None:
-        """Why it is not on this machine, or None."""
-        return problem_of(self)
-
     def expose(
         self, light: ms.Photons | ArrayLike, camera: ms.Camera, exposure: ms.Exposure = TENTH, **more: Any
     ) -> ms.Frames:

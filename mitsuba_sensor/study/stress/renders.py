@@ -1,4 +1,4 @@
-"""Renders of a sky whose irradiance has a closed form: radiances to 1e30, a million samples, 31 bands."""
+"""Renders of a sky whose irradiance has a closed form: radiances to 1e30, a million samples."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 import mitsuba_sensor as ms
 
-from .case import CASES, SIGMAS, TENTH, Engine, Got, Row, Rows, table1, together, within
+from .case import CASES, TENTH, Engine, Got, Row, Rows, table1, together, within
 
 LEVEL = 0.07
 """Radiance [W m⁻² sr⁻¹ nm⁻¹]; no multiple of it is exact in float32, so that sums are rounded."""
@@ -55,18 +55,3 @@ def samples(engine: Engine) -> Rows:
         text = f"{off:+.1e}: {light.statistics.passes} passes of {each}"
         got = Got(text, abs(off) <= allowed_loss(min(each, LARGEST_PASS)))
         yield Row("irradiance", f"{spp} samples", "E = πL/(4N²) to n·2⁻²⁵ for n samples of a pass", got)
-
-
-def bands(engine: Engine) -> Rows:
-    """Adjacent bands, whose sum is that of a wide one."""
-    options = {"parameters": {"radiance": LEVEL, "size": 4}, "spp": 64}
-    cube = engine.render(**options, wavelength_nm=None, bandwidth_nm=10.0)
-    wide = engine.render(**options, wavelength_nm=555.0, bandwidth_nm=310.0)
-    answers = []
-    for light in (cube, wide):
-        inner = (light.wavelengths_nm > 410) & (light.wavelengths_nm < 690)
-        error = np.square(light.standard_error[..., inner], dtype=np.float64)
-        allowed = SIGMAS * math.sqrt(error.mean() / error[..., 0].size) + 1e-4 * irradiance()
-        answers.append(within(light.data[..., inner].mean(), irradiance(), allowed, " W/m²/nm"))
-    expected = "both have the mean of the closed form, within 5 standard errors"
-    yield Row("irradiance", "bands of 10 nm, and one of 310 nm", expected, together(*answers))

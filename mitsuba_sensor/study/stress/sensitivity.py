@@ -9,8 +9,8 @@ import numpy as np
 
 import mitsuba_sensor as ms
 
+from ...pages.page import Section, table
 from ..kit import Array
-from ..page import Bars, Section, table
 from .case import table1
 from .frames import EACH_KIND, electrons_per_photon
 
@@ -22,9 +22,6 @@ LEVELS = {"dark": 0.0, "10 %": 0.1, "50 %": 0.5, "90 %": 0.9}
 
 EXPOSURE = ms.Exposure(10.0)
 """At 25 °C; long enough for a dark current that shows."""
-
-NOTICED_DN = 0.1
-"""A change of a mean that a careful measurement shows: a tenth of a code."""
 
 UNUSED = ("name", "description", "sources", "lens", "sensor", "gain", "gains")
 """Tables that the chain does not use: the lens is in the photons already."""
@@ -68,10 +65,11 @@ def sensitivities(name: str) -> list[Sensitivity]:
     rows, columns = np.shape(camera.tile)
     light = np.tile(np.repeat(photons, columns), (rows, 1))
     here = mean_and_sigma(light, camera, EXPOSURE)
+    time_s, kelvin = EXPOSURE.time_s, EXPOSURE.temperature_k
     moves = [
         ("photons", 1.0, mean_and_sigma(light * (1 + STEP), camera, EXPOSURE)),
-        ("time_s", EXPOSURE.time_s, mean_and_sigma(light, camera, stretched(1 + STEP, 1.0))),
-        ("temperature_k", EXPOSURE.temperature_k, mean_and_sigma(light, camera, stretched(1.0, 1 + STEP))),
+        ("time_s", time_s, mean_and_sigma(light, camera, ms.Exposure(time_s * (1 + STEP), kelvin))),
+        ("temperature_k", kelvin, mean_and_sigma(light, camera, ms.Exposure(time_s, kelvin * (1 + STEP)))),
     ]
     for field, value, changed in changed_cameras(camera):
         moves.append((field, value, mean_and_sigma(light, changed, EXPOSURE)))
@@ -86,11 +84,6 @@ def sensitivities(name: str) -> list[Sensitivity]:
     return sorted(strongest, key=lambda one: -one.largest_dn)
 
 
-def stretched(time: float, temperature: float) -> ms.Exposure:
-    """The exposure with time and temperature times these."""
-    return ms.Exposure(EXPOSURE.time_s * time, EXPOSURE.temperature_k * temperature)
-
-
 def mean_and_sigma(light: Array, camera: ms.Camera, exposure: ms.Exposure) -> Array:
     """Mean and temporal σ of every pixel in its exact law, (2, H, W) [DN]."""
     frames = ms.expose(light, camera, exposure, engine="numpy", precision="float64")
@@ -98,40 +91,30 @@ def mean_and_sigma(light: Array, camera: ms.Camera, exposure: ms.Exposure) -> Ar
 
 
 def changed_cameras(camera: ms.Camera) -> Iterator[tuple[str, float, ms.Camera]]:
-    """Every field of the chain that is a number, but for 0, which is a switch: its name, its value, and the camera
-    with a step of it."""
+    """Every field of the chain that is a number, but for 0, which is a switch: its name, its value, and the camera with
+    the field a step larger, or smaller at the upper end of its range."""
     for table_name, fields in camera.model_dump().items():
         numbers = fields.items() if isinstance(fields, dict) and table_name not in UNUSED else ()
         for name, value in numbers:
-            if isinstance(value, float) and value:
-                field = f"{table_name}.{name}"
-                yield from ((field, value, changed) for changed in moved_field(camera, field, value))
-
-
-def moved_field(camera: ms.Camera, field: str, value: float) -> list[ms.Camera]:
-    """The camera with a field a step larger, or smaller at the upper end of its range."""
-    for factor in (1 + STEP, 1 - STEP):
-        try:
-            return [camera.replace(**{field: value * factor})]
-        except ms.InputError:
-            continue
-    return []
+            field = f"{table_name}.{name}"
+            for factor in (1 + STEP, 1 - STEP) if isinstance(value, float) and value else ():
+                try:
+                    yield field, value, camera.replace(**{field: value * factor})
+                    break
+                except ms.InputError:
+                    continue
 
 
 def condition_section(found: Sequence[Sensitivity]) -> Section:
-    """The inputs that move each camera's output most: in a sentence, as bars and in a table."""
+    """The inputs that move each camera's output most: in a sentence and in a table."""
     strongest = max(found, key=lambda one: one.largest_dn)
     finding = (
         f"One float32 step of an input moves a mean or σ by {strongest.largest_dn:.2g} DN at most: {strongest.field} "
         f"of {strongest.camera}, {EXPOSURE.time_s:g} s, light {strongest.level} of the full well."
     )
-    by_camera = {one.camera: [other for other in found if other.camera == one.camera] for one in found}
-    bars = [one for some in by_camera.values() for one in some[:SHOWN_BARS]]
-    rows = [one for some in by_camera.values() for one in some[:SHOWN_ROWS]]
-    labels = tuple(f"{one.camera}: {one.field}, {one.level}" for one in bars)
-    series = {name: tuple(one.moved_dn[k] or None for one in bars) for k, name in enumerate(QUANTITIES)}
-    level = NOTICED_DN, f"{NOTICED_DN:g} DN"
-    picture = Bars("What one float32 step of an input moves", "change [DN]", labels, series, log_x=True, level=level)
+    rows = []
+    for camera in dict.fromkeys(one.camera for one in found):
+        rows += [one for one in found if one.camera == camera][:5]
     numbers = table(
         "Condition numbers: what one float32 step of an input does",
         "camera | light, share of well | input | value [as in a camera file] | mean [DN] | mean moves [DN] | "
@@ -143,4 +126,4 @@ def condition_section(found: Sequence[Sensitivity]) -> Section:
         f"Exact laws of pixels at {EXPOSURE.time_s:g} s and 25 °C; a change of {STEP:g} of the input, scaled to a step "
         "of float32.",
     )
-    return Section((finding,), True, (picture, numbers))
+    return Section((finding,), True, (numbers,))

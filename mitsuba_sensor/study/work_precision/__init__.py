@@ -7,16 +7,16 @@ from collections.abc import Sequence
 
 import mitsuba_sensor as ms
 
+from ...pages.page import Study, study_of
 from ..kit import Kit, Subject
-from ..page import Study, study_of
 from .render import Light, Render
 from .render_page import render_section
 from .results import Rung
-from .sensor import Moments, Sensor
+from .sensor import Sensor
 from .sensor_page import sensor_section
 
 SIDES = ("render", "sensor")
-RECORDS: tuple[type, ...] = (Light, Rung, Moments)
+RECORDS: tuple[type, ...] = (Light, Rung)
 """Classes that its measurements consist of."""
 
 

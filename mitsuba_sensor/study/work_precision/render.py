@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 import mitsuba_sensor as ms
 
 from ..kit import Array, Kit, Step, Subject, read_table
-from .results import FEWEST_RUNGS, PILOT_SPP, Choice, Result, Rung, Setting
+from .results import FEWEST_RUNGS, PILOT_SPP, Result, Rung, Setting
 
 SETTINGS = read_table(Path(__file__).with_name("settings.toml"))
 
@@ -32,19 +32,13 @@ DARKEST_SHARE = 0.1
 class Light(NamedTuple):
     """One render.
 
-    electrons, mean_dn : of every pixel, (H, W).  own_error : of the electrons, relative to the pixel, (H, W).
+    electrons : of every pixel, (H, W).  own_error : of the electrons, relative to the pixel, (H, W).
     """
 
     electrons: Array
-    mean_dn: Array
     own_error: Array
     spp: int
     seconds: float
-
-
-def as_float64(values: object) -> Array:
-    """Values as an array of float64."""
-    return np.asarray(values, dtype=np.float64)
 
 
 class Render:
@@ -87,14 +81,15 @@ class Render:
         return names
 
     def light(self, seed: int, spp: int, setting: Setting) -> Light:
-        """One render with its electrons and mean digital numbers."""
+        """One render and its electrons."""
         camera, exposure = self.subject.camera, self.subject.exposure
         irradiance = self.subject.render(seed, spp=spp, **setting.options)
         frames = ms.expose(ms.collect(irradiance, camera, exposure), camera, exposure)
         told = irradiance.statistics
-        electrons, mean_dn = as_float64(frames.detected.mean_e), as_float64(frames.spatial_mean)
-        own_error = as_float64(irradiance.relative_error)
-        return Light(electrons, mean_dn, own_error, told.samples_per_pixel, told.seconds)
+        own_error = irradiance.relative_error.astype(np.float64)
+        return Light(
+            np.asarray(frames.detected.mean_e, dtype=np.float64), own_error, told.samples_per_pixel, told.seconds
+        )
 
     def photons(self) -> ms.Photons:
         """Light of a render, as the sensor side exposes it."""
@@ -147,7 +142,7 @@ class Render:
         run = []
         for spp in rungs:
             light = self.light(1000 * seed + spp, spp, setting)
-            run.append(Rung(light.spp, light.seconds, *self.squared_errors(light, self.reference(setting)).values()))
+            run.append(Rung(light.spp, light.seconds, self.squared_error(light, self.reference(setting))))
         return run
 
     def reference(self, setting: Setting) -> Light:
@@ -162,40 +157,21 @@ class Render:
         seen = seen if seen.any() else electrons > 0
         return seen, np.maximum(electrons, DARKEST_SHARE * electrons[seen].mean())
 
-    def squared_errors(self, light: Light, reference: Light) -> dict[str, float]:
-        """Mean squared error of one render by measure, the reference's own error included."""
+    def squared_error(self, light: Light, reference: Light) -> float:
+        """Mean squared relative error of the electrons of one render, the reference's own error included."""
         seen, scale_e = self.scale(reference)
-        relative = ((light.electrons - reference.electrons) / scale_e)[seen]
-        off_dn = (light.mean_dn - reference.mean_dn)[seen]
-        return {"electrons": float(np.mean(relative**2)), "dn": float(np.mean(off_dn**2))}
+        return float(np.mean(((light.electrons - reference.electrons) / scale_e)[seen] ** 2))
 
-    def own_squares(self, setting: Setting) -> dict[str, float]:
-        """Squared standard errors of the reference, by measure."""
+    def own_square(self, setting: Setting) -> float:
+        """Squared relative standard error of the reference."""
         reference = self.reference(setting)
         seen, scale_e = self.scale(reference)
-        error_e = reference.own_error * reference.electrons
-        error_dn = self.subject.camera.system_gain_dn_per_e * error_e
-        return {
-            "electrons": float(np.mean((error_e / scale_e)[seen] ** 2)),
-            "dn": float(np.mean(error_dn[seen] ** 2)),
-        }
+        return float(np.mean((reference.own_error * reference.electrons / scale_e)[seen] ** 2))
 
     def results(self) -> list[Result]:
         """Every setting with its runs."""
         results = []
         for setting in self.settings:
             runs = [self.kit[self._run_key(setting, seed)] for seed in self.seeds]
-            results.append(Result(setting, runs, self.own_squares(setting)))
+            results.append(Result(setting, runs, self.own_square(setting)))
         return results
-
-    def check(self, choice: Choice) -> tuple[float, float]:
-        """Seconds and error of a render with the recommended options."""
-        setting = next(one for one in self.settings if one.name == choice.setting)
-
-        def checked() -> list[float]:
-            light = self.light(777, choice.spp, setting)
-            square = self.squared_errors(light, self.reference(setting))["electrons"]
-            return [light.seconds, math.sqrt(max(square - self.own_squares(setting)["electrons"], 0.0))]
-
-        seconds, error = self.kit.measure(f"check: {choice.options}", choice.seconds, checked)
-        return seconds, error

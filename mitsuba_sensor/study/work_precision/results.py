@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from ...lab.statistics.estimators import Slope, slope_of_runs
@@ -47,12 +47,11 @@ class Setting(NamedTuple):
 
 
 class Rung(NamedTuple):
-    """A render of a ladder: samples per pixel, seconds, squared errors by measure."""
+    """A render of a ladder: samples per pixel, seconds, squared error of the electrons relative to the pixel's."""
 
     spp: int
     seconds: float
-    electrons: float
-    dn: float
+    square: float
 
 
 class Point(NamedTuple):
@@ -65,19 +64,19 @@ class Point(NamedTuple):
 
 
 class Result(NamedTuple):
-    """A setting with its runs, one per seed, and the squared errors of its reference."""
+    """A setting with its runs, one per seed, and the squared error of its reference."""
 
     setting: Setting
     runs: Sequence[Sequence[Rung]]
-    own: Mapping[str, float]
+    own: float
 
-    def points(self, measure: str) -> list[Point]:
+    def points(self) -> list[Point]:
         """Rungs whose squared error stands clear of the reference's own, which is taken off."""
         points = []
         for rungs in zip(*self.runs, strict=True):
-            squares = [getattr(rung, measure) for rung in rungs]
-            square = statistics.fmean(squares) - self.own[measure]
-            if square > self.own[measure]:
+            squares = [rung.square for rung in rungs]
+            square = statistics.fmean(squares) - self.own
+            if square > self.own:
                 error = math.sqrt(square)
                 spread = statistics.stdev(squares) / math.sqrt(len(squares)) / (2 * error)
                 seconds = statistics.median(rung.seconds for rung in rungs)
@@ -87,14 +86,13 @@ class Result(NamedTuple):
     @property
     def slope(self) -> Slope | None:
         """Slope of log error against log samples, where enough rungs of all runs are clear of the reference."""
-        clear = {point.spp for point in self.points("electrons")}
-        own = self.own["electrons"]
+        clear = {point.spp for point in self.points()}
         runs = []
         for run in self.runs:
-            rungs = [rung for rung in run if rung.spp in clear and rung.electrons > own]
+            rungs = [rung for rung in run if rung.spp in clear and rung.square > self.own]
             if len(rungs) < FEWEST_RUNGS:
                 return None
-            runs.append(([rung.spp for rung in rungs], [math.sqrt(rung.electrons - own) for rung in rungs]))
+            runs.append(([rung.spp for rung in rungs], [math.sqrt(rung.square - self.own) for rung in rungs]))
         return slope_of_runs(runs)
 
     @property
@@ -121,7 +119,7 @@ def choices(results: Sequence[Result], tolerance: float) -> list[Choice]:
     """Of every setting the options that reach the tolerance, the quickest first."""
     reached = []
     for result in results:
-        points = result.points("electrons")
+        points = result.points()
         if result.setting.has_law and points:
             square = math.exp(statistics.fmean(math.log(point.error**2 * point.spp) for point in points))
             second = statistics.median(point.seconds / point.spp for point in points[-2:])

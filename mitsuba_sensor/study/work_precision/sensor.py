@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,8 +21,8 @@ TURNS = 7
 LARGE, SMALL = (1024, 1024), (128, 128)
 """Frames that are timed and compared pixel by pixel; frames whose moments are measured."""
 
-SENSORS, FRAMES, LEVELS = 16, 2, 5
-"""Serial numbers, frames of each, and groups of equally many pixels from dark to bright."""
+SENSORS, FRAMES = 16, 2
+"""Serial numbers, and frames of each."""
 
 SIGNIFICANT = 4.0
 """Standard errors that a change may be beyond a tolerance by chance, in so many comparisons."""
@@ -54,17 +54,11 @@ REFERENCE = FrameSetting("numpy", "float64")
 """All others are compared with it: the whole chain, every count exact."""
 
 
-class Moments(NamedTuple):
-    """Mean, temporal and spatial variance of each light level and sensor, (3, levels, sensors)."""
-
-    values: Array
-
-
 class Sensor:
     """A camera in a scene's light, and what a kit measures of its frames.  light : renders it, when it is needed."""
 
     def __init__(self, kit: Kit, subject: Subject, light: Callable[[], ms.Photons]) -> None:
-        self.kit, self.subject, self._light = kit, subject, light
+        self.kit, self.subject, self._light = kit, subject, cache(light)
         self._windows: dict[tuple[int, int], ms.Photons] = {}
         self._plans: dict[tuple[float, tuple[int, int]], ms.Plan] = {}
         self._streams: dict[str, Frames] = {}
@@ -146,22 +140,14 @@ class Sensor:
         share_of_numpy = pixel_difference(digital, on_numpy)["share_of_pixels"]
         return {**pixel_difference(digital, next(self.stream(REFERENCE))), "share_of_numpy": share_of_numpy}
 
-    @cached_property
-    def levels(self) -> list[NDArray[np.intp]]:
-        """The pixels of each light level, from the darkest to the brightest, as places in the flattened window."""
-        frames = ms.expose(self.photons(SMALL), self.subject.camera, self.subject.exposure, engine="numpy")
-        order = np.argsort(frames.detected.mean_e, axis=None, kind="stable")
-        return list(np.array_split(order, LEVELS))
-
-    def moments(self, setting: FrameSetting) -> Moments:
-        """Moments of frames of several sensors, by light level."""
+    def moments(self, setting: FrameSetting) -> Array:
+        """Mean, temporal and spatial variance of the frames of each sensor, averaged over the pixels, (3, sensors)."""
         options, values = self.options(setting, SMALL), []
         for serial in range(1, SENSORS + 1):
             asked = {**options, "frames": FRAMES, "serial": serial, "seed": serial}
             frames = ms.expose(self.photons(SMALL), self.subject.camera, self.subject.exposure, **asked)
-            pixels = measured_moments(frames).reshape(3, -1)
-            values.append([pixels[:, level].mean(axis=1) for level in self.levels])
-        return Moments(np.array(values).transpose(2, 1, 0))
+            values.append(measured_moments(frames).mean(axis=(1, 2)))
+        return np.array(values).T
 
 
 def turn_key(turn: int) -> str:
@@ -179,7 +165,7 @@ def take_frames(frames: Frames, count: int) -> int:
 class Row:
     """One setting: its seconds, its pixels, and how far its moments are from those of others.
 
-    change_dn, error_dn : of mean, temporal σ and spatial σ at every light level from the reference, (3, levels).
+    change_dn, error_dn : of mean, temporal σ and spatial σ from the reference, (3,).
     """
 
     def __init__(self, sensor: Sensor, setting: FrameSetting) -> None:
@@ -192,7 +178,7 @@ class Row:
         pairs = zip(self.seconds, (turn[whole.name] for turn in turns), strict=True)
         self.saved = spread(1 - mine / theirs for mine, theirs in pairs)
         self.pixels: dict[str, float] = kit[f"pixels: {setting.name}"]
-        moments = [kit[f"moments: {one.name}"].values for one in (setting, REFERENCE, whole)]
+        moments = [kit[f"moments: {one.name}"] for one in (setting, REFERENCE, whole)]
         self.change_dn, self.error_dn = change_of_moments(moments[0], moments[1])
         self.plan_change_dn, self.plan_error_dn = change_of_moments(moments[0], moments[2])
 
@@ -207,14 +193,14 @@ class Row:
 
 
 def change_of_moments(found: Array, other: Array) -> tuple[Array, Array]:
-    """Changes of mean, temporal σ and spatial σ with standard errors, (3, levels), from (3, levels, sensors).
+    """Changes of mean, temporal σ and spatial σ with standard errors, (3,), from moments (3, sensors).
 
     √a − √b = (a − b)/(√a + √b); where a variance is not resolved, its root is at least that of its standard error.
     """
     off = found - other
-    value = off.mean(axis=2)
-    error = np.apply_along_axis(standard_error, 2, off)
-    roots = np.sqrt(np.maximum(found[1:].mean(axis=2), 0.0)) + np.sqrt(np.maximum(other[1:].mean(axis=2), 0.0))
+    value = off.mean(axis=1)
+    error = np.apply_along_axis(standard_error, 1, off)
+    roots = np.sqrt(np.maximum(found[1:].mean(axis=1), 0.0)) + np.sqrt(np.maximum(other[1:].mean(axis=1), 0.0))
     least = np.sqrt(np.maximum(np.maximum(np.abs(value[1:]), error[1:]), np.finfo(float).tiny))
     unit = np.concatenate([np.ones_like(value[:1]), np.maximum(roots, least)])
     return value / unit, error / unit

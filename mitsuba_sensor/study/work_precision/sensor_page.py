@@ -8,8 +8,8 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from ...lab.statistics.estimators import pareto, ratio
-from ..page import Mark, MarkedRow, Part, Plot, Section, Table, line, ringed, table
-from .sensor import FRAMES, LARGE, LEAST_DN, LEVELS, REFERENCE, SENSORS, SIGNIFICANT, FrameSetting, Row, Sensor
+from ...pages.page import Mark, MarkedRow, Part, Plot, Section, Table, line, ringed, table
+from .sensor import FRAMES, LARGE, LEAST_DN, REFERENCE, SENSORS, SIGNIFICANT, FrameSetting, Row, Sensor
 
 MOST_PIXELS, LARGEST_DN = 0.01, 1.0
 """Share of the pixels that float32 may move, and by how much (docs/backends.md)."""
@@ -64,10 +64,6 @@ def sensor_findings(rows: Rows, problems: dict[str, str]) -> Iterator[str]:
         f"For {USUAL_DN:g} DN take {best.setting.name}: {best.ns.median:.3g} ns/pixel, {best.faster:.3g} times as fast "
         f"as {REFERENCE.name}; mean, temporal σ and spatial σ change by {best.worst_dn:.2g} DN at most."
     )
-    plans = [row for setting, row in rows.items() if setting.tolerance_dn is not None]
-    most = max(plans, key=lambda row: row.saved.median)
-    saves = f"{most.saved.median:.0%} of the time" if most.saved.low > 0 else "no time that shows"
-    yield f"The plan that saves most is {most.setting.name}: {saves} ({most.saved.low:.0%} to {most.saved.high:.0%})."
     plain = rows[FrameSetting("numpy", "float32")]
     for setting, row in rows.items():
         if setting.engine != "numpy" and setting.tolerance_dn is None:
@@ -90,7 +86,7 @@ def error_plot(rows: Rows) -> Plot:
         plans = "" if setting.tolerance_dn is None else ", plans"
         series[f"{setting.engine} {setting.precision}{plans}"].append((row.ns.median, row.worst_dn))
     lines = [line(label, points, joined=False) for label, points in series.items()]
-    note = f"The largest change at any light level, and at least {LEAST_DN:g} DN, where the reference lies. "
+    note = f"The largest change, and at least {LEAST_DN:g} DN, where the reference lies. "
     note += "Rings: nothing is both faster and nearer."
     y_label = "change of mean, temporal σ or spatial σ [DN]"
     return Plot("Error of the frames against time", "time [ns/pixel]", y_label, ringed(lines), note=note)
@@ -105,7 +101,7 @@ def settings_table(rows: Rows, problems: dict[str, str]) -> Table:
         quartiles = f"{row.ns.low:.3g} … {row.ns.high:.3g}"
         saved = None if setting.tolerance_dn is None else 100 * row.saved.median
         pixels = 100 * row.pixels["share_of_pixels"], row.pixels["largest_dn"]
-        changes = [float(np.abs(change).max()) for change in row.change_dn]
+        changes = [abs(float(change)) for change in row.change_dn]
         mark: Mark = "best" if number in front else ""
         shown.append(
             (mark, (setting.name, row.ns.median, quartiles, row.faster, row.first_s, saved, *pixels, *changes))
@@ -118,6 +114,6 @@ def settings_table(rows: Rows, problems: dict[str, str]) -> Table:
         f"saved by the plan [%] | pixels that differ [%] | largest [DN] | {changes_of}",
         shown,
         f"Frames of {LARGE[0]} × {LARGE[1]} pixels under the scene's light, in turns. Pixels: one frame against "
-        f"{REFERENCE.name}, with equal random bits. Changes: the largest over {LEVELS} light levels, {SENSORS} sensors "
+        f"{REFERENCE.name}, with equal random bits. Changes: averages over all pixels of {SENSORS} sensors "
         f"of {FRAMES} frames. Green: nothing is both faster and nearer. {absent}",
     )

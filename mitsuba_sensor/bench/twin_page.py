@@ -1,0 +1,209 @@
+"""The page of ``fit``: figures of a twin, and frames that its fit did not see beside frames that the twin takes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import mitsuba_sensor as ms
+
+from ..core.types import Float64Array
+from ..lab.frames.bench import Bench
+from ..lab.frames.stack import Stack
+from ..lab.frames.temporal import temporal
+from ..lab.measure.correlation import correlation
+from ..lab.measure.distance import SIGNIFICANCE, Distance, FigureDistance, figure_distances, frame_distances
+from ..lab.measure.line_noise import line_noise
+from ..lab.quantity import Quantity
+from ..lab.statistics.estimators import z_limit
+from ..lab.twin import Twin
+from ..pages.page import Drawing, Mark, MarkedRow, Plot, Section, Study, line, study_of, table
+from .twin_frames import Simulated
+
+MOST_STACKS = 4
+"""Held-out stacks that are compared: the shortest and the longest dark, and the flats with most frames."""
+
+WINDOW = 256
+"""Rows and columns of the part in which the variances of all flat fields are compared."""
+
+BELOW_END = 0.9
+"""Of the largest signal, up to which variances are compared."""
+
+LAGS = 3
+Report = Callable[[int, int, str], None]
+
+
+class Compared(NamedTuple):
+    """A real stack beside that of the twin: distances of their values, and of figures measured in both."""
+
+    name: str
+    distances: Sequence[Distance]
+    figures: Sequence[FigureDistance]
+
+
+def twin_study(
+    twin: Twin, camera: ms.Camera, benches: tuple[Bench, Bench], report: Report | None = None, **about: object
+) -> Study:
+    """Figures of a twin, and its distance from the camera.
+
+    camera : of the twin's tables.  benches : the frames that it was fitted to, and those that were held out, as of
+    ``lab.twin.held_out``, both of the twin's base gain setting.  about : for the data.
+    """
+    simulated = Simulated(twin, camera, twin.maps)
+    held_out = chosen_stacks(benches[1])
+    compared = []
+    for number, real in enumerate(held_out):
+        if report is not None:
+            report(number, len(held_out) + 1, f"twin of {real.source}")
+        compared.append(compare_stacks(real, simulated.like(real, number)))
+    if report is not None:
+        report(len(held_out), len(held_out) + 1, "photon transfer of the twin")
+    residuals = list(variance_residuals(benches[0].flats, simulated))
+    sections = [figures_section(twin), distances_section(compared), transfer_section(twin, residuals)]
+    data = {
+        "figures": {name: one.quantity.to_dict() | {"frames": one.frames} for name, one in twin.figures().items()},
+        "distances": [{"stack": one.name, **distance._asdict()} for one in compared for distance in one.distances],
+        "residuals": residuals,
+        "notes": list(twin.notes),
+    }
+    return study_of("twin", f"Twin of a camera: {camera.name}", sections, camera=camera.name, **data, **about)
+
+
+def chosen_stacks(held_out: Bench) -> list[Stack]:
+    """The shortest and the longest dark, and the flats with most frames."""
+    darks = sorted((*held_out.biases, *held_out.darks), key=lambda one: (one.exposure_s, one.temperature_k or 0.0))
+    flats = sorted(held_out.flats, key=len, reverse=True)
+    ends = [darks[0], darks[-1]] if len(darks) > 1 else darks
+    return [*ends, *flats[: MOST_STACKS - len(ends)]]
+
+
+def compare_stacks(real: Stack, twin: Stack) -> Compared:
+    """Distances of two stacks: in the dark of all pixels together, in light of those behind one filter."""
+    of_real, of_twin = alike_pixels(real), alike_pixels(twin)
+    figures = figure_distances(line_figures(of_real), line_figures(of_twin))
+    name = f"{'dark' if real.dark else 'flat'}, {real.exposure_s:g} s"
+    return Compared(name, frame_distances(of_real, of_twin), figures)
+
+
+def alike_pixels(stack: Stack) -> Stack:
+    """All pixels of a dark stack, those behind the first filter of a flat field."""
+    if stack.dark or not stack.tile:
+        return replace(stack, tile=())
+    return next(iter(stack.of_filters().values()))
+
+
+def line_figures(stack: Stack) -> list[Quantity]:
+    """Noise of rows and columns and correlations from frame to frame, where there are enough frames for them."""
+    figures = list(line_noise(stack).quantities) if len(stack) > 1 else []
+    if len(stack) > 2:
+        figures += correlation(stack, LAGS).temporal
+    return [figure for figure in figures if math.isfinite(figure.value)]
+
+
+def variance_residuals(flats: Sequence[Stack], simulated: Simulated) -> Iterator[dict[str, float]]:
+    """Temporal variance of every flat field and of the twin's, in the middle of the frames."""
+    twin, tile = simulated.twin, flats[0].tile
+    base = twin.base
+    rows = middle_part(flats[0].shape[0], len(tile) or 1)
+    columns = middle_part(flats[0].shape[1], len(tile[0]) if tile else 1)
+    size = {"sensor.rows": rows.stop - rows.start, "sensor.columns": columns.stop - columns.start}
+    part_twin = replace(twin, settings=(replace(base, dark=base.dark.of(rows, columns)),))
+    part = Simulated(part_twin, simulated.camera.replace(**size), cut_maps(simulated.maps, rows, columns))
+    for number, flat in enumerate(flats):
+        real = flat.window(rows, columns)
+        level_dn = float(real.mean.mean()) - base.dark.black.quantity.value
+        if len(flat) < 2 or level_dn > BELOW_END * base.brightest.end.quantity.value:
+            continue  # the light of a level that is full does not show
+        measured = temporal(alike_pixels(real))
+        expected = temporal(alike_pixels(part.like(real, 100 + number)))
+        error = math.hypot(measured.variance_error, expected.variance_error)
+        real_dn2, twin_dn2 = float(measured.variance.mean()), float(expected.variance.mean())
+        yield {
+            "mean_dn": float(alike_pixels(real).mean.mean()),
+            "real_dn2": real_dn2,
+            "twin_dn2": twin_dn2,
+            "z": (twin_dn2 - real_dn2) / error if error else 0.0,
+        }
+
+
+def middle_part(size: int, step: int) -> slice:
+    """The middle of so many rows or columns, from the beginning of a tile on."""
+    part = min(size, WINDOW) // step * step
+    first = (size - part) // 2 // step * step
+    return slice(first, first + part)
+
+
+def cut_maps(maps: Mapping[str, Float64Array], rows: slice, columns: slice) -> dict[str, Float64Array]:
+    """These rows and columns of maps, of which some have one row or one column."""
+    cut = {}
+    for name, values in maps.items():
+        height, width = values.shape
+        cut[name] = values[rows if height > 1 else slice(None), columns if width > 1 else slice(None)]
+    return cut
+
+
+def figures_section(twin: Twin) -> Section:
+    """All figures with their intervals, of every gain setting."""
+    rows: list[MarkedRow] = []
+    for setting in twin.settings:
+        prefix = f"{setting.name}: " if len(twin.settings) > 1 else ""
+        for name, figure in replace(twin, settings=(setting,)).figures().items():
+            quantity = figure.quantity
+            interval = quantity.value, quantity.low, quantity.high
+            rows.append(("", (f"{prefix}{name}", quantity.name, *interval, quantity.unit or "1", figure.frames)))
+    shown = table("Figures", "symbol | name | value | from | to | unit | frames", rows, "95 % intervals.")
+    gain = twin.base.gain.quantity
+    return Section((f"K is {gain.value:.4g} ({gain.low:.4g} to {gain.high:.4g}) DN/e-", *twin.notes), True, (shown,))
+
+
+def distances_section(compared: Sequence[Compared]) -> Section:
+    """Tests of Kolmogorov and Smirnov; all of them together fail 1 % of the exact twins."""
+    tests = [(one.name, distance) for one in compared for distance in one.distances]
+    if not tests:
+        return Section(("no stack has 8 frames or more: nothing was held out to compare with",), True, ())
+    limit = SIGNIFICANCE / len(tests)
+    rows: list[MarkedRow] = []
+    failed = []
+    for name, test in tests:
+        mark: Mark = "good" if test.probability >= limit else "bad"
+        rows.append((mark, (name, test.name, test.statistic, test.probability, test.detail)))
+        failed += [f"{name}: {test.name}"] if mark == "bad" else []
+    verdict = f"{len(failed)} fail: {'; '.join(failed)}" if failed else "all pass"
+    text = f"{len(tests)} tests of Kolmogorov and Smirnov on held-out frames: {verdict}"
+    shown = table("Held-out frames beside the twin's", "stack | of | D [1] | p [1] | compared", rows)
+    figures = [(one.name, figure) for one in compared for figure in one.figures]
+    most = z_limit(max(len(figures), 1))
+    beside: list[MarkedRow] = []
+    for name, figure in figures:
+        real, mark = figure.real, "bad" if abs(figure.z) > most else "good"
+        values = real.value, figure.twin.value
+        beside.append((mark, (name, real.symbol, *values, real.unit or "1", figure.z)))
+    both = table("Figures of both", "stack | symbol | camera | twin | unit | z [1]", beside)
+    return Section((text,), not failed, (shown, both))
+
+
+def transfer_section(twin: Twin, residuals: Sequence[Mapping[str, float]]) -> Section:
+    """The photon transfer curve, and the difference of the temporal variances."""
+    name, response = next(iter(twin.base.responses.items()))
+    curve = Drawing(f"Photon transfer {name}".strip(), response.transfer.plot)
+    if not residuals:
+        return Section((), True, (curve,))
+    most = z_limit(len(residuals))
+    worst = max(residuals, key=lambda one: abs(one["z"]))
+    text = (
+        f"largest difference of the photon transfer is {worst['z']:.2g} standard errors, at {worst['mean_dn']:.4g} DN "
+        f"({len(residuals)} levels; chance exceeds {most:.2g} once in 100)"
+    )
+    points = [(one["mean_dn"], one["z"]) for one in residuals]
+    shown = Plot(
+        "Temporal variance of the twin less the camera's",
+        "mean [DN]",
+        "difference [standard errors]",
+        (line("flat fields", points, joined=False),),
+        log_x=False,
+        log_y=False,
+        level=(0.0, "no difference"),
+    )
+    return Section((text,), True, (curve, shown))

@@ -1,0 +1,60 @@
+"""Section 4 of Konnik & Welsh 2014: its tables and figures for Table 1's camera, beside the printed ones.
+
+``paper_pages.py`` makes the pages. published : what is printed.  camera : Table 1's, and closed forms of its response.
+light, transfer, pattern, dark : sections of the text in their order.  check : measured numbers beside closed forms."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from mitsuba_sensor.lab.statistics.families import FAMILIES
+from mitsuba_sensor.pages.page import MarkedRow, Section, Study, study_of, table
+from mitsuba_sensor.study.kit import Kit, Step
+
+from . import dark, light, pattern, transfer
+from .camera import CURVES, FULL, LINEAR, PAIR, SMALL, Size
+from .published import DARK_SIGNALS, NOT_TO_BE_MET, TABLE_2
+
+TITLE = "Section 4 of Konnik & Welsh 2014: published and ours"
+__all__ = ["RECORDS", "SMALL", "measure_paper"]
+RECORDS: tuple[type, ...] = (
+    light.Sweep,
+    transfer.Curve,
+    pattern.MeasuredPrnu,
+    pattern.Whiteness,
+    dark.Rate,
+    *map(type, FAMILIES.values()),
+)
+"""Classes that its measurements consist of."""
+
+
+def measure_paper(kit: Kit, size: Size = FULL) -> Study:
+    """Measure everything that is not measured yet, and compare it with what is printed and with closed forms."""
+    sweeps = {name: f"radiometric, {name}" for name in (LINEAR, PAIR)}
+    curves = {name: f"gradient, {name}" for name in CURVES}
+    whiteness = {
+        (row, camera): f"F, {row.name}, {row.time_s:g} s, {camera}" for row in TABLE_2 for camera in pattern.CAMERAS
+    }
+    laws = {law: f"dark, {law.time_s:g} s" for law in DARK_SIGNALS}
+    steps = [Step(key, 4.0, partial(light.measure, name, size), "light") for name, key in sweeps.items()]
+    steps += [Step(key, 14.0, partial(transfer.measure, name, size), "transfer") for name, key in curves.items()]
+    steps += [Step("PRNU", 4.0, partial(pattern.measure_prnu, size), "PRNU")]
+    steps += [Step(key, 12.0, partial(pattern.measure_f, *row, size), "whiteness") for row, key in whiteness.items()]
+    steps += [Step(key, 2.0, partial(dark.measure, law, size), "dark signal") for law, key in laws.items()]
+    steps += [Step("dark current", 3.0, partial(dark.measure_rate, size), "dark current")]
+    kit.take(steps)
+    sections = [
+        light.section({name: kit[key] for name, key in sweeps.items()}, size),
+        transfer.section({name: kit[key] for name, key in curves.items()}),
+        pattern.prnu_section(kit["PRNU"], size),
+        pattern.f_section({row: kit[key] for row, key in whiteness.items()}, size),
+        dark.section({law: kit[key] for law, key in laws.items()}, kit["dark current"], size),
+        _gaps(),
+    ]
+    return study_of("paper", TITLE, sections)
+
+
+def _gaps() -> Section:
+    rows: list[MarkedRow] = [("", row) for row in NOT_TO_BE_MET]
+    gaps = table("What the text prints and nobody can measure again", "figure or table | why", rows)
+    return Section((), True, (gaps,))

@@ -1,0 +1,211 @@
+"""Fig. 8 to 11: histograms of averaged dark frames with fits; dark current of Table 1's camera."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from mitsuba_sensor import Camera
+from mitsuba_sensor.lab.measure.dark_current import DarkCurrentOverTime, dark_current
+from mitsuba_sensor.lab.measure.dark_signal import DarkSignal, Fit, dark_signal
+from mitsuba_sensor.lab.quantity import Quantity
+from mitsuba_sensor.lab.statistics.families import FAMILIES
+from mitsuba_sensor.lab.statistics.mixture import Mixture
+from mitsuba_sensor.pages.page import Drawing, Part, Section, Table, table
+
+from .camera import DARK_E_PER_S, FULL_WELL_E, GAIN, KELVIN, NO_COLUMNS, READ_E, Size, stack_of, table1
+from .check import WIDER, Check, all_hold, check_table, within_interval
+from .pattern import DARK_CV, ROUNDING_E2
+from .published import DARK_SIGNALS, NORMAL_AT_1_MS, PublishedSignal
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+WEIGHT = 0.01  # of each superimposed component: not printed
+FAMILIES_OF_THE_PAPER = ("normal", "log-normal", "gamma")
+IN_CAMERA = {"log-normal": "lognormal", "gamma": "gamma"}  # names of the laboratory → of a camera file
+TIMES_S, RATE_FRAMES = (0.1, 1.0, 3.0, 10.0), 8  # of the dark current over time
+LONG_S = 100.0  # where Table 1's camera is saturated in the dark
+
+
+class Rate(NamedTuple):
+    """Dark current over time, its distribution at the longest time [DN], and what 100 s leave: mean and σ [DN]."""
+
+    over_time: DarkCurrentOverTime
+    signal: DarkSignal
+    long: tuple[float, float]
+
+
+def moments(law: PublishedSignal) -> tuple[float, float]:
+    """Mean and σ of the main component [DN]."""
+    first, second = law.parameters
+    if law.family == "gamma":
+        return first * second, math.sqrt(first) * second
+    mean = math.exp(first + second**2 / 2)
+    return mean, mean * math.sqrt(math.expm1(second**2))
+
+
+def remainder_dn(signal_dn: float, frames: int) -> float:
+    """σ of what averaging leaves of the temporal noise of a dark signal [DN]."""
+    return GAIN * math.sqrt((signal_dn / GAIN + READ_E**2 + ROUNDING_E2) / frames)
+
+
+def camera_of(law: PublishedSignal, frames: int) -> Camera:
+    """Table 1's with the published dark signal in its exposure time; no column offsets, no black level.
+
+    The published σ is that of averaged frames, so the camera's own is smaller by what averaging leaves.
+    """
+    mean, sigma = moments(law)
+    own = math.sqrt(sigma**2 - remainder_dn(mean, frames) ** 2)
+    same: dict[str, Any] = {"weight": WEIGHT, "unit": "dn", "at_temperature_k": KELVIN}
+    parts = []
+    if law.uniform:
+        parts.append({**same, "family": "uniform", "low": law.uniform[0], "high": law.uniform[1]})
+    if law.normal:
+        parts.append({**same, "family": "normal", "mean": law.normal[0], "sigma": law.normal[1]})
+    changed: dict[str, Any] = {
+        **NO_COLUMNS,
+        "adc.black_level_dn": 0.0,
+        "dark_current.fom_na_per_cm2": None,
+        "dark_current.rate_e_per_s": mean / GAIN / law.time_s,
+        "dark_current.at_temperature_k": KELVIN,
+        "dark_current.cv": own / mean,
+        "dark_current.distribution": IN_CAMERA[law.family],
+        "dark_current.components": tuple(parts),
+    }
+    return table1(**changed)
+
+
+def measure(law: PublishedSignal, size: Size) -> DarkSignal:
+    """The mean of the dark frames, with the paper's families and, if there are any, superimposed distributions."""
+    dark = stack_of(camera_of(law, size.dark_frames), law.time_s, 0.0, size, frames=size.dark_frames, seed=500)
+    superimposed = (law.parts,) if len(law.parts) > 1 else ()
+    return dark_signal(dark, families=FAMILIES_OF_THE_PAPER, superimposed=superimposed)
+
+
+def measure_rate(size: Size) -> Rate:
+    """Table 1's camera in the dark, without column offsets, which are wider than its DSNU."""
+    camera = table1(**NO_COLUMNS)
+    stacks = [stack_of(camera, t, 0.0, size, frames=RATE_FRAMES, seed=600 + k) for k, t in enumerate(TIMES_S)]
+    black = stack_of(camera, 0.0, 0.0, size, frames=RATE_FRAMES, seed=610).mean.mean()
+    averaged = stack_of(camera, TIMES_S[-1], 0.0, size, frames=size.dark_frames, seed=620)
+    long = stack_of(camera, LONG_S, 0.0, size, seed=630).frames
+    signal = dark_signal(averaged, round(float(black), 3), FAMILIES_OF_THE_PAPER)
+    return Rate(dark_current(stacks).per_gain(GAIN), signal, (float(long.mean()), float(long.std())))
+
+
+def expected_mixture(law: PublishedSignal) -> Mixture:
+    """The published distribution with our weights."""
+    uniform = (WEIGHT, *law.uniform) if law.uniform else None
+    normal = (WEIGHT, *law.normal) if law.normal else None
+    return Mixture(FAMILIES[law.family], law.parameters, uniform, normal)
+
+
+def fit_of(found: DarkSignal, law: PublishedSignal) -> Fit:
+    """With the published components."""
+    return next(fit for fit in found.fits if fit.name == " + ".join(law.parts))
+
+
+def simulated(law: PublishedSignal, found: DarkSignal) -> list[tuple[Quantity, float]]:
+    """Parameters of that fit, and their true values."""
+    return list(zip(fit_of(found, law).parameters, expected_mixture(law).values, strict=True))
+
+
+def checks_of(law: PublishedSignal, found: DarkSignal, size: Size) -> list[Check]:
+    """Every parameter of the published distribution; edges are blurred by what averaging leaves of temporal noise."""
+    checks = []
+    for one, value in simulated(law, found):
+        blur = 5 * remainder_dn(value, size.dark_frames) if one.symbol in ("from", "to") else 0.0
+        checks.append(within_interval(f"{law.figure}, {law.time_s:g} s: {one.symbol}", value, one, blur))
+    return checks
+
+
+def rate_checks(found: Rate, size: Size) -> list[Check]:
+    """Dark current from the mean and from the variance, σ of ln x at the longest time, saturation at 100 s."""
+    mean = DARK_E_PER_S * TIMES_S[-1]
+    rest = remainder_dn(GAIN * mean, size.dark_frames) / (GAIN * mean)
+    fit = next(one for one in found.signal.fits if one.name == "log-normal")
+    dsnu = WIDER * 2 * DARK_CV * DARK_E_PER_S / size.window  # the pattern's own mean, not in the interval
+    return [
+        within_interval("dark current from the mean", DARK_E_PER_S, found.over_time.from_mean, dsnu),
+        within_interval("dark current from the variance", DARK_E_PER_S, found.over_time.from_variance, dsnu),
+        within_interval(f"{TIMES_S[-1]:g} s: σ of ln x", math.hypot(DARK_CV, rest), fit.parameters[1], 1e-5),
+        Check(f"{LONG_S:g} s: mean, saturated", "DN", 4095.0, found.long[0], 0.0),
+    ]
+
+
+def section(found: dict[PublishedSignal, DarkSignal], rate: Rate, size: Size) -> Section:
+    """Histograms, published parameters beside ours, dark current."""
+    checks = [check for law, one in found.items() for check in checks_of(law, one, size)]
+    pairs = [(law, *pair) for law, one in found.items() for pair in simulated(law, one)]
+    beside = [f"{law.figure} “{q.symbol}”" for law, q, value in pairs if not q.covers(value)]
+    but = f", not those of {', '.join(beside)}" if beside else ""
+    last, best = DARK_SIGNALS[-1], found[DARK_SIGNALS[-1]].best.name
+    main = fit_of(found[last], last).parameters
+    mean = rate.over_time.from_mean
+    findings = (
+        f"Dark signal: {len(pairs) - len(beside)} of {len(pairs)} 95 % intervals contain the published parameter "
+        f"that was simulated{but}; at {last.time_s:g} s {best} fits best, with a = {main[0].value:.1f} and b = "
+        f"{main[1].value:.4f} DN (published {last.parameters[0]:g} and {last.parameters[1]:g}).",
+        f"Dark current of Table 1 at 25 °C: {mean.value:.2f} e-/s ({mean.low:.2f} to {mean.high:.2f}), which fills "
+        f"the well in {FULL_WELL_E / DARK_E_PER_S:.1f} s: at 100 s and more every pixel is saturated, unlike the "
+        "published histograms.",
+    )
+    pictures = [picture for law, one in found.items() for picture in _pictures(law, one, size)]
+    more = rate_checks(rate, size)
+    note = "Table 1's camera without column offsets, in which the pixels' dark currents have σ = 1 %."
+    pictures += [
+        Drawing("Dark current of Table 1's camera", rate.over_time.plot, note),
+        Drawing(f"Distribution of the dark signal after {TIMES_S[-1]:g} s, Table 1's camera", rate.signal.plot, note),
+    ]
+    tables = (_fits(found), check_table("Fig. 8 to 11 and dark current: what was simulated", [*checks, *more]))
+    return Section(findings, all_hold([*checks, *more]), (*pictures, *tables))
+
+
+def _pictures(law: PublishedSignal, found: DarkSignal, size: Size) -> list[Part]:
+    weights = (
+        f" Superimposed components: {100 * WEIGHT:g} % of the pixels each, not printed." if len(law.parts) > 1 else ""
+    )
+    note = f"Average of {size.dark_frames} dark frames. Dashed: the published distribution.{weights}"
+    title = f"{law.figure}: dark signal after {law.time_s:g} s"
+    scales = {"": False} | ({", logarithmic": True} if len(law.parts) > 1 else {})
+    return [Drawing(title + name, partial(_draw, law, found, log), note) for name, log in scales.items()]
+
+
+def _draw(law: PublishedSignal, found: DarkSignal, log_counts: bool, axes: Axes) -> None:
+    found.plot(axes, log_counts)
+    low, high = axes.get_xlim()
+    x = np.linspace(max(low, 0.1), high, 2000)
+    axes.plot(
+        x,
+        expected_mixture(law).density(x),
+        "--",
+        color="black",
+        lw=1,
+        label="published" if len(law.parts) == 1 else "published, weights 1 %",
+    )
+
+
+def _fits(found: dict[PublishedSignal, DarkSignal]) -> Table:
+    rows = []
+    for law, one in found.items():
+        known = {q.symbol: value for q, value in simulated(law, one)}
+        for fit in one.fits:
+            values = known if fit.name == " + ".join(law.parts) else {}
+            if law == DARK_SIGNALS[0] and fit.name == "normal":
+                values = dict(zip(("µ", "σ"), NORMAL_AT_1_MS, strict=True))
+            for q in fit.parameters:
+                published = None if q.symbol.startswith("w_") else values.get(q.symbol)
+                cells = (q.symbol, q.unit or "1", published, q.value, q.low, q.high, fit.ks)
+                rows.append(("best" if fit is one.best else "", (law.figure, f"{law.time_s:g} s", fit.name, *cells)))
+    return table(
+        "Fig. 8 to 11: fits to averaged dark frames",
+        "figure | time | distribution | parameter | unit | published | ours | from | to | largest distance of the "
+        "distribution functions",
+        rows,  # type: ignore[arg-type]
+        "By maximum likelihood, with 95 % intervals; the best by BIC is marked. Weights are not printed, ours are 1 %. "
+        "What averaging leaves of temporal noise blurs the ends of uniform components: fitted ones lie outside.",
+    )

@@ -1,0 +1,164 @@
+"""The laboratory as one command: a virtual bench beside its datasheet, frames from disk, and what is refused."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.bench.datasheet import Said, expected
+from mitsuba_sensor.bench.figures_page import characterized, figures_of
+from mitsuba_sensor.bench.figures_page import virtual_bench as bench_module
+from mitsuba_sensor.bench.rendered_field import rendered_field
+from mitsuba_sensor.bench.virtual_bench import FLAT_S, Setup, virtual_bench
+from mitsuba_sensor.cli import app
+from mitsuba_sensor.core import Exposure, InputError
+from mitsuba_sensor.lab.frames.bench import Bench
+from mitsuba_sensor.lab.measure.measurement import INSTRUMENTS, measure
+from mitsuba_sensor.pages.drawing import png
+from mitsuba_sensor.pages.page import Drawing, Table
+
+CAMERA = ms.load_camera("konnik_table1").replace(
+    **{
+        "readout.row_noise_e": 3.0,
+        "readout.dsnu_row": 2e-4,
+        "readout.prnu_col": 0.003,
+        "pixel.dsnu_e": 12.0,
+        "dark_current.cv": 0.1,
+    }
+)
+
+
+@pytest.fixture(scope="module")
+def small() -> Bench:
+    """Table 1's camera with noise of every kind, 128 × 160 pixels of it."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(bench_module, "MOST_ROWS", 128)
+        patch.setattr(bench_module, "MOST_COLUMNS", 160)
+        return virtual_bench(CAMERA, Setup(serial=3, seed=5))
+
+
+def test_every_figure_of_the_datasheet_is_measured_within_4_standard_errors(small: Bench) -> None:
+    """18 figures: one beyond once in 900 runs; the seed is fixed."""
+    asked: list[tuple[int, int]] = []
+    (found,) = figures_of(small, lambda done, total, now: asked.append((done, total)))
+    assert asked == [(number, INSTRUMENTS) for number in range(INSTRUMENTS)] and not found.refused
+    sheet = expected(CAMERA, Exposure(FLAT_S), 0.6, 128 * 160)
+    study = characterized(CAMERA.name, [found], {"": sheet})
+    assert study.passed, study.findings
+    beside = {one["symbol"]: one for one in study.to_dict()["measured"]["all pixels"]["figures"] if "z" in one}
+    assert set(beside) == set(sheet) and len(sheet) == 18
+    assert all(abs(one["z"]) < 4 for one in beside.values())
+    assert beside["K"]["value"] == pytest.approx(0.1241212, rel=0.01)  # Table 1: A_SN·2^12/V_FS
+    assert beside["η"]["value"] == pytest.approx(0.6, rel=0.01) and beside["σ_row"]["value"] == pytest.approx(
+        3, rel=0.1
+    )
+
+
+def test_a_datasheet_that_is_5_percent_off_is_found_out(small: Bench) -> None:
+    (found,) = measure(small)
+    wrong, right = 1.05 * 0.1241212, 0.6
+    study = characterized("x", [found], {"": {"K": Said(wrong, wrong, wrong), "η": Said(right, right, right)}})
+    assert not study.passed
+    assert [one for one in study.findings if one.startswith("K: measured 0.12")]
+    table = next(part for part in study.parts if isinstance(part, Table) and part.title == "All figures")
+    assert [row[0] for row, mark in zip(table.rows, table.marks, strict=True) if mark == "bad"] == ["K"]
+
+
+def test_every_drawing_has_axes_with_names_and_at_most_eight_series(small: Bench) -> None:
+    from matplotlib.figure import Figure
+
+    (found,) = measure(small)
+    assert len(found.drawings) >= 20
+    for title, draw in found.drawings.items():
+        axes = Figure().subplots()
+        draw(axes)
+        assert axes.get_xlabel() and axes.get_ylabel() and not axes.texts, title
+        assert len(axes.get_legend_handles_labels()[1]) <= 8, title
+    assert png(Drawing("Dark current", found.drawings["Dark current"])).startswith(b"\x89PNG")
+
+
+@pytest.mark.exhaustive
+def test_the_light_of_a_mosaic_saturates_every_filter_and_each_is_measured_apart() -> None:
+    camera = ms.load_camera("bayer_2mp")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(bench_module, "MOST_ROWS", 64)
+        patch.setattr(bench_module, "MOST_COLUMNS", 64)
+        bench = virtual_bench(camera, Setup())
+    found = {one.filter_name: one.figures for one in measure(bench)}
+    assert list(found) == ["R", "G", "G (2)", "B"]
+    for (name, figures), number in zip(found.items(), (0, 1, 1, 2), strict=True):
+        qe = float(camera.qe([530.0])[number, 0])
+        assert figures["η"].value == pytest.approx(qe, rel=0.05), name  # 1024 pixels of each filter
+        assert figures["K"].value == pytest.approx(0.125, rel=0.05), name
+
+
+def test_frames_on_disk_give_the_figures_of_the_same_frames_in_memory(small: Bench, tmp_path: Path) -> None:
+    lines = ["bits = 12", f"wavelength_nm = {small.wavelength_nm}"]
+    kinds = (("bias", small.biases), ("dark", small.darks), ("flat", small.flats))
+    for kind, stacks in kinds:
+        for number, stack in enumerate(stacks):
+            np.save(tmp_path / f"{kind}_{number}.npy", stack.frames)
+            lines += ["[[stack]]", f'files = "{kind}_{number}.npy"', f'kind = "{kind}"']
+            lines += [f"exposure_s = {stack.exposure_s}", f"temperature_k = {stack.temperature_k}"]
+            lines += [f"photons = {stack.photons}"] if kind == "flat" else []
+    (tmp_path / "bench.toml").write_text("\n".join(lines))
+    done = CliRunner().invoke(app, ["characterize", "--frames", str(tmp_path), "-o", str(tmp_path / "out")])
+    assert done.exit_code == 0, done.output
+    told = json.loads((tmp_path / "out/report.json").read_text())["measured"]["all pixels"]
+    (found,) = measure(small)
+    of_memory = {symbol: one.value for symbol, one in found.figures.items() if symbol != "K_scene"}
+    for one in told["figures"]:
+        assert one["value"] == pytest.approx(of_memory[one["symbol"]], rel=1e-12, nan_ok=True) or one["value"] is None
+    page = (tmp_path / "out/report.html").read_text()
+    assert page.count("<svg") >= 19 and not re.search("(src|href)=[^#]*http", page)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--frames", "nowhere"], "there is no nowhere"),
+        (["--frames", ".", "--seed", "3"], "--seed is for simulated frames"),
+        (["--gain", "100"], "gain"),
+        (["--bits", "12"], "--bits is for frames from disk"),
+        (["--camera", "konnik_tabel1"], "Did you mean 'konnik_table1'?"),
+        (["--wavelength-nm", "2000"], "sees nothing at 2000 nm; give a wavelength from"),
+        (["--wavelength-nm", "-3"], "wavelength_nm is -3"),
+        (["--camera", "konnik_table1", "-o", ""], "-o is empty"),
+    ],
+)
+def test_what_cannot_be_measured_is_one_sentence_and_nothing_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: list[str], said: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(app, ["characterize", *options])
+    assert done.exit_code == 2 and said in done.output.replace("\n", " "), done.output
+    assert not list(tmp_path.iterdir())
+
+
+def test_several_gain_settings_are_measured_one_at_a_time(small: Bench) -> None:
+    two = Bench((), small.darks, tuple(one for one in small.flats), wavelength_nm=550)
+    two = Bench((), (*two.darks, *two.given(bits=12).darks), two.flats)
+    assert measure(two)[0].figures["K"].value > 0
+    with pytest.raises(InputError, match="no frames"):
+        measure(Bench((), (), ()))
+
+
+def test_what_frames_cannot_show_is_said_and_not_made_up(small: Bench) -> None:
+    (only_flats,) = measure(Bench((), (), small.flats))
+    assert "K" not in only_flats.figures and "take some" in only_flats.refused["photon transfer"]
+    (black,) = measure(Bench((), small.darks[:1], ()))
+    assert "K" not in black.figures and all(math.isnan(one.value) or one.value < 50 for one in black.figures.values())
+
+
+def test_rendered_light_is_as_bright_as_the_closed_form_says() -> None:
+    """E = πLT/(4N²); 4 standard errors of the render's mean are below 1e-3."""
+    field = rendered_field(CAMERA)
+    assert field.shares.sum() == pytest.approx(1, rel=1e-3)
+    assert field.efficiency == pytest.approx([0.6], rel=1e-3)
