@@ -12,9 +12,9 @@ import pytest
 from typer.testing import CliRunner
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.bench import virtual_bench as bench_module
 from mitsuba_sensor.bench.datasheet import Said, expected
 from mitsuba_sensor.bench.figures_page import characterized, figures_of
-from mitsuba_sensor.bench.figures_page import virtual_bench as bench_module
 from mitsuba_sensor.bench.rendered_field import rendered_field
 from mitsuba_sensor.bench.virtual_bench import FLAT_S, Setup, virtual_bench
 from mitsuba_sensor.cli import app

@@ -19,7 +19,6 @@ from mitsuba_sensor.study.stress import RECORDS, THEMES, Theme, stress, verdicts
 from mitsuba_sensor.study.stress.case import (
     ENGINES,
     NO_ENGINE,
-    SCALAR_RENDERER,
     Row,
     problem_of,
     refusal,
@@ -56,7 +55,7 @@ def test_what_cannot_be_is_refused_in_one_sentence() -> None:
 def test_renders_have_their_closed_forms() -> None:
     for theme in THEMES:
         if theme.name == "radiance":
-            rows = verdicts(theme, SCALAR_RENDERER)
+            rows = verdicts(theme, RENDERERS[0])
             assert rows and all(row.got.passed for row in rows), [row for row in rows if not row.got.passed]
 
 

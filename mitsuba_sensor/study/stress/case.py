@@ -111,15 +111,5 @@ def problem_of(engine: Engine) -> str | None:
 NO_ENGINE = Engine("no engine")
 """For what is refused before any pixel is computed."""
 
-ENGINES = (
-    Engine("NumPy float64", "numpy", "float64"),
-    Engine("NumPy float32", "numpy"),
-    Engine("LLVM float32", "drjit"),
-    Engine("CUDA float32", "cuda"),
-)
-SCALAR_RENDERER = Engine("Mitsuba scalar", "scalar_spectral", renders=True)
-RENDERERS = (
-    SCALAR_RENDERER,
-    Engine("Mitsuba LLVM", "llvm_ad_spectral", renders=True),
-    Engine("Mitsuba CUDA", "cuda_ad_spectral", renders=True),
-)
+ENGINES = tuple(Engine(*row) for row in CASES["engines"]["sensor"])
+RENDERERS = tuple(Engine(*row, renders=True) for row in CASES["engines"]["renderers"])
