@@ -75,13 +75,12 @@ def table1(**changes: object) -> ms.Camera:
 class Engine:
     """What computes.
 
-    option : of ``expose``; of a renderer, its Mitsuba variant.
+    option : of ``expose``; of a renderer, which has no precision, its Mitsuba variant.
     """
 
     name: str
     option: Any = ""
-    precision: Any = "float32"
-    renders: bool = False
+    precision: Any = None
 
     def expose(
         self, light: ms.Photons | ArrayLike, camera: ms.Camera, exposure: ms.Exposure = TENTH, **more: Any
@@ -99,10 +98,10 @@ class Engine:
 def problem_of(engine: Engine) -> str | None:
     """What an engine says when it is asked for one pixel."""
     try:
-        if engine.renders:
-            engine.render(spp=1)
-        elif engine.option:
+        if engine.precision is not None:
             engine.expose(np.ones((1, 1)), table1())
+        elif engine.option:
+            engine.render(spp=1)
     except ms.InputError as error:
         return str(error)
     return None
@@ -112,4 +111,4 @@ NO_ENGINE = Engine("no engine")
 """For what is refused before any pixel is computed."""
 
 ENGINES = tuple(Engine(*row) for row in CASES["engines"]["sensor"])
-RENDERERS = tuple(Engine(*row, renders=True) for row in CASES["engines"]["renderers"])
+RENDERERS = tuple(Engine(*row) for row in CASES["engines"]["renderers"])
