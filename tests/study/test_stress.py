@@ -19,6 +19,7 @@ from mitsuba_sensor.study.stress import RECORDS, THEMES, Theme, stress, verdicts
 from mitsuba_sensor.study.stress.case import (
     ENGINES,
     NO_ENGINE,
+    RENDERERS,
     Row,
     problem_of,
     refusal,
