@@ -25,18 +25,18 @@ from mitsuba_sensor.sensor.effects.dark_current import dark_current_model
 from mitsuba_sensor.sensor.gains import gain_dn_per_e
 
 TABLE1 = tomllib.loads((SHIPPED / "konnik_table1.toml").read_text("utf-8"))
+SCHEMA = camera_schema()
 REMEDY = r"(e\.g\. .+|add the table \[\w+\])"
 
 
 @functools.cache
 def schema_of(dotted: str) -> dict[str, Any]:
     """JSON Schema of a field, by its dotted name; without the null of an optional one."""
-    whole = camera_schema()
-    here: dict[str, Any] = whole
+    here: dict[str, Any] = SCHEMA
     for part in dotted.split("."):
         here = here["properties"][part]
         here = next((x for x in here.get("anyOf", ()) if x.get("type") != "null"), here)
-        here = whole["$defs"][here["$ref"].rpartition("/")[2]] if "$ref" in here else here
+        here = SCHEMA["$defs"][here["$ref"].rpartition("/")[2]] if "$ref" in here else here
     return here
 
 
@@ -45,7 +45,7 @@ def required() -> list[str]:
     tables = ["", *(name for name in FIELDS if "properties" in schema_of(name))]
     found = []
     for table in tables:
-        schema = schema_of(table) if table else camera_schema()
+        schema = schema_of(table) if table else SCHEMA
         found += [f"{table}.{name}".lstrip(".") for name in schema.get("required", ())]
     return found
 
@@ -304,7 +304,7 @@ def test_a_shipped_camera_sees_its_reference_wavelength(name: str) -> None:
 
 
 def test_the_schema_is_json_schema_that_names_every_field() -> None:
-    schema = json.loads(json.dumps(camera_schema(), allow_nan=False))
+    schema = json.loads(json.dumps(SCHEMA, allow_nan=False))
     assert schema["type"] == "object" and schema["additionalProperties"] is False
     for table in schema["$defs"].values():
         assert table["additionalProperties"] is False
