@@ -1,4 +1,7 @@
-"""No test reads a clock: on a busy machine it would fail. Forecasts run on a test's own clock; benchmarks time."""
+"""Rules of the tests: none reads a clock, and every module has tests that are not exhaustive.
+
+On a busy machine a test that reads a clock fails. Forecasts run on a test's own clock; speeds belong to benchmarks.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +12,7 @@ from pathlib import Path
 import pytest
 
 TESTS = Path(__file__).parent
+MODULES = sorted(TESTS.rglob("test_*.py"))
 WAITS = TESTS / "helpers" / "waiting.py"
 """Waits for other processes end with a failure instead of never, and need a clock for that."""
 
@@ -74,3 +78,14 @@ def test_a_clock_is_found_however_it_is_read(code: str) -> None:
 )
 def test_a_sleep_and_a_clock_of_the_test_s_own_are_none(code: str) -> None:
     assert not list(clock_reads(ast.parse(code)))
+
+
+def test_every_module_has_quick_tests() -> None:
+    without = []
+    for path in MODULES:
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        tests = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef) and node.name.startswith("test_")]
+        marks = [{ast.unparse(mark) for mark in test.decorator_list} for test in tests]
+        if all("pytest.mark.exhaustive" in names for names in marks) and tests:
+            without.append(path.relative_to(TESTS).as_posix())
+    assert not without, without
