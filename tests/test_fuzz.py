@@ -24,6 +24,7 @@ def test_damaged_files_are_accepted_or_refused_in_one_sentence() -> None:
     assert found["cases"] == CASES and len(found["counts"]) == 2 * len(fuzz_cases.KINDS)
 
 
+@pytest.mark.exhaustive
 def test_a_field_of_any_type_is_accepted_or_refused_in_one_sentence() -> None:
     """A part of all fields of all kinds of files, each replaced by a value of each type; all are right as they are."""
     every = fuzz_types.cases()

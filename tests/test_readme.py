@@ -22,16 +22,17 @@ from PIL import Image
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 FIRST = "mitsuba-sensor render scenes/first_frame.xml -o out/"
 PROGRAMS = sorted((ROOT / "examples").glob("*.py"))
-LONG = {"readme_pictures", "rendering_pictures", "study_pages", "fit_a_twin", "measure_a_camera"}
-"""Examples that take more than four seconds."""
-EXAMPLES = [exhaustive(path) if path.stem in LONG else path for path in PROGRAMS]
+QUICK = {"own_noise_source", "photon_transfer", "photons_from_an_array"}
+EXAMPLES = [path if path.stem in QUICK else exhaustive(path) for path in PROGRAMS]
 
 
 SHELL = lines(fenced(README, "sh"))
 COMMANDS = [FIRST] + [line for line in SHELL if line.startswith("mitsuba-sensor")]
 
 
-LATER = [exhaustive(line) if re.search("render scenes|study|--dng", line) else line for line in COMMANDS[1:]]
+LATER = [
+    line if re.search("night|mitsuba-sensor plan|cameras new", line) else exhaustive(line) for line in COMMANDS[1:]
+]
 """The first command is run by itself."""
 
 

@@ -110,6 +110,7 @@ def run(*arguments: Any, **options: Any) -> subprocess.CompletedProcess[bytes]:
     return subprocess.run([*PROGRAM, *arguments], capture_output=True, timeout=WAIT_S, **options)
 
 
+@pytest.mark.exhaustive
 def test_a_file_whose_name_is_no_text_is_read_and_named(tmp_path: Path) -> None:
     """Of a camera, of what is imported into one, and of what is not there."""
     folder = os.fsencode(tmp_path)

@@ -410,6 +410,7 @@ def script(name: str, *arguments: str) -> Any:
     return json.loads(done.stdout)
 
 
+@pytest.mark.exhaustive
 def test_the_tables_are_what_their_fit_gives() -> None:
     fits = script("fit_quantiles.py", "--check")
     limits = {"CENTRE": 4e-7, "TAIL": 2e-6, "LOG": 2.5e-7, "EXP_TAIL": 4e-9, "SKEW": 2e-6, "SHIFT": 2e-6, "SMALL": 2e-6}
@@ -418,6 +419,7 @@ def test_the_tables_are_what_their_fit_gives() -> None:
         assert fits[name]["error"] < limit
 
 
+@pytest.mark.exhaustive
 def test_the_distributions_are_enumerated(llvm: Any) -> None:
     found = script("enumerate_quantiles.py", "--stride", "4096", "--means", "0.3", "10", "1e6")
     assert found["inputs"] == 2**20

@@ -130,6 +130,7 @@ def test_processes_that_die_before_they_begin_end_the_run(
     assert not Store(tmp_path).quarantined()
 
 
+@pytest.mark.exhaustive
 def test_no_process_of_a_run_listens_to_anybody(plan: DatasetPlan, tmp_path: Path) -> None:
     """Whoever else works on this machine could send it commands."""
     views = list(plan.views())

@@ -40,6 +40,7 @@ def test_a_process_that_is_killed_with_its_run_counts_for_nothing(tmp_path: Path
     assert last_said(path) == "the renderer says"
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("who", ["worker", "the run itself"])
 def test_a_process_that_aborts_says_so_and_counts(who: str, tmp_path: Path) -> None:
     path = tmp_path / "view.log"

@@ -30,6 +30,7 @@ def test_stacks_of_one_law_pass() -> None:
     ]
 
 
+@pytest.mark.exhaustive
 def test_two_frames_of_one_law_pass_as_often() -> None:
     """Their deviations from the mean are the same but for the sign, and count once.
 

@@ -31,6 +31,7 @@ def pair(rng: np.random.Generator, shape: tuple[int, int], count: int, row_noise
     return stack(dark_frames), stack(light_frames)
 
 
+@pytest.mark.exhaustive
 def test_intervals_cover_what_went_in_95_times_in_100() -> None:
     """600 pairs of 32 × 40 pixels, 8 frames, with temporal row noise: of each of 9 shares, chance leaves ±3.4 % once in
     7000 runs."""

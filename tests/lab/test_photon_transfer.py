@@ -56,6 +56,7 @@ def test_light_that_drifts_does_not_move_k_of_a_scene() -> None:
     assert "drift by" in found.gain.note
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("curve", [v_v, v_v_and_adc])
 def test_a_curved_response_widens_k_to_its_slope_at_zero_and_says_so(curve: object) -> None:
     """K of the linear part is 0.11: of a line it is 5.5 % or 1.2 % too large."""

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.marks import one_in
 from helpers.scenes import SKY, both_variants, scene_text, skip_unless_usable, write_scene
 
 from mitsuba_sensor.core.errors import InputError
@@ -261,7 +262,7 @@ SENSORS = {
 }
 
 
-@pytest.mark.parametrize("kind", SENSORS)
+@pytest.mark.parametrize("kind", one_in(3, SENSORS))
 def test_a_point_is_seen_where_k_projects_it(tmp_path: Path, kind: str) -> None:
     """The centroid of a small luminous ball in a render, in each of two corners, within 0.1 pixel of K and distortion.
 
@@ -298,6 +299,7 @@ def projected(point: np.ndarray, found: dict[str, Any]) -> np.ndarray:
     return centre + (ideal - centre) * real / height_mm
 
 
+@pytest.mark.exhaustive
 def test_strips_of_rows_make_the_picture_that_the_whole_film_makes(tmp_path: Path) -> None:
     """A luminous ball before nothing: the two differ by the noise of its edge (256 samples, four sigma)."""
     ball = '<shape type="sphere"><point name="center" value="0.1, 0.4, 0"/><float name="radius" value="0.45"/>'

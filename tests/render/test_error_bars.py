@@ -65,7 +65,7 @@ def test_standard_errors_cover_a_reference_of_a_hundred_times_the_samples(
 
 
 @both_variants
-@pytest.mark.parametrize("spp", [64, 256])
+@pytest.mark.parametrize("spp", one_in(4, [64, 256]))
 def test_a_caustic_raises_the_flag_and_a_note_says_what_to_do(variant: str, spp: int) -> None:
     """A glass ball under a small lamp: one pixel in six owes most of its variance to one pass."""
     found = at_550("caustic", 24, spp=spp, variant=skip_unless_usable(variant)).statistics

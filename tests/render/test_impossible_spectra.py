@@ -313,6 +313,7 @@ SQUARE = '<integer name="height" value="8"/>'
 NAMED = '<string name="material" value="Cr"/>'
 
 
+@pytest.mark.exhaustive
 @both_variants
 def test_a_metal_continues_as_its_table_held_by_hand(variant: str) -> None:
     """Bit for bit, though the table by hand goes on to 1100 nm and the other one to the end of the camera."""

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.marks import one_in
 from helpers.patches import REFLECTANCES
 from helpers.scenes import BALL, SCENES, SKY, both_variants, scene_text, skip_unless_usable, write_scene
 
@@ -110,7 +111,7 @@ def test_d65_of_one_lux_is_one_lux() -> None:
     assert spectra.luminous(fine, spectra.d65_radiance(100.0, fine)) == pytest.approx(100.0, rel=1e-12)
 
 
-@pytest.mark.parametrize("mended", [True, False])
+@pytest.mark.parametrize("mended", one_in(2, [True, False]))
 @both_variants
 def test_adjacent_bands_of_nearly_equal_height_are_unbiased(
     monkeypatch: pytest.MonkeyPatch, variant: str, mended: bool

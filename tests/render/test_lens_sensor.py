@@ -63,6 +63,7 @@ def test_irradiance_on_the_axis_is_that_of_the_traced_pupil(tmp_path: Path, f_nu
     assert mean == pytest.approx(traced, rel=1e-3)
 
 
+@pytest.mark.exhaustive
 def test_vignetting_from_the_axis_to_the_corner_is_that_of_counted_rays(tmp_path: Path) -> None:
     """Full frame, f/2.8, pixels of 3 mm: in the corner 0.44 of the light on the axis; cos⁴ alone would leave 0.73.
 

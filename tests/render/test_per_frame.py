@@ -251,6 +251,7 @@ def pages(folder: Path) -> Iterator[NDArray[Any]]:
         yield from (page.asarray() for page in tiff.pages)
 
 
+@pytest.mark.exhaustive
 def test_the_command_line_compensates(floor: Path, tmp_path: Path, cli: Callable[..., Any]) -> None:
     """Three pages that differ, those of ``render_frames``; the report says how, and what was left uncompensated."""
     options = "--camera konnik_table1 --exposure-s 0.001 --wavelength-nm 550 --frames 3 --render-noise compensated"

@@ -69,6 +69,7 @@ def test_a_dict_and_what_mitsuba_loads_of_it_are_the_same_picture(variant: str) 
     np.testing.assert_array_equal(ms.render(parts, CAMERA, EXPOSURE, **OPTIONS).data, given.data)
 
 
+@pytest.mark.exhaustive
 def test_instances_and_lights_of_every_kind_stay_as_they_are_in_a_loaded_scene() -> None:
     """Bit for bit: the scene itself is rendered, not a copy of its shapes."""
     mi = ready("llvm_ad_spectral")

@@ -90,6 +90,7 @@ def test_the_user_s_own_scene_renders_as_before(integrator: str) -> None:
     np.testing.assert_allclose(np.array(mi.render(scene, spp=4, seed=1)), before, rtol=1e-5, atol=1e-7)
 
 
+@pytest.mark.exhaustive
 def test_frames_one_by_one_do_not_mind_what_is_set_between_them() -> None:
     """Between two frames the user's variant is set, whichever that is then; the frames are the same."""
     mi = user_has("llvm_ad_rgb")

@@ -207,6 +207,7 @@ def test_one_hot_pixel_of_a_measured_map_is_counted() -> None:
     assert found.kept and found.pixels_beyond >= 1
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("photons", [exhaustive(2.0), 30_000.0, exhaustive(70_000.0)])
 def test_theory_without_shot_noise_is_that_of_frames_without_it(photons: float) -> None:
     """σ of the columns 4.1 DN, of a well at 0.25 V full scale; within 4 standard errors of 24 serials."""
@@ -224,6 +225,7 @@ def test_theory_without_shot_noise_is_that_of_frames_without_it(photons: float) 
     assert abs(squares.mean() - temporal - spatial) < 4 * squares.std(ddof=1) / np.sqrt(24) + 1e-6
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("photons", [3.0, exhaustive(900.0)])
 def test_electrons_that_photons_free_vary_without_shot_noise(photons: float) -> None:
     """Yield 2.5, Fano 0.5: temporal variance within 4 standard errors of 24 serials (chance of a miss 6e-5)."""
@@ -264,6 +266,7 @@ def test_noise_that_hides_whole_electrons_from_the_converter_is_kept() -> None:
     assert "source follower noise" in ms.plan(camera, cold, light, 1.6 * moved**0.5).left_out
 
 
+@pytest.mark.exhaustive
 def test_the_report_of_a_frame_without_shot_noise_is_right() -> None:
     """Its light is in photoelectrons: the QE is not applied a second time."""
     light = np.full((40, 40), 2.0)

@@ -95,6 +95,7 @@ def test_every_shipped_ladder_is_in_this_list() -> None:
     assert {name: labels for name, labels in found.items() if labels} == {x: list(y) for x, y in LADDERS.items()}
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("name", one_in(3, LADDERS))
 def test_photon_transfer_at_two_settings_has_the_published_gain(name: str) -> None:
     """Flat pairs at four levels of 80 000 pixels or more: K to 0.25 %, so that 1 % is 4 standard errors."""

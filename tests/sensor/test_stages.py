@@ -69,7 +69,7 @@ def test_every_stage_of_a_camera_file_has_the_moments_that_it_states(
         assert_step_agrees(step, engine)
 
 
-@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("engine", ["float64", "numpy", exhaustive("drjit")])
 @pytest.mark.parametrize("level", [0.0, 0.4])
 def test_every_stage_of_a_camera_with_every_effect_has_the_moments_that_it_states(level: float, engine: str) -> None:
     """Chance: 3 × 18 comparisons in 2 cases at 5e-6 each: one other seed in 1800 would fail somewhere."""

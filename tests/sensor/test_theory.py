@@ -77,7 +77,7 @@ def test_table_1_at_exactly_a_full_well_has_half_a_clipped_normal() -> None:
 # Enumeration
 
 
-@pytest.mark.parametrize("electrons", [0.0, 0.3, 2.0, 9.7, 60.0])
+@pytest.mark.parametrize("electrons", one_in(5, [0.0, 0.3, 2.0, 9.7, 60.0]))
 @pytest.mark.parametrize(("dn_per_e", "read_e"), [(0.5, 0.1), (1.0, 0.3), (0.125, 0.8), (3.3, 0.15), (0.77, 2.5)])
 def test_few_electrons_on_coarse_codes_are_every_count_with_its_chance(
     electrons: float, dn_per_e: float, read_e: float
@@ -103,7 +103,7 @@ def test_half_a_digital_number_per_electron_keeps_to_its_place_between_the_steps
     assert found.temporal[0] + found.spatial[0] == pytest.approx(75 + 0.075**2 + 0.36**2 + 1 / 12, rel=1e-3)
 
 
-@pytest.mark.parametrize("black", [3.0, 3.25, 3.5])
+@pytest.mark.parametrize("black", one_in(5, [3.0, 3.25, 3.5]))
 @pytest.mark.parametrize("sigma_dn", [0.05, 0.3, 0.99, 1.01, 4.0])
 def test_darkness_is_a_rounded_normal(black: float, sigma_dn: float) -> None:
     """Σ P(code), both sides of the switch from sum to integral at 1 DN."""
@@ -140,6 +140,7 @@ def test_far_from_both_clips_variances_are_the_sum_of_the_sources() -> None:
 # Saturation
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("camera", [TABLE1, BAYER, TABLE1.replace(**{"adc.bits": 1})])
 def test_light_without_end_is_the_last_code(camera: ms.Camera) -> None:
     for level in (1e9, 1e300, math.inf):
@@ -303,7 +304,7 @@ SCIPY = {
 }
 
 
-@pytest.mark.parametrize("cv", [0.05, 0.4, 1.0, 3.0])
+@pytest.mark.parametrize("cv", one_in(4, [0.05, 0.4, 1.0, 3.0]))
 @pytest.mark.parametrize("family", SCIPY)
 def test_averages_over_dark_currents_are_integrals_over_their_distributions(
     family: type[FpnDistribution], cv: float
@@ -477,7 +478,7 @@ def test_read_noise_of_its_own_in_every_pixel_is_averaged_over_the_pixels(cv: fl
         assert found.spatial[0] == pytest.approx(weights @ mean**2 - (weights @ mean) ** 2, rel=2e-2, abs=1e-4)
 
 
-@pytest.mark.parametrize("out", [(), ("quantum yield",), ("shot noise",), ("shot noise", "quantum yield")])
+@pytest.mark.parametrize("out", one_in(4, [(), ("quantum yield",), ("shot noise",), ("shot noise", "quantum yield")]))
 def test_a_chain_without_its_quantum_yield_has_one_electron_per_interaction(out: tuple[str, ...]) -> None:
     """300 interactions, 3 electrons each: K·(300·yield + dark) + black level, whatever a plan has left out."""
     camera = TABLE1.replace(**{"quantum_efficiency.quantum_yield": [3.0, 3.0]})

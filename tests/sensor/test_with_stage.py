@@ -118,6 +118,7 @@ def test_a_stage_needs_no_hash() -> None:
     )
 
 
+@pytest.mark.exhaustive
 def test_two_equal_stages_are_two_in_a_plan() -> None:
     """Each alone may go (0.4 DN), both together may not: √2 times as much."""
     camera = TABLE1.with_stage(Hum("one", 1.6e-5), after="reset_noise").with_stage(Hum("two", 1.6e-5), after="cds_gain")

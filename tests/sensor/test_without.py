@@ -110,6 +110,7 @@ def test_the_compiled_engine_has_the_same_bytes(off: tuple[str, ...]) -> None:
     np.testing.assert_array_equal(numpy.digital, drjit.digital)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("name", one_in(3, ["prnu", "dark_current", "shot_noise", "reset_noise", "dsnu_column"]))
 def test_theory_clean_frame_plan_and_budget_are_those_of_the_frames(name: str) -> None:
     """Of 64 sensors and 2 frames. The mean lies within 5 standard errors of the theory (5e-7 by chance), with that of

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.marks import exhaustive
+from helpers.marks import exhaustive, one_in
 from helpers.stage_tests import StageTests
 from scipy import special, stats
 
@@ -60,7 +60,7 @@ def test_random_bits_become_the_quantiles_of_scipys_law(law: NoiseDistribution) 
     np.testing.assert_allclose(NUMPY_FLOAT32.distributed(bits, law), x, rtol=6e-5)
 
 
-@pytest.mark.parametrize("law", LAWS, ids=str)
+@pytest.mark.parametrize("law", one_in(4, LAWS), ids=str)
 def test_the_variance_of_the_numbers_that_can_be_drawn_is_1(law: NoiseDistribution) -> None:
     """All 2³² of them: the outermost 2¹⁶ one by one, the others in groups of a 4096th of their number.
 
@@ -117,7 +117,7 @@ CASES = [
     ],
     ids=str,
 )
-@pytest.mark.parametrize(("sigma_dn", "black_dn", "dn_per_e", "light_e"), CASES)
+@pytest.mark.parametrize(("sigma_dn", "black_dn", "dn_per_e", "light_e"), one_in(3, CASES, several=True))
 def test_the_theory_of_a_frame_is_that_of_its_frames(
     shape: dict[str, Any], sigma_dn: float, black_dn: float, dn_per_e: float, light_e: float
 ) -> None:
@@ -156,6 +156,7 @@ def test_every_code_is_as_probable_as_the_law_says(shape: dict[str, Any], sigma_
     assert (np.abs(seen - chances(stats.norm.cdf, 1.0)) > 20 * error).any()
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(("sigma_dn", "black_dn", "light_e"), [(0.3, 0.4, 0.0), (3.0, 6.0, 20.0)])
 def test_the_clean_frame_of_pixels_with_noise_of_their_own_is_the_mean_of_their_frames(
     sigma_dn: float, black_dn: float, light_e: float
