@@ -88,13 +88,12 @@ class Pace:
         self.measured_s[step.kind] += seconds
 
     def forecast(self, step: Step) -> float:
-        """Seconds of a step: by the steps of its kind, else by all steps so far, else as it says itself."""
-        kinds = [step.kind] if step.kind in self.expected_s else list(self.expected_s)
-        expected_s = sum(self.expected_s[kind] for kind in kinds)
-        if not expected_s:
-            return step.seconds
-        measured_s = sum(self.measured_s[kind] for kind in kinds)
-        return step.seconds * measured_s / expected_s
+        """Seconds of a step by the steps of its kind; before the first of these as it says itself, or longer where the
+        steps so far took longer than they said."""
+        if self.expected_s[step.kind]:
+            return step.seconds * self.measured_s[step.kind] / self.expected_s[step.kind]
+        measured_s, expected_s = sum(self.measured_s.values()), sum(self.expected_s.values())
+        return step.seconds * max(measured_s / expected_s if expected_s else 1.0, 1.0)
 
 
 class Kit:

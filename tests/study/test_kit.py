@@ -55,9 +55,13 @@ def test_after_one_step_of_each_kind_the_forecast_is_that_of_this_machine(busy: 
     assert told[0].total_s == sum(expected_s for _, expected_s, _, _ in steps)
 
 
-def test_a_kind_that_was_not_measured_yet_takes_as_long_as_all_steps_so_far_say() -> None:
-    told = forecasts(("a", 1.0, 10.0, "a"), ("b", 2.0, 20.0, "b"))
-    assert told[1].total_s == pytest.approx(30.0)
+@pytest.mark.parametrize(("seconds", "total_s"), [(10.0, 30.0), (0.1, 2.1)])
+def test_a_kind_that_was_not_measured_yet_takes_as_it_says_or_as_much_longer_as_steps_so_far(
+    seconds: float, total_s: float
+) -> None:
+    """Steps of 1 s and 2 s; the first one takes 10 s, or nearly nothing, which says little of the second one."""
+    told = forecasts(("a", 1.0, seconds, "a"), ("b", 2.0, 20.0, "b"))
+    assert told[1].total_s == pytest.approx(total_s)
 
 
 def test_the_forecast_names_what_takes_the_time() -> None:

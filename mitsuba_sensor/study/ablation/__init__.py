@@ -33,9 +33,10 @@ def ablation(
     if spp < FEWEST_SAMPLES:
         raise ms.InputError(f"spp is {spp}; the study compares parts of the render: ask for {FEWEST_SAMPLES} or more.")
     render = RenderAblation(kit, subject, spp, seed)
-    kit.take([Step("loading the scene", 5.0, render.scene, "renders")])
     sensor = SensorAblation(kit, subject, render.light, tolerance_dn, (frames, seed, serial))
-    kit.take([*render.steps(), *sensor.steps()])
+    sensor_steps = list(sensor.steps())
+    kit.take([Step("loading the scene", 5.0, render.scene, "loading")], sensor_steps)
+    kit.take([*render.steps(), *sensor_steps])
     sections = sensor_section(SensorResults(sensor), sensor), render_section(render.changes())
     scene, camera, exposure = kit["loading the scene"], subject.camera, subject.exposure
     about = f"{scene['columns']} × {scene['rows']} pixels, {exposure.time_s:g} s, {exposure.temperature_k:g} K"

@@ -10,9 +10,7 @@ from ...pages.page import Line, Mark, MarkedRow, Part, Plot, Section, Table, lin
 from .render import Render
 from .results import INDEPENDENT, STRATIFIED, WITHIN, Choice, Result, choices
 
-PIXELS = (
-    "Over all pixels below full well, each relative to its own light, or to a tenth of the mean where it is darker."
-)
+PIXELS = "Over pixels below full well, relative to their own light, or to a tenth of the mean where it is darker."
 
 
 def render_section(render: Render) -> Section:

@@ -31,8 +31,6 @@ LEAST_DN = 1e-5
 """No change below this is told apart: 0 has no place on a logarithmic axis."""
 
 FRAMES_A_TURN = 8
-
-
 Frames = Iterator[NDArray[np.unsignedinteger]]
 
 
