@@ -29,7 +29,7 @@ def result(square: float, power: float = -0.5, own: float = 0.0, **options: obje
     return Result(setting, runs, own)
 
 
-@pytest.mark.parametrize(("power", "verdict"), [(-0.5, "holds"), (-0.8, "holds"), (-0.4, "off"), (-1.2, "off")])
+@pytest.mark.parametrize(("power", "verdict"), [(-0.5, "holds"), (-0.8, "holds"), (-0.4, "off"), (-1.7, "off")])
 def test_a_slope_that_no_sampler_has_is_found(power: float, verdict: str) -> None:
     made = result(1.0, power)
     assert made.slope is not None and made.slope.value == pytest.approx(power, abs=1e-9)
