@@ -103,13 +103,13 @@ class Render:
             Step(f"reference: {kind}", REFERENCE_S, partial(self._reference, setting), "references")
             for kind, setting in references.items()
         ]
-        steps += [Step(f"pilot: {one.name}", 3.0, partial(self._pilot, one), "pilots") for one in self.settings]
+        steps += [Step(f"pilot: {one.name}", 2 * RUN_S, partial(self._pilot, one), "pilots") for one in self.settings]
         runs = [Step(self._run_key(one, seed), 2 * RUN_S, int, "runs") for one in self.settings for seed in self.seeds]
         self.kit.take(steps, [*runs, *later])
         runs = []
         for setting in self.settings:
-            rungs = self.rungs(setting)
-            seconds = 2 * rungs[-1] / PILOT_SPP * self.kit[f"pilot: {setting.name}"]
+            pilot = self.kit[f"pilot: {setting.name}"]
+            rungs, seconds = [spp for spp, _ in pilot], sum(taken for _, taken in pilot)
             for seed in self.seeds:
                 runs.append(
                     Step(self._run_key(setting, seed), seconds, partial(self._run, setting, rungs, seed), "runs")
@@ -120,25 +120,23 @@ class Render:
         return f"run {seed}: {setting.name}"
 
     def _reference(self, setting: Setting) -> Light:
-        pilot_s = self._pilot(setting)
-        spp = max(2 ** round(math.log2(PILOT_SPP * REFERENCE_S / pilot_s)), 4 * PILOT_SPP)
-        return self.light(0, spp, setting)
+        spp, seconds = self._pilot(setting)[-1]
+        return self.light(0, max(2 ** round(math.log2(spp * REFERENCE_S / seconds)), 4 * spp), setting)
 
-    def _pilot(self, setting: Setting) -> float:
-        """Seconds of a short render behind one that compiles."""
-        self.light(0, PILOT_SPP, setting)
+    def _pilot(self, setting: Setting) -> list[tuple[int, float]]:
+        """Samples and seconds of renders, twice as many samples each time, until one is long enough."""
+        self.light(0, PILOT_SPP, setting)  # compiles
         self._warm = setting.name
-        return self.light(0, PILOT_SPP, setting).seconds
-
-    def rungs(self, setting: Setting) -> list[int]:
-        """Samples of the renders of a run, twice as many each time."""
-        pilot_s = self.kit[f"pilot: {setting.name}"]
-        count = FEWEST_RUNGS + max(math.floor(math.log2(max(RUN_S / pilot_s, 1.0))) - FEWEST_RUNGS + 1, 0)
-        return [PILOT_SPP * 2**k for k in range(min(count, MOST_RUNGS))]
+        rungs = list[tuple[int, float]]()
+        while len(rungs) < FEWEST_RUNGS or (rungs[-1][1] < RUN_S / 2 and len(rungs) < MOST_RUNGS):
+            spp = PILOT_SPP * 2 ** len(rungs)
+            rungs.append((spp, self.light(0, spp, setting).seconds))
+        return rungs
 
     def _run(self, setting: Setting, rungs: Sequence[int], seed: int) -> list[Rung]:
         if self._warm != setting.name:
-            self._pilot(setting)
+            self.light(0, PILOT_SPP, setting)
+            self._warm = setting.name
         run = []
         for spp in rungs:
             light = self.light(1000 * seed + spp, spp, setting)

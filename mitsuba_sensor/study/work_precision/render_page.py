@@ -30,7 +30,7 @@ def advice(reaching: Sequence[Choice], tolerance: float) -> str:
     if not reaching:
         return f"{goal} any number of samples does: all errors are below the reference's own."
     best = reaching[0]
-    return f"{goal}: {best.options} ({best.error:.2g} in {best.seconds:.2g} s)."
+    return f"{goal}: {best.options} (about {best.seconds:.2g} s)."
 
 
 def render_findings(results: Sequence[Result], plot: Plot) -> Iterator[str]:
@@ -69,12 +69,11 @@ def diagram(results: Sequence[Result], tolerance: float) -> Plot:
 def choices_table(reaching: Sequence[Choice], tolerance: float) -> Table:
     """The options that reach the tolerance."""
     rows: list[MarkedRow] = []
-    for number, one in enumerate(reaching):
-        mark: Mark = "best" if number == 0 else ""
-        rows.append((mark, (one.options, one.seconds, one.error)))
+    for one in reaching:
+        rows.append(("best" if one is reaching[0] else "", (one.options, one.seconds)))
     return table(
         f"What reaches {tolerance:.3g}",
-        "options | time [s] | error [1]",
+        "options | time [s]",
         rows,
         "The quickest first. Loading the scene and compiling come on top, once.",
     )

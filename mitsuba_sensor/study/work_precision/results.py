@@ -7,6 +7,8 @@ import statistics
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 from ...lab.statistics.estimators import Slope, slope_of_runs
 from ..kit import Values
 
@@ -108,32 +110,34 @@ class Result(NamedTuple):
 class Choice(NamedTuple):
     """Options of ``mitsuba-sensor render``, and what they are expected to give."""
 
-    setting: str
     options: str
     spp: int
     seconds: float
-    error: float
 
 
 def choices(results: Sequence[Result], tolerance: float) -> list[Choice]:
     """Of every setting the options that reach the tolerance, the quickest first."""
-    reached = []
+    found = []
     for result in results:
         points = result.points()
-        if result.setting.has_law and points:
-            square = math.exp(statistics.fmean(math.log(point.error**2 * point.spp) for point in points))
-            second = statistics.median(point.seconds / point.spp for point in points[-2:])
-            spp = max(math.ceil(MARGIN * square / tolerance**2), PILOT_SPP)
-            reached.append((result, spp, spp * second, math.sqrt(square / spp)))
-        for point in () if result.setting.has_law else points:
-            if point.error <= tolerance:
-                reached.append((result, point.spp, point.seconds, point.error))
-                break
-    found = [
-        Choice(result.setting.name, typed_options(result.setting, spp), spp, seconds, error)
-        for result, spp, seconds, error in reached
-    ]
+        if points and (result.setting.has_law or points[-1].error <= tolerance):
+            spp = samples_for(points, tolerance)
+            seconds = math.exp(interpolated(math.log(spp), [(p.spp, p.seconds) for p in points], 1.0))
+            found.append(Choice(typed_options(result.setting, spp), spp, seconds))
     return sorted(found, key=lambda choice: choice.seconds)
+
+
+def samples_for(points: Sequence[Point], tolerance: float) -> int:
+    """Samples whose error is the tolerance, with a margin; at least those of the first rung."""
+    inverse = [(1 / point.error, point.spp) for point in points]
+    spp = math.exp(interpolated(-math.log(tolerance), inverse, 1 / -INDEPENDENT))
+    return max(math.ceil(MARGIN * spp), points[0].spp)
+
+
+def interpolated(log_x: float, points: Sequence[tuple[float, float]], power: float) -> float:
+    """Logarithm of y at a logarithm of x, between points (x, y) that rise; beyond the last with this power of x."""
+    log_xs, log_ys = np.log(np.array(points, dtype=float)).T
+    return float(np.interp(log_x, log_xs, log_ys)) + power * max(log_x - float(log_xs[-1]), 0.0)
 
 
 def typed_options(setting: Setting, spp: int) -> str:
