@@ -28,7 +28,7 @@ from .output.light_files import read_irradiance
 from .render.denoise.network import denoised_if_possible
 from .render.light.irradiance import Irradiance
 from .render.light.light_source import CollectedLight
-from .render.light.photons import collect, collected
+from .render.light.photons import collected, photons_of
 from .render.motion.aovs import Aovs
 from .render.options import FrameSeriesOptions, RenderOptions
 from .render.passes.per_frame import FrameSeries
@@ -38,7 +38,6 @@ from .render.scene.scene_nodes import SceneInput
 from .render.scene.scene_settings import ParsedScene
 from .render.variants import restores_variant
 from .sensor.camera import Camera
-from .sensor.checks import as_photons
 from .sensor.expose import PreparedExposure, prepare_exposure
 from .sensor.metering import AskedExposure, Metering, checked_exposure
 from .sensor.options import ExposeOptions
@@ -195,7 +194,7 @@ def render_once(request: Request) -> Exposed:
         render.renderer.release()
     with timed(request.times_s, "expose"):
         exposure = render.exposure_of(light)
-        photons = as_photons(collect(light, render.camera, exposure), render.camera)
+        photons = photons_of(light, render.camera, exposure)
         frames = expose_with_progress(sensor.at(exposure).of(photons), progress)
     return exposed_of_scene(request, render, light, frames)
 

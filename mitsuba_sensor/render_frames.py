@@ -1,4 +1,4 @@
-"""render_frames(): raw frames of a scene that each have a render of their own."""
+"""Raw frames of a scene that each have a render of their own: render_frames()."""
 
 from __future__ import annotations
 

@@ -120,12 +120,17 @@ def collected(
         raise InputError("no camera is given and the irradiance names none; pass camera=….")
     camera = camera.at_gain(gain)
     found = exposure if isinstance(exposure, Exposure) else metered(light, camera, exposure or Metering())
-    return as_photons(collect(light, camera, found), camera), camera, found, serial
+    return photons_of(light, camera, found), camera, found, serial
+
+
+def photons_of(light: Irradiance, camera: Camera, exposure: Exposure) -> Photons:
+    """Mean photons of a render, checked: NaN and negative irradiance are refused with an InputError."""
+    return as_photons(collect(light, camera, exposure), camera)
 
 
 def metered(light: Irradiance, camera: Camera, metering: Metering) -> Exposure:
     """The exposure at which a picture of this light is as bright as asked for. Raises InputError if it is black."""
-    found = metering.exposure(as_photons(collect(light, camera, metering.unit_exposure), camera), camera)
+    found = metering.exposure(photons_of(light, camera, metering.unit_exposure), camera)
     trim_heap()
     return found
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ...core import InputError, Photons, first_given
 from ...core.options import part_of
 from ...sensor.camera import Camera
-from ...sensor.checks import as_photons, check_numbers
+from ...sensor.checks import check_numbers
 from ...sensor.compensation import LIMIT, compensable, largest_e2
 from ...sensor.effects.dark_current import mean_dark_e
 from ...sensor.expose import PreparedExposure
@@ -21,7 +21,7 @@ from ...sensor.metering import AskedExposure
 from ...sensor.options import ExposeOptions
 from ..light.irradiance import Irradiance
 from ..light.light_source import CollectedLight
-from ..light.photons import collect
+from ..light.photons import photons_of
 from ..options import FrameSeriesOptions, RenderOptions
 from ..scene.scene_nodes import SceneInput
 from ..scene.scene_settings import ParsedScene
@@ -125,7 +125,7 @@ class FrameSeries:
             if not stop.sized:  # the first render sizes all others
                 samples = prepared.renderer.samples
                 stop = replace(stop, passes=max(stop.passes * stop.samples // samples, 2), samples=samples, sized=True)
-            photons = as_photons(collect(light, prepared.camera, prepared.exposure), prepared.camera)
+            photons = photons_of(light, prepared.camera, prepared.exposure)
             photons = photons.changed(source=CollectedLight.of(light, per_frame=True))
             mean, variance = prepared.renderer.electrons()
             if self.compensated:

@@ -17,7 +17,7 @@ from ...sensor.input_noise import input_noise
 from ...sensor.metering import AUTO, AskedExposure, Metering, checked_exposure
 from ...sensor.options import ExposeOptions
 from ..denoise.network import denoised_if_possible, is_installed, library
-from ..light.bands import BANDWIDTH_NM, Bands, choose_bands
+from ..light.bands import Bands
 from ..light.film_channels import with_filters
 from ..light.illuminant import rendered_for
 from ..light.irradiance import Irradiance
@@ -30,7 +30,7 @@ from ..motion.moving_scene import MovingScene, pose_m
 from ..options import RenderOptions
 from ..scene.scene import Scene, load_scene
 from ..scene.scene_nodes import SceneInput
-from ..scene.scene_settings import ParsedScene, SceneSettings, parse
+from ..scene.scene_settings import ParsedScene, bands_asked_for, parse
 from ..variants import restores_variant
 from .estimate import Estimate
 from .noise_goals import SensorNoise
@@ -271,7 +271,7 @@ def prepare(
     camera = camera.at_gain(chosen["gain"])
     metering = asked if isinstance(asked, Metering) else None
     known = asked.unit_exposure if isinstance(asked, Metering) else asked
-    bands = with_filters(_bands(chosen, settings, camera, usual), camera)
+    bands = with_filters(bands_asked_for(chosen, settings, camera, usual), camera)
     metres = settings.metres(chosen["scene_unit"]) or 1.0
     at_rest = load_scene(parsed.file, bands, {}, camera, chosen["scene_unit"], width=chosen["width"], sampler=sampler)
     motion, kept = read_motion(chosen["motion"]), Kept.of(chosen["denoise"], chosen["raw_light"])
@@ -286,15 +286,3 @@ def prepare(
     moving = MovingScene(at_rest, motion, camera, still.exposure, chosen["subframes"], metres)
     renderer = Renderer(moving, camera, still.exposure, bands, kept)
     return replace(still, scene=moving, motion=motion, renderer=renderer)
-
-
-def _bands(options: RenderOptions, settings: SceneSettings, camera: Camera, usual: str) -> Bands:
-    """The channels asked for, else those of the scene file, else the ``usual`` ones. Raises InputError."""
-    wavelength_nm = first_given(options["wavelength_nm"], settings.wavelength_nm)
-    in_scene = "auto" if options["wavelength_nm"] else settings.spectral
-    spectral = first_given(options["spectral"], in_scene, "auto")
-    if spectral == "auto":  # channels have no width, and no electrons in bursts
-        bands = wavelength_nm is not None or options["bandwidth_nm"] is not None
-        spectral = "auto" if bands or camera.quantum_efficiency.quantum_yield else usual
-    width_nm = first_given(options["bandwidth_nm"], settings.bandwidth_nm, BANDWIDTH_NM)
-    return choose_bands(camera, wavelength_nm, width_nm, spectral)

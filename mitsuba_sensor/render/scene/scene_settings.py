@@ -16,8 +16,8 @@ from ...core.options import complete, part_of
 from ...sensor.camera import Camera
 from ...sensor.camera_file import list_cameras, load_camera, toml_value
 from ...sensor.metering import Metering
-from ..light.bands import SPECTRAL
-from ..options import FileOptions
+from ..light.bands import BANDWIDTH_NM, SPECTRAL, Bands, choose_bands
+from ..options import FileOptions, RenderOptions
 from ..variants import MitsubaObject, Variant, choose_variant, mitsuba, use
 from .plugin_names import OWN_PLUGINS
 from .plugin_parameters import (
@@ -249,3 +249,15 @@ def parse(scene: SceneInput, options: Mapping[str, Any]) -> ParsedScene:
         file = parse_nodes(scene, chosen)
     with as_input_error(file.path):
         return ParsedScene(replace(file, edits=SceneEdits.of(options)), settings_of(file), variant)
+
+
+def bands_asked_for(options: RenderOptions, settings: SceneSettings, camera: Camera, usual: str) -> Bands:
+    """The channels asked for, else those of the scene file, else the ``usual`` ones. Raises InputError."""
+    wavelength_nm = first_given(options["wavelength_nm"], settings.wavelength_nm)
+    in_scene = "auto" if options["wavelength_nm"] else settings.spectral
+    spectral = first_given(options["spectral"], in_scene, "auto")
+    if spectral == "auto":  # channels have no width, and no electrons in bursts
+        bands = wavelength_nm is not None or options["bandwidth_nm"] is not None
+        spectral = "auto" if bands or camera.quantum_efficiency.quantum_yield else usual
+    width_nm = first_given(options["bandwidth_nm"], settings.bandwidth_nm, BANDWIDTH_NM)
+    return choose_bands(camera, wavelength_nm, width_nm, spectral)
