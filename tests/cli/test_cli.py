@@ -311,6 +311,7 @@ def test_help_names_every_flag_in_full(
     assert not shown
 
 
+@pytest.mark.exhaustive
 def test_doctor_survives_and_says_what_works(tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, "-m", "mitsuba_sensor", "doctor", "--json"], capture_output=True, text=True)
     findings = json.loads(done.stdout)

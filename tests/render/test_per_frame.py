@@ -88,7 +88,7 @@ def compensated(floor: Path) -> Series:
 
 @pytest.fixture(scope="module")
 def each(floor: Path) -> Series:
-    return series(floor, "per-frame", SPP, FRAMES)
+    return series(floor, "per-frame", SPP, FRAMES // 2)
 
 
 def test_compensated_frames_have_mean_and_variance_of_poissons_law(compensated: Series, each: Series) -> None:
@@ -119,8 +119,8 @@ def test_frames_that_follow_each_other_are_not_correlated(compensated: Series) -
 
 
 def test_frames_without_compensation_are_too_noisy_by_what_they_say(each: Series) -> None:
-    """Variance over mean is 1 + ``uncompensated`` within 2.4 %, four standard errors."""
-    assert each.variance_over_mean == pytest.approx(1 + each.uncompensated, abs=0.024)
+    """Variance over mean is 1 + ``uncompensated`` within 3.4 %, four standard errors."""
+    assert each.variance_over_mean == pytest.approx(1 + each.uncompensated, abs=0.034)
 
 
 def test_a_frame_says_in_how_many_pixels_its_render_has_more_noise_than_shot_noise() -> None:

@@ -221,7 +221,7 @@ CAMERAS: dict[str, dict[str, Any]] = {
 }
 
 
-@pytest.mark.parametrize("kind", one_in(2, CAMERAS))
+@pytest.mark.parametrize("kind", one_in(3, CAMERAS))
 def test_values_are_those_of_expose_bit_by_bit(kind: str) -> None:
     camera = RICH.replace(**CAMERAS[kind])
     shape = (45, 67)
@@ -361,7 +361,7 @@ def wide() -> Any:
     return frame
 
 
-@pytest.mark.parametrize("name", one_in(3, FIELDS))
+@pytest.mark.parametrize("name", one_in(6, FIELDS))
 def test_every_field_moves_every_pixel_as_its_derivative_says_or_is_refused(name: str) -> None:
     if name in NO_SLOPE:
         with pytest.raises(ms.InputError, match="no number of this chain depends smoothly"):
