@@ -23,13 +23,18 @@ from mitsuba_sensor.pages.html_page import text
 ROOT = Path(__file__).resolve().parent.parent
 SCENES = ("cornell_box", "color_checker", "still_life", "step_wedge")
 TINY = ("--width", "12", "--frames", "4", "--variant", "scalar_spectral")  # which compiles nothing
+PRECISE = ("cornell_box", "step_wedge")
 SMALL = {"work-precision": ("--width", "48"), "ablation": ("--width", "64")}
 SHORT = ("--camera", "bayer_2mp", "--exposure-s", "0.02", *SMALL["ablation"])  # its dark current cannot be seen
 QUICK = [("ablation-step_wedge", ("ablation", "scenes/step_wedge.xml", *TINY))]
 EVERY = [
     ("paper", ()),
     ("stress", ("stress",)),
-    *((f"{study}-{scene}", (study, f"scenes/{scene}.xml", *size)) for study, size in SMALL.items() for scene in SCENES),
+    *(
+        (f"work-precision-{name}", ("work-precision", f"scenes/{name}.xml", *SMALL["work-precision"]))
+        for name in PRECISE
+    ),
+    *((f"ablation-{name}", ("ablation", f"scenes/{name}.xml", *SMALL["ablation"])) for name in SCENES),
     ("ablation-color_checker-bayer_2mp", ("ablation", "scenes/color_checker.xml", *SHORT)),
 ]
 
