@@ -19,8 +19,8 @@ from ..kit import Array, Kit, Step, Subject, Values
 PAIRS = 4
 """Renders with and without each feature."""
 
-SIGNIFICANT = 3.0
-"""Standard errors beyond which a change is one."""
+SIGNIFICANT, LEAST_SHARE = 3.0, 0.05
+"""Standard errors beyond which a change is one; share of the seconds by which renders of one kind differ."""
 
 AS_IT_IS = "as it is"
 LENS_FEATURES: dict[str, tuple[tuple[str, ...], Values]] = {  # fields that the lens must have, and changes of a camera
@@ -164,14 +164,14 @@ def render_section(changes: Mapping[str, Change]) -> Section:
 
 
 def render_findings(changes: Mapping[str, Change]) -> Iterator[str]:
-    """What the picture depends on most, and what saves most without a change."""
+    """What the picture depends on most, and the seconds of that."""
     changing = {name: one for name, one in changes.items() if one.is_change}
     if changing:
         name, most = max(changing.items(), key=lambda entry: entry[1].rms_dn)
-        yield (
-            f"Of the render, the picture depends most on what '{name}' leaves out: {most.rms_dn:.3g} ± "
-            f"{most.rms_error_dn:.2g} DN rms, for {most.saved_share:.0%} of the seconds."
-        )
+        shows = most.saved_share > LEAST_SHARE
+        cost = f"for {most.saved_share:.0%} of the seconds" if shows else "at no cost that shows"
+        rms = f"{most.rms_dn:.3g} ± {most.rms_error_dn:.2g} DN rms"
+        yield f"Of the render, the picture depends most on what '{name}' leaves out: {rms}, {cost}."
 
 
 def render_table(changes: Mapping[str, Change]) -> Table:
