@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import tifffile
+from helpers.marks import exhaustive
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.capture_options import CaptureOptions
@@ -96,7 +97,7 @@ def test_light_that_is_there_already_gives_the_same_frames(captured: ms.Capture,
     assert {path.name for path in (tmp_path / "again").iterdir()} == {"frame.tiff", "frame.png", "frame.json"}
 
 
-@pytest.mark.parametrize("render_noise", ["per-frame", "compensated"])
+@pytest.mark.parametrize("render_noise", [exhaustive("per-frame"), "compensated"])
 def test_frames_with_a_render_each_are_those_of_render_frames(scene_file: Path, render_noise: Any) -> None:
     found = ms.capture(scene_file, CAMERA, EXPOSURE, frames=2, render_noise=render_noise, **RENDER)
     each = list(ms.render_frames(scene_file, CAMERA, EXPOSURE, frames=2, render_noise=render_noise, **RENDER))
@@ -183,9 +184,9 @@ def counted(monkeypatch: pytest.MonkeyPatch, module: Any, name: str) -> list[Any
     return calls
 
 
-@pytest.mark.parametrize("frames", [1, 3])
+@pytest.mark.parametrize("frames", [exhaustive(1), 3])
 @pytest.mark.parametrize("render_noise", ["shared", "compensated"])
-@pytest.mark.parametrize("command_line", [False, True], ids=["Python", "command line"])
+@pytest.mark.parametrize("command_line", [exhaustive(False), True], ids=["Python", "command line"])
 def test_a_scene_is_parsed_once_a_chain_built_once_and_run_once_per_frame(
     frames: int, render_noise: Any, command_line: bool, scene_file: Path, tmp_path: Path, cli: Any,
     monkeypatch: pytest.MonkeyPatch,
