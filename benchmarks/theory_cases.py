@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 import mitsuba_sensor as ms
 from mitsuba_sensor.core import Electrons, Frame, Moments
 from mitsuba_sensor.core.types import Array
+from mitsuba_sensor.sensor.metering import saturation_e
 
 TABLE1, BAYER, RGBIR, CCD = (ms.load_camera(n) for n in ("konnik_table1", "bayer_2mp", "rgbir_2mp", "eev_44_82"))
 V_PER_E = 5e-6  # Table 1
@@ -335,3 +336,13 @@ def random_case(number: int) -> Case:
     temperature_k = float(rng.choice([300.0, 300.0, 320.0, 250.0, 77.0]))
     level = maybe(0.1, 0.0, log(min(0.01, well / 10), 3 * well))
     return Case(f"random {number}", camera, level, ms.Exposure(log(1e-4, 10.0), temperature_k))
+
+
+def full_case(number: int) -> Case:
+    """A random camera in light of 0.9 to 2 times what fills its well, or its converter if that is less."""
+    case, rng = random_case(number), np.random.default_rng([2026, number])
+    try:
+        full_e = saturation_e(case.camera)
+    except (ms.InputError, ValueError):  # no range of codes, or a curve beyond all numbers
+        full_e = case.camera.pixel.full_well_e
+    return replace(case, name=f"full {number}", level_e=float(rng.uniform(0.9, 2.0)) * full_e)

@@ -29,9 +29,9 @@ from .sensor.camera_file import load_camera as load_camera
 from .sensor.fpn_maps import fpn_maps as fpn_maps
 from .sensor.gradient import differentiable as differentiable
 from .sensor.metering import Metering as Metering
-from .sensor.plan import Plan as Plan
-from .sensor.plan import plan as plan
 from .sensor.stage import Stage as Stage
+from .theory.plan import Plan as Plan
+from .theory.plan import plan as plan
 
 __version__: str
 __all__: list[str]

@@ -22,7 +22,7 @@ ORDER = (
     ("stopping",),
     ("core",),
     ("files", "optics"),
-    ("sensor",),
+    ("sensor", "theory"),
     ("render",),
     ("output",),
     ("capture", "capture_options", "expose", "kept_sensor", "render_frames"),

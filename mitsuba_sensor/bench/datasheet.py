@@ -8,7 +8,7 @@ from typing import NamedTuple
 from ..core import Exposure
 from ..sensor.camera import Camera
 from ..sensor.effects.dark_current import dark_current_model, mean_dark_e
-from ..sensor.figures import emva_figures
+from ..theory.figures import emva_figures
 
 SMALL_K = 0.01
 """Half the temperature step of the derivative of the dark current [K]."""

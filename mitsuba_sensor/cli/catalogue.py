@@ -14,8 +14,8 @@ import mitsuba_sensor as ms
 from ..core import InputError
 from ..files import texts
 from ..sensor.camera_check import CameraFinding
-from ..sensor.figures import EmvaFigures, figures_if_any
 from ..sensor.gain_ladder import SET
+from ..theory.figures import EmvaFigures, figures_if_any
 from . import arguments, options
 from .app import THINGS, app, changes_of, show
 from .tables import FittedTable, short

@@ -14,8 +14,8 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
-from ..sensor.plan import IDLE, NEEDED, Plan
 from ..stopping import undone_if_stopped
+from ..theory.plan import IDLE, NEEDED, Plan
 from .tables import FittedTable, number, rough
 
 if TYPE_CHECKING:

@@ -14,6 +14,14 @@ SMOOTH_FROM = 1.0  # σ [steps] above which the fraction of the mean does not ma
 FINEST = 0.1  # a temporal σ below this, unless 0, is set to this, so that eight harmonics are enough [steps]
 HARMONICS = np.arange(1, 9)
 NO_HARMONIC = 1.2  # σ·k [steps] from which on harmonic k of the rounding error is below 1e-12
+MOST_HARMONICS = 512
+"""Harmonics of the steps that are added up for a Poisson count: the next one is 6e-4 DN at most."""
+
+SAME = 1e-4
+"""Slopes that differ by a smaller share, of a count of one, are damped alike."""
+
+NOTHING_LEFT = 30.0
+"""A harmonic that is damped by e to this power adds nothing."""
 
 
 def rounded(mean: Array, temporal: Array, spatial: Array) -> tuple[Array, Array, Array]:
@@ -90,9 +98,12 @@ def rounded_poisson(
     ψ = E e^(iθx) = exp(iθ(E x − slope·E n) + E n·(e^(iθ·slope) − 1) − θ²σ²/2),  E (x − E x)·e^(iθx) = −i ψ′ − E x·ψ.
     """
     error, square, together = np.zeros(mean_dn.shape), np.full(mean_dn.shape, 1 / 12), np.zeros(mean_dn.shape)
-    smallest = float(np.min(sigma_dn, initial=np.inf))
-    for k in range(1, int(np.ceil(NO_HARMONIC / max(smallest, 1e-3))) + 1):
+    smallest, fewest_e = (float(np.min(x, initial=np.inf)) for x in (sigma_dn, mean_e))
+    same_slope = slope.size > 0 and float(np.ptp(slope)) <= SAME * float(np.max(slope)) / fewest_e**0.5
+    for k in range(1, min(int(np.ceil(NO_HARMONIC / max(smallest, 1e-3))), MOST_HARMONICS) + 1):
         theta, sign = 2 * np.pi * k, (-1.0) ** k
+        if same_slope and fewest_e * (1 - np.cos(theta * slope.flat[0])) + 0.5 * (theta * smallest) ** 2 > NOTHING_LEFT:
+            continue
         turned = np.expm1(1j * theta * slope)
         psi = np.exp(1j * theta * (mean_dn - slope * mean_e) + mean_e * turned - 0.5 * (theta * sigma_dn) ** 2)
         error += sign / (np.pi * k) * psi.imag

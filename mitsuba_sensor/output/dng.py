@@ -22,9 +22,9 @@ from ..optics import spectra
 from ..render.light.photons import photons_per_irradiance
 from ..sensor.camera import Camera
 from ..sensor.colour_matrix import STEP_NM, colour_matrix, colour_order, standard_light
-from ..sensor.figures import QUANTISATION_DN2, figures_if_any
 from ..sensor.metering import saturation_dn, saturation_e
 from ..sensor.stage import converter_of
+from ..theory.figures import QUANTISATION_DN2, figures_if_any
 from .dng_lens import lens_corrections
 from .frame_files import image_facts
 

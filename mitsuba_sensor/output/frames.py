@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from ..sensor.choices import KEEP
 from ..sensor.expose import PreparedExposure
 from ..sensor.frame_notes import exposure_notes as notes_of_exposure
-from ..sensor.frame_theory import FrameTheory
 from ..sensor.frames import RawFrames
-from ..sensor.noise_budget import NoiseBudget
-from ..sensor.pixel_moments import PixelMoments, pixel_moments
-from ..sensor.report import FrameObserver, report
+from ..theory.frame_theory import FrameTheory
+from ..theory.noise_budget import NoiseBudget
+from ..theory.pixel_moments import PixelMoments, pixel_moments
+from ..theory.report import FrameObserver, report
 from .dng import write_dng
 from .frame_files import frames_html, preview_of, save_frames
 

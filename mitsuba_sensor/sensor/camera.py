@@ -36,7 +36,7 @@ def _table(name: str, description: str, base: type[CameraTable] = CameraTable) -
 
 
 if TYPE_CHECKING:
-    from .figures import EmvaFigures
+    from ..theory.figures import EmvaFigures
 
     PixelTable: TypeAlias = PixelGeometry
     QuantumEfficiencyTable: TypeAlias = CameraTable
@@ -235,7 +235,7 @@ class Camera(FileTable):
         exposure : whose dark current counts; by default so short that there is none. Raises InputError where darkness
             is at the highest code.
         """
-        from .figures import emva_figures
+        from ..theory.figures import emva_figures
 
         return emva_figures(self, exposure)
 

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from ..core import InputError
 from .camera import Camera
 from .checks import check_float32, float32_counts
 from .options import ExposeOptions
-from .plan import Plan
 from .run import INPUT_REFERRED
 from .stage import Chain
+
+if TYPE_CHECKING:
+    from ..theory.plan import Plan
 
 KEEP = ("photons", "photoelectrons", "dark_electrons", "electrons", "volts", INPUT_REFERRED)
 """Intermediate signals that ``expose(keep=…)`` can return: mean photons of all bands, electrons that light and dark

@@ -22,7 +22,6 @@ from ..core import Array, Electrons, Frame, arrays
 from ..core.code_slope import LARGEST_DN, ExpectedCode, per_variance
 from ..core.differentiable import NEVER_COUNTED, DifferentiableBackend
 from ..core.noise_distributions import NoiseDistribution
-from .given_count import GivenCount
 from .stage import Chain, Converter, converter_of, sample
 
 
@@ -83,10 +82,6 @@ class ConditionalSlope:
     def converter(self) -> Converter:
         """The last stage."""
         return converter_of(self.behind)
-
-    def least_sigma_dn(self, conditions: Frame) -> float:
-        """The smallest noise behind the count [DN].  conditions : exposure and measured maps."""
-        return float(GivenCount(self.behind, conditions).codes_before_rounding[1].min())
 
     def sample(self, start: Electrons, frame: Frame) -> Array:
         """Digital numbers of one frame, (H·W)."""

@@ -9,11 +9,10 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from ..core import Exposure, Frame, SensorWindow, arrays
-from ..core.backend import NUMPY_FLOAT64, Backend, uniforms
+from ..core.backend import Backend, uniforms
 from ..core.moments import rectified_normal
 from .dark_current_models import FIGURE_OF_MERIT_AT_K, arrhenius
 from .datasheet import Chance, FileTable, Kelvin, NotNegative, Positive
-from .pixel_law import PixelLaw, Quantiles, fixed_offsets
 from .stage import Datasheet
 
 MIDGAP_EV = 0.56
@@ -136,16 +135,6 @@ def mixture_moments(
     laws += [(p.weight, *p.moments(frame.exposure)) for p in parts]
     average = sum(w * m for w, m, _ in laws)
     return average, sum(w * (v + (m - average) ** 2) for w, m, v in laws)
-
-
-def component_laws(
-    parts: tuple[DarkComponent, ...], frame: Frame, quantiles: Quantiles
-) -> list[tuple[float, PixelLaw]]:
-    """Share and law of the dark electrons of every component."""
-    reference = frame.on(NUMPY_FLOAT64)
-    return [
-        (part.weight, fixed_offsets(part.electrons(quantiles.survival, reference), quantiles.weights)) for part in parts
-    ]
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from ..core import Exposure, Frame, Photons, SensorWindow, check_types, first_given
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
 from ..core.options import complete
+from ..theory.plan import Plan, plan_for
+from ..theory.report import FrameObserver
 from .camera import Camera
 from .chain import whole_chain
 from .checks import (
@@ -28,8 +30,6 @@ from .frame_notes import exposure_notes
 from .frames import RawFrames
 from .options import ExposeOptions
 from .photon_checks import check_kept
-from .plan import Plan, plan_for
-from .report import FrameObserver
 from .run import FrameRunner, StripWindows, choose_backend, require_kept
 from .stage import Chain, converter_of
 

@@ -9,13 +9,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
 
-import numpy as np
-
 from ..core import SensorWindow, arrays, distributions
-from ..core.backend import NUMPY_FLOAT64, Backend, normals, uniforms
+from ..core.backend import Backend, normals, uniforms
 from ..core.moments import rectified_normal
-from ..core.types import Float64Array
-from .pixel_law import Quantiles
 
 NARROW = 1.0
 """cv of a log-normal law below which less than 1e-6 of its variance lies beyond the largest number that is drawn."""
@@ -49,10 +45,6 @@ class FpnDistribution:
     def from_bits(self, backend: Backend, bits: Any) -> Any:
         """(H, W) random bits → (H, W) factors."""
         raise TypeError(f"{type(self).__name__} is not a distribution by itself")
-
-    def law(self, quantiles: Quantiles) -> tuple[Float64Array, Float64Array]:
-        """Factors at these quantiles, and the share of the pixels that has each."""
-        return np.asarray(self.from_bits(NUMPY_FLOAT64, quantiles.bits), dtype=np.float64), quantiles.weights
 
     @property
     def variance(self) -> float:
@@ -112,13 +104,6 @@ class Wald(FpnDistribution):
             return window.backend.wald(z, pick, self.cv)
 
         return window.cached((source, self), make)
-
-    def law(self, quantiles: Quantiles) -> tuple[Float64Array, Float64Array]:
-        """Both roots of every quantile, by their chances."""
-        z, weights = quantiles.normals, quantiles.weights
-        first, second = (NUMPY_FLOAT64.wald(z, np.full(z.shape, pick), self.cv) for pick in (0.0, 1.0))
-        chance = 1 / (1 + first)
-        return np.concatenate([first, second]), np.concatenate([weights * chance, weights * (1 - chance)])
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..core import Doubt, Frame, Photons
+from ..theory.report import outside_qe
 from .camera import Camera
 from .detection import Detected
 from .metering import clipped_note
-from .report import outside_qe
 from .sensor_size import size_note
 from .usual_range import temperature_note
 

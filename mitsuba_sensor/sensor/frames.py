@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from ..core import Frame, InputError, Photons
 from ..core.backend import Backend
+from ..theory.plan import Plan
 from .camera import Camera
 from .checks import check_chip, check_reference_shape, check_streams
 from .detection import Detected
-from .plan import Plan
 from .stage import Chain
 
 

@@ -16,6 +16,7 @@ from ..core.backend import NUMPY_FLOAT32
 from ..core.code_slope import LARGEST_DN, LEAST_DN
 from ..core.differentiable import SLOTS, DifferentiableBackend
 from ..core.options import complete, documents
+from ..theory.response import least_noise_dn
 from .camera import Camera
 from .chain import chain, whole_chain
 from .checks import as_photons, check_numbers, checked_maps, placed
@@ -200,8 +201,7 @@ def differentiable(
 def _slope(stages: Chain, first: Frame) -> ConditionalSlope | None:
     """None where the noise behind the count hides the steps of the converter."""
     slope = ConditionalSlope.of(stages)
-    window = SensorWindow(0, (1, 1), given=first.window.given)
-    sigma = slope.least_sigma_dn(Frame(first.exposure, window))
+    sigma = least_noise_dn(stages, first)
     if sigma < LEAST_DN:
         warnings.warn(
             f"the noise behind the count is {sigma:.2g} DN; derivatives by numbers behind the count (gains, offsets, "

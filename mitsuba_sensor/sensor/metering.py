@@ -117,6 +117,10 @@ def checked_exposure(camera: object, exposure: AskedExposure | None) -> Exposure
     return asked
 
 
+BEYOND_ALL_DN = 1e12
+"""A code beyond every converter, where a curve has left all numbers."""
+
+
 def saturation_e(camera: Camera) -> float:
     """Electrons at which a pixel saturates: its full well, or less where the converter ends before."""
     full_well_e = float(camera.pixel.full_well_e)
@@ -140,12 +144,13 @@ def saturation_dn(camera: Camera) -> int:
 
 def _beyond_converter_dn(electrons: float, camera: Camera) -> float:
     """The code of these electrons without any noise, its curves included, less the highest one [DN]."""
-    level = Moments(electrons, 0.0, 0.0, Frame(BLACK_LEVEL_AT, SensorWindow(0, (1, 1))))
+    level = Moments(np.float64(electrons), 0.0, 0.0, Frame(BLACK_LEVEL_AT, SensorWindow(0, (1, 1))))
     for stage in camera.stages:
         if stage.domain == "volts":
             level = replace(stage.moments(level), temporal=0.0, spatial=0.0)
     converter = converter_of(camera.stages)
-    return float(converter.black_level_dn + converter.gain_dn_per_v * level.mean - converter.highest)
+    beyond_dn = float(converter.black_level_dn + converter.gain_dn_per_v * level.mean - converter.highest)
+    return beyond_dn if math.isfinite(beyond_dn) else BEYOND_ALL_DN
 
 
 def electrons_of(photons: Photons, camera: Camera, exposure: Exposure) -> Float64Array:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ..core.html import Bar, bar, facts, fragment, table
-from .figures import figures_if_any
+from ..theory.figures import figures_if_any
 from .stage import converter_of
 
 if TYPE_CHECKING:
+    from ..theory.noise_budget import NoiseBudget
+    from ..theory.plan import Plan
     from .camera import Camera
-    from .noise_budget import NoiseBudget
-    from .plan import Plan
 
 
 def camera_html(camera: Camera) -> str:

@@ -10,7 +10,7 @@ from ..core import require_seed
 from ..core.options import Option
 
 if TYPE_CHECKING:
-    from .plan import Plan
+    from ..theory.plan import Plan
 
 Engine = Literal["auto", "numpy", "drjit", "cuda"]
 Precision = Literal["auto", "float32", "float64"]

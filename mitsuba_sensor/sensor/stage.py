@@ -20,7 +20,6 @@ from ..core.code_law import code_moments
 from ..core.signals import Filters
 from ..core.types import Float64Array
 from .datasheet import FileTable
-from .pixel_law import NoiseLaw, PixelLaw, Quantiles
 
 if TYPE_CHECKING:
     from .camera import Camera
@@ -40,10 +39,11 @@ class PixelNoise(NamedTuple):
 
 
 class Line(NamedTuple):
-    """A straight stage without temporal noise: gain and offset of every pixel, (P,)."""
+    """A straight stage: gain and offset of every pixel, and the variance of the noise that it adds, (P,)."""
 
     gain: Float64Array
     offset: Float64Array
+    variance: Float64Array
 
 
 class Stage(ABC):
@@ -55,7 +55,6 @@ class Stage(ABC):
     counts_electrons : whether mean electrons enter and whole electrons leave; where a render has a known variance, the
         stage compensates it.
     frees_electrons : whether an interaction frees more than one electron, with a spread of its own.
-    even_codes : whether the codes of 0, 1, 2 … electrons are still evenly spaced behind this stage.
     shared_by : "row" or "column" where all pixels of one have the same value.
     curved : whether the response is not a straight line, so that its moments are of second order in the noise.
     saturation_e : where the stage clips [e-], None where it does not.
@@ -69,7 +68,6 @@ class Stage(ABC):
     required: ClassVar[bool] = False
     counts_electrons: ClassVar[bool] = False
     frees_electrons: ClassVar[bool] = False
-    even_codes: ClassVar[bool] = True
     curved: ClassVar[bool] = False
     shared_by: ClassVar[Literal["row", "column"] | None] = None
     label: ClassVar[str] = ""
@@ -105,14 +103,6 @@ class Stage(ABC):
     def moments(self, m: Moments) -> Moments:
         """Mean, temporal and spatial variance of the signal behind this stage."""
 
-    def pixel_law(self, frame: Frame, quantiles: Quantiles) -> PixelLaw | None:
-        """Of a stage between light and shot noise: the law of the pixels' gains and offsets; None: by its moments."""
-        return None
-
-    def noise_law(self, frame: Frame) -> NoiseLaw | None:
-        """Of a stage behind the shot noise whose noise differs among pixels or is not normal; None: by its moments."""
-        return None
-
     def outcomes(self, electrons: Electrons, frame: Frame) -> tuple[tuple[Array, Electrons], ...]:
         """Of a stage with temporal noise between light and shot noise: chance of each state of the pixels, and what
         electrons (H, W) become in it; none: normal noise, by its moments.
@@ -120,16 +110,9 @@ class Stage(ABC):
         return ()
 
     def pixel_noise(self, frame: Frame) -> PixelNoise | None:
-        """Of a stage with a ``noise_law``: the noise of every pixel of the window, by its maps."""
+        """The noise of every pixel, of a stage behind the shot noise whose noise differs among pixels or is not normal;
+        None: by its moments."""
         return None
-
-    def measured(self, window: SensorWindow) -> tuple[Array, Array] | None:
-        """Of a stage behind the shot noise with a measured map: gain and offset of every pixel, in its unit."""
-        return None
-
-    def rare(self, frame: Frame) -> tuple[float, float]:
-        """Share of the pixels that a large step moves, and that step in the unit of the stage: what σ does not show."""
-        return 0.0, 0.0
 
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
         """The fixed-pattern noise maps of this stage, by name."""

@@ -14,8 +14,8 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.core import Array, Electrons, Frame, Moments
 from mitsuba_sensor.core.rounding import rounded_poisson
 from mitsuba_sensor.sensor.gains import gain_dn_per_e
-from mitsuba_sensor.sensor.pixel_codes import PixelCodes
-from mitsuba_sensor.sensor.pixel_counts import CountLaws
+from mitsuba_sensor.theory.pixel_codes import PixelCodes
+from mitsuba_sensor.theory.pixel_counts import CountLaws
 
 SHAPE, FRAMES, EXPOSURE = (8, 12), 1000, ms.Exposure(0.1)
 TABLE1 = ms.load_camera("konnik_table1")
@@ -99,10 +99,26 @@ def test_a_rounded_poisson_and_normal_number_in_closed_form(slope: float, mean_e
 @pytest.mark.parametrize(("mean", "variance"), [(5.0, 5.0), (40.0, 30.0), (3.3, 2.9), (20.0, 60.0), (900.0, 900.0)])
 def test_nodes_of_a_count_have_its_mean_and_variance(mean: float, variance: float) -> None:
     law = CountLaws(np.array([mean]), np.array([variance]))
-    for nodes in (law.every_count(), *([law.spaced()] if mean > 64 else [])):
+    cells = law.in_cells(np.full((2, 1), 0.9 * mean), np.ones(1), np.inf)
+    for nodes in (law.every_count(), *([cells] if mean > 64 else [])):
         found = np.sum(nodes.chances * nodes.counts)
-        spread = np.sum(nodes.chances * (nodes.counts - found) ** 2) + nodes.rest_e2[0]
+        spread = np.sum(nodes.chances * ((nodes.counts - found) ** 2 + nodes.rest_e2))
         assert (found, spread) == (pytest.approx(mean, rel=1e-9), pytest.approx(variance, rel=1e-6))
+
+
+def test_cells_end_at_the_full_well_and_keep_the_skewness_of_the_count() -> None:
+    """E min(N, 1000) and its variance for counts about 1000, by the sum over all of them."""
+    n, full_e = np.arange(2000.0), 1000.0
+    for mean in (950.0, 1000.0, 1040.0):
+        law = CountLaws(np.array([mean]), np.array([mean]))
+        nodes = law.in_cells(np.array([[10.0], [980.0]]), np.ones(1), full_e)
+        chance = scipy.stats.poisson.pmf(n, mean)
+        expected = chance @ np.minimum(n, full_e)
+        variance = chance @ (np.minimum(n, full_e) - expected) ** 2
+        found = np.sum(nodes.chances * nodes.counts)
+        spread = np.sum(nodes.chances * ((nodes.counts - found) ** 2 + nodes.rest_e2))
+        assert found == pytest.approx(expected, abs=2e-3)
+        assert spread == pytest.approx(variance, rel=1e-3)
 
 
 def test_far_from_all_ends_a_straight_camera_is_gain_times_electrons_and_its_offsets() -> None:
@@ -158,7 +174,7 @@ def test_a_pixel_among_many_has_the_clean_value_that_it_has_among_few(
 
 def test_infinite_light_is_the_largest_code_and_does_not_vary() -> None:
     found = ms.expose(ms.Photons(np.full(SHAPE, np.inf)), TABLE1, EXPOSURE)
-    assert np.all(found.clean == 4095) and np.all(found.temporal_variance == 0) and found.clean.shape == (1, *SHAPE)
+    assert np.all(found.clean == 4095) and np.all(found.temporal_variance < 1e-30) and found.clean.shape == (1, *SHAPE)
 
 
 def test_given_maps_are_taken_pixel_by_pixel() -> None:

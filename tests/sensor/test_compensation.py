@@ -28,8 +28,8 @@ from mitsuba_sensor.sensor.effects.dark_current import DarkCurrent
 from mitsuba_sensor.sensor.effects.prnu import Prnu
 from mitsuba_sensor.sensor.effects.shot_noise import ShotNoise
 from mitsuba_sensor.sensor.fpn_distributions import Rectified
-from mitsuba_sensor.sensor.frame_theory import FrameTheory
 from mitsuba_sensor.sensor.gains import gain_dn_per_e
+from mitsuba_sensor.theory.frame_theory import FrameTheory
 
 problem = backend_problem("llvm")
 compiled = pytest.mark.skipif(problem is not None, reason=str(problem))

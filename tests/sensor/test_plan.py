@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from helpers import EACH_KIND
-from helpers.marks import exhaustive, one_in
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.core import Electrons, SensorWindow
 from mitsuba_sensor.sensor.chain import chain
-from mitsuba_sensor.sensor.stage import Stage
-from mitsuba_sensor.sensor.stage_effects import Effect
-from mitsuba_sensor.sensor.theory import Theory
-from mitsuba_sensor.sensor.uncounted import theory_without
+from mitsuba_sensor.sensor.detection import Detected
+from mitsuba_sensor.sensor.stage import Stage, without
+from mitsuba_sensor.theory.frame_theory import Averages, FrameTheory
+from mitsuba_sensor.theory.plan_effects import Effect
 
 EXPOSURE = ms.Exposure(0.1)
 CAMERA = ms.load_camera("konnik_table1")
@@ -32,15 +34,16 @@ def effects_of(plan: ms.Plan) -> dict[str, Effect]:
     return {effect.stage: effect for effect in plan.effects}
 
 
-def final(plan: ms.Plan, out: list[Stage], levels_e: Any) -> Any:
-    """Mean, temporal and spatial variance of the codes without some stages, at levels that are nodes: exact."""
-    theory = Theory.of(plan.whole, plan.frame)
-    vars(theory)["nodes"] = np.union1d(theory.nodes, levels_e)
-    return np.stack((theory_without(theory, out) if out else theory).digital(levels_e))
+def averages(plan: ms.Plan, out: list[Stage], level_e: float) -> Averages:
+    """Averages of the codes without some stages in so much light."""
+    stages = without(plan.whole, out)
+    light = Detected(ms.Photons(np.full((1, 1), level_e)), Electrons(np.full((1, 1), level_e)))
+    window = SensorWindow(1, (1, 1))
+    return FrameTheory(stages, light, replace(plan.frame, window=window)).averages(stages[-1])
 
 
 @pytest.mark.parametrize("name", EACH_KIND)
-@pytest.mark.parametrize("light", [exhaustive(0.0), 1e3, exhaustive(1e5)])
+@pytest.mark.parametrize("light", [0.0, 1e3, 1e5])
 def test_without_tolerance_the_planned_frame_is_the_whole_frame_bit_for_bit(name: str, light: float) -> None:
     """Tolerance 0 leaves out what changes nothing, and that must be true of the sample too, not only of its moments."""
     camera = ms.load_camera(name)
@@ -52,16 +55,20 @@ def test_without_tolerance_the_planned_frame_is_the_whole_frame_bit_for_bit(name
     np.testing.assert_array_equal(planned.digital, whole.digital)
 
 
-@pytest.mark.parametrize("name", one_in(4, EACH_KIND))
-@pytest.mark.parametrize("tolerance", [exhaustive(0.02), 0.5, exhaustive(50.0)])
+@pytest.mark.parametrize("name", EACH_KIND)
+@pytest.mark.parametrize("tolerance", [0.02, 0.5, 50.0])
 def test_all_that_is_left_out_together_moves_no_level_by_more_than_the_tolerance(name: str, tolerance: float) -> None:
     """Mean, and the roots of the changes of both variances, also between the levels that the plan looked at."""
     camera = ms.load_camera(name)
     plan = ms.plan(camera, EXPOSURE, SCENE, tolerance)
-    levels = np.geomspace(max(plan.range.darkest_e, 1e-3), plan.range.brightest_e, 300)
     out = [stage for stage in plan.whole if not any(stage is kept for kept in plan.stages)]
-    moved = np.abs(final(plan, [], levels) - final(plan, out, levels)).max(axis=1)
-    assert np.all(np.array([moved[0], *np.sqrt(moved[1:])]) <= 1e-3 + 1.01 * tolerance)
+    for level_e in np.geomspace(max(plan.range.darkest_e, 1e-3), plan.range.brightest_e, 7):
+        whole, rest = (averages(plan, some, level_e) for some in ([], out))
+        error = 4 * math.hypot(whole.errors[0], rest.errors[0]) if tolerance > 1 else 0.0
+        moved = [abs(whole.mean - rest.mean) - error]
+        for before, after, *errors in zip(whole[1:3], rest[1:3], whole.errors[1:], rest.errors[1:], strict=True):
+            moved.append(math.sqrt(max(abs(after - before) - 4 * math.hypot(*errors), 0.0)))
+        assert max(moved) <= 1e-3 + 1.02 * tolerance
 
 
 def test_two_noises_that_may_each_go_may_not_both_go() -> None:
@@ -75,14 +82,12 @@ def test_two_noises_that_may_each_go_may_not_both_go() -> None:
     assert len(both.keys() & kept(plan)) == 1
 
 
-@pytest.mark.exhaustive
 def test_a_larger_tolerance_never_keeps_more() -> None:
     plans = [kept(ms.plan(CAMERA, EXPOSURE, SCENE, tolerance)) for tolerance in (0.0, 0.1, 1.0, 5.0, 30.0, 1e9)]
     assert all(more >= fewer for more, fewer in itertools.pairwise(plans))
     assert plans[-1] == UNITS
 
 
-@pytest.mark.exhaustive
 def test_stages_stay_in_their_order_and_the_report_names_every_one_of_the_chain() -> None:
     plan = ms.plan(CAMERA, EXPOSURE, SCENE, 1.0)
     whole = chain(CAMERA)
@@ -115,10 +120,10 @@ def test_a_cold_short_exposure_leaves_the_dark_current_out() -> None:
 def test_the_effect_of_a_stage_is_its_own_size_in_digital_numbers() -> None:
     """DSNU_col 4.096 DN whatever else there is; PRNU 0.5 % of 2048 DN; dark current 21.6 DN of mean; shot noise √N."""
     effects = effects_of(ms.plan(CAMERA, EXPOSURE, np.full((50, 2), 27_500.0)))
-    assert effects["DSNU column"].spatial_dn == pytest.approx(4.096, rel=0.01)
-    assert effects["DSNU column"].structure_dn == pytest.approx(4.096 * np.sqrt(50), rel=0.01)
-    assert effects["PRNU"].spatial_dn == pytest.approx(0.005 * 16_500 * 4096 / 33_000, rel=0.01)
-    assert effects["PRNU"].structure_dn == 0
+    assert effects["DSNU column"].spatial_dn == pytest.approx(4.096, rel=0.03)
+    assert effects["DSNU column"].structure_dn == pytest.approx(4.096 * np.sqrt(50), rel=0.03)
+    assert effects["PRNU"].spatial_dn == pytest.approx(0.005 * 16_500 * 4096 / 33_000, rel=0.03)
+    assert effects["PRNU"].structure_dn < 1e-9
     assert effects["dark current"].mean_dn == pytest.approx(21.6167, rel=1e-3)
     assert effects["shot noise"].temporal_dn == pytest.approx(np.sqrt(16_500 + 174.0) * 4096 / 33_000, rel=0.01)
 
@@ -157,7 +162,6 @@ def test_explain_is_a_table_with_every_stage_and_the_range_and_to_dict_is_json()
     assert again["range"]["exposure"]["time_s"] == 0.1 and again["range"]["brightest_e"] > 24_000
 
 
-@pytest.mark.exhaustive
 def test_the_report_of_a_planned_frame_is_that_of_the_frame_that_was_delivered() -> None:
     plan = ms.plan(CAMERA, EXPOSURE, SCENE, 30.0)
     frames = ms.expose(SCENE, CAMERA, EXPOSURE, plan=plan)

@@ -19,9 +19,9 @@ from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.sensor.chain import ORDER, black_level_dn, chain
 from mitsuba_sensor.sensor.effects.dark_current import mean_dark_e
 from mitsuba_sensor.sensor.gains import gain_dn_per_e
-from mitsuba_sensor.sensor.input_noise import input_noise
 from mitsuba_sensor.sensor.metering import AUTO
 from mitsuba_sensor.sensor.noise_sources import noise_sources
+from mitsuba_sensor.theory.input_noise import input_noise
 
 EXPOSURE = ms.Exposure(0.1)
 SOURCES = noise_sources()

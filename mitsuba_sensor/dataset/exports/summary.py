@@ -13,7 +13,7 @@ import numpy as np
 from ...core import InputError
 from ...files import durable
 from ...sensor.camera_file import camera_from
-from ...sensor.figures import figures_if_any
+from ...theory.figures import figures_if_any
 from ..file import DatasetFile
 from ..keys import Facts
 from ..reader import Dataset, Sample, read_index

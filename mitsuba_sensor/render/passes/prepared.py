@@ -13,9 +13,9 @@ from ...optics.intrinsics import aperture_f_number, intrinsics
 from ...optics.shutter import shutter_of
 from ...sensor.camera import Camera
 from ...sensor.expose import PreparedExposure, prepare_exposure
-from ...sensor.input_noise import input_noise
 from ...sensor.metering import AUTO, AskedExposure, Metering, checked_exposure
 from ...sensor.options import ExposeOptions
+from ...theory.input_noise import input_noise
 from ..denoise.network import denoised_if_possible, is_installed, library
 from ..light.bands import Bands
 from ..light.film_channels import with_filters

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import accumulate
-from typing import Annotated, ClassVar, Self
+from typing import Annotated, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -156,7 +156,6 @@ class AdcWithDnl(Adc):
 
     dnl_lsb: tuple[float, ...] = ()
     label = "ADC"
-    even_codes: ClassVar[bool] = False
 
     def sample(self, swing: Array, frame: Frame) -> Array:
         """Swing [V] → the code whose step contains it (H, W)."""

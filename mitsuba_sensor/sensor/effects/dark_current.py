@@ -9,11 +9,9 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from ...core import Array, Electrons, Exposure, Frame, Moments, SensorWindow, arrays
-from ...core.types import Float64Array
 from ..dark_components import (
     DarkComponent,
     DarkComponentSection,
-    component_laws,
     component_maps,
     mixture_moments,
     reference_temperature_k,
@@ -32,8 +30,6 @@ from ..fpn_distributions import (
     require_drawable,
 )
 from ..gains import gain_dn_per_e
-from ..map_levels import levels_of_map
-from ..pixel_law import PixelLaw, Quantiles, fixed_offsets, mixed, of_map
 from ..stage import Datasheet, Stage, cut_to_zero
 from ..usual_range import AMPERES_TO_NA, PA_TO_NA, PERCENT, Usual
 
@@ -153,20 +149,6 @@ class DarkCurrent(Stage):
         factor, variance = m.frame.window.map_moments("dark_fpn", self.distribution.mean, self.distribution.variance)
         average, spread = mixture_moments(self.components, mean * factor, mean**2 * variance, m.frame)
         return replace(m.add(mean=average, spatial=spread), light=m)
-
-    def pixel_law(self, frame: Frame, quantiles: Quantiles) -> PixelLaw:
-        """The dark electrons of the pixels: the main distribution, or its measured map, and the components."""
-        mean = self.mean_e(frame)
-
-        def offsets(factors: Float64Array, weights: Float64Array) -> PixelLaw:
-            return fixed_offsets(mean * factors, weights)
-
-        if "dark_fpn" in frame.window.given:
-            main = of_map(levels_of_map(frame.window, "dark_fpn"), offsets)
-        else:
-            main = offsets(*self.distribution.law(quantiles))
-        components = component_laws(self.components, frame, quantiles)
-        return mixed([(1 - sum(part.weight for part in self.components), main), *components])
 
     def mean_e(self, frame: Frame) -> float:
         """Mean dark electrons of a pixel of the main component in this exposure."""

@@ -86,12 +86,6 @@ class FixedOffset(Stage):
         gain = self.residual * self.gain_v_per_e
         return m.add(mean=gain * mean, spatial=gain**2 * variance)
 
-    def measured(self, window: SensorWindow) -> tuple[Array, Array] | None:
-        """The measured offsets."""
-        if self._name not in window.given:
-            return None
-        return 1.0, self.residual * self.gain_v_per_e * window.given[self._name]
-
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
         """The offsets in electrons, 0 on average."""
         return {self._name: window.measured_or(self._name, lambda: window.number(self.sigma_e) * self.unit_map(window))}

@@ -14,8 +14,6 @@ from pydantic import Field, model_validator
 from ...core import Array, Electrons, Frame, Moments, SensorWindow, arrays
 from ..datasheet import FileTable, LineCoupling, MapCoupling, NotNegative
 from ..fpn_distributions import AutoregressiveRectified, FpnDistribution, LogNormal, Rectified, require_drawable
-from ..map_levels import levels_of_map
-from ..pixel_law import PixelLaw, Quantiles, fixed_gains, of_map
 from ..stage import Datasheet, Stage, cut_to_zero
 from ..usual_range import PERCENT, Usual
 
@@ -86,12 +84,6 @@ class Prnu(Stage):
             m, mean=m.mean * mean, spatial=m.spatial + arrays.product(m.mean**2, variance), variance_e2=noise
         )
 
-    def pixel_law(self, frame: Frame, quantiles: Quantiles) -> PixelLaw:
-        """The gains of the pixels."""
-        if "prnu" in frame.window.given:
-            return of_map(levels_of_map(frame.window, "prnu"), fixed_gains)
-        return fixed_gains(*self.distribution.law(quantiles))
-
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
         """``prnu``: gain of every pixel, 1 on average."""
         return {"prnu": window.measured_or("prnu", lambda: self.distribution.map_of(window, "prnu"))}
@@ -138,10 +130,6 @@ class PrnuColumn(Stage):
         squared = mean**2 + variance
         spatial = m.spatial * squared + arrays.product(m.mean**2, variance)
         return replace(m, mean=m.mean * mean, temporal=m.temporal * squared, spatial=spatial)
-
-    def measured(self, window: SensorWindow) -> tuple[Array, Array] | None:
-        """The measured gains."""
-        return (window.given["prnu_col"], 0.0) if "prnu_col" in window.given else None
 
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
         """``prnu_col``: gain of every column, 1 on average, (1, W)."""

@@ -41,7 +41,6 @@ class QuantumYield(Stage):
     table = "quantum_efficiency"
     fields = QuantumYieldFields
     frees_electrons: ClassVar[bool] = True
-    even_codes: ClassVar[bool] = False
     no_noise = "set quantum_efficiency.fano_factor to 0, or unset quantum_efficiency.quantum_yield"
 
     @classmethod

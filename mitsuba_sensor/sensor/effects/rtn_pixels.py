@@ -10,14 +10,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
 from pydantic import Field
 
 from ...core import Array, Frame, Moments, SensorWindow, arrays
 from ...core.backend import Backend
 from ..datasheet import Chance, FileTable, NotNegative
 from ..gains import sense_gain_v_per_e
-from ..pixel_law import NoiseLaw
 from ..stage import Datasheet, PixelNoise, Stage
 
 
@@ -90,16 +88,6 @@ class RtnPixels(Stage):
         step_v = self.amplitude_e * self.gain_v_per_e
         return m.add(temporal=share * 2 * self.chance_of_a_step * step_v**2)
 
-    def noise_law(self, frame: Frame) -> NoiseLaw | None:
-        """Three levels in the pixels that have a trap."""
-        share, _ = frame.window.map_moments("rtn_site", self.fraction, 0.0)
-        chance, step_v = self.chance_of_a_step, self.amplitude_e * self.gain_v_per_e
-        if share * chance * step_v == 0:
-            return None
-        steps = np.array([[0.0, 0.0, 0.0], [-step_v, 0.0, step_v]])
-        states = np.array([chance, 1 - 2 * chance, chance])
-        return NoiseLaw(np.array([1 - share, share]), steps, np.zeros((2, 3)), states)
-
     def pixel_noise(self, frame: Frame) -> PixelNoise | None:
         """Three levels where a pixel has a trap."""
         chance, step_v = self.chance_of_a_step, self.amplitude_e * self.gain_v_per_e
@@ -107,10 +95,6 @@ class RtnPixels(Stage):
             return None
         one = chance * self.fpn_maps(frame.window)["rtn_site"]
         return PixelNoise(((one, -step_v, 0.0), (1 - 2 * one, 0.0, 0.0), (one, step_v, 0.0)))
-
-    def rare(self, frame: Frame) -> tuple[float, float]:
-        """The pixels with a trap, and its step [V]."""
-        return (self.fraction if self.chance_of_a_step else 0.0), self.amplitude_e * self.gain_v_per_e
 
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
         """``rtn_site``: 1 where a pixel has a trap, else 0."""

@@ -15,7 +15,6 @@ from ...core.backend import Backend
 from ..dark_components import Activation, Reference, reference_temperature_k
 from ..dark_current_models import FIGURE_OF_MERIT_AT_K, arrhenius
 from ..datasheet import Chance, FileTable, Kelvin, NotNegative
-from ..pixel_law import PixelLaw, Quantiles
 from ..stage import Datasheet, Stage
 
 AMPLITUDE_EV, SWITCHING_EV = 0.57, 0.9
@@ -104,12 +103,6 @@ class RtsPixels(Stage):
         mean = step * self.duty
         share, spread = m.frame.window.map_moments("rts_site", self.fraction, self.fraction * (1 - self.fraction))
         return m.add(mean=share * mean, temporal=share * step * mean * (1 - self.duty), spatial=spread * mean**2)
-
-    def pixel_law(self, frame: Frame, quantiles: Quantiles) -> PixelLaw:
-        """Pixels with and without a trap, which is off or on."""
-        share, _ = frame.window.map_moments("rts_site", self.fraction, 0.0)
-        offsets = np.array([[0.0, 0.0], [0.0, self.step_e(frame)]])
-        return PixelLaw(np.array([1 - share, share]), np.ones((2, 2)), offsets, np.array([1 - self.duty, self.duty]))
 
     def outcomes(self, electrons: Electrons, frame: Frame) -> tuple[tuple[Array, Electrons], ...]:
         """Traps that are off, and on."""

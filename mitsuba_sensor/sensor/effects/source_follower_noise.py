@@ -17,8 +17,6 @@ from ..cds_noise import cds_noise
 from ..datasheet import FileTable, NotNegative, Positive
 from ..fpn_distributions import LogNormal
 from ..gains import sense_gain_v_per_e
-from ..map_levels import MapLevels, levels_of_map
-from ..pixel_law import NoiseLaw, borders_of
 from ..stage import Datasheet, PixelNoise, Stage
 from ..usual_range import NS_TO_SECONDS, US_TO_SECONDS, VOLTS_TO_NV, Usual
 
@@ -169,26 +167,6 @@ class SourceFollowerNoise(Stage):
         mean, variance = m.frame.window.map_moments(READ_NOISE, 0.0, 0.0)
         return m.add(temporal=self.gain_v_per_e**2 * (mean**2 + variance))
 
-    def noise_law(self, frame: Frame) -> NoiseLaw | None:
-        """Normals whose σ is a quantile of the law of the pixels, or the rms of a group of the measured map; several
-        for each where the noise is not normal."""
-        if READ_NOISE in frame.window.given:
-            weights, squares = frame.window.cached(
-                (READ_NOISE, GROUPS), lambda: _groups(levels_of_map(frame.window, READ_NOISE))
-            )
-            squares = self.gain_v_per_e**2 * squares
-        elif self.cv and self.sigma_v:
-            z = np.linspace(-FARTHEST, FARTHEST, GROUPS)
-            weights, squares = np.exp(-0.5 * z**2), np.exp(2 * math.sqrt(math.log1p(self.cv**2)) * z)
-            squares *= self.sigma_v**2 * weights.sum() / (weights @ squares)
-        elif self.distribution is not None and self.sigma_v:
-            weights, squares = np.ones(1), np.array([self.sigma_v**2])
-        else:
-            return None
-        states, means, variances = self._normals
-        steps, own = np.outer(np.sqrt(squares), means), np.outer(squares, variances)
-        return NoiseLaw(weights / weights.sum(), steps, own, states)
-
     def pixel_noise(self, frame: Frame) -> PixelNoise | None:
         """Normals of every pixel's σ; several where the noise is not normal."""
         if self.cv == 0 and (self.distribution is None or self.sigma_v == 0):
@@ -215,13 +193,3 @@ class SourceFollowerNoise(Stage):
     def _sigma_e(self, window: SensorWindow) -> Array:
         scale = self.sigma_v / self.gain_v_per_e / math.sqrt(1 + self.cv**2)
         return window.number(scale) * LogNormal(self.cv).map_of(window, READ_NOISE)
-
-
-def _groups(levels: MapLevels) -> tuple[Float64Array, Float64Array]:
-    """Numbers of pixels of a measured map and their mean σ²: of every value, or of groups where there are many.
-
-    Borders of the groups are quantiles of a normal law, so that few noisy pixels keep their tail.
-    """
-    if levels.pixels.size > 3 * GROUPS:
-        levels = levels.in_groups(levels.firsts(borders_of(levels.size, 2 * FARTHEST / (2 * GROUPS))))
-    return levels.pixels, levels.means**2 + levels.variances

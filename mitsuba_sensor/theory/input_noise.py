@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..core import Exposure, Frame, SensorWindow
-from .camera import Camera
-from .stage import Chain, converter_of
-from .theory import Theory
-from .uncounted import shared_theory_of
+from ..sensor.camera import Camera
+from ..sensor.stage import Chain, converter_of
+from .pixel_codes import SHARP_DN
+from .response import behind_stages_at
 
 LEVELS = 513  # light levels of the table, evenly spaced in ln(1 + μ): 3 % apart at a full well of 33 000 e-
 BEYOND_WELL = 4.0  # the table ends at so many full wells; nothing is left of the light there
@@ -43,20 +43,14 @@ def input_noise(camera: Camera, exposure: Exposure) -> InputNoise:
         return _of_chain.__wrapped__(camera.stages, camera.pixel.full_well_e, exposure)
 
 
-@lru_cache(maxsize=8)  # it takes longer than a short render
+@lru_cache(maxsize=8)  # it takes as long as a short render
 def _of_chain(stages: Chain, full_well_e: float, exposure: Exposure) -> InputNoise:
     levels = np.expm1(np.linspace(0.0, np.log1p(BEYOND_WELL * full_well_e), LEVELS))
-    theory = shared_theory_of(stages, Frame(exposure, SensorWindow(0, (1, 1))))
-    code = theory.digital(levels)
-    if not any(stage.counts_electrons for stage in stages):  # the codes may go up in steps
-        code = code._replace(mean=_without_steps(theory, levels))
-    slope = np.gradient(code.mean, levels)
+    last, converter = len(stages) - 1, converter_of(stages)
+    behind = behind_stages_at(stages, Frame(exposure, SensorWindow(0, (1, 1))), levels, [last - 1, last])
+    (swing_v, swing_v2), (mean_dn, variance_dn2) = behind[last - 1], behind[last]
+    if converter.gain_dn_per_v * np.sqrt(swing_v2.min()) < SHARP_DN:  # the codes may go up in steps
+        mean_dn = np.clip(converter.black_level_dn + converter.gain_dn_per_v * swing_v, 0.0, converter.highest)
+    slope = np.gradient(mean_dn, levels)
     slope[slope < NO_SLOPE * slope.max()] = 0.0
-    return InputNoise(levels, slope**2 / np.maximum(code.temporal, ROUNDING_DN2))
-
-
-def _without_steps(theory: Theory, levels: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Mean in front of the rounding, between both ends of the code range [DN]."""
-    converter = converter_of(theory.stages)
-    swing = theory.behind(theory.stages[-2], levels).mean
-    return np.clip(converter.black_level_dn + converter.gain_dn_per_v * swing, 0.0, converter.highest)
+    return InputNoise(levels, slope**2 / np.maximum(variance_dn2, ROUNDING_DN2))

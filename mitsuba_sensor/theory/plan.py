@@ -12,17 +12,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core import Exposure, Frame, InputError, Photons, SensorWindow, check_types, require
+from ..core import Electrons, Exposure, Frame, InputError, Photons, SensorWindow, check_types, require
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
-from .camera import Camera
-from .chain import whole_chain
-from .checks import as_photons, checked_maps
-from .detection import Detected, detect
+from ..sensor.camera import Camera
+from ..sensor.chain import whole_chain
+from ..sensor.checks import as_photons, checked_maps
+from ..sensor.detection import Detected, detect
+from ..sensor.precision import Float32, float32_effect
+from ..sensor.run import row_strips_of
+from ..sensor.stage import Chain, Stage, sample, without
 from .light_levels import WIDTH, light_levels
-from .precision import Float32, float32_effect
-from .run import row_strips_of
-from .stage import Chain, Stage, sample, without
-from .stage_effects import Effect, PlanRange, Trial, ends_of
+from .plan_effects import Effect, PlanRange, Trial
 
 RUNS = 5  # timed runs of each chain; they take turns, so that a machine that slows down slows both
 LEVELS = 65  # pixels of the scene, from dark to bright, on which float32 is compared with float64
@@ -45,7 +45,7 @@ class Plan:
     frame: Frame = field(repr=False)
 
     def _repr_html_(self) -> str:
-        from .notebook import plan_html
+        from ..sensor.notebook import plan_html
 
         return plan_html(self)
 
@@ -149,16 +149,22 @@ def plan(
 def plan_for(camera: Camera, light: Detected, frame: Frame, tolerance_dn: float = 0.0) -> Plan:
     """The plan of a window in light that is detected already; measured maps are those of the frame's window."""
     whole, window, levels = camera.stages, frame.window, light_levels(light)
-    darkest, brightest = ends_of(levels)
+    darkest, brightest = float(levels.light_e[0]), float(levels.light_e[-1])
     held = PlanRange(frame.exposure, *window.shape, darkest * (1 - WIDTH), brightest * (1 + WIDTH))
-    kind = max(levels, key=lambda one: one.light_e[-1]).kind._replace(compensated=0.0)
-    trial = Trial(whole, frame, held, kind, tolerance_dn)
+    trial = Trial(whole, frame, held, _largest_yield(light.signal), tolerance_dn)
     alone = {id(stage): trial.effect(stage) for stage in whole}
     out = trial.chosen([stage for stage in whole if not stage.required], alone)
     kept = without(whole, out)
     effects = tuple(_verdict(stage, alone[id(stage)], any(stage is one for one in out)) for stage in whole)
     single = float32_effect(kept, *_some_pixels(light.photons, camera, frame.exposure))
     return Plan(camera.name, tolerance_dn, effects, kept, whole, single, held, light, frame)
+
+
+def _largest_yield(light: Electrons) -> tuple[float, float]:
+    """Mean and variance of the electrons that a photon frees, where it frees most."""
+    mean, variance = (np.broadcast_to(x, np.shape(light.light)) for x in (light.yield_mean, light.yield_variance))
+    brightest = np.unravel_index(np.argmax(mean), mean.shape)
+    return float(mean[brightest]), float(variance[brightest])
 
 
 def _verdict(stage: Stage, alone: Effect, left_out: bool) -> Effect:

@@ -12,11 +12,11 @@ import numpy as np
 
 from ..core import Array, CountedElectrons, Electrons, Frame
 from ..core.types import Float64Array
-from .detection import Detected
+from ..sensor.detection import Detected
+from ..sensor.run import row_strips_of
+from ..sensor.stage import Chain, total
+from ..sensor.threads import processors
 from .frame_theory import FrameTheory
-from .run import row_strips_of
-from .stage import Chain, total
-from .threads import processors
 
 Contributions = list[dict[str, tuple[Float64Array, Array]]]
 """By stage: source → its contribution to every pixel of a strip, and the variance that it states [DN, DN²]."""
@@ -98,7 +98,7 @@ class NoiseBudget:
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
-        from .notebook import budget_html
+        from ..sensor.notebook import budget_html
 
         return budget_html(self)
 

@@ -13,12 +13,12 @@ import numpy as np
 from ..core import Array, Electrons, Frame, Photons, arrays
 from ..core.backend import NUMPY_FLOAT64, Backend
 from ..core.types import Float64Array
-from .camera import Camera
-from .compensation import LIMIT, compensable
+from ..sensor.camera import Camera
+from ..sensor.compensation import LIMIT, compensable
+from ..sensor.gains import gain_dn_per_e
+from ..sensor.run import row_strips_of
+from ..sensor.stage import UNITS, Stage, place_of, total
 from .frame_theory import FrameTheory
-from .gains import gain_dn_per_e
-from .run import row_strips_of
-from .stage import UNITS, Stage, place_of, total
 
 SAMPLED = 2**18
 """Pixels of a frame whose signals are followed behind every stage: σ is then known to 0.14 %. Of larger frames these

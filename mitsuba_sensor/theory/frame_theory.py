@@ -1,0 +1,257 @@
+"""What the frames of a camera are expected to be: averages of the law of a pixel (pixel_moments.py) over pixels.
+
+The pixels are sampled at their real places, each with the fixed-pattern noise of a serial number of its own
+(sampled_pixels.py). What differs from level to level of light is the scene; what differs among pixels in the same light
+is spatial noise. The response of a pixel with no fixed-pattern noise is known at every level of light (response.py), so
+that only what the fixed patterns add to it is averaged, and a large frame needs no more pixels than a small one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core import Array, Electrons, Frame, Moments, Photons, SensorWindow
+from ..core.types import Float64Array
+from ..sensor.detection import Detected
+from ..sensor.run import row_strips_of
+from ..sensor.stage import Chain, Stage, place_of, propagate
+from ..sensor.threads import for_each
+from .light_levels import WIDTH, LightLevels, light_levels
+from .pixel_moments import HIGHEST_E, STRIP, PixelStrip
+from .pixel_swing import Codes
+from .response import Response, median_frame
+from .sampled_pixels import PIXELS, SampledPixels, sample_pixels
+
+GROUP, GROUPS = 1024, 64
+"""Pixels of about the same light that are averaged together, at least, and how many such groups there are at most."""
+
+
+PILOT, FEWEST, WORK = 1024, 4096, 2**22
+"""Pixels that tell how much work a pixel is, and so many are looked at at least; normals that are added up at most."""
+
+
+LARGEST = 1e70
+"""Numbers beyond this one are as good as infinite, and their fourth powers are not."""
+
+
+class Averages(NamedTuple):
+    """Mean, temporal and spatial variance of a signal, averaged over the pixels, in the unit of its stage.
+
+    errors : standard errors of the three, by the spread of the sampled pixels.
+    """
+
+    mean: float
+    temporal: float
+    spatial: float
+    errors: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    @property
+    def sigma(self) -> float:
+        """Root of both variances together."""
+        return math.sqrt(self.temporal + self.spatial)
+
+
+@dataclass(frozen=True, eq=False)
+class FrameTheory:
+    """Theory of one light on one chain.
+
+    light, frame : of the window, and its exposure, place and measured maps.
+    """
+
+    stages: Chain
+    light: Detected
+    frame: Frame
+    _behind: dict[int, Codes] = field(default_factory=dict)
+
+    def averages(self, stage: Stage) -> Averages:
+        """Averages over the pixels behind a stage."""
+        number = place_of(stage, self.stages)
+        if not self._counts_electrons:
+            return self._propagated(number)
+        mean, temporal = self._sampled(number)
+        levels, response = self._sampled_light, self.response
+        off = np.clip(mean - response.mean(number, levels), -LARGEST, LARGEST)
+        shift = Smoothed.of(levels, off)
+        residual = off - shift.at(levels)
+        noise = np.clip(temporal - response.temporal(number, levels), -LARGEST, LARGEST)
+        noise_shift = Smoothed.of(levels, noise)
+        square = residual**2 * shift.unbiased
+        errors = (residual, noise - noise_shift.at(levels), square - square.mean())
+        return Averages(
+            self._over_light(response.mean(number, self.levels.light_e) + shift.at(self.levels.light_e)),
+            self._over_light(response.temporal(number, self.levels.light_e) + noise_shift.at(self.levels.light_e)),
+            float(square.mean()),
+            tuple(float(x.std() / math.sqrt(x.size)) for x in errors),  # type: ignore[arg-type]
+        )
+
+    def means(self, light_e: Float64Array) -> dict[int, Float64Array]:
+        """Expected signal behind every stage, by its number, in pixels with so many mean photoelectrons."""
+        if not self._counts_electrons:
+            return {k: self._propagated_to(k, light_e)[0] for k in range(len(self.stages))}
+        levels, found = self._sampled_light, {}
+        self._prepare(range(len(self.stages)))
+        for number in range(len(self.stages)):
+            off = self._sampled(number)[0] - self.response.mean(number, levels)
+            found[number] = self.response.mean(number, light_e) + Smoothed.of(levels, off).at(light_e)
+        return found
+
+    def digital_mean(self) -> NDArray[np.float32]:
+        """Expected digital number of every pixel over frames and serial numbers, (H, W) [DN]."""
+        return self._digital[0]
+
+    def digital_variance(self) -> NDArray[np.float32]:
+        """Temporal variance of every pixel, averaged over serial numbers, (H, W) [DN²]."""
+        return self._digital[1]
+
+    @cached_property
+    def sample(self) -> SampledPixels:
+        """The pixels that are averaged over."""
+        pilot = sample_pixels(self.light.signal, self.frame, PILOT)
+        work = PixelStrip(self.stages, pilot.light, pilot.frame).work()
+        return sample_pixels(self.light.signal, self.frame, int(np.clip(WORK / work, FEWEST, PIXELS)))
+
+    @cached_property
+    def levels(self) -> LightLevels:
+        """Levels of light of all pixels."""
+        return light_levels(self.light)
+
+    @cached_property
+    def response(self) -> Response:
+        """Of a pixel in the middle of the window that has no fixed-pattern noise."""
+        darkest, brightest = self.levels.light_e[[0, -1]]
+        ends = float(darkest * (1 - WIDTH)), float(brightest * (1 + WIDTH))
+        return Response.of(self.stages, self.frame, *(ends if brightest > darkest else (darkest, darkest)))
+
+    @property
+    def _counts_electrons(self) -> bool:
+        """Whether the pixels have a law: all chains but konnik2014, which is there for comparison."""
+        return self.stages[0].domain != "photons"
+
+    @cached_property
+    def _sampled_light(self) -> Float64Array:
+        light = np.broadcast_to(np.asarray(self.sample.light.light, np.float64), self.sample.frame.window.shape)
+        return np.minimum(light.ravel(), HIGHEST_E)
+
+    def _sampled(self, number: int) -> Codes:
+        """Mean and variance of the sampled pixels behind a stage."""
+        last = len(self.stages) - 1
+        if number not in self._behind:
+            self._prepare([last] if number == last else range(len(self.stages)))
+        return self._behind[number]
+
+    def _prepare(self, numbers: Collection[int]) -> None:
+        """Compute the sampled pixels behind these stages, those that are missing."""
+        if missing := [number for number in numbers if number not in self._behind]:
+            self._behind.update(behind_stages(self.stages, self.sample.light, self.sample.frame, missing))
+
+    def _over_light(self, values: Float64Array) -> float:
+        return float(np.average(values, weights=self.levels.pixels))
+
+    @cached_property
+    def _digital(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Mean and variance of every pixel without fixed-pattern noise, and what that adds at its level of light."""
+        shape, last = self.frame.window.shape, len(self.stages) - 1
+        found = np.empty(shape, np.float32), np.empty(shape, np.float32)
+        if not self._counts_electrons:
+            light_e = self.light.mean_e
+            mean, temporal, _ = (x.reshape(shape) for x in self._propagated_to(last, light_e))
+            return mean.astype(np.float32), temporal.astype(np.float32)
+        plain_window = replace(self.sample.window, maps="median", given={}, _maps={})
+        plain_frame = replace(self.sample.frame, window=plain_window)
+        plain = behind_stages(self.stages, self.sample.light, plain_frame, [last])[last]
+        shifts = [
+            Smoothed.of(self._sampled_light, with_maps - without_maps)
+            for with_maps, without_maps in zip(self._sampled(last), plain, strict=True)
+        ]
+        whole = median_frame(self.frame, np.arange(shape[0]), np.arange(shape[1]))
+
+        def write(rows: slice) -> None:
+            part = replace(whole, window=whole.window.crop_rows(rows), _blocks={})
+            light = self.light.crop_rows(rows)
+            law = PixelStrip(self.stages, light.signal, part).codes()
+            for values, moments, shift in zip(found, law, shifts, strict=True):
+                pixels = moments.reshape(part.window.shape) + shift.at(light.mean_e)
+                values[rows] = np.maximum(pixels, 0.0)
+
+        for_each(write, row_strips_of(shape, STRIP))
+        return found
+
+    # -- chain konnik2014 --------------------------------------------------------------------------------------------
+
+    def _propagated(self, number: int) -> Averages:
+        """By the moments of the stages alone."""
+        levels = self.levels
+        mean, temporal, spatial = map(self._over_light, self._propagated_to(number, levels.light_e))
+        return Averages(mean, temporal, spatial)
+
+    def _propagated_to(self, number: int, photons: Float64Array) -> tuple[Float64Array, ...]:
+        levels, place = np.unique(photons, return_inverse=True)
+        window = SensorWindow(0, (1, levels.size), given=self.frame.window.given)
+        start = Moments(Photons(levels[None, :]), 0.0, 0.0, replace(self.frame, window=window))
+        m = propagate(self.stages[: number + 1], start)
+        parts = (
+            np.broadcast_to(np.asarray(x, np.float64), (1, levels.size))[0] for x in (m.mean, m.temporal, m.spatial)
+        )
+        return tuple(part[place].reshape(photons.shape) for part in parts)
+
+
+def behind_stages(stages: Chain, light: Electrons, frame: Frame, numbers: Collection[int]) -> dict[int, Codes]:
+    """Mean and variance of the signal of every pixel behind these stages, (P,) each, on all processors.
+
+    light, frame : of a window, (H, W).
+    """
+    shape = frame.window.shape
+    found = {number: (np.empty(shape), np.empty(shape)) for number in numbers}
+
+    def write(rows: slice) -> None:
+        part = replace(frame, window=frame.window.crop_rows(rows), _blocks={})
+        for number, moments in PixelStrip(stages, _rows_of(light, rows), part).behind(numbers).items():
+            for values, computed in zip(found[number], moments, strict=True):
+                values[rows] = computed.reshape(part.window.shape)
+
+    for_each(write, row_strips_of(shape, STRIP))
+    return {number: (mean.ravel(), variance.ravel()) for number, (mean, variance) in found.items()}
+
+
+def _rows_of(light: Electrons, rows: slice) -> Electrons:
+    """Some rows of photoelectrons."""
+
+    def crop(values: Array) -> Array:
+        return values[rows] if np.ndim(values) and len(values) > 1 else values
+
+    return Electrons(**{name: crop(values) for name, values in vars(light).items()})
+
+
+class Smoothed(NamedTuple):
+    """A straight line between means of groups of pixels of about the same light.
+
+    light_e, values : (G,) means of the groups.  unbiased : factor by which squares about the line are too small.
+    """
+
+    light_e: Float64Array
+    values: Float64Array
+    unbiased: float
+
+    @classmethod
+    def of(cls, light_e: Float64Array, values: Float64Array) -> Smoothed:
+        """Of values of pixels in so much light, (P,) each."""
+        groups = min(max(light_e.size // GROUP, 1), GROUPS)
+        edges = np.unique(np.quantile(light_e, np.linspace(0, 1, groups + 1)[1:-1]))
+        number = np.searchsorted(edges, light_e, side="right")
+        counts = np.bincount(number, minlength=edges.size + 1).astype(np.float64)
+        sums = (np.bincount(number, weights, edges.size + 1) for weights in (light_e, values))
+        filled = counts > 0
+        mean_light, mean_value = (total[filled] / counts[filled] for total in sums)
+        used = max(float(light_e.size - np.count_nonzero(filled)), 1.0)
+        return cls(mean_light, mean_value, light_e.size / used)
+
+    def at(self, light_e: Float64Array) -> Float64Array:
+        """At these levels of light."""
+        return np.asarray(np.interp(light_e, self.light_e, self.values))
