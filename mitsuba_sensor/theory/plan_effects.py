@@ -25,8 +25,8 @@ FEW = 1 / 8
 """Expected pixels that a stage which is left out may move further than its share of the tolerance."""
 
 MOST_LEVELS, FEWEST_LEVELS, WORK = 13, 3, 2**17
-"""Levels of light at which the chains are compared, and normals that are added up for one of them: of a chain that takes
-more work fewer levels are looked at."""
+"""Levels of light at which the chains are compared. WORK normals may be added up for all of them: of a chain that takes
+more, fewer levels are looked at."""
 
 
 @dataclass(frozen=True)
