@@ -83,8 +83,12 @@ PARTS = {one.__name__: one for one in (command_line, api, stages, film, sensor)}
 
 
 def documented(module: ModuleType, name: str) -> str:
-    """A block for autodoc: a function, or a class with its members."""
-    kind, more = ("function", "") if inspect.isfunction(getattr(module, name)) else ("class", "\n   :members:")
+    """A block for autodoc: a function, a class with its members, or an annotation."""
+    value, kind, more = getattr(module, name), "data", ""
+    if inspect.isfunction(value):
+        kind = "function"
+    elif inspect.isclass(value):
+        kind, more = "class", "\n   :members:"
     return f"```{{eval-rst}}\n.. auto{kind}:: {module.__name__}.{name}{more}\n```"
 
 

@@ -3,8 +3,12 @@
 from . import lab as lab
 from .capture import Capture as Capture
 from .capture import capture as capture
+from .core import Array as Array
+from .core import Electrons as Electrons
 from .core import Exposure as Exposure
+from .core import Frame as Frame
 from .core import InputError as InputError
+from .core import Moments as Moments
 from .core import Photons as Photons
 from .core import SensorWarning as SensorWarning
 from .dataset.reader import Dataset as Dataset
@@ -32,6 +36,7 @@ from .sensor.metering import Metering as Metering
 from .sensor.stage import Stage as Stage
 from .theory.plan import Plan as Plan
 from .theory.plan import plan as plan
+from .theory.stage_check import check_stage as check_stage
 
 __version__: str
 __all__: list[str]

@@ -144,7 +144,7 @@ def test_the_command_line_page_has_every_command_and_every_option_in_its_place()
 
 
 def test_the_api_page_has_every_public_name_once() -> None:
-    named = re.findall(r"auto(function|class):: mitsuba_sensor\.(\w+)$", GENERATED.api(), re.M)
+    named = re.findall(r"auto(function|class|data):: mitsuba_sensor\.(\w+)$", GENERATED.api(), re.M)
     assert sorted(name for _, name in named) == sorted(ms.__all__)
     assert all((kind == "function") == inspect.isfunction(getattr(ms, name)) for kind, name in named)
 

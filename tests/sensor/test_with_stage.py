@@ -1,9 +1,9 @@
-"""Stages of one's own: the example is in the chain, in theory, plan, noise budget and metadata, on every backend."""
+"""Stages of one's own: row banding is in the chain, in theory, plan, noise budget and metadata, on every backend."""
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -11,16 +11,51 @@ import pytest
 from helpers.stage_tests import TALL, StageTests
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core.errors import InputError
-from mitsuba_sensor.core.frame import Frame
-from mitsuba_sensor.core.moments import Moments
+from mitsuba_sensor import Frame, InputError, Moments
+from mitsuba_sensor.core.types import Float64Array
 from mitsuba_sensor.sensor.gains import gain_dn_per_e
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "examples"))
-
-from own_noise_source import Banding, camera_with_banding
-
 TABLE1, DARK = ms.load_camera("konnik_table1"), ms.Exposure(0.0)
+
+
+@dataclass(frozen=True)
+class Banding(ms.Stage):
+    """All pixels of a row share an offset that is new in each frame and varies from row to row with this spectrum.
+
+    sigma_e : σ as electrons at the sense node [e- rms].  gain_v_per_e : volts of one electron at this place [V/e-].
+    spectrum : power at evenly spaced frequencies from 0 to ½ cycle per row, in any unit.
+    """
+
+    sigma_e: float
+    gain_v_per_e: float
+    spectrum: tuple[float, ...]
+    domain = "volts"
+
+    @cached_property
+    def kernel(self) -> Float64Array:
+        """The filter with this spectrum, Σ h² = 1."""
+        h = np.fft.fftshift(np.fft.irfft(np.sqrt(self.spectrum)))
+        return np.asarray(h / np.sqrt(np.sum(h**2)))
+
+    def sample(self, swing: ms.Array, frame: Frame) -> ms.Array:
+        """Swing [V] with the banding of this frame."""
+        if self.sigma_e == 0:
+            return swing
+        rows = np.arange(frame.window.rows[0], frame.window.rows[-1] + len(self.kernel))
+        offsets = np.convolve(frame.row_normal("banding", rows), self.kernel, "valid")[:, None]
+        volts = self.sigma_e * self.gain_v_per_e
+        return swing + frame.number(volts) * frame.window.backend.from_numpy(offsets, frame.window)
+
+    def moments(self, m: Moments) -> Moments:
+        """Adds σ² to the temporal variance of every pixel."""
+        return m.add(temporal=(self.sigma_e * self.gain_v_per_e) ** 2)
+
+
+def camera_with_banding(sigma_e: float = 20.0) -> ms.Camera:
+    """konnik_table1 with banding of a period of about 16 rows behind its reset noise."""
+    frequency = np.linspace(0, 0.5, 65)
+    peak = np.exp(-0.5 * ((frequency - 1 / 16) / 0.01) ** 2)
+    return TABLE1.with_stage(Banding(sigma_e, 5e-6, tuple(peak)), after="reset_noise")
 
 
 class TestBanding(StageTests):
