@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 CHIPS = 64
 FRAMES = (0, 100_000)  # so far apart that a telegraph signal has forgotten its state
-STANDARD_ERRORS = 5.0  # by chance with 64 chips: 5 in a million (Student's t)
+STANDARD_ERRORS = 5.0  # by chance: 5 in a million (Student's t of 64 chips); 1.2e-4 of variances of 4 columns
 SHAPES = ((64, 64), (2048, 4), (4, 2048))  # neighbours both ways, many rows, many columns
 PLACES_OF_EACH_SHAPE = 2
 ROUNDING = 1e-9  # of float64, relative
@@ -119,7 +119,7 @@ def check_stage(
         ``camera.with_stage``; None for a stage that is in the chain of this camera.
     exposure : time and temperature; None: 0.1 s.
     Mean, temporal and spatial variance may be 5 standard errors apart: chance fails about one right stage
-    in 1000, and the same one each time. A crop of a frame must be the frame of the crop. Where LLVM is there,
+    in 1000, one in 200 of those whose neighbouring columns or rows are coupled, and the same one each time. A crop of a frame must be the frame of the crop. Where LLVM is there,
     the compiled engine must give the bytes that NumPy gives in float32. It takes a few seconds.
     Raises InputError where something does not fit: where, what ``moments`` says, and what ``sample`` does.
     """
