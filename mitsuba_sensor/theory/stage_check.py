@@ -119,8 +119,9 @@ def check_stage(
         ``camera.with_stage``; None for a stage that is in the chain of this camera.
     exposure : time and temperature; None: 0.1 s.
     Mean, temporal and spatial variance may be 5 standard errors apart: chance fails about one right stage
-    in 1000, one in 200 of those whose neighbouring columns or rows are coupled, and the same one each time. A crop of a frame must be the frame of the crop. Where LLVM is there,
-    the compiled engine must give the bytes that NumPy gives in float32. It takes a few seconds.
+    in 1000, one in 200 of those whose neighbouring columns or rows are coupled, and the same one each time.
+    A crop of a frame must be the frame of the crop. Where LLVM is there, the compiled engine must give the
+    bytes that NumPy gives in float32. It takes a few seconds.
     Raises InputError where something does not fit: where, what ``moments`` says, and what ``sample`` does.
     """
     chain = camera.stages if after is None else camera.with_stage(stage, after=after).stages
