@@ -14,7 +14,7 @@ from collections.abc import Iterator
 import numpy as np
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.sensor.gains import gain_dn_per_e
+from mitsuba_sensor.stages.gains import gain_dn_per_e
 
 SHAPE, FRAMES, EXPOSURE = (16, 24), 2000, ms.Exposure(0.1)
 QUIET = {

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from mitsuba_sensor.sensor import compensation
+from mitsuba_sensor.stages import compensation
 
 Array = NDArray[np.float64]
 Renders = tuple[Array, Array, Array]

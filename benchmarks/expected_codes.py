@@ -9,9 +9,9 @@ import numpy as np
 from scipy import special, stats
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.sensor.chain import black_level_dn
-from mitsuba_sensor.sensor.effects.source_follower_noise import SourceFollowerNoise
-from mitsuba_sensor.sensor.gains import gain_dn_per_e, sense_gain_v_per_e
+from mitsuba_sensor.stages.chain import black_level_dn
+from mitsuba_sensor.stages.effects.source_follower_noise import SourceFollowerNoise
+from mitsuba_sensor.stages.gains import gain_dn_per_e, sense_gain_v_per_e
 
 STEP = 1e-5
 

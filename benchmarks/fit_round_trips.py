@@ -24,7 +24,7 @@ from mitsuba_sensor.lab.measure.distance import Distance, frame_distances
 from mitsuba_sensor.lab.quantity import Quantity
 from mitsuba_sensor.lab.twin import Twin, fit
 from mitsuba_sensor.lab.twin.fit import held_out
-from mitsuba_sensor.sensor.gains import gain_dn_per_e
+from mitsuba_sensor.stages.gains import gain_dn_per_e
 
 KELVIN = 298.15
 LEVELS = (0.01, 0.03, 0.06, *np.arange(0.12, 0.95, 0.07), 1.0, 1.1, 1.25)

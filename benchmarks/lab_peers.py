@@ -24,7 +24,7 @@ from scipy.optimize import minimize_scalar
 import mitsuba_sensor as ms
 from mitsuba_sensor.lab.frames.stack import Stack
 from mitsuba_sensor.lab.measure.emva_linear import emva_linear
-from mitsuba_sensor.sensor.gains import gain_dn_per_e
+from mitsuba_sensor.stages.gains import gain_dn_per_e
 
 Figures = dict[str, float]
 LIMITS = {"K": 1.0, "QE": 1.0, "sigma_d": 2.0, "saturation": 1.0, "linearity": 0.05}

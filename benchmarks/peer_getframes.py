@@ -16,10 +16,10 @@ from cases import reference_qe
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.sensor.chain import black_level_dn
-from mitsuba_sensor.sensor.effects.dark_current import dark_current_model
-from mitsuba_sensor.sensor.effects.source_follower_noise import SourceFollowerNoise
-from mitsuba_sensor.sensor.gains import gain_dn_per_e, sense_gain_v_per_e
+from mitsuba_sensor.stages.chain import black_level_dn
+from mitsuba_sensor.stages.effects.dark_current import dark_current_model
+from mitsuba_sensor.stages.effects.source_follower_noise import SourceFollowerNoise
+from mitsuba_sensor.stages.gains import gain_dn_per_e, sense_gain_v_per_e
 
 VERSION = getframes.__version__
 ZERO_CELSIUS_K = 273.15

@@ -20,10 +20,10 @@ from pyxel.exposure import Exposure, Readout
 from pyxel.pipelines import DetectionPipeline, ModelFunction
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.sensor.chain import black_level_dn
-from mitsuba_sensor.sensor.effects.dark_current import dark_current_model
-from mitsuba_sensor.sensor.effects.source_follower_noise import SourceFollowerNoise
-from mitsuba_sensor.sensor.gains import adc_gain_dn_per_v, volts_per_electron
+from mitsuba_sensor.stages.chain import black_level_dn
+from mitsuba_sensor.stages.effects.dark_current import dark_current_model
+from mitsuba_sensor.stages.effects.source_follower_noise import SourceFollowerNoise
+from mitsuba_sensor.stages.gains import adc_gain_dn_per_v, volts_per_electron
 
 VERSION = pyxel.__version__
 

@@ -32,8 +32,8 @@ from mitsuba_sensor.core import Electrons, Frame, SensorWindow
 from mitsuba_sensor.core.backend import NUMPY_FLOAT64
 from mitsuba_sensor.sensor.checks import as_photons
 from mitsuba_sensor.sensor.detection import Detected
-from mitsuba_sensor.sensor.gains import gain_dn_per_e
-from mitsuba_sensor.sensor.stage import Chain, Stage, converter_of, sample, total, without
+from mitsuba_sensor.stages.gains import gain_dn_per_e
+from mitsuba_sensor.stages.stage import Chain, Stage, converter_of, sample, total, without
 from mitsuba_sensor.theory.frame_theory import FrameTheory
 from mitsuba_sensor.theory.light_levels import light_levels
 

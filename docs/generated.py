@@ -14,16 +14,16 @@ from types import ModuleType
 from typing import Any
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.camera.camera import Camera
+from mitsuba_sensor.camera.field_catalogue import markdown_rows, tables
 from mitsuba_sensor.render.scene.plugin_parameters import (
     FILM_PARAMETERS,
     PASSED_ON_PARAMETERS,
     SENSOR_PARAMETERS,
     PluginParameter,
 )
-from mitsuba_sensor.sensor.camera import Camera
-from mitsuba_sensor.sensor.chain import ORDER
-from mitsuba_sensor.sensor.field_catalogue import markdown_rows, tables
-from mitsuba_sensor.sensor.stage import UNITS, Stage
+from mitsuba_sensor.stages.chain import ORDER
+from mitsuba_sensor.stages.stage import UNITS, Stage
 
 MARK = re.compile(r"^<!-- generated: (\w+) -->$", re.M)
 NAMES = r"\w+(?:, \w+)*"

@@ -13,8 +13,8 @@ import sys
 import numpy as np
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.sensor.camera_file import camera_from
-from mitsuba_sensor.sensor.gains import gain_dn_per_e
+from mitsuba_sensor.camera.camera_file import camera_from
+from mitsuba_sensor.stages.gains import gain_dn_per_e
 
 ROWS, COLUMNS, QE, LONG_S = 240, 320, 0.6, 20.0
 WELL_E = 20_000.0

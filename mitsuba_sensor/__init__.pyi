@@ -1,6 +1,10 @@
 """The public names and the modules that they are loaded from when they are first used."""
 
 from . import lab as lab
+from .camera.camera import Camera as Camera
+from .camera.camera_check import check_camera as check_camera
+from .camera.camera_file import list_cameras as list_cameras
+from .camera.camera_file import load_camera as load_camera
 from .capture import Capture as Capture
 from .capture import capture as capture
 from .core import Array as Array
@@ -16,6 +20,7 @@ from .dataset.sensor_noise import SensorNoise as SensorNoise
 from .expose import expose as expose
 from .expose import stream as stream
 from .files.tiff import write_tiff as write_tiff
+from .gradient.gradient import differentiable as differentiable
 from .kept_sensor import Sensor as Sensor
 from .output.frames import Frames as Frames
 from .output.light_files import read_irradiance as read_irradiance
@@ -26,14 +31,9 @@ from .render.light.photons import uniform_light as uniform_light
 from .render.passes.prepared import render as render
 from .render.plugins.plugin_hook import register_plugins as register_plugins
 from .render_frames import render_frames as render_frames
-from .sensor.camera import Camera as Camera
-from .sensor.camera_check import check_camera as check_camera
-from .sensor.camera_file import list_cameras as list_cameras
-from .sensor.camera_file import load_camera as load_camera
 from .sensor.fpn_maps import fpn_maps as fpn_maps
-from .sensor.gradient import differentiable as differentiable
 from .sensor.metering import Metering as Metering
-from .sensor.stage import Stage as Stage
+from .stages.stage import Stage as Stage
 from .theory.plan import Plan as Plan
 from .theory.plan import plan as plan
 from .theory.stage_check import check_stage as check_stage

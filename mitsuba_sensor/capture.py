@@ -13,6 +13,7 @@ from typing import Any, TypeAlias, Unpack, cast
 
 import numpy as np
 
+from .camera.camera import Camera
 from .capture_options import CaptureOptions, check_asked_files, refuse_render_options
 from .core import Exposure, InputError, Photons, warn_of
 from .core.heap import trim_heap
@@ -37,7 +38,6 @@ from .render.passes.stop_criterion import Progress, RenderProgress
 from .render.scene.scene_nodes import SceneInput
 from .render.scene.scene_settings import ParsedScene
 from .render.variants import restores_variant
-from .sensor.camera import Camera
 from .sensor.expose import PreparedExposure, prepare_exposure
 from .sensor.metering import AskedExposure, Metering, checked_exposure
 from .sensor.options import ExposeOptions

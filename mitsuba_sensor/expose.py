@@ -8,12 +8,12 @@ from typing import Unpack, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .camera.camera import Camera
 from .core import Exposure, Photons, warn_of
 from .core.options import documents
 from .output.frames import Frames
 from .render.light.irradiance import Irradiance
 from .render.light.photons import collected
-from .sensor.camera import Camera
 from .sensor.expose import PreparedExposure, exposure_of_photons
 from .sensor.metering import AskedExposure
 from .sensor.options import ExposeOptions

@@ -11,12 +11,12 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .camera.camera import Camera
 from .core import Exposure, InputError, Photons, require, warn_of
 from .core.options import documents
 from .expose import prepare_light
 from .output.frames import Frames
 from .render.light.irradiance import Irradiance
-from .sensor.camera import Camera
 from .sensor.expose import PreparedExposure
 from .sensor.options import ExposeOptions
 from .sensor.run import StripWindows

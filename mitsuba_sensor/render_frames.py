@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Unpack
 
+from .camera.camera import Camera
 from .core import Photons, warn_of
 from .core.options import complete, documents
 from .output.frames import Frames
@@ -16,7 +17,6 @@ from .render.passes.stop_criterion import Progress
 from .render.scene.scene_nodes import SceneInput
 from .render.scene.scene_settings import ParsedScene
 from .render.variants import computed_in, restores_variant
-from .sensor.camera import Camera
 from .sensor.metering import AskedExposure
 
 

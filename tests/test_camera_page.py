@@ -14,9 +14,9 @@ from helpers import ROOT
 from helpers.pages import fenced, lines
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.sensor.camera import Camera
-from mitsuba_sensor.sensor.field_catalogue import markdown
-from mitsuba_sensor.sensor.gains import gain_dn_per_e
+from mitsuba_sensor.camera.camera import Camera
+from mitsuba_sensor.camera.field_catalogue import markdown
+from mitsuba_sensor.stages.gains import gain_dn_per_e
 
 PAGE = (ROOT / "docs" / "camera-file.md").read_text(encoding="utf-8")
 EXAMPLE = ROOT / "examples" / "cmv4000.toml"

@@ -14,6 +14,7 @@ import tifffile
 from helpers.marks import exhaustive
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.camera import camera as camera_module
 from mitsuba_sensor.capture_options import CaptureOptions
 from mitsuba_sensor.core.options import declared
 from mitsuba_sensor.output.exr import read_aovs_exr, read_irradiance_exr
@@ -21,8 +22,7 @@ from mitsuba_sensor.render.motion.aovs import render_aovs
 from mitsuba_sensor.render.passes.stop_criterion import RenderProgress
 from mitsuba_sensor.render.scene import scene, scene_settings
 from mitsuba_sensor.render.scene.scene import Scene
-from mitsuba_sensor.sensor import camera as camera_module
-from mitsuba_sensor.sensor import chain as chain_module
+from mitsuba_sensor.stages import chain as chain_module
 
 CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.05)
 RENDER = {"spp": 16, "wavelength_nm": 550.0, "variant": "scalar_spectral"}

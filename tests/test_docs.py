@@ -23,7 +23,7 @@ from mitsuba_sensor.cli import app
 from mitsuba_sensor.core.llvm import backend_problem
 from mitsuba_sensor.render.scene.plugin_parameters import FILM_PARAMETERS, PASSED_ON_PARAMETERS, SENSOR_PARAMETERS
 from mitsuba_sensor.render.scene.scene_settings import parse
-from mitsuba_sensor.sensor.chain import ORDER
+from mitsuba_sensor.stages.chain import ORDER
 
 DOCS = ROOT / "docs"
 PAGES = {path.stem: path.read_text("utf-8") for path in sorted(DOCS.glob("*.md"))}

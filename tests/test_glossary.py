@@ -8,8 +8,8 @@ import pytest
 from helpers import ROOT
 
 import mitsuba_sensor
-from mitsuba_sensor.sensor.camera import Camera
-from mitsuba_sensor.sensor.datasheet_errors import fields_of
+from mitsuba_sensor.camera.camera import Camera
+from mitsuba_sensor.camera.datasheet_errors import fields_of
 
 PAGE = (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8")
 ROWS = [row for row in re.findall(r"^\| (.+) \| (.+) \| (.+) \| (.+) \|$", PAGE, re.M) if row[3] != "file"]
@@ -35,7 +35,7 @@ def test_a_row_names_files_and_names_that_exist(row: tuple[str, str, str, str]) 
 
 def test_every_effect_and_every_key_of_a_camera_file_is_in_the_glossary() -> None:
     """The tables themselves and the inside of a lens prescription have no row."""
-    effects = {path.name for path in (ROOT / "mitsuba_sensor" / "sensor" / "effects").glob("[!_]*.py")}
-    assert effects == {name for name in effects if f"`sensor/effects/{name}`" in PAGE}
+    effects = {path.name for path in (ROOT / "mitsuba_sensor" / "stages" / "effects").glob("[!_]*.py")}
+    assert effects == {name for name in effects if f"`stages/effects/{name}`" in PAGE}
     keys = {key for key in fields_of(Camera) if "." in key and not key.startswith("lens.prescription.")}
     assert keys == {key for key in keys if f"`{key}`" in PAGE}

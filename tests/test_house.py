@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import mitsuba_sensor
-from mitsuba_sensor.sensor.stage import Stage
+from mitsuba_sensor.stages.stage import Stage
 
 PACKAGE = Path(mitsuba_sensor.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
@@ -81,9 +81,9 @@ TERMINAL = {"typer", "rich"}
 READERS = (
     "files/",
     "output/",
-    "sensor/camera_file.py",
-    "sensor/qe_file.py",
-    "sensor/lens_file.py",
+    "camera/camera_file.py",
+    "stages/qe_file.py",
+    "camera/lens_file.py",
     "core/llvm.py",
     "core/versions.py",
     "render/scene/scene_file.py",
@@ -398,8 +398,8 @@ def test_no_signature_has_more_than_8_parameters() -> None:
 
 # One effect is one file.
 
-EFFECTS = [path for path in MODULES if name_of(path).startswith("sensor/effects/")]
-ORDER_OF_THE_CHAIN = "sensor/chain.py"
+EFFECTS = [path for path in MODULES if name_of(path).startswith("stages/effects/")]
+ORDER_OF_THE_CHAIN = "stages/chain.py"
 
 
 def stage_classes(path: Path) -> set[str]:

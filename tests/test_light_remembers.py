@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 import mitsuba_sensor as ms
 from mitsuba_sensor.cli import app
 from mitsuba_sensor.output import exr
-from mitsuba_sensor.sensor.stage import Stage
+from mitsuba_sensor.stages.stage import Stage
 
 BAYER = ms.load_camera("bayer_2mp")
 SCENE = str(SCENES / "color_checker.xml")

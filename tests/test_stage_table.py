@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from helpers import ROOT
 
-from mitsuba_sensor.sensor.camera import Camera
-from mitsuba_sensor.sensor.chain import ORDER, stage_table
-from mitsuba_sensor.sensor.datasheet_errors import fields_of
+from mitsuba_sensor.camera.camera import Camera
+from mitsuba_sensor.camera.datasheet_errors import fields_of
+from mitsuba_sensor.stages.chain import ORDER, stage_table
 
 
 def test_the_page_of_the_stages_has_the_table_that_is_made_of_the_effects() -> None:
@@ -23,5 +23,5 @@ def test_every_field_of_the_sensor_belongs_to_an_effect_but_the_description_of_t
 def test_every_effect_has_a_file_and_a_test_that_names_it() -> None:
     tests = "".join(path.read_text("utf-8") for path in (ROOT / "tests/sensor").rglob("test_*.py"))
     for effect in ORDER:
-        assert effect.__module__.startswith("mitsuba_sensor.sensor.effects.")
+        assert effect.__module__.startswith("mitsuba_sensor.stages.effects.")
         assert effect.__name__ in tests, f"no test in tests/sensor names {effect.__name__}"

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from ..camera.camera import Camera
+from ..camera.figures import emva_figures
 from ..core import Exposure
-from ..sensor.camera import Camera
-from ..sensor.effects.dark_current import dark_current_model, mean_dark_e
-from ..theory.figures import emva_figures
+from ..stages.effects.dark_current import dark_current_model, mean_dark_e
 
 SMALL_K = 0.01
 """Half the temperature step of the derivative of the dark current [K]."""

@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..camera.camera import Camera
 from ..core import Exposure
 from ..optics.f_number_law import transmittance
 from ..render.light.photons import collect
 from ..render.passes.prepared import render
-from ..sensor.camera import Camera
 
 Array = NDArray[np.float64]
 RADIANCE = 1e-3

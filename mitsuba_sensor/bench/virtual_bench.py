@@ -9,12 +9,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..camera.camera import Camera
 from ..core import Exposure, InputError
 from ..kept_sensor import Sensor
 from ..lab.frames.bench import Bench
 from ..lab.frames.stack import Stack
-from ..sensor.camera import Camera
-from ..sensor.effects.dark_current import mean_dark_e
+from ..stages.effects.dark_current import mean_dark_e
 from .rendered_field import Field, field_at
 
 Array = NDArray[np.float64]

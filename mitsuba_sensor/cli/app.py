@@ -15,6 +15,7 @@ from typer.core import TyperGroup
 import mitsuba_sensor as ms
 
 from .. import stopping
+from ..camera.camera_file import toml_value
 from ..core import DiskFull, InputError, SensorWarning, first_given
 from ..core.printable import printable
 from ..files import texts
@@ -22,7 +23,6 @@ from ..files.output_pipe import BROKEN_PIPE, silence_output
 from ..render.light.irradiance import RenderedFor
 from ..render.scene.scene_settings import ParsedScene, SceneSettings, parse
 from ..render.variants import variant_restored
-from ..sensor.camera_file import toml_value
 from ..sensor.metering import Metering
 from . import options
 from .options import Flag, Flags

@@ -11,11 +11,11 @@ from rich.text import Text
 
 import mitsuba_sensor as ms
 
+from ..camera.camera_check import CameraFinding
+from ..camera.figures import EmvaFigures, figures_if_any
+from ..camera.gain_ladder import SET
 from ..core import InputError
 from ..files import texts
-from ..sensor.camera_check import CameraFinding
-from ..sensor.gain_ladder import SET
-from ..theory.figures import EmvaFigures, figures_if_any
 from . import arguments, options
 from .app import THINGS, app, changes_of, show
 from .tables import FittedTable, short
@@ -119,8 +119,8 @@ def _figure_table(figures: EmvaFigures) -> FittedTable:
 @cameras.command()
 def fields() -> None:
     """Every key of a camera file with unit, range, default and meaning, as the Markdown tables of docs."""
-    from ..sensor.camera import Camera
-    from ..sensor.field_catalogue import markdown
+    from ..camera.camera import Camera
+    from ..camera.field_catalogue import markdown
 
     show(markdown(Camera), False)
 
@@ -128,7 +128,7 @@ def fields() -> None:
 @cameras.command()
 def schema() -> None:
     """The JSON Schema of a camera file: every field, its unit and its allowed range."""
-    from ..sensor.camera_file import camera_schema
+    from ..camera.camera_file import camera_schema
 
     show(camera_schema(), True)
 
@@ -136,7 +136,7 @@ def schema() -> None:
 @cameras.command()
 def stages() -> None:
     """The stages of the sensor in their order, as the Markdown table of docs."""
-    from ..sensor.chain import stage_table
+    from ..stages.chain import stage_table
 
     show(stage_table(), False)
 
@@ -144,8 +144,8 @@ def stages() -> None:
 @cameras.command()
 def lenses(as_json: arguments.Json = False) -> None:
     """The lens prescriptions that ship with the package, for --set lens.prescription=NAME."""
+    from ..camera.lens_file import list_lenses
     from ..optics.paraxial import cardinal_points
-    from ..sensor.lens_file import list_lenses
 
     default = ms.load_camera(options.DEFAULT_CAMERA).replace(**{"lens.f_number": 64.0})  # every lens can close so far
     known = [default.replace(**{"lens.prescription": name}).lens for name in list_lenses()]

@@ -19,8 +19,8 @@ from ..files.appearing import output_folder, refuse_empty
 from ..output import exr
 from ..output.frame_files import CAPTURE_FILES, FRAME_FILES
 from ..render.options import RawLightOptions, RenderOptions, SceneOptions, UnitOptions
-from ..sensor.gains import gain_dn_per_e
 from ..sensor.metering import Metering
+from ..stages.gains import gain_dn_per_e
 from ..stopping import undone_if_stopped
 from . import arguments, options, terminal
 from .app import CHECKS, PICTURES, THINGS, app, camera_and_exposure, err, other_flags, render_input, settings_of, show

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-from ..sensor.camera import Camera
-from ..sensor.camera_file import list_cameras
-from ..sensor.noise_sources import noise_sources
+from ..camera.camera import Camera
+from ..camera.camera_file import list_cameras
+from ..camera.noise_sources import noise_sources
 
 Proposals = Callable[[str], list[str]]
 

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated, TypedDict
 
 import typer
 
+from ..camera.camera import Camera
 from ..core import Exposure, Float64Array, InputError, first_given, require_seed
 from ..core.options import Option, complete, part_of
 from ..core.versions import machine, versions
 from ..files import texts
 from ..files.appearing import output_folder, require_folder
-from ..sensor.camera import Camera
 from . import options
 from .app import CHECKS, app, camera_and_exposure, err, out, show
 from .options import Flag, Flags, StudyFlags

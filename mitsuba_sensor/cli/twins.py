@@ -9,13 +9,13 @@ import typer
 
 import mitsuba_sensor as ms
 
+from ..camera.camera import Camera
+from ..camera.camera_file import camera_from
 from ..core import InputError
 from ..core.options import Option, complete, part_of
 from ..core.versions import machine, versions
 from ..files import npz, texts
 from ..files.appearing import output_folder, refuse_empty, require_folder
-from ..sensor.camera import Camera
-from ..sensor.camera_file import camera_from
 from . import arguments, options
 from .app import CHECKS, app, err, out, show
 from .options import Flag

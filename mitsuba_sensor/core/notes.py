@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Protocol
 from .printable import printable
 
 if TYPE_CHECKING:
-    from ..sensor.camera import Camera
+    from ..camera.camera import Camera
     from ..sensor.frames import RawFrames
 
 PACKAGE = f"{Path(__file__).parent.parent}{os.sep}"

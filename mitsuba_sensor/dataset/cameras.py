@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from ..camera.camera import Camera
+from ..camera.camera_file import list_cameras, load_camera
+from ..camera.datasheet_errors import fields_of
+from ..camera.lens_file import list_lenses
 from ..core import InputError, nearest
 from ..files.scene_references import camera_references, check_below
-from ..sensor.camera import Camera
-from ..sensor.camera_file import list_cameras, load_camera
-from ..sensor.datasheet_errors import fields_of
-from ..sensor.lens_file import list_lenses
 from .file import SAME, CameraEntry
 from .keys import Config, Facts, canonical, key_of
 from .roots import find_below

@@ -12,14 +12,14 @@ from typing import Annotated, Any, Literal, Self
 import pydantic
 from pydantic import Field, PlainValidator, model_validator
 
+from ..camera.datasheet_errors import sentence
 from ..core import InputError, nearest
 from ..core.options import complete, declared
 from ..files import texts
 from ..files.appearing import refuse_empty
 from ..render.motion.motion import KeyPose, Number, Vector, read_motion
 from ..render.options import RenderOptions
-from ..sensor.datasheet import Count, FileTable, optional
-from ..sensor.datasheet_errors import sentence
+from ..stages.datasheet import Count, FileTable, optional
 from .keys import Config
 from .values import check_value, plain_value, value_or_list
 

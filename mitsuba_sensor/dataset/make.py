@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from ..camera.camera import Camera
+from ..camera.camera_file import camera_from
 from ..core import Exposure
 from ..core.options import complete
 from ..core.versions import versions
@@ -26,8 +28,6 @@ from ..render.options import RenderOptions
 from ..render.passes.prepared import PreparedRender, prepare
 from ..render.scene.scene_settings import ParsedScene, SceneSettings, parse
 from ..render.variants import fastest_variant
-from ..sensor.camera import Camera
-from ..sensor.camera_file import camera_from
 from ..sensor.expose import exposure_of_photons
 from ..sensor.metering import Metering, electrons_of
 from ..sensor.options import ExposeOptions

@@ -13,6 +13,8 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from ..camera.camera import Camera
+from ..camera.camera_file import load_camera
 from ..core import Exposure, InputError, Photons
 from ..core.llvm import backend_problem
 from ..core.types import Float32Array
@@ -20,9 +22,7 @@ from ..kept_sensor import Sensor
 from ..optics.spectra import srgb_curve
 from ..output.demosaic import demosaic
 from ..output.frames import Frames
-from ..sensor.camera import Camera
-from ..sensor.camera_file import load_camera
-from ..sensor.stage import converter_of
+from ..stages.stage import converter_of
 from .images import Image, Values, as_array, as_given, scaled
 
 Output: TypeAlias = Literal["raw", "developed"]

@@ -15,7 +15,7 @@ import scipy
 from ..core import Float64Array, InputError
 
 if TYPE_CHECKING:
-    from ..sensor.lens_datasheet import LensSection
+    from ..camera.lens_datasheet import LensSection
 
 NEWTON_STEPS = 30  # five are enough for a usual lens; convergence is slow near a fold
 RESIDUAL = 1e-9  # of a tangent: a thousandth of a pixel on an image a hundred thousand pixels wide

@@ -24,7 +24,7 @@ from .distortion import distortion_of
 from .intrinsics import View, image_distance_m, magnification
 
 if TYPE_CHECKING:
-    from ..sensor.camera import Camera
+    from ..camera.camera import Camera
 
 RADII = 33  # points of the table of relative illumination
 GAUSS_2 = (0.5 - 0.5 / math.sqrt(3), 0.5 + 0.5 / math.sqrt(3))  # nodes of the 2-point Gauss rule on a pixel

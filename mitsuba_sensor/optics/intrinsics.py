@@ -18,8 +18,8 @@ from .paraxial import cardinal_points, surfaces_at_f_number
 from .ray_trace import surfaces_to_stop, trace
 
 if TYPE_CHECKING:
-    from ..sensor.camera import Camera
-    from ..sensor.lens_datasheet import LensSection
+    from ..camera.camera import Camera
+    from ..camera.lens_datasheet import LensSection
 
 CONVENTION = "OpenCV: x right, y down, z forward; the middle of the upper left pixel is (0, 0)"
 POINTS = 17  # of the table of chief rays, without the axis

@@ -18,7 +18,7 @@ from ..core import Float64Array, InputError
 from .ray_trace import D_NM, Ray, Surface, glass_behind, lens_surfaces, stopped_down, surfaces_to_stop, trace
 
 if TYPE_CHECKING:
-    from ..sensor.lens_datasheet import LensSection, SurfaceSection
+    from ..camera.lens_datasheet import LensSection, SurfaceSection
 
 AXIAL_RAYS, REFINEMENTS = 256, 3  # by which the widest cone of light on the axis is found
 

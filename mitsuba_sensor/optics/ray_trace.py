@@ -15,7 +15,7 @@ from ..core import Array
 from ..core.arrays import maximum, sqrt
 
 if TYPE_CHECKING:
-    from ..sensor.lens_datasheet import PrescriptionSection, SurfaceSection
+    from ..camera.lens_datasheet import PrescriptionSection, SurfaceSection
 
 NEWTON_STEPS = 6  # from the conic to the asphere: converges quadratically, float64 needs four or five
 D_NM, F_NM, C_NM = 587.5618, 486.1327, 656.2725  # Fraunhofer lines (ISO 7944): He d, H F, H C

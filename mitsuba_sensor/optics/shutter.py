@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 from ..core import Exposure, Float64Array
 
 if TYPE_CHECKING:
-    from ..sensor.camera import Camera
+    from ..camera.camera import Camera
 
 GOLDEN_RATIO = (1 + math.sqrt(5)) / 2
 STEP_PX = 0.5  # largest motion of the image from one sub-frame to the next: half of what a pixel averages anyway

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from ..camera.camera import Camera
 from ..optics.calibration import Calibration, calibration_of
-from ..sensor.camera import Camera
 
 WARP_RECTILINEAR, FIX_VIGNETTE_RADIAL = 1, 3
 VERSION = bytes((1, 3, 0, 0))  # of the specification that has both

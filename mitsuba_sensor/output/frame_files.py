@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..camera.camera import Camera
+from ..camera.colour_matrix import ColourMatrix, colour_matrix
 from ..core import Float64Array, require
 from ..core.html import facts, fragment, picture
 from ..core.versions import versions
 from ..files import png, texts, tiff
 from ..files.appearing import output_folder
-from ..sensor.camera import Camera
-from ..sensor.colour_matrix import ColourMatrix, colour_matrix
-from ..sensor.stage import converter_of
+from ..stages.stage import converter_of
 from .preview import developed, preview
 
 if TYPE_CHECKING:

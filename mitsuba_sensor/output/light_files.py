@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..camera.camera import Camera
+from ..camera.camera_file import load_camera
 from ..core import Float64Array, InputError, nearest, require
 from ..core.units import LIGHT_SPEED_M_PER_S
 from ..files.openexr import whole_exr
-from ..sensor.camera import Camera
-from ..sensor.camera_file import load_camera
 from .exr import read_irradiance_exr
 
 if TYPE_CHECKING:

@@ -13,13 +13,13 @@ from typing import Any, get_args, get_type_hints
 
 import numpy as np
 
+from ..camera.camera import Camera
+from ..camera.camera_file import camera_from
 from ..core import InputError
 from ..files.appearing import appearing
 from ..files.disk_errors import disk_sentences
 from ..files.npz import read_arrays
 from ..files.texts import plain_values
-from ..sensor.camera import Camera
-from ..sensor.camera_file import camera_from
 
 TEXT = "json"  # name of the array that holds the JSON; the others are named by their number
 Classes = Mapping[str, type]

@@ -8,11 +8,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..camera.camera import Camera
+from ..camera.colour_matrix import ColourMatrix, colour_matrix, colour_order
 from ..core.illuminant import Illuminant
 from ..optics.spectra import srgb_curve
-from ..sensor.camera import Camera
-from ..sensor.colour_matrix import ColourMatrix, colour_matrix, colour_order
-from ..sensor.stage import converter_of
+from ..stages.stage import converter_of
 from .demosaic import demosaic
 
 PIXELS_AT_ONCE = 2**17  # of a frame that is developed: some twenty float64 maps of them

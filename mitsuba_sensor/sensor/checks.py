@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..camera.camera import Camera
+from ..camera.fingerprint import pixel_fingerprint
 from ..core import Frame, InputError, Photons, PhotonsOfBands, SensorWindow, nearest, numbers, require_seed
 from ..core.backend import FLOAT32_LIMIT
-from .camera import Camera
-from .fingerprint import pixel_fingerprint
-from .gains import adc_gain_dn_per_v
+from ..stages.gains import adc_gain_dn_per_v
+from ..stages.stage import Chain
 from .map_units import maps_in_dn
 from .photon_checks import (
     check_channels,
@@ -21,7 +22,6 @@ from .photon_checks import (
     checked_widths,
     first_place,
 )
-from .stage import Chain
 
 
 def check_numbers(frames: Any, first_frame: Any, seed: Any) -> tuple[int, int, int]:

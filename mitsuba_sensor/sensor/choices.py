@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from ..camera.camera import Camera
 from ..core import InputError
-from .camera import Camera
+from ..stages.stage import Chain
 from .checks import check_float32, float32_counts
 from .options import ExposeOptions
 from .run import INPUT_REFERRED
-from .stage import Chain
 
 if TYPE_CHECKING:
     from ..theory.plan import Plan

@@ -12,9 +12,9 @@ from ..core import Array, Electrons, Frame, Photons
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, aligned_float32
 from ..core.signals import Filters
 from ..core.types import Float64Array
+from ..stages.stage import Stage
 from .photon_checks import check_light
 from .run import row_strips_of
-from .stage import Stage
 from .threads import for_each
 
 if TYPE_CHECKING:

@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..camera.camera import Camera
 from ..core import Exposure, Frame, Photons, SensorWindow, check_types, first_given
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
 from ..core.options import complete
+from ..stages.chain import whole_chain
+from ..stages.stage import Chain, converter_of
 from ..theory.plan import Plan, plan_for
 from ..theory.report import FrameObserver
-from .camera import Camera
-from .chain import whole_chain
 from .checks import (
     as_photons,
     check_compensation,
@@ -31,7 +32,6 @@ from .frames import RawFrames
 from .options import ExposeOptions
 from .photon_checks import check_kept
 from .run import FrameRunner, StripWindows, choose_backend, require_kept
-from .stage import Chain, converter_of
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..camera.camera import Camera
+from ..camera.sensor_size import check_on_sensor
 from ..core import Exposure, InputError, SensorWindow, check_types, require_seed
 from ..core.options import complete
-from .camera import Camera
 from .checks import checked_origin
 from .choices import precision_of
 from .options import ExposeOptions, Precision
 from .run import choose_backend
-from .sensor_size import check_on_sensor
 
 
 def fpn_maps(

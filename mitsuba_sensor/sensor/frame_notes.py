@@ -6,13 +6,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ..camera.camera import Camera
+from ..camera.sensor_size import size_note
 from ..core import Doubt, Frame, Photons
+from ..stages.usual_range import temperature_note
 from ..theory.report import outside_qe
-from .camera import Camera
 from .detection import Detected
 from .metering import clipped_note
-from .sensor_size import size_note
-from .usual_range import temperature_note
 
 MUCH_OUTSIDE, NEARLY_ALL = 0.01, 0.99  # of the photons: where a QE curve was cut off Python warns from the first share
 CUT_OFF = 0.01  # of its peak: a curve that ends above this probably went on in the datasheet

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..camera.camera import Camera
 from ..core import Frame, InputError, Photons
 from ..core.backend import Backend
+from ..stages.stage import Chain
 from ..theory.plan import Plan
-from .camera import Camera
 from .checks import check_chip, check_reference_shape, check_streams
 from .detection import Detected
-from .stage import Chain
 
 
 @dataclass(frozen=True, eq=False, repr=False)

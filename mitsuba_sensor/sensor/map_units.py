@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from .stage import Chain
+from ..stages.stage import Chain
 
 
 class MapInDn(NamedTuple):

@@ -27,14 +27,14 @@ from ..core import (
 from ..core.backend import FLOAT32_LIMIT
 from ..core.exposure import LONGEST_S
 from ..core.special import root
+from ..stages.effects.adc import BLACK_LEVEL_AT
+from ..stages.effects.dark_current import mean_dark_e
+from ..stages.stage import converter_of
 from .detection import Detected, detect
-from .effects.adc import BLACK_LEVEL_AT
-from .effects.dark_current import mean_dark_e
 from .run import row_strips_of
-from .stage import converter_of
 
 if TYPE_CHECKING:
-    from .camera import Camera
+    from ..camera.camera import Camera
 
 PERCENTILE, SHARE = 95.0, 0.7  # five pixels of a hundred are brighter, and mostly still below saturation
 MANY_CLIPPED = 0.2  # of the pixels: beyond this share a shorter time is suggested

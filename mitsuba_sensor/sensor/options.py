@@ -122,6 +122,6 @@ class ExposeOptions(FrameOptions, ArrayOptions, total=False):
 
 
 class GradientOptions(MapOptions, ArrayOptions, total=False):
-    """All options of :func:`mitsuba_sensor.sensor.gradient.differentiable`."""
+    """All options of :func:`mitsuba_sensor.gradient.gradient.differentiable`."""
 
     engine: Annotated[Literal["drjit", "cuda"], Option("The compiled backend that computes the derivatives.", "drjit")]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..core import InputError, Photons, numbers
 
 if TYPE_CHECKING:
-    from .camera import Camera
+    from ..camera.camera import Camera
 
 
 def check_lengths(bands: NDArray[np.float64] | None) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..core import Frame, Photons, SensorWindow
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
-from .stage import Chain, converter_of, sample
+from ..stages.stage import Chain, converter_of, sample
 
 SHARE, LARGEST_DN = 0.01, 1.0  # more pixels than this, or a larger step, and float64 is the better choice
 PIXELS = 2**14  # that are compared; a share of 1 % is then known to 0.1 %

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from ..core import Array, Electrons, Frame, InputError, SensorWindow, nearest
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, Backend, PendingStrip
 from ..core.llvm import INSTALL, backend_problem
+from ..stages.stage import Chain, Stage, sample, total
 from .options import Engine
-from .stage import Chain, Stage, sample, total
 from .threads import processors
 
 if TYPE_CHECKING:

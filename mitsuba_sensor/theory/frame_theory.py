@@ -21,8 +21,8 @@ from ..core import Array, Electrons, Frame, Moments, Photons, SensorWindow
 from ..core.types import Float64Array
 from ..sensor.detection import Detected
 from ..sensor.run import row_strips_of
-from ..sensor.stage import Chain, Stage, place_of, propagate
 from ..sensor.threads import for_each
+from ..stages.stage import Chain, Stage, place_of, propagate
 from .light_levels import WIDTH, LightLevels, light_levels
 from .pixel_moments import HIGHEST_E, STRIP, PixelStrip
 from .pixel_swing import Codes

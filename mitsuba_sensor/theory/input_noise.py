@@ -6,9 +6,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..camera.camera import Camera
 from ..core import Exposure, Frame, SensorWindow
-from ..sensor.camera import Camera
-from ..sensor.stage import Chain, converter_of
+from ..stages.stage import Chain, converter_of
 from .pixel_codes import SHARP_DN
 from .response import behind_stages_at
 

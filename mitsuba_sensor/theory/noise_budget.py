@@ -14,8 +14,8 @@ from ..core import Array, CountedElectrons, Electrons, Frame
 from ..core.types import Float64Array
 from ..sensor.detection import Detected
 from ..sensor.run import row_strips_of
-from ..sensor.stage import Chain, total
 from ..sensor.threads import processors
+from ..stages.stage import Chain, total
 from .frame_theory import FrameTheory
 
 Contributions = list[dict[str, tuple[Float64Array, Array]]]
@@ -98,7 +98,7 @@ class NoiseBudget:
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
-        from ..sensor.notebook import budget_html
+        from ..camera.notebook import budget_html
 
         return budget_html(self)
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..core.code_law import code_moments
 from ..core.rounding import NO_HARMONIC, rounded_poisson
 from ..core.types import Float64Array
-from ..sensor.stage import converter_of
+from ..stages.stage import converter_of
 from .pixel_counts import CELLS as COUNT_CELLS
 from .pixel_counts import FEW, MORE, REACH, CountNodes
 from .pixel_swing import AT_ONCE, INSIDE, ONE_COUNT, Codes, PixelSwing, chunks, normals_of

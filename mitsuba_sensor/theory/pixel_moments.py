@@ -21,10 +21,10 @@ from ..core import Array, Electrons, Frame, Moments
 from ..core.types import Float64Array
 from ..sensor.choices import check_clean
 from ..sensor.detection import Detected
-from ..sensor.recorder import has_temporal_noise
 from ..sensor.run import row_strips_of
-from ..sensor.stage import Chain, Line, PixelNoise, Stage, propagate
 from ..sensor.threads import for_each
+from ..stages.recorder import has_temporal_noise
+from ..stages.stage import Chain, Line, PixelNoise, Stage, propagate
 from .pixel_codes import PixelCodes
 from .pixel_counts import CountLaws
 from .pixel_swing import Codes, Part

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..core import Array, Frame, Moments
 from ..core.types import Float64Array
-from ..sensor.stage import Chain, Line, PixelNoise, Stage, converter_of
+from ..stages.stage import Chain, Line, PixelNoise, Stage, converter_of
 from .pixel_counts import FEW, MORE, CountLaws, CountNodes
 from .swing import STRAIGHT_DN, Curve, Normals, pass_curve
 

@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 
 from ..core.types import Float64Array
-from ..sensor.stage import Line, PixelNoise, converter_of
+from ..stages.stage import Line, PixelNoise, converter_of
 from .pixel_counts import CountLaws
 
 if TYPE_CHECKING:

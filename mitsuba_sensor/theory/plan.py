@@ -12,15 +12,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..camera.camera import Camera
 from ..core import Electrons, Exposure, Frame, InputError, Photons, SensorWindow, check_types, require
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
-from ..sensor.camera import Camera
-from ..sensor.chain import whole_chain
 from ..sensor.checks import as_photons, checked_maps
 from ..sensor.detection import Detected, detect
 from ..sensor.precision import Float32, float32_effect
 from ..sensor.run import row_strips_of
-from ..sensor.stage import Chain, Stage, sample, without
+from ..stages.chain import whole_chain
+from ..stages.stage import Chain, Stage, sample, without
 from .light_levels import WIDTH, light_levels
 from .plan_effects import Effect, PlanRange, Trial
 
@@ -45,7 +45,7 @@ class Plan:
     frame: Frame = field(repr=False)
 
     def _repr_html_(self) -> str:
-        from ..sensor.notebook import plan_html
+        from ..camera.notebook import plan_html
 
         return plan_html(self)
 

@@ -9,7 +9,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from ..core.types import Float64Array
-from ..sensor.stage import Chain, converter_of
+from ..stages.stage import Chain, converter_of
 from .pixel_moments import PixelStrip
 from .pixel_swing import Codes
 from .plan_sample import PlanSample

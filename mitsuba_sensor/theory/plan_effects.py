@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..core import Array, Electrons, Exposure, Frame, InputError, Moments, SensorWindow
 from ..core.types import Float64Array
-from ..sensor.stage import Chain, Stage, converter_of, place_of, propagate, without
+from ..stages.stage import Chain, Stage, converter_of, place_of, propagate, without
 from .light_levels import LightLevels
 from .pixel_moments import PixelStrip
 from .pixel_swing import Codes

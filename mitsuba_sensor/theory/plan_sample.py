@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..core import Electrons, Frame, SensorWindow
 from ..core.counter_rng import key_of
 from ..core.types import Array, Float64Array, RandomBits
-from ..sensor.stage import Chain, Stage
+from ..stages.stage import Chain, Stage
 from .sampled_pixels import SampledWindow, sampled_window
 
 MIDDLE = 128

@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
+from ..camera.camera import Camera
 from ..core import Array, Electrons, Frame, Photons, arrays
 from ..core.backend import NUMPY_FLOAT64, Backend
 from ..core.types import Float64Array
-from ..sensor.camera import Camera
-from ..sensor.compensation import LIMIT, compensable
-from ..sensor.gains import gain_dn_per_e
 from ..sensor.run import row_strips_of
-from ..sensor.stage import UNITS, Stage, place_of, total
+from ..stages.compensation import LIMIT, compensable
+from ..stages.gains import gain_dn_per_e
+from ..stages.stage import UNITS, Stage, place_of, total
 from .frame_theory import FrameTheory
 
 SAMPLED = 2**18

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..core import Electrons, Frame
 from ..core.types import Float64Array
-from ..sensor.stage import Chain, converter_of
+from ..stages.stage import Chain, converter_of
 from .pixel_moments import HIGHEST_E, PixelStrip
 from .pixel_swing import Codes
 from .sampled_pixels import sampled_window

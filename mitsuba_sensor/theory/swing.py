@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..core import Frame, Moments
 from ..core.types import Float64Array
-from ..sensor.stage import Converter, Stage
+from ..stages.stage import Converter, Stage
 
 STRAIGHT_DN = 0.02
 """A curve that changes the code by less than this within 2σ leaves a normal a normal."""

@@ -145,7 +145,7 @@ shares = {train = 0.5, test = 0.5}
 
 def sources(kind: str) -> list[str]:
     """Texts of right files of a kind, which cases damage."""
-    folders = {"camera": ROOT / "mitsuba_sensor" / "sensor" / "cameras", "scene": ROOT / "scenes"}
+    folders = {"camera": ROOT / "mitsuba_sensor" / "camera" / "cameras", "scene": ROOT / "scenes"}
     if kind == "dataset":
         examples = (path.read_text("utf-8") for path in sorted((ROOT / "examples").glob("*.toml")))
         return [DATASET, *(text for text in examples if "[[cameras]]" in text)]
@@ -154,7 +154,7 @@ def sources(kind: str) -> list[str]:
     if kind == "curves":
         return ["wavelength_nm,R_percent,G_percent\n400,1,2\n500,40,50.5\n600,60,30\n700,10,5\n"]
     if kind == "lens":
-        return [path.read_text("utf-8") for path in sorted((ROOT / "mitsuba_sensor/sensor/lenses").glob("*.json"))]
+        return [path.read_text("utf-8") for path in sorted((ROOT / "mitsuba_sensor/camera/lenses").glob("*.json"))]
     pattern = "*.toml" if kind == "camera" else "*.xml"
     return [path.read_text("utf-8") for path in sorted(folders[kind].glob(pattern))]
 

@@ -295,11 +295,11 @@ def read_folder(path: Path) -> None:
 
 def kinds() -> list[Kind]:
     """All of them."""
-    lens = json.loads((ROOT / "mitsuba_sensor/sensor/lenses/singlet.json").read_text("utf-8"))
+    lens = json.loads((ROOT / "mitsuba_sensor/camera/lenses/singlet.json").read_text("utf-8"))
     surface = {"radius": 10.0, "thickness": 1.0, "ior": 1.5, "semi_aperture": 5.0, "conic_constant": 0.0}
     stop = {**surface, "radius": 0.0, "ior": 1.0}
     iset = {"name": "a", "description": "b", "surfaces": [stop, surface, {**surface, "radius": -10.0, "ior": 1.0}]}
-    camera = tomllib.loads((ROOT / "mitsuba_sensor/sensor/cameras/bayer_2mp.toml").read_text("utf-8"))
+    camera = tomllib.loads((ROOT / "mitsuba_sensor/camera/cameras/bayer_2mp.toml").read_text("utf-8"))
     imported, text = import_camera, as_text(plain_json)
     return [
         Kind("camera.toml", camera, as_text(toml), ms.load_camera),

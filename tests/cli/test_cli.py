@@ -22,9 +22,9 @@ from typer.testing import CliRunner
 
 import mitsuba_sensor as ms
 from mitsuba_sensor import cli as command_line
+from mitsuba_sensor.camera.camera_file import SHIPPED
 from mitsuba_sensor.output import exr
 from mitsuba_sensor.render.light.irradiance import RenderedFor
-from mitsuba_sensor.sensor.camera_file import SHIPPED
 
 OUTPUTS = {"frame.tiff", "frame.png", "irradiance.exr", "frame.json"}
 

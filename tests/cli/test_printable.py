@@ -16,10 +16,10 @@ from helpers.waiting import WAIT_S
 from typer.testing import CliRunner
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.camera.toml_text import toml_of
 from mitsuba_sensor.cli import app
 from mitsuba_sensor.core.printable import printable, printable_json, printable_toml
 from mitsuba_sensor.files.texts import to_json
-from mitsuba_sensor.sensor.toml_text import toml_of
 
 PROGRAM = (sys.executable, "-m", "mitsuba_sensor")
 STRANGE = "a\x1b[31m\x1b]0;t\x07\x9b2Jé×µ\u00a0\u202e\u2028\u200f\x7f\r\n\tb\udcff😀\U000e0001"

@@ -18,6 +18,7 @@ from helpers.marks import one_in
 from helpers.scenes import SKY, scene_text, skip_unless_usable, write_scene
 from numpy.typing import NDArray
 
+from mitsuba_sensor.camera.camera_file import load_camera
 from mitsuba_sensor.capture import capture
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
@@ -35,7 +36,6 @@ from mitsuba_sensor.render.motion.motion import KeyPose, Motion
 from mitsuba_sensor.render.options import SceneOptions
 from mitsuba_sensor.render.scene.scene_settings import parse
 from mitsuba_sensor.render.variants import choose_variant, use
-from mitsuba_sensor.sensor.camera_file import load_camera
 
 Floats = NDArray[np.float64]
 ORIGIN, TARGET, UP = (1.0, 2.0, -3.0), (0.0, 0.5, 4.0), (0.0, 1.0, 0.3)

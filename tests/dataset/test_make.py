@@ -11,12 +11,12 @@ import pytest
 from helpers.datasets import SCENES, TABLES
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.camera.camera_file import camera_from
 from mitsuba_sensor.dataset.file import read_dataset
 from mitsuba_sensor.dataset.planned import DatasetPlan
 from mitsuba_sensor.dataset.reader import Dataset
 from mitsuba_sensor.dataset.run import run
 from mitsuba_sensor.files.raw_files import read_raw
-from mitsuba_sensor.sensor.camera_file import camera_from
 
 EVERYTHING = ["raw", "dng", "clean", "electrons", "variance", "noise_budget", "preview", "aovs", "irradiance"]
 CORNELL = {"name": "cornell", "file": "cornell_box.xml"}

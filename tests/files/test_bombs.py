@@ -20,6 +20,8 @@ import tifffile
 from helpers.scenes import SKY, scene_text, write_scene
 from PIL import Image
 
+from mitsuba_sensor.camera.camera_check import check_camera
+from mitsuba_sensor.camera.camera_file import load_camera
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.small_files import toml_tables
 from mitsuba_sensor.dataset.file import read_dataset
@@ -32,8 +34,6 @@ from mitsuba_sensor.output.light_files import read_irradiance
 from mitsuba_sensor.render.motion.aovs import render_aovs
 from mitsuba_sensor.render.motion.motion import read_motion
 from mitsuba_sensor.render.scene.scene_file import parse_scene
-from mitsuba_sensor.sensor.camera_check import check_camera
-from mitsuba_sensor.sensor.camera_file import load_camera
 
 SIDE = 100_000
 MOST_BYTES = 2**28  # of memory that reading one of these may take

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 from helpers.scenes import BALL, SCENES, SHIPPED, SKY, scene_text, write_scene
 
+from mitsuba_sensor.camera.camera_file import load_camera
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.files.scene_references import camera_references, check_below, scene_digest, scene_references
 from mitsuba_sensor.render.passes.prepared import render
-from mitsuba_sensor.sensor.camera_file import load_camera
 
 CAMERA = """name = "mine"
 [quantum_efficiency]

@@ -10,7 +10,7 @@ ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT / "tests" / "data"
 BENCHMARKS = ROOT / "benchmarks"
 ATTACKS = ROOT / "tests" / "attacks"
-CAMERAS = Path(mitsuba_sensor.__file__).parent / "sensor" / "cameras"
+CAMERAS = Path(mitsuba_sensor.__file__).parent / "camera" / "cameras"
 
 EACH_KIND = ("konnik_table1", "bayer_2mp", "rgbir_2mp", "eev_44_82")
 """A shipped camera of each kind: monochrome CMOS, two mosaics, CCD. Tests that take long are of these."""

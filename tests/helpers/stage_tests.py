@@ -32,8 +32,8 @@ from mitsuba_sensor.core.llvm import backend_problem
 from mitsuba_sensor.core.moments import Moments
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.core.signals import Electrons, Photons
-from mitsuba_sensor.sensor.chain import chain
 from mitsuba_sensor.sensor.run import choose_backend
+from mitsuba_sensor.stages.chain import chain
 
 WIDE, TALL, SQUARE = (2, 100_000), (100_000, 2), (480, 480)
 """Windows with many columns, with many rows, or with neighbours both ways (for maps that correlate). 200 000 pixels in

@@ -15,6 +15,7 @@ from helpers import BENCHMARKS
 from helpers.marks import exhaustive
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.camera.camera_file import camera_from
 from mitsuba_sensor.core import InputError
 from mitsuba_sensor.lab.frames.bench import Bench
 from mitsuba_sensor.lab.frames.stack import Stack
@@ -29,8 +30,7 @@ from mitsuba_sensor.lab.twin.hidden_spread import Mixed, hidden_spread
 from mitsuba_sensor.lab.twin.parabola import straight
 from mitsuba_sensor.lab.twin.setting import root_mean_square, weighted_mean
 from mitsuba_sensor.lab.twin.telegraph import _without_bias
-from mitsuba_sensor.sensor.camera_file import camera_from
-from mitsuba_sensor.sensor.gains import gain_dn_per_e
+from mitsuba_sensor.stages.gains import gain_dn_per_e
 
 RNG = np.random.default_rng(16)
 Change = Callable[[Stack], Stack]

@@ -13,6 +13,8 @@ import pytest
 from helpers.marks import one_in
 from helpers.scenes import SKY, both_variants, scene_text, skip_unless_usable, write_scene
 
+from mitsuba_sensor.camera.camera import Camera
+from mitsuba_sensor.camera.camera_file import load_camera
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.optics.f_number_law import cos4, solid_angle_sr, transmittance
@@ -21,8 +23,6 @@ from mitsuba_sensor.render.light.bands import box_bands
 from mitsuba_sensor.render.passes.prepared import render
 from mitsuba_sensor.render.scene.scene import Scene, load_scene
 from mitsuba_sensor.render.variants import choose_variant, use
-from mitsuba_sensor.sensor.camera import Camera
-from mitsuba_sensor.sensor.camera_file import load_camera
 
 CAMERA = load_camera("konnik_table1")
 CROP = "".join(

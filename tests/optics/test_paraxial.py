@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from helpers.lens_oracle import AXIAL_IRRADIANCE, DOUBLE_GAUSS, Table, axial_irradiance, forward, vertices
 
+from mitsuba_sensor.camera.camera_file import load_camera
+from mitsuba_sensor.camera.lens_datasheet import LensSection
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.optics.paraxial import CardinalPoints, cardinal_points
 from mitsuba_sensor.optics.ray_trace import C_NM, D_NM, F_NM, Glass, glass_behind
-from mitsuba_sensor.sensor.camera_file import load_camera
-from mitsuba_sensor.sensor.lens_datasheet import LensSection
 
 N_BK7 = (1.03961212, 0.231792344, 1.01046945, 0.00600069867, 0.0200179144, 103.560653)
 ALONG = np.array([0.0, 0.0, 1.0])

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from helpers.lens_oracle import DOUBLE_GAUSS, backward, vertices
 
+from mitsuba_sensor.camera.camera_file import load_camera
+from mitsuba_sensor.camera.lens_datasheet import LensSection
 from mitsuba_sensor.optics.exit_pupil import exit_pupil_bounds, ray_to
 from mitsuba_sensor.optics.intrinsics import chief_ray_heights
 from mitsuba_sensor.optics.paraxial import cardinal_points, surfaces_at_f_number
 from mitsuba_sensor.optics.ray_trace import Ray, trace
-from mitsuba_sensor.sensor.camera_file import load_camera
-from mitsuba_sensor.sensor.lens_datasheet import LensSection
 
 
 def lens(**fields: Any) -> LensSection:

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.camera.colour_matrix import colour_matrix, colour_order
 from mitsuba_sensor.core.illuminant import Illuminant
 from mitsuba_sensor.optics.spectra import surfaces
-from mitsuba_sensor.sensor.colour_matrix import colour_matrix, colour_order
 
 BAYER, RGBIR = ms.load_camera("bayer_2mp"), ms.load_camera("rgbir_2mp")
 

@@ -16,7 +16,7 @@ from scipy import stats
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.output.importers.import_camera import import_camera
-from mitsuba_sensor.sensor.gains import gain_dn_per_e
+from mitsuba_sensor.stages.gains import gain_dn_per_e
 
 SHAPE = (400, 500)
 FLAT = {"pixel.prnu": 0.0, "readout.dsnu_col": 0.0, "dark_current.rate_e_per_s": 0.0}

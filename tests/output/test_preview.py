@@ -10,7 +10,7 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.optics.spectra import srgb_curve
 from mitsuba_sensor.output.demosaic import bilinear, demosaic, demosaic_bayer
 from mitsuba_sensor.output.preview import preview
-from mitsuba_sensor.sensor.chain import black_level_dn
+from mitsuba_sensor.stages.chain import black_level_dn
 
 MONO = ms.load_camera("konnik_table1")
 RGBIR = ms.load_camera("rgbir_2mp")

@@ -17,6 +17,7 @@ import pytest
 from helpers.scenes import SCENES, SKY, both_variants, scene_text, skip_unless_usable, write_scene
 from numpy.typing import NDArray
 
+from mitsuba_sensor.camera.camera_file import load_camera
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.core.llvm import drjit
@@ -27,7 +28,6 @@ from mitsuba_sensor.render.motion.motion import Motion, read_motion
 from mitsuba_sensor.render.passes.passes import hashed_seed
 from mitsuba_sensor.render.scene.scene import load_scene
 from mitsuba_sensor.render.variants import choose_variant, use
-from mitsuba_sensor.sensor.camera_file import load_camera
 
 CAMERA = load_camera("konnik_table1")
 ROLLING = CAMERA.replace(**{"sensor.shutter": "rolling", "sensor.row_time_us": 1000.0})

@@ -9,13 +9,13 @@ import pytest
 from helpers.scenes import BALL, SCENES, SKY, both_variants, scene_text, skip_unless_usable, write_scene
 
 from mitsuba_sensor import expose
+from mitsuba_sensor.camera.camera_file import load_camera
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.output.exr import read_irradiance_exr, write_irradiance_exr
 from mitsuba_sensor.render.light.bands import channel_bands, choose_bands, response_fingerprint
 from mitsuba_sensor.render.light.photons import collect
 from mitsuba_sensor.render.passes.prepared import render
-from mitsuba_sensor.sensor.camera_file import load_camera
 
 BAYER, EXPOSURE = load_camera("bayer_2mp"), Exposure(0.02)
 LAMP = '<emitter type="constant"><spectrum name="radiance" value="360:1e-4, 560:2e-4, 830:4e-4"/></emitter>'

@@ -13,6 +13,7 @@ from helpers.scenes import SCENES, scene_text, skip_unless_usable, write_scene
 from scipy.stats import qmc
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.camera.camera_file import load_camera
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.core.llvm import drjit
@@ -28,7 +29,6 @@ from mitsuba_sensor.render.passes.prepared import prepare, render
 from mitsuba_sensor.render.passes.stop_criterion import stop_criterion_of
 from mitsuba_sensor.render.scene.scene import load_scene
 from mitsuba_sensor.render.variants import choose_variant, use
-from mitsuba_sensor.sensor.camera_file import load_camera
 
 CAMERA, EXPOSURE = load_camera("konnik_table1"), Exposure(0.02)
 BOX = {"parameters": {"width": 48, "height": 48}, "bandwidth_nm": 100}

@@ -11,6 +11,7 @@ from helpers import DATA
 from helpers.marks import exhaustive, one_in
 from helpers.scenes import SCENES, both_variants, skip_unless_usable, write_scene
 
+from mitsuba_sensor.camera.camera_file import load_camera
 from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.optics.f_number_law import solid_angle_sr
 from mitsuba_sensor.render.light.bands import choose_bands
@@ -18,7 +19,6 @@ from mitsuba_sensor.render.light.irradiance import Irradiance
 from mitsuba_sensor.render.passes.prepared import render
 from mitsuba_sensor.render.passes.statistics import firefly_fraction, summary_of, why_not_trusted
 from mitsuba_sensor.render.scene.scene import load_scene
-from mitsuba_sensor.sensor.camera_file import load_camera
 
 CAMERA, EXPOSURE = load_camera("konnik_table1"), Exposure(0.02)
 REFERENCE = DATA / "cornell_box_64.npz"

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from helpers.scenes import BALL, SKY, scene_text, skip_unless_usable, write_scene
 
+from mitsuba_sensor.camera.camera import Camera
+from mitsuba_sensor.camera.camera_file import load_camera
 from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.core.llvm import drjit
 from mitsuba_sensor.render.light.bands import box_bands, film_response, response_film, round_wavelength_density
 from mitsuba_sensor.render.light.film_channels import with_filters
 from mitsuba_sensor.render.passes.prepared import render
 from mitsuba_sensor.render.variants import choose_variant, use
-from mitsuba_sensor.sensor.camera import Camera
-from mitsuba_sensor.sensor.camera_file import load_camera
 
 BAYER = load_camera("bayer_2mp")
 COLOURED = {"lens.transmission_curve": (0.5, 0.9), "lens.transmission_wavelengths_nm": (300.0, 1100.0)}

@@ -13,6 +13,7 @@ import pytest
 from helpers.marks import one_in
 from helpers.scenes import BALL, PERSPECTIVE, SKY, both_variants, scene_text, skip_unless_usable, write_scene
 
+from mitsuba_sensor.camera.camera_file import load_camera
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.optics.f_number_law import solid_angle_sr
 from mitsuba_sensor.optics.intrinsics import aperture_f_number, magnification
@@ -20,7 +21,6 @@ from mitsuba_sensor.render.light.bands import box_bands
 from mitsuba_sensor.render.scene.scene import load_scene
 from mitsuba_sensor.render.scene.scene_file import parse_scene
 from mitsuba_sensor.render.variants import choose_variant, use
-from mitsuba_sensor.sensor.camera_file import load_camera
 
 CAMERA = load_camera("konnik_table1")
 BANDS = box_bands(CAMERA, np.array([400.0, 500.0, 600.0, 700.0]))

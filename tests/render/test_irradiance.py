@@ -18,6 +18,7 @@ from helpers.marks import one_in
 from helpers.patches import REFLECTANCES
 from helpers.scenes import BALL, SCENES, SKY, both_variants, scene_text, skip_unless_usable, write_scene
 
+from mitsuba_sensor.camera.camera_file import load_camera
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.core.units import photon_energy_j
@@ -29,10 +30,9 @@ from mitsuba_sensor.render.passes import passes
 from mitsuba_sensor.render.passes.prepared import prepare, render
 from mitsuba_sensor.render.scene.scene import Scene
 from mitsuba_sensor.render.variants import choose_variant, use
-from mitsuba_sensor.sensor.camera_file import load_camera
-from mitsuba_sensor.sensor.effects.dark_current import mean_dark_e
-from mitsuba_sensor.sensor.effects.source_follower_noise import SourceFollowerNoise
-from mitsuba_sensor.sensor.gains import gain_dn_per_e, sense_gain_v_per_e
+from mitsuba_sensor.stages.effects.dark_current import mean_dark_e
+from mitsuba_sensor.stages.effects.source_follower_noise import SourceFollowerNoise
+from mitsuba_sensor.stages.gains import gain_dn_per_e, sense_gain_v_per_e
 
 CAMERA = load_camera("konnik_table1")
 EXPOSURE = Exposure(0.1)

@@ -15,6 +15,8 @@ import pytest
 from helpers.lens_oracle import AXIAL_IRRADIANCE, DOUBLE_GAUSS, irradiance
 from helpers.scenes import SKY, both_variants, scene_text, skip_unless_usable, write_scene
 
+from mitsuba_sensor.camera.camera import Camera
+from mitsuba_sensor.camera.camera_file import load_camera
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.optics.f_number_law import solid_angle_sr
 from mitsuba_sensor.optics.intrinsics import aperture_f_number, chief_ray_heights, intrinsics
@@ -22,8 +24,6 @@ from mitsuba_sensor.optics.paraxial import cardinal_points
 from mitsuba_sensor.render.light.bands import box_bands
 from mitsuba_sensor.render.scene.scene import Scene, load_scene
 from mitsuba_sensor.render.variants import choose_variant, use
-from mitsuba_sensor.sensor.camera import Camera
-from mitsuba_sensor.sensor.camera_file import load_camera
 
 LLVM = "llvm_ad_spectral"
 RADIANCE = 2e-4  # of SKY [W m⁻² sr⁻¹ nm⁻¹]

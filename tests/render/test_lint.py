@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from helpers.scenes import BALL, SCENES, SHIPPED, both_variants, scene_text, skip_unless_usable, write_scene
 
+from mitsuba_sensor.camera.camera import Camera
+from mitsuba_sensor.camera.camera_file import load_camera
 from mitsuba_sensor.render.lint.lint import Finding
 from mitsuba_sensor.render.scene.scene import inspect_scene
 from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
-from mitsuba_sensor.sensor.camera import Camera
-from mitsuba_sensor.sensor.camera_file import load_camera
 
 VISIBLE = load_camera("konnik_table1")
 INFRARED = VISIBLE.replace(

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from helpers.scenes import scene_text, skip_unless_usable, write_scene
 
+from mitsuba_sensor.camera.camera_file import load_camera
 from mitsuba_sensor.render.light.bands import choose_bands
 from mitsuba_sensor.render.motion.motion import read_motion
 from mitsuba_sensor.render.motion.moving_scene import AnimatedTransforms
 from mitsuba_sensor.render.scene.scene import load_scene
 from mitsuba_sensor.render.scene.scene_edits import NORMALS, POSITIONS, vertex_arrays
 from mitsuba_sensor.render.variants import choose_variant, use
-from mitsuba_sensor.sensor.camera_file import load_camera
 
 GLOW = '<emitter type="area"><spectrum name="radiance" value="360:1, 830:1"/></emitter>'
 MOVED = {"velocity_m_per_s": [0.5, 0, 0], "rotate_deg_per_s": 30, "axis": [0, 0, 1], "pivot_m": [0, 0, 5]}

@@ -19,6 +19,7 @@ from helpers.scenes import SCENES, SKY, both_variants, scene_text, skip_unless_u
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.camera.camera_file import load_camera
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.core.llvm import drjit
@@ -32,7 +33,6 @@ from mitsuba_sensor.render.options import RenderOptions
 from mitsuba_sensor.render.passes.passes import hashed_seed
 from mitsuba_sensor.render.scene.scene import Scene, load_scene
 from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
-from mitsuba_sensor.sensor.camera_file import load_camera
 
 GLOBAL = load_camera("konnik_table1")
 ROLLING = GLOBAL.replace(**{"sensor.shutter": "rolling", "sensor.row_time_us": 1000.0})

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from helpers.scenes import BALL, PERSPECTIVE, SKY, scene_text, skip_unless_usable, write_scene
 
+from mitsuba_sensor.camera.camera_file import load_camera
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.render.light.bands import box_bands
 from mitsuba_sensor.render.scene.old_text import upgraded_text, version_of
 from mitsuba_sensor.render.scene.scene import Scene, load_scene
 from mitsuba_sensor.render.scene.scene_file import parse_scene
 from mitsuba_sensor.render.variants import choose_variant, use
-from mitsuba_sensor.sensor.camera_file import load_camera
 
 CAMERA = load_camera("konnik_table1")
 BANDS = box_bands(CAMERA, np.array([400.0, 500.0, 600.0, 700.0]))

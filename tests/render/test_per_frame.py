@@ -26,7 +26,7 @@ from mitsuba_sensor.render.light.photons import photons_per_irradiance
 from mitsuba_sensor.render.passes.passes import FEWEST, hashed_seed
 from mitsuba_sensor.render.scene.scene import Scene
 from mitsuba_sensor.render_frames import RenderedFrame, render_frames
-from mitsuba_sensor.sensor.effects.dark_current import mean_dark_e
+from mitsuba_sensor.stages.effects.dark_current import mean_dark_e
 
 REFLECTANCE, SKY = 0.5, 2.5e-3
 """Of the floor; and of the sky [W m⁻² sr⁻¹ nm⁻¹]."""

@@ -15,6 +15,7 @@ from helpers import CAMERAS
 from helpers.marks import one_in
 from helpers.scenes import BALL, SCENES, SKY, both_variants, read_settings, scene_text, skip_unless_usable, write_scene
 
+from mitsuba_sensor.camera.camera_file import load_camera
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.optics.intrinsics import aperture_f_number, image_distance_m, magnification
@@ -23,7 +24,6 @@ from mitsuba_sensor.render.passes.prepared import render
 from mitsuba_sensor.render.plugins import plugin_hook
 from mitsuba_sensor.render.scene.scene import Scene, load_scene
 from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
-from mitsuba_sensor.sensor.camera_file import load_camera
 from mitsuba_sensor.sensor.metering import Metering
 
 CAMERA = load_camera("konnik_table1")

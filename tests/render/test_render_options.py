@@ -13,6 +13,7 @@ import pytest
 from helpers.scenes import PERSPECTIVE, SCENES, SKY, both_variants, scene_text, skip_unless_usable, write_scene
 
 from mitsuba_sensor import expose
+from mitsuba_sensor.camera.camera_file import load_camera
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.output.exr import read_irradiance_exr, write_irradiance_exr
@@ -20,7 +21,6 @@ from mitsuba_sensor.render.light.photons import collect
 from mitsuba_sensor.render.motion.aovs import render_aovs
 from mitsuba_sensor.render.passes.prepared import render
 from mitsuba_sensor.render_frames import render_frames
-from mitsuba_sensor.sensor.camera_file import load_camera
 
 TABLE1, BAYER, EXPOSURE = load_camera("konnik_table1"), load_camera("bayer_2mp"), Exposure(0.02)
 ONE_FILE = SCENES / "one_file.xml"

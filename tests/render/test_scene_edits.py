@@ -12,6 +12,7 @@ import pytest
 from helpers.marks import exhaustive
 from helpers.scenes import PERSPECTIVE, SCENES, SKY, both_variants, scene_text, skip_unless_usable, write_scene
 
+from mitsuba_sensor.camera.camera_file import load_camera
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.core.llvm import drjit
@@ -21,7 +22,6 @@ from mitsuba_sensor.render.passes.passes import FEWEST, pass_plan, whole_grid
 from mitsuba_sensor.render.passes.prepared import METERING_SPP, render
 from mitsuba_sensor.render.variants import mitsuba
 from mitsuba_sensor.render_frames import render_frames
-from mitsuba_sensor.sensor.camera_file import load_camera
 
 TABLE1, BAYER, EXPOSURE = load_camera("konnik_table1"), load_camera("bayer_2mp"), Exposure(0.02)
 LAMP = """<emitter type="constant" id="lamp"><spectrum name="radiance" type="uniform"><float name="value" value="{}"/>

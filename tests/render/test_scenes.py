@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from helpers.scenes import BALL, SCENES, SHIPPED, SKY, read_settings, scene_text, write_scene
 
+from mitsuba_sensor.camera.camera_file import load_camera
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.render.light.bands import box_bands
@@ -18,7 +19,6 @@ from mitsuba_sensor.render.light.photons import collect
 from mitsuba_sensor.render.passes.prepared import render
 from mitsuba_sensor.render.scene.scene import load_scene
 from mitsuba_sensor.render.variants import choose_variant, use
-from mitsuba_sensor.sensor.camera_file import load_camera
 
 CAMERA = load_camera("konnik_table1")
 BANDS = box_bands(CAMERA, np.array([400.0, 550.0, 700.0]))

@@ -12,6 +12,7 @@ import pytest
 from helpers.marks import one_in
 from helpers.scenes import SCENES
 
+from mitsuba_sensor.camera.camera_file import load_camera
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.render.light.irradiance import Irradiance
@@ -20,7 +21,6 @@ from mitsuba_sensor.render.passes.passes import FEWEST, MOST_SPP, whole_grid
 from mitsuba_sensor.render.passes.prepared import prepare, render
 from mitsuba_sensor.render.passes.stop_criterion import FIRST_LOOK, PASS_SPP, StopCriterion, stop_criterion_of
 from mitsuba_sensor.render.scene.scene import Scene
-from mitsuba_sensor.sensor.camera_file import load_camera
 
 CAMERA, EXPOSURE = load_camera("konnik_table1"), Exposure(0.02)
 BOX = SCENES / "cornell_box.xml"  # noise in every pixel

@@ -17,12 +17,12 @@ import pytest
 from helpers.marks import one_in
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.sensor.camera import Camera
-from mitsuba_sensor.sensor.camera_file import SHIPPED, camera_schema
-from mitsuba_sensor.sensor.chain import chain
-from mitsuba_sensor.sensor.datasheet_errors import fields_of
-from mitsuba_sensor.sensor.effects.dark_current import dark_current_model
-from mitsuba_sensor.sensor.gains import gain_dn_per_e
+from mitsuba_sensor.camera.camera import Camera
+from mitsuba_sensor.camera.camera_file import SHIPPED, camera_schema
+from mitsuba_sensor.camera.datasheet_errors import fields_of
+from mitsuba_sensor.stages.chain import chain
+from mitsuba_sensor.stages.effects.dark_current import dark_current_model
+from mitsuba_sensor.stages.gains import gain_dn_per_e
 
 TABLE1 = tomllib.loads((SHIPPED / "konnik_table1.toml").read_text("utf-8"))
 SCHEMA = camera_schema()

@@ -13,11 +13,11 @@ import pytest
 from helpers.marks import one_in
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.camera.camera import Camera
+from mitsuba_sensor.camera.field_catalogue import markdown, tables
+from mitsuba_sensor.camera.toml_text import assignment, toml_of
 from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.moments import Moments
-from mitsuba_sensor.sensor.camera import Camera
-from mitsuba_sensor.sensor.field_catalogue import markdown, tables
-from mitsuba_sensor.sensor.toml_text import assignment, toml_of
 
 TABLE1 = ms.load_camera("konnik_table1")
 COMPONENT = {"weight": 0.001, "family": "uniform", "low": 45, "high": 440, "unit": "dn"}

@@ -13,7 +13,7 @@ from helpers.marks import one_in
 import mitsuba_sensor as ms
 from mitsuba_sensor.core import Array, Electrons, Frame, Moments
 from mitsuba_sensor.core.rounding import rounded_poisson
-from mitsuba_sensor.sensor.gains import gain_dn_per_e
+from mitsuba_sensor.stages.gains import gain_dn_per_e
 from mitsuba_sensor.theory.pixel_codes import PixelCodes
 from mitsuba_sensor.theory.pixel_counts import CountLaws
 

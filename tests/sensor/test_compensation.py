@@ -22,13 +22,13 @@ from mitsuba_sensor.core.moments import Moments
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.core.signals import Electrons, Photons
 from mitsuba_sensor.sensor import expose, run
-from mitsuba_sensor.sensor.chain import chain
-from mitsuba_sensor.sensor.compensation import LIMIT, compensable, largest_e2, reserved
-from mitsuba_sensor.sensor.effects.dark_current import DarkCurrent
-from mitsuba_sensor.sensor.effects.prnu import Prnu
-from mitsuba_sensor.sensor.effects.shot_noise import ShotNoise
-from mitsuba_sensor.sensor.fpn_distributions import Rectified
-from mitsuba_sensor.sensor.gains import gain_dn_per_e
+from mitsuba_sensor.stages.chain import chain
+from mitsuba_sensor.stages.compensation import LIMIT, compensable, largest_e2, reserved
+from mitsuba_sensor.stages.effects.dark_current import DarkCurrent
+from mitsuba_sensor.stages.effects.prnu import Prnu
+from mitsuba_sensor.stages.effects.shot_noise import ShotNoise
+from mitsuba_sensor.stages.fpn_distributions import Rectified
+from mitsuba_sensor.stages.gains import gain_dn_per_e
 from mitsuba_sensor.theory.frame_theory import FrameTheory
 
 problem = backend_problem("llvm")
@@ -377,7 +377,7 @@ def test_derivatives_by_the_light_keep_the_mean(mean: float, noise: float) -> No
 
     40 000 pixels, 5 standard errors of the spread found: P(|z| > 5) = 6e-7.
     """
-    from mitsuba_sensor.sensor.gradient import differentiable
+    from mitsuba_sensor.gradient.gradient import differentiable
 
     shape = (200, 200)
     light = rendered(np.full(shape, mean), np.full(shape, noise))

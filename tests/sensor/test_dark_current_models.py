@@ -13,9 +13,9 @@ from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.core.signals import Electrons
 from mitsuba_sensor.core.units import photon_energy_j
-from mitsuba_sensor.sensor.dark_current_models import Doubling, FigureOfMerit, band_gap_ev
-from mitsuba_sensor.sensor.effects.dark_current import DarkCurrent
-from mitsuba_sensor.sensor.fpn_distributions import Gaussian, LogNormal
+from mitsuba_sensor.stages.dark_current_models import Doubling, FigureOfMerit, band_gap_ev
+from mitsuba_sensor.stages.effects.dark_current import DarkCurrent
+from mitsuba_sensor.stages.fpn_distributions import Gaussian, LogNormal
 
 TABLE1 = FigureOfMerit(fom_na_per_cm2=1.0, area_cm2=(5.7e-4) ** 2)
 

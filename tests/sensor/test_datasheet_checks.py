@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.sensor.chain import ORDER
-from mitsuba_sensor.sensor.gains import full_scale_v, gain_dn_per_e
+from mitsuba_sensor.stages.chain import ORDER
+from mitsuba_sensor.stages.gains import full_scale_v, gain_dn_per_e
 
 TABLE1, CCD = ms.load_camera("konnik_table1"), ms.load_camera("eev_44_82")
 CMOS_ONLY: dict[str, Any] = {

@@ -15,10 +15,10 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.core.llvm import backend_problem
 from mitsuba_sensor.core.signals import Photons
 from mitsuba_sensor.output.frames import Frames
-from mitsuba_sensor.sensor.chain import chain
 from mitsuba_sensor.sensor.choices import KEEP, KEPT_BY_PUBLISHED
 from mitsuba_sensor.sensor.expose import prepare_exposure
-from mitsuba_sensor.sensor.gains import gain_dn_per_e
+from mitsuba_sensor.stages.chain import chain
+from mitsuba_sensor.stages.gains import gain_dn_per_e
 
 EXPOSURE = ms.Exposure(0.1)
 CAMERA = ms.load_camera("konnik_table1")

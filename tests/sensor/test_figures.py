@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.sensor.chain import black_level_dn
+from mitsuba_sensor.stages.chain import black_level_dn
 
 TABLE1 = ms.load_camera("konnik_table1")
 QUANTISATION_DN = math.sqrt(1 / 12)

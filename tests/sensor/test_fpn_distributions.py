@@ -20,7 +20,7 @@ from mitsuba_sensor.core import distributions
 from mitsuba_sensor.core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
 from mitsuba_sensor.core.moments import rectified_normal
 from mitsuba_sensor.core.sensor_window import SensorWindow
-from mitsuba_sensor.sensor.fpn_distributions import (
+from mitsuba_sensor.stages.fpn_distributions import (
     Autoregressive,
     AutoregressiveRectified,
     Gamma,

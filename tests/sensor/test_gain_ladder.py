@@ -19,8 +19,8 @@ from scipy import stats
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.units import BOLTZMANN_J_PER_K, ELEMENTARY_CHARGE_C
 from mitsuba_sensor.output.exr import write_irradiance_exr
-from mitsuba_sensor.sensor.gains import gain_dn_per_e, sense_gain_v_per_e
 from mitsuba_sensor.sensor.metering import saturation_e
+from mitsuba_sensor.stages.gains import gain_dn_per_e, sense_gain_v_per_e
 
 LADDER: list[dict[str, Any]] = [
     {"iso": 100, "gain_dn_per_e": 0.25, "read_noise_e": 8.0, "black_level_dn": 64, "full_well_e": 15_000},

@@ -28,7 +28,7 @@ from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.llvm import backend_problem
 from mitsuba_sensor.core.moments import Moments
 from mitsuba_sensor.core.sensor_window import SensorWindow
-from mitsuba_sensor.sensor.chain import chain
+from mitsuba_sensor.stages.chain import chain
 
 sys.path.insert(0, str(BENCHMARKS))
 from expected_codes import bare_camera, mean_and_variance, slopes

@@ -12,7 +12,7 @@ from mitsuba_sensor import differentiable
 from mitsuba_sensor.core import Array, Electrons
 from mitsuba_sensor.core.llvm import backend_problem
 from mitsuba_sensor.core.moments import Moments
-from mitsuba_sensor.sensor.gains import gain_dn_per_e
+from mitsuba_sensor.stages.gains import gain_dn_per_e
 
 problem = backend_problem("llvm")
 pytestmark = pytest.mark.skipif(problem is not None, reason=f"derivatives need LLVM: {problem}")

@@ -8,7 +8,7 @@ import numpy as np
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core import Array, Moments
-from mitsuba_sensor.sensor.stage import Stage
+from mitsuba_sensor.stages.stage import Stage
 from mitsuba_sensor.theory.input_noise import input_noise
 
 EXPOSURE = ms.Exposure(0.01)

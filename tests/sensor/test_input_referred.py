@@ -9,7 +9,7 @@ import pytest
 from helpers.stage_tests import backend_of
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.sensor.chain import black_level_dn
+from mitsuba_sensor.stages.chain import black_level_dn
 
 NAME = "input_referred_electrons"
 EXPOSURE = ms.Exposure(0.1)

@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 from helpers.lens_oracle import DOUBLE_GAUSS
 
+from mitsuba_sensor.camera.camera import Camera
+from mitsuba_sensor.camera.camera_file import load_camera
+from mitsuba_sensor.camera.lens_file import list_lenses
 from mitsuba_sensor.core.errors import InputError
-from mitsuba_sensor.sensor.camera import Camera
-from mitsuba_sensor.sensor.camera_file import load_camera
-from mitsuba_sensor.sensor.lens_file import list_lenses
 
 CAMERA = load_camera("konnik_table1")
 TABLE = "\n".join(f"{r}\t{t}\t{0 if r == 0 else n}\t{d}" for r, t, n, d in DOUBLE_GAUSS)
@@ -69,7 +69,7 @@ def test_an_iset_table_is_the_same_lens(tmp_path: Path) -> None:
 
 def test_a_camera_file_finds_its_lens_beside_it_and_keeps_it(tmp_path: Path) -> None:
     """The camera holds the surfaces, not the path: it is the same when the file is gone."""
-    from mitsuba_sensor.sensor.camera_file import SHIPPED
+    from mitsuba_sensor.camera.camera_file import SHIPPED
 
     text = (SHIPPED / "konnik_table1.toml").read_text("utf-8").replace("[lens]", '[lens]\nprescription = "mine.dat"')
     (tmp_path / "mine.toml").write_text(text, encoding="utf-8")

@@ -10,7 +10,7 @@ import pytest
 from helpers.marks import exhaustive, one_in
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.sensor.gains import gain_dn_per_e
+from mitsuba_sensor.stages.gains import gain_dn_per_e
 from mitsuba_sensor.theory.frame_theory import FrameTheory
 from mitsuba_sensor.theory.noise_budget import Contribution, NoiseBudget
 

@@ -14,9 +14,9 @@ from helpers import EACH_KIND
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core import Electrons, SensorWindow
-from mitsuba_sensor.sensor.chain import chain
 from mitsuba_sensor.sensor.detection import Detected
-from mitsuba_sensor.sensor.stage import Stage, without
+from mitsuba_sensor.stages.chain import chain
+from mitsuba_sensor.stages.stage import Stage, without
 from mitsuba_sensor.theory.frame_theory import Averages, FrameTheory
 from mitsuba_sensor.theory.plan_effects import Effect
 

@@ -11,8 +11,8 @@ from scipy.stats import poisson
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core import Frame, SensorWindow
-from mitsuba_sensor.sensor.gains import gain_dn_per_e
-from mitsuba_sensor.sensor.stage import sample
+from mitsuba_sensor.stages.gains import gain_dn_per_e
+from mitsuba_sensor.stages.stage import sample
 from mitsuba_sensor.theory.frame_theory import FrameTheory
 from mitsuba_sensor.theory.plan_effects import Effect
 

@@ -24,11 +24,11 @@ from helpers.stage_tests import (
 )
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.sensor.chain import chain
-from mitsuba_sensor.sensor.effects.adc import AdcWithDnl
-from mitsuba_sensor.sensor.effects.dsnu import DsnuColumn
-from mitsuba_sensor.sensor.effects.reset_noise import ResetNoise
-from mitsuba_sensor.sensor.stage import Stage
+from mitsuba_sensor.stages.chain import chain
+from mitsuba_sensor.stages.effects.adc import AdcWithDnl
+from mitsuba_sensor.stages.effects.dsnu import DsnuColumn
+from mitsuba_sensor.stages.effects.reset_noise import ResetNoise
+from mitsuba_sensor.stages.stage import Stage
 
 BASE = ms.load_camera("konnik_table1")
 UNIFORM = [{"weight": 0.2, "family": "uniform", "low": 100, "high": 900, "unit": "e"}]

@@ -15,8 +15,8 @@ from mitsuba_sensor.core.backend import NUMPY_FLOAT32, Backend
 from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.sensor import expose, run
-from mitsuba_sensor.sensor.chain import chain
-from mitsuba_sensor.sensor.stage import sample
+from mitsuba_sensor.stages.chain import chain
+from mitsuba_sensor.stages.stage import sample
 
 TABLE1 = ms.load_camera("konnik_table1")
 SHAPE = (13, 17)

@@ -20,16 +20,16 @@ from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.moments import Moments
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.core.signals import Electrons, Photons
-from mitsuba_sensor.sensor.chain import black_level_dn, chain
-from mitsuba_sensor.sensor.effects.adc import Adc
-from mitsuba_sensor.sensor.effects.dark_current import DarkCurrent
-from mitsuba_sensor.sensor.effects.dsnu import DsnuColumn
-from mitsuba_sensor.sensor.effects.full_well import FullWell
-from mitsuba_sensor.sensor.effects.prnu import Prnu
-from mitsuba_sensor.sensor.effects.reset_noise import ResetNoise
-from mitsuba_sensor.sensor.effects.shot_noise import ShotNoise
-from mitsuba_sensor.sensor.effects.source_follower_noise import SourceFollowerNoise
-from mitsuba_sensor.sensor.gains import gain_dn_per_e
+from mitsuba_sensor.stages.chain import black_level_dn, chain
+from mitsuba_sensor.stages.effects.adc import Adc
+from mitsuba_sensor.stages.effects.dark_current import DarkCurrent
+from mitsuba_sensor.stages.effects.dsnu import DsnuColumn
+from mitsuba_sensor.stages.effects.full_well import FullWell
+from mitsuba_sensor.stages.effects.prnu import Prnu
+from mitsuba_sensor.stages.effects.reset_noise import ResetNoise
+from mitsuba_sensor.stages.effects.shot_noise import ShotNoise
+from mitsuba_sensor.stages.effects.source_follower_noise import SourceFollowerNoise
+from mitsuba_sensor.stages.gains import gain_dn_per_e
 
 EXPECTED = json.loads((DATA / "table1_expectations.json").read_text("utf-8"))["rows"]
 LEVELS = [row["level"] for row in EXPECTED]

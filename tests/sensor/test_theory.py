@@ -21,7 +21,7 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.core import Electrons, Frame, Moments
 from mitsuba_sensor.core.code_law import code_moments
 from mitsuba_sensor.core.types import Array, Float64Array
-from mitsuba_sensor.sensor.gains import gain_dn_per_e
+from mitsuba_sensor.stages.gains import gain_dn_per_e
 from mitsuba_sensor.theory.frame_theory import Averages
 
 EXPOSURE = ms.Exposure(0.1)

@@ -13,7 +13,7 @@ from helpers.stage_tests import TALL, StageTests
 import mitsuba_sensor as ms
 from mitsuba_sensor import Frame, InputError, Moments
 from mitsuba_sensor.core.types import Float64Array
-from mitsuba_sensor.sensor.gains import gain_dn_per_e
+from mitsuba_sensor.stages.gains import gain_dn_per_e
 
 TABLE1, DARK = ms.load_camera("konnik_table1"), ms.Exposure(0.0)
 

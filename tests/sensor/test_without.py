@@ -15,12 +15,12 @@ from helpers.stage_tests import backend_of
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.camera.noise_sources import noise_sources
 from mitsuba_sensor.core.sensor_window import SensorWindow
-from mitsuba_sensor.sensor.chain import ORDER, black_level_dn, chain
-from mitsuba_sensor.sensor.effects.dark_current import mean_dark_e
-from mitsuba_sensor.sensor.gains import gain_dn_per_e
 from mitsuba_sensor.sensor.metering import AUTO
-from mitsuba_sensor.sensor.noise_sources import noise_sources
+from mitsuba_sensor.stages.chain import ORDER, black_level_dn, chain
+from mitsuba_sensor.stages.effects.dark_current import mean_dark_e
+from mitsuba_sensor.stages.gains import gain_dn_per_e
 from mitsuba_sensor.theory.input_noise import input_noise
 
 EXPOSURE = ms.Exposure(0.1)

@@ -10,10 +10,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from ...camera.camera_file import camera_from
+from ...camera.figures import figures_if_any
 from ...core import InputError
 from ...files import durable
-from ...sensor.camera_file import camera_from
-from ...theory.figures import figures_if_any
 from ..file import DatasetFile
 from ..keys import Facts
 from ..reader import Dataset, Sample, read_index

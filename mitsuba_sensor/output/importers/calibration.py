@@ -12,11 +12,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...camera.camera import Camera
 from ...core import Float64Array, InputError
 from ...core.small_files import DEEPEST
 from ...files.texts import xml_tree
 from ...optics.calibration import FIT_POINTS, HALF_PIXEL, Calibration, radial_fit
-from ...sensor.camera import Camera
 from .draft import Draft
 
 OPENCV_ROOT, OPENCV_TAG = "<opencv_storage", "!!opencv-matrix"

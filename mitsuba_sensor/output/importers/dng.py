@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from ...camera.camera import Camera
 from ...core import InputError
 from ...files.raw_files import dng_tags
-from ...sensor.camera import Camera
 from .draft import MOST, Draft
 
 MODEL, BLACK, WHITE, PROFILE, ISO = "UniqueCameraModel", "BlackLevel", "WhiteLevel", "NoiseProfile", "ISOSpeedRatings"

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from ...camera.camera import Camera
+from ...camera.camera_file import camera_from
 from ...core import InputError
 from ...core.errors import shown
 from ...core.printable import printable
-from ...sensor.camera import Camera
-from ...sensor.camera_file import camera_from
-from ...sensor.gains import volts_per_electron
+from ...stages.gains import volts_per_electron
 
 USER = "set by the user"
 MOST = 1e12

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from xml.etree.ElementTree import Element
 
+from ...camera.camera import Camera
 from ...core import InputError
 from ...core.units import KELVIN_AT_0_C
 from ...files.texts import xml_tree
-from ...sensor.camera import Camera
 from .draft import Draft, number_of
 
 NAMES = {

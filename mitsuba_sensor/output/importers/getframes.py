@@ -6,10 +6,10 @@ import tomllib
 from importlib import resources
 from typing import Any
 
+from ...camera.camera import Camera
 from ...core import InputError, nearest
 from ...core.small_files import toml_tables
 from ...core.units import KELVIN_AT_0_C
-from ...sensor.camera import Camera
 from .draft import Draft
 
 PREFIX = "getframes:"

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from ...camera.camera import Camera
+from ...camera.camera_file import load_camera
 from ...core import InputError
 from ...core.small_files import json_value, require_small
-from ...sensor.camera import Camera
-from ...sensor.camera_file import load_camera
 from .calibration import is_storage, is_transforms, read_storage, read_transforms
 from .dng import read_dngs
 from .draft import Draft

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from ...camera.camera import Camera
 from ...core import InputError
-from ...sensor.camera import Camera
 from .draft import Draft
 
 SCALE_BITS = 16

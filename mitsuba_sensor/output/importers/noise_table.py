@@ -14,10 +14,10 @@ from typing import Any
 
 import scipy
 
+from ...camera.camera import Camera
 from ...core import InputError
 from ...core.csv_rows import rows_of
 from ...core.errors import shown
-from ...sensor.camera import Camera
 from .draft import Draft
 
 NAMES = {

@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...camera.camera import Camera
 from ...core import Doubt, Float64Array
 from ...core.band_average import band_integrals
-from ...sensor.camera import Camera
 from .irradiance import Irradiance, is_exact
 
 TOLERATED, DOUBTFUL = 1e-3, 0.01  # of the electrons of a filter: what no note names, from where on Python warns

@@ -11,11 +11,11 @@ from typing import Literal
 
 import numpy as np
 
+from ...camera.camera import Camera
+from ...camera.fingerprint import response_fingerprint
 from ...core import Array, Float64Array, InputError, require
 from ...core.llvm import drjit
 from ...optics.f_number_law import transmittance
-from ...sensor.camera import Camera
-from ...sensor.fingerprint import response_fingerprint
 from ..variants import MitsubaObject, mitsuba
 
 SHORTEST_NM, LONGEST_NM = 200.0, 1100.0  # range of silicon sensors

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ...camera.camera import Camera
+from ...camera.fingerprint import pixel_fingerprint
 from ...core import Exposure, Float64Array
-from ...sensor.camera import Camera
-from ...sensor.fingerprint import pixel_fingerprint
 from ..passes.passes import hashed_seed
 from .bands import Bands, filter_responses
 from .photons import electrons_per_irradiance, photons_per_irradiance

@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...camera.camera import Camera
 from ...core import Float64Array, InputError, require
 from ...optics import spectra
 from ...optics.f_number_law import solid_angle_sr, transmittance
 from ...optics.intrinsics import View
-from ...sensor.camera import Camera
 from ..lint.scene_spectra import MITSUBA_NM
 from ..passes.passes import clean
 from ..passes.statistics import RenderStatistics

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...camera.camera import Camera
 from ...core import Exposure, first_given
 from ...core.illuminant import Illuminant
 from ...core.llvm import drjit
-from ...sensor.camera import Camera
 from ..variants import MitsubaObject, mitsuba
 from .irradiance import RenderedFor
 

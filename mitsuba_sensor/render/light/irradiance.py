@@ -9,11 +9,11 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ...camera.camera import Camera
+from ...camera.camera_file import camera_from
+from ...camera.fingerprint import pixel_fingerprint, response_fingerprint
 from ...core import Exposure, InputError
 from ...core.illuminant import Illuminant
-from ...sensor.camera import Camera
-from ...sensor.camera_file import camera_from
-from ...sensor.fingerprint import pixel_fingerprint, response_fingerprint
 from ..passes.statistics import RenderStatistics
 from .light_html import light_html
 

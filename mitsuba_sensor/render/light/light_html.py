@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ...camera.colour_matrix import colour_matrix
+from ...camera.fingerprint import response_fingerprint
 from ...core import Float64Array
 from ...core.html import facts, fragment, picture
 from ...files import png
 from ...optics import spectra
 from ...optics.spectra import srgb_curve
-from ...sensor.colour_matrix import colour_matrix
-from ...sensor.fingerprint import response_fingerprint
 
 if TYPE_CHECKING:
     from .irradiance import Irradiance

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ...camera.camera import Camera
+from ...camera.fingerprint import pixel_fingerprint
 from ...core import Doubt
-from ...sensor.camera import Camera
-from ...sensor.fingerprint import pixel_fingerprint
 from ...sensor.frames import RawFrames
 from .band_error import BandError, band_error, notes_of_bands
 from .irradiance import Irradiance

@@ -9,6 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...camera.camera import Camera
+from ...camera.fingerprint import response_fingerprint
+from ...camera.sensor_size import check_on_sensor
 from ...core import (
     Exposure,
     Float64Array,
@@ -24,11 +27,8 @@ from ...core import (
 )
 from ...core.heap import trim_heap
 from ...core.units import photon_energy_j
-from ...sensor.camera import Camera
 from ...sensor.checks import as_photons
-from ...sensor.fingerprint import response_fingerprint
 from ...sensor.metering import AUTO, AskedExposure, Metering, checked_exposure
-from ...sensor.sensor_size import check_on_sensor
 from .bands import Bands
 from .irradiance import Irradiance, is_exact
 from .light_source import CollectedLight

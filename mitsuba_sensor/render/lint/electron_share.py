@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ...camera.camera import Camera
 from ...core import Float64Array
-from ...sensor.camera import Camera
 from ..light.irradiance import Irradiance
 from .finding import Finding, Range
 

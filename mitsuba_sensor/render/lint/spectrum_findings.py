@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...camera.camera import Camera
 from ...core import Float64Array
-from ...sensor.camera import Camera
 from ..scene.scene_edits import UNNAMED
 from ..scene.scene_file import SceneFile
 from ..variants import MitsubaObject, mitsuba

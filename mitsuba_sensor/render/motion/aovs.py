@@ -13,10 +13,10 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import NDArray
 
+from ...camera.camera import Camera
 from ...core import Exposure, Float64Array, InputError, check_types
 from ...core.options import complete, documents
 from ...optics.shutter import Shutter, shutter_of
-from ...sensor.camera import Camera
 from ..light.bands import LONGEST_NM, SHORTEST_NM, choose_bands
 from ..options import SceneOptions
 from ..passes.passes import row_strips

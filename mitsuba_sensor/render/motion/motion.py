@@ -39,10 +39,10 @@ import scipy
 from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
+from ...camera.datasheet_errors import sentence
 from ...core import Float64Array, InputError
 from ...core.small_files import require_small, toml_tables
-from ...sensor.datasheet import FileTable
-from ...sensor.datasheet_errors import sentence
+from ...stages.datasheet import FileTable
 
 LARGEST = 1e30  # the square of it is a number
 Number = Annotated[

@@ -21,9 +21,9 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from ...camera.camera import Camera
 from ...core import Exposure, Float64Array, InputError, nearest
 from ...optics.shutter import phase_of_pass, shutter_of, subframes
-from ...sensor.camera import Camera
 from ..denoise.guides import power_of_two, render_guides
 from ..passes.noisy_pixels import NoisyPixels
 from ..passes.passes import hashed_seed, whole_grid

@@ -10,15 +10,15 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from ...camera.camera import Camera
 from ...core import InputError, Photons, first_given
 from ...core.options import part_of
-from ...sensor.camera import Camera
 from ...sensor.checks import check_numbers
-from ...sensor.compensation import LIMIT, compensable, largest_e2
-from ...sensor.effects.dark_current import mean_dark_e
 from ...sensor.expose import PreparedExposure
 from ...sensor.metering import AskedExposure
 from ...sensor.options import ExposeOptions
+from ...stages.compensation import LIMIT, compensable, largest_e2
+from ...stages.effects.dark_current import mean_dark_e
 from ..light.irradiance import Irradiance
 from ..light.light_source import CollectedLight
 from ..light.photons import photons_of
@@ -34,7 +34,7 @@ from .statistics import median_bias
 from .stop_criterion import DEFAULT_SPP, FEWEST_TO_STOP, Progress, RenderProgress, StopCriterion, stop_criterion_of
 
 PerFrameNoise = Literal["compensated", "per-frame"]
-TARGET = LIMIT / 2  # median of v/μ: below it the total has the shape of a Poisson law (sensor/compensation.py)
+TARGET = LIMIT / 2  # median of v/μ: below it the total has the shape of a Poisson law (stages/compensation.py)
 FEWEST_FREEDOM = 7  # degrees of freedom of a measured variance; with fewer passes more than 1 % stays uncompensated
 UNCOMPENSATED = 0.01  # of the shot variance, averaged over all but the noisiest pixels: what may stay as excess noise
 NOISIEST = 0.01  # of the pixels, e.g. edges of a lamp: they alone would ask for two to three times the samples

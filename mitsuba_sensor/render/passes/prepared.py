@@ -6,12 +6,12 @@ import time
 from dataclasses import dataclass, replace
 from typing import Literal, Unpack
 
+from ...camera.camera import Camera
 from ...core import Exposure, InputError, first_given, require_seed, warn_of
 from ...core.options import complete, documents
 from ...optics.f_number_law import shading
 from ...optics.intrinsics import aperture_f_number, intrinsics
 from ...optics.shutter import shutter_of
-from ...sensor.camera import Camera
 from ...sensor.expose import PreparedExposure, prepare_exposure
 from ...sensor.metering import AUTO, AskedExposure, Metering, checked_exposure
 from ...sensor.options import ExposeOptions

@@ -15,10 +15,10 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
+from ...camera.camera import Camera
 from ...core import Exposure, Float64Array
 from ...core.heap import trim_heap
 from ...optics.f_number_law import solid_angle_sr
-from ...sensor.camera import Camera
 from ...theory.input_noise import InputNoise, input_noise
 from ..denoise.denoise import LEAST_PASSES, LEAST_PIXELS, Denoised, Halves, denoise, is_noisy
 from ..denoise.filter_bands import VALUES_AT_ONCE, denoised_bands, raw_bands

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from ...camera.camera import Camera
 from ...core import Exposure, Float64Array
-from ...sensor.camera import Camera
 from ..light.irradiance import Irradiance, is_exact
 from ..light.photons import photons_per_irradiance
 from ..lint.lint import WRAPPERS

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
+from ...camera.camera import Camera
 from ...core import InputError
-from ...sensor.camera import Camera
 from .scene_file import SceneFile
 from .scene_settings import FILM, SIZE, SceneSettings
 

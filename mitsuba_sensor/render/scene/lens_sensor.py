@@ -18,6 +18,7 @@ from typing import Protocol, TypeAlias
 
 import numpy as np
 
+from ...camera.camera import Camera
 from ...core import Array, Float64Array, InputError
 from ...core.llvm import drjit
 from ...optics.distortion import Distortion, distortion_of
@@ -25,7 +26,6 @@ from ...optics.exit_pupil import exit_pupil_bounds
 from ...optics.intrinsics import View, image_distance_m
 from ...optics.paraxial import cardinal_points, surfaces_at_f_number
 from ...optics.ray_trace import D_NM, Ray, stopped_down, trace
-from ...sensor.camera import Camera
 from ..variants import MitsubaObject, mitsuba
 
 TOLERANCE_PX = 0.005  # of the interpolated displacement of a distorted projection

@@ -14,10 +14,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ...camera.camera import Camera
+from ...camera.sensor_size import check_on_sensor
 from ...core import Array, Float64Array, InputError
 from ...optics.intrinsics import View
-from ...sensor.camera import Camera
-from ...sensor.sensor_size import check_on_sensor
 from ..denoise.guides import render_guides
 from ..light.bands import Bands, box_bands, response_film, restrict_wavelengths, take_wavelengths_of
 from ..lint.finding import Finding, most_serious_first

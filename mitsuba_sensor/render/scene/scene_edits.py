@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydantic import ValidationError
 
+from ...camera.datasheet_errors import sentence
 from ...core import Float64Array, InputError, nearest
 from ...core.llvm import drjit
-from ...sensor.datasheet_errors import sentence
 from ..motion.motion import KeyPose
 from ..variants import MitsubaObject, mitsuba
 

@@ -11,10 +11,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from ...camera.camera import Camera
+from ...camera.camera_file import list_cameras, load_camera, toml_value
 from ...core import Exposure, InputError, first_given, nearest, require, require_seed
 from ...core.options import complete, part_of
-from ...sensor.camera import Camera
-from ...sensor.camera_file import list_cameras, load_camera, toml_value
 from ...sensor.metering import Metering
 from ..light.bands import BANDWIDTH_NM, SPECTRAL, Bands, choose_bands
 from ..options import FileOptions, RenderOptions

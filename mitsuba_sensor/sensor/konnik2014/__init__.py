@@ -14,12 +14,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, Self
 
+from ...camera.camera import Camera
 from ...core import InputError, require
 from ...core.options import Option, declared, refuse_unknown
-from ..camera import Camera
-from ..effects.reset_noise import RESET_RESIDUAL
-from ..gains import sense_gain_v_per_e
-from ..stage import Chain, Stage
+from ...stages.effects.reset_noise import RESET_RESIDUAL
+from ...stages.gains import sense_gain_v_per_e
+from ...stages.stage import Chain, Stage
 from . import electrons, volts
 from .electrons import FpnName, PublishedFpnDistribution
 

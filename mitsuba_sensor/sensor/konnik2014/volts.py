@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...core import Array, Frame, Moments
-from ..stage import Converter, Stage
+from ...stages.stage import Converter, Stage
 from .electrons import PublishedFpn
 
 ELEMENTARY_CHARGE_C, BOLTZMANN_J_PER_K = 1.602176487e-19, 1.3806504e-23  # CODATA 2006, as in that code

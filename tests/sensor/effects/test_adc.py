@@ -13,10 +13,10 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.moments import Moments
 from mitsuba_sensor.core.sensor_window import SensorWindow
-from mitsuba_sensor.sensor.chain import black_level_dn, chain
 from mitsuba_sensor.sensor.choices import precision_of
-from mitsuba_sensor.sensor.effects.adc import Adc, AdcWithDnl
-from mitsuba_sensor.sensor.gains import gain_dn_per_e
+from mitsuba_sensor.stages.chain import black_level_dn, chain
+from mitsuba_sensor.stages.effects.adc import Adc, AdcWithDnl
+from mitsuba_sensor.stages.gains import gain_dn_per_e
 
 TABLE1 = ms.load_camera("konnik_table1")
 DARKNESS = {"dark_current.fom_na_per_cm2": 0.0}

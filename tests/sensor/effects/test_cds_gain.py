@@ -5,7 +5,7 @@ from __future__ import annotations
 from helpers.stage_tests import StageTests
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.sensor.effects.cds_gain import CdsGain
+from mitsuba_sensor.stages.effects.cds_gain import CdsGain
 
 
 class TestCdsGain(StageTests):

@@ -16,12 +16,12 @@ from mitsuba_sensor.core.moments import Moments
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.core.signals import Electrons
 from mitsuba_sensor.core.units import BOLTZMANN_EV_PER_K, ELEMENTARY_CHARGE_C
-from mitsuba_sensor.sensor.chain import chain
-from mitsuba_sensor.sensor.dark_components import DarkComponent, mixture_moments
-from mitsuba_sensor.sensor.dark_current_models import Doubling, FigureOfMerit, Measured, Mpp, arrhenius, band_gap_ev
-from mitsuba_sensor.sensor.effects.dark_current import DarkCurrent, dark_components, dark_current_model
-from mitsuba_sensor.sensor.fpn_distributions import Gaussian, LogNormal
-from mitsuba_sensor.sensor.gains import gain_dn_per_e
+from mitsuba_sensor.stages.chain import chain
+from mitsuba_sensor.stages.dark_components import DarkComponent, mixture_moments
+from mitsuba_sensor.stages.dark_current_models import Doubling, FigureOfMerit, Measured, Mpp, arrhenius, band_gap_ev
+from mitsuba_sensor.stages.effects.dark_current import DarkCurrent, dark_components, dark_current_model
+from mitsuba_sensor.stages.fpn_distributions import Gaussian, LogNormal
+from mitsuba_sensor.stages.gains import gain_dn_per_e
 
 TABLE1 = ms.load_camera("konnik_table1")
 FAMILIES = ["gaussian", "lognormal", "gamma", "wald", "logistic", "ar"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from helpers.stage_tests import StageTests
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.sensor.effects.quantum_efficiency import QuantumEfficiency
+from mitsuba_sensor.stages.effects.quantum_efficiency import QuantumEfficiency
 
 
 class TestDetection(StageTests):

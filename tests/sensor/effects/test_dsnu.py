@@ -12,10 +12,10 @@ from helpers.stage_tests import SQUARE, TALL, StageTests
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.sensor_window import SensorWindow
-from mitsuba_sensor.sensor.chain import chain
-from mitsuba_sensor.sensor.effects.dsnu import DsnuColumn, DsnuPixel, DsnuRow
-from mitsuba_sensor.sensor.effects.prnu import PrnuColumn
-from mitsuba_sensor.sensor.gains import gain_dn_per_e
+from mitsuba_sensor.stages.chain import chain
+from mitsuba_sensor.stages.effects.dsnu import DsnuColumn, DsnuPixel, DsnuRow
+from mitsuba_sensor.stages.effects.prnu import PrnuColumn
+from mitsuba_sensor.stages.gains import gain_dn_per_e
 
 TABLE1 = ms.load_camera("konnik_table1")
 EXPOSURE = ms.Exposure(0.1)

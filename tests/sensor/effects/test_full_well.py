@@ -10,7 +10,7 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.core.signals import Electrons
-from mitsuba_sensor.sensor.effects.full_well import FullWell
+from mitsuba_sensor.stages.effects.full_well import FullWell
 
 SMALL = Frame(ms.Exposure(0.1), SensorWindow(3, (4, 50)))
 

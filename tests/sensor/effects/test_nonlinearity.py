@@ -18,13 +18,13 @@ from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.moments import Moments
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.core.signals import Electrons, Photons
-from mitsuba_sensor.sensor.chain import black_level_dn, chain
-from mitsuba_sensor.sensor.effects.adc import Adc
-from mitsuba_sensor.sensor.effects.full_well import FullWell
-from mitsuba_sensor.sensor.effects.integral_nonlinearity import IntegralNonlinearity, end_point_ile, gamma_of_ile
-from mitsuba_sensor.sensor.effects.sense_node import NonlinearSenseNode, SenseNode
-from mitsuba_sensor.sensor.effects.source_follower import NonlinearSourceFollower, SourceFollower
-from mitsuba_sensor.sensor.gains import full_scale_v, gain_dn_per_e, sense_gain_v_per_e
+from mitsuba_sensor.stages.chain import black_level_dn, chain
+from mitsuba_sensor.stages.effects.adc import Adc
+from mitsuba_sensor.stages.effects.full_well import FullWell
+from mitsuba_sensor.stages.effects.integral_nonlinearity import IntegralNonlinearity, end_point_ile, gamma_of_ile
+from mitsuba_sensor.stages.effects.sense_node import NonlinearSenseNode, SenseNode
+from mitsuba_sensor.stages.effects.source_follower import NonlinearSourceFollower, SourceFollower
+from mitsuba_sensor.stages.gains import full_scale_v, gain_dn_per_e, sense_gain_v_per_e
 
 TABLE1 = ms.load_camera("konnik_table1")
 HERE = Frame(ms.Exposure(0.1), SensorWindow(3, (1, 5)))

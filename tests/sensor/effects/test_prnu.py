@@ -10,8 +10,8 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.core.signals import Electrons
-from mitsuba_sensor.sensor.effects.prnu import Prnu
-from mitsuba_sensor.sensor.fpn_distributions import Rectified
+from mitsuba_sensor.stages.effects.prnu import Prnu
+from mitsuba_sensor.stages.fpn_distributions import Rectified
 
 BASE = ms.load_camera("konnik_table1")
 SMALL = Frame(ms.Exposure(0.1), SensorWindow(3, (4, 50)))

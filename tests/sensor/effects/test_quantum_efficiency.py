@@ -16,9 +16,9 @@ from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.moments import Moments
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.core.signals import Electrons, Photons
-from mitsuba_sensor.sensor.effects.quantum_efficiency import QuantumEfficiency
-from mitsuba_sensor.sensor.effects.quantum_yield import QuantumYield
-from mitsuba_sensor.sensor.effects.shot_noise import ShotNoise
+from mitsuba_sensor.stages.effects.quantum_efficiency import QuantumEfficiency
+from mitsuba_sensor.stages.effects.quantum_yield import QuantumYield
+from mitsuba_sensor.stages.effects.shot_noise import ShotNoise
 
 TABLE1 = ms.load_camera("konnik_table1")
 BAYER = ms.load_camera("bayer_2mp")

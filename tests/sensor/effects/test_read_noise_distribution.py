@@ -17,8 +17,8 @@ from scipy import special, stats
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
 from mitsuba_sensor.core.noise_distributions import NoiseDistribution, StudentT, TukeyLambda
-from mitsuba_sensor.sensor.effects.source_follower_noise import SourceFollowerNoise
-from mitsuba_sensor.sensor.gains import gain_dn_per_e
+from mitsuba_sensor.stages.effects.source_follower_noise import SourceFollowerNoise
+from mitsuba_sensor.stages.gains import gain_dn_per_e
 
 BASE = ms.load_camera("konnik_table1").replace(
     **{"source_follower.white_nv_per_rthz": None, "source_follower.read_noise_e": 60.0, "readout.dsnu_col": 0.0}

@@ -11,8 +11,8 @@ from helpers.stage_tests import StageTests
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.sensor_window import SensorWindow
-from mitsuba_sensor.sensor.chain import chain
-from mitsuba_sensor.sensor.effects.reset_noise import ResetNoise
+from mitsuba_sensor.stages.chain import chain
+from mitsuba_sensor.stages.effects.reset_noise import ResetNoise
 
 BASE = ms.load_camera("konnik_table1")
 SMALL = Frame(ms.Exposure(0.1), SensorWindow(3, (4, 50)))

@@ -13,8 +13,8 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.moments import Moments
 from mitsuba_sensor.core.sensor_window import SensorWindow
-from mitsuba_sensor.sensor.chain import chain
-from mitsuba_sensor.sensor.effects.rtn_pixels import RtnPixels
+from mitsuba_sensor.stages.chain import chain
+from mitsuba_sensor.stages.effects.rtn_pixels import RtnPixels
 
 BASE = ms.load_camera("konnik_table1").replace(**{"readout.dsnu_col": 0.0})
 TRAPS = {

@@ -14,8 +14,8 @@ from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.moments import Moments
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.core.signals import Electrons
-from mitsuba_sensor.sensor.chain import chain
-from mitsuba_sensor.sensor.effects.rts_pixels import RtsPixels, TwoStates
+from mitsuba_sensor.stages.chain import chain
+from mitsuba_sensor.stages.effects.rts_pixels import RtsPixels, TwoStates
 
 BASE = ms.load_camera("konnik_table1")
 

@@ -15,7 +15,7 @@ from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.llvm import backend_problem
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.core.signals import Electrons
-from mitsuba_sensor.sensor.effects.shot_noise import ShotNoise
+from mitsuba_sensor.stages.effects.shot_noise import ShotNoise
 
 compiled = pytest.mark.skipif(backend_problem("llvm") is not None, reason="needs LLVM")
 SMALL = Frame(ms.Exposure(0.1), SensorWindow(3, (4, 50)))

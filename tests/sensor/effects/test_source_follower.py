@@ -10,9 +10,9 @@ import pytest
 from helpers.stage_tests import StageTests
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.sensor.chain import chain
-from mitsuba_sensor.sensor.effects.source_follower import NonlinearSourceFollower, SourceFollower
-from mitsuba_sensor.sensor.effects.source_follower_noise import SourceFollowerNoise
+from mitsuba_sensor.stages.chain import chain
+from mitsuba_sensor.stages.effects.source_follower import NonlinearSourceFollower, SourceFollower
+from mitsuba_sensor.stages.effects.source_follower_noise import SourceFollowerNoise
 
 BASE = ms.load_camera("konnik_table1")
 

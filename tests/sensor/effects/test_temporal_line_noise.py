@@ -9,7 +9,7 @@ import pytest
 from helpers.stage_tests import TALL, WIDE, StageTests
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.sensor.effects.temporal_line_noise import TemporalColumnNoise, TemporalRowNoise
+from mitsuba_sensor.stages.effects.temporal_line_noise import TemporalColumnNoise, TemporalRowNoise
 
 BASE = ms.load_camera("konnik_table1").replace(**{"readout.dsnu_col": 0.0})
 QUIET = BASE.replace(**{"source_follower.white_nv_per_rthz": 0.0, "pixel.prnu": 0.0, "dark_current.cv": 0.0})

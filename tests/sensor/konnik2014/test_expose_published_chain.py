@@ -20,7 +20,7 @@ from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.files.texts import to_json
 from mitsuba_sensor.sensor.konnik2014 import Konnik2014Settings, chain_of
-from mitsuba_sensor.sensor.stage import sample
+from mitsuba_sensor.stages.stage import sample
 
 TABLE1 = ms.load_camera("konnik_table1")
 EXPOSURE = ms.Exposure(0.1)

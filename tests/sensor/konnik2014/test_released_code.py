@@ -19,16 +19,13 @@ import pytest
 from helpers import DATA, ROOT
 from helpers.marks import one_in
 
+from mitsuba_sensor.camera.camera_file import load_camera
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.core.exposure import Exposure
 from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.moments import Moments
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.core.signals import Photons
-from mitsuba_sensor.sensor.camera_file import load_camera
-from mitsuba_sensor.sensor.cds_noise import CdsNoise
-from mitsuba_sensor.sensor.dark_current_models import FigureOfMerit
-from mitsuba_sensor.sensor.effects.reset_noise import ResetNoise as SignedResetNoise
 from mitsuba_sensor.sensor.konnik2014 import Konnik2014Settings, chain_of
 from mitsuba_sensor.sensor.konnik2014.electrons import (
     PublishedDarkMean,
@@ -44,6 +41,9 @@ from mitsuba_sensor.sensor.konnik2014.volts import (
     PublishedFollower,
     PublishedResetNoise,
 )
+from mitsuba_sensor.stages.cds_noise import CdsNoise
+from mitsuba_sensor.stages.dark_current_models import FigureOfMerit
+from mitsuba_sensor.stages.effects.reset_noise import ResetNoise as SignedResetNoise
 
 REFERENCE = json.loads((DATA / "released_code.json").read_text("utf-8"))
 RECORDS = REFERENCE["full_chain"] + REFERENCE["single_source"]

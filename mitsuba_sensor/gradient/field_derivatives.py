@@ -12,14 +12,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..camera.camera import Camera
+from ..camera.datasheet_errors import fields_of
 from ..core import Exposure, Float64Array, Frame, InputError, Photons, SensorWindow, nearest
 from ..core.differentiable import CameraNumber, RecordingBackend
-from .camera import Camera
-from .chain import chain
-from .datasheet_errors import fields_of
-from .detection import detect, uploaded
-from .run import begin
-from .stage import sample
+from ..sensor.detection import detect, uploaded
+from ..sensor.run import begin
+from ..stages.chain import chain
+from ..stages.stage import sample
 
 TIME, TEMPERATURE = "exposure.time_s", "exposure.temperature_k"
 

@@ -11,7 +11,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from ..core import closest, nearest
-from .usual_range import Usual
+from ..stages.usual_range import Usual
 
 Loc: TypeAlias = tuple[str | int, ...]
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from .chain import ORDER
-from .gains import full_well_swing_v, gain_dn_per_e, sense_gain_v_per_e
-from .stage import Datasheet
+from ..stages.chain import ORDER
+from ..stages.gains import full_well_swing_v, gain_dn_per_e, sense_gain_v_per_e
+from ..stages.stage import Datasheet
 
 LARGEST = 1e30
 """Of a product of gains: squares of larger ones leave the range of numbers on the way to a variance."""

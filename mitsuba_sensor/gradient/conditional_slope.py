@@ -22,7 +22,7 @@ from ..core import Array, Electrons, Frame, arrays
 from ..core.code_slope import LARGEST_DN, ExpectedCode, per_variance
 from ..core.differentiable import NEVER_COUNTED, DifferentiableBackend
 from ..core.noise_distributions import NoiseDistribution
-from .stage import Chain, Converter, converter_of, sample
+from ..stages.stage import Chain, Converter, converter_of, sample
 
 
 @dataclass(frozen=True, eq=False)

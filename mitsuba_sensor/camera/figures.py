@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..core import Exposure, Frame, InputError, Moments, SensorWindow, check_types
-from ..sensor.gains import gain_dn_per_e, volts_per_electron
 from ..sensor.metering import saturation_e
-from ..sensor.stage import propagate
+from ..stages.gains import gain_dn_per_e, volts_per_electron
+from ..stages.stage import propagate
 
 if TYPE_CHECKING:
-    from ..sensor.camera import Camera
+    from .camera import Camera
 
 QUANTISATION_DN2 = 1 / 12
 """σ_q², variance of rounding to whole digital numbers (EMVA 1288 R4, section 2.2)."""

@@ -11,21 +11,21 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..camera.camera import Camera
 from ..core import Array, Electrons, Exposure, Float32Array, Frame, InputError, Photons, SensorWindow, check_types
 from ..core.backend import NUMPY_FLOAT32
 from ..core.code_slope import LARGEST_DN, LEAST_DN
 from ..core.differentiable import SLOTS, DifferentiableBackend
 from ..core.options import complete, documents
+from ..sensor.checks import as_photons, check_numbers, checked_maps, placed
+from ..sensor.detection import Detected, detect, uploaded
+from ..sensor.options import GradientOptions
+from ..sensor.run import begin, choose_backend, row_strips_of
+from ..stages.chain import chain, whole_chain
+from ..stages.stage import Chain, sample
 from ..theory.response import least_noise_dn
-from .camera import Camera
-from .chain import chain, whole_chain
-from .checks import as_photons, check_numbers, checked_maps, placed
 from .conditional_slope import ConditionalSlope
-from .detection import Detected, detect, uploaded
 from .field_derivatives import Recording
-from .options import GradientOptions
-from .run import begin, choose_backend, row_strips_of
-from .stage import Chain, sample
 
 PHOTONS = "photons"
 """The name of the mean photons among the parameters."""

@@ -12,15 +12,15 @@ from pydantic import AfterValidator, Field, PrivateAttr, ValidationError, create
 
 from ..core import Doubt, Exposure, InputError, nearest, numbers, refuse_masked
 from ..core.band_average import photon_averages
-from .chain import ORDER, chain, check_added, whole_chain
-from .datasheet import CameraTable, FileTable, PixelGeometry, SensorSection
+from ..stages.chain import ORDER, chain, check_added, whole_chain
+from ..stages.datasheet import CameraTable, FileTable, PixelGeometry, SensorSection
+from ..stages.gains import gain_dn_per_e
+from ..stages.stage import Chain, Stage
 from .datasheet_checks import check_gains, check_technology
 from .datasheet_errors import doubts, faults, fields_of
 from .gain_ladder import Gains, at_gain, check_gain, gain_notes
-from .gains import gain_dn_per_e
 from .lens_datasheet import LensSection
 from .noise_sources import checked_source, noise_sources, with_checked_sources
-from .stage import Chain, Stage
 
 QE_WAYS = ("value", "file", "curves")
 SHORT = Exposure(0.0)
@@ -36,7 +36,7 @@ def _table(name: str, description: str, base: type[CameraTable] = CameraTable) -
 
 
 if TYPE_CHECKING:
-    from ..theory.figures import EmvaFigures
+    from .figures import EmvaFigures
 
     PixelTable: TypeAlias = PixelGeometry
     QuantumEfficiencyTable: TypeAlias = CameraTable
@@ -235,7 +235,7 @@ class Camera(FileTable):
         exposure : whose dark current counts; by default so short that there is none. Raises InputError where darkness
             is at the highest code.
         """
-        from ..theory.figures import emva_figures
+        from .figures import emva_figures
 
         return emva_figures(self, exposure)
 

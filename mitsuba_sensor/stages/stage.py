@@ -22,7 +22,7 @@ from ..core.types import Float64Array
 from .datasheet import FileTable
 
 if TYPE_CHECKING:
-    from .camera import Camera
+    from ..camera.camera import Camera
 
 Datasheet: TypeAlias = "Camera"  # whose tables the effects read
 Domain = Literal["photons", "electrons", "volts", "DN"]

@@ -29,7 +29,7 @@ from .recorder import RecordingFrame
 from .stage import Chain, Stage, converter_of, total, without
 
 if TYPE_CHECKING:
-    from .camera import Camera
+    from ..camera.camera import Camera
 
 ORDER: tuple[type[Stage], ...] = (  # a stage of its own: one file in effects/, one line here
     QuantumEfficiency,

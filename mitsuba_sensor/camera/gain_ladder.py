@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 from pydantic import AfterValidator, Field, model_validator
 
 from ..core import InputError, nearest
-from .datasheet import FileTable, NotNegative, Positive, optional
-from .effects.source_follower_noise import check_shape
-from .gains import gain_dn_per_e, sense_gain_v_per_e
-from .usual_range import THOUSANDS, VOLTS_TO_UV, Usual
+from ..stages.datasheet import FileTable, NotNegative, Positive, optional
+from ..stages.effects.source_follower_noise import check_shape
+from ..stages.gains import gain_dn_per_e, sense_gain_v_per_e
+from ..stages.usual_range import THOUSANDS, VOLTS_TO_UV, Usual
 
 if TYPE_CHECKING:
     from .camera import Camera

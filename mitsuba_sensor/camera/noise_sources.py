@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from ..core import InputError, nearest
-from .chain import ORDER
-from .datasheet import SensorSection
+from ..stages.chain import ORDER
+from ..stages.datasheet import SensorSection
 
 
 def noise_sources() -> tuple[str, ...]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ..core.html import Bar, bar, facts, fragment, table
-from ..theory.figures import figures_if_any
-from .stage import converter_of
+from ..stages.stage import converter_of
+from .figures import figures_if_any
 
 if TYPE_CHECKING:
     from ..theory.noise_budget import NoiseBudget

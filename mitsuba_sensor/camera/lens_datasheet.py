@@ -5,9 +5,9 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, ValidationInfo, model_validator
 
-from .datasheet import Chance, FileTable, Fraction, Nanometres, NotNegative, Positive, optional
+from ..stages.datasheet import Chance, FileTable, Fraction, Nanometres, NotNegative, Positive, optional
+from ..stages.usual_range import METRES_TO_MM, PERCENT, Usual
 from .lens_file import read_lens
-from .usual_range import METRES_TO_MM, PERCENT, Usual
 
 Number = Annotated[float, Field(ge=-1e30, le=1e30, strict=True)]
 Flag = Annotated[bool, Field(strict=True)]
