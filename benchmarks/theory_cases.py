@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.camera.figures import saturation_e
 from mitsuba_sensor.core import Electrons, Frame, Moments
 from mitsuba_sensor.core.types import Array
-from mitsuba_sensor.sensor.metering import saturation_e
 
 TABLE1, BAYER, RGBIR, CCD = (ms.load_camera(n) for n in ("konnik_table1", "bayer_2mp", "rgbir_2mp", "eev_44_82"))
 V_PER_E = 5e-6  # Table 1

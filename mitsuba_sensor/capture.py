@@ -38,9 +38,10 @@ from .render.passes.stop_criterion import Progress, RenderProgress
 from .render.scene.scene_nodes import SceneInput
 from .render.scene.scene_settings import ParsedScene
 from .render.variants import restores_variant
-from .sensor.expose import PreparedExposure, prepare_exposure
+from .sensor.expose import PreparedExposure
 from .sensor.metering import AskedExposure, Metering, checked_exposure
 from .sensor.options import ExposeOptions
+from .theory.planned_exposure import prepare_planned_exposure
 
 Scene: TypeAlias = SceneInput | ParsedScene
 Light: TypeAlias = str | os.PathLike[str] | Irradiance
@@ -172,7 +173,9 @@ def expose_light(request: Request) -> Exposed:
         "as_rendered": light.rendered_for.shared_with(camera, exposure, serial) if light.rendered_for else [],
         "metering": metering.record(exposure) if isinstance(metering, Metering) else None,
     }
-    sensor = prepare_exposure(camera, exposure, light.data.shape[:2], light.origin, part_of(ExposeOptions, options))
+    sensor = prepare_planned_exposure(
+        camera, exposure, light.data.shape[:2], light.origin, part_of(ExposeOptions, options)
+    )
     check_frame_files(sensor, options)
     with timed(request.times_s, "expose"):
         frames = expose_with_progress(sensor.of(photons), request.progress)

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Unpack, cast
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .camera.camera import Camera
-from .core import Exposure, Photons, warn_of
+from .core import Exposure, Photons, check_types, warn_of
 from .core.options import documents
 from .output.frames import Frames
 from .render.light.irradiance import Irradiance
 from .render.light.photons import collected
-from .sensor.expose import PreparedExposure, exposure_of_photons
+from .sensor.expose import PreparedExposure, placed_photons
 from .sensor.metering import AskedExposure
 from .sensor.options import ExposeOptions
+from .theory.planned_exposure import prepare_planned_exposure
 
 
 @documents(ExposeOptions)
@@ -65,6 +66,10 @@ def prepare_light(
     """An exposure with its light, which is collected where it is the irradiance of a render. Raises InputError."""
     if isinstance(light, Irradiance):
         asked = options.get("serial"), options.get("gain")
-        photons, camera, exposure, serial = collected(light, camera, exposure, *asked)
-        return exposure_of_photons(photons, camera, exposure, {**options, "serial": serial})
-    return exposure_of_photons(light, cast(Camera, camera), cast(Exposure, exposure), options)  # checked there
+        light, camera, exposure, serial = collected(light, camera, exposure, *asked)
+        options = {**options, "serial": serial}
+    check_types(camera, exposure)
+    assert camera is not None and isinstance(exposure, Exposure)
+    photons = placed_photons(light, camera, options)
+    sensor = prepare_planned_exposure(camera, exposure, photons.shape[:2], photons.origin, options)
+    return sensor.of(photons)

@@ -16,11 +16,13 @@ from ..stages.chain import ORDER, chain, check_added, whole_chain
 from ..stages.datasheet import CameraTable, FileTable, PixelGeometry, SensorSection
 from ..stages.gains import gain_dn_per_e
 from ..stages.stage import Chain, Stage
-from .datasheet_checks import check_gains, check_technology
+from .camera_toml import camera_file
+from .datasheet_checks import check_gains, check_technology, checked_source, noise_sources, with_checked_sources
 from .datasheet_errors import doubts, faults, fields_of
+from .figures import EmvaFigures, emva_figures
 from .gain_ladder import Gains, at_gain, check_gain, gain_notes
 from .lens_datasheet import LensSection
-from .noise_sources import checked_source, noise_sources, with_checked_sources
+from .notebook import camera_html
 
 QE_WAYS = ("value", "file", "curves")
 SHORT = Exposure(0.0)
@@ -36,8 +38,6 @@ def _table(name: str, description: str, base: type[CameraTable] = CameraTable) -
 
 
 if TYPE_CHECKING:
-    from .figures import EmvaFigures
-
     PixelTable: TypeAlias = PixelGeometry
     QuantumEfficiencyTable: TypeAlias = CameraTable
     DarkCurrentTable: TypeAlias = CameraTable
@@ -195,13 +195,9 @@ class Camera(FileTable):
 
         Raises InputError for a camera with stages of :meth:`with_stage`, which no file can hold.
         """
-        from .camera_toml import camera_file
-
         return camera_file(self)
 
     def _repr_html_(self) -> str:
-        from .notebook import camera_html
-
         return camera_html(self)
 
     @cached_property
@@ -235,8 +231,6 @@ class Camera(FileTable):
         exposure : whose dark current counts; by default so short that there is none. Raises InputError where darkness
             is at the highest code.
         """
-        from .figures import emva_figures
-
         return emva_figures(self, exposure)
 
     @property

@@ -7,8 +7,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ..core import InputError
-from .field_catalogue import Entry, Table, tables
-from .toml_text import assignment, key_of, toml_of
+from .field_catalogue import Entry, Table, assignment, key_of, tables, toml_of
 
 if TYPE_CHECKING:
     from .camera import Camera

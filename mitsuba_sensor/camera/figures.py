@@ -1,24 +1,26 @@
-"""The figures of EMVA 1288 Release 4.0 Linear by which cameras are compared, from the datasheet, not from frames."""
+"""Saturation of a camera, and the figures of EMVA 1288 Release 4.0 Linear: from the datasheet, not from frames."""
 
 from __future__ import annotations
 
 import math
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ..core import Exposure, Frame, InputError, Moments, SensorWindow, check_types
-from ..sensor.metering import saturation_e
+from ..core.special import root
+from ..stages.effects.adc import BLACK_LEVEL_AT
 from ..stages.gains import gain_dn_per_e, volts_per_electron
-from ..stages.stage import propagate
+from ..stages.stage import converter_of, propagate
 
 if TYPE_CHECKING:
     from .camera import Camera
 
 QUANTISATION_DN2 = 1 / 12
 """σ_q², variance of rounding to whole digital numbers (EMVA 1288 R4, section 2.2)."""
+STRAIGHT = 1e-12  # of the range of codes: a chain is straight to the last digits
 
 
 class Figure(NamedTuple):
@@ -107,3 +109,39 @@ def figures_if_any(camera: Camera) -> EmvaFigures | None:
 
 def _db(ratio: float) -> float:
     return 20 * math.log10(ratio) if ratio > 0 else -math.inf
+
+
+BEYOND_ALL_DN = 1e12
+"""A code beyond every converter, where a curve has left all numbers."""
+
+
+def saturation_e(camera: Camera) -> float:
+    """Electrons at which a pixel saturates: its full well, or less where the converter ends before."""
+    full_well_e = float(camera.pixel.full_well_e)
+    dark_dn, full_dn = (_beyond_converter_dn(electrons, camera) for electrons in (0.0, full_well_e))
+    if full_dn <= 0:
+        return full_well_e
+    if dark_dn >= 0:
+        raise InputError(f"darkness is at the highest code of {camera.name}; give adc.black_level_dn a smaller value.")
+    straight_e = full_well_e * dark_dn / (dark_dn - full_dn)
+    if abs(_beyond_converter_dn(straight_e, camera)) < STRAIGHT * (full_dn - dark_dn):
+        return straight_e
+    return root(lambda electrons: _beyond_converter_dn(electrons, camera), 0.0, full_well_e)
+
+
+def saturation_dn(camera: Camera) -> int:
+    """The code of a saturated pixel: that of a full well, above the black level and at most the highest [DN]."""
+    converter = converter_of(camera.stages)
+    full_dn = converter.highest + _beyond_converter_dn(float(camera.pixel.full_well_e), camera)
+    return min(converter.highest, max(round(full_dn), math.floor(converter.black_level_dn) + 1))
+
+
+def _beyond_converter_dn(electrons: float, camera: Camera) -> float:
+    """The code of these electrons without any noise, its curves included, less the highest one [DN]."""
+    level = Moments(np.float64(electrons), 0.0, 0.0, Frame(BLACK_LEVEL_AT, SensorWindow(0, (1, 1))))
+    for stage in camera.stages:
+        if stage.domain == "volts":
+            level = replace(stage.moments(level), temporal=0.0, spatial=0.0)
+    converter = converter_of(camera.stages)
+    beyond_dn = float(converter.black_level_dn + converter.gain_dn_per_v * level.mean - converter.highest)
+    return beyond_dn if math.isfinite(beyond_dn) else BEYOND_ALL_DN

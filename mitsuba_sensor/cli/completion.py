@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 
 from ..camera.camera import Camera
 from ..camera.camera_file import list_cameras
-from ..camera.noise_sources import noise_sources
+from ..camera.datasheet_checks import noise_sources
 
 Proposals = Callable[[str], list[str]]
 

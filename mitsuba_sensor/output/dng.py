@@ -16,14 +16,13 @@ import numpy as np
 
 from ..camera.camera import Camera
 from ..camera.colour_matrix import STEP_NM, colour_matrix, colour_order, standard_light
-from ..camera.figures import QUANTISATION_DN2, figures_if_any
+from ..camera.figures import QUANTISATION_DN2, figures_if_any, saturation_dn, saturation_e
 from ..core import Exposure, Float64Array, InputError
 from ..files.appearing import appearing
 from ..files.texts import to_json
 from ..files.tiff import CFA_COLOURS, TIFF_BYTE, TIFF_LONG, TIFF_SHORT, TiffTag, cfa_tags, write_pages
 from ..optics import spectra
 from ..render.light.photons import photons_per_irradiance
-from ..sensor.metering import saturation_dn, saturation_e
 from ..stages.stage import converter_of
 from .dng_lens import lens_corrections
 from .frame_files import image_facts

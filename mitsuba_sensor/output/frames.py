@@ -18,6 +18,7 @@ from ..sensor.frames import RawFrames
 from ..theory.frame_theory import FrameTheory
 from ..theory.noise_budget import NoiseBudget
 from ..theory.pixel_moments import PixelMoments, pixel_moments
+from ..theory.plan import Plan
 from ..theory.report import FrameObserver, report
 from .dng import write_dng
 from .frame_files import frames_html, preview_of, save_frames
@@ -36,6 +37,7 @@ class Frames(RawFrames):
     own_clean : clean frames where each has a light of its own.
     """
 
+    plan: Plan | None = None
     observer: FrameObserver | None = None
     own_clean: NDArray[np.float32] | None = None
 

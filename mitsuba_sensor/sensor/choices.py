@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from ..camera.camera import Camera
-from ..core import InputError
+from ..core import Frame, InputError
 from ..stages.stage import Chain
 from .checks import check_float32, float32_counts
+from .detection import Detected
 from .options import ExposeOptions
 from .run import INPUT_REFERRED
-
-if TYPE_CHECKING:
-    from ..theory.plan import Plan
 
 KEEP = ("photons", "photoelectrons", "dark_electrons", "electrons", "volts", INPUT_REFERRED)
 """Intermediate signals that ``expose(keep=…)`` can return: mean photons of all bands, electrons that light and dark
@@ -20,6 +18,29 @@ current left in the well, their sum [e-], swing at the converter [V], that swing
 
 KEPT_BY_PUBLISHED = ("photons", "electrons", "volts")
 """Those of them that chain konnik2014 has."""
+
+
+class PlannedChain(Protocol):
+    """What a plan leaves of a camera's chain; plans are made in theory/plan.py."""
+
+    @property
+    def camera(self) -> str:
+        """Name of the camera."""
+
+    @property
+    def stages(self) -> Chain:
+        """The stages that are left."""
+
+    @property
+    def whole(self) -> Chain:
+        """All stages of the camera."""
+
+    @property
+    def precision(self) -> str:
+        """float32, or float64 where that would move too much."""
+
+    def check(self, light: Detected, frame: Frame) -> None:
+        """Raise InputError for light, an exposure or a window that the plan was not made for."""
 
 
 def tolerance_of(chosen: ExposeOptions) -> float | None:
@@ -34,7 +55,7 @@ def tolerance_of(chosen: ExposeOptions) -> float | None:
     return tolerance_dn
 
 
-def precision_of(asked: str, camera: Camera, plan: Plan | None, chain: str) -> str:
+def precision_of(asked: str, camera: Camera, plan: PlannedChain | None, chain: str) -> str:
     """ "float32" or "float64": as asked, else as the plan found, else float32 while it can count single electrons."""
     if chain == "konnik2014":  # a comparison, in the precision of the published code
         if asked == "float32":
@@ -49,7 +70,7 @@ def precision_of(asked: str, camera: Camera, plan: Plan | None, chain: str) -> s
     return "float32" if float32_counts(camera) else "float64"
 
 
-def chain_of(camera: Camera, plan: Plan | None, chain: str) -> Chain:
+def chain_of(camera: Camera, plan: PlannedChain | None, chain: str) -> Chain:
     """What the plan left of this camera's chain, or the whole chain of that name."""
     if plan is None:
         if chain == "konnik2014":

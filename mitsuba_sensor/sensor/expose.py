@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,8 +15,6 @@ from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
 from ..core.options import complete
 from ..stages.chain import whole_chain
 from ..stages.stage import Chain, converter_of
-from ..theory.plan import Plan, plan_for
-from ..theory.report import FrameObserver
 from .checks import (
     as_photons,
     check_compensation,
@@ -25,13 +23,15 @@ from .checks import (
     checked_names,
     placed,
 )
-from .choices import KEEP, KEPT_BY_PUBLISHED, chain_of, precision_of, tolerance_of
+from .choices import KEEP, KEPT_BY_PUBLISHED, PlannedChain, chain_of, precision_of
 from .detection import Detected, checked_and_detected
 from .frame_notes import exposure_notes
 from .frames import RawFrames
 from .options import ExposeOptions
 from .photon_checks import check_kept
-from .run import FrameRunner, StripWindows, choose_backend, require_kept
+from .run import FrameRunner, Observer, StripWindows, choose_backend, require_kept
+
+Planner: TypeAlias = Callable[[Camera, Detected, Frame], PlannedChain]
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +40,7 @@ class PreparedExposure:
 
     first : the first frame, whose window has the backend and the given FPN maps.  keep : names of signals to return.
     count : how many frames.  strips : of a sensor that keeps its maps.
+    plan : what was left out of the chain.  planner : makes the plan for the light that the exposure gets.
     told : called with how many frames are done.
     """
 
@@ -48,8 +49,8 @@ class PreparedExposure:
     first: Frame
     count: int
     keep: tuple[str, ...]
-    plan: Plan | None = None
-    tolerance_dn: float | None = None
+    plan: PlannedChain | None = None
+    planner: Planner | None = None
     light: Detected | None = None
     strips: StripWindows | None = None
     told: Callable[[int], object] | None = None
@@ -65,17 +66,17 @@ class PreparedExposure:
         """
         first = self.first if number is None else replace(self.first, index=number, _blocks={})
         check_kept(self.keep, light)
-        once = self.count == 1 and self.plan is None and self.tolerance_dn is None
+        once = self.count == 1 and self.plan is None and self.planner is None
         detected, plan = checked_and_detected(light, self.stages[0], first, once), self.plan
-        if self.tolerance_dn is not None:
-            plan = plan_for(self.camera, detected, first, self.tolerance_dn)
+        if self.planner is not None:
+            plan = self.planner(self.camera, detected, first)
         elif plan is not None:
             plan.check(detected, first)
         stages = self.stages if plan is None else plan.stages
         check_compensation(light, stages, self.count)
         return replace(self, light=detected, first=first, plan=plan, stages=stages)
 
-    def frames(self, observer: FrameObserver | None = None) -> RawFrames:
+    def frames(self, observer: Observer | None = None) -> RawFrames:
         """All frames at once.  observer : sees the first one."""
         kept = {name: np.empty((self.count, *self.first.window.shape)) for name in self.keep}
         kept["digital"] = np.empty((self.count, *self.first.window.shape), self._code_type)
@@ -126,9 +127,14 @@ def exposure_of_photons(
 ) -> PreparedExposure:
     """An exposure with its light: mean photons as of :func:`mitsuba_sensor.expose`. Raises InputError."""
     check_types(camera, exposure)
-    light = as_photons(photons, camera, options.get("wavelengths_nm"), check=False)  # where it is detected
-    light = placed(light, options.get("origin"), camera)
+    light = placed_photons(photons, camera, options)
     return prepare_exposure(camera, exposure, light.shape[:2], light.origin, options).of(light)
+
+
+def placed_photons(photons: Photons | ArrayLike, camera: Camera, options: ExposeOptions) -> Photons:
+    """Mean photons with their bands, at their place on the sensor. Raises InputError."""
+    light = as_photons(photons, camera, options.get("wavelengths_nm"), check=False)  # where it is detected
+    return placed(light, options.get("origin"), camera)
 
 
 def prepare_exposure(
@@ -154,4 +160,4 @@ def prepare_exposure(
     given = checked_maps({} if chosen["maps"] is None else chosen["maps"], named, window, camera)
     window = replace(window, given=given, backend=backend)
     first = Frame(exposure, window, seed, first_frame, camera.gain or "")
-    return PreparedExposure(camera, stages, first, frames, keep, plan=chosen["plan"], tolerance_dn=tolerance_of(chosen))
+    return PreparedExposure(camera, stages, first, frames, keep, plan=chosen["plan"])

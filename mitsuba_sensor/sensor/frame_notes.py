@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -10,7 +11,6 @@ from ..camera.camera import Camera
 from ..camera.sensor_size import size_note
 from ..core import Doubt, Frame, Photons
 from ..stages.usual_range import temperature_note
-from ..theory.report import outside_qe
 from .detection import Detected
 from .metering import clipped_note
 
@@ -59,3 +59,15 @@ def _is_cut_off(camera: Camera) -> tuple[bool, bool]:
     curves = np.array(list(camera.quantum_efficiency.curves.values()))
     least = CUT_OFF * curves.max()
     return bool(curves[:, 0].max() > least), bool(curves[:, -1].max() > least)
+
+
+def outside_qe(photons: Photons, camera: Camera) -> dict[str, Any]:
+    """Bands beyond the ends of the QE curve, where nothing is detected: wavelengths [nm], share of all photons."""
+    points, bands = camera.quantum_efficiency.wavelengths_nm, photons.wavelengths_nm
+    outside = np.zeros(1, bool) if bands is None else (bands < points[0]) | (bands > points[-1])
+    if bands is None or photons.detected or not outside.any():
+        return {"wavelengths_nm": [], "share_of_photons": 0.0}
+    strips = (np.atleast_3d(strip.mean) for strip in photons.strips())  # together they may be most of the memory
+    finite = np.sum([mean.sum(axis=(0, 1), where=np.isfinite(mean)) for mean in strips], axis=0)
+    share = float(finite[outside].sum() / finite.sum()) if finite.sum() else 0.0
+    return {"wavelengths_nm": bands[outside].tolist(), "share_of_photons": share}

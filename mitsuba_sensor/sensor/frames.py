@@ -11,8 +11,8 @@ from ..camera.camera import Camera
 from ..core import Frame, InputError, Photons
 from ..core.backend import Backend
 from ..stages.stage import Chain
-from ..theory.plan import Plan
 from .checks import check_chip, check_reference_shape, check_streams
+from .choices import PlannedChain
 from .detection import Detected
 
 
@@ -35,7 +35,7 @@ class RawFrames:
     stages: Chain
     detected: Detected
     backend: Backend
-    plan: Plan | None = None
+    plan: PlannedChain | None = None
     photons: NDArray[np.float64] | None = None
     photoelectrons: NDArray[np.float64] | None = None
     dark_electrons: NDArray[np.float64] | None = None

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..camera.figures import saturation_e
 from ..core import (
     Doubt,
     Electrons,
@@ -18,7 +19,6 @@ from ..core import (
     Float64Array,
     Frame,
     InputError,
-    Moments,
     Photons,
     SensorWindow,
     check_types,
@@ -26,10 +26,7 @@ from ..core import (
 )
 from ..core.backend import FLOAT32_LIMIT
 from ..core.exposure import LONGEST_S
-from ..core.special import root
-from ..stages.effects.adc import BLACK_LEVEL_AT
 from ..stages.effects.dark_current import mean_dark_e
-from ..stages.stage import converter_of
 from .detection import Detected, detect
 from .run import row_strips_of
 
@@ -40,7 +37,6 @@ PERCENTILE, SHARE = 95.0, 0.7  # five pixels of a hundred are brighter, and most
 MANY_CLIPPED = 0.2  # of the pixels: beyond this share a shorter time is suggested
 SHOT_NOISE = 2.5  # σ: over so much light the share of saturated pixels rises from none to all, as a straight line
 PIXELS_AT_ONCE = 2**18
-STRAIGHT = 1e-12  # of the range of codes: a chain is straight to the last digits
 DIGITS = 3  # of the time, so that it can be typed
 
 
@@ -115,42 +111,6 @@ def checked_exposure(camera: object, exposure: AskedExposure | None) -> Exposure
     asked = AUTO if isinstance(exposure, str) and exposure == "auto" else exposure
     check_types(camera, None if isinstance(asked, Metering) else asked, optional=True)
     return asked
-
-
-BEYOND_ALL_DN = 1e12
-"""A code beyond every converter, where a curve has left all numbers."""
-
-
-def saturation_e(camera: Camera) -> float:
-    """Electrons at which a pixel saturates: its full well, or less where the converter ends before."""
-    full_well_e = float(camera.pixel.full_well_e)
-    dark_dn, full_dn = (_beyond_converter_dn(electrons, camera) for electrons in (0.0, full_well_e))
-    if full_dn <= 0:
-        return full_well_e
-    if dark_dn >= 0:
-        raise InputError(f"darkness is at the highest code of {camera.name}; give adc.black_level_dn a smaller value.")
-    straight_e = full_well_e * dark_dn / (dark_dn - full_dn)
-    if abs(_beyond_converter_dn(straight_e, camera)) < STRAIGHT * (full_dn - dark_dn):
-        return straight_e
-    return root(lambda electrons: _beyond_converter_dn(electrons, camera), 0.0, full_well_e)
-
-
-def saturation_dn(camera: Camera) -> int:
-    """The code of a saturated pixel: that of a full well, above the black level and at most the highest [DN]."""
-    converter = converter_of(camera.stages)
-    full_dn = converter.highest + _beyond_converter_dn(float(camera.pixel.full_well_e), camera)
-    return min(converter.highest, max(round(full_dn), math.floor(converter.black_level_dn) + 1))
-
-
-def _beyond_converter_dn(electrons: float, camera: Camera) -> float:
-    """The code of these electrons without any noise, its curves included, less the highest one [DN]."""
-    level = Moments(np.float64(electrons), 0.0, 0.0, Frame(BLACK_LEVEL_AT, SensorWindow(0, (1, 1))))
-    for stage in camera.stages:
-        if stage.domain == "volts":
-            level = replace(stage.moments(level), temporal=0.0, spatial=0.0)
-    converter = converter_of(camera.stages)
-    beyond_dn = float(converter.black_level_dn + converter.gain_dn_per_v * level.mean - converter.highest)
-    return beyond_dn if math.isfinite(beyond_dn) else BEYOND_ALL_DN
 
 
 def electrons_of(photons: Photons, camera: Camera, exposure: Exposure) -> Float64Array:

@@ -17,6 +17,7 @@ from ..sensor.run import row_strips_of
 from ..sensor.threads import processors
 from ..stages.stage import Chain, total
 from .frame_theory import FrameTheory
+from .notebook import budget_html
 
 Contributions = list[dict[str, tuple[Float64Array, Array]]]
 """By stage: source → its contribution to every pixel of a strip, and the variance that it states [DN, DN²]."""
@@ -98,8 +99,6 @@ class NoiseBudget:
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
-        from ..camera.notebook import budget_html
-
         return budget_html(self)
 
     @property

@@ -22,6 +22,7 @@ from ..sensor.run import row_strips_of
 from ..stages.chain import whole_chain
 from ..stages.stage import Chain, Stage, sample, without
 from .light_levels import WIDTH, light_levels
+from .notebook import plan_html
 from .plan_effects import Effect, PlanRange, Trial
 
 RUNS = 5  # timed runs of each chain; they take turns, so that a machine that slows down slows both
@@ -45,8 +46,6 @@ class Plan:
     frame: Frame = field(repr=False)
 
     def _repr_html_(self) -> str:
-        from ..camera.notebook import plan_html
-
         return plan_html(self)
 
     @property

@@ -14,6 +14,7 @@ from ..camera.camera import Camera
 from ..core import Array, Electrons, Frame, Photons, arrays
 from ..core.backend import NUMPY_FLOAT64, Backend
 from ..core.types import Float64Array
+from ..sensor.frame_notes import outside_qe
 from ..sensor.run import row_strips_of
 from ..stages.compensation import LIMIT, compensable
 from ..stages.gains import gain_dn_per_e
@@ -133,18 +134,6 @@ def report(camera: Camera, observer: FrameObserver) -> dict[str, Any]:
         "outside_qe": outside_qe(photons, camera),
         "K_dn_per_e": gain_dn_per_e(camera),
     }
-
-
-def outside_qe(photons: Photons, camera: Camera) -> dict[str, Any]:
-    """Bands beyond the ends of the QE curve, where nothing is detected: wavelengths [nm], share of all photons."""
-    points, bands = camera.quantum_efficiency.wavelengths_nm, photons.wavelengths_nm
-    outside = np.zeros(1, bool) if bands is None else (bands < points[0]) | (bands > points[-1])
-    if bands is None or photons.detected or not outside.any():
-        return {"wavelengths_nm": [], "share_of_photons": 0.0}
-    strips = (np.atleast_3d(strip.mean) for strip in photons.strips())  # together they may be most of the memory
-    finite = np.sum([mean.sum(axis=(0, 1), where=np.isfinite(mean)) for mean in strips], axis=0)
-    share = float(finite[outside].sum() / finite.sum()) if finite.sum() else 0.0
-    return {"wavelengths_nm": bands[outside].tolist(), "share_of_photons": share}
 
 
 def _compensation(photons: Photons, observer: FrameObserver) -> dict[str, Any]:

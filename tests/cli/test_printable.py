@@ -16,7 +16,7 @@ from helpers.waiting import WAIT_S
 from typer.testing import CliRunner
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.camera.toml_text import toml_of
+from mitsuba_sensor.camera.field_catalogue import toml_of
 from mitsuba_sensor.cli import app
 from mitsuba_sensor.core.printable import printable, printable_json, printable_toml
 from mitsuba_sensor.files.texts import to_json

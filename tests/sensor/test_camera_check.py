@@ -12,9 +12,8 @@ from helpers.marks import exhaustive
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.camera import Camera
-from mitsuba_sensor.camera.camera_check import CameraFinding, check_camera
+from mitsuba_sensor.camera.camera_check import CameraFinding, TomlLines, check_camera
 from mitsuba_sensor.camera.datasheet_errors import fields_of, usual_of
-from mitsuba_sensor.camera.toml_lines import TomlLines
 
 TABLE1 = (CAMERAS / "konnik_table1.toml").read_text(encoding="utf-8").split("[sources]")[0]
 

@@ -14,8 +14,7 @@ from helpers.marks import one_in
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.camera import Camera
-from mitsuba_sensor.camera.field_catalogue import markdown, tables
-from mitsuba_sensor.camera.toml_text import assignment, toml_of
+from mitsuba_sensor.camera.field_catalogue import assignment, markdown, tables, toml_of
 from mitsuba_sensor.core.frame import Frame
 from mitsuba_sensor.core.moments import Moments
 

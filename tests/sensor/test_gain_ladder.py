@@ -17,9 +17,9 @@ import pytest
 from scipy import stats
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.camera.figures import saturation_e
 from mitsuba_sensor.core.units import BOLTZMANN_J_PER_K, ELEMENTARY_CHARGE_C
 from mitsuba_sensor.output.exr import write_irradiance_exr
-from mitsuba_sensor.sensor.metering import saturation_e
 from mitsuba_sensor.stages.gains import gain_dn_per_e, sense_gain_v_per_e
 
 LADDER: list[dict[str, Any]] = [

@@ -13,9 +13,10 @@ import pytest
 from helpers.scenes import SCENES, SKY, scene_text, write_scene
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.camera.figures import saturation_e
 from mitsuba_sensor.core.errors import InputError
 from mitsuba_sensor.render.light.photons import metered
-from mitsuba_sensor.sensor.metering import PERCENTILE, SHARE, Metering, saturation_e
+from mitsuba_sensor.sensor.metering import PERCENTILE, SHARE, Metering
 from mitsuba_sensor.stages.effects.dark_current import mean_dark_e
 
 CAMERA = ms.load_camera("konnik_table1")

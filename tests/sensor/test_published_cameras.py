@@ -11,11 +11,11 @@ from helpers.marks import one_in
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.datasheet_errors import fields_of
+from mitsuba_sensor.camera.figures import saturation_e
 from mitsuba_sensor.lab.frames.series import series
 from mitsuba_sensor.lab.frames.stack import Stack
 from mitsuba_sensor.lab.measure.dark_noise import dark_noise
 from mitsuba_sensor.lab.measure.photon_transfer import photon_transfer
-from mitsuba_sensor.sensor.metering import saturation_e
 from mitsuba_sensor.stages.gains import gain_dn_per_e
 
 PUBLISHED = {  # K [DN/e-] and read noise [e-] as published; where, says [sources] of each camera

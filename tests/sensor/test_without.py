@@ -15,7 +15,7 @@ from helpers.stage_tests import backend_of
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.camera.noise_sources import noise_sources
+from mitsuba_sensor.camera.datasheet_checks import noise_sources
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.sensor.metering import AUTO
 from mitsuba_sensor.stages.chain import ORDER, black_level_dn, chain

@@ -12,10 +12,11 @@ from ...core.options import complete, documents
 from ...optics.f_number_law import shading
 from ...optics.intrinsics import aperture_f_number, intrinsics
 from ...optics.shutter import shutter_of
-from ...sensor.expose import PreparedExposure, prepare_exposure
+from ...sensor.expose import PreparedExposure
 from ...sensor.metering import AUTO, AskedExposure, Metering, checked_exposure
 from ...sensor.options import ExposeOptions
 from ...theory.input_noise import input_noise
+from ...theory.planned_exposure import prepare_planned_exposure
 from ..denoise.network import denoised_if_possible, is_installed, library
 from ..light.bands import Bands
 from ..light.film_channels import with_filters
@@ -182,7 +183,7 @@ class PreparedRender:
         (columns, rows), (column, row) = self.scene.view.crop_size, self.scene.view.crop_offset
         serial = require_seed("serial", first_given(options.get("serial"), self.parsed.settings.serial, 1))
         seeds: ExposeOptions = {**options, "seed": self.seed(options.get("seed")), "serial": serial}
-        return prepare_exposure(self.camera, self.exposure, (rows, columns), (row, column), seeds)
+        return prepare_planned_exposure(self.camera, self.exposure, (rows, columns), (row, column), seeds)
 
     def aovs(self) -> Aovs:
         """Depth, position, normals, … of the same pixels, in a pass of their own."""
