@@ -17,10 +17,10 @@ from ..core import Array, Electrons, Exposure, Float64Array, Frame, InputError, 
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, Backend, normals
 from ..core.llvm import backend_problem
 from ..sensor.run import choose_backend
-from ..sensor.stage import UNITS, Chain, Stage, propagate, total
+from ..stages.stage import UNITS, Chain, Stage, propagate, total
 
 if TYPE_CHECKING:
-    from ..sensor.camera import Camera
+    from ..camera.camera import Camera
 
 CHIPS = 64
 FRAMES = (0, 100_000)  # so far apart that a telegraph signal has forgotten its state
