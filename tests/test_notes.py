@@ -180,13 +180,13 @@ def test_noise_of_a_render_for_every_frame_is_no_grain_of_the_picture(of_bayer: 
 def test_notes_take_little_of_the_time_of_a_frame_and_none_of_its_theory(monkeypatch: pytest.MonkeyPatch) -> None:
     """Neither a report nor a plan nor another frame is computed for a warning."""
     from mitsuba_sensor.output import frames
-    from mitsuba_sensor.sensor import expose
+    from mitsuba_sensor.theory import planned_exposure
 
     def forbidden(*_: Any) -> Any:
         raise AssertionError
 
     monkeypatch.setattr(frames, "report", forbidden)
     monkeypatch.setattr(frames, "FrameTheory", forbidden)
-    monkeypatch.setattr(expose, "plan_for", forbidden)
+    monkeypatch.setattr(planned_exposure, "plan_for", forbidden)
     made = ms.expose(1e6 * FIVE, TABLE1, EXPOSURE, **BANDS)
     assert len(made.notes) == 1
