@@ -46,7 +46,7 @@ class SensorWindow:
 
     @property
     def rows(self) -> NDArray[np.int64]:
-        """Row numbers of the window, in sensor coordinates."""
+        """Row numbers of the window, in sensor coordinates; of pixels that the theory samples, not one by one."""
         return np.arange(self.origin[0], self.origin[0] + self.shape[0])
 
     @property
