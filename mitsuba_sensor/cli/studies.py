@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from ..core import first_given
+from ..core import first_given, require
 from ..core.options import complete, part_of
+from ..files.appearing import refuse_empty
 from ..output.measurements import Measurements
 from ..render.options import SceneOptions
 from ..sensor.metering import Metering
@@ -67,6 +68,7 @@ def ablation(scene: arguments.Scene, **flags: Flag) -> None:
     from ..study.ablation import ablation as measured
 
     asked: dict[str, Flag] = dict(complete(AblationFlags, part_of(AblationFlags, flags)))
+    require("tolerance_dn", asked["tolerance_dn"], 0.0, 1e9, "digital numbers, e.g. 0.02")
     found, _ = render_input(scene, flags)
     asked |= {name: first_given(asked[name], getattr(found.scene.settings, name), 1) for name in ("seed", "serial")}
     subject, question = _subject(scene, found, flags, spp=asked.pop("spp"), variant=flags["variant"])
@@ -112,6 +114,7 @@ def _run(
     """
     from ..study.running import PAGE, StudyFolder
 
+    refuse_empty(first_given(flags["out"], name), "-o", "give the name of a folder, e.g. -o study/out")
     path = Path(first_given(flags["out"], f"study/{name}"))
     about: dict[str, object] = {"command": _command()}
     if question:
