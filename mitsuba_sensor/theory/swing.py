@@ -32,7 +32,8 @@ EVEN_CELLS, SEEN_CELLS = 28, 48
 CELLS = EVEN_CELLS + SEEN_CELLS + 1
 """All of them, at most."""
 
-SEARCHED: Float64Array = np.sinh(np.linspace(-8.0, 8.0, 1601)) / math.sinh(1.0)
+GROWING = np.geomspace(1e-9, 1300.0, 1200)
+SEARCHED: Float64Array = np.concatenate([-GROWING[::-1], [0.0], GROWING])
 """Swings, in full scales of the converter, at which the code behind the curve is looked at."""
 
 
